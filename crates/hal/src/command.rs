@@ -1,0 +1,39 @@
+//! What control says in one servo cycle.
+
+use crate::quantity::Volts;
+use crate::spec::{AXES, MICRO_AXES, SIDES};
+
+/// The outputs of control for one servo cycle. All are held constant until the next one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Command {
+    /// Motor voltage of each macro axis, indexed by `[side][axis]`.
+    pub motors: [[Volts; AXES]; SIDES],
+    /// Amplifier input of each micro axis, indexed by `[side][micro axis]`.
+    pub micro: [[Volts; MICRO_AXES]; SIDES],
+    /// Whether the laser at the input fiber's far end is on.
+    pub laser: bool,
+    /// What each holder does with its fiber, indexed by side; `None` in nearly every cycle.
+    pub fiber: [Option<FiberHandling>; SIDES],
+}
+
+impl Command {
+    /// Motors without voltage, piezos at zero volts, laser off, holders as they are.
+    pub const IDLE: Self = Self {
+        motors: [[Volts(0.0); AXES]; SIDES],
+        micro: [[Volts(0.0); MICRO_AXES]; SIDES],
+        laser: false,
+        fiber: [None; SIDES],
+    };
+}
+
+/// A step of the fiber handling that surrounds alignment.
+///
+/// What happens inside such a step (picking from the tray, dispensing and curing epoxy) is not
+/// part of this project; the machine reports itself ready in the next cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FiberHandling {
+    /// Take the fiber for this port into the holder. Ports count from zero on each side.
+    Load(u8),
+    /// Fix the held fiber to the chip where it stands, and let go of it.
+    Attach,
+}

@@ -1,0 +1,129 @@
+//! Reading a TOML text so that a mistake in it is explained.
+
+use serde::de::DeserializeOwned;
+use std::fmt::Write as _;
+
+/// Bad input, found while loading: which file, which key, what is wrong and what is accepted.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{}", self.sentence())]
+pub struct Error {
+    /// The file, as the user named it.
+    pub file: String,
+    /// The line in it, from one, where it is known.
+    pub line: Option<usize>,
+    /// The key, dotted: `five_bar.motor.inertia`. Empty when the whole file is meant.
+    pub key: String,
+    /// What is wrong, and what would be accepted.
+    pub message: String,
+}
+
+impl Error {
+    /// An error about `key` of `file` whose line is not known.
+    pub fn new(
+        file: impl Into<String>,
+        key: impl Into<String>,
+        message: impl Into<String>,
+    ) -> Self {
+        Self {
+            file: file.into(),
+            line: None,
+            key: key.into(),
+            message: message.into(),
+        }
+    }
+
+    fn sentence(&self) -> String {
+        let mut text = self.file.clone();
+        if let Some(line) = self.line {
+            let _ = write!(text, ", line {line}");
+        }
+        if !self.key.is_empty() {
+            let _ = write!(text, ", key `{}`", self.key);
+        }
+        let _ = write!(text, ": {}", self.message);
+        text
+    }
+}
+
+/// Parses `text`, the content of `file`. Unknown keys are errors where `T` says so.
+///
+/// # Errors
+///
+/// When the text is not TOML, or a key is unknown, missing or out of its range.
+pub fn parse<T: DeserializeOwned>(file: &str, text: &str) -> Result<T, Error> {
+    let not_toml = |error: toml::de::Error, key: String| Error {
+        file: file.to_owned(),
+        line: error.span().map(|span| line_of(text, span.start)),
+        key,
+        message: error.message().to_owned(),
+    };
+    let deserializer =
+        toml::Deserializer::parse(text).map_err(|error| not_toml(error, String::new()))?;
+    serde_path_to_error::deserialize(deserializer).map_err(|error| {
+        let key = match error.path().to_string() {
+            whole if whole == "." => String::new(),
+            path => path,
+        };
+        not_toml(error.into_inner(), key)
+    })
+}
+
+fn line_of(text: &str, byte: usize) -> usize {
+    text.bytes().take(byte).filter(|&b| b == b'\n').count() + 1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::quantity;
+
+    #[derive(Debug, serde::Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct File {
+        noise: Noise,
+    }
+
+    #[derive(Debug, serde::Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Noise {
+        #[serde(deserialize_with = "quantity::non_negative_voltage")]
+        volts: f64,
+    }
+
+    #[test]
+    fn an_error_names_file_line_key_value_and_what_is_accepted() {
+        let error = parse::<File>("plant.toml", "\n[noise]\nvolts = \"-3 mV\"\n").unwrap_err();
+        let text = error.to_string();
+        assert_eq!(error.line, Some(3));
+        assert_eq!(error.key, "noise.volts");
+        for part in ["plant.toml", "-3 mV", "zero or more"] {
+            assert!(text.contains(part), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_number_without_its_unit_is_told_what_it_lacks() {
+        let text = parse::<File>("plant.toml", "[noise]\nvolts = 3\n")
+            .unwrap_err()
+            .to_string();
+        assert!(
+            text.contains("\"3\" is not a voltage") && text.contains("mV"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn unknown_keys_and_other_texts_are_errors() {
+        let error = parse::<File>("a", "[noise]\nvolts = \"1 V\"\nwatts = 1\n").unwrap_err();
+        assert!(error.to_string().contains("watts"), "{error}");
+        let error = parse::<File>("a", "volts : 1").unwrap_err();
+        assert_eq!(error.line, Some(1));
+        assert_eq!(
+            parse::<File>("a", "[noise]\nvolts = \"1 V\"\n")
+                .unwrap()
+                .noise
+                .volts,
+            1.0
+        );
+    }
+}

@@ -1,0 +1,26 @@
+//! The trait that every machine implements.
+
+use crate::{Command, Fault, Measurement, Spec};
+
+/// A pigtailing machine: real, simulated or replayed.
+///
+/// Time exists only in the [`Measurement`]s that come back, so the same control code runs a
+/// twin much faster than the clock and real hardware at the clock's pace.
+///
+/// Whatever decorates a machine (limits, a recorder) implements this trait again around
+/// another machine, and control cannot tell the difference.
+pub trait Machine {
+    /// The datasheet.
+    fn spec(&self) -> &Spec;
+
+    /// One servo cycle: apply `command` for one period, then measure.
+    ///
+    /// # Errors
+    ///
+    /// A [`Fault`] when the machine has stopped. It is then safe, and answers every further
+    /// command with the same fault until a person has cleared it.
+    fn exchange(&mut self, command: &Command) -> Result<Measurement, Fault>;
+
+    /// Stop at once and hold. Never fails: there is nothing left to try.
+    fn stop(&mut self);
+}

@@ -1,0 +1,287 @@
+//! Numbers with units: the wire types, and the quantities of configuration files.
+//!
+//! A quantity in a file is a string of a number and a unit, `"5 um"`. It is parsed once, while
+//! loading, and is SI in `f64` from then on. Each function of this module is meant for serde's
+//! `deserialize_with`; its error names the text and what would be accepted.
+
+use serde::de::{Deserialize, Deserializer, Error};
+
+/// A position in encoder counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash)]
+pub struct Counts(pub i64);
+
+/// A voltage on a wire, in volts.
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd, Default)]
+pub struct Volts(pub f64);
+
+/// A physical dimension and the units in which a file may state it.
+#[derive(Debug, Clone, Copy)]
+pub struct Dimension {
+    /// The dimension's name with its article, as an error message says it: `a length`.
+    pub name: &'static str,
+    /// Accepted units and the factor of each to SI.
+    pub units: &'static [(&'static str, f64)],
+}
+
+/// What range of values a key accepts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sign {
+    /// Any finite number.
+    Any,
+    /// Zero or more.
+    NonNegative,
+    /// More than zero.
+    Positive,
+}
+
+impl Dimension {
+    /// Parses `"5 um"` to SI.
+    ///
+    /// # Errors
+    ///
+    /// A sentence that names the text and what would be accepted.
+    ///
+    /// ```
+    /// use pigtail_hal::quantity::{LENGTH, Sign};
+    /// assert_eq!(LENGTH.parse("5 um", Sign::Any), Ok(5e-6));
+    /// assert!(LENGTH.parse("5 kg", Sign::Any).is_err());
+    /// assert!(LENGTH.parse("-5 um", Sign::NonNegative).is_err());
+    /// ```
+    pub fn parse(&self, text: &str, sign: Sign) -> Result<f64, String> {
+        let wanted = || {
+            let units: Vec<_> = self.units.iter().map(|(unit, _)| *unit).collect();
+            format!(
+                "accepted is {} with its unit ({}), such as \"1 {}\"",
+                self.name,
+                units.join(", "),
+                units[0]
+            )
+        };
+        let text = text.trim();
+        let (number, unit) = text.split_once(' ').unwrap_or((text, ""));
+        let value: f64 = number
+            .parse()
+            .map_err(|_| format!("\"{text}\" does not start with a number; {}", wanted()))?;
+        let unit = unit.trim();
+        let Some((_, factor)) = self.units.iter().find(|(name, _)| *name == unit) else {
+            return Err(format!("\"{text}\" is not {}; {}", self.name, wanted()));
+        };
+        check_sign(value, sign).map_err(|why| format!("\"{text}\" {why}"))?;
+        // Dividing by a power of ten rounds correctly where multiplying by its inverse does not.
+        let inverse = (1.0 / factor).round();
+        let decimal = (factor * inverse - 1.0).abs() < 1e-12;
+        Ok(if decimal {
+            value / inverse
+        } else {
+            value * factor
+        })
+    }
+}
+
+fn check_sign(value: f64, sign: Sign) -> Result<(), &'static str> {
+    if !value.is_finite() {
+        return Err("is not a finite number; accepted is a finite number");
+    }
+    match sign {
+        Sign::NonNegative if value < 0.0 => Err("is negative; accepted is zero or more"),
+        Sign::Positive if value <= 0.0 => Err("is not positive; accepted is more than zero"),
+        _ => Ok(()),
+    }
+}
+
+macro_rules! dimensions {
+    ($($constant:ident $any:ident $non_negative:ident $positive:ident $name:literal
+       [$($unit:literal = $factor:literal),+];)+) => { $(
+        #[doc = concat!("The dimension of ", $name, ".")]
+        pub const $constant: Dimension =
+            Dimension { name: $name, units: &[$(($unit, $factor)),+] };
+
+        #[doc = concat!("Deserializes ", $name, " of any sign to SI.")]
+        ///
+        /// # Errors
+        ///
+        /// When the text is no such quantity.
+        pub fn $any<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
+            read(&$constant, Sign::Any, d)
+        }
+
+        #[doc = concat!("Deserializes ", $name, " of zero or more to SI.")]
+        ///
+        /// # Errors
+        ///
+        /// When the text is no such quantity, or negative.
+        pub fn $non_negative<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
+            read(&$constant, Sign::NonNegative, d)
+        }
+
+        #[doc = concat!("Deserializes ", $name, " of more than zero to SI.")]
+        ///
+        /// # Errors
+        ///
+        /// When the text is no such quantity, or not positive.
+        pub fn $positive<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
+            read(&$constant, Sign::Positive, d)
+        }
+    )+ };
+}
+
+dimensions! {
+    LENGTH length non_negative_length positive_length "a length"
+        ["m" = 1.0, "mm" = 1e-3, "um" = 1e-6, "nm" = 1e-9];
+    ANGLE angle non_negative_angle positive_angle "an angle"
+        ["deg" = 0.017_453_292_519_943_295, "rad" = 1.0, "mrad" = 1e-3];
+    TIME time non_negative_time positive_time "a time"
+        ["s" = 1.0, "ms" = 1e-3, "us" = 1e-6];
+    FREQUENCY frequency non_negative_frequency positive_frequency "a frequency"
+        ["Hz" = 1.0, "kHz" = 1e3];
+    SPEED speed non_negative_speed positive_speed "a speed"
+        ["m/s" = 1.0, "mm/s" = 1e-3, "um/s" = 1e-6];
+    ACCELERATION acceleration non_negative_acceleration positive_acceleration "an acceleration"
+        ["m/s2" = 1.0, "mm/s2" = 1e-3];
+    VOLTAGE voltage non_negative_voltage positive_voltage "a voltage"
+        ["V" = 1.0, "mV" = 1e-3, "uV" = 1e-6];
+    INERTIA inertia non_negative_inertia positive_inertia "a moment of inertia"
+        ["kg m2" = 1.0];
+    TORQUE torque non_negative_torque positive_torque "a torque"
+        ["N m" = 1.0, "mN m" = 1e-3];
+    STIFFNESS stiffness non_negative_stiffness positive_stiffness "a torsional stiffness"
+        ["N m/rad" = 1.0];
+    HARDENING hardening non_negative_hardening positive_hardening "a cubic stiffness"
+        ["N m/rad3" = 1.0];
+    DAMPING damping non_negative_damping positive_damping "a viscous friction"
+        ["N m s/rad" = 1.0];
+    TORQUE_CONSTANT torque_constant non_negative_torque_constant positive_torque_constant
+        "a torque constant" ["N m/A" = 1.0];
+    BACK_EMF back_emf non_negative_back_emf positive_back_emf "a back-emf constant"
+        ["V s/rad" = 1.0];
+    RESISTANCE resistance non_negative_resistance positive_resistance "a resistance"
+        ["ohm" = 1.0];
+    PIEZO_GAIN piezo_gain non_negative_piezo_gain positive_piezo_gain "a displacement per volt"
+        ["um/V" = 1e-6, "nm/V" = 1e-9];
+    PROPORTIONAL proportional non_negative_proportional positive_proportional
+        "a proportional gain" ["V/count" = 1.0];
+    INTEGRAL integral non_negative_integral positive_integral
+        "an integral gain" ["V/(count s)" = 1.0];
+    DERIVATIVE derivative non_negative_derivative positive_derivative
+        "a derivative gain" ["V s/count" = 1.0];
+}
+
+fn read<'de, D: Deserializer<'de>>(
+    dimension: &Dimension,
+    sign: Sign,
+    deserializer: D,
+) -> Result<f64, D::Error> {
+    let text = text_or_number(deserializer)?;
+    dimension.parse(&text, sign).map_err(D::Error::custom)
+}
+
+/// A number without its unit is the commonest mistake in these files. Reading it as text lets
+/// the error say so in the words of the key's own dimension.
+fn text_or_number<'de, D: Deserializer<'de>>(deserializer: D) -> Result<String, D::Error> {
+    #[derive(serde::Deserialize)]
+    #[serde(
+        untagged,
+        expecting = "a string of a number and a unit, such as \"1 um\""
+    )]
+    enum Value {
+        Text(String),
+        Integer(i64),
+        Float(f64),
+    }
+    Ok(match Value::deserialize(deserializer)? {
+        Value::Text(text) => text,
+        Value::Integer(number) => number.to_string(),
+        Value::Float(number) => number.to_string(),
+    })
+}
+
+/// Deserializes an array of lengths, such as the coordinates of a point, to metres.
+///
+/// # Errors
+///
+/// When an element is no length, or their number is not `N`.
+pub fn lengths<'de, D: Deserializer<'de>, const N: usize>(d: D) -> Result<[f64; N], D::Error> {
+    let texts = Vec::<String>::deserialize(d)?;
+    let count = texts.len();
+    let values = texts
+        .iter()
+        .map(|text| LENGTH.parse(text, Sign::Any).map_err(D::Error::custom))
+        .collect::<Result<Vec<_>, _>>()?;
+    values.try_into().map_err(|_| {
+        D::Error::custom(format!(
+            "has {count} elements; accepted is an array of {N} lengths"
+        ))
+    })
+}
+
+fn number<'de, D: Deserializer<'de>>(deserializer: D, sign: Sign) -> Result<f64, D::Error> {
+    let value = f64::deserialize(deserializer)?;
+    check_sign(value, sign).map_err(|why| D::Error::custom(format!("{value} {why}")))?;
+    Ok(value)
+}
+
+/// Deserializes a plain number of more than zero.
+///
+/// # Errors
+///
+/// When it is not positive or not finite.
+pub fn positive<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    number(deserializer, Sign::Positive)
+}
+
+/// Deserializes a plain number of zero or more.
+///
+/// # Errors
+///
+/// When it is negative or not finite.
+pub fn non_negative<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    number(deserializer, Sign::NonNegative)
+}
+
+/// Deserializes a plain number from zero to one.
+///
+/// # Errors
+///
+/// When it lies outside.
+pub fn fraction<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    let value = number(deserializer, Sign::NonNegative)?;
+    if value > 1.0 {
+        return Err(D::Error::custom(format!(
+            "{value} is above one; accepted is a number from 0 to 1"
+        )));
+    }
+    Ok(value)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn decimal_units_round_as_if_written_in_metres() {
+        assert_eq!(LENGTH.parse("0.635 mm", Sign::Any), Ok(0.635e-3));
+        assert_eq!(LENGTH.parse("2.5 um", Sign::Any), Ok(2.5e-6));
+        assert_eq!(FREQUENCY.parse("1 kHz", Sign::Any), Ok(1000.0));
+        assert_eq!(ANGLE.parse("180 deg", Sign::Any), Ok(std::f64::consts::PI));
+    }
+
+    #[test]
+    fn the_error_names_the_text_and_what_is_accepted() {
+        let error = LENGTH.parse("5 kg", Sign::Any).unwrap_err();
+        assert!(error.contains("5 kg") && error.contains("a length") && error.contains("um"));
+        let error = VOLTAGE.parse("NaN V", Sign::Any).unwrap_err();
+        assert!(error.contains("finite"), "{error}");
+        let error = VOLTAGE.parse("-3 mV", Sign::NonNegative).unwrap_err();
+        assert!(
+            error.contains("-3 mV") && error.contains("zero or more"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn a_number_without_a_unit_is_refused() {
+        assert!(LENGTH.parse("5", Sign::Any).is_err());
+        assert!(LENGTH.parse("", Sign::Any).is_err());
+        assert!(LENGTH.parse("um", Sign::Any).is_err());
+    }
+}

@@ -1,0 +1,323 @@
+//! The datasheet of a machine: what its maker would print, and both sides may read.
+
+use crate::quantity;
+use serde::Deserialize;
+
+/// Number of manipulators.
+pub const SIDES: usize = 2;
+/// Number of macro axes of a manipulator.
+pub const AXES: usize = 3;
+/// Number of micro axes of a manipulator.
+pub const MICRO_AXES: usize = 2;
+/// Number of photodiodes.
+pub const CHANNELS: usize = 3;
+/// Number of output fibers of a device.
+pub const OUTPUTS: usize = 2;
+
+/// A manipulator, seen along the waveguide with the input on the left.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Side {
+    /// Carries the input fiber.
+    Left,
+    /// Carries the output fibers, one after the other, and the sensing fiber.
+    Right,
+}
+
+impl Side {
+    /// Both manipulators, in index order.
+    pub const ALL: [Self; SIDES] = [Self::Left, Self::Right];
+
+    /// Index into arrays over the sides.
+    pub const fn index(self) -> usize {
+        self as usize
+    }
+
+    /// The name that files and messages use.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Left => "left",
+            Self::Right => "right",
+        }
+    }
+}
+
+/// A macro axis of a manipulator.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Axis {
+    /// The five-bar joint whose base lies at negative x.
+    A,
+    /// The five-bar joint whose base lies at positive x.
+    B,
+    /// The linear stage that carries the five-bar.
+    Z,
+}
+
+impl Axis {
+    /// All macro axes, in index order.
+    pub const ALL: [Self; AXES] = [Self::A, Self::B, Self::Z];
+
+    /// Index into arrays over the axes.
+    pub const fn index(self) -> usize {
+        self as usize
+    }
+
+    /// The name that files and messages use.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::A => "a",
+            Self::B => "b",
+            Self::Z => "z",
+        }
+    }
+}
+
+/// A photodiode.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Channel {
+    /// At the far end of the first output fiber.
+    Output1,
+    /// At the far end of the second output fiber.
+    Output2,
+    /// At the far end of the sensing fiber.
+    Sensing,
+}
+
+impl Channel {
+    /// All photodiodes, in index order.
+    pub const ALL: [Self; CHANNELS] = [Self::Output1, Self::Output2, Self::Sensing];
+
+    /// The photodiode of the output fiber `port`, counted from zero.
+    pub const fn of_output(port: usize) -> Self {
+        if port == 0 {
+            Self::Output1
+        } else {
+            Self::Output2
+        }
+    }
+
+    /// Index into arrays over the photodiodes.
+    pub const fn index(self) -> usize {
+        self as usize
+    }
+}
+
+/// The datasheet: `machine.toml`. Both manipulators are alike.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Spec {
+    /// The machine's name.
+    pub name: String,
+    /// The servo card.
+    pub servo: ServoSpec,
+    /// The two joints of each five-bar.
+    pub five_bar: FiveBarSpec,
+    /// The linear stage of each manipulator.
+    pub z_stage: ZStageSpec,
+    /// The micro manipulator at each endpoint.
+    pub micro: MicroSpec,
+    /// The light sensors.
+    pub photodiode: PhotodiodeSpec,
+    /// The camera above the chip.
+    pub vision: VisionSpec,
+    /// The large-core fiber beside the output fiber.
+    pub sensing_fiber: SensingFiberSpec,
+}
+
+/// The servo card.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ServoSpec {
+    /// Servo cycles a second, hertz.
+    #[serde(deserialize_with = "quantity::positive_frequency")]
+    pub rate: f64,
+}
+
+/// A geared motor driven in voltage mode.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DriveSpec {
+    /// Motor turns for one turn of the output, `1/r` of the thesis.
+    #[serde(deserialize_with = "quantity::positive")]
+    pub gear_ratio: f64,
+    /// Encoder counts in one turn of the motor.
+    pub counts_per_turn: u32,
+    /// The amplifier saturates at plus and minus this voltage, volts.
+    #[serde(deserialize_with = "quantity::positive_voltage")]
+    pub voltage: f64,
+}
+
+impl DriveSpec {
+    /// Motor angle of one encoder count, radians.
+    pub fn count(&self) -> f64 {
+        std::f64::consts::TAU / f64::from(self.counts_per_turn)
+    }
+}
+
+/// Both joints of a five-bar, and the limits of its endpoint.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FiveBarSpec {
+    /// Each joint's motor, gear and amplifier.
+    pub drive: DriveSpec,
+    /// Edge of the square workspace around home, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub workspace: f64,
+    /// Highest speed of the endpoint, metres a second.
+    #[serde(deserialize_with = "quantity::positive_speed")]
+    pub speed: f64,
+    /// Highest acceleration of the endpoint, metres a second squared.
+    #[serde(deserialize_with = "quantity::positive_acceleration")]
+    pub acceleration: f64,
+}
+
+/// A z-stage.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ZStageSpec {
+    /// The motor, belt and amplifier.
+    pub drive: DriveSpec,
+    /// Travel, centred on home, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub travel: f64,
+    /// Highest speed, metres a second.
+    #[serde(deserialize_with = "quantity::positive_speed")]
+    pub speed: f64,
+    /// Highest acceleration, metres a second squared.
+    #[serde(deserialize_with = "quantity::positive_acceleration")]
+    pub acceleration: f64,
+}
+
+/// A micro manipulator: two piezo axes at right angles.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MicroSpec {
+    /// Range of each axis, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub range: f64,
+    /// Amplifier input over that range, from zero, volts.
+    #[serde(deserialize_with = "quantity::positive_voltage")]
+    pub voltage: f64,
+    /// Angle of the first axis from the manipulator's x, radians.
+    #[serde(deserialize_with = "quantity::angle")]
+    pub angle: f64,
+    /// Smallest step of the D/A converter at the endpoint, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub resolution: f64,
+}
+
+/// The photodiodes with their amplifier and A/D converter.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PhotodiodeSpec {
+    /// Samples a second, hertz. Divides the servo rate.
+    #[serde(deserialize_with = "quantity::positive_frequency")]
+    pub rate: f64,
+    /// Bandwidth of diode and amplifier, hertz.
+    #[serde(deserialize_with = "quantity::positive_frequency")]
+    pub bandwidth: f64,
+    /// Range of the converter, from zero, volts.
+    #[serde(deserialize_with = "quantity::positive_voltage")]
+    pub range: f64,
+    /// Resolution of the converter, bits.
+    pub bits: u32,
+}
+
+impl PhotodiodeSpec {
+    /// Smallest step of the converter, volts.
+    pub fn step(&self) -> f64 {
+        self.range / f64::from(1_u32 << self.bits)
+    }
+}
+
+/// The camera above the chip.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VisionSpec {
+    /// Frames a second, hertz. Divides the servo rate.
+    #[serde(deserialize_with = "quantity::positive_frequency")]
+    pub rate: f64,
+    /// From exposure to the arrival of the result, seconds.
+    #[serde(deserialize_with = "quantity::non_negative_time")]
+    pub latency: f64,
+    /// Standard deviation of the independent noise of one frame, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub sigma: f64,
+    /// Bound of its fixed error across the chip (x), metres.
+    #[serde(deserialize_with = "quantity::non_negative_length")]
+    pub accuracy_x: f64,
+    /// Bound of its fixed error along the waveguide (z), metres.
+    #[serde(deserialize_with = "quantity::non_negative_length")]
+    pub accuracy_z: f64,
+}
+
+/// The large-core multimode fiber mounted beside the output fiber (thesis 3.2.1, method 3).
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensingFiberSpec {
+    /// Core diameter, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub core: f64,
+    /// From the output fiber's tip to the sensing fiber's, manipulator x and y, metres.
+    #[serde(deserialize_with = "quantity::lengths")]
+    pub offset: [f64; 2],
+}
+
+impl Spec {
+    /// Parses and checks the content of a `machine.toml`; `file` is its name in errors.
+    ///
+    /// # Errors
+    ///
+    /// When a key is missing, unknown or out of range, or rates do not divide.
+    pub fn parse(file: &str, text: &str) -> Result<Self, crate::Error> {
+        let spec: Self = crate::config::parse(file, text)?;
+        let error = |key: &str, message: String| Err(crate::Error::new(file, key, message));
+        for (key, rate) in [
+            ("photodiode.rate", spec.photodiode.rate),
+            ("vision.rate", spec.vision.rate),
+        ] {
+            let cycles = spec.servo.rate / rate;
+            if cycles < 1.0 || (cycles - cycles.round()).abs() > 1e-9 {
+                return error(
+                    key,
+                    format!(
+                        "{rate} Hz does not divide the servo rate; accepted is {} Hz divided by \
+                         a whole number",
+                        spec.servo.rate
+                    ),
+                );
+            }
+        }
+        for (key, drive) in [
+            ("five_bar.drive", &spec.five_bar.drive),
+            ("z_stage.drive", &spec.z_stage.drive),
+        ] {
+            if drive.counts_per_turn == 0 {
+                return error(
+                    &format!("{key}.counts_per_turn"),
+                    "0 counts; accepted is one or more".to_owned(),
+                );
+            }
+        }
+        if !(1..=24).contains(&spec.photodiode.bits) {
+            return error(
+                "photodiode.bits",
+                format!("{} bits; accepted is 1 to 24", spec.photodiode.bits),
+            );
+        }
+        Ok(spec)
+    }
+
+    /// The servo period, seconds.
+    pub fn period(&self) -> f64 {
+        1.0 / self.servo.rate
+    }
+
+    /// The drive of an axis.
+    pub fn drive(&self, axis: Axis) -> &DriveSpec {
+        match axis {
+            Axis::A | Axis::B => &self.five_bar.drive,
+            Axis::Z => &self.z_stage.drive,
+        }
+    }
+}

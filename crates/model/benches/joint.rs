@@ -1,0 +1,63 @@
+//! Cost of one joint for one servo cycle, its PID included: in a slow triangle scan, where it
+//! sticks and slips all the time, and in a fast sine, where it always slides.
+
+#[path = "../tests/joint/parameters.rs"]
+mod parameters;
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use parameters::{Pid, five_bar, joint, z_stage};
+use pigtail_model::joint::{JointParameters, JointState};
+use std::hint::black_box;
+
+const CYCLES: usize = 5000;
+const JOINTS: usize = 6;
+
+/// Six joints a cycle, as a machine with two manipulators steps them: the processor overlaps
+/// what does not depend on one another. The reference is a table, so that only joints are timed.
+fn run(parameters: JointParameters, pid: fn() -> Pid, reference: &[f64]) -> [JointState; JOINTS] {
+    let joints = [joint(parameters); JOINTS];
+    let mut pids: [Pid; JOINTS] = std::array::from_fn(|_| pid());
+    let mut states = [JointState::default(); JOINTS];
+    for k in 0..CYCLES {
+        for (i, ((joint, pid), state)) in joints.iter().zip(&mut pids).zip(&mut states).enumerate()
+        {
+            // Each joint at its own point of the path, or their events would coincide.
+            let voltage = pid.voltage(reference[k + 1000 * i], state.motor_angle);
+            joint.advance(state, voltage, 4e-4);
+        }
+    }
+    states
+}
+
+fn table(reference: impl Fn(f64) -> f64) -> Vec<f64> {
+    (0..CYCLES + 1000 * JOINTS)
+        .map(|k| reference(k as f64 * 4e-4))
+        .collect()
+}
+
+fn joint_cycle(c: &mut Criterion) {
+    let mut group = c.benchmark_group("joint cycle");
+    group.throughput(Throughput::Elements((CYCLES * JOINTS) as u64));
+    // 0.4 mm/s on the five-bar: it sticks and slips all the time.
+    let triangle = table(|t| 200.0 * (1.0 - 4.0 * ((0.5 * t + 0.25).fract() - 0.5).abs()));
+    let sine = table(|t| 200.0 * (50.0 * t).sin());
+    let hold = table(|_| 100.0);
+    for (name, parameters, pid) in [
+        ("five-bar", five_bar(), Pid::five_bar as fn() -> Pid),
+        ("z-stage", z_stage(), Pid::z_stage),
+    ] {
+        for (motion, reference) in [
+            ("slow triangle", &triangle),
+            ("8 Hz sine", &sine),
+            ("holding", &hold),
+        ] {
+            group.bench_function(format!("{name}, {motion}"), |b| {
+                b.iter(|| run(black_box(parameters), pid, reference));
+            });
+        }
+    }
+    group.finish();
+}
+
+criterion_group!(benches, joint_cycle);
+criterion_main!(benches);

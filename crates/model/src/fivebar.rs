@@ -1,0 +1,190 @@
+//! Kinematics of the planar five-bar mechanism (thesis 2.1).
+//!
+//! Two proximal links of equal length turn about bases on the x axis, at `-base/2` (joint A) and
+//! `+base/2` (joint B). A distal link hangs on each, and the two meet at the endpoint. Timing belts
+//! keep the endpoint's orientation, so only its position is of interest.
+//!
+//! The mechanism is used in one working mode: both elbows outward (A's to the left, B's to the
+//! right), the endpoint above the line through the elbows.
+
+use crate::Invalid;
+
+/// An output angle of a five-bar joint, radians from the x axis. Not to be mistaken for a motor
+/// angle, which is the gear ratio times as large and counted from home.
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
+pub struct JointAngle(pub f64);
+
+/// A five-bar mechanism.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FiveBar {
+    base: f64,
+    proximal: f64,
+    distal: f64,
+}
+
+/// Why a five-bar cannot be where it was asked to be.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum Unreachable {
+    /// The endpoint is too far from, or too near to, a base for its two links.
+    #[error("the endpoint ({x:.6} m, {y:.6} m) is out of reach of a leg of the five-bar")]
+    OutOfReach {
+        /// Endpoint x, metres.
+        x: f64,
+        /// Endpoint y, metres.
+        y: f64,
+    },
+    /// The elbows are so far apart, or so near, that the distal links cannot meet.
+    #[error("the five-bar cannot be assembled at joint angles {a:.6} rad and {b:.6} rad")]
+    NotAssembled {
+        /// Joint A, radians.
+        a: f64,
+        /// Joint B, radians.
+        b: f64,
+    },
+    /// A leg is stretched or folded, or the distal links lie in one line: the endpoint cannot be
+    /// moved, or not be held, in some direction.
+    #[error("the five-bar is singular, or in another working mode, at ({x:.6} m, {y:.6} m)")]
+    Singular {
+        /// Endpoint x, metres.
+        x: f64,
+        /// Endpoint y, metres.
+        y: f64,
+    },
+}
+
+/// Sine of the smallest angle between two links at which they still count as not in line.
+const SINGULAR: f64 = 1e-6;
+
+impl FiveBar {
+    /// A five-bar from the distance of its bases and the lengths of its proximal and distal
+    /// links, metres.
+    ///
+    /// # Errors
+    ///
+    /// When a length is not positive, or the mechanism cannot be assembled anywhere above its
+    /// bases.
+    pub fn new(base: f64, proximal: f64, distal: f64) -> Result<Self, Invalid> {
+        Invalid::non_negative("base", base)?;
+        Invalid::positive("proximal", proximal)?;
+        Invalid::positive("distal", distal)?;
+        if base >= 2.0 * (proximal + distal) {
+            return Err(Invalid::new(
+                "base",
+                base,
+                "less than twice the length of a leg",
+            ));
+        }
+        Ok(Self {
+            base,
+            proximal,
+            distal,
+        })
+    }
+
+    fn base_x(&self, outward: f64) -> f64 {
+        0.5 * outward * self.base
+    }
+
+    /// Joint angles `[A, B]` that put the endpoint at `(x, y)` metres, elbows outward.
+    ///
+    /// # Errors
+    ///
+    /// When the point is out of reach, or the mechanism would be singular there or in another
+    /// working mode.
+    pub fn inverse(&self, x: f64, y: f64) -> Result<[JointAngle; 2], Unreachable> {
+        // Beyond the x axis the same elbows belong to the mirrored working mode.
+        if y <= 0.0 {
+            return Err(Unreachable::OutOfReach { x, y });
+        }
+        let a = self.leg(x, y, -1.0)?;
+        let b = self.leg(x, y, 1.0)?;
+        let angles = [JointAngle(a), JointAngle(b)];
+        let [u, v] = self.distals(x, y, angles);
+        // The endpoint lies above the line through the elbows exactly when the distal links
+        // cross in this sense.
+        if u.0 * v.1 - u.1 * v.0 < SINGULAR * self.distal * self.distal {
+            return Err(Unreachable::Singular { x, y });
+        }
+        Ok(angles)
+    }
+
+    fn leg(&self, x: f64, y: f64, outward: f64) -> Result<f64, Unreachable> {
+        let dx = x - self.base_x(outward);
+        let square = dx * dx + y * y;
+        let reach = square.sqrt();
+        let cosine = (square + self.proximal * self.proximal - self.distal * self.distal)
+            / (2.0 * reach * self.proximal);
+        if cosine.is_nan() || cosine.abs() > 1.0 {
+            return Err(Unreachable::OutOfReach { x, y });
+        }
+        let sine = (1.0 - cosine * cosine).sqrt();
+        if sine < SINGULAR {
+            return Err(Unreachable::Singular { x, y });
+        }
+        // The proximal link's direction is the line to the endpoint turned outward.
+        let (c, s) = (dx * cosine, y * cosine);
+        let (tc, ts) = (outward * y * sine, -outward * dx * sine);
+        Ok((s + ts).atan2(c + tc))
+    }
+
+    /// Vectors from the elbows of A and B to the endpoint.
+    fn distals(&self, x: f64, y: f64, angles: [JointAngle; 2]) -> [(f64, f64); 2] {
+        let [a, b] = self.elbows(angles);
+        [(x - a.0, y - a.1), (x - b.0, y - b.1)]
+    }
+
+    fn elbows(&self, [a, b]: [JointAngle; 2]) -> [(f64, f64); 2] {
+        let elbow = |angle: f64, outward: f64| {
+            let (sin, cos) = angle.sin_cos();
+            (
+                self.base_x(outward) + self.proximal * cos,
+                self.proximal * sin,
+            )
+        };
+        [elbow(a.0, -1.0), elbow(b.0, 1.0)]
+    }
+
+    /// Endpoint `(x, y)` in metres at joint angles `[A, B]`, above the line through the elbows.
+    ///
+    /// # Errors
+    ///
+    /// When the distal links cannot meet, or lie in one line.
+    pub fn forward(&self, angles: [JointAngle; 2]) -> Result<(f64, f64), Unreachable> {
+        let [(ax, ay), (bx, by)] = self.elbows(angles);
+        let (dx, dy) = (bx - ax, by - ay);
+        let square = dx * dx + dy * dy;
+        let height_square = self.distal * self.distal - 0.25 * square;
+        if !(height_square > 0.0 && square > 0.0) {
+            return Err(Unreachable::NotAssembled {
+                a: angles[0].0,
+                b: angles[1].0,
+            });
+        }
+        let scale = (height_square / square).sqrt();
+        Ok((0.5 * (ax + bx) - scale * dy, 0.5 * (ay + by) + scale * dx))
+    }
+
+    /// Endpoint velocity for joint velocities: `[[dx/dA, dx/dB], [dy/dA, dy/dB]]`, metres a
+    /// radian.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::forward`].
+    pub fn jacobian(&self, angles: [JointAngle; 2]) -> Result<[[f64; 2]; 2], Unreachable> {
+        let (x, y) = self.forward(angles)?;
+        let [u, v] = self.distals(x, y, angles);
+        let cross = u.0 * v.1 - u.1 * v.0;
+        if cross.abs() < SINGULAR * self.distal * self.distal {
+            return Err(Unreachable::Singular { x, y });
+        }
+        // Each distal link keeps its length: u . p' = u . (elbow A)', v . p' = v . (elbow B)'.
+        let elbow_rate = |angle: JointAngle, link: (f64, f64)| {
+            self.proximal * (link.1 * angle.0.cos() - link.0 * angle.0.sin())
+        };
+        let (ra, rb) = (elbow_rate(angles[0], u), elbow_rate(angles[1], v));
+        Ok([
+            [ra * v.1 / cross, -rb * u.1 / cross],
+            [-ra * v.0 / cross, rb * u.0 / cross],
+        ])
+    }
+}

@@ -1,0 +1,124 @@
+//! Points that know the frame in which they are stated.
+//!
+//! The mistakes that matter here are not millimetres for metres but one frame for another, so the
+//! frame is part of the type, and only a transform named for both frames leads across.
+
+use std::marker::PhantomData;
+
+/// The chip: x across it, y up out of its top face, z along the waveguide, origin at the nominal
+/// input port. y = 0 is the top of the chip.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Chip {}
+
+/// One manipulator's endpoint: zero at home, z along its approach to the chip, y up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Macro {}
+
+/// A point stated in frame `F`, metres.
+#[derive(Debug, PartialEq)]
+pub struct Point<F> {
+    /// Coordinate along the frame's x, metres.
+    pub x: f64,
+    /// Coordinate along the frame's y, metres.
+    pub y: f64,
+    /// Coordinate along the frame's z, metres.
+    pub z: f64,
+    frame: PhantomData<F>,
+}
+
+impl<F> Clone for Point<F> {
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<F> Copy for Point<F> {}
+
+impl<F> Point<F> {
+    /// The point at these coordinates, metres.
+    pub const fn new(x: f64, y: f64, z: f64) -> Self {
+        Self {
+            x,
+            y,
+            z,
+            frame: PhantomData,
+        }
+    }
+
+    /// The frame's origin.
+    pub const ORIGIN: Self = Self::new(0.0, 0.0, 0.0);
+
+    /// The point that lies `(dx, dy, dz)` metres further along the axes of the same frame.
+    #[must_use]
+    pub fn shifted(self, dx: f64, dy: f64, dz: f64) -> Self {
+        Self::new(self.x + dx, self.y + dy, self.z + dz)
+    }
+
+    /// Distance to another point of the same frame, metres.
+    pub fn distance(self, other: Self) -> f64 {
+        let (dx, dy, dz) = (self.x - other.x, self.y - other.y, self.z - other.z);
+        (dx * dx + dy * dy + dz * dz).sqrt()
+    }
+}
+
+/// Where a manipulator stands: its home in the chip's frame and its rotation about y.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Placement {
+    home: Point<Chip>,
+    cos: f64,
+    sin: f64,
+}
+
+impl Placement {
+    /// A manipulator whose home lies at `home` and that is turned by `yaw` radians about y: 0 for
+    /// one that approaches along +z, pi for one that faces it.
+    pub fn new(home: Point<Chip>, yaw: f64) -> Self {
+        let (sin, cos) = yaw.sin_cos();
+        Self { home, cos, sin }
+    }
+
+    /// A point of the manipulator's frame in the chip's.
+    pub fn chip_from_macro(&self, p: Point<Macro>) -> Point<Chip> {
+        self.home.shifted(
+            self.cos * p.x + self.sin * p.z,
+            p.y,
+            self.cos * p.z - self.sin * p.x,
+        )
+    }
+
+    /// A point of the chip's frame in the manipulator's.
+    pub fn macro_from_chip(&self, p: Point<Chip>) -> Point<Macro> {
+        let (dx, dz) = (p.x - self.home.x, p.z - self.home.z);
+        Point::new(
+            self.cos * dx - self.sin * dz,
+            p.y - self.home.y,
+            self.cos * dz + self.sin * dx,
+        )
+    }
+
+    /// The same manipulator with its home moved by `(dx, dy, dz)` metres in the chip's frame.
+    #[must_use]
+    pub fn shifted(mut self, dx: f64, dy: f64, dz: f64) -> Self {
+        self.home = self.home.shifted(dx, dy, dz);
+        self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn there_and_back() {
+        let placement = Placement::new(Point::new(0.001, -0.002, 0.02), 3.0);
+        let p = Point::<Macro>::new(0.003, 0.004, -0.005);
+        let back = placement.macro_from_chip(placement.chip_from_macro(p));
+        assert!(back.distance(p) < 1e-17);
+    }
+
+    #[test]
+    fn a_manipulator_that_faces_plus_z_approaches_along_minus_z() {
+        let right = Placement::new(Point::new(0.0, 0.0, 0.024), std::f64::consts::PI);
+        let tip = right.chip_from_macro(Point::new(0.001, 0.0, 0.004));
+        assert!(tip.distance(Point::new(-0.001, 0.0, 0.020)) < 1e-12);
+    }
+}

@@ -1,0 +1,121 @@
+//! Static, Coulomb and viscous friction, (2.7) and (2.8), and presliding, (2.12) and (2.13).
+
+use crate::Invalid;
+
+/// Which way a body moves, or that friction holds it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Mode {
+    /// Slides with negative velocity.
+    Backward,
+    /// Is held: its velocity is exactly zero.
+    #[default]
+    Stuck,
+    /// Slides with positive velocity.
+    Forward,
+}
+
+impl Mode {
+    /// -1, 0 or +1.
+    pub fn sign(self) -> f64 {
+        match self {
+            Self::Backward => -1.0,
+            Self::Stuck => 0.0,
+            Self::Forward => 1.0,
+        }
+    }
+
+    /// The direction in which `torque` pushes.
+    pub fn towards(torque: f64) -> Self {
+        if torque > 0.0 {
+            Self::Forward
+        } else if torque < 0.0 {
+            Self::Backward
+        } else {
+            Self::Stuck
+        }
+    }
+}
+
+/// Friction on one body. Static friction is never below Coulomb friction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Friction {
+    fixed: f64,
+    coulomb: f64,
+    viscous: f64,
+}
+
+impl Friction {
+    /// Friction from its static level `f_s` (N m), its Coulomb level `f_c` (N m) and its viscous
+    /// coefficient `b` (N m s/rad).
+    ///
+    /// # Errors
+    ///
+    /// When a parameter is negative or `f_s < f_c`: a body that breaks away would then be held
+    /// by more than what held it before.
+    pub fn new(static_level: f64, coulomb: f64, viscous: f64) -> Result<Self, Invalid> {
+        let coulomb = Invalid::non_negative("coulomb_friction", coulomb)?;
+        if static_level.is_nan() || static_level < coulomb || static_level.is_infinite() {
+            return Err(Invalid::new(
+                "static_friction",
+                static_level,
+                format!("at least the Coulomb friction, {coulomb}"),
+            ));
+        }
+        Ok(Self {
+            fixed: static_level,
+            coulomb,
+            viscous: Invalid::non_negative("viscous_friction", viscous)?,
+        })
+    }
+
+    /// Static level `f_s`, N m.
+    pub fn static_level(&self) -> f64 {
+        self.fixed
+    }
+
+    /// Coulomb level `f_c`, N m.
+    pub fn coulomb(&self) -> f64 {
+        self.coulomb
+    }
+
+    /// Viscous coefficient `b`, N m s/rad.
+    pub fn viscous(&self) -> f64 {
+        self.viscous
+    }
+
+    /// Whether nothing can hold the body. Such a body is a case of its own: treated as one that
+    /// sticks at a level of zero, it would change mode for ever without moving on in time.
+    pub fn is_free(&self) -> bool {
+        self.fixed <= 0.0
+    }
+
+    /// The mode of a body at zero velocity under the other torques `psi`, (2.7) and (2.8).
+    pub fn at_rest(&self, psi: f64) -> Mode {
+        if psi.abs() <= self.fixed {
+            Mode::Stuck
+        } else {
+            Mode::towards(psi)
+        }
+    }
+
+    /// Torque of friction on the body in N m: `-psi` where it is stuck, else
+    /// `-sgn(v) f_c - b v`.
+    pub fn torque(&self, mode: Mode, psi: f64, velocity: f64) -> f64 {
+        match mode {
+            Mode::Stuck if !self.is_free() => -psi,
+            _ => -mode.sign() * self.coulomb - self.viscous * velocity,
+        }
+    }
+}
+
+/// Contact stiffness `k_c` (2.13) in N m/rad of a body that gives way by `presliding` (rad)
+/// before it breaks away at `static_level` (N m).
+///
+/// Infinite, so that (2.12) adds nothing, where there is no presliding or no friction.
+pub fn contact_stiffness(static_level: f64, presliding: f64) -> f64 {
+    if presliding > 0.0 && static_level > 0.0 {
+        static_level / presliding
+    } else {
+        f64::INFINITY
+    }
+}

@@ -1,0 +1,69 @@
+//! The equations of a pigtailing machine, and no machine's numbers.
+//!
+//! Everyone may know these equations: the twin integrates them, control inverts them. What a
+//! particular machine's parameters are is another matter; they are handed in.
+//!
+//! Equation numbers refer to *Coordinated Control of Two Macro / Micro Manipulators for Fiber
+//! Pigtailling Automation* (MIT). All quantities are SI: metres, radians, seconds, newton
+//! metres, volts.
+//!
+//! - [`frames`]: points that know the frame in which they are stated;
+//! - [`motor`], [`transmission`], [`friction`]: the parts of a joint, (2.3)-(2.8);
+//! - [`joint`]: the joint whole, (2.1)-(2.13), with its stick-slip transitions located in time by
+//!   [`integrate`];
+//! - [`fivebar`], [`leadscrew`]: from joints to the endpoint;
+//! - [`piezo`]: the micro manipulator;
+//! - [`optics`]: how much light passes from a fiber to a chip and back.
+
+pub mod fivebar;
+pub mod frames;
+pub mod friction;
+pub mod integrate;
+pub mod joint;
+pub mod leadscrew;
+pub mod motor;
+pub mod optics;
+pub mod piezo;
+pub mod transmission;
+
+/// A parameter that its equation cannot take.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("`{parameter}` is {value}; accepted is {accepted}")]
+pub struct Invalid {
+    /// The parameter, named as in its constructor.
+    pub parameter: &'static str,
+    /// The value that was given, SI.
+    pub value: f64,
+    /// What would be accepted.
+    pub accepted: String,
+}
+
+impl Invalid {
+    pub(crate) fn new(parameter: &'static str, value: f64, accepted: impl Into<String>) -> Self {
+        Self {
+            parameter,
+            value,
+            accepted: accepted.into(),
+        }
+    }
+
+    pub(crate) fn positive(parameter: &'static str, value: f64) -> Result<f64, Self> {
+        if value > 0.0 && value.is_finite() {
+            Ok(value)
+        } else {
+            Err(Self::new(parameter, value, "a finite number above zero"))
+        }
+    }
+
+    pub(crate) fn non_negative(parameter: &'static str, value: f64) -> Result<f64, Self> {
+        if value >= 0.0 && value.is_finite() {
+            Ok(value)
+        } else {
+            Err(Self::new(
+                parameter,
+                value,
+                "a finite number of zero or more",
+            ))
+        }
+    }
+}

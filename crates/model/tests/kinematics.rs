@@ -1,0 +1,102 @@
+//! The five-bar over its whole workspace, and at its edges.
+
+use pigtail_model::fivebar::{FiveBar, JointAngle, Unreachable};
+use proptest::prelude::*;
+
+fn five_bar() -> FiveBar {
+    FiveBar::new(0.040, 0.045, 0.0725).unwrap()
+}
+
+proptest! {
+    #[test]
+    fn inverse_then_forward_is_where_we_were(x in -0.0125..0.0125_f64, y in 0.070..0.095_f64) {
+        let mechanism = five_bar();
+        let (u, v) = mechanism.forward(mechanism.inverse(x, y).unwrap()).unwrap();
+        prop_assert!((u - x).hypot(v - y) < 1e-15 * 100.0, "{} {}", u - x, v - y);
+    }
+
+    #[test]
+    fn forward_then_inverse_is_where_we_were(a in 1.6..2.6_f64, mirrored in 0.55..1.5_f64) {
+        let mechanism = five_bar();
+        let angles = [JointAngle(a), JointAngle(mirrored)];
+        let (x, y) = mechanism.forward(angles).unwrap();
+        // Some of these poses lie in another working mode: an elbow points inward there.
+        if let Ok([back_a, back_b]) = mechanism.inverse(x, y) {
+            let (bx, by) = mechanism.forward([back_a, back_b]).unwrap();
+            prop_assert!((bx - x).hypot(by - y) < 1e-12);
+        }
+    }
+
+    #[test]
+    fn the_jacobian_is_the_slope_of_forward(x in -0.0125..0.0125_f64, y in 0.070..0.095_f64) {
+        let mechanism = five_bar();
+        let angles = mechanism.inverse(x, y).unwrap();
+        let jacobian = mechanism.jacobian(angles).unwrap();
+        let h = 1e-6;
+        for joint in 0..2 {
+            let mut ahead = angles;
+            let mut behind = angles;
+            ahead[joint].0 += h;
+            behind[joint].0 -= h;
+            let (xa, ya) = mechanism.forward(ahead).unwrap();
+            let (xb, yb) = mechanism.forward(behind).unwrap();
+            prop_assert!((jacobian[0][joint] - (xa - xb) / (2.0 * h)).abs() < 1e-9);
+            prop_assert!((jacobian[1][joint] - (ya - yb) / (2.0 * h)).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn anywhere_at_all_is_an_answer_or_an_error(x in -0.3..0.3_f64, y in -0.3..0.3_f64) {
+        if let Ok(angles) = five_bar().inverse(x, y) {
+            let (u, v) = five_bar().forward(angles).unwrap();
+            prop_assert!((u - x).hypot(v - y) < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn an_encoder_count_is_between_one_and_two_micrometres_over_the_workspace() {
+    let mechanism = five_bar();
+    let count = std::f64::consts::TAU / 2000.0 / 80.0;
+    for ix in -10..=10 {
+        for iy in -10..=10 {
+            let (x, y) = (f64::from(ix) * 1.25e-3, 0.0825 + f64::from(iy) * 1.25e-3);
+            let jacobian = mechanism
+                .jacobian(mechanism.inverse(x, y).unwrap())
+                .unwrap();
+            for joint in 0..2 {
+                let step = jacobian[0][joint].hypot(jacobian[1][joint]) * count;
+                assert!((1e-6..2e-6).contains(&step), "{step} m at ({x}, {y})");
+            }
+        }
+    }
+}
+
+#[test]
+fn out_of_reach_and_singular_are_told_apart() {
+    let mechanism = five_bar();
+    assert!(matches!(
+        mechanism.inverse(0.0, 0.2),
+        Err(Unreachable::OutOfReach { .. })
+    ));
+    assert!(matches!(
+        mechanism.inverse(0.0, -0.08),
+        Err(Unreachable::OutOfReach { .. })
+    ));
+    assert!(matches!(
+        mechanism.inverse(f64::NAN, 0.08),
+        Err(Unreachable::OutOfReach { .. })
+    ));
+    // Both legs stretched to almost their full length.
+    let reach = (0.045_f64 + 0.0725).powi(2) - 0.02_f64.powi(2);
+    assert!(mechanism.inverse(0.0, reach.sqrt() - 1e-16).is_err());
+    // Elbows too far apart for the distal links.
+    let flat = [JointAngle(3.1), JointAngle(0.05)];
+    let wide = FiveBar::new(0.080, 0.045, 0.0725).unwrap();
+    assert!(matches!(
+        wide.forward(flat),
+        Err(Unreachable::NotAssembled { .. })
+    ));
+    assert!(FiveBar::new(0.3, 0.045, 0.0725).is_err());
+    assert!(FiveBar::new(0.04, f64::NAN, 0.0725).is_err());
+}
