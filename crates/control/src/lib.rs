@@ -1,1 +1,25 @@
-//! x
+//! Control of a pigtailing machine.
+//!
+//! This crate sees only what a real machine can measure: it depends on the boundary
+//! (`pigtail-hal`) and on the equations (`pigtail-model`), never on anything that stands behind
+//! the boundary. Its modules in the order in which data flows:
+//!
+//! 1. [`recipe`]: what is to be done; [`calibration`]: what is believed of the machine;
+//! 2. [`procedure`]: straight-line functions over a [`Station`](station::Station);
+//! 3. [`search`]: finding light; [`peak`]: climbing to its maximum;
+//! 4. [`trajectory`] and [`kinematics`]: from a wanted motion to encoder counts;
+//! 5. [`servo`]: from counts to volts, every cycle;
+//! 6. [`station`]: owns the machine's time, one exchange after the other.
+//!
+//! There are no clocks, no threads and no files here: time comes from the machine.
+
+pub mod calibration;
+pub mod kinematics;
+pub mod outcome;
+pub mod peak;
+pub mod procedure;
+pub mod recipe;
+pub mod search;
+pub mod servo;
+pub mod station;
+pub mod trajectory;

@@ -258,9 +258,10 @@ pub struct SensingFiberSpec {
     /// Core diameter, metres.
     #[serde(deserialize_with = "quantity::positive_length")]
     pub core: f64,
-    /// From the output fiber's tip to the sensing fiber's, manipulator x and y, metres.
+    /// From the output fiber's tip to the sensing fiber's, in the manipulator's frame, metres.
+    /// Set back in z, so that it cannot touch the chip while the output fiber is brought there.
     #[serde(deserialize_with = "quantity::lengths")]
-    pub offset: [f64; 2],
+    pub offset: [f64; 3],
 }
 
 impl Spec {

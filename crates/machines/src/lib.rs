@@ -1,1 +1,8 @@
-//! x
+//! What may stand behind the boundary.
+//!
+//! Everything here implements [`Machine`](pigtail_hal::Machine), and control cannot tell one from
+//! another. This crate does not know that control exists.
+
+pub mod twin;
+
+pub use twin::Twin;

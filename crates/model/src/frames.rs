@@ -95,6 +95,11 @@ impl Placement {
         )
     }
 
+    /// A direction of the manipulator's frame in the chip's.
+    pub fn chip_direction(&self, x: f64, y: f64, z: f64) -> [f64; 3] {
+        [self.cos * x + self.sin * z, y, self.cos * z - self.sin * x]
+    }
+
     /// The same manipulator with its home moved by `(dx, dy, dz)` metres in the chip's frame.
     #[must_use]
     pub fn shifted(mut self, dx: f64, dy: f64, dz: f64) -> Self {

@@ -1,0 +1,193 @@
+//! From a wanted position to encoder counts and piezo volts, and back, as control believes.
+
+use crate::calibration::{Calibration, FiveBarGeometry, PlacementBelief};
+use pigtail_hal::quantity::{Counts, Volts};
+use pigtail_hal::spec::{AXES, MICRO_AXES};
+use pigtail_hal::{Axis, Side, Spec};
+use pigtail_model::fivebar::{FiveBar, JointAngle, Unreachable};
+use pigtail_model::frames::{Chip, Macro, Placement, Point};
+use pigtail_model::leadscrew::LeadScrew;
+
+/// The believed kinematics of one manipulator.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Kinematics {
+    five_bar: FiveBar,
+    home: [f64; 2],
+    home_angles: [JointAngle; 2],
+    screw: LeadScrew,
+    /// Encoder counts for one radian of an output.
+    counts_per_radian: [f64; AXES],
+    placement: Placement,
+    half_workspace: f64,
+    half_travel: f64,
+    micro: MicroKinematics,
+}
+
+/// The believed kinematics of a micro manipulator.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct MicroKinematics {
+    sin: f64,
+    cos: f64,
+    volts_per_metre: f64,
+    centre: f64,
+    half_range: f64,
+}
+
+fn five_bar_of(geometry: &FiveBarGeometry) -> Result<FiveBar, String> {
+    FiveBar::new(geometry.base, geometry.proximal, geometry.distal)
+        .map_err(|invalid| invalid.to_string())
+}
+
+/// Checks that a five-bar of this geometry reaches the whole workspace of the datasheet.
+pub(crate) fn check_workspace(geometry: &FiveBarGeometry, spec: &Spec) -> Result<(), String> {
+    const STEPS: i32 = 10;
+    let five_bar = five_bar_of(geometry)?;
+    let half = 0.5 * spec.five_bar.workspace;
+    for ix in -STEPS..=STEPS {
+        for iy in -STEPS..=STEPS {
+            let (dx, dy) = (
+                half * f64::from(ix) / f64::from(STEPS),
+                half * f64::from(iy) / f64::from(STEPS),
+            );
+            five_bar.inverse(geometry.home[0] + dx, geometry.home[1] + dy).map_err(|why| {
+                format!(
+                    "{:.2} mm, {:.2} mm from home: {why}; accepted are links that reach the whole \
+                     workspace of {} mm",
+                    dx * 1e3,
+                    dy * 1e3,
+                    spec.five_bar.workspace * 1e3
+                )
+            })?;
+        }
+    }
+    Ok(())
+}
+
+impl Kinematics {
+    /// The kinematics of a manipulator. The calibration has been checked against the datasheet
+    /// while it was parsed.
+    ///
+    /// # Panics
+    ///
+    /// When home cannot be reached, which [`Calibration::parse`] excludes.
+    pub fn new(spec: &Spec, calibration: &Calibration, side: Side) -> Self {
+        let geometry = &calibration.geometry;
+        let five_bar =
+            five_bar_of(&geometry.five_bar).expect("links were checked by Calibration::parse");
+        let home = geometry.five_bar.home;
+        let home_angles = five_bar
+            .inverse(home[0], home[1])
+            .expect("home was checked by Calibration::parse");
+        let PlacementBelief {
+            home: [x, y, z],
+            yaw,
+            ..
+        } = match side {
+            Side::Left => geometry.left.clone(),
+            Side::Right => geometry.right.clone(),
+        };
+        let (sin, cos) = spec.micro.angle.sin_cos();
+        Self {
+            five_bar,
+            home,
+            home_angles,
+            screw: LeadScrew::from_lead(geometry.z.lead),
+            counts_per_radian: Axis::ALL.map(|axis| {
+                let drive = spec.drive(axis);
+                drive.gear_ratio / drive.count()
+            }),
+            placement: Placement::new(Point::new(x, y, z), yaw),
+            half_workspace: 0.5 * spec.five_bar.workspace,
+            half_travel: 0.5 * spec.z_stage.travel,
+            micro: MicroKinematics {
+                sin,
+                cos,
+                volts_per_metre: 1.0 / geometry.micro.gain,
+                centre: 0.5 * spec.micro.voltage,
+                half_range: 0.5 * spec.micro.range,
+            },
+        }
+    }
+
+    /// Where the manipulator stands.
+    pub fn placement(&self) -> &Placement {
+        &self.placement
+    }
+
+    /// Whether a point lies inside the workspace. It is convex: a line between two such points
+    /// stays inside.
+    pub fn contains(&self, p: Point<Macro>) -> bool {
+        p.x.abs() <= self.half_workspace
+            && p.y.abs() <= self.half_workspace
+            && p.z.abs() <= self.half_travel
+    }
+
+    /// Encoder counts that put the endpoint at `p`.
+    ///
+    /// # Errors
+    ///
+    /// When the five-bar does not reach it.
+    pub fn counts_at(&self, p: Point<Macro>) -> Result<[Counts; AXES], Unreachable> {
+        let [a, b] = self
+            .five_bar
+            .inverse(self.home[0] + p.x, self.home[1] + p.y)?;
+        let outputs = [
+            a.0 - self.home_angles[0].0,
+            b.0 - self.home_angles[1].0,
+            self.screw.angle(p.z),
+        ];
+        Ok(std::array::from_fn(|i| {
+            Counts((outputs[i] * self.counts_per_radian[i]).round() as i64)
+        }))
+    }
+
+    /// Where the endpoint is by the encoders.
+    ///
+    /// # Errors
+    ///
+    /// When no assembled mechanism has these counts.
+    pub fn endpoint_at(&self, counts: [Counts; AXES]) -> Result<Point<Macro>, Unreachable> {
+        let [a, b, z]: [f64; AXES] =
+            std::array::from_fn(|i| counts[i].0 as f64 / self.counts_per_radian[i]);
+        let (x, y) = self.five_bar.forward([
+            JointAngle(self.home_angles[0].0 + a),
+            JointAngle(self.home_angles[1].0 + b),
+        ])?;
+        Ok(Point::new(
+            x - self.home[0],
+            y - self.home[1],
+            self.screw.position(z),
+        ))
+    }
+
+    /// The endpoint's position in the chip's frame.
+    pub fn chip_from_macro(&self, p: Point<Macro>) -> Point<Chip> {
+        self.placement.chip_from_macro(p)
+    }
+
+    /// A position of the chip's frame in this manipulator's.
+    pub fn macro_from_chip(&self, p: Point<Chip>) -> Point<Macro> {
+        self.placement.macro_from_chip(p)
+    }
+
+    /// Piezo inputs that displace the tip by `(x, y)` metres in the manipulator's frame, held
+    /// within the range.
+    pub fn micro_volts(&self, x: f64, y: f64) -> [Volts; MICRO_AXES] {
+        let m = &self.micro;
+        let (p, q) = (m.cos * x + m.sin * y, m.cos * y - m.sin * x);
+        [p, q].map(|d| Volts(m.centre + d.clamp(-m.half_range, m.half_range) * m.volts_per_metre))
+    }
+
+    /// Whether the micro can displace the tip by `(x, y)` metres.
+    pub fn micro_reaches(&self, x: f64, y: f64) -> bool {
+        let m = &self.micro;
+        let (p, q) = (m.cos * x + m.sin * y, m.cos * y - m.sin * x);
+        p.abs() <= m.half_range && q.abs() <= m.half_range
+    }
+
+    /// How far the micro reaches to either side along x alone, metres.
+    pub fn micro_reach_x(&self) -> f64 {
+        let m = &self.micro;
+        m.half_range / m.cos.abs().max(m.sin.abs())
+    }
+}

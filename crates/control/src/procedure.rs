@@ -1,0 +1,449 @@
+//! The thesis's alignment procedure (3.2.2, 3.3): straight-line functions over a station.
+
+use crate::outcome::{Halt, Outcome, SearchEvidence};
+use crate::peak::NinePoint;
+use crate::recipe::Recipe;
+use crate::search::{Hit, STILL_THERE, Searcher, edge_from_below};
+use crate::station::Station;
+use pigtail_hal::spec::OUTPUTS;
+use pigtail_hal::{Channel, Fault, FiberHandling, Side};
+use pigtail_model::frames::{Chip, Macro, Point};
+
+/// How one fiber's alignment went.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FiberReport {
+    /// The port's name.
+    pub port: &'static str,
+    /// The manipulator that carried the fiber.
+    pub side: Side,
+    /// How it ended.
+    pub outcome: Outcome,
+    /// Its phases in order, seconds of machine time each.
+    pub phases: Vec<(&'static str, f64)>,
+}
+
+impl FiberReport {
+    /// Machine time of all phases, seconds.
+    pub fn seconds(&self) -> f64 {
+        self.phases.iter().map(|(_, seconds)| seconds).sum()
+    }
+}
+
+/// The names of the ports, input first.
+pub const PORTS: [&str; 1 + OUTPUTS] = ["input", "output1", "output2"];
+
+/// A fiber on its way to a port.
+struct Job<'r> {
+    recipe: &'r Recipe,
+    name: &'static str,
+    side: Side,
+    /// The port by design, chip's frame.
+    port: Point<Chip>,
+    /// The photodiode that sees its light.
+    channel: Channel,
+    phases: Vec<(&'static str, f64)>,
+}
+
+/// Aligns the input fiber and the output fibers of one device, as the thesis does.
+///
+/// # Errors
+///
+/// The machine's fault. Everything else that can go wrong is a fiber's [`Outcome`].
+pub fn thesis(station: &mut Station, recipe: &Recipe) -> Result<Vec<FiberReport>, Fault> {
+    let mut reports = Vec::with_capacity(PORTS.len());
+    station.laser(true);
+    let [x, y, z] = recipe.ports.input;
+    let input = Job::new(
+        recipe,
+        PORTS[0],
+        Side::Left,
+        Point::new(x, y, z),
+        Channel::Sensing,
+    );
+    reports.push(input.run(station, |job, station| job.align_input(station))?);
+    for (k, port) in recipe.ports.outputs.iter().enumerate() {
+        let [x, y, z] = port.0;
+        let channel = Channel::of_output(k);
+        let job = Job::new(
+            recipe,
+            PORTS[1 + k],
+            Side::Right,
+            Point::new(x, y, z),
+            channel,
+        );
+        reports.push(if reports[0].outcome == Outcome::Aligned {
+            job.run(station, |job, station| job.align_output(station, k))?
+        } else {
+            job.report(Outcome::NotAttempted)
+        });
+    }
+    station.laser(false);
+    Ok(reports)
+}
+
+/// Something on a holder that vision can see.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Tip {
+    Fiber,
+    Sensing,
+}
+
+impl<'r> Job<'r> {
+    fn new(
+        recipe: &'r Recipe,
+        name: &'static str,
+        side: Side,
+        port: Point<Chip>,
+        channel: Channel,
+    ) -> Self {
+        Self {
+            recipe,
+            name,
+            side,
+            port,
+            channel,
+            phases: Vec::with_capacity(8),
+        }
+    }
+
+    fn report(self, outcome: Outcome) -> FiberReport {
+        FiberReport {
+            port: self.name,
+            side: self.side,
+            outcome,
+            phases: self.phases,
+        }
+    }
+
+    fn run(
+        mut self,
+        station: &mut Station,
+        align: impl FnOnce(&mut Self, &mut Station) -> Result<(), Halt>,
+    ) -> Result<FiberReport, Fault> {
+        match align(&mut self, station) {
+            Ok(()) => Ok(self.report(Outcome::Aligned)),
+            Err(Halt::Outcome(outcome)) => Ok(self.report(outcome)),
+            Err(Halt::Fault(fault)) => Err(fault),
+        }
+    }
+
+    /// Runs a phase and notes its time, also of one that ends early.
+    fn phase<T>(
+        &mut self,
+        station: &mut Station,
+        name: &'static str,
+        work: impl FnOnce(&mut Self, &mut Station) -> Result<T, Halt>,
+    ) -> Result<T, Halt> {
+        station.announce(self.name, name);
+        let start = station.time();
+        let result = work(self, station);
+        self.phases.push((name, station.time() - start));
+        result
+    }
+
+    fn align_input(&mut self, station: &mut Station) -> Result<(), Halt> {
+        let recipe = self.recipe;
+        let output = recipe.ports.outputs[0].0;
+        station.handle_fiber(Side::Left, FiberHandling::Load(0))?;
+        self.phase(station, "coarse", |job, station| {
+            job.place(
+                station,
+                Side::Left,
+                Tip::Fiber,
+                job.search_start(),
+                recipe.raster.gap,
+            )
+        })?;
+        let top = self.phase(station, "sensing", |job, station| {
+            job.find_top(station, output)
+        })?;
+        let (searcher, hit) = self.phase(station, "raster", |job, station| {
+            let lowest = station.wanted(Side::Left);
+            let mut evidence = None;
+            // The guided light may have passed beside the sensing fiber's core.
+            for sidestep in [0.0, recipe.sensing.sidestep, -recipe.sensing.sidestep] {
+                if sidestep != 0.0 {
+                    job.arrive(station, Side::Right, top.shifted(sidestep, 0.0, 0.0))?;
+                    station.move_micro(Side::Left, 0.0, 0.0);
+                    job.arrive(station, Side::Left, lowest)?;
+                }
+                match job.search(station)? {
+                    (searcher, Ok(hit)) => return Ok((searcher, hit)),
+                    (_, Err(seen)) => evidence = Some(wider(evidence, seen)),
+                }
+            }
+            Err(no_light(evidence))
+        })?;
+        self.finish(station, &searcher, &hit)
+    }
+
+    fn align_output(&mut self, station: &mut Station, index: usize) -> Result<(), Halt> {
+        let recipe = self.recipe;
+        self.phase(station, "coarse", |job, station| {
+            // Loaded only now, and away from the chip: an output fiber stands out beyond the
+            // sensing fiber.
+            job.withdraw(station, Side::Right)?;
+            station.handle_fiber(Side::Right, FiberHandling::Load(index as u8))?;
+            job.place(
+                station,
+                Side::Right,
+                Tip::Fiber,
+                job.search_start(),
+                recipe.raster.gap,
+            )
+        })?;
+        let (searcher, hit) = self.phase(station, "raster", |job, station| {
+            match job.search(station)? {
+                (searcher, Ok(hit)) => Ok((searcher, hit)),
+                (_, Err(seen)) => Err(no_light(Some(seen))),
+            }
+        })?;
+        self.finish(station, &searcher, &hit)
+    }
+
+    /// From first light to an attached fiber.
+    fn finish(
+        &mut self,
+        station: &mut Station,
+        searcher: &Searcher,
+        hit: &Hit,
+    ) -> Result<(), Halt> {
+        let recipe = self.recipe;
+        let background = searcher.background.mean;
+        let (mut peak, before) = self.phase(station, "climb", |job, station| {
+            job.recentre(station, searcher, hit)?;
+            let mut peak = NinePoint::new(&recipe.climb, station, job.side, job.channel);
+            peak.climb(station)?;
+            let level = station.level(job.channel, 0.04)?.mean - background;
+            if level < STILL_THERE * hit.level {
+                return Err(lost("climb", level, hit.level));
+            }
+            Ok((peak, level))
+        })?;
+        self.phase(station, "approach", |job, station| {
+            let (_, z) = job.look(station, job.side, Tip::Fiber, recipe.approach.frames)?;
+            let way = outward(job.side) * (z - job.port.z) - recipe.approach.gap;
+            let end = station.wanted(job.side).shifted(0.0, 0.0, way);
+            station.start_line(job.side, end, Some(recipe.approach.speed))?;
+            while station.moving(job.side) {
+                peak.step(station)?;
+            }
+            Ok(())
+        })?;
+        self.phase(station, "final", |job, station| {
+            peak.climb(station)?;
+            peak.settle(station, recipe.last.patterns)?;
+            let after = station.level(job.channel, 0.04)?.mean - background;
+            if after < recipe.accept.growth * before {
+                return Err(Outcome::FalseLight { before, after }.into());
+            }
+            station.handle_fiber(job.side, FiberHandling::Attach)?;
+            Ok(())
+        })
+    }
+
+    /// Where the blind search starts: below the port by half the area's height.
+    fn search_start(&self) -> Point<Chip> {
+        self.port
+            .shifted(self.walk(), -0.5 * self.recipe.raster.y, 0.0)
+    }
+
+    /// How far to the side of a port its light is at the gap of the search, by design.
+    fn walk(&self) -> f64 {
+        self.recipe.raster.gap * self.recipe.ports.exit_angle.tan()
+    }
+
+    /// Goes to `to` from below, so that the transmissions are wound up as on every arrival: what
+    /// they hold back is then the same each time (thesis 2.4).
+    fn arrive(&self, station: &mut Station, side: Side, to: Point<Macro>) -> Result<(), Halt> {
+        station.line(side, to.shifted(0.0, -self.recipe.coarse.run_up, 0.0), None)?;
+        station.line(side, to, None)
+    }
+
+    /// Moves a holder straight back until its fiber, by design, is clear of the chip.
+    fn withdraw(&self, station: &mut Station, side: Side) -> Result<(), Halt> {
+        let gap = outward(side) * self.recipe.coarse.clearance;
+        let here = station.wanted(side);
+        let facet = if side == self.side {
+            self.port.z
+        } else {
+            self.recipe.ports.outputs[0].0[2]
+        };
+        let clear = station
+            .kinematics(side)
+            .macro_from_chip(Point::new(0.0, 0.0, facet + gap));
+        station.line(side, Point::new(here.x, here.y, here.z.min(clear.z)), None)
+    }
+
+    /// Averages `frames` vision frames of a tip: its x and z in the chip's frame.
+    fn look(
+        &self,
+        station: &mut Station,
+        side: Side,
+        tip: Tip,
+        frames: u32,
+    ) -> Result<(f64, f64), Halt> {
+        let (mut x, mut z) = (0.0, 0.0);
+        for _ in 0..frames {
+            let frame = station.next_frame()?;
+            let fix = match tip {
+                Tip::Fiber => frame.fiber[side.index()],
+                Tip::Sensing => Some(frame.sensing),
+            };
+            let Some(fix) = fix else {
+                let what = format!("vision sees no fiber in the {} holder", side.name());
+                return Err(Outcome::OutOfReach(what).into());
+            };
+            x += fix.x;
+            z += fix.z;
+        }
+        let n = f64::from(frames);
+        Ok((x / n, z / n))
+    }
+
+    /// Brings a tip to `wanted` (chip's frame) at `gap` from its facet, as well as vision can see
+    /// and the fixture holds.
+    fn place(
+        &self,
+        station: &mut Station,
+        side: Side,
+        tip: Tip,
+        wanted: Point<Chip>,
+        gap: f64,
+    ) -> Result<(), Halt> {
+        let coarse = &self.recipe.coarse;
+        let holder_from_tip = match tip {
+            Tip::Fiber => [0.0; 3],
+            Tip::Sensing => station.spec().sensing_fiber.offset.map(|d| -d),
+        };
+        let at_gap = |station: &Station, gap: f64| {
+            let [x, y, z] = holder_from_tip;
+            let p = wanted.shifted(0.0, 0.0, outward(side) * gap);
+            station.kinematics(side).macro_from_chip(p).shifted(x, y, z)
+        };
+        // Back before sideways: the holder may still stand at the chip.
+        self.withdraw(station, side)?;
+        station.move_micro(side, 0.0, 0.0);
+        let clear = at_gap(station, coarse.clearance);
+        self.arrive(station, side, clear)?;
+        let far = at_gap(station, coarse.far);
+        station.line(side, far, None)?;
+        for _ in 0..4 {
+            let (x, z) = self.look(station, side, tip, coarse.frames)?;
+            let kinematics = station.kinematics(side);
+            let seen = kinematics.macro_from_chip(Point::new(x, wanted.y, wanted.z));
+            let aim = kinematics.macro_from_chip(wanted);
+            let error = aim.x - seen.x;
+            let way = outward(side) * (z - wanted.z) - gap;
+            let here = station.wanted(side);
+            if error.abs() > coarse.tolerance {
+                self.arrive(station, side, here.shifted(error, 0.0, 0.0))?;
+            } else {
+                return station.line(side, here.shifted(0.0, 0.0, way), None);
+            }
+        }
+        Err(Outcome::OutOfReach(format!(
+            "vision does not see the {} tip arrive within {} um",
+            side.name(),
+            coarse.tolerance * 1e6
+        ))
+        .into())
+    }
+
+    /// Places the sensing fiber before the first output (thesis 3.2.2): aligned by vision in x
+    /// and z, it rises from below until it has passed the chip's top. Returns where it stands.
+    fn find_top(&self, station: &mut Station, output: [f64; 3]) -> Result<Point<Macro>, Halt> {
+        let recipe = self.recipe;
+        let side = Side::Right;
+        station.laser(false);
+        // The photodiode forgets the laser.
+        station.run(0.01)?;
+        let dark = station.level(Channel::Sensing, 0.1)?;
+        station.laser(true);
+        let [x, y, z] = output;
+        let start = Point::new(x + self.walk(), y - recipe.sensing.below, z);
+        self.place(station, side, Tip::Sensing, start, recipe.raster.gap)?;
+        let core = station.spec().sensing_fiber.core;
+        let height = recipe.sensing.below + recipe.raster.y + recipe.raster.overscan + core;
+        match edge_from_below(
+            station,
+            &recipe.sensing,
+            &dark,
+            recipe.raster.significance,
+            height,
+        )? {
+            Ok(()) => Ok(station.wanted(side)),
+            Err(evidence) => Err(Outcome::NoLight(evidence).into()),
+        }
+    }
+
+    /// The raster from where the fiber stands.
+    fn search(
+        &self,
+        station: &mut Station,
+    ) -> Result<(Searcher, Result<Hit, SearchEvidence>), Halt> {
+        let raster = &self.recipe.raster;
+        let searcher =
+            Searcher::measure(station, self.side, self.channel, raster.significance, 0.3)?;
+        let found = searcher.raster(station, raster)?;
+        Ok((searcher, found))
+    }
+
+    /// Brings the macro to where the search saw its brightest light and the micro back to its
+    /// centre, arriving from below as the search came.
+    fn recentre(&self, station: &mut Station, searcher: &Searcher, hit: &Hit) -> Result<(), Halt> {
+        station.move_micro(self.side, 0.0, 0.0);
+        let (x, y) = hit.micro;
+        self.arrive(station, self.side, hit.endpoint.shifted(x, y, 0.0))?;
+        let level = station.level(self.channel, 0.02)?.mean - searcher.background.mean;
+        if level >= 0.5 * hit.level {
+            return Ok(());
+        }
+        // Lags, counts and friction have let the light slip away: it cannot be far.
+        let reach = 3.0 * self.recipe.raster.mesh;
+        match searcher.micro_raster(station, reach, 0.4 * self.recipe.raster.mesh)? {
+            Ok(again) => {
+                station.move_micro(self.side, again.micro.0, again.micro.1);
+                station.run(0.02)?;
+                Ok(())
+            }
+            Err(seen) => {
+                let level = seen.brightest - searcher.background.mean;
+                Err(lost("climb", level, hit.level))
+            }
+        }
+    }
+}
+
+/// Direction along the chip's z in which a facet faces.
+fn outward(side: Side) -> f64 {
+    match side {
+        Side::Left => -1.0,
+        Side::Right => 1.0,
+    }
+}
+
+fn lost(phase: &'static str, level: f64, expected: f64) -> Halt {
+    Outcome::LightLost {
+        phase,
+        level,
+        expected,
+    }
+    .into()
+}
+
+fn no_light(evidence: Option<SearchEvidence>) -> Halt {
+    match evidence {
+        Some(evidence) => Outcome::NoLight(evidence).into(),
+        None => Outcome::NotAttempted.into(),
+    }
+}
+
+/// The evidence of two searches of the same area.
+fn wider(before: Option<SearchEvidence>, now: SearchEvidence) -> SearchEvidence {
+    before.map_or(now, |before| SearchEvidence {
+        samples: before.samples + now.samples,
+        brightest: before.brightest.max(now.brightest),
+        ..now
+    })
+}

@@ -1,0 +1,294 @@
+//! What is to be done: the device's ports and the parameters of the procedure.
+
+use crate::calibration::Calibration;
+use crate::kinematics::Kinematics;
+use pigtail_hal::spec::OUTPUTS;
+use pigtail_hal::{Error, Side, Spec, config, quantity};
+use pigtail_model::frames::{Chip, Point};
+use serde::Deserialize;
+use std::f64::consts::PI;
+
+/// The content of a recipe file.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Recipe {
+    /// The recipe's name.
+    pub name: String,
+    /// Where the device's ports are by design.
+    pub ports: Ports,
+    /// Placement by vision.
+    pub coarse: Coarse,
+    /// Finding the chip's top with the sensing fiber.
+    pub sensing: Sensing,
+    /// The blind search.
+    pub raster: Raster,
+    /// The nine-point climb.
+    pub climb: Climb,
+    /// The way to the chip.
+    pub approach: Approach,
+    /// The last climb.
+    #[serde(rename = "final")]
+    pub last: Last,
+    /// What counts as aligned.
+    pub accept: Accept,
+}
+
+/// The device's ports in the chip's frame.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Ports {
+    /// The input, metres.
+    #[serde(deserialize_with = "quantity::lengths")]
+    pub input: [f64; 3],
+    /// The outputs, metres.
+    pub outputs: [PortPosition; OUTPUTS],
+    /// Angle of the light outside the facets from the z axis towards x, by design, radians. What
+    /// is really so is found by climbing.
+    #[serde(deserialize_with = "quantity::angle")]
+    pub exit_angle: f64,
+}
+
+/// A port in the chip's frame, metres.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(transparent)]
+pub struct PortPosition(#[serde(deserialize_with = "quantity::lengths")] pub [f64; 3]);
+
+/// Placement by vision (thesis 3.2.2).
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Coarse {
+    /// Gap at which a holder may move sideways, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub clearance: f64,
+    /// Gap of the first look, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub far: f64,
+    /// Vision frames averaged in a look.
+    pub frames: u32,
+    /// How near to its place across the chip a tip must be seen, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub tolerance: f64,
+    /// Way from below on every arrival, which leaves the transmissions wound up alike, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub run_up: f64,
+}
+
+/// Finding the chip's top with the sensing fiber (thesis 3.2.2).
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Sensing {
+    /// How far below the top it starts, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub below: f64,
+    /// Speed upward, m/s.
+    #[serde(deserialize_with = "quantity::positive_speed")]
+    pub speed: f64,
+    /// Share of the brightest level below which the fiber has passed the top.
+    #[serde(deserialize_with = "quantity::fraction")]
+    pub threshold: f64,
+    /// How far to either side to try again when no input light is found, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub sidestep: f64,
+}
+
+/// The blind search (thesis 3.2): the micro sweeps in x, the macro creeps in y.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Raster {
+    /// Width of the area, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub x: f64,
+    /// Height of the area, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub y: f64,
+    /// Spacing of lines and of samples on them, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub mesh: f64,
+    /// Frequency of the sweep, hertz.
+    #[serde(deserialize_with = "quantity::positive_frequency")]
+    pub frequency: f64,
+    /// How much further up to go for what the transmissions hold back, metres.
+    #[serde(deserialize_with = "quantity::non_negative_length")]
+    pub overscan: f64,
+    /// Gap between facet and tip, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub gap: f64,
+    /// Standard deviations above the background that count as light.
+    #[serde(deserialize_with = "quantity::positive")]
+    pub significance: f64,
+}
+
+/// The nine-point climb (thesis 3.3).
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Climb {
+    /// Distance of neighbouring points, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub step: f64,
+    /// Time at each point, seconds.
+    #[serde(deserialize_with = "quantity::positive_time")]
+    pub dwell: f64,
+    /// Time between patterns, seconds.
+    #[serde(deserialize_with = "quantity::non_negative_time")]
+    pub pause: f64,
+    /// Longest climb, seconds.
+    #[serde(deserialize_with = "quantity::positive_time")]
+    pub timeout: f64,
+}
+
+/// The way to the chip (thesis 3.3).
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Approach {
+    /// Vision frames averaged to know the gap before it.
+    pub frames: u32,
+    /// Gap at its end, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub gap: f64,
+    /// Speed, m/s.
+    #[serde(deserialize_with = "quantity::positive_speed")]
+    pub speed: f64,
+}
+
+/// The last climb.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Last {
+    /// Nine-point patterns averaged around the last centre.
+    pub patterns: u32,
+}
+
+/// What counts as aligned.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Accept {
+    /// Factor by which the light must have grown on approach.
+    #[serde(deserialize_with = "quantity::positive")]
+    pub growth: f64,
+}
+
+impl Recipe {
+    /// Parses a recipe and checks it against the machine that is to run it; `file` is its name in
+    /// errors.
+    ///
+    /// # Errors
+    ///
+    /// When a key is missing, unknown or out of range; a port lies outside the workspace; the
+    /// raster is faster than the photodiode can follow; or the gaps are in no order.
+    pub fn parse(
+        file: &str,
+        text: &str,
+        spec: &Spec,
+        calibration: &Calibration,
+    ) -> Result<Self, Error> {
+        let recipe: Self = config::parse(file, text)?;
+        let error = |key: &str, message: String| Error::new(file, key, message);
+        for (key, count) in [
+            ("approach.frames", recipe.approach.frames),
+            ("coarse.frames", recipe.coarse.frames),
+            ("final.patterns", recipe.last.patterns),
+        ] {
+            if count == 0 {
+                return Err(error(key, "is 0; accepted is 1 or more".to_owned()));
+            }
+        }
+        let gaps = [
+            recipe.approach.gap,
+            recipe.raster.gap,
+            recipe.coarse.far,
+            recipe.coarse.clearance,
+        ];
+        let keys = [
+            "approach.gap",
+            "raster.gap",
+            "coarse.far",
+            "coarse.clearance",
+        ];
+        for i in 1..gaps.len() {
+            if gaps[i - 1] >= gaps[i] {
+                return Err(error(
+                    keys[i - 1],
+                    format!(
+                        "{} um is not below `{}`, {} um; accepted is a smaller gap",
+                        gaps[i - 1] * 1e6,
+                        keys[i],
+                        gaps[i] * 1e6
+                    ),
+                ));
+            }
+        }
+        recipe
+            .check_raster(spec)
+            .map_err(|message| error("raster.frequency", message))?;
+        recipe
+            .check_ports(spec, calibration)
+            .map_err(|(key, message)| error(&key, message))?;
+        Ok(recipe)
+    }
+
+    /// (3.1) and (3.2): `2 pi f A` may not exceed one mesh a photodiode sample. Two percent are
+    /// granted, for the thesis rounds its 7.96 Hz to 8.
+    fn check_raster(&self, spec: &Spec) -> Result<(), String> {
+        let r = &self.raster;
+        let fastest = r.mesh * spec.photodiode.rate / (PI * r.x);
+        if r.frequency > 1.02 * fastest {
+            return Err(format!(
+                "{} Hz over {} um is faster than one sample every {} um; accepted is at most \
+                 {fastest:.2} Hz with a photodiode read at {} Hz",
+                r.frequency,
+                r.x * 1e6,
+                r.mesh * 1e6,
+                spec.photodiode.rate
+            ));
+        }
+        Ok(())
+    }
+
+    fn check_ports(&self, spec: &Spec, calibration: &Calibration) -> Result<(), (String, String)> {
+        let left = Kinematics::new(spec, calibration, Side::Left);
+        let right = Kinematics::new(spec, calibration, Side::Right);
+        let mut ports = vec![("ports.input".to_owned(), &left, self.ports.input, -1.0)];
+        for (k, port) in self.ports.outputs.iter().enumerate() {
+            ports.push((format!("ports.outputs.{k}"), &right, port.0, 1.0));
+        }
+        // What the search needs around a port; vision and fixture may ask for as much again in x.
+        let (dx, below) = (
+            self.raster.x,
+            self.raster.y + self.coarse.run_up + self.sensing.below,
+        );
+        let above = self.raster.y + self.raster.overscan;
+        for (key, kinematics, [x, y, z], outward) in ports {
+            for (dx, dy, gap) in [
+                (dx, above, 0.0),
+                (-dx, above, self.coarse.clearance),
+                (dx, -below, self.coarse.clearance),
+                (-dx, -below, 0.0),
+            ] {
+                let p = kinematics.macro_from_chip(Point::<Chip>::new(
+                    x + dx,
+                    y + dy,
+                    z + outward * gap,
+                ));
+                if !kinematics.contains(p) {
+                    let half = 0.5e3 * spec.five_bar.workspace;
+                    return Err((
+                        key,
+                        format!(
+                            "[{} mm, {} mm, {} mm] with the search around it leaves the workspace: \
+                             it would take the endpoint to {:.2}, {:.2}, {:.2} mm from home; \
+                             accepted is within {half} mm in x and y and {} mm in z",
+                            x * 1e3,
+                            y * 1e3,
+                            z * 1e3,
+                            p.x * 1e3,
+                            p.y * 1e3,
+                            p.z * 1e3,
+                            0.5e3 * spec.z_stage.travel
+                        ),
+                    ));
+                }
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,116 @@
+//! The PID controller of a motor axis, (2.14) and (2.15).
+
+use crate::calibration::AxisGains;
+use pigtail_hal::quantity::{Counts, Volts};
+
+/// A discrete PID with a clamped integral and a saturated output.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pid {
+    kp: f64,
+    ki: f64,
+    kd: f64,
+    period: f64,
+    integral_bound: f64,
+    voltage: f64,
+}
+
+/// What a [`Pid`] remembers.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct PidState {
+    /// Integral of the error, count s.
+    integral: f64,
+    /// Error of the cycle before, counts.
+    last: Option<f64>,
+}
+
+impl Pid {
+    /// A controller with these gains for an amplifier that saturates at `voltage` volts, run
+    /// every `period` seconds.
+    pub fn new(gains: &AxisGains, voltage: f64, period: f64) -> Self {
+        let integral_bound = if gains.ki > 0.0 {
+            gains.integral_limit / gains.ki
+        } else {
+            f64::INFINITY
+        };
+        Self {
+            kp: gains.kp,
+            ki: gains.ki,
+            kd: gains.kd,
+            period,
+            integral_bound,
+            voltage,
+        }
+    }
+
+    /// The voltage for this cycle, (2.14), from the error (2.15) in counts:
+    ///
+    /// ```text
+    /// e = reference - measured
+    /// I = clamp(I + e T)
+    /// u = clamp(kp e + ki I + kd (e - e_last)/T)
+    /// ```
+    pub fn voltage(&self, state: &mut PidState, reference: Counts, measured: Counts) -> Volts {
+        let error = (reference.0 - measured.0) as f64;
+        state.integral =
+            (state.integral + error * self.period).clamp(-self.integral_bound, self.integral_bound);
+        let rate = state.last.map_or(0.0, |last| (error - last) / self.period);
+        state.last = Some(error);
+        let voltage = self.kp * error + self.ki * state.integral + self.kd * rate;
+        Volts(voltage.clamp(-self.voltage, self.voltage))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn gains(kp: f64, ki: f64, kd: f64) -> AxisGains {
+        AxisGains {
+            kp,
+            ki,
+            kd,
+            integral_limit: 2.0,
+            date: String::new(),
+            origin: String::new(),
+        }
+    }
+
+    #[test]
+    fn each_term_acts_alone_as_written() {
+        let step = |gains: &AxisGains, cycles: usize| {
+            let pid = Pid::new(gains, 12.0, 4e-4);
+            let mut state = PidState::default();
+            (0..cycles)
+                .map(|_| pid.voltage(&mut state, Counts(3), Counts(0)).0)
+                .last()
+        };
+        assert_eq!(step(&gains(0.5, 0.0, 0.0), 5), Some(1.5));
+        assert_eq!(
+            step(&gains(0.0, 10.0, 0.0), 5),
+            Some(10.0 * 5.0 * 3.0 * 4e-4)
+        );
+        assert_eq!(
+            step(&gains(0.0, 0.0, 1.0), 5),
+            Some(0.0),
+            "no rate while the error stays"
+        );
+    }
+
+    #[test]
+    fn integral_and_output_are_clamped_and_symmetric() {
+        let pid = Pid::new(&gains(0.0, 100.0, 0.0), 12.0, 4e-4);
+        let mut state = PidState::default();
+        for _ in 0..10_000 {
+            pid.voltage(&mut state, Counts(100), Counts(0));
+        }
+        let Volts(held) = pid.voltage(&mut state, Counts(0), Counts(0));
+        assert!((held - 2.0).abs() < 1e-12);
+        let pid = Pid::new(&gains(1.0, 0.0, 0.0), 12.0, 4e-4);
+        let mut state = PidState::default();
+        assert_eq!(pid.voltage(&mut state, Counts(100), Counts(0)), Volts(12.0));
+        assert_eq!(
+            pid.voltage(&mut state, Counts(-100), Counts(0)),
+            Volts(-12.0)
+        );
+    }
+}

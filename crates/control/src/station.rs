@@ -1,0 +1,386 @@
+//! The station owns the machine's time: every cycle it turns wanted motion into one command,
+//! exchanges it for a measurement, and lets the procedure look at what came back.
+
+use crate::calibration::Calibration;
+use crate::kinematics::Kinematics;
+use crate::outcome::{Halt, Outcome};
+use crate::servo::{Pid, PidState};
+use crate::trajectory::{Limits, Line};
+use pigtail_hal::quantity::{Counts, Volts};
+use pigtail_hal::spec::{AXES, CHANNELS, SIDES};
+use pigtail_hal::{
+    Axis, Channel, Command, Fault, FiberHandling, Machine, Measurement, Side, Spec, VisionFrame,
+};
+use pigtail_model::frames::{Macro, Point};
+
+/// What an observer is told with every light sample.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sample {
+    /// When the light was sampled, seconds of machine time.
+    pub time: f64,
+    /// The photodiodes, volts, indexed by [`Channel`].
+    pub light: [f64; CHANNELS],
+    /// Endpoint of each macro by its encoders.
+    pub endpoints: [Point<Macro>; SIDES],
+    /// Displacement commanded to each micro in its manipulator's x and y, metres.
+    pub micro: [(f64, f64); SIDES],
+}
+
+/// Someone who watches a run: a progress bar, a record, or nobody.
+pub trait Observer {
+    /// A phase of a fiber's alignment begins at `time` seconds.
+    fn phase(&mut self, port: &str, phase: &'static str, time: f64);
+    /// A light sample was taken.
+    fn sample(&mut self, sample: &Sample);
+}
+
+/// Watches nothing.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Unobserved;
+
+impl Observer for Unobserved {
+    fn phase(&mut self, _: &str, _: &'static str, _: f64) {}
+    fn sample(&mut self, _: &Sample) {}
+}
+
+/// One manipulator as the station drives it.
+#[derive(Debug, Clone)]
+struct Arm {
+    kinematics: Kinematics,
+    pids: [Pid; AXES],
+    states: [PidState; AXES],
+    references: [Counts; AXES],
+    /// Where the endpoint is wanted at this moment.
+    wanted: Point<Macro>,
+    motion: Option<Motion>,
+    micro: (f64, f64),
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Motion {
+    line: Line,
+    start: f64,
+}
+
+/// A machine under control.
+pub struct Station<'a> {
+    machine: &'a mut dyn Machine,
+    observer: &'a mut dyn Observer,
+    arms: [Arm; SIDES],
+    limits: Limits,
+    command: Command,
+    measurement: Measurement,
+}
+
+/// Mean and spread of repeated light samples.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Level {
+    /// Mean, volts.
+    pub mean: f64,
+    /// Standard deviation of one sample, volts.
+    pub sigma: f64,
+}
+
+/// How near, in encoder counts, an axis must come to count as arrived, and for how long.
+const ARRIVED_COUNTS: i64 = 1;
+const ARRIVED_SECONDS: f64 = 0.02;
+/// An axis that has not arrived by then stays where friction holds it.
+const SETTLE_SECONDS: f64 = 0.3;
+
+impl<'a> Station<'a> {
+    /// Takes control of a machine that stands at home.
+    ///
+    /// # Errors
+    ///
+    /// When the machine has a fault.
+    pub fn new(
+        machine: &'a mut dyn Machine,
+        calibration: &Calibration,
+        observer: &'a mut dyn Observer,
+    ) -> Result<Self, Fault> {
+        let spec = machine.spec().clone();
+        let period = spec.period();
+        let arms = Side::ALL.map(|side| Arm {
+            kinematics: Kinematics::new(&spec, calibration, side),
+            pids: Axis::ALL.map(|axis| {
+                let gains = match axis {
+                    Axis::A | Axis::B => &calibration.gains.five_bar,
+                    Axis::Z => &calibration.gains.z,
+                };
+                Pid::new(gains, spec.drive(axis).voltage, period)
+            }),
+            states: [PidState::default(); AXES],
+            references: [Counts(0); AXES],
+            wanted: Point::ORIGIN,
+            motion: None,
+            micro: (0.0, 0.0),
+        });
+        let mut command = Command::IDLE;
+        for (micro, arm) in command.micro.iter_mut().zip(&arms) {
+            *micro = arm.kinematics.micro_volts(0.0, 0.0);
+        }
+        let measurement = machine.exchange(&command)?;
+        Ok(Self {
+            limits: Limits {
+                speed_xy: spec.five_bar.speed,
+                acceleration_xy: spec.five_bar.acceleration,
+                speed_z: spec.z_stage.speed,
+                acceleration_z: spec.z_stage.acceleration,
+            },
+            machine,
+            observer,
+            arms,
+            command,
+            measurement,
+        })
+    }
+
+    /// The datasheet.
+    pub fn spec(&self) -> &Spec {
+        self.machine.spec()
+    }
+
+    /// Machine time, seconds.
+    pub fn time(&self) -> f64 {
+        self.measurement.time
+    }
+
+    /// The believed kinematics of a manipulator.
+    pub fn kinematics(&self, side: Side) -> &Kinematics {
+        &self.arms[side.index()].kinematics
+    }
+
+    /// Tells the observer that a phase begins.
+    pub fn announce(&mut self, port: &str, phase: &'static str) {
+        self.observer.phase(port, phase, self.measurement.time);
+    }
+
+    /// One servo cycle.
+    ///
+    /// # Errors
+    ///
+    /// The machine's fault.
+    pub fn cycle(&mut self) -> Result<(), Fault> {
+        let time = self.measurement.time;
+        for (i, arm) in self.arms.iter_mut().enumerate() {
+            arm.follow(time);
+            let measured = &self.measurement.encoders[i];
+            for axis in 0..AXES {
+                self.command.motors[i][axis] = arm.pids[axis].voltage(
+                    &mut arm.states[axis],
+                    arm.references[axis],
+                    measured[axis],
+                );
+            }
+        }
+        self.measurement = self.machine.exchange(&self.command)?;
+        self.command.fiber = [None; SIDES];
+        if let Some(light) = self.measurement.light {
+            let sample = Sample {
+                time: light.time,
+                light: light.volts.map(|Volts(volts)| volts),
+                endpoints: Side::ALL.map(|side| self.endpoint(side)),
+                micro: [self.arms[0].micro, self.arms[1].micro],
+            };
+            self.observer.sample(&sample);
+        }
+        Ok(())
+    }
+
+    /// Cycles for `seconds`.
+    ///
+    /// # Errors
+    ///
+    /// The machine's fault.
+    pub fn run(&mut self, seconds: f64) -> Result<(), Fault> {
+        for _ in 0..(seconds * self.spec().servo.rate).round() as u64 {
+            self.cycle()?;
+        }
+        Ok(())
+    }
+
+    /// Switches the laser.
+    pub fn laser(&mut self, on: bool) {
+        self.command.laser = on;
+    }
+
+    /// Handles a fiber in the next cycle, and waits for it.
+    ///
+    /// # Errors
+    ///
+    /// The machine's fault.
+    pub fn handle_fiber(&mut self, side: Side, handling: FiberHandling) -> Result<(), Fault> {
+        self.command.fiber[side.index()] = Some(handling);
+        self.cycle()
+    }
+
+    /// Where an endpoint is by its encoders; where it is wanted if they make no sense.
+    pub fn endpoint(&self, side: Side) -> Point<Macro> {
+        let arm = &self.arms[side.index()];
+        arm.kinematics
+            .endpoint_at(self.measurement.encoders[side.index()])
+            .unwrap_or(arm.wanted)
+    }
+
+    /// Where an endpoint is wanted at this moment.
+    pub fn wanted(&self, side: Side) -> Point<Macro> {
+        self.arms[side.index()].wanted
+    }
+
+    /// Starts a straight line from where the endpoint is wanted now, no faster than `speed` m/s.
+    ///
+    /// # Errors
+    ///
+    /// [`Outcome::OutOfReach`] when the end lies outside the workspace.
+    pub fn start_line(
+        &mut self,
+        side: Side,
+        to: Point<Macro>,
+        speed: Option<f64>,
+    ) -> Result<(), Outcome> {
+        let arm = &mut self.arms[side.index()];
+        if !arm.kinematics.contains(to) {
+            return Err(Outcome::OutOfReach(format!(
+                "the {} endpoint was to go to {:.3}, {:.3}, {:.3} mm from home",
+                side.name(),
+                to.x * 1e3,
+                to.y * 1e3,
+                to.z * 1e3
+            )));
+        }
+        arm.motion = Some(Motion {
+            line: Line::new(arm.wanted, to, &self.limits, speed),
+            start: self.measurement.time,
+        });
+        Ok(())
+    }
+
+    /// Whether a line is still being followed.
+    pub fn moving(&self, side: Side) -> bool {
+        self.arms[side.index()].motion.is_some()
+    }
+
+    /// Ends a line where it is. For lines slow enough to stop at once.
+    pub fn halt(&mut self, side: Side) {
+        self.arms[side.index()].motion = None;
+    }
+
+    /// Follows a straight line to its end and waits until the axes have arrived.
+    ///
+    /// # Errors
+    ///
+    /// A fault, or [`Outcome::OutOfReach`].
+    pub fn line(&mut self, side: Side, to: Point<Macro>, speed: Option<f64>) -> Result<(), Halt> {
+        self.start_line(side, to, speed)?;
+        while self.moving(side) {
+            self.cycle()?;
+        }
+        self.settle(side)?;
+        Ok(())
+    }
+
+    fn settle(&mut self, side: Side) -> Result<(), Fault> {
+        let period = self.spec().period();
+        let (mut waited, mut arrived) = (0.0, 0.0);
+        while waited < SETTLE_SECONDS && arrived < ARRIVED_SECONDS {
+            self.cycle()?;
+            waited += period;
+            let references = &self.arms[side.index()].references;
+            let measured = &self.measurement.encoders[side.index()];
+            let near = references
+                .iter()
+                .zip(measured)
+                .all(|(r, m)| (r.0 - m.0).abs() <= ARRIVED_COUNTS);
+            arrived = if near { arrived + period } else { 0.0 };
+        }
+        Ok(())
+    }
+
+    /// Displaces a tip by `(x, y)` metres in its manipulator's frame with the micro, held within
+    /// its range.
+    pub fn move_micro(&mut self, side: Side, x: f64, y: f64) {
+        let arm = &mut self.arms[side.index()];
+        arm.micro = (x, y);
+        self.command.micro[side.index()] = arm.kinematics.micro_volts(x, y);
+    }
+
+    /// The displacement commanded to a micro, metres.
+    pub fn micro(&self, side: Side) -> (f64, f64) {
+        self.arms[side.index()].micro
+    }
+
+    /// The light sample of this cycle, volts, if there is one.
+    pub fn light(&self, channel: Channel) -> Option<f64> {
+        self.measurement
+            .light
+            .map(|light| light.volts[channel.index()].0)
+    }
+
+    /// Cycles until the next light sample, volts.
+    ///
+    /// # Errors
+    ///
+    /// The machine's fault.
+    pub fn next_light(&mut self, channel: Channel) -> Result<f64, Fault> {
+        loop {
+            self.cycle()?;
+            if let Some(volts) = self.light(channel) {
+                return Ok(volts);
+            }
+        }
+    }
+
+    /// Mean and spread of the light over `seconds`.
+    ///
+    /// # Errors
+    ///
+    /// The machine's fault.
+    pub fn level(&mut self, channel: Channel, seconds: f64) -> Result<Level, Fault> {
+        let n = (seconds * self.spec().photodiode.rate).round().max(2.0);
+        let (mut sum, mut squares) = (0.0, 0.0);
+        for _ in 0..n as u64 {
+            let volts = self.next_light(channel)?;
+            sum += volts;
+            squares += volts * volts;
+        }
+        let mean = sum / n;
+        let variance = ((squares - n * mean * mean) / (n - 1.0)).max(0.0);
+        Ok(Level {
+            mean,
+            sigma: variance.sqrt(),
+        })
+    }
+
+    /// Cycles until a vision frame arrives that was exposed after this call.
+    ///
+    /// # Errors
+    ///
+    /// The machine's fault.
+    pub fn next_frame(&mut self) -> Result<VisionFrame, Fault> {
+        let since = self.measurement.time;
+        loop {
+            self.cycle()?;
+            if let Some(frame) = self.measurement.vision.filter(|frame| frame.time > since) {
+                return Ok(frame);
+            }
+        }
+    }
+}
+
+impl Arm {
+    /// Sets the references for this moment.
+    fn follow(&mut self, time: f64) {
+        let Some(motion) = &self.motion else { return };
+        let elapsed = time - motion.start;
+        self.wanted = motion.line.at(elapsed);
+        let over = elapsed >= motion.line.duration();
+        // The line lies inside the workspace, which was checked to be reachable; were it not,
+        // holding is the answer.
+        if let Ok(references) = self.kinematics.counts_at(self.wanted) {
+            self.references = references;
+        }
+        if over {
+            self.motion = None;
+        }
+    }
+}

@@ -1,0 +1,216 @@
+//! Where the light goes: from the input fiber through the Y-branch to the photodiodes.
+
+use super::plant::{Plant, factor, uniform};
+use pigtail_hal::spec::{CHANNELS, Channel, OUTPUTS, Side, Spec};
+use pigtail_model::Invalid;
+use pigtail_model::frames::{Chip, Point};
+use pigtail_model::optics::{
+    Coupler, GaussianMode, Misalignment, core_capture, disc_below_edge, exit_angle,
+};
+use rand::RngExt;
+
+/// A fiber as it sits in its holder.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct FiberInHolder {
+    /// From where the holder believes its tip to be to where it is, chip frame, metres.
+    pub(super) offset: [f64; 3],
+    /// Tilt from the direction of the refracted beam in x and y, radians.
+    pub(super) tilt: [f64; 2],
+}
+
+impl FiberInHolder {
+    pub(super) fn draw(plant: &Plant, rng: &mut impl RngExt) -> Self {
+        let m = &plant.misplacement;
+        Self {
+            offset: [
+                uniform(rng, m.fiber_x),
+                uniform(rng, m.y),
+                uniform(rng, m.fiber_z),
+            ],
+            tilt: [uniform(rng, m.tilt), uniform(rng, m.tilt)],
+        }
+    }
+}
+
+/// A port of the device: an end of a waveguide at a facet.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Port {
+    position: Point<Chip>,
+    /// -1 where the outward normal of the facet is -z, the input; +1 at the outputs.
+    outward: f64,
+    sin_exit: f64,
+    cos_exit: f64,
+}
+
+impl Port {
+    /// Gap between the facet and a tip, metres; negative inside the chip.
+    pub(super) fn gap(&self, tip: Point<Chip>) -> f64 {
+        self.outward * (tip.z - self.position.z)
+    }
+
+    /// How a fiber at `tip` sits in the beam that leaves this port.
+    fn misalignment(&self, tip: Point<Chip>, tilt: [f64; 2]) -> Misalignment {
+        let (dx, dy) = (tip.x - self.position.x, tip.y - self.position.y);
+        let gap = self.gap(tip);
+        Misalignment {
+            x: dx * self.cos_exit - gap * self.sin_exit,
+            y: dy,
+            z: gap * self.cos_exit + dx * self.sin_exit,
+            tilt_x: tilt[0],
+            tilt_y: tilt[1],
+        }
+    }
+}
+
+/// The device, the light in it and the fluctuation of what is scattered.
+#[derive(Debug, Clone)]
+pub(super) struct LightPath {
+    coupler: Coupler,
+    input: Port,
+    outputs: [Port; OUTPUTS],
+    /// Transmission of each branch, relative to the nominal half.
+    branch: [f64; OUTPUTS],
+    full: f64,
+    fiber_radius: f64,
+    core_radius: f64,
+    scatter_level: f64,
+    scatter_spread: f64,
+}
+
+/// What the optics need to know of the mechanics.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Tips {
+    /// Coupling of the input fiber, 0 to 1.
+    pub(super) input: f64,
+    /// Coupling and tip of each output fiber; `None` where none is near.
+    pub(super) outputs: [Option<(f64, Point<Chip>)>; OUTPUTS],
+    /// Tip of the sensing fiber.
+    pub(super) sensing: Point<Chip>,
+}
+
+impl LightPath {
+    pub(super) fn new(plant: &Plant, spec: &Spec, rng: &mut impl RngExt) -> Result<Self, Invalid> {
+        let device = &plant.device;
+        let (sin_exit, cos_exit) = exit_angle(device.facet, device.index).sin_cos();
+        let port = |[x, y, z]: [f64; 3], outward: f64| Port {
+            position: Point::new(x, y, z),
+            outward,
+            sin_exit,
+            cos_exit,
+        };
+        let [radius_x, radius_y] = device.mode_radius;
+        let fiber = plant.fiber.mode_radius;
+        Ok(Self {
+            coupler: Coupler::new(
+                GaussianMode { radius_x, radius_y },
+                GaussianMode {
+                    radius_x: fiber,
+                    radius_y: fiber,
+                },
+                plant.light.wavelength,
+            )?,
+            input: port(device.input, -1.0),
+            outputs: device.outputs.map(|p| port(p.0, 1.0)),
+            branch: [
+                factor(rng, plant.variation.loss),
+                factor(rng, plant.variation.loss),
+            ],
+            full: plant.light.full,
+            fiber_radius: fiber,
+            core_radius: 0.5 * spec.sensing_fiber.core,
+            scatter_level: plant.scatter.level,
+            scatter_spread: plant.scatter.spread,
+        })
+    }
+
+    /// The port that the fiber `index` of a side belongs to.
+    pub(super) fn port(&self, side: Side, index: usize) -> &Port {
+        match side {
+            Side::Left => &self.input,
+            Side::Right => &self.outputs[index],
+        }
+    }
+
+    /// Power coupled between a port and a fiber at `tip`, 0 to 1. Reciprocal: the same into the
+    /// chip and out of it.
+    pub(super) fn coupling(&self, port: &Port, tip: Point<Chip>, tilt: [f64; 2]) -> f64 {
+        self.coupler.efficiency(&port.misalignment(tip, tilt))
+    }
+
+    /// Photodiode signals, volts, for a relative level of scattered light (1 on average).
+    pub(super) fn signals(&self, tips: &Tips, fluctuation: f64) -> [f64; CHANNELS] {
+        let mut volts = [0.0; CHANNELS];
+        let missed = self.full * self.scatter_level * (1.0 - tips.input) * fluctuation;
+        let core_area = self.core_radius * self.core_radius;
+        for (k, output) in tips.outputs.iter().enumerate() {
+            if let Some((coupling, tip)) = output {
+                let guided = self.full * self.branch[k] * tips.input * coupling;
+                // A single-mode fiber sees as much less of the scattered light as its mode is
+                // smaller than the sensing fiber's core.
+                let share = self.fiber_radius * self.fiber_radius / core_area;
+                let scattered = missed * share * self.substrate(*tip, self.fiber_radius);
+                volts[Channel::of_output(k).index()] += guided + scattered;
+            }
+        }
+        let mut sensing = missed * self.substrate(tips.sensing, self.core_radius);
+        for (port, branch) in self.outputs.iter().zip(self.branch) {
+            // The beam leaves at an angle and spreads.
+            let gap = port.gap(tips.sensing).max(0.0);
+            let x = port.position.x + gap * port.sin_exit / port.cos_exit;
+            let offset = (tips.sensing.x - x).hypot(tips.sensing.y - port.position.y);
+            let beam = self.coupler.beam_radius(gap);
+            if offset < self.core_radius + 3.0 * beam {
+                sensing +=
+                    self.full * branch * tips.input * core_capture(offset, self.core_radius, beam);
+            }
+        }
+        volts[Channel::Sensing.index()] += sensing;
+        volts
+    }
+
+    /// Relative level of the light in the substrate over a disc: none above the chip's top, a
+    /// broad hill around the outputs below it (thesis, Fig. 3.4).
+    fn substrate(&self, tip: Point<Chip>, radius: f64) -> f64 {
+        let middle = &self.outputs[0].position;
+        let x = (tip.x - 0.5 * (middle.x + self.outputs[1].position.x)) / self.scatter_spread;
+        let y = (tip.y - middle.y) / self.scatter_spread;
+        let hill = x * x + y * y;
+        if hill > 30.0 {
+            return 0.0;
+        }
+        (-hill).exp() * disc_below_edge(tip.y - middle.y, radius)
+    }
+
+    /// The lateral position at which the coupling to `port` peaks for a fiber of this tilt at the
+    /// gap of `tip`, chip frame x and y, metres.
+    pub(super) fn peak(&self, port: &Port, tip: Point<Chip>, tilt: [f64; 2]) -> (f64, f64) {
+        let exit = port.sin_exit / port.cos_exit;
+        let start = (port.position.x + exit * port.gap(tip), port.position.y);
+        let (mut x, mut y) = start;
+        // The two directions are separable but for the small rotation of the beam's frame.
+        for _ in 0..3 {
+            x = maximum(x, 10e-6, |x| {
+                self.coupling(port, Point::new(x, y, tip.z), tilt)
+            });
+            y = maximum(y, 10e-6, |y| {
+                self.coupling(port, Point::new(x, y, tip.z), tilt)
+            });
+        }
+        (x, y)
+    }
+}
+
+/// The maximum of a function with a single one within `reach` of `around`, by golden section.
+fn maximum(around: f64, reach: f64, f: impl Fn(f64) -> f64) -> f64 {
+    const GOLDEN: f64 = 0.618_033_988_749_894_9;
+    let (mut a, mut b) = (around - reach, around + reach);
+    for _ in 0..60 {
+        let (c, d) = (b - GOLDEN * (b - a), a + GOLDEN * (b - a));
+        if f(c) > f(d) {
+            b = d;
+        } else {
+            a = c;
+        }
+    }
+    0.5 * (a + b)
+}

@@ -1,0 +1,560 @@
+//! The digital twin: a machine, a device and its fixture, simulated behind the boundary.
+//!
+//! Its parameters come from a [`Plant`] and a seed; control never sees either. What really is, as
+//! opposed to what is measured, is answered by [`Twin::truth`], which is not part of
+//! [`Machine`], so that no code that holds a `&mut dyn Machine` can ask.
+
+mod light;
+pub mod plant;
+mod sensors;
+
+use light::{FiberInHolder, LightPath, Tips};
+use pigtail_hal::quantity::{Counts, Volts};
+use pigtail_hal::spec::{AXES, CHANNELS, MICRO_AXES, OUTPUTS, SIDES};
+use pigtail_hal::{Axis, Command, Fault, FiberHandling, Machine, Measurement, Side, Spec};
+use pigtail_model::Invalid;
+use pigtail_model::fivebar::{FiveBar, JointAngle};
+use pigtail_model::frames::{Chip, Macro, Placement, Point};
+use pigtail_model::joint::{Joint, JointState};
+use pigtail_model::leadscrew::LeadScrew;
+use pigtail_model::piezo::{Resonance, ResonanceState};
+pub use plant::Plant;
+use plant::{factor, uniform};
+use rand::{Rng, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use sensors::{Bias, Camera, Held, Photodiodes, encode, normal};
+
+/// A simulated machine.
+#[derive(Debug, Clone)]
+pub struct Twin {
+    spec: Spec,
+    manipulators: [Manipulator; SIDES],
+    light: LightPath,
+    /// The fibers in the tray: the input's, then the outputs'.
+    tray: [Vec<Held>; SIDES],
+    held: [Option<Held>; SIDES],
+    attached: [[Option<Fixed>; OUTPUTS]; SIDES],
+    sensing: (FiberInHolder, Bias),
+    scatter: Fluctuation,
+    photodiodes: Photodiodes,
+    camera: Camera,
+    rng: Pcg64Mcg,
+    cycle: u64,
+    /// What the piezos were last told.
+    micro_volts: [[Volts; MICRO_AXES]; SIDES],
+    fault: Option<Fault>,
+    smallest_gap: f64,
+}
+
+/// A fiber fixed to the chip.
+#[derive(Debug, Clone, Copy)]
+struct Fixed {
+    tip: Point<Chip>,
+    fiber: FiberInHolder,
+    coupling: f64,
+}
+
+/// A manipulator's mechanics.
+#[derive(Debug, Clone)]
+struct Manipulator {
+    joints: [Joint; AXES],
+    states: [JointState; AXES],
+    counts_per_radian: [f64; AXES],
+    voltage_limits: [f64; AXES],
+    five_bar: FiveBar,
+    home: [f64; 2],
+    home_angles: [JointAngle; 2],
+    screw: LeadScrew,
+    placement: Placement,
+    micro: Micro,
+    /// The endpoint without the micro's motion, for the outputs it was computed for.
+    endpoint: ([f64; AXES], Point<Macro>),
+}
+
+/// A micro manipulator: two piezo axes in their own frame.
+#[derive(Debug, Clone)]
+struct Micro {
+    resonance: Resonance,
+    states: [ResonanceState; MICRO_AXES],
+    /// Metres a volt, with the coupling of the axes.
+    gain: [[f64; MICRO_AXES]; MICRO_AXES],
+    centre: f64,
+    limit: f64,
+    step: f64,
+    noise: f64,
+    sin: f64,
+    cos: f64,
+}
+
+/// A slow relative fluctuation: an Ornstein-Uhlenbeck process around one.
+#[derive(Debug, Clone)]
+struct Fluctuation {
+    decay: f64,
+    kick: f64,
+    deviation: f64,
+}
+
+impl Fluctuation {
+    fn new(rms: f64, bandwidth: f64, period: f64, rng: &mut impl Rng) -> Self {
+        let decay = (-std::f64::consts::TAU * bandwidth * period).exp();
+        Self {
+            decay,
+            kick: rms * (1.0 - decay * decay).sqrt(),
+            deviation: rms * normal(rng),
+        }
+    }
+
+    fn next(&mut self, rng: &mut impl Rng) -> f64 {
+        self.deviation = self.decay * self.deviation + self.kick * normal(rng);
+        (1.0 + self.deviation).max(0.0)
+    }
+}
+
+impl Micro {
+    fn new(plant: &Plant, spec: &Spec, rng: &mut impl rand::RngExt) -> Result<Self, Invalid> {
+        let m = &plant.micro;
+        let mut gain = || m.gain * factor(rng, plant.variation.micro_gain);
+        let (p, q) = (gain(), gain());
+        let (sin, cos) = spec.micro.angle.sin_cos();
+        Ok(Self {
+            resonance: Resonance::new(m.resonance, m.damping, spec.period())?,
+            states: [ResonanceState::default(); MICRO_AXES],
+            gain: [[p, m.coupling * q], [m.coupling * p, q]],
+            centre: 0.5 * spec.micro.voltage,
+            limit: spec.micro.voltage,
+            step: spec.micro.resolution * spec.micro.voltage / spec.micro.range,
+            noise: m.noise,
+            sin,
+            cos,
+        })
+    }
+
+    /// One cycle under these inputs; the displacement in the manipulator's x and y, metres.
+    fn advance(&mut self, volts: [Volts; MICRO_AXES], rng: &mut impl Rng) -> (f64, f64) {
+        let [u, v] = volts.map(|Volts(volts)| {
+            (volts.clamp(0.0, self.limit) / self.step).round() * self.step - self.centre
+        });
+        let [p, q] = std::array::from_fn(|i| {
+            let input = self.gain[i][0] * u + self.gain[i][1] * v;
+            self.resonance.advance(&mut self.states[i], input);
+            self.states[i].position + self.noise * normal(rng)
+        });
+        (self.cos * p - self.sin * q, self.sin * p + self.cos * q)
+    }
+}
+
+impl Manipulator {
+    fn new(
+        plant: &Plant,
+        spec: &Spec,
+        side: Side,
+        chip: [f64; 2],
+        rng: &mut impl rand::RngExt,
+    ) -> Result<Self, TwinError> {
+        let fb = &plant.five_bar;
+        let five_bar = FiveBar::new(fb.base, fb.proximal, fb.distal)?;
+        let home_angles = five_bar.inverse(fb.home[0], fb.home[1])?;
+        let mut joint = |axis: Axis| {
+            let nominal = if axis == Axis::Z {
+                &plant.z_stage.joint
+            } else {
+                &fb.joint
+            };
+            let ratio = 1.0 / spec.drive(axis).gear_ratio;
+            Joint::new(nominal.draw(ratio, &plant.variation, rng)?, spec.period())
+        };
+        let joints = [joint(Axis::A)?, joint(Axis::B)?, joint(Axis::Z)?];
+        let stands = match side {
+            Side::Left => &plant.placement.left,
+            Side::Right => &plant.placement.right,
+        };
+        let [x, y, z] = stands.home;
+        // Up and down, a wrong home is part of what nothing can see (`misplacement.y`).
+        let (dx, dz) = (
+            uniform(rng, plant.misplacement.home),
+            uniform(rng, plant.misplacement.home),
+        );
+        Ok(Self {
+            joints,
+            states: [JointState::default(); AXES],
+            counts_per_radian: Axis::ALL.map(|axis| 1.0 / spec.drive(axis).count()),
+            voltage_limits: Axis::ALL.map(|axis| spec.drive(axis).voltage),
+            five_bar,
+            home: fb.home,
+            home_angles,
+            screw: LeadScrew::from_lead(plant.z_stage.lead),
+            placement: Placement::new(Point::new(x, y, z), stands.yaw).shifted(
+                dx - chip[0],
+                0.0,
+                dz - chip[1],
+            ),
+            micro: Micro::new(plant, spec, rng)?,
+            endpoint: ([0.0; AXES], Point::ORIGIN),
+        })
+    }
+
+    /// One cycle; the holder's position in the chip's frame, micro included.
+    fn advance(
+        &mut self,
+        motors: [Volts; AXES],
+        micro: [Volts; MICRO_AXES],
+        period: f64,
+        rng: &mut impl Rng,
+    ) -> Option<Point<Chip>> {
+        for (i, Volts(volts)) in motors.into_iter().enumerate() {
+            let limit = self.voltage_limits[i];
+            self.joints[i].advance(&mut self.states[i], volts.clamp(-limit, limit), period);
+        }
+        let outputs = std::array::from_fn(|i| self.joints[i].output(&self.states[i]));
+        if outputs != self.endpoint.0 {
+            self.endpoint = (outputs, self.endpoint_at(outputs)?);
+        }
+        let (x, y) = self.micro.advance(micro, rng);
+        Some(
+            self.placement
+                .chip_from_macro(self.endpoint.1.shifted(x, y, 0.0)),
+        )
+    }
+
+    fn endpoint_at(&self, [a, b, z]: [f64; AXES]) -> Option<Point<Macro>> {
+        let [home_a, home_b] = self.home_angles;
+        let (x, y) = self
+            .five_bar
+            .forward([JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)])
+            .ok()?;
+        Some(Point::new(
+            x - self.home[0],
+            y - self.home[1],
+            self.screw.position(z),
+        ))
+    }
+
+    fn encoders(&self) -> [Counts; AXES] {
+        std::array::from_fn(|i| encode(self.states[i].motor_angle, self.counts_per_radian[i]))
+    }
+}
+
+/// Why a twin cannot be built from a plant.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum TwinError {
+    /// A parameter is out of range.
+    #[error(transparent)]
+    Invalid(#[from] Invalid),
+    /// The five-bar cannot stand at its home.
+    #[error("`five_bar.home`: {0}")]
+    Home(#[from] pigtail_model::fivebar::Unreachable),
+}
+
+impl Twin {
+    /// A specimen drawn around `plant`. The same seed gives the same machine, device, fixture and
+    /// noise.
+    ///
+    /// # Errors
+    ///
+    /// When the plant's mechanism cannot stand at its home.
+    pub fn new(spec: Spec, plant: &Plant, seed: u64) -> Result<Self, TwinError> {
+        // One stream of random numbers for each thing that is drawn, so that a change to one
+        // leaves the others as they are.
+        let stream =
+            |number: u64| Pcg64Mcg::seed_from_u64(seed.wrapping_mul(16).wrapping_add(number));
+        // The chip's frame moves with the chip: a chip out of place is a machine out of place.
+        let mut device = stream(1);
+        let chip = [plant.misplacement.chip_x, plant.misplacement.chip_z]
+            .map(|half_range| uniform(&mut device, half_range));
+        let camera = Camera::new(&spec);
+        let mut fibers = stream(2);
+        let mut held = |port| Held {
+            port,
+            fiber: FiberInHolder::draw(plant, &mut fibers),
+            bias: camera.draw_bias(&mut fibers),
+        };
+        let tray = [vec![held(0)], (0..OUTPUTS).map(&mut held).collect()];
+        let right = Manipulator::new(plant, &spec, Side::Right, chip, &mut stream(4))?;
+        let mut sensing = held(0);
+        let [ox, oy, oz] = spec.sensing_fiber.offset;
+        let [dx, dy, dz] = right.placement.chip_direction(ox, oy, oz);
+        let [x, y, z] = sensing.fiber.offset;
+        sensing.fiber.offset = [x + dx, y + dy, z + dz];
+        let mut noise = stream(3);
+        Ok(Self {
+            manipulators: [
+                Manipulator::new(plant, &spec, Side::Left, chip, &mut stream(0))?,
+                right,
+            ],
+            light: LightPath::new(plant, &spec, &mut device)?,
+            tray,
+            held: [None; SIDES],
+            attached: [[None; OUTPUTS]; SIDES],
+            sensing: (sensing.fiber, sensing.bias),
+            scatter: Fluctuation::new(
+                plant.scatter.fluctuation,
+                plant.scatter.bandwidth,
+                spec.period(),
+                &mut noise,
+            ),
+            photodiodes: Photodiodes::new(&spec, plant.light.noise, plant.light.offset),
+            camera,
+            rng: noise,
+            cycle: 0,
+            micro_volts: Command::IDLE.micro,
+            fault: None,
+            smallest_gap: f64::INFINITY,
+            spec,
+        })
+    }
+
+    fn time(&self) -> f64 {
+        self.cycle as f64 / self.spec.servo.rate
+    }
+
+    fn refuse(&mut self, rule: &'static str, axis: String, value: String, limit: String) -> Fault {
+        let fault = Fault {
+            rule,
+            axis,
+            value,
+            limit,
+            time: self.time(),
+        };
+        self.fault = Some(fault.clone());
+        fault
+    }
+
+    fn check(&mut self, command: &Command) -> Result<(), Fault> {
+        for side in Side::ALL {
+            for axis in Axis::ALL {
+                let Volts(volts) = command.motors[side.index()][axis.index()];
+                if !volts.is_finite() {
+                    let axis = format!("{}.{}", side.name(), axis.name());
+                    return Err(self.refuse(
+                        "command is a number",
+                        axis,
+                        format!("{volts} V"),
+                        "a finite voltage".to_owned(),
+                    ));
+                }
+            }
+            for Volts(volts) in command.micro[side.index()] {
+                if !volts.is_finite() {
+                    return Err(self.refuse(
+                        "command is a number",
+                        format!("{}.micro", side.name()),
+                        format!("{volts} V"),
+                        "a finite voltage".to_owned(),
+                    ));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn handle_fiber(
+        &mut self,
+        side: Side,
+        holder: Point<Chip>,
+        handling: FiberHandling,
+    ) -> Result<(), Fault> {
+        let i = side.index();
+        match handling {
+            FiberHandling::Load(port) => {
+                let fiber = self.tray[i]
+                    .iter()
+                    .find(|f| f.port == usize::from(port))
+                    .copied();
+                let Some(fiber) = fiber else {
+                    return Err(self.refuse(
+                        "fiber is in the tray",
+                        side.name().to_owned(),
+                        format!("fiber {port}"),
+                        format!("a fiber below {}", self.tray[i].len()),
+                    ));
+                };
+                self.held[i] = Some(fiber);
+            }
+            FiberHandling::Attach => {
+                let Some(held) = self.held[i].take() else {
+                    return Err(self.refuse(
+                        "holder carries a fiber",
+                        side.name().to_owned(),
+                        "an empty holder".to_owned(),
+                        "a fiber".to_owned(),
+                    ));
+                };
+                let tip = tip_of(holder, &held.fiber);
+                let port = self.light.port(side, held.port);
+                let coupling = self.light.coupling(port, tip, held.fiber.tilt);
+                self.attached[i][held.port] = Some(Fixed {
+                    tip,
+                    fiber: held.fiber,
+                    coupling,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Coupling and tip of a fiber, be it attached or held.
+    fn fiber_at(&self, side: Side, port: usize, holder: Point<Chip>) -> Option<(f64, Point<Chip>)> {
+        if let Some(fixed) = &self.attached[side.index()][port] {
+            return Some((fixed.coupling, fixed.tip));
+        }
+        let held = self.held[side.index()]
+            .as_ref()
+            .filter(|held| held.port == port)?;
+        let tip = tip_of(holder, &held.fiber);
+        let port = self.light.port(side, port);
+        Some((self.light.coupling(port, tip, held.fiber.tilt), tip))
+    }
+
+    /// What really is. Not part of [`Machine`].
+    pub fn truth(&self) -> Truth {
+        let fiber = |side: Side, port: usize| {
+            let fixed = self.attached[side.index()][port].as_ref()?;
+            let at = self.light.port(side, port);
+            let (x, y) = self.light.peak(at, fixed.tip, fixed.fiber.tilt);
+            Some(FiberTruth {
+                x: fixed.tip.x - x,
+                y: fixed.tip.y - y,
+                gap: at.gap(fixed.tip),
+                coupling: fixed.coupling,
+            })
+        };
+        Truth {
+            input: fiber(Side::Left, 0),
+            outputs: std::array::from_fn(|port| fiber(Side::Right, port)),
+            smallest_gap: self.smallest_gap,
+        }
+    }
+}
+
+/// The tip of a fiber in a holder.
+fn tip_of(holder: Point<Chip>, fiber: &FiberInHolder) -> Point<Chip> {
+    let [x, y, z] = fiber.offset;
+    holder.shifted(x, y, z)
+}
+
+/// What really is, as far as anyone may want to compare it with what control believes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Truth {
+    /// The input fiber, once attached.
+    pub input: Option<FiberTruth>,
+    /// The output fibers, once attached.
+    pub outputs: [Option<FiberTruth>; OUTPUTS],
+    /// Smallest gap between any held tip and its facet so far, metres. At zero or below, a fiber
+    /// has hit the chip.
+    pub smallest_gap: f64,
+}
+
+/// Where an attached fiber really is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FiberTruth {
+    /// From the lateral peak of the coupling at the fiber's gap, across the chip, metres.
+    pub x: f64,
+    /// The same up from the chip, metres.
+    pub y: f64,
+    /// Gap between facet and tip, metres.
+    pub gap: f64,
+    /// Power coupled at this interface, 0 to 1.
+    pub coupling: f64,
+}
+
+impl Machine for Twin {
+    fn spec(&self) -> &Spec {
+        &self.spec
+    }
+
+    fn exchange(&mut self, command: &Command) -> Result<Measurement, Fault> {
+        if let Some(fault) = &self.fault {
+            return Err(fault.clone());
+        }
+        self.check(command)?;
+        self.micro_volts = command.micro;
+        let period = self.spec.period();
+        let mut holders = [Point::ORIGIN; SIDES];
+        for side in Side::ALL {
+            let i = side.index();
+            let holder = self.manipulators[i].advance(
+                command.motors[i],
+                command.micro[i],
+                period,
+                &mut self.rng,
+            );
+            let Some(holder) = holder else {
+                return Err(self.refuse(
+                    "five-bar stays assembled",
+                    format!("{}.a", side.name()),
+                    "a position beyond the mechanism's reach".to_owned(),
+                    format!("a workspace of {} m", self.spec.five_bar.workspace),
+                ));
+            };
+            holders[i] = holder;
+            if let Some(handling) = command.fiber[i] {
+                self.handle_fiber(side, holder, handling)?;
+            }
+        }
+        self.cycle += 1;
+        let time = self.time();
+
+        let right = holders[Side::Right.index()];
+        let sensing = tip_of(right, &self.sensing.0);
+        let tips = Tips {
+            input: self
+                .fiber_at(Side::Left, 0, holders[0])
+                .map_or(0.0, |(coupling, _)| coupling),
+            outputs: std::array::from_fn(|port| self.fiber_at(Side::Right, port, right)),
+            sensing,
+        };
+        let level = self.scatter.next(&mut self.rng);
+        let signals = if command.laser {
+            self.light.signals(&tips, level)
+        } else {
+            [0.0; CHANNELS]
+        };
+        let light = self
+            .photodiodes
+            .cycle(&signals, self.cycle, time, &mut self.rng);
+        let seen = std::array::from_fn(|i| {
+            self.held[i]
+                .as_ref()
+                .map(|held| (tip_of(holders[i], &held.fiber), held.bias))
+        });
+        let vision = self.camera.cycle(
+            seen,
+            (sensing, self.sensing.1),
+            self.cycle,
+            time,
+            &mut self.rng,
+        );
+        for side in Side::ALL {
+            if let Some(held) = &self.held[side.index()] {
+                let tip = tip_of(holders[side.index()], &held.fiber);
+                let gap = self.light.port(side, held.port).gap(tip);
+                self.smallest_gap = self.smallest_gap.min(gap);
+            }
+        }
+        let sensing_gap = self.light.port(Side::Right, 0).gap(sensing);
+        self.smallest_gap = self.smallest_gap.min(sensing_gap);
+        Ok(Measurement {
+            time,
+            encoders: [
+                self.manipulators[0].encoders(),
+                self.manipulators[1].encoders(),
+            ],
+            light,
+            vision,
+        })
+    }
+
+    fn stop(&mut self) {
+        // Without voltage the motors' friction and back emf bring everything to rest. The piezos
+        // stay: letting them go would throw the fibers sideways.
+        let idle = Command {
+            micro: self.micro_volts,
+            ..Command::IDLE
+        };
+        for _ in 0..(0.1 * self.spec.servo.rate) as u64 {
+            if self.exchange(&idle).is_err() {
+                return;
+            }
+        }
+    }
+}

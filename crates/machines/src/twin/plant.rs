@@ -1,0 +1,397 @@
+//! The truth about a machine and a device: `plant.toml`.
+
+use pigtail_hal::{config, quantity};
+use pigtail_model::Invalid;
+use pigtail_model::friction::Friction;
+use pigtail_model::joint::JointParameters;
+use pigtail_model::motor::Motor;
+use pigtail_model::transmission::Transmission;
+use rand::RngExt;
+use serde::Deserialize;
+
+/// The content of a `plant.toml`: a nominal specimen, and how far others lie from it.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Plant {
+    /// The five-bars.
+    pub five_bar: FiveBarPlant,
+    /// The z-stages.
+    pub z_stage: ZStagePlant,
+    /// The micro manipulators.
+    pub micro: MicroPlant,
+    /// Where the manipulators stand.
+    pub placement: Placements,
+    /// The device to be pigtailed.
+    pub device: Device,
+    /// The fibers.
+    pub fiber: Fiber,
+    /// Laser and photodiodes.
+    pub light: Light,
+    /// Scattered light.
+    pub scatter: Scatter,
+    /// How far things lie from where they should.
+    pub misplacement: Misplacement,
+    /// How far specimens differ.
+    pub variation: Variation,
+}
+
+/// The mechanism of a five-bar, and its two joints.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct FiveBarPlant {
+    /// Distance of the bases, metres.
+    #[serde(deserialize_with = "quantity::non_negative_length")]
+    pub base: f64,
+    /// Length of the proximal links, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub proximal: f64,
+    /// Length of the distal links, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub distal: f64,
+    /// Endpoint at home, from the middle of the bases, metres.
+    #[serde(deserialize_with = "quantity::lengths")]
+    pub home: [f64; 2],
+    /// Each joint.
+    pub joint: JointPlant,
+}
+
+/// A z-stage.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ZStagePlant {
+    /// Travel for one turn of the screw, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub lead: f64,
+    /// Its drive.
+    pub joint: JointPlant,
+}
+
+/// The parameters of (2.1)-(2.13) for one joint, without the gear ratio of the datasheet.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointPlant {
+    /// `J_m`, kg m^2.
+    #[serde(deserialize_with = "quantity::positive_inertia")]
+    pub motor_inertia: f64,
+    /// `J_l`, kg m^2.
+    #[serde(deserialize_with = "quantity::positive_inertia")]
+    pub load_inertia: f64,
+    /// `q_p`, radians.
+    #[serde(deserialize_with = "quantity::non_negative_angle")]
+    pub presliding: f64,
+    /// The motor.
+    pub motor: MotorPlant,
+    /// The transmission.
+    pub transmission: TransmissionPlant,
+    /// Friction on the motor.
+    pub motor_friction: FrictionPlant,
+    /// Friction on the load.
+    pub load_friction: FrictionPlant,
+}
+
+/// A motor.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MotorPlant {
+    /// `k_m`, N m/A.
+    #[serde(deserialize_with = "quantity::positive_torque_constant")]
+    pub torque_constant: f64,
+    /// `k_b`, V s/rad.
+    #[serde(deserialize_with = "quantity::positive_back_emf")]
+    pub back_emf: f64,
+    /// `R`, ohm.
+    #[serde(deserialize_with = "quantity::positive_resistance")]
+    pub resistance: f64,
+}
+
+/// A transmission.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TransmissionPlant {
+    /// `k_s`, N m/rad.
+    #[serde(deserialize_with = "quantity::positive_stiffness")]
+    pub linear: f64,
+    /// `k_h`, N m/rad^3.
+    #[serde(deserialize_with = "quantity::non_negative_hardening")]
+    pub cubic: f64,
+}
+
+/// Friction on one body.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(try_from = "FrictionKeys")]
+pub struct FrictionPlant(Friction);
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FrictionKeys {
+    #[serde(rename = "static", deserialize_with = "quantity::non_negative_torque")]
+    fixed: f64,
+    #[serde(deserialize_with = "quantity::non_negative_torque")]
+    coulomb: f64,
+    #[serde(deserialize_with = "quantity::non_negative_damping")]
+    viscous: f64,
+}
+
+impl TryFrom<FrictionKeys> for FrictionPlant {
+    type Error = String;
+
+    fn try_from(keys: FrictionKeys) -> Result<Self, String> {
+        Friction::new(keys.fixed, keys.coulomb, keys.viscous)
+            .map(Self)
+            .map_err(|_| {
+                format!(
+                    "static friction {} N m is below Coulomb friction {} N m; accepted is a static \
+                 friction of at least the Coulomb friction",
+                    keys.fixed, keys.coulomb
+                )
+            })
+    }
+}
+
+impl FrictionPlant {
+    fn scaled(self, by: f64) -> Result<Friction, Invalid> {
+        let Self(friction) = self;
+        Friction::new(
+            by * friction.static_level(),
+            by * friction.coulomb(),
+            by * friction.viscous(),
+        )
+    }
+}
+
+/// A micro manipulator.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MicroPlant {
+    /// Displacement per volt, metres a volt.
+    #[serde(deserialize_with = "quantity::positive_piezo_gain")]
+    pub gain: f64,
+    /// First resonance, hertz.
+    #[serde(deserialize_with = "quantity::positive_frequency")]
+    pub resonance: f64,
+    /// Its damping ratio.
+    #[serde(deserialize_with = "quantity::fraction")]
+    pub damping: f64,
+    /// Share of one axis's displacement that appears in the other.
+    #[serde(deserialize_with = "quantity::fraction")]
+    pub coupling: f64,
+    /// Noise of each axis, rms, metres.
+    #[serde(deserialize_with = "quantity::non_negative_length")]
+    pub noise: f64,
+}
+
+/// Where both manipulators stand.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Placements {
+    /// The input's manipulator.
+    pub left: PlacementPlant,
+    /// The outputs' manipulator.
+    pub right: PlacementPlant,
+}
+
+/// Where a manipulator stands.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PlacementPlant {
+    /// Its endpoint at home in the chip's frame, metres.
+    #[serde(deserialize_with = "quantity::lengths")]
+    pub home: [f64; 3],
+    /// Its rotation about y, radians.
+    #[serde(deserialize_with = "quantity::angle")]
+    pub yaw: f64,
+}
+
+/// The device.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Device {
+    /// The input port in the chip's frame, metres.
+    #[serde(deserialize_with = "quantity::lengths")]
+    pub input: [f64; 3],
+    /// The output ports, metres.
+    pub outputs: [PortPosition; 2],
+    /// Radii of the guides' mode in x and y, metres.
+    #[serde(deserialize_with = "quantity::lengths")]
+    pub mode_radius: [f64; 2],
+    /// Angle of both facets, radians.
+    #[serde(deserialize_with = "quantity::angle")]
+    pub facet: f64,
+    /// Refractive index of the guides.
+    #[serde(deserialize_with = "quantity::positive")]
+    pub index: f64,
+}
+
+/// A port in the chip's frame, metres.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(transparent)]
+pub struct PortPosition(#[serde(deserialize_with = "quantity::lengths")] pub [f64; 3]);
+
+/// A fiber.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Fiber {
+    /// Radius of its mode, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub mode_radius: f64,
+}
+
+/// Laser and photodiodes.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Light {
+    /// Wavelength, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub wavelength: f64,
+    /// Photodiode signal of one output when everything couples perfectly, volts.
+    #[serde(deserialize_with = "quantity::positive_voltage")]
+    pub full: f64,
+    /// What a photodiode's amplifier gives in the dark, volts.
+    #[serde(deserialize_with = "quantity::non_negative_voltage")]
+    pub offset: f64,
+    /// Noise of a photodiode sample, rms, volts.
+    #[serde(deserialize_with = "quantity::non_negative_voltage")]
+    pub noise: f64,
+}
+
+/// Light that misses the input guide.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scatter {
+    /// Share of [`Light::full`] in a sensing fiber deep below the top, nothing being coupled.
+    #[serde(deserialize_with = "quantity::non_negative")]
+    pub level: f64,
+    /// 1/e radius of its distribution around the outputs, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub spread: f64,
+    /// Fluctuation, rms, relative to the level.
+    #[serde(deserialize_with = "quantity::non_negative")]
+    pub fluctuation: f64,
+    /// Bandwidth of the fluctuation, hertz.
+    #[serde(deserialize_with = "quantity::positive_frequency")]
+    pub bandwidth: f64,
+}
+
+/// Half ranges of uniform distributions of position.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Misplacement {
+    /// The chip across, metres.
+    #[serde(deserialize_with = "quantity::non_negative_length")]
+    pub chip_x: f64,
+    /// The chip along the guides, metres.
+    #[serde(deserialize_with = "quantity::non_negative_length")]
+    pub chip_z: f64,
+    /// Each fiber in its holder, across, metres.
+    #[serde(deserialize_with = "quantity::non_negative_length")]
+    pub fiber_x: f64,
+    /// Each fiber in its holder, along, metres.
+    #[serde(deserialize_with = "quantity::non_negative_length")]
+    pub fiber_z: f64,
+    /// Chip and fiber together, up or down, metres.
+    #[serde(deserialize_with = "quantity::non_negative_length")]
+    pub y: f64,
+    /// Tilt of each fiber about x and y, radians.
+    #[serde(deserialize_with = "quantity::non_negative_angle")]
+    pub tilt: f64,
+    /// Each manipulator's home, along each axis, metres.
+    #[serde(deserialize_with = "quantity::non_negative_length")]
+    pub home: f64,
+}
+
+/// Relative half ranges of uniform distributions of parameters.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Variation {
+    /// Of inertias.
+    #[serde(deserialize_with = "quantity::fraction")]
+    pub inertia: f64,
+    /// Of friction, static, Coulomb and viscous together.
+    #[serde(deserialize_with = "quantity::fraction")]
+    pub friction: f64,
+    /// Of transmissions.
+    #[serde(deserialize_with = "quantity::fraction")]
+    pub stiffness: f64,
+    /// Of motor constants and resistances.
+    #[serde(deserialize_with = "quantity::fraction")]
+    pub motor: f64,
+    /// Of the gains of the micro axes.
+    #[serde(deserialize_with = "quantity::fraction")]
+    pub micro_gain: f64,
+    /// Of the transmission of each branch of the device.
+    #[serde(deserialize_with = "quantity::fraction")]
+    pub loss: f64,
+}
+
+impl Plant {
+    /// Parses and checks the content of a `plant.toml`; `file` is its name in errors.
+    ///
+    /// # Errors
+    ///
+    /// When a key is missing, unknown or out of range.
+    pub fn parse(file: &str, text: &str) -> Result<Self, pigtail_hal::Error> {
+        let plant: Self = config::parse(file, text)?;
+        for (key, radius) in ["x", "y"]
+            .iter()
+            .zip(plant.device.mode_radius)
+            .map(|(axis, r)| (format!("device.mode_radius ({axis})"), r))
+        {
+            if radius <= 0.0 {
+                return Err(pigtail_hal::Error::new(
+                    file,
+                    key,
+                    format!("{radius} m is not positive; accepted is a length above zero"),
+                ));
+            }
+        }
+        if plant.micro.damping >= 1.0 {
+            return Err(pigtail_hal::Error::new(
+                file,
+                "micro.damping",
+                "1 is overdamped; accepted is a number from 0 to below 1",
+            ));
+        }
+        Ok(plant)
+    }
+}
+
+/// `1 + u` with `u` uniform in plus and minus `half_range`.
+pub(super) fn factor(rng: &mut impl RngExt, half_range: f64) -> f64 {
+    1.0 + uniform(rng, half_range)
+}
+
+/// Uniform in plus and minus `half_range`.
+pub(super) fn uniform(rng: &mut impl RngExt, half_range: f64) -> f64 {
+    half_range * (2.0 * rng.random::<f64>() - 1.0)
+}
+
+impl JointPlant {
+    /// A specimen of this joint behind a gear of `ratio` output turns a motor turn.
+    pub(super) fn draw(
+        &self,
+        ratio: f64,
+        variation: &Variation,
+        rng: &mut impl RngExt,
+    ) -> Result<JointParameters, Invalid> {
+        let mut vary = |value: f64, half_range: f64| value * factor(rng, half_range);
+        let stiffness = vary(1.0, variation.stiffness);
+        Ok(JointParameters {
+            motor_inertia: vary(self.motor_inertia, variation.inertia),
+            load_inertia: vary(self.load_inertia, variation.inertia),
+            ratio,
+            motor: Motor::new(
+                vary(self.motor.torque_constant, variation.motor),
+                vary(self.motor.back_emf, variation.motor),
+                vary(self.motor.resistance, variation.motor),
+            )?,
+            transmission: Transmission::new(
+                stiffness * self.transmission.linear,
+                stiffness * self.transmission.cubic,
+            )?,
+            motor_friction: self.motor_friction.scaled(vary(1.0, variation.friction))?,
+            load_friction: self.load_friction.scaled(vary(1.0, variation.friction))?,
+            presliding: vary(self.presliding, variation.stiffness),
+            load_torque: 0.0,
+        })
+    }
+}

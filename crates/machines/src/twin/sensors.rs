@@ -1,0 +1,153 @@
+//! What stands between the truth and a measurement: bandwidth, noise, quantisation, delay.
+
+use super::light::FiberInHolder;
+use super::plant::uniform;
+use pigtail_hal::measurement::{LightSample, TipFix, VisionFrame};
+use pigtail_hal::quantity::{Counts, Volts};
+use pigtail_hal::spec::{CHANNELS, PhotodiodeSpec, SIDES, Spec, VisionSpec};
+use pigtail_model::frames::{Chip, Point};
+use rand::{Rng, RngExt};
+use rand_distr::{Distribution, StandardNormal};
+
+/// A draw from the standard normal distribution.
+pub(super) fn normal(rng: &mut impl Rng) -> f64 {
+    StandardNormal.sample(rng)
+}
+
+/// An encoder: `floor(angle / count + 1/2)`.
+pub(super) fn encode(angle: f64, counts_per_radian: f64) -> Counts {
+    // The method `floor` is a call into the C library on most targets.
+    let counts = angle * counts_per_radian + 0.5;
+    let truncated = counts as i64;
+    Counts(truncated - i64::from(truncated as f64 > counts))
+}
+
+/// The photodiodes, their amplifiers and their A/D converter.
+#[derive(Debug, Clone)]
+pub(super) struct Photodiodes {
+    /// Share of the old signal that is left after one servo cycle.
+    decay: f64,
+    noise: f64,
+    offset: f64,
+    step: f64,
+    codes: f64,
+    every: u64,
+    filtered: [f64; CHANNELS],
+}
+
+impl Photodiodes {
+    pub(super) fn new(spec: &Spec, noise: f64, offset: f64) -> Self {
+        let PhotodiodeSpec {
+            bandwidth, bits, ..
+        } = spec.photodiode;
+        Self {
+            decay: (-std::f64::consts::TAU * bandwidth * spec.period()).exp(),
+            noise,
+            offset,
+            step: spec.photodiode.step(),
+            codes: f64::from((1_u32 << bits) - 1),
+            every: (spec.servo.rate / spec.photodiode.rate).round() as u64,
+            filtered: [0.0; CHANNELS],
+        }
+    }
+
+    /// Lets the signals act for one servo cycle, and samples if it is time to.
+    pub(super) fn cycle(
+        &mut self,
+        signals: &[f64; CHANNELS],
+        cycle: u64,
+        time: f64,
+        rng: &mut impl Rng,
+    ) -> Option<LightSample> {
+        for (filtered, signal) in self.filtered.iter_mut().zip(signals) {
+            *filtered = signal + self.decay * (*filtered - signal);
+        }
+        if cycle % self.every != 0 {
+            return None;
+        }
+        let volts = self.filtered.map(|filtered| {
+            let code = ((filtered + self.offset + self.noise * normal(rng)) / self.step).round();
+            Volts(code.clamp(0.0, self.codes) * self.step)
+        });
+        Some(LightSample { time, volts })
+    }
+}
+
+/// The camera: independent noise a frame, a fixed error a fiber, and a delay.
+#[derive(Debug, Clone)]
+pub(super) struct Camera {
+    every: u64,
+    delay: u64,
+    sigma: f64,
+    bounds: [f64; 2],
+    pending: Option<(u64, VisionFrame)>,
+}
+
+/// The fixed error of the camera for one fiber, x and z, metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Bias([f64; 2]);
+
+impl Camera {
+    pub(super) fn new(spec: &Spec) -> Self {
+        let VisionSpec {
+            rate,
+            latency,
+            sigma,
+            accuracy_x,
+            accuracy_z,
+        } = spec.vision;
+        let every = (spec.servo.rate / rate).round() as u64;
+        Self {
+            every,
+            // One frame is on its way at a time.
+            delay: ((latency * spec.servo.rate).round() as u64).min(every),
+            sigma,
+            bounds: [accuracy_x, accuracy_z],
+            pending: None,
+        }
+    }
+
+    pub(super) fn draw_bias(&self, rng: &mut impl RngExt) -> Bias {
+        Bias(self.bounds.map(|bound| uniform(rng, bound)))
+    }
+
+    fn fix(&self, tip: Point<Chip>, Bias([x, z]): Bias, rng: &mut impl Rng) -> TipFix {
+        TipFix {
+            x: tip.x + x + self.sigma * normal(rng),
+            z: tip.z + z + self.sigma * normal(rng),
+            sigma: self.sigma,
+        }
+    }
+
+    /// Exposes a frame if it is time to, and returns the one whose delay has passed.
+    pub(super) fn cycle(
+        &mut self,
+        fibers: [Option<(Point<Chip>, Bias)>; SIDES],
+        sensing: (Point<Chip>, Bias),
+        cycle: u64,
+        time: f64,
+        rng: &mut impl Rng,
+    ) -> Option<VisionFrame> {
+        let ready = self
+            .pending
+            .take_if(|(due, _)| *due <= cycle)
+            .map(|(_, frame)| frame);
+        if cycle % self.every == 0 {
+            let frame = VisionFrame {
+                time,
+                fiber: fibers.map(|seen| seen.map(|(tip, bias)| self.fix(tip, bias, rng))),
+                sensing: self.fix(sensing.0, sensing.1, rng),
+            };
+            self.pending = Some((cycle + self.delay, frame));
+        }
+        ready
+    }
+}
+
+/// A fiber that the holder carries, and how the camera errs about it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Held {
+    pub(super) port: usize,
+    pub(super) fiber: FiberInHolder,
+    pub(super) bias: Bias,
+}

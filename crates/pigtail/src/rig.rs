@@ -1,0 +1,156 @@
+//! Finding and loading a rig and a recipe, with the hash of everything that was read.
+
+use pigtail_control::calibration::Calibration;
+use pigtail_control::recipe::Recipe;
+use pigtail_hal::{Error, Spec};
+use pigtail_machines::twin::Plant;
+use sha2::{Digest, Sha256};
+use std::path::{Path, PathBuf};
+
+/// The rig that is used where none is named, compiled in, so that the program works wherever it
+/// is started.
+const DEFAULT_RIG: [(&str, &str); 3] = [
+    (
+        "machine.toml",
+        include_str!("../../../rigs/afpm/machine.toml"),
+    ),
+    ("plant.toml", include_str!("../../../rigs/afpm/plant.toml")),
+    (
+        "calibration.toml",
+        include_str!("../../../rigs/afpm/calibration.toml"),
+    ),
+];
+
+/// The name of the default rig.
+pub const DEFAULT_RIG_NAME: &str = "afpm";
+
+/// The recipe that is used where none is named.
+const DEFAULT_RECIPE: &str = include_str!("../../../recipes/y-branch.toml");
+
+/// The name of the default recipe.
+pub const DEFAULT_RECIPE_NAME: &str = "y-branch";
+
+/// A rig and a recipe, read and checked.
+#[derive(Debug, Clone)]
+pub struct Setup {
+    /// The rig as the user named it.
+    pub rig: String,
+    /// The recipe as the user named it.
+    pub recipe_name: String,
+    /// The datasheet.
+    pub spec: Spec,
+    /// The truth, for the twin.
+    pub plant: Plant,
+    /// The belief, for control.
+    pub calibration: Calibration,
+    /// What is to be done.
+    pub recipe: Recipe,
+    /// Name and SHA-256 of each file that was read, in the order of reading.
+    pub hashes: Vec<(String, String)>,
+}
+
+/// A text and the name by which to call it in errors.
+struct Source {
+    name: String,
+    text: String,
+}
+
+impl Setup {
+    /// Loads the rig and the recipe that the user named: a folder and a file, or the bare names
+    /// of those that are compiled in.
+    ///
+    /// # Errors
+    ///
+    /// The first mistake found, with file, key, value and what would be accepted.
+    pub fn load(rig: &str, recipe: &str) -> Result<Self, Error> {
+        let mut hashes = Vec::new();
+        let mut read = |source: Result<Source, Error>| {
+            let source = source?;
+            hashes.push((source.name.clone(), hash(&source.text)));
+            Ok::<_, Error>(source)
+        };
+        let machine = read(rig_file(rig, 0))?;
+        let spec = Spec::parse(&machine.name, &machine.text)?;
+        let plant = read(rig_file(rig, 1))?;
+        let plant = Plant::parse(&plant.name, &plant.text)?;
+        let calibration = read(rig_file(rig, 2))?;
+        let calibration = Calibration::parse(&calibration.name, &calibration.text, &spec)?;
+        let source = read(recipe_file(recipe))?;
+        let recipe_parsed = Recipe::parse(&source.name, &source.text, &spec, &calibration)?;
+        Ok(Self {
+            rig: rig.to_owned(),
+            recipe_name: recipe.to_owned(),
+            spec,
+            plant,
+            calibration,
+            recipe: recipe_parsed,
+            hashes,
+        })
+    }
+}
+
+fn rig_file(rig: &str, index: usize) -> Result<Source, Error> {
+    let (file, built_in) = DEFAULT_RIG[index];
+    let bare = PathBuf::from("rigs").join(rig);
+    let folder = if Path::new(rig).is_dir() {
+        PathBuf::from(rig)
+    } else if bare.is_dir() {
+        bare
+    } else if rig == DEFAULT_RIG_NAME {
+        return Ok(Source {
+            name: format!("rigs/{rig}/{file} (built in)"),
+            text: built_in.to_owned(),
+        });
+    } else {
+        return Err(Error::new(
+            rig,
+            "",
+            format!(
+                "no such rig; accepted is a folder with machine.toml, plant.toml and \
+                 calibration.toml, the name of one below `rigs`, or `{DEFAULT_RIG_NAME}`"
+            ),
+        ));
+    };
+    read_file(&folder.join(file))
+}
+
+fn recipe_file(recipe: &str) -> Result<Source, Error> {
+    let bare = Path::new("recipes").join(format!("{recipe}.toml"));
+    if Path::new(recipe).is_file() {
+        read_file(Path::new(recipe))
+    } else if bare.is_file() {
+        read_file(&bare)
+    } else if recipe == DEFAULT_RECIPE_NAME {
+        Ok(Source {
+            name: format!("recipes/{recipe}.toml (built in)"),
+            text: DEFAULT_RECIPE.to_owned(),
+        })
+    } else {
+        Err(Error::new(
+            recipe,
+            "",
+            format!(
+                "no such recipe; accepted is a TOML file, the name of one below `recipes`, or \
+                 `{DEFAULT_RECIPE_NAME}`"
+            ),
+        ))
+    }
+}
+
+fn read_file(path: &Path) -> Result<Source, Error> {
+    let name = path.display().to_string();
+    match std::fs::read_to_string(path) {
+        Ok(text) => Ok(Source { name, text }),
+        Err(error) => Err(Error::new(name, "", format!("cannot be read: {error}"))),
+    }
+}
+
+fn hash(text: &str) -> String {
+    use std::fmt::Write as _;
+    Sha256::digest(text.as_bytes())
+        .iter()
+        .fold(String::with_capacity(64), |mut hex, byte| {
+            let _ = write!(hex, "{byte:02x}");
+            hex
+        })
+}
