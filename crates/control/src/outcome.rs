@@ -96,6 +96,20 @@ pub struct SearchEvidence {
     pub threshold: f64,
 }
 
+impl SearchEvidence {
+    /// The evidence of this search and of the one before it over the same area.
+    #[must_use]
+    pub fn after(self, before: Option<Self>) -> Self {
+        before.map_or(self, |before| Self {
+            samples: before.samples + self.samples,
+            width: before.width.max(self.width),
+            height: before.height.max(self.height),
+            brightest: before.brightest.max(self.brightest),
+            ..self
+        })
+    }
+}
+
 /// Why a procedure ends early.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Halt {

@@ -73,13 +73,7 @@ impl<'r> NinePoint<'r> {
     /// A fault, or [`Outcome::OutOfReach`] when the micro has come to the end of its range.
     pub fn step(&mut self, station: &mut Station) -> Result<(), Halt> {
         let light = self.pattern(station)?;
-        let mut best = 0;
-        for (i, volts) in light.iter().enumerate() {
-            if *volts > light[best] {
-                best = i;
-            }
-        }
-        self.shift(station, PATTERN[best])?;
+        self.shift(station, PATTERN[brightest(&light)])?;
         station.run(self.climb.pause)?;
         Ok(())
     }
@@ -144,8 +138,9 @@ impl<'r> NinePoint<'r> {
         Ok(())
     }
 
-    /// Averages `patterns` patterns around the present centre and moves to the vertex of the
-    /// paraboloid through their means.
+    /// Averages patterns around the present centre until the vertex of the paraboloid through
+    /// their means is known to `accuracy` metres (one standard deviation, in either direction),
+    /// and moves there. At least `patterns` of them, and no longer than the climb's timeout.
     ///
     /// The thesis rests on the brightest of nine noisy points. Close to the peak those differ by
     /// less than the photodiode's noise, so that the last centre is a draw from a cloud as wide
@@ -154,42 +149,94 @@ impl<'r> NinePoint<'r> {
     /// # Errors
     ///
     /// As [`Self::step`].
-    pub fn settle(&mut self, station: &mut Station, patterns: u32) -> Result<(), Halt> {
-        let mut sums = [0.0; 9];
-        for _ in 0..patterns {
+    pub fn settle(
+        &mut self,
+        station: &mut Station,
+        patterns: u32,
+        accuracy: f64,
+    ) -> Result<(), Halt> {
+        let end = station.time() + self.climb.timeout;
+        let mut mean = [0.0; 9];
+        // Sum of squared deviations from the means, all points together.
+        let (mut count, mut squares) = (0_u32, 0.0);
+        let fit = loop {
             let light = self.pattern(station)?;
-            for (sum, volts) in sums.iter_mut().zip(light) {
-                *sum += volts;
+            count += 1;
+            for (mean, volts) in mean.iter_mut().zip(light) {
+                let deviation = volts - *mean;
+                *mean += deviation / f64::from(count);
+                squares += deviation * (volts - *mean);
             }
-        }
-        self.shift(station, vertex(&sums))?;
+            if count < patterns.max(2) {
+                continue;
+            }
+            let variance = squares / (9.0 * f64::from(count - 1));
+            let fit = Paraboloid::fit(&mean);
+            let deviation = self.climb.step * fit.deviation(variance / f64::from(count));
+            if deviation < accuracy || station.time() > end {
+                break fit;
+            }
+        };
+        self.shift(station, fit.vertex().unwrap_or(PATTERN[brightest(&mean)]))?;
         station.run(5.0 * self.climb.dwell)?;
         Ok(())
     }
 }
 
-/// The vertex of the paraboloid fitted to the nine values by least squares, in steps from the
-/// centre, at most one step away. Where the values have no maximum, the brightest point.
-fn vertex(values: &[f64; 9]) -> (f64, f64) {
-    // Normal equations of f = c + gx x + gy y + hx x^2/2 + hy y^2/2 + m x y on a 3 x 3 grid.
-    let (mut gx, mut gy, mut hx, mut hy, mut m) = (0.0, 0.0, 0.0, 0.0, 0.0);
-    for ((x, y), f) in PATTERN.iter().zip(values) {
-        gx += x * f / 6.0;
-        gy += y * f / 6.0;
-        hx += (x * x - 2.0 / 3.0) * f;
-        hy += (y * y - 2.0 / 3.0) * f;
-        m += x * y * f / 4.0;
+fn brightest(light: &[f64; 9]) -> usize {
+    // The first of equals: with nothing to tell them apart, stay at the centre.
+    (1..9).fold(0, |best, i| if light[i] > light[best] { i } else { best })
+}
+
+/// `c + gx x + gy y + hx x^2/2 + hy y^2/2 + m x y` over the pattern, in steps from the centre.
+#[derive(Debug, Clone, Copy)]
+struct Paraboloid {
+    gx: f64,
+    gy: f64,
+    hx: f64,
+    hy: f64,
+    m: f64,
+}
+
+impl Paraboloid {
+    /// Least squares through the nine values; the points' symmetry makes the terms independent.
+    fn fit(values: &[f64; 9]) -> Self {
+        let (mut gx, mut gy, mut hx, mut hy, mut m) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for ((x, y), f) in PATTERN.iter().zip(values) {
+            gx += x * f / 6.0;
+            gy += y * f / 6.0;
+            hx += (x * x - 2.0 / 3.0) * f;
+            hy += (y * y - 2.0 / 3.0) * f;
+            m += x * y * f / 4.0;
+        }
+        Self { gx, gy, hx, hy, m }
     }
-    let determinant = hx * hy - m * m;
-    if hx >= 0.0 || hy >= 0.0 || determinant <= 0.0 {
-        let brightest = (0..9)
-            .max_by(|&a, &b| values[a].total_cmp(&values[b]))
-            .unwrap_or(0);
-        return PATTERN[brightest];
+
+    /// Its maximum, at most one step away in either direction; `None` where it has none.
+    fn vertex(&self) -> Option<(f64, f64)> {
+        let Self { gx, gy, hx, hy, m } = *self;
+        let determinant = hx * hy - m * m;
+        if hx >= 0.0 || hy >= 0.0 || determinant <= 0.0 {
+            return None;
+        }
+        let x = (m * gy - hy * gx) / determinant;
+        let y = (m * gx - hx * gy) / determinant;
+        Some((x.clamp(-1.0, 1.0), y.clamp(-1.0, 1.0)))
     }
-    let x = -(hy * gx - m * gy) / determinant;
-    let y = -(hx * gy - m * gx) / determinant;
-    (x.clamp(-1.0, 1.0), y.clamp(-1.0, 1.0))
+
+    /// Standard deviation of the vertex in the worse direction, steps, for a `variance` of each
+    /// value; infinite where there is no vertex.
+    fn deviation(&self, variance: f64) -> f64 {
+        let Some((x, y)) = self.vertex() else {
+            return f64::INFINITY;
+        };
+        // The slopes have a variance of 1/6 of a value's, the curvatures of 2: the vertex is
+        // minus their quotient.
+        let along = |vertex: f64, curvature: f64| {
+            (variance * (1.0 / 6.0 + 2.0 * vertex * vertex)).sqrt() / curvature.abs()
+        };
+        along(x, self.hx).max(along(y, self.hy))
+    }
 }
 
 #[cfg(test)]
@@ -202,14 +249,47 @@ mod tests {
         let values = PATTERN.map(|(x, y)| {
             5.0 - 1.3 * (x - x0).powi(2) - 0.7 * (y - y0).powi(2) + 0.4 * (x - x0) * (y - y0)
         });
-        let (x, y) = vertex(&values);
+        let (x, y) = Paraboloid::fit(&values).vertex().unwrap();
         assert!((x - x0).abs() < 1e-12 && (y - y0).abs() < 1e-12, "{x} {y}");
     }
 
     #[test]
-    fn a_slope_without_a_maximum_gives_its_brightest_point() {
-        assert_eq!(vertex(&PATTERN.map(|(x, y)| x + 2.0 * y)), (1.0, 1.0));
+    fn a_slope_has_no_vertex_and_a_far_one_is_bounded() {
+        assert_eq!(
+            Paraboloid::fit(&PATTERN.map(|(x, y)| x + 2.0 * y)).vertex(),
+            None
+        );
         let far = PATTERN.map(|(x, y)| -(x - 5.0).powi(2) - y * y);
-        assert_eq!(vertex(&far), (1.0, 0.0));
+        assert_eq!(Paraboloid::fit(&far).vertex(), Some((1.0, 0.0)));
+    }
+
+    #[test]
+    fn the_predicted_deviation_is_that_of_repeated_fits() {
+        // A small generator will do: only its spread matters here.
+        let mut state = 1_u64;
+        let mut noise = || {
+            // Sum of twelve uniform numbers: normal enough, with unit variance.
+            (0..12).fold(-6.0, |sum, _| {
+                state = state
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1);
+                sum + (state >> 33) as f64 / f64::from(1_u32 << 31)
+            })
+        };
+        let sigma = 0.02;
+        let (n, mut squares, mut predicted) = (2000, 0.0, 0.0);
+        for _ in 0..n {
+            let values = PATTERN
+                .map(|(x, y)| -(x - 0.3_f64).powi(2) - (y + 0.2_f64).powi(2) + sigma * noise());
+            let fit = Paraboloid::fit(&values);
+            squares += (fit.vertex().unwrap().0 - 0.3).powi(2);
+            predicted += fit.deviation(sigma * sigma);
+        }
+        let measured = (squares / f64::from(n)).sqrt();
+        let predicted = predicted / f64::from(n);
+        assert!(
+            (measured / predicted - 1.0).abs() < 0.1,
+            "{measured} for {predicted}"
+        );
     }
 }

@@ -3,7 +3,7 @@
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::peak::NinePoint;
 use crate::recipe::Recipe;
-use crate::search::{Hit, STILL_THERE, Searcher, edge_from_below};
+use crate::search::{Hit, STILL_THERE, Searcher, centre_sensing, edge_from_below};
 use crate::station::Station;
 use pigtail_hal::spec::OUTPUTS;
 use pigtail_hal::{Channel, Fault, FiberHandling, Side};
@@ -79,6 +79,14 @@ pub fn thesis(station: &mut Station, recipe: &Recipe) -> Result<Vec<FiberReport>
     }
     station.laser(false);
     Ok(reports)
+}
+
+/// Light that was found, with the macro brought to it.
+struct Found {
+    /// The photodiode's level without it, volts.
+    background: f64,
+    /// Its level above that, volts.
+    level: f64,
 }
 
 /// Something on a holder that vision can see.
@@ -157,7 +165,7 @@ impl<'r> Job<'r> {
         let top = self.phase(station, "sensing", |job, station| {
             job.find_top(station, output)
         })?;
-        let (searcher, hit) = self.phase(station, "raster", |job, station| {
+        let found = self.phase(station, "raster", |job, station| {
             let lowest = station.wanted(Side::Left);
             let mut evidence = None;
             // The guided light may have passed beside the sensing fiber's core.
@@ -167,14 +175,14 @@ impl<'r> Job<'r> {
                     station.move_micro(Side::Left, 0.0, 0.0);
                     job.arrive(station, Side::Left, lowest)?;
                 }
-                match job.search(station)? {
-                    (searcher, Ok(hit)) => return Ok((searcher, hit)),
-                    (_, Err(seen)) => evidence = Some(wider(evidence, seen)),
+                match job.find_light(station)? {
+                    Ok(found) => return Ok(found),
+                    Err(seen) => evidence = Some(seen.after(evidence)),
                 }
             }
             Err(no_light(evidence))
         })?;
-        self.finish(station, &searcher, &hit)
+        self.finish(station, &found)
     }
 
     fn align_output(&mut self, station: &mut Station, index: usize) -> Result<(), Halt> {
@@ -192,31 +200,26 @@ impl<'r> Job<'r> {
                 recipe.raster.gap,
             )
         })?;
-        let (searcher, hit) = self.phase(station, "raster", |job, station| {
-            match job.search(station)? {
-                (searcher, Ok(hit)) => Ok((searcher, hit)),
-                (_, Err(seen)) => Err(no_light(Some(seen))),
-            }
+        let found = self.phase(station, "raster", |job, station| {
+            job.find_light(station)?
+                .map_err(|seen| no_light(Some(seen)))
         })?;
-        self.finish(station, &searcher, &hit)
+        self.finish(station, &found)
     }
 
     /// From first light to an attached fiber.
-    fn finish(
-        &mut self,
-        station: &mut Station,
-        searcher: &Searcher,
-        hit: &Hit,
-    ) -> Result<(), Halt> {
+    fn finish(&mut self, station: &mut Station, found: &Found) -> Result<(), Halt> {
         let recipe = self.recipe;
-        let background = searcher.background.mean;
+        let background = found.background;
         let (mut peak, before) = self.phase(station, "climb", |job, station| {
-            job.recentre(station, searcher, hit)?;
             let mut peak = NinePoint::new(&recipe.climb, station, job.side, job.channel);
             peak.climb(station)?;
+            if job.channel == Channel::Sensing {
+                centre_sensing(station)?;
+            }
             let level = station.level(job.channel, 0.04)?.mean - background;
-            if level < STILL_THERE * hit.level {
-                return Err(lost("climb", level, hit.level));
+            if level < STILL_THERE * found.level {
+                return Err(lost("climb", level, found.level));
             }
             Ok((peak, level))
         })?;
@@ -232,7 +235,7 @@ impl<'r> Job<'r> {
         })?;
         self.phase(station, "final", |job, station| {
             peak.climb(station)?;
-            peak.settle(station, recipe.last.patterns)?;
+            peak.settle(station, recipe.last.patterns, recipe.last.accuracy)?;
             let after = station.level(job.channel, 0.04)?.mean - background;
             if after < recipe.accept.growth * before {
                 return Err(Outcome::FalseLight { before, after }.into());
@@ -377,41 +380,52 @@ impl<'r> Job<'r> {
         }
     }
 
-    /// The raster from where the fiber stands.
-    fn search(
-        &self,
-        station: &mut Station,
-    ) -> Result<(Searcher, Result<Hit, SearchEvidence>), Halt> {
+    /// The raster from where the fiber stands, with the macro brought to what it found. A hit
+    /// that does not bear a second look was a fluctuation of the scattered light, and the raster
+    /// goes on above it.
+    fn find_light(&self, station: &mut Station) -> Result<Result<Found, SearchEvidence>, Halt> {
         let raster = &self.recipe.raster;
         let searcher =
-            Searcher::measure(station, self.side, self.channel, raster.significance, 0.3)?;
-        let found = searcher.raster(station, raster)?;
-        Ok((searcher, found))
+            Searcher::measure(station, self.side, self.channel, raster.significance, 0.5)?;
+        let start = station.wanted(self.side);
+        let top = start.y + raster.y + raster.overscan;
+        let mut evidence = None;
+        loop {
+            let hit = match searcher.raster(station, raster, top)? {
+                Ok(hit) => hit,
+                Err(seen) => return Ok(Err(seen.after(evidence))),
+            };
+            self.recentre(station, &searcher, &hit)?;
+            let level = searcher.contrast(station, raster.mesh)?;
+            if level > 0.5 * hit.level {
+                return Ok(Ok(Found {
+                    background: searcher.background.mean,
+                    level,
+                }));
+            }
+            evidence = Some(searcher.evidence(&hit).after(evidence));
+            station.move_micro(self.side, 0.0, 0.0);
+            let here = Point::new(start.x, hit.endpoint.y, start.z);
+            self.arrive(station, self.side, here)?;
+        }
     }
 
     /// Brings the macro to where the search saw its brightest light and the micro back to its
     /// centre, arriving from below as the search came.
     fn recentre(&self, station: &mut Station, searcher: &Searcher, hit: &Hit) -> Result<(), Halt> {
+        let mesh = self.recipe.raster.mesh;
         station.move_micro(self.side, 0.0, 0.0);
         let (x, y) = hit.micro;
         self.arrive(station, self.side, hit.endpoint.shifted(x, y, 0.0))?;
         let level = station.level(self.channel, 0.02)?.mean - searcher.background.mean;
-        if level >= 0.5 * hit.level {
-            return Ok(());
-        }
-        // Lags, counts and friction have let the light slip away: it cannot be far.
-        let reach = 3.0 * self.recipe.raster.mesh;
-        match searcher.micro_raster(station, reach, 0.4 * self.recipe.raster.mesh)? {
-            Ok(again) => {
+        if level < 0.5 * hit.level {
+            // Lags, counts and friction have let the light slip away: it cannot be far.
+            if let Ok(again) = searcher.micro_raster(station, 3.0 * mesh, 0.4 * mesh)? {
                 station.move_micro(self.side, again.micro.0, again.micro.1);
                 station.run(0.02)?;
-                Ok(())
-            }
-            Err(seen) => {
-                let level = seen.brightest - searcher.background.mean;
-                Err(lost("climb", level, hit.level))
             }
         }
+        Ok(())
     }
 }
 
@@ -437,13 +451,4 @@ fn no_light(evidence: Option<SearchEvidence>) -> Halt {
         Some(evidence) => Outcome::NoLight(evidence).into(),
         None => Outcome::NotAttempted.into(),
     }
-}
-
-/// The evidence of two searches of the same area.
-fn wider(before: Option<SearchEvidence>, now: SearchEvidence) -> SearchEvidence {
-    before.map_or(now, |before| SearchEvidence {
-        samples: before.samples + now.samples,
-        brightest: before.brightest.max(now.brightest),
-        ..now
-    })
 }

@@ -154,8 +154,11 @@ pub struct Approach {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Last {
-    /// Nine-point patterns averaged around the last centre.
+    /// Nine-point patterns averaged around the last centre, at least.
     pub patterns: u32,
+    /// How well the peak must be known, one standard deviation, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub accuracy: f64,
 }
 
 /// What counts as aligned.

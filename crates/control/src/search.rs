@@ -5,7 +5,7 @@ use crate::recipe::{Raster, Sensing};
 use crate::station::{Level, Station};
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::{Macro, Point};
-use std::f64::consts::{FRAC_1_SQRT_2, TAU};
+use std::f64::consts::TAU;
 
 /// Where a search saw its brightest light.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -58,7 +58,7 @@ impl Searcher {
     }
 
     /// The Cartesian scan: the micro sweeps across in a sinusoid while the macro creeps upward
-    /// by one mesh a period. Ends soon after first light, or with the whole area seen.
+    /// to the height `top` by one mesh a period. Ends soon after first light, or at the top.
     ///
     /// The macro moves in one direction only, so that its transmissions stay wound up alike and
     /// what its encoders say of the hit can be found again.
@@ -70,15 +70,12 @@ impl Searcher {
         &self,
         station: &mut Station,
         raster: &Raster,
+        top: f64,
     ) -> Result<Result<Hit, SearchEvidence>, Halt> {
         let amplitude = (0.5 * raster.x).min(station.kinematics(self.side).micro_reach_x());
-        let height = raster.y + raster.overscan;
         let start = station.wanted(self.side);
-        station.start_line(
-            self.side,
-            start.shifted(0.0, height, 0.0),
-            Some(raster.mesh * raster.frequency),
-        )?;
+        let end = Point::new(start.x, top, start.z);
+        station.start_line(self.side, end, Some(raster.mesh * raster.frequency))?;
         let begin = station.time();
         let sweep = |time: f64| {
             (
@@ -88,18 +85,58 @@ impl Searcher {
         };
         // Light is followed for two more periods, so that the spot's brightest line is seen.
         let follow = 2.0 / raster.frequency;
-        self.watch(station, sweep, follow, |station| station.moving(self.side))
-            .map(|watched| {
-                station.halt(self.side);
-                watched.map_err(|(samples, brightest)| SearchEvidence {
-                    phase: "raster",
-                    samples,
-                    width: 2.0 * amplitude,
-                    height,
-                    brightest,
-                    threshold: self.threshold,
-                })
-            })
+        let watched = self.watch(station, sweep, follow, |station| station.moving(self.side))?;
+        station.halt(self.side);
+        Ok(watched.map_err(|(samples, brightest)| SearchEvidence {
+            phase: "raster",
+            samples,
+            width: 2.0 * amplitude,
+            height: top - start.y,
+            brightest,
+            threshold: self.threshold,
+        }))
+    }
+
+    /// What a search saw that ended with a hit that was none.
+    pub fn evidence(&self, hit: &Hit) -> SearchEvidence {
+        SearchEvidence {
+            phase: "raster",
+            samples: 0,
+            width: 0.0,
+            height: 0.0,
+            brightest: self.background.mean + hit.level,
+            threshold: self.threshold,
+        }
+    }
+
+    /// How much brighter it is here than beside the spot, volts: light that comes through the
+    /// guides is gone a few meshes further, a fluctuation of the background is not. Looks twice
+    /// at either place, for the background wanders.
+    ///
+    /// # Errors
+    ///
+    /// The machine's fault.
+    pub fn contrast(&self, station: &mut Station, mesh: f64) -> Result<f64, Halt> {
+        const SECONDS: f64 = 0.1;
+        const LOOKS: u32 = 2;
+        let (x, y) = station.micro(self.side);
+        let aside = if x > 0.0 {
+            x - 4.0 * mesh
+        } else {
+            x + 4.0 * mesh
+        };
+        let mut contrast = 0.0;
+        for _ in 0..LOOKS {
+            for (x, sign) in [(x, 1.0), (aside, -1.0)] {
+                station.move_micro(self.side, x, y);
+                station.run(0.01)?;
+                let level = station.level(self.channel, SECONDS)?.mean;
+                contrast += sign * level / f64::from(LOOKS);
+            }
+        }
+        station.move_micro(self.side, x, y);
+        station.run(0.01)?;
+        Ok(contrast)
     }
 
     /// A small scan with the micro alone, `reach` metres to each side of its centre: for light
@@ -124,19 +161,17 @@ impl Searcher {
                 reach * (2.0 * elapsed / duration - 1.0),
             )
         };
-        self.watch(station, path, duration, |station| {
+        let watched = self.watch(station, path, duration, |station| {
             station.time() < begin + duration
-        })
-        .map(|watched| {
-            watched.map_err(|(samples, brightest)| SearchEvidence {
-                phase: "local search",
-                samples,
-                width: 2.0 * reach,
-                height: 2.0 * reach,
-                brightest,
-                threshold: self.threshold,
-            })
-        })
+        })?;
+        Ok(watched.map_err(|(samples, brightest)| SearchEvidence {
+            phase: "local search",
+            samples,
+            width: 2.0 * reach,
+            height: 2.0 * reach,
+            brightest,
+            threshold: self.threshold,
+        }))
     }
 
     /// Moves the micro along `path` while `going`, and for `follow` seconds after first light.
@@ -222,6 +257,50 @@ pub fn edge_from_below(
     }))
 }
 
-/// The level of a peak of relative radius one, seen one radius off in each of two directions and
-/// one more: what a hit may fall to before it counts as lost.
-pub(crate) const STILL_THERE: f64 = 0.25 * FRAC_1_SQRT_2;
+/// Moves the sensing fiber, with the micro that carries it, across to the middle of the light
+/// that comes out of the chip. Light was found, so some of it falls into the core already; where
+/// that is only the rim, everything that follows would have to make do with little light.
+///
+/// # Errors
+///
+/// The machine's fault.
+pub fn centre_sensing(station: &mut Station) -> Result<(), Halt> {
+    const SECONDS: f64 = 0.8;
+    const WINDOW: usize = 15;
+    let (side, channel) = (Side::Right, Channel::Sensing);
+    let reach = 0.95 * station.kinematics(side).micro_reach_x();
+    station.move_micro(side, -reach, 0.0);
+    station.run(0.02)?;
+    let begin = station.time();
+    let mut seen: Vec<(f64, f64)> = Vec::with_capacity(1024);
+    while station.time() < begin + SECONDS {
+        let x = reach * (2.0 * (station.time() - begin) / SECONDS - 1.0);
+        station.move_micro(side, x, 0.0);
+        station.cycle()?;
+        if let Some(volts) = station.light(channel) {
+            seen.push((x, volts));
+        }
+    }
+    let smooth: Vec<(f64, f64)> = seen
+        .windows(WINDOW)
+        .map(|w| {
+            (
+                w[WINDOW / 2].0,
+                w.iter().map(|s| s.1).sum::<f64>() / WINDOW as f64,
+            )
+        })
+        .collect();
+    let (low, high) = smooth
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), s| {
+            (l.min(s.1), h.max(s.1))
+        });
+    let bright = smooth.iter().filter(|s| s.1 > 0.5 * (low + high));
+    let (sum, n) = bright.fold((0.0, 0.0), |(sum, n), s| (sum + s.0, n + 1.0));
+    station.move_micro(side, if n > 0.0 { sum / n } else { 0.0 }, 0.0);
+    station.run(0.02)?;
+    Ok(())
+}
+
+/// Share of the light that was found which must still be there after a climb.
+pub(crate) const STILL_THERE: f64 = 0.5;
