@@ -2,5 +2,17 @@
 //!
 //! This crate is the program. It is the only place where belief (`pigtail-control`) and truth
 //! (`pigtail-machines`) meet and may be compared.
+//!
+//! - [`rig`]: what is loaded before anything moves;
+//! - [`align`]: one device aligned on a twin, and what came of it;
+//! - [`record`]: what was seen on the way;
+//! - [`report`]: the page a person wants to look at;
+//! - [`runs`]: the folder all of that goes to;
+//! - [`cli`]: the commands.
 
+pub mod align;
+pub mod cli;
+pub mod record;
+pub mod report;
 pub mod rig;
+pub mod runs;

@@ -1,0 +1,198 @@
+//! One device aligned on a twin, and the document that says how it went.
+
+use crate::rig::Setup;
+use pigtail_control::outcome::Outcome;
+use pigtail_control::procedure::{self, FiberReport};
+use pigtail_control::station::{Observer, Station};
+use pigtail_hal::Fault;
+use pigtail_machines::Twin;
+use pigtail_machines::twin::{FiberTruth, TwinError};
+use serde::Serialize;
+
+/// Tolerances of an aligned fiber: x and y, then z (thesis 3.1), metres.
+const TOLERANCE_XY: f64 = 0.1e-6;
+const TOLERANCE_Z: f64 = 2e-6;
+
+/// What a run prints as JSON and keeps as `summary.json`. Keys are a contract: more may come,
+/// none changes its name or meaning.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Document {
+    /// The rig as it was named.
+    pub rig: String,
+    /// The recipe as it was named.
+    pub recipe: String,
+    /// The procedure.
+    pub procedure: &'static str,
+    /// The seed of machine, device, fixture and noise.
+    pub seed: u64,
+    /// A row a fiber, input first.
+    pub fibers: Vec<FiberRow>,
+    /// Machine time over the number of fibers that were attempted, seconds.
+    pub seconds_per_fiber: f64,
+    /// Whether any fiber or the sensing fiber ever touched the chip: the truth.
+    pub collision: bool,
+    /// The program's version.
+    pub version: &'static str,
+    /// Path of the report; empty when none was written.
+    pub report: String,
+}
+
+/// How one fiber's alignment went.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FiberRow {
+    /// The port.
+    pub port: &'static str,
+    /// What control says of it.
+    pub outcome: &'static str,
+    /// The same in a sentence, with the evidence.
+    pub detail: String,
+    /// Its phases in order.
+    pub phases: Vec<PhaseRow>,
+    /// Machine time of all of them, seconds.
+    pub seconds: f64,
+    /// Where it really is; `null` unless attached.
+    pub offset_um: Option<Offset>,
+    /// Loss at this interface, decibels; `null` unless attached.
+    pub coupling_loss_db: Option<f64>,
+    /// Whether it really is where it should be; `null` unless attached.
+    pub within_tolerance: Option<bool>,
+}
+
+/// One phase of a fiber's alignment.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PhaseRow {
+    /// Its name.
+    pub name: &'static str,
+    /// Machine time, seconds.
+    pub seconds: f64,
+}
+
+/// The truth about an attached fiber: from the lateral peak of the coupling at its gap, and from
+/// the gap that was wanted, micrometres.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Offset {
+    /// Across the chip.
+    pub x: f64,
+    /// Up from the chip.
+    pub y: f64,
+    /// Gap beyond the wanted one.
+    pub z: f64,
+}
+
+/// Why an alignment did not come to its end.
+#[derive(Debug, thiserror::Error)]
+pub enum AlignError {
+    /// The plant cannot be built.
+    #[error(transparent)]
+    Twin(#[from] TwinError),
+    /// The machine stopped.
+    #[error(transparent)]
+    Fault(#[from] Fault),
+}
+
+/// Aligns one device on the twin that `seed` draws.
+///
+/// # Errors
+///
+/// When the plant cannot be built, or the machine has a fault. A fiber that cannot be aligned is
+/// not an error: its row says so.
+pub fn align(
+    setup: &Setup,
+    seed: u64,
+    observer: &mut dyn Observer,
+) -> Result<Document, AlignError> {
+    let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
+    let mut station = Station::new(&mut twin, &setup.calibration, observer)?;
+    let reports = procedure::thesis(&mut station, &setup.recipe)?;
+    let truth = twin.truth();
+    let truths = std::iter::once(truth.input).chain(truth.outputs);
+    let fibers: Vec<FiberRow> = reports
+        .iter()
+        .zip(truths)
+        .map(|(report, truth)| row(report, truth, setup.recipe.approach.gap))
+        .collect();
+    let attempted = reports
+        .iter()
+        .filter(|r| r.outcome != Outcome::NotAttempted)
+        .count();
+    let seconds: f64 = reports.iter().map(FiberReport::seconds).sum();
+    Ok(Document {
+        rig: setup.rig.clone(),
+        recipe: setup.recipe_name.clone(),
+        procedure: "thesis",
+        seed,
+        fibers,
+        seconds_per_fiber: rounded(seconds / attempted.max(1) as f64, 1e-4),
+        collision: truth.smallest_gap <= 0.0,
+        version: env!("CARGO_PKG_VERSION"),
+        report: String::new(),
+    })
+}
+
+impl Document {
+    /// Whether every fiber is aligned, by control's word and in truth, and nothing was touched.
+    pub fn is_success(&self) -> bool {
+        !self.collision
+            && self
+                .fibers
+                .iter()
+                .all(|fiber| fiber.outcome == "aligned" && fiber.within_tolerance == Some(true))
+    }
+}
+
+impl Document {
+    /// The names of all phases, in the order in which they first come.
+    pub fn phase_names(&self) -> Vec<&'static str> {
+        let mut names = Vec::new();
+        for phase in self.fibers.iter().flat_map(|fiber| &fiber.phases) {
+            if !names.contains(&phase.name) {
+                names.push(phase.name);
+            }
+        }
+        names
+    }
+}
+
+impl FiberRow {
+    /// Machine time of a phase, seconds, if it was entered.
+    pub fn seconds_in(&self, phase: &str) -> Option<f64> {
+        self.phases
+            .iter()
+            .find(|row| row.name == phase)
+            .map(|row| row.seconds)
+    }
+}
+
+fn row(report: &FiberReport, truth: Option<FiberTruth>, wanted_gap: f64) -> FiberRow {
+    let offset = truth.map(|t| (t.x, t.y, t.gap - wanted_gap));
+    FiberRow {
+        port: report.port,
+        outcome: report.outcome.name(),
+        detail: report.outcome.to_string(),
+        phases: report
+            .phases
+            .iter()
+            .map(|&(name, seconds)| PhaseRow {
+                name,
+                seconds: rounded(seconds, 1e-4),
+            })
+            .collect(),
+        seconds: rounded(report.seconds(), 1e-4),
+        offset_um: offset.map(|(x, y, z)| Offset {
+            x: rounded(x * 1e6, 1e-6),
+            y: rounded(y * 1e6, 1e-6),
+            z: rounded(z * 1e6, 1e-6),
+        }),
+        coupling_loss_db: truth.map(|t| rounded(-10.0 * t.coupling.log10(), 1e-6)),
+        within_tolerance: offset.map(|(x, y, z)| {
+            x.abs() <= TOLERANCE_XY && y.abs() <= TOLERANCE_XY && z.abs() <= TOLERANCE_Z
+        }),
+    }
+}
+
+/// `value` to a whole multiple of `unit`, so that a document shows no digits without meaning.
+fn rounded(value: f64, unit: f64) -> f64 {
+    let per_unit = (1.0 / unit).round();
+    // Adding zero turns -0 into 0.
+    (value * per_unit).round() / per_unit + 0.0
+}

@@ -1,0 +1,78 @@
+//! The commands. Exit codes: 0 done, 1 an honest negative, 2 bad input, 3 a fault.
+
+mod align;
+mod progress;
+
+use clap::{Parser, Subcommand};
+use pigtail_hal::{Error, Fault};
+use std::process::ExitCode;
+
+const DONE: u8 = 0;
+const NEGATIVE: u8 = 1;
+const BAD_INPUT: u8 = 2;
+const FAULT: u8 = 3;
+
+/// Aligns optical fibers to photonic chips, on a machine or on its digital twin.
+///
+/// A rig describes a machine in three files: its datasheet (`machine.toml`), the truth that only
+/// the twin reads (`plant.toml`) and the belief that control acts on (`calibration.toml`). A
+/// recipe describes a device and how to align it. Without further ado,
+///
+///     pigtail align
+///
+/// draws a machine and a device, aligns three fibers from measurements alone, and says how far
+/// off they really are.
+#[derive(Debug, Parser)]
+#[command(version, max_term_width = 100, verbatim_doc_comment, after_help = AFTER)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const AFTER: &str = "\
+Exit codes:
+  0  done
+  1  an honest negative, such as no light found
+  2  bad input, explained on standard error
+  3  the machine has a fault";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Align(align::Arguments),
+}
+
+/// Why a command ends without its result.
+#[derive(Debug, thiserror::Error)]
+enum Failure {
+    #[error("{0}")]
+    Input(#[from] Error),
+    #[error("the machine has stopped, and is safe: {0}")]
+    Fault(#[from] Fault),
+    #[error("{0:#}")]
+    Other(#[from] anyhow::Error),
+}
+
+/// Runs the program with the process's arguments.
+pub fn main() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            // `--help` and `--version` come this way too. Nobody may be there to read them.
+            let _ = error.print();
+            return ExitCode::from(if error.use_stderr() { BAD_INPUT } else { DONE });
+        }
+    };
+    let result = match arguments.command {
+        Command::Align(arguments) => align::run(&arguments),
+    };
+    match result {
+        Ok(code) => ExitCode::from(code),
+        Err(failure) => {
+            eprintln!("error: {failure}");
+            ExitCode::from(match failure {
+                Failure::Input(_) | Failure::Other(_) => BAD_INPUT,
+                Failure::Fault(_) => FAULT,
+            })
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! What was seen on the way: every phase and every light sample.
+
+use pigtail_control::station::{Observer, Sample};
+use std::io::{self, Write};
+
+/// A phase of a fiber's alignment, and the samples that fall into it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PhaseRecord {
+    /// The port.
+    pub port: String,
+    /// The phase's name.
+    pub name: &'static str,
+    /// When it began, seconds of machine time.
+    pub start: f64,
+    /// Index of its first sample.
+    pub first: usize,
+}
+
+/// An observer that keeps everything.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Record {
+    /// The phases in order.
+    pub phases: Vec<PhaseRecord>,
+    /// The light samples in order.
+    pub samples: Vec<Sample>,
+}
+
+impl Observer for Record {
+    fn phase(&mut self, port: &str, phase: &'static str, time: f64) {
+        self.phases.push(PhaseRecord {
+            port: port.to_owned(),
+            name: phase,
+            start: time,
+            first: self.samples.len(),
+        });
+    }
+
+    fn sample(&mut self, sample: &Sample) {
+        self.samples.push(*sample);
+    }
+}
+
+impl Record {
+    /// The phases with the samples of each.
+    pub fn phases(&self) -> impl Iterator<Item = (&PhaseRecord, &[Sample])> {
+        self.phases.iter().enumerate().map(|(i, phase)| {
+            let end = self
+                .phases
+                .get(i + 1)
+                .map_or(self.samples.len(), |next| next.first);
+            (phase, &self.samples[phase.first..end])
+        })
+    }
+
+    /// Writes the samples as CSV, a row each: time, fiber, phase, photodiodes, then for each
+    /// manipulator the endpoint by its encoders and the displacement commanded to its micro.
+    ///
+    /// # Errors
+    ///
+    /// When `out` cannot be written.
+    pub fn write_csv(&self, out: &mut impl Write) -> io::Result<()> {
+        writeln!(
+            out,
+            "time_s,fiber,phase,output1_V,output2_V,sensing_V,\
+             left_x_um,left_y_um,left_z_um,left_micro_x_um,left_micro_y_um,\
+             right_x_um,right_y_um,right_z_um,right_micro_x_um,right_micro_y_um"
+        )?;
+        for (phase, samples) in self.phases() {
+            for sample in samples {
+                write!(out, "{:.4},{},{}", sample.time, phase.port, phase.name)?;
+                for volts in sample.light {
+                    write!(out, ",{volts:.5}")?;
+                }
+                for (p, (x, y)) in sample.endpoints.iter().zip(sample.micro) {
+                    for metres in [p.x, p.y, p.z, x, y] {
+                        write!(out, ",{:.4}", metres * 1e6)?;
+                    }
+                }
+                writeln!(out)?;
+            }
+        }
+        Ok(())
+    }
+}
