@@ -60,7 +60,7 @@ pub fn thesis(station: &mut Station, recipe: &Recipe) -> Result<Vec<FiberReport>
         Point::new(x, y, z),
         Channel::Sensing,
     );
-    reports.push(input.run(station, |job, station| job.align_input(station))?);
+    reports.push(input.run(station, Job::align_input)?);
     for (k, port) in recipe.ports.outputs.iter().enumerate() {
         let [x, y, z] = port.0;
         let channel = Channel::of_output(k);
@@ -224,7 +224,7 @@ impl<'r> Job<'r> {
             Ok((peak, level))
         })?;
         self.phase(station, "approach", |job, station| {
-            let (_, z) = job.look(station, job.side, Tip::Fiber, recipe.approach.frames)?;
+            let (_, z) = look(station, job.side, Tip::Fiber, recipe.approach.frames)?;
             let way = outward(job.side) * (z - job.port.z) - recipe.approach.gap;
             let end = station.wanted(job.side).shifted(0.0, 0.0, way);
             station.start_line(job.side, end, Some(recipe.approach.speed))?;
@@ -278,32 +278,6 @@ impl<'r> Job<'r> {
         station.line(side, Point::new(here.x, here.y, here.z.min(clear.z)), None)
     }
 
-    /// Averages `frames` vision frames of a tip: its x and z in the chip's frame.
-    fn look(
-        &self,
-        station: &mut Station,
-        side: Side,
-        tip: Tip,
-        frames: u32,
-    ) -> Result<(f64, f64), Halt> {
-        let (mut x, mut z) = (0.0, 0.0);
-        for _ in 0..frames {
-            let frame = station.next_frame()?;
-            let fix = match tip {
-                Tip::Fiber => frame.fiber[side.index()],
-                Tip::Sensing => Some(frame.sensing),
-            };
-            let Some(fix) = fix else {
-                let what = format!("vision sees no fiber in the {} holder", side.name());
-                return Err(Outcome::OutOfReach(what).into());
-            };
-            x += fix.x;
-            z += fix.z;
-        }
-        let n = f64::from(frames);
-        Ok((x / n, z / n))
-    }
-
     /// Brings a tip to `wanted` (chip's frame) at `gap` from its facet, as well as vision can see
     /// and the fixture holds.
     fn place(
@@ -332,7 +306,7 @@ impl<'r> Job<'r> {
         let far = at_gap(station, coarse.far);
         station.line(side, far, None)?;
         for _ in 0..4 {
-            let (x, z) = self.look(station, side, tip, coarse.frames)?;
+            let (x, z) = look(station, side, tip, coarse.frames)?;
             let kinematics = station.kinematics(side);
             let seen = kinematics.macro_from_chip(Point::new(x, wanted.y, wanted.z));
             let aim = kinematics.macro_from_chip(wanted);
@@ -427,6 +401,26 @@ impl<'r> Job<'r> {
         }
         Ok(())
     }
+}
+
+/// Averages `frames` vision frames of a tip: its x and z in the chip's frame.
+fn look(station: &mut Station, side: Side, tip: Tip, frames: u32) -> Result<(f64, f64), Halt> {
+    let (mut x, mut z) = (0.0, 0.0);
+    for _ in 0..frames {
+        let frame = station.next_frame()?;
+        let fix = match tip {
+            Tip::Fiber => frame.fiber[side.index()],
+            Tip::Sensing => Some(frame.sensing),
+        };
+        let Some(fix) = fix else {
+            let what = format!("vision sees no fiber in the {} holder", side.name());
+            return Err(Outcome::OutOfReach(what).into());
+        };
+        x += fix.x;
+        z += fix.z;
+    }
+    let n = f64::from(frames);
+    Ok((x / n, z / n))
 }
 
 /// Direction along the chip's z in which a facet faces.

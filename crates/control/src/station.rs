@@ -164,14 +164,7 @@ impl<'a> Station<'a> {
         let time = self.measurement.time;
         for (i, arm) in self.arms.iter_mut().enumerate() {
             arm.follow(time);
-            let measured = &self.measurement.encoders[i];
-            for axis in 0..AXES {
-                self.command.motors[i][axis] = arm.pids[axis].voltage(
-                    &mut arm.states[axis],
-                    arm.references[axis],
-                    measured[axis],
-                );
-            }
+            self.command.motors[i] = arm.servo(&self.measurement.encoders[i]);
         }
         self.measurement = self.machine.exchange(&self.command)?;
         self.command.fiber = [None; SIDES];
@@ -368,6 +361,13 @@ impl<'a> Station<'a> {
 }
 
 impl Arm {
+    /// The motors' voltages for this cycle.
+    fn servo(&mut self, measured: &[Counts; AXES]) -> [Volts; AXES] {
+        std::array::from_fn(|i| {
+            self.pids[i].voltage(&mut self.states[i], self.references[i], measured[i])
+        })
+    }
+
     /// Sets the references for this moment.
     fn follow(&mut self, time: f64) {
         let Some(motion) = &self.motion else { return };

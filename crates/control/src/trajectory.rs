@@ -19,7 +19,7 @@ impl Trapezoid {
     /// positive.
     pub fn new(length: f64, speed: f64, acceleration: f64) -> Self {
         let speed = speed.min((length * acceleration).sqrt());
-        if !(speed > 0.0) {
+        if speed <= 0.0 || speed.is_nan() {
             return Self {
                 length: 0.0,
                 acceleration,

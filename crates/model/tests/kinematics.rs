@@ -4,7 +4,7 @@ use pigtail_model::fivebar::{FiveBar, JointAngle, Unreachable};
 use proptest::prelude::*;
 
 fn five_bar() -> FiveBar {
-    FiveBar::new(0.040, 0.045, 0.0725).unwrap()
+    FiveBar::new(0.040, 0.045, 0.0725).expect("valid lengths")
 }
 
 proptest! {
@@ -33,15 +33,16 @@ proptest! {
         let angles = mechanism.inverse(x, y).unwrap();
         let jacobian = mechanism.jacobian(angles).unwrap();
         let h = 1e-6;
-        for joint in 0..2 {
-            let mut ahead = angles;
-            let mut behind = angles;
-            ahead[joint].0 += h;
-            behind[joint].0 -= h;
-            let (xa, ya) = mechanism.forward(ahead).unwrap();
-            let (xb, yb) = mechanism.forward(behind).unwrap();
-            prop_assert!((jacobian[0][joint] - (xa - xb) / (2.0 * h)).abs() < 1e-9);
-            prop_assert!((jacobian[1][joint] - (ya - yb) / (2.0 * h)).abs() < 1e-9);
+        let [along_x, along_y] = jacobian;
+        for (joint, (dx, dy)) in along_x.into_iter().zip(along_y).enumerate() {
+            let at = |offset: f64| {
+                let mut moved = angles;
+                moved[joint].0 += offset;
+                mechanism.forward(moved).unwrap()
+            };
+            let ((xa, ya), (xb, yb)) = (at(h), at(-h));
+            prop_assert!((dx - (xa - xb) / (2.0 * h)).abs() < 1e-9);
+            prop_assert!((dy - (ya - yb) / (2.0 * h)).abs() < 1e-9);
         }
     }
 
@@ -64,8 +65,8 @@ fn an_encoder_count_is_between_one_and_two_micrometres_over_the_workspace() {
             let jacobian = mechanism
                 .jacobian(mechanism.inverse(x, y).unwrap())
                 .unwrap();
-            for joint in 0..2 {
-                let step = jacobian[0][joint].hypot(jacobian[1][joint]) * count;
+            for (dx, dy) in jacobian[0].into_iter().zip(jacobian[1]) {
+                let step = dx.hypot(dy) * count;
                 assert!((1e-6..2e-6).contains(&step), "{step} m at ({x}, {y})");
             }
         }

@@ -1,1 +1,60 @@
-fn main() {}
+//! How much faster than real time a whole machine runs: six macro joints, four micro axes,
+//! optics, sensors and control, on one core. The throughput is servo cycles; 2500 of them are a
+//! second of machine time.
+
+use criterion::{Criterion, Throughput, criterion_group, criterion_main};
+use pigtail::align::align;
+use pigtail::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use pigtail_control::procedure;
+use pigtail_control::station::{Station, Unobserved};
+use pigtail_hal::{Command, Machine, Volts};
+use pigtail_machines::Twin;
+use std::hint::black_box;
+
+/// Servo cycles in a second of machine time.
+const CYCLES: u32 = 2500;
+
+fn machine(c: &mut Criterion) {
+    let setup = Setup::load(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME).expect("the rig is well");
+    let twin = |seed| Twin::new(setup.spec.clone(), &setup.plant, seed).expect("a good plant");
+    let mut group = c.benchmark_group("machine");
+
+    group.throughput(Throughput::Elements(u64::from(CYCLES)));
+    group.bench_function("twin alone, all axes moving", |b| {
+        let mut machine = twin(1);
+        let mut k = 0_u32;
+        b.iter(|| {
+            let mut command = Command {
+                laser: true,
+                ..Command::IDLE
+            };
+            for _ in 0..CYCLES {
+                k = k.wrapping_add(1);
+                // A triangle in voltage: every axis goes back and forth.
+                let volts = f64::from(k % 500) / 50.0 - 5.0;
+                let volts = if k % 1000 < 500 { volts } else { -volts };
+                command.motors = [[Volts(volts); 3]; 2];
+                command.micro = [[Volts(5.0 + volts.abs()); 2]; 2];
+                black_box(machine.exchange(&command)).expect("no fault");
+            }
+        });
+    });
+
+    let cycles = {
+        let mut machine = twin(1);
+        let mut unobserved = Unobserved;
+        let mut station =
+            Station::new(&mut machine, &setup.calibration, &mut unobserved).expect("no fault");
+        procedure::thesis(&mut station, &setup.recipe).expect("no fault");
+        station.time() * setup.spec.servo.rate
+    };
+    group.throughput(Throughput::Elements(cycles as u64));
+    group.sample_size(10);
+    group.bench_function("alignment of one device", |b| {
+        b.iter(|| align(&setup, black_box(1), &mut Unobserved).expect("no fault"));
+    });
+    group.finish();
+}
+
+criterion_group!(benches, machine);
+criterion_main!(benches);

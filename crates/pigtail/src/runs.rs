@@ -83,16 +83,13 @@ pub fn write(
 
 /// A name that no run has yet: two runs of one seed may start in the same second.
 fn free_name(runs: &Path, stem: &str) -> PathBuf {
-    (1_u32..)
-        .map(|n| {
-            if n == 1 {
-                runs.join(stem)
-            } else {
-                runs.join(format!("{stem}-{n}"))
-            }
-        })
-        .find(|path| !path.exists())
-        .unwrap_or_else(|| runs.join(stem))
+    let mut path = runs.join(stem);
+    let mut n = 1;
+    while path.exists() {
+        n += 1;
+        path = runs.join(format!("{stem}-{n}"));
+    }
+    path
 }
 
 fn fill(

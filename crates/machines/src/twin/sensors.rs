@@ -62,7 +62,7 @@ impl Photodiodes {
         for (filtered, signal) in self.filtered.iter_mut().zip(signals) {
             *filtered = signal + self.decay * (*filtered - signal);
         }
-        if cycle % self.every != 0 {
+        if !cycle.is_multiple_of(self.every) {
             return None;
         }
         let volts = self.filtered.map(|filtered| {
@@ -132,7 +132,7 @@ impl Camera {
             .pending
             .take_if(|(due, _)| *due <= cycle)
             .map(|(_, frame)| frame);
-        if cycle % self.every == 0 {
+        if cycle.is_multiple_of(self.every) {
             let frame = VisionFrame {
                 time,
                 fiber: fibers.map(|seen| seen.map(|(tip, bias)| self.fix(tip, bias, rng))),

@@ -15,7 +15,7 @@ use std::f64::consts::TAU;
 const CYCLE: f64 = 400e-6;
 
 fn frictionless() -> Friction {
-    Friction::new(0.0, 0.0, 0.0).unwrap()
+    Friction::new(0.0, 0.0, 0.0).expect("valid parameters")
 }
 
 #[test]
@@ -27,8 +27,8 @@ fn free_inertias_swing_with_the_undamped_period() {
     p.motor = Motor::new(1e-12, 1e-12, 1.0).unwrap();
     let joint = joint(p);
     // With twist w = r q_m - q_l: w'' = -k_s (r^2 / J_m + 1 / J_l) w.
-    let stiffness = 3.95;
-    let period = TAU / (stiffness * (0.04 / 1e-6 + 1.0 / 1.75e-5) as f64).sqrt();
+    let stiffness: f64 = 3.95;
+    let period = TAU / (stiffness * (0.04 / 1e-6 + 1.0 / 1.75e-5)).sqrt();
     let mut state = JointState {
         motor_angle: 0.01,
         ..JointState::default()

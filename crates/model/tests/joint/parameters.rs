@@ -10,10 +10,10 @@ pub(crate) fn z_stage() -> JointParameters {
         motor_inertia: 1e-6,
         load_inertia: 1.75e-5,
         ratio: 0.2,
-        motor: Motor::new(0.02, 0.02, 5.53).unwrap(),
-        transmission: Transmission::new(3.95, 0.0).unwrap(),
-        motor_friction: Friction::new(2.58e-3, 2.09e-3, 1.71e-6).unwrap(),
-        load_friction: Friction::new(3.06e-3, 2.94e-3, 5.7e-3).unwrap(),
+        motor: Motor::new(0.02, 0.02, 5.53).expect("valid parameters"),
+        transmission: Transmission::new(3.95, 0.0).expect("valid parameters"),
+        motor_friction: Friction::new(2.58e-3, 2.09e-3, 1.71e-6).expect("valid parameters"),
+        load_friction: Friction::new(3.06e-3, 2.94e-3, 5.7e-3).expect("valid parameters"),
         presliding: 0.0,
         load_torque: 0.0,
     }
@@ -24,17 +24,17 @@ pub(crate) fn five_bar() -> JointParameters {
         motor_inertia: 2.15e-6,
         load_inertia: 8.72e-5,
         ratio: 1.0 / 80.0,
-        motor: Motor::new(0.0185, 0.0185, 7.88).unwrap(),
-        transmission: Transmission::new(53.3, 8.94e6).unwrap(),
-        motor_friction: Friction::new(3.27e-3, 3.15e-3, 3.46e-6).unwrap(),
-        load_friction: Friction::new(0.12, 0.119, 0.211).unwrap(),
+        motor: Motor::new(0.0185, 0.0185, 7.88).expect("valid parameters"),
+        transmission: Transmission::new(53.3, 8.94e6).expect("valid parameters"),
+        motor_friction: Friction::new(3.27e-3, 3.15e-3, 3.46e-6).expect("valid parameters"),
+        load_friction: Friction::new(0.12, 0.119, 0.211).expect("valid parameters"),
         presliding: 12.0 * std::f64::consts::TAU / 2000.0 * (1.0 / 80.0),
         load_torque: 0.0,
     }
 }
 
 pub(crate) fn joint(parameters: JointParameters) -> Joint {
-    Joint::new(parameters, 4e-4).unwrap()
+    Joint::new(parameters, 4e-4).expect("valid parameters")
 }
 
 /// The PID of the reference trajectories, per 400 us cycle: gains in V/count, V/(count s) and

@@ -32,7 +32,7 @@ Examples:
   pigtail align --recipe my-chip.toml   your own device")]
 pub(super) struct Arguments {
     /// What to draw: machine, device, fixture and noise
-    #[arg(long, default_value_t = 0)]
+    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
     seed: u64,
     /// A folder with the three files of a rig, or the name of one below `rigs`
     #[arg(long, default_value = DEFAULT_RIG_NAME)]

@@ -1,0 +1,270 @@
+//! What every machine owes to control, whatever stands behind the boundary.
+
+use pigtail_hal::quantity::{Counts, Volts};
+use pigtail_hal::{Axis, Channel, Command, FiberHandling, Machine, Measurement, Side, Spec};
+use pigtail_machines::Twin;
+use pigtail_machines::twin::Plant;
+
+const RIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../rigs/afpm/");
+
+fn read(file: &str) -> String {
+    std::fs::read_to_string(format!("{RIG}{file}")).expect("the default rig is there")
+}
+
+fn twin(seed: u64) -> Twin {
+    let spec = Spec::parse("machine.toml", &read("machine.toml")).expect("a good datasheet");
+    let plant = Plant::parse("plant.toml", &read("plant.toml")).expect("a good plant");
+    Twin::new(spec, &plant, seed).expect("a good plant")
+}
+
+/// Every machine there is.
+fn machines() -> Vec<Box<dyn Machine>> {
+    vec![Box::new(twin(1)), Box::new(twin(2))]
+}
+
+/// Piezos at the middle of their range.
+fn centred(machine: &dyn Machine) -> Command {
+    let middle = Volts(0.5 * machine.spec().micro.voltage);
+    Command {
+        micro: [[middle; 2]; 2],
+        ..Command::IDLE
+    }
+}
+
+fn run(machine: &mut dyn Machine, command: &Command, cycles: usize) -> Vec<Measurement> {
+    (0..cycles)
+        .map(|_| machine.exchange(command).expect("no fault"))
+        .collect()
+}
+
+#[test]
+fn time_advances_by_one_period_a_cycle() {
+    for mut machine in machines() {
+        let period = machine.spec().period();
+        let command = centred(&*machine);
+        for (i, m) in run(&mut *machine, &command, 1000).iter().enumerate() {
+            assert!((m.time - (i + 1) as f64 * period).abs() < 1e-9);
+        }
+    }
+}
+
+#[test]
+fn slow_sensors_come_at_their_own_rate_with_their_own_time() {
+    for mut machine in machines() {
+        let spec = machine.spec().clone();
+        let command = centred(&*machine);
+        let seconds = 2.0;
+        let seen = run(
+            &mut *machine,
+            &command,
+            (seconds * spec.servo.rate) as usize,
+        );
+        let light = seen.iter().filter(|m| m.light.is_some()).count() as f64;
+        let frames = seen.iter().filter(|m| m.vision.is_some()).count() as f64;
+        assert!(
+            (light - seconds * spec.photodiode.rate).abs() <= 1.0,
+            "{light}"
+        );
+        assert!(
+            (frames - seconds * spec.vision.rate).abs() <= 2.0,
+            "{frames}"
+        );
+        for m in &seen {
+            assert!(m.light.is_none_or(|light| light.time <= m.time));
+            assert!(m.vision.is_none_or(|frame| frame.time <= m.time));
+            assert!(
+                m.vision
+                    .is_none_or(|frame| m.time - frame.time <= spec.vision.latency + 1e-9)
+            );
+        }
+    }
+}
+
+#[test]
+fn without_voltage_nothing_moves() {
+    for mut machine in machines() {
+        let command = centred(&*machine);
+        for m in run(&mut *machine, &command, 2500) {
+            assert_eq!(m.encoders, [[Counts(0); 3]; 2]);
+        }
+    }
+}
+
+#[test]
+fn each_axis_follows_its_own_voltage_in_its_direction() {
+    for side in Side::ALL {
+        for axis in Axis::ALL {
+            for sign in [-1.0, 1.0] {
+                for mut machine in machines() {
+                    let mut command = centred(&*machine);
+                    command.motors[side.index()][axis.index()] = Volts(sign * 4.0);
+                    let last = run(&mut *machine, &command, 250).pop().expect("cycles");
+                    for s in Side::ALL {
+                        for a in Axis::ALL {
+                            let Counts(count) = last.encoders[s.index()][a.index()];
+                            if (s, a) == (side, axis) {
+                                assert!(count as f64 * sign > 100.0, "{side:?} {axis:?} {count}");
+                            } else {
+                                assert_eq!(count, 0, "{s:?} {a:?} moved with {side:?} {axis:?}");
+                            }
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn amplifiers_saturate_at_the_datasheet_s_voltage() {
+    let counts = |volts: f64| {
+        let mut machine = twin(1);
+        let mut command = centred(&machine);
+        command.motors[0][Axis::Z.index()] = Volts(volts);
+        run(&mut machine, &command, 100)
+            .pop()
+            .expect("cycles")
+            .encoders
+    };
+    assert_eq!(counts(24.0), counts(1000.0));
+    assert_ne!(counts(24.0), counts(20.0));
+}
+
+#[test]
+fn a_command_that_is_no_number_stops_the_machine_for_good() {
+    for bad in [f64::NAN, f64::INFINITY] {
+        for mut machine in machines() {
+            let good = centred(&*machine);
+            run(&mut *machine, &good, 10);
+            let mut command = good;
+            command.motors[1][Axis::Z.index()] = Volts(bad);
+            let fault = machine.exchange(&command).expect_err("a fault");
+            assert_eq!(fault.axis, "right.z");
+            assert_eq!(machine.exchange(&good).expect_err("still stopped"), fault);
+        }
+        for mut machine in machines() {
+            let mut command = centred(&*machine);
+            command.micro[0][1] = Volts(bad);
+            assert_eq!(
+                machine.exchange(&command).expect_err("a fault").axis,
+                "left.micro"
+            );
+        }
+    }
+}
+
+#[test]
+fn a_fiber_that_is_not_there_is_a_fault() {
+    for mut machine in machines() {
+        let mut command = centred(&*machine);
+        command.fiber[0] = Some(FiberHandling::Attach);
+        assert!(machine.exchange(&command).is_err());
+    }
+    for mut machine in machines() {
+        let mut command = centred(&*machine);
+        command.fiber[1] = Some(FiberHandling::Load(7));
+        assert!(machine.exchange(&command).is_err());
+    }
+}
+
+#[test]
+fn stop_brings_a_moving_machine_to_rest() {
+    for mut machine in machines() {
+        let mut command = centred(&*machine);
+        command.motors[0] = [Volts(6.0); 3];
+        run(&mut *machine, &command, 500);
+        machine.stop();
+        let command = centred(&*machine);
+        let after = run(&mut *machine, &command, 500);
+        assert_eq!(after[0].encoders, after[499].encoders);
+    }
+}
+
+#[test]
+fn the_dark_is_the_same_on_every_photodiode_and_light_is_more() {
+    for mut machine in machines() {
+        let dark = centred(&*machine);
+        let mean = |seen: &[Measurement], channel: Channel| {
+            let volts: Vec<f64> = seen
+                .iter()
+                .filter_map(|m| Some(m.light?.volts[channel.index()].0))
+                .collect();
+            volts.iter().sum::<f64>() / volts.len() as f64
+        };
+        let seen = run(&mut *machine, &dark, 2500);
+        let offset = mean(&seen, Channel::Output1);
+        for channel in Channel::ALL {
+            assert!((mean(&seen, channel) - offset).abs() < 2e-3);
+        }
+    }
+}
+
+#[test]
+fn vision_sees_a_fiber_only_while_it_is_held() {
+    for mut machine in machines() {
+        let mut command = centred(&*machine);
+        let frame = |seen: &[Measurement]| {
+            seen.iter()
+                .filter_map(|m| m.vision)
+                .next_back()
+                .expect("a frame")
+        };
+        let seen = run(&mut *machine, &command, 500);
+        assert_eq!(frame(&seen).fiber, [None, None]);
+        command.fiber[0] = Some(FiberHandling::Load(0));
+        run(&mut *machine, &command, 1);
+        command.fiber[0] = None;
+        let seen = run(&mut *machine, &command, 500);
+        assert!(frame(&seen).fiber[0].is_some() && frame(&seen).fiber[1].is_none());
+    }
+}
+
+/// The twin alone: the same seed is the same machine, to the last bit.
+#[test]
+fn a_twin_is_its_seed() {
+    let play = |seed: u64| {
+        let mut machine = twin(seed);
+        let mut command = centred(&machine);
+        command.laser = true;
+        (0..3000)
+            .map(|k| {
+                let volts = 5.0 * (f64::from(k) * 0.01).sin();
+                command.motors = [[Volts(volts), Volts(-volts), Volts(2.0 * volts)]; 2];
+                command.micro[0][0] = Volts(5.0 + 0.5 * volts);
+                machine.exchange(&command).expect("no fault")
+            })
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(play(9), play(9));
+    assert_ne!(play(9), play(10));
+}
+
+/// The twin alone: encoder counts are what the thesis says at the endpoint (2.5), and a piezo
+/// moves along its own axis at 45 degrees (3.2.1).
+#[test]
+fn scales_are_those_of_the_thesis() {
+    let spec = Spec::parse("machine.toml", &read("machine.toml")).expect("a good datasheet");
+    let z =
+        0.635e-3 / spec.z_stage.drive.gear_ratio / f64::from(spec.z_stage.drive.counts_per_turn);
+    assert!((z - 0.062e-6).abs() < 0.001e-6, "{z}");
+    let seen_x = |micro: [f64; 2]| {
+        let mut machine = twin(4);
+        let mut command = centred(&machine);
+        command.fiber[0] = Some(FiberHandling::Load(0));
+        command.micro[0] = micro.map(Volts);
+        run(&mut machine, &command, 1);
+        command.fiber[0] = None;
+        let seen = run(&mut machine, &command, 20_000);
+        let x: Vec<f64> = seen
+            .iter()
+            .filter_map(|m| Some(m.vision?.fiber[0]?.x))
+            .collect();
+        x.iter().sum::<f64>() / x.len() as f64
+    };
+    // Both axes over their whole range: 70 um times the square root of two across.
+    let across = seen_x([10.0, 0.0]) - seen_x([0.0, 10.0]);
+    assert!((across - 99e-6).abs() < 5e-6, "{across}");
+    // Both together: up and down, nothing across but what the coupling leaves.
+    let up = seen_x([10.0, 10.0]) - seen_x([0.0, 0.0]);
+    assert!(up.abs() < 5e-6, "{up}");
+}
