@@ -4,24 +4,21 @@ use crate::Invalid;
 
 /// Which way a body moves, or that friction holds it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[repr(i8)]
 pub enum Mode {
     /// Slides with negative velocity.
-    Backward,
+    Backward = -1,
     /// Is held: its velocity is exactly zero.
     #[default]
-    Stuck,
+    Stuck = 0,
     /// Slides with positive velocity.
-    Forward,
+    Forward = 1,
 }
 
 impl Mode {
     /// -1, 0 or +1.
     pub fn sign(self) -> f64 {
-        match self {
-            Self::Backward => -1.0,
-            Self::Stuck => 0.0,
-            Self::Forward => 1.0,
-        }
+        f64::from(self as i8)
     }
 
     /// The direction in which `torque` pushes.

@@ -5,7 +5,7 @@
 //! step itself, they cost nothing but a few evaluations in the rare steps that contain one.
 
 /// How closely [`descent`] finds a root, seconds.
-const ROOT_TOLERANCE: f64 = 1e-14;
+const ROOT_TOLERANCE: f64 = 1e-12;
 
 /// When a quantity that starts at `start >= 0` with slope `rate` and is negative at
 /// `end = (time, value)` reached zero.

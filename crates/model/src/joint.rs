@@ -102,7 +102,7 @@ const MAX_EVENTS: usize = 64;
 
 /// A body that breaks away does so this much after it reached its static friction, seconds: late
 /// enough that rounding cannot stop it again, and far below what a position could show.
-const BREAK_AWAY_DELAY: f64 = 1e-12;
+const BREAK_AWAY_DELAY: f64 = 1e-11;
 
 impl Joint {
     /// A joint that is integrated in steps of at most `max_step` seconds.
@@ -305,21 +305,34 @@ impl Joint {
         let r = self.parameters.ratio;
         let half = 0.5 * h;
         let twist = r * s.motor_angle - s.load_angle;
-        let (vm1, vl1) = (s.motor_velocity, s.load_velocity);
-        let (am1, al1) = self.accelerations(forcing, twist, vm1, vl1);
-        let (vm2, vl2) = (vm1 + half * am1, vl1 + half * al1);
-        let (am2, al2) = self.accelerations(forcing, twist + half * (r * vm1 - vl1), vm2, vl2);
-        let (vm3, vl3) = (vm1 + half * am2, vl1 + half * al2);
-        let (am3, al3) = self.accelerations(forcing, twist + half * (r * vm2 - vl2), vm3, vl3);
-        let (vm4, vl4) = (vm1 + h * am3, vl1 + h * al3);
-        let (am4, al4) = self.accelerations(forcing, twist + h * (r * vm3 - vl3), vm4, vl4);
+        let (vm, vl) = (s.motor_velocity, s.load_velocity);
+        let (am1, al1) = self.accelerations(forcing, twist, vm, vl);
+        // The angles' stages written out in accelerations: the same scheme in fewer operations.
+        let drift = half * (r * vm - vl);
+        let (am2, al2) =
+            self.accelerations(forcing, twist + drift, vm + half * am1, vl + half * al1);
+        let bend = half * half * (r * am1 - al1);
+        let (am3, al3) = self.accelerations(
+            forcing,
+            twist + drift + bend,
+            vm + half * am2,
+            vl + half * al2,
+        );
+        let bend = h * half * (r * am2 - al2);
+        let (am4, al4) = self.accelerations(
+            forcing,
+            twist + 2.0 * drift + bend,
+            vm + h * am3,
+            vl + h * al3,
+        );
         let sixth = h * (1.0 / 6.0);
+        let (am23, al23) = (am2 + am3, al2 + al3);
         Trial {
             end: JointState {
-                motor_angle: s.motor_angle + sixth * (vm1 + 2.0 * (vm2 + vm3) + vm4),
-                load_angle: s.load_angle + sixth * (vl1 + 2.0 * (vl2 + vl3) + vl4),
-                motor_velocity: vm1 + sixth * (am1 + 2.0 * (am2 + am3) + am4),
-                load_velocity: vl1 + sixth * (al1 + 2.0 * (al2 + al3) + al4),
+                motor_angle: s.motor_angle + h * (vm + sixth * (am1 + am23)),
+                load_angle: s.load_angle + h * (vl + sixth * (al1 + al23)),
+                motor_velocity: vm + sixth * (am1 + 2.0 * am23 + am4),
+                load_velocity: vl + sixth * (al1 + 2.0 * al23 + al4),
                 ..*s
             },
             motor_rates: (am1, am4),
