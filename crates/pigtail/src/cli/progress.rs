@@ -1,7 +1,9 @@
 //! A bar a phase with the light level, on a terminal; nothing elsewhere.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use pigtail_control::procedure::PORTS;
 use pigtail_control::station::{Observer, Sample};
+use pigtail_hal::Channel;
 use std::time::Duration;
 
 /// Shows each phase as it runs. indicatif draws on standard error, and only on a terminal.
@@ -12,6 +14,7 @@ pub(super) struct Progress {
     start: f64,
     last: f64,
     brightest: f64,
+    channel: Channel,
 }
 
 /// Resolution of the bar.
@@ -25,6 +28,7 @@ impl Progress {
             start: 0.0,
             last: 0.0,
             brightest: 0.0,
+            channel: Channel::Sensing,
         }
     }
 
@@ -52,19 +56,23 @@ impl Observer for Progress {
         }
         self.bar =
             ProgressBar::with_draw_target(Some(PARTS), ProgressDrawTarget::stderr_with_hz(20));
-        if let Ok(style) = ProgressStyle::with_template("{prefix:18} [{bar:30}] {msg}") {
+        if let Ok(style) = ProgressStyle::with_template("{prefix:17} [{bar:20}] {msg}") {
             self.bar.set_style(style.progress_chars("=> "));
         }
         self.bar.set_prefix(format!("{port:8} {phase}"));
         self.bar.enable_steady_tick(Duration::from_millis(100));
         self.start = time;
         self.brightest = 0.0;
+        // The input is watched through the sensing fiber, an output through itself.
+        self.channel = PORTS[1..]
+            .iter()
+            .position(|output| *output == port)
+            .map_or(Channel::Sensing, Channel::of_output);
     }
 
     fn sample(&mut self, sample: &Sample) {
         self.last = sample.time;
-        let light = sample.light.into_iter().fold(0.0, f64::max);
-        self.brightest = self.brightest.max(light);
+        self.brightest = self.brightest.max(sample.light[self.channel.index()]);
         let share = (self.brightest / self.full).clamp(0.0, 1.0);
         self.bar.set_position((share * PARTS as f64) as u64);
     }
