@@ -12,22 +12,26 @@ const NEGATIVE: u8 = 1;
 const BAD_INPUT: u8 = 2;
 const FAULT: u8 = 3;
 
-/// Aligns optical fibers to photonic chips, on a machine or on its digital twin.
-///
-/// A rig describes a machine in three files: its datasheet (`machine.toml`), the truth that only
-/// the twin reads (`plant.toml`) and the belief that control acts on (`calibration.toml`). A
-/// recipe describes a device and how to align it. Without further ado,
-///
-///     pigtail align
-///
-/// draws a machine and a device, aligns three fibers from measurements alone, and says how far
-/// off they really are.
 #[derive(Debug, Parser)]
-#[command(version, max_term_width = 100, verbatim_doc_comment, after_help = AFTER)]
+#[command(version, max_term_width = 100, about = ABOUT, long_about = LONG_ABOUT, after_help = AFTER)]
 struct Arguments {
     #[command(subcommand)]
     command: Command,
 }
+
+const ABOUT: &str = "Aligns optical fibers to photonic chips, on a machine or on its digital twin";
+
+const LONG_ABOUT: &str = "\
+Aligns optical fibers to photonic chips, on a machine or on its digital twin.
+
+A rig describes a machine in three files: its datasheet (`machine.toml`), the truth that only the \
+twin reads (`plant.toml`) and the belief that control acts on (`calibration.toml`). A recipe \
+describes a device and how to align it. Without further ado,
+
+    pigtail align
+
+draws a machine and a device, aligns three fibers from measurements alone, and says how far off \
+they really are.";
 
 const AFTER: &str = "\
 Exit codes:
