@@ -14,7 +14,7 @@
 //! 5. [`quantity`] and [`config`]: numbers with units, and files that explain their mistakes.
 //!
 //! Inside the project all numbers are SI in `f64`; the doc of each field says the unit. Wire
-//! values have types of their own: [`Counts`](quantity::Counts) and [`Volts`](quantity::Volts).
+//! values have types of their own: [`Counts`] and [`Volts`].
 
 pub mod command;
 pub mod config;
