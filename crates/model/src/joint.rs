@@ -74,7 +74,7 @@ pub struct JointState {
 /// the voltage stay. A stuck body has all of its constants zero.
 #[derive(Clone, Copy)]
 struct Forcing {
-    voltage: f64,
+    motor_gain: f64,
     motor_constant: f64,
     motor_spring: f64,
     load_constant: f64,
@@ -87,6 +87,51 @@ struct Trial {
     end: JointState,
     motor_rates: (f64, f64),
     load_rates: (f64, f64),
+}
+
+/// A motor voltage as a function of time.
+pub trait Voltage {
+    /// The voltage `time` seconds after the start, volts.
+    fn at(&self, time: f64) -> f64;
+    /// Its rate of change, V/s.
+    fn rate(&self, time: f64) -> f64;
+    /// Whether it never changes.
+    fn is_held(&self) -> bool {
+        false
+    }
+}
+
+/// A voltage that is held.
+impl Voltage for f64 {
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "folds away in the hot loop")]
+    fn at(&self, _: f64) -> f64 {
+        *self
+    }
+
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "folds away in the hot loop")]
+    fn rate(&self, _: f64) -> f64 {
+        0.0
+    }
+
+    fn is_held(&self) -> bool {
+        true
+    }
+}
+
+/// A voltage seen from `since` seconds after its start.
+#[derive(Clone, Copy)]
+struct Seen<'v, V> {
+    voltage: &'v V,
+    since: f64,
+}
+
+impl<V: Voltage> Seen<'_, V> {
+    #[inline]
+    fn at(&self, time: f64) -> f64 {
+        self.voltage.at(self.since + time)
+    }
 }
 
 /// One of the two inertias.
@@ -179,28 +224,39 @@ impl Joint {
             + self.parameters.transmission.energy(self.twist(state))
     }
 
-    /// Advances `state` by `duration` seconds under a constant `voltage`.
-    pub fn advance(&self, state: &mut JointState, voltage: f64, duration: f64) {
-        self.resolve(state, voltage);
-        let mut left = duration;
+    /// Advances `state` by `duration` seconds under a voltage that is smooth over that time. At a
+    /// jump of the voltage, advance to it and then from it.
+    pub fn advance(&self, state: &mut JointState, voltage: impl Voltage, duration: f64) {
+        self.resolve(state, voltage.at(0.0));
+        let mut time = 0.0;
         let mut events = 0;
-        while left > 0.0 && !self.is_at_rest(state) {
-            let step = left.min(self.max_step);
-            let forcing = self.forcing(state, voltage);
-            let trial = self.step(state, &forcing, step);
-            match self.first_event(state, &forcing, &trial, step) {
-                Some((body, time)) if events < MAX_EVENTS => {
-                    *state = self.trial_until(state, &forcing, time).end;
-                    self.change_mode(state, body, voltage);
+        while time < duration && !self.is_at_rest_under(state, &voltage) {
+            let step = (duration - time).min(self.max_step);
+            let seen = Seen {
+                voltage: &voltage,
+                since: time,
+            };
+            let forcing = self.forcing(state);
+            let trial = self.step(state, &forcing, &seen, step);
+            match self.first_event(state, &forcing, &seen, &trial, step) {
+                Some((body, after)) if events < MAX_EVENTS => {
+                    *state = self.trial_until(state, &forcing, &seen, after).end;
+                    self.change_mode(state, body, seen.at(after));
                     events += 1;
-                    left -= time;
+                    time += after;
                 }
                 _ => {
                     *state = trial.end;
-                    left -= step;
+                    time += step;
                 }
             }
         }
+    }
+
+    /// Both bodies stuck, and nothing to come that could move them.
+    #[inline]
+    fn is_at_rest_under(&self, state: &JointState, voltage: &impl Voltage) -> bool {
+        self.is_at_rest(state) && voltage.is_held()
     }
 
     /// What happens to a body when its mode ends: one that was stuck breaks away, one that slid
@@ -248,7 +304,7 @@ impl Joint {
             && !self.parameters.load_friction.is_free()
     }
 
-    fn forcing(&self, state: &JointState, voltage: f64) -> Forcing {
+    fn forcing(&self, state: &JointState) -> Forcing {
         let p = &self.parameters;
         let moves = |mode: Mode, friction: &Friction| {
             if mode == Mode::Stuck && !friction.is_free() {
@@ -260,9 +316,8 @@ impl Joint {
         let motor = moves(state.motor_mode, &p.motor_friction) * self.inverse_motor_inertia;
         let load = moves(state.load_mode, &p.load_friction) * self.inverse_load_inertia;
         Forcing {
-            voltage,
-            motor_constant: motor
-                * (p.motor.gain() * voltage - state.motor_mode.sign() * p.motor_friction.coulomb()),
+            motor_gain: motor * p.motor.gain(),
+            motor_constant: -motor * state.motor_mode.sign() * p.motor_friction.coulomb(),
             motor_spring: motor * p.ratio,
             load_constant: load
                 * (p.load_torque - state.load_mode.sign() * p.load_friction.coulomb()),
@@ -275,13 +330,14 @@ impl Joint {
     fn accelerations(
         &self,
         forcing: &Forcing,
+        voltage: f64,
         twist: f64,
         motor_velocity: f64,
         load_velocity: f64,
     ) -> (f64, f64) {
         let torque = self.parameters.transmission.torque(twist);
         (
-            forcing.motor_constant
+            forcing.motor_constant + forcing.motor_gain * voltage
                 - self.motor_decay * motor_velocity
                 - forcing.motor_spring * torque,
             forcing.load_constant - self.load_decay * load_velocity + forcing.load_spring * torque,
@@ -291,8 +347,14 @@ impl Joint {
     /// The trial step that ends at `time`: for the few steps that contain an event.
     #[cold]
     #[inline(never)]
-    fn trial_until(&self, s: &JointState, forcing: &Forcing, time: f64) -> Trial {
-        self.step(s, forcing, time)
+    fn trial_until<V: Voltage>(
+        &self,
+        s: &JointState,
+        forcing: &Forcing,
+        seen: &Seen<V>,
+        time: f64,
+    ) -> Trial {
+        self.step(s, forcing, seen, time)
     }
 
     /// One classical fourth-order Runge-Kutta step of `h` seconds with the modes frozen.
@@ -301,30 +363,21 @@ impl Joint {
         clippy::inline_always,
         reason = "called once in the hot loop; 15 % of a joint cycle"
     )]
-    fn step(&self, s: &JointState, forcing: &Forcing, h: f64) -> Trial {
+    fn step<V: Voltage>(&self, s: &JointState, forcing: &Forcing, seen: &Seen<V>, h: f64) -> Trial {
         let r = self.parameters.ratio;
         let half = 0.5 * h;
+        let (u1, u2, u4) = (seen.at(0.0), seen.at(half), seen.at(h));
         let twist = r * s.motor_angle - s.load_angle;
         let (vm, vl) = (s.motor_velocity, s.load_velocity);
-        let (am1, al1) = self.accelerations(forcing, twist, vm, vl);
+        let a = |u, twist, vm, vl| self.accelerations(forcing, u, twist, vm, vl);
+        let (am1, al1) = a(u1, twist, vm, vl);
         // The angles' stages written out in accelerations: the same scheme in fewer operations.
         let drift = half * (r * vm - vl);
-        let (am2, al2) =
-            self.accelerations(forcing, twist + drift, vm + half * am1, vl + half * al1);
+        let (am2, al2) = a(u2, twist + drift, vm + half * am1, vl + half * al1);
         let bend = half * half * (r * am1 - al1);
-        let (am3, al3) = self.accelerations(
-            forcing,
-            twist + drift + bend,
-            vm + half * am2,
-            vl + half * al2,
-        );
+        let (am3, al3) = a(u2, twist + drift + bend, vm + half * am2, vl + half * al2);
         let bend = h * half * (r * am2 - al2);
-        let (am4, al4) = self.accelerations(
-            forcing,
-            twist + 2.0 * drift + bend,
-            vm + h * am3,
-            vl + h * al3,
-        );
+        let (am4, al4) = a(u4, twist + 2.0 * drift + bend, vm + h * am3, vl + h * al3);
         let sixth = h * (1.0 / 6.0);
         let (am23, al23) = (am2 + am3, al2 + al3);
         Trial {
@@ -342,21 +395,22 @@ impl Joint {
 
     /// The earliest mode change in a trial step of `length`, and its time after the start.
     #[inline]
-    fn first_event(
+    fn first_event<V: Voltage>(
         &self,
         start: &JointState,
         forcing: &Forcing,
+        seen: &Seen<V>,
         trial: &Trial,
         length: f64,
     ) -> Option<(Body, f64)> {
-        let motor = self.event_of(Body::Motor, start, forcing, trial, length);
+        let motor = self.event_of(Body::Motor, start, forcing, seen, (trial, length));
         let Some(time) = motor else {
-            let time = self.event_of(Body::Load, start, forcing, trial, length)?;
+            let time = self.event_of(Body::Load, start, forcing, seen, (trial, length))?;
             return Some((Body::Load, time));
         };
         // The load matters only if it changes before the motor does.
-        let until = self.trial_until(start, forcing, time);
-        match self.event_of(Body::Load, start, forcing, &until, time) {
+        let until = self.trial_until(start, forcing, seen, time);
+        match self.event_of(Body::Load, start, forcing, seen, (&until, time)) {
             Some(earlier) if earlier < time => Some((Body::Load, earlier)),
             _ => Some((Body::Motor, time)),
         }
@@ -364,17 +418,17 @@ impl Joint {
 
     /// When the mode of one body ends within a trial step, if it does.
     #[inline]
-    fn event_of(
+    fn event_of<V: Voltage>(
         &self,
         body: Body,
         start: &JointState,
         forcing: &Forcing,
-        trial: &Trial,
-        length: f64,
+        seen: &Seen<V>,
+        (trial, length): (&Trial, f64),
     ) -> Option<f64> {
-        let at_end = self.margin(body, &trial.end, forcing);
+        let at_end = self.margin(body, &trial.end, seen.at(length));
         if at_end < 0.0 {
-            return Some(self.event_before(body, start, forcing, (length, at_end)));
+            return Some(self.event_before(body, start, forcing, seen, (length, at_end)));
         }
         // A velocity may have dipped below zero and come back. The torque on a stuck body cannot,
         // as long as the other body does not turn round, which would be an event itself.
@@ -382,50 +436,53 @@ impl Joint {
             Body::Motor => (trial.motor_rates, start.motor_mode),
             Body::Load => (trial.load_rates, start.load_mode),
         };
-        if rates.0 * mode.sign() < 0.0 && rates.1 * mode.sign() > 0.0 {
-            self.event_in_dip(body, start, forcing, (rates, mode), (length, at_end))
+        let rates = (rates.0 * mode.sign(), rates.1 * mode.sign());
+        if rates.0 < 0.0 && rates.1 > 0.0 {
+            self.event_in_dip(body, start, forcing, seen, (rates, length, at_end))
         } else {
             None
         }
     }
 
     #[cold]
-    fn event_in_dip(
+    fn event_in_dip<V: Voltage>(
         &self,
         body: Body,
         start: &JointState,
         forcing: &Forcing,
-        (rates, mode): ((f64, f64), Mode),
-        (length, at_end): (f64, f64),
+        seen: &Seen<V>,
+        (rates, length, at_end): ((f64, f64), f64, f64),
     ) -> Option<f64> {
-        let at_start = self.margin(body, start, forcing);
-        let (first, last) = (rates.0 * mode.sign(), rates.1 * mode.sign());
-        let (time, lowest) = interior_minimum(at_start, first, at_end, last, length)?;
+        let at_start = self.margin(body, start, seen.at(0.0));
+        let (time, lowest) = interior_minimum(at_start, rates.0, at_end, rates.1, length)?;
         if lowest >= 0.0 {
             return None;
         }
-        let middle = self.trial_until(start, forcing, time).end;
-        let dip = self.margin(body, &middle, forcing);
-        (dip < 0.0).then(|| self.event_before(body, start, forcing, (time, dip)))
+        let middle = self.trial_until(start, forcing, seen, time).end;
+        let dip = self.margin(body, &middle, seen.at(time));
+        (dip < 0.0).then(|| self.event_before(body, start, forcing, seen, (time, dip)))
     }
 
     /// The time at which a margin that is negative at `end` became so.
     #[cold]
-    fn event_before(
+    fn event_before<V: Voltage>(
         &self,
         body: Body,
         start: &JointState,
         forcing: &Forcing,
+        seen: &Seen<V>,
         end: (f64, f64),
     ) -> f64 {
-        let margin_and_rate = |s: &JointState| {
+        let margin_and_rate = |s: &JointState, time: f64| {
+            let (u, rate) = (seen.at(time), seen.voltage.rate(seen.since + time));
             (
-                self.margin(body, s, forcing),
-                self.margin_rate(body, s, forcing),
+                self.margin(body, s, u),
+                self.margin_rate(body, s, forcing, (u, rate)),
             )
         };
-        let at = |time: f64| margin_and_rate(&self.trial_until(start, forcing, time).end);
-        let (margin, rate) = margin_and_rate(start);
+        let at =
+            |time: f64| margin_and_rate(&self.trial_until(start, forcing, seen, time).end, time);
+        let (margin, rate) = margin_and_rate(start, 0.0);
         if margin <= 0.0 && rate <= 0.0 {
             return 0.0;
         }
@@ -444,7 +501,7 @@ impl Joint {
     /// How far a body is from the end of its mode, positive while the mode lasts: the speed of
     /// one that slides, the torque that is missing to break away for one that is stuck.
     #[inline]
-    fn margin(&self, body: Body, s: &JointState, forcing: &Forcing) -> f64 {
+    fn margin(&self, body: Body, s: &JointState, voltage: f64) -> f64 {
         let (friction, mode, velocity) = match body {
             Body::Motor => (
                 &self.parameters.motor_friction,
@@ -456,26 +513,37 @@ impl Joint {
         if friction.is_free() {
             f64::INFINITY
         } else if mode == Mode::Stuck {
-            friction.static_level() - self.psi(body, s, forcing).abs()
+            friction.static_level() - self.psi(body, s, voltage).abs()
         } else {
             velocity * mode.sign()
         }
     }
 
-    /// Rate of change of [`Self::margin`].
-    fn margin_rate(&self, body: Body, s: &JointState, forcing: &Forcing) -> f64 {
+    /// Rate of change of [`Self::margin`] under a voltage and its rate of change.
+    fn margin_rate(
+        &self,
+        body: Body,
+        s: &JointState,
+        forcing: &Forcing,
+        (voltage, voltage_rate): (f64, f64),
+    ) -> f64 {
         let p = &self.parameters;
         let twist = self.twist(s);
-        let (mode, other_body) = match body {
-            Body::Motor => (s.motor_mode, s.load_velocity),
-            Body::Load => (s.load_mode, s.motor_velocity),
+        let mode = match body {
+            Body::Motor => s.motor_mode,
+            Body::Load => s.load_mode,
         };
         if mode == Mode::Stuck {
-            // psi changes only by the other body's motion through the spring.
-            let psi_rate = p.transmission.stiffness(twist) * p.ratio * other_body;
-            return -psi_rate * self.psi(body, s, forcing).signum();
+            // psi changes by the other body's motion through the spring, and with the voltage.
+            let spring = p.transmission.stiffness(twist) * p.ratio;
+            let psi_rate = match body {
+                Body::Motor => spring * s.load_velocity + p.motor.gain() * voltage_rate,
+                Body::Load => spring * s.motor_velocity,
+            };
+            return -psi_rate * self.psi(body, s, voltage).signum();
         }
-        let (motor, load) = self.accelerations(forcing, twist, s.motor_velocity, s.load_velocity);
+        let (motor, load) =
+            self.accelerations(forcing, voltage, twist, s.motor_velocity, s.load_velocity);
         mode.sign()
             * match body {
                 Body::Motor => motor,
@@ -484,9 +552,9 @@ impl Joint {
     }
 
     #[inline]
-    fn psi(&self, body: Body, s: &JointState, forcing: &Forcing) -> f64 {
+    fn psi(&self, body: Body, s: &JointState, voltage: f64) -> f64 {
         match body {
-            Body::Motor => self.motor_psi(s, forcing.voltage),
+            Body::Motor => self.motor_psi(s, voltage),
             Body::Load => self.load_psi(s),
         }
     }

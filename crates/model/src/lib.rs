@@ -12,7 +12,7 @@
 //! - [`joint`]: the joint whole, (2.1)-(2.13), with its stick-slip transitions located in time by
 //!   [`integrate`];
 //! - [`fivebar`], [`leadscrew`]: from joints to the endpoint;
-//! - [`piezo`]: the micro manipulator;
+//! - [`piezo`]: the micro manipulator; [`pulse`]: the impulse (4.7);
 //! - [`optics`]: how much light passes from a fiber to a chip and back.
 
 pub mod fivebar;
@@ -24,6 +24,7 @@ pub mod leadscrew;
 pub mod motor;
 pub mod optics;
 pub mod piezo;
+pub mod pulse;
 pub mod transmission;
 
 /// A parameter that its equation cannot take.

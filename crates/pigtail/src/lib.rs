@@ -8,6 +8,7 @@
 //! - [`record`]: what was seen on the way;
 //! - [`report`]: the page a person wants to look at;
 //! - [`runs`]: the folder all of that goes to;
+//! - [`simulate`]: one joint alone;
 //! - [`cli`]: the commands.
 
 pub mod align;
@@ -16,3 +17,4 @@ pub mod record;
 pub mod report;
 pub mod rig;
 pub mod runs;
+pub mod simulate;

@@ -92,19 +92,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         &watcher.record,
         &started,
     )?;
-    let mut out = io::stdout().lock();
-    let printed = if arguments.json {
-        serde_json::to_writer(&mut out, &document)
-            .map_err(io::Error::from)
-            .and_then(|()| writeln!(out))
+    let mut text = Vec::new();
+    if arguments.json {
+        serde_json::to_writer(&mut text, &document).map_err(anyhow::Error::from)?;
+        text.push(b'\n');
     } else {
-        print_table(&mut out, &document)
-    };
-    match printed {
-        // Whoever was reading has read enough.
-        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => {}
-        other => other.map_err(anyhow::Error::from)?,
+        print_table(&mut text, &document).map_err(anyhow::Error::from)?;
     }
+    super::print(&text)?;
     Ok(if document.is_success() {
         DONE
     } else {

@@ -2,9 +2,11 @@
 
 mod align;
 mod progress;
+mod simulate;
 
 use clap::{Parser, Subcommand};
 use pigtail_hal::{Error, Fault};
+use std::io::{self, Write};
 use std::process::ExitCode;
 
 const DONE: u8 = 0;
@@ -43,6 +45,7 @@ Exit codes:
 #[derive(Debug, Subcommand)]
 enum Command {
     Align(align::Arguments),
+    Simulate(simulate::Arguments),
 }
 
 /// Why a command ends without its result.
@@ -54,6 +57,15 @@ enum Failure {
     Fault(#[from] Fault),
     #[error("{0:#}")]
     Other(#[from] anyhow::Error),
+}
+
+/// Prints a text. That whoever was reading has read enough is no failure.
+fn print(text: &[u8]) -> anyhow::Result<()> {
+    let mut out = io::stdout().lock();
+    match out.write_all(text).and_then(|()| out.flush()) {
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        other => Ok(other?),
+    }
 }
 
 /// Runs the program with the process's arguments.
@@ -68,6 +80,7 @@ pub fn main() -> ExitCode {
     };
     let result = match arguments.command {
         Command::Align(arguments) => align::run(&arguments),
+        Command::Simulate(arguments) => simulate::run(&arguments),
     };
     match result {
         Ok(code) => ExitCode::from(code),
