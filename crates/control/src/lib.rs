@@ -11,9 +11,12 @@
 //! 5. [`servo`]: from counts to volts, every cycle;
 //! 6. [`station`]: owns the machine's time, one exchange after the other.
 //!
+//! Beside these stand the experiments on one axis: [`characterize`] and [`tune`].
+//!
 //! There are no clocks, no threads and no files here: time comes from the machine.
 
 pub mod calibration;
+pub mod characterize;
 pub mod kinematics;
 pub mod outcome;
 pub mod peak;
@@ -23,3 +26,4 @@ pub mod search;
 pub mod servo;
 pub mod station;
 pub mod trajectory;
+pub mod tune;

@@ -9,7 +9,8 @@ use crate::trajectory::{Limits, Line};
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, CHANNELS, SIDES};
 use pigtail_hal::{
-    Axis, Channel, Command, Fault, FiberHandling, Machine, Measurement, Side, Spec, VisionFrame,
+    Axis, AxisName, Channel, Command, Fault, FiberHandling, Machine, Measurement, Side, Spec,
+    VisionFrame,
 };
 use pigtail_model::frames::{Macro, Point};
 
@@ -287,6 +288,38 @@ impl<'a> Station<'a> {
             arrived = if near { arrived + period } else { 0.0 };
         }
         Ok(())
+    }
+
+    /// Sets the reference of one axis alone, encoder counts from home. Ends any line of that
+    /// manipulator.
+    pub fn reference(&mut self, at: AxisName, counts: Counts) {
+        let arm = &mut self.arms[at.side.index()];
+        arm.motion = None;
+        arm.references[at.axis.index()] = counts;
+    }
+
+    /// Gives one axis another controller. Its state starts afresh.
+    pub fn set_pid(&mut self, at: AxisName, pid: Pid) {
+        let arm = &mut self.arms[at.side.index()];
+        arm.pids[at.axis.index()] = pid;
+        arm.states[at.axis.index()] = PidState::default();
+    }
+
+    /// The encoder of an axis.
+    pub fn encoder(&self, at: AxisName) -> Counts {
+        self.measurement.encoders[at.side.index()][at.axis.index()]
+    }
+
+    /// The voltage that an axis was given in this cycle, volts.
+    pub fn voltage(&self, at: AxisName) -> f64 {
+        self.command.motors[at.side.index()][at.axis.index()].0
+    }
+
+    /// The probe at the output of an axis, metres from home; `None` on a rig without probes.
+    pub fn probe(&self, at: AxisName) -> Option<f64> {
+        self.measurement
+            .probes
+            .map(|probes| probes[at.side.index()][at.axis.index()])
     }
 
     /// Displaces a tip by `(x, y)` metres in its manipulator's frame with the micro, held within

@@ -30,4 +30,4 @@ pub use fault::Fault;
 pub use machine::Machine;
 pub use measurement::{LightSample, Measurement, TipFix, VisionFrame};
 pub use quantity::{Counts, Volts};
-pub use spec::{Axis, Channel, Side, Spec};
+pub use spec::{Axis, AxisName, Channel, Side, Spec};

@@ -17,6 +17,9 @@ pub struct Measurement {
     pub light: Option<LightSample>,
     /// A new frame of the vision system.
     pub vision: Option<VisionFrame>,
+    /// Displacement of each axis's output from home by its probe, metres, indexed by
+    /// `[side][axis]`; `None` on a rig without probes.
+    pub probes: Option<[[f64; AXES]; SIDES]>,
 }
 
 /// One sample of all photodiodes, taken at the same moment.

@@ -2,6 +2,8 @@
 
 use crate::quantity;
 use serde::Deserialize;
+use std::fmt;
+use std::str::FromStr;
 
 /// Number of manipulators.
 pub const SIDES: usize = 2;
@@ -72,6 +74,52 @@ impl Axis {
     }
 }
 
+/// One axis of one manipulator.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct AxisName {
+    /// The manipulator.
+    pub side: Side,
+    /// Its axis.
+    pub axis: Axis,
+}
+
+/// `left.a` and the like; `fivebar` and `z` stand for those of the left manipulator.
+impl FromStr for AxisName {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let named = |axis| {
+            Ok(Self {
+                side: Side::Left,
+                axis,
+            })
+        };
+        match text {
+            "fivebar" => return named(Axis::A),
+            "z" => return named(Axis::Z),
+            _ => {}
+        }
+        let all = Side::ALL
+            .into_iter()
+            .flat_map(|side| Axis::ALL.into_iter().map(move |axis| Self { side, axis }));
+        all.clone()
+            .find(|name| name.to_string() == text)
+            .ok_or_else(|| {
+                let names: Vec<String> = all.map(|name| name.to_string()).collect();
+                format!(
+                    "there is no axis \"{text}\"; accepted is fivebar, z, {}",
+                    names.join(", ")
+                )
+            })
+    }
+}
+
+impl fmt::Display for AxisName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}.{}", self.side.name(), self.axis.name())
+    }
+}
+
 /// A photodiode.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Channel {
@@ -122,6 +170,8 @@ pub struct Spec {
     pub vision: VisionSpec,
     /// The large-core fiber beside the output fiber.
     pub sensing_fiber: SensingFiberSpec,
+    /// Probes that measure the outputs of the axes, where the rig has them.
+    pub probe: Option<ProbeSpec>,
 }
 
 /// The servo card.
@@ -262,6 +312,16 @@ pub struct SensingFiberSpec {
     /// Set back in z, so that it cannot touch the chip while the output fiber is brought there.
     #[serde(deserialize_with = "quantity::lengths")]
     pub offset: [f64; 3],
+}
+
+/// Probes at the outputs: capacitance probes beside the base links of the five-bars, an
+/// interpolating encoder on the z-stages (thesis 2.4.1, 2.5). Read every servo cycle.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ProbeSpec {
+    /// Distance of a capacitance probe from its joint, metres: it measures that times the angle.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub arm: f64,
 }
 
 impl Spec {

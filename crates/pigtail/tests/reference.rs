@@ -14,7 +14,10 @@ fn oracle() -> Option<PathBuf> {
 }
 
 fn rows(text: &str) -> Vec<Vec<String>> {
-    text.lines().skip(1).map(|line| line.split(',').map(str::to_owned).collect()).collect()
+    text.lines()
+        .skip(1)
+        .map(|line| line.split(',').map(str::to_owned).collect())
+        .collect()
 }
 
 /// Compares outputs within `bound` metres, and voltages, modes and counts.
@@ -27,7 +30,11 @@ fn agrees(reference: &str, arguments: &[&str], bound: f64) {
         .args(arguments)
         .output()
         .expect("the program starts");
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     let ours = rows(&String::from_utf8(output.stdout).expect("UTF-8"));
     let text = std::fs::read_to_string(folder.join(reference)).expect("a trajectory");
     let theirs = rows(&text);
@@ -35,8 +42,14 @@ fn agrees(reference: &str, arguments: &[&str], bound: f64) {
     for (a, b) in ours.iter().zip(&theirs) {
         let number = |row: &[String], i: usize| row[i].parse::<f64>().expect("a number");
         assert!((number(a, 0) - number(b, 0)).abs() < 1e-12, "{a:?}");
-        assert!((number(a, 1) - number(b, 1)).abs() < 1e-9, "{a:?} for {b:?}");
-        assert!((number(a, 6) - number(b, 6)).abs() < bound, "{a:?} for {b:?}");
+        assert!(
+            (number(a, 1) - number(b, 1)).abs() < 1e-9,
+            "{a:?} for {b:?}"
+        );
+        assert!(
+            (number(a, 6) - number(b, 6)).abs() < bound,
+            "{a:?} for {b:?}"
+        );
         assert_eq!(a[7..], b[7..], "modes and counts at {}", a[0]);
     }
 }
@@ -49,5 +62,9 @@ fn an_impulse_on_the_z_stage_to_a_thousandth_of_a_nanometre() {
 
 #[test]
 fn a_step_of_the_five_bar_to_a_tenth_of_a_nanometre() {
-    agrees("fb_step_400.csv", &["--axis", "fivebar", "--step", "400"], 1e-10);
+    agrees(
+        "fb_step_400.csv",
+        &["--axis", "fivebar", "--step", "400"],
+        1e-10,
+    );
 }

@@ -38,6 +38,8 @@ pub struct Twin {
     scatter: Fluctuation,
     photodiodes: Photodiodes,
     camera: Camera,
+    /// Arm and noise of the probes, metres.
+    probe: Option<(f64, f64)>,
     rng: Pcg64Mcg,
     cycle: u64,
     /// What the piezos were last told.
@@ -294,6 +296,10 @@ impl Twin {
             ),
             photodiodes: Photodiodes::new(&spec, plant.light.noise, plant.light.offset),
             camera,
+            probe: spec
+                .probe
+                .as_ref()
+                .map(|probe| (probe.arm, plant.probe.noise)),
             rng: noise,
             cycle: 0,
             micro_volts: Command::IDLE.micro,
@@ -390,6 +396,16 @@ impl Twin {
             }
         }
         Ok(())
+    }
+
+    fn probes(&mut self) -> Option<[[f64; AXES]; SIDES]> {
+        let (arm, noise) = self.probe?;
+        Some(std::array::from_fn(|i| {
+            let [a, b, z] = self.manipulators[i].endpoint.0;
+            let screw = self.manipulators[i].screw;
+            [arm * a, arm * b, screw.position(z)]
+                .map(|output| output + noise * normal(&mut self.rng))
+        }))
     }
 
     /// Coupling and tip of a fiber, be it attached or held.
@@ -541,6 +557,7 @@ impl Machine for Twin {
             ],
             light,
             vision,
+            probes: self.probes(),
         })
     }
 

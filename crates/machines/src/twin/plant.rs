@@ -29,6 +29,8 @@ pub struct Plant {
     pub light: Light,
     /// Scattered light.
     pub scatter: Scatter,
+    /// Probes at the outputs of the axes.
+    pub probe: Probe,
     /// How far things lie from where they should.
     pub misplacement: Misplacement,
     /// How far specimens differ.
@@ -79,6 +81,9 @@ pub struct JointPlant {
     /// `q_p`, radians.
     #[serde(deserialize_with = "quantity::non_negative_angle")]
     pub presliding: f64,
+    /// Constant torque on the load by a preloading spring (thesis 2.4.2), N m.
+    #[serde(deserialize_with = "quantity::torque")]
+    pub preload: f64,
     /// The motor.
     pub motor: MotorPlant,
     /// The transmission.
@@ -149,6 +154,20 @@ impl TryFrom<FrictionKeys> for FrictionPlant {
 }
 
 impl FrictionPlant {
+    /// The same friction, `by` times as high.
+    ///
+    /// # Errors
+    ///
+    /// When `by` is negative or not finite.
+    pub fn times(self, by: f64) -> Result<Self, Invalid> {
+        self.scaled(by).map(Self)
+    }
+
+    /// Static level, N m.
+    pub fn static_level(self) -> f64 {
+        self.0.static_level()
+    }
+
     fn scaled(self, by: f64) -> Result<Friction, Invalid> {
         let Self(friction) = self;
         Friction::new(
@@ -251,6 +270,15 @@ pub struct Light {
     pub offset: f64,
     /// Noise of a photodiode sample, rms, volts.
     #[serde(deserialize_with = "quantity::non_negative_voltage")]
+    pub noise: f64,
+}
+
+/// Probes at the outputs of the axes.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Probe {
+    /// Noise of a reading, rms, metres.
+    #[serde(deserialize_with = "quantity::non_negative_length")]
     pub noise: f64,
 }
 
@@ -391,7 +419,7 @@ impl JointPlant {
             motor_friction: self.motor_friction.scaled(vary(1.0, variation.friction))?,
             load_friction: self.load_friction.scaled(vary(1.0, variation.friction))?,
             presliding: vary(self.presliding, variation.stiffness),
-            load_torque: 0.0,
+            load_torque: self.preload,
         })
     }
 }

@@ -1,0 +1,316 @@
+//! Experiments on one axis (thesis 2.3.2, 2.5): step, sine, resolution.
+
+use crate::outcome::{Halt, Outcome};
+use crate::station::Station;
+use pigtail_hal::quantity::Counts;
+use pigtail_hal::{AxisName, Fault};
+use std::f64::consts::TAU;
+
+/// What an axis did in each servo cycle of an experiment.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Trace {
+    /// Time between cycles, seconds.
+    pub period: f64,
+    /// The reference, counts from where the experiment began.
+    pub reference: Vec<f64>,
+    /// The encoder, counts from where the experiment began.
+    pub encoder: Vec<f64>,
+    /// The probe at the output, metres from where the experiment began; empty without one.
+    pub output: Vec<f64>,
+    /// The voltage, volts.
+    pub voltage: Vec<f64>,
+}
+
+/// Moves one axis's reference along `reference` (counts from where it stands, a function of
+/// seconds) for `seconds` and notes what comes of it. Stops early where `keep_on` says so.
+///
+/// # Errors
+///
+/// The machine's fault.
+pub fn record(
+    station: &mut Station,
+    at: AxisName,
+    seconds: f64,
+    reference: impl Fn(f64) -> f64,
+    keep_on: impl Fn(&Trace) -> bool,
+) -> Result<Trace, Fault> {
+    let start = station.encoder(at).0;
+    let origin = station.probe(at);
+    let period = station.spec().period();
+    let cycles = (seconds / period).round() as usize;
+    let mut trace = Trace {
+        period,
+        ..Trace::default()
+    };
+    for series in [
+        &mut trace.reference,
+        &mut trace.encoder,
+        &mut trace.output,
+        &mut trace.voltage,
+    ] {
+        series.reserve(cycles);
+    }
+    for k in 0..cycles {
+        let wanted = (reference(k as f64 * period) + 0.5).floor();
+        station.reference(at, Counts(start + wanted as i64));
+        station.cycle()?;
+        trace.reference.push(wanted);
+        trace.encoder.push((station.encoder(at).0 - start) as f64);
+        trace.voltage.push(station.voltage(at));
+        if let (Some(origin), Some(now)) = (origin, station.probe(at)) {
+            trace.output.push(now - origin);
+        }
+        if !keep_on(&trace) {
+            break;
+        }
+    }
+    Ok(trace)
+}
+
+/// A step response in the usual figures.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StepResponse {
+    /// From 10 to 90 % of the step, seconds.
+    pub rise: f64,
+    /// Until the encoder stays within one count of the step, seconds.
+    pub settling: f64,
+    /// Highest position beyond the step, relative to it.
+    pub overshoot: f64,
+    /// Whether it did settle while it was watched.
+    pub settled: bool,
+}
+
+/// The figures of a step of `size` counts.
+pub fn step_response(trace: &Trace, size: f64) -> StepResponse {
+    let share: Vec<f64> = trace.encoder.iter().map(|count| count / size).collect();
+    let crossing = |level: f64| {
+        let i = share.iter().position(|s| *s >= level)?;
+        // Between the cycles before and after.
+        let before = if i == 0 { 0.0 } else { share[i - 1] };
+        let part = (level - before) / (share[i] - before);
+        Some((i as f64 + part) * trace.period)
+    };
+    let rise = match (crossing(0.1), crossing(0.9)) {
+        (Some(low), Some(high)) => high - low,
+        _ => f64::INFINITY,
+    };
+    let last_out = trace
+        .encoder
+        .iter()
+        .rposition(|count| (count - size).abs() > 1.0);
+    let settled = last_out.is_none_or(|i| i + 1 < trace.encoder.len());
+    StepResponse {
+        rise,
+        settling: last_out.map_or(0.0, |i| (i + 1) as f64 * trace.period),
+        overshoot: share.iter().fold(0.0, |high: f64, s| high.max(s - 1.0)),
+        settled,
+    }
+}
+
+/// Gain and phase of a series against `sin(2 pi f t)` of an amplitude, by correlation over whole
+/// periods. Phase in radians, negative for a lag.
+pub fn gain_and_phase(series: &[f64], period: f64, frequency: f64, amplitude: f64) -> (f64, f64) {
+    let whole = (series.len() as f64 * period * frequency).floor();
+    let n = (whole / (frequency * period)).round() as usize;
+    let (mut in_phase, mut quadrature) = (0.0, 0.0);
+    // A value is measured at the end of its cycle.
+    for (k, value) in series.iter().take(n).enumerate() {
+        let phase = TAU * frequency * (k as f64 + 1.0) * period;
+        in_phase += value * phase.sin();
+        quadrature += value * phase.cos();
+    }
+    let scale = 2.0 / n as f64;
+    (
+        scale * in_phase.hypot(quadrature) / amplitude,
+        quadrature.atan2(in_phase),
+    )
+}
+
+/// The answer of an axis to a sinusoidal reference.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SineResponse {
+    /// Gain at the encoder.
+    pub encoder_gain: f64,
+    /// Phase at the encoder, radians, negative for a lag.
+    pub encoder_phase: f64,
+    /// Gain and phase at the output, relative to the reference; `None` without a probe.
+    pub output: Option<(f64, f64)>,
+}
+
+/// A sine of `amplitude` counts at `frequency` hertz: some periods to get going, then `periods`
+/// that count. `metres_per_count` scales the probe.
+///
+/// # Errors
+///
+/// The machine's fault.
+pub fn sine(
+    station: &mut Station,
+    at: AxisName,
+    amplitude: f64,
+    frequency: f64,
+    periods: u32,
+    metres_per_count: f64,
+) -> Result<(SineResponse, Trace), Fault> {
+    const LEAD: u32 = 2;
+    let seconds = f64::from(LEAD + periods) / frequency;
+    let mut trace = record(
+        station,
+        at,
+        seconds,
+        |t| amplitude * (TAU * frequency * t).sin(),
+        |_| true,
+    )?;
+    let lead = (f64::from(LEAD) / (frequency * trace.period)).round() as usize;
+    for series in [
+        &mut trace.reference,
+        &mut trace.encoder,
+        &mut trace.output,
+        &mut trace.voltage,
+    ] {
+        series.drain(..lead.min(series.len()));
+    }
+    let (encoder_gain, encoder_phase) =
+        gain_and_phase(&trace.encoder, trace.period, frequency, amplitude);
+    let output = (!trace.output.is_empty()).then(|| {
+        gain_and_phase(
+            &trace.output,
+            trace.period,
+            frequency,
+            amplitude * metres_per_count,
+        )
+    });
+    Ok((
+        SineResponse {
+            encoder_gain,
+            encoder_phase,
+            output,
+        },
+        trace,
+    ))
+}
+
+/// The increments of a resolution test at one step size (thesis 2.5).
+#[derive(Debug, Clone, PartialEq)]
+pub struct Increments {
+    /// Step size, counts.
+    pub counts: u32,
+    /// Displacement of the output in each step, metres.
+    pub increments: Vec<f64>,
+}
+
+impl Increments {
+    /// Mean, metres.
+    pub fn mean(&self) -> f64 {
+        self.increments.iter().sum::<f64>() / self.increments.len() as f64
+    }
+
+    /// Standard deviation, metres.
+    pub fn deviation(&self) -> f64 {
+        let mean = self.mean();
+        let squares: f64 = self.increments.iter().map(|d| (d - mean).powi(2)).sum();
+        (squares / (self.increments.len() as f64 - 1.0)).sqrt()
+    }
+
+    /// Largest increment, metres.
+    pub fn largest(&self) -> f64 {
+        self.increments
+            .iter()
+            .fold(0.0, |high: f64, d| high.max(*d))
+    }
+
+    /// Whether the axis moves consistently: all but 1 % of the steps move the output forward by
+    /// more than half of the mean. An axis that moves every second time does not.
+    pub fn is_consistent(&self) -> bool {
+        let half = 0.5 * self.mean();
+        let stuck = self.increments.iter().filter(|d| **d < half).count();
+        (stuck as f64) < 0.01 * self.increments.len() as f64
+    }
+}
+
+/// Steps in one direction, as many as `steps`, of `counts` each, `dwell` seconds apart. The first
+/// ones, over which the transmission winds up, do not count: `lead` of them.
+///
+/// # Errors
+///
+/// A fault; [`Outcome::OutOfReach`] on a rig without probes.
+pub fn increments(
+    station: &mut Station,
+    at: AxisName,
+    counts: u32,
+    steps: u32,
+    lead: u32,
+    dwell: f64,
+) -> Result<Increments, Halt> {
+    const AVERAGED: u32 = 16;
+    let start = station.encoder(at).0;
+    let mut increments = Vec::with_capacity(steps as usize);
+    let mut before = None;
+    for k in 1..=lead + steps {
+        station.reference(at, Counts(start + i64::from(k) * i64::from(counts)));
+        station.run(dwell)?;
+        let mut sum = 0.0;
+        for _ in 0..AVERAGED {
+            station.cycle()?;
+            sum += station.probe(at).ok_or_else(|| {
+                Outcome::OutOfReach(format!("{at} has no probe at its output on this rig"))
+            })?;
+        }
+        let now = sum / f64::from(AVERAGED);
+        if let Some(before) = before.replace(now)
+            && k > lead
+        {
+            increments.push(now - before);
+        }
+    }
+    Ok(Increments { counts, increments })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_figures_of_a_first_order_step() {
+        let (period, tau) = (1e-4, 5e-3);
+        let encoder = (1..2000)
+            .map(|k| 1000.0 * (1.0 - (-f64::from(k) * period / tau).exp()))
+            .collect();
+        let trace = Trace {
+            period,
+            encoder,
+            ..Trace::default()
+        };
+        let r = step_response(&trace, 1000.0);
+        assert!((r.rise - tau * 9.0_f64.ln()).abs() < 1e-5, "{}", r.rise);
+        assert!(
+            (r.settling - tau * 1000.0_f64.ln()).abs() < 2e-4,
+            "{}",
+            r.settling
+        );
+        assert_eq!(r.overshoot, 0.0);
+        assert!(r.settled);
+    }
+
+    #[test]
+    fn gain_and_phase_of_a_sine_are_found() {
+        let (period, f) = (4e-4, 10.0);
+        let series: Vec<f64> = (1..=2500)
+            .map(|k| 3.0 * (TAU * f * f64::from(k) * period - 0.2).sin() + 7.0)
+            .collect();
+        let (gain, phase) = gain_and_phase(&series, period, f, 2.0);
+        assert!(
+            (gain - 1.5).abs() < 1e-9 && (phase + 0.2).abs() < 1e-9,
+            "{gain} {phase}"
+        );
+    }
+
+    #[test]
+    fn steps_that_move_every_second_time_are_not_consistent() {
+        let of = |increments: Vec<f64>| Increments {
+            counts: 1,
+            increments,
+        };
+        assert!(!of((0..100).map(|k| f64::from(k % 2)).collect()).is_consistent());
+        assert!(of((0..100).map(|k| 1.0 + 0.1 * f64::from(k % 2)).collect()).is_consistent());
+    }
+}
