@@ -223,6 +223,9 @@ pub fn random_neighbourhood<E>(
     Ok(notebook.search)
 }
 
+/// A simplex whose edges are all shorter than this, in the logarithm of a gain, has collapsed.
+const COLLAPSED: f64 = 0.06;
+
 /// The simplex search of Nelder and Mead on the logarithms of the gains: it learns the valley's
 /// direction from its own trials, where random neighbours have to guess it each time.
 ///
@@ -251,8 +254,28 @@ pub fn simplex<E>(
         }
         corners.push((point, notebook.try_out(gains(point))?));
     }
+    let mut edge = reach.ln();
     while !notebook.is_over() {
         corners.sort_by(|a, b| a.1.total_cmp(&b.1));
+        let best = corners[0].0;
+        let size = corners[1..]
+            .iter()
+            .flat_map(|corner| corner.0.iter().zip(best).map(|(a, b)| (a - b).abs()))
+            .fold(0.0, f64::max);
+        if size < COLLAPSED {
+            // Too small to see a slope through the steps of the cost: begin anew around the best,
+            // the other way round.
+            edge *= -0.6;
+            for (k, corner) in corners[1..].iter_mut().enumerate() {
+                if notebook.is_over() {
+                    break;
+                }
+                corner.0 = best;
+                corner.0[k] += edge;
+                corner.1 = notebook.try_out(gains(corner.0))?;
+            }
+            continue;
+        }
         let worst = corners[3];
         let middle: [f64; 3] =
             std::array::from_fn(|i| corners[..3].iter().map(|c| c.0[i]).sum::<f64>() / 3.0);
@@ -275,7 +298,6 @@ pub fn simplex<E>(
             if contracted.1 < worst.1.min(reflected.1) {
                 corners[3] = contracted;
             } else {
-                let best = corners[0].0;
                 for corner in &mut corners[1..] {
                     if notebook.is_over() {
                         break;

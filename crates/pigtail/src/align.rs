@@ -191,7 +191,7 @@ fn row(report: &FiberReport, truth: Option<FiberTruth>, wanted_gap: f64) -> Fibe
 }
 
 /// `value` to a whole multiple of `unit`, so that a document shows no digits without meaning.
-fn rounded(value: f64, unit: f64) -> f64 {
+pub(crate) fn rounded(value: f64, unit: f64) -> f64 {
     let per_unit = (1.0 / unit).round();
     // Adding zero turns -0 into 0.
     (value * per_unit).round() / per_unit + 0.0

@@ -8,7 +8,7 @@
 //! - [`record`]: what was seen on the way;
 //! - [`report`]: the page a person wants to look at;
 //! - [`runs`]: the folder all of that goes to;
-//! - [`simulate`]: one joint alone;
+//! - [`simulate`]: one joint alone; [`tune`]: one axis's gains;
 //! - [`cli`]: the commands.
 
 pub mod align;
@@ -18,3 +18,4 @@ pub mod report;
 pub mod rig;
 pub mod runs;
 pub mod simulate;
+pub mod tune;

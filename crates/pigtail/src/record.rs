@@ -1,7 +1,7 @@
 //! What was seen on the way: every phase and every light sample.
 
 use pigtail_control::station::{Observer, Sample};
-use std::io::{self, Write};
+use std::fmt::Write as _;
 
 /// A phase of a fiber's alignment, and the samples that fall into it.
 #[derive(Debug, Clone, PartialEq)]
@@ -52,33 +52,29 @@ impl Record {
         })
     }
 
-    /// Writes the samples as CSV, a row each: time, fiber, phase, photodiodes, then for each
-    /// manipulator the endpoint by its encoders and the displacement commanded to its micro.
-    ///
-    /// # Errors
-    ///
-    /// When `out` cannot be written.
-    pub fn write_csv(&self, out: &mut impl Write) -> io::Result<()> {
-        writeln!(
-            out,
+    /// The samples as CSV, a row each: time, fiber, phase, photodiodes, then for each manipulator
+    /// the endpoint by its encoders and the displacement commanded to its micro.
+    pub fn csv(&self) -> String {
+        let mut out = String::with_capacity(150 * (self.samples.len() + 1));
+        out.push_str(
             "time_s,fiber,phase,output1_V,output2_V,sensing_V,\
              left_x_um,left_y_um,left_z_um,left_micro_x_um,left_micro_y_um,\
-             right_x_um,right_y_um,right_z_um,right_micro_x_um,right_micro_y_um"
-        )?;
+             right_x_um,right_y_um,right_z_um,right_micro_x_um,right_micro_y_um\n",
+        );
         for (phase, samples) in self.phases() {
             for sample in samples {
-                write!(out, "{:.4},{},{}", sample.time, phase.port, phase.name)?;
+                let _ = write!(out, "{:.4},{},{}", sample.time, phase.port, phase.name);
                 for volts in sample.light {
-                    write!(out, ",{volts:.5}")?;
+                    let _ = write!(out, ",{volts:.5}");
                 }
                 for (p, (x, y)) in sample.endpoints.iter().zip(sample.micro) {
                     for metres in [p.x, p.y, p.z, x, y] {
-                        write!(out, ",{:.4}", metres * 1e6)?;
+                        let _ = write!(out, ",{:.4}", metres * 1e6);
                     }
                 }
-                writeln!(out)?;
+                out.push('\n');
             }
         }
-        Ok(())
+        out
     }
 }

@@ -2,7 +2,7 @@
 
 use pigtail_control::calibration::Calibration;
 use pigtail_control::recipe::Recipe;
-use pigtail_hal::{Error, Spec};
+use pigtail_hal::{Axis, Error, Spec};
 use pigtail_machines::twin::Plant;
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
@@ -45,6 +45,8 @@ pub struct Setup {
     pub calibration: Calibration,
     /// What is to be done.
     pub recipe: Recipe,
+    /// The calibration's file; `None` for the one that is compiled in.
+    pub calibration_file: Option<PathBuf>,
     /// Name and SHA-256 of each file that was read, in the order of reading.
     pub hashes: Vec<(String, String)>,
 }
@@ -82,20 +84,77 @@ impl Setup {
             recipe_name: recipe.to_owned(),
             spec,
             plant,
+            calibration_file: rig_folder(rig).map(|folder| folder.join(DEFAULT_RIG[2].0)),
             calibration,
             recipe: recipe_parsed,
             hashes,
         })
     }
+
+    /// Range of an axis in encoder counts.
+    pub fn range_counts(&self, axis: Axis) -> f64 {
+        let drive = self.spec.drive(axis);
+        let geometry = &self.calibration.geometry;
+        let turns = match axis {
+            // The endpoint moves by about the length of a proximal link for a radian.
+            Axis::A | Axis::B => {
+                self.spec.five_bar.workspace / geometry.five_bar.proximal / std::f64::consts::TAU
+            }
+            Axis::Z => self.spec.z_stage.travel / geometry.z.lead,
+        };
+        turns * drive.gear_ratio * f64::from(drive.counts_per_turn)
+    }
+
+    /// Sets keys of a table of the rig's calibration, and leaves the rest of the file as a person
+    /// wrote it. Returns the file's name, or `None` for the rig that is compiled in.
+    ///
+    /// # Errors
+    ///
+    /// When the file cannot be read or written. It is replaced whole or not at all.
+    pub fn write_calibration(
+        &self,
+        table: &str,
+        values: &[(&str, String)],
+    ) -> Result<Option<String>, Error> {
+        let Some(path) = &self.calibration_file else {
+            return Ok(None);
+        };
+        let name = path.display().to_string();
+        let failed = |what: &str, error: &dyn std::fmt::Display| {
+            Error::new(&name, table, format!("{what}: {error}"))
+        };
+        let text = std::fs::read_to_string(path).map_err(|e| failed("cannot be read", &e))?;
+        let mut document: toml_edit::DocumentMut =
+            text.parse().map_err(|e| failed("is not TOML", &e))?;
+        let mut item = document.as_item_mut();
+        for key in table.split('.') {
+            item = &mut item[key];
+            if item.is_none() {
+                *item = toml_edit::table();
+            }
+        }
+        for (key, value) in values {
+            item[key] = toml_edit::value(value.as_str());
+        }
+        let partial = path.with_extension(format!("toml.partial-{}", std::process::id()));
+        std::fs::write(&partial, document.to_string())
+            .and_then(|()| std::fs::rename(&partial, path))
+            .map_err(|e| failed("cannot be written", &e))?;
+        Ok(Some(name))
+    }
+}
+
+/// The folder of a rig; `None` where there is none of that name.
+fn rig_folder(rig: &str) -> Option<PathBuf> {
+    [PathBuf::from(rig), PathBuf::from("rigs").join(rig)]
+        .into_iter()
+        .find(|path| path.is_dir())
 }
 
 fn rig_file(rig: &str, index: usize) -> Result<Source, Error> {
     let (file, built_in) = DEFAULT_RIG[index];
-    let bare = PathBuf::from("rigs").join(rig);
-    let folder = if Path::new(rig).is_dir() {
-        PathBuf::from(rig)
-    } else if bare.is_dir() {
-        bare
+    let folder = if let Some(folder) = rig_folder(rig) {
+        folder
     } else if rig == DEFAULT_RIG_NAME {
         return Ok(Source {
             name: format!("rigs/{rig}/{file} (built in)"),

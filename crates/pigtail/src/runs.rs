@@ -1,13 +1,9 @@
 //! The folder of a run: complete or not there.
 
-use crate::align::Document;
-use crate::record::Record;
-use crate::report;
 use crate::rig::Setup;
 use anyhow::{Context, Result};
 use serde::Serialize;
-use std::fs::{self, File};
-use std::io::{BufWriter, Write};
+use std::fs;
 use std::path::{Path, PathBuf};
 
 /// What `run.json` says of where a run came from.
@@ -27,58 +23,114 @@ struct Configuration<'a> {
     sha256: &'a str,
 }
 
-/// Makes sure that a run can be written below `runs` before a machine moves.
-///
-/// # Errors
-///
-/// When the folder cannot be made or written.
-pub fn prepare(runs: &Path) -> Result<()> {
-    let probe = runs.join(".writable");
-    fs::create_dir_all(runs)
-        .and_then(|()| File::create(&probe))
-        .and_then(|_| fs::remove_file(&probe))
-        .with_context(|| {
+/// A run's folder while it is being written: beside its place, to be moved there whole. Dropped
+/// before that, it leaves nothing behind.
+#[derive(Debug)]
+pub struct Run {
+    partial: PathBuf,
+    folder: PathBuf,
+    started: jiff::Zoned,
+}
+
+impl Run {
+    /// Begins a run below `runs`, named after the time, `label` and the seed.
+    ///
+    /// # Errors
+    ///
+    /// When the folder cannot be made.
+    pub fn begin(runs: &Path, label: &str, seed: u64) -> Result<Self> {
+        let started = jiff::Zoned::now();
+        let stem = format!("{}{label}-{seed}", started.strftime("%Y%m%dT%H%M%S"));
+        let folder = free_name(runs, &stem);
+        let name = folder
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
+        let partial = runs.join(format!(".{name}.partial-{}", std::process::id()));
+        fs::create_dir_all(&partial).with_context(|| {
             format!(
                 "{}: no run can be written here; accepted is a writable folder",
                 runs.display()
             )
+        })?;
+        Ok(Self {
+            partial,
+            folder,
+            started,
         })
+    }
+
+    /// Where a file of the run will be.
+    pub fn path(&self, file: &str) -> PathBuf {
+        self.folder.join(file)
+    }
+
+    /// Writes a file of the run.
+    ///
+    /// # Errors
+    ///
+    /// When it cannot be written.
+    pub fn write(&self, file: &str, content: impl AsRef<[u8]>) -> Result<()> {
+        fs::write(self.partial.join(file), content)
+            .with_context(|| format!("{}: cannot be written", self.path(file).display()))
+    }
+
+    /// Writes a value as JSON.
+    ///
+    /// # Errors
+    ///
+    /// When it cannot be written.
+    pub fn write_json(&self, file: &str, value: &impl Serialize) -> Result<()> {
+        let mut json = serde_json::to_string_pretty(value)?;
+        json.push('\n');
+        self.write(file, json)
+    }
+
+    /// Notes where the run came from, and moves it to its place.
+    ///
+    /// # Errors
+    ///
+    /// When that cannot be done.
+    pub fn finish(self, setup: &Setup, seed: u64) -> Result<()> {
+        self.write_json(
+            "run.json",
+            &Origin {
+                version: env!("CARGO_PKG_VERSION"),
+                started: self.started.strftime("%Y-%m-%dT%H:%M:%S%:z").to_string(),
+                command: std::env::args().collect(),
+                seed,
+                configuration: setup
+                    .hashes
+                    .iter()
+                    .map(|(file, sha256)| Configuration { file, sha256 })
+                    .collect(),
+            },
+        )?;
+        fs::rename(&self.partial, &self.folder)
+            .with_context(|| format!("{}: cannot be written", self.folder.display()))
+    }
+
+    /// The run's name, by which others refer to it.
+    pub fn name(&self) -> String {
+        self.folder
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned()
+    }
+
+    /// The day on which it began.
+    pub fn date(&self) -> String {
+        self.started.strftime("%Y-%m-%d").to_string()
+    }
 }
 
-/// Writes a run below `runs` and returns its report's path. The run's folder appears whole: it
-/// is written beside its place and then moved.
-///
-/// # Errors
-///
-/// When something cannot be written. What was written is removed.
-pub fn write(
-    runs: &Path,
-    setup: &Setup,
-    document: &mut Document,
-    record: &Record,
-    started: &jiff::Zoned,
-) -> Result<PathBuf> {
-    let stem = format!("{}-{}", started.strftime("%Y%m%dT%H%M%S"), document.seed);
-    let folder = free_name(runs, &stem);
-    let partial = runs.join(format!(
-        ".{}.partial-{}",
-        folder.file_name().unwrap_or_default().to_string_lossy(),
-        std::process::id()
-    ));
-    document.report = folder.join("report.html").display().to_string();
-    let written = fs::create_dir_all(&partial)
-        .map_err(Into::into)
-        .and_then(|()| fill(&partial, setup, document, record, started))
-        .and_then(|()| fs::rename(&partial, &folder).map_err(Into::into));
-    if let Err(error) = written {
-        // The first error is the one to tell of.
-        let _ = fs::remove_dir_all(&partial);
-        return Err(error.context(format!(
-            "{}: the run could not be written",
-            folder.display()
-        )));
+impl Drop for Run {
+    fn drop(&mut self) {
+        // Moved to its place it is no longer here; else there is nobody left to tell.
+        let _ = fs::remove_dir_all(&self.partial);
     }
-    Ok(folder.join("report.html"))
 }
 
 /// A name that no run has yet: two runs of one seed may start in the same second.
@@ -90,38 +142,4 @@ fn free_name(runs: &Path, stem: &str) -> PathBuf {
         path = runs.join(format!("{stem}-{n}"));
     }
     path
-}
-
-fn fill(
-    folder: &Path,
-    setup: &Setup,
-    document: &Document,
-    record: &Record,
-    started: &jiff::Zoned,
-) -> Result<()> {
-    let origin = Origin {
-        version: document.version,
-        started: started.strftime("%Y-%m-%dT%H:%M:%S%:z").to_string(),
-        command: std::env::args().collect(),
-        seed: document.seed,
-        configuration: setup
-            .hashes
-            .iter()
-            .map(|(file, sha256)| Configuration { file, sha256 })
-            .collect(),
-    };
-    let mut json = serde_json::to_string_pretty(&origin)?;
-    json.push('\n');
-    fs::write(folder.join("run.json"), json)?;
-    let mut json = serde_json::to_string_pretty(document)?;
-    json.push('\n');
-    fs::write(folder.join("summary.json"), json)?;
-    let mut samples = BufWriter::new(File::create(folder.join("samples.csv"))?);
-    record.write_csv(&mut samples)?;
-    samples.flush()?;
-    fs::write(
-        folder.join("report.html"),
-        report::alignment(setup, document, record)?,
-    )?;
-    Ok(())
 }

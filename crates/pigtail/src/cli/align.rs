@@ -1,11 +1,12 @@
 //! `pigtail align`.
 
 use super::progress::Progress;
-use super::{DONE, Failure, NEGATIVE};
-use crate::align::{AlignError, Document, align};
+use super::{DONE, Failure, NEGATIVE, failure};
+use crate::align::{Document, align};
 use crate::record::Record;
+use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
-use crate::runs;
+use crate::runs::Run;
 use clap::Args;
 use comfy_table::{
     CellAlignment, ContentArrangement, ContentLineStyle, LineStyle, Table, TableStyle,
@@ -67,31 +68,22 @@ impl Observer for Watcher {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    let started = jiff::Zoned::now();
     let setup = Setup::load(&arguments.rig, &arguments.recipe)?;
-    runs::prepare(&arguments.runs)?;
+    let run = Run::begin(&arguments.runs, "", arguments.seed)?;
     let full = setup.spec.photodiode.range;
     let mut watcher = Watcher {
         record: Record::default(),
         progress: Progress::new(full),
     };
-    let mut document =
-        align(&setup, arguments.seed, &mut watcher).map_err(|error| match error {
-            AlignError::Fault(fault) => Failure::Fault(fault),
-            AlignError::Twin(error) => Failure::Input(pigtail_hal::Error::new(
-                &arguments.rig,
-                "",
-                error.to_string(),
-            )),
-        })?;
+    let mut document = align(&setup, arguments.seed, &mut watcher)
+        .map_err(|error| failure(error, &arguments.rig))?;
     watcher.progress.finish();
-    runs::write(
-        &arguments.runs,
-        &setup,
-        &mut document,
-        &watcher.record,
-        &started,
-    )?;
+    let record = &watcher.record;
+    document.report = run.path("report.html").display().to_string();
+    run.write_json("summary.json", &document)?;
+    run.write("samples.csv", record.csv())?;
+    run.write("report.html", report::alignment(&setup, &document, record)?)?;
+    run.finish(&setup, arguments.seed)?;
     let mut text = Vec::new();
     if arguments.json {
         serde_json::to_writer(&mut text, &document).map_err(anyhow::Error::from)?;

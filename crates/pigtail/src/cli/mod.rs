@@ -3,7 +3,9 @@
 mod align;
 mod progress;
 mod simulate;
+mod tune;
 
+use crate::align::AlignError;
 use clap::{Parser, Subcommand};
 use pigtail_hal::{Error, Fault};
 use std::io::{self, Write};
@@ -45,6 +47,7 @@ Exit codes:
 #[derive(Debug, Subcommand)]
 enum Command {
     Align(align::Arguments),
+    Tune(tune::Arguments),
     Simulate(simulate::Arguments),
 }
 
@@ -57,6 +60,14 @@ enum Failure {
     Fault(#[from] Fault),
     #[error("{0:#}")]
     Other(#[from] anyhow::Error),
+}
+
+/// What a run that did not come to its end is to the user of `rig`.
+fn failure(error: AlignError, rig: &str) -> Failure {
+    match error {
+        AlignError::Fault(fault) => Failure::Fault(fault),
+        AlignError::Twin(error) => Failure::Input(Error::new(rig, "", error.to_string())),
+    }
 }
 
 /// Prints a text. That whoever was reading has read enough is no failure.
@@ -80,6 +91,7 @@ pub fn main() -> ExitCode {
     };
     let result = match arguments.command {
         Command::Align(arguments) => align::run(&arguments),
+        Command::Tune(arguments) => tune::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
     };
     match result {

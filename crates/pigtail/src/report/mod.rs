@@ -3,5 +3,7 @@
 mod alignment;
 mod figure;
 mod html;
+mod tuning;
 
 pub use alignment::alignment;
+pub use tuning::tuning;

@@ -1,0 +1,161 @@
+//! `pigtail tune`.
+
+use super::{DONE, Failure, failure};
+use crate::report;
+use crate::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use crate::runs::Run;
+use crate::tune::{Method, Plan, tune, usual_step};
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use pigtail_hal::{AxisName, Error};
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+/// Tune the PID of an axis on the machine
+///
+/// Steps the axis by two sizes and looks for the gains with the least ITAE (integral of time times
+/// absolute error), from three starts far apart. Gains that ring or let the axis run away are cut
+/// short and count as infinitely bad. The result goes into the rig's `calibration.toml` with its
+/// date and run, and a report with the path through gain space into a folder below `runs`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pigtail tune fivebar                     the first joint of the left five-bar
+  pigtail tune z --seed 4 --dry-run        another machine; leave its calibration alone
+  pigtail tune right.b --search random     the thesis's own search, 100 trials")]
+pub(super) struct Arguments {
+    /// fivebar, z, or left.a, left.b, left.z, right.a, right.b, right.z
+    axis: AxisName,
+    /// Which machine to draw
+    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
+    seed: u64,
+    /// A folder with the three files of a rig, or the name of one below `rigs`
+    #[arg(long, default_value = DEFAULT_RIG_NAME)]
+    rig: String,
+    /// How to search
+    #[arg(long, value_enum, default_value = "simplex")]
+    search: Method,
+    /// Trials of each start, 100 at most; 50 for the simplex, 100 for the random search
+    #[arg(long, value_parser = clap::value_parser!(u32).range(5..=100))]
+    trials: Option<u32>,
+    /// The larger of the two steps, counts; 400 for a five-bar joint, 1300 for z
+    #[arg(long, value_parser = clap::value_parser!(i64).range(20..), allow_negative_numbers = true)]
+    step: Option<i64>,
+    /// Do not write the gains into the rig's calibration
+    #[arg(long)]
+    dry_run: bool,
+    /// Print one JSON document instead of text
+    #[arg(long)]
+    json: bool,
+    /// Where to write the run's folder
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    runs: PathBuf,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let setup = Setup::load(&arguments.rig, DEFAULT_RECIPE_NAME)?;
+    let at = arguments.axis;
+    let plan = Plan {
+        at,
+        method: arguments.search,
+        trials: arguments.trials.unwrap_or(arguments.search.usual_trials()),
+        step: arguments.step.unwrap_or(usual_step(at.axis)),
+    };
+    let range = setup.range_counts(at.axis);
+    if plan.step as f64 > 0.4 * range {
+        return Err(Error::new(
+            "--step",
+            "",
+            format!(
+                "{} counts are beyond the axis's range; accepted is at most {:.0}",
+                plan.step,
+                0.4 * range
+            ),
+        )
+        .into());
+    }
+    let run = Run::begin(&arguments.runs, "-tune", arguments.seed)?;
+    let bar = ProgressBar::new(u64::from(3 * plan.trials));
+    if let Ok(style) = ProgressStyle::with_template("{prefix:17} [{bar:20}] {msg}") {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    bar.set_prefix(format!("tune {at}"));
+    let mut observe = |start: usize, trial: u32, best: f64| {
+        bar.inc(1);
+        bar.set_message(format!(
+            "start {}  trial {trial}  cost {best:.2} ms2",
+            start + 1
+        ));
+    };
+    let mut tuned = tune(&setup, &plan, arguments.seed, &mut observe)
+        .map_err(|error| failure(error, &arguments.rig))?;
+    bar.finish_and_clear();
+    tuned.document.report = run.path("report.html").display().to_string();
+    if !arguments.dry_run {
+        let table = format!(
+            "gains.{}",
+            if at.axis == pigtail_hal::Axis::Z {
+                "z"
+            } else {
+                "five_bar"
+            }
+        );
+        let g = tuned.document.gains;
+        let written = setup.write_calibration(
+            &table,
+            &[
+                ("kp", format!("{} V/count", g.kp)),
+                ("ki", format!("{} V/(count s)", g.ki)),
+                ("kd", format!("{} V s/count", g.kd)),
+                ("date", run.date()),
+                ("origin", format!("tune {at}, run {}", run.name())),
+            ],
+        )?;
+        tuned.document.calibration = written.unwrap_or_default();
+    }
+    run.write_json("summary.json", &tuned.document)?;
+    run.write("report.html", report::tuning(&tuned)?)?;
+    let document = &tuned.document;
+    let mut text = String::new();
+    if arguments.json {
+        text = serde_json::to_string(document).map_err(anyhow::Error::from)?;
+        text.push('\n');
+    } else {
+        let g = document.gains;
+        let _ = writeln!(
+            text,
+            "{at}: kp {} V/count, ki {} V/(count s), kd {} V s/count",
+            g.kp, g.ki, g.kd
+        );
+        let _ = writeln!(
+            text,
+            "rise {:.1} ms, settling {:.1} ms, overshoot {:.1} %, cost {:.2} ms2",
+            document.rise_ms, document.settling_ms, document.overshoot_percent, document.cost
+        );
+        for start in &document.starts {
+            let _ = writeln!(
+                text,
+                "  from kp {}, ki {}, kd {}: cost {} to {:.2} ms2 in {} trials, within 5 % after {}",
+                start.start.kp,
+                start.start.ki,
+                start.start.kd,
+                start
+                    .cost_at_start
+                    .map_or_else(|| "infinite".to_owned(), |c| format!("{c:.2}")),
+                start.cost,
+                start.trials,
+                start.trials_to_5_percent
+            );
+        }
+        let _ = writeln!(text, "{:.0} s of machine time", document.seconds_machine);
+        if document.calibration.is_empty() {
+            let _ = writeln!(text, "The calibration was left as it is.");
+        } else {
+            let _ = writeln!(text, "Written to {}", document.calibration);
+        }
+        let _ = writeln!(text, "Report: {}", document.report);
+    }
+    run.finish(&setup, arguments.seed)?;
+    super::print(text.as_bytes())?;
+    Ok(DONE)
+}
