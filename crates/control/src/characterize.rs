@@ -1,9 +1,11 @@
-//! Experiments on one axis (thesis 2.3.2, 2.5): step, sine, resolution.
+//! Experiments on one axis (thesis 2.3.2, 2.5): step, sine, frequency response, resolution.
 
 use crate::outcome::{Halt, Outcome};
 use crate::station::Station;
 use pigtail_hal::quantity::Counts;
 use pigtail_hal::{AxisName, Fault};
+use rustfft::FftPlanner;
+use rustfft::num_complex::Complex;
 use std::f64::consts::TAU;
 
 /// What an axis did in each servo cycle of an experiment.
@@ -189,6 +191,85 @@ pub fn sine(
     ))
 }
 
+/// A frequency response, estimated from a record by Welch's method.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FrequencyResponse {
+    /// Frequencies, hertz.
+    pub frequency: Vec<f64>,
+    /// Gain of the output over the input.
+    pub gain: Vec<f64>,
+    /// Phase, radians, negative for a lag, unwrapped from the lowest frequency on.
+    pub phase: Vec<f64>,
+    /// Coherence, 0 to 1: the share of the output that a linear answer to the input explains.
+    pub coherence: Vec<f64>,
+}
+
+/// The response from `input` to `output` up to `highest` hertz: cross spectrum over input
+/// spectrum, Hann windows of `window` samples that overlap by half. An output that belongs to the
+/// end of its cycle is taken as such.
+pub fn frequency_response(
+    input: &[f64],
+    output: &[f64],
+    period: f64,
+    window: usize,
+    highest: f64,
+) -> FrequencyResponse {
+    let fft = FftPlanner::new().plan_fft_forward(window);
+    let hann: Vec<f64> = (0..window)
+        .map(|k| 0.5 - 0.5 * (TAU * k as f64 / window as f64).cos())
+        .collect();
+    let bins = ((highest * window as f64 * period) as usize).min(window / 2);
+    let mut spectra = vec![(0.0, 0.0, Complex::new(0.0, 0.0)); bins + 1];
+    let transform = |part: &[f64]| {
+        let mean = part.iter().sum::<f64>() / window as f64;
+        let mut buffer: Vec<Complex<f64>> = part
+            .iter()
+            .zip(&hann)
+            .map(|(v, w)| Complex::new((v - mean) * w, 0.0))
+            .collect();
+        fft.process(&mut buffer);
+        buffer
+    };
+    let length = input.len().min(output.len());
+    let mut start = 0;
+    while start + window <= length {
+        let x = transform(&input[start..start + window]);
+        let y = transform(&output[start..start + window]);
+        for (k, (xx, yy, xy)) in spectra.iter_mut().enumerate() {
+            *xx += x[k].norm_sqr();
+            *yy += y[k].norm_sqr();
+            *xy += x[k].conj() * y[k];
+        }
+        start += window / 2;
+    }
+    let mut response = FrequencyResponse::default();
+    let mut turns = 0.0;
+    for (k, (xx, yy, xy)) in spectra.into_iter().enumerate().skip(1) {
+        let frequency = k as f64 / (window as f64 * period);
+        let mut phase = xy.arg() - TAU * frequency * period + turns;
+        if let Some(last) = response.phase.last() {
+            let jump = ((phase - last) / TAU).round() * TAU;
+            phase -= jump;
+            turns -= jump;
+        }
+        response.frequency.push(frequency);
+        response.gain.push(xy.norm() / xx.max(f64::MIN_POSITIVE));
+        response.phase.push(phase);
+        response
+            .coherence
+            .push(xy.norm_sqr() / (xx * yy).max(f64::MIN_POSITIVE));
+    }
+    response
+}
+
+impl FrequencyResponse {
+    /// The lowest frequency at which the gain has fallen to `gain`, hertz.
+    pub fn bandwidth(&self, gain: f64) -> Option<f64> {
+        let k = self.gain.iter().position(|g| *g < gain)?;
+        Some(self.frequency[k])
+    }
+}
+
 /// The increments of a resolution test at one step size (thesis 2.5).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Increments {
@@ -302,6 +383,35 @@ mod tests {
             (gain - 1.5).abs() < 1e-9 && (phase + 0.2).abs() < 1e-9,
             "{gain} {phase}"
         );
+    }
+
+    #[test]
+    fn the_frequency_response_of_a_delayed_low_pass_is_found() {
+        let (period, decay) = (4e-4, 0.9);
+        let mut state = 1_u64;
+        let (mut y, mut input, mut output) = (0.0, Vec::new(), Vec::new());
+        for _ in 0..100_000 {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            let x = (state >> 33) as f64 / f64::from(1_u32 << 30) - 1.0;
+            y = decay * y + (1.0 - decay) * x;
+            input.push(x);
+            // Measured at the end of the cycle in which the input acted.
+            output.push(y);
+        }
+        let r = frequency_response(&input, &output, period, 4096, 200.0);
+        for (k, f) in r.frequency.iter().enumerate().step_by(20) {
+            let z = Complex::from_polar(1.0, -TAU * f * period);
+            let exact = (1.0 - decay) / (Complex::new(1.0, 0.0) - decay * z) * z;
+            assert!(
+                (r.gain[k] / exact.norm() - 1.0).abs() < 0.03,
+                "{f} Hz: {}",
+                r.gain[k]
+            );
+            assert!((r.phase[k] - exact.arg()).abs() < 0.03, "{f} Hz");
+            assert!(r.coherence[k] > 0.99);
+        }
     }
 
     #[test]

@@ -9,9 +9,11 @@
 //! - [`report`]: the page a person wants to look at;
 //! - [`runs`]: the folder all of that goes to;
 //! - [`simulate`]: one joint alone; [`tune`]: one axis's gains;
+//!   [`characterize`]: what one axis can do;
 //! - [`cli`]: the commands.
 
 pub mod align;
+pub mod characterize;
 pub mod cli;
 pub mod record;
 pub mod report;

@@ -1,6 +1,7 @@
 //! The commands. Exit codes: 0 done, 1 an honest negative, 2 bad input, 3 a fault.
 
 mod align;
+mod characterize;
 mod progress;
 mod simulate;
 mod tune;
@@ -48,6 +49,7 @@ Exit codes:
 enum Command {
     Align(align::Arguments),
     Tune(tune::Arguments),
+    Characterize(characterize::Arguments),
     Simulate(simulate::Arguments),
 }
 
@@ -60,6 +62,14 @@ enum Failure {
     Fault(#[from] Fault),
     #[error("{0:#}")]
     Other(#[from] anyhow::Error),
+}
+
+/// Parses a finite number above zero.
+fn positive(text: &str) -> Result<f64, String> {
+    text.parse::<f64>()
+        .ok()
+        .filter(|value| value.is_finite() && *value > 0.0)
+        .ok_or_else(|| format!("\"{text}\" is not a finite number above zero"))
 }
 
 /// What a run that did not come to its end is to the user of `rig`.
@@ -92,6 +102,7 @@ pub fn main() -> ExitCode {
     let result = match arguments.command {
         Command::Align(arguments) => align::run(&arguments),
         Command::Tune(arguments) => tune::run(&arguments),
+        Command::Characterize(arguments) => characterize::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
     };
     match result {

@@ -48,13 +48,13 @@ struct JointArguments {
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// How long, seconds; what the input needs if not given
-    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    #[arg(long, value_name = "SECONDS", value_parser = super::positive)]
     duration: Option<f64>,
     /// Time between rows, seconds; divides the servo period
-    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    #[arg(long, value_name = "SECONDS", value_parser = super::positive)]
     row_period: Option<f64>,
     /// Longest integration step, seconds
-    #[arg(long, value_name = "SECONDS", default_value_t = 25e-6, value_parser = positive)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 25e-6, value_parser = super::positive)]
     max_step: f64,
 }
 
@@ -91,13 +91,6 @@ impl<const N: usize> FromStr for Numbers<N> {
             .ok_or_else(wrong)?;
         values.try_into().map(Self).map_err(|_| wrong())
     }
-}
-
-fn positive(text: &str) -> Result<f64, String> {
-    text.parse::<f64>()
-        .ok()
-        .filter(|value| value.is_finite() && *value > 0.0)
-        .ok_or_else(|| format!("\"{text}\" is not a finite number above zero"))
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {

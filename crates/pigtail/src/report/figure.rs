@@ -115,6 +115,40 @@ pub(super) fn curves(axes: &Axes, curves: &[(&str, Vec<(f64, f64)>)]) -> Result<
     })
 }
 
+/// A histogram of `values` over a range in so many bars.
+pub(super) fn bars(
+    width: u32,
+    values: &[f64],
+    range: &Range<f64>,
+    count: usize,
+    x: &str,
+    y: &str,
+) -> Result<String> {
+    let size = (range.end - range.start) / count as f64;
+    let mut heights = vec![0.0; count];
+    for value in values {
+        let k = ((value - range.start) / size) as usize;
+        heights[k.min(count - 1)] += 1.0;
+    }
+    let highest = heights.iter().fold(1.0, |h: f64, v| h.max(*v));
+    let axes = Axes {
+        width,
+        x: (range.clone(), x),
+        y: (0.0..1.08 * highest, y),
+    };
+    draw(&axes, |root| {
+        let mut chart = chart(&axes, root)?;
+        mesh(&axes, &mut chart)?;
+        chart.draw_series(heights.iter().enumerate().filter(|(_, h)| **h > 0.0).map(
+            |(k, h)| {
+                let left = range.start + k as f64 * size;
+                Rectangle::new([(left, 0.0), (left + 0.9 * size, *h)], CURVES[0].filled())
+            },
+        ))?;
+        Ok(())
+    })
+}
+
 type Root<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Chart<'a, 'b> = ChartContext<
     'b,

@@ -1,9 +1,11 @@
 //! The page a person wants to look at: one self-contained HTML file.
 
 mod alignment;
+mod axis;
 mod figure;
 mod html;
 mod tuning;
 
 pub use alignment::alignment;
+pub use axis::{frequency, resolution, sine, step};
 pub use tuning::tuning;

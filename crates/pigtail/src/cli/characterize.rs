@@ -1,0 +1,199 @@
+//! `pigtail characterize`.
+
+use super::{DONE, Failure, failure};
+use crate::characterize::{
+    ExperimentError, follow_sine, frequency, metres_per_count, on_twin, resolution, step,
+};
+use crate::report;
+use crate::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use crate::runs::Run;
+use crate::tune::usual_step;
+use clap::{Args, ValueEnum};
+use pigtail_hal::{Axis, AxisName, Error};
+use serde::Serialize;
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+/// Measure what an axis can do: step, sine, resolution or frequency response
+///
+/// step        rise (10 to 90 %), settling (until the encoder stays within one count), overshoot
+/// sine        gain and phase at the encoder and at the output
+/// resolution  1000 steps in one direction; the step size is raised by a count until at most 1 %
+///             of the steps move the output by less than half the mean (thesis 2.5)
+/// frequency   gain, phase and coherence up to 150 Hz, from a random reference
+#[derive(Debug, Args)]
+#[command(
+    verbatim_doc_comment,
+    after_help = "\
+Examples:
+  pigtail characterize fivebar step
+  pigtail characterize z sine --frequency 8
+  pigtail characterize z resolution --json"
+)]
+pub(super) struct Arguments {
+    /// fivebar, z, or left.a, left.b, left.z, right.a, right.b, right.z
+    axis: AxisName,
+    /// What to measure
+    #[arg(value_enum)]
+    what: What,
+    /// Which machine to draw
+    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
+    seed: u64,
+    /// A folder with the three files of a rig, or the name of one below `rigs`
+    #[arg(long, default_value = DEFAULT_RIG_NAME)]
+    rig: String,
+    /// Size of the step, or amplitude of sine or noise, counts
+    #[arg(long, value_parser = clap::value_parser!(i64).range(1..), allow_negative_numbers = true)]
+    size: Option<i64>,
+    /// Frequency of the sine, hertz; 10 for a five-bar joint, 8 for z
+    #[arg(long, value_name = "HERTZ", value_parser = super::positive)]
+    frequency: Option<f64>,
+    /// Steps of the resolution test
+    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(10..=10_000))]
+    steps: u32,
+    /// Print JSON instead of text
+    #[arg(long)]
+    json: bool,
+    /// Where to write the run's folder
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    runs: PathBuf,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum What {
+    Step,
+    Sine,
+    Resolution,
+    Frequency,
+}
+
+/// What an experiment leaves to be printed and kept.
+struct Outcome {
+    json: String,
+    text: String,
+    html: String,
+}
+
+fn result(document: &impl Serialize, text: String, html: String) -> anyhow::Result<Outcome> {
+    Ok(Outcome {
+        json: serde_json::to_string(document)?,
+        text,
+        html,
+    })
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let setup = Setup::load(&arguments.rig, DEFAULT_RECIPE_NAME)?;
+    let at = arguments.axis;
+    let range = setup.range_counts(at.axis);
+    if let Some(size) = arguments.size.filter(|size| *size as f64 > 0.4 * range) {
+        let message = format!(
+            "{size} counts are beyond the axis's range; accepted is at most {:.0}",
+            0.4 * range
+        );
+        return Err(Error::new("--size", "", message).into());
+    }
+    if let Some(hertz) = arguments
+        .frequency
+        .filter(|f| *f > 0.2 * setup.spec.servo.rate)
+    {
+        let message = format!(
+            "{hertz} Hz is too fast for the servo; accepted is at most {} Hz",
+            0.2 * setup.spec.servo.rate
+        );
+        return Err(Error::new("--frequency", "", message).into());
+    }
+    let run = Run::begin(&arguments.runs, &format!("-{at}"), arguments.seed)?;
+    let done = on_twin(&setup, arguments.seed, |station| {
+        experiment(arguments, &setup, station)
+    })
+    .map_err(|error| match error {
+        ExperimentError::Align(error) => failure(error, &arguments.rig),
+        ExperimentError::Input(error) => Failure::Input(error),
+    })??;
+    run.write("summary.json", format!("{}\n", done.json))?;
+    run.write("report.html", done.html)?;
+    let report = run.path("report.html").display().to_string();
+    run.finish(&setup, arguments.seed)?;
+    let text = if arguments.json {
+        format!("{}\n", done.json)
+    } else {
+        format!("{}Report: {report}\n", done.text)
+    };
+    super::print(text.as_bytes())?;
+    Ok(DONE)
+}
+
+type Experiment = Result<anyhow::Result<Outcome>, ExperimentError>;
+
+fn experiment(
+    arguments: &Arguments,
+    setup: &Setup,
+    station: &mut pigtail_control::station::Station,
+) -> Experiment {
+    let at = arguments.axis;
+    let usual = usual_step(at.axis);
+    let mut text = String::new();
+    Ok(match arguments.what {
+        What::Step => {
+            let (d, trace) = step(station, at, arguments.size.unwrap_or(usual))?;
+            let _ = writeln!(
+                text,
+                "{at}: step of {} counts: rise {:.1} ms, settling {:.1} ms, overshoot {:.1} %",
+                d.step, d.rise_ms, d.settling_ms, d.overshoot_percent
+            );
+            report::step(&d, &trace).and_then(|html| result(&d, text, html))
+        }
+        What::Sine => {
+            let hertz = arguments
+                .frequency
+                .unwrap_or(if at.axis == Axis::Z { 8.0 } else { 10.0 });
+            let amplitude = arguments.size.unwrap_or(usual / 4) as f64;
+            let (d, trace) = follow_sine(station, setup, at, hertz, amplitude)?;
+            let _ = writeln!(
+                text,
+                "{at}: sine of {hertz} Hz, {amplitude} counts: gain {:.4}, phase {:.2} deg at the \
+                 encoder",
+                d.encoder_gain, d.encoder_phase_deg
+            );
+            if let (Some(gain), Some(phase)) = (d.output_gain, d.output_phase_deg) {
+                let _ = writeln!(text, "  gain {gain:.4}, phase {phase:.2} deg at the output");
+            }
+            let scale = metres_per_count(setup, at.axis).ok();
+            report::sine(&d, &trace, scale).and_then(|html| result(&d, text, html))
+        }
+        What::Resolution => {
+            let rows = resolution(station, setup, at, arguments.steps)?;
+            for (row, _) in &rows {
+                let _ = writeln!(
+                    text,
+                    "{at}: {} steps of {} count(s): mean {:.4} um, deviation {:.4} um, largest {:.4} \
+                     um, {:.1} % stuck{}",
+                    row.steps,
+                    row.counts_per_step,
+                    row.mean_um,
+                    row.std_um,
+                    row.max_um,
+                    100.0 * row.stuck_share,
+                    row.resolution_um
+                        .map_or_else(String::new, |r| format!(": resolution {r:.3} um"))
+                );
+            }
+            let documents: Vec<_> = rows.iter().map(|(row, _)| row).collect();
+            report::resolution(&rows).and_then(|html| result(&documents, text, html))
+        }
+        What::Frequency => {
+            let amplitude = arguments.size.unwrap_or(usual / 20) as f64;
+            let (d, responses) = frequency(station, setup, at, amplitude, arguments.seed)?;
+            let hertz = |f: Option<f64>| f.map_or_else(|| "-".to_owned(), |f| format!("{f:.1} Hz"));
+            let _ = writeln!(
+                text,
+                "{at}: bandwidth (-3 dB) {} at the encoder, {} at the output; coherence at least {:.3}",
+                hertz(d.bandwidth_hz),
+                hertz(d.output_bandwidth_hz),
+                d.lowest_coherence
+            );
+            report::frequency(&d, &responses).and_then(|html| result(&d, text, html))
+        }
+    })
+}
