@@ -189,7 +189,7 @@ impl<E> Notebook<'_, E> {
     }
 }
 
-fn notebook<'a, E>(cost: &'a mut dyn FnMut(Gains) -> Result<f64, E>, most: u32) -> Notebook<'a, E> {
+fn notebook<E>(cost: &mut dyn FnMut(Gains) -> Result<f64, E>, most: u32) -> Notebook<'_, E> {
     Notebook {
         cost,
         search: Search {

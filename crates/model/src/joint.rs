@@ -226,7 +226,7 @@ impl Joint {
 
     /// Advances `state` by `duration` seconds under a voltage that is smooth over that time. At a
     /// jump of the voltage, advance to it and then from it.
-    pub fn advance(&self, state: &mut JointState, voltage: impl Voltage, duration: f64) {
+    pub fn advance(&self, state: &mut JointState, voltage: impl Voltage + Copy, duration: f64) {
         self.resolve(state, voltage.at(0.0));
         let mut time = 0.0;
         let mut events = 0;

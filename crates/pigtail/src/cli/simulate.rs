@@ -61,7 +61,7 @@ struct JointArguments {
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
 struct InputArguments {
-    /// Voltages from a CSV with columns time_s,u_V, each held until the next
+    /// Voltages from a CSV with a column of times and one of voltages, each held until the next
     #[arg(long, value_name = "FILE")]
     input: Option<PathBuf>,
     /// The impulse (4.7): amplitudes over the motor's static friction, and its length in seconds
