@@ -109,11 +109,6 @@ impl Kinematics {
         }
     }
 
-    /// Where the manipulator stands.
-    pub fn placement(&self) -> &Placement {
-        &self.placement
-    }
-
     /// Whether a point lies inside the workspace. It is convex: a line between two such points
     /// stays inside.
     pub fn contains(&self, p: Point<Macro>) -> bool {

@@ -22,8 +22,22 @@ pub enum Outcome {
     FalseLight {
         /// Level before the approach, volts above the background.
         before: f64,
-        /// Level after it.
+        /// Level after it, volts above the background.
         after: f64,
+    },
+    /// The peak was not known as well as the recipe asks when its time was over.
+    Unsure {
+        /// Standard deviation of the peak's place, metres.
+        deviation: f64,
+        /// What was asked for, metres.
+        accuracy: f64,
+    },
+    /// An axis did not come to where it was sent.
+    NotArrived {
+        /// The axis.
+        axis: String,
+        /// How far it stayed away, encoder counts.
+        counts: i64,
     },
     /// The fiber would have had to go beyond the machine's reach.
     OutOfReach(String),
@@ -39,6 +53,8 @@ impl Outcome {
             Self::NoLight(_) => "no_light",
             Self::LightLost { .. } => "light_lost",
             Self::FalseLight { .. } => "false_light",
+            Self::Unsure { .. } => "unsure",
+            Self::NotArrived { .. } => "not_arrived",
             Self::OutOfReach(_) => "out_of_reach",
             Self::NotAttempted => "not_attempted",
         }
@@ -49,17 +65,23 @@ impl std::fmt::Display for Outcome {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::Aligned => write!(f, "aligned"),
-            Self::NoLight(e) => write!(
-                f,
-                "no light: the {} saw at most {:.4} V in {} samples over {:.0} um x {:.0} um, and \
-                 would have taken {:.4} V for light",
-                e.phase,
-                e.brightest,
-                e.samples,
-                e.width * 1e6,
-                e.height * 1e6,
-                e.threshold
-            ),
+            Self::NoLight(e) => {
+                write!(
+                    f,
+                    "no light: the {} took {} samples over {:.0} um x {:.0} um; {:.4} V would have \
+                     counted as light, the brightest was {:.4} V",
+                    e.phase,
+                    e.samples,
+                    e.width * 1e6,
+                    e.height * 1e6,
+                    e.threshold,
+                    e.brightest
+                )?;
+                match e.dismissed {
+                    0 => Ok(()),
+                    n => write!(f, "; {n} bright places did not bear a second look"),
+                }
+            }
             Self::LightLost {
                 phase,
                 level,
@@ -73,6 +95,21 @@ impl std::fmt::Display for Outcome {
                 f,
                 "false light: {before:.4} V above the background became {after:.4} V on approach"
             ),
+            Self::Unsure {
+                deviation,
+                accuracy,
+            } => write!(
+                f,
+                "unsure: the peak's place is known to {:.1} nm, where {:.1} nm were asked for",
+                deviation * 1e9,
+                accuracy * 1e9
+            ),
+            Self::NotArrived { axis, counts } => {
+                write!(
+                    f,
+                    "not arrived: {axis} stayed {counts} counts away from where it was sent"
+                )
+            }
             Self::OutOfReach(what) => write!(f, "out of reach: {what}"),
             Self::NotAttempted => write!(f, "not attempted, since the input was not aligned"),
         }
@@ -90,18 +127,31 @@ pub struct SearchEvidence {
     pub width: f64,
     /// Height of the area, metres.
     pub height: f64,
-    /// Brightest sample, volts.
+    /// Brightest sample that was not taken for light, or not for long, volts.
     pub brightest: f64,
+    /// Places that seemed bright and did not bear a second look.
+    pub dismissed: usize,
     /// What would have counted as light, volts.
     pub threshold: f64,
 }
 
 impl SearchEvidence {
+    /// The evidence of this part of a search and of the parts before it, one above the other.
+    #[must_use]
+    pub fn following(self, before: Option<Self>) -> Self {
+        let height = self.height + before.map_or(0.0, |before| before.height);
+        Self {
+            height,
+            ..self.after(before)
+        }
+    }
+
     /// The evidence of this search and of the one before it over the same area.
     #[must_use]
     pub fn after(self, before: Option<Self>) -> Self {
         before.map_or(self, |before| Self {
             samples: before.samples + self.samples,
+            dismissed: before.dismissed + self.dismissed,
             width: before.width.max(self.width),
             height: before.height.max(self.height),
             brightest: before.brightest.max(self.brightest),

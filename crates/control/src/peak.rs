@@ -140,7 +140,7 @@ impl<'r> NinePoint<'r> {
 
     /// Averages patterns around the present centre until the vertex of the paraboloid through
     /// their means is known to `accuracy` metres (one standard deviation, in either direction),
-    /// and moves there. At least `patterns` of them, and no longer than the climb's timeout.
+    /// and moves there. At least `patterns` of them, unless the climb's timeout comes first.
     ///
     /// The thesis rests on the brightest of nine noisy points. Close to the peak those differ by
     /// less than the photodiode's noise, so that the last centre is a draw from a cloud as wide
@@ -148,7 +148,7 @@ impl<'r> NinePoint<'r> {
     ///
     /// # Errors
     ///
-    /// As [`Self::step`].
+    /// As [`Self::step`], and [`Outcome::Unsure`] when the time was over first.
     pub fn settle(
         &mut self,
         station: &mut Station,
@@ -167,17 +167,26 @@ impl<'r> NinePoint<'r> {
                 *mean += deviation / f64::from(count);
                 squares += deviation * (volts - *mean);
             }
-            if count < patterns.max(2) {
+            let late = station.time() > end;
+            if count < patterns.max(2) && !late {
                 continue;
             }
-            let variance = squares / (9.0 * f64::from(count - 1));
+            let variance = squares / (9.0 * f64::from(count.max(2) - 1));
             let fit = Paraboloid::fit(&mean);
             let deviation = self.climb.step * fit.deviation(variance / f64::from(count));
-            if deviation < accuracy || station.time() > end {
+            if deviation < accuracy {
                 break fit;
             }
+            if late {
+                return Err(Outcome::Unsure {
+                    deviation,
+                    accuracy,
+                }
+                .into());
+            }
         };
-        self.shift(station, fit.vertex().unwrap_or(PATTERN[brightest(&mean)]))?;
+        // Without a vertex the deviation would be infinite.
+        self.shift(station, fit.vertex().unwrap_or((0.0, 0.0)))?;
         station.run(5.0 * self.climb.dwell)?;
         Ok(())
     }

@@ -62,7 +62,7 @@ pub fn thesis(station: &mut Station, recipe: &Recipe) -> Result<Vec<FiberReport>
     );
     reports.push(input.run(station, Job::align_input)?);
     for (k, port) in recipe.ports.outputs.iter().enumerate() {
-        let [x, y, z] = port.0;
+        let [x, y, z] = *port;
         let channel = Channel::of_output(k);
         let job = Job::new(
             recipe,
@@ -77,7 +77,6 @@ pub fn thesis(station: &mut Station, recipe: &Recipe) -> Result<Vec<FiberReport>
             job.report(Outcome::NotAttempted)
         });
     }
-    station.laser(false);
     Ok(reports)
 }
 
@@ -128,11 +127,21 @@ impl<'r> Job<'r> {
         station: &mut Station,
         align: impl FnOnce(&mut Self, &mut Station) -> Result<(), Halt>,
     ) -> Result<FiberReport, Fault> {
-        match align(&mut self, station) {
-            Ok(()) => Ok(self.report(Outcome::Aligned)),
-            Err(Halt::Outcome(outcome)) => Ok(self.report(outcome)),
-            Err(Halt::Fault(fault)) => Err(fault),
-        }
+        let outcome = match align(&mut self, station) {
+            Ok(()) => Outcome::Aligned,
+            Err(Halt::Fault(fault)) => return Err(fault),
+            Err(Halt::Outcome(outcome)) => {
+                // The machine is well: away from the chip, and the fiber back into the tray.
+                station.halt(self.side);
+                match self.withdraw(station, self.side) {
+                    Err(Halt::Fault(fault)) => return Err(fault),
+                    Ok(()) | Err(Halt::Outcome(_)) => {}
+                }
+                station.handle_fiber(self.side, FiberHandling::Unload)?;
+                outcome
+            }
+        };
+        Ok(self.report(outcome))
     }
 
     /// Runs a phase and notes its time, also of one that ends early.
@@ -151,7 +160,7 @@ impl<'r> Job<'r> {
 
     fn align_input(&mut self, station: &mut Station) -> Result<(), Halt> {
         let recipe = self.recipe;
-        let output = recipe.ports.outputs[0].0;
+        let output = recipe.ports.outputs[0];
         station.handle_fiber(Side::Left, FiberHandling::Load(0))?;
         self.phase(station, "coarse", |job, station| {
             job.place(
@@ -167,20 +176,25 @@ impl<'r> Job<'r> {
         })?;
         let found = self.phase(station, "raster", |job, station| {
             let lowest = station.wanted(Side::Left);
+            // The guided light may have passed beside the sensing fiber's core: to either side.
+            let step = recipe.sensing.sidestep;
             let mut evidence = None;
-            // The guided light may have passed beside the sensing fiber's core.
-            for sidestep in [0.0, recipe.sensing.sidestep, -recipe.sensing.sidestep] {
-                if sidestep != 0.0 {
+            for sidestep in [0.0, step, -step] {
+                if evidence.is_some() {
                     job.arrive(station, Side::Right, top.shifted(sidestep, 0.0, 0.0))?;
                     station.move_micro(Side::Left, 0.0, 0.0);
                     job.arrive(station, Side::Left, lowest)?;
                 }
-                match job.find_light(station)? {
+                let seen = match job.find_light(station)? {
                     Ok(found) => return Ok(found),
-                    Err(seen) => evidence = Some(seen.after(evidence)),
+                    Err(seen) => seen.after(evidence),
+                };
+                if sidestep < 0.0 {
+                    return Err(Outcome::NoLight(seen).into());
                 }
+                evidence = Some(seen);
             }
-            Err(no_light(evidence))
+            unreachable!("the last sidestep is below zero")
         })?;
         self.finish(station, &found)
     }
@@ -202,7 +216,7 @@ impl<'r> Job<'r> {
         })?;
         let found = self.phase(station, "raster", |job, station| {
             job.find_light(station)?
-                .map_err(|seen| no_light(Some(seen)))
+                .map_err(|seen| Outcome::NoLight(seen).into())
         })?;
         self.finish(station, &found)
     }
@@ -267,14 +281,13 @@ impl<'r> Job<'r> {
     fn withdraw(&self, station: &mut Station, side: Side) -> Result<(), Halt> {
         let gap = outward(side) * self.recipe.coarse.clearance;
         let here = station.wanted(side);
-        let facet = if side == self.side {
-            self.port.z
-        } else {
-            self.recipe.ports.outputs[0].0[2]
+        let [x, y, z] = match side {
+            Side::Left => self.recipe.ports.input,
+            Side::Right => self.recipe.ports.outputs[0],
         };
         let clear = station
             .kinematics(side)
-            .macro_from_chip(Point::new(0.0, 0.0, facet + gap));
+            .macro_from_chip(Point::new(x, y, z + gap));
         station.line(side, Point::new(here.x, here.y, here.z.min(clear.z)), None)
     }
 
@@ -365,9 +378,10 @@ impl<'r> Job<'r> {
         let top = start.y + raster.y + raster.overscan;
         let mut evidence = None;
         loop {
-            let hit = match searcher.raster(station, raster, top)? {
-                Ok(hit) => hit,
-                Err(seen) => return Ok(Err(seen.after(evidence))),
+            let sweep = searcher.raster(station, raster, top)?;
+            let seen = sweep.evidence.following(evidence);
+            let Some(hit) = sweep.hit else {
+                return Ok(Err(seen));
             };
             self.recentre(station, &searcher, &hit)?;
             let level = searcher.contrast(station, raster.mesh)?;
@@ -377,7 +391,10 @@ impl<'r> Job<'r> {
                     level,
                 }));
             }
-            evidence = Some(searcher.evidence(&hit).after(evidence));
+            evidence = Some(SearchEvidence {
+                dismissed: seen.dismissed + 1,
+                ..seen
+            });
             station.move_micro(self.side, 0.0, 0.0);
             let here = Point::new(start.x, hit.endpoint.y, start.z);
             self.arrive(station, self.side, here)?;
@@ -394,7 +411,7 @@ impl<'r> Job<'r> {
         let level = station.level(self.channel, 0.02)?.mean - searcher.background.mean;
         if level < 0.5 * hit.level {
             // Lags, counts and friction have let the light slip away: it cannot be far.
-            if let Ok(again) = searcher.micro_raster(station, 3.0 * mesh, 0.4 * mesh)? {
+            if let Some(again) = searcher.micro_raster(station, 3.0 * mesh, 0.4 * mesh)?.hit {
                 station.move_micro(self.side, again.micro.0, again.micro.1);
                 station.run(0.02)?;
             }
@@ -438,11 +455,4 @@ fn lost(phase: &'static str, level: f64, expected: f64) -> Halt {
         expected,
     }
     .into()
-}
-
-fn no_light(evidence: Option<SearchEvidence>) -> Halt {
-    match evidence {
-        Some(evidence) => Outcome::NoLight(evidence).into(),
-        None => Outcome::NotAttempted.into(),
-    }
 }

@@ -18,6 +18,15 @@ pub struct Hit {
     pub level: f64,
 }
 
+/// What a search saw.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sweep {
+    /// The brightest light, if any.
+    pub hit: Option<Hit>,
+    /// All that was seen.
+    pub evidence: SearchEvidence,
+}
+
 /// Where light is searched, and with what.
 #[derive(Debug, Clone, Copy)]
 pub struct Searcher {
@@ -66,12 +75,7 @@ impl Searcher {
     /// # Errors
     ///
     /// A fault, or [`Outcome::OutOfReach`](crate::outcome::Outcome::OutOfReach).
-    pub fn raster(
-        &self,
-        station: &mut Station,
-        raster: &Raster,
-        top: f64,
-    ) -> Result<Result<Hit, SearchEvidence>, Halt> {
+    pub fn raster(&self, station: &mut Station, raster: &Raster, top: f64) -> Result<Sweep, Halt> {
         let amplitude = (0.5 * raster.x).min(station.kinematics(self.side).micro_reach_x());
         let start = station.wanted(self.side);
         let end = Point::new(start.x, top, start.z);
@@ -85,28 +89,12 @@ impl Searcher {
         };
         // Light is followed for two more periods, so that the spot's brightest line is seen.
         let follow = 2.0 / raster.frequency;
-        let watched = self.watch(station, sweep, follow, |station| station.moving(self.side))?;
+        let mut seen = self.watch(station, sweep, follow, |station| station.moving(self.side))?;
+        seen.evidence.height = station.wanted(self.side).y - start.y;
         station.halt(self.side);
-        Ok(watched.map_err(|(samples, brightest)| SearchEvidence {
-            phase: "raster",
-            samples,
-            width: 2.0 * amplitude,
-            height: top - start.y,
-            brightest,
-            threshold: self.threshold,
-        }))
-    }
-
-    /// What a search saw that ended with a hit that was none.
-    pub fn evidence(&self, hit: &Hit) -> SearchEvidence {
-        SearchEvidence {
-            phase: "raster",
-            samples: 0,
-            width: 0.0,
-            height: 0.0,
-            brightest: self.background.mean + hit.level,
-            threshold: self.threshold,
-        }
+        seen.evidence.phase = "raster";
+        seen.evidence.width = 2.0 * amplitude;
+        Ok(seen)
     }
 
     /// How much brighter it is here than beside the spot, volts: light that comes through the
@@ -150,7 +138,7 @@ impl Searcher {
         station: &mut Station,
         reach: f64,
         spacing: f64,
-    ) -> Result<Result<Hit, SearchEvidence>, Halt> {
+    ) -> Result<Sweep, Halt> {
         const FREQUENCY: f64 = 20.0;
         let begin = station.time();
         let duration = 2.0 * reach / (spacing * FREQUENCY);
@@ -161,29 +149,23 @@ impl Searcher {
                 reach * (2.0 * elapsed / duration - 1.0),
             )
         };
-        let watched = self.watch(station, path, duration, |station| {
+        let mut seen = self.watch(station, path, duration, |station| {
             station.time() < begin + duration
         })?;
-        Ok(watched.map_err(|(samples, brightest)| SearchEvidence {
-            phase: "local search",
-            samples,
-            width: 2.0 * reach,
-            height: 2.0 * reach,
-            brightest,
-            threshold: self.threshold,
-        }))
+        seen.evidence.width = 2.0 * reach;
+        seen.evidence.height = 2.0 * reach;
+        Ok(seen)
     }
 
     /// Moves the micro along `path` while `going`, and for `follow` seconds after first light.
-    /// The brightest sample, or how many were seen and how bright the brightest of them was.
     fn watch(
         &self,
         station: &mut Station,
         path: impl Fn(f64) -> (f64, f64),
         follow: f64,
         going: impl Fn(&Station) -> bool,
-    ) -> Result<Result<Hit, (usize, f64)>, Halt> {
-        let mut best: Option<Hit> = None;
+    ) -> Result<Sweep, Halt> {
+        let mut hit: Option<Hit> = None;
         let mut end = f64::INFINITY;
         let (mut samples, mut brightest) = (0, f64::NEG_INFINITY);
         while going(station) && station.time() < end {
@@ -196,18 +178,27 @@ impl Searcher {
             samples += 1;
             brightest = f64::max(brightest, volts);
             let level = volts - self.background.mean;
-            if volts > self.threshold && best.is_none_or(|best| level > best.level) {
-                if best.is_none() {
+            if volts > self.threshold && hit.is_none_or(|hit| level > hit.level) {
+                if hit.is_none() {
                     end = station.time() + follow;
                 }
-                best = Some(Hit {
+                hit = Some(Hit {
                     endpoint: station.endpoint(self.side),
                     micro: (x, y),
                     level,
                 });
             }
         }
-        Ok(best.ok_or((samples, brightest)))
+        let evidence = SearchEvidence {
+            phase: "local search",
+            samples,
+            width: 0.0,
+            height: 0.0,
+            brightest,
+            dismissed: 0,
+            threshold: self.threshold,
+        };
+        Ok(Sweep { hit, evidence })
     }
 }
 
@@ -253,6 +244,7 @@ pub fn edge_from_below(
         width: 0.0,
         height,
         brightest,
+        dismissed: 0,
         threshold,
     }))
 }

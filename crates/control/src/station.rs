@@ -85,8 +85,10 @@ pub struct Level {
 /// How near, in encoder counts, an axis must come to count as arrived, and for how long.
 const ARRIVED_COUNTS: i64 = 1;
 const ARRIVED_SECONDS: f64 = 0.02;
-/// An axis that has not arrived by then stays where friction holds it.
+/// An axis that has not arrived by then stays where friction holds it...
 const SETTLE_SECONDS: f64 = 0.3;
+/// ...unless it is so many counts away that something else must hold it.
+const LOST_COUNTS: i64 = 10;
 
 impl<'a> Station<'a> {
     /// Takes control of a machine that stands at home.
@@ -273,21 +275,40 @@ impl<'a> Station<'a> {
         Ok(())
     }
 
-    fn settle(&mut self, side: Side) -> Result<(), Fault> {
+    fn settle(&mut self, side: Side) -> Result<(), Halt> {
         let period = self.spec().period();
         let (mut waited, mut arrived) = (0.0, 0.0);
         while waited < SETTLE_SECONDS && arrived < ARRIVED_SECONDS {
             self.cycle()?;
             waited += period;
-            let references = &self.arms[side.index()].references;
-            let measured = &self.measurement.encoders[side.index()];
-            let near = references
+            let near = Axis::ALL
                 .iter()
-                .zip(measured)
-                .all(|(r, m)| (r.0 - m.0).abs() <= ARRIVED_COUNTS);
+                .all(|&axis| self.following_error(AxisName { side, axis }).abs() <= ARRIVED_COUNTS);
             arrived = if near { arrived + period } else { 0.0 };
         }
+        for axis in Axis::ALL {
+            let at = AxisName { side, axis };
+            let counts = self.following_error(at).abs();
+            if counts > LOST_COUNTS {
+                return Err(Outcome::NotArrived {
+                    axis: at.to_string(),
+                    counts,
+                }
+                .into());
+            }
+        }
         Ok(())
+    }
+
+    /// How far an axis is from its reference, encoder counts.
+    fn following_error(&self, at: AxisName) -> i64 {
+        let reference = self.arms[at.side.index()].references[at.axis.index()];
+        reference.0 - self.encoder(at).0
+    }
+
+    /// Stops the machine: motors without voltage, laser off.
+    pub fn stop(&mut self) {
+        self.machine.stop();
     }
 
     /// Sets the reference of one axis alone, encoder counts from home. Ends any line of that

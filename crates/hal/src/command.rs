@@ -32,8 +32,11 @@ impl Command {
 /// part of this project; the machine reports itself ready in the next cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FiberHandling {
-    /// Take the fiber for this port into the holder. Ports count from zero on each side.
+    /// Take the fiber for this port from the tray into the empty holder. Ports count from zero on
+    /// each side.
     Load(u8),
     /// Fix the held fiber to the chip where it stands, and let go of it.
     Attach,
+    /// Put the held fiber back into the tray.
+    Unload,
 }

@@ -21,6 +21,7 @@ pub trait Machine {
     /// command with the same fault until a person has cleared it.
     fn exchange(&mut self, command: &Command) -> Result<Measurement, Fault>;
 
-    /// Stop at once and hold. Never fails: there is nothing left to try.
+    /// Stop at once and hold: motors without voltage, laser off, piezos as they are. Never fails:
+    /// there is nothing left to try.
     fn stop(&mut self);
 }

@@ -59,28 +59,45 @@ impl Dimension {
         };
         let text = text.trim();
         let (number, unit) = text.split_once(' ').unwrap_or((text, ""));
-        let value: f64 = number
-            .parse()
-            .map_err(|_| format!("\"{text}\" does not start with a number; {}", wanted()))?;
         let unit = unit.trim();
+        let Ok(number) = number.parse::<f64>() else {
+            let digits = text.trim_end_matches(|c: char| !c.is_ascii_digit() && c != '.');
+            let glued = digits.len() < text.len() && digits.parse::<f64>().is_ok();
+            let why = if glued {
+                "lacks a space before its unit"
+            } else {
+                "is not a number"
+            };
+            return Err(format!("\"{text}\" {why}; {}", wanted()));
+        };
         let Some((_, factor)) = self.units.iter().find(|(name, _)| *name == unit) else {
             return Err(format!("\"{text}\" is not {}; {}", self.name, wanted()));
         };
-        check_sign(value, sign).map_err(|why| format!("\"{text}\" {why}"))?;
         // Dividing by a power of ten rounds correctly where multiplying by its inverse does not.
         let inverse = (1.0 / factor).round();
         let decimal = (factor * inverse - 1.0).abs() < 1e-12;
-        Ok(if decimal {
-            value / inverse
+        let value = if decimal {
+            number / inverse
         } else {
-            value * factor
-        })
+            number * factor
+        };
+        check_sign(number, sign).map_err(|why| format!("\"{text}\" {why}"))?;
+        // What was more than zero may not have become zero on the way.
+        check_sign(value, sign).map_err(|why| format!("\"{text}\" {why}"))?;
+        Ok(value)
     }
 }
+
+/// Nothing in a pigtailing machine is larger than this in SI units; what is was mistyped, and
+/// would overflow somewhere where nobody can tell why.
+const BEYOND_REASON: f64 = 1e9;
 
 fn check_sign(value: f64, sign: Sign) -> Result<(), &'static str> {
     if !value.is_finite() {
         return Err("is not a finite number; accepted is a finite number");
+    }
+    if value.abs() > BEYOND_REASON {
+        return Err("is beyond reason; accepted is at most 1e9 in SI units");
     }
     match sign {
         Sign::NonNegative if value < 0.0 => Err("is negative; accepted is zero or more"),
@@ -171,28 +188,33 @@ fn read<'de, D: Deserializer<'de>>(
     sign: Sign,
     deserializer: D,
 ) -> Result<f64, D::Error> {
-    let text = text_or_number(deserializer)?;
+    let text = Value::deserialize(deserializer)?.into_text();
     dimension.parse(&text, sign).map_err(D::Error::custom)
 }
 
 /// A number without its unit is the commonest mistake in these files. Reading it as text lets
 /// the error say so in the words of the key's own dimension.
-fn text_or_number<'de, D: Deserializer<'de>>(deserializer: D) -> Result<String, D::Error> {
-    #[derive(serde::Deserialize)]
-    #[serde(
-        untagged,
-        expecting = "a string of a number and a unit, such as \"1 um\""
-    )]
-    enum Value {
-        Text(String),
-        Integer(i64),
-        Float(f64),
+#[derive(serde::Deserialize)]
+#[serde(
+    untagged,
+    expecting = "accepted is a text of a number and a unit, such as \"1 um\""
+)]
+enum Value {
+    Text(String),
+    Integer(i64),
+    Float(f64),
+    Boolean(bool),
+}
+
+impl Value {
+    fn into_text(self) -> String {
+        match self {
+            Self::Text(text) => text,
+            Self::Integer(number) => number.to_string(),
+            Self::Float(number) => number.to_string(),
+            Self::Boolean(value) => value.to_string(),
+        }
     }
-    Ok(match Value::deserialize(deserializer)? {
-        Value::Text(text) => text,
-        Value::Integer(number) => number.to_string(),
-        Value::Float(number) => number.to_string(),
-    })
 }
 
 /// Deserializes an array of lengths, such as the coordinates of a point, to metres.
@@ -201,17 +223,49 @@ fn text_or_number<'de, D: Deserializer<'de>>(deserializer: D) -> Result<String, 
 ///
 /// When an element is no length, or their number is not `N`.
 pub fn lengths<'de, D: Deserializer<'de>, const N: usize>(d: D) -> Result<[f64; N], D::Error> {
-    let texts = Vec::<String>::deserialize(d)?;
-    let count = texts.len();
-    let values = texts
-        .iter()
-        .map(|text| LENGTH.parse(text, Sign::Any).map_err(D::Error::custom))
-        .collect::<Result<Vec<_>, _>>()?;
+    let Lengths(values) = Lengths::deserialize(d)?;
+    Ok(values)
+}
+
+/// Deserializes an array of points, each an array of lengths, to metres.
+///
+/// # Errors
+///
+/// When an element is no such point, or their number is not `N`.
+pub fn points<'de, D, const N: usize, const M: usize>(d: D) -> Result<[[f64; M]; N], D::Error>
+where
+    D: Deserializer<'de>,
+{
+    let points = Vec::<Lengths<M>>::deserialize(d)?;
+    let count = points.len();
+    let values: Vec<[f64; M]> = points.into_iter().map(|Lengths(values)| values).collect();
     values.try_into().map_err(|_| {
         D::Error::custom(format!(
-            "has {count} elements; accepted is an array of {N} lengths"
+            "has {count} elements; accepted is an array of {N} points"
         ))
     })
+}
+
+struct Lengths<const N: usize>([f64; N]);
+
+impl<'de, const N: usize> Deserialize<'de> for Lengths<N> {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        let texts = Vec::<Value>::deserialize(d)?;
+        let count = texts.len();
+        let values = texts
+            .into_iter()
+            .map(|text| {
+                LENGTH
+                    .parse(&text.into_text(), Sign::Any)
+                    .map_err(D::Error::custom)
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        values.try_into().map(Self).map_err(|_| {
+            D::Error::custom(format!(
+                "has {count} elements; accepted is an array of {N} lengths"
+            ))
+        })
+    }
 }
 
 fn number<'de, D: Deserializer<'de>>(deserializer: D, sign: Sign) -> Result<f64, D::Error> {

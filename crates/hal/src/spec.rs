@@ -332,21 +332,21 @@ impl Spec {
     /// When a key is missing, unknown or out of range, or rates do not divide.
     pub fn parse(file: &str, text: &str) -> Result<Self, crate::Error> {
         let spec: Self = crate::config::parse(file, text)?;
-        let error = |key: &str, message: String| Err(crate::Error::new(file, key, message));
+        let error = |key: &str, message: String| crate::Error::new(file, key, message);
         for (key, rate) in [
             ("photodiode.rate", spec.photodiode.rate),
             ("vision.rate", spec.vision.rate),
         ] {
             let cycles = spec.servo.rate / rate;
             if cycles < 1.0 || (cycles - cycles.round()).abs() > 1e-9 {
-                return error(
+                return Err(error(
                     key,
                     format!(
                         "{rate} Hz does not divide the servo rate; accepted is {} Hz divided by \
                          a whole number",
                         spec.servo.rate
                     ),
-                );
+                ));
             }
         }
         for (key, drive) in [
@@ -354,19 +354,94 @@ impl Spec {
             ("z_stage.drive", &spec.z_stage.drive),
         ] {
             if drive.counts_per_turn == 0 {
-                return error(
+                return Err(error(
                     &format!("{key}.counts_per_turn"),
                     "0 counts; accepted is one or more".to_owned(),
-                );
+                ));
             }
         }
-        if !(1..=24).contains(&spec.photodiode.bits) {
-            return error(
-                "photodiode.bits",
-                format!("{} bits; accepted is 1 to 24", spec.photodiode.bits),
-            );
-        }
+        spec.check_ranges()
+            .map_err(|(key, message)| error(key, message))?;
         Ok(spec)
+    }
+
+    /// Numbers that are good of their kind and still make no machine.
+    fn check_ranges(&self) -> Result<(), (&'static str, String)> {
+        let within = |key, value: f64, low: f64, high: f64, unit: &str, scale: f64| {
+            if (low..=high).contains(&value) {
+                return Ok(());
+            }
+            let message = format!(
+                "{} {unit} is out of range; accepted is {} to {} {unit}",
+                value * scale,
+                low * scale,
+                high * scale
+            );
+            Err((key, message))
+        };
+        within("servo.rate", self.servo.rate, 100.0, 1e5, "Hz", 1.0)?;
+        within("vision.rate", self.vision.rate, 1.0, 1e3, "Hz", 1.0)?;
+        within(
+            "photodiode.rate",
+            self.photodiode.rate,
+            10.0,
+            1e6,
+            "Hz",
+            1.0,
+        )?;
+        within(
+            "photodiode.bits",
+            f64::from(self.photodiode.bits),
+            1.0,
+            24.0,
+            "bits",
+            1.0,
+        )?;
+        within(
+            "vision.latency",
+            self.vision.latency,
+            0.0,
+            1.0 / self.vision.rate,
+            "ms",
+            1e3,
+        )?;
+        let [x, y, z] = self.sensing_fiber.offset;
+        within("sensing_fiber.offset (x)", x.abs(), 0.0, 5e-3, "um", 1e6)?;
+        within("sensing_fiber.offset (y)", y.abs(), 0.0, 5e-3, "um", 1e6)?;
+        // It must not touch the chip while the output fiber is brought there.
+        within("sensing_fiber.offset (z)", z, -5e-3, -1e-6, "um", 1e6)?;
+        // Crossing the workspace takes a minute at most: what is slower was mistyped.
+        let axes: [(_, f64, _, f64, _, f64); 2] = [
+            (
+                "five_bar.speed",
+                self.five_bar.speed,
+                "five_bar.acceleration",
+                self.five_bar.acceleration,
+                "five_bar.workspace",
+                self.five_bar.workspace,
+            ),
+            (
+                "z_stage.speed",
+                self.z_stage.speed,
+                "z_stage.acceleration",
+                self.z_stage.acceleration,
+                "z_stage.travel",
+                self.z_stage.travel,
+            ),
+        ];
+        for (speed_key, speed, acceleration_key, acceleration, way_key, way) in axes {
+            within(way_key, way, 1e-4, 1.0, "mm", 1e3)?;
+            within(speed_key, speed, way / 60.0, 10.0, "mm/s", 1e3)?;
+            within(
+                acceleration_key,
+                acceleration,
+                way / 900.0,
+                1e3,
+                "m/s2",
+                1.0,
+            )?;
+        }
+        Ok(())
     }
 
     /// The servo period, seconds.

@@ -149,6 +149,26 @@ const MAX_EVENTS: usize = 64;
 /// enough that rounding cannot stop it again, and far below what a position could show.
 const BREAK_AWAY_DELAY: f64 = 1e-11;
 
+impl JointParameters {
+    /// The longest step, seconds, that resolves this joint's fastest motion: its viscous friction
+    /// and, with the transmission wound up to the load's static friction, its resonance. Runge and
+    /// Kutta's scheme falls apart at not quite twice that.
+    pub fn coarsest_step(&self) -> f64 {
+        let level = self.load_friction.static_level() + self.load_torque.abs();
+        let mut twist = level / self.transmission.stiffness(0.0);
+        for _ in 0..20 {
+            twist -= (self.transmission.torque(twist) - level) / self.transmission.stiffness(twist);
+        }
+        let stiffness = self.transmission.stiffness(twist);
+        let resonance = (stiffness
+            * (self.ratio * self.ratio / self.motor_inertia + 1.0 / self.load_inertia))
+            .sqrt();
+        let motor = (self.motor.damping() + self.motor_friction.viscous()) / self.motor_inertia;
+        let load = self.load_friction.viscous() / self.load_inertia;
+        1.5 / resonance.max(motor).max(load)
+    }
+}
+
 impl Joint {
     /// A joint that is integrated in steps of at most `max_step` seconds.
     ///

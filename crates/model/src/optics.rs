@@ -1,5 +1,9 @@
 //! How much light passes from a fiber to a waveguide and back.
 //!
+//! Left out: reflection at the facets (the gap is taken as filled with epoxy of the fiber's index)
+//! and with it the interference in the gap, and the fiber's own diameter. A loss here is that of
+//! the two modes not matching.
+//!
 //! # Source
 //!
 //! W. B. Joyce and B. C. DeLoach, "Alignment of Gaussian beams", Applied Optics 23, 4187 (1984).
@@ -118,7 +122,8 @@ impl Coupler {
 }
 
 /// Angle in radians at which light from a guide of index `index` leaves a facet that is turned
-/// by `facet` radians, measured from the guide's axis in a medium of index 1 (Snell).
+/// by `facet` radians, measured from the guide's axis in a medium of index 1 (Snell). Beyond total
+/// reflection it stays at grazing.
 ///
 /// The peak of the coupling therefore walks sideways by the tangent of this angle for each metre
 /// of gap: the refraction of thesis 3.1 and 3.3.
@@ -142,19 +147,4 @@ pub fn core_capture(offset: f64, core: f64, beam: f64) -> f64 {
 pub fn disc_below_edge(height: f64, radius: f64) -> f64 {
     let h = (height / radius).clamp(-1.0, 1.0);
     (h.acos() - h * (1.0 - h * h).sqrt()) / PI
-}
-
-/// How high above an edge, in radii, the centre of a disc lies of which `share` is below the
-/// edge: the inverse of [`disc_below_edge`].
-pub fn disc_height(share: f64) -> f64 {
-    let (mut low, mut high) = (-1.0, 1.0);
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if disc_below_edge(middle, 1.0) > share {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    0.5 * (low + high)
 }

@@ -103,7 +103,9 @@ pub fn align(
 ) -> Result<Document, AlignError> {
     let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
     let mut station = Station::new(&mut twin, &setup.calibration, observer)?;
-    let reports = procedure::thesis(&mut station, &setup.recipe)?;
+    let reports = procedure::thesis(&mut station, &setup.recipe);
+    station.stop();
+    let reports = reports?;
     let truth = twin.truth();
     let truths = std::iter::once(truth.input).chain(truth.outputs);
     let fibers: Vec<FiberRow> = reports

@@ -54,7 +54,9 @@ pub fn on_twin<T>(
     let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed).map_err(AlignError::Twin)?;
     let mut unobserved = Unobserved;
     let mut station = Station::new(&mut twin, &setup.calibration, &mut unobserved)?;
-    experiment(&mut station)
+    let result = experiment(&mut station);
+    station.stop();
+    result
 }
 
 /// Output of an axis for one encoder count, metres: what a probe sees of it.

@@ -184,6 +184,12 @@ fn recipe_file(recipe: &str) -> Result<Source, Error> {
             name: format!("recipes/{recipe}.toml (built in)"),
             text: DEFAULT_RECIPE.to_owned(),
         })
+    } else if Path::new(recipe).is_dir() {
+        Err(Error::new(
+            recipe,
+            "",
+            "is a folder; accepted is a TOML file",
+        ))
     } else {
         Err(Error::new(
             recipe,

@@ -3,8 +3,8 @@
 use crate::rig::Setup;
 use anyhow::{Context, Result};
 use serde::Serialize;
-use std::fs;
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 
 /// What `run.json` says of where a run came from.
 #[derive(Debug, Serialize)]
@@ -41,19 +41,30 @@ impl Run {
     pub fn begin(runs: &Path, label: &str, seed: u64) -> Result<Self> {
         let started = jiff::Zoned::now();
         let stem = format!("{}{label}-{seed}", started.strftime("%Y%m%dT%H%M%S"));
-        let folder = free_name(runs, &stem);
-        let name = folder
-            .file_name()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned();
-        let partial = runs.join(format!(".{name}.partial-{}", std::process::id()));
-        fs::create_dir_all(&partial).with_context(|| {
+        let failed = || {
             format!(
                 "{}: no run can be written here; accepted is a writable folder",
                 runs.display()
             )
-        })?;
+        };
+        fs::create_dir_all(runs).with_context(failed)?;
+        let mut n = 1;
+        let (partial, folder) = loop {
+            let name = if n == 1 {
+                stem.clone()
+            } else {
+                format!("{stem}-{n}")
+            };
+            let (partial, folder) = (runs.join(format!(".{name}.partial")), runs.join(name));
+            // Whoever makes the partial folder owns the name: runs may start side by side.
+            match fs::create_dir(&partial) {
+                Ok(()) if !folder.exists() => break (partial, folder),
+                Ok(()) => fs::remove_dir(&partial).with_context(failed)?,
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(error).with_context(failed),
+            }
+            n += 1;
+        };
         Ok(Self {
             partial,
             folder,
@@ -98,7 +109,9 @@ impl Run {
             &Origin {
                 version: env!("CARGO_PKG_VERSION"),
                 started: self.started.strftime("%Y-%m-%dT%H:%M:%S%:z").to_string(),
-                command: std::env::args().collect(),
+                command: std::env::args_os()
+                    .map(|a| a.to_string_lossy().into_owned())
+                    .collect(),
                 seed,
                 configuration: setup
                     .hashes
@@ -131,15 +144,4 @@ impl Drop for Run {
         // Moved to its place it is no longer here; else there is nobody left to tell.
         let _ = fs::remove_dir_all(&self.partial);
     }
-}
-
-/// A name that no run has yet: two runs of one seed may start in the same second.
-fn free_name(runs: &Path, stem: &str) -> PathBuf {
-    let mut path = runs.join(stem);
-    let mut n = 1;
-    while path.exists() {
-        n += 1;
-        path = runs.join(format!("{stem}-{n}"));
-    }
-    path
 }

@@ -91,7 +91,7 @@ fn a_port_far_from_where_it_should_be_is_not_found_and_nothing_is_broken() {
 #[test]
 fn a_dead_output_does_not_keep_the_other_from_being_aligned() {
     let mut setup = setup();
-    setup.plant.device.outputs[0].0[1] -= 600e-6;
+    setup.plant.device.outputs[0][1] -= 600e-6;
     // The sensing fiber looks at the first output, so it has to be where the light is.
     setup.recipe.ports.outputs.swap(0, 1);
     setup.plant.device.outputs.swap(0, 1);

@@ -1,6 +1,6 @@
 //! Where the light goes: from the input fiber through the Y-branch to the photodiodes.
 
-use super::plant::{Plant, factor, uniform};
+use super::plant::{Plant, uniform};
 use pigtail_hal::spec::{CHANNELS, Channel, OUTPUTS, Side, Spec};
 use pigtail_model::Invalid;
 use pigtail_model::frames::{Chip, Point};
@@ -38,12 +38,20 @@ pub(super) struct Port {
     position: Point<Chip>,
     /// -1 where the outward normal of the facet is -z, the input; +1 at the outputs.
     outward: f64,
+    /// How far the facet stands out for a metre in x.
+    slope: f64,
     sin_exit: f64,
     cos_exit: f64,
 }
 
 impl Port {
-    /// Gap between the facet and a tip, metres; negative inside the chip.
+    /// Clearance between the facet's inclined plane and a tip, metres; negative inside the chip.
+    /// A tip is a point here: the fiber's own diameter is not modelled.
+    pub(super) fn clearance(&self, tip: Point<Chip>) -> f64 {
+        self.gap(tip) - (tip.x - self.position.x) * self.slope
+    }
+
+    /// Gap between the port and a tip along z, metres.
     pub(super) fn gap(&self, tip: Point<Chip>) -> f64 {
         self.outward * (tip.z - self.position.z)
     }
@@ -68,7 +76,7 @@ pub(super) struct LightPath {
     coupler: Coupler,
     input: Port,
     outputs: [Port; OUTPUTS],
-    /// Transmission of each branch, relative to the nominal half.
+    /// Transmission of each branch, relative to a lossless half.
     branch: [f64; OUTPUTS],
     full: f64,
     fiber_radius: f64,
@@ -82,7 +90,7 @@ pub(super) struct LightPath {
 pub(super) struct Tips {
     /// Coupling of the input fiber, 0 to 1.
     pub(super) input: f64,
-    /// Coupling and tip of each output fiber; `None` where none is near.
+    /// Coupling and tip of each output fiber; `None` where none is loaded or attached.
     pub(super) outputs: [Option<(f64, Point<Chip>)>; OUTPUTS],
     /// Tip of the sensing fiber.
     pub(super) sensing: Point<Chip>,
@@ -95,6 +103,7 @@ impl LightPath {
         let port = |[x, y, z]: [f64; 3], outward: f64| Port {
             position: Point::new(x, y, z),
             outward,
+            slope: device.facet.tan(),
             sin_exit,
             cos_exit,
         };
@@ -110,11 +119,8 @@ impl LightPath {
                 plant.light.wavelength,
             )?,
             input: port(device.input, -1.0),
-            outputs: device.outputs.map(|p| port(p.0, 1.0)),
-            branch: [
-                factor(rng, plant.variation.loss),
-                factor(rng, plant.variation.loss),
-            ],
+            outputs: device.outputs.map(|p| port(p, 1.0)),
+            branch: [0; OUTPUTS].map(|_| 1.0 - plant.variation.loss * rng.random::<f64>()),
             full: plant.light.full,
             fiber_radius: fiber,
             core_radius: 0.5 * spec.sensing_fiber.core,
@@ -141,13 +147,12 @@ impl LightPath {
     pub(super) fn signals(&self, tips: &Tips, fluctuation: f64) -> [f64; CHANNELS] {
         let mut volts = [0.0; CHANNELS];
         let missed = self.full * self.scatter_level * (1.0 - tips.input) * fluctuation;
-        let core_area = self.core_radius * self.core_radius;
         for (k, output) in tips.outputs.iter().enumerate() {
             if let Some((coupling, tip)) = output {
                 let guided = self.full * self.branch[k] * tips.input * coupling;
                 // A single-mode fiber sees as much less of the scattered light as its mode is
                 // smaller than the sensing fiber's core.
-                let share = self.fiber_radius * self.fiber_radius / core_area;
+                let share = (self.fiber_radius / self.core_radius).powi(2);
                 let scattered = missed * share * self.substrate(*tip, self.fiber_radius);
                 volts[Channel::of_output(k).index()] += guided + scattered;
             }

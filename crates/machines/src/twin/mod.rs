@@ -154,7 +154,9 @@ impl Manipulator {
         rng: &mut impl rand::RngExt,
     ) -> Result<Self, TwinError> {
         let fb = &plant.five_bar;
-        let five_bar = FiveBar::new(fb.base, fb.proximal, fb.distal)?;
+        let mut vary = |length: f64| length * factor(rng, plant.variation.links);
+        let five_bar = FiveBar::new(vary(fb.base), vary(fb.proximal), vary(fb.distal))?;
+        let screw = LeadScrew::from_lead(vary(plant.z_stage.lead));
         let home_angles = five_bar.inverse(fb.home[0], fb.home[1])?;
         let mut joint = |axis: Axis| {
             let nominal = if axis == Axis::Z {
@@ -163,7 +165,15 @@ impl Manipulator {
                 &fb.joint
             };
             let ratio = 1.0 / spec.drive(axis).gear_ratio;
-            Joint::new(nominal.draw(ratio, &plant.variation, rng)?, spec.period())
+            let parameters = nominal.draw(ratio, &plant.variation, rng)?;
+            let steps = (spec.period() / parameters.coarsest_step()).ceil().max(1.0);
+            if steps > MOST_STEPS {
+                return Err(TwinError::Stiff {
+                    axis: axis.name(),
+                    steps,
+                });
+            }
+            Ok::<_, TwinError>(Joint::new(parameters, spec.period() / steps)?)
         };
         let joints = [joint(Axis::A)?, joint(Axis::B)?, joint(Axis::Z)?];
         let stands = match side {
@@ -184,7 +194,7 @@ impl Manipulator {
             five_bar,
             home: fb.home,
             home_angles,
-            screw: LeadScrew::from_lead(plant.z_stage.lead),
+            screw,
             placement: Placement::new(Point::new(x, y, z), stands.yaw).shifted(
                 dx - chip[0],
                 0.0,
@@ -236,12 +246,26 @@ impl Manipulator {
     }
 }
 
+/// More integration steps in a servo cycle than this are not a stiff joint but a mistyped one.
+const MOST_STEPS: f64 = 100.0;
+
 /// Why a twin cannot be built from a plant.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TwinError {
     /// A parameter is out of range.
     #[error(transparent)]
     Invalid(#[from] Invalid),
+    /// A joint moves too fast for the servo.
+    #[error(
+        "joint {axis} would need {steps:.0} integration steps a servo cycle; accepted are inertias, \
+         friction and stiffness that need at most {MOST_STEPS}"
+    )]
+    Stiff {
+        /// The axis.
+        axis: &'static str,
+        /// Steps a cycle.
+        steps: f64,
+    },
     /// The five-bar cannot stand at its home.
     #[error("`five_bar.home`: {0}")]
     Home(#[from] pigtail_model::fivebar::Unreachable),
@@ -362,20 +386,31 @@ impl Twin {
         let i = side.index();
         match handling {
             FiberHandling::Load(port) => {
-                let fiber = self.tray[i]
+                if self.held[i].is_some() {
+                    return Err(self.refuse(
+                        "holder is empty",
+                        side.name().to_owned(),
+                        "a holder that carries a fiber".to_owned(),
+                        "an empty one".to_owned(),
+                    ));
+                }
+                let place = self.tray[i]
                     .iter()
-                    .find(|f| f.port == usize::from(port))
-                    .copied();
-                let Some(fiber) = fiber else {
+                    .position(|f| f.port == usize::from(port));
+                let Some(place) = place else {
                     return Err(self.refuse(
                         "fiber is in the tray",
                         side.name().to_owned(),
                         format!("fiber {port}"),
-                        format!("a fiber below {}", self.tray[i].len()),
+                        format!(
+                            "one of {:?}",
+                            self.tray[i].iter().map(|f| f.port).collect::<Vec<_>>()
+                        ),
                     ));
                 };
-                self.held[i] = Some(fiber);
+                self.held[i] = Some(self.tray[i].remove(place));
             }
+            FiberHandling::Unload => self.tray[i].extend(self.held[i].take()),
             FiberHandling::Attach => {
                 let Some(held) = self.held[i].take() else {
                     return Err(self.refuse(
@@ -455,7 +490,7 @@ pub struct Truth {
     pub input: Option<FiberTruth>,
     /// The output fibers, once attached.
     pub outputs: [Option<FiberTruth>; OUTPUTS],
-    /// Smallest gap between any held tip and its facet so far, metres. At zero or below, a fiber
+    /// Smallest clearance between any tip and its facet so far, metres. At zero or below, a fiber
     /// has hit the chip.
     pub smallest_gap: f64,
 }
@@ -543,11 +578,11 @@ impl Machine for Twin {
         for side in Side::ALL {
             if let Some(held) = &self.held[side.index()] {
                 let tip = tip_of(holders[side.index()], &held.fiber);
-                let gap = self.light.port(side, held.port).gap(tip);
+                let gap = self.light.port(side, held.port).clearance(tip);
                 self.smallest_gap = self.smallest_gap.min(gap);
             }
         }
-        let sensing_gap = self.light.port(Side::Right, 0).gap(sensing);
+        let sensing_gap = self.light.port(Side::Right, 0).clearance(sensing);
         self.smallest_gap = self.smallest_gap.min(sensing_gap);
         Ok(Measurement {
             time,

@@ -1,13 +1,16 @@
 //! The truth about a machine and a device: `plant.toml`.
 
+use pigtail_hal::spec::OUTPUTS;
 use pigtail_hal::{config, quantity};
 use pigtail_model::Invalid;
+use pigtail_model::fivebar::FiveBar;
 use pigtail_model::friction::Friction;
 use pigtail_model::joint::JointParameters;
 use pigtail_model::motor::Motor;
 use pigtail_model::transmission::Transmission;
 use rand::RngExt;
 use serde::Deserialize;
+use std::f64::consts::PI;
 
 /// The content of a `plant.toml`: a nominal specimen, and how far others lie from it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -229,7 +232,8 @@ pub struct Device {
     #[serde(deserialize_with = "quantity::lengths")]
     pub input: [f64; 3],
     /// The output ports, metres.
-    pub outputs: [PortPosition; 2],
+    #[serde(deserialize_with = "quantity::points")]
+    pub outputs: [[f64; 3]; OUTPUTS],
     /// Radii of the guides' mode in x and y, metres.
     #[serde(deserialize_with = "quantity::lengths")]
     pub mode_radius: [f64; 2],
@@ -240,11 +244,6 @@ pub struct Device {
     #[serde(deserialize_with = "quantity::positive")]
     pub index: f64,
 }
-
-/// A port in the chip's frame, metres.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
-#[serde(transparent)]
-pub struct PortPosition(#[serde(deserialize_with = "quantity::lengths")] pub [f64; 3]);
 
 /// A fiber.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -327,7 +326,7 @@ pub struct Misplacement {
     pub home: f64,
 }
 
-/// Relative half ranges of uniform distributions of parameters.
+/// Relative half ranges of uniform distributions of parameters, at most a half.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Variation {
@@ -346,7 +345,10 @@ pub struct Variation {
     /// Of the gains of the micro axes.
     #[serde(deserialize_with = "quantity::fraction")]
     pub micro_gain: f64,
-    /// Of the transmission of each branch of the device.
+    /// Of the five-bars' links and the lead of the screws.
+    #[serde(deserialize_with = "quantity::fraction")]
+    pub links: f64,
+    /// Greatest excess loss of each branch of the device.
     #[serde(deserialize_with = "quantity::fraction")]
     pub loss: f64,
 }
@@ -359,27 +361,73 @@ impl Plant {
     /// When a key is missing, unknown or out of range.
     pub fn parse(file: &str, text: &str) -> Result<Self, pigtail_hal::Error> {
         let plant: Self = config::parse(file, text)?;
-        for (key, radius) in ["x", "y"]
-            .iter()
-            .zip(plant.device.mode_radius)
-            .map(|(axis, r)| (format!("device.mode_radius ({axis})"), r))
-        {
+        plant
+            .check()
+            .map_err(|(key, message)| pigtail_hal::Error::new(file, key, message))?;
+        Ok(plant)
+    }
+}
+
+impl Plant {
+    /// Numbers that are good of their kind and still make no machine.
+    fn check(&self) -> Result<(), (&'static str, String)> {
+        for radius in self.device.mode_radius {
             if radius <= 0.0 {
-                return Err(pigtail_hal::Error::new(
-                    file,
-                    key,
-                    format!("{radius} m is not positive; accepted is a length above zero"),
-                ));
+                let message =
+                    format!("{radius} m is not positive; accepted are lengths above zero");
+                return Err(("device.mode_radius", message));
             }
         }
-        if plant.micro.damping >= 1.0 {
-            return Err(pigtail_hal::Error::new(
-                file,
-                "micro.damping",
-                "1 is overdamped; accepted is a number from 0 to below 1",
-            ));
+        if self.micro.damping >= 1.0 {
+            let message = "1 is overdamped; accepted is a number from 0 to below 1".to_owned();
+            return Err(("micro.damping", message));
         }
-        Ok(plant)
+        if !(1.0..=5.0).contains(&self.device.index) {
+            let message = format!(
+                "{} is no guide's index; accepted is 1 to 5",
+                self.device.index
+            );
+            return Err(("device.index", message));
+        }
+        let steepest = (1.0 / self.device.index).asin().min(PI / 3.0);
+        if self.device.facet.abs() >= steepest {
+            let message = format!(
+                "light of an index of {} does not leave a facet of {:.1} deg; accepted is less than \
+                 {:.1} deg",
+                self.device.index,
+                self.device.facet.to_degrees(),
+                steepest.to_degrees()
+            );
+            return Err(("device.facet", message));
+        }
+        let v = &self.variation;
+        for (key, value) in [
+            ("variation.inertia", v.inertia),
+            ("variation.friction", v.friction),
+            ("variation.stiffness", v.stiffness),
+            ("variation.motor", v.motor),
+            ("variation.micro_gain", v.micro_gain),
+            ("variation.links", v.links),
+            ("variation.loss", v.loss),
+        ] {
+            if value > 0.5 {
+                return Err((key, format!("{value} is too wide; accepted is 0 to 0.5")));
+            }
+        }
+        FiveBar::new(
+            self.five_bar.base,
+            self.five_bar.proximal,
+            self.five_bar.distal,
+        )
+        .map_err(|invalid| ("five_bar", invalid.to_string()))?
+        .inverse(self.five_bar.home[0], self.five_bar.home[1])
+        .map_err(|why| {
+            (
+                "five_bar.home",
+                format!("{why}; accepted is a place in reach"),
+            )
+        })?;
+        Ok(())
     }
 }
 

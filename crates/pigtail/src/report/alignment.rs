@@ -136,7 +136,7 @@ fn seen(setup: &Setup, record: &Record, index: usize, port: &str) -> Vec<Seen> {
     let [px, py, pz] = if index == 0 {
         setup.recipe.ports.input
     } else {
-        setup.recipe.ports.outputs[index - 1].0
+        setup.recipe.ports.outputs[index - 1]
     };
     let channel = if index == 0 {
         Channel::Sensing

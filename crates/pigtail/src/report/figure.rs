@@ -34,7 +34,7 @@ pub(super) fn coloured(
     points: &[(f64, f64, f64)],
     cross: (f64, f64),
 ) -> Result<String> {
-    let mut order: Vec<_> = points.to_vec();
+    let mut order: Vec<_> = points.iter().copied().filter(|p| p.2.is_finite()).collect();
     order.sort_by(|a, b| a.2.total_cmp(&b.2));
     draw(axes, |root| {
         let mut chart = chart(axes, root)?;

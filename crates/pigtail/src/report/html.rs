@@ -41,11 +41,12 @@ th, td { padding: .3rem .7rem; text-align: right; border-bottom: 1px solid var(-
          white-space: nowrap; }
 th { font-weight: 600; vertical-align: bottom; }
 th small { display: block; font-weight: 400; color: var(--soft); }
-th:first-child, td:first-child, td:last-child, th:last-child { text-align: left; }
+th:nth-child(-n+2), td:nth-child(-n+2) { text-align: left; }
 .pair { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 26rem), 1fr));
         gap: 1rem; }
 figure { margin: 1rem 0; }
-figure svg { width: 100%; height: auto; display: block; }
+figure { overflow-x: auto; }
+figure svg { width: 100%; min-width: 32rem; height: auto; display: block; }
 figcaption { color: var(--soft); font-size: .9rem; max-width: 75ch; }
 details { margin-top: 2rem; }
 code { font-size: .85em; overflow-wrap: anywhere; }
