@@ -318,6 +318,7 @@ mod tests {
     use std::convert::Infallible;
 
     /// A curved valley in the logarithms of the gains.
+    #[expect(clippy::unnecessary_wraps, reason = "a cost on a machine may fail")]
     fn valley(gains: Gains) -> Result<f64, Infallible> {
         let [x, y, z] = gains.map(f64::ln);
         Ok(1.0 + (x + y).powi(2) + 10.0 * (x - z).powi(2) + 0.3 * (x - 1.0).powi(2))

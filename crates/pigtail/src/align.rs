@@ -156,6 +156,14 @@ impl Document {
 }
 
 impl FiberRow {
+    /// The outcome, beside the truth.
+    pub fn verdict(&self) -> &'static str {
+        match self.within_tolerance {
+            Some(false) => "believed aligned",
+            _ => self.outcome,
+        }
+    }
+
     /// Machine time of a phase, seconds, if it was entered.
     pub fn seconds_in(&self, phase: &str) -> Option<f64> {
         self.phases

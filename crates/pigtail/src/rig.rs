@@ -153,14 +153,13 @@ fn rig_folder(rig: &str) -> Option<PathBuf> {
 
 fn rig_file(rig: &str, index: usize) -> Result<Source, Error> {
     let (file, built_in) = DEFAULT_RIG[index];
-    let folder = if let Some(folder) = rig_folder(rig) {
-        folder
-    } else if rig == DEFAULT_RIG_NAME {
-        return Ok(Source {
-            name: format!("rigs/{rig}/{file} (built in)"),
-            text: built_in.to_owned(),
-        });
-    } else {
+    let Some(folder) = rig_folder(rig) else {
+        if rig == DEFAULT_RIG_NAME {
+            return Ok(Source {
+                name: format!("rigs/{rig}/{file} (built in)"),
+                text: built_in.to_owned(),
+            });
+        }
         return Err(Error::new(
             rig,
             "",

@@ -339,56 +339,12 @@ pub fn joint(p: &Parameters, input: &Input, grid: &Grid, out: &mut impl Write) -
             );
             volts = voltage.0;
         }
-        let mut end;
-        match input {
-            Input::Impulse { a1, a2, period } => {
-                let unit = p.R / p.km * p.fsm;
-                let pulse = Pulse {
-                    a1: a1 * unit,
-                    a2: a2 * unit,
-                    period: *period,
-                };
-                // The pulse's end is a corner: never step across it.
-                let on = (period - time).clamp(0.0, next - time);
-                volts = if time < *period { pulse.at(time) } else { 0.0 };
-                joint.resolve(&mut state, volts);
-                end = state;
-                if on > 0.0 {
-                    joint.advance(
-                        &mut end,
-                        From {
-                            voltage: pulse,
-                            since: time,
-                        },
-                        on,
-                    );
-                }
-                joint.advance(&mut end, 0.0, next - time - on);
-            }
-            Input::Voltages(changes) => {
-                let held = |at: f64| {
-                    changes
-                        .iter()
-                        .rev()
-                        .find(|change| change.0 <= at)
-                        .map_or(0.0, |c| c.1)
-                };
-                volts = held(time);
-                joint.resolve(&mut state, volts);
-                end = state;
-                let mut at = time;
-                for change in changes.iter().filter(|c| c.0 > time && c.0 < next) {
-                    joint.advance(&mut end, held(at), change.0 - at);
-                    at = change.0;
-                }
-                joint.advance(&mut end, held(at), next - at);
-            }
-            Input::Step(_) | Input::Triangle { .. } => {
-                joint.resolve(&mut state, volts);
-                end = state;
-                joint.advance(&mut end, volts, next - time);
-            }
+        if let Some(driven) = driven_at(input, p, time) {
+            volts = driven;
         }
+        joint.resolve(&mut state, volts);
+        let mut end = state;
+        advance(&joint, &mut end, input, p, (volts, time, next));
         let mode = |mode: Mode| mode.sign() as i8;
         writeln!(
             out,
@@ -408,4 +364,71 @@ pub fn joint(p: &Parameters, input: &Input, grid: &Grid, out: &mut impl Write) -
         state = end;
     }
     Ok(())
+}
+
+/// The voltage of an input that drives the amplifier directly; `None` for one that goes through
+/// the PID.
+fn driven_at(input: &Input, p: &Parameters, time: f64) -> Option<f64> {
+    match input {
+        Input::Impulse { period, .. } if time < *period => pulse(input, p).map(|u| u.at(time)),
+        Input::Impulse { .. } => Some(0.0),
+        Input::Voltages(changes) => Some(held(changes, time)),
+        Input::Step(_) | Input::Triangle { .. } => None,
+    }
+}
+
+fn held(changes: &[(f64, f64)], time: f64) -> f64 {
+    changes
+        .iter()
+        .rev()
+        .find(|change| change.0 <= time)
+        .map_or(0.0, |change| change.1)
+}
+
+fn pulse(input: &Input, p: &Parameters) -> Option<Pulse> {
+    let Input::Impulse { a1, a2, period } = *input else {
+        return None;
+    };
+    let unit = p.R / p.km * p.fsm;
+    Some(Pulse {
+        a1: a1 * unit,
+        a2: a2 * unit,
+        period,
+    })
+}
+
+/// Advances a joint from one row to the next, never across a corner of its voltage.
+fn advance(
+    joint: &Joint,
+    state: &mut JointState,
+    input: &Input,
+    p: &Parameters,
+    (volts, time, next): (f64, f64, f64),
+) {
+    if let Some(pulse) = pulse(input, p) {
+        let on = (pulse.period - time).clamp(0.0, next - time);
+        if on > 0.0 {
+            joint.advance(
+                state,
+                From {
+                    voltage: pulse,
+                    since: time,
+                },
+                on,
+            );
+        }
+        joint.advance(state, 0.0, next - time - on);
+    } else if let Input::Voltages(changes) = input {
+        let mut at = time;
+        for change in changes
+            .iter()
+            .filter(|change| change.0 > time && change.0 < next)
+        {
+            joint.advance(state, held(changes, at), change.0 - at);
+            at = change.0;
+        }
+        joint.advance(state, held(changes, at), next - at);
+    } else {
+        joint.advance(state, volts, next - time);
+    }
 }

@@ -157,6 +157,10 @@ pub struct Tuned {
 /// # Errors
 ///
 /// When the plant cannot be built, or the machine has a fault.
+///
+/// # Panics
+///
+/// Never: the search with the least cost is among those that may be chosen.
 pub fn tune(
     setup: &Setup,
     plan: &Plan,

@@ -165,11 +165,7 @@ fn rows(document: &Document) -> Vec<Vec<String>> {
     };
     let mut rows = vec![header];
     rows.extend(document.fibers.iter().map(|fiber| {
-        let outcome = match fiber.within_tolerance {
-            Some(false) => "believed aligned",
-            _ => fiber.outcome,
-        };
-        let mut row = vec![fiber.port.to_owned(), outcome.to_owned()];
+        let mut row = vec![fiber.port.to_owned(), fiber.verdict().to_owned()];
         row.extend(names.iter().map(|name| number(fiber.seconds_in(name), 1)));
         let offset = fiber.offset_um;
         row.push(number(Some(fiber.seconds), 1));

@@ -4,7 +4,7 @@ use super::{DONE, Failure, failure};
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
 use crate::runs::Run;
-use crate::tune::{Method, Plan, tune, usual_step};
+use crate::tune::{Document, Method, Plan, tune, usual_step};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use pigtail_hal::{AxisName, Error};
@@ -115,47 +115,54 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     run.write_json("summary.json", &tuned.document)?;
     run.write("report.html", report::tuning(&tuned)?)?;
-    let document = &tuned.document;
-    let mut text = String::new();
-    if arguments.json {
-        text = serde_json::to_string(document).map_err(anyhow::Error::from)?;
-        text.push('\n');
+    let text = if arguments.json {
+        format!(
+            "{}\n",
+            serde_json::to_string(&tuned.document).map_err(anyhow::Error::from)?
+        )
     } else {
-        let g = document.gains;
-        let _ = writeln!(
-            text,
-            "{at}: kp {} V/count, ki {} V/(count s), kd {} V s/count",
-            g.kp, g.ki, g.kd
-        );
-        let _ = writeln!(
-            text,
-            "rise {:.1} ms, settling {:.1} ms, overshoot {:.1} %, cost {:.2} ms2",
-            document.rise_ms, document.settling_ms, document.overshoot_percent, document.cost
-        );
-        for start in &document.starts {
-            let _ = writeln!(
-                text,
-                "  from kp {}, ki {}, kd {}: cost {} to {:.2} ms2 in {} trials, within 5 % after {}",
-                start.start.kp,
-                start.start.ki,
-                start.start.kd,
-                start
-                    .cost_at_start
-                    .map_or_else(|| "infinite".to_owned(), |c| format!("{c:.2}")),
-                start.cost,
-                start.trials,
-                start.trials_to_5_percent
-            );
-        }
-        let _ = writeln!(text, "{:.0} s of machine time", document.seconds_machine);
-        if document.calibration.is_empty() {
-            let _ = writeln!(text, "The calibration was left as it is.");
-        } else {
-            let _ = writeln!(text, "Written to {}", document.calibration);
-        }
-        let _ = writeln!(text, "Report: {}", document.report);
-    }
+        account(&tuned.document)
+    };
     run.finish(&setup, arguments.seed)?;
     super::print(text.as_bytes())?;
     Ok(DONE)
+}
+
+/// What a person wants to know of it.
+fn account(document: &Document) -> String {
+    let mut text = String::new();
+    let g = document.gains;
+    let _ = writeln!(
+        text,
+        "{}: kp {} V/count, ki {} V/(count s), kd {} V s/count",
+        document.axis, g.kp, g.ki, g.kd
+    );
+    let _ = writeln!(
+        text,
+        "rise {:.1} ms, settling {:.1} ms, overshoot {:.1} %, cost {:.2} ms2",
+        document.rise_ms, document.settling_ms, document.overshoot_percent, document.cost
+    );
+    for start in &document.starts {
+        let _ = writeln!(
+            text,
+            "  from kp {}, ki {}, kd {}: cost {} to {:.2} ms2 in {} trials, within 5 % after {}",
+            start.start.kp,
+            start.start.ki,
+            start.start.kd,
+            start
+                .cost_at_start
+                .map_or_else(|| "infinite".to_owned(), |c| format!("{c:.2}")),
+            start.cost,
+            start.trials,
+            start.trials_to_5_percent
+        );
+    }
+    let _ = writeln!(text, "{:.0} s of machine time", document.seconds_machine);
+    if document.calibration.is_empty() {
+        let _ = writeln!(text, "The calibration was left as it is.");
+    } else {
+        let _ = writeln!(text, "Written to {}", document.calibration);
+    }
+    let _ = writeln!(text, "Report: {}", document.report);
+    text
 }

@@ -57,11 +57,8 @@ pub fn alignment(setup: &Setup, document: &Document, record: &Record) -> Result<
 }
 
 fn verdict(document: &Document) -> String {
-    let aligned = document
-        .fibers
-        .iter()
-        .filter(|f| f.outcome == "aligned")
-        .count();
+    let good = |f: &&FiberRow| f.outcome == "aligned" && f.within_tolerance == Some(true);
+    let aligned = document.fibers.iter().filter(good).count();
     let of = document.fibers.len();
     let class = if document.is_success() { "good" } else { "bad" };
     let mut text = format!(
@@ -70,49 +67,56 @@ fn verdict(document: &Document) -> String {
         document.seconds_per_fiber, document.procedure
     );
     if document.collision {
-        text.push_str(" <span class=\"bad\">A fiber hit the chip.</span>");
+        text.push_str(" <span class=\"bad\">A fiber hit the chip: nothing here counts.</span>");
     }
     if document
         .fibers
         .iter()
         .any(|f| f.within_tolerance == Some(false))
     {
-        text.push_str(" <span class=\"bad\">One that control calls aligned is not.</span>");
+        text.push_str(" <span class=\"bad\">One that control believes aligned is not.</span>");
     }
     text
 }
 
 fn table(document: &Document) -> String {
     let names = document.phase_names();
-    let mut html = String::from("<div class=\"scroll\"><table>\n<tr><th>fiber</th>");
+    let mut html =
+        String::from("<div class=\"scroll\"><table>\n<tr><th>fiber</th><th>outcome</th>");
     for name in &names {
         let _ = write!(html, "<th>{name}<small>s</small></th>");
     }
     html.push_str(
         "<th>in all<small>s</small></th><th>x<small>um</small></th><th>y<small>um</small></th>\
-         <th>z<small>um</small></th><th>loss<small>dB</small></th><th>outcome</th></tr>\n",
+         <th>z<small>um</small></th><th>loss<small>dB</small></th></tr>\n",
     );
     let number = |value: Option<f64>, digits: usize| {
         value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"))
     };
     for fiber in &document.fibers {
-        let _ = write!(html, "<tr><td>{}</td>", fiber.port);
+        let class = if fiber.outcome == "aligned" && fiber.within_tolerance == Some(true) {
+            "good"
+        } else {
+            "bad"
+        };
+        let _ = write!(
+            html,
+            "<tr><td>{}</td><td class=\"{class}\">{}</td>",
+            fiber.port,
+            fiber.verdict()
+        );
         for name in &names {
             let _ = write!(html, "<td>{}</td>", number(fiber.seconds_in(name), 1));
         }
         let o = fiber.offset_um;
-        let good = fiber.outcome == "aligned" && fiber.within_tolerance == Some(true);
         let _ = writeln!(
             html,
-            "<td>{:.1}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>\
-             <td class=\"{}\">{}</td></tr>",
+            "<td>{:.1}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
             fiber.seconds,
             number(o.map(|o| o.x), 3),
             number(o.map(|o| o.y), 3),
             number(o.map(|o| o.z), 2),
             number(fiber.coupling_loss_db, 2),
-            if good { "good" } else { "bad" },
-            fiber.outcome,
         );
     }
     html.push_str("</table></div>\n");
@@ -221,10 +225,10 @@ fn section(setup: &Setup, record: &Record, index: usize, fiber: &FiberRow) -> Re
 fn sentence(fiber: &FiberRow) -> String {
     match (fiber.offset_um, fiber.coupling_loss_db) {
         (Some(o), Some(loss)) => format!(
-            "{}: {:.1} nm across, {:.1} nm up, {:+.2} um in z, {loss:.2} dB.",
-            fiber.detail,
-            o.x * 1e3,
-            o.y * 1e3,
+            "{}: {:+.3} um across, {:+.3} um up, {:+.2} um in z, {loss:.2} dB.",
+            fiber.verdict(),
+            o.x,
+            o.y,
             o.z
         ),
         _ => format!("{}.", fiber.detail),

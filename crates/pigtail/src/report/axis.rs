@@ -158,6 +158,9 @@ pub fn resolution(rows: &[(ResolutionRow, Increments)]) -> Result<String> {
     Ok(page(&title, &body))
 }
 
+/// A number of a frequency response at one of its frequencies.
+type Value = fn(&FrequencyResponse, usize) -> f64;
+
 /// The report of a frequency response.
 ///
 /// # Errors
@@ -177,7 +180,6 @@ pub fn frequency(d: &FrequencyDocument, responses: &[FrequencyResponse; 2]) -> R
         ),
     );
     let named = ["encoder", "output"];
-    type Value = fn(&FrequencyResponse, usize) -> f64;
     let plots: [(&str, Value); 3] = [
         ("gain, dB", |r, k| 20.0 * r.gain[k].max(1e-6).log10()),
         ("phase, degrees", |r, k| r.phase[k].to_degrees()),
