@@ -1,5 +1,6 @@
 //! The belief about a machine: `calibration.toml`.
 
+use crate::compensation::windup::{ELEMENTS, Memory, Reversal, Windup};
 use pigtail_hal::{Error, Spec, config, quantity};
 use serde::Deserialize;
 
@@ -12,6 +13,105 @@ pub struct Calibration {
     pub gains: Gains,
     /// Dimensions and places.
     pub geometry: Geometry,
+    /// Windup of the transmissions, of the kinds of axes where it has been identified.
+    #[serde(default)]
+    pub windup: Windups,
+}
+
+/// Windup of each kind of axis.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Windups {
+    /// Of a five-bar joint.
+    pub five_bar: Option<WindupBelief>,
+    /// Of a z-stage.
+    pub z: Option<WindupBelief>,
+}
+
+/// Windup of an axis as it was identified.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WindupBelief {
+    /// Which of the two models compensates it.
+    pub model: WindupModel,
+    /// `W_max` of (2.20), radians of the output.
+    #[serde(deserialize_with = "quantity::positive_angle")]
+    pub w_max: f64,
+    /// `Q` of (2.20), radians of the output.
+    #[serde(deserialize_with = "quantity::positive_angle")]
+    pub q: f64,
+    /// Linear part of the hardening of [`Memory`], radians.
+    #[serde(deserialize_with = "quantity::angle")]
+    pub linear: f64,
+    /// Its cubic part, radians.
+    #[serde(deserialize_with = "quantity::angle")]
+    pub cubic: f64,
+    /// The elements of [`Memory`]: way (radians) and share of the torque, at most 16.
+    pub elements: Vec<[f64; 2]>,
+    /// Root mean square that the model left of the windup, radians.
+    #[serde(deserialize_with = "quantity::non_negative_angle")]
+    pub residual: f64,
+    /// When it was found.
+    pub date: String,
+    /// By which run.
+    pub origin: String,
+}
+
+/// A model of windup.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum WindupModel {
+    /// The thesis's, [`Reversal`].
+    Reversal,
+    /// With full memory, [`Memory`].
+    Memory,
+}
+
+impl WindupBelief {
+    /// The model it describes.
+    pub fn windup(&self) -> Windup {
+        match self.model {
+            WindupModel::Reversal => Windup::Reversal(Reversal {
+                maximum: self.w_max,
+                way: self.q,
+            }),
+            WindupModel::Memory => {
+                // Elements that are not there are infinitely stiff nothings.
+                let mut ways = [1.0; ELEMENTS];
+                let mut stiffness = [0.0; ELEMENTS];
+                for (i, [way, share]) in self.elements.iter().take(ELEMENTS).enumerate() {
+                    ways[i] = *way;
+                    stiffness[i] = share / way;
+                }
+                Windup::Memory(Memory {
+                    ways,
+                    stiffness,
+                    linear: self.linear,
+                    cubic: self.cubic,
+                })
+            }
+        }
+    }
+
+    fn check(&self) -> Result<(), String> {
+        if self.elements.len() > ELEMENTS {
+            return Err(format!(
+                "has {} elements; accepted are at most {ELEMENTS}",
+                self.elements.len()
+            ));
+        }
+        let good = |[way, share]: &[f64; 2]| {
+            *way > 0.0 && way.is_finite() && *share >= 0.0 && share.is_finite()
+        };
+        if !self.elements.iter().all(good) {
+            return Err(
+                "has an element that is none; accepted are ways above zero and shares of \
+                        zero or more"
+                    .to_owned(),
+            );
+        }
+        Ok(())
+    }
 }
 
 /// Servo gains of each kind of axis.
@@ -135,6 +235,16 @@ impl Calibration {
     /// be reached with these dimensions.
     pub fn parse(file: &str, text: &str, spec: &Spec) -> Result<Self, Error> {
         let calibration: Self = config::parse(file, text)?;
+        for (key, belief) in [
+            ("five_bar", &calibration.windup.five_bar),
+            ("z", &calibration.windup.z),
+        ] {
+            if let Some(belief) = belief {
+                belief.check().map_err(|message| {
+                    Error::new(file, format!("windup.{key}.elements"), message)
+                })?;
+            }
+        }
         crate::kinematics::check_workspace(&calibration.geometry.five_bar, spec)
             .map_err(|message| Error::new(file, "geometry.five_bar", message))?;
         Ok(calibration)

@@ -117,42 +117,44 @@ impl Kinematics {
             && p.z.abs() <= self.half_travel
     }
 
-    /// Encoder counts that put the endpoint at `p`.
+    /// Output angles from home that put the endpoint at `p`, radians.
     ///
     /// # Errors
     ///
     /// When the five-bar does not reach it.
-    pub fn counts_at(&self, p: Point<Macro>) -> Result<[Counts; AXES], Unreachable> {
+    pub fn outputs_at(&self, p: Point<Macro>) -> Result<[f64; AXES], Unreachable> {
         let [a, b] = self
             .five_bar
             .inverse(self.home[0] + p.x, self.home[1] + p.y)?;
-        let outputs = [
-            a.0 - self.home_angles[0].0,
-            b.0 - self.home_angles[1].0,
-            self.screw.angle(p.z),
-        ];
-        Ok(std::array::from_fn(|i| {
-            Counts((outputs[i] * self.counts_per_radian[i]).round() as i64)
-        }))
+        let [home_a, home_b] = self.home_angles;
+        Ok([a.0 - home_a.0, b.0 - home_b.0, self.screw.angle(p.z)])
     }
 
-    /// Where the endpoint is by the encoders.
+    /// Where the endpoint is with these output angles from home, radians.
     ///
     /// # Errors
     ///
-    /// When no assembled mechanism has these counts.
-    pub fn endpoint_at(&self, counts: [Counts; AXES]) -> Result<Point<Macro>, Unreachable> {
-        let [a, b, z]: [f64; AXES] =
-            std::array::from_fn(|i| counts[i].0 as f64 / self.counts_per_radian[i]);
-        let (x, y) = self.five_bar.forward([
-            JointAngle(self.home_angles[0].0 + a),
-            JointAngle(self.home_angles[1].0 + b),
-        ])?;
+    /// When no assembled mechanism has these angles.
+    pub fn endpoint_at(&self, [a, b, z]: [f64; AXES]) -> Result<Point<Macro>, Unreachable> {
+        let [home_a, home_b] = self.home_angles;
+        let (x, y) = self
+            .five_bar
+            .forward([JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)])?;
         Ok(Point::new(
             x - self.home[0],
             y - self.home[1],
             self.screw.position(z),
         ))
+    }
+
+    /// Encoder counts of an axis whose transmission has this input angle, radians of the output.
+    pub fn counts(&self, axis: usize, input: f64) -> Counts {
+        Counts((input * self.counts_per_radian[axis]).round() as i64)
+    }
+
+    /// Input angle of an axis's transmission at these encoder counts, radians of the output.
+    pub fn input(&self, axis: usize, counts: Counts) -> f64 {
+        counts.0 as f64 / self.counts_per_radian[axis]
     }
 
     /// The endpoint's position in the chip's frame.

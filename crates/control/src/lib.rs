@@ -11,12 +11,14 @@
 //! 5. [`servo`]: from counts to volts, every cycle;
 //! 6. [`station`]: owns the machine's time, one exchange after the other.
 //!
-//! Beside these stand the experiments on one axis: [`characterize`] and [`tune`].
+//! Beside these stand the experiments on one axis: [`characterize`], [`identify`] and [`tune`].
 //!
 //! There are no clocks, no threads and no files here: time comes from the machine.
 
 pub mod calibration;
 pub mod characterize;
+pub mod compensation;
+pub mod identify;
 pub mod kinematics;
 pub mod outcome;
 pub mod peak;

@@ -1,7 +1,8 @@
 //! The station owns the machine's time: every cycle it turns wanted motion into one command,
 //! exchanges it for a measurement, and lets the procedure look at what came back.
 
-use crate::calibration::Calibration;
+use crate::calibration::{Calibration, WindupBelief};
+use crate::compensation::windup::{Windup, WindupState};
 use crate::kinematics::Kinematics;
 use crate::outcome::{Halt, Outcome};
 use crate::servo::{Pid, PidState};
@@ -48,6 +49,8 @@ impl Observer for Unobserved {
 #[derive(Debug, Clone)]
 struct Arm {
     kinematics: Kinematics,
+    windups: [Windup; AXES],
+    windup_states: [WindupState; AXES],
     pids: [Pid; AXES],
     states: [PidState; AXES],
     references: [Counts; AXES],
@@ -105,6 +108,14 @@ impl<'a> Station<'a> {
         let period = spec.period();
         let arms = Side::ALL.map(|side| Arm {
             kinematics: Kinematics::new(&spec, calibration, side),
+            windups: Axis::ALL.map(|axis| {
+                let belief = match axis {
+                    Axis::A | Axis::B => &calibration.windup.five_bar,
+                    Axis::Z => &calibration.windup.z,
+                };
+                belief.as_ref().map_or(Windup::None, WindupBelief::windup)
+            }),
+            windup_states: [WindupState::default(); AXES],
             pids: Axis::ALL.map(|axis| {
                 let gains = match axis {
                     Axis::A | Axis::B => &calibration.gains.five_bar,
@@ -210,12 +221,15 @@ impl<'a> Station<'a> {
         self.cycle()
     }
 
-    /// Where an endpoint is by its encoders; where it is wanted if they make no sense.
+    /// Where an endpoint is by its encoders, less what the transmissions have wound up (2.23);
+    /// where it is wanted if they make no sense.
     pub fn endpoint(&self, side: Side) -> Point<Macro> {
         let arm = &self.arms[side.index()];
-        arm.kinematics
-            .endpoint_at(self.measurement.encoders[side.index()])
-            .unwrap_or(arm.wanted)
+        let encoders = &self.measurement.encoders[side.index()];
+        let outputs = std::array::from_fn(|i| {
+            arm.kinematics.input(i, encoders[i]) - arm.windups[i].now(&arm.windup_states[i])
+        });
+        arm.kinematics.endpoint_at(outputs).unwrap_or(arm.wanted)
     }
 
     /// Where an endpoint is wanted at this moment.
@@ -430,8 +444,12 @@ impl Arm {
         let over = elapsed >= motion.line.duration();
         // The line lies inside the workspace, which was checked to be reachable; were it not,
         // holding is the answer.
-        if let Ok(references) = self.kinematics.counts_at(self.wanted) {
-            self.references = references;
+        if let Ok(outputs) = self.kinematics.outputs_at(self.wanted) {
+            for (i, output) in outputs.into_iter().enumerate() {
+                // (2.22): the input that is needed for this output.
+                let windup = self.windups[i].next(&mut self.windup_states[i], output);
+                self.references[i] = self.kinematics.counts(i, output + windup);
+            }
         }
         if over {
             self.motion = None;

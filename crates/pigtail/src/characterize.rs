@@ -281,8 +281,8 @@ pub struct FrequencyRow {
     pub coherence: f64,
 }
 
-/// The frequency response of an axis to a random reference: noise of `amplitude` counts rms below
-/// twice the frequencies of interest, for 40 s.
+/// The frequency response of an axis to a random reference for 40 s: noise of `amplitude` counts
+/// rms that falls off above 30 Hz, or the motor would do nothing but saturate.
 ///
 /// # Errors
 ///
@@ -295,10 +295,11 @@ pub fn frequency(
     seed: u64,
 ) -> Result<(FrequencyDocument, [FrequencyResponse; 2]), ExperimentError> {
     const SECONDS: f64 = 40.0;
-    const HIGHEST: f64 = 150.0;
+    const HIGHEST: f64 = 300.0;
+    const CORNER: f64 = 30.0;
     const WINDOW: usize = 4096;
     let period = setup.spec.period();
-    let reference = noise(amplitude, 2.0 * HIGHEST, period, SECONDS, seed);
+    let reference = noise(amplitude, CORNER, period, SECONDS, seed);
     let trace = record(
         station,
         at,

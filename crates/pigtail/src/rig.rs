@@ -114,7 +114,7 @@ impl Setup {
     pub fn write_calibration(
         &self,
         table: &str,
-        values: &[(&str, String)],
+        values: &[(&str, toml_edit::Item)],
     ) -> Result<Option<String>, Error> {
         let Some(path) = &self.calibration_file else {
             return Ok(None);
@@ -130,11 +130,14 @@ impl Setup {
         for key in table.split('.') {
             item = &mut item[key];
             if item.is_none() {
-                *item = toml_edit::table();
+                // A table that only holds tables needs no header of its own.
+                let mut new = toml_edit::Table::new();
+                new.set_implicit(true);
+                *item = toml_edit::Item::Table(new);
             }
         }
         for (key, value) in values {
-            item[key] = toml_edit::value(value.as_str());
+            item[key] = value.clone();
         }
         let partial = path.with_extension(format!("toml.partial-{}", std::process::id()));
         std::fs::write(&partial, document.to_string())

@@ -202,25 +202,19 @@ pub fn tune(
             }
         });
     }
-    // Costs this close cannot be told apart in so flat a valley: of those, the gains that settle
-    // first.
+    // Costs this close cannot be told apart in so flat a valley: of those, the gains that rise
+    // and settle first.
     let least = searches
         .iter()
         .map(|s| s.best().cost)
         .fold(f64::INFINITY, f64::min);
-    let mut chosen: Option<Chosen> = None;
-    let near = searches
-        .iter()
-        .flat_map(|search| search.path.iter().map(move |p| (search, p)));
-    for (search, found) in near.filter(|(_, p)| p.cost <= 1.02 * least) {
-        let gains = GainsRow::new(found.gains);
-        let trace = experiment.response(&mut station, gains.gains())?;
-        let response = step_response(&trace, plan.step as f64);
-        if chosen
-            .as_ref()
-            .is_none_or(|c| response.settling < c.response.settling)
-        {
-            chosen = Some(Chosen {
+    let mut near = Vec::new();
+    for search in &searches {
+        for found in search.path.iter().filter(|p| p.cost <= 1.02 * least) {
+            let gains = GainsRow::new(found.gains);
+            let trace = experiment.response(&mut station, gains.gains())?;
+            let response = step_response(&trace, plan.step as f64);
+            near.push(Chosen {
                 search,
                 cost: found.cost,
                 gains,
@@ -229,7 +223,14 @@ pub fn tune(
             });
         }
     }
-    let chosen = chosen.expect("the trial with the least cost is among those near it");
+    let fastest = |of: fn(&Chosen) -> f64| near.iter().map(of).fold(f64::INFINITY, f64::min);
+    let rise = fastest(|c| c.response.rise);
+    let settling = fastest(|c| c.response.settling);
+    let slowness = |c: &Chosen| c.response.rise / rise + c.response.settling / settling;
+    let chosen = near
+        .into_iter()
+        .min_by(|a, b| slowness(a).total_cmp(&slowness(b)))
+        .expect("the search with the least cost is among those near it");
     let document = Document {
         axis: plan.at.to_string(),
         search: plan.method,

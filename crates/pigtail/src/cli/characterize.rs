@@ -20,7 +20,7 @@ use std::path::PathBuf;
 /// sine        gain and phase at the encoder and at the output
 /// resolution  1000 steps in one direction; the step size is raised by a count until at most 1 %
 ///             of the steps move the output by less than half the mean (thesis 2.5)
-/// frequency   gain, phase and coherence up to 150 Hz, from a random reference
+/// frequency   gain, phase and coherence up to 300 Hz, from a random reference
 #[derive(Debug, Args)]
 #[command(
     verbatim_doc_comment,

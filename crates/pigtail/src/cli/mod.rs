@@ -2,6 +2,7 @@
 
 mod align;
 mod characterize;
+mod identify;
 mod progress;
 mod simulate;
 mod tune;
@@ -49,6 +50,7 @@ Exit codes:
 enum Command {
     Align(align::Arguments),
     Tune(tune::Arguments),
+    Identify(identify::Arguments),
     Characterize(characterize::Arguments),
     Simulate(simulate::Arguments),
 }
@@ -102,6 +104,7 @@ pub fn main() -> ExitCode {
     let result = match arguments.command {
         Command::Align(arguments) => align::run(&arguments),
         Command::Tune(arguments) => tune::run(&arguments),
+        Command::Identify(arguments) => identify::run(&arguments),
         Command::Characterize(arguments) => characterize::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
     };

@@ -104,11 +104,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         let written = setup.write_calibration(
             &table,
             &[
-                ("kp", format!("{} V/count", g.kp)),
-                ("ki", format!("{} V/(count s)", g.ki)),
-                ("kd", format!("{} V s/count", g.kd)),
-                ("date", run.date()),
-                ("origin", format!("tune {at}, run {}", run.name())),
+                ("kp", toml_edit::value(format!("{} V/count", g.kp))),
+                ("ki", toml_edit::value(format!("{} V/(count s)", g.ki))),
+                ("kd", toml_edit::value(format!("{} V s/count", g.kd))),
+                ("date", toml_edit::value(run.date())),
+                (
+                    "origin",
+                    toml_edit::value(format!("tune {at}, run {}", run.name())),
+                ),
             ],
         )?;
         tuned.document.calibration = written.unwrap_or_default();

@@ -5,7 +5,9 @@ mod axis;
 mod figure;
 mod html;
 mod tuning;
+mod windup;
 
 pub use alignment::alignment;
 pub use axis::{frequency, resolution, sine, step};
 pub use tuning::tuning;
+pub use windup::windup;

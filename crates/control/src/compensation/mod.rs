@@ -1,0 +1,3 @@
+//! What stands between the wanted motion and the servo: models of what the mechanics do with it.
+
+pub mod windup;

@@ -1,0 +1,385 @@
+//! Identification of windup on the machine (thesis 2.4.1, 2.4.3).
+
+use crate::characterize::{Trace, record};
+use crate::compensation::windup::{ELEMENTS, Memory, MemoryState, Reversal, Windup, WindupState};
+use crate::outcome::{Halt, Outcome};
+use crate::station::Station;
+use pigtail_hal::AxisName;
+
+/// Input and output of a transmission over a scan, as output angles from where it began.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct WindupRecord {
+    /// Time between samples, seconds.
+    pub period: f64,
+    /// `r q_m` by the encoder, radians.
+    pub input: Vec<f64>,
+    /// The output by the probe, radians.
+    pub output: Vec<f64>,
+    /// The output that was wanted, radians.
+    pub wanted: Vec<f64>,
+}
+
+/// How counts and probe readings become output angles.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scale {
+    /// Output angle of one count of the encoder, radians.
+    pub radians_per_count: f64,
+    /// What the probe reads for a radian of the output, metres.
+    pub metres_per_radian: f64,
+}
+
+/// A path through turning points at constant speed.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Path {
+    /// Turning points, in the unit of the path, from zero.
+    pub turns: Vec<f64>,
+    /// Speed, units a second.
+    pub speed: f64,
+}
+
+impl Path {
+    /// Seconds from the first turning point to the last.
+    pub fn duration(&self) -> f64 {
+        self.turns
+            .windows(2)
+            .map(|w| (w[1] - w[0]).abs())
+            .sum::<f64>()
+            / self.speed
+    }
+
+    /// Where it is `time` seconds after its start.
+    pub fn at(&self, time: f64) -> f64 {
+        let mut left = time * self.speed;
+        for w in self.turns.windows(2) {
+            let length = (w[1] - w[0]).abs();
+            if left < length {
+                return w[0] + left * (w[1] - w[0]).signum();
+            }
+            left -= length;
+        }
+        self.turns.last().copied().unwrap_or(0.0)
+    }
+
+    /// Forward and back over `range` twice, then turns within it that come closer and closer:
+    /// every state of the transmission between fully wound either way.
+    pub fn identification(range: f64, speed: f64) -> Self {
+        let mut turns = vec![0.0, range, 0.0, range, 0.0, range];
+        let (mut low, mut high) = (0.0, range);
+        for share in [0.55, 0.5, 0.45, 0.4, 0.35, 0.3, 0.25] {
+            low = range * (0.5 - share);
+            turns.push(low.max(0.0));
+            high = range * (0.5 + share - 0.03);
+            turns.push(high);
+        }
+        let middle = 0.5 * (low + high);
+        for share in [0.22, 0.19, 0.16, 0.13, 0.1, 0.075, 0.05, 0.03] {
+            turns.push(middle - share * range);
+            turns.push(middle + share * range);
+        }
+        turns.extend([0.0, range]);
+        Self { turns, speed }
+    }
+}
+
+/// Drives an axis along a path of its output (radians), through a model of its windup, and notes
+/// input and output.
+///
+/// # Errors
+///
+/// A fault; [`Outcome::OutOfReach`] on a rig without probes.
+pub fn scan(
+    station: &mut Station,
+    at: AxisName,
+    scale: &Scale,
+    path: &Path,
+    model: &Windup,
+) -> Result<WindupRecord, Halt> {
+    let state = std::cell::RefCell::new(WindupState::default());
+    let reference = |time: f64| {
+        let output = path.at(time);
+        let windup = model.next(&mut state.borrow_mut(), output);
+        (output + windup) / scale.radians_per_count
+    };
+    let trace: Trace = record(station, at, path.duration(), reference, |_| true)?;
+    if trace.output.is_empty() {
+        let what = format!("{at} has no probe at its output on this rig");
+        return Err(Outcome::OutOfReach(what).into());
+    }
+    Ok(WindupRecord {
+        period: trace.period,
+        input: trace
+            .encoder
+            .iter()
+            .map(|c| c * scale.radians_per_count)
+            .collect(),
+        output: trace
+            .output
+            .iter()
+            .map(|m| m / scale.metres_per_radian)
+            .collect(),
+        wanted: (0..trace.encoder.len())
+            .map(|k| path.at((k + 1) as f64 * trace.period))
+            .collect(),
+    })
+}
+
+/// A fitted model and how well it fits.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fit<M> {
+    /// The model.
+    pub model: M,
+    /// Windup by which encoder and probe were out of step when the scan began, radians.
+    pub offset: f64,
+    /// Root mean square of what is left of the windup, radians.
+    pub residual: f64,
+    /// Largest of it, radians.
+    pub largest: f64,
+}
+
+/// Of how many samples one is fitted: they lie far closer than anything changes.
+const EVERY: usize = 25;
+
+/// Windup at every [`EVERY`]th sample beside the output.
+fn samples(record: &WindupRecord) -> Vec<(f64, f64)> {
+    record
+        .input
+        .iter()
+        .zip(&record.output)
+        .step_by(EVERY)
+        .map(|(input, output)| (*output, input - output))
+        .collect()
+}
+
+/// The value at which a unimodal function is least, by golden section.
+fn least(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
+    const GOLDEN: f64 = 0.618_033_988_749_894_9;
+    for _ in 0..25 {
+        let (a, b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
+        if f(a) < f(b) {
+            high = b;
+        } else {
+            low = a;
+        }
+    }
+    0.5 * (low + high)
+}
+
+fn judge(data: &[(f64, f64)], offset: f64, mut model: impl FnMut(f64) -> f64) -> (f64, f64) {
+    let (mut squares, mut largest) = (0.0, 0.0_f64);
+    for (output, windup) in data {
+        let left = windup - offset - model(*output);
+        squares += left * left;
+        largest = largest.max(left.abs());
+    }
+    ((squares / data.len() as f64).sqrt(), largest)
+}
+
+/// Fits (2.20) to the part of a record after its first full reversal.
+///
+/// `skip` is how many samples that leaves out. For each `Q` the maximum and the offset follow by
+/// linear least squares.
+pub fn fit_reversal(record: &WindupRecord, skip: usize) -> Fit<Reversal> {
+    let data = samples(record);
+    let skip = skip / EVERY;
+    let shape_of = |way: f64| -> Vec<f64> {
+        let unit = Reversal { maximum: 1.0, way };
+        let mut state = crate::compensation::windup::ReversalState::default();
+        data.iter()
+            .map(|(output, _)| unit.next(&mut state, *output))
+            .collect()
+    };
+    let solve = |way: f64| {
+        let shape = shape_of(way);
+        let (mut n, mut s, mut ss, mut w, mut sw) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for (s_k, (_, w_k)) in shape.iter().zip(&data).skip(skip) {
+            n += 1.0;
+            s += s_k;
+            ss += s_k * s_k;
+            w += w_k;
+            sw += s_k * w_k;
+        }
+        let maximum = (n * sw - s * w) / (n * ss - s * s);
+        let offset = (w - maximum * s) / n;
+        let squares: f64 = shape
+            .iter()
+            .zip(&data)
+            .skip(skip)
+            .map(|(s_k, (_, w_k))| (w_k - offset - maximum * s_k).powi(2))
+            .sum();
+        (maximum, offset, squares)
+    };
+    let range = data
+        .iter()
+        .fold(0.0, |r: f64, (output, _)| r.max(output.abs()));
+    let way = least((0.005 * range).ln(), range.ln(), |log| solve(log.exp()).2).exp();
+    let (maximum, offset, _) = solve(way);
+    let model = Reversal { maximum, way };
+    let mut state = crate::compensation::windup::ReversalState::default();
+    for (output, _) in &data[..skip] {
+        model.next(&mut state, *output);
+    }
+    let (residual, largest) = judge(&data[skip..], offset, |output| {
+        model.next(&mut state, output)
+    });
+    Fit {
+        model,
+        offset,
+        residual,
+        largest,
+    }
+}
+
+/// Fits a [`Memory`] to the same part of a record: element ways on a grid whose longest is
+/// searched, the hardening searched for each of them, the stiffnesses by non-negative least
+/// squares.
+pub fn fit_memory(record: &WindupRecord, skip: usize, first: &Fit<Reversal>) -> Fit<Memory> {
+    let data = samples(record);
+    let skip = skip / EVERY;
+    let (low, high) = (0.1 * first.model.way, 1.5 * first.model.way);
+    let longest = least(low.ln(), high.ln(), |log| {
+        Grid::new(&data, skip, first, log.exp()).best().1
+    })
+    .exp();
+    let (model, _) = Grid::new(&data, skip, first, longest).best();
+    let mut state = MemoryState::default();
+    for (output, _) in &data[..skip] {
+        model.next(&mut state, *output);
+    }
+    let (residual, largest) = judge(&data[skip..], first.offset, |output| {
+        model.next(&mut state, output)
+    });
+    Fit {
+        model,
+        offset: first.offset,
+        residual,
+        largest,
+    }
+}
+
+/// The answers of elements of given ways to a record.
+struct Grid {
+    ways: [f64; ELEMENTS],
+    /// Windup over its maximum at each sample.
+    windups: Vec<f64>,
+    /// Deflection over its way of each element at each sample.
+    rows: Vec<[f64; ELEMENTS]>,
+    /// Sums of products of the rows' columns.
+    normal: [[f64; ELEMENTS]; ELEMENTS],
+    maximum: f64,
+}
+
+impl Grid {
+    fn new(data: &[(f64, f64)], skip: usize, first: &Fit<Reversal>, longest: f64) -> Self {
+        let ways: [f64; ELEMENTS] =
+            std::array::from_fn(|i| longest * (i + 1) as f64 / ELEMENTS as f64);
+        let elements = Memory {
+            ways,
+            stiffness: [0.0; ELEMENTS],
+            linear: 0.0,
+            cubic: 0.0,
+        };
+        let mut state = MemoryState::default();
+        let mut rows = Vec::with_capacity(data.len());
+        for (output, _) in data {
+            elements.next(&mut state, *output);
+            rows.push(std::array::from_fn(|i| state.deflections()[i] / ways[i]));
+        }
+        rows.drain(..skip);
+        let mut normal = [[0.0; ELEMENTS]; ELEMENTS];
+        for row in &rows {
+            let row: &[f64; ELEMENTS] = row;
+            for (sums, a) in normal.iter_mut().zip(row) {
+                for (sum, b) in sums.iter_mut().zip(row) {
+                    *sum += a * b;
+                }
+            }
+        }
+        let maximum = first.model.maximum;
+        let windups = data[skip..]
+            .iter()
+            .map(|(_, w)| (w - first.offset) / maximum)
+            .collect();
+        Self {
+            ways,
+            windups,
+            rows,
+            normal,
+            maximum,
+        }
+    }
+
+    /// The best model on this grid, and the squares of what it leaves.
+    fn best(&self) -> (Memory, f64) {
+        let cubic = least(-0.45, 0.45, |cubic| self.solve(cubic).1);
+        self.solve(cubic)
+    }
+
+    /// The best model whose cubic term has a share `cubic` in the maximum windup.
+    fn solve(&self, cubic: f64) -> (Memory, f64) {
+        let mut right = [0.0; ELEMENTS];
+        for (row, windup) in self.rows.iter().zip(&self.windups) {
+            let torque = torque_of(*windup, cubic);
+            for (sum, a) in right.iter_mut().zip(row) {
+                *sum += a * torque;
+            }
+        }
+        let weights = non_negative(&self.normal, &right);
+        let squares: f64 = self
+            .rows
+            .iter()
+            .zip(&self.windups)
+            .map(|(row, windup)| {
+                let torque: f64 = row.iter().zip(&weights).map(|(a, w)| a * w).sum();
+                (windup - torque * (1.0 - cubic + cubic * torque * torque)).powi(2)
+            })
+            .sum();
+        let total = weights.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+        let model = Memory {
+            ways: self.ways,
+            stiffness: std::array::from_fn(|i| weights[i] / total / self.ways[i]),
+            linear: self.maximum * (1.0 - cubic) * total,
+            cubic: self.maximum * cubic * total.powi(3),
+        };
+        (model, squares)
+    }
+}
+
+/// The torque `T` at which `(1 - c) T + c T^3` is `w`, by Newton's method.
+fn torque_of(w: f64, cubic: f64) -> f64 {
+    let mut torque = w.clamp(-1.2, 1.2);
+    for _ in 0..6 {
+        let value = torque * (1.0 - cubic + cubic * torque * torque) - w;
+        let slope = (1.0 - cubic + 3.0 * cubic * torque * torque).max(0.05);
+        torque = (torque - value / slope).clamp(-1.5, 1.5);
+    }
+    torque
+}
+
+/// Non-negative least squares from the normal equations, by coordinate descent.
+fn non_negative(normal: &[[f64; ELEMENTS]; ELEMENTS], right: &[f64; ELEMENTS]) -> [f64; ELEMENTS] {
+    let mut x = [1.0 / ELEMENTS as f64; ELEMENTS];
+    for _ in 0..300 {
+        for i in 0..ELEMENTS {
+            let others: f64 = (0..ELEMENTS)
+                .filter(|j| *j != i)
+                .map(|j| normal[i][j] * x[j])
+                .sum();
+            x[i] = ((right[i] - others) / normal[i][i].max(f64::MIN_POSITIVE)).max(0.0);
+        }
+    }
+    x
+}
+
+/// Peak-to-peak of output less wanted output over a record from sample `skip` on, radians.
+pub fn error_span(record: &WindupRecord, skip: usize) -> f64 {
+    let (low, high) = record
+        .output
+        .iter()
+        .zip(&record.wanted)
+        .skip(skip)
+        .map(|(output, wanted)| output - wanted)
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), e| {
+            (l.min(e), h.max(e))
+        });
+    high - low
+}

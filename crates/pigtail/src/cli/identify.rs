@@ -1,0 +1,158 @@
+//! `pigtail identify`.
+
+use super::{DONE, Failure, failure};
+use crate::characterize::{ExperimentError, on_twin};
+use crate::identify::{Document, Identified, Model, windup};
+use crate::report;
+use crate::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use crate::runs::Run;
+use clap::{Args, Subcommand};
+use pigtail_hal::{Axis, AxisName};
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+/// Identify what control should know of the machine
+#[derive(Debug, Args)]
+pub(super) struct Arguments {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, Subcommand)]
+enum What {
+    Windup(WindupArguments),
+}
+
+/// Identify the windup of a transmission, and what compensating it is worth (thesis 2.4)
+///
+/// Scans the axis back and forth while a probe measures its output, fits the thesis's function
+/// (2.20) and a model that remembers every reversal that matters, and tries both on scans that they
+/// were not fitted to. The model goes into the rig's `calibration.toml`; from then on every motion
+/// of that kind of axis is compensated with it.
+///
+/// Errors of the output are peak to peak, from the wanted output, after two full ways.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pigtail identify windup fivebar
+  pigtail identify windup fivebar --model reversal --dry-run")]
+struct WindupArguments {
+    /// fivebar, z, or left.a, left.b, left.z, right.a, right.b, right.z
+    axis: AxisName,
+    /// Which model to write and to report
+    #[arg(long, value_enum, default_value = "memory")]
+    model: Model,
+    /// Which machine to draw
+    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
+    seed: u64,
+    /// A folder with the three files of a rig, or the name of one below `rigs`
+    #[arg(long, default_value = DEFAULT_RIG_NAME)]
+    rig: String,
+    /// Do not write the model into the rig's calibration
+    #[arg(long)]
+    dry_run: bool,
+    /// Print one JSON document instead of text
+    #[arg(long)]
+    json: bool,
+    /// Where to write the run's folder
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    runs: PathBuf,
+}
+
+pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let What::Windup(arguments) = &arguments.what;
+    let at = arguments.axis;
+    let setup = Setup::load(&arguments.rig, DEFAULT_RECIPE_NAME)?;
+    let run = Run::begin(&arguments.runs, "-windup", arguments.seed)?;
+    let mut identified = on_twin(&setup, arguments.seed, |station| {
+        windup(station, &setup, at, arguments.model, arguments.seed)
+    })
+    .map_err(|error| match error {
+        ExperimentError::Align(error) => failure(error, &arguments.rig),
+        ExperimentError::Input(error) => Failure::Input(error),
+    })?;
+    identified.document.report = run.path("report.html").display().to_string();
+    if !arguments.dry_run {
+        let kind = if at.axis == Axis::Z { "z" } else { "five_bar" };
+        let values = table(&identified, at, &run);
+        let written = setup.write_calibration(&format!("windup.{kind}"), &values)?;
+        identified.document.calibration = written.unwrap_or_default();
+    }
+    run.write_json("summary.json", &identified.document)?;
+    run.write("report.html", report::windup(&identified)?)?;
+    let text = if arguments.json {
+        let json = serde_json::to_string(&identified.document).map_err(anyhow::Error::from)?;
+        format!("{json}\n")
+    } else {
+        account(&identified.document)
+    };
+    run.finish(&setup, arguments.seed)?;
+    super::print(text.as_bytes())?;
+    Ok(DONE)
+}
+
+/// The model as a table of a calibration.
+fn table(identified: &Identified, at: AxisName, run: &Run) -> Vec<(&'static str, toml_edit::Item)> {
+    let radians = |value: f64| toml_edit::value(format!("{value:.6e} rad"));
+    let model = match identified.document.model {
+        Model::Memory => "memory",
+        Model::Reversal => "reversal",
+    };
+    let elements: toml_edit::Array = identified
+        .elements()
+        .into_iter()
+        .map(|pair| pair.into_iter().collect::<toml_edit::Array>())
+        .collect();
+    vec![
+        ("model", toml_edit::value(model)),
+        ("w_max", radians(identified.reversal.maximum)),
+        ("q", radians(identified.reversal.way)),
+        ("linear", radians(identified.memory.linear)),
+        ("cubic", radians(identified.memory.cubic)),
+        ("elements", toml_edit::value(elements)),
+        (
+            "residual",
+            radians(identified.document.residual_um / identified.um_per_radian),
+        ),
+        ("date", toml_edit::value(run.date())),
+        (
+            "origin",
+            toml_edit::value(format!("identify windup {at}, run {}", run.name())),
+        ),
+    ]
+}
+
+/// What a person wants to know of it.
+fn account(d: &Document) -> String {
+    let mut text = String::new();
+    let _ = writeln!(
+        text,
+        "{}: W_max {:.3} um, Q {:.3} um; the model leaves {:.3} um rms of the windup",
+        d.axis, d.w_max_um, d.q_um, d.residual_um
+    );
+    let _ = writeln!(text, "Peak-to-peak error of the output, um:");
+    let _ = writeln!(
+        text,
+        "  {:24} {:>8} {:>9} {:>8}",
+        "scan", "none", "reversal", "memory"
+    );
+    for row in &d.scans {
+        let _ = writeln!(
+            text,
+            "  {:24} {:8.3} {:9.3} {:8.3}",
+            row.name, row.uncompensated_um, row.reversal_um, row.memory_um
+        );
+    }
+    let _ = writeln!(
+        text,
+        "{:.1} times better over the full range of {:.0} um",
+        d.factor, d.range_um
+    );
+    if d.calibration.is_empty() {
+        let _ = writeln!(text, "The calibration was left as it is.");
+    } else {
+        let _ = writeln!(text, "Written to {}", d.calibration);
+    }
+    let _ = writeln!(text, "Report: {}", d.report);
+    text
+}
