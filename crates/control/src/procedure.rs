@@ -259,10 +259,10 @@ impl<'r> Job<'r> {
         })
     }
 
-    /// Where the blind search starts: below the port by half the area's height.
+    /// Where the blind search starts.
     fn search_start(&self) -> Point<Chip> {
         self.port
-            .shifted(self.walk(), -0.5 * self.recipe.raster.y, 0.0)
+            .shifted(self.walk(), -self.recipe.raster.below(), 0.0)
     }
 
     /// How far to the side of a port its light is at the gap of the search, by design.
@@ -375,7 +375,7 @@ impl<'r> Job<'r> {
         let searcher =
             Searcher::measure(station, self.side, self.channel, raster.significance, 0.5)?;
         let start = station.wanted(self.side);
-        let top = start.y + raster.y + raster.overscan;
+        let top = start.y + raster.height();
         let mut evidence = None;
         loop {
             let sweep = searcher.raster(station, raster, top)?;

@@ -103,6 +103,9 @@ pub struct Raster {
     /// Frequency of the sweep, hertz.
     #[serde(deserialize_with = "quantity::positive_frequency")]
     pub frequency: f64,
+    /// How much further down to start, for what kinematics and compensation may err by, metres.
+    #[serde(deserialize_with = "quantity::non_negative_length")]
+    pub margin: f64,
     /// How much further up to go for what the transmissions hold back, metres.
     #[serde(deserialize_with = "quantity::non_negative_length")]
     pub overscan: f64,
@@ -112,6 +115,18 @@ pub struct Raster {
     /// Standard deviations above the background that count as light.
     #[serde(deserialize_with = "quantity::positive")]
     pub significance: f64,
+}
+
+impl Raster {
+    /// The whole height that is searched, metres.
+    pub fn height(&self) -> f64 {
+        self.margin + self.y + self.overscan
+    }
+
+    /// How far below a port it starts, metres.
+    pub fn below(&self) -> f64 {
+        0.5 * self.y + self.margin
+    }
 }
 
 /// The nine-point climb (thesis 3.3).
@@ -307,7 +322,7 @@ impl Recipe {
         const MOST: f64 = 1800.0;
         let (c, r, s) = (&self.climb, &self.raster, &self.sensing);
         let pattern = 9.0 * c.dwell + c.pause;
-        let height = r.y + r.overscan;
+        let height = r.height();
         for (key, seconds) in [
             ("climb.timeout", c.timeout),
             ("climb.dwell", 9.0 * c.dwell * f64::from(self.last.patterns)),
@@ -348,7 +363,7 @@ impl Recipe {
         // What the search needs around a port; vision and fixture may ask for as much again in x.
         let (dx, below) = (
             self.raster.x,
-            self.raster.y + self.coarse.run_up + self.sensing.below,
+            self.raster.y + self.raster.margin + self.coarse.run_up + self.sensing.below,
         );
         let above = self.raster.y + self.raster.overscan;
         for (key, kinematics, [x, y, z], outward) in ports {
