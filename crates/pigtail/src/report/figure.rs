@@ -104,13 +104,15 @@ pub(super) fn curves(axes: &Axes, curves: &[(&str, Vec<(f64, f64)>)]) -> Result<
                     PathElement::new(vec![(x, y), (x + 18, y)], colour.stroke_width(3))
                 });
         }
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::LowerLeft)
-            .margin(12)
-            .background_style(WHITE.mix(0.8))
-            .label_font(("sans-serif", 15).into_font().color(&INK))
-            .draw()?;
+        if curves.len() > 1 {
+            chart
+                .configure_series_labels()
+                .position(emptiest_corner(axes, curves))
+                .margin(12)
+                .background_style(WHITE.mix(0.8))
+                .label_font(("sans-serif", 15).into_font().color(&INK))
+                .draw()?;
+        }
         Ok(())
     })
 }
@@ -147,6 +149,33 @@ pub(super) fn bars(
         ))?;
         Ok(())
     })
+}
+
+/// The corner in which a legend hides the fewest points.
+fn emptiest_corner(axes: &Axes, curves: &[(&str, Vec<(f64, f64)>)]) -> SeriesLabelPosition {
+    let share = |value: f64, range: &Range<f64>| (value - range.start) / (range.end - range.start);
+    let hidden = |left: bool, lower: bool| {
+        let points = curves.iter().flat_map(|(_, points)| points);
+        points
+            .filter(|(x, y)| {
+                let (x, y) = (share(*x, &axes.x.0), share(*y, &axes.y.0));
+                (x < 0.3) == left
+                    && (x < 0.3 || x > 0.7)
+                    && (y < 0.3) == lower
+                    && (y < 0.3 || y > 0.7)
+            })
+            .count()
+    };
+    let corners = [
+        (hidden(true, true), SeriesLabelPosition::LowerLeft),
+        (hidden(false, true), SeriesLabelPosition::LowerRight),
+        (hidden(true, false), SeriesLabelPosition::UpperLeft),
+        (hidden(false, false), SeriesLabelPosition::UpperRight),
+    ];
+    corners
+        .into_iter()
+        .min_by_key(|(count, _)| *count)
+        .map_or(SeriesLabelPosition::LowerLeft, |(_, corner)| corner)
 }
 
 type Root<'a> = DrawingArea<SVGBackend<'a>, Shift>;
