@@ -3,11 +3,10 @@
 use pigtail::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
 use pigtail_model::optics::{Coupler, GaussianMode, Misalignment};
 
-/// Signal over noise of one photodiode sample, both fibers `radius` metres off at a gap of 50 um.
-fn both_sides(setup: &Setup, radius: f64) -> f64 {
+fn coupler(setup: &Setup) -> Coupler {
     let [radius_x, radius_y] = setup.plant.device.mode_radius;
     let fiber = setup.plant.fiber.mode_radius;
-    let coupler = Coupler::new(
+    Coupler::new(
         GaussianMode { radius_x, radius_y },
         GaussianMode {
             radius_x: fiber,
@@ -15,7 +14,12 @@ fn both_sides(setup: &Setup, radius: f64) -> f64 {
         },
         setup.plant.light.wavelength,
     )
-    .expect("modes are positive");
+    .expect("modes are positive")
+}
+
+/// Signal over noise of one photodiode sample, both fibers `radius` metres off at a gap of 50 um.
+fn both_sides(setup: &Setup, radius: f64) -> f64 {
+    let coupler = coupler(setup);
     let side = coupler.efficiency(&Misalignment {
         y: radius,
         z: 50e-6,
@@ -46,17 +50,7 @@ fn with_both_fibers_50_um_away_light_is_seen_only_within_about_5_um() {
 #[test]
 fn the_tolerances_keep_the_loss_below_11_percent() {
     let setup = Setup::load(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME).expect("the rig is well");
-    let [radius_x, radius_y] = setup.plant.device.mode_radius;
-    let fiber = setup.plant.fiber.mode_radius;
-    let coupler = Coupler::new(
-        GaussianMode { radius_x, radius_y },
-        GaussianMode {
-            radius_x: fiber,
-            radius_y: fiber,
-        },
-        setup.plant.light.wavelength,
-    )
-    .expect("modes are positive");
+    let coupler = coupler(&setup);
     let tilt = setup.plant.misplacement.tilt;
     let worst = coupler.efficiency(&Misalignment {
         x: 0.1e-6,

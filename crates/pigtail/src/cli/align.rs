@@ -1,11 +1,12 @@
 //! `pigtail align`.
 
+use super::common::Common;
 use super::progress::Progress;
 use super::{DONE, Failure, NEGATIVE, failure};
 use crate::align::{Document, align};
 use crate::record::Record;
 use crate::report;
-use crate::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use crate::rig::{DEFAULT_RECIPE_NAME, Setup};
 use crate::runs::Run;
 use clap::Args;
 use comfy_table::{
@@ -13,7 +14,6 @@ use comfy_table::{
 };
 use pigtail_control::station::{Observer, Sample};
 use std::io::{self, Write};
-use std::path::PathBuf;
 
 /// Align the three fibers of one device on the rig's twin
 ///
@@ -32,21 +32,11 @@ Examples:
   pigtail align --rig my-rig/           your own rig: machine.toml, plant.toml, calibration.toml
   pigtail align --recipe my-chip.toml   your own device")]
 pub(super) struct Arguments {
-    /// What to draw: machine, device, fixture and noise
-    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
-    seed: u64,
-    /// A folder with the three files of a rig, or the name of one below `rigs`
-    #[arg(long, default_value = DEFAULT_RIG_NAME)]
-    rig: String,
+    #[command(flatten)]
+    common: Common,
     /// A recipe file, or the name of one below `recipes`
     #[arg(long, default_value = DEFAULT_RECIPE_NAME)]
     recipe: String,
-    /// Print one JSON document instead of the table
-    #[arg(long)]
-    json: bool,
-    /// Where to write the run's folder
-    #[arg(long, value_name = "FOLDER", default_value = "runs")]
-    runs: PathBuf,
 }
 
 /// The record, and a progress bar beside it.
@@ -68,24 +58,24 @@ impl Observer for Watcher {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    let setup = Setup::load(&arguments.rig, &arguments.recipe)?;
-    let run = Run::begin(&arguments.runs, "", arguments.seed)?;
+    let setup = Setup::load(&arguments.common.rig, &arguments.recipe)?;
+    let run = Run::begin(&arguments.common.runs, "", arguments.common.seed)?;
     let full = setup.spec.photodiode.range;
     let mut watcher = Watcher {
         record: Record::default(),
         progress: Progress::new(full),
     };
-    let mut document = align(&setup, arguments.seed, &mut watcher)
-        .map_err(|error| failure(error, &arguments.rig))?;
+    let mut document = align(&setup, arguments.common.seed, &mut watcher)
+        .map_err(|error| failure(error, &arguments.common.rig))?;
     watcher.progress.finish();
     let record = &watcher.record;
     document.report = run.path("report.html").display().to_string();
     run.write_json("summary.json", &document)?;
     run.write("samples.csv", record.csv())?;
     run.write("report.html", report::alignment(&setup, &document, record)?)?;
-    run.finish(&setup, arguments.seed)?;
+    run.finish(&setup, arguments.common.seed)?;
     let mut text = Vec::new();
-    if arguments.json {
+    if arguments.common.json {
         serde_json::to_writer(&mut text, &document).map_err(anyhow::Error::from)?;
         text.push(b'\n');
     } else {

@@ -1,18 +1,18 @@
 //! `pigtail characterize`.
 
+use super::common::Common;
 use super::{DONE, Failure, failure};
 use crate::characterize::{
     ExperimentError, follow_sine, frequency, metres_per_count, on_twin, resolution, step,
 };
 use crate::report;
-use crate::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use crate::rig::{DEFAULT_RECIPE_NAME, Setup};
 use crate::runs::Run;
 use crate::tune::usual_step;
 use clap::{Args, ValueEnum};
 use pigtail_hal::{Axis, AxisName, Error};
 use serde::Serialize;
 use std::fmt::Write as _;
-use std::path::PathBuf;
 
 /// Measure what an axis can do: step, sine, resolution or frequency response
 ///
@@ -36,12 +36,8 @@ pub(super) struct Arguments {
     /// What to measure
     #[arg(value_enum)]
     what: What,
-    /// Which machine to draw
-    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
-    seed: u64,
-    /// A folder with the three files of a rig, or the name of one below `rigs`
-    #[arg(long, default_value = DEFAULT_RIG_NAME)]
-    rig: String,
+    #[command(flatten)]
+    common: Common,
     /// Size of the step, or amplitude of sine or noise, counts
     #[arg(long, value_parser = clap::value_parser!(i64).range(1..), allow_negative_numbers = true)]
     size: Option<i64>,
@@ -51,12 +47,6 @@ pub(super) struct Arguments {
     /// Steps of the resolution test
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(10..=10_000))]
     steps: u32,
-    /// Print JSON instead of text
-    #[arg(long)]
-    json: bool,
-    /// Where to write the run's folder
-    #[arg(long, value_name = "FOLDER", default_value = "runs")]
-    runs: PathBuf,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -83,7 +73,7 @@ fn result(document: &impl Serialize, text: String, html: String) -> anyhow::Resu
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    let setup = Setup::load(&arguments.rig, DEFAULT_RECIPE_NAME)?;
+    let setup = Setup::load(&arguments.common.rig, DEFAULT_RECIPE_NAME)?;
     let at = arguments.axis;
     let range = setup.range_counts(at.axis);
     if let Some(size) = arguments.size.filter(|size| *size as f64 > 0.4 * range) {
@@ -103,19 +93,23 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         );
         return Err(Error::new("--frequency", "", message).into());
     }
-    let run = Run::begin(&arguments.runs, &format!("-{at}"), arguments.seed)?;
-    let done = on_twin(&setup, arguments.seed, |station| {
+    let run = Run::begin(
+        &arguments.common.runs,
+        &format!("-{at}"),
+        arguments.common.seed,
+    )?;
+    let done = on_twin(&setup, arguments.common.seed, |station| {
         experiment(arguments, &setup, station)
     })
     .map_err(|error| match error {
-        ExperimentError::Align(error) => failure(error, &arguments.rig),
+        ExperimentError::Align(error) => failure(error, &arguments.common.rig),
         ExperimentError::Input(error) => Failure::Input(error),
     })??;
     run.write("summary.json", format!("{}\n", done.json))?;
     run.write("report.html", done.html)?;
     let report = run.path("report.html").display().to_string();
-    run.finish(&setup, arguments.seed)?;
-    let text = if arguments.json {
+    run.finish(&setup, arguments.common.seed)?;
+    let text = if arguments.common.json {
         format!("{}\n", done.json)
     } else {
         format!("{}Report: {report}\n", done.text)
@@ -184,7 +178,7 @@ fn experiment(
         }
         What::Frequency => {
             let amplitude = arguments.size.unwrap_or(usual / 20) as f64;
-            let (d, responses) = frequency(station, setup, at, amplitude, arguments.seed)?;
+            let (d, responses) = frequency(station, setup, at, amplitude, arguments.common.seed)?;
             let hertz = |f: Option<f64>| f.map_or_else(|| "-".to_owned(), |f| format!("{f:.1} Hz"));
             let _ = writeln!(
                 text,

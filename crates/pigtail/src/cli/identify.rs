@@ -1,15 +1,15 @@
 //! `pigtail identify`.
 
+use super::common::Common;
 use super::{DONE, Failure, failure};
 use crate::characterize::{ExperimentError, on_twin};
 use crate::identify::{Document, Identified, Model, windup};
 use crate::report;
-use crate::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use crate::rig::{DEFAULT_RECIPE_NAME, Setup};
 use crate::runs::Run;
 use clap::{Args, Subcommand};
 use pigtail_hal::{Axis, AxisName};
 use std::fmt::Write as _;
-use std::path::PathBuf;
 
 /// Identify what control should know of the machine
 #[derive(Debug, Args)]
@@ -42,33 +42,23 @@ struct WindupArguments {
     /// Which model to write and to report
     #[arg(long, value_enum, default_value = "memory")]
     model: Model,
-    /// Which machine to draw
-    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
-    seed: u64,
-    /// A folder with the three files of a rig, or the name of one below `rigs`
-    #[arg(long, default_value = DEFAULT_RIG_NAME)]
-    rig: String,
+    #[command(flatten)]
+    common: Common,
     /// Do not write the model into the rig's calibration
     #[arg(long)]
     dry_run: bool,
-    /// Print one JSON document instead of text
-    #[arg(long)]
-    json: bool,
-    /// Where to write the run's folder
-    #[arg(long, value_name = "FOLDER", default_value = "runs")]
-    runs: PathBuf,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let What::Windup(arguments) = &arguments.what;
     let at = arguments.axis;
-    let setup = Setup::load(&arguments.rig, DEFAULT_RECIPE_NAME)?;
-    let run = Run::begin(&arguments.runs, "-windup", arguments.seed)?;
-    let mut identified = on_twin(&setup, arguments.seed, |station| {
-        windup(station, &setup, at, arguments.model, arguments.seed)
+    let setup = Setup::load(&arguments.common.rig, DEFAULT_RECIPE_NAME)?;
+    let run = Run::begin(&arguments.common.runs, "-windup", arguments.common.seed)?;
+    let mut identified = on_twin(&setup, arguments.common.seed, |station| {
+        windup(station, &setup, at, arguments.model, arguments.common.seed)
     })
     .map_err(|error| match error {
-        ExperimentError::Align(error) => failure(error, &arguments.rig),
+        ExperimentError::Align(error) => failure(error, &arguments.common.rig),
         ExperimentError::Input(error) => Failure::Input(error),
     })?;
     identified.document.report = run.path("report.html").display().to_string();
@@ -80,13 +70,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     run.write_json("summary.json", &identified.document)?;
     run.write("report.html", report::windup(&identified)?)?;
-    let text = if arguments.json {
+    let text = if arguments.common.json {
         let json = serde_json::to_string(&identified.document).map_err(anyhow::Error::from)?;
         format!("{json}\n")
     } else {
         account(&identified.document)
     };
-    run.finish(&setup, arguments.seed)?;
+    run.finish(&setup, arguments.common.seed)?;
     super::print(text.as_bytes())?;
     Ok(DONE)
 }

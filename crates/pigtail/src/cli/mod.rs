@@ -2,6 +2,7 @@
 
 mod align;
 mod characterize;
+mod common;
 mod identify;
 mod progress;
 mod simulate;

@@ -1,15 +1,15 @@
 //! `pigtail tune`.
 
+use super::common::Common;
 use super::{DONE, Failure, failure};
 use crate::report;
-use crate::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use crate::rig::{DEFAULT_RECIPE_NAME, Setup};
 use crate::runs::Run;
 use crate::tune::{Document, Method, Plan, tune, usual_step};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use pigtail_hal::{AxisName, Error};
 use std::fmt::Write as _;
-use std::path::PathBuf;
 
 /// Tune the PID of an axis on the machine
 ///
@@ -26,12 +26,8 @@ Examples:
 pub(super) struct Arguments {
     /// fivebar, z, or left.a, left.b, left.z, right.a, right.b, right.z
     axis: AxisName,
-    /// Which machine to draw
-    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
-    seed: u64,
-    /// A folder with the three files of a rig, or the name of one below `rigs`
-    #[arg(long, default_value = DEFAULT_RIG_NAME)]
-    rig: String,
+    #[command(flatten)]
+    common: Common,
     /// How to search
     #[arg(long, value_enum, default_value = "simplex")]
     search: Method,
@@ -44,16 +40,10 @@ pub(super) struct Arguments {
     /// Do not write the gains into the rig's calibration
     #[arg(long)]
     dry_run: bool,
-    /// Print one JSON document instead of text
-    #[arg(long)]
-    json: bool,
-    /// Where to write the run's folder
-    #[arg(long, value_name = "FOLDER", default_value = "runs")]
-    runs: PathBuf,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    let setup = Setup::load(&arguments.rig, DEFAULT_RECIPE_NAME)?;
+    let setup = Setup::load(&arguments.common.rig, DEFAULT_RECIPE_NAME)?;
     let at = arguments.axis;
     let plan = Plan {
         at,
@@ -74,7 +64,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         )
         .into());
     }
-    let run = Run::begin(&arguments.runs, "-tune", arguments.seed)?;
+    let run = Run::begin(&arguments.common.runs, "-tune", arguments.common.seed)?;
     let bar = ProgressBar::new(u64::from(3 * plan.trials));
     if let Ok(style) = ProgressStyle::with_template("{prefix:17} [{bar:20}] {msg}") {
         bar.set_style(style.progress_chars("=> "));
@@ -87,8 +77,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             start + 1
         ));
     };
-    let mut tuned = tune(&setup, &plan, arguments.seed, &mut observe)
-        .map_err(|error| failure(error, &arguments.rig))?;
+    let mut tuned = tune(&setup, &plan, arguments.common.seed, &mut observe)
+        .map_err(|error| failure(error, &arguments.common.rig))?;
     bar.finish_and_clear();
     tuned.document.report = run.path("report.html").display().to_string();
     if !arguments.dry_run {
@@ -118,7 +108,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     run.write_json("summary.json", &tuned.document)?;
     run.write("report.html", report::tuning(&tuned)?)?;
-    let text = if arguments.json {
+    let text = if arguments.common.json {
         format!(
             "{}\n",
             serde_json::to_string(&tuned.document).map_err(anyhow::Error::from)?
@@ -126,7 +116,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     } else {
         account(&tuned.document)
     };
-    run.finish(&setup, arguments.seed)?;
+    run.finish(&setup, arguments.common.seed)?;
     super::print(text.as_bytes())?;
     Ok(DONE)
 }

@@ -160,9 +160,9 @@ fn emptiest_corner(axes: &Axes, curves: &[(&str, Vec<(f64, f64)>)]) -> SeriesLab
             .filter(|(x, y)| {
                 let (x, y) = (share(*x, &axes.x.0), share(*y, &axes.y.0));
                 (x < 0.3) == left
-                    && (x < 0.3 || x > 0.7)
+                    && !(0.3..=0.7).contains(&x)
                     && (y < 0.3) == lower
-                    && (y < 0.3 || y > 0.7)
+                    && !(0.3..=0.7).contains(&y)
             })
             .count()
     };
