@@ -5,7 +5,7 @@
 mod parameters;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use parameters::{Pid, five_bar, joint, z_stage};
+use parameters::{Pid, five_bar, joint, round_up, z_stage};
 use pigtail_model::joint::{JointParameters, JointState};
 use std::hint::black_box;
 
@@ -14,7 +14,7 @@ const JOINTS: usize = 6;
 
 /// Six joints a cycle, as a machine with two manipulators steps them: the processor overlaps
 /// what does not depend on one another. The reference is a table, so that only joints are timed.
-fn run(parameters: JointParameters, pid: fn() -> Pid, reference: &[f64]) -> [JointState; JOINTS] {
+fn run(parameters: JointParameters, pid: fn() -> Pid, reference: &[i64]) -> [JointState; JOINTS] {
     let joints = [joint(parameters); JOINTS];
     let mut pids: [Pid; JOINTS] = std::array::from_fn(|_| pid());
     let mut states = [JointState::default(); JOINTS];
@@ -29,9 +29,9 @@ fn run(parameters: JointParameters, pid: fn() -> Pid, reference: &[f64]) -> [Joi
     states
 }
 
-fn table(reference: impl Fn(f64) -> f64) -> Vec<f64> {
+fn table(reference: impl Fn(f64) -> f64) -> Vec<i64> {
     (0..CYCLES + 1000 * JOINTS)
-        .map(|k| reference(k as f64 * 4e-4))
+        .map(|k| round_up(reference(k as f64 * 4e-4)))
         .collect()
 }
 

@@ -259,8 +259,8 @@ impl Joint {
             let forcing = self.forcing(state);
             let trial = self.step(state, &forcing, &seen, step);
             match self.first_event(state, &forcing, &seen, &trial, step) {
-                Some((body, after)) if events < MAX_EVENTS => {
-                    *state = self.trial_until(state, &forcing, &seen, after).end;
+                Some((body, after, at)) if events < MAX_EVENTS => {
+                    *state = at;
                     self.change_mode(state, body, seen.at(after));
                     events += 1;
                     time += after;
@@ -413,7 +413,8 @@ impl Joint {
         }
     }
 
-    /// The earliest mode change in a trial step of `length`, and its time after the start.
+    /// The earliest mode change in a trial step of `length`, its time after the start, and the
+    /// state just before it.
     #[inline]
     fn first_event<V: Voltage>(
         &self,
@@ -422,17 +423,24 @@ impl Joint {
         seen: &Seen<V>,
         trial: &Trial,
         length: f64,
-    ) -> Option<(Body, f64)> {
+    ) -> Option<(Body, f64, JointState)> {
         let motor = self.event_of(Body::Motor, start, forcing, seen, (trial, length));
         let Some(time) = motor else {
             let time = self.event_of(Body::Load, start, forcing, seen, (trial, length))?;
-            return Some((Body::Load, time));
+            return Some((
+                Body::Load,
+                time,
+                self.trial_until(start, forcing, seen, time).end,
+            ));
         };
         // The load matters only if it changes before the motor does.
         let until = self.trial_until(start, forcing, seen, time);
         match self.event_of(Body::Load, start, forcing, seen, (&until, time)) {
-            Some(earlier) if earlier < time => Some((Body::Load, earlier)),
-            _ => Some((Body::Motor, time)),
+            Some(earlier) if earlier < time => {
+                let at = self.trial_until(start, forcing, seen, earlier);
+                Some((Body::Load, earlier, at.end))
+            }
+            _ => Some((Body::Motor, time, until.end)),
         }
     }
 

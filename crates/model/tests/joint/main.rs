@@ -4,7 +4,7 @@
 mod oracle;
 mod parameters;
 
-use parameters::{Pid, five_bar, joint, z_stage};
+use parameters::{Pid, five_bar, joint, round_up, z_stage};
 use pigtail_model::friction::{Friction, Mode};
 use pigtail_model::joint::{Joint, JointParameters, JointState};
 use pigtail_model::motor::Motor;
@@ -174,7 +174,7 @@ fn one_step_a_cycle_agrees_with_a_hundred() {
         let (mut a, mut b) = (JointState::default(), JointState::default());
         let mut worst = 0.0_f64;
         for k in 0..10_000 {
-            let voltage = pid.voltage(triangle(k + 1250, counts, 5000), b.motor_angle);
+            let voltage = pid.voltage(round_up(triangle(k + 1250, counts, 5000)), b.motor_angle);
             coarse.advance(&mut a, voltage, CYCLE);
             fine.advance(&mut b, voltage, CYCLE);
             worst = worst.max((coarse.output(&a) - fine.output(&b)).abs() * metres);

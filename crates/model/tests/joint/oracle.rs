@@ -31,7 +31,7 @@ fn five_bar_step_of_400_counts() {
     let (mut voltage, mut worst) = (0.0, 0.0_f64);
     for (k, row) in rows.iter().enumerate() {
         if k % 4 == 0 {
-            voltage = pid.voltage(400.0, state.motor_angle);
+            voltage = pid.voltage(400, state.motor_angle);
             assert!(
                 (voltage - row[1]).abs() < 1e-9,
                 "row {k}: {voltage} V for {} V",

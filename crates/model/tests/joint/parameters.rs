@@ -70,9 +70,10 @@ impl Pid {
         }
     }
 
-    pub(crate) fn voltage(&mut self, reference: f64, motor_angle: f64) -> f64 {
+    /// The voltage of this cycle for a reference in whole counts.
+    pub(crate) fn voltage(&mut self, reference: i64, motor_angle: f64) -> f64 {
         let [kp, ki, kd] = self.gains;
-        let error = (round_up(reference) - round_up(motor_angle * self.counts_per_radian)) as f64;
+        let error = (reference - round_up(motor_angle * self.counts_per_radian)) as f64;
         let clamp = self.integral_clamp;
         self.integral = (self.integral + error * 4e-4).clamp(-clamp, clamp);
         let rate = self.last.map_or(0.0, |last| (error - last) * 2500.0);
@@ -82,7 +83,7 @@ impl Pid {
 }
 
 /// `floor(x + 0.5)`; the method `floor` is a call into the C library on most targets.
-fn round_up(x: f64) -> i64 {
+pub(crate) fn round_up(x: f64) -> i64 {
     let x = x + 0.5;
     let truncated = x as i64;
     truncated - i64::from(truncated as f64 > x)
