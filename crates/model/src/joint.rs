@@ -257,7 +257,13 @@ impl Joint {
                 since: time,
             };
             let forcing = self.forcing(state);
-            let trial = self.step(state, &forcing, &seen, step);
+            let load_held =
+                state.load_mode == Mode::Stuck && !self.parameters.load_friction.is_free();
+            let trial = if load_held {
+                self.step_motor(state, &forcing, &seen, step)
+            } else {
+                self.step(state, &forcing, &seen, step)
+            };
             match self.first_event(state, &forcing, &seen, &trial, step) {
                 Some((body, after, at)) if events < MAX_EVENTS => {
                     *state = at;
@@ -410,6 +416,41 @@ impl Joint {
             },
             motor_rates: (am1, am4),
             load_rates: (al1, al4),
+        }
+    }
+
+    /// The same step while the load is stuck: only the motor moves.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as for `step`")]
+    fn step_motor<V: Voltage>(
+        &self,
+        s: &JointState,
+        forcing: &Forcing,
+        seen: &Seen<V>,
+        h: f64,
+    ) -> Trial {
+        let r = self.parameters.ratio;
+        let half = 0.5 * h;
+        let twist = r * s.motor_angle - s.load_angle;
+        let vm = s.motor_velocity;
+        let a = |u: f64, angle: f64, velocity: f64| {
+            forcing.motor_constant + forcing.motor_gain * u
+                - self.motor_decay * velocity
+                - forcing.motor_spring * self.parameters.transmission.torque(twist + r * angle)
+        };
+        let a1 = a(seen.at(0.0), 0.0, vm);
+        let a2 = a(seen.at(half), half * vm, vm + half * a1);
+        let a3 = a(seen.at(half), half * (vm + half * a1), vm + half * a2);
+        let a4 = a(seen.at(h), h * (vm + half * a2), vm + h * a3);
+        let sixth = h * (1.0 / 6.0);
+        Trial {
+            end: JointState {
+                motor_angle: s.motor_angle + h * (vm + sixth * (a1 + a2 + a3)),
+                motor_velocity: vm + sixth * (a1 + 2.0 * (a2 + a3) + a4),
+                ..*s
+            },
+            motor_rates: (a1, a4),
+            load_rates: (0.0, 0.0),
         }
     }
 
