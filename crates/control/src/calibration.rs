@@ -40,12 +40,10 @@ pub struct WindupBelief {
     /// `Q` of (2.20), radians of the output.
     #[serde(deserialize_with = "quantity::positive_angle")]
     pub q: f64,
-    /// Linear part of the hardening of [`Memory`], radians.
-    #[serde(deserialize_with = "quantity::angle")]
-    pub linear: f64,
-    /// Its cubic part, radians.
-    #[serde(deserialize_with = "quantity::angle")]
-    pub cubic: f64,
+    /// Hardening of [`Memory`]: the parts that go with the torque, its third and its fifth power,
+    /// radians.
+    #[serde(deserialize_with = "quantity::angles")]
+    pub hardening: [f64; 3],
     /// The elements of [`Memory`]: way (radians) and share of the torque, at most 16.
     pub elements: Vec<[f64; 2]>,
     /// Root mean square that the model left of the windup, radians.
@@ -86,8 +84,7 @@ impl WindupBelief {
                 Windup::Memory(Memory {
                     ways,
                     stiffness,
-                    linear: self.linear,
-                    cubic: self.cubic,
+                    hardening: self.hardening,
                 })
             }
         }
@@ -100,13 +97,10 @@ impl WindupBelief {
                 self.elements.len()
             ));
         }
-        let good = |[way, share]: &[f64; 2]| {
-            *way > 0.0 && way.is_finite() && *share >= 0.0 && share.is_finite()
-        };
+        let good = |[way, share]: &[f64; 2]| *way > 0.0 && way.is_finite() && share.is_finite();
         if !self.elements.iter().all(good) {
             return Err(
-                "has an element that is none; accepted are ways above zero and shares of \
-                        zero or more"
+                "has an element that is none; accepted are ways above zero and finite shares"
                     .to_owned(),
             );
         }

@@ -1,9 +1,12 @@
 //! Identification of windup on the machine (thesis 2.4.1, 2.4.3).
 
 use crate::characterize::{Trace, record};
-use crate::compensation::windup::{ELEMENTS, Memory, MemoryState, Reversal, Windup, WindupState};
+use crate::compensation::windup::{
+    ELEMENTS, Memory, MemoryState, Reversal, Windup, WindupState, odd_polynomial,
+};
 use crate::outcome::{Halt, Outcome};
 use crate::station::Station;
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use pigtail_hal::AxisName;
 
 /// Input and output of a transmission over a scan, as output angles from where it began.
@@ -174,13 +177,14 @@ fn judge(data: &[(f64, f64)], offset: f64, mut model: impl FnMut(f64) -> f64) ->
     ((squares / data.len() as f64).sqrt(), largest)
 }
 
-/// Fits (2.20) to the part of a record after its first full reversal.
+/// Fits (2.20) to those samples of a record over which the transmission winds up fully either way,
+/// as the thesis does: elsewhere (2.20) is not what it claims to be.
 ///
-/// `skip` is how many samples that leaves out. For each `Q` the maximum and the offset follow by
-/// linear least squares.
-pub fn fit_reversal(record: &WindupRecord, skip: usize) -> Fit<Reversal> {
-    let data = samples(record);
-    let skip = skip / EVERY;
+/// For each `Q` the maximum and the offset follow by linear least squares.
+pub fn fit_reversal(record: &WindupRecord, full: std::ops::Range<usize>) -> Fit<Reversal> {
+    let mut data = samples(record);
+    data.truncate(full.end / EVERY);
+    let skip = full.start / EVERY;
     let shape_of = |way: f64| -> Vec<f64> {
         let unit = Reversal { maximum: 1.0, way };
         let mut state = crate::compensation::windup::ReversalState::default();
@@ -229,9 +233,8 @@ pub fn fit_reversal(record: &WindupRecord, skip: usize) -> Fit<Reversal> {
     }
 }
 
-/// Fits a [`Memory`] to the same part of a record: element ways on a grid whose longest is
-/// searched, the hardening searched for each of them, the stiffnesses by non-negative least
-/// squares.
+/// Fits a [`Memory`] to a record from sample `skip` on: element ways on a grid whose longest is
+/// searched, hardening and stiffnesses by least squares.
 pub fn fit_memory(record: &WindupRecord, skip: usize, first: &Fit<Reversal>) -> Fit<Memory> {
     let data = samples(record);
     let skip = skip / EVERY;
@@ -275,8 +278,7 @@ impl Grid {
         let elements = Memory {
             ways,
             stiffness: [0.0; ELEMENTS],
-            linear: 0.0,
-            cubic: 0.0,
+            hardening: [0.0; 3],
         };
         let mut state = MemoryState::default();
         let mut rows = Vec::with_capacity(data.len());
@@ -309,65 +311,94 @@ impl Grid {
     }
 
     /// The best model on this grid, and the squares of what it leaves.
+    ///
+    /// The elements' stiffnesses and the hardening are each linear while the other stays, so they
+    /// take turns; what they reach from no hardening is where they settle.
     fn best(&self) -> (Memory, f64) {
-        let cubic = least(-0.45, 0.45, |cubic| self.solve(cubic).1);
-        self.solve(cubic)
-    }
-
-    /// The best model whose cubic term has a share `cubic` in the maximum windup.
-    fn solve(&self, cubic: f64) -> (Memory, f64) {
-        let mut right = [0.0; ELEMENTS];
-        for (row, windup) in self.rows.iter().zip(&self.windups) {
-            let torque = torque_of(*windup, cubic);
-            for (sum, a) in right.iter_mut().zip(row) {
-                *sum += a * torque;
-            }
+        const ROUNDS: usize = 30;
+        let mut hardening = [1.0, 0.0, 0.0];
+        let mut weights = [0.0; ELEMENTS];
+        for _ in 0..ROUNDS {
+            weights = self.weights(&hardening);
+            hardening = self.hardening(&weights);
         }
-        let weights = non_negative(&self.normal, &right);
         let squares: f64 = self
             .rows
             .iter()
             .zip(&self.windups)
             .map(|(row, windup)| {
-                let torque: f64 = row.iter().zip(&weights).map(|(a, w)| a * w).sum();
-                (windup - torque * (1.0 - cubic + cubic * torque * torque)).powi(2)
+                (windup - odd_polynomial(&hardening, torque(row, &weights))).powi(2)
             })
             .sum();
         let total = weights.iter().sum::<f64>().max(f64::MIN_POSITIVE);
+        let [h1, h3, h5] = hardening.map(|h| h * self.maximum);
         let model = Memory {
             ways: self.ways,
             stiffness: std::array::from_fn(|i| weights[i] / total / self.ways[i]),
-            linear: self.maximum * (1.0 - cubic) * total,
-            cubic: self.maximum * cubic * total.powi(3),
+            hardening: [h1 * total, h3 * total.powi(3), h5 * total.powi(5)],
         };
         (model, squares)
     }
+
+    /// The elements' torques that wind a transmission of this hardening up as was measured.
+    fn weights(&self, hardening: &[f64; 3]) -> [f64; ELEMENTS] {
+        let mut right = [0.0; ELEMENTS];
+        for (row, windup) in self.rows.iter().zip(&self.windups) {
+            let torque = torque_of(*windup, hardening);
+            for (sum, a) in right.iter_mut().zip(row) {
+                *sum += a * torque;
+            }
+        }
+        least_squares(&self.normal, &right)
+    }
+
+    /// The hardening that makes the measured windup of these elements' torques.
+    fn hardening(&self, weights: &[f64; ELEMENTS]) -> [f64; 3] {
+        let mut normal = Matrix3::zeros();
+        let mut right = Vector3::zeros();
+        for (row, windup) in self.rows.iter().zip(&self.windups) {
+            let torque = torque(row, weights);
+            let powers = Vector3::new(torque, torque.powi(3), torque.powi(5));
+            normal += powers * powers.transpose();
+            right += powers * *windup;
+        }
+        normal
+            .cholesky()
+            .map_or([1.0, 0.0, 0.0], |c| c.solve(&right).into())
+    }
 }
 
-/// The torque `T` at which `(1 - c) T + c T^3` is `w`, by Newton's method.
-fn torque_of(w: f64, cubic: f64) -> f64 {
+fn torque(row: &[f64; ELEMENTS], weights: &[f64; ELEMENTS]) -> f64 {
+    row.iter().zip(weights).map(|(a, w)| a * w).sum()
+}
+
+/// The torque at which a transmission of this hardening is wound up by `w`, by Newton's method.
+fn torque_of(w: f64, hardening: &[f64; 3]) -> f64 {
+    let [h1, h3, h5] = *hardening;
     let mut torque = w.clamp(-1.2, 1.2);
     for _ in 0..6 {
-        let value = torque * (1.0 - cubic + cubic * torque * torque) - w;
-        let slope = (1.0 - cubic + 3.0 * cubic * torque * torque).max(0.05);
+        let square = torque * torque;
+        let value = odd_polynomial(hardening, torque) - w;
+        let slope = (h1 + square * (3.0 * h3 + square * 5.0 * h5)).max(0.05);
         torque = (torque - value / slope).clamp(-1.5, 1.5);
     }
     torque
 }
 
-/// Non-negative least squares from the normal equations, by coordinate descent.
-fn non_negative(normal: &[[f64; ELEMENTS]; ELEMENTS], right: &[f64; ELEMENTS]) -> [f64; ELEMENTS] {
-    let mut x = [1.0 / ELEMENTS as f64; ELEMENTS];
-    for _ in 0..300 {
-        for i in 0..ELEMENTS {
-            let others: f64 = (0..ELEMENTS)
-                .filter(|j| *j != i)
-                .map(|j| normal[i][j] * x[j])
-                .sum();
-            x[i] = ((right[i] - others) / normal[i][i].max(f64::MIN_POSITIVE)).max(0.0);
-        }
+/// Least squares from the normal equations, with so much regularisation that neighbouring elements
+/// do not fight. Shares may be negative: the torque then rises above what sliding needs, as it does
+/// before a load breaks away.
+fn least_squares(normal: &[[f64; ELEMENTS]; ELEMENTS], right: &[f64; ELEMENTS]) -> [f64; ELEMENTS] {
+    const REGULARISATION: f64 = 1e-5;
+    let mut matrix = SMatrix::<f64, ELEMENTS, ELEMENTS>::from_fn(|i, j| normal[i][j]);
+    let ridge = REGULARISATION * matrix.trace() / ELEMENTS as f64;
+    for i in 0..ELEMENTS {
+        matrix[(i, i)] += ridge;
     }
-    x
+    let right = SVector::<f64, ELEMENTS>::from_column_slice(right);
+    matrix
+        .cholesky()
+        .map_or([0.0; ELEMENTS], |c| c.solve(&right).into())
 }
 
 /// Peak-to-peak of output less wanted output over a record from sample `skip` on, radians.
@@ -382,4 +413,25 @@ pub fn error_span(record: &WindupRecord, skip: usize) -> f64 {
             (l.min(e), h.max(e))
         });
     high - low
+}
+
+/// Greatest spread of the output's error at the same wanted output over all passes from sample
+/// `skip` on, radians: the gap between the forward and the backward path, as the thesis reads it
+/// off its figures 2.8 and 2.17.
+pub fn backlash(record: &WindupRecord, skip: usize) -> f64 {
+    /// Far more than a transition has, with many samples in each.
+    const BINS: usize = 200;
+    let wanted = &record.wanted[skip.min(record.wanted.len())..];
+    let (low, high) = wanted
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), w| {
+            (l.min(*w), h.max(*w))
+        });
+    let mut spans = [(f64::INFINITY, f64::NEG_INFINITY); BINS];
+    for (output, wanted) in record.output.iter().zip(&record.wanted).skip(skip) {
+        let share = (wanted - low) / (high - low).max(f64::MIN_POSITIVE);
+        let bin = &mut spans[((share * BINS as f64) as usize).min(BINS - 1)];
+        *bin = (bin.0.min(output - wanted), bin.1.max(output - wanted));
+    }
+    spans.iter().map(|(l, h)| h - l).fold(0.0, f64::max)
 }

@@ -223,8 +223,38 @@ impl Value {
 ///
 /// When an element is no length, or their number is not `N`.
 pub fn lengths<'de, D: Deserializer<'de>, const N: usize>(d: D) -> Result<[f64; N], D::Error> {
-    let Lengths(values) = Lengths::deserialize(d)?;
-    Ok(values)
+    several(d, &LENGTH, "lengths")
+}
+
+/// Deserializes an array of angles to radians.
+///
+/// # Errors
+///
+/// When an element is no angle, or their number is not `N`.
+pub fn angles<'de, D: Deserializer<'de>, const N: usize>(d: D) -> Result<[f64; N], D::Error> {
+    several(d, &ANGLE, "angles")
+}
+
+fn several<'de, D: Deserializer<'de>, const N: usize>(
+    d: D,
+    dimension: &Dimension,
+    name: &str,
+) -> Result<[f64; N], D::Error> {
+    let texts = Vec::<Value>::deserialize(d)?;
+    let count = texts.len();
+    let values = texts
+        .into_iter()
+        .map(|text| {
+            dimension
+                .parse(&text.into_text(), Sign::Any)
+                .map_err(D::Error::custom)
+        })
+        .collect::<Result<Vec<_>, _>>()?;
+    values.try_into().map_err(|_| {
+        D::Error::custom(format!(
+            "has {count} elements; accepted is an array of {N} {name}"
+        ))
+    })
 }
 
 /// Deserializes an array of points, each an array of lengths, to metres.
@@ -250,21 +280,7 @@ struct Lengths<const N: usize>([f64; N]);
 
 impl<'de, const N: usize> Deserialize<'de> for Lengths<N> {
     fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        let texts = Vec::<Value>::deserialize(d)?;
-        let count = texts.len();
-        let values = texts
-            .into_iter()
-            .map(|text| {
-                LENGTH
-                    .parse(&text.into_text(), Sign::Any)
-                    .map_err(D::Error::custom)
-            })
-            .collect::<Result<Vec<_>, _>>()?;
-        values.try_into().map(Self).map_err(|_| {
-            D::Error::custom(format!(
-                "has {count} elements; accepted is an array of {N} lengths"
-            ))
-        })
+        lengths(d).map(Self)
     }
 }
 

@@ -55,6 +55,9 @@ pub enum Unreachable {
 /// Sine of the smallest angle between two links at which they still count as not in line.
 const SINGULAR: f64 = 1e-6;
 
+/// Angles of elbow A, elbow B and tip, and the rate of each with the joints A and B.
+pub type BearingAngles = ([f64; 3], [[f64; 2]; 3]);
+
 impl FiveBar {
     /// A five-bar from the distance of its bases and the lengths of its proximal and distal
     /// links, metres.
@@ -162,6 +165,45 @@ impl FiveBar {
         }
         let scale = (height_square / square).sqrt();
         Ok((0.5 * (ax + bx) - scale * dy, 0.5 * (ay + by) + scale * dx))
+    }
+
+    /// Angles of the bearings between the links, radians, and their rates with the joints A and B:
+    /// elbow A, elbow B (distal link against proximal), tip (one distal link against the other).
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::forward`].
+    pub fn bearings(&self, angles: [JointAngle; 2]) -> Result<BearingAngles, Unreachable> {
+        let (x, y) = self.forward(angles)?;
+        let links = self.distals(x, y, angles);
+        let [[xa, xb], [ya, yb]] = self.jacobian(angles)?;
+        let [JointAngle(a), JointAngle(b)] = angles;
+        let directions = links.map(|(dx, dy)| dy.atan2(dx));
+        // A distal link turns as its ends move apart across it: (u x u') / |u|^2.
+        let square = self.distal * self.distal;
+        let turn = |(ux, uy): (f64, f64), (vx, vy): (f64, f64)| (ux * vy - uy * vx) / square;
+        let elbow = |angle: f64| (-self.proximal * angle.sin(), self.proximal * angle.cos());
+        let (ea, eb) = (elbow(a), elbow(b));
+        let of_a = [
+            turn(links[0], (xa - ea.0, ya - ea.1)),
+            turn(links[0], (xb, yb)),
+        ];
+        let of_b = [
+            turn(links[1], (xa, ya)),
+            turn(links[1], (xb - eb.0, yb - eb.1)),
+        ];
+        Ok((
+            [
+                directions[0] - a,
+                directions[1] - b,
+                directions[0] - directions[1],
+            ],
+            [
+                [of_a[0] - 1.0, of_a[1]],
+                [of_b[0], of_b[1] - 1.0],
+                [of_a[0] - of_b[0], of_a[1] - of_b[1]],
+            ],
+        ))
     }
 
     /// Endpoint velocity for joint velocities: `[[dx/dA, dx/dB], [dy/dA, dy/dB]]`, metres a

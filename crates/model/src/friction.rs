@@ -1,4 +1,4 @@
-//! Static, Coulomb and viscous friction, (2.7) and (2.8), and presliding, (2.12) and (2.13).
+//! Static, Coulomb and viscous friction, (2.7) and (2.8).
 
 use crate::Invalid;
 
@@ -102,17 +102,5 @@ impl Friction {
             Mode::Stuck if !self.is_free() => -psi,
             _ => -mode.sign() * self.coulomb - self.viscous * velocity,
         }
-    }
-}
-
-/// Contact stiffness `k_c` (2.13) in N m/rad of a body that gives way by `presliding` (rad)
-/// before it breaks away at `static_level` (N m).
-///
-/// Infinite, so that (2.12) adds nothing, where there is no presliding or no friction.
-pub fn contact_stiffness(static_level: f64, presliding: f64) -> f64 {
-    if presliding > 0.0 && static_level > 0.0 {
-        static_level / presliding
-    } else {
-        f64::INFINITY
     }
 }

@@ -12,9 +12,10 @@
 //! and (2.8), and the rest of the step is taken from there.
 
 use crate::Invalid;
-use crate::friction::{Friction, Mode, contact_stiffness};
+use crate::friction::{Friction, Mode};
 use crate::integrate::{descent, interior_minimum};
 use crate::motor::Motor;
+use crate::presliding::{Contact, MaxwellSlip, Presliding};
 use crate::transmission::Transmission;
 
 /// What a joint is made of.
@@ -34,17 +35,19 @@ pub struct JointParameters {
     pub motor_friction: Friction,
     /// Friction on the load.
     pub load_friction: Friction,
-    /// Greatest presliding displacement `q_p` of the load, radians; zero for none.
+    /// How far the load gives way before it slides, radians: under [`Contact`] at most `q_p`, zero
+    /// for not at all; under [`MaxwellSlip`] along an exponential of `q_0`.
     pub presliding: f64,
     /// Constant torque on the load from outside, such as a preloading spring, N m.
     pub load_torque: f64,
 }
 
-/// A joint, ready to be integrated. Its changing part is a [`JointState`].
+/// A joint whose load gives way by the law `P`, ready to be integrated. Its changing part is a
+/// [`JointState`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Joint {
+pub struct Joint<P = Contact> {
     parameters: JointParameters,
-    contact_stiffness: f64,
+    presliding: P,
     inverse_motor_inertia: f64,
     inverse_load_inertia: f64,
     /// Rates at which viscous friction and back emf slow the bodies down, 1/s.
@@ -53,9 +56,9 @@ pub struct Joint {
     max_step: f64,
 }
 
-/// Positions, velocities and modes of a joint.
+/// Positions, velocities and modes of a joint, and what its law of presliding remembers.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct JointState {
+pub struct JointState<S = ()> {
     /// Motor angle `q_m`, radians.
     pub motor_angle: f64,
     /// Load angle `q_l`, radians.
@@ -68,6 +71,11 @@ pub struct JointState {
     pub motor_mode: Mode,
     /// What the load does.
     pub load_mode: Mode,
+    /// Torque on the load from outside beside the constant one, N m: an input, held until it is
+    /// set anew.
+    pub load_torque: f64,
+    /// What the law of presliding remembers.
+    pub presliding: S,
 }
 
 /// What the accelerations are made of beside viscous friction and the spring, while the modes and
@@ -83,8 +91,8 @@ struct Forcing {
 
 /// The end of a step, and the bodies' accelerations at both ends (the last to the accuracy of an
 /// inner stage), which tell whether a velocity may have dipped inside.
-struct Trial {
-    end: JointState,
+struct Trial<S> {
+    end: JointState<S>,
     motor_rates: (f64, f64),
     load_rates: (f64, f64),
 }
@@ -149,11 +157,16 @@ const MAX_EVENTS: usize = 64;
 /// enough that rounding cannot stop it again, and far below what a position could show.
 const BREAK_AWAY_DELAY: f64 = 1e-11;
 
+/// Share of its level within which [`MaxwellSlip`] friction counts as in balance with the torque
+/// on the load: a ten-millionth of a micrometre on the way, and no endless ringing down.
+const BALANCE: f64 = 1e-9;
+
 impl JointParameters {
     /// The longest step, seconds, that resolves this joint's fastest motion: its viscous friction
-    /// and, with the transmission wound up to the load's static friction, its resonance. Runge and
-    /// Kutta's scheme falls apart at not quite twice that.
-    pub fn coarsest_step(&self) -> f64 {
+    /// and, with the transmission wound up to the load's static friction, its resonance against
+    /// a load that is held with `contact` N m/rad. Runge and Kutta's scheme falls apart at not quite
+    /// twice that.
+    pub fn coarsest_step(&self, contact: f64) -> f64 {
         let level = self.load_friction.static_level() + self.load_torque.abs();
         let mut twist = level / self.transmission.stiffness(0.0);
         for _ in 0..20 {
@@ -161,7 +174,8 @@ impl JointParameters {
         }
         let stiffness = self.transmission.stiffness(twist);
         let resonance = (stiffness
-            * (self.ratio * self.ratio / self.motor_inertia + 1.0 / self.load_inertia))
+            * (self.ratio * self.ratio / self.motor_inertia + 1.0 / self.load_inertia)
+            + contact / self.load_inertia)
             .sqrt();
         let motor = (self.motor.damping() + self.motor_friction.viscous()) / self.motor_inertia;
         let load = self.load_friction.viscous() / self.load_inertia;
@@ -170,7 +184,7 @@ impl JointParameters {
 }
 
 impl Joint {
-    /// A joint that is integrated in steps of at most `max_step` seconds.
+    /// A joint after the thesis, integrated in steps of at most `max_step` seconds.
     ///
     /// One step a servo cycle errs by less than a thousandth of an encoder count: 3e-5 um on a
     /// z-stage, 1.4e-3 um on a five-bar whose load slides (1e-4 um in slow scans), whose viscous
@@ -181,9 +195,35 @@ impl Joint {
     ///
     /// When an inertia, the ratio or the step is not positive, or the presliding is negative.
     pub fn new(parameters: JointParameters, max_step: f64) -> Result<Self, Invalid> {
+        Invalid::non_negative("presliding", parameters.presliding)?;
+        let contact = Contact::new(
+            parameters.load_friction.static_level(),
+            parameters.presliding,
+        );
+        Self::with(parameters, contact, max_step)
+    }
+}
+
+impl Joint<MaxwellSlip> {
+    /// A joint whose load friction is Maxwell-slip elements that slide at the Coulomb level, beside
+    /// viscous friction. Static friction has no part in it.
+    ///
+    /// # Errors
+    ///
+    /// When an inertia, the ratio, the step, the Coulomb level or the presliding is not positive.
+    pub fn maxwell_slip(mut parameters: JointParameters, max_step: f64) -> Result<Self, Invalid> {
+        let friction = parameters.load_friction;
+        let elements = MaxwellSlip::new(friction.coulomb(), parameters.presliding)?;
+        let balance = BALANCE * friction.coulomb();
+        parameters.load_friction = Friction::new(balance, 0.0, friction.viscous())?;
+        Self::with(parameters, elements, max_step)
+    }
+}
+
+impl<P: Presliding> Joint<P> {
+    fn with(parameters: JointParameters, presliding: P, max_step: f64) -> Result<Self, Invalid> {
         let p = &parameters;
         Invalid::positive("ratio", p.ratio)?;
-        Invalid::non_negative("presliding", p.presliding)?;
         if !p.load_torque.is_finite() {
             return Err(Invalid::new(
                 "load_torque",
@@ -196,7 +236,7 @@ impl Joint {
         let motor_decay = (p.motor.damping() + p.motor_friction.viscous()) * inverse_motor_inertia;
         let load_decay = p.load_friction.viscous() * inverse_load_inertia;
         Ok(Self {
-            contact_stiffness: contact_stiffness(p.load_friction.static_level(), p.presliding),
+            presliding,
             inverse_motor_inertia,
             inverse_load_inertia,
             motor_decay,
@@ -212,41 +252,50 @@ impl Joint {
     }
 
     /// Twist of the transmission `r q_m - q_l`, radians.
-    pub fn twist(&self, state: &JointState) -> f64 {
+    pub fn twist(&self, state: &JointState<P::State>) -> f64 {
         self.parameters.ratio * state.motor_angle - state.load_angle
     }
 
     /// Torques other than friction on a motor at rest, `psi_m` of (2.7), N m.
-    pub fn motor_psi(&self, state: &JointState, voltage: f64) -> f64 {
+    pub fn motor_psi(&self, state: &JointState<P::State>, voltage: f64) -> f64 {
         self.parameters.motor.gain() * voltage
             - self.parameters.ratio * self.parameters.transmission.torque(self.twist(state))
     }
 
     /// Torques other than friction on a load at rest, `psi_l` of (2.8), N m.
-    pub fn load_psi(&self, state: &JointState) -> f64 {
-        self.parameters.transmission.torque(self.twist(state)) + self.parameters.load_torque
+    pub fn load_psi(&self, state: &JointState<P::State>) -> f64 {
+        self.parameters.transmission.torque(self.twist(state))
+            + self.parameters.load_torque
+            + state.load_torque
+            - self.presliding.torque(&state.presliding, state.load_angle)
     }
 
     /// Position of the output `q_o = q_l - F_l / k_c` (2.12), radians.
-    pub fn output(&self, state: &JointState) -> f64 {
+    pub fn output(&self, state: &JointState<P::State>) -> f64 {
         let friction = self.parameters.load_friction.torque(
             state.load_mode,
             self.load_psi(state),
             state.load_velocity,
         );
-        state.load_angle - friction / self.contact_stiffness
+        self.presliding.output(state.load_angle, friction)
     }
 
-    /// Kinetic energy and energy in the transmission, joules.
-    pub fn energy(&self, state: &JointState) -> f64 {
+    /// Kinetic energy and energy in transmission and contact, joules.
+    pub fn energy(&self, state: &JointState<P::State>) -> f64 {
         0.5 * self.parameters.motor_inertia * state.motor_velocity * state.motor_velocity
             + 0.5 * self.parameters.load_inertia * state.load_velocity * state.load_velocity
             + self.parameters.transmission.energy(self.twist(state))
+            + self.presliding.energy(&state.presliding, state.load_angle)
     }
 
     /// Advances `state` by `duration` seconds under a voltage that is smooth over that time. At a
     /// jump of the voltage, advance to it and then from it.
-    pub fn advance(&self, state: &mut JointState, voltage: impl Voltage + Copy, duration: f64) {
+    pub fn advance(
+        &self,
+        state: &mut JointState<P::State>,
+        voltage: impl Voltage + Copy,
+        duration: f64,
+    ) {
         self.resolve(state, voltage.at(0.0));
         let mut time = 0.0;
         let mut events = 0;
@@ -281,13 +330,13 @@ impl Joint {
 
     /// Both bodies stuck, and nothing to come that could move them.
     #[inline]
-    fn is_at_rest_under(&self, state: &JointState, voltage: &impl Voltage) -> bool {
+    fn is_at_rest_under(&self, state: &JointState<P::State>, voltage: &impl Voltage) -> bool {
         self.is_at_rest(state) && voltage.is_held()
     }
 
     /// What happens to a body when its mode ends: one that was stuck breaks away, one that slid
     /// has come to rest and sticks or turns round.
-    fn change_mode(&self, state: &mut JointState, body: Body, voltage: f64) {
+    fn change_mode(&self, state: &mut JointState<P::State>, body: Body, voltage: f64) {
         match body {
             Body::Motor => {
                 let psi = self.motor_psi(state, voltage);
@@ -299,6 +348,8 @@ impl Joint {
                 state.motor_velocity = 0.0;
             }
             Body::Load => {
+                self.presliding
+                    .turn(&mut state.presliding, state.load_angle);
                 let psi = self.load_psi(state);
                 state.load_mode = if state.load_mode == Mode::Stuck {
                     Mode::towards(psi)
@@ -311,7 +362,7 @@ impl Joint {
     }
 
     /// Decides the modes of bodies at rest, as the first thing after a jump of the voltage.
-    pub fn resolve(&self, state: &mut JointState, voltage: f64) {
+    pub fn resolve(&self, state: &mut JointState<P::State>, voltage: f64) {
         if state.motor_mode == Mode::Stuck {
             state.motor_mode = self
                 .parameters
@@ -323,14 +374,14 @@ impl Joint {
         }
     }
 
-    fn is_at_rest(&self, state: &JointState) -> bool {
+    fn is_at_rest(&self, state: &JointState<P::State>) -> bool {
         state.motor_mode == Mode::Stuck
             && state.load_mode == Mode::Stuck
             && !self.parameters.motor_friction.is_free()
             && !self.parameters.load_friction.is_free()
     }
 
-    fn forcing(&self, state: &JointState) -> Forcing {
+    fn forcing(&self, state: &JointState<P::State>) -> Forcing {
         let p = &self.parameters;
         let moves = |mode: Mode, friction: &Friction| {
             if mode == Mode::Stuck && !friction.is_free() {
@@ -346,7 +397,8 @@ impl Joint {
             motor_constant: -motor * state.motor_mode.sign() * p.motor_friction.coulomb(),
             motor_spring: motor * p.ratio,
             load_constant: load
-                * (p.load_torque - state.load_mode.sign() * p.load_friction.coulomb()),
+                * (p.load_torque + state.load_torque
+                    - state.load_mode.sign() * p.load_friction.coulomb()),
             load_spring: load,
         }
     }
@@ -358,15 +410,16 @@ impl Joint {
         forcing: &Forcing,
         voltage: f64,
         twist: f64,
-        motor_velocity: f64,
-        load_velocity: f64,
+        (motor_velocity, load_velocity): (f64, f64),
+        presliding: f64,
     ) -> (f64, f64) {
         let torque = self.parameters.transmission.torque(twist);
         (
             forcing.motor_constant + forcing.motor_gain * voltage
                 - self.motor_decay * motor_velocity
                 - forcing.motor_spring * torque,
-            forcing.load_constant - self.load_decay * load_velocity + forcing.load_spring * torque,
+            forcing.load_constant - self.load_decay * load_velocity
+                + forcing.load_spring * (torque - presliding),
         )
     }
 
@@ -375,11 +428,11 @@ impl Joint {
     #[inline(never)]
     fn trial_until<V: Voltage>(
         &self,
-        s: &JointState,
+        s: &JointState<P::State>,
         forcing: &Forcing,
         seen: &Seen<V>,
         time: f64,
-    ) -> Trial {
+    ) -> Trial<P::State> {
         self.step(s, forcing, seen, time)
     }
 
@@ -389,21 +442,47 @@ impl Joint {
         clippy::inline_always,
         reason = "called once in the hot loop; 15 % of a joint cycle"
     )]
-    fn step<V: Voltage>(&self, s: &JointState, forcing: &Forcing, seen: &Seen<V>, h: f64) -> Trial {
+    fn step<V: Voltage>(
+        &self,
+        s: &JointState<P::State>,
+        forcing: &Forcing,
+        seen: &Seen<V>,
+        h: f64,
+    ) -> Trial<P::State> {
         let r = self.parameters.ratio;
         let half = 0.5 * h;
         let (u1, u2, u4) = (seen.at(0.0), seen.at(half), seen.at(h));
         let twist = r * s.motor_angle - s.load_angle;
         let (vm, vl) = (s.motor_velocity, s.load_velocity);
-        let a = |u, twist, vm, vl| self.accelerations(forcing, u, twist, vm, vl);
-        let (am1, al1) = a(u1, twist, vm, vl);
+        let held = |moved: f64| self.presliding.torque(&s.presliding, s.load_angle + moved);
+        let a =
+            |u, twist, vm, vl, moved| self.accelerations(forcing, u, twist, (vm, vl), held(moved));
+        let (am1, al1) = a(u1, twist, vm, vl, 0.0);
         // The angles' stages written out in accelerations: the same scheme in fewer operations.
         let drift = half * (r * vm - vl);
-        let (am2, al2) = a(u2, twist + drift, vm + half * am1, vl + half * al1);
+        let (am2, al2) = a(
+            u2,
+            twist + drift,
+            vm + half * am1,
+            vl + half * al1,
+            half * vl,
+        );
         let bend = half * half * (r * am1 - al1);
-        let (am3, al3) = a(u2, twist + drift + bend, vm + half * am2, vl + half * al2);
+        let (am3, al3) = a(
+            u2,
+            twist + drift + bend,
+            vm + half * am2,
+            vl + half * al2,
+            half * (vl + half * al1),
+        );
         let bend = h * half * (r * am2 - al2);
-        let (am4, al4) = a(u4, twist + 2.0 * drift + bend, vm + h * am3, vl + h * al3);
+        let (am4, al4) = a(
+            u4,
+            twist + 2.0 * drift + bend,
+            vm + h * am3,
+            vl + h * al3,
+            h * (vl + half * al2),
+        );
         let sixth = h * (1.0 / 6.0);
         let (am23, al23) = (am2 + am3, al2 + al3);
         Trial {
@@ -424,11 +503,11 @@ impl Joint {
     #[expect(clippy::inline_always, reason = "as for `step`")]
     fn step_motor<V: Voltage>(
         &self,
-        s: &JointState,
+        s: &JointState<P::State>,
         forcing: &Forcing,
         seen: &Seen<V>,
         h: f64,
-    ) -> Trial {
+    ) -> Trial<P::State> {
         let r = self.parameters.ratio;
         let half = 0.5 * h;
         let twist = r * s.motor_angle - s.load_angle;
@@ -459,12 +538,12 @@ impl Joint {
     #[inline]
     fn first_event<V: Voltage>(
         &self,
-        start: &JointState,
+        start: &JointState<P::State>,
         forcing: &Forcing,
         seen: &Seen<V>,
-        trial: &Trial,
+        trial: &Trial<P::State>,
         length: f64,
-    ) -> Option<(Body, f64, JointState)> {
+    ) -> Option<(Body, f64, JointState<P::State>)> {
         let motor = self.event_of(Body::Motor, start, forcing, seen, (trial, length));
         let Some(time) = motor else {
             let time = self.event_of(Body::Load, start, forcing, seen, (trial, length))?;
@@ -490,10 +569,10 @@ impl Joint {
     fn event_of<V: Voltage>(
         &self,
         body: Body,
-        start: &JointState,
+        start: &JointState<P::State>,
         forcing: &Forcing,
         seen: &Seen<V>,
-        (trial, length): (&Trial, f64),
+        (trial, length): (&Trial<P::State>, f64),
     ) -> Option<f64> {
         let at_end = self.margin(body, &trial.end, seen.at(length));
         if at_end < 0.0 {
@@ -517,7 +596,7 @@ impl Joint {
     fn event_in_dip<V: Voltage>(
         &self,
         body: Body,
-        start: &JointState,
+        start: &JointState<P::State>,
         forcing: &Forcing,
         seen: &Seen<V>,
         (rates, length, at_end): ((f64, f64), f64, f64),
@@ -537,12 +616,12 @@ impl Joint {
     fn event_before<V: Voltage>(
         &self,
         body: Body,
-        start: &JointState,
+        start: &JointState<P::State>,
         forcing: &Forcing,
         seen: &Seen<V>,
         end: (f64, f64),
     ) -> f64 {
-        let margin_and_rate = |s: &JointState, time: f64| {
+        let margin_and_rate = |s: &JointState<P::State>, time: f64| {
             let (u, rate) = (seen.at(time), seen.voltage.rate(seen.since + time));
             (
                 self.margin(body, s, u),
@@ -570,7 +649,7 @@ impl Joint {
     /// How far a body is from the end of its mode, positive while the mode lasts: the speed of
     /// one that slides, the torque that is missing to break away for one that is stuck.
     #[inline]
-    fn margin(&self, body: Body, s: &JointState, voltage: f64) -> f64 {
+    fn margin(&self, body: Body, s: &JointState<P::State>, voltage: f64) -> f64 {
         let (friction, mode, velocity) = match body {
             Body::Motor => (
                 &self.parameters.motor_friction,
@@ -592,7 +671,7 @@ impl Joint {
     fn margin_rate(
         &self,
         body: Body,
-        s: &JointState,
+        s: &JointState<P::State>,
         forcing: &Forcing,
         (voltage, voltage_rate): (f64, f64),
     ) -> f64 {
@@ -611,8 +690,13 @@ impl Joint {
             };
             return -psi_rate * self.psi(body, s, voltage).signum();
         }
-        let (motor, load) =
-            self.accelerations(forcing, voltage, twist, s.motor_velocity, s.load_velocity);
+        let (motor, load) = self.accelerations(
+            forcing,
+            voltage,
+            twist,
+            (s.motor_velocity, s.load_velocity),
+            self.presliding.torque(&s.presliding, s.load_angle),
+        );
         mode.sign()
             * match body {
                 Body::Motor => motor,
@@ -621,7 +705,7 @@ impl Joint {
     }
 
     #[inline]
-    fn psi(&self, body: Body, s: &JointState, voltage: f64) -> f64 {
+    fn psi(&self, body: Body, s: &JointState<P::State>, voltage: f64) -> f64 {
         match body {
             Body::Motor => self.motor_psi(s, voltage),
             Body::Load => self.load_psi(s),

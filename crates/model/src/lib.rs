@@ -8,7 +8,8 @@
 //! metres, volts.
 //!
 //! - [`frames`]: points that know the frame in which they are stated;
-//! - [`motor`], [`transmission`], [`friction`]: the parts of a joint, (2.3)-(2.8);
+//! - [`motor`], [`transmission`], [`friction`], [`presliding`]: the parts of a joint, (2.3)-(2.8),
+//!   (2.12), (2.13);
 //! - [`joint`]: the joint whole, (2.1)-(2.13), with its stick-slip transitions located in time by
 //!   [`integrate`];
 //! - [`fivebar`], [`leadscrew`]: from joints to the endpoint;
@@ -24,6 +25,7 @@ pub mod leadscrew;
 pub mod motor;
 pub mod optics;
 pub mod piezo;
+pub mod presliding;
 pub mod pulse;
 pub mod transmission;
 

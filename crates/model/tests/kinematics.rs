@@ -47,6 +47,26 @@ proptest! {
     }
 
     #[test]
+    fn the_rates_of_the_bearings_are_their_slopes(x in -0.0125..0.0125_f64, y in 0.070..0.095_f64) {
+        let mechanism = five_bar();
+        let angles = mechanism.inverse(x, y).unwrap();
+        let (_, rates) = mechanism.bearings(angles).unwrap();
+        let h = 1e-6;
+        for joint in 0..2 {
+            let at = |offset: f64| {
+                let mut moved = angles;
+                moved[joint].0 += offset;
+                mechanism.bearings(moved).unwrap().0
+            };
+            let (after, before) = (at(h), at(-h));
+            for bearing in 0..3 {
+                let slope = (after[bearing] - before[bearing]) / (2.0 * h);
+                prop_assert!((rates[bearing][joint] - slope).abs() < 1e-7, "{} {}", bearing, joint);
+            }
+        }
+    }
+
+    #[test]
     fn anywhere_at_all_is_an_answer_or_an_error(x in -0.3..0.3_f64, y in -0.3..0.3_f64) {
         if let Ok(angles) = five_bar().inverse(x, y) {
             let (u, v) = five_bar().forward(angles).unwrap();

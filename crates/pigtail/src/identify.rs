@@ -5,7 +5,7 @@ use crate::characterize::{ExperimentError, no_probe};
 use crate::rig::Setup;
 use pigtail_control::compensation::windup::{Memory, Reversal, Windup};
 use pigtail_control::identify::{
-    Path, Scale, WindupRecord, error_span, fit_memory, fit_reversal, scan,
+    Path, Scale, WindupRecord, backlash, error_span, fit_memory, fit_reversal, scan,
 };
 use pigtail_control::station::Station;
 use pigtail_hal::{Axis, AxisName, Error};
@@ -34,12 +34,14 @@ pub struct Document {
     pub q_um: f64,
     /// Root mean square of the windup that the model leaves over the identification scan.
     pub residual_um: f64,
-    /// Peak-to-peak error of the output without compensation over the first of the scans.
+    /// Gap between the forward and the backward path over the full range without compensation.
     pub uncompensated_um: f64,
     /// The same with compensation.
     pub compensated_um: f64,
-    /// How many times better.
+    /// How many times narrower.
     pub factor: f64,
+    /// How many times less the output errs peak to peak, over the scan where it is least.
+    pub worst_factor: f64,
     /// Scans on which the compensation was tried, after the identification.
     pub scans: Vec<ScanRow>,
     /// Range of the first scan, micrometres at the output.
@@ -57,12 +59,15 @@ pub struct Document {
 pub struct ScanRow {
     /// What was scanned.
     pub name: &'static str,
-    /// Peak-to-peak error without compensation, micrometres.
+    /// Gap between the paths over the same wanted output without compensation, micrometres.
     pub uncompensated_um: f64,
     /// With (2.20)-(2.26).
     pub reversal_um: f64,
     /// With the model that remembers.
     pub memory_um: f64,
+    /// Peak-to-peak error of the output, micrometres: without compensation, with (2.20)-(2.26),
+    /// with the model that remembers.
+    pub peak_to_peak_um: [f64; 3],
 }
 
 /// An identified axis.
@@ -87,7 +92,7 @@ impl Identified {
     pub fn elements(&self) -> Vec<[f64; 2]> {
         let pairs = self.memory.ways.iter().zip(&self.memory.stiffness);
         pairs
-            .filter(|(_, k)| **k > 0.0)
+            .filter(|(_, k)| **k != 0.0)
             .map(|(way, k)| [*way, way * k])
             .collect()
     }
@@ -129,12 +134,13 @@ pub fn windup(
     let scale = scale(setup, at.axis)?;
     let um = 1e6 * scale.metres_per_radian;
     let range = range(at.axis) / scale.metres_per_radian;
-    let speed = 0.5 * range;
+    let speed = 0.25 * range;
     let path = Path::identification(range, speed);
     let record = scan(station, at, &scale, &path, &Windup::None)?;
-    // The first way there starts from an unwound transmission, which no model speaks of.
+    // The first way there starts from an unwound transmission, which no model speaks of; then
+    // come four that wind it up fully.
     let lead = (range / speed / record.period) as usize;
-    let reversal = fit_reversal(&record, lead);
+    let reversal = fit_reversal(&record, lead..5 * lead);
     let memory = fit_memory(&record, lead, &reversal);
     let models = [
         Windup::Reversal(reversal.model),
@@ -167,19 +173,21 @@ pub fn windup(
             .sum::<f64>()
             / speed
             / record.period) as usize;
-        let mut spans = [0.0; 3];
+        let (mut gaps, mut spans) = ([0.0; 3], [0.0; 3]);
         for (k, model) in [Windup::None, models[0], models[1]].iter().enumerate() {
             let tried = scan(station, at, &scale, &path, model)?;
-            spans[k] = um * error_span(&tried, skip);
+            gaps[k] = rounded(um * backlash(&tried, skip), 1e-4);
+            spans[k] = rounded(um * error_span(&tried, skip), 1e-4);
             if i == 0 && k != 1 {
                 before_and_after[k / 2] = tried;
             }
         }
         rows.push(ScanRow {
             name,
-            uncompensated_um: rounded(spans[0], 1e-4),
-            reversal_um: rounded(spans[1], 1e-4),
-            memory_um: rounded(spans[2], 1e-4),
+            uncompensated_um: gaps[0],
+            reversal_um: gaps[1],
+            memory_um: gaps[2],
+            peak_to_peak_um: spans,
         });
     }
     let first = &rows[0];
@@ -187,6 +195,14 @@ pub fn windup(
         Model::Reversal => (reversal.residual, first.reversal_um),
         Model::Memory => (memory.residual, first.memory_um),
     };
+    let column = match model {
+        Model::Reversal => 1,
+        Model::Memory => 2,
+    };
+    let worst = rows
+        .iter()
+        .map(|row| row.peak_to_peak_um[0] / row.peak_to_peak_um[column])
+        .fold(f64::INFINITY, f64::min);
     let document = Document {
         axis: at.to_string(),
         model,
@@ -196,6 +212,7 @@ pub fn windup(
         uncompensated_um: first.uncompensated_um,
         compensated_um: compensated,
         factor: rounded(first.uncompensated_um / compensated, 1e-3),
+        worst_factor: rounded(worst, 1e-3),
         range_um: rounded(um * range, 1e-4),
         scans: rows,
         seed,

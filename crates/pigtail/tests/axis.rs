@@ -158,14 +158,11 @@ fn a_frequency_response_starts_at_one_and_falls() {
 }
 
 /// Windup on machines drawn around the plant, each identified by itself, over the full range, a
-/// quarter of it, repeatedly and with random reversals. The target is twenty times on every scan;
-/// it is reached in the mean (23) and missed at the worst (17.4). The bounds guard what was
-/// measured: 15 at the worst, and 3.5 for the thesis's own model, whose transition is curved where
-/// this plant's is straight.
+/// quarter of it, repeatedly and with random reversals.
 #[test]
-fn windup_is_compensated_twentyfold_in_the_mean() {
+fn windup_is_compensated_twentyfold_on_every_machine() {
     let setup = setup();
-    let (mut factors, mut worst) = (Vec::new(), f64::INFINITY);
+    let (mut worst, mut thesis, mut left) = (f64::INFINITY, f64::INFINITY, 0.0_f64);
     for seed in 730..750 {
         let identified = on_twin(&setup, seed, |station| {
             windup(station, &setup, axis("fivebar"), Model::Memory, seed)
@@ -174,20 +171,19 @@ fn windup_is_compensated_twentyfold_in_the_mean() {
         let d = identified.document;
         assert!((85.0..130.0).contains(&d.uncompensated_um), "{d:?}");
         for row in &d.scans {
-            assert!(
-                row.uncompensated_um / row.reversal_um > 3.5,
-                "{seed}: {row:?}"
-            );
-            worst = worst.min(row.uncompensated_um / row.memory_um);
-            factors.push(row.uncompensated_um / row.memory_um);
+            let [none, _, memory] = row.peak_to_peak_um;
+            worst = worst.min(none / memory);
+        }
+        // The thesis's own tests: the gap between the paths over the full range, and that it is
+        // no wider over a quarter of it.
+        thesis = thesis.min(d.scans[0].uncompensated_um / d.scans[0].reversal_um);
+        for row in &d.scans[..3] {
+            left = left.max(row.reversal_um);
         }
     }
-    let mean = factors.iter().sum::<f64>() / factors.len() as f64;
-    eprintln!("{mean:.1} times in the mean, {worst:.1} at the worst");
-    assert!(
-        mean > 20.0 && worst > 15.0,
-        "{mean} in the mean, {worst} at the worst"
-    );
+    eprintln!("worst {worst:.1}; with (2.20) {thesis:.1}, at most {left:.1} um are left");
+    assert!(worst > 20.0, "{worst}");
+    assert!(thesis > 7.0 && left < 15.0, "{thesis} {left}");
 }
 
 struct Folder(TempDir);

@@ -84,7 +84,7 @@ pub const ELEMENTS: usize = 16;
 /// ```text
 /// s_i <- clamp(s_i + dq, +-r_i)        each element gives way, then slips
 /// T   =  sum k_i s_i                   the torque that winds the transmission up
-/// W   =  a T + b T^3                   the transmission hardens
+/// W   =  h_1 T + h_3 T^3 + h_5 T^5     the transmission hardens
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Memory {
@@ -92,10 +92,8 @@ pub struct Memory {
     pub ways: [f64; ELEMENTS],
     /// Stiffness of each element, `k_i`; the sum of `k_i r_i` is one.
     pub stiffness: [f64; ELEMENTS],
-    /// `a`, radians.
-    pub linear: f64,
-    /// `b`, radians.
-    pub cubic: f64,
+    /// `h_1`, `h_3` and `h_5`, radians.
+    pub hardening: [f64; 3],
 }
 
 /// What a [`Memory`] remembers.
@@ -133,8 +131,14 @@ impl Memory {
             .zip(&self.stiffness)
             .map(|(s, k)| s * k)
             .sum();
-        torque * (self.linear + self.cubic * torque * torque)
+        odd_polynomial(&self.hardening, torque)
     }
+}
+
+/// `h_1 x + h_3 x^3 + h_5 x^5`.
+pub(crate) fn odd_polynomial([h1, h3, h5]: &[f64; 3], x: f64) -> f64 {
+    let square = x * x;
+    x * (h1 + square * (h3 + square * h5))
 }
 
 /// A model of windup, or none.
@@ -229,8 +233,7 @@ mod tests {
         Memory {
             ways,
             stiffness: [1.0 / weight; ELEMENTS],
-            linear: 50e-6,
-            cubic: -8e-6,
+            hardening: [50e-6, -8e-6, 1e-6],
         }
     }
 
@@ -255,7 +258,7 @@ mod tests {
         /// Masing: a reversal curve is the virgin curve twice as large, before the hardening.
         #[test]
         fn a_reversal_is_the_virgin_curve_doubled(way in 0.0..300e-6_f64) {
-            let model = Memory { cubic: 0.0, ..memory() };
+            let model = Memory { hardening: [50e-6, 0.0, 0.0], ..memory() };
             let (mut virgin, mut back) = (MemoryState::default(), MemoryState::default());
             let top = model.next(&mut back, 5e-3);
             let fallen = top - model.next(&mut back, 5e-3 - way);

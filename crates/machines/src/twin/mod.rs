@@ -4,10 +4,12 @@
 //! opposed to what is measured, is answered by [`Twin::truth`], which is not part of
 //! [`Machine`], so that no code that holds a `&mut dyn Machine` can ask.
 
+mod drive;
 mod light;
 pub mod plant;
 mod sensors;
 
+use drive::{Bearing, Drive};
 use light::{FiberInHolder, LightPath, Tips};
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, CHANNELS, MICRO_AXES, OUTPUTS, SIDES};
@@ -15,7 +17,6 @@ use pigtail_hal::{Axis, Command, Fault, FiberHandling, Machine, Measurement, Sid
 use pigtail_model::Invalid;
 use pigtail_model::fivebar::{FiveBar, JointAngle};
 use pigtail_model::frames::{Chip, Macro, Placement, Point};
-use pigtail_model::joint::{Joint, JointState};
 use pigtail_model::leadscrew::LeadScrew;
 use pigtail_model::piezo::{Resonance, ResonanceState};
 pub use plant::Plant;
@@ -59,8 +60,8 @@ struct Fixed {
 /// A manipulator's mechanics.
 #[derive(Debug, Clone)]
 struct Manipulator {
-    joints: [Joint; AXES],
-    states: [JointState; AXES],
+    drives: [Drive; AXES],
+    linkage: Option<Linkage>,
     counts_per_radian: [f64; AXES],
     voltage_limits: [f64; AXES],
     five_bar: FiveBar,
@@ -71,6 +72,30 @@ struct Manipulator {
     micro: Micro,
     /// The endpoint without the micro's motion, for the outputs it was computed for.
     endpoint: ([f64; AXES], Point<Macro>),
+}
+
+/// Friction in the bearings between the links of a five-bar: elbow A, elbow B, tip.
+#[derive(Debug, Clone)]
+struct Linkage {
+    bearings: [Bearing; 3],
+    /// Angle of each bearing at home, radians.
+    home: [f64; 3],
+}
+
+impl Linkage {
+    /// Torques on the joints A and B (N m) at these angles: of each bearing by the principle of
+    /// virtual work.
+    fn torques(&mut self, five_bar: &FiveBar, angles: [JointAngle; 2]) -> Option<[f64; 2]> {
+        let (now, rates) = five_bar.bearings(angles).ok()?;
+        let mut torques = [0.0; 2];
+        for (i, bearing) in self.bearings.iter_mut().enumerate() {
+            let friction = bearing.torque_at(now[i] - self.home[i]);
+            for (torque, rate) in torques.iter_mut().zip(rates[i]) {
+                *torque -= friction * rate;
+            }
+        }
+        Some(torques)
+    }
 }
 
 /// A micro manipulator: two piezo axes in their own frame.
@@ -165,17 +190,25 @@ impl Manipulator {
                 &fb.joint
             };
             let ratio = 1.0 / spec.drive(axis).gear_ratio;
-            let parameters = nominal.draw(ratio, &plant.variation, rng)?;
-            let steps = (spec.period() / parameters.coarsest_step()).ceil().max(1.0);
-            if steps > MOST_STEPS {
-                return Err(TwinError::Stiff {
-                    axis: axis.name(),
-                    steps,
-                });
-            }
-            Ok::<_, TwinError>(Joint::new(parameters, spec.period() / steps)?)
+            Drive::draw(
+                nominal,
+                axis.name(),
+                ratio,
+                spec.period(),
+                &plant.variation,
+                rng,
+            )
         };
-        let joints = [joint(Axis::A)?, joint(Axis::B)?, joint(Axis::Z)?];
+        let drives = [joint(Axis::A)?, joint(Axis::B)?, joint(Axis::Z)?];
+        let linkage = if fb.bearings.friction > 0.0 {
+            let bearing = || Bearing::new(fb.bearings.friction, fb.bearings.presliding);
+            Some(Linkage {
+                bearings: [bearing()?, bearing()?, bearing()?],
+                home: five_bar.bearings(home_angles)?.0,
+            })
+        } else {
+            None
+        };
         let stands = match side {
             Side::Left => &plant.placement.left,
             Side::Right => &plant.placement.right,
@@ -187,8 +220,8 @@ impl Manipulator {
             uniform(rng, plant.misplacement.home),
         );
         Ok(Self {
-            joints,
-            states: [JointState::default(); AXES],
+            drives,
+            linkage,
             counts_per_radian: Axis::ALL.map(|axis| 1.0 / spec.drive(axis).count()),
             voltage_limits: Axis::ALL.map(|axis| spec.drive(axis).voltage),
             five_bar,
@@ -213,11 +246,20 @@ impl Manipulator {
         period: f64,
         rng: &mut impl Rng,
     ) -> Option<Point<Chip>> {
+        // Friction between the links changes far more slowly than a cycle: what it was at the end
+        // of the cycle before.
+        let mut torques = [0.0; AXES];
+        if let Some(linkage) = &mut self.linkage {
+            let [home_a, home_b] = self.home_angles;
+            let [a, b, _] = self.endpoint.0;
+            let angles = [JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)];
+            [torques[0], torques[1]] = linkage.torques(&self.five_bar, angles)?;
+        }
         for (i, Volts(volts)) in motors.into_iter().enumerate() {
             let limit = self.voltage_limits[i];
-            self.joints[i].advance(&mut self.states[i], volts.clamp(-limit, limit), period);
+            self.drives[i].advance(volts.clamp(-limit, limit), torques[i], period);
         }
-        let outputs = std::array::from_fn(|i| self.joints[i].output(&self.states[i]));
+        let outputs = std::array::from_fn(|i| self.drives[i].output());
         if outputs != self.endpoint.0 {
             self.endpoint = (outputs, self.endpoint_at(outputs)?);
         }
@@ -242,12 +284,9 @@ impl Manipulator {
     }
 
     fn encoders(&self) -> [Counts; AXES] {
-        std::array::from_fn(|i| encode(self.states[i].motor_angle, self.counts_per_radian[i]))
+        std::array::from_fn(|i| encode(self.drives[i].motor_angle(), self.counts_per_radian[i]))
     }
 }
-
-/// More integration steps in a servo cycle than this are not a stiff joint but a mistyped one.
-const MOST_STEPS: f64 = 100.0;
 
 /// Why a twin cannot be built from a plant.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -258,7 +297,7 @@ pub enum TwinError {
     /// A joint moves too fast for the servo.
     #[error(
         "joint {axis} would need {steps:.0} integration steps a servo cycle; accepted are inertias, \
-         friction and stiffness that need at most {MOST_STEPS}"
+         friction and stiffness that need at most 100"
     )]
     Stiff {
         /// The axis.

@@ -56,8 +56,32 @@ pub struct FiveBarPlant {
     /// Endpoint at home, from the middle of the bases, metres.
     #[serde(deserialize_with = "quantity::lengths")]
     pub home: [f64; 2],
+    /// Friction in the bearings between the links, which couples the joints.
+    #[serde(default)]
+    pub bearings: BearingPlant,
     /// Each joint.
     pub joint: JointPlant,
+}
+
+/// The bearings between the links of a five-bar: two elbows and the tip.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BearingPlant {
+    /// Torque at which each slides, N m; zero for none.
+    #[serde(deserialize_with = "quantity::non_negative_torque")]
+    pub friction: f64,
+    /// How far each gives way before it slides, `q_0` of an exponential, radians.
+    #[serde(deserialize_with = "quantity::positive_angle")]
+    pub presliding: f64,
+}
+
+impl Default for BearingPlant {
+    fn default() -> Self {
+        Self {
+            friction: 0.0,
+            presliding: 1e-3,
+        }
+    }
 }
 
 /// A z-stage.
@@ -81,7 +105,10 @@ pub struct JointPlant {
     /// `J_l`, kg m^2.
     #[serde(deserialize_with = "quantity::positive_inertia")]
     pub load_inertia: f64,
-    /// `q_p`, radians.
+    /// The law of load friction.
+    #[serde(default)]
+    pub friction: LoadLaw,
+    /// `q_p` under `coulomb-presliding`, `q_0` under `maxwell-slip`, radians.
     #[serde(deserialize_with = "quantity::non_negative_angle")]
     pub presliding: f64,
     /// Constant torque on the load by a preloading spring (thesis 2.4.2), N m.
@@ -95,6 +122,17 @@ pub struct JointPlant {
     pub motor_friction: FrictionPlant,
     /// Friction on the load.
     pub load_friction: FrictionPlant,
+}
+
+/// A law of load friction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LoadLaw {
+    /// The thesis's: a rigid hold up to the static level, presliding in front of it.
+    #[default]
+    CoulombPresliding,
+    /// Maxwell-slip elements that rise to the Coulomb level along an exponential.
+    MaxwellSlip,
 }
 
 /// A motor.
@@ -169,6 +207,11 @@ impl FrictionPlant {
     /// Static level, N m.
     pub fn static_level(self) -> f64 {
         self.0.static_level()
+    }
+
+    /// Coulomb level, N m.
+    pub fn coulomb(self) -> f64 {
+        self.0.coulomb()
     }
 
     fn scaled(self, by: f64) -> Result<Friction, Invalid> {
@@ -376,6 +419,19 @@ impl Plant {
                 let message =
                     format!("{radius} m is not positive; accepted are lengths above zero");
                 return Err(("device.mode_radius", message));
+            }
+        }
+        for (key, joint) in [
+            ("five_bar.joint.presliding", &self.five_bar.joint),
+            ("z_stage.joint.presliding", &self.z_stage.joint),
+        ] {
+            let slips = joint.friction == LoadLaw::MaxwellSlip;
+            if slips && (joint.presliding <= 0.0 || joint.load_friction.coulomb() <= 0.0) {
+                let message =
+                    "maxwell-slip friction needs a way to rise; accepted are a presliding \
+                               and a Coulomb friction of the load above zero"
+                        .to_owned();
+                return Err((key, message));
             }
         }
         if self.micro.damping >= 1.0 {

@@ -1,6 +1,7 @@
 //! Each equation of the joint against what can be worked out on paper, and the integrator against
 //! itself at a much finer step.
 
+mod maxwell;
 mod oracle;
 mod parameters;
 
@@ -213,7 +214,7 @@ proptest! {
         let scale = if z { 1.0 } else { 0.1 };
         let mut state = JointState {
             motor_angle: qm * scale, load_angle: ql * scale, motor_velocity: vm, load_velocity: vl,
-            motor_mode: Mode::towards(vm), load_mode: Mode::towards(vl),
+            motor_mode: Mode::towards(vm), load_mode: Mode::towards(vl), ..JointState::default()
         };
         let mut before = joint.energy(&state);
         for _ in 0..200 {

@@ -30,7 +30,8 @@ enum What {
 /// were not fitted to. The model goes into the rig's `calibration.toml`; from then on every motion
 /// of that kind of axis is compensated with it.
 ///
-/// Errors of the output are peak to peak, from the wanted output, after two full ways.
+/// The gap is the largest spread of the output over the same wanted output, after two full ways: what
+/// the thesis reads off as the difference between the forward and the backward path.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -88,6 +89,12 @@ fn table(identified: &Identified, at: AxisName, run: &Run) -> Vec<(&'static str,
         Model::Memory => "memory",
         Model::Reversal => "reversal",
     };
+    let hardening: toml_edit::Array = identified
+        .memory
+        .hardening
+        .iter()
+        .map(|part| format!("{part:.6e} rad"))
+        .collect();
     let elements: toml_edit::Array = identified
         .elements()
         .into_iter()
@@ -97,8 +104,7 @@ fn table(identified: &Identified, at: AxisName, run: &Run) -> Vec<(&'static str,
         ("model", toml_edit::value(model)),
         ("w_max", radians(identified.reversal.maximum)),
         ("q", radians(identified.reversal.way)),
-        ("linear", radians(identified.memory.linear)),
-        ("cubic", radians(identified.memory.cubic)),
+        ("hardening", toml_edit::value(hardening)),
         ("elements", toml_edit::value(elements)),
         (
             "residual",
@@ -120,23 +126,28 @@ fn account(d: &Document) -> String {
         "{}: W_max {:.3} um, Q {:.3} um; the model leaves {:.3} um rms of the windup",
         d.axis, d.w_max_um, d.q_um, d.residual_um
     );
-    let _ = writeln!(text, "Peak-to-peak error of the output, um:");
     let _ = writeln!(
         text,
-        "  {:24} {:>8} {:>9} {:>8}",
+        "Gap between the paths, and peak-to-peak error of the output, um:"
+    );
+    let _ = writeln!(
+        text,
+        "  {:24} {:>15} {:>15} {:>15}",
         "scan", "none", "reversal", "memory"
     );
     for row in &d.scans {
+        let [none, reversal, memory] = row.peak_to_peak_um;
         let _ = writeln!(
             text,
-            "  {:24} {:8.3} {:9.3} {:8.3}",
+            "  {:24} {:7.2} {none:7.2} {:7.2} {reversal:7.2} {:7.2} {memory:7.2}",
             row.name, row.uncompensated_um, row.reversal_um, row.memory_um
         );
     }
     let _ = writeln!(
         text,
-        "{:.1} times better over the full range of {:.0} um",
-        d.factor, d.range_um
+        "The gap over the full range of {:.0} um is {:.1} times narrower, the error at least {:.1} times \
+         less on every scan.",
+        d.range_um, d.factor, d.worst_factor
     );
     if d.calibration.is_empty() {
         let _ = writeln!(text, "The calibration was left as it is.");

@@ -22,18 +22,20 @@ pub fn windup(identified: &Identified) -> Result<String> {
     let mut body = format!("<h1>{}</h1>\n", escape(&title));
     let _ = writeln!(
         body,
-        "<p>W_max {:.3} um, Q {:.3} um. Over the full range of {:.0} um the output errs by {:.2} um \
-         peak to peak without compensation and by {:.2} um with it: {:.1} times better.</p>",
+        "<p>W_max {:.3} um, Q {:.3} um. Over the full range of {:.0} um the forward and the backward \
+         path lie {:.2} um apart without compensation and {:.2} um with it: {:.1} times better.</p>",
         d.w_max_um, d.q_um, d.range_um, d.uncompensated_um, d.compensated_um, d.factor
     );
     body.push_str(
-        "<div class=\"scroll\"><table>\n<tr><th>scan</th><th></th><th>none<small>um</small></th>\
+        "<div class=\"scroll\"><table>\n<tr><th>scan</th><th>none<small>um</small></th>\
          <th>reversal<small>um</small></th><th>memory<small>um</small></th></tr>\n",
     );
     for row in &d.scans {
+        let [none, reversal, memory] = row.peak_to_peak_um;
         let _ = writeln!(
             body,
-            "<tr><td>{}</td><td></td><td>{:.3}</td><td>{:.3}</td><td>{:.3}</td></tr>",
+            "<tr><td>{}</td><td>{:.2}</td><td>{:.2}</td><td>{:.2}</td></tr>\n\
+             <tr><td>peak to peak</td><td>{none:.2}</td><td>{reversal:.2}</td><td>{memory:.2}</td></tr>",
             row.name, row.uncompensated_um, row.reversal_um, row.memory_um
         );
     }
