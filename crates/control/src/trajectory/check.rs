@@ -88,8 +88,8 @@ impl Motion {
     /// the bound is too high is looked at in every servo cycle of `period` seconds, between which
     /// the references do not change.
     ///
-    /// What compensation adds to a motor's angle is not looked at: it is most just after a
-    /// reversal, which no motion passes but at rest.
+    /// What compensation adds to a motor's speed is not looked at: it is most just after a joint
+    /// has turned back, when that joint is slow.
     ///
     /// # Errors
     ///

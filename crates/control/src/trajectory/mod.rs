@@ -20,8 +20,9 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// The fastest motion of this shape along `path` that keeps `limits` at each of its points, no
-    /// faster than `speed` (m/s) along it. A trapezoid does not ask for the limits of jerk.
+    /// A motion of this shape along `path` that keeps `limits` at each of its points, no faster
+    /// than `speed` (m/s) along it: the fastest on a line, and nearly on an arc. A trapezoid does
+    /// not ask for the limits of jerk.
     ///
     /// # Errors
     ///

@@ -1,4 +1,7 @@
 //! How far a motion has come at each moment, from rest to rest.
+//!
+//! From rest to rest both profiles are closed forms, exact at the end and without a search; a
+//! library that plans between any two states of motion solves a harder problem than there is here.
 
 /// Speed and its derivatives by time: limits of a motion, or what a motion has.
 #[derive(Debug, Clone, Copy, PartialEq)]
