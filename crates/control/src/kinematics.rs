@@ -17,6 +17,10 @@ pub struct Kinematics {
     screw: LeadScrew,
     /// Encoder counts for one radian of an output.
     counts_per_radian: [f64; AXES],
+    /// Motor turns for one turn of an output.
+    gear_ratios: [f64; AXES],
+    /// Highest speed of each motor, rad/s.
+    motor_speeds: [f64; AXES],
     placement: Placement,
     half_workspace: f64,
     half_travel: f64,
@@ -96,6 +100,8 @@ impl Kinematics {
                 let drive = spec.drive(axis);
                 drive.gear_ratio / drive.count()
             }),
+            gear_ratios: Axis::ALL.map(|axis| spec.drive(axis).gear_ratio),
+            motor_speeds: Axis::ALL.map(|axis| spec.drive(axis).speed),
             placement: Placement::new(Point::new(x, y, z), yaw),
             half_workspace: 0.5 * spec.five_bar.workspace,
             half_travel: 0.5 * spec.z_stage.travel,
@@ -109,12 +115,49 @@ impl Kinematics {
         }
     }
 
-    /// Whether a point lies inside the workspace. It is convex: a line between two such points
-    /// stays inside.
+    /// How far the workspace, a box around home, reaches to either side in x, y and z, metres.
+    pub fn workspace(&self) -> [f64; 3] {
+        [self.half_workspace, self.half_workspace, self.half_travel]
+    }
+
+    /// Whether a point lies inside the workspace.
     pub fn contains(&self, p: Point<Macro>) -> bool {
-        p.x.abs() <= self.half_workspace
-            && p.y.abs() <= self.half_workspace
-            && p.z.abs() <= self.half_travel
+        let reaches = self.workspace();
+        [p.x, p.y, p.z]
+            .iter()
+            .zip(reaches)
+            .all(|(at, reach)| at.abs() <= reach)
+    }
+
+    /// Highest speed of each motor by the datasheet, rad/s.
+    pub fn motor_speeds(&self) -> [f64; AXES] {
+        self.motor_speeds
+    }
+
+    /// Motor angles from home that put the endpoint at `p`, radians.
+    ///
+    /// # Errors
+    ///
+    /// When the five-bar does not reach it.
+    pub fn motor_angles_at(&self, p: Point<Macro>) -> Result<[f64; AXES], Unreachable> {
+        let outputs = self.outputs_at(p)?;
+        Ok(std::array::from_fn(|i| self.gear_ratios[i] * outputs[i]))
+    }
+
+    /// Bound of each motor's speed, rad/s, while the endpoint stays between the corners `low` and
+    /// `high` and is no faster than `across` in the x-y plane and `along` z, m/s.
+    pub fn most_motor_speeds(
+        &self,
+        [low, high]: [Point<Macro>; 2],
+        across: f64,
+        along: f64,
+    ) -> [f64; AXES] {
+        let [x, y] = self.home;
+        let [a, b] = self
+            .five_bar
+            .most_rate((x + low.x, y + low.y), (x + high.x, y + high.y));
+        let outputs = [a * across, b * across, self.screw.angle(along)];
+        std::array::from_fn(|i| self.gear_ratios[i] * outputs[i])
     }
 
     /// Output angles from home that put the endpoint at `p`, radians.

@@ -7,7 +7,8 @@
 //! 1. [`recipe`]: what is to be done; [`calibration`]: what is believed of the machine;
 //! 2. [`procedure`]: straight-line functions over a [`Station`](station::Station);
 //! 3. [`search`]: finding light; [`peak`]: climbing to its maximum;
-//! 4. [`trajectory`] and [`kinematics`]: from a wanted motion to encoder counts;
+//! 4. [`trajectory`], paths and the profiles along them, and [`kinematics`]: from a wanted motion
+//!    to encoder counts;
 //! 5. [`servo`]: from counts to volts, every cycle;
 //! 6. [`station`]: owns the machine's time, one exchange after the other.
 //!

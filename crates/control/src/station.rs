@@ -6,7 +6,7 @@ use crate::compensation::windup::{Windup, WindupState};
 use crate::kinematics::Kinematics;
 use crate::outcome::{Halt, Outcome};
 use crate::servo::{Pid, PidState};
-use crate::trajectory::{Limits, Line};
+use crate::trajectory::{Arc, Limits, Line, Motion, Path, Rates, Refused, Shape};
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, CHANNELS, SIDES};
 use pigtail_hal::{
@@ -56,14 +56,16 @@ struct Arm {
     references: [Counts; AXES],
     /// Where the endpoint is wanted at this moment.
     wanted: Point<Macro>,
-    motion: Option<Motion>,
+    motion: Option<Started>,
     micro: (f64, f64),
 }
 
+/// A motion that is being followed.
 #[derive(Debug, Clone, Copy)]
-struct Motion {
-    line: Line,
-    start: f64,
+struct Started {
+    motion: Motion,
+    /// Machine time at its start, seconds.
+    at: f64,
 }
 
 /// A machine under control.
@@ -72,6 +74,7 @@ pub struct Station<'a> {
     observer: &'a mut dyn Observer,
     arms: [Arm; SIDES],
     limits: Limits,
+    shape: Shape,
     command: Command,
     measurement: Measurement,
 }
@@ -136,11 +139,18 @@ impl<'a> Station<'a> {
         let measurement = machine.exchange(&command)?;
         Ok(Self {
             limits: Limits {
-                speed_xy: spec.five_bar.speed,
-                acceleration_xy: spec.five_bar.acceleration,
-                speed_z: spec.z_stage.speed,
-                acceleration_z: spec.z_stage.acceleration,
+                xy: Rates {
+                    speed: spec.five_bar.speed,
+                    acceleration: spec.five_bar.acceleration,
+                    jerk: spec.five_bar.jerk,
+                },
+                z: Rates {
+                    speed: spec.z_stage.speed,
+                    acceleration: spec.z_stage.acceleration,
+                    jerk: spec.z_stage.jerk,
+                },
             },
+            shape: Shape::default(),
             machine,
             observer,
             arms,
@@ -237,40 +247,70 @@ impl<'a> Station<'a> {
         self.arms[side.index()].wanted
     }
 
+    /// Gives the motions that start from now on another profile. It begins with the thesis's
+    /// trapezoid.
+    pub fn set_shape(&mut self, shape: Shape) {
+        self.shape = shape;
+    }
+
     /// Starts a straight line from where the endpoint is wanted now, no faster than `speed` m/s.
     ///
     /// # Errors
     ///
-    /// [`Outcome::OutOfReach`] when the end lies outside the workspace.
+    /// [`Outcome::OutOfReach`] when it would break a limit; the endpoint then stays as it is.
     pub fn start_line(
         &mut self,
         side: Side,
         to: Point<Macro>,
         speed: Option<f64>,
     ) -> Result<(), Outcome> {
+        self.start(side, Line::new(self.wanted(side), to), speed)
+    }
+
+    /// Starts an arc, which must begin where the endpoint is wanted now, no faster than `speed`
+    /// m/s along it.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::start_line`].
+    pub fn start_arc(&mut self, side: Side, arc: Arc, speed: Option<f64>) -> Result<(), Outcome> {
+        self.start(side, arc, speed)
+    }
+
+    /// Starts a motion, unless it would break a limit somewhere on its way.
+    fn start(
+        &mut self,
+        side: Side,
+        path: impl Into<Path>,
+        speed: Option<f64>,
+    ) -> Result<(), Outcome> {
+        let period = self.spec().period();
         let arm = &mut self.arms[side.index()];
-        if !arm.kinematics.contains(to) {
-            return Err(Outcome::OutOfReach(format!(
-                "the {} endpoint was to go to {:.3}, {:.3}, {:.3} mm from home",
-                side.name(),
-                to.x * 1e3,
-                to.y * 1e3,
-                to.z * 1e3
-            )));
-        }
-        arm.motion = Some(Motion {
-            line: Line::new(arm.wanted, to, &self.limits, speed),
-            start: self.measurement.time,
+        let checked = |path: Path| {
+            let (start, here) = (path.start(), arm.wanted);
+            if start != here {
+                return Err(Refused::Start { start, here });
+            }
+            let motion = Motion::new(path, self.shape, &self.limits, speed)?;
+            motion.check(&arm.kinematics, period)?;
+            Ok(motion)
+        };
+        let motion = checked(path.into()).map_err(|refused| {
+            Outcome::OutOfReach(format!("the {} endpoint {refused}", side.name()))
+        })?;
+        arm.motion = Some(Started {
+            motion,
+            at: self.measurement.time,
         });
         Ok(())
     }
 
-    /// Whether a line is still being followed.
+    /// Whether a motion is still being followed.
     pub fn moving(&self, side: Side) -> bool {
         self.arms[side.index()].motion.is_some()
     }
 
-    /// Ends a line where it is. For lines slow enough to stop at once.
+    /// Ends a motion where it is. For those slow enough to stop at once.
     pub fn halt(&mut self, side: Side) {
         self.arms[side.index()].motion = None;
     }
@@ -325,7 +365,7 @@ impl<'a> Station<'a> {
         self.machine.stop();
     }
 
-    /// Sets the reference of one axis alone, encoder counts from home. Ends any line of that
+    /// Sets the reference of one axis alone, encoder counts from home. Ends any motion of that
     /// manipulator.
     pub fn reference(&mut self, at: AxisName, counts: Counts) {
         let arm = &mut self.arms[at.side.index()];
@@ -438,11 +478,13 @@ impl Arm {
 
     /// Sets the references for this moment.
     fn follow(&mut self, time: f64) {
-        let Some(motion) = &self.motion else { return };
-        let elapsed = time - motion.start;
-        self.wanted = motion.line.at(elapsed);
-        let over = elapsed >= motion.line.duration();
-        // The line lies inside the workspace, which was checked to be reachable; were it not,
+        let Some(Started { motion, at }) = &self.motion else {
+            return;
+        };
+        let elapsed = time - at;
+        self.wanted = motion.at(elapsed);
+        let over = elapsed >= motion.duration();
+        // The motion lies inside the workspace, which was checked to be reachable; were it not,
         // holding is the answer.
         if let Ok(outputs) = self.kinematics.outputs_at(self.wanted) {
             for (i, output) in outputs.into_iter().enumerate() {

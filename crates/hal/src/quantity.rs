@@ -155,6 +155,10 @@ dimensions! {
         ["m/s" = 1.0, "mm/s" = 1e-3, "um/s" = 1e-6];
     ACCELERATION acceleration non_negative_acceleration positive_acceleration "an acceleration"
         ["m/s2" = 1.0, "mm/s2" = 1e-3];
+    JERK jerk non_negative_jerk positive_jerk "a jerk"
+        ["m/s3" = 1.0, "mm/s3" = 1e-3];
+    ROTATION rotation non_negative_rotation positive_rotation "a speed of rotation"
+        ["rpm" = 0.104_719_755_119_659_77, "rad/s" = 1.0];
     VOLTAGE voltage non_negative_voltage positive_voltage "a voltage"
         ["V" = 1.0, "mV" = 1e-3, "uV" = 1e-6];
     INERTIA inertia non_negative_inertia positive_inertia "a moment of inertia"
@@ -333,6 +337,10 @@ mod tests {
         assert_eq!(LENGTH.parse("2.5 um", Sign::Any), Ok(2.5e-6));
         assert_eq!(FREQUENCY.parse("1 kHz", Sign::Any), Ok(1000.0));
         assert_eq!(ANGLE.parse("180 deg", Sign::Any), Ok(std::f64::consts::PI));
+        assert_eq!(
+            ROTATION.parse("30 rpm", Sign::Any),
+            Ok(std::f64::consts::PI)
+        );
     }
 
     #[test]

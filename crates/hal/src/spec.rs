@@ -195,6 +195,9 @@ pub struct DriveSpec {
     /// The amplifier saturates at plus and minus this voltage, volts.
     #[serde(deserialize_with = "quantity::positive_voltage")]
     pub voltage: f64,
+    /// Highest speed of the motor, radians a second.
+    #[serde(deserialize_with = "quantity::positive_rotation")]
+    pub speed: f64,
 }
 
 impl DriveSpec {
@@ -219,6 +222,9 @@ pub struct FiveBarSpec {
     /// Highest acceleration of the endpoint, metres a second squared.
     #[serde(deserialize_with = "quantity::positive_acceleration")]
     pub acceleration: f64,
+    /// Highest jerk of the endpoint, metres a second cubed.
+    #[serde(deserialize_with = "quantity::positive_jerk")]
+    pub jerk: f64,
 }
 
 /// A z-stage.
@@ -236,6 +242,9 @@ pub struct ZStageSpec {
     /// Highest acceleration, metres a second squared.
     #[serde(deserialize_with = "quantity::positive_acceleration")]
     pub acceleration: f64,
+    /// Highest jerk, metres a second cubed.
+    #[serde(deserialize_with = "quantity::positive_jerk")]
+    pub jerk: f64,
 }
 
 /// A micro manipulator: two piezo axes at right angles.
@@ -410,36 +419,35 @@ impl Spec {
         within("sensing_fiber.offset (y)", y.abs(), 0.0, 5e-3, "um", 1e6)?;
         // It must not touch the chip while the output fiber is brought there.
         within("sensing_fiber.offset (z)", z, -5e-3, -1e-6, "um", 1e6)?;
-        // Crossing the workspace takes a minute at most: what is slower was mistyped.
-        let axes: [(_, f64, _, f64, _, f64); 2] = [
-            (
-                "five_bar.speed",
-                self.five_bar.speed,
-                "five_bar.acceleration",
-                self.five_bar.acceleration,
-                "five_bar.workspace",
-                self.five_bar.workspace,
-            ),
-            (
-                "z_stage.speed",
-                self.z_stage.speed,
-                "z_stage.acceleration",
-                self.z_stage.acceleration,
-                "z_stage.travel",
-                self.z_stage.travel,
-            ),
-        ];
-        for (speed_key, speed, acceleration_key, acceleration, way_key, way) in axes {
-            within(way_key, way, 1e-4, 1.0, "mm", 1e3)?;
-            within(speed_key, speed, way / 60.0, 10.0, "mm/s", 1e3)?;
-            within(
-                acceleration_key,
-                acceleration,
-                way / 900.0,
-                1e3,
-                "m/s2",
-                1.0,
-            )?;
+        let rpm = std::f64::consts::TAU / 60.0;
+        for (key, drive) in [
+            ("five_bar.drive.speed", &self.five_bar.drive),
+            ("z_stage.drive.speed", &self.z_stage.drive),
+        ] {
+            within(key, drive.speed, 10.0 * rpm, 1e5 * rpm, "rpm", 1.0 / rpm)?;
+        }
+        // Crossing the workspace takes a minute at most, by each of the limits alone: what is
+        // slower was mistyped.
+        let (f, z) = (&self.five_bar, &self.z_stage);
+        within("five_bar.workspace", f.workspace, 1e-4, 1.0, "mm", 1e3)?;
+        within("z_stage.travel", z.travel, 1e-4, 1.0, "mm", 1e3)?;
+        for (key, speed, way) in [
+            ("five_bar.speed", f.speed, f.workspace),
+            ("z_stage.speed", z.speed, z.travel),
+        ] {
+            within(key, speed, way / 60.0, 10.0, "mm/s", 1e3)?;
+        }
+        for (key, acceleration, way) in [
+            ("five_bar.acceleration", f.acceleration, f.workspace),
+            ("z_stage.acceleration", z.acceleration, z.travel),
+        ] {
+            within(key, acceleration, way / 900.0, 1e3, "m/s2", 1.0)?;
+        }
+        for (key, jerk, way) in [
+            ("five_bar.jerk", f.jerk, f.workspace),
+            ("z_stage.jerk", z.jerk, z.travel),
+        ] {
+            within(key, jerk, way / 6750.0, 1e6, "m/s3", 1.0)?;
         }
         Ok(())
     }

@@ -229,4 +229,36 @@ impl FiveBar {
             [-ra * v.0 / cross, rb * u.0 / cross],
         ])
     }
+
+    /// Most that the joints `[A, B]` turn for a way of the endpoint, anywhere in the box between
+    /// `low` and `high`, `(x, y)` in metres: radians a metre, infinite where a leg is stretched
+    /// or folded within the box or does not reach all of it.
+    ///
+    /// The distal link keeps its length, so with `d` the angle between the links of a leg
+    ///
+    /// ```text
+    /// |dq/dp| = 1 / (proximal sin d),    reach^2 = proximal^2 + distal^2 + 2 proximal distal cos d
+    /// ```
+    ///
+    /// and over a range of reaches `sin d` is least at one of its ends.
+    pub fn most_rate(&self, low: (f64, f64), high: (f64, f64)) -> [f64; 2] {
+        [-1.0, 1.0].map(|outward| {
+            let base = self.base_x(outward);
+            let near = |low: f64, high: f64| low.max(-high).max(0.0);
+            let far = |low: f64, high: f64| low.abs().max(high.abs());
+            let (x, y) = ((low.0 - base, high.0 - base), (low.1, high.1));
+            let least_sine = [
+                near(x.0, x.1).hypot(near(y.0, y.1)),
+                far(x.0, x.1).hypot(far(y.0, y.1)),
+            ]
+            .map(|reach| {
+                let (p, d) = (self.proximal, self.distal);
+                let cosine = (reach * reach - p * p - d * d) / (2.0 * p * d);
+                (1.0 - cosine * cosine).max(0.0).sqrt()
+            })
+            .into_iter()
+            .fold(1.0, f64::min);
+            1.0 / (self.proximal * least_sine)
+        })
+    }
 }

@@ -46,6 +46,24 @@ proptest! {
         }
     }
 
+    /// The bound is kept everywhere in a box, and on a box of one point it is the slope itself.
+    #[test]
+    fn no_joint_turns_faster_than_the_bound_of_its_box(
+        x in -0.0125..0.0125_f64, y in 0.070..0.095_f64,
+        left in 0.0..0.01_f64, right in 0.0..0.01_f64, below in 0.0..0.01_f64, above in 0.0..0.01_f64,
+    ) {
+        let mechanism = five_bar();
+        let [[a, b], [c, d]] = mechanism.jacobian(mechanism.inverse(x, y).unwrap()).unwrap();
+        let determinant = a * d - b * c;
+        let slopes = [(d / determinant).hypot(b / determinant), (c / determinant).hypot(a / determinant)];
+        let bounds = mechanism.most_rate((x - left, y - below), (x + right, y + above));
+        let points = mechanism.most_rate((x, y), (x, y));
+        for i in 0..2 {
+            prop_assert!(slopes[i] <= bounds[i] * (1.0 + 1e-9), "{} {}", slopes[i], bounds[i]);
+            prop_assert!((slopes[i] / points[i] - 1.0).abs() < 1e-9, "{} {}", slopes[i], points[i]);
+        }
+    }
+
     #[test]
     fn the_rates_of_the_bearings_are_their_slopes(x in -0.0125..0.0125_f64, y in 0.070..0.095_f64) {
         let mechanism = five_bar();
@@ -120,4 +138,12 @@ fn out_of_reach_and_singular_are_told_apart() {
     ));
     assert!(FiveBar::new(0.3, 0.045, 0.0725).is_err());
     assert!(FiveBar::new(0.04, f64::NAN, 0.0725).is_err());
+}
+
+#[test]
+fn a_box_that_a_leg_does_not_reach_has_no_bound() {
+    let [a, b] = five_bar().most_rate((0.0, 0.08), (0.09, 0.09));
+    assert!(a.is_infinite() && b.is_finite(), "{a} {b}");
+    let [a, b] = five_bar().most_rate((-0.02, 0.0), (-0.02, 0.09));
+    assert!(a.is_infinite() && b.is_finite(), "{a} {b}");
 }

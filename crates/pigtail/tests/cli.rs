@@ -145,13 +145,44 @@ impl Spoilt {
 }
 
 #[test]
+fn limits_of_motion_that_make_no_machine_are_refused() {
+    for (file, from, to, parts) in [
+        (
+            "machine.toml",
+            "jerk = \"50 m/s3\"",
+            "jerk = \"50 m/s2\"",
+            &["rig/machine.toml", "five_bar.jerk", "50 m/s2", "a jerk"][..],
+        ),
+        (
+            "machine.toml",
+            "jerk = \"20 m/s3\"",
+            "jerk = \"1e7 m/s3\"",
+            &[
+                "z_stage.jerk",
+                "10000000 m/s3",
+                "out of range",
+                "1000000 m/s3",
+            ][..],
+        ),
+        (
+            "machine.toml",
+            "speed = \"5000 rpm\"",
+            "speed = \"5 rpm\"",
+            &["five_bar.drive.speed", "5 rpm", "accepted is 10 to"][..],
+        ),
+    ] {
+        Spoilt::new(file, from, to).is_refused_with(parts);
+    }
+}
+
+#[test]
 fn bad_input_is_named_with_file_key_value_and_what_is_accepted() {
     for (file, from, to, parts) in [
         (
             "machine.toml",
             "gear_ratio = 80.0",
             "gear_ration = 80.0",
-            &["rig/machine.toml, line 13", "gear_ration", "gear_ratio"][..],
+            &["rig/machine.toml, line 14", "gear_ration", "gear_ratio"][..],
         ),
         (
             "plant.toml",

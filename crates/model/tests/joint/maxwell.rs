@@ -9,10 +9,10 @@ use pigtail_model::transmission::Transmission;
 /// A five-bar joint with a linear transmission and an exponential of `way` radians.
 fn linear(way: f64) -> JointParameters {
     JointParameters {
-        transmission: Transmission::new(100.0, 0.0).unwrap(),
+        transmission: Transmission::new(100.0, 0.0).expect("valid parameters"),
         presliding: way,
-        motor_friction: Friction::new(0.0, 0.0, 0.0).unwrap(),
-        load_friction: Friction::new(0.119, 0.119, 0.01).unwrap(),
+        motor_friction: Friction::new(0.0, 0.0, 0.0).expect("valid parameters"),
+        load_friction: Friction::new(0.119, 0.119, 0.01).expect("valid parameters"),
         ..five_bar()
     }
 }

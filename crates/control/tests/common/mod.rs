@@ -1,0 +1,93 @@
+//! A machine for tests and benches that answers at once, and a calibration with everything in it.
+
+#![allow(dead_code, reason = "no user of this module uses all of it")]
+
+use pigtail_control::calibration::{Calibration, WindupBelief, WindupModel};
+use pigtail_control::compensation::windup::ELEMENTS;
+use pigtail_hal::quantity::{Counts, Volts};
+use pigtail_hal::spec::{AXES, CHANNELS, SIDES};
+use pigtail_hal::{Command, Fault, LightSample, Machine, Measurement, Spec};
+
+const RIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../rigs/afpm/");
+
+fn read(file: &str) -> String {
+    std::fs::read_to_string(format!("{RIG}{file}")).expect("the default rig is there")
+}
+
+/// The default rig's datasheet.
+pub(crate) fn spec() -> Spec {
+    Spec::parse("machine.toml", &read("machine.toml")).expect("a good datasheet")
+}
+
+/// The default rig's calibration, with windup by all elements on every axis.
+pub(crate) fn calibration(spec: &Spec) -> Calibration {
+    let mut calibration = Calibration::parse("calibration.toml", &read("calibration.toml"), spec)
+        .expect("it is good");
+    let belief = WindupBelief {
+        model: WindupModel::Memory,
+        w_max: 1e-3,
+        q: 4e-3,
+        hardening: [1e-3, -1e-4, 0.0],
+        elements: (1..=ELEMENTS)
+            .map(|i| [1e-4 * i as f64, 1.0 / ELEMENTS as f64])
+            .collect(),
+        residual: 0.0,
+        date: String::new(),
+        origin: String::new(),
+    };
+    calibration.windup.five_bar = Some(belief.clone());
+    calibration.windup.z = Some(belief);
+    calibration
+}
+
+/// Motors whose speed is their voltage, and light that never changes.
+pub(crate) struct Obedient {
+    spec: Spec,
+    cycles: u32,
+    cycles_per_sample: u32,
+    encoders: [[f64; AXES]; SIDES],
+}
+
+impl Obedient {
+    /// At home.
+    pub(crate) fn new(spec: Spec) -> Self {
+        Self {
+            cycles: 0,
+            cycles_per_sample: (spec.servo.rate / spec.photodiode.rate).round() as u32,
+            encoders: [[0.0; AXES]; SIDES],
+            spec,
+        }
+    }
+}
+
+impl Machine for Obedient {
+    fn spec(&self) -> &Spec {
+        &self.spec
+    }
+
+    fn exchange(&mut self, command: &Command) -> Result<Measurement, Fault> {
+        const COUNTS_PER_VOLT: f64 = 0.2;
+        for (encoders, motors) in self.encoders.iter_mut().zip(&command.motors) {
+            for (encoder, Volts(volts)) in encoders.iter_mut().zip(motors) {
+                *encoder += COUNTS_PER_VOLT * volts;
+            }
+        }
+        self.cycles += 1;
+        let time = f64::from(self.cycles) * self.spec.period();
+        Ok(Measurement {
+            time,
+            encoders: self.encoders.map(|axes| axes.map(|at| Counts(at as i64))),
+            light: self
+                .cycles
+                .is_multiple_of(self.cycles_per_sample)
+                .then_some(LightSample {
+                    time,
+                    volts: [Volts(1.0); CHANNELS],
+                }),
+            vision: None,
+            probes: None,
+        })
+    }
+
+    fn stop(&mut self) {}
+}
