@@ -1,6 +1,6 @@
 //! The belief about a machine: `calibration.toml`.
 
-use crate::compensation::windup::{ELEMENTS, Memory, Reversal, Windup};
+use crate::compensation::windup::{ELEMENTS, Memory, POWERS, Reversal, Windup};
 use pigtail_hal::{Error, Spec, config, quantity};
 use serde::Deserialize;
 
@@ -40,10 +40,10 @@ pub struct WindupBelief {
     /// `Q` of (2.20), radians of the output.
     #[serde(deserialize_with = "quantity::positive_angle")]
     pub q: f64,
-    /// Hardening of [`Memory`]: the parts that go with the torque, its third and its fifth power,
+    /// Hardening of [`Memory`]: the parts that go with the first to the fifth power of the torque,
     /// radians.
     #[serde(deserialize_with = "quantity::angles")]
-    pub hardening: [f64; 3],
+    pub hardening: [f64; POWERS],
     /// The elements of [`Memory`]: way (radians) and share of the torque, at most 16.
     pub elements: Vec<[f64; 2]>,
     /// Root mean square that the model left of the windup, radians.

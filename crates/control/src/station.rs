@@ -380,6 +380,13 @@ impl<'a> Station<'a> {
         arm.states[at.axis.index()] = PidState::default();
     }
 
+    /// Compensates the windup of one axis by this model from now on. Its state starts afresh.
+    pub fn set_windup(&mut self, at: AxisName, windup: Windup) {
+        let arm = &mut self.arms[at.side.index()];
+        arm.windups[at.axis.index()] = windup;
+        arm.windup_states[at.axis.index()] = WindupState::default();
+    }
+
     /// The encoder of an axis.
     pub fn encoder(&self, at: AxisName) -> Counts {
         self.measurement.encoders[at.side.index()][at.axis.index()]
@@ -395,6 +402,16 @@ impl<'a> Station<'a> {
         self.measurement
             .probes
             .map(|probes| probes[at.side.index()][at.axis.index()])
+    }
+
+    /// Where the probes at the outputs see an endpoint; `None` on a rig without probes.
+    pub fn probed_endpoint(&self, side: Side) -> Option<Point<Macro>> {
+        let arm = self.spec().probe.as_ref()?.arm;
+        let [a, b, z] = self.measurement.probes?[side.index()];
+        self.arms[side.index()]
+            .kinematics
+            .endpoint_from_probes([a / arm, b / arm], z)
+            .ok()
     }
 
     /// Displaces a tip by `(x, y)` metres in its manipulator's frame with the micro, held within

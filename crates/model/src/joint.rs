@@ -168,10 +168,7 @@ impl JointParameters {
     /// twice that.
     pub fn coarsest_step(&self, contact: f64) -> f64 {
         let level = self.load_friction.static_level() + self.load_torque.abs();
-        let mut twist = level / self.transmission.stiffness(0.0);
-        for _ in 0..20 {
-            twist -= (self.transmission.torque(twist) - level) / self.transmission.stiffness(twist);
-        }
+        let twist = self.transmission.twist(level);
         let stiffness = self.transmission.stiffness(twist);
         let resonance = (stiffness
             * (self.ratio * self.ratio / self.motor_inertia + 1.0 / self.load_inertia)

@@ -28,6 +28,20 @@ impl Transmission {
         twist * (self.linear + self.cubic * twist * twist)
     }
 
+    /// The twist (radians) at which its torque is `torque` (N m), by Newton's method: the torque
+    /// rises steadily and ever more steeply, so that from above it is found without fail.
+    pub fn twist(&self, torque: f64) -> f64 {
+        let mut twist = torque / self.linear;
+        for _ in 0..60 {
+            let step = (self.torque(twist) - torque) / self.stiffness(twist);
+            twist -= step;
+            if step.abs() <= 1e-15 * twist.abs() {
+                break;
+            }
+        }
+        twist
+    }
+
     /// Stiffness at a twist, N m/rad.
     pub fn stiffness(&self, twist: f64) -> f64 {
         self.linear + 3.0 * self.cubic * twist * twist

@@ -15,7 +15,9 @@
 pub mod align;
 pub mod characterize;
 pub mod cli;
+pub mod contour;
 pub mod identify;
+pub mod loops;
 pub mod record;
 pub mod report;
 pub mod rig;

@@ -6,6 +6,7 @@ mod common;
 mod identify;
 mod progress;
 mod simulate;
+mod trace;
 mod tune;
 
 use crate::align::AlignError;
@@ -53,6 +54,7 @@ enum Command {
     Tune(tune::Arguments),
     Identify(identify::Arguments),
     Characterize(characterize::Arguments),
+    Trace(trace::Arguments),
     Simulate(simulate::Arguments),
 }
 
@@ -107,6 +109,7 @@ pub fn main() -> ExitCode {
         Command::Tune(arguments) => tune::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),
         Command::Characterize(arguments) => characterize::run(&arguments),
+        Command::Trace(arguments) => trace::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
     };
     match result {

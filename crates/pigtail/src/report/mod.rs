@@ -2,12 +2,16 @@
 
 mod alignment;
 mod axis;
+mod contour;
 mod figure;
 mod html;
+mod loops;
 mod tuning;
 mod windup;
 
 pub use alignment::alignment;
 pub use axis::{frequency, resolution, sine, step};
+pub use contour::contour;
+pub use loops::loops;
 pub use tuning::tuning;
 pub use windup::windup;
