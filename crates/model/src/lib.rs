@@ -19,6 +19,7 @@
 pub mod fivebar;
 pub mod frames;
 pub mod friction;
+pub mod group;
 pub mod integrate;
 pub mod joint;
 pub mod leadscrew;

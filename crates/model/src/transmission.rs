@@ -22,6 +22,16 @@ impl Transmission {
         })
     }
 
+    /// Linear stiffness `k_s`, N m/rad.
+    pub fn linear(&self) -> f64 {
+        self.linear
+    }
+
+    /// Cubic stiffness `k_h`, N m/rad^3.
+    pub fn cubic(&self) -> f64 {
+        self.cubic
+    }
+
     /// Torque (2.6) on the load in N m for a twist `r q_m - q_l` in radians; positive twist
     /// drives the load forward.
     pub fn torque(&self, twist: f64) -> f64 {
