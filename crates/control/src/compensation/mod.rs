@@ -1,3 +1,4 @@
 //! What stands between the wanted motion and the servo: models of what the mechanics do with it.
 
+pub mod hysteresis;
 pub mod windup;
