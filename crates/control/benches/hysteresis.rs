@@ -42,6 +42,7 @@ fn hysteresis(c: &mut Criterion) {
     let rbf = Model::Rbf(Rbf {
         input: VOLTS,
         output: VOLTS,
+        turns: VOLTS,
         forward: network.clone(),
         inverse: network.clone(),
     });

@@ -212,9 +212,10 @@ fn read_file(path: &Path) -> Result<Source, Error> {
     }
 }
 
-fn hash(text: &str) -> String {
+/// SHA-256 of a file's content.
+pub(crate) fn hash(content: impl AsRef<[u8]>) -> String {
     use std::fmt::Write as _;
-    Sha256::digest(text.as_bytes())
+    Sha256::digest(content.as_ref())
         .iter()
         .fold(String::with_capacity(64), |mut hex, byte| {
             let _ = write!(hex, "{byte:02x}");

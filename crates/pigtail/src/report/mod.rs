@@ -4,10 +4,12 @@ mod alignment;
 mod axis;
 mod figure;
 mod html;
+mod hysteresis;
 mod tuning;
 mod windup;
 
 pub use alignment::alignment;
 pub use axis::{frequency, resolution, sine, step};
+pub use hysteresis::{inverted, tried};
 pub use tuning::tuning;
 pub use windup::windup;

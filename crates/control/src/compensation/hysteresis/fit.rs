@@ -1,7 +1,7 @@
 //! Finding a [`Memory`] in a record, by least squares with weights that must not be negative.
 
 use super::memory::{DEGREE, PLAYS, RELAXATIONS};
-use super::{Invalid, Memory, Record};
+use super::{Invalid, Memory, Record, Zero};
 
 /// Samples used for a fit: more lie so close that they say nothing new.
 const SAMPLES: usize = 6000;
@@ -39,12 +39,14 @@ pub fn fit_memory(record: &Record, to: usize, lag: bool) -> Result<Memory, Inval
             continue;
         };
         let told = super::predict(&super::Model::Memory(model), record);
-        let from = to.min(record.len() - 1).max(record.known_from());
-        let error = if record.len() - from > 10 {
-            super::judge(&told, &record.output, from, record.len()).rms
+        let known = record.known_from();
+        let rest = to.max(known)..record.len();
+        let over = if rest.len() > 10 {
+            rest
         } else {
-            super::judge(&told, &record.output, record.known_from().min(to - 1), to).rms
+            known.min(to - 1)..to
         };
+        let error = super::judge(&told, &record.output, over, Zero::Known).rms;
         if best.is_none_or(|(least, _)| error < (1.0 - WORTH) * least) {
             best = Some((error, model));
         }
@@ -126,15 +128,17 @@ fn solve(
             for (z, constant) in relaxations.iter_mut().zip(&CONSTANTS) {
                 *z += -(-step / constant).exp_m1() * (sums[k] - *z);
             }
-            if k < from || (k - from) % every != 0 {
+            if k < from || !(k - from).is_multiple_of(every) {
                 continue;
             }
             let x = output.to_share(record.output[k]);
             let mut row = [0.0; COLUMNS];
             row[..PLAYS].copy_from_slice(state.plays());
             row[OFFSET] = 1.0;
-            for power in 2..=degree {
-                row[CURVE + power - 2] = x.powi(power as i32);
+            let mut power = x;
+            for cell in &mut row[CURVE..CURVE + degree - 1] {
+                power *= x;
+                *cell = power;
             }
             for i in 0..RELAXATIONS {
                 row[CREEP + i] = if shown[i] { relaxations[i] } else { 0.0 };

@@ -200,7 +200,7 @@ impl Memory {
         state.set_period(&self.constants, period);
         let h = self.follow(state, self.input.to_share(volts));
         let y = self.offset + h + self.creep(state, h);
-        self.output.from_share(self.straighten(y))
+        self.output.of_share(self.straighten(y))
     }
 
     /// Advances the relaxations by one period; what they add.
@@ -237,7 +237,7 @@ impl Memory {
             slope += share * rate;
         }
         let v = self.invert(state, (y - fixed) / slope);
-        let volts = self.input.from_share(v).clamp(limits.low, limits.high);
+        let volts = self.input.of_share(v).clamp(limits.low, limits.high);
         let h = self.follow(state, self.input.to_share(volts));
         self.creep(state, h);
         volts

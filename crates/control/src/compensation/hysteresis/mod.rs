@@ -38,6 +38,10 @@ pub struct Invalid {
 }
 
 impl Invalid {
+    #[expect(
+        clippy::needless_pass_by_value,
+        reason = "whoever reports a mistake has no more use for it"
+    )]
     fn new(what: &'static str, value: impl ToString, accepted: impl Into<String>) -> Self {
         Self {
             what,
@@ -86,7 +90,7 @@ impl Range {
         units * (value - self.low) / self.width()
     }
 
-    fn from_units(self, value: f64, units: f64) -> f64 {
+    fn of_units(self, value: f64, units: f64) -> f64 {
         self.low + value * self.width() / units
     }
 
@@ -95,12 +99,16 @@ impl Range {
         (2.0 * value - self.low - self.high) / self.width()
     }
 
-    fn from_share(self, share: f64) -> f64 {
+    fn of_share(self, share: f64) -> f64 {
         0.5 * (self.low + self.high + share * self.width())
     }
 }
 
 /// A model of hysteresis.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "there are four of them, and the servo loop must not follow a pointer for each"
+)]
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "model", rename_all = "lowercase")]
 pub enum Model {
@@ -111,6 +119,10 @@ pub enum Model {
 }
 
 /// What a [`Model`] remembers.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "there are four of them, and the servo loop must not follow a pointer for each"
+)]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum State {
     /// Of the thesis's.
@@ -154,6 +166,10 @@ impl Model {
             Self::Rbf(model) => {
                 model.input.check("input")?;
                 model.output.check("output")?;
+                if model.turns.check("turns").is_err() && model.turns.low != model.turns.high {
+                    let value = format!("{} to {}", model.turns.low, model.turns.high);
+                    return Err(Invalid::new("turns", value, "a range of finite numbers"));
+                }
                 model.forward.check()?;
                 model.inverse.check()
             }
@@ -222,14 +238,14 @@ pub fn predict(model: &Model, record: &Record) -> Vec<f64> {
         .collect()
 }
 
-/// The voltage that a model would give for the displacements of a record, at every sample.
-pub fn invert(model: &Model, record: &Record, limits: &Range) -> Vec<f64> {
-    invert_path(model, &record.time, &record.output, limits)
-}
-
-/// The voltage that a model would give for a path of wanted displacements.
-pub fn invert_path(model: &Model, time: &[f64], path: &[f64], limits: &Range) -> Vec<f64> {
-    let mut state = model.switched_on();
+/// The voltage that a model would give for a path of wanted displacements, from this state on.
+pub fn invert(
+    model: &Model,
+    mut state: State,
+    time: &[f64],
+    path: &[f64],
+    limits: &Range,
+) -> Vec<f64> {
     let lag = model.lag();
     let mut last = None;
     (0..path.len())
@@ -257,19 +273,26 @@ pub struct Errors {
     pub offset: f64,
 }
 
-/// How far `told` is from what was `measured`, from sample `from` to before `to`, but for an
-/// offset.
-pub fn judge(told: &[f64], measured: &[f64], from: usize, to: usize) -> Errors {
-    let errors = || {
-        told[from..to]
-            .iter()
-            .zip(&measured[from..to])
-            .map(|(t, m)| t - m)
+/// Whether the zero of a measured displacement is that of the model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Zero {
+    /// It is.
+    Known,
+    /// It is not, and the mean error is taken off first: so where another sensor, or the same on
+    /// another day, has measured.
+    Arbitrary,
+}
+
+/// How far `told` is from what was `measured`, over some of the samples.
+pub fn judge(told: &[f64], measured: &[f64], over: std::ops::Range<usize>, zero: Zero) -> Errors {
+    let pairs = || told[over.clone()].iter().zip(&measured[over.clone()]);
+    let n = over.len().max(1) as f64;
+    let offset = match zero {
+        Zero::Known => 0.0,
+        Zero::Arbitrary => pairs().map(|(t, m)| t - m).sum::<f64>() / n,
     };
-    let n = (to - from).max(1) as f64;
-    let offset = errors().sum::<f64>() / n;
-    let (squares, largest) = errors().fold((0.0, 0.0_f64), |(s, l), e| {
-        let e = e - offset;
+    let (squares, largest) = pairs().fold((0.0, 0.0_f64), |(s, l), (t, m)| {
+        let e = t - m - offset;
         (s + e * e, l.max(e.abs()))
     });
     Errors {
@@ -280,13 +303,16 @@ pub fn judge(told: &[f64], measured: &[f64], from: usize, to: usize) -> Errors {
 }
 
 /// The straight line through a record: what one would use who knows of no hysteresis. At every
-/// sample, by least squares over the samples from `from` to before `to`.
-pub fn straight(record: &Record, from: usize, to: usize) -> Vec<f64> {
-    let n = (to - from) as f64;
-    let mean = |column: &[f64]| column[from..to].iter().sum::<f64>() / n;
+/// sample, by least squares over some of them.
+pub fn straight(record: &Record, over: std::ops::Range<usize>) -> Vec<f64> {
+    let n = over.len().max(1) as f64;
+    let mean = |column: &[f64]| column[over.clone()].iter().sum::<f64>() / n;
     let (u, x) = (mean(&record.input), mean(&record.output));
     let (mut uu, mut ux) = (0.0, 0.0);
-    for (a, b) in record.input[from..to].iter().zip(&record.output[from..to]) {
+    for (a, b) in record.input[over.clone()]
+        .iter()
+        .zip(&record.output[over.clone()])
+    {
         uu += (a - u) * (a - u);
         ux += (a - u) * (b - x);
     }

@@ -299,6 +299,9 @@ pub struct Rbf {
     pub input: Range,
     /// What displacements are.
     pub output: Range,
+    /// Turning points of the ways back it was trained with, units. A turn beyond them is taken for
+    /// the nearest: where a network was not trained it says nothing.
+    pub turns: Range,
     /// `x = f(v1, vx)`, (4.4).
     pub forward: Network,
     /// `vx = g(v1, x)`, (4.5).
@@ -343,7 +346,7 @@ impl Rbf {
     pub fn train(record: &Record) -> Result<Self, Invalid> {
         let (input, output) = (record.input_range(), record.output_range());
         let samples = Self::samples(record, &input, &output);
-        let directions = |back: bool| samples.iter().filter(|s| (s[0] != FORWARD) == back).count();
+        let directions = |back: bool| samples.iter().filter(|s| (s[0] > FORWARD) == back).count();
         if directions(false) < 20 || directions(true) < 20 {
             return Err(Invalid::new(
                 "record",
@@ -351,6 +354,11 @@ impl Rbf {
                 "such ways, for a network of one turning point is trained with them",
             ));
         }
+        let turns: Vec<f64> = samples
+            .iter()
+            .map(|s| s[0])
+            .filter(|turn| *turn > FORWARD)
+            .collect();
         let every = samples.len().div_ceil(2000);
         let thin: Vec<[f64; 3]> = samples.into_iter().step_by(every).collect();
         let forward: Vec<Sample> = thin.iter().map(|[v1, v, x]| ([*v1, *v], *x)).collect();
@@ -358,6 +366,7 @@ impl Rbf {
         Ok(Self {
             input,
             output,
+            turns: Range::of(&turns),
             forward: Network::tuned(&forward),
             inverse: Network::tuned(&inverse),
         })
@@ -389,29 +398,29 @@ impl Rbf {
     /// The displacement at the next voltage.
     pub fn displacement(&self, state: &mut RbfState, volts: f64) -> f64 {
         let v = self.input.to_units(volts, UNITS);
-        Self::turning(state, v);
+        self.turning(state, v);
         state.volts = v;
         self.output
-            .from_units(self.forward.value([state.turn, v]), UNITS)
+            .of_units(self.forward.value([state.turn, v]), UNITS)
     }
 
     /// The voltage for the next wanted displacement.
     pub fn voltage(&self, state: &mut RbfState, wanted: f64) -> f64 {
         let x = self.output.to_units(wanted, UNITS);
-        Self::turning(state, x);
+        self.turning(state, x);
         // Beyond the lattice the network fades to nothing.
         let v = self.inverse.value([state.turn, x]).clamp(0.0, UNITS);
         state.volts = v;
-        self.input.from_units(v, UNITS)
+        self.input.of_units(v, UNITS)
     }
 
     /// The rule: `v1` is where the direction last turned down, and nowhere on the way up.
-    fn turning(state: &mut RbfState, next: f64) {
+    fn turning(&self, state: &mut RbfState, next: f64) {
         if let Some(last) = state.last {
             if next > last {
                 state.turn = FORWARD;
-            } else if next < last && state.turn == FORWARD {
-                state.turn = state.volts;
+            } else if next < last && state.turn <= FORWARD {
+                state.turn = state.volts.clamp(self.turns.low, self.turns.high);
             }
         }
         state.last = Some(next);

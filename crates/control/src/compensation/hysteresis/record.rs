@@ -41,7 +41,7 @@ impl Record {
     /// # Errors
     ///
     /// When columns differ in length, are too short, not finite or constant, time does not rise,
-    /// or the input never turns.
+    /// the input never turns, or the output falls where it rises.
     pub fn new(time: Vec<f64>, input: Vec<f64>, output: Vec<f64>) -> Result<Self, Invalid> {
         let weight = vec![1.0; time.len()];
         Self::weighted(time, input, output, weight)
@@ -89,6 +89,21 @@ impl Record {
             let value = "an input that never turns";
             let accepted = "a way forward and back at least: there is no hysteresis in one way";
             return Err(Invalid::new("input", value, accepted));
+        }
+        let mean = |column: &[f64]| column.iter().sum::<f64>() / n as f64;
+        let (u, x) = (mean(&input), mean(&output));
+        let together: f64 = input
+            .iter()
+            .zip(&output)
+            .map(|(a, b)| (a - u) * (b - x))
+            .sum();
+        if together <= 0.0 {
+            let value = "falls where the input rises";
+            return Err(Invalid::new(
+                "output",
+                value,
+                "displacement that grows with voltage",
+            ));
         }
         Ok(Self {
             time,
@@ -149,9 +164,18 @@ impl Record {
         low.unwrap_or(0).max(high.unwrap_or(0))
     }
 
-    /// The first `share` of the samples and the rest, each with the turns that it has.
-    pub fn split(&self, share: f64) -> usize {
-        (share * self.len() as f64) as usize
+    /// The samples before `to`, as a record of its own.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::new`]: a part may be too short, or not turn.
+    pub fn before(&self, to: usize) -> Result<Self, Invalid> {
+        Self::weighted(
+            self.time[..to].to_vec(),
+            self.input[..to].to_vec(),
+            self.output[..to].to_vec(),
+            self.weight[..to].to_vec(),
+        )
     }
 
     /// Sampling period by the median, seconds.

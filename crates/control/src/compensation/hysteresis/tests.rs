@@ -158,14 +158,10 @@ fn a_model_with_memory_is_recovered_from_its_own_data() {
     let record = record_of(&truth, &rich_path(), 0.01);
     let found = fit_memory(&record, record.len(), false).unwrap();
     let told = predict(&Model::Memory(found), &record);
-    let from = record.known_from();
-    let errors = judge(&told, &record.output, from, record.len());
-    let line = judge(
-        &straight(&record, from, record.len()),
-        &record.output,
-        from,
-        record.len(),
-    );
+    let over = record.known_from()..record.len();
+    let errors = judge(&told, &record.output, over.clone(), Zero::Known);
+    let line = straight(&record, over.clone());
+    let line = judge(&line, &record.output, over, Zero::Known);
     assert!(
         errors.rms < 1e-3 * line.rms,
         "{errors:?} beside a line's {line:?}"
