@@ -11,7 +11,8 @@
 //! 5. [`servo`]: from counts to volts, every cycle;
 //! 6. [`station`]: owns the machine's time, one exchange after the other.
 //!
-//! Beside these stand the experiments on one axis: [`characterize`], [`identify`] and [`tune`].
+//! Beside these stand the experiments on one axis: [`characterize`], [`identify`] and [`tune`];
+//! and on the micro: [`piezo`].
 //!
 //! There are no clocks, no threads and no files here: time comes from the machine.
 
@@ -22,6 +23,7 @@ pub mod identify;
 pub mod kinematics;
 pub mod outcome;
 pub mod peak;
+pub mod piezo;
 pub mod procedure;
 pub mod recipe;
 pub mod search;

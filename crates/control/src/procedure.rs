@@ -80,6 +80,23 @@ pub fn thesis(station: &mut Station, recipe: &Recipe) -> Result<Vec<FiberReport>
     Ok(reports)
 }
 
+/// Lights the guides of a device for an experiment: the input fiber aligned and attached as in
+/// [`thesis`], to `accuracy` metres, for which some more or less light is no matter. The sensing
+/// fiber then stands before the first output.
+///
+/// # Errors
+///
+/// The machine's fault, or why the input could not be aligned.
+pub fn light_guides(station: &mut Station, recipe: &Recipe, accuracy: f64) -> Result<(), Halt> {
+    let mut recipe = recipe.clone();
+    recipe.last.accuracy = accuracy;
+    station.laser(true);
+    let [x, y, z] = recipe.ports.input;
+    let port = Point::new(x, y, z);
+    let mut input = Job::new(&recipe, PORTS[0], Side::Left, port, Channel::Sensing);
+    input.align_input(station)
+}
+
 /// Light that was found, with the macro brought to it.
 struct Found {
     /// The photodiode's level without it, volts.

@@ -487,6 +487,14 @@ impl Twin {
         Some((self.light.coupling(port, tip, held.fiber.tilt), tip))
     }
 
+    /// How far the micro really displaces the tip of a manipulator, in its x and y, metres; noise
+    /// apart. Not part of [`Machine`].
+    pub fn micro_displacement(&self, side: Side) -> (f64, f64) {
+        let micro = &self.manipulators[side.index()].micro;
+        let [p, q] = micro.states.map(|state| state.position);
+        (micro.cos * p - micro.sin * q, micro.sin * p + micro.cos * q)
+    }
+
     /// What really is. Not part of [`Machine`].
     pub fn truth(&self) -> Truth {
         let fiber = |side: Side, port: usize| {

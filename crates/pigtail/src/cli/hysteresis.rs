@@ -1,14 +1,17 @@
 //! `pigtail identify hysteresis` and `pigtail predict`.
 
 use super::common::Common;
-use super::{DONE, Failure};
+use super::{DONE, Failure, failure};
+use crate::characterize::ExperimentError;
+use crate::hysteresis::machine::{self, MachineDocument};
 use crate::hysteresis::{
     Columns, Document, Inverted, Kind, ModelFile, Table, Unit, fit, tell, voltages, voltages_of,
 };
 use crate::report;
-use crate::rig::hash;
+use crate::rig::{DEFAULT_RECIPE_NAME, Setup, hash};
 use crate::runs::Run;
 use clap::Args;
+use pigtail_control::piezo::SIDE;
 use pigtail_hal::Error;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -16,12 +19,20 @@ use std::path::{Path, PathBuf};
 /// Identify the hysteresis of the micro manipulators' piezos, and what compensating it is worth
 /// (thesis 4.2)
 ///
+/// Without `--data`, on the machine: an input fiber lights the guides, and the sensing fiber before an
+/// output, on the flank of the beam, tells by its light where the micro that carries it is (4.1), at
+/// full ways, at the ways back from voltages across the range (4.4) and at turns all over it. Both
+/// models are learned and tried on paths they were not fitted to; the one asked for goes into the rig's
+/// `calibration.toml`, its weights into a file beside it, and from then on every motion of that micro
+/// is compensated with it.
+///
 /// With `--data` a model is fitted to a person's own record of voltage and displacement: to its
 /// first three quarters, and judged on the rest, which was held back. Errors are beside those of
 /// the best straight line. Writes a report with the loops and a `model.json` for `pigtail predict`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
+  pigtail identify hysteresis --rig rigs/afpm
   pigtail identify hysteresis --data loops.csv --input u_V --output disp_um
   pigtail identify hysteresis --data loops.csv --input u_V --output x_nm --unit nm --model rbf")]
 pub(super) struct IdentifyArguments {
@@ -46,6 +57,9 @@ pub(super) struct IdentifyArguments {
     model: Kind,
     #[command(flatten)]
     common: Common,
+    /// Do not write the model into the rig's calibration
+    #[arg(long, conflicts_with = "data")]
+    dry_run: bool,
 }
 
 /// Apply a model of hysteresis to another record
@@ -103,11 +117,7 @@ pub(super) fn identify(arguments: &IdentifyArguments) -> Result<u8, Failure> {
     let (Some(data), Some(input), Some(output)) =
         (&arguments.data, &arguments.input, &arguments.output)
     else {
-        return Err(Failure::Input(Error::new(
-            "--data",
-            "",
-            "is missing; accepted is a CSV file",
-        )));
+        return on_machine(arguments);
     };
     let table = Table::read(data)?;
     let columns = Columns {
@@ -135,6 +145,95 @@ pub(super) fn identify(arguments: &IdentifyArguments) -> Result<u8, Failure> {
     run.write("report.html", report::tried(&title, &tried)?)?;
     run.finish_with(&[hash_of(data)], seed)?;
     tell_about(&tried.document, arguments.common.json)
+}
+
+fn on_machine(arguments: &IdentifyArguments) -> Result<u8, Failure> {
+    let common = &arguments.common;
+    let setup = Setup::load(&common.rig, DEFAULT_RECIPE_NAME)?;
+    let run = Run::begin(&common.runs, "-hysteresis", common.seed)?;
+    let mut found =
+        machine::identify(&setup, arguments.model, common.seed).map_err(|error| match error {
+            ExperimentError::Align(error) => failure(error, &common.rig),
+            ExperimentError::Input(error) => Failure::Input(error),
+        })?;
+    let weights = serde_json::to_string_pretty(&found.model).map_err(anyhow::Error::from)?;
+    let weights = format!("{weights}\n");
+    found.document.report = run.path("report.html").display().to_string();
+    found.document.model_file = run.path("weights.json").display().to_string();
+    run.write("weights.json", &weights)?;
+    if !arguments.dry_run {
+        let file = format!("hysteresis-{}.json", SIDE.name());
+        if setup.write_beside_calibration(&file, &weights)?.is_some() {
+            let residual = found
+                .document
+                .residual_um
+                .iter()
+                .fold(0.0, |m: f64, r| m.max(*r));
+            let origin = format!("identify hysteresis, run {}", run.name());
+            let values = [
+                ("model", toml_edit::value(found.document.model)),
+                ("weights", toml_edit::value(file)),
+                ("residual", toml_edit::value(format!("{residual:.5} um"))),
+                ("date", toml_edit::value(run.date())),
+                ("origin", toml_edit::value(origin)),
+            ];
+            let table = format!("hysteresis.{}", SIDE.name());
+            let written = setup.write_calibration(&table, &values)?;
+            found.document.calibration = written.unwrap_or_default();
+        }
+    }
+    run.write_json("summary.json", &found.document)?;
+    run.write("report.html", report::micro(&found)?)?;
+    run.finish(&setup, common.seed)?;
+    let text = if common.json {
+        let json = serde_json::to_string(&found.document).map_err(anyhow::Error::from)?;
+        format!("{json}\n")
+    } else {
+        machine_account(&found.document)
+    };
+    super::print(text.as_bytes())?;
+    Ok(DONE)
+}
+
+/// What a person wants to know of an identification on a machine.
+fn machine_account(d: &MachineDocument) -> String {
+    let mut text = String::new();
+    let _ = writeln!(
+        text,
+        "Forward and back over {:.0} um the ways part by {:.2} % of the range; with the model `{}` by \
+         {:.2} %",
+        d.range_um, d.uncompensated_opening_percent, d.model, d.opening_percent
+    );
+    let _ = writeln!(
+        text,
+        "The scale errs by {:+.2} % without it, by {:+.2} % with it",
+        d.uncompensated_gain_error_percent, d.gain_error_percent
+    );
+    let _ = writeln!(text, "What the best straight line leaves, um rms:");
+    let _ = writeln!(
+        text,
+        "  {:24} {:>8} {:>8} {:>7} {:>8} {:>7}",
+        "path", "none", "rbf", "better", "memory", "better"
+    );
+    for p in &d.paths {
+        let _ = writeln!(
+            text,
+            "  {:24} {:8.3} {:8.3} {:6.1}x {:8.3} {:6.1}x",
+            p.name,
+            p.uncompensated_um,
+            p.rbf_um,
+            p.rbf_improvement,
+            p.memory_um,
+            p.memory_improvement
+        );
+    }
+    if d.calibration.is_empty() {
+        let _ = writeln!(text, "The calibration was left as it is.");
+    } else {
+        let _ = writeln!(text, "Written to {}", d.calibration);
+    }
+    let _ = writeln!(text, "Report: {}", d.report);
+    text
 }
 
 pub(super) fn predict(arguments: &PredictArguments) -> Result<u8, Failure> {

@@ -1,6 +1,7 @@
 //! Models of a piezo's hysteresis: from a record that a person brings, or from a machine.
 
 mod data;
+pub mod machine;
 
 pub use data::{Columns, Table};
 

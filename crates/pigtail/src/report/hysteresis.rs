@@ -10,9 +10,10 @@ use std::fmt::Write as _;
 /// Points of a curve: more would show no more.
 const POINTS: usize = 3000;
 
-type Curve<'a> = (&'a str, Vec<(f64, f64)>);
+pub(super) type Curve<'a> = (&'a str, Vec<(f64, f64)>);
 
-fn plot(width: u32, x: &str, y: &str, series: &[Curve]) -> Result<String> {
+/// Named curves on axes that fit them.
+pub(super) fn plot(width: u32, x: &str, y: &str, series: &[Curve]) -> Result<String> {
     let all = || series.iter().flat_map(|(_, points)| points.iter());
     let axes = Axes {
         width,

@@ -5,11 +5,13 @@ mod axis;
 mod figure;
 mod html;
 mod hysteresis;
+mod micro;
 mod tuning;
 mod windup;
 
 pub use alignment::alignment;
 pub use axis::{frequency, resolution, sine, step};
 pub use hysteresis::{inverted, tried};
+pub use micro::micro;
 pub use tuning::tuning;
 pub use windup::windup;

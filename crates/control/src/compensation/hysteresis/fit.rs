@@ -4,7 +4,7 @@ use super::memory::{DEGREE, PLAYS, RELAXATIONS};
 use super::{Invalid, Memory, Record, Zero};
 
 /// Samples used for a fit: more lie so close that they say nothing new.
-const SAMPLES: usize = 6000;
+const SAMPLES: usize = 20_000;
 
 /// Unknowns: plays, offset, powers of the curve, relaxations.
 const COLUMNS: usize = PLAYS + 1 + (DEGREE - 1) + RELAXATIONS;
