@@ -403,6 +403,8 @@ impl<'r> Job<'r> {
             self.recentre(station, &searcher, &hit)?;
             let level = searcher.contrast(station, raster.mesh)?;
             if level > 0.5 * hit.level {
+                // The look aside and back has left the piezos elsewhere.
+                self.regain(station, &searcher, level)?;
                 return Ok(Ok(Found {
                     background: searcher.background.mean,
                     level,
@@ -421,13 +423,18 @@ impl<'r> Job<'r> {
     /// Brings the macro to where the search saw its brightest light and the micro back to its
     /// centre, arriving from below as the search came.
     fn recentre(&self, station: &mut Station, searcher: &Searcher, hit: &Hit) -> Result<(), Halt> {
-        let mesh = self.recipe.raster.mesh;
         station.move_micro(self.side, 0.0, 0.0);
         let (x, y) = hit.micro;
         self.arrive(station, self.side, hit.endpoint.shifted(x, y, 0.0))?;
-        let level = station.level(self.channel, 0.02)?.mean - searcher.background.mean;
-        if level < 0.5 * hit.level {
-            // Lags, counts and friction have let the light slip away: it cannot be far.
+        self.regain(station, searcher, hit.level)
+    }
+
+    /// Looks around with the micro where lags, counts, friction or the piezos' hysteresis have let
+    /// light of a level slip away: it cannot be far.
+    fn regain(&self, station: &mut Station, searcher: &Searcher, level: f64) -> Result<(), Halt> {
+        let mesh = self.recipe.raster.mesh;
+        let now = station.level(self.channel, 0.02)?.mean - searcher.background.mean;
+        if now < 0.5 * level {
             if let Some(again) = searcher.micro_raster(station, 3.0 * mesh, 0.4 * mesh)?.hit {
                 station.move_micro(self.side, again.micro.0, again.micro.1);
                 station.run(0.02)?;

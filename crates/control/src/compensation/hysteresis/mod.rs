@@ -9,13 +9,16 @@
 //! - [`Memory`]: play operators behind a static curve, with creep. It remembers every turn that
 //!   still matters.
 //!
-//! [`fit`] finds a [`Memory`] in a [`Record`]; [`judge`] says how well a model tells a record.
+//! [`fit_memory`] finds a [`Memory`] in a [`Record`]; [`judge`] says how well a model tells a
+//! record; [`Adaptive`] goes on learning while there is light.
 
+mod adapt;
 mod fit;
 mod memory;
 mod rbf;
 mod record;
 
+pub use adapt::Adaptive;
 pub use fit::fit_memory;
 pub use memory::{Memory, MemoryState};
 pub use rbf::{

@@ -7,7 +7,7 @@ fn ramp(from: f64, to: f64, steps: u32) -> impl Iterator<Item = f64> {
     (1..=steps).map(move |k| from + (to - from) * f64::from(k) / f64::from(steps))
 }
 
-fn memory() -> Memory {
+pub(super) fn memory() -> Memory {
     let mut weights = [0.02; memory::PLAYS];
     weights[0] = 0.7;
     weights[3] = 0.0;
