@@ -110,6 +110,8 @@ pub struct Identified {
     pub flank: Flank,
     /// Voltage and displacement (metres).
     pub record: Record,
+    /// Samples of it, from the first on, that the thesis's model was trained with.
+    pub curves: usize,
     /// The thesis's model of it.
     pub rbf: Model,
     /// The one that remembers.
@@ -415,6 +417,7 @@ fn identify_piezo(station: &mut Station, piezo: usize, dark: f64) -> Result<Iden
         series,
         flank,
         record,
+        curves,
         rbf: Model::Rbf(rbf),
         memory: Model::Memory(memory),
     })

@@ -434,11 +434,11 @@ impl<'r> Job<'r> {
     fn regain(&self, station: &mut Station, searcher: &Searcher, level: f64) -> Result<(), Halt> {
         let mesh = self.recipe.raster.mesh;
         let now = station.level(self.channel, 0.02)?.mean - searcher.background.mean;
-        if now < 0.5 * level {
-            if let Some(again) = searcher.micro_raster(station, 3.0 * mesh, 0.4 * mesh)?.hit {
-                station.move_micro(self.side, again.micro.0, again.micro.1);
-                station.run(0.02)?;
-            }
+        if now < 0.5 * level
+            && let Some(again) = searcher.micro_raster(station, 3.0 * mesh, 0.4 * mesh)?.hit
+        {
+            station.move_micro(self.side, again.micro.0, again.micro.1);
+            station.run(0.02)?;
         }
         Ok(())
     }

@@ -142,11 +142,6 @@ pub fn exit_angle(facet: f64, index: f64) -> f64 {
 /// P = int_0^core 4 r / beam^2 exp(-2 (r^2 + d^2) / beam^2) I_0(4 r d / beam^2) dr
 /// ```
 pub fn core_capture(offset: f64, core: f64, beam: f64) -> f64 {
-    if 3.0 * beam <= core {
-        let rim = core - beam * beam / (8.0 * core);
-        return 0.5 * erfc((offset - rim) * std::f64::consts::SQRT_2 / beam);
-    }
-    // Gauss-Legendre with ten points: the integrand is smooth over a third of its range at least.
     const NODES: [(f64, f64); 5] = [
         (0.148_874_338_981_631_2, 0.295_524_224_714_752_9),
         (0.433_395_394_129_247_2, 0.269_266_719_309_996_3),
@@ -154,6 +149,11 @@ pub fn core_capture(offset: f64, core: f64, beam: f64) -> f64 {
         (0.865_063_366_688_984_5, 0.149_451_349_150_580_6),
         (0.973_906_528_517_171_7, 0.066_671_344_308_688_1),
     ];
+    if 3.0 * beam <= core {
+        let rim = core - beam * beam / (8.0 * core);
+        return 0.5 * erfc((offset - rim) * std::f64::consts::SQRT_2 / beam);
+    }
+    // Gauss-Legendre with ten points: the integrand is smooth over a third of its range at least.
     let scale = 2.0 / (beam * beam);
     let ring = |r: f64| {
         let gap = r - offset;

@@ -233,3 +233,71 @@ fn a_file_that_is_no_model_is_refused() {
     assert_eq!(code, Some(2));
     assert!(error.contains("none.json"), "{error}");
 }
+
+const RIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../rigs/afpm");
+
+/// The model goes into the calibration and beside it, is read back, and spoilt it is refused.
+#[test]
+fn what_is_identified_on_the_machine_is_believed_from_then_on() {
+    let folder = TempDir::new().expect("a folder");
+    let rig = folder.path().join("rig");
+    fs::create_dir(&rig).expect("a rig");
+    for name in ["machine.toml", "plant.toml", "calibration.toml"] {
+        fs::copy(Path::new(RIG).join(name), rig.join(name)).expect("a copy");
+    }
+    let command = [
+        "identify",
+        "hysteresis",
+        "--rig",
+        "rig",
+        "--seed",
+        "21",
+        "--json",
+    ];
+    let found = json(folder.path(), &command);
+    for key in [
+        "model",
+        "rms_um",
+        "max_um",
+        "range_um",
+        "percent_of_range",
+        "uncompensated_percent",
+        "improvement",
+        "functions",
+    ] {
+        assert!(!found[key].is_null(), "{key}");
+    }
+    let text = fs::read_to_string(rig.join("calibration.toml")).expect("a calibration");
+    assert!(text.contains("[hysteresis.right]") && text.contains("hysteresis-right.json"));
+    let report = found["report"].as_str().expect("a path");
+    let html = fs::read_to_string(folder.path().join(report)).expect("a report");
+    assert_eq!(
+        html.matches("<svg").count(),
+        8,
+        "Figs. 4.3, 4.4 and 4.6 to 4.10"
+    );
+    let align = ["align", "--rig", "rig", "--seed", "21", "--json"];
+    let aligned = json(folder.path(), &align);
+    for fiber in aligned["fibers"].as_array().expect("fibers") {
+        assert_eq!(fiber["outcome"], "aligned");
+    }
+    let weights = rig.join("hysteresis-right.json");
+    let text = fs::read_to_string(&weights).expect("weights");
+    for (from, to, part) in [
+        ("\"ratio\": 1.", "\"ratio\": 7.", "0.5 to 2"),
+        ("\"memory\"", "\"memories\"", "hysteresis-right.json"),
+    ] {
+        assert!(text.contains(from));
+        fs::write(&weights, text.replacen(from, to, 1)).expect("a file");
+        let (code, _, error) = pigtail(folder.path(), &align);
+        assert_eq!(code, Some(2));
+        assert!(
+            error.contains("hysteresis-right.json") && error.contains(part),
+            "{error}"
+        );
+    }
+    fs::remove_file(&weights).expect("a file");
+    let (code, _, error) = pigtail(folder.path(), &align);
+    assert_eq!(code, Some(2));
+    assert!(error.contains("hysteresis-right.json"), "{error}");
+}

@@ -45,7 +45,7 @@ pub(super) struct IdentifyArguments {
     /// Its column of displacement
     #[arg(long, value_name = "COLUMN", requires = "data")]
     output: Option<String>,
-    /// Its column of time in seconds; t_s, time_s, t or time if there is one, else samples are a
+    /// Its column of time in seconds; `t_s`, `time_s`, `t` or `time` if there is one, else samples are a
     /// second apart
     #[arg(long, value_name = "COLUMN", requires = "data")]
     time: Option<String>,
@@ -264,22 +264,19 @@ pub(super) fn predict(arguments: &PredictArguments) -> Result<u8, Failure> {
     tried.document.model_file = arguments.model.display().to_string();
     tried.document.report = run.path("report.html").display().to_string();
     let title = format!("A model's account of {}", arguments.data.display());
-    match &inverted {
-        Some(inverted) => {
-            run.write("predicted.csv", voltages_csv(inverted))?;
-            let page = report::inverted(&title, inverted, Some(&tried))?;
-            run.write("report.html", page)?;
+    if let Some(inverted) = &inverted {
+        run.write("predicted.csv", voltages_csv(inverted))?;
+        let page = report::inverted(&title, inverted, Some(&tried))?;
+        run.write("report.html", page)?;
+    } else {
+        let mut csv = "t_s,input_V,output_um,predicted_um\n".to_owned();
+        let r = &tried.record;
+        for (k, told) in tried.told.iter().enumerate() {
+            let (t, v, x) = (r.time[k], r.input[k], r.output[k]);
+            let _ = writeln!(csv, "{t},{v},{x},{told:.6}");
         }
-        None => {
-            let mut csv = "t_s,input_V,output_um,predicted_um\n".to_owned();
-            let r = &tried.record;
-            for (k, told) in tried.told.iter().enumerate() {
-                let (t, v, x) = (r.time[k], r.input[k], r.output[k]);
-                let _ = writeln!(csv, "{t},{v},{x},{told:.6}");
-            }
-            run.write("predicted.csv", csv)?;
-            run.write("report.html", report::tried(&title, &tried)?)?;
-        }
+        run.write("predicted.csv", csv)?;
+        run.write("report.html", report::tried(&title, &tried)?)?;
     }
     run.write_json("summary.json", &tried.document)?;
     run.finish_with(&hashes, 0)?;

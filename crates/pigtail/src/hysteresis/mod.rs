@@ -7,8 +7,7 @@ pub use data::{Columns, Table};
 
 use crate::align::rounded;
 use pigtail_control::compensation::hysteresis::{
-    Errors, Invalid, Model, Range, Rbf, Record, State, Zero, fit_memory, invert, judge, predict,
-    straight,
+    Errors, Invalid, Model, Range, Rbf, Record, Zero, fit_memory, invert, judge, predict, straight,
 };
 use pigtail_hal::Error;
 use serde::{Deserialize, Serialize};
@@ -286,7 +285,8 @@ pub fn voltages(model: &Model, time: Vec<f64>, wanted: Vec<f64>) -> Inverted {
     } else {
         0.5 * (output.low + output.high - path.low - path.high)
     };
-    let volts = invert_from(model, model.switched_on(), &time, &wanted, offset, &input);
+    let moved: Vec<f64> = wanted.iter().map(|x| x + offset).collect();
+    let volts = invert(model, &model.switched_on(), &time, &moved, &input);
     Inverted {
         time,
         wanted,
@@ -303,7 +303,8 @@ pub fn voltages_of(model: &Model, record: Record) -> (Tried, Inverted) {
     let offset = tried.document.offset_um.unwrap_or(0.0);
     let (input, _) = ranges(model);
     let start = model.at_rest(record.input[0]);
-    let volts = invert_from(model, start, &record.time, &record.output, offset, &input);
+    let moved: Vec<f64> = record.output.iter().map(|x| x + offset).collect();
+    let volts = invert(model, &start, &record.time, &moved, &input);
     let over = tried.judged.clone();
     let errors = judge(&volts, &record.input, over.clone(), Zero::Known);
     // The line through voltage against displacement, and what it is worth in displacement.
@@ -342,16 +343,4 @@ pub fn ranges(model: &Model) -> (Range, Range) {
         Model::Rbf(model) => (model.input, model.output),
         Model::Memory(model) => (model.input, model.output),
     }
-}
-
-fn invert_from(
-    model: &Model,
-    state: State,
-    time: &[f64],
-    wanted: &[f64],
-    offset: f64,
-    limits: &Range,
-) -> Vec<f64> {
-    let path: Vec<f64> = wanted.iter().map(|x| x + offset).collect();
-    invert(model, state, time, &path, limits)
 }

@@ -5,7 +5,9 @@ use super::html::{escape, figure, page};
 use super::hysteresis::{Curve, plot};
 use crate::hysteresis::machine::Identified;
 use anyhow::Result;
-use pigtail_control::compensation::hysteresis::{FORWARD, Model, Network, Record, UNITS};
+use pigtail_control::compensation::hysteresis::{
+    FORWARD, Model, Network, Rbf, Record, SPACING, UNITS,
+};
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 use std::fmt::Write as _;
@@ -90,7 +92,7 @@ fn light_and_curves(found: &Identified) -> Result<String> {
     body.push_str("<div class=\"pair\">\n");
     let r = &piezo.record;
     let loops: Vec<(f64, f64)> = (0..r.len())
-        .take_while(|k| r.time[*k] - r.time[0] < 56.0)
+        .take_while(|k| *k < piezo.curves)
         .map(|k| (r.input[k], 1e6 * r.output[k]))
         .collect();
     body.push_str(&figure(
@@ -103,48 +105,65 @@ fn light_and_curves(found: &Identified) -> Result<String> {
         "Displacement against voltage: full ways, and the ways back from turning voltages across the \
          range (Fig. 4.4).",
     ));
+    let (power, highest) = spectrum(r);
     body.push_str(&figure(
-        &plot(
-            HALF,
-            "frequency, 1/V",
-            "log10 of power",
-            &[("", spectrum(r))],
-        )?,
-        "Power of the displacement over a way back, against frequency along the voltage (Fig. 4.6). \
-         Up to about 0.5 a volt there is more than noise: functions stand one volt apart.",
+        &plot(HALF, "frequency, 1/V", "log10 of power", &[("", power)])?,
+        &format!(
+            "Power of the displacement over a way forward and back, against frequency along the \
+             voltage (Fig. 4.6). Up to {highest:.2} a volt it stands four times above what lies \
+             beyond one a volt. The thesis read 0.5 a volt off its own and spaced the functions \
+             1/(2f) = {SPACING} V apart; so are these."
+        ),
     ));
     body.push_str("</div>\n");
     Ok(body)
 }
 
-/// Power of the displacement over the first full way back and forward, by frequency along voltage.
-fn spectrum(record: &Record) -> Vec<(f64, f64)> {
-    const POINTS: usize = 256;
+/// Power of the displacement over a full way forward and the way back, by frequency along the
+/// voltage; and up to which it is more than noise.
+fn spectrum(record: &Record) -> (Vec<(f64, f64)>, f64) {
+    const POINTS: usize = 512;
     let range = record.input_range();
-    let Some(way) = record
-        .swings()
-        .filter(|s| !s.rising && record.input[s.start] > range.high - 0.05 * range.width())
-        .max_by_key(|s| s.end - s.start)
-    else {
-        return Vec::new();
+    let swings: Vec<_> = record.swings().collect();
+    let full = |k: usize| {
+        let v = &record.input;
+        (v[swings[k].end] - v[swings[k].start]).abs() > 0.95 * range.width()
     };
-    let n = way.end - way.start;
+    let Some(k) =
+        (0..swings.len().saturating_sub(1)).find(|k| swings[*k].rising && full(*k) && full(*k + 1))
+    else {
+        return (Vec::new(), 0.0);
+    };
+    let (start, n) = (swings[k].start, swings[k + 1].end - swings[k].start);
     let mut values: Vec<Complex<f64>> = (0..POINTS)
-        .map(|k| Complex::new(record.output[way.start + k * n / POINTS], 0.0))
+        .map(|k| Complex::new(1e6 * record.output[start + k * n / POINTS], 0.0))
         .collect();
     let mean = values.iter().map(|v| v.re).sum::<f64>() / POINTS as f64;
     for v in &mut values {
-        v.re = 1e6 * (v.re - mean);
+        v.re -= mean;
     }
     FftPlanner::new()
         .plan_fft_forward(POINTS)
         .process(&mut values);
-    (1..40)
+    // Forward and back the voltage goes twice over its range.
+    let points: Vec<(f64, f64)> = (1..POINTS / 4)
         .map(|k| {
             let power = (values[k].norm() / POINTS as f64).powi(2).max(1e-12);
-            (k as f64 / range.width(), power.log10())
+            (k as f64 / (2.0 * range.width()), power)
         })
-        .collect()
+        .collect();
+    let beyond: Vec<f64> = points.iter().filter(|p| p.0 > 1.0).map(|p| p.1).collect();
+    let noise = beyond.iter().sum::<f64>() / beyond.len().max(1) as f64;
+    let highest = points
+        .iter()
+        .take_while(|p| p.0 <= 1.0)
+        .filter(|p| p.1 > 4.0 * noise)
+        .fold(0.0, |h: f64, p| h.max(p.0));
+    let logs = points
+        .into_iter()
+        .filter(|p| p.0 <= 2.5)
+        .map(|(f, power)| (f, power.log10()));
+    (logs.collect(), highest)
 }
 
 /// Figs. 4.7 to 4.9.
@@ -154,11 +173,11 @@ fn networks(found: &Identified) -> Result<String> {
     let Model::Rbf(rbf) = &piezo.rbf else {
         return Ok(String::new());
     };
-    let samples = pigtail_control::compensation::hysteresis::Rbf::samples(
-        &piezo.record,
-        &rbf.input,
-        &rbf.output,
-    );
+    let trained = piezo
+        .record
+        .before(piezo.curves)
+        .map_err(|invalid| anyhow::anyhow!("{invalid}"))?;
+    let samples = Rbf::samples(&trained, &rbf.input, &rbf.output);
     let every = samples.len().div_ceil(1500);
     let mut points: Vec<(f64, f64, f64)> = samples
         .iter()

@@ -244,11 +244,12 @@ pub fn predict(model: &Model, record: &Record) -> Vec<f64> {
 /// The voltage that a model would give for a path of wanted displacements, from this state on.
 pub fn invert(
     model: &Model,
-    mut state: State,
+    state: &State,
     time: &[f64],
     path: &[f64],
     limits: &Range,
 ) -> Vec<f64> {
+    let mut state = *state;
     let lag = model.lag();
     let mut last = None;
     (0..path.len())
