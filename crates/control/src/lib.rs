@@ -13,7 +13,7 @@
 //! 6. [`station`]: owns the machine's time, one exchange after the other.
 //!
 //! Beside these stand the experiments: [`characterize`], [`identify`] and [`tune`] on one axis,
-//! [`contour`] on both joints of a five-bar.
+//! [`contour`] on both joints of a five-bar, [`piezo`] on the micro.
 //!
 //! There are no clocks, no threads and no files here: time comes from the machine.
 
@@ -25,6 +25,7 @@ pub mod identify;
 pub mod kinematics;
 pub mod outcome;
 pub mod peak;
+pub mod piezo;
 pub mod procedure;
 pub mod recipe;
 pub mod search;

@@ -3,6 +3,7 @@
 mod align;
 mod characterize;
 mod common;
+mod hysteresis;
 mod identify;
 mod progress;
 mod simulate;
@@ -53,6 +54,7 @@ enum Command {
     Align(align::Arguments),
     Tune(tune::Arguments),
     Identify(identify::Arguments),
+    Predict(hysteresis::PredictArguments),
     Characterize(characterize::Arguments),
     Trace(trace::Arguments),
     Simulate(simulate::Arguments),
@@ -108,6 +110,7 @@ pub fn main() -> ExitCode {
         Command::Align(arguments) => align::run(&arguments),
         Command::Tune(arguments) => tune::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),
+        Command::Predict(arguments) => hysteresis::predict(&arguments),
         Command::Characterize(arguments) => characterize::run(&arguments),
         Command::Trace(arguments) => trace::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
