@@ -6,30 +6,31 @@
 
 mod drive;
 mod light;
+mod linkage;
+mod manipulator;
+mod micro;
 pub mod plant;
 mod sensors;
 
-use drive::{Bearing, Drive};
+use drive::Drives;
 use light::{FiberInHolder, LightPath, Tips};
-use pigtail_hal::quantity::{Counts, Volts};
+use manipulator::Manipulator;
+use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::{AXES, CHANNELS, MICRO_AXES, OUTPUTS, SIDES};
 use pigtail_hal::{Axis, Command, Fault, FiberHandling, Machine, Measurement, Side, Spec};
 use pigtail_model::Invalid;
-use pigtail_model::fivebar::{FiveBar, JointAngle};
-use pigtail_model::frames::{Chip, Macro, Placement, Point};
-use pigtail_model::hysteresis::{Creep, CreepState, Hysteresis, HysteresisState};
-use pigtail_model::leadscrew::LeadScrew;
-use pigtail_model::piezo::{Resonance, ResonanceState};
+use pigtail_model::frames::{Chip, Point};
 pub use plant::Plant;
-use plant::{factor, uniform};
+use plant::uniform;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use sensors::{Bias, Camera, Held, Photodiodes, encode, normal};
+use sensors::{Bias, Camera, Held, Photodiodes, normal};
 
 /// A simulated machine.
 #[derive(Debug, Clone)]
 pub struct Twin {
     spec: Spec,
+    drives: Drives,
     manipulators: [Manipulator; SIDES],
     light: LightPath,
     /// The fibers in the tray: the input's, then the outputs'.
@@ -58,81 +59,6 @@ struct Fixed {
     coupling: f64,
 }
 
-/// A manipulator's mechanics.
-#[derive(Debug, Clone)]
-struct Manipulator {
-    drives: [Drive; AXES],
-    linkage: Option<Linkage>,
-    counts_per_radian: [f64; AXES],
-    voltage_limits: [f64; AXES],
-    five_bar: FiveBar,
-    home: [f64; 2],
-    home_angles: [JointAngle; 2],
-    screw: LeadScrew,
-    placement: Placement,
-    micro: Micro,
-    /// The endpoint without the micro's motion, for the outputs it was computed for.
-    endpoint: ([f64; AXES], Point<Macro>),
-}
-
-/// Friction in the bearings between the links of a five-bar: elbow A, elbow B, tip.
-#[derive(Debug, Clone)]
-struct Linkage {
-    bearings: [Bearing; 3],
-    /// Angle of each bearing at home, radians.
-    home: [f64; 3],
-}
-
-impl Linkage {
-    /// Torques on the joints A and B (N m) at these angles: of each bearing by the principle of
-    /// virtual work.
-    fn torques(&mut self, five_bar: &FiveBar, angles: [JointAngle; 2]) -> Option<[f64; 2]> {
-        let (now, rates) = five_bar.bearings(angles).ok()?;
-        let mut torques = [0.0; 2];
-        for (i, bearing) in self.bearings.iter_mut().enumerate() {
-            let friction = bearing.torque_at(now[i] - self.home[i]);
-            for (torque, rate) in torques.iter_mut().zip(rates[i]) {
-                *torque -= friction * rate;
-            }
-        }
-        Some(torques)
-    }
-}
-
-/// A micro manipulator: two piezo axes in their own frame.
-#[derive(Debug, Clone)]
-struct Micro {
-    piezos: [Piezo; MICRO_AXES],
-    resonance: Resonance,
-    states: [ResonanceState; MICRO_AXES],
-    /// Metres a volt of full stroke, with the coupling of the axes.
-    gain: [[f64; MICRO_AXES]; MICRO_AXES],
-    centre: f64,
-    limit: f64,
-    step: f64,
-    noise: f64,
-    sin: f64,
-    cos: f64,
-}
-
-/// A piezo by itself: from its voltage to what it would do were it alone. At switch-on it rests in
-/// the middle of its range, where the amplifiers leave it after a few cycles of falling amplitude.
-#[derive(Debug, Clone)]
-struct Piezo {
-    hysteresis: Hysteresis,
-    creep: Creep,
-    state: (HysteresisState, CreepState),
-}
-
-impl Piezo {
-    /// One cycle; voltage and result are from the middle of the range, as shares of its half.
-    fn advance(&mut self, input: f64) -> f64 {
-        let (hysteresis, creep) = &mut self.state;
-        let applied = self.hysteresis.advance(hysteresis, input);
-        self.creep.advance(creep, applied)
-    }
-}
-
 /// A slow relative fluctuation: an Ornstein-Uhlenbeck process around one.
 #[derive(Debug, Clone)]
 struct Fluctuation {
@@ -154,168 +80,6 @@ impl Fluctuation {
     fn next(&mut self, rng: &mut impl Rng) -> f64 {
         self.deviation = self.decay * self.deviation + self.kick * normal(rng);
         (1.0 + self.deviation).max(0.0)
-    }
-}
-
-impl Micro {
-    fn new(plant: &Plant, spec: &Spec, rng: &mut impl rand::RngExt) -> Result<Self, Invalid> {
-        let m = &plant.micro;
-        let mut gain = || m.gain * factor(rng, plant.variation.micro_gain);
-        let (p, q) = (gain(), gain());
-        let (sin, cos) = spec.micro.angle.sin_cos();
-        let mut piezo = || -> Result<Piezo, Invalid> {
-            let (hysteresis, creep) = m.draw(&plant.variation, spec.period(), rng)?;
-            Ok(Piezo {
-                hysteresis,
-                creep,
-                state: Default::default(),
-            })
-        };
-        Ok(Self {
-            piezos: [piezo()?, piezo()?],
-            resonance: Resonance::new(m.resonance, m.damping, spec.period())?,
-            states: [ResonanceState::default(); MICRO_AXES],
-            gain: [[p, m.coupling * q], [m.coupling * p, q]],
-            centre: 0.5 * spec.micro.voltage,
-            limit: spec.micro.voltage,
-            step: spec.micro.resolution * spec.micro.voltage / spec.micro.range,
-            noise: m.noise,
-            sin,
-            cos,
-        })
-    }
-
-    /// One cycle under these inputs; the displacement in the manipulator's x and y, metres.
-    fn advance(&mut self, volts: [Volts; MICRO_AXES], rng: &mut impl Rng) -> (f64, f64) {
-        let [u, v] = std::array::from_fn(|i| {
-            let Volts(volts) = volts[i];
-            let held = (volts.clamp(0.0, self.limit) / self.step).round() * self.step;
-            self.centre * self.piezos[i].advance((held - self.centre) / self.centre)
-        });
-        let [p, q] = std::array::from_fn(|i| {
-            let input = self.gain[i][0] * u + self.gain[i][1] * v;
-            self.resonance.advance(&mut self.states[i], input);
-            self.states[i].position + self.noise * normal(rng)
-        });
-        (self.cos * p - self.sin * q, self.sin * p + self.cos * q)
-    }
-}
-
-impl Manipulator {
-    fn new(
-        plant: &Plant,
-        spec: &Spec,
-        side: Side,
-        chip: [f64; 2],
-        rng: &mut impl rand::RngExt,
-    ) -> Result<Self, TwinError> {
-        let fb = &plant.five_bar;
-        let mut vary = |length: f64| length * factor(rng, plant.variation.links);
-        let five_bar = FiveBar::new(vary(fb.base), vary(fb.proximal), vary(fb.distal))?;
-        let screw = LeadScrew::from_lead(vary(plant.z_stage.lead));
-        let home_angles = five_bar.inverse(fb.home[0], fb.home[1])?;
-        let mut joint = |axis: Axis| {
-            let nominal = if axis == Axis::Z {
-                &plant.z_stage.joint
-            } else {
-                &fb.joint
-            };
-            let ratio = 1.0 / spec.drive(axis).gear_ratio;
-            Drive::draw(
-                nominal,
-                axis.name(),
-                ratio,
-                spec.period(),
-                &plant.variation,
-                rng,
-            )
-        };
-        let drives = [joint(Axis::A)?, joint(Axis::B)?, joint(Axis::Z)?];
-        let linkage = if fb.bearings.friction > 0.0 {
-            let bearing = || Bearing::new(fb.bearings.friction, fb.bearings.presliding);
-            Some(Linkage {
-                bearings: [bearing()?, bearing()?, bearing()?],
-                home: five_bar.bearings(home_angles)?.0,
-            })
-        } else {
-            None
-        };
-        let stands = match side {
-            Side::Left => &plant.placement.left,
-            Side::Right => &plant.placement.right,
-        };
-        let [x, y, z] = stands.home;
-        // Up and down, a wrong home is part of what nothing can see (`misplacement.y`).
-        let (dx, dz) = (
-            uniform(rng, plant.misplacement.home),
-            uniform(rng, plant.misplacement.home),
-        );
-        Ok(Self {
-            drives,
-            linkage,
-            counts_per_radian: Axis::ALL.map(|axis| 1.0 / spec.drive(axis).count()),
-            voltage_limits: Axis::ALL.map(|axis| spec.drive(axis).voltage),
-            five_bar,
-            home: fb.home,
-            home_angles,
-            screw,
-            placement: Placement::new(Point::new(x, y, z), stands.yaw).shifted(
-                dx - chip[0],
-                0.0,
-                dz - chip[1],
-            ),
-            micro: Micro::new(plant, spec, rng)?,
-            endpoint: ([0.0; AXES], Point::ORIGIN),
-        })
-    }
-
-    /// One cycle; the holder's position in the chip's frame, micro included.
-    fn advance(
-        &mut self,
-        motors: [Volts; AXES],
-        micro: [Volts; MICRO_AXES],
-        period: f64,
-        rng: &mut impl Rng,
-    ) -> Option<Point<Chip>> {
-        // Friction between the links changes far more slowly than a cycle: what it was at the end
-        // of the cycle before.
-        let mut torques = [0.0; AXES];
-        if let Some(linkage) = &mut self.linkage {
-            let [home_a, home_b] = self.home_angles;
-            let [a, b, _] = self.endpoint.0;
-            let angles = [JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)];
-            [torques[0], torques[1]] = linkage.torques(&self.five_bar, angles)?;
-        }
-        for (i, Volts(volts)) in motors.into_iter().enumerate() {
-            let limit = self.voltage_limits[i];
-            self.drives[i].advance(volts.clamp(-limit, limit), torques[i], period);
-        }
-        let outputs = std::array::from_fn(|i| self.drives[i].output());
-        if outputs != self.endpoint.0 {
-            self.endpoint = (outputs, self.endpoint_at(outputs)?);
-        }
-        let (x, y) = self.micro.advance(micro, rng);
-        Some(
-            self.placement
-                .chip_from_macro(self.endpoint.1.shifted(x, y, 0.0)),
-        )
-    }
-
-    fn endpoint_at(&self, [a, b, z]: [f64; AXES]) -> Option<Point<Macro>> {
-        let [home_a, home_b] = self.home_angles;
-        let (x, y) = self
-            .five_bar
-            .forward([JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)])
-            .ok()?;
-        Some(Point::new(
-            x - self.home[0],
-            y - self.home[1],
-            self.screw.position(z),
-        ))
-    }
-
-    fn encoders(&self) -> [Counts; AXES] {
-        std::array::from_fn(|i| encode(self.drives[i].motor_angle(), self.counts_per_radian[i]))
     }
 }
 
@@ -365,7 +129,9 @@ impl Twin {
             bias: camera.draw_bias(&mut fibers),
         };
         let tray = [vec![held(0)], (0..OUTPUTS).map(&mut held).collect()];
-        let right = Manipulator::new(plant, &spec, Side::Right, chip, &mut stream(4))?;
+        let (left, left_joints) = Manipulator::new(plant, &spec, Side::Left, chip, &mut stream(0))?;
+        let (right, right_joints) =
+            Manipulator::new(plant, &spec, Side::Right, chip, &mut stream(4))?;
         let mut sensing = held(0);
         let [ox, oy, oz] = spec.sensing_fiber.offset;
         let [dx, dy, dz] = right.placement.chip_direction(ox, oy, oz);
@@ -373,10 +139,8 @@ impl Twin {
         sensing.fiber.offset = [x + dx, y + dy, z + dz];
         let mut noise = stream(3);
         Ok(Self {
-            manipulators: [
-                Manipulator::new(plant, &spec, Side::Left, chip, &mut stream(0))?,
-                right,
-            ],
+            drives: Drives::new(plant, &spec, &[left_joints, right_joints])?,
+            manipulators: [left, right],
             light: LightPath::new(plant, &spec, &mut device)?,
             tray,
             held: [None; SIDES],
@@ -417,6 +181,15 @@ impl Twin {
         };
         self.fault = Some(fault.clone());
         fault
+    }
+
+    fn taken_apart(&mut self, side: Side) -> Fault {
+        self.refuse(
+            "five-bar stays assembled",
+            format!("{}.a", side.name()),
+            "a position beyond the mechanism's reach".to_owned(),
+            format!("a workspace of {} m", self.spec.five_bar.workspace),
+        )
     }
 
     fn check(&mut self, command: &Command) -> Result<(), Fault> {
@@ -529,9 +302,7 @@ impl Twin {
     /// How far the micro really displaces the tip of a manipulator, in its x and y, metres; noise
     /// apart. Not part of [`Machine`].
     pub fn micro_displacement(&self, side: Side) -> (f64, f64) {
-        let micro = &self.manipulators[side.index()].micro;
-        let [p, q] = micro.states.map(|state| state.position);
-        (micro.cos * p - micro.sin * q, micro.sin * p + micro.cos * q)
+        self.manipulators[side.index()].micro.displacement()
     }
 
     /// What really is. Not part of [`Machine`].
@@ -598,22 +369,22 @@ impl Machine for Twin {
         self.check(command)?;
         self.micro_volts = command.micro;
         let period = self.spec.period();
+        let mut torques = [[0.0; AXES]; SIDES];
+        for side in Side::ALL {
+            let i = side.index();
+            torques[i] = match self.manipulators[i].torques() {
+                Some(torques) => torques,
+                None => return Err(self.taken_apart(side)),
+            };
+        }
+        self.drives.advance(&command.motors, &torques, period);
         let mut holders = [Point::ORIGIN; SIDES];
         for side in Side::ALL {
             let i = side.index();
-            let holder = self.manipulators[i].advance(
-                command.motors[i],
-                command.micro[i],
-                period,
-                &mut self.rng,
-            );
+            let outputs = self.drives.outputs(i);
+            let holder = self.manipulators[i].advance(outputs, command.micro[i], &mut self.rng);
             let Some(holder) = holder else {
-                return Err(self.refuse(
-                    "five-bar stays assembled",
-                    format!("{}.a", side.name()),
-                    "a position beyond the mechanism's reach".to_owned(),
-                    format!("a workspace of {} m", self.spec.five_bar.workspace),
-                ));
+                return Err(self.taken_apart(side));
             };
             holders[i] = holder;
             if let Some(handling) = command.fiber[i] {
@@ -664,10 +435,7 @@ impl Machine for Twin {
         self.smallest_gap = self.smallest_gap.min(sensing_gap);
         Ok(Measurement {
             time,
-            encoders: [
-                self.manipulators[0].encoders(),
-                self.manipulators[1].encoders(),
-            ],
+            encoders: [self.drives.encoders(0), self.drives.encoders(1)],
             light,
             vision,
             probes: self.probes(),

@@ -1,0 +1,78 @@
+//! Joints stepped together, against the same joints one by one and at a much finer step.
+
+use crate::parameters::{Pid, five_bar, round_up, z_stage};
+use crate::{CYCLE, triangle};
+use pigtail_model::friction::Friction;
+use pigtail_model::group::Group;
+use pigtail_model::joint::{Joint, JointState};
+use proptest::prelude::*;
+
+/// Four joints that stick, slip, hold and slide freely at different times.
+fn joints(step: f64) -> [Joint; 4] {
+    let mut free = five_bar();
+    free.load_friction = Friction::new(0.0, 0.0, 0.01).expect("valid parameters");
+    [five_bar(), z_stage(), five_bar(), free]
+        .map(|p| Joint::new(p, step).expect("valid parameters"))
+}
+
+/// A triangle scan under PID: the group in steps of `step`, and beside it under the same voltages
+/// each joint alone in steps of `fine`. Largest difference of an output, radians.
+fn difference(step: f64, fine: f64) -> [f64; 4] {
+    let group = Group::new(joints(step));
+    let alone = joints(fine);
+    let (mut a, mut b) = ([JointState::default(); 4], [JointState::default(); 4]);
+    let mut pids = [
+        Pid::five_bar(),
+        Pid::z_stage(),
+        Pid::five_bar(),
+        Pid::five_bar(),
+    ];
+    let mut worst = [0.0_f64; 4];
+    for k in 0..6000 {
+        let voltages = std::array::from_fn(|i| {
+            let reference = triangle(k + [0, 700, 1400, 2100][i], 200.0, 5000);
+            pids[i].voltage(round_up(reference), b[i].motor_angle)
+        });
+        group.advance(&mut a, voltages, CYCLE);
+        for i in 0..4 {
+            alone[i].advance(&mut b[i], voltages[i], CYCLE);
+            let apart = group.joints()[i].output(&a[i]) - alone[i].output(&b[i]);
+            worst[i] = worst[i].max(apart.abs());
+        }
+    }
+    worst
+}
+
+#[test]
+fn together_they_move_as_they_do_alone() {
+    for apart in difference(CYCLE, CYCLE) {
+        assert!(apart < 1e-11, "{apart}");
+    }
+}
+
+/// 1e-4 um at the output in a scan; where the scan starts with a jolt of the full voltage, five times
+/// that (seen first, bound then).
+#[test]
+fn two_steps_a_cycle_are_within_a_tenth_of_a_nanometre() {
+    let [jolted, z, scanning, _] = difference(0.5 * CYCLE, CYCLE / 100.0);
+    assert!(0.044_56 * scanning < 1e-10, "{scanning}");
+    assert!(1.0106e-4 * z < 1e-10, "{z}");
+    assert!(0.044_56 * jolted < 6e-10, "{jolted}");
+}
+
+proptest! {
+    #[test]
+    fn whatever_the_voltages_they_agree(voltages in prop::collection::vec(-12.0..12.0_f64, 400)) {
+        let (group, alone) = (Group::new(joints(CYCLE)), joints(CYCLE));
+        let (mut a, mut b) = ([JointState::default(); 4], [JointState::default(); 4]);
+        for u in voltages.chunks_exact(4) {
+            let u = [u[0], u[1], u[2], u[3]];
+            group.advance(&mut a, u, CYCLE);
+            for i in 0..4 {
+                alone[i].advance(&mut b[i], u[i], CYCLE);
+                prop_assert_eq!((a[i].motor_mode, a[i].load_mode), (b[i].motor_mode, b[i].load_mode));
+                prop_assert!((a[i].load_angle - b[i].load_angle).abs() < 1e-11);
+            }
+        }
+    }
+}
