@@ -21,6 +21,9 @@ const PATTERN: [(f64, f64); 9] = [
 /// Patterns whose centres are averaged to judge whether a climb still gets anywhere.
 const WINDOW: usize = 10;
 
+/// After so many times the recipe's patterns an average that is not sure yet begins again.
+const RESTART: u32 = 8;
+
 /// A nine-point climb of one micro on one photodiode.
 #[derive(Debug, Clone, Copy)]
 pub struct NinePoint<'r> {
@@ -176,6 +179,12 @@ impl<'r> NinePoint<'r> {
             let deviation = self.climb.step * fit.deviation(variance / f64::from(count));
             if deviation < accuracy {
                 break fit;
+            }
+            if count >= RESTART * patterns {
+                // Averaged for so long the place has moved on, for piezos creep: what is left of
+                // the averages is a better centre to begin again from.
+                self.shift(station, fit.vertex().unwrap_or((0.0, 0.0)))?;
+                (mean, count, squares) = ([0.0; 9], 0, 0.0);
             }
             if late {
                 return Err(Outcome::Unsure {

@@ -32,6 +32,14 @@ impl FiberReport {
 /// The names of the ports, input first.
 pub const PORTS: [&str; 1 + OUTPUTS] = ["input", "output1", "output2"];
 
+/// How far aside a raster is repeated that has found nothing, in its width: piezos without
+/// compensation do not sweep as far as they are told.
+const ASIDE: f64 = 0.25;
+
+/// After so many bright places that did not bear a second look there is more scattered light than
+/// a search can live with.
+const MOST_DISMISSED: usize = 5;
+
 /// A fiber on its way to a port.
 struct Job<'r> {
     recipe: &'r Recipe,
@@ -193,25 +201,33 @@ impl<'r> Job<'r> {
         })?;
         let found = self.phase(station, "raster", |job, station| {
             let lowest = station.wanted(Side::Left);
-            // The guided light may have passed beside the sensing fiber's core: to either side.
+            // The guided light may have passed beside the sensing fiber's core: to either side. Or
+            // beside the area, which piezos without compensation do not sweep to its edges.
             let step = recipe.sensing.sidestep;
-            let mut evidence = None;
-            for sidestep in [0.0, step, -step] {
+            let aside = ASIDE * recipe.raster.x;
+            // And between the lines of the first.
+            let between = 0.5 * recipe.raster.mesh;
+            let mut evidence: Option<SearchEvidence> = None;
+            for (sensing, area) in [
+                (0.0, 0.0),
+                (step, 0.0),
+                (-step, 0.0),
+                (0.0, aside),
+                (0.0, -aside),
+                (step, aside),
+                (-step, -aside),
+            ] {
                 if evidence.is_some() {
-                    job.arrive(station, Side::Right, top.shifted(sidestep, 0.0, 0.0))?;
+                    job.arrive(station, Side::Right, top.shifted(sensing, 0.0, 0.0))?;
                     station.move_micro(Side::Left, 0.0, 0.0);
-                    job.arrive(station, Side::Left, lowest)?;
+                    job.arrive(station, Side::Left, lowest.shifted(area, -between, 0.0))?;
                 }
-                let seen = match job.find_light(station)? {
+                match job.find_light(station)? {
                     Ok(found) => return Ok(found),
-                    Err(seen) => seen.after(evidence),
-                };
-                if sidestep < 0.0 {
-                    return Err(Outcome::NoLight(seen).into());
+                    Err(seen) => evidence = Some(seen.after(evidence)),
                 }
-                evidence = Some(seen);
             }
-            unreachable!("the last sidestep is below zero")
+            Err(no_light(evidence))
         })?;
         self.finish(station, &found)
     }
@@ -232,8 +248,22 @@ impl<'r> Job<'r> {
             )
         })?;
         let found = self.phase(station, "raster", |job, station| {
-            job.find_light(station)?
-                .map_err(|seen| Outcome::NoLight(seen).into())
+            let lowest = station.wanted(Side::Right);
+            let aside = ASIDE * recipe.raster.x;
+            // And between the lines of the first.
+            let between = 0.5 * recipe.raster.mesh;
+            let mut evidence: Option<SearchEvidence> = None;
+            for area in [0.0, aside, -aside] {
+                if evidence.is_some() {
+                    station.move_micro(Side::Right, 0.0, 0.0);
+                    job.arrive(station, Side::Right, lowest.shifted(area, -between, 0.0))?;
+                }
+                match job.find_light(station)? {
+                    Ok(found) => return Ok(found),
+                    Err(seen) => evidence = Some(seen.after(evidence)),
+                }
+            }
+            Err(no_light(evidence))
         })?;
         self.finish(station, &found)
     }
@@ -397,8 +427,9 @@ impl<'r> Job<'r> {
         loop {
             let sweep = searcher.raster(station, raster, top)?;
             let seen = sweep.evidence.following(evidence);
-            let Some(hit) = sweep.hit else {
-                return Ok(Err(seen));
+            let hit = match sweep.hit {
+                Some(hit) if seen.dismissed < MOST_DISMISSED => hit,
+                _ => return Ok(Err(seen)),
             };
             self.recentre(station, &searcher, &hit)?;
             let level = searcher.contrast(station, raster.mesh)?;
@@ -470,6 +501,14 @@ fn outward(side: Side) -> f64 {
         Side::Left => -1.0,
         Side::Right => 1.0,
     }
+}
+
+/// No search has found light, whatever was searched.
+fn no_light(evidence: Option<SearchEvidence>) -> Halt {
+    evidence.map_or_else(
+        || Outcome::OutOfReach("there was nothing to search".to_owned()).into(),
+        |seen| Outcome::NoLight(seen).into(),
+    )
 }
 
 fn lost(phase: &'static str, level: f64, expected: f64) -> Halt {
