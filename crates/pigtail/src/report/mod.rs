@@ -2,12 +2,16 @@
 
 mod alignment;
 mod axis;
+mod campaign;
 mod figure;
+mod histogram;
 mod html;
 mod tuning;
 mod windup;
 
 pub use alignment::alignment;
 pub use axis::{frequency, resolution, sine, step};
+pub use campaign::campaign;
+pub(crate) use campaign::percent;
 pub use tuning::tuning;
 pub use windup::windup;
