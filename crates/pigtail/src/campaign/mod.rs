@@ -49,6 +49,17 @@ fn device(setup: &Setup, procedure: Procedure, seed: u64) -> Result<Device, Twin
     Ok(Device { seed, end })
 }
 
+/// Without the device of a worker that panicked, those after it could only pile up.
+struct StopOnPanic<'a>(&'a AtomicBool);
+
+impl Drop for StopOnPanic<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.store(true, Ordering::Relaxed);
+        }
+    }
+}
+
 /// Whether a campaign's first device can be built, before anything is written.
 ///
 /// # Errors
@@ -79,6 +90,7 @@ pub fn run(
     let next = AtomicU64::new(store.done());
     // A device that was taken is finished, and they are taken in order: what is done has no gaps.
     let work = |results: mpsc::SyncSender<_>| {
+        let _guard = StopOnPanic(stop);
         while !stop.load(Ordering::Relaxed) {
             let index = next.fetch_add(1, Ordering::Relaxed);
             if index >= devices {

@@ -191,18 +191,29 @@ fn failures(document: &Document) -> String {
 fn figures(store: &Store, document: &Document) -> Result<String> {
     let rows = store.rows()?;
     let mut html = String::from("<h2>How often</h2>\n");
+    // A figure of nothing shows nothing.
+    let shown = |column: &str, width, axis: &str, marks: &[(&str, f64, bool)], caption: &str| {
+        let values = rows.numbers(column)?;
+        Ok::<_, anyhow::Error>(if values.is_empty() {
+            String::new()
+        } else {
+            figure(&histogram(width, &values, axis, marks)?, caption)
+        })
+    };
     let named = |of: &Percentiles| -> Vec<(&str, f64, bool)> {
         [("p50", of.p50), ("p99", of.p99), ("p99.9", of.p999)]
             .into_iter()
             .filter_map(|(name, value)| Some((name, value?, false)))
             .collect()
     };
-    let seconds = rows.numbers("seconds")?;
-    html.push_str(&figure(
-        &histogram(WHOLE, &seconds, "machine time of a fiber, s", &named(&document.seconds_per_fiber))?,
-        "Machine time of each fiber. The height is logarithmic, so that one fiber among thousands is \
-         seen.",
-    ));
+    html.push_str(&shown(
+        "seconds",
+        WHOLE,
+        "machine time of a fiber, s",
+        &named(&document.seconds_per_fiber),
+        "Machine time of each fiber. The height is logarithmic, so that one fiber among thousands \
+         is seen.",
+    )?);
     html.push_str("<div class=\"pair\">\n");
     for (axis, limit, caption) in [
         (
@@ -213,25 +224,21 @@ fn figures(store: &Store, document: &Document) -> Result<String> {
         ("y", TOLERANCE_XY_UM, "Offset up from the chip."),
         ("z", TOLERANCE_Z_UM, "Gap beyond the wanted one."),
     ] {
-        let values = rows.numbers(&format!("offset_{axis}_um"))?;
-        let limits = [("tolerance", -limit, true), ("tolerance", limit, true)];
-        let label = format!("offset in {axis}, um");
-        let caption = format!("{caption} Tolerance: {limit} um either way.");
-        html.push_str(&figure(
-            &histogram(HALF, &values, &label, &limits)?,
-            &caption,
-        ));
-    }
-    let losses = rows.numbers("coupling_loss_db")?;
-    html.push_str(&figure(
-        &histogram(
+        html.push_str(&shown(
+            &format!("offset_{axis}_um"),
             HALF,
-            &losses,
-            "coupling loss, dB",
-            &named(&document.coupling_loss_db),
-        )?,
+            &format!("offset in {axis}, um"),
+            &[("tolerance", -limit, true), ("tolerance", limit, true)],
+            &format!("{caption} Tolerance: {limit} um either way."),
+        )?);
+    }
+    html.push_str(&shown(
+        "coupling_loss_db",
+        HALF,
+        "coupling loss, dB",
+        &named(&document.coupling_loss_db),
         "Loss at the interface of an attached fiber.",
-    ));
+    )?);
     html.push_str("</div>\n");
     Ok(html)
 }
