@@ -33,7 +33,6 @@ const RESERVE: u64 = 4 << 20;
 
 /// What a campaign is to do, as its folder keeps it. A campaign can go on only as it was begun.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
 pub struct Plan {
     /// The program's version.
     pub version: String,

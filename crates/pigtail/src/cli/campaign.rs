@@ -7,7 +7,7 @@ use crate::campaign::{self, Device, Document, Plan, Store, summarize};
 use crate::procedure::Procedure;
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Result, anyhow};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use pigtail_hal::Error;
@@ -125,11 +125,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         move |device| progress.device(device, &mut counts)
     });
     progress.bar.finish_and_clear();
-    ended.with_context(|| resumable(&store))?;
-    store.collect()?;
+    let kept = |error: anyhow::Error| anyhow!("{error:#}; {}", resumable(&store));
+    ended.map_err(kept)?;
+    store.collect().map_err(kept)?;
     let document = summarize(&store, started.elapsed().as_secs_f64())?;
     if !store.was_whole() {
-        store.finish(&document, &report::campaign(&store, &document)?)?;
+        let report = report::campaign(&store, &document)?;
+        store.finish(&document, &report).map_err(kept)?;
     }
     let mut text = Vec::new();
     if arguments.json {
