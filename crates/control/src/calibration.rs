@@ -1,7 +1,8 @@
 //! The belief about a machine: `calibration.toml`.
 
-use crate::compensation::windup::{ELEMENTS, Memory, Reversal, Windup};
-use pigtail_hal::{Error, Spec, config, quantity};
+use crate::compensation::micro::MicroModel;
+use crate::compensation::windup::{ELEMENTS, Memory, POWERS, Reversal, Windup};
+use pigtail_hal::{Error, Side, Spec, config, quantity};
 use serde::Deserialize;
 
 /// The content of a `calibration.toml`. Written by the programs that measure, never by hand in
@@ -16,6 +17,94 @@ pub struct Calibration {
     /// Windup of the transmissions, of the kinds of axes where it has been identified.
     #[serde(default)]
     pub windup: Windups,
+    /// Hysteresis of the micro manipulators' piezos, where it has been identified.
+    #[serde(default)]
+    pub hysteresis: Hystereses,
+}
+
+/// Hysteresis of each manipulator's piezos.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Hystereses {
+    /// Of the input's manipulator.
+    pub left: Option<HysteresisBelief>,
+    /// Of the outputs' manipulator.
+    pub right: Option<HysteresisBelief>,
+}
+
+impl Hystereses {
+    /// The model of a manipulator's piezos, where one was identified and its weights were read.
+    pub fn of(&self, side: Side) -> Option<&MicroModel> {
+        let belief = match side {
+            Side::Left => &self.left,
+            Side::Right => &self.right,
+        };
+        belief.as_ref()?.loaded.as_ref()
+    }
+
+    /// What was identified, for whoever reads the weights.
+    pub fn beliefs(&mut self) -> impl Iterator<Item = &mut HysteresisBelief> {
+        self.left.iter_mut().chain(self.right.iter_mut())
+    }
+
+    /// Believes a model that was identified just now, or none.
+    pub fn set(&mut self, side: Side, model: Option<MicroModel>) {
+        let belief = model.map(|model| HysteresisBelief {
+            model: model.piezos[0].name().to_owned(),
+            weights: String::new(),
+            residual: 0.0,
+            date: String::new(),
+            origin: String::new(),
+            loaded: Some(model),
+        });
+        match side {
+            Side::Left => self.left = belief,
+            Side::Right => self.right = belief,
+        }
+    }
+}
+
+/// Hysteresis of a manipulator's piezos as it was identified.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HysteresisBelief {
+    /// Name of the model.
+    pub model: String,
+    /// The file beside this one that holds its weights. Control reads no files: whoever parses a
+    /// calibration reads it, and calls [`Self::load`].
+    pub weights: String,
+    /// Root mean square that the model left of the displacement, metres.
+    #[serde(deserialize_with = "quantity::non_negative_length")]
+    pub residual: f64,
+    /// When it was found.
+    pub date: String,
+    /// By which run.
+    pub origin: String,
+    #[serde(skip)]
+    loaded: Option<MicroModel>,
+}
+
+impl HysteresisBelief {
+    /// Takes in the weights that were read from `file`.
+    ///
+    /// # Errors
+    ///
+    /// When they make no model, or another one than the calibration names.
+    pub fn load(&mut self, file: &str, model: MicroModel) -> Result<(), Error> {
+        model
+            .check()
+            .map_err(|invalid| Error::new(file, "", invalid.to_string()))?;
+        if let Some(other) = model.piezos.iter().find(|m| m.name() != self.model) {
+            let message = format!(
+                "holds a model `{}`; accepted is `{}`, as the calibration says",
+                other.name(),
+                self.model
+            );
+            return Err(Error::new(file, "model", message));
+        }
+        self.loaded = Some(model);
+        Ok(())
+    }
 }
 
 /// Windup of each kind of axis.
@@ -40,10 +129,10 @@ pub struct WindupBelief {
     /// `Q` of (2.20), radians of the output.
     #[serde(deserialize_with = "quantity::positive_angle")]
     pub q: f64,
-    /// Hardening of [`Memory`]: the parts that go with the torque, its third and its fifth power,
+    /// Hardening of [`Memory`]: the parts that go with the first to the fifth power of the torque,
     /// radians.
     #[serde(deserialize_with = "quantity::angles")]
-    pub hardening: [f64; 3],
+    pub hardening: [f64; POWERS],
     /// The elements of [`Memory`]: way (radians) and share of the torque, at most 16.
     pub elements: Vec<[f64; 2]>,
     /// Root mean square that the model left of the windup, radians.

@@ -2,11 +2,11 @@
 
 use crate::characterize::{Trace, record};
 use crate::compensation::windup::{
-    ELEMENTS, Memory, MemoryState, Reversal, Windup, WindupState, odd_polynomial,
+    ELEMENTS, Memory, MemoryState, POWERS, Reversal, Windup, WindupState, polynomial,
 };
 use crate::outcome::{Halt, Outcome};
 use crate::station::Station;
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+use nalgebra::{SMatrix, SVector};
 use pigtail_hal::AxisName;
 
 /// Input and output of a transmission over a scan, as output angles from where it began.
@@ -140,7 +140,7 @@ pub struct Fit<M> {
 }
 
 /// Of how many samples one is fitted: they lie far closer than anything changes.
-const EVERY: usize = 25;
+const EVERY: usize = 50;
 
 /// Windup at every [`EVERY`]th sample beside the output.
 fn samples(record: &WindupRecord) -> Vec<(f64, f64)> {
@@ -240,20 +240,21 @@ pub fn fit_memory(record: &WindupRecord, skip: usize, first: &Fit<Reversal>) -> 
     let skip = skip / EVERY;
     let (low, high) = (0.1 * first.model.way, 1.5 * first.model.way);
     let longest = least(low.ln(), high.ln(), |log| {
-        Grid::new(&data, skip, first, log.exp()).best().1
+        Grid::new(&data, skip, first, log.exp()).best().2
     })
     .exp();
-    let (model, _) = Grid::new(&data, skip, first, longest).best();
+    let (model, shift, _) = Grid::new(&data, skip, first, longest).best();
+    let offset = first.offset + shift;
     let mut state = MemoryState::default();
     for (output, _) in &data[..skip] {
         model.next(&mut state, *output);
     }
-    let (residual, largest) = judge(&data[skip..], first.offset, |output| {
+    let (residual, largest) = judge(&data[skip..], offset, |output| {
         model.next(&mut state, output)
     });
     Fit {
         model,
-        offset: first.offset,
+        offset,
         residual,
         largest,
     }
@@ -278,7 +279,7 @@ impl Grid {
         let elements = Memory {
             ways,
             stiffness: [0.0; ELEMENTS],
-            hardening: [0.0; 3],
+            hardening: [0.0; POWERS],
         };
         let mut state = MemoryState::default();
         let mut rows = Vec::with_capacity(data.len());
@@ -310,41 +311,42 @@ impl Grid {
         }
     }
 
-    /// The best model on this grid, and the squares of what it leaves.
+    /// The best model on this grid, its offset beside the grid's, and the squares of what it leaves.
     ///
     /// The elements' stiffnesses and the hardening are each linear while the other stays, so they
     /// take turns; what they reach from no hardening is where they settle.
-    fn best(&self) -> (Memory, f64) {
-        const ROUNDS: usize = 30;
-        let mut hardening = [1.0, 0.0, 0.0];
+    fn best(&self) -> (Memory, f64, f64) {
+        const ROUNDS: usize = 12;
+        let mut shape = Shape::LINEAR;
         let mut weights = [0.0; ELEMENTS];
         for _ in 0..ROUNDS {
-            weights = self.weights(&hardening);
-            hardening = self.hardening(&weights);
+            weights = self.weights(&shape);
+            shape = self.shape(&weights);
         }
         let squares: f64 = self
             .rows
             .iter()
             .zip(&self.windups)
-            .map(|(row, windup)| {
-                (windup - odd_polynomial(&hardening, torque(row, &weights))).powi(2)
-            })
+            .map(|(row, windup)| (windup - shape.windup(torque(row, &weights))).powi(2))
             .sum();
         let total = weights.iter().sum::<f64>().max(f64::MIN_POSITIVE);
-        let [h1, h3, h5] = hardening.map(|h| h * self.maximum);
+        let mut power = self.maximum;
         let model = Memory {
             ways: self.ways,
             stiffness: std::array::from_fn(|i| weights[i] / total / self.ways[i]),
-            hardening: [h1 * total, h3 * total.powi(3), h5 * total.powi(5)],
+            hardening: shape.hardening.map(|h| {
+                power *= total;
+                h * power
+            }),
         };
-        (model, squares)
+        (model, self.maximum * shape.offset, squares)
     }
 
-    /// The elements' torques that wind a transmission of this hardening up as was measured.
-    fn weights(&self, hardening: &[f64; 3]) -> [f64; ELEMENTS] {
+    /// The elements' torques that wind a transmission of this shape up as was measured.
+    fn weights(&self, shape: &Shape) -> [f64; ELEMENTS] {
         let mut right = [0.0; ELEMENTS];
         for (row, windup) in self.rows.iter().zip(&self.windups) {
-            let torque = torque_of(*windup, hardening);
+            let torque = shape.torque(*windup);
             for (sum, a) in right.iter_mut().zip(row) {
                 *sum += a * torque;
             }
@@ -352,37 +354,63 @@ impl Grid {
         least_squares(&self.normal, &right)
     }
 
-    /// The hardening that makes the measured windup of these elements' torques.
-    fn hardening(&self, weights: &[f64; ELEMENTS]) -> [f64; 3] {
-        let mut normal = Matrix3::zeros();
-        let mut right = Vector3::zeros();
+    /// The shape that makes the measured windup of these elements' torques.
+    fn shape(&self, weights: &[f64; ELEMENTS]) -> Shape {
+        const COLUMNS: usize = 1 + POWERS;
+        let mut normal = SMatrix::<f64, COLUMNS, COLUMNS>::zeros();
+        let mut right = SVector::<f64, COLUMNS>::zeros();
         for (row, windup) in self.rows.iter().zip(&self.windups) {
             let torque = torque(row, weights);
-            let powers = Vector3::new(torque, torque.powi(3), torque.powi(5));
+            let mut power = 1.0;
+            let powers = SVector::<f64, COLUMNS>::from_fn(|_, _| {
+                let now = power;
+                power *= torque;
+                now
+            });
             normal += powers * powers.transpose();
             right += powers * *windup;
         }
-        normal
-            .cholesky()
-            .map_or([1.0, 0.0, 0.0], |c| c.solve(&right).into())
+        normal.cholesky().map_or(Shape::LINEAR, |c| {
+            let solved = c.solve(&right);
+            Shape {
+                offset: solved[0],
+                hardening: std::array::from_fn(|i| solved[1 + i]),
+            }
+        })
+    }
+}
+
+/// Windup as a function of the torque, both relative.
+struct Shape {
+    offset: f64,
+    hardening: [f64; POWERS],
+}
+
+impl Shape {
+    const LINEAR: Self = Self {
+        offset: 0.0,
+        hardening: [1.0, 0.0, 0.0, 0.0, 0.0],
+    };
+
+    fn windup(&self, torque: f64) -> f64 {
+        self.offset + polynomial(&self.hardening, torque)
+    }
+
+    /// The torque at which it is wound up by `w`, by Newton's method.
+    fn torque(&self, w: f64) -> f64 {
+        let mut torque = (w - self.offset).clamp(-1.2, 1.2);
+        for _ in 0..6 {
+            let slopes = self.hardening.iter().enumerate().rev();
+            let slope = slopes.fold(0.0, |sum, (i, h)| sum * torque + (i + 1) as f64 * h);
+            let newton = (self.windup(torque) - w) / slope.max(0.05);
+            torque = (torque - newton).clamp(-1.5, 1.5);
+        }
+        torque
     }
 }
 
 fn torque(row: &[f64; ELEMENTS], weights: &[f64; ELEMENTS]) -> f64 {
     row.iter().zip(weights).map(|(a, w)| a * w).sum()
-}
-
-/// The torque at which a transmission of this hardening is wound up by `w`, by Newton's method.
-fn torque_of(w: f64, hardening: &[f64; 3]) -> f64 {
-    let [h1, h3, h5] = *hardening;
-    let mut torque = w.clamp(-1.2, 1.2);
-    for _ in 0..6 {
-        let square = torque * torque;
-        let value = odd_polynomial(hardening, torque) - w;
-        let slope = (h1 + square * (3.0 * h3 + square * 5.0 * h5)).max(0.05);
-        torque = (torque - value / slope).clamp(-1.5, 1.5);
-    }
-    torque
 }
 
 /// Least squares from the normal equations, with so much regularisation that neighbouring elements

@@ -190,6 +190,20 @@ impl Kinematics {
         ))
     }
 
+    /// Where the endpoint is with these output angles of the five-bar from home (radians) and the
+    /// z-stage at `z` metres.
+    ///
+    /// # Errors
+    ///
+    /// When no assembled mechanism has these angles.
+    pub fn endpoint_from_probes(
+        &self,
+        [a, b]: [f64; 2],
+        z: f64,
+    ) -> Result<Point<Macro>, Unreachable> {
+        self.endpoint_at([a, b, self.screw.angle(z)])
+    }
+
     /// Encoder counts of an axis whose transmission has this input angle, radians of the output.
     pub fn counts(&self, axis: usize, input: f64) -> Counts {
         Counts((input * self.counts_per_radian[axis]).round() as i64)

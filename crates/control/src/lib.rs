@@ -12,17 +12,20 @@
 //! 5. [`servo`]: from counts to volts, every cycle;
 //! 6. [`station`]: owns the machine's time, one exchange after the other.
 //!
-//! Beside these stand the experiments on one axis: [`characterize`], [`identify`] and [`tune`].
+//! Beside these stand the experiments: [`characterize`], [`identify`] and [`tune`] on one axis,
+//! [`contour`] on both joints of a five-bar, [`piezo`] on the micro.
 //!
 //! There are no clocks, no threads and no files here: time comes from the machine.
 
 pub mod calibration;
 pub mod characterize;
 pub mod compensation;
+pub mod contour;
 pub mod identify;
 pub mod kinematics;
 pub mod outcome;
 pub mod peak;
+pub mod piezo;
 pub mod procedure;
 pub mod recipe;
 pub mod search;

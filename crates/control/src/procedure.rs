@@ -80,6 +80,23 @@ pub fn thesis(station: &mut Station, recipe: &Recipe) -> Result<Vec<FiberReport>
     Ok(reports)
 }
 
+/// Lights the guides of a device for an experiment: the input fiber aligned and attached as in
+/// [`thesis`], to `accuracy` metres, for which some more or less light is no matter. The sensing
+/// fiber then stands before the first output.
+///
+/// # Errors
+///
+/// The machine's fault, or why the input could not be aligned.
+pub fn light_guides(station: &mut Station, recipe: &Recipe, accuracy: f64) -> Result<(), Halt> {
+    let mut recipe = recipe.clone();
+    recipe.last.accuracy = accuracy;
+    station.laser(true);
+    let [x, y, z] = recipe.ports.input;
+    let port = Point::new(x, y, z);
+    let mut input = Job::new(&recipe, PORTS[0], Side::Left, port, Channel::Sensing);
+    input.align_input(station)
+}
+
 /// Light that was found, with the macro brought to it.
 struct Found {
     /// The photodiode's level without it, volts.
@@ -386,6 +403,8 @@ impl<'r> Job<'r> {
             self.recentre(station, &searcher, &hit)?;
             let level = searcher.contrast(station, raster.mesh)?;
             if level > 0.5 * hit.level {
+                // The look aside and back has left the piezos elsewhere.
+                self.regain(station, &searcher, level)?;
                 return Ok(Ok(Found {
                     background: searcher.background.mean,
                     level,
@@ -404,17 +423,22 @@ impl<'r> Job<'r> {
     /// Brings the macro to where the search saw its brightest light and the micro back to its
     /// centre, arriving from below as the search came.
     fn recentre(&self, station: &mut Station, searcher: &Searcher, hit: &Hit) -> Result<(), Halt> {
-        let mesh = self.recipe.raster.mesh;
         station.move_micro(self.side, 0.0, 0.0);
         let (x, y) = hit.micro;
         self.arrive(station, self.side, hit.endpoint.shifted(x, y, 0.0))?;
-        let level = station.level(self.channel, 0.02)?.mean - searcher.background.mean;
-        if level < 0.5 * hit.level {
-            // Lags, counts and friction have let the light slip away: it cannot be far.
-            if let Some(again) = searcher.micro_raster(station, 3.0 * mesh, 0.4 * mesh)?.hit {
-                station.move_micro(self.side, again.micro.0, again.micro.1);
-                station.run(0.02)?;
-            }
+        self.regain(station, searcher, hit.level)
+    }
+
+    /// Looks around with the micro where lags, counts, friction or the piezos' hysteresis have let
+    /// light of a level slip away: it cannot be far.
+    fn regain(&self, station: &mut Station, searcher: &Searcher, level: f64) -> Result<(), Halt> {
+        let mesh = self.recipe.raster.mesh;
+        let now = station.level(self.channel, 0.02)?.mean - searcher.background.mean;
+        if now < 0.5 * level
+            && let Some(again) = searcher.micro_raster(station, 3.0 * mesh, 0.4 * mesh)?.hit
+        {
+            station.move_micro(self.side, again.micro.0, again.micro.1);
+            station.run(0.02)?;
         }
         Ok(())
     }

@@ -2,13 +2,14 @@
 //! exchanges it for a measurement, and lets the procedure look at what came back.
 
 use crate::calibration::{Calibration, WindupBelief};
+use crate::compensation::micro::MicroCompensation;
 use crate::compensation::windup::{Windup, WindupState};
 use crate::kinematics::Kinematics;
 use crate::outcome::{Halt, Outcome};
 use crate::servo::{Pid, PidState};
 use crate::trajectory::{Arc, Limits, Line, Motion, Path, Rates, Refused, Shape};
 use pigtail_hal::quantity::{Counts, Volts};
-use pigtail_hal::spec::{AXES, CHANNELS, SIDES};
+use pigtail_hal::spec::{AXES, CHANNELS, MICRO_AXES, SIDES};
 use pigtail_hal::{
     Axis, AxisName, Channel, Command, Fault, FiberHandling, Machine, Measurement, Side, Spec,
     VisionFrame,
@@ -58,6 +59,9 @@ struct Arm {
     wanted: Point<Macro>,
     motion: Option<Started>,
     micro: (f64, f64),
+    piezos: Option<MicroCompensation>,
+    /// Voltages that an experiment gives the piezos, past every model.
+    micro_volts: Option<[Volts; MICRO_AXES]>,
 }
 
 /// A motion that is being followed.
@@ -131,6 +135,11 @@ impl<'a> Station<'a> {
             wanted: Point::ORIGIN,
             motion: None,
             micro: (0.0, 0.0),
+            piezos: calibration
+                .hysteresis
+                .of(side)
+                .map(|model| MicroCompensation::new(model, &spec)),
+            micro_volts: None,
         });
         let mut command = Command::IDLE;
         for (micro, arm) in command.micro.iter_mut().zip(&arms) {
@@ -189,6 +198,7 @@ impl<'a> Station<'a> {
         for (i, arm) in self.arms.iter_mut().enumerate() {
             arm.follow(time);
             self.command.motors[i] = arm.servo(&self.measurement.encoders[i]);
+            self.command.micro[i] = arm.piezos();
         }
         self.measurement = self.machine.exchange(&self.command)?;
         self.command.fiber = [None; SIDES];
@@ -380,6 +390,13 @@ impl<'a> Station<'a> {
         arm.states[at.axis.index()] = PidState::default();
     }
 
+    /// Compensates the windup of one axis by this model from now on. Its state starts afresh.
+    pub fn set_windup(&mut self, at: AxisName, windup: Windup) {
+        let arm = &mut self.arms[at.side.index()];
+        arm.windups[at.axis.index()] = windup;
+        arm.windup_states[at.axis.index()] = WindupState::default();
+    }
+
     /// The encoder of an axis.
     pub fn encoder(&self, at: AxisName) -> Counts {
         self.measurement.encoders[at.side.index()][at.axis.index()]
@@ -397,17 +414,37 @@ impl<'a> Station<'a> {
             .map(|probes| probes[at.side.index()][at.axis.index()])
     }
 
+    /// Where the probes at the outputs see an endpoint; `None` on a rig without probes.
+    pub fn probed_endpoint(&self, side: Side) -> Option<Point<Macro>> {
+        let arm = self.spec().probe.as_ref()?.arm;
+        let [a, b, z] = self.measurement.probes?[side.index()];
+        self.arms[side.index()]
+            .kinematics
+            .endpoint_from_probes([a / arm, b / arm], z)
+            .ok()
+    }
+
     /// Displaces a tip by `(x, y)` metres in its manipulator's frame with the micro, held within
     /// its range.
     pub fn move_micro(&mut self, side: Side, x: f64, y: f64) {
         let arm = &mut self.arms[side.index()];
         arm.micro = (x, y);
-        self.command.micro[side.index()] = arm.kinematics.micro_volts(x, y);
+        arm.micro_volts = None;
+    }
+
+    /// Gives the piezos of a micro these voltages, past every model, until it is moved again.
+    pub fn micro_volts(&mut self, side: Side, volts: [Volts; MICRO_AXES]) {
+        self.arms[side.index()].micro_volts = Some(volts);
     }
 
     /// The displacement commanded to a micro, metres.
     pub fn micro(&self, side: Side) -> (f64, f64) {
         self.arms[side.index()].micro
+    }
+
+    /// The latest vision frame, if it came in this cycle.
+    pub fn frame(&self) -> Option<VisionFrame> {
+        self.measurement.vision
     }
 
     /// The light sample of this cycle, volts, if there is one.
@@ -474,6 +511,20 @@ impl Arm {
         std::array::from_fn(|i| {
             self.pids[i].voltage(&mut self.states[i], self.references[i], measured[i])
         })
+    }
+
+    /// The piezos' voltages for this cycle.
+    fn piezos(&mut self) -> [Volts; MICRO_AXES] {
+        let (x, y) = self.micro;
+        match (&mut self.piezos, self.micro_volts) {
+            (None, None) => self.kinematics.micro_volts(x, y),
+            (None, Some(volts)) => volts,
+            (Some(model), None) => model.next(x, y),
+            (Some(model), Some(volts)) => {
+                model.follow(volts);
+                volts
+            }
+        }
     }
 
     /// Sets the references for this moment.

@@ -6,24 +6,50 @@ mod parameters;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use parameters::{Pid, five_bar, joint, round_up, z_stage};
-use pigtail_model::joint::{JointParameters, JointState};
+use pigtail_model::group::Group;
+use pigtail_model::joint::{Joint, JointParameters, JointState};
 use std::hint::black_box;
 
+const CYCLE: f64 = 4e-4;
 const CYCLES: usize = 5000;
 const JOINTS: usize = 6;
 
-/// Six joints a cycle, as a machine with two manipulators steps them: the processor overlaps
-/// what does not depend on one another. The reference is a table, so that only joints are timed.
-fn run(parameters: JointParameters, pid: fn() -> Pid, reference: &[i64]) -> [JointState; JOINTS] {
+/// Six joints a cycle, as a machine with two manipulators steps them, in `steps` steps a cycle. The
+/// reference is a table, so that only joints are timed.
+fn run(
+    parameters: JointParameters,
+    pid: fn() -> Pid,
+    reference: &[i64],
+    steps: f64,
+) -> [JointState; JOINTS] {
+    let joint = Joint::new(parameters, CYCLE / steps).expect("valid parameters");
+    let group = Group::new([joint; JOINTS]);
+    let mut pids: [Pid; JOINTS] = std::array::from_fn(|_| pid());
+    let mut states = [JointState::default(); JOINTS];
+    for k in 0..CYCLES {
+        // Each joint at its own point of the path, or their events would coincide.
+        let voltages = std::array::from_fn(|i| {
+            pids[i].voltage(reference[k + 1000 * i], states[i].motor_angle)
+        });
+        group.advance(&mut states, voltages, CYCLE);
+    }
+    states
+}
+
+/// The same one by one.
+fn run_each(
+    parameters: JointParameters,
+    pid: fn() -> Pid,
+    reference: &[i64],
+) -> [JointState; JOINTS] {
     let joints = [joint(parameters); JOINTS];
     let mut pids: [Pid; JOINTS] = std::array::from_fn(|_| pid());
     let mut states = [JointState::default(); JOINTS];
     for k in 0..CYCLES {
         for (i, ((joint, pid), state)) in joints.iter().zip(&mut pids).zip(&mut states).enumerate()
         {
-            // Each joint at its own point of the path, or their events would coincide.
             let voltage = pid.voltage(reference[k + 1000 * i], state.motor_angle);
-            joint.advance(state, voltage, 4e-4);
+            joint.advance(state, voltage, CYCLE);
         }
     }
     states
@@ -52,7 +78,13 @@ fn joint_cycle(c: &mut Criterion) {
             ("holding", &hold),
         ] {
             group.bench_function(format!("{name}, {motion}"), |b| {
-                b.iter(|| run(black_box(parameters), pid, reference));
+                b.iter(|| run(black_box(parameters), pid, reference, 1.0));
+            });
+            group.bench_function(format!("{name}, {motion}, two steps"), |b| {
+                b.iter(|| run(black_box(parameters), pid, reference, 2.0));
+            });
+            group.bench_function(format!("{name}, {motion}, one by one"), |b| {
+                b.iter(|| run_each(black_box(parameters), pid, reference));
             });
         }
     }

@@ -7,22 +7,19 @@
 /// How closely [`descent`] finds a root, seconds.
 const ROOT_TOLERANCE: f64 = 1e-12;
 
+/// Newton's method squares its error: after a step this small, seconds, what is left is below the
+/// tolerance.
+const LAST_STEP: f64 = 1e-8;
+
 /// When a quantity that starts at `start >= 0` with slope `rate` and is negative at
-/// `end = (time, value)` reached zero.
+/// `end = (time, value, slope)` reached zero.
 ///
-/// `at` gives its value and slope at a time. Newton's method from the root of a parabola through
+/// `at` gives its value and slope at a time. Newton's method from the root of the cubic through
 /// what is known, kept inside a shrinking bracket. Where the quantity starts at zero and rises
 /// first, the root found is the later one.
-pub fn descent(at: impl Fn(f64) -> (f64, f64), (start, rate): (f64, f64), end: (f64, f64)) -> f64 {
+pub fn descent(at: impl Fn(f64) -> (f64, f64), start: (f64, f64), end: (f64, f64, f64)) -> f64 {
     let (mut low, mut high) = (0.0, end.0);
-    let curvature = (end.1 - start - rate * end.0) / (end.0 * end.0);
-    let discriminant = (rate * rate - 4.0 * curvature * start).max(0.0).sqrt();
-    // The root at which the parabola falls.
-    let mut time = if rate > 0.0 {
-        (rate + discriminant) / (-2.0 * curvature)
-    } else {
-        2.0 * start / (discriminant - rate)
-    };
+    let mut time = first_guess(start, end);
     for _ in 0..60 {
         if !(time > low && time < high) {
             time = 0.5 * (low + high);
@@ -33,13 +30,36 @@ pub fn descent(at: impl Fn(f64) -> (f64, f64), (start, rate): (f64, f64), end: (
         } else {
             high = time;
         }
-        let newton = value / slope;
-        if newton.abs() < ROOT_TOLERANCE || high - low < ROOT_TOLERANCE {
+        if high - low < ROOT_TOLERANCE {
             break;
         }
+        let newton = value / slope;
         time -= newton;
+        if newton.abs() < LAST_STEP && time >= low && time <= high {
+            break;
+        }
     }
     time
+}
+
+/// The root at which the cubic with these values and slopes at the ends falls, nearly.
+fn first_guess((start, rate): (f64, f64), (length, value, slope): (f64, f64, f64)) -> f64 {
+    // The root of the parabola without the slope at the end.
+    let (rate, slope, rise) = (rate * length, slope * length, value - start);
+    let bend = rise - rate;
+    let root = (rate * rate - 4.0 * bend * start).max(0.0).sqrt();
+    let mut s = if rate > 0.0 {
+        (rate + root) / (-2.0 * bend)
+    } else {
+        2.0 * start / (root - rate)
+    };
+    let a = rate + slope - 2.0 * rise;
+    let b = 3.0 * rise - 2.0 * rate - slope;
+    for _ in 0..2 {
+        let falls = rate + s * (2.0 * b + 3.0 * s * a);
+        s -= (start + s * (rate + s * (b + s * a))) / falls;
+    }
+    s * length
 }
 
 /// Where the cubic with values `g0`, `g1` and slopes `d0`, `d1` at the ends of a step of length
@@ -75,14 +95,14 @@ mod tests {
     #[test]
     fn finds_the_descent_of_smooth_and_flat_functions() {
         let cubic = |t: f64| (1.0 - t * t * t, -3.0 * t * t);
-        let root = descent(cubic, (1.0, 0.0), (3.0, cubic(3.0).0));
+        let root = descent(cubic, (1.0, 0.0), (3.0, cubic(3.0).0, cubic(3.0).1));
         assert!((root - 1.0).abs() < 1e-13);
         let flat = |t: f64| ((1.0 - t).powi(5), -5.0 * (1.0 - t).powi(4));
-        let root = descent(flat, (1.0, -5.0), (1.7, flat(1.7).0));
+        let root = descent(flat, (1.0, -5.0), (1.7, flat(1.7).0, flat(1.7).1));
         assert!((root - 1.0).abs() < 1e-3, "{root}");
         // Rises from zero before it falls: not the root at the start.
         let arch = |t: f64| (t * (1.0 - t), 1.0 - 2.0 * t);
-        let root = descent(arch, (0.0, 1.0), (1.5, arch(1.5).0));
+        let root = descent(arch, (0.0, 1.0), (1.5, arch(1.5).0, arch(1.5).1));
         assert!((root - 1.0).abs() < 1e-13);
     }
 

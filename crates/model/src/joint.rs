@@ -81,12 +81,12 @@ pub struct JointState<S = ()> {
 /// What the accelerations are made of beside viscous friction and the spring, while the modes and
 /// the voltage stay. A stuck body has all of its constants zero.
 #[derive(Clone, Copy)]
-struct Forcing {
-    motor_gain: f64,
-    motor_constant: f64,
-    motor_spring: f64,
-    load_constant: f64,
-    load_spring: f64,
+pub(crate) struct Forcing {
+    pub(crate) motor_gain: f64,
+    pub(crate) motor_constant: f64,
+    pub(crate) motor_spring: f64,
+    pub(crate) load_constant: f64,
+    pub(crate) load_spring: f64,
 }
 
 /// The end of a step, and the bodies' accelerations at both ends (the last to the accuracy of an
@@ -168,10 +168,7 @@ impl JointParameters {
     /// twice that.
     pub fn coarsest_step(&self, contact: f64) -> f64 {
         let level = self.load_friction.static_level() + self.load_torque.abs();
-        let mut twist = level / self.transmission.stiffness(0.0);
-        for _ in 0..20 {
-            twist -= (self.transmission.torque(twist) - level) / self.transmission.stiffness(twist);
-        }
+        let twist = self.transmission.twist(level);
         let stiffness = self.transmission.stiffness(twist);
         let resonance = (stiffness
             * (self.ratio * self.ratio / self.motor_inertia + 1.0 / self.load_inertia)
@@ -244,6 +241,18 @@ impl<P: Presliding> Joint<P> {
             max_step: Invalid::positive("max_step", max_step)?,
             parameters,
         })
+    }
+
+    pub(crate) fn motor_decay(&self) -> f64 {
+        self.motor_decay
+    }
+
+    pub(crate) fn load_decay(&self) -> f64 {
+        self.load_decay
+    }
+
+    pub(crate) fn max_step(&self) -> f64 {
+        self.max_step
     }
 
     /// What the joint is made of.
@@ -374,14 +383,14 @@ impl<P: Presliding> Joint<P> {
         }
     }
 
-    fn is_at_rest(&self, state: &JointState<P::State>) -> bool {
+    pub(crate) fn is_at_rest(&self, state: &JointState<P::State>) -> bool {
         state.motor_mode == Mode::Stuck
             && state.load_mode == Mode::Stuck
             && !self.parameters.motor_friction.is_free()
             && !self.parameters.load_friction.is_free()
     }
 
-    fn forcing(&self, state: &JointState<P::State>) -> Forcing {
+    pub(crate) fn forcing(&self, state: &JointState<P::State>) -> Forcing {
         let p = &self.parameters;
         let moves = |mode: Mode, friction: &Friction| {
             if mode == Mode::Stuck && !friction.is_free() {
@@ -576,7 +585,13 @@ impl<P: Presliding> Joint<P> {
     ) -> Option<f64> {
         let at_end = self.margin(body, &trial.end, seen.at(length));
         if at_end < 0.0 {
-            return Some(self.event_before(body, start, forcing, seen, (length, at_end)));
+            return Some(self.event_before(
+                body,
+                start,
+                forcing,
+                seen,
+                (length, at_end, &trial.end),
+            ));
         }
         // A velocity may have dipped below zero and come back. The torque on a stuck body cannot,
         // as long as the other body does not turn round, which would be an event itself.
@@ -608,7 +623,7 @@ impl<P: Presliding> Joint<P> {
         }
         let middle = self.trial_until(start, forcing, seen, time).end;
         let dip = self.margin(body, &middle, seen.at(time));
-        (dip < 0.0).then(|| self.event_before(body, start, forcing, seen, (time, dip)))
+        (dip < 0.0).then(|| self.event_before(body, start, forcing, seen, (time, dip, &middle)))
     }
 
     /// The time at which a margin that is negative at `end` became so.
@@ -619,14 +634,14 @@ impl<P: Presliding> Joint<P> {
         start: &JointState<P::State>,
         forcing: &Forcing,
         seen: &Seen<V>,
-        end: (f64, f64),
+        (length, at_end, end): (f64, f64, &JointState<P::State>),
     ) -> f64 {
-        let margin_and_rate = |s: &JointState<P::State>, time: f64| {
+        let rate_of = |s: &JointState<P::State>, time: f64| {
             let (u, rate) = (seen.at(time), seen.voltage.rate(seen.since + time));
-            (
-                self.margin(body, s, u),
-                self.margin_rate(body, s, forcing, (u, rate)),
-            )
+            self.margin_rate(body, s, forcing, (u, rate))
+        };
+        let margin_and_rate = |s: &JointState<P::State>, time: f64| {
+            (self.margin(body, s, seen.at(time)), rate_of(s, time))
         };
         let at =
             |time: f64| margin_and_rate(&self.trial_until(start, forcing, seen, time).end, time);
@@ -634,13 +649,14 @@ impl<P: Presliding> Joint<P> {
         if margin <= 0.0 && rate <= 0.0 {
             return 0.0;
         }
+        let end = (length, at_end, rate_of(end, length));
         let time = descent(at, (margin, rate), end);
         let mode = match body {
             Body::Motor => start.motor_mode,
             Body::Load => start.load_mode,
         };
         if mode == Mode::Stuck {
-            (time + BREAK_AWAY_DELAY).min(end.0)
+            (time + BREAK_AWAY_DELAY).min(length)
         } else {
             time
         }

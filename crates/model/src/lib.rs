@@ -13,12 +13,14 @@
 //! - [`joint`]: the joint whole, (2.1)-(2.13), with its stick-slip transitions located in time by
 //!   [`integrate`];
 //! - [`fivebar`], [`leadscrew`]: from joints to the endpoint;
-//! - [`piezo`]: the micro manipulator; [`pulse`]: the impulse (4.7);
+//! - [`hysteresis`], [`piezo`]: the micro manipulator; [`pulse`]: the impulse (4.7);
 //! - [`optics`]: how much light passes from a fiber to a chip and back.
 
 pub mod fivebar;
 pub mod frames;
 pub mod friction;
+pub mod group;
+pub mod hysteresis;
 pub mod integrate;
 pub mod joint;
 pub mod leadscrew;

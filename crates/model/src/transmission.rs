@@ -22,10 +22,34 @@ impl Transmission {
         })
     }
 
+    /// Linear stiffness `k_s`, N m/rad.
+    pub fn linear(&self) -> f64 {
+        self.linear
+    }
+
+    /// Cubic stiffness `k_h`, N m/rad^3.
+    pub fn cubic(&self) -> f64 {
+        self.cubic
+    }
+
     /// Torque (2.6) on the load in N m for a twist `r q_m - q_l` in radians; positive twist
     /// drives the load forward.
     pub fn torque(&self, twist: f64) -> f64 {
         twist * (self.linear + self.cubic * twist * twist)
+    }
+
+    /// The twist (radians) at which its torque is `torque` (N m), by Newton's method: the torque
+    /// rises steadily and ever more steeply, so that from above it is found without fail.
+    pub fn twist(&self, torque: f64) -> f64 {
+        let mut twist = torque / self.linear;
+        for _ in 0..60 {
+            let step = (self.torque(twist) - torque) / self.stiffness(twist);
+            twist -= step;
+            if step.abs() <= 1e-15 * twist.abs() {
+                break;
+            }
+        }
+        twist
     }
 
     /// Stiffness at a twist, N m/rad.

@@ -87,12 +87,13 @@ fn a_core_catches_what_falls_into_it() {
     assert!((core_capture(0.0, 50e-6, 9e-6) - 1.0).abs() < 1e-12);
     assert!(core_capture(80e-6, 50e-6, 9e-6) < 1e-6);
     // Two-dimensional quadrature across the rim of a core three times as large as the beam.
-    let (beam, core, n) = (1.0, 3.0, 800);
+    let (beam, core, n) = (1.0_f64, 3.0, 800);
     for offset in [1.5, 2.0, 2.5, 3.0, 3.5, 4.0] {
         let (mut inside, mut all) = (0.0, 0.0);
         for i in 0..n {
             for j in 0..n {
-                let (x, y) = (f64::from(i - n / 2) * 0.005, f64::from(j - n / 2) * 0.005);
+                let (x, y): (f64, f64) =
+                    (f64::from(i - n / 2) * 0.005, f64::from(j - n / 2) * 0.005);
                 let power = (-2.0 * (x * x + y * y) / (beam * beam)).exp();
                 all += power;
                 if (x + offset).hypot(y) < core {
@@ -123,4 +124,35 @@ fn light_leaves_an_angled_facet_by_snells_law() {
     let facet = 10.0_f64.to_radians();
     let exit = exit_angle(facet, 2.2);
     assert!(((facet + exit).sin() - 2.2 * facet.sin()).abs() < 1e-15);
+}
+
+/// A beam wider than the core: by brute force over the disc, and the closed form on the axis.
+#[test]
+fn a_core_in_a_wide_beam_takes_its_share() {
+    let core = 50e-6;
+    for beam in [20e-6_f64, 60e-6, 120e-6] {
+        let on_axis = 1.0 - (-2.0 * core * core / (beam * beam)).exp();
+        let captured = core_capture(0.0, core, beam);
+        assert!(
+            (captured - on_axis).abs() < 1e-5,
+            "{captured} for {on_axis}"
+        );
+        for offset in [10e-6_f64, 50e-6, 110e-6] {
+            let (n, mut sum) = (400, 0.0);
+            let cell = 2.0 * core / f64::from(n);
+            for i in 0..n {
+                for j in 0..n {
+                    let x = (f64::from(i) + 0.5) * cell - core;
+                    let y = (f64::from(j) + 0.5) * cell - core;
+                    if x * x + y * y < core * core {
+                        let r2: f64 = (x - offset).powi(2) + y * y;
+                        sum += (-2.0 * r2 / (beam * beam)).exp() * cell * cell;
+                    }
+                }
+            }
+            let brute = sum * 2.0 / (std::f64::consts::PI * beam * beam);
+            let captured = core_capture(offset, core, beam);
+            assert!((captured - brute).abs() < 3e-4, "{captured} for {brute}");
+        }
+    }
 }

@@ -5,7 +5,7 @@ use crate::characterize::{ExperimentError, no_probe};
 use crate::rig::Setup;
 use pigtail_control::compensation::windup::{Memory, Reversal, Windup};
 use pigtail_control::identify::{
-    Path, Scale, WindupRecord, backlash, error_span, fit_memory, fit_reversal, scan,
+    Fit, Path, Scale, WindupRecord, backlash, error_span, fit_memory, fit_reversal, scan,
 };
 use pigtail_control::station::Station;
 use pigtail_hal::{Axis, AxisName, Error};
@@ -98,7 +98,7 @@ impl Identified {
     }
 }
 
-fn scale(setup: &Setup, axis: Axis) -> Result<Scale, Error> {
+pub(crate) fn scale(setup: &Setup, axis: Axis) -> Result<Scale, Error> {
     let drive = setup.spec.drive(axis);
     let probe = setup.spec.probe.as_ref().ok_or_else(|| no_probe(setup))?;
     Ok(Scale {
@@ -112,11 +112,41 @@ fn scale(setup: &Setup, axis: Axis) -> Result<Scale, Error> {
 
 /// The range over which an axis is identified, metres at the output: 700 um of a five-bar joint
 /// (thesis, Fig. 2.8), 20 um of z.
-fn range(axis: Axis) -> f64 {
+pub(crate) fn range(axis: Axis) -> f64 {
     match axis {
         Axis::A | Axis::B => 700e-6,
         Axis::Z => 20e-6,
     }
+}
+
+/// Both models of an axis's windup, and the scan to which they were fitted.
+#[derive(Debug, Clone)]
+pub(crate) struct Models {
+    pub(crate) record: WindupRecord,
+    pub(crate) reversal: Fit<Reversal>,
+    pub(crate) memory: Fit<Memory>,
+}
+
+/// Scans an axis over `range` at `speed` (radians of the output, and a second) and fits both models.
+pub(crate) fn models(
+    station: &mut Station,
+    at: AxisName,
+    scale: &Scale,
+    range: f64,
+    speed: f64,
+) -> Result<Models, ExperimentError> {
+    let path = Path::identification(range, speed);
+    let record = scan(station, at, scale, &path, &Windup::None)?;
+    // The first way there starts from an unwound transmission, which no model speaks of; then
+    // come four that wind it up fully.
+    let lead = (range / speed / record.period) as usize;
+    let reversal = fit_reversal(&record, lead..5 * lead);
+    let memory = fit_memory(&record, lead, &reversal);
+    Ok(Models {
+        record,
+        reversal,
+        memory,
+    })
 }
 
 /// Identifies the windup of an axis and tries the compensation, all on the same machine.
@@ -135,14 +165,13 @@ pub fn windup(
     let um = 1e6 * scale.metres_per_radian;
     let range = range(at.axis) / scale.metres_per_radian;
     let speed = 0.25 * range;
-    let path = Path::identification(range, speed);
-    let record = scan(station, at, &scale, &path, &Windup::None)?;
-    // The first way there starts from an unwound transmission, which no model speaks of; then
-    // come four that wind it up fully.
-    let lead = (range / speed / record.period) as usize;
-    let reversal = fit_reversal(&record, lead..5 * lead);
-    let memory = fit_memory(&record, lead, &reversal);
-    let models = [
+    let Models {
+        record,
+        reversal,
+        memory,
+    } = models(station, at, &scale, range, speed)?;
+    let tried_models = [
+        Windup::None,
         Windup::Reversal(reversal.model),
         Windup::Memory(memory.model),
     ];
@@ -174,7 +203,7 @@ pub fn windup(
             / speed
             / record.period) as usize;
         let (mut gaps, mut spans) = ([0.0; 3], [0.0; 3]);
-        for (k, model) in [Windup::None, models[0], models[1]].iter().enumerate() {
+        for (k, model) in tried_models.iter().enumerate() {
             let tried = scan(station, at, &scale, &path, model)?;
             gaps[k] = rounded(um * backlash(&tried, skip), 1e-4);
             spans[k] = rounded(um * error_span(&tried, skip), 1e-4);

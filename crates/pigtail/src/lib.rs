@@ -11,14 +11,17 @@
 //! - [`report`]: the page a person wants to look at;
 //! - [`runs`]: the folder all of that goes to;
 //! - [`simulate`]: one joint alone; [`tune`]: one axis's gains;
-//!   [`characterize`]: what one axis can do; [`identify`]: its windup;
+//!   [`characterize`]: what one axis can do; [`identify`]: its windup; [`hysteresis`]: the piezos';
 //! - [`cli`]: the commands.
 
 pub mod align;
 pub mod campaign;
 pub mod characterize;
 pub mod cli;
+pub mod contour;
+pub mod hysteresis;
 pub mod identify;
+pub mod loops;
 pub mod procedure;
 pub mod record;
 pub mod report;

@@ -76,7 +76,20 @@ impl Setup {
         let plant = read(rig_file(rig, 1))?;
         let plant = Plant::parse(&plant.name, &plant.text)?;
         let calibration = read(rig_file(rig, 2))?;
-        let calibration = Calibration::parse(&calibration.name, &calibration.text, &spec)?;
+        let mut calibration = Calibration::parse(&calibration.name, &calibration.text, &spec)?;
+        if let Some(folder) = rig_folder(rig) {
+            for belief in calibration.hysteresis.beliefs() {
+                let weights = read(read_file(&folder.join(&belief.weights)))?;
+                let model = serde_json::from_str(&weights.text).map_err(|error| {
+                    let message = format!("{error}; accepted is what `identify hysteresis` writes");
+                    Error {
+                        line: Some(error.line()).filter(|line| *line > 0),
+                        ..Error::new(&weights.name, "", message)
+                    }
+                })?;
+                belief.load(&weights.name, model)?;
+            }
+        }
         let source = read(recipe_file(recipe))?;
         let recipe_parsed = Recipe::parse(&source.name, &source.text, &spec, &calibration)?;
         Ok(Self {
@@ -103,6 +116,29 @@ impl Setup {
             Axis::Z => self.spec.z_stage.travel / geometry.z.lead,
         };
         turns * drive.gear_ratio * f64::from(drive.counts_per_turn)
+    }
+
+    /// Writes a file beside the rig's calibration, whole or not at all. Returns its name, or `None`
+    /// for the rig that is compiled in.
+    ///
+    /// # Errors
+    ///
+    /// When it cannot be written.
+    pub fn write_beside_calibration(
+        &self,
+        file: &str,
+        content: &str,
+    ) -> Result<Option<String>, Error> {
+        let Some(calibration) = &self.calibration_file else {
+            return Ok(None);
+        };
+        let path = calibration.with_file_name(file);
+        let partial = path.with_extension(format!("json.partial-{}", std::process::id()));
+        let name = path.display().to_string();
+        std::fs::write(&partial, content)
+            .and_then(|()| std::fs::rename(&partial, &path))
+            .map_err(|error| Error::new(&name, "", format!("cannot be written: {error}")))?;
+        Ok(Some(name))
     }
 
     /// Sets keys of a table of the rig's calibration, and leaves the rest of the file as a person
@@ -212,9 +248,10 @@ fn read_file(path: &Path) -> Result<Source, Error> {
     }
 }
 
-fn hash(text: &str) -> String {
+/// SHA-256 of a file's content.
+pub(crate) fn hash(content: impl AsRef<[u8]>) -> String {
     use std::fmt::Write as _;
-    Sha256::digest(text.as_bytes())
+    Sha256::digest(content.as_ref())
         .iter()
         .fold(String::with_capacity(64), |mut hex, byte| {
             let _ = write!(hex, "{byte:02x}");

@@ -104,6 +104,15 @@ impl Run {
     ///
     /// When that cannot be done.
     pub fn finish(self, setup: &Setup, seed: u64) -> Result<()> {
+        self.finish_with(&setup.hashes, seed)
+    }
+
+    /// The same for a run of other files than a rig's: name and SHA-256 of each.
+    ///
+    /// # Errors
+    ///
+    /// When that cannot be done.
+    pub fn finish_with(self, hashes: &[(String, String)], seed: u64) -> Result<()> {
         self.write_json(
             "run.json",
             &Origin {
@@ -113,8 +122,7 @@ impl Run {
                     .map(|a| a.to_string_lossy().into_owned())
                     .collect(),
                 seed,
-                configuration: setup
-                    .hashes
+                configuration: hashes
                     .iter()
                     .map(|(file, sha256)| Configuration { file, sha256 })
                     .collect(),

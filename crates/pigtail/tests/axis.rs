@@ -303,6 +303,27 @@ fn bad_input_is_refused() {
             &["characterize", "fivebar", "resolution", "--rig", "rig"],
             &["rig/machine.toml", "probe", "no probes"],
         ),
+        (&["trace", "square", "--rig", "rig"], &["no probes"]),
+        (
+            &["trace", "square", "--size", "26 mm"],
+            &["--size", "at most 0.025 m"],
+        ),
+        (
+            &["trace", "square", "--speed", "1 nm/s"],
+            &["--speed", "accepted"],
+        ),
+        (
+            &["trace", "square", "--coupling", "1 N m"],
+            &["--coupling", "at most 0.12"],
+        ),
+        (
+            &["trace", "square", "--preload", "9"],
+            &["--preload", "at most 5"],
+        ),
+        (
+            &["characterize", "fivebar", "windup", "--rig", "rig"],
+            &["no probes"],
+        ),
         (
             &["identify", "windup", "fivebar", "--rig", "rig"],
             &["rig/machine.toml", "no probes"],

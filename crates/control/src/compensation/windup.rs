@@ -79,21 +79,26 @@ impl Reversal {
 /// Number of elements of a [`Memory`].
 pub const ELEMENTS: usize = 16;
 
+/// Number of powers of the torque in the hardening of a [`Memory`].
+pub const POWERS: usize = 5;
+
 /// Maxwell-slip elements in parallel and a static hardening:
 ///
 /// ```text
 /// s_i <- clamp(s_i + dq, +-r_i)        each element gives way, then slips
 /// T   =  sum k_i s_i                   the torque that winds the transmission up
-/// W   =  h_1 T + h_3 T^3 + h_5 T^5     the transmission hardens
+/// W   =  h_1 T + h_2 T^2 + ... + h_5 T^5     the transmission hardens
 /// ```
+///
+/// The even powers are those of a preload: with one, winding up further and unwinding are not alike.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Memory {
     /// Way after which each element slips, `r_i`, radians of the output, rising.
     pub ways: [f64; ELEMENTS],
     /// Stiffness of each element, `k_i`; the sum of `k_i r_i` is one.
     pub stiffness: [f64; ELEMENTS],
-    /// `h_1`, `h_3` and `h_5`, radians.
-    pub hardening: [f64; 3],
+    /// `h_1` to `h_5`, radians.
+    pub hardening: [f64; POWERS],
 }
 
 /// What a [`Memory`] remembers.
@@ -131,14 +136,13 @@ impl Memory {
             .zip(&self.stiffness)
             .map(|(s, k)| s * k)
             .sum();
-        odd_polynomial(&self.hardening, torque)
+        polynomial(&self.hardening, torque)
     }
 }
 
-/// `h_1 x + h_3 x^3 + h_5 x^5`.
-pub(crate) fn odd_polynomial([h1, h3, h5]: &[f64; 3], x: f64) -> f64 {
-    let square = x * x;
-    x * (h1 + square * (h3 + square * h5))
+/// `h_1 x + h_2 x^2 + ... + h_5 x^5`.
+pub(crate) fn polynomial(hardening: &[f64; POWERS], x: f64) -> f64 {
+    x * hardening.iter().rev().fold(0.0, |sum, h| sum * x + h)
 }
 
 /// A model of windup, or none.
@@ -233,7 +237,7 @@ mod tests {
         Memory {
             ways,
             stiffness: [1.0 / weight; ELEMENTS],
-            hardening: [50e-6, -8e-6, 1e-6],
+            hardening: [50e-6, 0.0, -8e-6, 0.0, 1e-6],
         }
     }
 
@@ -258,7 +262,7 @@ mod tests {
         /// Masing: a reversal curve is the virgin curve twice as large, before the hardening.
         #[test]
         fn a_reversal_is_the_virgin_curve_doubled(way in 0.0..300e-6_f64) {
-            let model = Memory { hardening: [50e-6, 0.0, 0.0], ..memory() };
+            let model = Memory { hardening: [50e-6, 0.0, 0.0, 0.0, 0.0], ..memory() };
             let (mut virgin, mut back) = (MemoryState::default(), MemoryState::default());
             let top = model.next(&mut back, 5e-3);
             let fallen = top - model.next(&mut back, 5e-3 - way);

@@ -27,7 +27,7 @@ pub(crate) fn calibration(spec: &Spec) -> Calibration {
         model: WindupModel::Memory,
         w_max: 1e-3,
         q: 4e-3,
-        hardening: [1e-3, -1e-4, 0.0],
+        hardening: [1e-3, 0.0, -1e-4, 0.0, 0.0],
         elements: (1..=ELEMENTS)
             .map(|i| [1e-4 * i as f64, 1.0 / ELEMENTS as f64])
             .collect(),

@@ -10,13 +10,22 @@ use rand::RngExt;
 /// More integration steps in a servo cycle than this are not a stiff joint but a mistyped one.
 const MOST_STEPS: f64 = 100.0;
 
+/// A joint, its state, and the motor angle at which its encoder was set to zero.
+///
+/// An axis is homed with its preload on: the transmission carries it, so that friction is at rest.
+#[derive(Debug, Clone)]
+pub(super) struct Drive {
+    joint: AnyJoint,
+    home: f64,
+}
+
 /// A joint and its state.
 #[expect(
     clippy::large_enum_variant,
     reason = "the common one is stepped every cycle, and must not be behind a pointer"
 )]
 #[derive(Debug, Clone)]
-pub(super) enum Drive {
+enum AnyJoint {
     /// After the thesis: (2.7), (2.8), (2.12), (2.13).
     CoulombPresliding(Joint, JointState),
     /// Maxwell-slip elements; boxed, as their memory is many times larger.
@@ -42,10 +51,15 @@ impl Drive {
             }
             Ok(period / steps)
         };
-        Ok(match nominal.friction {
+        let home = parameters.transmission.twist(-parameters.load_torque) / ratio;
+        let joint = match nominal.friction {
             LoadLaw::CoulombPresliding => {
                 let joint = Joint::new(parameters, step(&parameters, 0.0)?)?;
-                Self::CoulombPresliding(joint, JointState::default())
+                let state = JointState {
+                    motor_angle: home,
+                    ..JointState::default()
+                };
+                AnyJoint::CoulombPresliding(joint, state)
             }
             LoadLaw::MaxwellSlip => {
                 let contact =
@@ -54,20 +68,25 @@ impl Drive {
                 // Two steps where one would do: the elements' kinks are not smooth.
                 let step = 0.5 * step(&parameters, contact)?;
                 let joint = Joint::maxwell_slip(parameters, step)?;
-                Self::MaxwellSlip(Box::new((joint, JointState::default())))
+                let state = JointState {
+                    motor_angle: home,
+                    ..JointState::default()
+                };
+                AnyJoint::MaxwellSlip(Box::new((joint, state)))
             }
-        })
+        };
+        Ok(Self { joint, home })
     }
 
     /// One cycle under a held voltage and a torque on the load from outside, N m.
     #[inline]
     pub(super) fn advance(&mut self, voltage: f64, load_torque: f64, period: f64) {
-        match self {
-            Self::CoulombPresliding(joint, state) => {
+        match &mut self.joint {
+            AnyJoint::CoulombPresliding(joint, state) => {
                 state.load_torque = load_torque;
                 joint.advance(state, voltage, period);
             }
-            Self::MaxwellSlip(drive) => {
+            AnyJoint::MaxwellSlip(drive) => {
                 let (joint, state) = &mut **drive;
                 state.load_torque = load_torque;
                 joint.advance(state, voltage, period);
@@ -75,19 +94,20 @@ impl Drive {
         }
     }
 
-    /// Angle of the motor, radians.
+    /// Angle of the motor from home, radians.
     pub(super) fn motor_angle(&self) -> f64 {
-        match self {
-            Self::CoulombPresliding(_, state) => state.motor_angle,
-            Self::MaxwellSlip(drive) => drive.1.motor_angle,
-        }
+        let angle = match &self.joint {
+            AnyJoint::CoulombPresliding(_, state) => state.motor_angle,
+            AnyJoint::MaxwellSlip(drive) => drive.1.motor_angle,
+        };
+        angle - self.home
     }
 
     /// Angle of the output, (2.12), radians.
     pub(super) fn output(&self) -> f64 {
-        match self {
-            Self::CoulombPresliding(joint, state) => joint.output(state),
-            Self::MaxwellSlip(drive) => drive.0.output(&drive.1),
+        match &self.joint {
+            AnyJoint::CoulombPresliding(joint, state) => joint.output(state),
+            AnyJoint::MaxwellSlip(drive) => drive.0.output(&drive.1),
         }
     }
 }

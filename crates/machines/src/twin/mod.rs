@@ -17,6 +17,7 @@ use pigtail_hal::{Axis, Command, Fault, FiberHandling, Machine, Measurement, Sid
 use pigtail_model::Invalid;
 use pigtail_model::fivebar::{FiveBar, JointAngle};
 use pigtail_model::frames::{Chip, Macro, Placement, Point};
+use pigtail_model::hysteresis::{Creep, CreepState, Hysteresis, HysteresisState};
 use pigtail_model::leadscrew::LeadScrew;
 use pigtail_model::piezo::{Resonance, ResonanceState};
 pub use plant::Plant;
@@ -101,9 +102,10 @@ impl Linkage {
 /// A micro manipulator: two piezo axes in their own frame.
 #[derive(Debug, Clone)]
 struct Micro {
+    piezos: [Piezo; MICRO_AXES],
     resonance: Resonance,
     states: [ResonanceState; MICRO_AXES],
-    /// Metres a volt, with the coupling of the axes.
+    /// Metres a volt of full stroke, with the coupling of the axes.
     gain: [[f64; MICRO_AXES]; MICRO_AXES],
     centre: f64,
     limit: f64,
@@ -111,6 +113,24 @@ struct Micro {
     noise: f64,
     sin: f64,
     cos: f64,
+}
+
+/// A piezo by itself: from its voltage to what it would do were it alone. At switch-on it rests in
+/// the middle of its range, where the amplifiers leave it after a few cycles of falling amplitude.
+#[derive(Debug, Clone)]
+struct Piezo {
+    hysteresis: Hysteresis,
+    creep: Creep,
+    state: (HysteresisState, CreepState),
+}
+
+impl Piezo {
+    /// One cycle; voltage and result are from the middle of the range, as shares of its half.
+    fn advance(&mut self, input: f64) -> f64 {
+        let (hysteresis, creep) = &mut self.state;
+        let applied = self.hysteresis.advance(hysteresis, input);
+        self.creep.advance(creep, applied)
+    }
 }
 
 /// A slow relative fluctuation: an Ornstein-Uhlenbeck process around one.
@@ -143,7 +163,16 @@ impl Micro {
         let mut gain = || m.gain * factor(rng, plant.variation.micro_gain);
         let (p, q) = (gain(), gain());
         let (sin, cos) = spec.micro.angle.sin_cos();
+        let mut piezo = || -> Result<Piezo, Invalid> {
+            let (hysteresis, creep) = m.draw(&plant.variation, spec.period(), rng)?;
+            Ok(Piezo {
+                hysteresis,
+                creep,
+                state: Default::default(),
+            })
+        };
         Ok(Self {
+            piezos: [piezo()?, piezo()?],
             resonance: Resonance::new(m.resonance, m.damping, spec.period())?,
             states: [ResonanceState::default(); MICRO_AXES],
             gain: [[p, m.coupling * q], [m.coupling * p, q]],
@@ -158,8 +187,10 @@ impl Micro {
 
     /// One cycle under these inputs; the displacement in the manipulator's x and y, metres.
     fn advance(&mut self, volts: [Volts; MICRO_AXES], rng: &mut impl Rng) -> (f64, f64) {
-        let [u, v] = volts.map(|Volts(volts)| {
-            (volts.clamp(0.0, self.limit) / self.step).round() * self.step - self.centre
+        let [u, v] = std::array::from_fn(|i| {
+            let Volts(volts) = volts[i];
+            let held = (volts.clamp(0.0, self.limit) / self.step).round() * self.step;
+            self.centre * self.piezos[i].advance((held - self.centre) / self.centre)
         });
         let [p, q] = std::array::from_fn(|i| {
             let input = self.gain[i][0] * u + self.gain[i][1] * v;
@@ -493,6 +524,14 @@ impl Twin {
         let tip = tip_of(holder, &held.fiber);
         let port = self.light.port(side, port);
         Some((self.light.coupling(port, tip, held.fiber.tilt), tip))
+    }
+
+    /// How far the micro really displaces the tip of a manipulator, in its x and y, metres; noise
+    /// apart. Not part of [`Machine`].
+    pub fn micro_displacement(&self, side: Side) -> (f64, f64) {
+        let micro = &self.manipulators[side.index()].micro;
+        let [p, q] = micro.states.map(|state| state.position);
+        (micro.cos * p - micro.sin * q, micro.sin * p + micro.cos * q)
     }
 
     /// What really is. Not part of [`Machine`].

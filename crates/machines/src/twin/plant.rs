@@ -5,6 +5,7 @@ use pigtail_hal::{config, quantity};
 use pigtail_model::Invalid;
 use pigtail_model::fivebar::FiveBar;
 use pigtail_model::friction::Friction;
+use pigtail_model::hysteresis::{Creep, Hysteresis, HysteresisParameters};
 use pigtail_model::joint::JointParameters;
 use pigtail_model::motor::Motor;
 use pigtail_model::transmission::Transmission;
@@ -240,6 +241,22 @@ pub struct MicroPlant {
     /// Share of one axis's displacement that appears in the other.
     #[serde(deserialize_with = "quantity::fraction")]
     pub coupling: f64,
+    /// Largest difference between the way back and the way forward over full stroke, as a share of
+    /// the range.
+    #[serde(deserialize_with = "quantity::fraction")]
+    pub hysteresis: f64,
+    /// Share of half the range over which the slack of the hysteresis's plays falls off.
+    #[serde(deserialize_with = "quantity::positive")]
+    pub spread: f64,
+    /// How much a loop leans to one side: share of the displacement at full stroke.
+    #[serde(deserialize_with = "quantity::fraction")]
+    pub skew: f64,
+    /// How much the displacement saturates: share of it at full stroke.
+    #[serde(deserialize_with = "quantity::fraction")]
+    pub saturation: f64,
+    /// Creep: share of a step by which displacement goes on in a decade of time.
+    #[serde(deserialize_with = "quantity::fraction")]
+    pub creep: f64,
     /// Noise of each axis, rms, metres.
     #[serde(deserialize_with = "quantity::non_negative_length")]
     pub noise: f64,
@@ -388,6 +405,12 @@ pub struct Variation {
     /// Of the gains of the micro axes.
     #[serde(deserialize_with = "quantity::fraction")]
     pub micro_gain: f64,
+    /// Of the micro axes' hysteresis: its opening, spread, skew and saturation.
+    #[serde(deserialize_with = "quantity::fraction")]
+    pub hysteresis: f64,
+    /// Of their creep.
+    #[serde(deserialize_with = "quantity::fraction")]
+    pub creep: f64,
     /// Of the five-bars' links and the lead of the screws.
     #[serde(deserialize_with = "quantity::fraction")]
     pub links: f64,
@@ -438,6 +461,7 @@ impl Plant {
             let message = "1 is overdamped; accepted is a number from 0 to below 1".to_owned();
             return Err(("micro.damping", message));
         }
+        self.micro.check(&self.variation)?;
         if !(1.0..=5.0).contains(&self.device.index) {
             let message = format!(
                 "{} is no guide's index; accepted is 1 to 5",
@@ -463,6 +487,8 @@ impl Plant {
             ("variation.stiffness", v.stiffness),
             ("variation.motor", v.motor),
             ("variation.micro_gain", v.micro_gain),
+            ("variation.hysteresis", v.hysteresis),
+            ("variation.creep", v.creep),
             ("variation.links", v.links),
             ("variation.loss", v.loss),
         ] {
@@ -483,6 +509,53 @@ impl Plant {
                 format!("{why}; accepted is a place in reach"),
             )
         })?;
+        Ok(())
+    }
+}
+
+impl MicroPlant {
+    /// A specimen of an axis's hysteresis and creep, sampled every `period` seconds.
+    pub(super) fn draw(
+        &self,
+        variation: &Variation,
+        period: f64,
+        rng: &mut impl RngExt,
+    ) -> Result<(Hysteresis, Creep), Invalid> {
+        let mut vary = |value: f64| value * factor(rng, variation.hysteresis);
+        let hysteresis = Hysteresis::new(&HysteresisParameters {
+            opening: vary(self.hysteresis),
+            spread: vary(self.spread),
+            skew: vary(self.skew),
+            saturation: vary(self.saturation),
+        })?;
+        let creep = Creep::new(self.creep * factor(rng, variation.creep), period)?;
+        Ok((hysteresis, creep))
+    }
+
+    /// That every specimen is a piezo.
+    fn check(&self, variation: &Variation) -> Result<(), (&'static str, String)> {
+        let most = 1.0 + variation.hysteresis;
+        for (key, value, bound) in [
+            ("micro.hysteresis", self.hysteresis, 0.2 / most),
+            ("micro.skew", self.skew, 0.2 / most),
+            ("micro.saturation", self.saturation, 0.1 / most),
+            ("micro.creep", self.creep, 0.1 / (1.0 + variation.creep)),
+        ] {
+            if value > bound {
+                return Err((
+                    key,
+                    format!("{value} is too much; accepted is 0 to {bound:.3}"),
+                ));
+            }
+        }
+        let (least, most) = (0.3 / (1.0 - variation.hysteresis), 10.0 / most);
+        if !(least..=most).contains(&self.spread) {
+            let message = format!(
+                "{} is no spread; accepted is {least:.3} to {most:.3}",
+                self.spread
+            );
+            return Err(("micro.spread", message));
+        }
         Ok(())
     }
 }

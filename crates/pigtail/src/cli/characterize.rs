@@ -5,6 +5,7 @@ use super::{DONE, Failure, failure};
 use crate::characterize::{
     ExperimentError, follow_sine, frequency, metres_per_count, on_twin, resolution, step,
 };
+use crate::loops::windup;
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, Setup};
 use crate::runs::Run;
@@ -14,13 +15,15 @@ use pigtail_hal::{Axis, AxisName, Error};
 use serde::Serialize;
 use std::fmt::Write as _;
 
-/// Measure what an axis can do: step, sine, resolution or frequency response
+/// Measure what an axis can do: step, sine, resolution, frequency response or windup
 ///
 /// step        rise (10 to 90 %), settling (until the encoder stays within one count), overshoot
 /// sine        gain and phase at the encoder and at the output
 /// resolution  1000 steps in one direction; the step size is raised by a count until at most 1 %
 ///             of the steps move the output by less than half the mean (thesis 2.5)
 /// frequency   gain, phase and coherence up to 300 Hz, from a random reference
+/// windup      input against output forward and back, on this machine and on the same one with other
+///             load friction, preload and law of friction (thesis 2.4.1, 2.4.2)
 #[derive(Debug, Args)]
 #[command(
     verbatim_doc_comment,
@@ -55,6 +58,7 @@ enum What {
     Sine,
     Resolution,
     Frequency,
+    Windup,
 }
 
 /// What an experiment leaves to be printed and kept.
@@ -98,9 +102,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         &format!("-{at}"),
         arguments.common.seed,
     )?;
-    let done = on_twin(&setup, arguments.common.seed, |station| {
-        experiment(arguments, &setup, station)
-    })
+    let done = if arguments.what == What::Windup {
+        on_variants(arguments, &setup)
+    } else {
+        on_twin(&setup, arguments.common.seed, |station| {
+            experiment(arguments, &setup, station)
+        })
+    }
     .map_err(|error| match error {
         ExperimentError::Align(error) => failure(error, &arguments.common.rig),
         ExperimentError::Input(error) => Failure::Input(error),
@@ -129,6 +137,7 @@ fn experiment(
     let usual = usual_step(at.axis);
     let mut text = String::new();
     Ok(match arguments.what {
+        What::Windup => return on_variants(arguments, setup),
         What::Step => {
             let (d, trace) = step(station, at, arguments.size.unwrap_or(usual))?;
             let _ = writeln!(
@@ -190,4 +199,26 @@ fn experiment(
             report::frequency(&d, &responses).and_then(|html| result(&d, text, html))
         }
     })
+}
+
+/// Windup on machines that differ.
+fn on_variants(arguments: &Arguments, setup: &Setup) -> Experiment {
+    let (d, loops) = windup(setup, arguments.axis, arguments.common.seed)?;
+    let mut text = format!(
+        "{}: windup over {:.0} um, forward and back, um\n  {:34} {:>8} {:>8} {:>8} {:>14}\n",
+        d.axis, d.range_um, "machine", "windup", "W_max", "Q", "(2.20) leaves"
+    );
+    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2}"));
+    for case in &d.cases {
+        let _ = writeln!(
+            text,
+            "  {:34} {:8.2} {:>8} {:>8} {:>14}",
+            case.name,
+            case.windup_um,
+            number(case.w_max_um),
+            number(case.q_um),
+            number(case.residual_um)
+        );
+    }
+    Ok(report::loops(&d, &loops).and_then(|html| result(&d, text, html)))
 }

@@ -21,6 +21,7 @@ pub(super) struct Arguments {
 #[derive(Debug, Subcommand)]
 enum What {
     Windup(WindupArguments),
+    Hysteresis(super::hysteresis::IdentifyArguments),
 }
 
 /// Identify the windup of a transmission, and what compensating it is worth (thesis 2.4)
@@ -51,7 +52,13 @@ struct WindupArguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    let What::Windup(arguments) = &arguments.what;
+    match &arguments.what {
+        What::Windup(arguments) => run_windup(arguments),
+        What::Hysteresis(arguments) => super::hysteresis::identify(arguments),
+    }
+}
+
+fn run_windup(arguments: &WindupArguments) -> Result<u8, Failure> {
     let at = arguments.axis;
     let setup = Setup::load(&arguments.common.rig, DEFAULT_RECIPE_NAME)?;
     let run = Run::begin(&arguments.common.runs, "-windup", arguments.common.seed)?;

@@ -4,9 +4,11 @@ mod align;
 mod campaign;
 mod characterize;
 mod common;
+mod hysteresis;
 mod identify;
 mod progress;
 mod simulate;
+mod trace;
 mod tune;
 
 use crate::align::AlignError;
@@ -54,7 +56,9 @@ enum Command {
     Campaign(campaign::Arguments),
     Tune(tune::Arguments),
     Identify(identify::Arguments),
+    Predict(hysteresis::PredictArguments),
     Characterize(characterize::Arguments),
+    Trace(trace::Arguments),
     Simulate(simulate::Arguments),
 }
 
@@ -109,7 +113,9 @@ pub fn main() -> ExitCode {
         Command::Campaign(arguments) => campaign::run(&arguments),
         Command::Tune(arguments) => tune::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),
+        Command::Predict(arguments) => hysteresis::predict(&arguments),
         Command::Characterize(arguments) => characterize::run(&arguments),
+        Command::Trace(arguments) => trace::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
     };
     match result {

@@ -15,10 +15,11 @@ pub(super) const SOFT: RGBColor = RGBColor(91, 107, 122);
 pub(super) const GRID: RGBColor = RGBColor(226, 231, 236);
 const BAND: RGBColor = RGBColor(243, 246, 249);
 /// Colours of curves, told apart also by people who see red and green alike.
-pub(super) const CURVES: [RGBColor; 3] = [
+pub(super) const CURVES: [RGBColor; 4] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
+    RGBColor(170, 90, 150),
 ];
 
 /// Axes of a figure.
@@ -107,7 +108,7 @@ pub(super) fn curves(axes: &Axes, curves: &[(&str, Vec<(f64, f64)>)]) -> Result<
         if curves.len() > 1 {
             chart
                 .configure_series_labels()
-                .position(emptiest_corner(axes, curves))
+                .position(emptiest_place(axes, curves))
                 .margin(12)
                 .background_style(WHITE.mix(0.8))
                 .label_font(("sans-serif", 15).into_font().color(&INK))
@@ -151,31 +152,27 @@ pub(super) fn bars(
     })
 }
 
-/// The corner in which a legend hides the fewest points.
-fn emptiest_corner(axes: &Axes, curves: &[(&str, Vec<(f64, f64)>)]) -> SeriesLabelPosition {
+/// Where a legend hides the fewest points: in a corner, or in the middle of what runs around it.
+fn emptiest_place(axes: &Axes, curves: &[(&str, Vec<(f64, f64)>)]) -> SeriesLabelPosition {
     let share = |value: f64, range: &Range<f64>| (value - range.start) / (range.end - range.start);
-    let hidden = |left: bool, lower: bool| {
+    let hidden = |x: Range<f64>, y: Range<f64>| {
         let points = curves.iter().flat_map(|(_, points)| points);
         points
-            .filter(|(x, y)| {
-                let (x, y) = (share(*x, &axes.x.0), share(*y, &axes.y.0));
-                (x < 0.3) == left
-                    && !(0.3..=0.7).contains(&x)
-                    && (y < 0.3) == lower
-                    && !(0.3..=0.7).contains(&y)
-            })
+            .filter(|p| x.contains(&share(p.0, &axes.x.0)) && y.contains(&share(p.1, &axes.y.0)))
             .count()
     };
-    let corners = [
-        (hidden(true, true), SeriesLabelPosition::LowerLeft),
-        (hidden(false, true), SeriesLabelPosition::LowerRight),
-        (hidden(true, false), SeriesLabelPosition::UpperLeft),
-        (hidden(false, false), SeriesLabelPosition::UpperRight),
+    let (low, high, middle) = (0.0..0.3, 0.7..1.0, 0.3..0.7);
+    let places = [
+        (low.clone(), low.clone(), SeriesLabelPosition::LowerLeft),
+        (high.clone(), low.clone(), SeriesLabelPosition::LowerRight),
+        (low, high.clone(), SeriesLabelPosition::UpperLeft),
+        (high.clone(), high, SeriesLabelPosition::UpperRight),
+        (middle.clone(), middle, SeriesLabelPosition::MiddleMiddle),
     ];
-    corners
+    places
         .into_iter()
-        .min_by_key(|(count, _)| *count)
-        .map_or(SeriesLabelPosition::LowerLeft, |(_, corner)| corner)
+        .min_by_key(|(x, y, _)| hidden(x.clone(), y.clone()))
+        .map_or(SeriesLabelPosition::LowerLeft, |(_, _, place)| place)
 }
 
 pub(super) type Root<'a> = DrawingArea<SVGBackend<'a>, Shift>;

@@ -3,9 +3,13 @@
 mod alignment;
 mod axis;
 mod campaign;
+mod contour;
 mod figure;
 mod histogram;
 mod html;
+mod hysteresis;
+mod loops;
+mod micro;
 mod tuning;
 mod windup;
 
@@ -13,5 +17,9 @@ pub use alignment::alignment;
 pub use axis::{frequency, resolution, sine, step};
 pub use campaign::campaign;
 pub(crate) use campaign::percent;
+pub use contour::contour;
+pub use hysteresis::{inverted, tried};
+pub use loops::loops;
+pub use micro::micro;
 pub use tuning::tuning;
 pub use windup::windup;

@@ -1,0 +1,233 @@
+//! Finding a [`Memory`] in a record, by least squares with weights that must not be negative.
+
+use super::memory::{DEGREE, PLAYS, RELAXATIONS};
+use super::{Invalid, Memory, Record, Zero};
+
+/// Samples used for a fit: more lie so close that they say nothing new.
+const SAMPLES: usize = 20_000;
+
+/// Unknowns: plays, offset, powers of the curve, relaxations.
+const COLUMNS: usize = PLAYS + 1 + (DEGREE - 1) + RELAXATIONS;
+const OFFSET: usize = PLAYS;
+const CURVE: usize = OFFSET + 1;
+const CREEP: usize = CURVE + DEGREE - 1;
+
+/// Time constants of creep, seconds: a decade apart.
+const CONSTANTS: [f64; RELAXATIONS] = [0.03, 0.3, 3.0, 30.0, 300.0, 3000.0];
+
+/// A higher power of the curve must make the error on the part held back less by this share, or it
+/// is left out: a record of full loops alone does not tell it from slacks.
+const WORTH: f64 = 0.02;
+
+/// Finds the model in the samples before `to`; the rest is held back. `lag` says whether to look
+/// for a lag between the columns.
+///
+/// The power of the static curve is the lowest that tells the part held back about as well as any.
+///
+/// # Errors
+///
+/// When the record says too little, or what fits it is no piezo.
+pub fn fit_memory(record: &Record, to: usize, lag: bool) -> Result<Memory, Invalid> {
+    let lag = if lag {
+        best_lag(record, to, 10.0 * record.period())
+    } else {
+        0.0
+    };
+    let mut best: Option<(f64, Memory)> = None;
+    for degree in 1..=DEGREE {
+        let Ok((_, model)) = solve(record, to, degree, lag, ROUNDS) else {
+            continue;
+        };
+        let told = super::predict(&super::Model::Memory(model), record);
+        let known = record.known_from();
+        let rest = to.max(known)..record.len();
+        let over = if rest.len() > 10 {
+            rest
+        } else {
+            known.min(to - 1)..to
+        };
+        let error = super::judge(&told, &record.output, over, Zero::Known).rms;
+        if best.is_none_or(|(least, _)| error < (1.0 - WORTH) * least) {
+            best = Some((error, model));
+        }
+    }
+    best.map(|(_, model)| model).ok_or_else(|| {
+        Invalid::new(
+            "record",
+            "nothing in which displacement grows with voltage",
+            "a record of a piezo",
+        )
+    })
+}
+
+/// The lag up to `longest` that fits best, by golden section. A curve that leans is enough to
+/// find it, and creep changes nothing about it.
+fn best_lag(record: &Record, to: usize, longest: f64) -> f64 {
+    const GOLDEN: f64 = 0.618_033_988_749_894_9;
+    let error = |lag: f64| solve(record, to, 2, lag, 1).map_or(f64::INFINITY, |(e, _)| e);
+    let (mut low, mut high) = (0.0, longest);
+    for _ in 0..10 {
+        let (a, b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
+        if error(a) < error(b) {
+            high = b;
+        } else {
+            low = a;
+        }
+    }
+    0.5 * (low + high)
+}
+
+/// Rounds in which creep follows what the round before found.
+const ROUNDS: usize = 3;
+
+fn solve(
+    record: &Record,
+    to: usize,
+    degree: usize,
+    lag: f64,
+    rounds: usize,
+) -> Result<(f64, Memory), Invalid> {
+    let (input, output) = (record.input_range(), record.output_range());
+    let from = record.known_from().min(to.saturating_sub(super::LEAST / 2));
+    let mut model = Memory {
+        input,
+        output,
+        slack: Memory::usual_slack(),
+        weights: [0.0; PLAYS],
+        offset: 0.0,
+        curve: [0.0; DEGREE - 1],
+        constants: CONSTANTS,
+        shares: [0.0; RELAXATIONS],
+        lag,
+    };
+    // Relaxations that the record is too short or too coarse to show stay out of the fit.
+    let span = record.time[to - 1] - record.time[0];
+    let period = record.period();
+    let shown = CONSTANTS.map(|c| c > 5.0 * period && c < 0.5 * span);
+    let inputs: Vec<f64> = (0..to)
+        .map(|k| input.to_share(record.input_before(k, lag)))
+        .collect();
+    let every = (to - from).div_ceil(SAMPLES);
+    // Creep follows the plays' sum, which is not known before the fit; the displacement is near.
+    let mut sums: Vec<f64> = record.output[..to]
+        .iter()
+        .map(|x| output.to_share(*x))
+        .collect();
+    let mut error = f64::INFINITY;
+    for _ in 0..rounds {
+        let mut normal = Normal::default();
+        let mut state = model.at_rest(record.input_before(0, lag));
+        let mut relaxations = [sums[0]; RELAXATIONS];
+        for k in 0..to {
+            model.follow(&mut state, inputs[k]);
+            let step = if k == 0 {
+                period
+            } else {
+                record.time[k] - record.time[k - 1]
+            };
+            for (z, constant) in relaxations.iter_mut().zip(&CONSTANTS) {
+                *z += -(-step / constant).exp_m1() * (sums[k] - *z);
+            }
+            if k < from || !(k - from).is_multiple_of(every) {
+                continue;
+            }
+            let x = output.to_share(record.output[k]);
+            let mut row = [0.0; COLUMNS];
+            row[..PLAYS].copy_from_slice(state.plays());
+            row[OFFSET] = 1.0;
+            let mut power = x;
+            for cell in &mut row[CURVE..CURVE + degree - 1] {
+                power *= x;
+                *cell = power;
+            }
+            for i in 0..RELAXATIONS {
+                row[CREEP + i] = if shown[i] { relaxations[i] } else { 0.0 };
+            }
+            normal.add(&row, x, record.weight[k]);
+        }
+        let (solution, squares) = normal.solve();
+        model.weights.copy_from_slice(&solution[..PLAYS]);
+        model.offset = solution[OFFSET];
+        model.curve.copy_from_slice(&solution[CURVE..CREEP]);
+        model.shares.copy_from_slice(&solution[CREEP..]);
+        error = squares.sqrt();
+        // The sums as this model has them.
+        let mut state = model.at_rest(record.input_before(0, lag));
+        for (sum, v) in sums.iter_mut().zip(&inputs) {
+            *sum = model.follow(&mut state, *v);
+        }
+    }
+    model.weights[0] = model.weights[0].max(1e-6);
+    model.check()?;
+    Ok((error, model))
+}
+
+/// Normal equations of a weighted least squares problem whose first unknowns and last ones, plays
+/// and relaxations, must not be negative.
+struct Normal {
+    matrix: [[f64; COLUMNS]; COLUMNS],
+    right: [f64; COLUMNS],
+    square: f64,
+    weight: f64,
+}
+
+impl Default for Normal {
+    fn default() -> Self {
+        Self {
+            matrix: [[0.0; COLUMNS]; COLUMNS],
+            right: [0.0; COLUMNS],
+            square: 0.0,
+            weight: 0.0,
+        }
+    }
+}
+
+impl Normal {
+    fn add(&mut self, row: &[f64; COLUMNS], value: f64, weight: f64) {
+        for (i, a) in row.iter().enumerate() {
+            let a = weight * a;
+            if a == 0.0 {
+                continue;
+            }
+            for (sum, b) in self.matrix[i].iter_mut().zip(row) {
+                *sum += a * b;
+            }
+            self.right[i] += a * value;
+        }
+        self.square += weight * value * value;
+        self.weight += weight;
+    }
+
+    /// The unknowns and the mean square that they leave, by coordinate descent: the problem is
+    /// convex.
+    fn solve(&self) -> ([f64; COLUMNS], f64) {
+        // A trace of cost for each weight decides between plays that the data do not tell apart.
+        let ridge = 1e-9 * self.weight;
+        let mut x = [0.0; COLUMNS];
+        for _ in 0..4000 {
+            let mut moved = 0.0_f64;
+            for i in 0..COLUMNS {
+                let diagonal = self.matrix[i][i] + ridge;
+                let sum: f64 = self.matrix[i].iter().zip(&x).map(|(a, b)| a * b).sum();
+                let step = (self.right[i] - sum - ridge * x[i]) / diagonal;
+                let free = (OFFSET..CREEP).contains(&i);
+                let next = if free {
+                    x[i] + step
+                } else {
+                    (x[i] + step).max(0.0)
+                };
+                moved = moved.max((next - x[i]).abs());
+                x[i] = next;
+            }
+            if moved < 1e-10 {
+                break;
+            }
+        }
+        let mut squares = self.square;
+        for i in 0..COLUMNS {
+            let sum: f64 = self.matrix[i].iter().zip(&x).map(|(a, b)| a * b).sum();
+            squares += x[i] * (sum - 2.0 * self.right[i]);
+        }
+        (x, (squares / self.weight).max(0.0))
+    }
+}

@@ -1,0 +1,275 @@
+//! A model of hysteresis for any history: play operators, a static curve, and creep.
+//!
+//! ```text
+//! p_i <- max(v - r_i, min(v + r_i, p_i))            play operators
+//! h    = sum w_i p_i                                 w_i >= 0, r_0 = 0
+//! z_k' = (h - z_k) / tau_k                           creep
+//! x - c_2 x^2 - c_3 x^3 = b + h + sum s_k z_k        x leans and saturates
+//! ```
+//!
+//! The left side is a polynomial of the displacement, so that both the fit and the inverse are
+//! direct: for a wanted displacement `h` follows, and from `h` the voltage, for the plays are a
+//! piecewise straight line from where they are. That is the known inverse of the operator, an
+//! operator of the same kind, without a second state that could part from the first.
+
+use super::{Invalid, Range};
+use serde::{Deserialize, Serialize};
+
+/// Number of play operators, the first of which has no slack.
+pub(super) const PLAYS: usize = 24;
+
+/// Highest power of the static curve.
+pub(super) const DEGREE: usize = 3;
+
+/// Number of relaxations.
+pub(super) const RELAXATIONS: usize = 6;
+
+/// A model of hysteresis for any history.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Memory {
+    /// The voltages it was identified with: `v` is -1 to +1 over them.
+    pub input: Range,
+    /// The displacements that `x` is -1 to +1 over.
+    pub output: Range,
+    /// `r_i`, rising from zero.
+    pub slack: [f64; PLAYS],
+    /// `w_i`.
+    pub weights: [f64; PLAYS],
+    /// `b`.
+    pub offset: f64,
+    /// `c_2` and `c_3`.
+    pub curve: [f64; DEGREE - 1],
+    /// `tau_k`, seconds.
+    pub constants: [f64; RELAXATIONS],
+    /// `s_k`.
+    pub shares: [f64; RELAXATIONS],
+    /// By how much the displacement's record lags behind the voltage's, seconds.
+    pub lag: f64,
+}
+
+/// What a [`Memory`] remembers. Its default is a piezo cycled with falling amplitude around the
+/// middle of the range, and at rest there.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct MemoryState {
+    plays: [f64; PLAYS],
+    relaxations: [f64; RELAXATIONS],
+    /// Share of the way that each relaxation goes in a step of `period`.
+    rates: [f64; RELAXATIONS],
+    period: f64,
+}
+
+impl MemoryState {
+    /// How far each play has been taken along, in the model's unit of voltage.
+    pub fn plays(&self) -> &[f64; PLAYS] {
+        &self.plays
+    }
+
+    /// Where each relaxation is.
+    pub fn relaxations(&self) -> &[f64; RELAXATIONS] {
+        &self.relaxations
+    }
+
+    fn set_period(&mut self, constants: &[f64; RELAXATIONS], period: f64) {
+        if period != self.period {
+            self.period = period;
+            self.rates = constants.map(|constant| -(-period / constant).exp_m1());
+        }
+    }
+}
+
+impl Memory {
+    /// The usual slacks: from zero, evenly, to half the range.
+    pub fn usual_slack() -> [f64; PLAYS] {
+        std::array::from_fn(|i| i as f64 / PLAYS as f64)
+    }
+
+    /// Checks what was read from a file.
+    ///
+    /// # Errors
+    ///
+    /// When the plays are not in order, their weights negative, or the displacement would not
+    /// grow with the voltage.
+    pub fn check(&self) -> Result<(), Invalid> {
+        let rising = self.slack[0] == 0.0 && self.slack.windows(2).all(|w| w[1] > w[0]);
+        if !rising || !self.slack[PLAYS - 1].is_finite() {
+            let accepted = "finite slacks that rise from zero";
+            return Err(Invalid::new("slack", format!("{:?}", self.slack), accepted));
+        }
+        let good = |w: &f64| *w >= 0.0 && w.is_finite();
+        if !self.weights.iter().all(good) || self.weights[0] <= 0.0 {
+            return Err(Invalid::new(
+                "weights",
+                format!("{:?}", self.weights),
+                "finite weights of zero or more, the first above zero",
+            ));
+        }
+        if !self.shares.iter().all(good)
+            || !self.constants.iter().all(|c| *c > 0.0 && c.is_finite())
+        {
+            return Err(Invalid::new(
+                "shares",
+                format!("{:?}", self.shares),
+                "finite shares of zero or more, time constants above zero",
+            ));
+        }
+        let edges = [-1.3, -0.65, 0.0, 0.65, 1.3];
+        if !edges.iter().all(|x| self.bend(*x).1 > 0.05) {
+            return Err(Invalid::new(
+                "curve",
+                format!("{:?}", self.curve),
+                "a curve that rises over the whole range",
+            ));
+        }
+        if !(self.offset.is_finite() && self.lag.is_finite()) {
+            return Err(Invalid::new("offset", self.offset, "finite numbers"));
+        }
+        self.input.check("input")?;
+        self.output.check("output")
+    }
+
+    /// Gives relaxations that a record was too short to show the share of those that it did: creep
+    /// goes on by the same share in every decade of time.
+    pub fn go_on_creeping(&mut self) {
+        let shown: Vec<f64> = self
+            .shares
+            .iter()
+            .copied()
+            .filter(|share| *share > 0.0)
+            .collect();
+        if shown.is_empty() {
+            return;
+        }
+        let mean = shown.iter().sum::<f64>() / shown.len() as f64;
+        let last = self.shares.iter().rposition(|share| *share > 0.0);
+        for share in &mut self.shares[last.map_or(0, |i| i + 1)..] {
+            *share = mean;
+        }
+    }
+
+    /// Number of play operators that count.
+    pub fn functions(&self) -> usize {
+        self.weights.iter().filter(|w| **w > 0.0).count()
+    }
+
+    /// `x - c_2 x^2 - c_3 x^3`, and its slope.
+    fn bend(&self, x: f64) -> (f64, f64) {
+        let [c2, c3] = self.curve;
+        (
+            x * (1.0 - x * (c2 + x * c3)),
+            1.0 - x * (2.0 * c2 + 3.0 * x * c3),
+        )
+    }
+
+    /// The displacement whose [`Self::bend`] is `y`.
+    fn straighten(&self, y: f64) -> f64 {
+        let mut x = y.clamp(-1.5, 1.5);
+        for _ in 0..8 {
+            let (value, slope) = self.bend(x);
+            let step = (value - y) / slope.max(0.05);
+            x = (x - step).clamp(-2.0, 2.0);
+            if step.abs() < 1e-15 {
+                break;
+            }
+        }
+        x
+    }
+
+    /// Lets the plays follow the voltage `v`; `h`.
+    pub(super) fn follow(&self, state: &mut MemoryState, v: f64) -> f64 {
+        let mut h = 0.0;
+        for ((play, slack), weight) in state.plays.iter_mut().zip(&self.slack).zip(&self.weights) {
+            let (low, high) = (v - slack, v + slack);
+            let p = if *play < high { *play } else { high };
+            *play = if p > low { p } else { low };
+            h += weight * *play;
+        }
+        h
+    }
+
+    /// The voltage at which the plays add up to `h`, from where they are.
+    fn invert(&self, state: &MemoryState, h: f64) -> f64 {
+        let now: f64 = state
+            .plays
+            .iter()
+            .zip(&self.weights)
+            .map(|(p, w)| p * w)
+            .sum();
+        let direction = if h >= now { 1.0 } else { -1.0 };
+        let mut left = (h - now).abs();
+        // The play without slack is where the voltage is. Going on, one play after the other is
+        // taken along, for slacks rise: each makes the line steeper.
+        let mut v = state.plays[0];
+        let mut slope = self.weights[0];
+        for i in 1..PLAYS {
+            let taken = state.plays[i] + direction * self.slack[i];
+            let way = (direction * (taken - v)).max(0.0);
+            if way * slope >= left {
+                break;
+            }
+            left -= way * slope;
+            v += direction * way;
+            slope += self.weights[i];
+        }
+        v + direction * left / slope
+    }
+
+    /// The displacement after `period` seconds at the next voltage.
+    pub fn displacement(&self, state: &mut MemoryState, volts: f64, period: f64) -> f64 {
+        state.set_period(&self.constants, period);
+        let h = self.follow(state, self.input.to_share(volts));
+        let y = self.offset + h + self.creep(state, h);
+        self.output.of_share(self.straighten(y))
+    }
+
+    /// Advances the relaxations by one period; what they add.
+    fn creep(&self, state: &mut MemoryState, h: f64) -> f64 {
+        let mut sum = 0.0;
+        for ((z, rate), share) in state
+            .relaxations
+            .iter_mut()
+            .zip(&state.rates)
+            .zip(&self.shares)
+        {
+            *z += rate * (h - *z);
+            sum += share * *z;
+        }
+        sum
+    }
+
+    /// The voltage at which the displacement is the wanted one after `period` seconds, within
+    /// `limits`.
+    pub fn voltage(
+        &self,
+        state: &mut MemoryState,
+        wanted: f64,
+        period: f64,
+        limits: &Range,
+    ) -> f64 {
+        state.set_period(&self.constants, period);
+        // Far beyond the range the static curve would turn back.
+        let (y, _) = self.bend(self.output.to_share(wanted).clamp(-1.5, 1.5));
+        // What the relaxations will have come to depends on h itself, linearly.
+        let (mut fixed, mut slope) = (self.offset, 1.0);
+        for ((z, rate), share) in state.relaxations.iter().zip(&state.rates).zip(&self.shares) {
+            fixed += share * (1.0 - rate) * z;
+            slope += share * rate;
+        }
+        let v = self.invert(state, (y - fixed) / slope);
+        let volts = self.input.of_share(v).clamp(limits.low, limits.high);
+        let h = self.follow(state, self.input.to_share(volts));
+        self.creep(state, h);
+        volts
+    }
+
+    /// A state as after a long rest at `volts`, with nothing remembered.
+    pub fn at_rest(&self, volts: f64) -> MemoryState {
+        let v = self.input.to_share(volts);
+        let h = v * self.weights.iter().sum::<f64>();
+        MemoryState {
+            plays: [v; PLAYS],
+            relaxations: [h; RELAXATIONS],
+            ..MemoryState::default()
+        }
+    }
+}

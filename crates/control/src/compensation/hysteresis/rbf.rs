@@ -1,0 +1,428 @@
+//! The thesis's model of hysteresis: radial basis networks for one turning point (4.2-4.6).
+
+use super::{Invalid, Range, Record, Swing};
+use nalgebra::{Cholesky, DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+/// Voltage and displacement are stretched to so many units over their range; the thesis's unit is
+/// a volt, and its range ten of them.
+pub const UNITS: f64 = 10.0;
+
+/// The turning point that stands for the way forward, units. No turn can be there.
+pub const FORWARD: f64 = -5.0;
+
+/// Distance of neighbouring centres, units: half the period of the highest frequency that matters.
+pub const SPACING: f64 = 1.0;
+
+/// Number of functions of each network.
+pub const FUNCTIONS: usize = 75;
+
+/// A sum of Gaussians of one width over a plane, (4.3).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Network {
+    /// `C_i`.
+    centres: Vec<[f64; 2]>,
+    /// `w_i`.
+    weights: Vec<f64>,
+    /// `sigma`.
+    width: f64,
+}
+
+/// A point of the plane and the value there.
+pub type Sample = ([f64; 2], f64);
+
+/// What a network's weights cost beside its errors, as a share of what the data say of a weight:
+/// enough to tame those about which they say nothing.
+pub const RIDGE: f64 = 1e-7;
+
+impl Network {
+    /// A network of zero weights.
+    ///
+    /// # Errors
+    ///
+    /// When there are no centres or the width is not positive.
+    pub fn new(centres: Vec<[f64; 2]>, width: f64) -> Result<Self, Invalid> {
+        if centres.is_empty() {
+            return Err(Invalid::new("centres", "none", "at least one"));
+        }
+        if !(width > 0.0 && width.is_finite()) {
+            return Err(Invalid::new("width", width, "a finite number above zero"));
+        }
+        let weights = vec![0.0; centres.len()];
+        Ok(Self {
+            centres,
+            weights,
+            width,
+        })
+    }
+
+    /// Checks what was read from a file.
+    pub(super) fn check(&self) -> Result<(), Invalid> {
+        if self.weights.len() != self.centres.len() {
+            let value = format!("{} weights", self.weights.len());
+            let accepted = format!("{}, one for each centre", self.centres.len());
+            return Err(Invalid::new("weights", value, accepted));
+        }
+        let numbers = self.centres.iter().flatten().chain(&self.weights);
+        if !numbers.copied().all(f64::is_finite) {
+            return Err(Invalid::new(
+                "weights",
+                "not finite",
+                "finite centres and weights",
+            ));
+        }
+        Self::new(self.centres.clone(), self.width).map(|_| ())
+    }
+
+    /// The centres of Fig. 4.7: a column of ten along the way forward, and a lattice of
+    /// [`SPACING`] in the triangle in which a way back lies below its turning point.
+    pub fn lattice() -> Vec<[f64; 2]> {
+        let forward = (0..10).map(|k| [FORWARD, UNITS * f64::from(k) / 9.0]);
+        let back = (1..=10).flat_map(|turn| {
+            (0..=turn).map(move |k| [SPACING * f64::from(turn), SPACING * f64::from(k)])
+        });
+        forward.chain(back).collect()
+    }
+
+    /// The width by the rule (4.6), from which tuning starts.
+    pub fn rule() -> f64 {
+        std::f64::consts::PI.sqrt() * SPACING
+    }
+
+    /// Number of functions.
+    pub fn functions(&self) -> usize {
+        self.centres.len()
+    }
+
+    /// Centres and weights.
+    pub fn parts(&self) -> (&[[f64; 2]], &[f64]) {
+        (&self.centres, &self.weights)
+    }
+
+    /// The width `sigma` of its Gaussians, units.
+    pub fn width(&self) -> f64 {
+        self.width
+    }
+
+    /// Sets the weights, one for each centre.
+    ///
+    /// # Errors
+    ///
+    /// When there are more or fewer.
+    pub fn set_weights(&mut self, weights: &[f64]) -> Result<(), Invalid> {
+        self.weights = weights.to_vec();
+        self.check()
+    }
+
+    /// `F(X)` of (4.3).
+    pub fn value(&self, at: [f64; 2]) -> f64 {
+        let inverse = -1.0 / (self.width * self.width);
+        self.centres
+            .iter()
+            .zip(&self.weights)
+            .map(|(centre, weight)| {
+                let (a, b) = (at[0] - centre[0], at[1] - centre[1]);
+                let distance = a * a + b * b;
+                // So far away that it adds nothing.
+                if distance * inverse < -36.0 {
+                    0.0
+                } else {
+                    weight * (distance * inverse).exp()
+                }
+            })
+            .sum()
+    }
+
+    /// Every Gaussian's value at a point.
+    fn fill_basis(&self, at: [f64; 2], basis: &mut [f64]) {
+        let inverse = -1.0 / (self.width * self.width);
+        for (value, centre) in basis.iter_mut().zip(&self.centres) {
+            let (a, b) = (at[0] - centre[0], at[1] - centre[1]);
+            *value = ((a * a + b * b) * inverse).exp();
+        }
+    }
+
+    /// Sets the weights by regularised least squares, all samples at once. `ridge` is the cost of
+    /// a weight beside that of the mean sample.
+    pub fn train(&mut self, samples: &[Sample], ridge: f64) {
+        let n = self.centres.len();
+        let mut design = DMatrix::zeros(n, samples.len());
+        for (column, (at, _)) in design.as_mut_slice().chunks_exact_mut(n).zip(samples) {
+            self.fill_basis(*at, column);
+        }
+        let wanted = DVector::from_iterator(samples.len(), samples.iter().map(|s| s.1));
+        let normal =
+            &design * design.transpose() + DMatrix::identity(n, n) * (ridge * samples.len() as f64);
+        let right = &design * wanted;
+        // With a ridge above zero the matrix is positive definite.
+        if let Some(solved) = Cholesky::new(normal).map(|c| c.solve(&right)) {
+            self.weights.copy_from_slice(solved.as_slice());
+        }
+    }
+
+    /// Root mean square of the errors at these samples.
+    pub fn error(&self, samples: &[Sample]) -> f64 {
+        let squares: f64 = samples
+            .iter()
+            .map(|(at, value)| (self.value(*at) - value).powi(2))
+            .sum();
+        (squares / samples.len() as f64).sqrt()
+    }
+
+    /// A network on [`Self::lattice`] whose width makes the error least, trained with `samples`.
+    fn tuned(samples: &[Sample]) -> Self {
+        let trained = |width: f64| {
+            let mut network = Self {
+                centres: Self::lattice(),
+                weights: vec![0.0; FUNCTIONS],
+                width,
+            };
+            network.train(samples, RIDGE);
+            network
+        };
+        // Every other sample is kept back, so that the width is not one that fits noise.
+        let part = |odd: usize| -> Vec<Sample> {
+            let chosen = samples.iter().skip(odd).step_by(2);
+            chosen.copied().collect()
+        };
+        let (fitted, kept) = (part(0), part(1));
+        let rule = Self::rule();
+        let mut best = (f64::INFINITY, rule);
+        for k in 0..8 {
+            let width = rule * (0.7 + 0.1 * f64::from(k));
+            let mut network = trained(width);
+            network.train(&fitted, RIDGE);
+            let error = network.error(&kept);
+            if error < best.0 {
+                best = (error, width);
+            }
+        }
+        trained(best.1)
+    }
+}
+
+/// Recursive least squares for a [`Network`], one sample at a time, with forgetting. Learning
+/// allocates nothing.
+#[derive(Debug, Clone)]
+pub struct Recursive {
+    /// Symmetric, row by row.
+    covariance: Vec<f64>,
+    basis: Vec<f64>,
+    gain: Vec<f64>,
+    forgetting: f64,
+    ridge: f64,
+    /// The weight whose turn it is to be remembered.
+    turn: usize,
+}
+
+impl Recursive {
+    /// Starts from the weights that a network has, each of which counts as much as `ridge`
+    /// samples. Every sample then counts `forgetting` times as much as the one after it.
+    ///
+    /// # Errors
+    ///
+    /// When the ridge is not positive or the forgetting not in (0, 1].
+    pub fn new(network: &Network, ridge: f64, forgetting: f64) -> Result<Self, Invalid> {
+        if !(ridge > 0.0 && ridge.is_finite()) {
+            return Err(Invalid::new("ridge", ridge, "a finite number above zero"));
+        }
+        if !(forgetting > 0.0 && forgetting <= 1.0) {
+            let accepted = "above 0 and at most 1";
+            return Err(Invalid::new("forgetting", forgetting, accepted));
+        }
+        let n = network.functions();
+        let mut covariance = vec![0.0; n * n];
+        for i in 0..n {
+            covariance[i * n + i] = 1.0 / ridge;
+        }
+        Ok(Self {
+            covariance,
+            basis: vec![0.0; n],
+            gain: vec![0.0; n],
+            forgetting,
+            ridge,
+            turn: 0,
+        })
+    }
+
+    /// Takes in one sample; returns its value less what the network said before.
+    pub fn learn(&mut self, network: &mut Network, (at, value): Sample) -> f64 {
+        let n = network.functions();
+        network.fill_basis(at, &mut self.basis);
+        for (gain, row) in self.gain.iter_mut().zip(self.covariance.chunks_exact(n)) {
+            *gain = dot(row, &self.basis);
+        }
+        let scale = 1.0 / (self.forgetting + dot(&self.basis, &self.gain));
+        let error = value - dot(&self.basis, &network.weights);
+        for (weight, gain) in network.weights.iter_mut().zip(&self.gain) {
+            *weight += scale * error * gain;
+        }
+        self.take_off(scale);
+        if self.forgetting < 1.0 {
+            for p in &mut self.covariance {
+                *p /= self.forgetting;
+            }
+            // What is forgotten where nothing is learned is put back, one weight after the other:
+            // a pretended sample says that it is what it is. Else the next sample there would
+            // throw the weights anywhere.
+            let i = self.turn;
+            self.turn = (i + 1) % n;
+            self.gain
+                .copy_from_slice(&self.covariance[i * n..(i + 1) * n]);
+            let strength = n as f64 * (1.0 - self.forgetting) * self.ridge;
+            self.take_off(strength / (1.0 + strength * self.gain[i]));
+        }
+        error
+    }
+
+    /// Takes `scale` times the square of the gain off the covariance.
+    fn take_off(&mut self, scale: f64) {
+        let n = self.gain.len();
+        for (row, gain) in self.covariance.chunks_exact_mut(n).zip(&self.gain) {
+            let by = scale * gain;
+            for (p, other) in row.iter_mut().zip(&self.gain) {
+                *p -= by * other;
+            }
+        }
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+/// Forward and inverse network with the rule for the turning point.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rbf {
+    /// What voltages are stretched to units.
+    pub input: Range,
+    /// What displacements are.
+    pub output: Range,
+    /// Turning points of the ways back it was trained with, units. A turn beyond them is taken for
+    /// the nearest: where a network was not trained it says nothing.
+    pub turns: Range,
+    /// `x = f(v1, vx)`, (4.4).
+    pub forward: Network,
+    /// `vx = g(v1, x)`, (4.5).
+    pub inverse: Network,
+}
+
+/// What the one-turning-point model remembers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RbfState {
+    /// Last voltage or displacement, units; `None` before the first.
+    last: Option<f64>,
+    /// Last voltage, units.
+    volts: f64,
+    /// `v1`.
+    turn: f64,
+}
+
+impl Default for RbfState {
+    fn default() -> Self {
+        Self {
+            last: None,
+            volts: 0.0,
+            turn: FORWARD,
+        }
+    }
+}
+
+impl RbfState {
+    /// Where a swing turned, units, by the thesis's rule.
+    pub fn turn(&self) -> f64 {
+        self.turn
+    }
+}
+
+impl Rbf {
+    /// Trains both networks off line with the ways forward from the bottom of a record's range and
+    /// the ways back that follow them: what they were made for.
+    ///
+    /// # Errors
+    ///
+    /// When the record has no such ways.
+    pub fn train(record: &Record) -> Result<Self, Invalid> {
+        let (input, output) = (record.input_range(), record.output_range());
+        let samples = Self::samples(record, &input, &output);
+        let directions = |back: bool| samples.iter().filter(|s| (s[0] > FORWARD) == back).count();
+        if directions(false) < 20 || directions(true) < 20 {
+            return Err(Invalid::new(
+                "record",
+                "no way forward from the bottom of its range with a way back",
+                "such ways, for a network of one turning point is trained with them",
+            ));
+        }
+        let turns: Vec<f64> = samples
+            .iter()
+            .map(|s| s[0])
+            .filter(|turn| *turn > FORWARD)
+            .collect();
+        let every = samples.len().div_ceil(2000);
+        let thin: Vec<[f64; 3]> = samples.into_iter().step_by(every).collect();
+        let forward: Vec<Sample> = thin.iter().map(|[v1, v, x]| ([*v1, *v], *x)).collect();
+        let inverse: Vec<Sample> = thin.iter().map(|[v1, v, x]| ([*v1, *x], *v)).collect();
+        Ok(Self {
+            input,
+            output,
+            turns: Range::of(&turns),
+            forward: Network::tuned(&forward),
+            inverse: Network::tuned(&inverse),
+        })
+    }
+
+    /// `(v1, vx, x)` in units of every sample that one turning point describes.
+    pub fn samples(record: &Record, input: &Range, output: &Range) -> Vec<[f64; 3]> {
+        let mut samples = Vec::with_capacity(record.len());
+        for Swing { start, end, rising } in record.swings() {
+            let at = |k: usize| input.to_units(record.input[k], UNITS);
+            let from_bottom = at(start) < 0.05 * UNITS;
+            let v1 = if rising { FORWARD } else { at(start) };
+            // A way back counts if the way forward before it came from the bottom.
+            let known = if rising {
+                from_bottom
+            } else {
+                record.rises_from_bottom(start, 0.05)
+            };
+            if known {
+                samples.extend((start..end).map(|k| {
+                    let x = output.to_units(record.output[k], UNITS);
+                    [v1, at(k), x]
+                }));
+            }
+        }
+        samples
+    }
+
+    /// The displacement at the next voltage.
+    pub fn displacement(&self, state: &mut RbfState, volts: f64) -> f64 {
+        let v = self.input.to_units(volts, UNITS);
+        self.turning(state, v);
+        state.volts = v;
+        self.output
+            .of_units(self.forward.value([state.turn, v]), UNITS)
+    }
+
+    /// The voltage for the next wanted displacement.
+    pub fn voltage(&self, state: &mut RbfState, wanted: f64) -> f64 {
+        let x = self.output.to_units(wanted, UNITS);
+        self.turning(state, x);
+        // Beyond the lattice the network fades to nothing.
+        let v = self.inverse.value([state.turn, x]).clamp(0.0, UNITS);
+        state.volts = v;
+        self.input.of_units(v, UNITS)
+    }
+
+    /// The rule: `v1` is where the direction last turned down, and nowhere on the way up.
+    fn turning(&self, state: &mut RbfState, next: f64) {
+        if let Some(last) = state.last {
+            if next > last {
+                state.turn = FORWARD;
+            } else if next < last && state.turn <= FORWARD {
+                state.turn = state.volts.clamp(self.turns.low, self.turns.high);
+            }
+        }
+        state.last = Some(next);
+    }
+}

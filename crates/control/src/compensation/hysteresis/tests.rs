@@ -1,0 +1,337 @@
+use super::*;
+use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+
+fn ramp(from: f64, to: f64, steps: u32) -> impl Iterator<Item = f64> {
+    (1..=steps).map(move |k| from + (to - from) * f64::from(k) / f64::from(steps))
+}
+
+pub(super) fn memory() -> Memory {
+    let mut weights = [0.02; memory::PLAYS];
+    weights[0] = 0.7;
+    weights[3] = 0.0;
+    Memory {
+        input: Range {
+            low: 0.0,
+            high: 10.0,
+        },
+        output: Range {
+            low: -35e-6,
+            high: 35e-6,
+        },
+        slack: Memory::usual_slack(),
+        weights,
+        offset: 0.03,
+        curve: [0.05, 0.02],
+        constants: [0.03, 0.3, 3.0, 30.0, 300.0, 3000.0],
+        shares: [0.0, 0.02, 0.015, 0.01, 0.01, 0.01],
+        lag: 0.0,
+    }
+}
+
+/// Full ways, then turns all over the range.
+fn rich_path() -> Vec<f64> {
+    let mut path: Vec<f64> = vec![5.0];
+    let mut turns = vec![10.0, 0.0, 10.0, 0.0];
+    for k in 1..=9 {
+        turns.extend([f64::from(k), 0.0]);
+    }
+    turns.extend([8.0, 2.0, 7.0, 3.0, 6.0, 4.0, 5.5, 4.5, 10.0, 0.0]);
+    for turn in turns {
+        let from = path[path.len() - 1];
+        let steps = (100.0 * f64::abs(turn - from)).max(10.0) as u32;
+        path.extend(ramp(from, turn, steps));
+    }
+    path
+}
+
+fn record_of(memory: &Memory, path: &[f64], period: f64) -> Record {
+    let mut state = MemoryState::default();
+    let output: Vec<f64> = path
+        .iter()
+        .map(|v| memory.displacement(&mut state, *v, period))
+        .collect();
+    let time = (0..path.len()).map(|k| k as f64 * period).collect();
+    Record::new(time, path.to_vec(), output).unwrap()
+}
+
+fn points(seed: u64, n: usize) -> Vec<[f64; 2]> {
+    let mut rng = Pcg64Mcg::seed_from_u64(seed);
+    (0..n)
+        .map(|_| {
+            let turn = 1.0 + 9.0 * rng.random::<f64>();
+            if rng.random::<f64>() < 0.2 {
+                [FORWARD, UNITS * rng.random::<f64>()]
+            } else {
+                [turn, turn * rng.random::<f64>()]
+            }
+        })
+        .collect()
+}
+
+fn network(width: f64, seed: u64) -> Network {
+    let mut network = Network::new(Network::lattice(), width).unwrap();
+    let mut rng = Pcg64Mcg::seed_from_u64(seed);
+    let weights: Vec<f64> = (0..FUNCTIONS)
+        .map(|_| 2.0 * rng.random::<f64>() - 1.0)
+        .collect();
+    network.set_weights(&weights).unwrap();
+    network
+}
+
+#[test]
+fn a_network_is_recovered_from_its_own_data() {
+    let truth = network(SPACING, 1);
+    let samples: Vec<Sample> = points(2, 2000)
+        .into_iter()
+        .map(|at| (at, truth.value(at)))
+        .collect();
+    let mut found = Network::new(Network::lattice(), SPACING).unwrap();
+    found.train(&samples, 1e-15);
+    for (a, b) in found.parts().1.iter().zip(truth.parts().1) {
+        assert!((a - b).abs() < 1e-6, "{a} for {b}");
+    }
+    // As wide as (4.6) wants them, neighbours are hard to tell apart, but not what they say.
+    let truth = network(Network::rule(), 3);
+    let samples: Vec<Sample> = samples
+        .iter()
+        .map(|(at, _)| (*at, truth.value(*at)))
+        .collect();
+    let mut found = Network::new(Network::lattice(), Network::rule()).unwrap();
+    found.train(&samples, 1e-15);
+    assert!(found.error(&samples) < 1e-6);
+}
+
+#[test]
+fn learning_one_by_one_ends_where_learning_at_once_does() {
+    let truth = network(Network::rule(), 4);
+    let mut rng = Pcg64Mcg::seed_from_u64(5);
+    let samples: Vec<Sample> = points(6, 1500)
+        .into_iter()
+        .map(|at| (at, truth.value(at) + 0.01 * (rng.random::<f64>() - 0.5)))
+        .collect();
+    let ridge = 1e-6;
+    let mut batch = Network::new(Network::lattice(), Network::rule()).unwrap();
+    batch.train(&samples, ridge);
+    let mut online = Network::new(Network::lattice(), Network::rule()).unwrap();
+    let mut learner = Recursive::new(&online, ridge * samples.len() as f64, 1.0).unwrap();
+    for sample in &samples {
+        learner.learn(&mut online, *sample);
+    }
+    for (a, b) in online.parts().1.iter().zip(batch.parts().1) {
+        assert!((a - b).abs() < 1e-6, "{a} for {b}");
+    }
+}
+
+#[test]
+fn forgetting_follows_a_gain_that_drifts() {
+    let truth = network(Network::rule(), 7);
+    let mut online = truth.clone();
+    let mut learner = Recursive::new(&online, 1.0, 0.999).unwrap();
+    let places = points(8, 20_000);
+    let mut left = 0.0;
+    for (k, at) in places.iter().enumerate() {
+        let gain = 1.0 + 0.1 * k as f64 / places.len() as f64;
+        let error = learner.learn(&mut online, (*at, gain * truth.value(*at)));
+        if k > 15_000 {
+            left += error * error / 5000.0;
+        }
+    }
+    let scale = truth.error(&places.iter().map(|p| (*p, 0.0)).collect::<Vec<_>>());
+    assert!(left.sqrt() < 0.01 * scale, "{} of {scale}", left.sqrt());
+}
+
+#[test]
+fn seventy_five_functions_as_in_the_thesis() {
+    assert_eq!(Network::lattice().len(), FUNCTIONS);
+    assert!((Network::rule().powi(2) - std::f64::consts::PI * SPACING * SPACING).abs() < 1e-12);
+}
+
+#[test]
+fn a_model_with_memory_is_recovered_from_its_own_data() {
+    // Of relaxations slower than itself a record says next to nothing.
+    let truth = Memory {
+        shares: [0.0, 0.02, 0.015, 0.01, 0.0, 0.0],
+        ..memory()
+    };
+    let record = record_of(&truth, &rich_path(), 0.01);
+    let found = fit_memory(&record, record.len(), false).unwrap();
+    let told = predict(&Model::Memory(found), &record);
+    let over = record.known_from()..record.len();
+    let errors = judge(&told, &record.output, over.clone(), Zero::Known);
+    let line = straight(&record, over.clone());
+    let line = judge(&line, &record.output, over, Zero::Known);
+    assert!(
+        errors.rms < 1e-3 * line.rms,
+        "{errors:?} beside a line's {line:?}"
+    );
+}
+
+#[test]
+fn a_lag_is_found() {
+    let truth = memory();
+    let record = record_of(&truth, &rich_path(), 0.01);
+    // The record as it would be had the displacement come two and a half samples later.
+    let late: Vec<f64> = (0..record.len())
+        .map(|k| interpolated(&record.time, &record.output, k, 0.025))
+        .collect();
+    let late = Record::new(record.time.clone(), record.input.clone(), late).unwrap();
+    let found = fit_memory(&late, late.len(), true).unwrap();
+    assert!((found.lag - 0.025).abs() < 0.003, "{}", found.lag);
+}
+
+#[test]
+fn the_voltage_of_a_model_brings_about_the_wanted_displacement() {
+    let model = memory();
+    let limits = Range {
+        low: 0.0,
+        high: 10.0,
+    };
+    let (mut asked, mut done) = (MemoryState::default(), MemoryState::default());
+    let mut rng = Pcg64Mcg::seed_from_u64(11);
+    for _ in 0..2000 {
+        let wanted = 50e-6 * (rng.random::<f64>() - 0.5);
+        let volts = model.voltage(&mut asked, wanted, 4e-4, &limits);
+        let x = model.displacement(&mut done, volts, 4e-4);
+        assert!((x - wanted).abs() < 1e-15, "{x} for {wanted}");
+        assert_eq!(asked, done);
+    }
+}
+
+#[test]
+fn beyond_its_voltages_a_model_stays_and_finds_back() {
+    let model = memory();
+    let limits = Range {
+        low: 0.0,
+        high: 10.0,
+    };
+    let mut state = MemoryState::default();
+    assert_eq!(model.voltage(&mut state, 1.0, 4e-4, &limits), 10.0);
+    assert_eq!(model.voltage(&mut state, -1.0, 4e-4, &limits), 0.0);
+    let back = model.voltage(&mut state, 0.0, 4e-4, &limits);
+    assert!(back > 4.0 && back < 6.5, "{back}");
+}
+
+#[test]
+fn the_inverse_network_is_the_inverse_of_the_forward_one() {
+    let truth = Memory {
+        shares: [0.0; memory::RELAXATIONS],
+        ..memory()
+    };
+    let mut path = vec![0.0];
+    for k in (1..=20).rev() {
+        let top = 0.5 * f64::from(k);
+        path.extend(ramp(0.0, top, 100));
+        path.extend(ramp(top, 0.0, 100));
+    }
+    let record = record_of(&truth, &path, 0.01);
+    let rbf = Rbf::train(&record).unwrap();
+    let samples = Rbf::samples(&record, &rbf.input, &rbf.output);
+    let residual = |network: &Network, to: &dyn Fn(&[f64; 3]) -> Sample| {
+        network.error(&samples.iter().map(to).collect::<Vec<_>>())
+    };
+    let forward = residual(&rbf.forward, &|[t, v, x]| ([*t, *v], *x));
+    let inverse = residual(&rbf.inverse, &|[t, v, x]| ([*t, *x], *v));
+    let squares: f64 = samples
+        .iter()
+        .map(|[turn, _, x]| {
+            let v = rbf.inverse.value([*turn, *x]);
+            (rbf.forward.value([*turn, v]) - x).powi(2)
+        })
+        .sum();
+    let round = (squares / samples.len() as f64).sqrt();
+    // Slopes are about one: the errors of both add up at most.
+    assert!(
+        round < 1.5 * (forward + inverse),
+        "{round} for {forward} and {inverse}"
+    );
+    assert!(forward < 0.02 * UNITS && inverse < 0.02 * UNITS);
+}
+
+proptest! {
+    /// Wiping out: an excursion that is passed again leaves no trace.
+    #[test]
+    fn a_closed_excursion_is_forgotten(
+        low in 0.0..9.9_f64, back in 0.0..1.0_f64, on in 0.0..1.0_f64,
+    ) {
+        let model = Memory { shares: [0.0; memory::RELAXATIONS], ..memory() };
+        let (mut straight, mut astray) = (MemoryState::default(), MemoryState::default());
+        for v in [10.0, low] {
+            model.displacement(&mut straight, v, 0.01);
+            model.displacement(&mut astray, v, 0.01);
+        }
+        for v in [low + back * (10.0 - low), low] {
+            model.displacement(&mut astray, v, 0.01);
+        }
+        let next = low * (1.0 - on);
+        let a = model.displacement(&mut straight, next, 0.01);
+        let b = model.displacement(&mut astray, next, 0.01);
+        prop_assert!((a - b).abs() < 1e-18, "{} {}", a, b);
+    }
+
+    /// Congruency before the static curve: the same two voltages, whatever came before, the same
+    /// loop but for where it lies.
+    #[test]
+    fn loops_between_the_same_voltages_are_congruent(
+        low in 0.5..5.0_f64, width in 0.01..4.5_f64, above in 0.0..1.0_f64, below in 0.0..1.0_f64,
+    ) {
+        let model = Memory {
+            shares: [0.0; memory::RELAXATIONS],
+            curve: [0.0; 2],
+            ..memory()
+        };
+        let high = low + width;
+        let opening = |history: &[f64]| {
+            let mut state = MemoryState::default();
+            for v in history.iter().chain(&[low, high, low]) {
+                model.displacement(&mut state, *v, 0.01);
+            }
+            let middle = 0.5 * (low + high);
+            let up = model.displacement(&mut state, middle, 0.01);
+            model.displacement(&mut state, high, 0.01);
+            model.displacement(&mut state, middle, 0.01) - up
+        };
+        let one = opening(&[high + above * (10.0 - high)]);
+        let other = opening(&[10.0, low * (1.0 - below)]);
+        prop_assert!((one - other).abs() < 1e-18, "{} {}", one, other);
+    }
+}
+
+#[test]
+fn a_record_that_says_nothing_is_refused_with_the_reason() {
+    let n = 200;
+    let time: Vec<f64> = (0..n).map(f64::from).collect();
+    let wave: Vec<f64> = time.iter().map(|t| (0.1 * t).sin()).collect();
+    let refused = |time: &[f64], input: &[f64], output: &[f64]| {
+        Record::new(time.to_vec(), input.to_vec(), output.to_vec())
+            .unwrap_err()
+            .to_string()
+    };
+    assert!(refused(&time, &[1.0; 200], &wave).contains("`input`: 1 in every sample"));
+    assert!(refused(&time, &wave, &[2.0; 200]).contains("`output`: 2 in every sample"));
+    assert!(refused(&time, &time, &wave).contains("never turns"));
+    assert!(refused(&time[..50], &wave[..50], &wave[..50]).contains("at least 100"));
+    let mut bad = wave.clone();
+    bad[6] = f64::NAN;
+    assert!(refused(&time, &bad, &wave).contains("NaN in sample 7"));
+    let mut back = time.clone();
+    back[9] = 3.0;
+    assert!(refused(&back, &wave, &wave).contains("3 after 8 in sample 10"));
+}
+
+#[test]
+fn turns_are_where_the_input_turns() {
+    let path: Vec<f64> = std::iter::once(5.0)
+        .chain(ramp(5.0, 10.0, 100))
+        .chain(ramp(10.0, 2.0, 100))
+        .chain(ramp(2.0, 4.0, 100))
+        .collect();
+    let time = (0..path.len()).map(|k| k as f64).collect();
+    let record = Record::new(time, path.clone(), path).unwrap();
+    let turns: Vec<(usize, usize, bool)> = record
+        .swings()
+        .map(|s| (s.start, s.end, s.rising))
+        .collect();
+    assert_eq!(turns, [(0, 100, true), (100, 200, false), (200, 300, true)]);
+}

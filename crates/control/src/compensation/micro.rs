@@ -1,0 +1,102 @@
+//! A micro manipulator with its piezos' hysteresis taken out: from a wanted displacement of the
+//! tip to the voltages that bring it about.
+
+use super::hysteresis::{Invalid, Model, Range, State};
+use pigtail_hal::Spec;
+use pigtail_hal::quantity::Volts;
+use pigtail_hal::spec::MICRO_AXES;
+use serde::{Deserialize, Serialize};
+
+/// What is believed of a micro manipulator's piezos.
+///
+/// A piezo's displacement is counted along its own axis, such that its share in x is what the
+/// axis's angle says; what the flexure's joints make of it in y is then `ratio` times what the
+/// angle says (the static coupling of thesis 4.2, a linear map).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MicroModel {
+    /// Volts to metres, one model for each piezo.
+    pub piezos: [Model; MICRO_AXES],
+    /// Displacement in y for one in x.
+    pub ratio: f64,
+}
+
+impl MicroModel {
+    /// Checks what was read from a file.
+    ///
+    /// # Errors
+    ///
+    /// When a model is none, or the ratio is not positive.
+    pub fn check(&self) -> Result<(), Invalid> {
+        if !(self.ratio > 0.5 && self.ratio < 2.0) {
+            return Err(Invalid {
+                what: "ratio",
+                value: self.ratio.to_string(),
+                accepted: "0.5 to 2".to_owned(),
+            });
+        }
+        self.piezos.iter().try_for_each(Model::check)
+    }
+}
+
+/// A [`MicroModel`] at work.
+#[derive(Debug, Clone)]
+pub struct MicroCompensation {
+    model: MicroModel,
+    states: [State; MICRO_AXES],
+    /// What each model says of a piezo switched on and in the middle of its voltage, metres: where
+    /// displacements are counted from.
+    zeros: [f64; MICRO_AXES],
+    limits: Range,
+    sin: f64,
+    cos: f64,
+    half_range: f64,
+    period: f64,
+}
+
+impl MicroCompensation {
+    /// Begins with piezos that rest in the middle of their range, as they do at switch-on.
+    pub fn new(model: &MicroModel, spec: &Spec) -> Self {
+        let period = spec.period();
+        let middle = 0.5 * spec.micro.voltage;
+        let (sin, cos) = spec.micro.angle.sin_cos();
+        let states = std::array::from_fn(|i| model.piezos[i].switched_on());
+        let zeros = std::array::from_fn(|i| {
+            let piezo = &model.piezos[i];
+            piezo.displacement(&mut piezo.switched_on(), middle, period)
+        });
+        Self {
+            model: model.clone(),
+            states,
+            zeros,
+            limits: Range {
+                low: 0.0,
+                high: spec.micro.voltage,
+            },
+            sin,
+            cos,
+            half_range: 0.5 * spec.micro.range,
+            period,
+        }
+    }
+
+    /// The voltages of the next cycle for a tip that is wanted at `(x, y)` metres from its centre
+    /// in the manipulator's frame, held within the range.
+    pub fn next(&mut self, x: f64, y: f64) -> [Volts; MICRO_AXES] {
+        let y = y / self.model.ratio;
+        let wanted = [self.cos * x + self.sin * y, self.cos * y - self.sin * x];
+        std::array::from_fn(|i| {
+            let d = wanted[i].clamp(-self.half_range, self.half_range) + self.zeros[i];
+            let state = &mut self.states[i];
+            Volts(self.model.piezos[i].voltage(state, d, self.period, &self.limits))
+        })
+    }
+
+    /// Takes note of voltages that somebody else has set for the next cycle.
+    pub fn follow(&mut self, volts: [Volts; MICRO_AXES]) {
+        for (i, Volts(volts)) in volts.into_iter().enumerate() {
+            let state = &mut self.states[i];
+            self.model.piezos[i].displacement(state, volts, self.period);
+        }
+    }
+}

@@ -1,0 +1,539 @@
+//! Identification of a micro manipulator's piezos by the light of the sensing fiber (thesis 4.2).
+//!
+//! The sensing fiber stands so far back from a lit guide that the beam is wider than its core: the
+//! light then falls off as a Gaussian, (4.1). It stands above the beam's middle, on the flank of
+//! that Gaussian, and clear of the chip's top, where no scattered light comes. A piezo that moves
+//! it moves it up or down the flank, and light says where it is, 500 times a second; the camera
+//! sees the tip too, 25 times a second and worse, and sets the scale of (4.1). The flexure's
+//! coupling shows in how steep the flank is along each piezo beside how steep it is straight up,
+//! which the macro's encoders measure.
+//!
+//! Only the manipulator that carries the sensing fiber can do this.
+
+use crate::compensation::hysteresis::{Model, Range, Rbf, Record, fit_memory};
+use crate::compensation::micro::MicroModel;
+use crate::identify::Path;
+use crate::outcome::{Halt, Outcome};
+use crate::procedure::light_guides;
+use crate::recipe::Recipe;
+use crate::station::Station;
+use nalgebra::{Matrix3, Vector3};
+use pigtail_hal::quantity::Volts;
+use pigtail_hal::spec::MICRO_AXES;
+use pigtail_hal::{Channel, Side};
+use pigtail_model::frames::{Macro, Point};
+
+/// The manipulator that carries the sensing fiber.
+pub const SIDE: Side = Side::Right;
+
+/// Gap between guide and sensing fiber, metres: the beam is then as wide as (4.1) needs.
+const GAP: f64 = 700e-6;
+
+/// Height above the beam's middle, metres: there the core stays clear of the chip's top wherever
+/// the micro moves it, and the flank is steep.
+const HEIGHT: f64 = 85e-6;
+
+/// Clearance of the core's lower rim from the chip's top, metres.
+const CLEARANCE: f64 = 5e-6;
+
+/// Speed of the macro over the flank, m/s.
+const CLIMB: f64 = 100e-6;
+
+/// Speed of the voltage, volts a second: slow beside the resonance, fast beside most of the creep.
+const SPEED: f64 = 2.5;
+
+/// Light samples averaged to one of a record.
+const BLOCK: usize = 5;
+
+/// Light and tip while a piezo follows a path of its voltage.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Series {
+    /// When each light sample was taken, seconds.
+    pub time: Vec<f64>,
+    /// The driven piezo's voltage at it.
+    pub volts: Vec<f64>,
+    /// The light, volts, less what the photodiode gives in the dark.
+    pub light: Vec<f64>,
+    /// When each frame was exposed, and the sensing fiber's x in the manipulator's frame, metres.
+    pub frames: Vec<(f64, f64)>,
+}
+
+impl Series {
+    fn append(&mut self, next: Self) {
+        self.time.extend(next.time);
+        self.volts.extend(next.volts);
+        self.light.extend(next.light);
+        self.frames.extend(next.frames);
+    }
+
+    /// Mean light within 10 ms of `time`; `None` where there is none, or too little.
+    fn light_at(&self, time: f64, least: f64) -> Option<f64> {
+        let from = self.time.partition_point(|t| *t < time - 0.01);
+        let to = self.time.partition_point(|t| *t <= time + 0.01);
+        if from >= to {
+            return None;
+        }
+        let mean = self.light[from..to].iter().sum::<f64>() / (to - from) as f64;
+        (mean > least).then_some(mean)
+    }
+}
+
+/// (4.1) along one piezo: `I = I_max exp(-((s - s_0)/sigma)^2)`, dark apart.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Flank {
+    /// `ln I_max`.
+    pub top: f64,
+    /// `s_0`, metres of the piezo's displacement.
+    pub centre: f64,
+    /// `sigma`, metres; positive where light falls as the piezo rises.
+    pub width: f64,
+}
+
+impl Flank {
+    /// The displacement at which the light is `light`, metres.
+    pub fn displacement(&self, light: f64) -> f64 {
+        self.centre + self.width * (self.top - light.ln()).max(0.0).sqrt()
+    }
+
+    /// The light at a displacement, volts.
+    pub fn light(&self, displacement: f64) -> f64 {
+        (self.top - ((displacement - self.centre) / self.width).powi(2)).exp()
+    }
+}
+
+/// What was found of one piezo.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Identified {
+    /// What was measured.
+    pub series: Series,
+    /// How light became displacement.
+    pub flank: Flank,
+    /// Voltage and displacement (metres).
+    pub record: Record,
+    /// Samples of it, from the first on, that the thesis's model was trained with.
+    pub curves: usize,
+    /// The thesis's model of it.
+    pub rbf: Model,
+    /// The one that remembers.
+    pub memory: Model,
+}
+
+/// What was found of a micro manipulator.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Micro {
+    /// Its piezos.
+    pub piezos: [Identified; MICRO_AXES],
+    /// Displacement in y for one in x.
+    pub ratio: f64,
+}
+
+impl Micro {
+    /// The thesis's model of both piezos.
+    pub fn rbf(&self) -> MicroModel {
+        MicroModel {
+            piezos: std::array::from_fn(|i| self.piezos[i].rbf.clone()),
+            ratio: self.ratio,
+        }
+    }
+
+    /// The model of both that remembers.
+    pub fn memory(&self) -> MicroModel {
+        MicroModel {
+            piezos: std::array::from_fn(|i| self.piezos[i].memory.clone()),
+            ratio: self.ratio,
+        }
+    }
+}
+
+/// A parabola `c_0 + c_1 x + c_2 x^2` by weighted least squares.
+fn parabola(points: &[(f64, f64, f64)]) -> Option<[f64; 3]> {
+    // In units in which the numbers are about one.
+    let scale = points.iter().fold(0.0_f64, |s, p| s.max(p.0.abs()));
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for (x, y, weight) in points {
+        let row = Vector3::new(1.0, x / scale, (x / scale).powi(2));
+        normal += *weight * row * row.transpose();
+        right += *weight * *y * row;
+    }
+    let c = normal.cholesky()?.solve(&right);
+    Some([c[0], c[1] / scale, c[2] / (scale * scale)])
+}
+
+/// A Gaussian through points of place and light: its top's logarithm, centre and width.
+fn gaussian(points: &[(f64, f64)], what: &str) -> Result<Flank, Outcome> {
+    // Errors of a logarithm are those of the light over the light.
+    let logs: Vec<_> = points.iter().map(|(x, i)| (*x, i.ln(), i * i)).collect();
+    match parabola(&logs) {
+        Some([c0, c1, c2]) if c2 < 0.0 => Ok(Flank {
+            top: c0 - 0.25 * c1 * c1 / c2,
+            centre: -0.5 * c1 / c2,
+            width: (-1.0 / c2).sqrt(),
+        }),
+        _ => Err(no_beam(what)),
+    }
+}
+
+fn no_beam(what: &str) -> Outcome {
+    Outcome::OutOfReach(format!("the light {what} is not that of a beam"))
+}
+
+/// Identifies both piezos of [`SIDE`].
+///
+/// # Errors
+///
+/// A fault; an outcome where the guides cannot be lit or the light is not that of a beam.
+pub fn identify(station: &mut Station, recipe: &Recipe) -> Result<Micro, Halt> {
+    // Less light or more is no matter here: what is behind the input only has to be steady.
+    light_guides(station, recipe, 100e-9)?;
+    let middle = Volts(0.5 * station.spec().micro.voltage);
+    station.laser(false);
+    station.run(0.02)?;
+    let dark = station.level(Channel::Sensing, 0.4)?.mean;
+    station.laser(true);
+    station.micro_volts(SIDE, [middle; MICRO_AXES]);
+
+    // Back from the guide, and to the side as its light goes.
+    let back = GAP - recipe.raster.gap;
+    let here = station
+        .kinematics(SIDE)
+        .chip_from_macro(station.wanted(SIDE));
+    let there = here.shifted(back * recipe.ports.exit_angle.tan(), 0.0, back);
+    let start = station.kinematics(SIDE).macro_from_chip(there);
+    station.line(SIDE, Point::new(start.x, start.y - 0.4e-3, start.z), None)?;
+    let (first, _) = flank_up(station, start, dark)?;
+    let across = arrive(station, start, first.centre + HEIGHT)?;
+    let beam = across_beam(station, dark)?;
+    let shift = beam.centre - seen_x(station)?;
+    let start = Point::new(start.x + shift, start.y, across.z);
+    station.line(SIDE, Point::new(start.x, start.y - 0.4e-3, start.z), None)?;
+    let (up, up_x) = flank_up(station, start, dark)?;
+    arrive(station, start, up.centre + HEIGHT)?;
+
+    let mut piezos = Vec::with_capacity(MICRO_AXES);
+    let mut ratio = 0.0;
+    for piezo in 0..MICRO_AXES {
+        let found = identify_piezo(station, piezo, dark)?;
+        ratio += ratio_of(station, piezo, &found, &up, up_x, &beam) / MICRO_AXES as f64;
+        piezos.push(found);
+    }
+    let piezos = piezos
+        .try_into()
+        .map_err(|_| Outcome::OutOfReach("a micro has two piezos".to_owned()))?;
+    Ok(Micro { piezos, ratio })
+}
+
+/// Arrives from below at a height, at the x and z of `start`, so that the transmissions are wound
+/// up as they were on the way up the flank.
+fn arrive(station: &mut Station, start: Point<Macro>, y: f64) -> Result<Point<Macro>, Halt> {
+    station.line(SIDE, Point::new(start.x, y - 0.4e-3, start.z), None)?;
+    let there = Point::new(start.x, y, start.z);
+    station.line(SIDE, there, Some(CLIMB))?;
+    Ok(there)
+}
+
+/// The flank straight up, by the macro's encoders, and the tip's x meanwhile.
+fn flank_up(station: &mut Station, start: Point<Macro>, dark: f64) -> Result<(Flank, f64), Halt> {
+    let bottom = Point::new(start.x, start.y - 0.15e-3, start.z);
+    station.line(SIDE, bottom, None)?;
+    let top = Point::new(start.x, start.y + 0.25e-3, start.z);
+    station.start_line(SIDE, top, Some(CLIMB))?;
+    let mut seen = Vec::with_capacity(4096);
+    let (mut x, mut frames) = (0.0, 0.0);
+    while station.moving(SIDE) {
+        station.cycle()?;
+        if let Some(light) = station.light(Channel::Sensing) {
+            seen.push((station.endpoint(SIDE).y, light - dark));
+        }
+        if let Some(frame) = station.frame() {
+            x += tip_x(station, frame.sensing.x, frame.sensing.z);
+            frames += 1.0;
+        }
+    }
+    let smooth: Vec<(f64, f64)> = seen
+        .windows(BLOCK)
+        .map(|w| {
+            let n = w.len() as f64;
+            let sum = w.iter().fold((0.0, 0.0), |s, p| (s.0 + p.0, s.1 + p.1));
+            (sum.0 / n, sum.1 / n)
+        })
+        .collect();
+    let brightest = smooth
+        .iter()
+        .fold((0.0, 0.0), |b, p| if p.1 > b.1 { *p } else { b });
+    // With its lower rim below the chip's top the core takes in scattered light too. Where the top
+    // is follows from the beam, whose middle lies there.
+    let clear = CLEARANCE + 0.5 * station.spec().sensing_fiber.core;
+    let mut middle = brightest.0;
+    let mut flank = None;
+    for _ in 0..4 {
+        let above: Vec<(f64, f64)> = smooth
+            .iter()
+            .filter(|p| p.0 > middle + clear && p.0 < middle + 2.0 * HEIGHT - clear)
+            .map(|p| (p.0 - middle, p.1))
+            .collect();
+        if above.len() < 100 {
+            return Err(no_beam("above the guide").into());
+        }
+        let fit = gaussian(&above, "above the guide")?;
+        middle += fit.centre.clamp(-0.5 * clear, 0.5 * clear);
+        flank = Some(Flank {
+            centre: middle,
+            ..fit
+        });
+    }
+    match flank {
+        Some(flank) if frames > 0.0 => Ok((flank, x / frames)),
+        _ => Err(no_beam("above the guide").into()),
+    }
+}
+
+/// A tip's x in the manipulator's frame, from what the camera says of it.
+fn tip_x(station: &Station, x: f64, z: f64) -> f64 {
+    let seen = Point::new(x, 0.0, z);
+    station.kinematics(SIDE).macro_from_chip(seen).x
+}
+
+/// Where the camera sees the tip, on average.
+fn seen_x(station: &mut Station) -> Result<f64, Halt> {
+    const FRAMES: u32 = 50;
+    let mut x = 0.0;
+    for _ in 0..FRAMES {
+        let frame = station.next_frame()?;
+        x += tip_x(station, frame.sensing.x, frame.sensing.z) / f64::from(FRAMES);
+    }
+    Ok(x)
+}
+
+/// The beam across, by both piezos and the camera.
+fn across_beam(station: &mut Station, dark: f64) -> Result<Flank, Halt> {
+    let volts = station.spec().micro.voltage;
+    let path = Path {
+        turns: vec![0.5, 0.95, 0.05, 0.95, 0.05, 0.5],
+        speed: 0.1,
+    };
+    let series = drive(station, &path, dark, |share| {
+        [Volts(share * volts), Volts((1.0 - share) * volts)]
+    })?;
+    let points: Vec<(f64, f64)> = series
+        .frames
+        .iter()
+        .filter_map(|(time, x)| Some((*x, series.light_at(*time, 0.0)?)))
+        .collect();
+    let mean = points.iter().map(|p| p.0).sum::<f64>() / points.len().max(1) as f64;
+    let around: Vec<(f64, f64)> = points.iter().map(|p| (p.0 - mean, p.1)).collect();
+    let beam = gaussian(&around, "across the guide")?;
+    Ok(Flank {
+        centre: beam.centre + mean,
+        ..beam
+    })
+}
+
+/// Light and tip while the piezos' voltages follow a path.
+fn drive(
+    station: &mut Station,
+    path: &Path,
+    dark: f64,
+    volts: impl Fn(f64) -> [Volts; MICRO_AXES],
+) -> Result<Series, Halt> {
+    let mut series = Series::default();
+    let begin = station.time();
+    while station.time() - begin < path.duration() {
+        let at = path.at(station.time() - begin);
+        station.micro_volts(SIDE, volts(at));
+        station.cycle()?;
+        if let Some(light) = station.light(Channel::Sensing) {
+            series.time.push(station.time());
+            series.volts.push(at);
+            series.light.push(light - dark);
+        }
+        if let Some(frame) = station.frame().filter(|frame| frame.time >= begin) {
+            let x = tip_x(station, frame.sensing.x, frame.sensing.z);
+            series.frames.push((frame.time, x));
+        }
+    }
+    Ok(series)
+}
+
+/// The paths of the identification, one after the other, volts.
+///
+/// First slowly, as in the thesis: full ways, then from the bottom to each turning voltage and back
+/// (Fig. 4.4). Then turns that come closer and closer, faster, then a full way very slowly: at one
+/// speed alone creep looks like hysteresis.
+pub fn program(voltage: f64) -> [Path; 5] {
+    let path = |turns: &[f64], speed: f64| Path {
+        turns: turns.iter().map(|t| t * voltage).collect(),
+        speed,
+    };
+    let mut slow = vec![0.5, 1.0, 0.0, 1.0, 0.0];
+    for k in (1..=10).rev() {
+        slow.extend([0.1 * f64::from(k), 0.0]);
+    }
+    let mut fast = vec![0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0];
+    for k in 0..12 {
+        let share = 0.04 * f64::from(k);
+        fast.extend([1.0 - share, share]);
+    }
+    fast.extend([0.9, 0.4, 0.6, 0.2, 0.7, 0.1, 0.3, 0.0, 1.0, 0.0]);
+    [
+        path(&slow, SPEED),
+        path(&fast, 4.0 * SPEED),
+        path(&[0.0, 0.8, 0.2, 0.6, 0.0], 0.4 * SPEED),
+        path(&[0.0, 0.7], 4.0 * SPEED),
+        path(&[0.7, 0.7001], 1e-4 * voltage / 60.0),
+    ]
+}
+
+fn identify_piezo(station: &mut Station, piezo: usize, dark: f64) -> Result<Identified, Halt> {
+    let voltage = station.spec().micro.voltage;
+    let middle = Volts(0.5 * voltage);
+    let mut series = Series::default();
+    let mut slow = 0.0;
+    for path in program(voltage) {
+        let part = drive(station, &path, dark, |volts| {
+            let mut both = [middle; MICRO_AXES];
+            both[piezo] = Volts(volts);
+            both
+        })?;
+        if slow == 0.0 {
+            slow = station.time();
+        }
+        series.append(part);
+    }
+    station.micro_volts(SIDE, [middle; MICRO_AXES]);
+    station.run(0.1)?;
+    let (sin, cos) = station.spec().micro.angle.sin_cos();
+    let share = [cos, -sin][piezo];
+    let flank = flank_of(&series, share)?;
+    let record = record_of(&series, &flank)?;
+    let of = |invalid: crate::compensation::hysteresis::Invalid| {
+        Outcome::OutOfReach(format!("piezo {}: {invalid}", piezo + 1))
+    };
+    let mut memory = fit_memory(&record, record.len(), true).map_err(of)?;
+    memory.go_on_creeping();
+    // The thesis's networks know neither speed nor inner loops: they get the curves they are for.
+    let curves = record.time.partition_point(|t| *t < slow);
+    let rbf = Rbf::train(&record.before(curves).map_err(of)?).map_err(of)?;
+    Ok(Identified {
+        series,
+        flank,
+        record,
+        curves,
+        rbf: Model::Rbf(rbf),
+        memory: Model::Memory(memory),
+    })
+}
+
+/// (4.1) along a piezo whose displacement appears in x with a share: light against where the
+/// camera sees the tip.
+fn flank_of(series: &Series, share: f64) -> Result<Flank, Outcome> {
+    let brightest = series.light.iter().fold(0.0_f64, |b, i| b.max(*i));
+    let origin = series.frames.first().map_or(0.0, |frame| frame.1);
+    // Light is the cleaner of the two: the camera's x is told from it, not the other way round.
+    let points: Vec<(f64, f64)> = series
+        .frames
+        .iter()
+        .filter_map(|(time, x)| {
+            let light = series.light_at(*time, 0.01 * brightest)?;
+            Some((light.ln(), (x - origin) / share))
+        })
+        .collect();
+    if points.len() < 50 {
+        return Err(no_beam("along a piezo"));
+    }
+    let highest = points.iter().fold(f64::NEG_INFINITY, |h, p| h.max(p.0));
+    let solve = |top: f64| {
+        let root = |log: f64| (top - log).max(0.0).sqrt();
+        let n = points.len() as f64;
+        let (mut r, mut s, mut rr, mut rs, mut ss) = (0.0, 0.0, 0.0, 0.0, 0.0);
+        for (log, x) in &points {
+            let a = root(*log);
+            r += a / n;
+            s += x / n;
+            rr += a * a / n;
+            rs += a * x / n;
+            ss += x * x / n;
+        }
+        let width = (rs - r * s) / (rr - r * r);
+        let left = ss - s * s - width * (rs - r * s);
+        (left, width, s - width * r)
+    };
+    let (mut low, mut high) = (highest + 0.001, highest + 4.0);
+    for _ in 0..60 {
+        let (a, b) = (low + 0.382 * (high - low), low + 0.618 * (high - low));
+        if solve(a).0 < solve(b).0 {
+            high = b;
+        } else {
+            low = a;
+        }
+    }
+    let top = 0.5 * (low + high);
+    let (_, width, centre) = solve(top);
+    if width > 0.0 && width.is_finite() {
+        Ok(Flank { top, centre, width })
+    } else {
+        Err(no_beam("along a piezo"))
+    }
+}
+
+/// Voltage and displacement, samples averaged in blocks, each as good as the light is there.
+fn record_of(series: &Series, flank: &Flank) -> Result<Record, Outcome> {
+    let blocks = series.time.len() / BLOCK;
+    let [mut time, mut volts, mut way, mut weight] = [(); 4].map(|()| Vec::with_capacity(blocks));
+    for k in 0..blocks {
+        let over = k * BLOCK..(k + 1) * BLOCK;
+        let mean = |column: &[f64]| column[over.clone()].iter().sum::<f64>() / BLOCK as f64;
+        let light = mean(&series.light).max(1e-6);
+        time.push(mean(&series.time));
+        volts.push(mean(&series.volts));
+        way.push(flank.displacement(light));
+        // An error of the light makes one of the displacement that grows as the slope falls.
+        let slope = 2.0 * light * (flank.top - light.ln()).max(0.0).sqrt();
+        weight.push(slope * slope);
+    }
+    let most = weight.iter().fold(f64::MIN_POSITIVE, |m, w| m.max(*w));
+    for w in &mut weight {
+        *w /= most;
+    }
+    Record::weighted(time, volts, way, weight)
+        .map_err(|invalid| Outcome::OutOfReach(format!("the record of a piezo: {invalid}")))
+}
+
+/// Displacement in y for one in x along a piezo: how steep the flank is along it, less what its
+/// share in x makes of the beam's width, beside how steep it is straight up.
+fn ratio_of(
+    station: &Station,
+    piezo: usize,
+    found: &Identified,
+    up: &Flank,
+    up_x: f64,
+    beam: &Flank,
+) -> f64 {
+    let (sin, cos) = station.spec().micro.angle.sin_cos();
+    let (in_x, in_y) = [(cos, sin), (-sin, cos)][piezo];
+    let series = &found.series;
+    let (mut sum, mut n) = (0.0, 0.0);
+    for (time, x) in &series.frames {
+        let Some(light) = series.light_at(*time, 0.0) else {
+            continue;
+        };
+        let log = light.ln();
+        let aside = |x: f64| ((x - beam.centre) / beam.width).powi(2);
+        // Height over the beam's middle in widths, by the light and how far aside the tip is.
+        let over = up.top + aside(up_x) - aside(*x) - log;
+        let own = found.flank.top - log;
+        if over <= 0.04 || own <= 0.0 {
+            continue;
+        }
+        let along = own.sqrt() / found.flank.width;
+        let across = in_x * (x - beam.centre) / (beam.width * beam.width);
+        let height = over.sqrt() / up.width;
+        sum += (along - across) * in_y.signum() / (in_y.abs() * height);
+        n += 1.0;
+    }
+    if n > 0.0 { sum / n } else { 1.0 }
+}
+
+/// Range of a piezo's displacement over the identification, metres.
+pub fn range(found: &Identified) -> Range {
+    Range::of(&found.record.output[found.record.known_from()..])
+}

@@ -1,0 +1,373 @@
+//! Hysteresis and creep of a piezo: why a micro axis is not where its voltage says.
+//!
+//! Hysteresis with memory, of the Prandtl-Ishlinskii family: play operators in parallel, each of
+//! which follows its input only once a slack is taken up,
+//!
+//! ```text
+//! v    = s + a s^2                               domains switch more readily one way
+//! p_i <- max(v - r_i, min(v + r_i, p_i))         a play operator of half width r_i
+//! y    = (1 - h) v + h sum w_i p_i
+//! x    = c (y - b y^3)                           the material saturates
+//! ```
+//!
+//! The plays wipe out: a closed excursion inside a loop leaves no trace once it is passed. With
+//! `a` and `b` at zero, loops between the same two inputs are congruent; a measured piezo's are
+//! not quite, nor are these.
+//!
+//! Creep is logarithmic in time: first-order relaxations with time constants a decade apart, each
+//! worth the same share of what was applied.
+
+use crate::Invalid;
+
+/// Number of play operators of a [`Hysteresis`]: so many that a loop looks smooth.
+pub const PLAYS: usize = 64;
+
+/// Longest relaxation's and shortest relaxation's time constants lie five decades apart.
+const RELAXATIONS: usize = 6;
+
+/// Time constant of the fastest relaxation, seconds.
+const FASTEST: f64 = 0.1;
+
+/// How a piezo's displacement follows its voltage, both as shares of half their range: -1 to +1.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Hysteresis {
+    /// `r_i`.
+    slack: [f64; PLAYS],
+    /// `h w_i`.
+    weights: [f64; PLAYS],
+    /// `1 - h`.
+    direct: f64,
+    /// `a`.
+    skew: f64,
+    /// `b`.
+    saturation: f64,
+    /// `c`, which makes the displacement's range that of the voltage.
+    scale: f64,
+}
+
+/// What a [`Hysteresis`] remembers. Its default is a piezo that has been cycled with falling
+/// amplitude around the middle of its range and rests there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HysteresisState {
+    plays: [f64; PLAYS],
+    input: f64,
+    output: f64,
+}
+
+impl Default for HysteresisState {
+    fn default() -> Self {
+        Self {
+            plays: [0.0; PLAYS],
+            input: 0.0,
+            output: 0.0,
+        }
+    }
+}
+
+/// What makes a [`Hysteresis`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HysteresisParameters {
+    /// Largest difference between the way back and the way forward at one voltage, over full
+    /// stroke, as a share of the range of displacement.
+    pub opening: f64,
+    /// Over which share of half the range the weights of the plays fall off: small ones make a
+    /// loop that opens at once.
+    pub spread: f64,
+    /// `a`: how much a loop leans to one side.
+    pub skew: f64,
+    /// `b`: how much the displacement saturates.
+    pub saturation: f64,
+}
+
+impl Hysteresis {
+    /// The hysteresis with these parameters.
+    ///
+    /// # Errors
+    ///
+    /// When a parameter is out of the range in which displacement grows with voltage, or plays of
+    /// this spread cannot open a loop so wide.
+    pub fn new(parameters: &HysteresisParameters) -> Result<Self, Invalid> {
+        let &HysteresisParameters {
+            opening,
+            spread,
+            skew,
+            saturation,
+        } = parameters;
+        if !(0.0..=0.3).contains(&opening) {
+            return Err(Invalid::new("hysteresis", opening, "0 to 0.3"));
+        }
+        if !(0.1..=10.0).contains(&spread) {
+            return Err(Invalid::new("spread", spread, "0.1 to 10"));
+        }
+        if skew.is_nan() || skew.abs() > 0.2 {
+            return Err(Invalid::new("skew", skew, "-0.2 to 0.2"));
+        }
+        if !(0.0..=0.1).contains(&saturation) {
+            return Err(Invalid::new("saturation", saturation, "0 to 0.1"));
+        }
+        // Slacks beyond half the range never move; those near zero matter most just after a
+        // turn, so they lie closer there.
+        let slack: [f64; PLAYS] =
+            std::array::from_fn(|i| ((i as f64 + 0.5) / PLAYS as f64).powf(1.2));
+        let density = slack.map(|r| (-(r / spread).powi(2)).exp() * r.powf(1.0 / 6.0));
+        let total: f64 = density.iter().sum();
+        let with = |share: f64| Self {
+            slack,
+            weights: density.map(|w| share * w / total),
+            direct: 1.0 - share,
+            skew,
+            saturation,
+            scale: 1.0,
+        };
+        // The opening grows with the share of the plays, nearly in proportion.
+        let (mut share, mut last) = (0.0, (0.0, 0.0));
+        let mut guess = 2.0 * opening;
+        for _ in 0..6 {
+            let (now, _) = with(guess).full_stroke();
+            let slope = (now - last.1) / (guess - last.0);
+            share = guess;
+            last = (guess, now);
+            if (now - opening).abs() < 1e-6 || slope == 0.0 || !slope.is_finite() {
+                break;
+            }
+            guess = (guess + (opening - now) / slope).clamp(0.0, 0.95);
+        }
+        let mut hysteresis = with(share);
+        let (reached, range) = hysteresis.full_stroke();
+        if (reached - opening).abs() > 1e-3 {
+            let accepted = format!("at most {reached:.3} with a spread of {spread}");
+            return Err(Invalid::new("hysteresis", opening, accepted));
+        }
+        hysteresis.scale = 2.0 / range;
+        Ok(hysteresis)
+    }
+
+    /// Largest opening as a share of the range, and the range, over a cycle at full stroke.
+    fn full_stroke(&self) -> (f64, f64) {
+        const STEPS: i32 = 50;
+        let mut state = HysteresisState::default();
+        self.advance(&mut state, 1.0);
+        let high = state.output;
+        let mut way = |from: f64, to: f64| -> Vec<f64> {
+            (0..=STEPS)
+                .map(|k| {
+                    let s = from + (to - from) * f64::from(k) / f64::from(STEPS);
+                    self.advance(&mut state, s)
+                })
+                .collect()
+        };
+        let (back, forward) = (way(1.0, -1.0), way(-1.0, 1.0));
+        let range = high - forward[0];
+        let widest = back
+            .iter()
+            .zip(forward.iter().rev())
+            .fold(0.0_f64, |widest, (b, f)| widest.max(b - f));
+        (widest / range, range)
+    }
+
+    /// The displacement at the next voltage, both -1 to +1 over their range.
+    pub fn advance(&self, state: &mut HysteresisState, input: f64) -> f64 {
+        if input == state.input {
+            return state.output;
+        }
+        state.input = input;
+        let v = input + self.skew * input * input;
+        // Four sums that do not wait for one another.
+        let mut sums = [0.0; 4];
+        let blocks = state.plays.as_chunks_mut::<4>().0.iter_mut();
+        let slack = self.slack.as_chunks::<4>().0;
+        let weights = self.weights.as_chunks::<4>().0;
+        for ((plays, slack), weights) in blocks.zip(slack).zip(weights) {
+            for k in 0..4 {
+                let (low, high) = (v - slack[k], v + slack[k]);
+                let p = if plays[k] < high { plays[k] } else { high };
+                plays[k] = if p > low { p } else { low };
+                sums[k] += weights[k] * plays[k];
+            }
+        }
+        let y = self.direct * v + (sums[0] + sums[1]) + (sums[2] + sums[3]);
+        state.output = self.scale * (y - self.saturation * y * y * y);
+        state.output
+    }
+}
+
+/// Creep: after a step the displacement goes on by the same share in every decade of time from
+/// 0.1 s to some hours.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Creep {
+    share: f64,
+    /// Share of the way that each relaxation goes in one period.
+    rates: [f64; RELAXATIONS],
+    scale: f64,
+}
+
+/// What a [`Creep`] remembers: where each relaxation is.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct CreepState([f64; RELAXATIONS]);
+
+impl Creep {
+    /// Creep by `share` of a step in a decade of time, sampled every `period` seconds. Its gain is
+    /// one for what has been applied a second ago.
+    ///
+    /// # Errors
+    ///
+    /// When the share is not between 0 and 0.1 or the period is not positive.
+    pub fn new(share: f64, period: f64) -> Result<Self, Invalid> {
+        if !(0.0..=0.1).contains(&share) {
+            return Err(Invalid::new("creep", share, "0 to 0.1"));
+        }
+        Invalid::positive("period", period)?;
+        let mut constant = FASTEST;
+        let mut reached = 0.0;
+        let rates = [(); RELAXATIONS].map(|()| {
+            let rate = -(-period / constant).exp_m1();
+            reached -= (-1.0 / constant).exp_m1();
+            constant *= 10.0;
+            rate
+        });
+        Ok(Self {
+            share,
+            rates,
+            scale: 1.0 / (1.0 + share * reached),
+        })
+    }
+
+    /// Advances `state` by one period under what is applied at once; what comes of it.
+    pub fn advance(&self, state: &mut CreepState, applied: f64) -> f64 {
+        let mut sum = 0.0;
+        for (z, rate) in state.0.iter_mut().zip(&self.rates) {
+            *z += rate * (applied - *z);
+            sum += *z;
+        }
+        self.scale * (applied + self.share * sum)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const PARAMETERS: HysteresisParameters = HysteresisParameters {
+        opening: 0.15,
+        spread: 0.7,
+        skew: 0.04,
+        saturation: 0.03,
+    };
+
+    fn ramp(from: f64, to: f64) -> impl Iterator<Item = f64> {
+        (1..=200).map(move |k| from + (to - from) * f64::from(k) / 200.0)
+    }
+
+    #[test]
+    fn a_full_stroke_opens_by_what_was_asked_for_and_spans_the_range() {
+        for opening in [0.0, 0.05, 0.15, 0.2] {
+            let model = Hysteresis::new(&HysteresisParameters {
+                opening,
+                ..PARAMETERS
+            })
+            .unwrap();
+            let (reached, range) = model.full_stroke();
+            assert!((reached - opening).abs() < 1e-5, "{reached} for {opening}");
+            assert!((range - 2.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn displacement_grows_with_voltage_on_every_branch() {
+        let model = Hysteresis::new(&PARAMETERS).unwrap();
+        let mut state = HysteresisState::default();
+        let mut last = 0.0;
+        for s in ramp(0.0, 1.0) {
+            let x = model.advance(&mut state, s);
+            assert!(x > last);
+            last = x;
+        }
+        for s in ramp(1.0, -1.0) {
+            let x = model.advance(&mut state, s);
+            assert!(x < last);
+            last = x;
+        }
+    }
+
+    proptest! {
+        /// Wiping out: an excursion that is passed again leaves no trace.
+        #[test]
+        fn a_closed_excursion_is_forgotten(low in -1.0..1.0_f64, back in 0.0..1.0_f64, on in 0.0..0.5_f64) {
+            let model = Hysteresis::new(&PARAMETERS).unwrap();
+            let (mut straight, mut astray) = (HysteresisState::default(), HysteresisState::default());
+            for s in [1.0, low] {
+                model.advance(&mut straight, s);
+                model.advance(&mut astray, s);
+            }
+            for s in [low + back * (1.0 - low), low] {
+                model.advance(&mut astray, s);
+            }
+            let next = low - on * (1.0 + low);
+            let (a, b) = (model.advance(&mut straight, next), model.advance(&mut astray, next));
+            prop_assert!((a - b).abs() < 1e-14, "{} {}", a, b);
+        }
+
+        /// Congruency, where the static parts are straight: the same two voltages, whatever came
+        /// before, the same loop but for where it lies.
+        #[test]
+        fn loops_between_the_same_voltages_are_congruent(
+            low in -0.9..0.0_f64, width in 0.01..0.9_f64, above in 0.0..1.0_f64, below in 0.0..1.0_f64,
+        ) {
+            let model = Hysteresis::new(&HysteresisParameters { skew: 0.0, saturation: 0.0, ..PARAMETERS }).unwrap();
+            let high = low + width;
+            let opening = |history: &[f64]| {
+                let mut state = HysteresisState::default();
+                for s in history.iter().chain(&[low, high, low]) {
+                    model.advance(&mut state, *s);
+                }
+                let middle = 0.5 * (low + high);
+                let up = model.advance(&mut state, middle);
+                model.advance(&mut state, high);
+                model.advance(&mut state, middle) - up
+            };
+            let one = opening(&[high + above * (1.0 - high)]);
+            let other = opening(&[1.0, low - below * (1.0 + low)]);
+            prop_assert!((one - other).abs() < 1e-14, "{} {}", one, other);
+        }
+    }
+
+    #[test]
+    fn creep_adds_the_same_share_in_every_decade() {
+        let creep = Creep::new(0.02, 0.01).unwrap();
+        let mut state = CreepState::default();
+        let mut at = |seconds: f64| {
+            let mut x = 0.0;
+            for _ in 0..(seconds / 0.01) as u32 {
+                x = creep.advance(&mut state, 1.0);
+            }
+            x
+        };
+        let (one, ten, hundred) = (at(1.0), at(9.0), at(90.0));
+        assert!((one - 1.0).abs() < 1e-3, "{one}");
+        for step in [ten - one, hundred - ten] {
+            assert!((step - 0.02).abs() < 0.002, "{step}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_piezo_is_refused() {
+        for parameters in [
+            HysteresisParameters {
+                opening: 0.4,
+                ..PARAMETERS
+            },
+            HysteresisParameters {
+                skew: f64::NAN,
+                ..PARAMETERS
+            },
+            HysteresisParameters {
+                saturation: -0.1,
+                ..PARAMETERS
+            },
+        ] {
+            assert!(Hysteresis::new(&parameters).is_err(), "{parameters:?}");
+        }
+        assert!(Creep::new(0.2, 1e-3).is_err() && Creep::new(0.02, 0.0).is_err());
+    }
+}
