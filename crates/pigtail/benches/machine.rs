@@ -4,6 +4,7 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use pigtail::align::align;
+use pigtail::procedure::Procedure;
 use pigtail::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
 use pigtail_control::procedure;
 use pigtail_control::station::{Station, Unobserved};
@@ -51,7 +52,9 @@ fn machine(c: &mut Criterion) {
     group.throughput(Throughput::Elements(cycles as u64));
     group.sample_size(10);
     group.bench_function("alignment of one device", |b| {
-        b.iter(|| align(&setup, black_box(1), &mut Unobserved).expect("no fault"));
+        b.iter(|| {
+            align(&setup, Procedure::Thesis, black_box(1), &mut Unobserved).expect("no fault")
+        });
     });
     group.finish();
 }

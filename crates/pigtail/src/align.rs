@@ -1,17 +1,19 @@
 //! One device aligned on a twin, and the document that says how it went.
 
+use crate::procedure::Procedure;
 use crate::rig::Setup;
 use pigtail_control::outcome::Outcome;
-use pigtail_control::procedure::{self, FiberReport};
+use pigtail_control::procedure::FiberReport;
 use pigtail_control::station::{Observer, Station};
 use pigtail_hal::Fault;
 use pigtail_machines::Twin;
 use pigtail_machines::twin::{FiberTruth, TwinError};
 use serde::Serialize;
 
-/// Tolerances of an aligned fiber: x and y, then z (thesis 3.1), metres.
-const TOLERANCE_XY: f64 = 0.1e-6;
-const TOLERANCE_Z: f64 = 2e-6;
+/// Tolerances of an aligned fiber: x and y, then z (thesis 3.1), micrometres.
+pub const TOLERANCE_XY_UM: f64 = 0.1;
+/// See [`TOLERANCE_XY_UM`].
+pub const TOLERANCE_Z_UM: f64 = 2.0;
 
 /// What a run prints as JSON and keeps as `summary.json`. Keys are a contract: more may come,
 /// none changes its name or meaning.
@@ -31,6 +33,9 @@ pub struct Document {
     pub seconds_per_fiber: f64,
     /// Whether any fiber or the sensing fiber ever touched the chip: the truth.
     pub collision: bool,
+    /// The least distance between the chip and any fiber that was beside it: the truth. `null`
+    /// where none ever was.
+    pub smallest_gap_um: Option<f64>,
     /// The program's version.
     pub version: &'static str,
     /// Path of the report; empty when none was written.
@@ -90,7 +95,7 @@ pub enum AlignError {
     Fault(#[from] Fault),
 }
 
-/// Aligns one device on the twin that `seed` draws.
+/// Aligns one device on the twin that `seed` draws, by a procedure.
 ///
 /// # Errors
 ///
@@ -98,12 +103,13 @@ pub enum AlignError {
 /// not an error: its row says so.
 pub fn align(
     setup: &Setup,
+    procedure: Procedure,
     seed: u64,
     observer: &mut dyn Observer,
 ) -> Result<Document, AlignError> {
     let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
     let mut station = Station::new(&mut twin, &setup.calibration, observer)?;
-    let reports = procedure::thesis(&mut station, &setup.recipe);
+    let reports = procedure.run(&mut station, &setup.recipe);
     station.stop();
     let reports = reports?;
     let truth = twin.truth();
@@ -121,11 +127,14 @@ pub fn align(
     Ok(Document {
         rig: setup.rig.clone(),
         recipe: setup.recipe_name.clone(),
-        procedure: "thesis",
+        procedure: procedure.name(),
         seed,
         fibers,
         seconds_per_fiber: rounded(seconds / attempted.max(1) as f64, 1e-4),
         collision: truth.smallest_gap <= 0.0,
+        smallest_gap_um: Some(truth.smallest_gap)
+            .filter(|gap| gap.is_finite())
+            .map(|gap| rounded(gap * 1e6, 1e-6)),
         version: env!("CARGO_PKG_VERSION"),
         report: String::new(),
     })
@@ -195,7 +204,8 @@ fn row(report: &FiberReport, truth: Option<FiberTruth>, wanted_gap: f64) -> Fibe
         }),
         coupling_loss_db: truth.map(|t| rounded(-10.0 * t.coupling.log10(), 1e-6)),
         within_tolerance: offset.map(|(x, y, z)| {
-            x.abs() <= TOLERANCE_XY && y.abs() <= TOLERANCE_XY && z.abs() <= TOLERANCE_Z
+            let [x, y, z] = [x, y, z].map(|metres| 1e6 * metres.abs());
+            x <= TOLERANCE_XY_UM && y <= TOLERANCE_XY_UM && z <= TOLERANCE_Z_UM
         }),
     }
 }

@@ -4,7 +4,9 @@
 //! (`pigtail-machines`) meet and may be compared.
 //!
 //! - [`rig`]: what is loaded before anything moves;
+//! - [`procedure`]: the ways to align a device;
 //! - [`align`]: one device aligned on a twin, and what came of it;
+//! - [`campaign`]: many of them, and what they have in common;
 //! - [`record`]: what was seen on the way;
 //! - [`report`]: the page a person wants to look at;
 //! - [`runs`]: the folder all of that goes to;
@@ -13,12 +15,14 @@
 //! - [`cli`]: the commands.
 
 pub mod align;
+pub mod campaign;
 pub mod characterize;
 pub mod cli;
 pub mod contour;
 pub mod hysteresis;
 pub mod identify;
 pub mod loops;
+pub mod procedure;
 pub mod record;
 pub mod report;
 pub mod rig;

@@ -1,6 +1,7 @@
 //! Whole alignments, scored against the truth.
 
 use pigtail::align::{Document, align};
+use pigtail::procedure::Procedure;
 use pigtail::record::Record;
 use pigtail::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
 use pigtail_control::station::Unobserved;
@@ -10,7 +11,7 @@ fn setup() -> Setup {
 }
 
 fn run(setup: &Setup, seed: u64) -> Document {
-    align(setup, seed, &mut Unobserved).expect("no fault")
+    align(setup, Procedure::Thesis, seed, &mut Unobserved).expect("no fault")
 }
 
 /// The thesis needs 21.7 s a fiber and 0.1, 0.1 and 2 um (3.1, 3.4).
@@ -32,7 +33,7 @@ fn the_same_seed_gives_the_same_bytes_watched_or_not() {
     let text = |document: &Document| serde_json::to_string(document).expect("JSON");
     let first = run(&setup, 42);
     let mut record = Record::default();
-    let watched = align(&setup, 42, &mut record).expect("no fault");
+    let watched = align(&setup, Procedure::Thesis, 42, &mut record).expect("no fault");
     assert_eq!(text(&first), text(&watched));
     assert_ne!(text(&first), text(&run(&setup, 43)));
     assert!(record.samples.len() > 10_000);

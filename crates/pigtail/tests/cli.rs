@@ -335,7 +335,11 @@ fn no_light_is_a_negative_with_its_evidence() {
 #[test]
 fn help_teaches() {
     let folder = TempDir::new().expect("a folder");
-    for arguments in [&["--help"][..], &["align", "--help"][..]] {
+    for arguments in [
+        &["--help"][..],
+        &["align", "--help"],
+        &["campaign", "--help"],
+    ] {
         let output = pigtail(folder.path(), arguments);
         assert_eq!(output.status.code(), Some(0));
         insta::assert_snapshot!(arguments.join(" "), String::from_utf8_lossy(&output.stdout));

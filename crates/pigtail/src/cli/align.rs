@@ -1,17 +1,15 @@
 //! `pigtail align`.
 
-use super::common::Common;
+use super::common::{Common, write_table};
 use super::progress::Progress;
 use super::{DONE, Failure, NEGATIVE, failure};
 use crate::align::{Document, align};
+use crate::procedure::Procedure;
 use crate::record::Record;
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, Setup};
 use crate::runs::Run;
 use clap::Args;
-use comfy_table::{
-    CellAlignment, ContentArrangement, ContentLineStyle, LineStyle, Table, TableStyle,
-};
 use pigtail_control::station::{Observer, Sample};
 use std::io::{self, Write};
 
@@ -37,6 +35,9 @@ pub(super) struct Arguments {
     /// A recipe file, or the name of one below `recipes`
     #[arg(long, default_value = DEFAULT_RECIPE_NAME)]
     recipe: String,
+    /// How to align
+    #[arg(long, value_enum, default_value_t)]
+    procedure: Procedure,
 }
 
 /// The record, and a progress bar beside it.
@@ -65,7 +66,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         record: Record::default(),
         progress: Progress::new(full),
     };
-    let mut document = align(&setup, arguments.common.seed, &mut watcher)
+    let seed = arguments.common.seed;
+    let mut document = align(&setup, arguments.procedure, seed, &mut watcher)
         .map_err(|error| failure(error, &arguments.common.rig))?;
     watcher.progress.finish();
     let record = &watcher.record;
@@ -89,30 +91,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     })
 }
 
-/// Lines above and below the header and nothing else: numbers side by side need no grid.
-const STYLE: TableStyle = TableStyle::new()
-    .header_separator(LineStyle::none().fill('─').junction('─'))
-    .content_lines(ContentLineStyle::none());
-
-/// A row a fiber where the terminal is wide enough, else a column a fiber.
 fn print_table(out: &mut impl Write, document: &Document) -> io::Result<()> {
-    let rows = rows(document);
-    let wide = table(&rows);
-    let width = wide
-        .lines()
-        .map(|line| line.chars().count())
-        .max()
-        .unwrap_or(0);
-    let room = wide.width().map_or(usize::MAX, usize::from);
-    if width <= room {
-        writeln!(out, "{}", wide.trim_fmt())?;
-    } else {
-        let columns = rows[0].len();
-        let turned: Vec<Vec<String>> = (0..columns)
-            .map(|i| rows.iter().map(|row| row[i].replace('\n', " ")).collect())
-            .collect();
-        writeln!(out, "{}", table(&turned).trim_fmt())?;
-    }
+    write_table(out, &rows(document))?;
     for fiber in document
         .fibers
         .iter()
@@ -129,19 +109,6 @@ fn print_table(out: &mut impl Write, document: &Document) -> io::Result<()> {
         document.seconds_per_fiber, document.seed
     )?;
     writeln!(out, "Report: {}", document.report)
-}
-
-fn table(rows: &[Vec<String>]) -> Table {
-    let mut table = Table::new();
-    table
-        .load_style(STYLE)
-        .set_content_arrangement(ContentArrangement::Disabled);
-    table.set_header(&rows[0]);
-    table.add_rows(&rows[1..]);
-    for column in table.column_iter_mut().skip(1) {
-        column.set_cell_alignment(CellAlignment::Right);
-    }
-    table
 }
 
 /// The header and a row a fiber.

@@ -2,6 +2,10 @@
 
 use crate::rig::DEFAULT_RIG_NAME;
 use clap::Args;
+use comfy_table::{
+    CellAlignment, ContentArrangement, ContentLineStyle, LineStyle, Table, TableStyle,
+};
+use std::io::{self, Write};
 use std::path::PathBuf;
 
 #[derive(Debug, Args)]
@@ -18,4 +22,50 @@ pub(super) struct Common {
     /// Where to write the run's folder
     #[arg(long, value_name = "FOLDER", default_value = "runs")]
     pub(super) runs: PathBuf,
+}
+
+/// Lines above and below the header and nothing else: numbers side by side need no grid.
+const STYLE: TableStyle = TableStyle::new()
+    .header_separator(LineStyle::none().fill('─').junction('─'))
+    .content_lines(ContentLineStyle::none());
+
+/// Writes a header and its rows; where the terminal is too narrow, rows become
+/// columns if that helps.
+pub(super) fn write_table(out: &mut impl Write, rows: &[Vec<String>]) -> io::Result<()> {
+    let wide = table(rows);
+    let room = wide.width().map_or(usize::MAX, usize::from);
+    if width_of(&wide) <= room {
+        return writeln!(out, "{}", wide.trim_fmt());
+    }
+    let turned: Vec<Vec<String>> = (0..rows[0].len())
+        .map(|i| rows.iter().map(|row| row[i].replace('\n', " ")).collect())
+        .collect();
+    let narrow = table(&turned);
+    let best = if width_of(&narrow) < width_of(&wide) {
+        narrow
+    } else {
+        wide
+    };
+    writeln!(out, "{}", best.trim_fmt())
+}
+
+fn width_of(table: &Table) -> usize {
+    table
+        .lines()
+        .map(|line| line.chars().count())
+        .max()
+        .unwrap_or(0)
+}
+
+fn table(rows: &[Vec<String>]) -> Table {
+    let mut table = Table::new();
+    table
+        .load_style(STYLE)
+        .set_content_arrangement(ContentArrangement::Disabled);
+    table.set_header(&rows[0]);
+    table.add_rows(&rows[1..]);
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    table
 }

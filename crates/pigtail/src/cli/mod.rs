@@ -1,6 +1,7 @@
 //! The commands. Exit codes: 0 done, 1 an honest negative, 2 bad input, 3 a fault.
 
 mod align;
+mod campaign;
 mod characterize;
 mod common;
 mod hysteresis;
@@ -52,6 +53,7 @@ Exit codes:
 #[derive(Debug, Subcommand)]
 enum Command {
     Align(align::Arguments),
+    Campaign(campaign::Arguments),
     Tune(tune::Arguments),
     Identify(identify::Arguments),
     Predict(hysteresis::PredictArguments),
@@ -108,6 +110,7 @@ pub fn main() -> ExitCode {
     };
     let result = match arguments.command {
         Command::Align(arguments) => align::run(&arguments),
+        Command::Campaign(arguments) => campaign::run(&arguments),
         Command::Tune(arguments) => tune::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),
         Command::Predict(arguments) => hysteresis::predict(&arguments),

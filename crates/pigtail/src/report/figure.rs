@@ -10,12 +10,12 @@ const HEIGHT: u32 = 420;
 pub(super) const HALF: u32 = 540;
 pub(super) const WHOLE: u32 = 1080;
 
-const INK: RGBColor = RGBColor(27, 39, 51);
-const SOFT: RGBColor = RGBColor(91, 107, 122);
-const GRID: RGBColor = RGBColor(226, 231, 236);
+pub(super) const INK: RGBColor = RGBColor(27, 39, 51);
+pub(super) const SOFT: RGBColor = RGBColor(91, 107, 122);
+pub(super) const GRID: RGBColor = RGBColor(226, 231, 236);
 const BAND: RGBColor = RGBColor(243, 246, 249);
 /// Colours of curves, told apart also by people who see red and green alike.
-const CURVES: [RGBColor; 4] = [
+pub(super) const CURVES: [RGBColor; 4] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -175,14 +175,14 @@ fn emptiest_place(axes: &Axes, curves: &[(&str, Vec<(f64, f64)>)]) -> SeriesLabe
         .map_or(SeriesLabelPosition::LowerLeft, |(_, _, place)| place)
 }
 
-type Root<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+pub(super) type Root<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Chart<'a, 'b> = ChartContext<
     'b,
     SVGBackend<'a>,
     Cartesian2d<plotters::coord::types::RangedCoordf64, plotters::coord::types::RangedCoordf64>,
 >;
 
-fn draw(axes: &Axes, content: impl FnOnce(&Root) -> Result<()>) -> Result<String> {
+pub(super) fn draw(axes: &Axes, content: impl FnOnce(&Root) -> Result<()>) -> Result<String> {
     let mut svg = String::new();
     {
         let root = SVGBackend::with_string(&mut svg, (axes.width, HEIGHT)).into_drawing_area();
@@ -192,7 +192,7 @@ fn draw(axes: &Axes, content: impl FnOnce(&Root) -> Result<()>) -> Result<String
     Ok(svg)
 }
 
-fn chart<'a, 'b>(axes: &Axes, root: &'b Root<'a>) -> Result<Chart<'a, 'b>> {
+pub(super) fn chart<'a, 'b>(axes: &Axes, root: &'b Root<'a>) -> Result<Chart<'a, 'b>> {
     Ok(ChartBuilder::on(root)
         .margin(8)
         .margin_right(18)

@@ -2,8 +2,10 @@
 
 mod alignment;
 mod axis;
+mod campaign;
 mod contour;
 mod figure;
+mod histogram;
 mod html;
 mod hysteresis;
 mod loops;
@@ -13,6 +15,8 @@ mod windup;
 
 pub use alignment::alignment;
 pub use axis::{frequency, resolution, sine, step};
+pub use campaign::campaign;
+pub(crate) use campaign::percent;
 pub use contour::contour;
 pub use hysteresis::{inverted, tried};
 pub use loops::loops;

@@ -1,0 +1,67 @@
+//! The ways to align a device, by the names that a user gives them.
+
+use clap::ValueEnum;
+use pigtail_control::procedure::{self, FiberReport};
+use pigtail_control::recipe::Recipe;
+use pigtail_control::station::Station;
+use pigtail_hal::Fault;
+
+/// A way to align a device. To add one: a variant here, and its entry below.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
+pub enum Procedure {
+    /// Raster, nine-point climb and stepwise approach, one fiber after the other
+    #[default]
+    Thesis,
+}
+
+/// What the program has to know of a procedure.
+struct Entry {
+    name: &'static str,
+    run: fn(&mut Station, &Recipe) -> Result<Vec<FiberReport>, Fault>,
+    phases: &'static [&'static str],
+}
+
+impl Procedure {
+    fn entry(self) -> Entry {
+        match self {
+            Self::Thesis => Entry {
+                name: "thesis",
+                run: procedure::thesis,
+                phases: &["coarse", "sensing", "raster", "climb", "approach", "final"],
+            },
+        }
+    }
+
+    /// Its name in options and documents.
+    pub fn name(self) -> &'static str {
+        self.entry().name
+    }
+
+    /// The phases that a campaign's rows give a column each. What a procedure spends elsewhere
+    /// is summed in one more.
+    pub fn phases(self) -> &'static [&'static str] {
+        self.entry().phases
+    }
+
+    /// Aligns a device.
+    ///
+    /// # Errors
+    ///
+    /// The machine's fault.
+    pub fn run(self, station: &mut Station, recipe: &Recipe) -> Result<Vec<FiberReport>, Fault> {
+        (self.entry().run)(station, recipe)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_those_that_the_options_accept() {
+        for &procedure in Procedure::value_variants() {
+            let accepted = procedure.to_possible_value().expect("none is hidden");
+            assert_eq!(accepted.get_name(), procedure.name());
+        }
+    }
+}
