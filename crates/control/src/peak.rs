@@ -24,6 +24,9 @@ const WINDOW: usize = 10;
 /// After so many times the recipe's patterns an average that is not sure yet begins again.
 const RESTART: u32 = 8;
 
+/// A vertex this near, in steps, is gone to without another look.
+const NEAR: f64 = 0.4;
+
 /// A nine-point climb of one micro on one photodiode.
 #[derive(Debug, Clone, Copy)]
 pub struct NinePoint<'r> {
@@ -162,7 +165,7 @@ impl<'r> NinePoint<'r> {
         let mut mean = [0.0; 9];
         // Sum of squared deviations from the means, all points together.
         let (mut count, mut squares) = (0_u32, 0.0);
-        let fit = loop {
+        loop {
             let light = self.pattern(station)?;
             count += 1;
             for (mean, volts) in mean.iter_mut().zip(light) {
@@ -177,13 +180,21 @@ impl<'r> NinePoint<'r> {
             let variance = squares / (9.0 * f64::from(count.max(2) - 1));
             let fit = Paraboloid::fit(&mean);
             let deviation = self.climb.step * fit.deviation(variance / f64::from(count));
+            // In steps. Without a vertex the deviation would be infinite.
+            let (x, y) = fit.vertex().unwrap_or((0.0, 0.0));
             if deviation < accuracy {
-                break fit;
+                self.shift(station, (x, y))?;
+                if x.hypot(y) < NEAR || late {
+                    break;
+                }
+                // A piezo without a model makes two thirds of so long a way: look once more.
+                (mean, count, squares) = ([0.0; 9], 0, 0.0);
+                continue;
             }
             if count >= RESTART * patterns {
                 // Averaged for so long the place has moved on, for piezos creep: what is left of
                 // the averages is a better centre to begin again from.
-                self.shift(station, fit.vertex().unwrap_or((0.0, 0.0)))?;
+                self.shift(station, (x, y))?;
                 (mean, count, squares) = ([0.0; 9], 0, 0.0);
             }
             if late {
@@ -193,9 +204,7 @@ impl<'r> NinePoint<'r> {
                 }
                 .into());
             }
-        };
-        // Without a vertex the deviation would be infinite.
-        self.shift(station, fit.vertex().unwrap_or((0.0, 0.0)))?;
+        }
         station.run(5.0 * self.climb.dwell)?;
         Ok(())
     }
