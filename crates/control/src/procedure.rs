@@ -36,6 +36,10 @@ pub const PORTS: [&str; 1 + OUTPUTS] = ["input", "output1", "output2"];
 /// compensation do not sweep as far as they are told.
 const ASIDE: f64 = 0.25;
 
+/// How far around a bright place light is looked for that has slipped away, in meshes: first, and
+/// once more before the place is dismissed.
+const AROUND: [f64; 2] = [3.0, 6.0];
+
 /// After so many bright places that did not bear a second look there is more scattered light than
 /// a search can live with.
 const MOST_DISMISSED: usize = 5;
@@ -431,15 +435,18 @@ impl<'r> Job<'r> {
                 Some(hit) if seen.dismissed < MOST_DISMISSED => hit,
                 _ => return Ok(Err(seen)),
             };
-            self.recentre(station, &searcher, &hit)?;
-            let level = searcher.contrast(station, raster.mesh)?;
-            if level > 0.5 * hit.level {
-                // The look aside and back has left the piezos elsewhere.
-                self.regain(station, &searcher, level)?;
-                return Ok(Ok(Found {
-                    background: searcher.background.mean,
-                    level,
-                }));
+            // The light may have slipped away farther than is looked around for at first.
+            for around in AROUND {
+                self.recentre(station, &searcher, &hit, around)?;
+                let level = searcher.contrast(station, raster.mesh)?;
+                if level > 0.5 * hit.level {
+                    // The look aside and back has left the piezos elsewhere.
+                    self.regain(station, &searcher, level, AROUND[0])?;
+                    return Ok(Ok(Found {
+                        background: searcher.background.mean,
+                        level,
+                    }));
+                }
             }
             evidence = Some(SearchEvidence {
                 dismissed: seen.dismissed + 1,
@@ -453,20 +460,34 @@ impl<'r> Job<'r> {
 
     /// Brings the macro to where the search saw its brightest light and the micro back to its
     /// centre, arriving from below as the search came.
-    fn recentre(&self, station: &mut Station, searcher: &Searcher, hit: &Hit) -> Result<(), Halt> {
+    fn recentre(
+        &self,
+        station: &mut Station,
+        searcher: &Searcher,
+        hit: &Hit,
+        around: f64,
+    ) -> Result<(), Halt> {
         station.move_micro(self.side, 0.0, 0.0);
         let (x, y) = hit.micro;
         self.arrive(station, self.side, hit.endpoint.shifted(x, y, 0.0))?;
-        self.regain(station, searcher, hit.level)
+        self.regain(station, searcher, hit.level, around)
     }
 
     /// Looks around with the micro where lags, counts, friction or the piezos' hysteresis have let
     /// light of a level slip away: it cannot be far.
-    fn regain(&self, station: &mut Station, searcher: &Searcher, level: f64) -> Result<(), Halt> {
+    fn regain(
+        &self,
+        station: &mut Station,
+        searcher: &Searcher,
+        level: f64,
+        around: f64,
+    ) -> Result<(), Halt> {
         let mesh = self.recipe.raster.mesh;
         let now = station.level(self.channel, 0.02)?.mean - searcher.background.mean;
         if now < 0.5 * level
-            && let Some(again) = searcher.micro_raster(station, 3.0 * mesh, 0.4 * mesh)?.hit
+            && let Some(again) = searcher
+                .micro_raster(station, around * mesh, 0.4 * mesh)?
+                .hit
         {
             station.move_micro(self.side, again.micro.0, again.micro.1);
             station.run(0.02)?;
