@@ -51,7 +51,8 @@ impl Hystereses {
     pub fn set(&mut self, side: Side, model: Option<MicroModel>) {
         let belief = model.map(|model| HysteresisBelief {
             model: model.piezos[0].name().to_owned(),
-            weights: String::new(),
+            weights: None,
+            micro: None,
             residual: 0.0,
             date: String::new(),
             origin: String::new(),
@@ -71,8 +72,10 @@ pub struct HysteresisBelief {
     /// Name of the model.
     pub model: String,
     /// The file beside this one that holds its weights. Control reads no files: whoever parses a
-    /// calibration reads it, and calls [`Self::load`].
-    pub weights: String,
+    /// calibration reads it, and calls [`Self::load`]. A small model may stand in `micro` instead.
+    pub weights: Option<String>,
+    /// The model itself.
+    pub micro: Option<MicroModel>,
     /// Root mean square that the model left of the displacement, metres.
     #[serde(deserialize_with = "quantity::non_negative_length")]
     pub residual: f64,
@@ -317,7 +320,24 @@ impl Calibration {
     /// When a key is missing, unknown or out of range, or the workspace of the datasheet cannot
     /// be reached with these dimensions.
     pub fn parse(file: &str, text: &str, spec: &Spec) -> Result<Self, Error> {
-        let calibration: Self = config::parse(file, text)?;
+        let mut calibration: Self = config::parse(file, text)?;
+        for (side, belief) in [
+            ("left", &mut calibration.hysteresis.left),
+            ("right", &mut calibration.hysteresis.right),
+        ] {
+            let Some(belief) = belief else { continue };
+            let key = format!("hysteresis.{side}.micro");
+            match (belief.weights.is_some(), belief.micro.take()) {
+                (false, Some(micro)) => belief
+                    .load(file, micro)
+                    .map_err(|error| Error::new(file, key, error.message))?,
+                (true, None) => {}
+                _ => {
+                    let message = "and `weights` are two sources; accepted is one of them";
+                    return Err(Error::new(file, key, message));
+                }
+            }
+        }
         for (key, belief) in [
             ("five_bar", &calibration.windup.five_bar),
             ("z", &calibration.windup.z),

@@ -5,8 +5,10 @@
 //! the boundary. Its modules in the order in which data flows:
 //!
 //! 1. [`recipe`]: what is to be done; [`calibration`]: what is believed of the machine;
-//! 2. [`procedure`]: straight-line functions over a [`Station`](station::Station);
-//! 3. [`search`]: finding light; [`peak`]: climbing to its maximum;
+//! 2. [`procedure`], the thesis's, and [`fast`]: straight-line functions over a
+//!    [`Station`](station::Station);
+//! 3. [`search`] and [`sweep`]: finding light; [`peak`] and [`orbit`]: getting to its maximum, the
+//!    latter by what is known of the [`beam`]; [`sight`]: where vision sees the tips;
 //! 4. [`trajectory`], paths and the profiles along them, and [`kinematics`]: from a wanted motion
 //!    to encoder counts;
 //! 5. [`servo`]: from counts to volts, every cycle;
@@ -16,13 +18,15 @@
 //! [`contour`] on both joints of a five-bar, [`piezo`] on the micro.
 //!
 //! There are no clocks, no threads and no files here: time comes from the machine.
-
+pub mod beam;
 pub mod calibration;
 pub mod characterize;
 pub mod compensation;
 pub mod contour;
+pub mod fast;
 pub mod identify;
 pub mod kinematics;
+pub mod orbit;
 pub mod outcome;
 pub mod peak;
 pub mod piezo;
@@ -30,6 +34,8 @@ pub mod procedure;
 pub mod recipe;
 pub mod search;
 pub mod servo;
+pub mod sight;
 pub mod station;
+pub mod sweep;
 pub mod trajectory;
 pub mod tune;

@@ -4,6 +4,7 @@ use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::peak::NinePoint;
 use crate::recipe::Recipe;
 use crate::search::{Hit, STILL_THERE, Searcher, centre_sensing, edge_from_below};
+use crate::sight::Tip;
 use crate::station::Station;
 use pigtail_hal::spec::OUTPUTS;
 use pigtail_hal::{Channel, Fault, FiberHandling, Side};
@@ -45,14 +46,15 @@ const AROUND: [f64; 2] = [3.0, 6.0];
 const MOST_DISMISSED: usize = 5;
 
 /// A fiber on its way to a port.
-struct Job<'r> {
+pub(crate) struct Job<'r> {
     recipe: &'r Recipe,
     name: &'static str,
-    side: Side,
+    /// The manipulator that carries it.
+    pub(crate) side: Side,
     /// The port by design, chip's frame.
-    port: Point<Chip>,
+    pub(crate) port: Point<Chip>,
     /// The photodiode that sees its light.
-    channel: Channel,
+    pub(crate) channel: Channel,
     phases: Vec<(&'static str, f64)>,
 }
 
@@ -64,25 +66,9 @@ struct Job<'r> {
 pub fn thesis(station: &mut Station, recipe: &Recipe) -> Result<Vec<FiberReport>, Fault> {
     let mut reports = Vec::with_capacity(PORTS.len());
     station.laser(true);
-    let [x, y, z] = recipe.ports.input;
-    let input = Job::new(
-        recipe,
-        PORTS[0],
-        Side::Left,
-        Point::new(x, y, z),
-        Channel::Sensing,
-    );
-    reports.push(input.run(station, Job::align_input)?);
-    for (k, port) in recipe.ports.outputs.iter().enumerate() {
-        let [x, y, z] = *port;
-        let channel = Channel::of_output(k);
-        let job = Job::new(
-            recipe,
-            PORTS[1 + k],
-            Side::Right,
-            Point::new(x, y, z),
-            channel,
-        );
+    reports.push(Job::input(recipe).run(station, Job::align_input)?);
+    for k in 0..recipe.ports.outputs.len() {
+        let mut job = Job::output(recipe, k);
         reports.push(if reports[0].outcome == Outcome::Aligned {
             job.run(station, |job, station| job.align_output(station, k))?
         } else {
@@ -103,10 +89,7 @@ pub fn light_guides(station: &mut Station, recipe: &Recipe, accuracy: f64) -> Re
     let mut recipe = recipe.clone();
     recipe.last.accuracy = accuracy;
     station.laser(true);
-    let [x, y, z] = recipe.ports.input;
-    let port = Point::new(x, y, z);
-    let mut input = Job::new(&recipe, PORTS[0], Side::Left, port, Channel::Sensing);
-    input.align_input(station)
+    Job::input(&recipe).align_input(station)
 }
 
 /// Light that was found, with the macro brought to it.
@@ -117,50 +100,57 @@ struct Found {
     level: f64,
 }
 
-/// Something on a holder that vision can see.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Tip {
-    Fiber,
-    Sensing,
-}
-
 impl<'r> Job<'r> {
+    /// The input fiber's way to its port.
+    pub(crate) fn input(recipe: &'r Recipe) -> Self {
+        let port = recipe.ports.input;
+        Self::new(recipe, PORTS[0], Side::Left, port, Channel::Sensing)
+    }
+
+    /// The way of an output fiber.
+    pub(crate) fn output(recipe: &'r Recipe, index: usize) -> Self {
+        let (name, port) = (PORTS[1 + index], recipe.ports.outputs[index]);
+        Self::new(recipe, name, Side::Right, port, Channel::of_output(index))
+    }
+
     fn new(
         recipe: &'r Recipe,
         name: &'static str,
         side: Side,
-        port: Point<Chip>,
+        [x, y, z]: [f64; 3],
         channel: Channel,
     ) -> Self {
         Self {
             recipe,
             name,
             side,
-            port,
+            port: Point::new(x, y, z),
             channel,
             phases: Vec::with_capacity(8),
         }
     }
 
-    fn report(self, outcome: Outcome) -> FiberReport {
+    /// How it went.
+    pub(crate) fn report(&mut self, outcome: Outcome) -> FiberReport {
         FiberReport {
             port: self.name,
             side: self.side,
             outcome,
-            phases: self.phases,
+            phases: std::mem::take(&mut self.phases),
         }
     }
 
-    fn run(
-        mut self,
+    /// Runs a whole alignment. One that fails leaves the machine well: away from the chip, and the
+    /// fiber back in the tray.
+    pub(crate) fn run(
+        &mut self,
         station: &mut Station,
         align: impl FnOnce(&mut Self, &mut Station) -> Result<(), Halt>,
     ) -> Result<FiberReport, Fault> {
-        let outcome = match align(&mut self, station) {
+        let outcome = match align(self, station) {
             Ok(()) => Outcome::Aligned,
             Err(Halt::Fault(fault)) => return Err(fault),
             Err(Halt::Outcome(outcome)) => {
-                // The machine is well: away from the chip, and the fiber back into the tray.
                 station.halt(self.side);
                 match self.withdraw(station, self.side) {
                     Err(Halt::Fault(fault)) => return Err(fault),
@@ -174,7 +164,7 @@ impl<'r> Job<'r> {
     }
 
     /// Runs a phase and notes its time, also of one that ends early.
-    fn phase<T>(
+    pub(crate) fn phase<T>(
         &mut self,
         station: &mut Station,
         name: &'static str,
@@ -187,10 +177,13 @@ impl<'r> Job<'r> {
         result
     }
 
-    fn align_input(&mut self, station: &mut Station) -> Result<(), Halt> {
+    /// Aligns the input fiber, be it carried already or not.
+    pub(crate) fn align_input(&mut self, station: &mut Station) -> Result<(), Halt> {
+        if !station.carries(Side::Left) {
+            station.handle_fiber(Side::Left, FiberHandling::Load(0))?;
+        }
         let recipe = self.recipe;
         let output = recipe.ports.outputs[0];
-        station.handle_fiber(Side::Left, FiberHandling::Load(0))?;
         self.phase(station, "coarse", |job, station| {
             job.place(
                 station,
@@ -236,13 +229,16 @@ impl<'r> Job<'r> {
         self.finish(station, &found)
     }
 
-    fn align_output(&mut self, station: &mut Station, index: usize) -> Result<(), Halt> {
+    /// Aligns an output fiber, be it carried already or not.
+    pub(crate) fn align_output(&mut self, station: &mut Station, index: usize) -> Result<(), Halt> {
         let recipe = self.recipe;
         self.phase(station, "coarse", |job, station| {
             // Loaded only now, and away from the chip: an output fiber stands out beyond the
             // sensing fiber.
             job.withdraw(station, Side::Right)?;
-            station.handle_fiber(Side::Right, FiberHandling::Load(index as u8))?;
+            if !station.carries(Side::Right) {
+                station.handle_fiber(Side::Right, FiberHandling::Load(index as u8))?;
+            }
             job.place(
                 station,
                 Side::Right,
@@ -517,7 +513,7 @@ fn look(station: &mut Station, side: Side, tip: Tip, frames: u32) -> Result<(f64
 }
 
 /// Direction along the chip's z in which a facet faces.
-fn outward(side: Side) -> f64 {
+pub(crate) fn outward(side: Side) -> f64 {
     match side {
         Side::Left => -1.0,
         Side::Right => 1.0,

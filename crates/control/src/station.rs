@@ -7,6 +7,7 @@ use crate::compensation::windup::{Windup, WindupState};
 use crate::kinematics::Kinematics;
 use crate::outcome::{Halt, Outcome};
 use crate::servo::{Pid, PidState};
+use crate::sight::{Seen, Sight, Tip};
 use crate::trajectory::{Arc, Limits, Line, Motion, Path, Rates, Refused, Shape};
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, CHANNELS, MICRO_AXES, SIDES};
@@ -52,6 +53,8 @@ struct Arm {
     kinematics: Kinematics,
     windups: [Windup; AXES],
     windup_states: [WindupState; AXES],
+    /// What the transmissions hold back by these at this moment, radians of the outputs.
+    windup: [f64; AXES],
     pids: [Pid; AXES],
     states: [PidState; AXES],
     references: [Counts; AXES],
@@ -62,6 +65,8 @@ struct Arm {
     piezos: Option<MicroCompensation>,
     /// Voltages that an experiment gives the piezos, past every model.
     micro_volts: Option<[Volts; MICRO_AXES]>,
+    /// Whether the holder carries a fiber.
+    loaded: bool,
 }
 
 /// A motion that is being followed.
@@ -81,6 +86,7 @@ pub struct Station<'a> {
     shape: Shape,
     command: Command,
     measurement: Measurement,
+    sight: Sight,
 }
 
 /// Mean and spread of repeated light samples.
@@ -123,6 +129,7 @@ impl<'a> Station<'a> {
                 belief.as_ref().map_or(Windup::None, WindupBelief::windup)
             }),
             windup_states: [WindupState::default(); AXES],
+            windup: [0.0; AXES],
             pids: Axis::ALL.map(|axis| {
                 let gains = match axis {
                     Axis::A | Axis::B => &calibration.gains.five_bar,
@@ -140,6 +147,7 @@ impl<'a> Station<'a> {
                 .of(side)
                 .map(|model| MicroCompensation::new(model, &spec)),
             micro_volts: None,
+            loaded: false,
         });
         let mut command = Command::IDLE;
         for (micro, arm) in command.micro.iter_mut().zip(&arms) {
@@ -147,6 +155,7 @@ impl<'a> Station<'a> {
         }
         let measurement = machine.exchange(&command)?;
         Ok(Self {
+            sight: Sight::new(&spec),
             limits: Limits {
                 xy: Rates {
                     speed: spec.five_bar.speed,
@@ -202,6 +211,7 @@ impl<'a> Station<'a> {
         }
         self.measurement = self.machine.exchange(&self.command)?;
         self.command.fiber = [None; SIDES];
+        self.look();
         if let Some(light) = self.measurement.light {
             let sample = Sample {
                 time: light.time,
@@ -238,7 +248,39 @@ impl<'a> Station<'a> {
     /// The machine's fault.
     pub fn handle_fiber(&mut self, side: Side, handling: FiberHandling) -> Result<(), Fault> {
         self.command.fiber[side.index()] = Some(handling);
+        self.arms[side.index()].loaded = matches!(handling, FiberHandling::Load(_));
+        self.sight.forget(side, self.measurement.time);
         self.cycle()
+    }
+
+    /// Whether a holder carries a fiber.
+    pub fn carries(&self, side: Side) -> bool {
+        self.arms[side.index()].loaded
+    }
+
+    /// Where a tip stands from its holder, by all frames so far; `None` before the first.
+    pub fn seen(&self, side: Side, tip: Tip) -> Option<Seen> {
+        self.sight.seen(side, tip)
+    }
+
+    /// Notes where the holders are, and compares a frame with where they were when it was exposed.
+    fn look(&mut self) {
+        let outputs = std::array::from_fn(|side| {
+            let arm = &self.arms[side];
+            let encoders = &self.measurement.encoders[side];
+            let input = |i: usize| arm.kinematics.input(i, encoders[i]) - arm.windup[i];
+            (std::array::from_fn(input), arm.micro)
+        });
+        self.sight.note(outputs);
+        if let Some(frame) = &self.measurement.vision {
+            let arms = &self.arms;
+            self.sight
+                .see(frame, self.measurement.time, |side, (outputs, micro)| {
+                    let kinematics = &arms[side.index()].kinematics;
+                    let at = kinematics.endpoint_at(outputs).ok()?;
+                    Some(kinematics.chip_from_macro(at.shifted(micro.0, micro.1, 0.0)))
+                });
+        }
     }
 
     /// Where an endpoint is by its encoders, less what the transmissions have wound up (2.23);
@@ -246,9 +288,7 @@ impl<'a> Station<'a> {
     pub fn endpoint(&self, side: Side) -> Point<Macro> {
         let arm = &self.arms[side.index()];
         let encoders = &self.measurement.encoders[side.index()];
-        let outputs = std::array::from_fn(|i| {
-            arm.kinematics.input(i, encoders[i]) - arm.windups[i].now(&arm.windup_states[i])
-        });
+        let outputs = std::array::from_fn(|i| arm.kinematics.input(i, encoders[i]) - arm.windup[i]);
         arm.kinematics.endpoint_at(outputs).unwrap_or(arm.wanted)
     }
 
@@ -318,6 +358,18 @@ impl<'a> Station<'a> {
     /// Whether a motion is still being followed.
     pub fn moving(&self, side: Side) -> bool {
         self.arms[side.index()].motion.is_some()
+    }
+
+    /// Calls a motion off: the endpoint slows down as fast as the limits allow.
+    pub fn brake(&mut self, side: Side) {
+        let now = self.measurement.time;
+        let limits = self.limits;
+        if let Some(started) = &mut self.arms[side.index()].motion {
+            *started = Started {
+                motion: started.motion.braked(now - started.at, &limits),
+                at: now,
+            };
+        }
     }
 
     /// Ends a motion where it is. For those slow enough to stop at once.
@@ -395,6 +447,7 @@ impl<'a> Station<'a> {
         let arm = &mut self.arms[at.side.index()];
         arm.windups[at.axis.index()] = windup;
         arm.windup_states[at.axis.index()] = WindupState::default();
+        arm.windup[at.axis.index()] = 0.0;
     }
 
     /// The encoder of an axis.
@@ -540,8 +593,8 @@ impl Arm {
         if let Ok(outputs) = self.kinematics.outputs_at(self.wanted) {
             for (i, output) in outputs.into_iter().enumerate() {
                 // (2.22): the input that is needed for this output.
-                let windup = self.windups[i].next(&mut self.windup_states[i], output);
-                self.references[i] = self.kinematics.counts(i, output + windup);
+                self.windup[i] = self.windups[i].next(&mut self.windup_states[i], output);
+                self.references[i] = self.kinematics.counts(i, output + self.windup[i]);
             }
         }
         if over {

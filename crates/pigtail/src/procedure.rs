@@ -10,8 +10,10 @@ use pigtail_hal::Fault;
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
 pub enum Procedure {
     /// Raster, nine-point climb and stepwise approach, one fiber after the other
-    #[default]
     Thesis,
+    /// Vision on the way, lines at constant speed, circles through the approach
+    #[default]
+    Fast,
 }
 
 /// What the program has to know of a procedure.
@@ -28,6 +30,11 @@ impl Procedure {
                 name: "thesis",
                 run: procedure::thesis,
                 phases: &["coarse", "sensing", "raster", "climb", "approach", "final"],
+            },
+            Self::Fast => Entry {
+                name: "fast",
+                run: pigtail_control::fast::fast,
+                phases: &["coarse", "sensing", "search", "centre", "approach", "final"],
             },
         }
     }

@@ -79,7 +79,10 @@ impl Setup {
         let mut calibration = Calibration::parse(&calibration.name, &calibration.text, &spec)?;
         if let Some(folder) = rig_folder(rig) {
             for belief in calibration.hysteresis.beliefs() {
-                let weights = read(read_file(&folder.join(&belief.weights)))?;
+                let Some(file) = &belief.weights else {
+                    continue;
+                };
+                let weights = read(read_file(&folder.join(file)))?;
                 let model = serde_json::from_str(&weights.text).map_err(|error| {
                     let message = format!("{error}; accepted is what `identify hysteresis` writes");
                     Error {

@@ -256,7 +256,16 @@ fn pigtail(folder: &Path, arguments: &[&str]) -> std::process::Output {
 #[test]
 fn the_document_has_its_keys_and_its_rows_replay() {
     let folder = TempDir::new().expect("a folder");
-    let arguments = ["campaign", "--devices", "3", "--seed", "11", "--json"];
+    let arguments = [
+        "campaign",
+        "--devices",
+        "3",
+        "--procedure",
+        "thesis",
+        "--seed",
+        "11",
+        "--json",
+    ];
     let output = pigtail(folder.path(), &arguments);
     assert_eq!(output.status.code(), Some(0));
     assert!(output.stderr.is_empty(), "quiet when not a terminal");

@@ -8,7 +8,7 @@ mod profile;
 
 pub use check::Refused;
 pub use path::{Arc, Limits, Line, Path, Straight};
-pub use profile::{Profile, Progress, Rates, SCurve, Shape, Trapezoid};
+pub use profile::{Braking, Profile, Progress, Rates, SCurve, Shape, Trapezoid};
 
 use pigtail_model::frames::{Macro, Point};
 
@@ -58,9 +58,22 @@ impl Motion {
         self.profile.duration()
     }
 
-    /// The point `time` seconds after the start. Exactly the path's end at the end.
+    /// What is left of this motion when it is called off `time` seconds after its start: it slows
+    /// down to rest at what `limits` allow.
+    #[must_use]
+    pub fn braked(&self, time: f64, limits: &Limits) -> Self {
+        let along = self.path.limits(&limits.without_jerk());
+        Self {
+            path: self.path,
+            profile: Profile::Braking(Braking::new(&self.profile.at(time), along.acceleration)),
+        }
+    }
+
+    /// The point `time` seconds after the start. Exactly the path's end at the end, unless the
+    /// motion was called off.
     pub fn at(&self, time: f64) -> Point<Macro> {
-        if time >= self.profile.duration() {
+        let called_off = matches!(self.profile, Profile::Braking(_));
+        if time >= self.profile.duration() && !called_off {
             return self.path.end();
         }
         self.path.at(self.profile.way(time))

@@ -51,6 +51,8 @@ pub enum Profile {
     Trapezoid(Trapezoid),
     /// Limited in jerk too.
     SCurve(SCurve),
+    /// Brought to rest before its end.
+    Braking(Braking),
 }
 
 impl Profile {
@@ -69,6 +71,7 @@ impl Profile {
         match self {
             Self::Trapezoid(profile) => profile.duration(),
             Self::SCurve(profile) => profile.duration(),
+            Self::Braking(profile) => profile.duration(),
         }
     }
 
@@ -77,6 +80,7 @@ impl Profile {
         match self {
             Self::Trapezoid(profile) => profile.speed,
             Self::SCurve(profile) => profile.speed,
+            Self::Braking(profile) => profile.speed,
         }
     }
 
@@ -85,6 +89,7 @@ impl Profile {
         match self {
             Self::Trapezoid(profile) => profile.way(time),
             Self::SCurve(profile) => profile.at(time).way,
+            Self::Braking(profile) => profile.at(time).way,
         }
     }
 
@@ -94,7 +99,47 @@ impl Profile {
         match self {
             Self::Trapezoid(profile) => profile.at(time),
             Self::SCurve(profile) => profile.at(time),
+            Self::Braking(profile) => profile.at(time),
         }
+    }
+}
+
+/// From a speed to rest at a constant rate: the end of a motion that is called off.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Braking {
+    from: f64,
+    speed: f64,
+    acceleration: f64,
+}
+
+impl Braking {
+    /// Slows down from what `progress` has reached, at `acceleration` (m/s^2), above zero.
+    pub fn new(progress: &Progress, acceleration: f64) -> Self {
+        Self {
+            from: progress.way,
+            speed: progress.rates.speed.max(0.0),
+            acceleration,
+        }
+    }
+
+    /// Seconds until it rests.
+    pub fn duration(&self) -> f64 {
+        self.speed / self.acceleration
+    }
+
+    /// Way and its derivatives `time` seconds after the brake.
+    pub fn at(&self, time: f64) -> Progress {
+        let since = time.clamp(0.0, self.duration());
+        let way = self.from + (self.speed - 0.5 * self.acceleration * since) * since;
+        if time >= self.duration() {
+            return Progress::resting(way);
+        }
+        let rates = Rates {
+            speed: self.speed - self.acceleration * since,
+            acceleration: -self.acceleration,
+            jerk: 0.0,
+        };
+        Progress { way, rates }
     }
 }
 

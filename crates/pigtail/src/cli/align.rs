@@ -105,7 +105,7 @@ fn print_table(out: &mut impl Write, document: &Document) -> io::Result<()> {
     }
     writeln!(
         out,
-        "\n{:.1} s of machine time a fiber. Offsets are the truth, from the twin of seed {}.",
+        "\n{:.2} s of machine time a fiber. Offsets are the truth, from the twin of seed {}.",
         document.seconds_per_fiber, document.seed
     )?;
     writeln!(out, "Report: {}", document.report)
@@ -123,9 +123,9 @@ fn rows(document: &Document) -> Vec<Vec<String>> {
     let mut rows = vec![header];
     rows.extend(document.fibers.iter().map(|fiber| {
         let mut row = vec![fiber.port.to_owned(), fiber.verdict().to_owned()];
-        row.extend(names.iter().map(|name| number(fiber.seconds_in(name), 1)));
+        row.extend(names.iter().map(|name| number(fiber.seconds_in(name), 2)));
         let offset = fiber.offset_um;
-        row.push(number(Some(fiber.seconds), 1));
+        row.push(number(Some(fiber.seconds), 2));
         row.push(number(offset.map(|o| o.x), 3));
         row.push(number(offset.map(|o| o.y), 3));
         row.push(number(offset.map(|o| o.z), 2));

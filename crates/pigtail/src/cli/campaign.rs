@@ -58,7 +58,7 @@ pub(super) struct Arguments {
     /// How many devices to align
     #[arg(long, value_name = "N", value_parser = whole, required_unless_present = "resume")]
     devices: Option<u64>,
-    /// How to align [default: thesis]
+    /// How to align [default: fast]
     #[arg(long, value_enum)]
     procedure: Option<Procedure>,
     /// The first device's seed; each next device has the next one [default: 0]
@@ -374,7 +374,7 @@ mod tests {
 
     #[test]
     fn the_defaults_that_help_tells_are_those_that_are_used() {
-        assert_eq!(Procedure::default().name(), "thesis");
+        assert_eq!(Procedure::default().name(), "fast");
         assert_eq!(
             (DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME),
             ("afpm", "y-branch")

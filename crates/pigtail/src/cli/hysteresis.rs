@@ -173,6 +173,8 @@ fn on_machine(arguments: &IdentifyArguments) -> Result<u8, Failure> {
             let values = [
                 ("model", toml_edit::value(found.document.model)),
                 ("weights", toml_edit::value(file)),
+                // One that stood in the calibration itself is replaced.
+                ("micro", toml_edit::Item::None),
                 ("residual", toml_edit::value(format!("{residual:.5} um"))),
                 ("date", toml_edit::value(run.date())),
                 ("origin", toml_edit::value(origin)),

@@ -1,0 +1,240 @@
+//! What is known beforehand of the light between a fiber and a guide: two like Gaussian modes.
+
+use crate::recipe::Mode;
+use nalgebra::{Matrix3, Vector3};
+use std::f64::consts::PI;
+
+/// The coupling of a fiber to a guide of the same mode, by design. Only its shape is relied on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Beam {
+    /// Radius at which the field has fallen to 1/e, metres.
+    radius: f64,
+    /// Rayleigh length, metres.
+    rayleigh: f64,
+    /// Cosine of the light's angle to the z axis.
+    cos: f64,
+}
+
+/// A reading of the light, and where the fiber was.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reading {
+    /// Across, metres.
+    pub x: f64,
+    /// Up, metres.
+    pub y: f64,
+    /// The gap between facet and tip, metres.
+    pub gap: f64,
+    /// Light above the background, volts.
+    pub volts: f64,
+}
+
+/// A peak through some readings.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Peak {
+    /// Across, metres.
+    pub x: f64,
+    /// Up, metres.
+    pub y: f64,
+    /// Light of a fiber at the peak and without a gap, volts.
+    pub full: f64,
+    /// Standard deviation of `full` by the noise of the readings, volts.
+    pub full_deviation: f64,
+    /// Standard deviation of the place in the worse direction by the noise, metres.
+    pub deviation: f64,
+}
+
+impl Beam {
+    /// The coupling of the modes of a recipe, at an angle of `exit` radians to the z axis.
+    pub fn new(mode: &Mode, exit: f64) -> Self {
+        Self {
+            radius: mode.radius,
+            rayleigh: PI * mode.radius * mode.radius / mode.wavelength,
+            cos: exit.cos(),
+        }
+    }
+
+    /// Share of the light that crosses a gap (metres) at the peak: `4 / (4 + (z/z_R)^2)`, with
+    /// `z` along the beam.
+    pub fn share(&self, gap: f64) -> f64 {
+        let z = gap.max(0.0) / (self.cos * self.rayleigh);
+        4.0 / (4.0 + z * z)
+    }
+
+    /// Distance from the peak at which the light has fallen to 1/e, metres.
+    pub fn width(&self, gap: f64) -> f64 {
+        self.radius / self.share(gap).sqrt()
+    }
+
+    /// The light that a reading would be, for a peak.
+    fn light(&self, r: &Reading, x: f64, y: f64) -> f64 {
+        let share = self.share(r.gap);
+        let (dx, dy) = (r.x - x, r.y - y);
+        share * (-(dx * dx + dy * dy) * share / (self.radius * self.radius)).exp()
+    }
+
+    /// The peak of known width that fits readings best, by least squares (Levenberg and
+    /// Marquardt); `noise` is the standard deviation of a reading, volts. Where the readings leave
+    /// it open, the peak is near the brightest of them: within about its width. `None` without
+    /// readings, or where none is brighter than the noise.
+    pub fn fit(&self, readings: &[Reading], noise: f64) -> Option<Peak> {
+        const ITERATIONS: usize = 12;
+        let brightest = readings
+            .iter()
+            .max_by(|a, b| a.volts.total_cmp(&b.volts))
+            .filter(|r| r.volts > 2.0 * noise)?;
+        let scale = self.width(brightest.gap);
+        // Unknowns in their own units, so that the numbers are about one.
+        let level = brightest.volts / self.share(brightest.gap);
+        let start = centroid(readings);
+        let mut at = Vector3::new(1.0, 0.0, 0.0);
+        let place = |at: &Vector3<f64>| (start.0 + at[1] * scale, start.1 + at[2] * scale);
+        let weight = level / noise;
+        let prior = 1.0;
+        let cost = |at: &Vector3<f64>| {
+            let (x, y) = place(at);
+            let sum: f64 = readings
+                .iter()
+                .map(|r| (at[0] * self.light(r, x, y) * weight - r.volts / noise).powi(2))
+                .sum();
+            sum + prior * (at[1] * at[1] + at[2] * at[2])
+        };
+        let (mut best, mut damping) = (cost(&at), 1e-3);
+        let mut information = Matrix3::identity();
+        for _ in 0..ITERATIONS {
+            let (x, y) = place(&at);
+            let mut right = Vector3::new(0.0, -prior * at[1], -prior * at[2]);
+            information = Matrix3::from_diagonal(&Vector3::new(0.0, prior, prior));
+            for r in readings {
+                let light = self.light(r, x, y);
+                let steep = 2.0 * scale / self.width(r.gap).powi(2);
+                let row = weight
+                    * Vector3::new(
+                        light,
+                        at[0] * light * steep * (r.x - x),
+                        at[0] * light * steep * (r.y - y),
+                    );
+                information += row * row.transpose();
+                right += row * (r.volts / noise - at[0] * light * weight);
+            }
+            let mut damped = information;
+            for i in 0..3 {
+                damped[(i, i)] *= 1.0 + damping;
+            }
+            let step = damped.cholesky()?.solve(&right);
+            let next = at + step;
+            let new = cost(&next);
+            if new < best && next[0] > 0.0 {
+                let done = best - new < 1e-3;
+                (at, best) = (next, new);
+                damping = f64::max(damping * 0.1, 1e-9);
+                if done {
+                    break;
+                }
+            } else {
+                damping *= 10.0;
+            }
+        }
+        let covariance = information.try_inverse()?;
+        let (x, y) = place(&at);
+        Some(Peak {
+            x,
+            y,
+            full: at[0] * level,
+            full_deviation: level * covariance[(0, 0)].sqrt(),
+            deviation: scale * covariance[(1, 1)].max(covariance[(2, 2)]).sqrt(),
+        })
+    }
+}
+
+/// The middle of readings, the bright ones more.
+fn centroid(readings: &[Reading]) -> (f64, f64) {
+    let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
+    for r in readings {
+        let weight = r.volts.max(0.0).powi(2);
+        sum += weight;
+        x += weight * r.x;
+        y += weight * r.y;
+    }
+    (x / sum, y / sum)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn beam() -> Beam {
+        let mode = Mode {
+            radius: 2.5e-6,
+            wavelength: 1.3e-6,
+        };
+        Beam::new(&mode, 0.0)
+    }
+
+    /// Readings on a circle around the origin, of a peak elsewhere.
+    fn circle(beam: &Beam, radius: f64, gap: f64, x: f64, y: f64, full: f64) -> Vec<Reading> {
+        (0..12)
+            .map(|k| {
+                let (sin, cos) = (std::f64::consts::TAU * f64::from(k) / 12.0).sin_cos();
+                let mut reading = Reading {
+                    x: radius * cos,
+                    y: radius * sin,
+                    gap,
+                    volts: 0.0,
+                };
+                reading.volts = full * beam.light(&reading, x, y);
+                reading
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_peak_of_readings_without_noise_is_found_where_it_is() {
+        let beam = beam();
+        for (gap, x, y) in [(5e-6, 0.7e-6, -1.1e-6), (80e-6, -6e-6, 4e-6)] {
+            let radius = 0.55 * beam.width(gap);
+            let peak = beam
+                .fit(&circle(&beam, radius, gap, x, y, 3.0), 5e-3)
+                .unwrap();
+            let miss = (peak.x - x).hypot(peak.y - y);
+            assert!(miss < 5e-9, "{miss}");
+            assert!((peak.full - 3.0).abs() < 0.01, "{}", peak.full);
+        }
+    }
+
+    #[test]
+    fn the_deviation_is_that_of_repeated_fits() {
+        let beam = beam();
+        let mut state = 7_u64;
+        let mut noise = || {
+            (0..12).fold(-6.0, |sum, _| {
+                state = state
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1);
+                sum + (state >> 33) as f64 / f64::from(1_u32 << 31)
+            })
+        };
+        let (x, y, sigma) = (0.5e-6, 0.2e-6, 5e-3);
+        let (mut squares, mut told, n) = (0.0, 0.0, 400);
+        for _ in 0..n {
+            let mut readings = circle(&beam, 1.4e-6, 5e-6, x, y, 2.0);
+            for r in &mut readings {
+                r.volts += sigma * noise();
+            }
+            let peak = beam.fit(&readings, sigma).unwrap();
+            squares += (peak.x - x).powi(2);
+            told += peak.deviation;
+        }
+        let (measured, told) = ((squares / f64::from(n)).sqrt(), told / f64::from(n));
+        assert!((0.6..1.2).contains(&(measured / told)), "{measured} {told}");
+    }
+
+    #[test]
+    fn dark_has_no_peak() {
+        let beam = beam();
+        assert_eq!(beam.fit(&[], 5e-3), None);
+        assert_eq!(
+            beam.fit(&circle(&beam, 1e-6, 5e-6, 0.0, 0.0, 0.0), 5e-3),
+            None
+        );
+    }
+}

@@ -1,0 +1,497 @@
+//! The fast procedure: what the thesis does in 20 seconds a fiber, on the same machine.
+//!
+//! Nothing stands still for a look: vision's frames are put together on the way
+//! ([`sight`](crate::sight)), both manipulators move at once, and the dark is measured meanwhile.
+//! The sensing fiber stands back, where the guided light has spread as wide as its core, and looks
+//! over the chip's top, where no scattered light comes: it need not stand exactly. Lines at
+//! constant speed find first light ([`sweep`](crate::sweep)), circles follow it to the peak and
+//! through the approach ([`orbit`](crate::orbit)), the walk of the peak fed forward.
+//!
+//! Where this does not come to a good end a fiber is tried again, and at last by the thesis's own
+//! procedure.
+
+mod near;
+mod seen;
+
+use crate::beam::Beam;
+use crate::orbit::{Orbit, Watch};
+use crate::outcome::{Halt, Outcome, SearchEvidence};
+use crate::procedure::{FiberReport, Job, PORTS};
+use crate::recipe::{Fast, Recipe};
+use crate::sight::Tip;
+use crate::station::{Level, Station};
+use crate::sweep::{Spot, first_light};
+use near::{Aim, cock, lines};
+use pigtail_hal::spec::{CHANNELS, Channel};
+use pigtail_hal::{Fault, FiberHandling, Side};
+use pigtail_model::frames::{Macro, Point};
+
+/// One pass of a search.
+#[derive(Debug, Clone, Copy)]
+struct Pass {
+    /// How far to the side of where the light is expected, in widths of the area.
+    aside: f64,
+    /// Its own width, in widths of the area.
+    width: f64,
+    /// Its lines' distance, of the usual one.
+    spacing: f64,
+    /// Where the sensing fiber stands meanwhile, in its sidesteps.
+    sensing: f64,
+}
+
+/// The passes of a search. What the first has missed is most likely at the edges of what vision can
+/// say, or too dim there: beside the sensing fiber, or between two lines. After the last one the
+/// thesis's procedure has its turn.
+const PASSES: [Pass; 5] = {
+    const fn pass(aside: f64, width: f64, spacing: f64, sensing: f64) -> Pass {
+        Pass {
+            aside,
+            width,
+            spacing,
+            sensing,
+        }
+    }
+    [
+        pass(0.0, 1.0, 1.0, 0.0),
+        pass(0.35, 0.5, 1.0, 0.0),
+        pass(-0.35, 0.5, 1.0, 0.0),
+        pass(0.0, 1.0, 0.6, 1.0),
+        pass(0.0, 1.0, 0.6, -1.0),
+    ]
+};
+
+/// Time for the micro to come to rest where its lines begin, seconds.
+const COCKED: f64 = 0.008;
+
+/// After so many bright places that were no peak a search ends.
+const MOST_DISMISSED: usize = 5;
+
+/// A pass of a search for one fiber.
+#[derive(Debug, Clone, Copy)]
+struct Look {
+    /// Gap between facet and tip, metres.
+    gap: f64,
+    /// How far to the side of where the light is expected, metres.
+    aside: f64,
+    /// Metres.
+    width: f64,
+    /// Distance of its lines, metres.
+    spacing: f64,
+    /// Whether the tip is yet to be brought to its start.
+    again: bool,
+}
+
+/// Aligns the input fiber and the output fibers of one device.
+///
+/// # Errors
+///
+/// The machine's fault. Everything else that can go wrong is a fiber's [`Outcome`].
+pub fn fast(station: &mut Station, recipe: &Recipe) -> Result<Vec<FiberReport>, Fault> {
+    let mut reports = Vec::with_capacity(PORTS.len());
+    let mut shared = Shared {
+        recipe,
+        fast: &recipe.fast,
+        dark: [Level {
+            mean: 0.0,
+            sigma: 0.0,
+        }; CHANNELS],
+        fluctuation: 0.0,
+    };
+    let mut input = Job::input(recipe);
+    reports.push(input.run(station, |job, station| shared.align_input(job, station))?);
+    for k in 0..recipe.ports.outputs.len() {
+        let mut job = Job::output(recipe, k);
+        reports.push(if reports[0].outcome == Outcome::Aligned {
+            job.run(station, |job, station| shared.align_output(job, station, k))?
+        } else {
+            job.report(Outcome::NotAttempted)
+        });
+    }
+    Ok(reports)
+}
+
+/// What the fibers of a device have in common.
+struct Shared<'r> {
+    recipe: &'r Recipe,
+    fast: &'r Fast,
+    /// The photodiodes without the laser.
+    dark: [Level; CHANNELS],
+    /// Relative standard deviation of the scattered light, as the sensing fiber saw it.
+    fluctuation: f64,
+}
+
+impl Shared<'_> {
+    fn exit(&self) -> f64 {
+        self.recipe.ports.exit_angle
+    }
+
+    /// How far below a port a search starts, metres.
+    fn below(&self) -> f64 {
+        0.5 * self.recipe.raster.y + self.recipe.raster.margin
+    }
+
+    fn align_input(&mut self, job: &mut Job, station: &mut Station) -> Result<(), Halt> {
+        let (recipe, fast) = (self.recipe, self.fast);
+        let aim = Aim {
+            side: job.side,
+            tip: Tip::Fiber,
+            port: job.port,
+        };
+        let [x, y, z] = recipe.ports.outputs[0];
+        let sensing = Aim {
+            side: Side::Right,
+            tip: Tip::Sensing,
+            port: Point::new(x, y, z),
+        };
+        station.handle_fiber(Side::Left, FiberHandling::Load(0))?;
+        job.phase(station, "coarse", |_, station| {
+            self.come_near(station, &aim, &sensing)
+        })?;
+        let over = job.phase(station, "sensing", |_, station| {
+            self.over_the_top(station, &sensing)?;
+            // The input fiber has stood still meanwhile: vision knows it better now.
+            self.straighten(station, &aim, fast.input_gap)
+        });
+        // Without the sensing fiber in its place there is nothing to look for.
+        let passes: &[Pass] = if again(&over) { &[] } else { &PASSES };
+        if let Err(Halt::Fault(fault)) = over {
+            return Err(fault.into());
+        }
+        for (attempt, pass) in passes.iter().enumerate() {
+            let aside = pass.sensing * fast.sensing.sidestep;
+            station.move_micro(Side::Right, aside, 0.0);
+            let look = Look {
+                gap: fast.input_gap,
+                aside: pass.aside * self.recipe.raster.x,
+                width: pass.width * self.recipe.raster.x,
+                spacing: pass.spacing * fast.input_spacing,
+                again: attempt > 0,
+            };
+            let result = self.attempt(job, station, &aim, &look);
+            if !again(&result) {
+                return result;
+            }
+        }
+        station.move_micro(Side::Right, 0.0, 0.0);
+        job.align_input(station)
+    }
+
+    fn align_output(
+        &mut self,
+        job: &mut Job,
+        station: &mut Station,
+        index: usize,
+    ) -> Result<(), Halt> {
+        let fast = self.fast;
+        let aim = Aim {
+            side: job.side,
+            tip: Tip::Fiber,
+            port: job.port,
+        };
+        job.phase(station, "coarse", |_, station| {
+            self.change_fiber(station, &aim, index)
+        })?;
+        // The last pass differs in the sensing fiber alone.
+        for (attempt, pass) in PASSES[..4].iter().enumerate() {
+            let look = Look {
+                gap: fast.output_gap,
+                aside: pass.aside * self.recipe.raster.x,
+                width: pass.width * self.recipe.raster.x,
+                spacing: pass.spacing * fast.output_spacing,
+                again: attempt > 0,
+            };
+            let result = self.attempt(job, station, &aim, &look);
+            if !again(&result) {
+                return result;
+            }
+        }
+        job.align_output(station, index)
+    }
+
+    fn watch(&self, side: Side, channel: Channel) -> Watch {
+        let dark = self.dark[channel.index()];
+        Watch {
+            side,
+            channel,
+            background: dark.mean,
+            noise: dark.sigma,
+        }
+    }
+
+    /// One try at a fiber, from the start of its search on; a later one from wherever the tip is.
+    fn attempt(
+        &mut self,
+        job: &mut Job,
+        station: &mut Station,
+        aim: &Aim,
+        look: &Look,
+    ) -> Result<(), Halt> {
+        let (mut dismissed, mut begun): (usize, Option<(Watch, Point<Macro>)>) = (0, None);
+        let (mut orbit, before) = loop {
+            let (watch, spot) = job.phase(station, "search", |job, station| {
+                let (watch, start) = match begun {
+                    None => {
+                        if look.again {
+                            self.back_to_start(station, aim, look)?;
+                        }
+                        (self.background(station, job)?, station.wanted(aim.side))
+                    }
+                    Some((watch, start)) => {
+                        cock(station, aim.side, look.width);
+                        let here = Point::new(start.x, station.wanted(aim.side).y, start.z);
+                        lines(station, &[(aim.side, here)], |_| {})?;
+                        station.run(COCKED)?;
+                        (watch, start)
+                    }
+                };
+                begun = Some((watch, start));
+                let top = start.y + 2.0 * self.below() + self.fast.overscan;
+                let spot = self.search(station, &watch, look, top, dismissed)?;
+                Ok((watch, spot))
+            })?;
+            let centred = job.phase(station, "centre", |_, station| {
+                self.centre(station, aim, watch, spot)
+            });
+            match centred {
+                // What was bright there was no peak: on from here.
+                Err(Halt::Outcome(Outcome::LightLost { .. })) if dismissed < MOST_DISMISSED => {
+                    dismissed += 1;
+                }
+                centred => break centred?,
+            }
+        };
+        job.phase(station, "approach", |_, station| {
+            self.approach(station, aim, &mut orbit)
+        })?;
+        job.phase(station, "final", |job, station| {
+            self.finish(station, aim, &mut orbit, before)?;
+            station.handle_fiber(job.side, FiberHandling::Attach)?;
+            Ok(())
+        })
+    }
+
+    /// What there is without the fiber's light, where its search starts.
+    fn background(&self, station: &mut Station, job: &Job) -> Result<Watch, Halt> {
+        let dark = self.watch(job.side, job.channel);
+        let before = station.level(job.channel, 0.02)?;
+        // Scattered light fluctuates slowly: a short look sees too little of it.
+        let scattered = self.fluctuation * (before.mean - dark.background).max(0.0);
+        Ok(Watch {
+            background: before.mean,
+            noise: dark.noise.hypot(scattered),
+            ..dark
+        })
+    }
+
+    fn search(
+        &self,
+        station: &mut Station,
+        watch: &Watch,
+        look: &Look,
+        top: f64,
+        dismissed: usize,
+    ) -> Result<Spot, Halt> {
+        let threshold = self.fast.significance * watch.noise;
+        let area = (look.width, look.spacing);
+        let (spot, evidence) = first_light(station, watch, &self.fast.sweep, area, top, threshold)?;
+        spot.ok_or_else(|| {
+            Outcome::NoLight(SearchEvidence {
+                dismissed,
+                ..evidence
+            })
+            .into()
+        })
+    }
+
+    /// From first light to the peak at the gap of the search. A spot that is none is passed by.
+    fn centre<'s>(
+        &'s self,
+        station: &mut Station,
+        aim: &Aim,
+        watch: Watch,
+        spot: Spot,
+    ) -> Result<(Orbit<'s>, f64), Halt> {
+        let beam = Beam::new(&self.recipe.mode, self.exit());
+        let walk = aim.walk(station, self.exit());
+        let gap = aim.gap(station);
+        let rest = station.wanted(aim.side);
+        let at = (spot.x - rest.x, spot.y - rest.y);
+        let mut orbit = Orbit::new(watch, beam, &self.fast.orbit, station, at, gap, walk);
+        // What the micro will not reach, here or at the chip, the macro must.
+        self.make_room(station, aim, &mut orbit, beam.width(gap), gap)?;
+        let coarse = 0.15 * beam.width(gap);
+        let mut peak = match orbit.centre(station, gap, coarse, "centre", 1) {
+            Ok(peak) => peak,
+            Err(Halt::Outcome(Outcome::LightLost { .. })) => {
+                // Once around farther out.
+                orbit.set_radius(1.5);
+                orbit.turn(station, gap)?;
+                let peak = orbit.peak();
+                orbit.set_radius(self.fast.orbit.radius);
+                if let Some(peak) = peak {
+                    orbit.go_to(station, &peak, gap)?;
+                }
+                orbit.centre(station, gap, coarse, "centre", 1)?
+            }
+            Err(halt) => return Err(halt),
+        };
+        let margin = 0.5 * beam.width(gap);
+        if self.make_room(station, aim, &mut orbit, margin, gap)? {
+            peak = orbit.centre(station, gap, coarse, "centre", 1)?;
+        }
+        // A peak is brighter than what was seen of it in passing; a fluctuation is gone by now.
+        let level = peak.full * beam.share(gap);
+        let expected = (0.8 * spot.level).max(1.2 * self.fast.significance * watch.noise);
+        if level < expected {
+            return Err(Outcome::LightLost {
+                phase: "centre",
+                level,
+                expected,
+            }
+            .into());
+        }
+        Ok((orbit, peak.full))
+    }
+
+    /// Hands over to the macro what the micro would not reach, here or at the chip, with a circle
+    /// of `room` metres around it. Returns whether it was so.
+    fn make_room(
+        &self,
+        station: &mut Station,
+        aim: &Aim,
+        orbit: &mut Orbit,
+        room: f64,
+        gap: f64,
+    ) -> Result<bool, Halt> {
+        /// Share of its range that a micro can be relied on to have.
+        const SURE: f64 = 0.93;
+        let (at, end) = (orbit.place(gap), orbit.place(self.recipe.approach.gap));
+        let kinematics = station.kinematics(aim.side);
+        let reached = [at, end].iter().all(|(x, y)| {
+            [(room, 0.0), (-room, 0.0), (0.0, room), (0.0, -room)]
+                .iter()
+                .all(|(dx, dy)| kinematics.micro_reaches((x + dx) / SURE, (y + dy) / SURE))
+        });
+        if !reached {
+            let middle = (0.5 * (at.0 + end.0), 0.5 * (at.1 + end.1));
+            hand_over(station, orbit, aim.side, middle, gap)?;
+        }
+        Ok(!reached)
+    }
+
+    fn approach(&self, station: &mut Station, aim: &Aim, orbit: &mut Orbit) -> Result<(), Halt> {
+        let way = aim.gap(station) - self.recipe.approach.gap;
+        let end = station.wanted(aim.side).shifted(0.0, 0.0, way);
+        station.start_line(aim.side, end, None)?;
+        let turn = (self.fast.orbit.period / station.spec().period()).round() as u64;
+        let start = orbit.place(0.0);
+        let (mut cycles, mut after) = (0, 0);
+        while after < turn {
+            let gap = aim.gap(station);
+            orbit.cycle(station, gap)?;
+            cycles += 1;
+            after += u64::from(!station.moving(aim.side));
+            if cycles % turn != 0 {
+                continue;
+            }
+            if let Some(peak) = orbit.peak() {
+                orbit.go_to(station, &peak, gap)?;
+            }
+            let now = orbit.place(0.0);
+            let strayed = (now.0 - start.0).hypot(now.1 - start.1);
+            if strayed > self.fast.stray {
+                station.brake(aim.side);
+                return Err(Outcome::LightLost {
+                    phase: "approach",
+                    level: 0.0,
+                    expected: orbit.background(),
+                }
+                .into());
+            }
+        }
+        Ok(())
+    }
+
+    /// The last turns at the chip, and whether the light is what it should be.
+    fn finish(
+        &self,
+        station: &mut Station,
+        aim: &Aim,
+        orbit: &mut Orbit,
+        before: f64,
+    ) -> Result<(), Halt> {
+        let beam = Beam::new(&self.recipe.mode, self.exit());
+        let mut gap = aim.gap(station);
+        let way = gap - self.recipe.approach.gap;
+        if way.abs() > self.fast.gap_tolerance {
+            let end = station.wanted(aim.side).shifted(0.0, 0.0, way);
+            station.start_line(aim.side, end, None)?;
+            while station.moving(aim.side) {
+                gap = aim.gap(station);
+                orbit.cycle(station, gap)?;
+            }
+        }
+        let accuracy = self.fast.accuracy;
+        let mut last = (0.0, 0.0);
+        for _ in 0..3 {
+            orbit.set_radius(self.fast.orbit.radius);
+            gap = aim.gap(station);
+            let peak = orbit.settle(station, gap, accuracy, "final")?;
+            if peak.full < self.fast.accept * before {
+                return Err(Outcome::FalseLight {
+                    before,
+                    after: peak.full,
+                }
+                .into());
+            }
+            orbit.wind_down(station, gap)?;
+            let level = station.level(orbit.channel(), 0.008)?.mean - orbit.background();
+            let expected = peak.full * beam.share(gap);
+            if level > 0.9 * expected {
+                return Ok(());
+            }
+            last = (level, expected);
+        }
+        Err(Outcome::LightLost {
+            phase: "final",
+            level: last.0,
+            expected: last.1,
+        }
+        .into())
+    }
+}
+
+/// The macro goes aside by `(x, y)` metres and comes to rest there, while the micro stays in its
+/// orbit.
+fn hand_over(
+    station: &mut Station,
+    orbit: &mut Orbit,
+    side: Side,
+    (x, y): (f64, f64),
+    gap: f64,
+) -> Result<(), Halt> {
+    /// For the servo to come to rest, seconds.
+    const REST: f64 = 0.02;
+    let goal = station.wanted(side).shifted(x, y, 0.0);
+    let mut before = station.endpoint(side);
+    station.start_line(side, goal, None)?;
+    let mut rest = REST;
+    while station.moving(side) || rest > 0.0 {
+        if !station.moving(side) {
+            rest -= station.spec().period();
+        }
+        orbit.cycle(station, gap)?;
+        let now = station.endpoint(side);
+        orbit.hand_over((now.x - before.x, now.y - before.y));
+        before = now;
+    }
+    Ok(())
+}
+
+/// Whether to try a fiber again after this.
+fn again(result: &Result<(), Halt>) -> bool {
+    match result {
+        Ok(()) | Err(Halt::Fault(_)) => false,
+        Err(Halt::Outcome(outcome)) => !matches!(outcome, Outcome::NotArrived { .. }),
+    }
+}

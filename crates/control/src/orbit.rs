@@ -1,0 +1,383 @@
+//! Following a peak by circling it: the fast way to its maximum, and of staying there while the
+//! gap closes.
+//!
+//! Every turn goes around the place where the peak is believed to be; the light on it, which is
+//! brighter on the peak's side, says where the peak is, by a fit of a Gaussian of known width.
+//! What the micro lags behind is the same all around the circle.
+
+use crate::beam::{Beam, Peak, Reading};
+use crate::outcome::{Halt, Outcome};
+use crate::recipe::Orbit as Shape;
+use crate::station::Station;
+use pigtail_hal::{Channel, Fault, Side};
+use std::collections::VecDeque;
+use std::f64::consts::{PI, TAU};
+
+/// Where a fiber is to look, and with what.
+#[derive(Debug, Clone, Copy)]
+pub struct Watch {
+    /// The manipulator that moves.
+    pub side: Side,
+    /// The photodiode that watches.
+    pub channel: Channel,
+    /// Its level without the fiber's light, volts.
+    pub background: f64,
+    /// Standard deviation of a sample, volts.
+    pub noise: f64,
+}
+
+/// How the peak walks as the gap closes: metres in the manipulator's x and y for a metre of gap.
+pub type Walk = (f64, f64);
+
+/// A micro on its circle.
+#[derive(Debug)]
+pub struct Orbit<'r> {
+    watch: Watch,
+    beam: Beam,
+    shape: &'r Shape,
+    /// Where the peak is believed to be at no gap: the micro's displacement, metres.
+    centre: (f64, f64),
+    /// Where the circle's middle is on its way from, and since when.
+    from: ((f64, f64), f64),
+    walk: Walk,
+    /// Radius of the circle in widths of the peak.
+    radius: f64,
+    phase: f64,
+    /// What the micro was told of late, without the walk, oldest first: position and gap.
+    told: VecDeque<((f64, f64), f64)>,
+    /// The readings of the last turn, without the walk.
+    readings: VecDeque<Reading>,
+}
+
+/// Standard deviations by which a peak must stand out of the noise.
+const SIGNIFICANT: f64 = 5.0;
+
+/// How far a peak may be from where it was believed to be, in widths. At the chip a fiber that
+/// strays farther would touch it.
+const FAR: f64 = 4.0;
+
+/// How near the peak the turns that count must be, in widths.
+const NEAR: f64 = 0.15;
+
+/// From the middle of the last turn to when the fiber is attached, turns.
+const AHEAD: f64 = 1.3;
+
+/// Seconds in which the circle's middle goes over to a new place.
+const GLIDE: f64 = 6e-3;
+
+impl<'r> Orbit<'r> {
+    /// Begins a circle around the micro's displacement `(x, y)` at a `gap`, both in metres.
+    pub fn new(
+        watch: Watch,
+        beam: Beam,
+        shape: &'r Shape,
+        station: &Station,
+        (x, y): (f64, f64),
+        gap: f64,
+        walk: Walk,
+    ) -> Self {
+        let origin = |(x, y): (f64, f64)| (x - walk.0 * gap, y - walk.1 * gap);
+        Self {
+            watch,
+            beam,
+            shape,
+            centre: origin((x, y)),
+            from: (origin(station.micro(watch.side)), station.time()),
+            walk,
+            radius: shape.radius,
+            phase: 0.0,
+            told: VecDeque::with_capacity(64),
+            readings: VecDeque::with_capacity(64),
+        }
+    }
+
+    /// The photodiode that watches.
+    pub fn channel(&self) -> Channel {
+        self.watch.channel
+    }
+
+    /// Its level without the fiber's light, volts.
+    pub fn background(&self) -> f64 {
+        self.watch.background
+    }
+
+    /// The micro's displacement at the peak at a gap, as believed, metres.
+    pub fn place(&self, gap: f64) -> (f64, f64) {
+        (
+            self.centre.0 + self.walk.0 * gap,
+            self.centre.1 + self.walk.1 * gap,
+        )
+    }
+
+    /// Circles of another radius from now on, in widths of the peak.
+    pub fn set_radius(&mut self, radius: f64) {
+        self.radius = radius;
+    }
+
+    /// Moves the circle's middle by so much, metres.
+    fn shift(&mut self, station: &Station, (x, y): (f64, f64)) {
+        self.from = (self.middle(station.time()), station.time());
+        self.centre = (self.centre.0 + x, self.centre.1 + y);
+    }
+
+    /// The macro goes aside by `(x, y)` metres, and the micro the other way.
+    pub fn hand_over(&mut self, (x, y): (f64, f64)) {
+        self.centre = (self.centre.0 - x, self.centre.1 - y);
+        self.from.0 = (self.from.0.0 - x, self.from.0.1 - y);
+        for reading in &mut self.readings {
+            (reading.x, reading.y) = (reading.x - x, reading.y - y);
+        }
+        for (at, _) in &mut self.told {
+            *at = (at.0 - x, at.1 - y);
+        }
+    }
+
+    /// The circle's middle at a time, without the walk.
+    fn middle(&self, time: f64) -> (f64, f64) {
+        let (from, since) = self.from;
+        let share = ((time - since) / GLIDE).clamp(0.0, 1.0);
+        // Without a jump of the speed, for the micro's resonance.
+        let share = 0.5 - 0.5 * (PI * share).cos();
+        (
+            from.0 + share * (self.centre.0 - from.0),
+            from.1 + share * (self.centre.1 - from.1),
+        )
+    }
+
+    /// One servo cycle on the circle, at a gap.
+    ///
+    /// # Errors
+    ///
+    /// The machine's fault.
+    pub fn cycle(&mut self, station: &mut Station, gap: f64) -> Result<(), Fault> {
+        let period = station.spec().period();
+        self.phase = (self.phase + TAU * period / self.shape.period) % TAU;
+        let radius = self.radius * self.beam.width(gap);
+        let (sin, cos) = self.phase.sin_cos();
+        let middle = self.middle(station.time());
+        let at = (middle.0 + radius * cos, middle.1 + radius * sin);
+        station.move_micro(
+            self.watch.side,
+            at.0 + self.walk.0 * gap,
+            at.1 + self.walk.1 * gap,
+        );
+        station.cycle()?;
+        // What the light of this cycle answers was told a lag ago.
+        let lag = (self.shape.lag / period).round() as usize;
+        self.told.push_back((at, gap));
+        if self.told.len() > lag + 1 {
+            self.told.pop_front();
+        }
+        if let Some(volts) = station.light(self.watch.channel)
+            && let Some(((x, y), gap)) = self.told.front()
+        {
+            self.readings.push_back(Reading {
+                x: *x,
+                y: *y,
+                gap: *gap,
+                volts: volts - self.watch.background,
+            });
+            let turn = (self.shape.period * station.spec().photodiode.rate).round() as usize;
+            if self.readings.len() > turn.max(4) {
+                self.readings.pop_front();
+            }
+        }
+        Ok(())
+    }
+
+    /// A whole turn at the gap that `gap` tells.
+    ///
+    /// # Errors
+    ///
+    /// The machine's fault.
+    pub fn turn(&mut self, station: &mut Station, gap: f64) -> Result<(), Fault> {
+        let cycles = (self.shape.period / station.spec().period()).round() as u64;
+        for _ in 0..cycles {
+            self.cycle(station, gap)?;
+        }
+        Ok(())
+    }
+
+    /// The peak by the last turn, at no gap; `None` where there is no light.
+    pub fn peak(&mut self) -> Option<Peak> {
+        let readings: &[Reading] = self.readings.make_contiguous();
+        self.beam.fit(readings, self.watch.noise)
+    }
+
+    /// Goes to a peak, at most its width at `gap` away. Returns how far it was away, metres.
+    ///
+    /// # Errors
+    ///
+    /// [`Outcome::OutOfReach`] where the micro does not reach it.
+    pub fn go_to(&mut self, station: &Station, peak: &Peak, gap: f64) -> Result<f64, Outcome> {
+        let (x, y) = (peak.x - self.centre.0, peak.y - self.centre.1);
+        let way = x.hypot(y);
+        let share = (1.2 * self.beam.width(gap) / way).min(1.0);
+        let (x, y) = (share * x, share * y);
+        let at = self.place(gap);
+        let kinematics = station.kinematics(self.watch.side);
+        if !kinematics.micro_reaches(at.0 + x, at.1 + y) {
+            return Err(Outcome::OutOfReach(format!(
+                "the {} micro was to go to {:.1}, {:.1} um from its centre",
+                self.watch.side.name(),
+                (at.0 + x) * 1e6,
+                (at.1 + y) * 1e6
+            )));
+        }
+        self.shift(station, (x, y));
+        Ok(way)
+    }
+
+    /// Turns until the peak is where the circle's middle is, to `accuracy` metres, at a steady gap;
+    /// at least `least` times.
+    ///
+    /// # Errors
+    ///
+    /// A fault; [`Outcome::LightLost`] where there is no peak near where it was believed to be,
+    /// [`Outcome::Unsure`] after too many turns.
+    pub fn centre(
+        &mut self,
+        station: &mut Station,
+        gap: f64,
+        accuracy: f64,
+        phase: &'static str,
+        least: u32,
+    ) -> Result<Peak, Halt> {
+        let expected = SIGNIFICANT * self.watch.noise;
+        let start = self.centre;
+        let lost = |level: f64| Outcome::LightLost {
+            phase,
+            level,
+            expected,
+        };
+        let mut dark = 0;
+        let mut last = f64::INFINITY;
+        for turn in 1..=self.shape.turns {
+            self.turn(station, gap)?;
+            let peak = self.peak();
+            let Some(peak) = peak.filter(|p| p.full > SIGNIFICANT * p.full_deviation) else {
+                dark += 1;
+                if dark > 1 {
+                    let level = peak.map_or(0.0, |peak| peak.full * self.beam.share(gap));
+                    return Err(lost(level).into());
+                }
+                continue;
+            };
+            last = self.go_to(station, &peak, gap)?;
+            if turn >= least && last < accuracy && peak.deviation < accuracy {
+                return Ok(peak);
+            }
+            let far = (self.centre.0 - start.0).hypot(self.centre.1 - start.1);
+            if far > FAR * self.beam.width(gap) {
+                return Err(lost(peak.full * self.beam.share(gap)).into());
+            }
+        }
+        Err(Outcome::Unsure {
+            deviation: last,
+            accuracy,
+        }
+        .into())
+    }
+
+    /// Turns at a steady gap until it is known to `accuracy` metres (one standard deviation, by
+    /// how the turns' peaks scatter about a straight line in time) where the peak will be
+    /// [`Self::wind_down`] later, and goes there. For piezos creep. The first turns only lead there.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::centre`].
+    pub fn settle(
+        &mut self,
+        station: &mut Station,
+        gap: f64,
+        accuracy: f64,
+        phase: &'static str,
+    ) -> Result<Peak, Halt> {
+        let start = self.centre;
+        let expected = SIGNIFICANT * self.watch.noise;
+        let lost = |level: f64| Outcome::LightLost {
+            phase,
+            level,
+            expected,
+        };
+        let (mut dark, mut deviation) = (0, f64::INFINITY);
+        let mut seen: Vec<Peak> = Vec::with_capacity(self.shape.turns as usize);
+        for _ in 0..self.shape.turns.max(4) {
+            self.turn(station, gap)?;
+            let peak = self.peak();
+            let Some(mut peak) = peak.filter(|p| p.full > SIGNIFICANT * p.full_deviation) else {
+                dark += 1;
+                if dark > 1 {
+                    let level = peak.map_or(0.0, |peak| peak.full * self.beam.share(gap));
+                    return Err(lost(level).into());
+                }
+                continue;
+            };
+            let way = (peak.x - self.centre.0).hypot(peak.y - self.centre.1);
+            if way > NEAR * self.beam.width(gap) {
+                // Not there yet: what was seen from there does not count.
+                seen.clear();
+                self.go_to(station, &peak, gap)?;
+                let far = (self.centre.0 - start.0).hypot(self.centre.1 - start.1);
+                if far > FAR * self.beam.width(gap) {
+                    return Err(lost(peak.full * self.beam.share(gap)).into());
+                }
+                continue;
+            }
+            seen.push(peak);
+            if seen.len() < 3 {
+                self.go_to(station, &peak, gap)?;
+                continue;
+            }
+            // A peak is that of the middle of its turn; the circle is left a turn later.
+            let (x, dx) = ahead(&seen, |peak| peak.x, AHEAD);
+            let (y, dy) = ahead(&seen, |peak| peak.y, AHEAD);
+            (peak.x, peak.y, peak.deviation) = (x, y, dx.max(dy));
+            self.go_to(station, &peak, gap)?;
+            deviation = peak.deviation;
+            if deviation < accuracy {
+                return Ok(peak);
+            }
+        }
+        Err(Outcome::Unsure {
+            deviation,
+            accuracy,
+        }
+        .into())
+    }
+
+    /// Winds the circle down to its middle, and stays there for as long again.
+    ///
+    /// # Errors
+    ///
+    /// The machine's fault.
+    pub fn wind_down(&mut self, station: &mut Station, gap: f64) -> Result<(), Fault> {
+        let radius = self.radius;
+        let cycles = (0.5 * self.shape.period / station.spec().period()).round();
+        for k in 0..cycles as u64 {
+            self.radius = radius * (1.0 - (k as f64 + 1.0) / cycles);
+            self.cycle(station, gap)?;
+        }
+        self.radius = 0.0;
+        Ok(())
+    }
+}
+
+/// The straight line through a coordinate of peaks that are a turn apart, so many turns after the
+/// last; and its standard deviation there.
+fn ahead(peaks: &[Peak], coordinate: impl Fn(&Peak) -> f64, turns: f64) -> (f64, f64) {
+    let n = peaks.len() as f64;
+    let middle = 0.5 * (n - 1.0);
+    let mean = peaks.iter().map(&coordinate).sum::<f64>() / n;
+    let spread: f64 = (0..peaks.len()).map(|k| (k as f64 - middle).powi(2)).sum();
+    let slope = (0..peaks.len())
+        .map(|k| (k as f64 - middle) * (coordinate(&peaks[k]) - mean))
+        .sum::<f64>()
+        / spread;
+    let squares: f64 = (0..peaks.len())
+        .map(|k| (coordinate(&peaks[k]) - mean - slope * (k as f64 - middle)).powi(2))
+        .sum();
+    let lever = middle + turns;
+    let variance = squares / (n - 2.0) * (1.0 / n + lever * lever / spread);
+    (mean + slope * lever, variance.sqrt())
+}

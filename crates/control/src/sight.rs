@@ -1,0 +1,186 @@
+//! What vision says of the tips, put together over many frames.
+//!
+//! A frame is late and noisy, but it says when it was exposed: beside where the holder was at that
+//! moment, by the encoders, it tells where the tip stands in the holder, whether anything moves or
+//! not. Nobody has to stand still for a look.
+
+use pigtail_hal::measurement::TipFix;
+use pigtail_hal::spec::{AXES, SIDES};
+use pigtail_hal::{Side, Spec, VisionFrame};
+use pigtail_model::frames::{Chip, Point};
+
+/// Something on a holder that vision can see.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Tip {
+    /// The fiber that the holder carries.
+    Fiber,
+    /// The multimode fiber beside it.
+    Sensing,
+}
+
+/// Where a tip stands from its holder, as far as vision has seen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Seen {
+    /// Across the chip, metres.
+    pub x: f64,
+    /// Along the chip's z, metres.
+    pub z: f64,
+    /// Standard deviations of both without vision's fixed error, metres.
+    pub sigma: [f64; 2],
+}
+
+/// How much farther or less far than believed a holder may go, in its way, for want of knowing lead
+/// and links better. Frames from far away say as much less of where the tip is here.
+const SCALE: f64 = 2e-3;
+
+/// By what time a holder that moves may lag behind its encoders, seconds: its transmission gives way
+/// to its load. All frames on the way lag alike, so that they do not make up for each other.
+const LAG: f64 = 2e-3;
+
+/// Cycles over which a speed is seen.
+const WHILE: usize = 8;
+
+/// A holder's outputs (radians) and its micro's displacement (metres) in one cycle.
+pub(crate) type Stand = ([f64; AXES], (f64, f64));
+
+/// An estimate that remembers where the holder stood when it was made.
+#[derive(Debug, Clone, Copy)]
+struct Estimate {
+    x: Offset,
+    z: Offset,
+    holder: Point<Chip>,
+}
+
+/// Of the tip from its holder along one axis.
+#[derive(Debug, Clone, Copy)]
+struct Offset {
+    /// Metres.
+    value: f64,
+    /// Square metres.
+    variance: f64,
+}
+
+/// The estimates of all tips, and where the holders were of late.
+#[derive(Debug, Clone)]
+pub(crate) struct Sight {
+    rate: f64,
+    recent: Vec<[Stand; SIDES]>,
+    cycle: usize,
+    fibers: [Option<Estimate>; SIDES],
+    sensing: Option<Estimate>,
+    /// Since when each fiber has been where it is, seconds: older frames say nothing of it.
+    since: [f64; SIDES],
+}
+
+impl Sight {
+    pub(crate) fn new(spec: &Spec) -> Self {
+        // A frame arrives one period after its exposure at the latest.
+        let oldest = spec.vision.latency.max(1.0 / spec.vision.rate);
+        let cycles = (oldest * spec.servo.rate).ceil() as usize + WHILE + 1;
+        Self {
+            rate: spec.servo.rate,
+            recent: vec![[([0.0; AXES], (0.0, 0.0)); SIDES]; cycles],
+            cycle: 0,
+            fibers: [None; SIDES],
+            sensing: None,
+            since: [0.0; SIDES],
+        }
+    }
+
+    /// Notes where the holders are in this cycle.
+    pub(crate) fn note(&mut self, stands: [Stand; SIDES]) {
+        self.cycle = (self.cycle + 1) % self.recent.len();
+        self.recent[self.cycle] = stands;
+    }
+
+    /// The fiber of a side is another one from `time` on.
+    pub(crate) fn forget(&mut self, side: Side, time: f64) {
+        self.fibers[side.index()] = None;
+        self.since[side.index()] = time;
+    }
+
+    /// Takes in a frame that has arrived at `now`.
+    pub(crate) fn see(
+        &mut self,
+        frame: &VisionFrame,
+        now: f64,
+        holder: impl Fn(Side, Stand) -> Option<Point<Chip>>,
+    ) {
+        let back = ((now - frame.time) * self.rate).round() as usize;
+        let n = self.recent.len();
+        if back + WHILE >= n {
+            return;
+        }
+        let stands = |back: usize| self.recent[(self.cycle + n - back) % n];
+        let (exposed, earlier) = (stands(back), stands(back + WHILE));
+        for side in Side::ALL {
+            let i = side.index();
+            let (Some(at), Some(before)) = (holder(side, exposed[i]), holder(side, earlier[i]))
+            else {
+                continue;
+            };
+            let lag = |way: f64| (LAG * way * self.rate / WHILE as f64).powi(2);
+            let lag = [lag(at.x - before.x), lag(at.z - before.z)];
+            if let Some(fix) = &frame.fiber[i]
+                && frame.time > self.since[i]
+            {
+                update(&mut self.fibers[i], at, fix, lag);
+            }
+            if side == Side::Right {
+                update(&mut self.sensing, at, &frame.sensing, lag);
+            }
+        }
+    }
+
+    pub(crate) fn seen(&self, side: Side, tip: Tip) -> Option<Seen> {
+        let estimate = match tip {
+            Tip::Fiber => self.fibers[side.index()],
+            Tip::Sensing => self.sensing,
+        }?;
+        Some(Seen {
+            x: estimate.x.value,
+            z: estimate.z.value,
+            sigma: [estimate.x, estimate.z].map(|offset| offset.variance.sqrt()),
+        })
+    }
+}
+
+/// Takes a fix into an estimate; `lag` is the variance in x and z that comes of moving.
+fn update(estimate: &mut Option<Estimate>, holder: Point<Chip>, fix: &TipFix, lag: [f64; 2]) {
+    let seen = [fix.x - holder.x, fix.z - holder.z];
+    let noise = fix.sigma * fix.sigma;
+    *estimate = Some(match estimate {
+        None => {
+            let offset = |i: usize| Offset {
+                value: seen[i],
+                variance: noise + lag[i],
+            };
+            Estimate {
+                x: offset(0),
+                z: offset(1),
+                holder,
+            }
+        }
+        Some(before) => {
+            let way = holder.distance(before.holder);
+            let drift = (SCALE * way).powi(2);
+            Estimate {
+                x: before.x.update(seen[0], drift, noise, lag[0]),
+                z: before.z.update(seen[1], drift, noise, lag[1]),
+                holder,
+            }
+        }
+    });
+}
+
+impl Offset {
+    /// A step of a Kalman filter. What comes of moving does not average out.
+    fn update(&self, seen: f64, drift: f64, noise: f64, lag: f64) -> Self {
+        let before = self.variance + drift;
+        let share = before / (before + noise + lag);
+        Self {
+            value: self.value + share * (seen - self.value),
+            variance: ((1.0 - share) * before).max(lag.min(before)),
+        }
+    }
+}

@@ -1,0 +1,134 @@
+//! Looking for first light as fast as the photodiode allows.
+//!
+//! The micro sweeps across at constant speed and flies back, again and again, while the macro
+//! creeps upward: lines side by side, all in one direction, so that hysteresis shifts them alike.
+//! The macro never turns, so that its transmissions stay wound up.
+
+use crate::orbit::Watch;
+use crate::outcome::{Halt, SearchEvidence};
+use crate::recipe::Sweep;
+use crate::station::Station;
+use pigtail_hal::Side;
+use pigtail_model::frames::Point;
+use std::collections::VecDeque;
+use std::f64::consts::{FRAC_1_SQRT_2, PI};
+
+/// The light that a sweep ended at.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Spot {
+    /// Across, in the manipulator's frame: where macro and micro were together, metres.
+    pub x: f64,
+    /// Up, metres.
+    pub y: f64,
+    /// Light above the background, volts.
+    pub level: f64,
+}
+
+/// Where the micro is sent across, a while after the sweep's start: at constant speed from one end
+/// to the other, a stop until it is there, and back. And whether it is slow enough to know where
+/// it is.
+fn across(sweep: &Sweep, reach: f64, since: f64) -> (f64, bool) {
+    let line = 2.0 * reach / sweep.speed;
+    let since = since % period(sweep, reach);
+    if since < line + sweep.lag {
+        ((sweep.speed * since - reach).min(reach), true)
+    } else {
+        let share = (since - line - sweep.lag) / sweep.flyback;
+        let x = reach * (PI * share).cos();
+        (x, x.abs() > 0.7 * reach)
+    }
+}
+
+/// From the start of a line to the start of the next, seconds.
+fn period(sweep: &Sweep, reach: f64) -> f64 {
+    2.0 * reach / sweep.speed + sweep.lag + sweep.flyback
+}
+
+/// How far the micro sweeps to either side, metres.
+pub fn reach(station: &Station, side: Side, width: f64) -> f64 {
+    (0.5 * width).min(0.99 * station.kinematics(side).micro_reach_x())
+}
+
+/// Sweeps up to the height `top` over `width` with lines `spacing` apart (metres) until something
+/// is brighter by `threshold` volts than the background, and brakes soon after.
+///
+/// # Errors
+///
+/// A fault, or [`Outcome::OutOfReach`](crate::outcome::Outcome::OutOfReach).
+pub fn first_light(
+    station: &mut Station,
+    watch: &Watch,
+    sweep: &Sweep,
+    (width, spacing): (f64, f64),
+    top: f64,
+    threshold: f64,
+) -> Result<(Option<Spot>, SearchEvidence), Halt> {
+    let side = watch.side;
+    let reach = reach(station, side, width);
+    let lag = (sweep.lag * station.spec().servo.rate).round() as usize;
+    let start = station.wanted(side);
+    let line = period(sweep, reach);
+    let end = Point::new(start.x, top, start.z);
+    station.start_line(side, end, Some(spacing / line))?;
+    let begin = station.time();
+    let mut told: VecDeque<(f64, bool)> = VecDeque::with_capacity(lag + 2);
+    let mut spot: Option<Spot> = None;
+    let (mut samples, mut brightest, mut after) = (0, f64::NEG_INFINITY, 0);
+    let (mut last, mut best) = ((0.0, 0.0), threshold);
+    while station.moving(side) {
+        let at = across(sweep, reach, station.time() - begin);
+        station.move_micro(side, at.0, 0.0);
+        station.cycle()?;
+        told.push_back(at);
+        if told.len() > lag + 1 {
+            told.pop_front();
+        }
+        let (Some(volts), Some(&(told_x, slow))) = (station.light(watch.channel), told.front())
+        else {
+            continue;
+        };
+        let x = told_x;
+        samples += 1;
+        brightest = f64::max(brightest, volts);
+        // Between two samples a spot is half as bright in each.
+        let level = volts - watch.background;
+        let pair = (level + last.0) * FRAC_1_SQRT_2;
+        let (stands_out, x, level) = if pair > level {
+            (pair, 0.5 * (x + last.1), level.max(last.0))
+        } else {
+            (level, x, level)
+        };
+        last = (volts - watch.background, told_x);
+        if stands_out > best && slow {
+            let macro_at = station.endpoint(side);
+            spot = Some(Spot {
+                x: macro_at.x + x,
+                y: macro_at.y,
+                level,
+            });
+            best = stands_out;
+            after = 0;
+        } else if spot.is_some() {
+            after += 1;
+            // Twice dimmer in a row: the brightest has passed.
+            if after >= 2 {
+                break;
+            }
+        }
+    }
+    let height = station.wanted(side).y - start.y;
+    station.brake(side);
+    while station.moving(side) {
+        station.cycle()?;
+    }
+    let evidence = SearchEvidence {
+        phase: "search",
+        samples,
+        width: 2.0 * reach,
+        height,
+        brightest,
+        dismissed: 0,
+        threshold: watch.background + threshold,
+    };
+    Ok((spot, evidence))
+}
