@@ -39,7 +39,7 @@ impl Hystereses {
             Side::Left => &self.left,
             Side::Right => &self.right,
         };
-        belief.as_ref()?.loaded.as_ref()
+        belief.as_ref()?.loaded.as_deref()
     }
 
     /// What was identified, for whoever reads the weights.
@@ -56,7 +56,7 @@ impl Hystereses {
             residual: 0.0,
             date: String::new(),
             origin: String::new(),
-            loaded: Some(model),
+            loaded: Some(Box::new(model)),
         });
         match side {
             Side::Left => self.left = belief,
@@ -75,7 +75,7 @@ pub struct HysteresisBelief {
     /// calibration reads it, and calls [`Self::load`]. A small model may stand in `micro` instead.
     pub weights: Option<String>,
     /// The model itself.
-    pub micro: Option<MicroModel>,
+    pub micro: Option<Box<MicroModel>>,
     /// Root mean square that the model left of the displacement, metres.
     #[serde(deserialize_with = "quantity::non_negative_length")]
     pub residual: f64,
@@ -84,7 +84,7 @@ pub struct HysteresisBelief {
     /// By which run.
     pub origin: String,
     #[serde(skip)]
-    loaded: Option<MicroModel>,
+    loaded: Option<Box<MicroModel>>,
 }
 
 impl HysteresisBelief {
@@ -105,7 +105,7 @@ impl HysteresisBelief {
             );
             return Err(Error::new(file, "model", message));
         }
-        self.loaded = Some(model);
+        self.loaded = Some(Box::new(model));
         Ok(())
     }
 }
@@ -329,7 +329,7 @@ impl Calibration {
             let key = format!("hysteresis.{side}.micro");
             match (belief.weights.is_some(), belief.micro.take()) {
                 (false, Some(micro)) => belief
-                    .load(file, micro)
+                    .load(file, *micro)
                     .map_err(|error| Error::new(file, key, error.message))?,
                 (true, None) => {}
                 _ => {

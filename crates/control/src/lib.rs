@@ -18,6 +18,7 @@
 //! [`contour`] on both joints of a five-bar, [`piezo`] on the micro.
 //!
 //! There are no clocks, no threads and no files here: time comes from the machine.
+
 pub mod beam;
 pub mod calibration;
 pub mod characterize;

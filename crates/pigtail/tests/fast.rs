@@ -3,6 +3,7 @@
 use pigtail::align::{Document, align};
 use pigtail::procedure::Procedure;
 use pigtail::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use pigtail_control::calibration::{Hystereses, Windups};
 use pigtail_control::station::Unobserved;
 
 fn setup() -> Setup {
@@ -79,8 +80,8 @@ fn three_times_the_noise_is_measured_and_lived_with() {
 #[test]
 fn a_rig_that_was_never_calibrated_is_aligned_all_the_same() {
     let spoil = |setup: &mut Setup| {
-        setup.calibration.hysteresis = Default::default();
-        setup.calibration.windup = Default::default();
+        setup.calibration.hysteresis = Hystereses::default();
+        setup.calibration.windup = Windups::default();
     };
     let outcomes = is_honest(spoil, 912_000..912_003);
     assert!(outcomes.iter().all(|outcome| *outcome == "aligned"));
