@@ -52,9 +52,11 @@ pub struct Orbit<'r> {
 /// Standard deviations by which a peak must stand out of the noise.
 const SIGNIFICANT: f64 = 5.0;
 
-/// How far a peak may be from where it was believed to be, in widths. At the chip a fiber that
-/// strays farther would touch it.
+/// How far a peak may be from where it was first believed to be, in widths...
 const FAR: f64 = 4.0;
+
+/// ...and at the chip, which a fiber that strays would touch.
+const NEARBY: f64 = 1.2;
 
 /// How near the peak the turns that count must be, in widths.
 const NEAR: f64 = 0.15;
@@ -94,6 +96,11 @@ impl<'r> Orbit<'r> {
     /// The photodiode that watches.
     pub fn channel(&self) -> Channel {
         self.watch.channel
+    }
+
+    /// Standard deviation of its samples, volts.
+    pub fn noise(&self) -> f64 {
+        self.watch.noise
     }
 
     /// Its level without the fiber's light, volts.
@@ -302,7 +309,7 @@ impl<'r> Orbit<'r> {
         };
         let (mut dark, mut deviation) = (0, f64::INFINITY);
         let mut seen: Vec<Peak> = Vec::with_capacity(self.shape.turns as usize);
-        for _ in 0..self.shape.turns.max(4) {
+        for _ in 0..6 * self.shape.turns {
             self.turn(station, gap)?;
             let peak = self.peak();
             let Some(mut peak) = peak.filter(|p| p.full > SIGNIFICANT * p.full_deviation) else {
@@ -319,7 +326,7 @@ impl<'r> Orbit<'r> {
                 seen.clear();
                 self.go_to(station, &peak, gap)?;
                 let far = (self.centre.0 - start.0).hypot(self.centre.1 - start.1);
-                if far > FAR * self.beam.width(gap) {
+                if far > NEARBY * self.beam.width(gap) {
                     return Err(lost(peak.full * self.beam.share(gap)).into());
                 }
                 continue;
@@ -330,8 +337,9 @@ impl<'r> Orbit<'r> {
                 continue;
             }
             // A peak is that of the middle of its turn; the circle is left a turn later.
-            let (x, dx) = ahead(&seen, |peak| peak.x, AHEAD);
-            let (y, dy) = ahead(&seen, |peak| peak.y, AHEAD);
+            let noise = peak.deviation;
+            let (x, dx) = ahead(&seen, |peak| peak.x, noise);
+            let (y, dy) = ahead(&seen, |peak| peak.y, noise);
             (peak.x, peak.y, peak.deviation) = (x, y, dx.max(dy));
             self.go_to(station, &peak, gap)?;
             deviation = peak.deviation;
@@ -363,9 +371,10 @@ impl<'r> Orbit<'r> {
     }
 }
 
-/// The straight line through a coordinate of peaks that are a turn apart, so many turns after the
-/// last; and its standard deviation there.
-fn ahead(peaks: &[Peak], coordinate: impl Fn(&Peak) -> f64, turns: f64) -> (f64, f64) {
+/// The straight line through a coordinate of peaks that are a turn apart, [`AHEAD`] of the last;
+/// and its standard deviation there. A few peaks may happen to lie well: they scatter by `noise`
+/// (metres) at least.
+fn ahead(peaks: &[Peak], coordinate: impl Fn(&Peak) -> f64, noise: f64) -> (f64, f64) {
     let n = peaks.len() as f64;
     let middle = 0.5 * (n - 1.0);
     let mean = peaks.iter().map(&coordinate).sum::<f64>() / n;
@@ -377,7 +386,8 @@ fn ahead(peaks: &[Peak], coordinate: impl Fn(&Peak) -> f64, turns: f64) -> (f64,
     let squares: f64 = (0..peaks.len())
         .map(|k| (coordinate(&peaks[k]) - mean - slope * (k as f64 - middle)).powi(2))
         .sum();
-    let lever = middle + turns;
-    let variance = squares / (n - 2.0) * (1.0 / n + lever * lever / spread);
+    let lever = middle + AHEAD;
+    let each = (squares / (n - 2.0)).max(noise * noise);
+    let variance = each * (1.0 / n + lever * lever / spread);
     (mean + slope * lever, variance.sqrt())
 }

@@ -233,6 +233,9 @@ pub struct Fast {
     /// By how much a tip may be seen to stand elsewhere than where its search starts, metres.
     #[serde(deserialize_with = "quantity::positive_length")]
     pub straight: f64,
+    /// Gap at which light that may be none is looked at once more, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub doubtful_gap: f64,
     /// How far the peak may walk otherwise than expected on the approach, metres. What strays
     /// farther is none, and the chip is near.
     #[serde(deserialize_with = "quantity::positive_length")]
@@ -259,9 +262,10 @@ impl Default for Fast {
             output_spacing: 17e-6,
             significance: 5.5,
             overscan: 20e-6,
-            accuracy: 30e-9,
+            accuracy: 20e-9,
             gap_tolerance: 0.4e-6,
             straight: 1.5e-6,
+            doubtful_gap: 25e-6,
             stray: 6e-6,
             accept: 0.5,
             sensing: OverTop::default(),

@@ -11,7 +11,7 @@ use crate::station::Station;
 use pigtail_hal::Side;
 use pigtail_model::frames::Point;
 use std::collections::VecDeque;
-use std::f64::consts::{FRAC_1_SQRT_2, PI};
+use std::f64::consts::PI;
 
 /// The light that a sweep ended at.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -22,6 +22,8 @@ pub struct Spot {
     pub y: f64,
     /// Light above the background, volts.
     pub level: f64,
+    /// The background by then, volts.
+    pub background: f64,
 }
 
 /// Where the micro is sent across, a while after the sweep's start: at constant speed from one end
@@ -42,6 +44,47 @@ fn across(sweep: &Sweep, reach: f64, since: f64) -> (f64, bool) {
 /// From the start of a line to the start of the next, seconds.
 fn period(sweep: &Sweep, reach: f64) -> f64 {
     2.0 * reach / sweep.speed + sweep.lag + sweep.flyback
+}
+
+/// A way over which a spot is seen, metres; at the usual speed that is two samples at most.
+const WIDE: f64 = 12e-6;
+
+/// Samples over which the background is followed.
+const FOLLOWED: f64 = 50.0;
+
+/// The last samples of a line that stand out most together.
+struct Part {
+    /// Their sum over the square root of their number: as noisy as one sample.
+    stands_out: f64,
+    /// Their middle, metres.
+    x: f64,
+    /// The brightest of them.
+    level: f64,
+}
+
+/// A spot is seen in one sample, or half in each of two; a dim one on a slow line in more.
+fn brightest_part(recent: &VecDeque<(f64, f64)>) -> Part {
+    let mut best = Part {
+        stands_out: f64::NEG_INFINITY,
+        x: 0.0,
+        level: 0.0,
+    };
+    let (mut sum, mut x, mut n, mut level) = (0.0, 0.0, 0.0_f64, f64::NEG_INFINITY);
+    for (volts, at) in recent.iter().rev() {
+        sum += volts;
+        x += at;
+        n += 1.0;
+        level = level.max(*volts);
+        let stands_out = sum / n.sqrt();
+        if stands_out > best.stands_out {
+            best = Part {
+                stands_out,
+                x: x / n,
+                level,
+            };
+        }
+    }
+    best
 }
 
 /// How far the micro sweeps to either side, metres.
@@ -68,13 +111,16 @@ pub fn first_light(
     let lag = (sweep.lag * station.spec().servo.rate).round() as usize;
     let start = station.wanted(side);
     let line = period(sweep, reach);
+    let widest = (WIDE * station.spec().photodiode.rate / sweep.speed).round() as usize;
+    let widest = widest.clamp(2, 16);
     let end = Point::new(start.x, top, start.z);
     station.start_line(side, end, Some(spacing / line))?;
     let begin = station.time();
     let mut told: VecDeque<(f64, bool)> = VecDeque::with_capacity(lag + 2);
     let mut spot: Option<Spot> = None;
     let (mut samples, mut brightest, mut after) = (0, f64::NEG_INFINITY, 0);
-    let (mut last, mut best) = ((0.0, 0.0), threshold);
+    let (mut wander, mut best) = (0.0, threshold);
+    let mut recent: VecDeque<(f64, f64)> = VecDeque::with_capacity(widest + 1);
     while station.moving(side) {
         let at = across(sweep, reach, station.time() - begin);
         station.move_micro(side, at.0, 0.0);
@@ -87,24 +133,29 @@ pub fn first_light(
         else {
             continue;
         };
-        let x = told_x;
         samples += 1;
         brightest = f64::max(brightest, volts);
-        // Between two samples a spot is half as bright in each.
-        let level = volts - watch.background;
-        let pair = (level + last.0) * FRAC_1_SQRT_2;
-        let (stands_out, x, level) = if pair > level {
-            (pair, 0.5 * (x + last.1), level.max(last.0))
-        } else {
-            (level, x, level)
-        };
-        last = (volts - watch.background, told_x);
+        let level = volts - watch.background - wander;
+        if !slow {
+            recent.clear();
+        }
+        recent.push_back((level, told_x));
+        if recent.len() > widest {
+            recent.pop_front();
+        }
+        let seen = brightest_part(&recent);
+        if seen.stands_out < 0.5 * threshold {
+            // The background wanders slowly: follow it while there is no light.
+            wander += level / FOLLOWED;
+        }
+        let (stands_out, x, level) = (seen.stands_out, seen.x, seen.level);
         if stands_out > best && slow {
             let macro_at = station.endpoint(side);
             spot = Some(Spot {
                 x: macro_at.x + x,
                 y: macro_at.y,
                 level,
+                background: watch.background + wander,
             });
             best = stands_out;
             after = 0;

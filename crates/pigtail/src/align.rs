@@ -25,6 +25,8 @@ pub struct Document {
     pub recipe: String,
     /// The procedure.
     pub procedure: &'static str,
+    /// How the truth was changed.
+    pub scenario: String,
     /// The seed of machine, device, fixture and noise.
     pub seed: u64,
     /// A row a fiber, input first.
@@ -128,6 +130,7 @@ pub fn align(
         rig: setup.rig.clone(),
         recipe: setup.recipe_name.clone(),
         procedure: procedure.name(),
+        scenario: setup.scenario.clone(),
         seed,
         fibers,
         seconds_per_fiber: rounded(seconds / attempted.max(1) as f64, 1e-4),

@@ -27,5 +27,6 @@ pub mod record;
 pub mod report;
 pub mod rig;
 pub mod runs;
+pub mod scenario;
 pub mod simulate;
 pub mod tune;

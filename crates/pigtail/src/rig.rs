@@ -45,6 +45,8 @@ pub struct Setup {
     pub calibration: Calibration,
     /// What is to be done.
     pub recipe: Recipe,
+    /// The scenario by which the truth was changed.
+    pub scenario: String,
     /// The calibration's file; `None` for the one that is compiled in.
     pub calibration_file: Option<PathBuf>,
     /// Name and SHA-256 of each file that was read, in the order of reading.
@@ -103,6 +105,7 @@ impl Setup {
             calibration_file: rig_folder(rig).map(|folder| folder.join(DEFAULT_RIG[2].0)),
             calibration,
             recipe: recipe_parsed,
+            scenario: "nominal".to_owned(),
             hashes,
         })
     }

@@ -17,7 +17,7 @@ use crate::beam::Beam;
 use crate::orbit::{Orbit, Watch};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::procedure::{FiberReport, Job, PORTS};
-use crate::recipe::{Fast, Recipe};
+use crate::recipe::{Fast, Recipe, Sweep};
 use crate::sight::Tip;
 use crate::station::{Level, Station};
 use crate::sweep::{Spot, first_light};
@@ -35,6 +35,8 @@ struct Pass {
     width: f64,
     /// Its lines' distance, of the usual one.
     spacing: f64,
+    /// How much slower than usual its lines are.
+    slow: f64,
     /// Where the sensing fiber stands meanwhile, in its sidesteps.
     sensing: f64,
 }
@@ -42,26 +44,31 @@ struct Pass {
 /// The passes of a search. What the first has missed is most likely at the edges of what vision can
 /// say, or too dim there: beside the sensing fiber, or between two lines. After the last one the
 /// thesis's procedure has its turn.
-const PASSES: [Pass; 5] = {
-    const fn pass(aside: f64, width: f64, spacing: f64, sensing: f64) -> Pass {
+const PASSES: [Pass; 6] = {
+    const fn pass(aside: f64, width: f64, spacing: f64, slow: f64, sensing: f64) -> Pass {
         Pass {
             aside,
             width,
             spacing,
+            slow,
             sensing,
         }
     }
     [
-        pass(0.0, 1.0, 1.0, 0.0),
-        pass(0.35, 0.5, 1.0, 0.0),
-        pass(-0.35, 0.5, 1.0, 0.0),
-        pass(0.0, 1.0, 0.6, 1.0),
-        pass(0.0, 1.0, 0.6, -1.0),
+        pass(0.0, 1.0, 1.0, 1.0, 0.0),
+        pass(0.35, 0.5, 1.0, 1.0, 0.0),
+        pass(-0.35, 0.5, 1.0, 1.0, 0.0),
+        pass(0.0, 1.0, 0.6, 8.0, 0.0),
+        pass(0.0, 1.0, 0.6, 8.0, 1.0),
+        pass(0.0, 1.0, 0.6, 8.0, -1.0),
     ]
 };
 
 /// Time for the micro to come to rest where its lines begin, seconds.
 const COCKED: f64 = 0.008;
+
+/// Light of less than so many times what counts as light is looked at once more on the approach.
+const DOUBTFUL: f64 = 2.5;
 
 /// After so many bright places that were no peak a search ends.
 const MOST_DISMISSED: usize = 5;
@@ -77,6 +84,8 @@ struct Look {
     width: f64,
     /// Distance of its lines, metres.
     spacing: f64,
+    /// How much slower than usual they are.
+    slow: f64,
     /// Whether the tip is yet to be brought to its start.
     again: bool,
 }
@@ -165,6 +174,7 @@ impl Shared<'_> {
                 aside: pass.aside * self.recipe.raster.x,
                 width: pass.width * self.recipe.raster.x,
                 spacing: pass.spacing * fast.input_spacing,
+                slow: pass.slow,
                 again: attempt > 0,
             };
             let result = self.attempt(job, station, &aim, &look);
@@ -191,13 +201,14 @@ impl Shared<'_> {
         job.phase(station, "coarse", |_, station| {
             self.change_fiber(station, &aim, index)
         })?;
-        // The last pass differs in the sensing fiber alone.
+        // The last passes differ in the sensing fiber alone.
         for (attempt, pass) in PASSES[..4].iter().enumerate() {
             let look = Look {
                 gap: fast.output_gap,
                 aside: pass.aside * self.recipe.raster.x,
                 width: pass.width * self.recipe.raster.x,
                 spacing: pass.spacing * fast.output_spacing,
+                slow: pass.slow,
                 again: attempt > 0,
             };
             let result = self.attempt(job, station, &aim, &look);
@@ -247,6 +258,10 @@ impl Shared<'_> {
                 begun = Some((watch, start));
                 let top = start.y + 2.0 * self.below() + self.fast.overscan;
                 let spot = self.search(station, &watch, look, top, dismissed)?;
+                let watch = Watch {
+                    background: spot.background,
+                    ..watch
+                };
                 Ok((watch, spot))
             })?;
             let centred = job.phase(station, "centre", |_, station| {
@@ -261,7 +276,14 @@ impl Shared<'_> {
             }
         };
         job.phase(station, "approach", |_, station| {
-            self.approach(station, aim, &mut orbit)
+            let beam = Beam::new(&self.recipe.mode, self.exit());
+            let level = before * beam.share(aim.gap(station));
+            let doubtful = level < DOUBTFUL * self.fast.significance * orbit.noise();
+            if doubtful {
+                // What is no peak may stand far aside, where the inclined facet is nearer.
+                self.approach(station, aim, &mut orbit, before, self.fast.doubtful_gap)?;
+            }
+            self.approach(station, aim, &mut orbit, before, self.recipe.approach.gap)
         })?;
         job.phase(station, "final", |job, station| {
             self.finish(station, aim, &mut orbit, before)?;
@@ -293,7 +315,11 @@ impl Shared<'_> {
     ) -> Result<Spot, Halt> {
         let threshold = self.fast.significance * watch.noise;
         let area = (look.width, look.spacing);
-        let (spot, evidence) = first_light(station, watch, &self.fast.sweep, area, top, threshold)?;
+        let sweep = Sweep {
+            speed: self.fast.sweep.speed / look.slow,
+            ..self.fast.sweep
+        };
+        let (spot, evidence) = first_light(station, watch, &sweep, area, top, threshold)?;
         spot.ok_or_else(|| {
             Outcome::NoLight(SearchEvidence {
                 dismissed,
@@ -341,7 +367,7 @@ impl Shared<'_> {
         }
         // A peak is brighter than what was seen of it in passing; a fluctuation is gone by now.
         let level = peak.full * beam.share(gap);
-        let expected = (0.8 * spot.level).max(1.2 * self.fast.significance * watch.noise);
+        let expected = 0.6 * spot.level;
         if level < expected {
             return Err(Outcome::LightLost {
                 phase: "centre",
@@ -379,8 +405,17 @@ impl Shared<'_> {
         Ok(!reached)
     }
 
-    fn approach(&self, station: &mut Station, aim: &Aim, orbit: &mut Orbit) -> Result<(), Halt> {
-        let way = aim.gap(station) - self.recipe.approach.gap;
+    /// Closes the gap to `gap` metres on the circle, for as long as the light is `before` volts at no gap and does not
+    /// stray.
+    fn approach(
+        &self,
+        station: &mut Station,
+        aim: &Aim,
+        orbit: &mut Orbit,
+        before: f64,
+        gap: f64,
+    ) -> Result<(), Halt> {
+        let way = aim.gap(station) - gap;
         let end = station.wanted(aim.side).shifted(0.0, 0.0, way);
         station.start_line(aim.side, end, None)?;
         let turn = (self.fast.orbit.period / station.spec().period()).round() as u64;
@@ -394,17 +429,23 @@ impl Shared<'_> {
             if cycles % turn != 0 {
                 continue;
             }
+            let mut light = 0.0;
             if let Some(peak) = orbit.peak() {
                 orbit.go_to(station, &peak, gap)?;
+                light = peak.full;
             }
             let now = orbit.place(0.0);
             let strayed = (now.0 - start.0).hypot(now.1 - start.1);
-            if strayed > self.fast.stray {
+            // Light that does not come out of the guide does not grow as the gap closes.
+            if strayed > self.fast.stray || light < self.fast.accept * before {
                 station.brake(aim.side);
+                while station.moving(aim.side) {
+                    station.cycle()?;
+                }
                 return Err(Outcome::LightLost {
                     phase: "approach",
-                    level: 0.0,
-                    expected: orbit.background(),
+                    level: light,
+                    expected: before,
                 }
                 .into());
             }

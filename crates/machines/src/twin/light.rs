@@ -8,6 +8,7 @@ use pigtail_model::optics::{
     Coupler, GaussianMode, Misalignment, core_capture, disc_below_edge, exit_angle,
 };
 use rand::RngExt;
+use std::f64::consts::PI;
 
 /// A fiber as it sits in its holder.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,7 +28,11 @@ impl FiberInHolder {
                 uniform(rng, m.y),
                 uniform(rng, m.fiber_z),
             ],
-            tilt: [uniform(rng, m.tilt), uniform(rng, m.tilt)],
+            // A fiber does not turn with the chip.
+            tilt: [
+                uniform(rng, m.tilt) - plant.device.turn,
+                uniform(rng, m.tilt),
+            ],
         }
     }
 }
@@ -83,6 +88,10 @@ pub(super) struct LightPath {
     core_radius: f64,
     scatter_level: f64,
     scatter_spread: f64,
+    /// Share of the side lobe and how far up it stands, metres.
+    side_lobe: (f64, f64),
+    /// Interference in the gap: the darkest, relative to the brightest, and 4 pi / wavelength.
+    ripple: (f64, f64),
 }
 
 /// What the optics need to know of the mechanics.
@@ -120,12 +129,19 @@ impl LightPath {
             )?,
             input: port(device.input, -1.0),
             outputs: device.outputs.map(|p| port(p, 1.0)),
-            branch: [0; OUTPUTS].map(|_| 1.0 - plant.variation.loss * rng.random::<f64>()),
+            branch: device
+                .transmission
+                .map(|share| share * (1.0 - plant.variation.loss * rng.random::<f64>())),
             full: plant.light.full,
             fiber_radius: fiber,
             core_radius: 0.5 * spec.sensing_fiber.core,
             scatter_level: plant.scatter.level,
             scatter_spread: plant.scatter.spread,
+            side_lobe: (device.side_lobe, device.side_lobe_at),
+            ripple: (
+                10_f64.powf(-0.1 * device.ripple_db),
+                4.0 * PI / plant.light.wavelength,
+            ),
         })
     }
 
@@ -140,7 +156,20 @@ impl LightPath {
     /// Power coupled between a port and a fiber at `tip`, 0 to 1. Reciprocal: the same into the
     /// chip and out of it.
     pub(super) fn coupling(&self, port: &Port, tip: Point<Chip>, tilt: [f64; 2]) -> f64 {
-        self.coupler.efficiency(&port.misalignment(tip, tilt))
+        let at = port.misalignment(tip, tilt);
+        let mut coupling = self.coupler.efficiency(&at);
+        let (share, up) = self.side_lobe;
+        if share > 0.0 {
+            let y = at.y - up;
+            coupling += share * self.coupler.efficiency(&Misalignment { y, ..at });
+        }
+        let (darkest, wave) = self.ripple;
+        if darkest < 1.0 {
+            // Facet and fiber's end reflect: bright and dark in turns of half a wavelength.
+            let turn = 0.5 + 0.5 * (wave * port.gap(tip)).cos();
+            coupling *= darkest + (1.0 - darkest) * turn;
+        }
+        coupling
     }
 
     /// Photodiode signals, volts, for a relative level of scattered light (1 on average).

@@ -67,6 +67,14 @@ impl Manipulator {
             Side::Right => &plant.placement.right,
         };
         let [x, y, z] = stands.home;
+        // A chip that is turned about its middle is a machine that is turned the other way.
+        let turn = plant.device.turn;
+        let middle = 0.5 * (plant.device.input[2] + plant.device.outputs[0][2]);
+        let (sin, cos) = turn.sin_cos();
+        let (x, z) = (
+            cos * x + sin * (z - middle),
+            cos * (z - middle) - sin * x + middle,
+        );
         // Up and down, a wrong home is part of what nothing can see (`misplacement.y`).
         let (dx, dz) = (
             uniform(rng, plant.misplacement.home),
@@ -78,7 +86,7 @@ impl Manipulator {
             home: fb.home,
             home_angles,
             screw,
-            placement: Placement::new(Point::new(x, y, z), stands.yaw).shifted(
+            placement: Placement::new(Point::new(x, y, z), stands.yaw + turn).shifted(
                 dx - chip[0],
                 0.0,
                 dz - chip[1],

@@ -152,7 +152,7 @@ impl Twin {
                 spec.period(),
                 &mut noise,
             ),
-            photodiodes: Photodiodes::new(&spec, plant.light.noise, plant.light.offset),
+            photodiodes: Photodiodes::new(&spec, &plant.light),
             camera,
             probe: spec
                 .probe

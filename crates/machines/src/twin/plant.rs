@@ -303,6 +303,25 @@ pub struct Device {
     /// Refractive index of the guides.
     #[serde(deserialize_with = "quantity::positive")]
     pub index: f64,
+    /// Rotation of the chip about y in its fixture, radians.
+    #[serde(default, deserialize_with = "quantity::angle")]
+    pub turn: f64,
+    /// Light that each branch lets through, relative to a half without loss.
+    #[serde(default = "whole")]
+    pub transmission: [f64; OUTPUTS],
+    /// A second, weaker lobe of the guides' mode: its share of the light at the peak.
+    #[serde(default, deserialize_with = "quantity::fraction")]
+    pub side_lobe: f64,
+    /// How far above the mode it stands, metres.
+    #[serde(default, deserialize_with = "quantity::length")]
+    pub side_lobe_at: f64,
+    /// Interference in the gap, between its brightest and its darkest, decibels.
+    #[serde(default, deserialize_with = "quantity::non_negative")]
+    pub ripple_db: f64,
+}
+
+fn whole() -> [f64; OUTPUTS] {
+    [1.0; OUTPUTS]
 }
 
 /// A fiber.
@@ -330,6 +349,12 @@ pub struct Light {
     /// Noise of a photodiode sample, rms, volts.
     #[serde(deserialize_with = "quantity::non_negative_voltage")]
     pub noise: f64,
+    /// How far the offsets wander within some seconds, rms, volts.
+    #[serde(default, deserialize_with = "quantity::non_negative_voltage")]
+    pub drift: f64,
+    /// Room light on each photodiode, volts. It flickers with the mains.
+    #[serde(default, deserialize_with = "quantity::non_negative_voltage")]
+    pub stray: f64,
 }
 
 /// Probes at the outputs of the axes.
@@ -462,6 +487,26 @@ impl Plant {
             return Err(("micro.damping", message));
         }
         self.micro.check(&self.variation)?;
+        for share in self.device.transmission {
+            if !(0.0..=1.0).contains(&share) {
+                let message = format!("{share} lets through what is not there; accepted is 0 to 1");
+                return Err(("device.transmission", message));
+            }
+        }
+        if self.device.turn.abs() > 0.1 {
+            let message = format!(
+                "{:.1} deg is no chip in its fixture; accepted is -5.7 to 5.7 deg",
+                self.device.turn.to_degrees()
+            );
+            return Err(("device.turn", message));
+        }
+        if self.device.ripple_db > 10.0 {
+            let message = format!(
+                "{} is beyond reason; accepted is 0 to 10",
+                self.device.ripple_db
+            );
+            return Err(("device.ripple_db", message));
+        }
         if !(1.0..=5.0).contains(&self.device.index) {
             let message = format!(
                 "{} is no guide's index; accepted is 1 to 5",

@@ -1,7 +1,7 @@
 //! What stands between the truth and a measurement: bandwidth, noise, quantisation, delay.
 
 use super::light::FiberInHolder;
-use super::plant::uniform;
+use super::plant::{Light, uniform};
 use pigtail_hal::measurement::{LightSample, TipFix, VisionFrame};
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{CHANNELS, PhotodiodeSpec, SIDES, Spec, VisionSpec};
@@ -33,17 +33,37 @@ pub(super) struct Photodiodes {
     codes: f64,
     every: u64,
     filtered: [f64; CHANNELS],
+    /// What the offset wanders by from one sample to the next.
+    drift: Wander,
+    /// Room light, volts.
+    stray: f64,
 }
 
+/// A slow wander around zero: an Ornstein-Uhlenbeck process.
+#[derive(Debug, Clone)]
+struct Wander {
+    decay: f64,
+    kick: f64,
+    at: [f64; CHANNELS],
+}
+
+/// Time in which an offset has wandered, seconds.
+const DRIFT: f64 = 5.0;
+
+/// Depth and frequency (hertz) of the flicker of room light: lamps on 50 Hz mains.
+const FLICKER: (f64, f64) = (0.3, 100.0);
+
 impl Photodiodes {
-    pub(super) fn new(spec: &Spec, noise: f64, offset: f64) -> Self {
+    pub(super) fn new(spec: &Spec, light: &Light) -> Self {
         let PhotodiodeSpec {
             bandwidth, bits, ..
         } = spec.photodiode;
         Self {
             decay: (-std::f64::consts::TAU * bandwidth * spec.period()).exp(),
-            noise,
-            offset,
+            noise: light.noise,
+            offset: light.offset,
+            drift: Wander::new(light.drift, 1.0 / (DRIFT * spec.photodiode.rate)),
+            stray: light.stray,
             step: spec.photodiode.step(),
             codes: f64::from((1_u32 << bits) - 1),
             every: (spec.servo.rate / spec.photodiode.rate).round() as u64,
@@ -59,17 +79,47 @@ impl Photodiodes {
         time: f64,
         rng: &mut impl Rng,
     ) -> Option<LightSample> {
+        let (depth, frequency) = FLICKER;
+        let stray = if self.stray > 0.0 {
+            self.stray * (1.0 + depth * (std::f64::consts::TAU * frequency * time).cos())
+        } else {
+            0.0
+        };
         for (filtered, signal) in self.filtered.iter_mut().zip(signals) {
+            let signal = signal + stray;
             *filtered = signal + self.decay * (*filtered - signal);
         }
         if !cycle.is_multiple_of(self.every) {
             return None;
         }
-        let volts = self.filtered.map(|filtered| {
-            let code = ((filtered + self.offset + self.noise * normal(rng)) / self.step).round();
+        self.drift.step(rng);
+        let volts = std::array::from_fn(|i| {
+            let offset = self.offset + self.drift.at[i];
+            let code = ((self.filtered[i] + offset + self.noise * normal(rng)) / self.step).round();
             Volts(code.clamp(0.0, self.codes) * self.step)
         });
         Some(LightSample { time, volts })
+    }
+}
+
+impl Wander {
+    /// Of a standard deviation, by a share of its memory a step.
+    fn new(rms: f64, share: f64) -> Self {
+        let decay = (-share).exp();
+        Self {
+            decay,
+            kick: rms * (1.0 - decay * decay).sqrt(),
+            at: [0.0; CHANNELS],
+        }
+    }
+
+    /// Random numbers are drawn only where there is a drift.
+    fn step(&mut self, rng: &mut impl Rng) {
+        if self.kick > 0.0 {
+            for at in &mut self.at {
+                *at = self.decay * *at + self.kick * normal(rng);
+            }
+        }
     }
 }
 

@@ -10,6 +10,7 @@ use super::rows::{Column, ROWS_PER_DEVICE, Rows, Table, columns, merge};
 use crate::procedure::Procedure;
 use crate::rig::Setup;
 use crate::runs::Run;
+use crate::scenario::Scenario;
 use anyhow::{Context, Result};
 use clap::ValueEnum;
 use pigtail_hal::Error;
@@ -42,6 +43,9 @@ pub struct Plan {
     pub recipe: String,
     /// The procedure.
     pub procedure: String,
+    /// How the truth was changed.
+    #[serde(default = "nominal")]
+    pub scenario: String,
     /// The first device's seed; each next device has the next seed.
     pub seed: u64,
     /// Number of devices.
@@ -58,6 +62,7 @@ impl Plan {
             rig: setup.rig.clone(),
             recipe: setup.recipe_name.clone(),
             procedure: procedure.name().to_owned(),
+            scenario: setup.scenario.clone(),
             seed,
             devices,
             configuration: setup.hashes.clone(),
@@ -110,6 +115,25 @@ impl Plan {
         })
     }
 
+    /// The scenario.
+    ///
+    /// # Errors
+    ///
+    /// When this program knows none of that name.
+    pub fn scenario(&self) -> Result<Scenario, Error> {
+        Scenario::from_str(&self.scenario, false).map_err(|_| {
+            let names: Vec<_> = Scenario::value_variants()
+                .iter()
+                .map(|s| s.name())
+                .collect();
+            Error::new(
+                PLAN,
+                "scenario",
+                format!("is \"{}\"; accepted is one of {names:?}", self.scenario),
+            )
+        })
+    }
+
     /// Whether a campaign that was begun by `self` may go on by `other`.
     fn check(&self, folder: &Path, other: &Self) -> Result<(), Error> {
         let differs = |key: &str, begun: &str, now: &str| {
@@ -122,6 +146,7 @@ impl Plan {
         for (key, begun, now) in [
             ("version", &self.version, &other.version),
             ("procedure", &self.procedure, &other.procedure),
+            ("scenario", &self.scenario, &other.scenario),
             ("seed", &self.seed.to_string(), &other.seed.to_string()),
             (
                 "devices",
@@ -145,6 +170,10 @@ impl Plan {
         }
         Ok(())
     }
+}
+
+fn nominal() -> String {
+    "nominal".to_owned()
 }
 
 /// The folder of a campaign, held by this process alone.

@@ -43,6 +43,8 @@ pub struct Document {
     pub recipe: String,
     /// The procedure.
     pub procedure: String,
+    /// How the truth was changed.
+    pub scenario: String,
     /// The first device's seed.
     pub seed: u64,
     /// Fibers that control believes aligned and that are not.
@@ -234,6 +236,7 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<Document> {
         rig: plan.rig.clone(),
         recipe: plan.recipe.clone(),
         procedure: plan.procedure.clone(),
+        scenario: plan.scenario.clone(),
         seed: plan.seed,
         confidence: Confidence {
             level: CONFIDENCE,

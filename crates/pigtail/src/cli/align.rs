@@ -9,6 +9,7 @@ use crate::record::Record;
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, Setup};
 use crate::runs::Run;
+use crate::scenario::Scenario;
 use clap::Args;
 use pigtail_control::station::{Observer, Sample};
 use std::io::{self, Write};
@@ -38,6 +39,9 @@ pub(super) struct Arguments {
     /// How to align
     #[arg(long, value_enum, default_value_t)]
     procedure: Procedure,
+    /// What is wrong with device, fixture or light
+    #[arg(long, value_enum, default_value_t)]
+    scenario: Scenario,
 }
 
 /// The record, and a progress bar beside it.
@@ -59,7 +63,8 @@ impl Observer for Watcher {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    let setup = Setup::load(&arguments.common.rig, &arguments.recipe)?;
+    let mut setup = Setup::load(&arguments.common.rig, &arguments.recipe)?;
+    arguments.scenario.apply(&mut setup);
     let run = Run::begin(&arguments.common.runs, "", arguments.common.seed)?;
     let full = setup.spec.photodiode.range;
     let mut watcher = Watcher {

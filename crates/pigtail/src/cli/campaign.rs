@@ -7,6 +7,7 @@ use crate::campaign::{self, Device, Document, Plan, Store, summarize};
 use crate::procedure::Procedure;
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use crate::scenario::Scenario;
 use anyhow::{Result, anyhow};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -61,6 +62,9 @@ pub(super) struct Arguments {
     /// How to align [default: fast]
     #[arg(long, value_enum)]
     procedure: Option<Procedure>,
+    /// What is wrong with devices, fixture or light [default: nominal]
+    #[arg(long, value_enum)]
+    scenario: Option<Scenario>,
     /// The first device's seed; each next device has the next one [default: 0]
     #[arg(long, allow_negative_numbers = true)]
     seed: Option<u64>,
@@ -76,7 +80,7 @@ pub(super) struct Arguments {
     /// Go on with the campaign in this folder, as it was begun
     ///
     /// What is not said again is taken from the campaign. What is must be the same: a campaign
-    /// with another seed, procedure, number of devices, rig or recipe is another campaign.
+    /// with another seed, procedure, scenario, number of devices, rig or recipe is another campaign.
     #[arg(long, value_name = "RUN")]
     resume: Option<PathBuf>,
     /// Print JSON instead of text
@@ -171,7 +175,7 @@ fn open(arguments: &Arguments) -> Result<(Setup, Store), Failure> {
             .map_or_else(|| default.to_owned(), Clone::clone)
     };
     let begun_as = begun.as_ref();
-    let setup = Setup::load(
+    let mut setup = Setup::load(
         &named(
             &arguments.rig,
             begun_as.map(|plan| &plan.rig),
@@ -183,6 +187,12 @@ fn open(arguments: &Arguments) -> Result<(Setup, Store), Failure> {
             DEFAULT_RECIPE_NAME,
         ),
     )?;
+    let scenario = match (arguments.scenario, begun_as) {
+        (Some(scenario), _) => scenario,
+        (None, Some(plan)) => plan.scenario()?,
+        (None, None) => Scenario::default(),
+    };
+    scenario.apply(&mut setup);
     let procedure = match (arguments.procedure, begun_as) {
         (Some(procedure), _) => procedure,
         (None, Some(plan)) => plan.procedure()?,
@@ -276,11 +286,12 @@ fn print_summary(out: &mut impl Write, document: &Document, devices_now: u64) ->
     let sure = &document.confidence;
     writeln!(
         out,
-        "{} devices, seeds {} to {}, by the {} procedure\n",
+        "{} devices, seeds {} to {}, by the {} procedure, {}\n",
         document.devices,
         document.seed,
         document.seed + document.devices.max(1) - 1,
-        document.procedure
+        document.procedure,
+        document.scenario
     )?;
     for (what, part, of, [low, high]) in [
         (
