@@ -18,6 +18,31 @@
 //! [`contour`] on both joints of a five-bar, [`piezo`] on the micro.
 //!
 //! There are no clocks, no threads and no files here: time comes from the machine.
+//!
+//! # The one rule
+//!
+//! What a machine measures is all that may be asked of it:
+//!
+//! ```
+//! fn light(machine: &mut dyn pigtail_hal::Machine) -> bool {
+//!     let measured = machine.exchange(&pigtail_hal::Command::IDLE);
+//!     measured.is_ok_and(|measurement| measurement.light.is_some())
+//! }
+//! ```
+//!
+//! A search that wants to be told the truth does not compile, be the machine a twin or not:
+//!
+//! ```compile_fail,E0599
+//! fn light(machine: &mut dyn pigtail_hal::Machine) -> f64 {
+//!     machine.truth().input.map_or(0.0, |fiber| fiber.coupling)
+//! }
+//! ```
+//!
+//! Nor does one that wants to know what it works on:
+//!
+//! ```compile_fail,E0432
+//! use pigtail_machines::Twin;
+//! ```
 
 pub mod beam;
 pub mod calibration;

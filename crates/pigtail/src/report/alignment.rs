@@ -13,7 +13,9 @@ use pigtail_hal::{Channel, Side};
 use std::fmt::Write as _;
 
 /// Phases in which a fiber looks for light or follows it.
-const SEARCHING: [&str; 4] = ["raster", "climb", "approach", "final"];
+const SEARCHING: [&str; 6] = ["raster", "search", "climb", "centre", "approach", "final"];
+/// Those of them in which nothing is followed yet.
+const BLIND: [&str; 2] = ["raster", "search"];
 /// Most points of a picture: more would make a page that scrolls badly and shows no more.
 const POINTS: usize = 5000;
 
@@ -62,7 +64,7 @@ fn verdict(document: &Document) -> String {
     let of = document.fibers.len();
     let class = if document.is_success() { "good" } else { "bad" };
     let mut text = format!(
-        "<span class=\"{class}\">{aligned} of {of} fibers aligned</span>, {:.1} s of machine time \
+        "<span class=\"{class}\">{aligned} of {of} fibers aligned</span>, {:.2} s of machine time \
          a fiber, by the {} procedure.",
         document.seconds_per_fiber, document.procedure
     );
@@ -106,12 +108,12 @@ fn table(document: &Document) -> String {
             fiber.verdict()
         );
         for name in &names {
-            let _ = write!(html, "<td>{}</td>", number(fiber.seconds_in(name), 1));
+            let _ = write!(html, "<td>{}</td>", number(fiber.seconds_in(name), 2));
         }
         let o = fiber.offset_um;
         let _ = writeln!(
             html,
-            "<td>{:.1}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
+            "<td>{:.2}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
             fiber.seconds,
             number(o.map(|o| o.x), 3),
             number(o.map(|o| o.y), 3),
@@ -192,13 +194,13 @@ fn section(setup: &Setup, record: &Record, index: usize, fiber: &FiberRow) -> Re
         let close: Vec<&Seen> = searching
             .iter()
             .copied()
-            .filter(|s| s.phase != "raster")
+            .filter(|s| !BLIND.contains(&s.phase))
             .collect();
         if !close.is_empty() {
             html.push_str(&figure(
                 &path(&close, end, 2.0)?,
-                "The same from the climb on: nine-point patterns uphill, then along as the peak \
-                 walks with the gap, then around the last centre.",
+                "The same from first light on: uphill, then along as the peak walks with the gap, \
+                 then around the last centre.",
             ));
         }
         html.push_str("</div>\n");
@@ -216,7 +218,7 @@ fn section(setup: &Setup, record: &Record, index: usize, fiber: &FiberRow) -> Re
         html.push_str(&figure(
             &along_z(&approach, setup.recipe.approach.gap * 1e6)?,
             "The endpoint against z on approach: light leaves the angled facet at an angle, so the \
-             peak walks across the chip as the gap closes, and the climb follows it.",
+             peak walks across the chip as the gap closes, and the tip with it.",
         ));
     }
     Ok(html)
