@@ -175,7 +175,7 @@ impl Space {
             return asked(
                 "mesh",
                 format!(
-                    "{} um at {} Hz would take {:.1} hours; accepted is what takes at most {}",
+                    "{} um at {} Hz would take {:.1} hours; accepted is what takes at most {} hours",
                     self.mesh * 1e6,
                     self.frequency,
                     seconds / 3600.0,
@@ -221,6 +221,9 @@ pub struct Coverage {
     pub sensing_seconds: Option<f64>,
     /// Light samples taken in the search.
     pub samples: usize,
+    /// How often the space was covered until light was found: method 3 covers it again with the
+    /// sensing fiber aside. More often than once is no part of `seconds`.
+    pub passes: u32,
     /// Bright places that did not bear a second look.
     pub dismissed: usize,
     /// What counted as light, volts.
@@ -234,7 +237,7 @@ pub struct Coverage {
 /// Where first light was, and when.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Light {
-    /// From the start of the search until a second look had confirmed it, seconds.
+    /// From the start of the search to the light, and the second look that confirmed it, seconds.
     pub seconds: f64,
     /// Its level above the background, volts.
     pub level: f64,
@@ -310,6 +313,7 @@ pub fn cover(station: &mut Station, recipe: &Recipe, space: &Space) -> Result<Co
             coarse_seconds,
             sensing_seconds,
             samples: 0,
+            passes: 1,
             dismissed: 0,
             threshold: searcher.threshold,
             brightest: f64::NEG_INFINITY,
@@ -326,6 +330,8 @@ pub fn cover(station: &mut Station, recipe: &Recipe, space: &Space) -> Result<Co
 /// A bright place of both fibers.
 #[derive(Debug, Clone, Copy)]
 struct Bright {
+    /// When, seconds of machine time.
+    time: f64,
     input: Hit,
     output: Point<Macro>,
     output_micro: (f64, f64),
@@ -375,6 +381,27 @@ impl Scan<'_> {
             }
         }
         self.coverage.seconds = station.time() - self.begin - self.looking;
+        if self.space.method == Method::Multimode {
+            self.sidestep(station)?;
+        }
+        Ok(())
+    }
+
+    /// The guided light may have passed beside the sensing fiber's core: to either side.
+    fn sidestep(&mut self, station: &mut Station) -> Result<(), Halt> {
+        let step = self.recipe.sensing.sidestep;
+        for aside in [step, -step] {
+            if self.coverage.found.is_some() {
+                break;
+            }
+            let here = self.starts[1].shifted(aside, 0.0, 0.0);
+            self.input.arrive(station, Side::Right, here)?;
+            self.back(station)?;
+            self.coverage.passes += 1;
+            if let Some(bright) = self.pass(station, 0.0)? {
+                self.look(station, &bright, here)?;
+            }
+        }
         Ok(())
     }
 
@@ -447,6 +474,7 @@ impl Scan<'_> {
                 // Where the tips were when this light went through them.
                 let then = elapsed - lag;
                 bright = Some(Bright {
+                    time: station.time(),
                     input: Hit {
                         endpoint: station.endpoint(Side::Left),
                         micro: (input(then), 0.0),
@@ -483,7 +511,8 @@ impl Scan<'_> {
                 .recentre(station, &self.searcher, &bright.input, around)?;
             let level = self.searcher.contrast(station, self.space.mesh)?;
             if level > 0.5 * bright.input.level {
-                self.coverage.found = Some(self.light(station, bright, level));
+                self.coverage.found =
+                    Some(self.light(station, bright, level, station.time() - begin));
                 found = true;
                 break;
             }
@@ -498,8 +527,8 @@ impl Scan<'_> {
         Ok(())
     }
 
-    /// Light where both fibers stand now.
-    fn light(&self, station: &Station, bright: &Bright, level: f64) -> Light {
+    /// Light where both fibers stand now, after a second look of so many seconds.
+    fn light(&self, station: &Station, bright: &Bright, level: f64, looked: f64) -> Light {
         // From the middle of the area, by what control believes of its directions.
         let from_middle = |side: Side, at: Point<Macro>, micro: (f64, f64), first: f64| {
             let kinematics = station.kinematics(side);
@@ -510,7 +539,8 @@ impl Scan<'_> {
         };
         let (left, right) = (Side::Left, Side::Right);
         Light {
-            seconds: station.time() - self.begin - self.looking,
+            // Earlier looks at what was none have cost their time too.
+            seconds: bright.time - self.begin + looked,
             level,
             input: from_middle(left, station.endpoint(left), station.micro(left), 0.0),
             output: (self.space.method != Method::Multimode).then(|| {

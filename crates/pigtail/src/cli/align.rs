@@ -1,6 +1,7 @@
 //! `pigtail align`.
 
 use super::common::{Common, write_table};
+use super::methods::{self, MethodArguments};
 use super::progress::Progress;
 use super::{DONE, Failure, NEGATIVE, failure};
 use crate::align::{Document, align};
@@ -28,7 +29,9 @@ Examples:
   pigtail align                         the default rig and recipe
   pigtail align --seed 7 --json         another machine and device, as one JSON document
   pigtail align --rig my-rig/           your own rig: machine.toml, plant.toml, calibration.toml
-  pigtail align --recipe my-chip.toml   your own device")]
+  pigtail align --recipe my-chip.toml   your own device
+  pigtail align --method macro-raster --mesh '10 um'
+                                        a search for first light, its time by formula and really")]
 pub(super) struct Arguments {
     #[command(flatten)]
     common: Common,
@@ -38,6 +41,8 @@ pub(super) struct Arguments {
     /// How to align
     #[arg(long, value_enum, default_value_t)]
     procedure: Procedure,
+    #[command(flatten)]
+    method: MethodArguments,
 }
 
 /// The record, and a progress bar beside it.
@@ -60,6 +65,9 @@ impl Observer for Watcher {
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let setup = Setup::load(&arguments.common.rig, &arguments.recipe)?;
+    if let Some(method) = arguments.method.method() {
+        return methods::run(method, &arguments.method, &arguments.common, &setup);
+    }
     let run = Run::begin(&arguments.common.runs, "", arguments.common.seed)?;
     let full = setup.spec.photodiode.range;
     let mut watcher = Watcher {
