@@ -7,7 +7,8 @@
 //! 1. [`recipe`]: what is to be done; [`calibration`]: what is believed of the machine;
 //! 2. [`procedure`], the thesis's, and [`fast`]: straight-line functions over a
 //!    [`Station`](station::Station);
-//! 3. [`search`] and [`sweep`]: finding light; [`peak`] and [`orbit`]: getting to its maximum, the
+//! 3. [`search`] and [`sweep`]: finding light, and [`methods`], the ways to do so that the thesis
+//!    compares; [`peak`] and [`orbit`]: getting to its maximum, the
 //!    latter by what is known of the [`beam`]; [`sight`]: where vision sees the tips;
 //! 4. [`trajectory`], paths and the profiles along them, and [`kinematics`]: from a wanted motion
 //!    to encoder counts;
@@ -52,6 +53,7 @@ pub mod contour;
 pub mod fast;
 pub mod identify;
 pub mod kinematics;
+pub mod methods;
 pub mod orbit;
 pub mod outcome;
 pub mod peak;

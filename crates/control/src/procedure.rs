@@ -39,7 +39,7 @@ const ASIDE: f64 = 0.25;
 
 /// How far around a bright place light is looked for that has slipped away, in meshes: first, and
 /// once more before the place is dismissed.
-const AROUND: [f64; 2] = [3.0, 6.0];
+pub(crate) const AROUND: [f64; 2] = [3.0, 6.0];
 
 /// After so many bright places that did not bear a second look there is more scattered light than
 /// a search can live with.
@@ -313,13 +313,18 @@ impl<'r> Job<'r> {
     }
 
     /// How far to the side of a port its light is at the gap of the search, by design.
-    fn walk(&self) -> f64 {
+    pub(crate) fn walk(&self) -> f64 {
         self.recipe.raster.gap * self.recipe.ports.exit_angle.tan()
     }
 
     /// Goes to `to` from below, so that the transmissions are wound up as on every arrival: what
     /// they hold back is then the same each time (thesis 2.4).
-    fn arrive(&self, station: &mut Station, side: Side, to: Point<Macro>) -> Result<(), Halt> {
+    pub(crate) fn arrive(
+        &self,
+        station: &mut Station,
+        side: Side,
+        to: Point<Macro>,
+    ) -> Result<(), Halt> {
         station.line(side, to.shifted(0.0, -self.recipe.coarse.run_up, 0.0), None)?;
         station.line(side, to, None)
     }
@@ -340,7 +345,7 @@ impl<'r> Job<'r> {
 
     /// Brings a tip to `wanted` (chip's frame) at `gap` from its facet, as well as vision can see
     /// and the fixture holds.
-    fn place(
+    pub(crate) fn place(
         &self,
         station: &mut Station,
         side: Side,
@@ -389,7 +394,11 @@ impl<'r> Job<'r> {
 
     /// Places the sensing fiber before the first output (thesis 3.2.2): aligned by vision in x
     /// and z, it rises from below until it has passed the chip's top. Returns where it stands.
-    fn find_top(&self, station: &mut Station, output: [f64; 3]) -> Result<Point<Macro>, Halt> {
+    pub(crate) fn find_top(
+        &self,
+        station: &mut Station,
+        output: [f64; 3],
+    ) -> Result<Point<Macro>, Halt> {
         let recipe = self.recipe;
         let side = Side::Right;
         station.laser(false);
@@ -456,7 +465,7 @@ impl<'r> Job<'r> {
 
     /// Brings the macro to where the search saw its brightest light and the micro back to its
     /// centre, arriving from below as the search came.
-    fn recentre(
+    pub(crate) fn recentre(
         &self,
         station: &mut Station,
         searcher: &Searcher,

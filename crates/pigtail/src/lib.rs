@@ -6,6 +6,8 @@
 //! - [`rig`]: what is loaded before anything moves;
 //! - [`procedure`]: the ways to align a device;
 //! - [`align`]: one device aligned on a twin, and what came of it;
+//! - [`methods`]: first light alone, by the thesis's three methods; [`plan`]: all ways to align,
+//!   side by side;
 //! - [`campaign`]: many of them, and what they have in common;
 //! - [`record`]: what was seen on the way;
 //! - [`report`]: the page a person wants to look at;
@@ -22,6 +24,8 @@ pub mod contour;
 pub mod hysteresis;
 pub mod identify;
 pub mod loops;
+pub mod methods;
+pub mod plan;
 pub mod procedure;
 pub mod record;
 pub mod report;

@@ -1,6 +1,7 @@
 //! `pigtail align`.
 
 use super::common::{Common, write_table};
+use super::methods::{self, MethodArguments};
 use super::progress::Progress;
 use super::{DONE, Failure, NEGATIVE, failure};
 use crate::align::{Document, align};
@@ -29,7 +30,9 @@ Examples:
   pigtail align                         the default rig and recipe
   pigtail align --seed 7 --json         another machine and device, as one JSON document
   pigtail align --rig my-rig/           your own rig: machine.toml, plant.toml, calibration.toml
-  pigtail align --recipe my-chip.toml   your own device")]
+  pigtail align --recipe my-chip.toml   your own device
+  pigtail align --method macro-raster --mesh '10 um'
+                                        a search for first light, its time by formula and really")]
 pub(super) struct Arguments {
     #[command(flatten)]
     common: Common,
@@ -42,6 +45,8 @@ pub(super) struct Arguments {
     /// What is wrong with device, fixture or light
     #[arg(long, value_enum, default_value_t)]
     scenario: Scenario,
+    #[command(flatten)]
+    method: MethodArguments,
 }
 
 /// The record, and a progress bar beside it.
@@ -65,6 +70,9 @@ impl Observer for Watcher {
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let mut setup = Setup::load(&arguments.common.rig, &arguments.recipe)?;
     arguments.scenario.apply(&mut setup);
+    if let Some(method) = arguments.method.method() {
+        return methods::run(method, &arguments.method, &arguments.common, &setup);
+    }
     let run = Run::begin(&arguments.common.runs, "", arguments.common.seed)?;
     let full = setup.spec.photodiode.range;
     let mut watcher = Watcher {

@@ -6,6 +6,8 @@ mod characterize;
 mod common;
 mod hysteresis;
 mod identify;
+mod methods;
+mod plan;
 mod progress;
 mod simulate;
 mod trace;
@@ -54,6 +56,7 @@ Exit codes:
 enum Command {
     Align(align::Arguments),
     Campaign(campaign::Arguments),
+    Plan(plan::Arguments),
     Tune(tune::Arguments),
     Identify(identify::Arguments),
     Predict(hysteresis::PredictArguments),
@@ -111,6 +114,7 @@ pub fn main() -> ExitCode {
     let result = match arguments.command {
         Command::Align(arguments) => align::run(&arguments),
         Command::Campaign(arguments) => campaign::run(&arguments),
+        Command::Plan(arguments) => plan::run(&arguments),
         Command::Tune(arguments) => tune::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),
         Command::Predict(arguments) => hysteresis::predict(&arguments),
