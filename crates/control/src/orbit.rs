@@ -391,3 +391,32 @@ fn ahead(peaks: &[Peak], coordinate: impl Fn(&Peak) -> f64, noise: f64) -> (f64,
     let variance = each * (1.0 / n + lever * lever / spread);
     (mean + slope * lever, variance.sqrt())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn peak(x: f64) -> Peak {
+        Peak {
+            x,
+            y: 0.0,
+            full: 1.0,
+            full_deviation: 0.0,
+            deviation: 0.0,
+        }
+    }
+
+    #[test]
+    fn a_steady_creep_is_foreseen() {
+        let peaks = [0.0, 10e-9, 20e-9, 30e-9].map(peak);
+        let (x, deviation) = ahead(&peaks, |peak| peak.x, 0.0);
+        assert!((x - (30e-9 + AHEAD * 10e-9)).abs() < 1e-15, "{x}");
+        assert!(deviation < 1e-15, "{deviation}");
+    }
+
+    #[test]
+    fn three_peaks_that_happen_to_lie_well_are_not_believed_more_than_their_noise() {
+        let (_, deviation) = ahead(&[0.0; 3].map(peak), |peak| peak.x, 10e-9);
+        assert!(deviation > 10e-9, "{deviation}");
+    }
+}

@@ -184,3 +184,50 @@ impl Offset {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SIGMA: f64 = 0.7e-6;
+
+    fn fix(x: f64, z: f64) -> TipFix {
+        TipFix { x, z, sigma: SIGMA }
+    }
+
+    #[test]
+    fn frames_at_rest_average() {
+        let here = Point::new(1e-3, 0.0, 2e-3);
+        let mut estimate = None;
+        for k in 0..16 {
+            let error = if k % 2 == 0 { SIGMA } else { -SIGMA };
+            update(
+                &mut estimate,
+                here,
+                &fix(here.x + 30e-6, here.z + error),
+                [0.0; 2],
+            );
+        }
+        let estimate = estimate.expect("sixteen frames");
+        assert!((estimate.x.value - 30e-6).abs() < 1e-12);
+        assert!(estimate.z.value.abs() < 0.1 * SIGMA);
+        let deviation = estimate.z.variance.sqrt();
+        assert!((deviation / SIGMA - 0.25).abs() < 1e-6, "{deviation}");
+    }
+
+    /// A tip that lags by 7 um on the way is known when it has stood still for a few frames.
+    #[test]
+    fn what_lags_on_the_way_counts_little() {
+        let (mut estimate, lag) = (None, (LAG * 5e-3).powi(2));
+        for k in 0..20 {
+            let at = Point::new(0.0, 0.0, 200e-6 * f64::from(k));
+            update(&mut estimate, at, &fix(0.0, at.z - 7e-6), [0.0, lag]);
+        }
+        let here = Point::new(0.0, 0.0, 4e-3);
+        for _ in 0..6 {
+            update(&mut estimate, here, &fix(0.0, here.z), [0.0; 2]);
+        }
+        let estimate = estimate.expect("frames");
+        assert!(estimate.z.value.abs() < 0.1e-6, "{}", estimate.z.value);
+    }
+}

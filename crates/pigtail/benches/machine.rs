@@ -6,7 +6,6 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use pigtail::align::align;
 use pigtail::procedure::Procedure;
 use pigtail::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
-use pigtail_control::procedure;
 use pigtail_control::station::{Station, Unobserved};
 use pigtail_hal::{Command, Machine, Volts};
 use pigtail_machines::Twin;
@@ -41,21 +40,26 @@ fn machine(c: &mut Criterion) {
         });
     });
 
-    let cycles = {
-        let mut machine = twin(1);
-        let mut unobserved = Unobserved;
-        let mut station =
-            Station::new(&mut machine, &setup.calibration, &mut unobserved).expect("no fault");
-        procedure::thesis(&mut station, &setup.recipe).expect("no fault");
-        station.time() * setup.spec.servo.rate
-    };
-    group.throughput(Throughput::Elements(cycles as u64));
     group.sample_size(10);
-    group.bench_function("alignment of one device", |b| {
-        b.iter(|| {
-            align(&setup, Procedure::Thesis, black_box(1), &mut Unobserved).expect("no fault")
+    for (name, procedure) in [
+        ("alignment of one device", Procedure::Thesis),
+        ("fast alignment of one device", Procedure::Fast),
+    ] {
+        let cycles = {
+            let mut machine = twin(1);
+            let mut unobserved = Unobserved;
+            let mut station =
+                Station::new(&mut machine, &setup.calibration, &mut unobserved).expect("no fault");
+            procedure
+                .run(&mut station, &setup.recipe)
+                .expect("no fault");
+            station.time() * setup.spec.servo.rate
+        };
+        group.throughput(Throughput::Elements(cycles as u64));
+        group.bench_function(name, |b| {
+            b.iter(|| align(&setup, procedure, black_box(1), &mut Unobserved).expect("no fault"));
         });
-    });
+    }
     group.finish();
 }
 

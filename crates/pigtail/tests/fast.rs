@@ -14,8 +14,8 @@ fn run(setup: &Setup, seed: u64) -> Document {
     align(setup, Procedure::Fast, seed, &mut Unobserved).expect("no fault")
 }
 
-/// Half of the fibers of two hundred devices within a second, all of them within two passes of a
-/// search; none lost, none wrong.
+/// Half of the fibers of two hundred devices within a second, nearly all of them with the first pass
+/// of a search; none lost, none wrong.
 #[test]
 fn two_hundred_devices_are_aligned_in_a_second_a_fiber() {
     let setup = setup();
@@ -26,8 +26,9 @@ fn two_hundred_devices_are_aligned_in_a_second_a_fiber() {
         seconds.extend(document.fibers.iter().map(|fiber| fiber.seconds));
     }
     seconds.sort_by(f64::total_cmp);
-    let (median, longest) = (seconds[seconds.len() / 2], seconds[seconds.len() - 1]);
-    assert!(median < 0.9 && longest < 4.0, "{median} {longest}");
+    let part = |share: f64| seconds[(share * seconds.len() as f64) as usize];
+    let (median, nearly_all) = (part(0.5), part(0.995));
+    assert!(median < 0.9 && nearly_all < 2.2, "{median} {nearly_all}");
 }
 
 #[test]

@@ -44,7 +44,7 @@ struct Pass {
 /// The passes of a search. What the first has missed is most likely at the edges of what vision can
 /// say, or too dim there: beside the sensing fiber, or between two lines. After the last one the
 /// thesis's procedure has its turn.
-const PASSES: [Pass; 6] = {
+const PASSES: [Pass; 7] = {
     const fn pass(aside: f64, width: f64, spacing: f64, slow: f64, sensing: f64) -> Pass {
         Pass {
             aside,
@@ -58,6 +58,7 @@ const PASSES: [Pass; 6] = {
         pass(0.0, 1.0, 1.0, 1.0, 0.0),
         pass(0.35, 0.5, 1.0, 1.0, 0.0),
         pass(-0.35, 0.5, 1.0, 1.0, 0.0),
+        pass(0.0, 1.0, 0.6, 1.5, 0.0),
         pass(0.0, 1.0, 0.6, 8.0, 0.0),
         pass(0.0, 1.0, 0.6, 8.0, 1.0),
         pass(0.0, 1.0, 0.6, 8.0, -1.0),
@@ -202,7 +203,7 @@ impl Shared<'_> {
             self.change_fiber(station, &aim, index)
         })?;
         // The last passes differ in the sensing fiber alone.
-        for (attempt, pass) in PASSES[..4].iter().enumerate() {
+        for (attempt, pass) in PASSES[..5].iter().enumerate() {
             let look = Look {
                 gap: fast.output_gap,
                 aside: pass.aside * self.recipe.raster.x,

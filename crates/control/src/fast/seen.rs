@@ -65,3 +65,41 @@ pub(super) fn top_below(seen: &[(f64, f64)], core: f64) -> Option<(f64, f64)> {
     let spread = (squares / before.len() as f64).sqrt();
     Some((y, spread / (SHORT * full)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Light of a core that rises over an edge at height zero, by steps of 5 um.
+    fn rise(core: f64) -> Vec<(f64, f64)> {
+        (-40..40)
+            .map(|k| {
+                let y = 5e-6 * f64::from(k);
+                let share = (y / core).clamp(-1.0, 1.0);
+                let above =
+                    (share.acos() - share * (1.0 - share * share).sqrt()) / std::f64::consts::PI;
+                (y, above)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_top_is_where_half_of_the_light_is_left() {
+        let core = 50e-6;
+        let rise = rise(core);
+        let (y, fluctuation) = (1..=rise.len())
+            .find_map(|n| top_below(&rise[..n], core))
+            .expect("an edge");
+        assert!(y.abs() < 6e-6, "{y}");
+        assert!(fluctuation < 0.01, "{fluctuation}");
+    }
+
+    #[test]
+    fn without_an_edge_or_a_plateau_there_is_no_top() {
+        let flat: Vec<_> = (0..80).map(|k| (5e-6 * f64::from(k), 1.0)).collect();
+        assert_eq!(top_below(&flat, 50e-6), None);
+        let dark: Vec<_> = (0..8).map(|k| (5e-6 * f64::from(k), 0.0)).collect();
+        assert_eq!(top_below(&dark, 50e-6), None);
+        assert_eq!(top_below(&[], 50e-6), None);
+    }
+}
