@@ -197,6 +197,24 @@ fn bad_input_is_named_with_file_key_value_and_what_is_accepted() {
             ][..],
         ),
         (
+            "recipe.toml",
+            "period = \"24 ms\"",
+            "period = \"1 us\"",
+            &["rig/recipe.toml", "fast.orbit.period", "1e-6", "1.2e-2"][..],
+        ),
+        (
+            "recipe.toml",
+            "input_gap = \"60 um\"",
+            "input_gap = \"20 um\"",
+            &["fast.input_gap", "20.0 um", "fast.doubtful_gap", "25.0 um"][..],
+        ),
+        (
+            "plant.toml",
+            "transmission = [1.0, 1.0]",
+            "transmission = [1.0, 1.5]",
+            &["rig/plant.toml", "device.transmission", "1.5", "0 to 1"][..],
+        ),
+        (
             "plant.toml",
             "full = \"4 V\"",
             "full = \"NaN V\"",

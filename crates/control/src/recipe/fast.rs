@@ -1,0 +1,263 @@
+//! Parameters of the fast procedure.
+
+use super::Recipe;
+use pigtail_hal::{Spec, quantity};
+use serde::Deserialize;
+
+/// The modes of fiber and guides, by design. What is really so only has to be alike.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mode {
+    /// Radius at which the field has fallen to 1/e, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub radius: f64,
+    /// Of the laser, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub wavelength: f64,
+}
+
+impl Default for Mode {
+    fn default() -> Self {
+        Self {
+            radius: 2.5e-6,
+            wavelength: 1.3e-6,
+        }
+    }
+}
+
+/// The fast procedure.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Fast {
+    /// Time for which the dark is measured on the way, seconds.
+    #[serde(deserialize_with = "quantity::positive_time")]
+    pub dark: f64,
+    /// Gap at which the input's light is searched, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub input_gap: f64,
+    /// Distance of the lines of that search, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub input_spacing: f64,
+    /// Gap at which an output's light is searched, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub output_gap: f64,
+    /// Distance of the lines of that search, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub output_spacing: f64,
+    /// Standard deviations above the background that count as light: what is none is seen soon.
+    #[serde(deserialize_with = "quantity::positive")]
+    pub significance: f64,
+    /// How much further up than `raster.y` and its margin to search, metres.
+    #[serde(deserialize_with = "quantity::non_negative_length")]
+    pub overscan: f64,
+    /// How well the peak must be known in the end, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub accuracy: f64,
+    /// By how much vision may see the last gap off before it is corrected, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub gap_tolerance: f64,
+    /// By how much a tip may be seen to stand elsewhere than where its search starts, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub straight: f64,
+    /// Gap at which light that may be none is looked at once more, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub doubtful_gap: f64,
+    /// How far the peak may walk otherwise than expected on the approach, metres. What strays
+    /// farther is none, and the chip is near.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub stray: f64,
+    /// Share of the light before the approach that must be there after it, the gap taken into
+    /// account.
+    #[serde(deserialize_with = "quantity::fraction")]
+    pub accept: f64,
+    /// The sensing fiber over the chip's top.
+    pub sensing: OverTop,
+    /// Lines of the search.
+    pub sweep: Sweep,
+    /// Circles around the peak.
+    pub orbit: Orbit,
+}
+
+impl Default for Fast {
+    fn default() -> Self {
+        Self {
+            dark: 0.1,
+            input_gap: 60e-6,
+            input_spacing: 10e-6,
+            output_gap: 80e-6,
+            output_spacing: 17e-6,
+            significance: 5.5,
+            overscan: 20e-6,
+            accuracy: 20e-9,
+            gap_tolerance: 0.4e-6,
+            straight: 1.5e-6,
+            doubtful_gap: 25e-6,
+            stray: 6e-6,
+            accept: 0.5,
+            sensing: OverTop::default(),
+            sweep: Sweep::default(),
+            orbit: Orbit::default(),
+        }
+    }
+}
+
+/// The sensing fiber over the chip's top.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OverTop {
+    /// Its gap: there the guided light is about as wide as its core, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub gap: f64,
+    /// How far below the top it starts, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub below: f64,
+    /// How far above the top its middle goes, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub height: f64,
+    /// Speed upward, m/s.
+    #[serde(deserialize_with = "quantity::positive_speed")]
+    pub speed: f64,
+    /// How far to either side to try again, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub sidestep: f64,
+}
+
+impl Default for OverTop {
+    fn default() -> Self {
+        Self {
+            gap: 500e-6,
+            below: 200e-6,
+            height: 52e-6,
+            speed: 2.5e-3,
+            sidestep: 35e-6,
+        }
+    }
+}
+
+/// Lines of a search: across at constant speed, and back.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Sweep {
+    /// Speed across, m/s.
+    #[serde(deserialize_with = "quantity::positive_speed")]
+    pub speed: f64,
+    /// Time to fly back, seconds.
+    #[serde(deserialize_with = "quantity::positive_time")]
+    pub flyback: f64,
+    /// How late micro and photodiode are, seconds.
+    #[serde(deserialize_with = "quantity::non_negative_time")]
+    pub lag: f64,
+}
+
+impl Default for Sweep {
+    fn default() -> Self {
+        Self {
+            speed: 5.5e-3,
+            flyback: 8e-3,
+            lag: 1.2e-3,
+        }
+    }
+}
+
+/// Circles around the peak.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Orbit {
+    /// Time of a turn, seconds.
+    #[serde(deserialize_with = "quantity::positive_time")]
+    pub period: f64,
+    /// Radius, in distances at which the light has fallen to 1/e.
+    #[serde(deserialize_with = "quantity::positive")]
+    pub radius: f64,
+    /// How late micro and photodiode are, seconds.
+    #[serde(deserialize_with = "quantity::non_negative_time")]
+    pub lag: f64,
+    /// Most turns in one place.
+    pub turns: u32,
+}
+
+impl Default for Orbit {
+    fn default() -> Self {
+        Self {
+            period: 24e-3,
+            radius: 0.55,
+            lag: 1.2e-3,
+            turns: 10,
+        }
+    }
+}
+
+impl Fast {
+    /// Whether a machine can do it.
+    pub(super) fn check(&self, recipe: &Recipe, spec: &Spec) -> Result<(), (&'static str, String)> {
+        let um = 1e6;
+        for (key, gap) in [
+            ("fast.input_gap", self.input_gap),
+            ("fast.output_gap", self.output_gap),
+        ] {
+            let (least, most) = (self.doubtful_gap, recipe.coarse.far);
+            if !(gap > least && gap < most) {
+                return Err((
+                    key,
+                    format!(
+                        "{:.1} um is not between `fast.doubtful_gap`, {:.1} um, and `coarse.far`, \
+                         {:.1} um; accepted is a gap between them",
+                        gap * um,
+                        least * um,
+                        most * um
+                    ),
+                ));
+            }
+        }
+        let sample = 1.0 / spec.photodiode.rate;
+        // Each with the least and the most that is accepted, in SI.
+        for (key, value, least, most) in [
+            (
+                "fast.doubtful_gap",
+                self.doubtful_gap,
+                recipe.approach.gap,
+                1e-3,
+            ),
+            ("fast.dark", self.dark, 4.0 * sample, 10.0),
+            ("fast.stray", self.stray, 1e-7, 20e-6),
+            ("fast.straight", self.straight, 1e-7, 1e-4),
+            ("fast.accuracy", self.accuracy, 1e-9, 1e-6),
+            ("fast.gap_tolerance", self.gap_tolerance, 1e-8, 1e-5),
+            ("fast.overscan", self.overscan, 0.0, 1e-3),
+            ("fast.sensing.gap", self.sensing.gap, 1e-5, 2e-3),
+            ("fast.sensing.height", self.sensing.height, 0.0, 1e-3),
+            ("fast.sensing.below", self.sensing.below, 1e-5, 2e-3),
+            (
+                "fast.sensing.speed",
+                self.sensing.speed,
+                1e-5,
+                spec.five_bar.speed,
+            ),
+            (
+                "fast.sensing.sidestep",
+                self.sensing.sidestep,
+                1e-7,
+                0.5 * spec.micro.range,
+            ),
+            ("fast.input_spacing", self.input_spacing, 1e-6, 1e-4),
+            ("fast.output_spacing", self.output_spacing, 1e-6, 1e-4),
+            ("fast.sweep.speed", self.sweep.speed, 1e-4, 0.1),
+            ("fast.sweep.flyback", self.sweep.flyback, spec.period(), 1.0),
+            ("fast.sweep.lag", self.sweep.lag, 0.0, 0.1),
+            ("fast.orbit.period", self.orbit.period, 6.0 * sample, 10.0),
+            ("fast.orbit.radius", self.orbit.radius, 0.05, 2.0),
+            ("fast.orbit.lag", self.orbit.lag, 0.0, 0.1),
+            ("fast.orbit.turns", f64::from(self.orbit.turns), 1.0, 1000.0),
+            ("mode.radius", recipe.mode.radius, 1e-7, 1e-4),
+            ("mode.wavelength", recipe.mode.wavelength, 1e-7, 2e-5),
+        ] {
+            if !(least..=most).contains(&value) {
+                return Err((
+                    key,
+                    format!("is {value:e} in SI units; accepted is {least:e} to {most:e}"),
+                ));
+            }
+        }
+        Ok(())
+    }
+}
