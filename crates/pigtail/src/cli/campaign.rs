@@ -349,7 +349,11 @@ fn print_summary(out: &mut impl Write, document: &Document, devices_now: u64) ->
     if !document.failed.is_empty() {
         writeln!(
             out,
-            "\nNot aligned, and a seed to replay with `pigtail align --seed`:"
+            "\nNot aligned, and a seed to replay with `pigtail align{} --seed`:",
+            match document.scenario.as_str() {
+                "nominal" => String::new(),
+                name => format!(" --scenario {name}"),
+            }
         )?;
     }
     for (cause, count) in &document.failed {
