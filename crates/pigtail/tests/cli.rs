@@ -176,6 +176,32 @@ fn limits_of_motion_that_make_no_machine_are_refused() {
 }
 
 #[test]
+fn what_no_machine_and_no_device_could_be_is_refused() {
+    for (file, from, to, parts) in [
+        (
+            "recipe.toml",
+            "period = \"24 ms\"",
+            "period = \"1 us\"",
+            &["rig/recipe.toml", "fast.orbit.period", "1e-6", "1.2e-2"][..],
+        ),
+        (
+            "recipe.toml",
+            "input_gap = \"60 um\"",
+            "input_gap = \"20 um\"",
+            &["fast.input_gap", "20.0 um", "fast.doubtful_gap", "25.0 um"][..],
+        ),
+        (
+            "plant.toml",
+            "transmission = [1.0, 1.0]",
+            "transmission = [1.0, 1.5]",
+            &["rig/plant.toml", "device.transmission", "1.5", "0 to 1"][..],
+        ),
+    ] {
+        Spoilt::new(file, from, to).is_refused_with(parts);
+    }
+}
+
+#[test]
 fn bad_input_is_named_with_file_key_value_and_what_is_accepted() {
     for (file, from, to, parts) in [
         (
@@ -195,24 +221,6 @@ fn bad_input_is_named_with_file_key_value_and_what_is_accepted() {
                 "a frequency",
                 "Hz",
             ][..],
-        ),
-        (
-            "recipe.toml",
-            "period = \"24 ms\"",
-            "period = \"1 us\"",
-            &["rig/recipe.toml", "fast.orbit.period", "1e-6", "1.2e-2"][..],
-        ),
-        (
-            "recipe.toml",
-            "input_gap = \"60 um\"",
-            "input_gap = \"20 um\"",
-            &["fast.input_gap", "20.0 um", "fast.doubtful_gap", "25.0 um"][..],
-        ),
-        (
-            "plant.toml",
-            "transmission = [1.0, 1.0]",
-            "transmission = [1.0, 1.5]",
-            &["rig/plant.toml", "device.transmission", "1.5", "0 to 1"][..],
         ),
         (
             "plant.toml",
