@@ -170,14 +170,7 @@ impl Shared<'_> {
         for (attempt, pass) in passes.iter().enumerate() {
             let aside = pass.sensing * fast.sensing.sidestep;
             station.move_micro(Side::Right, aside, 0.0);
-            let look = Look {
-                gap: fast.input_gap,
-                aside: pass.aside * self.recipe.raster.x,
-                width: pass.width * self.recipe.raster.x,
-                spacing: pass.spacing * fast.input_spacing,
-                slow: pass.slow,
-                again: attempt > 0,
-            };
+            let look = self.look(pass, fast.input_gap, fast.input_spacing, attempt > 0);
             let result = self.attempt(job, station, &aim, &look);
             if !again(&result) {
                 return result;
@@ -204,20 +197,25 @@ impl Shared<'_> {
         })?;
         // The last passes differ in the sensing fiber alone.
         for (attempt, pass) in PASSES[..5].iter().enumerate() {
-            let look = Look {
-                gap: fast.output_gap,
-                aside: pass.aside * self.recipe.raster.x,
-                width: pass.width * self.recipe.raster.x,
-                spacing: pass.spacing * fast.output_spacing,
-                slow: pass.slow,
-                again: attempt > 0,
-            };
+            let look = self.look(pass, fast.output_gap, fast.output_spacing, attempt > 0);
             let result = self.attempt(job, station, &aim, &look);
             if !again(&result) {
                 return result;
             }
         }
         job.align_output(station, index)
+    }
+
+    /// A pass for fibers of which light is searched at a gap by lines of a spacing, metres.
+    fn look(&self, pass: &Pass, gap: f64, spacing: f64, again: bool) -> Look {
+        Look {
+            gap,
+            aside: pass.aside * self.recipe.raster.x,
+            width: pass.width * self.recipe.raster.x,
+            spacing: pass.spacing * spacing,
+            slow: pass.slow,
+            again,
+        }
     }
 
     fn watch(&self, side: Side, channel: Channel) -> Watch {
