@@ -137,7 +137,7 @@ impl Shared<'_> {
 
     /// How far below a port a search starts, metres.
     fn below(&self) -> f64 {
-        0.5 * self.recipe.raster.y + self.recipe.raster.margin
+        self.recipe.raster.below()
     }
 
     fn align_input(&mut self, job: &mut Job, station: &mut Station) -> Result<(), Halt> {
@@ -162,11 +162,12 @@ impl Shared<'_> {
             // The input fiber has stood still meanwhile: vision knows it better now.
             self.straighten(station, &aim, fast.input_gap)
         });
-        // Without the sensing fiber in its place there is nothing to look for.
-        let passes: &[Pass] = if again(&over) { &[] } else { &PASSES };
-        if let Err(Halt::Fault(fault)) = over {
-            return Err(fault.into());
-        }
+        let passes: &[Pass] = match over {
+            Ok(()) => &PASSES,
+            Err(Halt::Fault(fault)) => return Err(fault.into()),
+            // Without the sensing fiber in its place there is nothing to look for.
+            Err(Halt::Outcome(_)) => &[],
+        };
         for (attempt, pass) in passes.iter().enumerate() {
             let aside = pass.sensing * fast.sensing.sidestep;
             station.move_micro(Side::Right, aside, 0.0);
@@ -428,11 +429,11 @@ impl Shared<'_> {
             if cycles % turn != 0 {
                 continue;
             }
-            let mut light = 0.0;
-            if let Some(peak) = orbit.peak() {
-                orbit.go_to(station, &peak, gap)?;
-                light = peak.full;
-            }
+            // A peak that the micro does not reach is lost too: whatever happens, the macro is
+            // stopped before anyone tries again.
+            let peak = orbit.peak();
+            let reached = peak.filter(|peak| orbit.go_to(station, peak, gap).is_ok());
+            let light = reached.map_or(0.0, |peak| peak.full);
             let now = orbit.place(0.0);
             let strayed = (now.0 - start.0).hypot(now.1 - start.1);
             // Light that does not come out of the guide does not grow as the gap closes.
