@@ -8,6 +8,7 @@
 //! - [`align`]: one device aligned on a twin, and what came of it;
 //! - [`methods`]: first light alone, by the thesis's three methods; [`plan`]: all ways to align,
 //!   side by side;
+//! - [`scan`]: search and peak on a measured power map;
 //! - [`campaign`]: many of them, and what they have in common;
 //! - [`record`]: what was seen on the way;
 //! - [`report`]: the page a person wants to look at;
@@ -31,6 +32,7 @@ pub mod record;
 pub mod report;
 pub mod rig;
 pub mod runs;
+pub mod scan;
 pub mod scenario;
 pub mod simulate;
 pub mod tune;

@@ -3,6 +3,7 @@
 use super::common::{Common, write_table};
 use super::methods::{self, MethodArguments};
 use super::progress::Progress;
+use super::scan::{self, MapArguments};
 use super::{DONE, Failure, NEGATIVE, failure};
 use crate::align::{Document, align};
 use crate::procedure::Procedure;
@@ -32,7 +33,9 @@ Examples:
   pigtail align --rig my-rig/           your own rig: machine.toml, plant.toml, calibration.toml
   pigtail align --recipe my-chip.toml   your own device
   pigtail align --method macro-raster --mesh '10 um'
-                                        a search for first light, its time by formula and really")]
+                                        a search for first light, its time by formula and really
+  pigtail align --map scan.csv --map-length-unit mm --map-power-unit dBm
+                                        search and peak on a scan from your own bench")]
 pub(super) struct Arguments {
     #[command(flatten)]
     common: Common,
@@ -47,6 +50,8 @@ pub(super) struct Arguments {
     scenario: Scenario,
     #[command(flatten)]
     method: MethodArguments,
+    #[command(flatten, next_help_heading = "Your own light")]
+    map: MapArguments,
 }
 
 /// The record, and a progress bar beside it.
@@ -68,6 +73,9 @@ impl Observer for Watcher {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    if let Some(map) = arguments.map.map() {
+        return scan::run(map, &arguments.map, &arguments.common);
+    }
     let mut setup = Setup::load(&arguments.common.rig, &arguments.recipe)?;
     arguments.scenario.apply(&mut setup);
     if let Some(method) = arguments.method.method() {

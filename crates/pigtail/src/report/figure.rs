@@ -201,7 +201,7 @@ pub(super) fn chart<'a, 'b>(axes: &Axes, root: &'b Root<'a>) -> Result<Chart<'a,
         .build_cartesian_2d(axes.x.0.clone(), axes.y.0.clone())?)
 }
 
-fn mesh(axes: &Axes, chart: &mut Chart) -> Result<()> {
+pub(super) fn mesh(axes: &Axes, chart: &mut Chart) -> Result<()> {
     let font = |size: i32| ("sans-serif", size).into_font().color(&INK);
     let number = |value: &f64| {
         // Five digits are more than any axis here needs; trailing zeros are none.

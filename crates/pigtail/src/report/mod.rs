@@ -10,6 +10,7 @@ mod html;
 mod hysteresis;
 mod loops;
 mod micro;
+mod scan;
 mod tuning;
 mod windup;
 
@@ -21,5 +22,6 @@ pub use contour::contour;
 pub use hysteresis::{inverted, tried};
 pub use loops::loops;
 pub use micro::micro;
+pub use scan::{notes as scan_notes, scan};
 pub use tuning::tuning;
 pub use windup::windup;

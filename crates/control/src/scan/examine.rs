@@ -1,0 +1,217 @@
+//! What a whole scan says: is there a peak, and is it one that can be told?
+
+use super::fold::{Fold, SEES, Spread, explain, leaves_noise, left_over, noise_of};
+use super::shape::{Datum, Fit, NUMBERS, Shape, fit};
+use super::{Reading, Refusal, Scan};
+use std::f64::consts::PI;
+
+/// A scan with its peak.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Examined {
+    /// The peak by all readings.
+    pub peak: Shape,
+    /// Standard deviation of its place in the worse direction, metres.
+    pub deviation: f64,
+    /// Standard deviation of a reading from the shape.
+    pub noise: f64,
+    /// The share of the readings' variance that the shape explains.
+    pub explained: f64,
+    /// What the instrument did.
+    pub fold: Fold,
+    /// How many readings that changed.
+    pub folded: usize,
+    /// How many stand apart from all their neighbours, and are left out.
+    pub apart: usize,
+    /// The readings unfolded; `None` where nothing but that it was bright is known, or that it
+    /// stands apart.
+    pub(super) unfolded: Vec<Option<f64>>,
+}
+
+/// About so many readings tell explanations apart, near the peak and far from it; more tell nothing
+/// new.
+const ENOUGH: usize = 1500;
+/// A peak leaves a fit without it worse by so many times the noise's variance. A single reading that
+/// is four noises off, as one of some ten thousand is, brings sixteen.
+const SIGNIFICANT: f64 = 40.0;
+/// A peak that leaves more than noise is still one where it explains this share of the variance.
+const MOSTLY: f64 = 0.6;
+/// And where it leaves no more than this share of its height on the peak itself.
+const LIKE: f64 = 0.2;
+/// Fewest readings that must: a peak without its background is six numbers.
+const SEEN: usize = 6;
+/// So many readings may be a peak of their own by accident.
+const ALONE: usize = 2;
+/// And so many such peaks, one after the other.
+const ALONE_TRIES: usize = 3;
+
+/// Examines a scan.
+///
+/// # Errors
+///
+/// Why no peak can be told from it.
+pub fn examine(scan: &Scan) -> Result<Examined, Refusal> {
+    let mut data: Vec<(usize, Datum)> =
+        scan.readings.iter().map(Datum::plain).enumerate().collect();
+    let first = attempt(scan, &data);
+    let mut last = first.clone();
+    // One reading alone is no peak, but may hide one.
+    let mut tries = 0..ALONE_TRIES;
+    while tries.next().is_some()
+        && let Err((Refusal::TooCoarse { seen, .. }, Some(shape))) = &last
+        && *seen <= ALONE
+    {
+        data.retain(|(_, d)| shape.share(d.x, d.y) <= SEES);
+        last = attempt(scan, &data);
+    }
+    last.or(first).map_err(|(refusal, _)| refusal)
+}
+
+/// Most readings of so many that may stand apart from the others by accident.
+fn few(readings: usize) -> usize {
+    2.max(readings / 50)
+}
+
+/// Examines some of a scan's readings. The shape that was refused, where there was one.
+fn attempt(scan: &Scan, numbered: &[(usize, Datum)]) -> Result<Examined, (Refusal, Option<Shape>)> {
+    let nothing = || (Refusal::NoLight { brightest: 0.0 }, None);
+    let data: Vec<Datum> = numbered.iter().map(|(_, d)| *d).collect();
+    let whole = Spread::of(&data);
+    let own_noise = noise_of(&data, scan.spacing());
+    let sample = sample(scan, &data, &whole);
+    let (best, fold) =
+        explain(scan, &sample, &Spread::of(&sample), own_noise).ok_or_else(nothing)?;
+    let mut all: Vec<(usize, Datum)> = numbered
+        .iter()
+        .zip(fold.data(&data, &best.shape))
+        .map(|((k, _), d)| (*k, d))
+        .collect();
+    let refit = |all: &[(usize, Datum)], from: &Fit| {
+        let data: Vec<Datum> = all.iter().map(|(_, d)| *d).collect();
+        fit(&data, &from.shape, from.level, fold.is_free()).ok_or_else(nothing)
+    };
+    let mut found = refit(&all, &best)?;
+    if leave_out(&mut all, &found) {
+        found = refit(&all, &found)?;
+    }
+    let used = all.iter().filter(|(_, d)| !d.at_least).count();
+    let noise = (found.squares / used.saturating_sub(NUMBERS).max(1) as f64).sqrt();
+    check(scan, &found, &all, (noise, own_noise), &whole)
+        .map_err(|why| (why, Some(found.shape)))?;
+    let mut unfolded: Vec<Option<f64>> = vec![None; scan.readings.len()];
+    for (k, d) in all.iter().filter(|(_, d)| !d.at_least) {
+        unfolded[*k] = Some(d.sign * (d.power - d.share * found.level));
+    }
+    let is_folded = |d: &Datum| d.at_least || d.share != 0.0;
+    Ok(Examined {
+        peak: found.shape,
+        deviation: found.deviation(noise),
+        noise,
+        explained: 1.0 - (found.squares / whole.squares).min(1.0),
+        fold: fold.with_level(found.level),
+        folded: all.iter().filter(|(_, d)| is_folded(d)).count(),
+        apart: scan.readings.len() - all.len(),
+        unfolded,
+    })
+}
+
+/// Some of many readings: all over the scan, and more densely around the brightest.
+fn sample(scan: &Scan, data: &[Datum], whole: &Spread) -> Vec<Datum> {
+    if data.len() <= ENOUGH {
+        return data.to_vec();
+    }
+    let half = 0.5 * (whole.median + whole.top);
+    let bright = data.iter().filter(|d| d.power > half).count();
+    let reach = 3.0 * (bright as f64 / PI).sqrt() * scan.spacing();
+    let by = |a: &&Datum, b: &&Datum| a.power.total_cmp(&b.power);
+    let Some(top) = data.iter().max_by(by) else {
+        return Vec::new();
+    };
+    let (near, far): (Vec<Datum>, Vec<Datum>) = data
+        .iter()
+        .partition(|d| (d.x - top.x).hypot(d.y - top.y) < reach);
+    let mut some = Vec::new();
+    for part in [near, far] {
+        // An odd stride comes to all columns of most grids.
+        let stride = part.len().div_ceil(ENOUGH).max(1) | 1;
+        some.extend(part.into_iter().step_by(stride));
+    }
+    some
+}
+
+/// Whether a peak may be believed.
+fn check(
+    scan: &Scan,
+    found: &Fit,
+    all: &[(usize, Datum)],
+    (noise, own_noise): (f64, f64),
+    whole: &Spread,
+) -> Result<(), Refusal> {
+    let shape = &found.shape;
+    let at = (shape.x, shape.y);
+    let gained = (whole.squares - found.squares) / (noise * noise).max(f64::MIN_POSITIVE);
+    if gained < SIGNIFICANT || found.squares >= whole.squares {
+        let brightest = (whole.top - whole.median) / noise;
+        return Err(Refusal::NoLight { brightest });
+    }
+    let unexplained = found.squares / whole.squares;
+    let data: Vec<Datum> = all.iter().map(|(_, d)| *d).collect();
+    let unlike = left_over(&data, found, SEES).sqrt() > LIKE * shape.height.abs();
+    if !leaves_noise(&data, found, own_noise) && (unexplained > 1.0 - MOSTLY || unlike) {
+        return Err(Refusal::Shapeless { unexplained });
+    }
+    if shape.height < 0.0 {
+        return Err(Refusal::Dark { at });
+    }
+    let seen = all
+        .iter()
+        .filter(|(_, d)| !d.at_least && shape.share(d.x, d.y) > SEES)
+        .count();
+    let (long, short, _) = shape.ellipse();
+    let radius = (long * short).sqrt();
+    if !scan.contains(shape.x, shape.y) {
+        return Err(Refusal::AtEdge { at });
+    }
+    if seen < SEEN {
+        let spacing = scan.spacing();
+        return Err(Refusal::TooCoarse {
+            seen,
+            spacing,
+            radius,
+        });
+    }
+    Ok(())
+}
+
+/// Takes out readings that stand apart from a fit as no light does, if they are few. Whether there
+/// were any.
+fn leave_out(all: &mut Vec<(usize, Datum)>, found: &Fit) -> bool {
+    const FAR: f64 = 10.0;
+    let off = |d: &Datum| {
+        if d.at_least {
+            return 0.0;
+        }
+        let model = d.sign * found.shape.power(d.x, d.y) + d.share * found.level;
+        (d.power - model).abs()
+    };
+    let mut sizes: Vec<f64> = all.iter().map(|(_, d)| off(d)).collect();
+    sizes.sort_by(f64::total_cmp);
+    let usual = 1.4826 * sizes[sizes.len() / 2];
+    let limit = FAR * usual + 0.05 * found.shape.height.abs();
+    let apart = sizes.iter().filter(|size| **size > limit).count();
+    // Many are no accident: the light has another shape.
+    if apart == 0 || apart > few(all.len()) {
+        return false;
+    }
+    all.retain(|(_, d)| off(d) <= limit);
+    true
+}
+
+/// The readings with their light unfolded; those of which that is not known are left out.
+pub(super) fn unfolded(scan: &Scan, examined: &Examined) -> Vec<(usize, Reading)> {
+    scan.readings
+        .iter()
+        .zip(&examined.unfolded)
+        .enumerate()
+        .filter_map(|(k, (r, power))| power.map(|power| (k, Reading { power, ..*r })))
+        .collect()
+}

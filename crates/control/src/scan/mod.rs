@@ -1,0 +1,238 @@
+//! Search and peak on a scan that somebody has measured: power at places in a plane.
+//!
+//! No machine and no belief about the optics stands behind such a scan, so neither the width of
+//! the light nor its noise is known beforehand; what [`sweep`](crate::sweep) and
+//! [`orbit`](crate::orbit) take from a recipe has to come from the readings themselves.
+//!
+//! 1. [`Scan::new`]: readings that something can be made of;
+//! 2. [`examine`]: the whole scan. Is there light, did the photodiode or its converter fold it, is
+//!    the grid fine enough to say anything? What was folded is unfolded;
+//! 3. [`look`]: one reading after the other, as a machine would take them: from the middle outward
+//!    until there is light, then where a reading tells most about the peak's place.
+
+mod examine;
+mod fold;
+mod look;
+mod shape;
+
+pub use examine::{Examined, examine};
+pub use fold::Fold;
+pub use look::{Look, Looked, look};
+pub use shape::Shape;
+
+/// Power at a place.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reading {
+    /// Across, metres.
+    pub x: f64,
+    /// Up, metres.
+    pub y: f64,
+    /// Power, in whatever linear unit.
+    pub power: f64,
+}
+
+/// Fewest readings that a peak (seven numbers) could be told from.
+const FEWEST: usize = 16;
+
+/// Readings over an area, in the order in which they were taken.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scan {
+    readings: Vec<Reading>,
+    middle: (f64, f64),
+    half: (f64, f64),
+}
+
+/// Why nothing can be made of some readings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Invalid {
+    /// Which of `x`, `y` and `power`; empty where it is all of them.
+    pub what: &'static str,
+    /// What is the matter, and what would be accepted.
+    pub why: &'static str,
+}
+
+impl Scan {
+    /// Checks readings.
+    ///
+    /// # Errors
+    ///
+    /// Fewer than 16 readings; numbers that are not finite; readings along a line; the same power
+    /// everywhere.
+    pub fn new(readings: Vec<Reading>) -> Result<Self, Invalid> {
+        let refuse = |what, why| Err(Invalid { what, why });
+        if readings.len() < FEWEST {
+            return refuse("", "has too few readings; accepted are 16 or more");
+        }
+        let finite = |r: &Reading| r.x.is_finite() && r.y.is_finite() && r.power.is_finite();
+        if !readings.iter().all(finite) {
+            return refuse("", "holds what is not finite; accepted are finite numbers");
+        }
+        let range = |of: fn(&Reading) -> f64| {
+            let values = || readings.iter().map(of);
+            (
+                values().fold(f64::INFINITY, f64::min),
+                values().fold(f64::NEG_INFINITY, f64::max),
+            )
+        };
+        let (x, y, power) = (range(|r| r.x), range(|r| r.y), range(|r| r.power));
+        let half = |range: (f64, f64)| 0.5 * (range.1 - range.0);
+        if power.1 <= power.0 {
+            let why = "is the same everywhere; accepted is a scan with light in it";
+            return refuse("power", why);
+        }
+        let middle = (0.5 * (x.0 + x.1), 0.5 * (y.0 + y.1));
+        let scan = Self {
+            middle,
+            half: (half(x), half(y)),
+            readings,
+        };
+        if half(x) <= 0.0 {
+            return refuse("x", "never changes; accepted is a scan of an area");
+        }
+        if half(y) <= 0.0 {
+            return refuse("y", "never changes; accepted is a scan of an area");
+        }
+        if scan.is_line() {
+            let why = "lies along a line; accepted is a scan of an area";
+            return refuse("", why);
+        }
+        Ok(scan)
+    }
+
+    /// Whether all places lie along one line, to a thousandth of its length.
+    fn is_line(&self) -> bool {
+        let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+        for r in &self.readings {
+            let (x, y) = (r.x - self.middle.0, r.y - self.middle.1);
+            xx += x * x;
+            xy += x * y;
+            yy += y * y;
+        }
+        let mean = 0.5 * (xx + yy);
+        let apart = (0.25 * (xx - yy) * (xx - yy) + xy * xy).sqrt();
+        (mean - apart) < 1e-6 * (mean + apart)
+    }
+
+    /// The readings.
+    pub fn readings(&self) -> &[Reading] {
+        &self.readings
+    }
+
+    /// The middle of the area, metres.
+    pub fn middle(&self) -> (f64, f64) {
+        self.middle
+    }
+
+    /// Half of the area's width and height, metres.
+    pub fn half(&self) -> (f64, f64) {
+        self.half
+    }
+
+    /// The distance of neighbours, were the readings spread evenly, metres.
+    pub fn spacing(&self) -> f64 {
+        let (w, h) = (2.0 * self.half.0, 2.0 * self.half.1);
+        // Readings stand at the area's edges too: n by m of them divide it into (n-1) (m-1).
+        let n = self.readings.len() as f64;
+        let sides = 0.5 * (w + h);
+        let (b, a) = (sides, n - 1.0);
+        // (w/s + 1) (h/s + 1) = n, solved for s.
+        (b + (b * b + a * w * h).sqrt()) / a
+    }
+
+    /// Whether a place lies within the scan's area.
+    pub fn contains(&self, x: f64, y: f64) -> bool {
+        (x - self.middle.0).abs() <= self.half.0 && (y - self.middle.1).abs() <= self.half.1
+    }
+}
+
+/// Why no peak can be told from a scan: honest negatives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Refusal {
+    /// Nothing stands out of the noise.
+    NoLight {
+        /// The brightest reading above the background, in noises.
+        brightest: f64,
+    },
+    /// The light has a minimum.
+    Dark {
+        /// Where it is, metres.
+        at: (f64, f64),
+    },
+    /// No one peak has such a shape, folded or not.
+    Shapeless {
+        /// The share of the readings' variance that the best explanation leaves.
+        unexplained: f64,
+    },
+    /// Too few readings see the peak.
+    TooCoarse {
+        /// How many stand on it above a tenth of its height.
+        seen: usize,
+        /// The distance of neighbours, metres.
+        spacing: f64,
+        /// The radius at 1/e that the peak seems to have, metres.
+        radius: f64,
+    },
+    /// The light still rises where the scan ends.
+    AtEdge {
+        /// Where the peak seems to be, metres.
+        at: (f64, f64),
+    },
+}
+
+impl Refusal {
+    /// The word for it in tables and files.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::NoLight { .. } => "no_light",
+            Self::Dark { .. } => "dark",
+            Self::Shapeless { .. } => "no_single_peak",
+            Self::TooCoarse { .. } => "too_coarse",
+            Self::AtEdge { .. } => "at_edge",
+        }
+    }
+}
+
+impl std::fmt::Display for Refusal {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::NoLight { brightest } => write!(
+                f,
+                "nothing has the shape of a peak; the brightest reading is {brightest:.1} \
+                 times the noise above the background"
+            ),
+            Self::Dark { at: (x, y) } => write!(
+                f,
+                "the light has a minimum at {:.3}, {:.3} um and no peak",
+                x * 1e6,
+                y * 1e6
+            ),
+            Self::Shapeless { unexplained } => write!(
+                f,
+                "one peak leaves {:.0} % of the readings' variance, far more than noise: there are \
+                 several, or the signal was folded in a way that nothing here explains",
+                unexplained * 100.0
+            ),
+            Self::TooCoarse {
+                seen,
+                spacing,
+                radius,
+            } => write!(
+                f,
+                "{seen} readings see the peak, six are needed; they are \
+                 {:.3} um apart and it seems to be {:.3} um in radius: scan at {:.3} um or closer",
+                spacing * 1e6,
+                radius * 1e6,
+                radius * 0.8e6
+            ),
+            Self::AtEdge { at: (x, y) } => write!(
+                f,
+                "the light still rises where the scan ends: the peak seems to be at {:.3}, {:.3} um",
+                x * 1e6,
+                y * 1e6
+            ),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
