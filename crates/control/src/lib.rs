@@ -16,7 +16,7 @@
 //! 6. [`station`]: owns the machine's time, one exchange after the other.
 //!
 //! Beside these stand the experiments: [`characterize`], [`identify`] and [`tune`] on one axis,
-//! [`contour`] on both joints of a five-bar, [`piezo`] on the micro; and [`scan`], search and peak on
+//! [`maximization`] on a fiber at its peak, [`contour`] on both joints of a five-bar, [`piezo`] on the micro; and [`scan`], search and peak on
 //! readings that were taken elsewhere.
 //!
 //! There are no clocks, no threads and no files here: time comes from the machine.
@@ -54,6 +54,7 @@ pub mod contour;
 pub mod fast;
 pub mod identify;
 pub mod kinematics;
+pub mod maximization;
 pub mod methods;
 pub mod orbit;
 pub mod outcome;

@@ -231,6 +231,18 @@ impl<'r> Job<'r> {
 
     /// Aligns an output fiber, be it carried already or not.
     pub(crate) fn align_output(&mut self, station: &mut Station, index: usize) -> Result<(), Halt> {
+        let found = self.find_output(station, index)?;
+        self.finish(station, &found)
+    }
+
+    /// Brings an output fiber to the peak before its port, and leaves it there, not attached.
+    pub(crate) fn reach_output(&mut self, station: &mut Station, index: usize) -> Result<(), Halt> {
+        let found = self.find_output(station, index)?;
+        self.maximize(station, &found, |_| Ok(()))
+    }
+
+    /// From the tray to first light.
+    fn find_output(&mut self, station: &mut Station, index: usize) -> Result<Found, Halt> {
         let recipe = self.recipe;
         self.phase(station, "coarse", |job, station| {
             // Loaded only now, and away from the chip: an output fiber stands out beyond the
@@ -247,7 +259,7 @@ impl<'r> Job<'r> {
                 recipe.raster.gap,
             )
         })?;
-        let found = self.phase(station, "raster", |job, station| {
+        self.phase(station, "raster", |job, station| {
             let lowest = station.wanted(Side::Right);
             let aside = ASIDE * recipe.raster.x;
             // And between the lines of the first.
@@ -264,12 +276,24 @@ impl<'r> Job<'r> {
                 }
             }
             Err(no_light(evidence))
-        })?;
-        self.finish(station, &found)
+        })
     }
 
     /// From first light to an attached fiber.
     fn finish(&mut self, station: &mut Station, found: &Found) -> Result<(), Halt> {
+        let side = self.side;
+        self.maximize(station, found, |station| {
+            station.handle_fiber(side, FiberHandling::Attach)
+        })
+    }
+
+    /// From first light to the peak at the chip (thesis 3.3), where something is done.
+    fn maximize(
+        &mut self,
+        station: &mut Station,
+        found: &Found,
+        there: impl FnOnce(&mut Station) -> Result<(), Fault>,
+    ) -> Result<(), Halt> {
         let recipe = self.recipe;
         let background = found.background;
         let (mut peak, before) = self.phase(station, "climb", |job, station| {
@@ -301,8 +325,7 @@ impl<'r> Job<'r> {
             if after < recipe.accept.growth * before {
                 return Err(Outcome::FalseLight { before, after }.into());
             }
-            station.handle_fiber(job.side, FiberHandling::Attach)?;
-            Ok(())
+            Ok(there(station)?)
         })
     }
 

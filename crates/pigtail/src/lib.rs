@@ -8,6 +8,7 @@
 //! - [`align`]: one device aligned on a twin, and what came of it;
 //! - [`methods`]: first light alone, by the thesis's three methods; [`plan`]: all ways to align,
 //!   side by side;
+//! - [`maximize`]: staying at the peak, measured;
 //! - [`scan`]: search and peak on a measured power map;
 //! - [`campaign`]: many of them, and what they have in common;
 //! - [`record`]: what was seen on the way;
@@ -25,6 +26,7 @@ pub mod contour;
 pub mod hysteresis;
 pub mod identify;
 pub mod loops;
+pub mod maximize;
 pub mod methods;
 pub mod plan;
 pub mod procedure;

@@ -49,6 +49,8 @@ pub struct Twin {
     micro_volts: [[Volts; MICRO_AXES]; SIDES],
     fault: Option<Fault>,
     smallest_gap: f64,
+    /// Speed of the device in x, and since when.
+    drift: (f64, f64),
 }
 
 /// A fiber fixed to the chip.
@@ -163,6 +165,7 @@ impl Twin {
             micro_volts: Command::IDLE.micro,
             fault: None,
             smallest_gap: f64::INFINITY,
+            drift: (plant.device.drift, plant.device.drift_from),
             spec,
         })
     }
@@ -379,6 +382,8 @@ impl Machine for Twin {
         }
         self.drives.advance(&command.motors, &torques, period);
         let mut holders = [Point::ORIGIN; SIDES];
+        // The chip's frame goes with the device.
+        let drifted = self.drift.0 * (self.time() - self.drift.1).max(0.0);
         for side in Side::ALL {
             let i = side.index();
             let outputs = self.drives.outputs(i);
@@ -386,6 +391,7 @@ impl Machine for Twin {
             let Some(holder) = holder else {
                 return Err(self.taken_apart(side));
             };
+            let holder = holder.shifted(-drifted, 0.0, 0.0);
             holders[i] = holder;
             if let Some(handling) = command.fiber[i] {
                 self.handle_fiber(side, holder, handling)?;

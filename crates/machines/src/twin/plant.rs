@@ -318,6 +318,12 @@ pub struct Device {
     /// Interference in the gap, between its brightest and its darkest, decibels.
     #[serde(default, deserialize_with = "quantity::non_negative")]
     pub ripple_db: f64,
+    /// Speed at which it drifts away in x, metres a second.
+    #[serde(default, deserialize_with = "quantity::speed")]
+    pub drift: f64,
+    /// When that begins, seconds of machine time.
+    #[serde(default, deserialize_with = "quantity::non_negative_time")]
+    pub drift_from: f64,
 }
 
 fn whole() -> [f64; OUTPUTS] {

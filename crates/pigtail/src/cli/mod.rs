@@ -6,6 +6,7 @@ mod characterize;
 mod common;
 mod hysteresis;
 mod identify;
+mod maximize;
 mod methods;
 mod plan;
 mod progress;
@@ -58,6 +59,7 @@ enum Command {
     Align(align::Arguments),
     Campaign(campaign::Arguments),
     Plan(plan::Arguments),
+    Maximize(maximize::Arguments),
     Tune(tune::Arguments),
     Identify(identify::Arguments),
     Predict(hysteresis::PredictArguments),
@@ -116,6 +118,7 @@ pub fn main() -> ExitCode {
         Command::Align(arguments) => align::run(&arguments),
         Command::Campaign(arguments) => campaign::run(&arguments),
         Command::Plan(arguments) => plan::run(&arguments),
+        Command::Maximize(arguments) => maximize::run(&arguments),
         Command::Tune(arguments) => tune::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),
         Command::Predict(arguments) => hysteresis::predict(&arguments),

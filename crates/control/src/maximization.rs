@@ -1,0 +1,169 @@
+//! Staying at the peak (thesis 3.3): an output fiber at its port while something moves.
+//!
+//! The climb "allows the micro to reject low frequency disturbances such as movement of the macro
+//! manipulator and drifting of the piezoelectric actuators", up to a rate of a step a pattern. Here
+//! it is made to, and the circles of the fast procedure too.
+
+use crate::beam::Beam;
+use crate::orbit::{Orbit, Watch};
+use crate::outcome::{Halt, Outcome};
+use crate::peak::NinePoint;
+use crate::procedure::{Job, light_guides};
+use crate::recipe::{Climb, Recipe};
+use crate::station::Station;
+use pigtail_hal::{Channel, FiberHandling, Side};
+
+/// What keeps the fiber at the peak.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Means {
+    /// Nothing: the micro rests.
+    Rest,
+    /// Nine-point patterns, one after the other (Fig. 3.5).
+    NinePoint(Climb),
+    /// The circles of the fast procedure.
+    Circles,
+}
+
+/// What takes the fiber off it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Disturbance {
+    /// Nothing of the machine's doing: the device may drift by itself.
+    Device,
+    /// The macro moves in x at a speed, metres a second.
+    Macro(f64),
+    /// The piezos creep: a while before, the micro was so far away in x, metres.
+    Piezos(f64),
+}
+
+/// A trial of staying at the peak.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Trial {
+    /// What is done about it.
+    pub means: Means,
+    /// What happens.
+    pub disturbance: Disturbance,
+    /// Machine time at which it begins, seconds.
+    pub begin: f64,
+    /// How long it is watched, seconds.
+    pub seconds: f64,
+}
+
+/// What control saw of a trial.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Followed {
+    /// The light at the peak before, volts above the dark.
+    pub before: f64,
+    /// The light at the end, volts above the dark.
+    pub after: f64,
+    /// The dark, volts.
+    pub dark: f64,
+    /// Machine time from which on the fiber was followed, seconds.
+    pub begin: f64,
+}
+
+const SIDE: Side = Side::Right;
+const CHANNEL: Channel = Channel::Output1;
+/// Time for which a level of light is measured, seconds.
+const LOOK: f64 = 0.1;
+/// How long the micro stays away before piezos are watched creeping, seconds.
+const AWAY: f64 = 5.0;
+
+impl Means {
+    /// The fastest peak that it could follow at all, metres a second: a step along an axis a pattern,
+    /// `step / (9 dwell + pause)` (thesis 3.3). `None` where no such figure is to be had beforehand.
+    pub fn limit(&self) -> Option<f64> {
+        match self {
+            Self::NinePoint(climb) => Some(climb.step / (9.0 * climb.dwell + climb.pause)),
+            Self::Rest | Self::Circles => None,
+        }
+    }
+}
+
+/// Aligns the input and brings the first output's fiber to its peak as the thesis does, waits for the
+/// trial's begin, follows the peak, and attaches the fiber where it then is.
+///
+/// # Errors
+///
+/// The machine's fault; why a fiber could not be brought to its peak; [`Outcome::OutOfReach`] where
+/// the peak left the micro's range; [`Outcome::Unsure`] where the trial was to begin before the fiber
+/// was there.
+pub fn follow(station: &mut Station, recipe: &Recipe, trial: &Trial) -> Result<Followed, Halt> {
+    light_guides(station, recipe, recipe.last.accuracy)?;
+    Job::output(recipe, 0).reach_output(station, 0)?;
+    station.laser(false);
+    station.run(0.02)?;
+    let dark = station.level(CHANNEL, LOOK)?;
+    station.laser(true);
+    station.run(0.02)?;
+    let (x, y) = station.micro(SIDE);
+    let away = match trial.disturbance {
+        Disturbance::Piezos(away) => away,
+        Disturbance::Device | Disturbance::Macro(_) => 0.0,
+    };
+    let left = trial.begin - station.time() - if away == 0.0 { 0.0 } else { AWAY } - LOOK;
+    if left < 0.0 {
+        let message = format!(
+            "the fiber was at its peak only after {:.1} s, too late for a trial from {:.1} s on",
+            station.time(),
+            trial.begin
+        );
+        return Err(Outcome::OutOfReach(message).into());
+    }
+    station.run(left)?;
+    let before = station.level(CHANNEL, LOOK)?.mean - dark.mean;
+    if away != 0.0 {
+        // To the side where there is more room.
+        let sign = if x > 0.0 { -1.0 } else { 1.0 };
+        station.move_micro(SIDE, x + sign * away, y);
+        station.run(AWAY)?;
+        station.move_micro(SIDE, x, y);
+        station.run(0.02)?;
+    }
+    if let Disturbance::Macro(speed) = trial.disturbance {
+        let end = station
+            .wanted(SIDE)
+            .shifted(speed * trial.seconds, 0.0, 0.0);
+        station.start_line(SIDE, end, Some(speed.abs()))?;
+    }
+    let begin = station.time();
+    let end = begin + trial.seconds;
+    match trial.means {
+        Means::Rest => station.run(trial.seconds)?,
+        Means::NinePoint(climb) => {
+            let mut peak = NinePoint::new(&climb, station, SIDE, CHANNEL);
+            while station.time() < end {
+                peak.step(station)?;
+            }
+        }
+        Means::Circles => {
+            let watch = Watch {
+                side: SIDE,
+                channel: CHANNEL,
+                background: dark.mean,
+                noise: dark.sigma.max(station.spec().photodiode.step()),
+            };
+            let gap = recipe.approach.gap;
+            let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
+            let at = station.micro(SIDE);
+            let shape = &recipe.fast.orbit;
+            let mut orbit = Orbit::new(watch, beam, shape, station, at, gap, (0.0, 0.0));
+            while station.time() < end {
+                orbit.turn(station, gap)?;
+                if let Some(peak) = orbit.peak() {
+                    orbit.go_to(station, &peak, gap)?;
+                }
+            }
+            orbit.wind_down(station, gap)?;
+        }
+    }
+    // The look is short: the peak goes on moving.
+    let after = station.level(CHANNEL, 0.02)?.mean - dark.mean;
+    station.handle_fiber(SIDE, FiberHandling::Attach)?;
+    station.halt(SIDE);
+    Ok(Followed {
+        before,
+        after,
+        dark: dark.mean,
+        begin,
+    })
+}
