@@ -16,7 +16,8 @@
 //! 6. [`station`]: owns the machine's time, one exchange after the other.
 //!
 //! Beside these stand the experiments: [`characterize`], [`identify`] and [`tune`] on one axis,
-//! [`contour`] on both joints of a five-bar, [`piezo`] on the micro.
+//! [`contour`] on both joints of a five-bar, [`piezo`] on the micro; [`record`] makes models of what
+//! somebody else's machine wrote down.
 //!
 //! There are no clocks, no threads and no files here: time comes from the machine.
 //!
@@ -60,6 +61,7 @@ pub mod peak;
 pub mod piezo;
 pub mod procedure;
 pub mod recipe;
+pub mod record;
 pub mod search;
 pub mod servo;
 pub mod sight;

@@ -21,6 +21,7 @@ pub(super) struct Arguments {
 #[derive(Debug, Subcommand)]
 enum What {
     Windup(WindupArguments),
+    Servo(super::records::ServoArguments),
     Hysteresis(super::hysteresis::IdentifyArguments),
 }
 
@@ -54,6 +55,7 @@ struct WindupArguments {
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     match &arguments.what {
         What::Windup(arguments) => run_windup(arguments),
+        What::Servo(arguments) => super::records::servo(arguments),
         What::Hysteresis(arguments) => super::hysteresis::identify(arguments),
     }
 }

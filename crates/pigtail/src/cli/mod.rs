@@ -9,6 +9,7 @@ mod identify;
 mod methods;
 mod plan;
 mod progress;
+mod records;
 mod simulate;
 mod trace;
 mod tune;

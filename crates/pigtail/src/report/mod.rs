@@ -10,6 +10,7 @@ mod html;
 mod hysteresis;
 mod loops;
 mod micro;
+mod record;
 mod tuning;
 mod windup;
 
@@ -21,5 +22,6 @@ pub use contour::contour;
 pub use hysteresis::{inverted, tried};
 pub use loops::loops;
 pub use micro::micro;
+pub use record::record;
 pub use tuning::tuning;
 pub use windup::windup;

@@ -1,0 +1,372 @@
+//! `pigtail identify` from records: measured ones, where they are there; made ones whose truth is known;
+//! and ones from which nothing can be known.
+
+use assert_cmd::Command;
+use rand::{RngExt, SeedableRng};
+use serde_json::Value;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
+
+fn measured(path: &str) -> Option<PathBuf> {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../../shared/data")
+        .join(path);
+    if file.exists() {
+        return Some(file);
+    }
+    eprintln!("skipped: no measured record at {}", file.display());
+    None
+}
+
+fn pigtail(folder: &Path, arguments: &[&str]) -> (Option<i32>, String, String) {
+    let output = Command::new(env!("CARGO_BIN_EXE_pigtail"))
+        .current_dir(folder)
+        .args(arguments)
+        .output()
+        .expect("the program starts");
+    let text = |bytes| String::from_utf8(bytes).expect("UTF-8");
+    (
+        output.status.code(),
+        text(output.stdout),
+        text(output.stderr),
+    )
+}
+
+/// The JSON of a command, and its exit code.
+fn answer(folder: &Path, arguments: &[&str]) -> (Value, i32) {
+    let mut all = arguments.to_vec();
+    all.push("--json");
+    let (code, out, error) = pigtail(folder, &all);
+    let json = serde_json::from_str(&out).unwrap_or_else(|_| panic!("no JSON: {out}{error}"));
+    (json, code.expect("it ends by itself"))
+}
+
+fn value(json: &Value, name: &str) -> Option<f64> {
+    json["parameters"][name]["value"].as_f64()
+}
+
+fn number(json: &Value, key: &str) -> f64 {
+    json[key]
+        .as_f64()
+        .unwrap_or_else(|| panic!("no {key} in {json}"))
+}
+
+fn near(a: f64, b: f64, percent: f64) {
+    assert!((a - b).abs() <= 0.01 * percent * b.abs(), "{a} for {b}");
+}
+
+/// A normal number, nearly.
+fn normal(rng: &mut rand_pcg::Pcg64Mcg) -> f64 {
+    (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0
+}
+
+fn csv(header: &str, rows: impl IntoIterator<Item = Vec<f64>>) -> String {
+    let mut text = format!("{header}\n");
+    for row in rows {
+        let fields: Vec<String> = row.iter().map(|v| format!("{v:.9}")).collect();
+        let _ = writeln!(text, "{}", fields.join(","));
+    }
+    text
+}
+
+fn published(key: &str) -> [f64; 2] {
+    match key {
+        "inertia" => [95.1089, 0.1085],
+        "viscous_friction" => [203.5034, 1.1460],
+        "coulomb_friction" => [20.3935, 0.1012],
+        _ => [-3.1648, 0.0444],
+    }
+}
+
+const EMPS: [&str; 10] = [
+    "--time",
+    "t_s",
+    "--reference",
+    "q_ref_m",
+    "--position",
+    "q_meas_m",
+    "--voltage",
+    "u_V",
+    "--force-per-volt",
+    "35.15065188",
+];
+
+/// The published solution within one per cent, standard deviations too; then better than the published
+/// replay.
+#[test]
+fn the_published_servo_is_found_and_replayed() {
+    let Some(data) = measured("emps/emps_estimation.csv") else {
+        return;
+    };
+    let folder = TempDir::new().expect("a folder");
+    let data = data.display().to_string();
+    let arguments = [&["identify", "servo", "--data", &data][..], &EMPS].concat();
+    let (json, code) = answer(folder.path(), &arguments);
+    assert_eq!(code, 0);
+    for name in ["inertia", "viscous_friction", "coulomb_friction", "offset"] {
+        let [is, std] = published(name);
+        near(value(&json, name).expect("known"), is, 1.0);
+        let found = json["parameters"][name]["std"].as_f64().expect("known");
+        near(found, std, 1.0);
+    }
+    near(number(&json, "relative_error_percent"), 4.0834, 1.0);
+    near(number(&json, "condition"), 25.9883, 1.0);
+    let replay = number(&json["replay"], "velocity_error_percent");
+    assert!(replay <= 0.23, "{replay}");
+    let asymmetric = [&arguments[..], &["--friction", "asymmetric"]].concat();
+    let (json, _) = answer(folder.path(), &asymmetric);
+    for (name, is) in [
+        ("inertia", 95.1540),
+        ("viscous_friction_forward", 166.7061),
+        ("coulomb_friction_forward", 20.1440),
+        ("viscous_friction_backward", 240.4236),
+        ("coulomb_friction_backward", 20.6277),
+    ] {
+        near(value(&json, name).expect("known"), is, 1.0);
+    }
+    let report = json["report"].as_str().expect("a path");
+    let html = fs::read_to_string(folder.path().join(report)).expect("a report");
+    assert_eq!(html.matches("<svg").count(), 7);
+}
+
+/// A turning axis whose truth is known, under a cascade, at 2 kHz: inertia 0.02 kg m^2, friction
+/// 0.15 N m s/rad and 0.4 N m forward, 0.25 N m s/rad and 0.5 N m backward.
+fn turning(seed: u64, reference: impl Fn(f64) -> f64) -> Vec<Vec<f64>> {
+    let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(seed);
+    let (h, inner) = (5e-4, 10);
+    let (mut q, mut v, mut last) = (0.0_f64, 0.0_f64, 0.0);
+    (0..20_000)
+        .map(|k| {
+            let t = f64::from(k) * h;
+            let r = reference(t);
+            let seen = q + 2e-6 * normal(&mut rng);
+            let u = (4.0 * (60.0 * (r - seen) - (seen - last) / h)).clamp(-12.0, 12.0);
+            last = seen;
+            let row = vec![t, r.to_degrees(), seen.to_degrees(), u];
+            let torque = 0.5 * u;
+            for _ in 0..inner {
+                let free = torque - if v > 0.0 { 0.15 } else { 0.25 } * v;
+                let held = if v > 0.0 || (v == 0.0 && free > 0.4) {
+                    0.4
+                } else if v < 0.0 || free < -0.5 {
+                    -0.5
+                } else {
+                    free
+                };
+                let next = v + (free - held) / 0.02 * h / f64::from(inner);
+                let next = if v * next < 0.0 { 0.0 } else { next };
+                q += 0.5 * (v + next) * h / f64::from(inner);
+                v = next;
+            }
+            row
+        })
+        .collect()
+}
+
+fn swinging(t: f64) -> f64 {
+    0.8 * (2.0 * t).sin() + 0.3 * (7.3 * t).sin() + 0.05 * (19.0 * t).sin()
+}
+
+const TURNING: &str = "t_s,r_deg,q_deg,u_V";
+
+fn identify_turning(record: &str, extra: &[&str]) -> (Value, i32) {
+    let folder = TempDir::new().expect("a folder");
+    fs::write(folder.path().join("r.csv"), record).expect("a file");
+    let mut arguments = vec![
+        "identify",
+        "servo",
+        "--data",
+        "r.csv",
+        "--reference",
+        "r_deg",
+        "--position",
+        "q_deg",
+        "--voltage",
+        "u_V",
+        "--force-per-volt",
+        "0.5",
+    ];
+    arguments.extend(extra);
+    answer(folder.path(), &arguments)
+}
+
+#[test]
+fn a_known_axis_is_found_by_every_method() {
+    for (seed, method) in [(1, "least-squares"), (2, "weighted"), (3, "instrumental")] {
+        let record = csv(TURNING, turning(seed, swinging));
+        let (json, code) =
+            identify_turning(&record, &["--friction", "asymmetric", "--method", method]);
+        assert_eq!(code, 0, "{json}");
+        for (name, is) in [
+            ("inertia", 0.02),
+            ("viscous_friction_forward", 0.15),
+            ("viscous_friction_backward", 0.25),
+            ("coulomb_friction_forward", 0.4),
+            ("coulomb_friction_backward", 0.5),
+        ] {
+            near(value(&json, name).expect("known"), is, 5.0);
+        }
+        assert_eq!(json["best"]["friction"], "asymmetric");
+        assert!(number(&json["replay"], "velocity_error_percent") < 1.0);
+    }
+}
+
+/// What a record does not excite has no value, and the reason is said.
+#[test]
+fn a_servo_record_that_does_not_tell_is_not_believed() {
+    type Spoil = fn(&mut Vec<Vec<f64>>);
+    let ramp = |t: f64| 0.4 * t;
+    let rising = |t: f64| 0.5 * t + 0.1 * (3.0 * t).sin();
+    let cases: [(&str, Vec<Vec<f64>>, Spoil, &[&str], &str); 9] = [
+        (
+            "constant speed",
+            turning(5, ramp),
+            |rows| drop(rows.drain(..2000)),
+            &["inertia", "coulomb_friction", "viscous_friction"],
+            "constant speed",
+        ),
+        (
+            "one way",
+            turning(6, rising),
+            |rows| drop(rows.drain(..2000)),
+            &["coulomb_friction", "offset"],
+            "only",
+        ),
+        (
+            "still",
+            turning(7, |_| 0.3),
+            |rows| drop(rows.drain(..8000)),
+            &["inertia", "coulomb_friction"],
+            "never changes",
+        ),
+        (
+            "saturated",
+            turning(8, swinging),
+            |rows| rows.iter_mut().for_each(|r| r[3] = r[3].clamp(-0.9, 0.9)),
+            &["inertia"],
+            "saturated",
+        ),
+        (
+            "swapped",
+            turning(9, swinging),
+            |rows| rows.iter_mut().for_each(|r| r.swap(1, 2)),
+            &["inertia"],
+            "swapped",
+        ),
+        (
+            "voltage for position",
+            turning(9, swinging),
+            |rows| rows.iter_mut().for_each(|r| r.swap(3, 2)),
+            &["inertia"],
+            "reference",
+        ),
+        (
+            "units",
+            turning(10, swinging),
+            |rows| rows.iter_mut().for_each(|r| r[2] = r[2].to_radians()),
+            &["inertia"],
+            "unit",
+        ),
+        (
+            "milliseconds",
+            turning(11, swinging),
+            |rows| rows.iter_mut().for_each(|r| r[0] *= 1e3),
+            &["inertia"],
+            "unit of time",
+        ),
+        (
+            "sign",
+            turning(12, swinging),
+            |rows| rows.iter_mut().for_each(|r| r[3] = -r[3]),
+            &["inertia"],
+            "negative",
+        ),
+    ];
+    for (what, mut rows, spoil, hidden, why) in cases {
+        spoil(&mut rows);
+        let (json, code) = identify_turning(&csv(TURNING, rows), &[]);
+        assert_eq!(code, 1, "{what}: {json}");
+        let verdict = json["verdict"].as_str().expect("a verdict");
+        assert!(
+            verdict.starts_with("not identifiable from this record") && verdict.contains(why),
+            "{what}: {verdict}"
+        );
+        for name in hidden {
+            assert!(
+                json["parameters"][name]["value"].is_null(),
+                "{what}: {name}"
+            );
+        }
+        assert!(json["fragment"].is_null(), "{what}");
+    }
+}
+
+/// Holes, gaps and stamps that jitter change next to nothing.
+#[test]
+fn a_servo_record_with_holes_is_used() {
+    let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(13);
+    let mut rows = turning(13, swinging);
+    rows.drain(9000..9500);
+    for row in &mut rows {
+        row[0] += 5e-5 * normal(&mut rng);
+    }
+    for _ in 0..200 {
+        let k = rng.random_range(0..rows.len());
+        rows[k][2] = f64::NAN;
+    }
+    let (json, code) = identify_turning(&csv(TURNING, rows), &["--friction", "asymmetric"]);
+    assert_eq!(code, 0, "{json}");
+    near(value(&json, "inertia").expect("known"), 0.02, 5.0);
+    near(
+        value(&json, "coulomb_friction_forward").expect("known"),
+        0.4,
+        5.0,
+    );
+    assert!(json["remarks"].as_array().expect("remarks").len() >= 3);
+}
+
+#[test]
+fn bad_columns_are_explained() {
+    let folder = TempDir::new().expect("a folder");
+    let rows = csv(TURNING, turning(1, swinging).into_iter().take(300));
+    fs::write(folder.path().join("r.csv"), &rows).expect("a file");
+    fs::write(
+        folder.path().join("word.csv"),
+        rows.replacen("0.000500000", "soon", 1),
+    )
+    .expect("a file");
+    let back = rows.replacen("0.001000000", "0.000100000", 1);
+    fs::write(folder.path().join("back.csv"), back).expect("a file");
+    for (file, position, voltage, says) in [
+        ("none.csv", "q_deg", "u_V", "cannot be read"),
+        ("r.csv", "x", "u_V", "no such column"),
+        ("r.csv", "q_deg:V", "u_V", "cannot be in"),
+        ("r.csv", "q_deg:rad", "u_V", "its name says deg"),
+        ("r.csv", "u_V", "q_deg", "no unit for --position"),
+        ("r.csv", "q_deg", "q_deg:V", "named twice"),
+        ("word.csv", "q_deg", "u_V", "soon"),
+        ("back.csv", "q_deg", "u_V", "comes after"),
+    ] {
+        let (code, out, error) = pigtail(
+            folder.path(),
+            &[
+                "identify",
+                "servo",
+                "--data",
+                file,
+                "--position",
+                position,
+                "--voltage",
+                voltage,
+                "--force-per-volt",
+                "1",
+            ],
+        );
+        assert_eq!(code, Some(2), "{out}{error}");
+        assert_eq!(error.lines().count(), 1, "{error}");
+        assert!(!folder.path().join("runs").exists());
+        assert!(error.contains(says), "{error}");
+    }
+}
