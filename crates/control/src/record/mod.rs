@@ -6,13 +6,20 @@
 //! number that looks like one.
 //!
 //! - [`timeline`]: an even grid, gaps, jitter, missing samples; [`signal`]: filters and derivatives;
-//! - [`regression`]: linear least squares, weighted, with instruments;
-//! - [`servo`]: inertia and friction by the inverse dynamic model, and the closed loop replayed.
+//! - [`regression`]: linear least squares, weighted, with instruments; [`curve`]: nonlinear ones;
+//! - [`servo`]: inertia and friction by the inverse dynamic model, and the closed loop replayed;
+//! - [`friction`]: laws of friction against displacement;
+//! - [`windup`]: a transmission from encoders on both of its sides;
+//! - [`resonance`]: modes from a frequency response.
 
+pub mod curve;
+pub mod friction;
 pub mod regression;
+pub mod resonance;
 pub mod servo;
 pub mod signal;
 pub mod timeline;
+pub mod windup;
 
 /// A parameter that was looked for.
 #[derive(Debug, Clone, PartialEq)]

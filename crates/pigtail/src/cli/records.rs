@@ -3,12 +3,15 @@
 use super::{DONE, Failure, NEGATIVE};
 use crate::records::columns::Named;
 use crate::records::fragment::{AxisTable, ControllerTable, Fragment, RecordTable};
+use crate::records::friction;
 use crate::records::servo::{self, Roles};
+use crate::records::windup;
 use crate::records::{Answer, Shown, capital, short};
 use crate::report;
 use crate::rig::hash;
 use crate::runs::Run;
 use clap::{Args, ValueEnum};
+use pigtail_control::record::friction::Law;
 use pigtail_control::record::servo::{Controller, Friction, Method, Settings};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -193,6 +196,200 @@ pub(super) fn servo(a: &ServoArguments) -> Result<u8, Failure> {
         &hashes,
         fragment.map(|f| move |run: &Run| Ok(("plant.toml", f(origin("servo", run)).text()?))),
         &a.output,
+    )
+}
+
+/// Identify a law of friction from a record of force against displacement
+///
+/// Fits the thesis's presliding (2.12)-(2.13), symmetric and with each direction for itself, Dahl's law,
+/// Maxwell-slip elements and, where there is time, LuGre to the record's first six tenths, and chooses by the
+/// error on the rest, or on a second record; of laws that are as good the one with fewer parameters. Then
+/// it is fitted to the whole record.
+///
+/// A force that does negative work is what friction does to the body: its sign is turned. What the record
+/// does not tell has no value, and the exit code is 1.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pigtail identify friction --data d.csv --displacement position_mm --force friction_uN
+  pigtail identify friction --data d.csv --displacement x:um --force f:N --law lugre")]
+pub(super) struct FrictionArguments {
+    /// A CSV file whose first line names its columns
+    #[arg(long, value_name = "FILE")]
+    data: PathBuf,
+    /// Its column of displacement, a length or an angle
+    #[arg(long, value_name = "COLUMN")]
+    displacement: Named,
+    /// Its column of force or torque
+    #[arg(long, value_name = "COLUMN")]
+    force: Named,
+    /// Its column of time; `t_s`, `time_s`, `t` or `time` if not given and there
+    #[arg(long, value_name = "COLUMN")]
+    time: Option<Named>,
+    /// A second record of the same columns, to judge by
+    #[arg(long, value_name = "FILE")]
+    validate: Option<PathBuf>,
+    /// Laws of at most so many parameters
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u8).range(3..=6))]
+    most_parameters: u8,
+    /// The law to report, whichever is best
+    #[arg(long, value_enum)]
+    law: Option<LawChoice>,
+    #[command(flatten)]
+    output: Output,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum LawChoice {
+    /// (2.12)-(2.13), beside an offset
+    Presliding,
+    /// The same, each direction for itself
+    PreslidingTwoSided,
+    /// Dahl's
+    Dahl,
+    /// Maxwell-slip elements
+    MaxwellSlip,
+    /// LuGre
+    Lugre,
+    /// LuGre with viscous friction and an offset
+    LugreViscous,
+}
+
+impl LawChoice {
+    fn law(self) -> Law {
+        match self {
+            Self::Presliding => Law::Presliding,
+            Self::PreslidingTwoSided => Law::PreslidingTwoSided,
+            Self::Dahl => Law::Dahl,
+            Self::MaxwellSlip => Law::MaxwellSlip,
+            Self::Lugre => Law::LuGre,
+            Self::LugreViscous => Law::LuGreViscous,
+        }
+    }
+}
+
+pub(super) fn friction(a: &FrictionArguments) -> Result<u8, Failure> {
+    let roles = friction::Roles {
+        time: a.time.clone(),
+        displacement: a.displacement.clone(),
+        force: a.force.clone(),
+    };
+    let first = roles.read(&a.data)?;
+    let second = a
+        .validate
+        .as_ref()
+        .map(|path| roles.read(path))
+        .transpose()?;
+    let law = a.law.map(LawChoice::law);
+    let most = law.map_or(usize::from(a.most_parameters), |l| {
+        l.parameters().len().max(usize::from(a.most_parameters))
+    });
+    let found = friction::friction(&first, second.as_ref(), most, law);
+    let fragment = found.fragment.clone();
+    let mut hashes = vec![hash_of(&a.data)];
+    hashes.extend(a.validate.as_deref().map(hash_of));
+    let title = format!("Friction in {}", a.data.display());
+    finish(
+        "friction",
+        &title,
+        found.answer,
+        found.shown.as_ref(),
+        &hashes,
+        fragment.map(|text| {
+            move |run: &Run| {
+                Ok((
+                    "plant.toml",
+                    format!("# By {}.\n{text}", origin("friction", run)),
+                ))
+            }
+        }),
+        &a.output,
+    )
+}
+
+/// The record of a transmission, for `pigtail identify windup`.
+#[derive(Debug, Args)]
+pub(super) struct WindupRecordArguments {
+    /// A CSV file whose first line names its columns, instead of an axis
+    #[arg(long, value_name = "FILE", requires_all = ["motor", "load"])]
+    data: Option<PathBuf>,
+    /// Its column of the motor's position
+    #[arg(long, value_name = "COLUMN", requires = "data")]
+    motor: Option<Named>,
+    /// Its column of the load's position
+    #[arg(long, value_name = "COLUMN", requires = "data")]
+    load: Option<Named>,
+    /// Its column of the motor's torque
+    #[arg(long, value_name = "COLUMN", requires = "data")]
+    torque: Option<Named>,
+    /// Its column of time; `t_s`, `time_s`, `t` or `time` if not given
+    #[arg(long, value_name = "COLUMN", requires = "data")]
+    time: Option<Named>,
+    /// Turns of the output for a turn of the motor, where the motor's column is not yet in angles of the output
+    #[arg(long, value_name = "R", default_value_t = 1.0, value_parser = super::positive, requires = "data")]
+    ratio: f64,
+    /// A second record of the same columns, to judge by
+    #[arg(long, value_name = "FILE", requires = "data")]
+    validate: Option<PathBuf>,
+    /// Table of the calibration that the fragment is for
+    #[arg(long, value_enum, default_value = "five-bar", requires = "data")]
+    kind: KindChoice,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum KindChoice {
+    /// `windup.five_bar`
+    FiveBar,
+    /// `windup.z`
+    Z,
+}
+
+pub(super) fn windup(a: &WindupRecordArguments, json: bool, runs: &Path) -> Result<u8, Failure> {
+    let (Some(data), Some(motor), Some(load)) = (&a.data, &a.motor, &a.load) else {
+        let message = "no record; accepted is an axis, or --data with --motor and --load";
+        return Err(pigtail_hal::Error::new("identify windup", "", message).into());
+    };
+    let roles = windup::Roles {
+        time: a.time.clone(),
+        motor: motor.clone(),
+        load: load.clone(),
+        torque: a.torque.clone(),
+        ratio: a.ratio,
+    };
+    let first = roles.read(data)?;
+    let second = a
+        .validate
+        .as_ref()
+        .map(|path| roles.read(path))
+        .transpose()?;
+    let found = windup::windup(&first, second.as_ref());
+    let mut hashes = vec![hash_of(data)];
+    hashes.extend(a.validate.as_deref().map(hash_of));
+    let title = format!("A transmission from {}", data.display());
+    let table = match a.kind {
+        KindChoice::FiveBar => "five_bar",
+        KindChoice::Z => "z",
+    };
+    let model = found.model.clone();
+    finish(
+        "windup",
+        &title,
+        found.answer,
+        found.shown.as_ref(),
+        &hashes,
+        model.map(|model| {
+            move |run: &Run| {
+                let origin = format!("identify windup --data, run {}", run.name());
+                Ok((
+                    "calibration.toml",
+                    windup::fragment(&model, table, &run.date(), &origin),
+                ))
+            }
+        }),
+        &Output {
+            json,
+            runs: runs.to_owned(),
+        },
     )
 }
 

@@ -157,18 +157,46 @@ pub fn time_named(path: &Path, given: Option<&Named>) -> Result<Named, Error> {
     if let Some(given) = given {
         return Ok(given.clone());
     }
+    usual_time(path)?.ok_or_else(|| {
+        let there = names(path).unwrap_or_default().join(", ");
+        let message = format!(
+            "no column is named as time usually is; name one with --time: there are {there}"
+        );
+        Error::new(path.display().to_string(), "--time", message)
+    })
+}
+
+/// The column of time with a usual name, where there is one.
+///
+/// # Errors
+///
+/// When the file cannot be read.
+pub fn usual_time(path: &Path) -> Result<Option<Named>, Error> {
     let names = names(path)?;
-    TIMES
-        .iter()
-        .find(|t| names.iter().any(|n| n == *t))
-        .map(|t| Named::new(*t))
-        .ok_or_else(|| {
+    let usual = TIMES.iter().find(|t| names.iter().any(|n| n == *t));
+    Ok(usual.map(|t| Named::new(*t)))
+}
+
+/// That a column of time rises wherever it has a value.
+///
+/// # Errors
+///
+/// When it does not.
+pub fn rising(path: &Path, time: &Column) -> Result<(), Error> {
+    let mut last = f64::NEG_INFINITY;
+    for (k, value) in time.values.iter().enumerate() {
+        if *value <= last {
             let message = format!(
-                "no column is named as time usually is; name one with --time: there are {}",
-                names.join(", ")
+                "time {value} s comes after {last} s in data row {}; accepted is time that rises throughout",
+                k + 1
             );
-            Error::new(path.display().to_string(), "--time", message)
-        })
+            return Err(Error::new(path.display().to_string(), &time.name, message));
+        }
+        if value.is_finite() {
+            last = *value;
+        }
+    }
+    Ok(())
 }
 
 fn open(path: &Path) -> Result<csv::Reader<std::fs::File>, Error> {
@@ -320,6 +348,11 @@ fn locate(file: &str, names: &[String], want: &Wanted) -> Result<(usize, Column)
             (unit, By::Option)
         }
         (None, Some(unit)) if want.of.contains(&unit.1) => (unit, By::Name),
+        // A magnitude may be of anything over anything.
+        (None, Some(_)) if want.of.contains(&Dimension::Ratio) => {
+            let usual = UNITS.iter().find(|u| u.1 == Dimension::Ratio);
+            (usual.unwrap_or(&UNITS[0]), By::Name)
+        }
         (None, Some(unit)) => {
             let message = format!(
                 "its name says {}, which is no unit for {}; accepted is a column in {}, or its unit as \

@@ -2,7 +2,9 @@
 
 pub mod columns;
 pub mod fragment;
+pub mod friction;
 pub mod servo;
+pub mod windup;
 
 use pigtail_control::record::{Account, Parameter, Unknown};
 use serde_json::{Map, Value, json};
