@@ -23,6 +23,7 @@ enum What {
     Windup(WindupArguments),
     Servo(super::records::ServoArguments),
     Friction(super::records::FrictionArguments),
+    Resonance(super::records::ResonanceArguments),
     Hysteresis(super::hysteresis::IdentifyArguments),
 }
 
@@ -69,6 +70,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         What::Windup(arguments) => run_windup(arguments),
         What::Servo(arguments) => super::records::servo(arguments),
         What::Friction(arguments) => super::records::friction(arguments),
+        What::Resonance(arguments) => super::records::resonance(arguments),
         What::Hysteresis(arguments) => super::hysteresis::identify(arguments),
     }
 }

@@ -4,6 +4,7 @@ use super::{DONE, Failure, NEGATIVE};
 use crate::records::columns::Named;
 use crate::records::fragment::{AxisTable, ControllerTable, Fragment, RecordTable};
 use crate::records::friction;
+use crate::records::resonance;
 use crate::records::servo::{self, Roles};
 use crate::records::windup;
 use crate::records::{Answer, Shown, capital, short};
@@ -390,6 +391,71 @@ pub(super) fn windup(a: &WindupRecordArguments, json: bool, runs: &Path) -> Resu
             json,
             runs: runs.to_owned(),
         },
+    )
+}
+
+/// Identify modes, damping and delay from a frequency response
+///
+/// A row for each frequency: magnitude (a ratio or decibels) and phase, or real and imaginary part. Modes are
+/// added one at a time, as long as the points that were held back, every second one, are told better by
+/// a twentieth. What the points do not resolve has no value, and the exit code is 1.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pigtail identify resonance --data frf.csv
+  pigtail identify resonance --data frf.csv --frequency f:Hz --magnitude gain:dB --phase arg:deg")]
+pub(super) struct ResonanceArguments {
+    /// A CSV file whose first line names its columns
+    #[arg(long, value_name = "FILE")]
+    data: PathBuf,
+    /// Its column of frequency; one with a usual name if not given
+    #[arg(long, value_name = "COLUMN")]
+    frequency: Option<Named>,
+    /// Its column of magnitude, a ratio or in dB; one with a usual name if not given
+    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["real", "imaginary"])]
+    magnitude: Option<Named>,
+    /// Its column of phase; one with a usual name if not given
+    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["real", "imaginary"])]
+    phase: Option<Named>,
+    /// Its column of the real part
+    #[arg(long, value_name = "COLUMN", requires = "imaginary")]
+    real: Option<Named>,
+    /// Its column of the imaginary part
+    #[arg(long, value_name = "COLUMN", requires = "real")]
+    imaginary: Option<Named>,
+    /// Its column of coherence, by which points count
+    #[arg(long, value_name = "COLUMN")]
+    coherence: Option<Named>,
+    #[command(flatten)]
+    output: Output,
+}
+
+pub(super) fn resonance(a: &ResonanceArguments) -> Result<u8, Failure> {
+    let roles = resonance::Roles {
+        frequency: a.frequency.clone(),
+        magnitude: a.magnitude.clone(),
+        phase: a.phase.clone(),
+        parts: a.real.clone().zip(a.imaginary.clone()),
+        coherence: a.coherence.clone(),
+    };
+    let (answer, shown) = resonance::resonance(&roles, &a.data)?;
+    let modes = answer.is_whole().then(|| resonance::fragment(&answer));
+    let title = format!("Resonances in {}", a.data.display());
+    finish(
+        "resonance",
+        &title,
+        answer,
+        shown.as_ref(),
+        &[hash_of(&a.data)],
+        modes.map(|text| {
+            move |run: &Run| {
+                Ok((
+                    "plant.toml",
+                    format!("# By {}.\n{text}", origin("resonance", run)),
+                ))
+            }
+        }),
+        &a.output,
     )
 }
 

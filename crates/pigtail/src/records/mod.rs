@@ -3,6 +3,7 @@
 pub mod columns;
 pub mod fragment;
 pub mod friction;
+pub mod resonance;
 pub mod servo;
 pub mod windup;
 
