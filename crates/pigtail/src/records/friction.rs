@@ -238,8 +238,12 @@ fn fragment(first: &Read, best: &Fitted) -> String {
              friction = \"{law}\"\n\
              presliding = \"{presliding:.6e} rad\"\n\
              load_friction = {{ static = \"{fixed:.6e} N m\", coulomb = \"{coulomb:.6e} N m\", viscous = \"0 N m \
-             s/rad\" }}\n"
+             s/rad\" }}"
         );
+        if matches!(best.law, Law::LuGre | Law::LuGreViscous) {
+            let _ = writeln!(text, "stribeck = \"{:.6e} rad/s\"", p[3]);
+        }
+        text.push('\n');
     }
     let _ = writeln!(text, "[law]\nname = \"{}\"", best.law.name());
     for (name, value) in best.law.parameters().iter().zip(p) {
