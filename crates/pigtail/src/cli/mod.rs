@@ -13,6 +13,7 @@ mod records;
 mod simulate;
 mod trace;
 mod tune;
+mod twin;
 
 use crate::align::AlignError;
 use clap::{Parser, Subcommand};
@@ -64,6 +65,7 @@ enum Command {
     Characterize(characterize::Arguments),
     Trace(trace::Arguments),
     Simulate(simulate::Arguments),
+    Twin(twin::Arguments),
 }
 
 /// Why a command ends without its result.
@@ -122,6 +124,7 @@ pub fn main() -> ExitCode {
         Command::Characterize(arguments) => characterize::run(&arguments),
         Command::Trace(arguments) => trace::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Twin(arguments) => twin::run(&arguments),
     };
     match result {
         Ok(code) => ExitCode::from(code),

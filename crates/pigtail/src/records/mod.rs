@@ -5,6 +5,7 @@ pub mod fragment;
 pub mod friction;
 pub mod resonance;
 pub mod servo;
+pub mod twin;
 pub mod windup;
 
 use pigtail_control::record::{Account, Parameter, Unknown};

@@ -4,7 +4,7 @@ use super::columns::{self, Column, Dimension, Named, Source, Wanted};
 use super::fragment::Kind;
 use super::{Answer, Figure, NOT_IDENTIFIABLE, Rows, Shown, short};
 use pigtail_control::record::servo::{
-    Friction, Identified, Method, Record, Replay, Settings, Variant, identify, replay,
+    Friction, Identified, Method, Record, Replay, Settings, Sliding, Variant, identify, replay,
 };
 use pigtail_control::record::timeline::{Uneven, even};
 use pigtail_control::record::{Account, Unknown};
@@ -212,12 +212,8 @@ pub fn servo(
         let usable = found.unknown.is_empty();
         usable
             .then(|| {
-                replay(
-                    &read.record,
-                    &best.axis(set.force_per_volt),
-                    &controller,
-                    set,
-                )
+                let axis = best.axis(set.force_per_volt);
+                replay(&read.record, &axis, Sliding::Coulomb, &controller, set)
             })
             .flatten()
     };

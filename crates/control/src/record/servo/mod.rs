@@ -16,9 +16,11 @@
 mod check;
 mod controller;
 mod replay;
+mod sliding;
 
 pub use controller::Controller;
 pub use replay::{Axis, Replay};
+pub use sliding::Sliding;
 
 use super::regression::{
     Solution, instrumental, least_squares, matrix, relative, robust, tolerance,
@@ -497,7 +499,13 @@ fn instruments(
         if stretch.columns[POSITION].len() < LEAST + set.skip {
             continue;
         }
-        let told = replay::stretch(stretch, record.even.period, axis, controller)?;
+        let told = replay::stretch(
+            stretch,
+            record.even.period,
+            axis,
+            Sliding::Coulomb,
+            controller,
+        )?;
         equations.extend(
             stretch.start,
             record.even.period,
@@ -509,17 +517,18 @@ fn instruments(
     Some(equations)
 }
 
-/// Replays a record's reference in closed loop.
+/// Replays a record's reference in closed loop, under a law of friction.
 ///
 /// `None` for a record without reference, or where the replay runs away.
 pub fn replay(
     record: &Record,
     axis: &Axis,
+    law: Sliding,
     controller: &Controller,
     set: &Settings,
 ) -> Option<Replay> {
     record
         .has_reference
-        .then(|| replay::whole(record, axis, controller, set))
+        .then(|| replay::whole(record, axis, law, controller, set))
         .flatten()
 }

@@ -1,6 +1,7 @@
 //! The closed loop replayed: a record's reference, an identified axis and its controller.
 
 use super::controller::Controller;
+use super::sliding::{Moving, Sliding};
 use super::{POSITION, REFERENCE, Record, Settings, VOLTAGE};
 use crate::record::regression::relative;
 use crate::record::signal::{Lowpass, derivative};
@@ -100,25 +101,27 @@ pub(super) fn stretch(
     stretch: &Stretch,
     period: f64,
     axis: &Axis,
+    law: Sliding,
     controller: &Controller,
 ) -> Option<Told> {
     let (measured, reference) = (&stretch.columns[POSITION], &stretch.columns[REFERENCE]);
     let n = measured.len();
     let span = 5.min(n - 1);
     let velocity = (measured[span] - measured[0]) / (span as f64 * period);
-    let mut at = (measured[0], velocity);
-    let mut state = controller.at(at.0, at.1, period);
+    let mut moving = Moving::new(axis, law, measured[0], velocity);
+    let mut state = controller.at(measured[0], velocity, period);
     let mut told = Told {
         position: Vec::with_capacity(n),
         voltage: Vec::with_capacity(n),
     };
     let reach = 100.0 * measured.iter().fold(1e-9_f64, |m, q| m.max(q.abs()));
     for r in reference {
-        let voltage = controller.voltage(&mut state, *r, at.0, period);
-        told.position.push(at.0);
+        let seen = moving.output();
+        let voltage = controller.voltage(&mut state, *r, seen, period);
+        told.position.push(seen);
         told.voltage.push(voltage);
-        at = axis.advance(at, voltage, period);
-        if !(at.0.abs() < reach) {
+        moving.advance(voltage, period);
+        if seen.is_nan() || seen.abs() > reach {
             return None;
         }
     }
@@ -147,6 +150,7 @@ pub struct Replay {
 pub(super) fn whole(
     record: &Record,
     axis: &Axis,
+    law: Sliding,
     controller: &Controller,
     set: &Settings,
 ) -> Option<Replay> {
@@ -158,7 +162,7 @@ pub(super) fn whole(
         if n < super::LEAST + set.skip {
             continue;
         }
-        let told = stretch(part, period, axis, controller)?;
+        let told = stretch(part, period, axis, law, controller)?;
         let skip = set.skip..n;
         let velocity = |q: &[f64]| derivative(&filter.both_ways(q), period);
         replay
