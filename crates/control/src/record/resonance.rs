@@ -200,7 +200,7 @@ impl Record {
     /// What is left with the best linear part; NaN where there is none.
     fn left(&self, coded: &[f64]) -> Vec<f64> {
         let bad = || vec![f64::NAN; 2 * self.frequency.len()];
-        if coded.iter().any(|c| !(c.abs() < 60.0)) {
+        if coded.iter().any(|c| c.is_nan() || c.abs() >= 60.0) {
             return bad();
         }
         self.linear(coded).map_or_else(bad, |(_, left)| left)

@@ -194,14 +194,14 @@ mod tests {
 
     #[test]
     fn a_butterworth_is_flat_and_halves_the_power_at_its_cutoff() {
-        for order in 1..=6 {
-            let filter = Lowpass::butterworth(order, 0.2);
+        for order in 1..=6_u8 {
+            let filter = Lowpass::butterworth(usize::from(order), 0.2);
             let half = 0.5_f64.sqrt();
             assert!((passes(&filter, 0.2) - half).abs() < 1e-3, "order {order}");
             // |H|^2 = 1 / (1 + (tan / tan_c)^2n)
             let at = 0.35;
             let ratio = (0.5 * PI * at).tan() / (0.5 * PI * 0.2).tan();
-            let exact = 1.0 / (1.0 + ratio.powi(2 * order as i32)).sqrt();
+            let exact = 1.0 / (1.0 + ratio.powi(2 * i32::from(order))).sqrt();
             assert!((passes(&filter, at) - exact).abs() < 2e-3, "order {order}");
         }
     }

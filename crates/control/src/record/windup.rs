@@ -61,26 +61,66 @@ pub struct Parts {
 
 /// The models that are tried, simpler ones first.
 pub const MODELS: [(&str, Parts); 8] = [
-    ("skew", parts(false, false, false, false)),
-    ("reversal", parts(true, false, false, false)),
-    ("compliance", parts(false, false, true, false)),
-    ("compliance, reversal", parts(true, false, true, false)),
-    ("compliance, ratio", parts(false, false, true, true)),
-    ("compliance, memory", parts(false, true, true, false)),
+    ("skew", Parts::NONE),
+    (
+        "reversal",
+        Parts {
+            reversal: true,
+            ..Parts::NONE
+        },
+    ),
+    ("compliance", COMPLIANCE),
+    (
+        "compliance, reversal",
+        Parts {
+            reversal: true,
+            ..COMPLIANCE
+        },
+    ),
+    (
+        "compliance, ratio",
+        Parts {
+            ratio: true,
+            ..COMPLIANCE
+        },
+    ),
+    (
+        "compliance, memory",
+        Parts {
+            memory: true,
+            ..COMPLIANCE
+        },
+    ),
     (
         "compliance, reversal, ratio",
-        parts(true, false, true, true),
+        Parts {
+            reversal: true,
+            ratio: true,
+            ..COMPLIANCE
+        },
     ),
-    ("compliance, memory, ratio", parts(false, true, true, true)),
+    (
+        "compliance, memory, ratio",
+        Parts {
+            memory: true,
+            ratio: true,
+            ..COMPLIANCE
+        },
+    ),
 ];
 
-const fn parts(reversal: bool, memory: bool, compliance: bool, ratio: bool) -> Parts {
-    Parts {
-        reversal,
-        memory,
-        compliance,
-        ratio,
-    }
+const COMPLIANCE: Parts = Parts {
+    compliance: true,
+    ..Parts::NONE
+};
+
+impl Parts {
+    const NONE: Self = Self {
+        reversal: false,
+        memory: false,
+        compliance: false,
+        ratio: false,
+    };
 }
 
 /// Ways of the elements, as shares of the range.
@@ -179,6 +219,7 @@ impl Signals {
                 torque.extend(filter.both_ways(&stretch.columns[TORQUE]));
             }
         }
+        signals.thin();
         let (low, high) = signals
             .position
             .iter()
@@ -188,6 +229,31 @@ impl Signals {
         signals.range = high - low;
         signals.middle = 0.5 * (low + high);
         signals
+    }
+
+    /// Every so many samples, where there are very many: what models are made of changes slowly.
+    fn thin(&mut self) {
+        const MOST: usize = 40_000;
+        let n = self.time.len();
+        let every = n.div_ceil(MOST);
+        if every <= 1 {
+            return;
+        }
+        let kept: Vec<usize> = (0..n).step_by(every).collect();
+        let pick = |column: &mut Vec<f64>| *column = kept.iter().map(|k| column[*k]).collect();
+        pick(&mut self.time);
+        pick(&mut self.windup);
+        pick(&mut self.position);
+        pick(&mut self.velocity);
+        pick(&mut self.acceleration);
+        if let Some(torque) = &mut self.torque {
+            pick(torque);
+        }
+        for begin in &mut self.begins {
+            *begin = begin.div_ceil(every);
+        }
+        self.begins.retain(|begin| *begin < kept.len());
+        self.begins.dedup();
     }
 
     /// (2.20)-(2.26) with a maximum of one.
@@ -224,7 +290,7 @@ impl Signals {
         let mut held = 0.0;
         (0..self.position.len())
             .map(|k| {
-                let begins = self.begins.contains(&k);
+                let begins = self.begins.binary_search(&k).is_ok();
                 if begins {
                     begin = self.position[k];
                     held = 0.0;
@@ -305,10 +371,10 @@ impl Signals {
 
 /// A column between its samples, by the cubic through four of them.
 fn at(column: &[f64], place: f64) -> f64 {
-    let n = column.len() as i64;
-    let k = (place.floor() as i64).clamp(0, n - 1);
+    let n = column.len().cast_signed();
+    let k = (place.floor() as isize).clamp(0, n - 1);
     let f = place - k as f64;
-    let v = |i: i64| column[(k + i).clamp(0, n - 1) as usize];
+    let v = |i: isize| column[(k + i).clamp(0, n - 1).cast_unsigned()];
     let (a, b, c, d) = (v(-1), v(0), v(1), v(2));
     let slope0 = 0.5 * (c - a);
     let slope1 = 0.5 * (d - b);
@@ -352,7 +418,7 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
         }
     }
     let most = 50.0 * record.even.period;
-    if !(skew.abs() < most) {
+    if skew.is_nan() || skew.abs() >= most {
         return Err(Unknown::all(format!(
             "its channels would be {skew:.3} s apart: they are not of one motion"
         )));
@@ -419,6 +485,7 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
         velocity: signals.velocity,
     };
     Ok(Identified {
+        models,
         best,
         parameters,
         unknown,
@@ -426,7 +493,6 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
         skew,
         remarks,
         account,
-        models,
     })
 }
 

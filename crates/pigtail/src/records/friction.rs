@@ -184,27 +184,7 @@ pub fn friction(first: &Read, second: Option<&Read>, most: usize, law: Option<La
     );
     answer.verdict = answer.doubts().unwrap_or(chosen);
     answer.more.insert("law".to_owned(), best.law.name().into());
-    let laws = found.laws.iter().map(|l| {
-        let parameters = l.law.parameters().iter().zip(&l.known);
-        let whole = Answer {
-            parameters: parameters
-                .map(|(name, known)| {
-                    let known = (!found.unknown.iter().any(|u| u.covers(name))).then_some(*known);
-                    (Parameter { name, known }, first.unit(name))
-                })
-                .collect(),
-            unknown: found.unknown.clone(),
-            ..Answer::default()
-        };
-        json!({
-            "law": l.law.name(),
-            "parameters": whole.json()["parameters"],
-            "relative_error_percent": l.relative_error_percent,
-            "validation_error_percent": l.validation_error_percent,
-            "condition": l.condition,
-        })
-    });
-    answer.more.insert("laws".to_owned(), laws.collect());
+    answer.more.insert("laws".to_owned(), laws(first, &found));
     let shown = shown(first, record, &found);
     let fragment = answer.is_whole().then(|| fragment(first, best));
     Found {
@@ -212,6 +192,35 @@ pub fn friction(first: &Read, second: Option<&Read>, most: usize, law: Option<La
         shown: Some(shown),
         fragment,
     }
+}
+
+/// All laws that were fitted.
+fn laws(first: &Read, found: &Identified) -> serde_json::Value {
+    found
+        .laws
+        .iter()
+        .map(|l| {
+            let parameters = l.law.parameters().iter().zip(&l.known);
+            let whole = Answer {
+                parameters: parameters
+                    .map(|(name, known)| {
+                        let known =
+                            (!found.unknown.iter().any(|u| u.covers(name))).then_some(*known);
+                        (Parameter { name, known }, first.unit(name))
+                    })
+                    .collect(),
+                unknown: found.unknown.clone(),
+                ..Answer::default()
+            };
+            json!({
+                "law": l.law.name(),
+                "parameters": whole.json()["parameters"],
+                "relative_error_percent": l.relative_error_percent,
+                "validation_error_percent": l.validation_error_percent,
+                "condition": l.condition,
+            })
+        })
+        .collect()
 }
 
 /// The keys of a joint in a `plant.toml` that a law sets, in its units where the record is of a turning

@@ -130,8 +130,11 @@ impl Answer {
     }
 }
 
-/// A number with five significant digits.
+/// A number with five significant digits; a dash for none.
 pub fn short(value: f64) -> String {
+    if !value.is_finite() {
+        return "-".to_owned();
+    }
     if value == 0.0 || (1e-3..1e6).contains(&value.abs()) {
         let digits = if value == 0.0 {
             1

@@ -4,7 +4,7 @@ use super::columns::{self, Dimension, Named, Wanted};
 use super::{Answer, Figure, Shown, short};
 use nalgebra::Complex;
 use pigtail_control::record::Unknown;
-use pigtail_control::record::resonance::{NAMES, Record, bode, identify};
+use pigtail_control::record::resonance::{Identified, NAMES, Record, bode, identify};
 use pigtail_hal::Error;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -53,103 +53,158 @@ const REALS: [&str; 4] = ["re", "real", "Re", "Real"];
 const IMAGINARIES: [&str; 5] = ["im", "imag", "imaginary", "Im", "Imag"];
 const COHERENCES: [&str; 2] = ["coherence", "Coherence"];
 
+/// The columns that were chosen.
+struct Chosen {
+    frequency: Named,
+    /// Magnitude and phase, or real and imaginary part.
+    pair: [Named; 2],
+    polar: bool,
+    coherence: Option<Named>,
+}
+
+/// A frequency response that was read.
+struct Response {
+    frequency: Vec<f64>,
+    values: Vec<Complex<f64>>,
+    weight: Option<Vec<f64>>,
+    remarks: Vec<String>,
+}
+
+/// Of what a column of numbers without a unit is.
+const RATIO: &[Dimension] = &[Dimension::Ratio];
+
+impl Roles {
+    /// The columns by their names, or by their usual names; `None` where there is no phase.
+    fn choose(&self, path: &Path) -> Result<Option<Chosen>, Error> {
+        let there = columns::names(path)?;
+        let usual = |given: &Option<Named>, names: &[&str]| {
+            given.clone().or_else(|| {
+                let found = names.iter().find(|n| there.iter().any(|t| t == *n));
+                found.map(|n| Named::new(*n))
+            })
+        };
+        let missing = |option: &str| {
+            let message = format!(
+                "no column has a usual name for it; name one: there are {}",
+                there.join(", ")
+            );
+            Error::new(path.display().to_string(), option, message)
+        };
+        let frequency =
+            usual(&self.frequency, &FREQUENCIES).ok_or_else(|| missing("--frequency"))?;
+        let coherence = usual(&self.coherence, &COHERENCES);
+        let found = || usual(&None, &REALS).zip(usual(&None, &IMAGINARIES));
+        let parts = self.parts.clone().or_else(|| {
+            let polar = self.magnitude.is_some() || self.phase.is_some();
+            if polar { None } else { found() }
+        });
+        if let Some((real, imaginary)) = parts {
+            return Ok(Some(Chosen {
+                frequency,
+                pair: [real, imaginary],
+                polar: false,
+                coherence,
+            }));
+        }
+        let magnitude =
+            usual(&self.magnitude, &MAGNITUDES).ok_or_else(|| missing("--magnitude"))?;
+        Ok(usual(&self.phase, &PHASES).map(|phase| Chosen {
+            frequency,
+            pair: [magnitude, phase],
+            polar: true,
+            coherence,
+        }))
+    }
+}
+
+impl Chosen {
+    fn read(&self, path: &Path) -> Result<Response, Error> {
+        let file = path.display().to_string();
+        let wanted = |option, named, of| Wanted { option, named, of };
+        let [first, second] = &self.pair;
+        let mut list = vec![wanted(
+            "--frequency",
+            &self.frequency,
+            &[Dimension::Frequency][..],
+        )];
+        if self.polar {
+            list.push(wanted(
+                "--magnitude",
+                first,
+                &[Dimension::Ratio, Dimension::Decibel],
+            ));
+            list.push(wanted("--phase", second, &[Dimension::Angle]));
+        } else {
+            list.push(wanted("--real", first, RATIO));
+            list.push(wanted("--imaginary", second, RATIO));
+        }
+        if let Some(coherence) = &self.coherence {
+            list.push(wanted("--coherence", coherence, RATIO));
+        }
+        let mut read = columns::read(path, &list)?;
+        let remarks = columns::remarks(&read);
+        let (a, b) = (&read[1], &read[2]);
+        let large = b.values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+        if self.polar && b.by == columns::By::Nothing && large > 7.0 {
+            let message = format!(
+                "reaches {large:.1}, which is much for radians; say its unit: \"{}:deg\" or \"{}:rad\"",
+                b.name, b.name
+            );
+            return Err(Error::new(&file, &b.name, message));
+        }
+        let below = a.values.iter().any(|v| *v < 0.0);
+        if self.polar && a.dimension == Dimension::Ratio && below {
+            let message = format!(
+                "has values below zero, which no magnitude has; accepted are ratios, or decibels as \
+                 \"{}:dB\"",
+                a.name
+            );
+            return Err(Error::new(&file, &a.name, message));
+        }
+        let values = a
+            .values
+            .iter()
+            .zip(&b.values)
+            .map(|(a_k, b_k)| match (self.polar, a.dimension) {
+                (false, _) => Complex::new(*a_k, *b_k),
+                (true, Dimension::Decibel) => Complex::from_polar(10f64.powf(0.05 * a_k), *b_k),
+                (true, _) => Complex::from_polar(*a_k, *b_k),
+            })
+            .collect();
+        Ok(Response {
+            values,
+            weight: (read.len() > 3).then(|| read.remove(3).values),
+            frequency: read.remove(0).values,
+            remarks,
+        })
+    }
+}
+
 /// Reads a frequency response and identifies its modes.
 ///
 /// # Errors
 ///
 /// Bad input.
 pub fn resonance(roles: &Roles, path: &Path) -> Result<(Answer, Option<Shown>), Error> {
-    let file = path.display().to_string();
-    let there = columns::names(path)?;
-    let usual = |given: &Option<Named>, names: &[&str]| {
-        given.clone().or_else(|| {
-            let found = names.iter().find(|n| there.iter().any(|t| t == *n));
-            found.map(|n| Named::new(*n))
-        })
-    };
-    let missing = |option: &str| {
-        let message = format!(
-            "no column has a usual name for it; name one: there are {}",
-            there.join(", ")
-        );
-        Error::new(&file, option, message)
-    };
-    let frequency = usual(&roles.frequency, &FREQUENCIES).ok_or_else(|| missing("--frequency"))?;
-    let parts = roles.parts.clone().or_else(|| {
-        roles
-            .magnitude
-            .is_none()
-            .then(|| usual(&None, &REALS).zip(usual(&None, &IMAGINARIES)))
-            .flatten()
-    });
-    let coherence = usual(&roles.coherence, &COHERENCES);
     let names = [
         ("frequency_1", "Hz".to_owned()),
         ("damping_1", "1".to_owned()),
         ("delay", "s".to_owned()),
     ];
-    let wanted = |option, named, of| Wanted { option, named, of };
-    const RATIO: &[Dimension] = &[Dimension::Ratio];
-    let (magnitude, phase);
-    let mut list = vec![wanted(
-        "--frequency",
-        &frequency,
-        &[Dimension::Frequency][..],
-    )];
-    if let Some((real, imaginary)) = &parts {
-        list.push(wanted("--real", real, RATIO));
-        list.push(wanted("--imaginary", imaginary, RATIO));
-    } else {
-        magnitude = usual(&roles.magnitude, &MAGNITUDES).ok_or_else(|| missing("--magnitude"))?;
-        let Some(found) = usual(&roles.phase, &PHASES) else {
-            let why = "it has no phase (--phase): without one neither a delay nor the sign of a mode is known";
-            return Ok((Answer::nothing(&names, Unknown::all(why)), None));
-        };
-        phase = found;
-        list.push(wanted(
-            "--magnitude",
-            &magnitude,
-            &[Dimension::Ratio, Dimension::Decibel],
-        ));
-        list.push(wanted("--phase", &phase, &[Dimension::Angle]));
-    }
-    if let Some(coherence) = &coherence {
-        list.push(wanted("--coherence", coherence, RATIO));
-    }
-    let read = columns::read(path, &list)?;
-    let (a, b) = (&read[1], &read[2]);
-    let response: Vec<Complex<f64>> = a
-        .values
-        .iter()
-        .zip(&b.values)
-        .map(|(a_k, b_k)| match (&parts, a.dimension) {
-            (Some(_), _) => Complex::new(*a_k, *b_k),
-            (None, Dimension::Decibel) => Complex::from_polar(10f64.powf(0.05 * a_k), *b_k),
-            (None, _) => Complex::from_polar(*a_k, *b_k),
-        })
-        .collect();
-    let weight = read.get(3).map(|c| &c.values[..]);
-    let mut remarks = columns::remarks(&read);
-    let large = b.values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-    if parts.is_none() && b.by == columns::By::Nothing && large > 7.0 {
-        let message = format!(
-            "reaches {large:.1}, which is much for radians; say its unit: \"{}:deg\" or \"{}:rad\"",
-            b.name, b.name
-        );
-        return Err(Error::new(&file, &b.name, message));
-    }
-    if parts.is_none() && a.dimension == Dimension::Ratio && a.values.iter().any(|v| *v < 0.0) {
-        let message = format!(
-            "has values below zero, which no magnitude has; accepted are ratios, or decibels as \"{}:dB\"",
-            a.name
-        );
-        return Err(Error::new(&file, &a.name, message));
-    }
-    let found = Record::new(&read[0].values, &response, weight).and_then(|r| identify(&r));
-    let found = match found {
-        Ok(found) => found,
-        Err(unknown) => return Ok((Answer::nothing(&names, unknown), None)),
+    let Some(chosen) = roles.choose(path)? else {
+        let why = "it has no phase (--phase): without one neither a delay nor the sign of a mode is known";
+        return Ok((Answer::nothing(&names, Unknown::all(why)), None));
     };
+    let read = chosen.read(path)?;
+    let found = Record::new(&read.frequency, &read.values, read.weight.as_deref())
+        .and_then(|record| identify(&record));
+    Ok(match found {
+        Ok(found) => (answer(&found, read.remarks), Some(shown(&found))),
+        Err(unknown) => (Answer::nothing(&names, unknown), None),
+    })
+}
+
+fn answer(found: &Identified, remarks: Vec<String>) -> Answer {
     let unit = |name: &str| {
         if name.starts_with("frequency") {
             "Hz"
@@ -170,9 +225,9 @@ pub fn resonance(roles: &Roles, path: &Path) -> Result<(Answer, Option<Shown>), 
         validation_error_percent: Some(found.validation_error_percent),
         condition: Some(found.condition),
         unknown: found.unknown.clone(),
+        remarks,
         ..Answer::default()
     };
-    answer.remarks.append(&mut remarks);
     let modes: Vec<String> = NAMES
         .iter()
         .take(found.modes)
@@ -189,6 +244,10 @@ pub fn resonance(roles: &Roles, path: &Path) -> Result<(Answer, Option<Shown>), 
     );
     answer.verdict = answer.doubts().unwrap_or(told);
     answer.more.insert("modes".to_owned(), found.modes.into());
+    answer
+}
+
+fn shown(found: &Identified) -> Shown {
     let [magnitude, phase] = bode(&found.record.frequency, &found.record.response);
     let [told_magnitude, told_phase] = bode(&found.record.frequency, &found.told);
     let pair = |measured, told| {
@@ -210,7 +269,7 @@ pub fn resonance(roles: &Roles, path: &Path) -> Result<(Answer, Option<Shown>), 
         curves,
         caption: caption.to_owned(),
     };
-    let shown = Shown {
+    Shown {
         figures: vec![
             figure(
                 "magnitude, dB",
@@ -229,8 +288,7 @@ pub fn resonance(roles: &Roles, path: &Path) -> Result<(Answer, Option<Shown>), 
             ),
         ],
         ..Shown::default()
-    };
-    Ok((answer, Some(shown)))
+    }
 }
 
 /// The modes as a TOML text.

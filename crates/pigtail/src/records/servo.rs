@@ -38,6 +38,9 @@ pub struct Read {
     pub remarks: Vec<String>,
 }
 
+/// What a position may be.
+const MOVES: &[Dimension] = &[Dimension::Length, Dimension::Angle];
+
 impl Roles {
     /// Reads a record.
     ///
@@ -48,7 +51,6 @@ impl Roles {
         let file = path.display().to_string();
         let time = columns::time_named(path, self.time.as_ref())?;
         let wanted = |option, named, of| Wanted { option, named, of };
-        const MOVES: &[Dimension] = &[Dimension::Length, Dimension::Angle];
         let mut list = vec![
             wanted("--time", &time, &[Dimension::Time][..]),
             wanted("--position", &self.position, MOVES),
@@ -213,18 +215,43 @@ pub fn servo(
         usable
             .then(|| {
                 let axis = best.axis(set.force_per_volt);
-                replay(&read.record, &axis, Sliding::Coulomb, &controller, set)
+                replay(&read.record, &axis, &Sliding::Coulomb, &controller, set)
             })
             .flatten()
     };
     let replayed = again(first);
-    let tell = |r: &Replay| {
-        json!({
-            "velocity_error_percent": r.velocity_error_percent,
-            "force_error_percent": r.force_error_percent,
-            "position_error_percent": r.position_error_percent,
-        })
-    };
+    tell_more(&mut answer, &found, (friction, method), first.kind);
+    if let Some(r) = &replayed {
+        answer.more.insert("replay".to_owned(), tell(r));
+    }
+    if let Some(r) = second.and_then(again) {
+        answer.more.insert("validation_replay".to_owned(), tell(&r));
+    }
+    let shown = shown(&found, &best, replayed.as_ref(), first.kind);
+    Servo {
+        answer,
+        shown: Some(shown),
+        best: Some((best, found)),
+    }
+}
+
+/// How far a replay is from its record.
+fn tell(r: &Replay) -> Value {
+    json!({
+        "velocity_error_percent": r.velocity_error_percent,
+        "force_error_percent": r.force_error_percent,
+        "position_error_percent": r.position_error_percent,
+    })
+}
+
+/// What else there is to say: all variants, the one that generalises, the controller.
+fn tell_more(
+    answer: &mut Answer,
+    found: &Identified,
+    (friction, method): (Friction, Method),
+    kind: Kind,
+) {
+    let best = &found.variants[found.best];
     let more = &mut answer.more;
     more.insert("friction".to_owned(), friction_name(friction).into());
     more.insert("method".to_owned(), method_name(method).into());
@@ -236,7 +263,7 @@ pub fn servo(
             "validation_error_percent": best.validation_error_percent,
         }),
     );
-    more.insert("variants".to_owned(), variants(&found, first.kind));
+    more.insert("variants".to_owned(), variants(found, kind));
     if let Some(c) = &found.controller {
         more.insert(
             "controller".to_owned(),
@@ -246,18 +273,6 @@ pub fn servo(
                 "position_gain_per_s": c.position_gain(), "error_percent": c.error_percent,
             }),
         );
-    }
-    if let Some(r) = &replayed {
-        more.insert("replay".to_owned(), tell(r));
-    }
-    if let Some(r) = second.and_then(again) {
-        more.insert("validation_replay".to_owned(), tell(&r));
-    }
-    let shown = shown(&found, &best, replayed.as_ref(), first.kind);
-    Servo {
-        answer,
-        shown: Some(shown),
-        best: Some((best, found)),
     }
 }
 

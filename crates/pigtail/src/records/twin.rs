@@ -48,7 +48,7 @@ pub fn twin(
     let set = Settings::new(fragment.axis.force_per_volt);
     let axis = fragment.axis.axis();
     let names = parameters(fragment);
-    let told = replay(&read.record, &axis, law.1, &controller.controller(), &set);
+    let told = replay(&read.record, &axis, &law.1, &controller.controller(), &set);
     let Some(told) = told else {
         let plain: Vec<_> = names.iter().map(|(p, u)| (p.name, u.clone())).collect();
         let mut answer = Answer::nothing(

@@ -233,7 +233,7 @@ pub struct Identified {
 const FITTED: f64 = 0.6;
 
 /// By how much a law's error may lie above the least, for one with fewer parameters is preferred.
-const AS_GOOD: f64 = 1.01;
+const AS_GOOD: f64 = 1.02;
 
 /// Relative error beyond which a law explains nothing, per cent.
 const UNEXPLAINED: f64 = 50.0;

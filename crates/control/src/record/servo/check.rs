@@ -136,7 +136,7 @@ fn against_reference(record: &Record, position: &[f64], reference: &[f64]) -> Re
 /// By how many samples the position comes before the reference: where a shifted reference fits best,
 /// with a parabola between samples.
 fn lead_of(record: &Record) -> f64 {
-    const MOST: i64 = 30;
+    const MOST: isize = 30;
     let Some(stretch) = record
         .even
         .stretches
@@ -145,15 +145,15 @@ fn lead_of(record: &Record) -> f64 {
     else {
         return 0.0;
     };
-    let n = stretch.columns[POSITION].len() as i64;
+    let n = stretch.columns[POSITION].len().cast_signed();
     if n < 4 * MOST {
         return 0.0;
     }
     let (q, r) = (&stretch.columns[POSITION], &stretch.columns[REFERENCE]);
-    let every = (n / 50_000).max(1) as usize;
-    let miss = |lead: i64| {
+    let every = (n / 50_000).max(1).cast_unsigned();
+    let miss = |lead: isize| {
         let samples = (MOST..n - MOST).step_by(every);
-        rms(samples.map(|k| q[k as usize] - r[(k + lead) as usize]))
+        rms(samples.map(|k| q[k.cast_unsigned()] - r[(k + lead).cast_unsigned()]))
     };
     let misses: Vec<f64> = (-MOST..=MOST).map(miss).collect();
     let best = (0..misses.len())
@@ -294,8 +294,8 @@ pub(super) fn excitation(
         unknown.push(Unknown {
             parameters: vec!["inertia"],
             because: format!(
-                "its acceleration, {power:.3e} rms, does not rise above the noise of the position, worth \
-                 {:.3e}: it moves at constant speed",
+                "its acceleration, {power:.3e} rms, does not rise well above the noise of the position, \
+                 worth {:.3e}: it moves at constant speed, or the cutoff is too high",
                 noise.acceleration
             ),
         });

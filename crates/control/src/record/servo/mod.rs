@@ -356,61 +356,14 @@ pub fn identify(
         one_way: columns.one_way,
         ..Equations::of(r, set)
     });
-    let mut variants = Vec::new();
-    for friction in [Friction::Symmetric, Friction::Asymmetric] {
-        if columns.one_way && friction == Friction::Asymmetric {
-            continue;
-        }
-        let x = columns.matrix(friction);
-        let Some(ordinary) = least_squares(&x, &columns.force) else {
-            continue;
-        };
-        let axis = |values: &[f64]| {
-            let mut variant = variant(friction, Method::LeastSquares, &ordinary, &unknown);
-            variant.values = values.to_vec();
-            variant.axis(set.force_per_volt)
-        };
-        let instruments = controller
-            .filter(|_| record.has_reference && !columns.one_way && ordinary.values[0] > 0.0)
-            .and_then(|c| instruments(record, &axis(&ordinary.values), &c, set))
-            .filter(|z| z.force.len() == columns.force.len());
-        let solve = |method: Method, rows: std::ops::Range<usize>| -> Option<Solution> {
-            let part = x.rows(rows.start, rows.len()).into_owned();
-            let force = &columns.force[rows.clone()];
-            match method {
-                Method::LeastSquares => least_squares(&part, force),
-                Method::Weighted => robust(&part, force),
-                Method::Instrumental => {
-                    let z = instruments.as_ref()?.matrix(friction);
-                    let z = z.rows(rows.start, rows.len()).into_owned();
-                    instrumental(&part, &z, force)
-                }
-            }
-        };
-        for method in [Method::LeastSquares, Method::Weighted, Method::Instrumental] {
-            let n = columns.force.len();
-            let Some(solution) = solve(method, 0..n) else {
-                continue;
-            };
-            let mut found = variant(friction, method, &solution, &unknown);
-            let judged = |x: &DMatrix<f64>, force: &[f64], values: &[f64]| {
-                let told = x * nalgebra::DVector::from_column_slice(values);
-                let left: Vec<f64> = force.iter().zip(told.iter()).map(|(a, b)| a - b).collect();
-                relative(&left, force)
-            };
-            found.validation_error_percent = if let Some(second) = &second {
-                (second.force.len() > 10)
-                    .then(|| judged(&second.matrix(friction), &second.force, &solution.values))
-            } else {
-                let to = (FITTED * n as f64) as usize;
-                solve(method, 0..to).map(|part| {
-                    let rest = x.rows(to, n - to).into_owned();
-                    judged(&rest, &columns.force[to..], &part.values)
-                })
-            };
-            variants.push(found);
-        }
-    }
+    let mut variants = variants(
+        record,
+        second.as_ref(),
+        set,
+        &columns,
+        controller.as_ref(),
+        &unknown,
+    );
     let Some(first) = variants.first() else {
         return Err(Unknown::all(
             "its equations depend on each other: nothing in it changes by itself",
@@ -452,6 +405,73 @@ pub fn identify(
         remarks,
         columns,
     })
+}
+
+/// Every law of friction by every method, and how each tells what it was not fitted to.
+fn variants(
+    record: &Record,
+    second: Option<&Equations>,
+    set: &Settings,
+    columns: &Equations,
+    controller: Option<&Controller>,
+    unknown: &[Unknown],
+) -> Vec<Variant> {
+    let mut variants = Vec::new();
+    for friction in [Friction::Symmetric, Friction::Asymmetric] {
+        if columns.one_way && friction == Friction::Asymmetric {
+            continue;
+        }
+        let x = columns.matrix(friction);
+        let Some(ordinary) = least_squares(&x, &columns.force) else {
+            continue;
+        };
+        let axis = |values: &[f64]| {
+            let mut variant = variant(friction, Method::LeastSquares, &ordinary, unknown);
+            variant.values = values.to_vec();
+            variant.axis(set.force_per_volt)
+        };
+        let instruments = controller
+            .filter(|_| record.has_reference && !columns.one_way && ordinary.values[0] > 0.0)
+            .and_then(|c| instruments(record, &axis(&ordinary.values), c, set))
+            .filter(|z| z.force.len() == columns.force.len());
+        let solve = |method: Method, rows: std::ops::Range<usize>| -> Option<Solution> {
+            let part = x.rows(rows.start, rows.len()).into_owned();
+            let force = &columns.force[rows.clone()];
+            match method {
+                Method::LeastSquares => least_squares(&part, force),
+                Method::Weighted => robust(&part, force),
+                Method::Instrumental => {
+                    let z = instruments.as_ref()?.matrix(friction);
+                    let z = z.rows(rows.start, rows.len()).into_owned();
+                    instrumental(&part, &z, force)
+                }
+            }
+        };
+        for method in [Method::LeastSquares, Method::Weighted, Method::Instrumental] {
+            let n = columns.force.len();
+            let Some(solution) = solve(method, 0..n) else {
+                continue;
+            };
+            let mut found = variant(friction, method, &solution, unknown);
+            let judged = |x: &DMatrix<f64>, force: &[f64], values: &[f64]| {
+                let told = x * nalgebra::DVector::from_column_slice(values);
+                let left: Vec<f64> = force.iter().zip(told.iter()).map(|(a, b)| a - b).collect();
+                relative(&left, force)
+            };
+            found.validation_error_percent = if let Some(second) = second {
+                (second.force.len() > 10)
+                    .then(|| judged(&second.matrix(friction), &second.force, &solution.values))
+            } else {
+                let to = (FITTED * n as f64) as usize;
+                solve(method, 0..to).map(|part| {
+                    let rest = x.rows(to, n - to).into_owned();
+                    judged(&rest, &columns.force[to..], &part.values)
+                })
+            };
+            variants.push(found);
+        }
+    }
+    variants
 }
 
 fn variant(
@@ -503,7 +523,7 @@ fn instruments(
             stretch,
             record.even.period,
             axis,
-            Sliding::Coulomb,
+            &Sliding::Coulomb,
             controller,
         )?;
         equations.extend(
@@ -523,7 +543,7 @@ fn instruments(
 pub fn replay(
     record: &Record,
     axis: &Axis,
-    law: Sliding,
+    law: &Sliding,
     controller: &Controller,
     set: &Settings,
 ) -> Option<Replay> {

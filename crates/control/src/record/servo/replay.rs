@@ -101,7 +101,7 @@ pub(super) fn stretch(
     stretch: &Stretch,
     period: f64,
     axis: &Axis,
-    law: Sliding,
+    law: &Sliding,
     controller: &Controller,
 ) -> Option<Told> {
     let (measured, reference) = (&stretch.columns[POSITION], &stretch.columns[REFERENCE]);
@@ -150,7 +150,7 @@ pub struct Replay {
 pub(super) fn whole(
     record: &Record,
     axis: &Axis,
-    law: Sliding,
+    law: &Sliding,
     controller: &Controller,
     set: &Settings,
 ) -> Option<Replay> {

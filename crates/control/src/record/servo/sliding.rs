@@ -7,6 +7,7 @@ use pigtail_model::lugre::{BristleState, LuGre};
 use pigtail_model::presliding::{ElementState, MaxwellSlip, Presliding};
 
 /// How an identified axis gives way before it slides. Each law slides at the axis's Coulomb levels.
+#[expect(clippy::large_enum_variant, reason = "one is made for a whole replay")]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Sliding {
     /// Not at all.
@@ -45,7 +46,7 @@ impl Sliding {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Moving<'a> {
     axis: &'a Axis,
-    law: Sliding,
+    law: &'a Sliding,
     place: f64,
     velocity: f64,
     elements: ElementState,
@@ -55,7 +56,7 @@ pub(super) struct Moving<'a> {
 }
 
 impl<'a> Moving<'a> {
-    pub(super) fn new(axis: &'a Axis, law: Sliding, place: f64, velocity: f64) -> Self {
+    pub(super) fn new(axis: &'a Axis, law: &'a Sliding, place: f64, velocity: f64) -> Self {
         let mut moving = Self {
             axis,
             law,
@@ -90,7 +91,7 @@ impl<'a> Moving<'a> {
     }
 
     fn turn(&mut self) {
-        match &self.law {
+        match self.law {
             Sliding::MaxwellSlip(law) => law.turn(&mut self.elements, self.place),
             Sliding::LuGre(law) => law.turn(&mut self.bristle, self.place),
             Sliding::Coulomb | Sliding::CoulombPresliding(_) => {}
@@ -99,7 +100,7 @@ impl<'a> Moving<'a> {
 
     /// Friction beside the viscous part, positive against forward motion.
     fn held(&self, place: f64, velocity: f64) -> f64 {
-        let share = match &self.law {
+        let share = match self.law {
             Sliding::MaxwellSlip(law) => law.torque(&self.elements, place, velocity),
             Sliding::LuGre(law) => law.torque(&self.bristle, place, velocity),
             Sliding::Coulomb | Sliding::CoulombPresliding(_) => 0.0,
@@ -109,7 +110,7 @@ impl<'a> Moving<'a> {
 
     /// A period under a held voltage.
     pub(super) fn advance(&mut self, voltage: f64, period: f64) {
-        let stiffness = match &self.law {
+        let stiffness = match self.law {
             Sliding::Coulomb | Sliding::CoulombPresliding(_) => {
                 let force = self.axis.force_per_volt * voltage - self.axis.offset;
                 (self.place, self.velocity) =
@@ -177,7 +178,7 @@ mod tests {
             Sliding::maxwell_slip(1e-7).unwrap(),
             Sliding::lugre(1e-7, 1.0, 1e-3).unwrap(),
         ] {
-            let mut moving = Moving::new(&AXIS, law, 0.0, 0.0);
+            let mut moving = Moving::new(&AXIS, &law, 0.0, 0.0);
             let mut exact = (0.0, 0.0);
             for k in 0..500 {
                 let u = (0.03 * f64::from(k)).sin();
@@ -191,14 +192,14 @@ mod tests {
     #[test]
     fn below_its_level_a_contact_gives_way_and_comes_back() {
         let law = Sliding::maxwell_slip(1e-4).unwrap();
-        let mut moving = Moving::new(&AXIS, law, 0.0, 0.0);
+        let mut moving = Moving::new(&AXIS, &law, 0.0, 0.0);
         for _ in 0..5000 {
             moving.advance(0.05, 0.002);
         }
         let out = moving.place;
         assert!(out > 4e-5 && out < 2e-4, "{out}");
         let contact = Sliding::CoulombPresliding(1e-4);
-        let mut moving = Moving::new(&AXIS, contact, 0.0, 0.0);
+        let mut moving = Moving::new(&AXIS, &contact, 0.0, 0.0);
         moving.advance(0.05, 0.002);
         assert!((moving.output() - 0.5e-4).abs() < 1e-12);
     }
