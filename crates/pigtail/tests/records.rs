@@ -205,7 +205,12 @@ fn identify_turning(record: &str, extra: &[&str]) -> (Value, i32) {
 
 #[test]
 fn a_known_axis_is_found_by_every_method() {
-    for (seed, method) in [(1, "least-squares"), (2, "weighted"), (3, "instrumental")] {
+    for (seed, method) in [
+        (1, "least-squares"),
+        (2, "weighted"),
+        (3, "instrumental"),
+        (4, "delayed"),
+    ] {
         let record = csv(TURNING, turning(seed, swinging));
         let (json, code) =
             identify_turning(&record, &["--friction", "asymmetric", "--method", method]);
@@ -220,6 +225,11 @@ fn a_known_axis_is_found_by_every_method() {
             near(value(&json, name).expect("known"), is, 5.0);
         }
         assert_eq!(json["best"]["friction"], "asymmetric");
+        if method == "delayed" {
+            // Held from sample to sample, half a millisecond apart.
+            near(value(&json, "voltage_delay").expect("known"), 2.5e-4, 20.0);
+            near(value(&json, "inertia").expect("known"), 0.02, 0.5);
+        }
         assert!(number(&json["replay"], "velocity_error_percent") < 1.0);
     }
 }
@@ -497,7 +507,7 @@ fn a_friction_record_that_does_not_tell_is_not_believed() {
                     k % 60 == 0
                 });
             },
-            "slowly",
+            "not resolved",
         ),
     ];
     for (what, mut rows, spoil, why) in cases {
@@ -781,4 +791,67 @@ fn a_twin_moves_as_its_record() {
     let (code, _, error) = pigtail(folder.path(), &["twin", "--from", &fragment]);
     assert_eq!(code, Some(2));
     assert!(error.contains("axis.inertia"), "{error}");
+}
+
+/// What is found of a turning axis goes into a rig as it is, and the rig's commands run on it.
+#[test]
+fn an_identified_axis_becomes_a_part_of_a_rig() {
+    let folder = TempDir::new().expect("a folder");
+    fs::write(
+        folder.path().join("r.csv"),
+        csv(TURNING, turning(60, swinging)),
+    )
+    .expect("a file");
+    let (json, code) = answer(
+        folder.path(),
+        &[
+            "identify",
+            "servo",
+            "--data",
+            "r.csv",
+            "--reference",
+            "r_deg",
+            "--position",
+            "q_deg",
+            "--voltage",
+            "u_V",
+            "--force-per-volt",
+            "0.5",
+            "--gear-ratio",
+            "0.0125",
+        ],
+    );
+    assert_eq!(code, 0, "{json}");
+    let fragment = folder
+        .path()
+        .join(json["fragment"].as_str().expect("a path"));
+    let found: toml::Table =
+        toml::from_str(&fs::read_to_string(&fragment).expect("a fragment")).expect("TOML");
+    let own = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../rigs/afpm");
+    let rig = folder.path().join("rig");
+    fs::create_dir(&rig).expect("a folder");
+    for file in ["machine.toml", "calibration.toml"] {
+        fs::copy(own.join(file), rig.join(file)).expect("a copy");
+    }
+    let mut plant: toml::Table =
+        toml::from_str(&fs::read_to_string(own.join("plant.toml")).expect("a plant"))
+            .expect("TOML");
+    let joint = found["five_bar"]["joint"].clone();
+    plant["five_bar"]
+        .as_table_mut()
+        .expect("a table")
+        .insert("joint".to_owned(), joint);
+    let text = toml::to_string(&plant).expect("TOML");
+    fs::write(rig.join("plant.toml"), text).expect("a file");
+    let (json, code) = answer(
+        folder.path(),
+        &["characterize", "fivebar", "step", "--rig", "rig"],
+    );
+    assert_eq!(code, 0, "{json}");
+    // And the twin still takes the same fragment.
+    let (_, code) = answer(
+        folder.path(),
+        &["twin", "--from", &fragment.display().to_string()],
+    );
+    assert_eq!(code, 0);
 }

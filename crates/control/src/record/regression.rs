@@ -123,6 +123,10 @@ fn solve(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
     };
     solution.std = spread(&(z.transpose() * z * variance));
     solution.std_correlated = spread(&correlated(z, &solution.left));
+    // A few batches may by chance look surer than white noise would be.
+    for (std, white) in solution.std_correlated.iter_mut().zip(&solution.std) {
+        *std = std.max(*white);
+    }
     Some(solution)
 }
 
@@ -142,6 +146,15 @@ fn correlated(z: &DMatrix<f64>, left: &[f64]) -> DMatrix<f64> {
         start = end;
     }
     sum
+}
+
+/// Ordinary least squares over some of the rows; the error and what is left are those of all.
+pub fn over(x: &DMatrix<f64>, y: &[f64], keep: impl Fn(usize) -> bool) -> Option<Solution> {
+    let rows: Vec<usize> = (0..x.nrows()).filter(|i| keep(*i)).collect();
+    let part: Vec<f64> = rows.iter().map(|i| y[*i]).collect();
+    let mut solution = least_squares(&x.select_rows(&rows), &part)?;
+    judge(x, y, &mut solution);
+    Some(solution)
 }
 
 fn judge(x: &DMatrix<f64>, y: &[f64], solution: &mut Solution) {

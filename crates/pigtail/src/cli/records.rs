@@ -2,7 +2,7 @@
 
 use super::{DONE, Failure, NEGATIVE};
 use crate::records::columns::Named;
-use crate::records::fragment::{AxisTable, ControllerTable, Fragment, RecordTable};
+use crate::records::fragment::{AxisTable, ControllerTable, Drive, Fragment, Kind, RecordTable};
 use crate::records::friction;
 use crate::records::resonance;
 use crate::records::servo::{self, Roles};
@@ -14,6 +14,7 @@ use crate::runs::Run;
 use clap::{Args, ValueEnum};
 use pigtail_control::record::friction::Law;
 use pigtail_control::record::servo::{Controller, Friction, Method, Settings};
+use pigtail_hal::Error;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -33,7 +34,8 @@ pub(super) struct Output {
 /// Fits the inverse dynamic model, force = inertia x acceleration + viscous + Coulomb friction + offset,
 /// by least squares: the position filtered both ways, differentiated by central differences, everything
 /// decimated. Symmetric friction with an offset, and friction that each direction has for itself; by
-/// ordinary least squares, weighted, and with instrumental variables from the closed loop replayed. The
+/// ordinary least squares, weighted, with instrumental variables from the closed loop replayed, and with the
+/// delay of the voltage as one unknown more. The
 /// verdict says which variant generalises: by the second record (--validate), else by the last part of the
 /// first one. Where a record does not excite a parameter, it is not given a value, and the exit code is 1.
 ///
@@ -89,6 +91,13 @@ pub(super) struct ServoArguments {
     /// not given
     #[arg(long, value_name = "KP,KV,LIMIT", value_parser = cascade)]
     controller: Option<Controller>,
+    /// Turns of the output for a turn of the motor: the fragment then has the axis as a part of a rig's
+    /// `plant.toml` too, `z_stage` of one along a line, `five_bar.joint` of one that turns
+    #[arg(long, value_name = "R", value_parser = super::positive)]
+    gear_ratio: Option<f64>,
+    /// Travel for a turn of the screw, metres, of an axis along a line
+    #[arg(long, value_name = "METRES", value_parser = super::positive, requires = "gear_ratio")]
+    lead: Option<f64>,
     #[command(flatten)]
     output: Output,
 }
@@ -109,6 +118,8 @@ enum MethodChoice {
     Weighted,
     /// Instrumental variables
     Instrumental,
+    /// Least squares with the time after which a voltage acts as one unknown more
+    Delayed,
 }
 
 fn cascade(text: &str) -> Result<Controller, String> {
@@ -160,9 +171,7 @@ pub(super) fn servo(a: &ServoArguments) -> Result<u8, Failure> {
         let message = format!(
             "{cutoff} Hz is not below the record's Nyquist frequency; accepted is less than {nyquist} Hz"
         );
-        return Err(
-            pigtail_hal::Error::new(a.data.display().to_string(), "--cutoff", message).into(),
-        );
+        return Err(Error::new(a.data.display().to_string(), "--cutoff", message).into());
     }
     let friction = match a.friction {
         FrictionChoice::Symmetric => Friction::Symmetric,
@@ -172,19 +181,35 @@ pub(super) fn servo(a: &ServoArguments) -> Result<u8, Failure> {
         MethodChoice::LeastSquares => Method::LeastSquares,
         MethodChoice::Weighted => Method::Weighted,
         MethodChoice::Instrumental => Method::Instrumental,
+        MethodChoice::Delayed => Method::Delayed,
     };
+    if a.gear_ratio.is_some() && a.lead.is_none() && first.kind == Kind::Linear {
+        let message = "is missing for an axis along a line; accepted is the travel for a turn of its screw, metres";
+        return Err(Error::new("identify servo", "--lead", message).into());
+    }
+    let drive = a.gear_ratio.map(|ratio| Drive {
+        ratio,
+        lead: a.lead.unwrap_or_default(),
+    });
     let found = servo::servo(&first, second.as_ref(), &set, (friction, method));
     let fragment = found
         .best
         .as_ref()
         .filter(|_| found.answer.is_whole())
         .map(|(best, whole)| {
-            move |origin: String| Fragment {
-                origin,
+            let plain = Fragment {
+                origin: String::new(),
                 axis: AxisTable::new(first.kind, &best.axis(a.force_per_volt)),
                 controller: whole.controller.as_ref().map(ControllerTable::new),
                 record: RecordTable::new(&first.source),
-            }
+                z_stage: None,
+                five_bar: None,
+            };
+            let driven = match &drive {
+                Some(drive) => plain.driven(drive),
+                None => plain,
+            };
+            move |origin: String| Fragment { origin, ..driven }
         });
     let mut hashes = vec![hash_of(&a.data)];
     hashes.extend(a.validate.as_deref().map(hash_of));
@@ -348,7 +373,7 @@ enum KindChoice {
 pub(super) fn windup(a: &WindupRecordArguments, json: bool, runs: &Path) -> Result<u8, Failure> {
     let (Some(data), Some(motor), Some(load)) = (&a.data, &a.motor, &a.load) else {
         let message = "no record; accepted is an axis, or --data with --motor and --load";
-        return Err(pigtail_hal::Error::new("identify windup", "", message).into());
+        return Err(Error::new("identify windup", "", message).into());
     };
     let roles = windup::Roles {
         time: a.time.clone(),

@@ -19,6 +19,113 @@ pub struct Fragment {
     pub controller: Option<ControllerTable>,
     /// The record.
     pub record: RecordTable,
+    /// The axis as a z-stage of a `plant.toml`, where its drive was given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub z_stage: Option<toml::Table>,
+    /// The axis as a joint of a five-bar of a `plant.toml`, where its drive was given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub five_bar: Option<toml::Table>,
+}
+
+/// How a motor drives an axis: what a record of the axis alone does not tell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Drive {
+    /// Turns of the output for one turn of the motor.
+    pub ratio: f64,
+    /// Travel for one turn of the screw, metres, of an axis that moves along a line.
+    pub lead: f64,
+}
+
+/// Resonance of motor against load that is taken for a transmission which the record does not tell,
+/// hertz: far above what a servo excites.
+const STIFF: f64 = 500.0;
+
+/// Share of the viscous friction that is taken as the motor's back emf.
+const BACK_EMF: f64 = 0.1;
+
+impl AxisTable {
+    /// The axis as a joint of a `plant.toml` behind a drive: half of the inertia on the motor's side, all
+    /// friction there, the transmission as good as rigid, for the record does not tell them apart.
+    fn joint(&self, drive: &Drive) -> toml::Table {
+        // Way of the axis for a radian of the motor.
+        let way = match self.kind {
+            Kind::Linear => drive.ratio * drive.lead / std::f64::consts::TAU,
+            Kind::Rotary => drive.ratio,
+        };
+        let inertia = self.inertia * way * way;
+        let viscous = 0.5 * (self.viscous[0] + self.viscous[1]) * way * way;
+        let coulomb = 0.5 * (self.coulomb[0] + self.coulomb[1]) * way;
+        let gain = self.force_per_volt * way;
+        let ratio = drive.ratio;
+        let resonance = std::f64::consts::TAU * STIFF;
+        let stiffness = resonance * resonance * inertia / (4.0 * ratio * ratio);
+        let text = |value: f64, unit: &str| toml::Value::from(format!("{value:e} {unit}"));
+        let table = |pairs: &[(&str, toml::Value)]| -> toml::Value {
+            let pairs = pairs.iter().map(|(k, v)| ((*k).to_owned(), v.clone()));
+            toml::Value::Table(pairs.collect())
+        };
+        let friction = |level: f64, viscous: f64| {
+            table(&[
+                ("static", text(level, "N m")),
+                ("coulomb", text(level, "N m")),
+                ("viscous", text(viscous, "N m s/rad")),
+            ])
+        };
+        [
+            ("motor_inertia", text(0.5 * inertia, "kg m2")),
+            (
+                "load_inertia",
+                text(0.5 * inertia / (ratio * ratio), "kg m2"),
+            ),
+            ("friction", "coulomb-presliding".into()),
+            ("presliding", "0 rad".into()),
+            ("preload", "0 N m".into()),
+            (
+                "motor",
+                table(&[
+                    ("torque_constant", text(gain, "N m/A")),
+                    (
+                        "back_emf",
+                        text((BACK_EMF * viscous / gain).max(1e-12), "V s/rad"),
+                    ),
+                    ("resistance", "1 ohm".into()),
+                ]),
+            ),
+            (
+                "transmission",
+                table(&[
+                    ("linear", text(stiffness, "N m/rad")),
+                    ("cubic", "0 N m/rad3".into()),
+                ]),
+            ),
+            (
+                "motor_friction",
+                friction(coulomb, (1.0 - BACK_EMF) * viscous),
+            ),
+            ("load_friction", friction(0.0, 0.0)),
+        ]
+        .into_iter()
+        .map(|(key, value)| (key.to_owned(), value))
+        .collect()
+    }
+}
+
+impl Fragment {
+    /// With the axis as a part of a `plant.toml`.
+    #[must_use]
+    pub fn driven(mut self, drive: &Drive) -> Self {
+        let mut part = toml::Table::new();
+        part.insert("joint".to_owned(), self.axis.joint(drive).into());
+        match self.axis.kind {
+            Kind::Linear => {
+                let lead = format!("{:e} m", drive.lead);
+                part.insert("lead".to_owned(), lead.into());
+                self.z_stage = Some(part);
+            }
+            Kind::Rotary => self.five_bar = Some(part),
+        }
+        self
+    }
 }
 
 /// Inertia and friction of an axis.

@@ -272,14 +272,15 @@ fn shown(first: &Read, record: &Record, found: &Identified) -> Shown {
     let force = if first.torque { "N m" } else { "N" };
     let from = found.held_back_from.min(account.time.len());
     let every = (account.time.len() - from).div_ceil(4000).max(1);
+    let origin = account.position.first().copied().unwrap_or(0.0);
     let points = |values: &[f64]| -> Vec<(f64, f64)> {
         (from..account.time.len())
             .step_by(every)
-            .map(|k| (scale * account.position[k], values[k]))
+            .map(|k| (scale * (account.position[k] - origin), values[k]))
             .collect()
     };
     let figures = vec![Figure {
-        x: format!("displacement, {unit}"),
+        x: format!("displacement from the first sample, {unit}"),
         y: format!("force, {force}"),
         curves: vec![
             ("measured".to_owned(), points(&account.measured)),

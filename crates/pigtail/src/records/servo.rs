@@ -103,6 +103,7 @@ pub fn method_name(method: Method) -> &'static str {
         Method::LeastSquares => "least-squares",
         Method::Weighted => "weighted",
         Method::Instrumental => "instrumental",
+        Method::Delayed => "delayed",
     }
 }
 
@@ -114,6 +115,7 @@ fn name(variant: &Variant) -> String {
             Method::LeastSquares => "least squares",
             Method::Weighted => "weighted least squares",
             Method::Instrumental => "instrumental variables",
+            Method::Delayed => "least squares with the voltage's delay",
         }
     )
 }
@@ -126,6 +128,8 @@ fn unit(name: &str, kind: Kind) -> String {
     };
     if name == "inertia" {
         inertia
+    } else if name == "voltage_delay" {
+        "s"
     } else if name.starts_with("viscous") {
         viscous
     } else {
@@ -337,6 +341,7 @@ fn shown(found: &Identified, best: &Variant, replay: Option<&Replay>, kind: Kind
                     .iter()
                     .map(|n| format!("{}, {}", n.replace('_', " "), unit(n, kind))),
             );
+            header.push("voltage delay, s".to_owned());
             Rows {
                 title: format!("{} friction", friction_name(friction)),
                 header,

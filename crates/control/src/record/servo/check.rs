@@ -1,6 +1,8 @@
 //! What a servo's record cannot tell, found before anybody believes a number.
 
-use super::{Equations, Friction, POSITION, REFERENCE, Record, Settings, VOLTAGE, tolerance};
+use super::{
+    Equations, Friction, Method, POSITION, REFERENCE, Record, Settings, VOLTAGE, tolerance,
+};
 use crate::record::Unknown;
 use crate::record::regression::least_squares;
 use crate::record::signal::{Lowpass, decimate, derivative, quantile, rms};
@@ -389,7 +391,7 @@ fn noise(record: &Record, set: &Settings) -> Noise {
 /// Parameters whose uncertainty is worth as much as a good part of the force.
 pub(super) fn uncertain(first: &super::Variant, columns: &Equations, unknown: &mut Vec<Unknown>) {
     let force = rms(columns.force.iter().copied());
-    let x = columns.matrix(Friction::Symmetric);
+    let x = columns.matrix(Friction::Symmetric, Method::LeastSquares);
     let Some(solution) = least_squares(&x, &columns.force) else {
         return;
     };

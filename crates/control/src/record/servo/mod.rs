@@ -23,9 +23,9 @@ pub use replay::{Axis, Replay};
 pub use sliding::Sliding;
 
 use super::regression::{
-    Solution, instrumental, least_squares, matrix, relative, robust, tolerance,
+    Solution, instrumental, least_squares, matrix, over, relative, robust, tolerance,
 };
-use super::signal::{Lowpass, decimate, derivative};
+use super::signal::{Lowpass, decimate, derivative, quantile};
 use super::timeline::Even;
 use super::{Account, Known, Parameter, Unknown};
 use nalgebra::DMatrix;
@@ -115,6 +115,19 @@ pub enum Method {
     Weighted,
     /// Instrumental variables, from the closed loop replayed with what least squares found.
     Instrumental,
+    /// Least squares where the axis moves, with one unknown more: how long after its sample a voltage
+    /// acts. One that is held until the next sample acts half a period later on average.
+    Delayed,
+}
+
+impl Method {
+    /// All of them.
+    pub const ALL: [Self; 4] = [
+        Self::LeastSquares,
+        Self::Weighted,
+        Self::Instrumental,
+        Self::Delayed,
+    ];
 }
 
 impl Friction {
@@ -138,6 +151,8 @@ impl Friction {
 struct Equations {
     time: Vec<f64>,
     force: Vec<f64>,
+    /// By how much the force would be less if it came a sample later.
+    lag: Vec<f64>,
     position: Vec<f64>,
     acceleration: Vec<f64>,
     velocity: Vec<f64>,
@@ -163,6 +178,10 @@ impl Equations {
         let thin = |column: &[f64]| decimate(&column[skip..], factor);
         let of = |f: fn(f64) -> f64| thin(&velocity.iter().map(|v| f(*v)).collect::<Vec<_>>());
         self.force.extend(thin(force));
+        let lag: Vec<f64> = (0..n)
+            .map(|k| force[k] - force[k.saturating_sub(1)])
+            .collect();
+        self.lag.extend(thin(&lag));
         self.position.extend(thin(&smooth));
         self.velocity.extend(thin(&velocity));
         self.acceleration.extend(thin(&acceleration));
@@ -213,8 +232,12 @@ impl Equations {
         }
     }
 
-    fn matrix(&self, friction: Friction) -> DMatrix<f64> {
-        matrix(&self.columns(friction))
+    fn matrix(&self, friction: Friction, method: Method) -> DMatrix<f64> {
+        let mut columns = self.columns(friction);
+        if method == Method::Delayed {
+            columns.push(&self.lag);
+        }
+        matrix(&columns)
     }
 }
 
@@ -230,6 +253,9 @@ fn sign(v: f64) -> f64 {
 
 /// Fewest samples of a stretch, beside those that are left out.
 const LEAST: usize = 100;
+
+/// Share of the highest speed below which an axis may stick.
+const SLOW: f64 = 0.1;
 
 /// Fewest equations.
 const LEAST_EQUATIONS: usize = 60;
@@ -251,9 +277,10 @@ pub struct Variant {
     pub friction: Friction,
     /// How it was solved.
     pub method: Method,
-    /// What it found.
+    /// What it found; the delay of the voltage last, where it was looked for.
     pub parameters: Vec<Parameter>,
-    /// Values by the order of [`Friction::names`], whether or not they may be told.
+    /// Values of the equations' columns: by the order of [`Friction::names`], whether or not they may be
+    /// told, then the delay in samples, where it was looked for.
     pub values: Vec<f64>,
     /// Condition number of the equations.
     pub condition: f64,
@@ -315,7 +342,7 @@ impl Identified {
 
     /// Force measured beside the one that a variant tells.
     pub fn account(&self, variant: &Variant) -> Account {
-        let x = self.columns.matrix(variant.friction);
+        let x = self.columns.matrix(variant.friction, variant.method);
         let told = x * nalgebra::DVector::from_column_slice(&variant.values);
         Account {
             time: self.columns.time.clone(),
@@ -421,12 +448,13 @@ fn variants(
         if columns.one_way && friction == Friction::Asymmetric {
             continue;
         }
-        let x = columns.matrix(friction);
+        let x = columns.matrix(friction, Method::LeastSquares);
+        let delayed = columns.matrix(friction, Method::Delayed);
         let Some(ordinary) = least_squares(&x, &columns.force) else {
             continue;
         };
         let axis = |values: &[f64]| {
-            let mut variant = variant(friction, Method::LeastSquares, &ordinary, unknown);
+            let mut variant = variant(friction, Method::LeastSquares, &ordinary, 0.0, unknown);
             variant.values = values.to_vec();
             variant.axis(set.force_per_volt)
         };
@@ -434,36 +462,73 @@ fn variants(
             .filter(|_| record.has_reference && !columns.one_way && ordinary.values[0] > 0.0)
             .and_then(|c| instruments(record, &axis(&ordinary.values), c, set))
             .filter(|z| z.force.len() == columns.force.len());
+        // What another sample of delay would change: nobody knows when within it a voltage acts.
+        let later: Vec<f64> = columns
+            .force
+            .iter()
+            .zip(&columns.lag)
+            .map(|(f, l)| f - l)
+            .collect();
+        let speeds: Vec<f64> = columns.velocity.iter().map(|v| v.abs()).collect();
+        let moving = SLOW * quantile(&speeds, 0.99);
+        let timing = least_squares(&x, &later).map(|s| s.values);
         let solve = |method: Method, rows: std::ops::Range<usize>| -> Option<Solution> {
+            let x = if method == Method::Delayed {
+                &delayed
+            } else {
+                &x
+            };
             let part = x.rows(rows.start, rows.len()).into_owned();
             let force = &columns.force[rows.clone()];
             match method {
                 Method::LeastSquares => least_squares(&part, force),
+                // Where the axis sticks, force leads motion for another reason than a delay.
+                Method::Delayed => over(&part, force, |i| {
+                    columns.velocity[rows.start + i].abs() > moving
+                }),
                 Method::Weighted => robust(&part, force),
                 Method::Instrumental => {
-                    let z = instruments.as_ref()?.matrix(friction);
+                    let z = instruments.as_ref()?.matrix(friction, method);
                     let z = z.rows(rows.start, rows.len()).into_owned();
                     instrumental(&part, &z, force)
                 }
             }
         };
-        for method in [Method::LeastSquares, Method::Weighted, Method::Instrumental] {
+        for method in Method::ALL {
             let n = columns.force.len();
-            let Some(solution) = solve(method, 0..n) else {
+            let Some(mut solution) = solve(method, 0..n) else {
                 continue;
             };
-            let mut found = variant(friction, method, &solution, unknown);
+            if let Some(timing) = timing.as_ref().filter(|_| method != Method::Delayed) {
+                let changes = timing.iter().zip(&ordinary.values).map(|(a, b)| a - b);
+                for (std, change) in solution.std_correlated.iter_mut().zip(changes) {
+                    // Anywhere within a sample: the deviation of a uniform distribution.
+                    *std = std.hypot(change / 12f64.sqrt());
+                }
+            }
+            let period = record.even.period;
+            let mut found = variant(friction, method, &solution, period, unknown);
             let judged = |x: &DMatrix<f64>, force: &[f64], values: &[f64]| {
                 let told = x * nalgebra::DVector::from_column_slice(values);
                 let left: Vec<f64> = force.iter().zip(told.iter()).map(|(a, b)| a - b).collect();
                 relative(&left, force)
             };
             found.validation_error_percent = if let Some(second) = second {
-                (second.force.len() > 10)
-                    .then(|| judged(&second.matrix(friction), &second.force, &solution.values))
+                (second.force.len() > 10).then(|| {
+                    judged(
+                        &second.matrix(friction, method),
+                        &second.force,
+                        &solution.values,
+                    )
+                })
             } else {
                 let to = (FITTED * n as f64) as usize;
                 solve(method, 0..to).map(|part| {
+                    let x = if method == Method::Delayed {
+                        &delayed
+                    } else {
+                        &x
+                    };
                     let rest = x.rows(to, n - to).into_owned();
                     judged(&rest, &columns.force[to..], &part.values)
                 })
@@ -478,8 +543,22 @@ fn variant(
     friction: Friction,
     method: Method,
     solution: &Solution,
+    period: f64,
     unknown: &[Unknown],
 ) -> Variant {
+    let mut values = solution.values.clone();
+    let last = values.len() - 1;
+    let delay = (method == Method::Delayed).then(|| {
+        values.pop();
+        Parameter {
+            name: "voltage_delay",
+            known: Some(Known {
+                value: period * solution.values[last],
+                std: period * solution.std[last],
+                std_correlated: period * solution.std_correlated[last],
+            }),
+        }
+    });
     let parameters = friction
         .names()
         .iter()
@@ -487,14 +566,13 @@ fn variant(
         .map(|(j, name)| Parameter {
             name,
             // Of an axis that moves one way there are fewer values than names.
-            known: (j < solution.values.len() && !unknown.iter().any(|u| u.covers(name))).then(
-                || Known {
-                    value: solution.values[j],
-                    std: solution.std[j],
-                    std_correlated: solution.std_correlated[j],
-                },
-            ),
+            known: (j < values.len() && !unknown.iter().any(|u| u.covers(name))).then(|| Known {
+                value: solution.values[j],
+                std: solution.std[j],
+                std_correlated: solution.std_correlated[j],
+            }),
         })
+        .chain(delay)
         .collect();
     Variant {
         friction,
