@@ -29,6 +29,9 @@ const OWN: f64 = 0.01;
 /// Least power of the acceleration over that of the noise in it.
 const ABOVE_NOISE: f64 = 10.0;
 
+/// Share of the force's power that may be filtered off.
+const LOST: f64 = 0.5;
+
 /// Largest share of the force that a parameter's standard deviation may be worth.
 const UNSURE: f64 = 0.25;
 
@@ -251,6 +254,57 @@ fn voltage_aliasing(record: &Record, set: &Settings) -> Result<(), Unknown> {
             "{:.0} % of the voltage's power lies above half of the Nyquist frequency: aliased",
             100.0 * share
         )));
+    }
+    Ok(())
+}
+
+/// What was filtered off with the noise must not be what drove the axis.
+pub(super) fn bandwidth(
+    record: &Record,
+    columns: &Equations,
+    set: &Settings,
+) -> Result<(), Unknown> {
+    let whole: Vec<f64> = record
+        .even
+        .stretches
+        .iter()
+        .flat_map(|s| s.columns[VOLTAGE].iter().map(|u| set.force_per_volt * u))
+        .collect();
+    // Decimation's own gain is in the column of ones.
+    let (left, all) = (
+        rms(columns.force.iter().copied()) / rms(columns.one.iter().copied()),
+        rms(whole),
+    );
+    let lost = 1.0 - (left / all).powi(2);
+    if lost > LOST {
+        let period = record.even.period;
+        return Err(Unknown::all(format!(
+            "{:.0} % of the force's power lies above {:.3} Hz, which is all that its filter leaves: sampled too \
+             slowly (aliased), or --cutoff is too low",
+            100.0 * lost,
+            0.4 / (period * set.factor(period) as f64)
+        )));
+    }
+    Ok(())
+}
+
+/// Friction holds: one that drives is none.
+pub(super) fn driving(first: &super::Variant, columns: &Equations) -> Result<(), Unknown> {
+    let force = rms(columns.force.iter().copied());
+    let x = columns.matrix(Friction::Symmetric, Method::LeastSquares);
+    for (j, parameter) in first.parameters.iter().enumerate().take(x.ncols()) {
+        let Some(known) = parameter.known.filter(|_| parameter.name != "offset") else {
+            continue;
+        };
+        let worth = known.value * rms(x.column(j).iter().copied()) / force;
+        if worth < -0.01 && known.value < -4.0 * known.std_correlated {
+            return Err(Unknown::all(format!(
+                "the {} that fits it best is negative, {:.3e}: it would drive the axis; aliased, or columns or \
+                 signs are wrong",
+                parameter.name.replace('_', " "),
+                known.value
+            )));
+        }
     }
     Ok(())
 }

@@ -378,6 +378,7 @@ pub fn identify(
     let controller = set
         .controller
         .or_else(|| controller::fit(record).filter(|c| c.error_percent < 10.0));
+    check::bandwidth(record, &columns, set)?;
     let mut unknown = check::excitation(record, &mut columns, set)?;
     let second = second.map(|r| Equations {
         one_way: columns.one_way,
@@ -402,6 +403,7 @@ pub fn identify(
              are swapped",
         ));
     }
+    check::driving(first, &columns)?;
     if first.relative_error_percent > UNEXPLAINED {
         return Err(Unknown::all(format!(
             "inertia and friction leave {:.0} % of its force unexplained: are columns, units and signs right?",
