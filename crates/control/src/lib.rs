@@ -16,8 +16,9 @@
 //! 6. [`station`]: owns the machine's time, one exchange after the other.
 //!
 //! Beside these stand the experiments: [`characterize`], [`identify`] and [`tune`] on one axis,
-//! [`maximization`] on a fiber at its peak, [`contour`] on both joints of a five-bar, [`piezo`] on the micro; and [`scan`], search and peak on
-//! readings that were taken elsewhere.
+//! [`maximization`] on a fiber at its peak, [`contour`] on both joints of a five-bar, [`piezo`] on the
+//! micro. Apart from any machine are [`scan`], search and peak on readings that were taken elsewhere,
+//! and [`record`], models of what somebody else's machine wrote down.
 //!
 //! There are no clocks, no threads and no files here: time comes from the machine.
 //!
@@ -62,6 +63,7 @@ pub mod peak;
 pub mod piezo;
 pub mod procedure;
 pub mod recipe;
+pub mod record;
 pub mod scan;
 pub mod search;
 pub mod servo;

@@ -14,6 +14,7 @@
 use crate::Invalid;
 use crate::friction::{Friction, Mode};
 use crate::integrate::{descent, interior_minimum};
+use crate::lugre::LuGre;
 use crate::motor::Motor;
 use crate::presliding::{Contact, MaxwellSlip, Presliding};
 use crate::transmission::Transmission;
@@ -217,6 +218,27 @@ impl Joint<MaxwellSlip> {
     }
 }
 
+impl Joint<LuGre> {
+    /// A joint whose load friction is LuGre's, beside viscous friction: it gives way along an exponential
+    /// of the presliding to the static level, which falls to the Coulomb level well above `stribeck` rad/s.
+    ///
+    /// # Errors
+    ///
+    /// When an inertia, the ratio, the step, the Coulomb level, the presliding or `stribeck` is not
+    /// positive.
+    pub fn lugre(
+        mut parameters: JointParameters,
+        stribeck: f64,
+        max_step: f64,
+    ) -> Result<Self, Invalid> {
+        let friction = parameters.load_friction;
+        let bristle = LuGre::new(&friction, parameters.presliding, stribeck)?;
+        let balance = BALANCE * friction.coulomb();
+        parameters.load_friction = Friction::new(balance, 0.0, friction.viscous())?;
+        Self::with(parameters, bristle, max_step)
+    }
+}
+
 impl<P: Presliding> Joint<P> {
     fn with(parameters: JointParameters, presliding: P, max_step: f64) -> Result<Self, Invalid> {
         let p = &parameters;
@@ -276,7 +298,9 @@ impl<P: Presliding> Joint<P> {
         self.parameters.transmission.torque(self.twist(state))
             + self.parameters.load_torque
             + state.load_torque
-            - self.presliding.torque(&state.presliding, state.load_angle)
+            - self
+                .presliding
+                .torque(&state.presliding, state.load_angle, state.load_velocity)
     }
 
     /// Position of the output `q_o = q_l - F_l / k_c` (2.12), radians.
@@ -463,9 +487,13 @@ impl<P: Presliding> Joint<P> {
         let (u1, u2, u4) = (seen.at(0.0), seen.at(half), seen.at(h));
         let twist = r * s.motor_angle - s.load_angle;
         let (vm, vl) = (s.motor_velocity, s.load_velocity);
-        let held = |moved: f64| self.presliding.torque(&s.presliding, s.load_angle + moved);
-        let a =
-            |u, twist, vm, vl, moved| self.accelerations(forcing, u, twist, (vm, vl), held(moved));
+        let held = |moved: f64, velocity: f64| {
+            self.presliding
+                .torque(&s.presliding, s.load_angle + moved, velocity)
+        };
+        let a = |u, twist, vm, vl, moved| {
+            self.accelerations(forcing, u, twist, (vm, vl), held(moved, vl))
+        };
         let (am1, al1) = a(u1, twist, vm, vl, 0.0);
         // The angles' stages written out in accelerations: the same scheme in fewer operations.
         let drift = half * (r * vm - vl);
@@ -711,7 +739,8 @@ impl<P: Presliding> Joint<P> {
             voltage,
             twist,
             (s.motor_velocity, s.load_velocity),
-            self.presliding.torque(&s.presliding, s.load_angle),
+            self.presliding
+                .torque(&s.presliding, s.load_angle, s.load_velocity),
         );
         mode.sign()
             * match body {

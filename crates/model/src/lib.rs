@@ -8,7 +8,7 @@
 //! metres, volts.
 //!
 //! - [`frames`]: points that know the frame in which they are stated;
-//! - [`motor`], [`transmission`], [`friction`], [`presliding`]: the parts of a joint, (2.3)-(2.8),
+//! - [`motor`], [`transmission`], [`friction`], [`presliding`], [`lugre`]: the parts of a joint, (2.3)-(2.8),
 //!   (2.12), (2.13);
 //! - [`joint`]: the joint whole, (2.1)-(2.13), with its stick-slip transitions located in time by
 //!   [`integrate`];
@@ -24,6 +24,7 @@ pub mod hysteresis;
 pub mod integrate;
 pub mod joint;
 pub mod leadscrew;
+pub mod lugre;
 pub mod motor;
 pub mod optics;
 pub mod piezo;

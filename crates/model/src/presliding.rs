@@ -1,4 +1,4 @@
-//! How a load gives way before it slides: two laws of load friction.
+//! How a load gives way before it slides: laws of load friction.
 //!
 //! - [`Contact`], the thesis's: friction holds the load rigidly up to its static level, and the
 //!   output in front of it yields through a contact stiffness, (2.12) and (2.13). The transition
@@ -7,6 +7,8 @@
 //!   rises along a curve, remembers every reversal that still matters, and holds the load nowhere
 //!   rigidly. With an exponential curve a linear transmission winds up exactly as (2.20) says,
 //!   with `Q = 8 q_0`.
+//! - [`LuGre`](crate::lugre::LuGre): one bristle that rises to its level along an exponential, and a level
+//!   that falls with speed. A linear transmission winds up as (2.20) says, with `Q = 4 q_0`.
 
 use crate::Invalid;
 use std::fmt::Debug;
@@ -17,8 +19,9 @@ pub trait Presliding: Copy + Debug + PartialEq {
     type State: Copy + Debug + Default + PartialEq;
 
     /// Torque against the load beside static, Coulomb and viscous friction, N m, at a load angle
-    /// (rad) that has been approached in one direction since the last [`Self::turn`].
-    fn torque(&self, state: &Self::State, angle: f64) -> f64;
+    /// (rad) that has been approached in one direction since the last [`Self::turn`], and at a velocity
+    /// (rad/s).
+    fn torque(&self, state: &Self::State, angle: f64, velocity: f64) -> f64;
 
     /// Rate of change of [`Self::torque`] with the angle, N m/rad.
     fn stiffness(&self, state: &Self::State, angle: f64) -> f64;
@@ -58,7 +61,7 @@ impl Presliding for Contact {
     type State = ();
 
     #[inline]
-    fn torque(&self, (): &(), _: f64) -> f64 {
+    fn torque(&self, (): &(), _: f64, _: f64) -> f64 {
         0.0
     }
 
@@ -150,7 +153,7 @@ impl Presliding for MaxwellSlip {
     type State = ElementState;
 
     #[inline]
-    fn torque(&self, state: &ElementState, angle: f64) -> f64 {
+    fn torque(&self, state: &ElementState, angle: f64, _: f64) -> f64 {
         (0..ELEMENTS)
             .map(|i| self.stiffness[i] * self.deflection(state, i, angle))
             .sum()
@@ -194,7 +197,7 @@ mod tests {
     }
 
     fn virgin(q: f64) -> f64 {
-        elements().torque(&ElementState::default(), q)
+        elements().torque(&ElementState::default(), q, 0.0)
     }
 
     #[test]
@@ -219,7 +222,7 @@ mod tests {
             let e = elements();
             let mut state = ElementState::default();
             e.turn(&mut state, 1.0);
-            let fallen = e.torque(&state, 1.0) - e.torque(&state, 1.0 - way);
+            let fallen = e.torque(&state, 1.0, 0.0) - e.torque(&state, 1.0 - way, 0.0);
             prop_assert!((fallen - 2.0 * virgin(0.5 * way)).abs() < 1e-12);
         }
 
@@ -234,7 +237,7 @@ mod tests {
             let low = 1.0 - 3e-3;
             e.turn(&mut dipped, low);
             e.turn(&mut dipped, low + dip);
-            let (a, b) = (e.torque(&straight, low - on), e.torque(&dipped, low - on));
+            let (a, b) = (e.torque(&straight, low - on, 0.0), e.torque(&dipped, low - on, 0.0));
             prop_assert!((a - b).abs() < 1e-12, "{} {}", a, b);
         }
 
@@ -249,7 +252,7 @@ mod tests {
                 let (from, step) = (q, (to - q) / f64::from(steps));
                 for i in 0..steps {
                     let middle = from + (f64::from(i) + 0.5) * step;
-                    work += e.torque(&state, middle) * step;
+                    work += e.torque(&state, middle, 0.0) * step;
                 }
                 e.turn(&mut state, to);
                 q = to;

@@ -16,6 +16,7 @@
 //! - [`runs`]: the folder all of that goes to;
 //! - [`simulate`]: one joint alone; [`tune`]: one axis's gains;
 //!   [`characterize`]: what one axis can do; [`identify`]: its windup; [`hysteresis`]: the piezos';
+//!   [`records`]: an axis from a record that a person brings;
 //! - [`cli`]: the commands.
 
 pub mod align;
@@ -31,6 +32,7 @@ pub mod methods;
 pub mod plan;
 pub mod procedure;
 pub mod record;
+pub mod records;
 pub mod report;
 pub mod rig;
 pub mod runs;

@@ -140,6 +140,7 @@ fn law_name(law: LoadLaw) -> &'static str {
     match law {
         LoadLaw::CoulombPresliding => "coulomb-presliding",
         LoadLaw::MaxwellSlip => "maxwell-slip",
+        LoadLaw::LuGre => "lugre",
     }
 }
 
@@ -186,6 +187,7 @@ pub fn windup(
     if joint(setup).presliding > 0.0 {
         changes.push(Change::law(LoadLaw::CoulombPresliding));
         changes.push(Change::law(LoadLaw::MaxwellSlip));
+        changes.push(Change::law(LoadLaw::LuGre));
     }
     let scale = scale(setup, at.axis)?;
     let um = 1e6 * scale.metres_per_radian;

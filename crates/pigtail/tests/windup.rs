@@ -43,6 +43,11 @@ fn windup_goes_with_load_friction_and_against_preload() {
             curved < 12.0 && curved < 0.7 * straight,
             "{curved} {straight}"
         );
+        let bristle = of("lugre").largest_residual_um.expect("a fit");
+        assert!(
+            bristle < 12.0 && bristle < 0.7 * straight,
+            "{bristle} {straight}"
+        );
     }
 }
 

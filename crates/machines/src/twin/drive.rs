@@ -2,13 +2,14 @@
 //! has chosen.
 
 use super::TwinError;
-use super::plant::{LoadLaw, Plant};
+use super::plant::{JointPlant, LoadLaw, Plant};
 use super::sensors::encode;
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, SIDES};
 use pigtail_hal::{Axis, Spec};
 use pigtail_model::group::Group;
 use pigtail_model::joint::{Joint, JointParameters, JointState};
+use pigtail_model::lugre::{BristleState, LuGre};
 use pigtail_model::presliding::{ElementState, MaxwellSlip};
 
 /// More integration steps in a servo cycle than this are not a stiff joint but a mistyped one.
@@ -39,6 +40,8 @@ enum Joints<const N: usize> {
     CoulombPresliding(Group<N>, [JointState; N]),
     /// Maxwell-slip elements.
     MaxwellSlip(Vec<(Joint<MaxwellSlip>, JointState<ElementState>)>),
+    /// LuGre.
+    LuGre(Vec<(Joint<LuGre>, JointState<BristleState>)>),
 }
 
 impl Drives {
@@ -53,14 +56,14 @@ impl Drives {
         let home = |p: &JointParameters| p.transmission.twist(-p.load_torque) / p.ratio;
         Ok(Self {
             five_bars: Joints::new(
-                plant.five_bar.joint.friction,
+                &plant.five_bar.joint,
                 [la, lb, ra, rb],
                 "of a five-bar",
                 period,
                 STEPS[0],
             )?,
             z_stages: Joints::new(
-                plant.z_stage.joint.friction,
+                &plant.z_stage.joint,
                 [lz, rz],
                 "of a z-stage",
                 period,
@@ -117,7 +120,7 @@ impl Drives {
 
 impl<const N: usize> Joints<N> {
     fn new(
-        law: LoadLaw,
+        joint: &JointPlant,
         parameters: [JointParameters; N],
         name: &'static str,
         period: f64,
@@ -131,7 +134,7 @@ impl<const N: usize> Joints<N> {
             Ok(period / steps)
         };
         let homed = |p: &JointParameters| p.transmission.twist(-p.load_torque) / p.ratio;
-        Ok(match law {
+        Ok(match joint.friction {
             LoadLaw::CoulombPresliding => {
                 let mut joints = Vec::with_capacity(N);
                 for p in parameters {
@@ -157,6 +160,19 @@ impl<const N: usize> Joints<N> {
                 }
                 Self::MaxwellSlip(joints)
             }
+            LoadLaw::LuGre => {
+                let mut joints = Vec::with_capacity(N);
+                for p in parameters {
+                    let bristle = LuGre::new(&p.load_friction, p.presliding, joint.stribeck)?;
+                    let step = step(&p, bristle.initial_stiffness())?;
+                    let state = JointState {
+                        motor_angle: homed(&p),
+                        ..JointState::default()
+                    };
+                    joints.push((Joint::lugre(p, joint.stribeck, step)?, state));
+                }
+                Self::LuGre(joints)
+            }
         })
     }
 
@@ -175,6 +191,12 @@ impl<const N: usize> Joints<N> {
                     joint.advance(state, voltages[i], period);
                 }
             }
+            Self::LuGre(joints) => {
+                for (i, (joint, state)) in joints.iter_mut().enumerate() {
+                    state.load_torque = torques[i];
+                    joint.advance(state, voltages[i], period);
+                }
+            }
         }
     }
 
@@ -182,6 +204,7 @@ impl<const N: usize> Joints<N> {
         match self {
             Self::CoulombPresliding(_, states) => states[i].motor_angle,
             Self::MaxwellSlip(joints) => joints[i].1.motor_angle,
+            Self::LuGre(joints) => joints[i].1.motor_angle,
         }
     }
 
@@ -189,6 +212,7 @@ impl<const N: usize> Joints<N> {
         match self {
             Self::CoulombPresliding(group, states) => group.joints()[i].output(&states[i]),
             Self::MaxwellSlip(joints) => joints[i].0.output(&joints[i].1),
+            Self::LuGre(joints) => joints[i].0.output(&joints[i].1),
         }
     }
 }

@@ -78,6 +78,6 @@ impl Bearing {
             self.direction = step;
             self.angle = angle;
         }
-        self.law.torque(&self.state, angle)
+        self.law.torque(&self.state, angle, 0.0)
     }
 }

@@ -109,7 +109,10 @@ pub struct JointPlant {
     /// The law of load friction.
     #[serde(default)]
     pub friction: LoadLaw,
-    /// `q_p` under `coulomb-presliding`, `q_0` under `maxwell-slip`, radians.
+    /// Velocity above which `lugre` friction falls from its static to its Coulomb level, `v_s`, rad/s.
+    #[serde(default = "stribeck", deserialize_with = "quantity::positive_rotation")]
+    pub stribeck: f64,
+    /// `q_p` under `coulomb-presliding`, `q_0` under `maxwell-slip` and `lugre`, radians.
     #[serde(deserialize_with = "quantity::non_negative_angle")]
     pub presliding: f64,
     /// Constant torque on the load by a preloading spring (thesis 2.4.2), N m.
@@ -134,6 +137,13 @@ pub enum LoadLaw {
     CoulombPresliding,
     /// Maxwell-slip elements that rise to the Coulomb level along an exponential.
     MaxwellSlip,
+    /// A bristle that rises to the static level along an exponential; the level falls with speed.
+    #[serde(rename = "lugre")]
+    LuGre,
+}
+
+fn stribeck() -> f64 {
+    0.01
 }
 
 /// A motor.
@@ -479,10 +489,10 @@ impl Plant {
             ("five_bar.joint.presliding", &self.five_bar.joint),
             ("z_stage.joint.presliding", &self.z_stage.joint),
         ] {
-            let slips = joint.friction == LoadLaw::MaxwellSlip;
+            let slips = joint.friction != LoadLaw::CoulombPresliding;
             if slips && (joint.presliding <= 0.0 || joint.load_friction.coulomb() <= 0.0) {
                 let message =
-                    "maxwell-slip friction needs a way to rise; accepted are a presliding \
+                    "maxwell-slip or lugre friction needs a way to rise; accepted are a presliding \
                                and a Coulomb friction of the load above zero"
                         .to_owned();
                 return Err((key, message));

@@ -21,6 +21,9 @@ pub(super) struct Arguments {
 #[derive(Debug, Subcommand)]
 enum What {
     Windup(WindupArguments),
+    Servo(super::records::ServoArguments),
+    Friction(super::records::FrictionArguments),
+    Resonance(super::records::ResonanceArguments),
     Hysteresis(super::hysteresis::IdentifyArguments),
 }
 
@@ -33,33 +36,50 @@ enum What {
 ///
 /// The gap is the largest spread of the output over the same wanted output, after two full ways: what
 /// the thesis reads off as the difference between the forward and the backward path.
+///
+/// With `--data` instead of an axis, a transmission is identified from a person's own record of the encoders
+/// on both of its sides, in angles (or lengths) of the output: their time skew first, then (2.20), compliance with
+/// the torque, hysteresis with memory and an error of the ratio. The model that tells best what it was
+/// not fitted to is reported, and a fragment of a `calibration.toml` written beside the report. What the
+/// record does not tell has no value, and the exit code is 1.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   pigtail identify windup fivebar
-  pigtail identify windup fivebar --model reversal --dry-run")]
+  pigtail identify windup fivebar --model reversal --dry-run
+  pigtail identify windup --data d.csv --motor mot1_deg --load se1_deg --torque torque1_Nm
+  pigtail identify windup --data d.csv --motor q_m:rad --ratio 0.0125 --load q_l:rad")]
+#[command(group(clap::ArgGroup::new("from").required(true).args(["axis", "data"])))]
 struct WindupArguments {
     /// fivebar, z, or left.a, left.b, left.z, right.a, right.b, right.z
-    axis: AxisName,
+    axis: Option<AxisName>,
+    #[command(flatten)]
+    record: super::records::WindupRecordArguments,
     /// Which model to write and to report
     #[arg(long, value_enum, default_value = "memory")]
     model: Model,
     #[command(flatten)]
     common: Common,
     /// Do not write the model into the rig's calibration
-    #[arg(long)]
+    #[arg(long, conflicts_with = "data")]
     dry_run: bool,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     match &arguments.what {
         What::Windup(arguments) => run_windup(arguments),
+        What::Servo(arguments) => super::records::servo(arguments),
+        What::Friction(arguments) => super::records::friction(arguments),
+        What::Resonance(arguments) => super::records::resonance(arguments),
         What::Hysteresis(arguments) => super::hysteresis::identify(arguments),
     }
 }
 
 fn run_windup(arguments: &WindupArguments) -> Result<u8, Failure> {
-    let at = arguments.axis;
+    let Some(at) = arguments.axis else {
+        let common = &arguments.common;
+        return super::records::windup(&arguments.record, common.json, &common.runs);
+    };
     let setup = Setup::load(&arguments.common.rig, DEFAULT_RECIPE_NAME)?;
     let run = Run::begin(&arguments.common.runs, "-windup", arguments.common.seed)?;
     let mut identified = on_twin(&setup, arguments.common.seed, |station| {

@@ -10,10 +10,12 @@ mod maximize;
 mod methods;
 mod plan;
 mod progress;
+mod records;
 mod scan;
 mod simulate;
 mod trace;
 mod tune;
+mod twin;
 
 use crate::align::AlignError;
 use clap::{Parser, Subcommand};
@@ -66,6 +68,7 @@ enum Command {
     Characterize(characterize::Arguments),
     Trace(trace::Arguments),
     Simulate(simulate::Arguments),
+    Twin(twin::Arguments),
 }
 
 /// Why a command ends without its result.
@@ -125,6 +128,7 @@ pub fn main() -> ExitCode {
         Command::Characterize(arguments) => characterize::run(&arguments),
         Command::Trace(arguments) => trace::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Twin(arguments) => twin::run(&arguments),
     };
     match result {
         Ok(code) => ExitCode::from(code),

@@ -27,6 +27,23 @@ pub struct Table {
     rows: Vec<(u64, csv::StringRecord)>,
 }
 
+/// What is wrong with a CSV file.
+pub(crate) fn explain_csv(file: &str, error: &csv::Error) -> Error {
+    let line = error.position().map(|p| p.line() as usize);
+    let message = match error.kind() {
+        csv::ErrorKind::Io(error) => format!("cannot be read: {error}"),
+        csv::ErrorKind::UnequalLengths {
+            expected_len, len, ..
+        } => format!("has {len} fields; accepted are {expected_len}, as in its first line"),
+        csv::ErrorKind::Utf8 { .. } => "is no text; accepted is UTF-8".to_owned(),
+        _ => error.to_string(),
+    };
+    Error {
+        line,
+        ..Error::new(file, "", message)
+    }
+}
+
 impl Table {
     /// Reads a file.
     ///
@@ -35,21 +52,7 @@ impl Table {
     /// When it cannot be read, or is no CSV with a line of names and rows of as many fields.
     pub fn read(path: &Path) -> Result<Self, Error> {
         let file = path.display().to_string();
-        let bad = |error: csv::Error| {
-            let line = error.position().map(|p| p.line() as usize);
-            let message = match error.kind() {
-                csv::ErrorKind::Io(error) => format!("cannot be read: {error}"),
-                csv::ErrorKind::UnequalLengths {
-                    expected_len, len, ..
-                } => format!("has {len} fields; accepted are {expected_len}, as in its first line"),
-                csv::ErrorKind::Utf8 { .. } => "is no text; accepted is UTF-8".to_owned(),
-                _ => error.to_string(),
-            };
-            Error {
-                line,
-                ..Error::new(&file, "", message)
-            }
-        };
+        let bad = |error: csv::Error| explain_csv(&file, &error);
         let mut reader = csv::ReaderBuilder::new()
             .trim(csv::Trim::All)
             .comment(Some(b'#'))

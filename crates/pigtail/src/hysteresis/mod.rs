@@ -3,6 +3,7 @@
 mod data;
 pub mod machine;
 
+pub(crate) use data::explain_csv;
 pub use data::{Columns, Table};
 
 use crate::align::rounded;

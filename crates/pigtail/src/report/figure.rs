@@ -118,6 +118,17 @@ pub(super) fn curves(axes: &Axes, curves: &[(&str, Vec<(f64, f64)>)]) -> Result<
     })
 }
 
+/// A cloud of points.
+pub(super) fn points(axes: &Axes, points: &[(f64, f64)]) -> Result<String> {
+    draw(axes, |root| {
+        let mut chart = chart(axes, root)?;
+        mesh(axes, &mut chart)?;
+        let colour = CURVES[0].mix(0.5);
+        chart.draw_series(points.iter().map(|p| Circle::new(*p, 1, colour.filled())))?;
+        Ok(())
+    })
+}
+
 /// A histogram of `values` over a range in so many bars.
 pub(super) fn bars(
     width: u32,

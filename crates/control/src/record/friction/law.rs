@@ -1,0 +1,284 @@
+//! Laws of friction against displacement.
+
+use super::Sample;
+
+/// A law of friction against displacement, slow enough that inertia has no part in it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Law {
+    /// The thesis's: up to its static level the contact gives way by `F / k_c` (2.12), with
+    /// `k_c = f_s / q_p` (2.13); beyond it slides. Beside an offset of the force.
+    Presliding,
+    /// The same with a static level and a presliding of each direction.
+    PreslidingTwoSided,
+    /// P. Dahl, *A Solid Friction Model*, 1968: `dF/dq = s_0 (1 - F sgn(v) / f_c)^n`, beside an offset.
+    Dahl,
+    /// Maxwell-slip elements in parallel (generalised Maxwell slip, F. Al-Bender et al. 2005, without a
+    /// Stribeck effect), of like force, that begin to slip at ways spread evenly from the first to the
+    /// last; beside an offset.
+    MaxwellSlip,
+    /// C. Canudas de Wit et al., *A New Model for Control of Systems with Friction*, 1995:
+    /// `F = s_0 z`, `dz/dt = v - s_0 |v| z / g(v)`, `g = f_c + (f_s - f_c) exp(-(v / v_s)^2)`.
+    LuGre,
+    /// The same with viscous friction and an offset.
+    LuGreViscous,
+}
+
+impl Law {
+    /// All of them, those with fewer parameters first.
+    pub const ALL: [Self; 6] = [
+        Self::Presliding,
+        Self::PreslidingTwoSided,
+        Self::Dahl,
+        Self::MaxwellSlip,
+        Self::LuGre,
+        Self::LuGreViscous,
+    ];
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Presliding => "presliding",
+            Self::PreslidingTwoSided => "presliding-two-sided",
+            Self::Dahl => "dahl",
+            Self::MaxwellSlip => "maxwell-slip",
+            Self::LuGre => "lugre",
+            Self::LuGreViscous => "lugre-viscous",
+        }
+    }
+
+    /// Its parameters.
+    pub fn parameters(self) -> &'static [&'static str] {
+        match self {
+            Self::Presliding => &["static_friction", "presliding", "offset"],
+            Self::PreslidingTwoSided => &[
+                "static_friction_forward",
+                "presliding_forward",
+                "static_friction_backward",
+                "presliding_backward",
+            ],
+            Self::Dahl => &["coulomb_friction", "stiffness", "exponent", "offset"],
+            Self::MaxwellSlip => &["coulomb_friction", "first_slip", "last_slip", "offset"],
+            Self::LuGre => &[
+                "coulomb_friction",
+                "stiffness",
+                "static_friction",
+                "stribeck_velocity",
+            ],
+            Self::LuGreViscous => &[
+                "coulomb_friction",
+                "stiffness",
+                "static_friction",
+                "stribeck_velocity",
+                "viscous_friction",
+                "offset",
+            ],
+        }
+    }
+
+    /// Whether it needs to know how fast.
+    pub fn needs_time(self) -> bool {
+        matches!(self, Self::LuGre | Self::LuGreViscous)
+    }
+
+    /// What is fitted, numbers of order one, of the parameters: logarithms of those that are positive,
+    /// offsets over `force`.
+    pub(super) fn coded(self, p: &[f64], force: f64) -> Vec<f64> {
+        match self {
+            Self::Presliding => vec![p[0].ln(), p[1].ln(), p[2] / force],
+            Self::PreslidingTwoSided => p.iter().map(|v| v.ln()).collect(),
+            Self::Dahl => vec![p[0].ln(), p[1].ln(), p[2].ln(), p[3] / force],
+            Self::MaxwellSlip => vec![p[0].ln(), p[1].ln(), (p[2] - p[1]).ln(), p[3] / force],
+            Self::LuGre => vec![p[0].ln(), p[1].ln(), ratio(p), p[3].ln()],
+            Self::LuGreViscous => vec![
+                p[0].ln(),
+                p[1].ln(),
+                ratio(p),
+                p[3].ln(),
+                p[4] * p[3] / force,
+                p[5] / force,
+            ],
+        }
+    }
+
+    /// The parameters of what is fitted.
+    pub(super) fn decoded(self, c: &[f64], force: f64) -> Vec<f64> {
+        match self {
+            Self::Presliding => vec![c[0].exp(), c[1].exp(), c[2] * force],
+            Self::PreslidingTwoSided => c.iter().map(|v| v.exp()).collect(),
+            Self::Dahl => vec![c[0].exp(), c[1].exp(), c[2].exp(), c[3] * force],
+            Self::MaxwellSlip => {
+                let first = c[1].exp();
+                vec![c[0].exp(), first, first + c[2].exp(), c[3] * force]
+            }
+            Self::LuGre => {
+                let coulomb = c[0].exp();
+                vec![
+                    coulomb,
+                    c[1].exp(),
+                    coulomb * (MOST_RATIO * c[2].tanh()).exp(),
+                    c[3].exp(),
+                ]
+            }
+            Self::LuGreViscous => {
+                let (coulomb, speed) = (c[0].exp(), c[3].exp());
+                vec![
+                    coulomb,
+                    c[1].exp(),
+                    coulomb * (MOST_RATIO * c[2].tanh()).exp(),
+                    speed,
+                    c[4] * force / speed,
+                    c[5] * force,
+                ]
+            }
+        }
+    }
+
+    /// Where a search may start: a level (N), a way over which it is reached (m or rad), a speed.
+    pub(super) fn start(self, level: f64, way: f64, speed: f64) -> Vec<f64> {
+        match self {
+            Self::Presliding => vec![level, way, 0.0],
+            Self::PreslidingTwoSided => vec![level, way, level, way],
+            Self::Dahl => vec![level, 1.2 * level / way, 0.7, 0.0],
+            Self::MaxwellSlip => vec![level, 0.5 * way, 1.5 * way, 0.0],
+            Self::LuGre => vec![level, 1.5 * level / way, 1.1 * level, speed],
+            Self::LuGreViscous => vec![level, 1.5 * level / way, 1.1 * level, speed, 0.0, 0.0],
+        }
+    }
+
+    /// The way over which a level is reached, for parameters of this law.
+    pub(super) fn way(self, p: &[f64]) -> f64 {
+        match self {
+            Self::Presliding => p[1],
+            Self::PreslidingTwoSided => p[1].min(p[3]),
+            Self::MaxwellSlip => p[2],
+            Self::Dahl | Self::LuGre | Self::LuGreViscous => p[0] / p[1],
+        }
+    }
+
+    /// Its offset.
+    fn offset(self, p: &[f64]) -> f64 {
+        match self {
+            Self::Presliding => p[2],
+            Self::Dahl | Self::MaxwellSlip => p[3],
+            Self::LuGreViscous => p[5],
+            Self::PreslidingTwoSided | Self::LuGre => 0.0,
+        }
+    }
+
+    /// The force at every sample, newtons or newton metres. Where a stretch begins, the contact is taken
+    /// to be in the state that the measured force says.
+    pub fn tell(self, p: &[f64], samples: &[Sample]) -> Vec<f64> {
+        let offset = self.offset(p);
+        let mut state = State::default();
+        let mut last: Option<&Sample> = None;
+        samples
+            .iter()
+            .map(|sample| {
+                let bare = match last.filter(|_| !sample.begins) {
+                    None => {
+                        state = State::at(self, p, sample.force - offset);
+                        state.force(self, p, 0.0)
+                    }
+                    Some(before) => {
+                        let way = sample.displacement - before.displacement;
+                        let time = sample.time - before.time;
+                        let speed = if time > 0.0 { way / time } else { 0.0 };
+                        state.moves(self, p, way, speed);
+                        state.force(self, p, speed)
+                    }
+                };
+                last = Some(sample);
+                bare + offset
+            })
+            .collect()
+    }
+}
+
+/// Static friction lies within a factor of ten of Coulomb friction: its logarithm is bounded so.
+const MOST_RATIO: f64 = std::f64::consts::LN_10;
+
+fn ratio(p: &[f64]) -> f64 {
+    ((p[2] / p[0]).ln() / MOST_RATIO)
+        .clamp(-0.999, 0.999)
+        .atanh()
+}
+
+/// Number of elements of a [`Law::MaxwellSlip`].
+const ELEMENTS: usize = 24;
+
+/// Longest step of a law that is integrated, in ways over which it reaches its level.
+const STEP: f64 = 0.05;
+
+#[derive(Debug, Clone, Copy, Default)]
+struct State {
+    /// Deflection of the contact, or the force of a law that has no other state.
+    contact: f64,
+    /// Share of its way that each element is deflected.
+    elements: [f64; ELEMENTS],
+}
+
+impl State {
+    fn at(law: Law, p: &[f64], force: f64) -> Self {
+        let mut state = Self::default();
+        let share = |level: f64| (force / level).clamp(-1.0, 1.0);
+        match law {
+            Law::Presliding => state.contact = share(p[0]) * p[1],
+            Law::PreslidingTwoSided => {
+                state.contact = if force > 0.0 {
+                    share(p[0]) * p[1]
+                } else {
+                    share(p[2]) * p[3]
+                };
+            }
+            Law::Dahl => state.contact = share(p[0]) * p[0],
+            Law::LuGre | Law::LuGreViscous => state.contact = share(p[2]) * p[2],
+            Law::MaxwellSlip => state.elements = [share(p[0]); ELEMENTS],
+        }
+        state
+    }
+
+    fn moves(&mut self, law: Law, p: &[f64], way: f64, speed: f64) {
+        match law {
+            Law::Presliding => self.contact = (self.contact + way).clamp(-p[1], p[1]),
+            Law::PreslidingTwoSided => self.contact = (self.contact + way).clamp(-p[3], p[1]),
+            Law::MaxwellSlip => {
+                for (e, share) in self.elements.iter_mut().enumerate() {
+                    let own = p[1] + (p[2] - p[1]) * (e as f64 + 0.5) / ELEMENTS as f64;
+                    *share = (*share + way / own).clamp(-1.0, 1.0);
+                }
+            }
+            Law::Dahl => {
+                let (level, stiffness, exponent) = (p[0], p[1], p[2]);
+                let steps = (way.abs() * stiffness / level / STEP)
+                    .ceil()
+                    .clamp(1.0, 400.0);
+                let step = way / steps;
+                for _ in 0..steps as usize {
+                    let left = (1.0 - way.signum() * self.contact / level).max(0.0);
+                    self.contact += stiffness * step * left.powf(exponent);
+                }
+                self.contact = self.contact.clamp(-level, level);
+            }
+            Law::LuGre | Law::LuGreViscous => {
+                let ratio = speed / p[3];
+                let level = p[0] + (p[2] - p[0]) * (-ratio * ratio).exp();
+                // dF/dq = s_0 (1 - F sgn(v) / g), exactly at one speed.
+                let end = way.signum() * level;
+                if way != 0.0 {
+                    self.contact = end + (self.contact - end) * (-p[1] * way.abs() / level).exp();
+                }
+            }
+        }
+    }
+
+    fn force(&self, law: Law, p: &[f64], speed: f64) -> f64 {
+        match law {
+            Law::Presliding => p[0] * self.contact / p[1],
+            Law::PreslidingTwoSided if self.contact > 0.0 => p[0] * self.contact / p[1],
+            Law::PreslidingTwoSided => p[2] * self.contact / p[3],
+            Law::Dahl | Law::LuGre => self.contact,
+            Law::LuGreViscous => self.contact + p[4] * speed,
+            Law::MaxwellSlip => p[0] * self.elements.iter().sum::<f64>() / ELEMENTS as f64,
+        }
+    }
+}

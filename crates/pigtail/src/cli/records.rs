@@ -1,0 +1,571 @@
+//! `pigtail identify` from a record that a person brings.
+
+use super::{DONE, Failure, NEGATIVE};
+use crate::records::columns::Named;
+use crate::records::fragment::{AxisTable, ControllerTable, Drive, Fragment, Kind, RecordTable};
+use crate::records::friction;
+use crate::records::resonance;
+use crate::records::servo::{self, Roles};
+use crate::records::windup;
+use crate::records::{Answer, Shown, capital, short};
+use crate::report;
+use crate::rig::hash;
+use crate::runs::Run;
+use clap::{Args, ValueEnum};
+use pigtail_control::record::friction::Law;
+use pigtail_control::record::servo::{Controller, Friction, Method, Settings};
+use pigtail_hal::Error;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+/// What all of these commands take.
+#[derive(Debug, Args)]
+pub(super) struct Output {
+    /// Print JSON instead of text
+    #[arg(long)]
+    pub(super) json: bool,
+    /// Where to write the run's folder
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    pub(super) runs: PathBuf,
+}
+
+/// Identify inertia and friction of a servo axis from a record of it
+///
+/// Fits the inverse dynamic model, force = inertia x acceleration + viscous + Coulomb friction + offset,
+/// by least squares: the position filtered both ways, differentiated by central differences, everything
+/// decimated. Symmetric friction with an offset, and friction that each direction has for itself; by
+/// ordinary least squares, weighted, with instrumental variables from the closed loop replayed, and with the
+/// delay of the voltage as one unknown more. The
+/// verdict says which variant generalises: by the second record (--validate), else by the last part of the
+/// first one. Where a record does not excite a parameter, it is not given a value, and the exit code is 1.
+///
+/// A column is NAME or NAME:UNIT; without, its unit is the one its name ends with (`q_mm`, `q [mm]`), else SI.
+/// With a reference, the controller is identified too, and the record replayed in closed loop.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pigtail identify servo --data log.csv --time t_s --reference q_ref_m --position q_meas_m --voltage u_V \
+--force-per-volt 35.15
+  pigtail identify servo --data log.csv --position pos:mm --voltage cmd:V --force-per-volt 12 --validate b.csv")]
+pub(super) struct ServoArguments {
+    /// A CSV file whose first line names its columns
+    #[arg(long, value_name = "FILE")]
+    data: PathBuf,
+    /// Its column of time; `t_s`, `time_s`, `t` or `time` if not given
+    #[arg(long, value_name = "COLUMN")]
+    time: Option<Named>,
+    /// Its column of the position's reference
+    #[arg(long, value_name = "COLUMN")]
+    reference: Option<Named>,
+    /// Its column of position, a length or an angle
+    #[arg(long, value_name = "COLUMN")]
+    position: Named,
+    /// Its column of motor voltage
+    #[arg(long, value_name = "COLUMN")]
+    voltage: Named,
+    /// Force (N) or torque (N m) of a volt
+    #[arg(long, value_name = "K", value_parser = super::positive)]
+    force_per_volt: f64,
+    /// A second record of the same columns, to judge by
+    #[arg(long, value_name = "FILE")]
+    validate: Option<PathBuf>,
+    /// Friction whose parameters are reported
+    #[arg(long, value_enum, default_value = "symmetric")]
+    friction: FrictionChoice,
+    /// Method whose parameters are reported
+    #[arg(long, value_enum, default_value = "least-squares")]
+    method: MethodChoice,
+    /// Cutoff of the position's filter, hertz; a tenth of the sample rate, at most 100, if not given
+    #[arg(long, value_name = "HERTZ", value_parser = super::positive)]
+    cutoff: Option<f64>,
+    /// Order of the filter
+    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u8).range(1..=8))]
+    order: u8,
+    /// Samples left out at the start
+    #[arg(long, default_value_t = 49)]
+    skip: usize,
+    /// One equation in so many samples; sample rate over cutoff if not given
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    decimate: Option<u32>,
+    /// The controller u = KV (KP (reference - position) - velocity), bounded by LIMIT volts; found in the record if
+    /// not given
+    #[arg(long, value_name = "KP,KV,LIMIT", value_parser = cascade)]
+    controller: Option<Controller>,
+    /// Turns of the output for a turn of the motor: the fragment then has the axis as a part of a rig's
+    /// `plant.toml` too, `z_stage` of one along a line, `five_bar.joint` of one that turns
+    #[arg(long, value_name = "R", value_parser = super::positive)]
+    gear_ratio: Option<f64>,
+    /// Travel for a turn of the screw, metres, of an axis along a line
+    #[arg(long, value_name = "METRES", value_parser = super::positive, requires = "gear_ratio")]
+    lead: Option<f64>,
+    #[command(flatten)]
+    output: Output,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum FrictionChoice {
+    /// Both directions alike, and an offset
+    Symmetric,
+    /// Each direction for itself
+    Asymmetric,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum MethodChoice {
+    /// Ordinary least squares
+    LeastSquares,
+    /// Least squares by Huber's weights
+    Weighted,
+    /// Instrumental variables
+    Instrumental,
+    /// Least squares with the time after which a voltage acts as one unknown more
+    Delayed,
+}
+
+fn cascade(text: &str) -> Result<Controller, String> {
+    let numbers: Option<Vec<f64>> = text
+        .split(',')
+        .map(|t| {
+            t.trim()
+                .parse()
+                .ok()
+                .filter(|v: &f64| v.is_finite() && *v > 0.0)
+        })
+        .collect();
+    match numbers.as_deref() {
+        Some([kp, kv, limit]) => Ok(Controller::cascade(*kp, *kv, *limit)),
+        _ => Err(format!(
+            "\"{text}\" is not three finite numbers above zero, separated by commas"
+        )),
+    }
+}
+
+pub(super) fn hash_of(path: &Path) -> (String, String) {
+    let content = std::fs::read(path).unwrap_or_default();
+    (path.display().to_string(), hash(content))
+}
+
+pub(super) fn servo(a: &ServoArguments) -> Result<u8, Failure> {
+    let roles = Roles {
+        time: a.time.clone(),
+        reference: a.reference.clone(),
+        position: a.position.clone(),
+        voltage: a.voltage.clone(),
+    };
+    let first = roles.read(&a.data)?;
+    let second = a
+        .validate
+        .as_ref()
+        .map(|path| roles.read(path))
+        .transpose()?;
+    let set = Settings {
+        force_per_volt: a.force_per_volt,
+        cutoff: a.cutoff,
+        order: usize::from(a.order),
+        skip: a.skip,
+        decimate: a.decimate.map(|d| d as usize),
+        controller: a.controller,
+    };
+    let nyquist = 0.5 / first.record.even().period;
+    if let Some(cutoff) = a.cutoff.filter(|c| *c >= nyquist) {
+        let message = format!(
+            "{cutoff} Hz is not below the record's Nyquist frequency; accepted is less than {nyquist} Hz"
+        );
+        return Err(Error::new(a.data.display().to_string(), "--cutoff", message).into());
+    }
+    let friction = match a.friction {
+        FrictionChoice::Symmetric => Friction::Symmetric,
+        FrictionChoice::Asymmetric => Friction::Asymmetric,
+    };
+    let method = match a.method {
+        MethodChoice::LeastSquares => Method::LeastSquares,
+        MethodChoice::Weighted => Method::Weighted,
+        MethodChoice::Instrumental => Method::Instrumental,
+        MethodChoice::Delayed => Method::Delayed,
+    };
+    if a.gear_ratio.is_some() && a.lead.is_none() && first.kind == Kind::Linear {
+        let message = "is missing for an axis along a line; accepted is the travel for a turn of its screw, metres";
+        return Err(Error::new("identify servo", "--lead", message).into());
+    }
+    let drive = a.gear_ratio.map(|ratio| Drive {
+        ratio,
+        lead: a.lead.unwrap_or_default(),
+    });
+    let found = servo::servo(&first, second.as_ref(), &set, (friction, method));
+    let fragment = found
+        .best
+        .as_ref()
+        .filter(|_| found.answer.is_whole())
+        .map(|(best, whole)| {
+            let plain = Fragment {
+                origin: String::new(),
+                axis: AxisTable::new(first.kind, &best.axis(a.force_per_volt)),
+                controller: whole.controller.as_ref().map(ControllerTable::new),
+                record: RecordTable::new(&first.source),
+                z_stage: None,
+                five_bar: None,
+            };
+            let driven = match &drive {
+                Some(drive) => plain.driven(drive),
+                None => plain,
+            };
+            move |origin: String| Fragment { origin, ..driven }
+        });
+    let mut hashes = vec![hash_of(&a.data)];
+    hashes.extend(a.validate.as_deref().map(hash_of));
+    let title = format!("A servo axis from {}", a.data.display());
+    finish(
+        "servo",
+        &title,
+        found.answer,
+        found.shown.as_ref(),
+        &hashes,
+        fragment.map(|f| move |run: &Run| Ok(("plant.toml", f(origin("servo", run)).text()?))),
+        &a.output,
+    )
+}
+
+/// Identify a law of friction from a record of force against displacement
+///
+/// Fits the thesis's presliding (2.12)-(2.13), symmetric and with each direction for itself, Dahl's law,
+/// Maxwell-slip elements and, where there is time, LuGre to the record's first six tenths, and chooses by the
+/// error on the rest, or on a second record; of laws that are as good the one with fewer parameters. Then
+/// it is fitted to the whole record.
+///
+/// A force that does negative work is what friction does to the body: its sign is turned. What the record
+/// does not tell has no value, and the exit code is 1.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pigtail identify friction --data d.csv --displacement position_mm --force friction_uN
+  pigtail identify friction --data d.csv --displacement x:um --force f:N --law lugre")]
+pub(super) struct FrictionArguments {
+    /// A CSV file whose first line names its columns
+    #[arg(long, value_name = "FILE")]
+    data: PathBuf,
+    /// Its column of displacement, a length or an angle
+    #[arg(long, value_name = "COLUMN")]
+    displacement: Named,
+    /// Its column of force or torque
+    #[arg(long, value_name = "COLUMN")]
+    force: Named,
+    /// Its column of time; `t_s`, `time_s`, `t` or `time` if not given and there
+    #[arg(long, value_name = "COLUMN")]
+    time: Option<Named>,
+    /// A second record of the same columns, to judge by
+    #[arg(long, value_name = "FILE")]
+    validate: Option<PathBuf>,
+    /// Laws of at most so many parameters
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u8).range(3..=6))]
+    most_parameters: u8,
+    /// The law to report, whichever is best
+    #[arg(long, value_enum)]
+    law: Option<LawChoice>,
+    #[command(flatten)]
+    output: Output,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum LawChoice {
+    /// (2.12)-(2.13), beside an offset
+    Presliding,
+    /// The same, each direction for itself
+    PreslidingTwoSided,
+    /// Dahl's
+    Dahl,
+    /// Maxwell-slip elements
+    MaxwellSlip,
+    /// LuGre
+    Lugre,
+    /// LuGre with viscous friction and an offset
+    LugreViscous,
+}
+
+impl LawChoice {
+    fn law(self) -> Law {
+        match self {
+            Self::Presliding => Law::Presliding,
+            Self::PreslidingTwoSided => Law::PreslidingTwoSided,
+            Self::Dahl => Law::Dahl,
+            Self::MaxwellSlip => Law::MaxwellSlip,
+            Self::Lugre => Law::LuGre,
+            Self::LugreViscous => Law::LuGreViscous,
+        }
+    }
+}
+
+pub(super) fn friction(a: &FrictionArguments) -> Result<u8, Failure> {
+    let roles = friction::Roles {
+        time: a.time.clone(),
+        displacement: a.displacement.clone(),
+        force: a.force.clone(),
+    };
+    let first = roles.read(&a.data)?;
+    let second = a
+        .validate
+        .as_ref()
+        .map(|path| roles.read(path))
+        .transpose()?;
+    let law = a.law.map(LawChoice::law);
+    let most = law.map_or(usize::from(a.most_parameters), |l| {
+        l.parameters().len().max(usize::from(a.most_parameters))
+    });
+    let found = friction::friction(&first, second.as_ref(), most, law);
+    let fragment = found.fragment.clone();
+    let mut hashes = vec![hash_of(&a.data)];
+    hashes.extend(a.validate.as_deref().map(hash_of));
+    let title = format!("Friction in {}", a.data.display());
+    finish(
+        "friction",
+        &title,
+        found.answer,
+        found.shown.as_ref(),
+        &hashes,
+        fragment.map(|text| {
+            move |run: &Run| {
+                Ok((
+                    "plant.toml",
+                    format!("# By {}.\n{text}", origin("friction", run)),
+                ))
+            }
+        }),
+        &a.output,
+    )
+}
+
+/// The record of a transmission, for `pigtail identify windup`.
+#[derive(Debug, Args)]
+pub(super) struct WindupRecordArguments {
+    /// A CSV file whose first line names its columns, instead of an axis
+    #[arg(long, value_name = "FILE", requires_all = ["motor", "load"])]
+    data: Option<PathBuf>,
+    /// Its column of the motor's position
+    #[arg(long, value_name = "COLUMN", requires = "data")]
+    motor: Option<Named>,
+    /// Its column of the load's position
+    #[arg(long, value_name = "COLUMN", requires = "data")]
+    load: Option<Named>,
+    /// Its column of the motor's torque
+    #[arg(long, value_name = "COLUMN", requires = "data")]
+    torque: Option<Named>,
+    /// Its column of time; `t_s`, `time_s`, `t` or `time` if not given
+    #[arg(long, value_name = "COLUMN", requires = "data")]
+    time: Option<Named>,
+    /// Turns of the output for a turn of the motor, where the motor's column is not yet in angles of the output
+    #[arg(long, value_name = "R", default_value_t = 1.0, value_parser = super::positive, requires = "data")]
+    ratio: f64,
+    /// A second record of the same columns, to judge by
+    #[arg(long, value_name = "FILE", requires = "data")]
+    validate: Option<PathBuf>,
+    /// Table of the calibration that the fragment is for
+    #[arg(long, value_enum, default_value = "five-bar", requires = "data")]
+    kind: KindChoice,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum KindChoice {
+    /// `windup.five_bar`
+    FiveBar,
+    /// `windup.z`
+    Z,
+}
+
+pub(super) fn windup(a: &WindupRecordArguments, json: bool, runs: &Path) -> Result<u8, Failure> {
+    let (Some(data), Some(motor), Some(load)) = (&a.data, &a.motor, &a.load) else {
+        let message = "no record; accepted is an axis, or --data with --motor and --load";
+        return Err(Error::new("identify windup", "", message).into());
+    };
+    let roles = windup::Roles {
+        time: a.time.clone(),
+        motor: motor.clone(),
+        load: load.clone(),
+        torque: a.torque.clone(),
+        ratio: a.ratio,
+    };
+    let first = roles.read(data)?;
+    let second = a
+        .validate
+        .as_ref()
+        .map(|path| roles.read(path))
+        .transpose()?;
+    let found = windup::windup(&first, second.as_ref());
+    let mut hashes = vec![hash_of(data)];
+    hashes.extend(a.validate.as_deref().map(hash_of));
+    let title = format!("A transmission from {}", data.display());
+    let table = match a.kind {
+        KindChoice::FiveBar => "five_bar",
+        KindChoice::Z => "z",
+    };
+    let model = found.model.clone();
+    finish(
+        "windup",
+        &title,
+        found.answer,
+        found.shown.as_ref(),
+        &hashes,
+        model.map(|model| {
+            move |run: &Run| {
+                let origin = format!("identify windup --data, run {}", run.name());
+                Ok((
+                    "calibration.toml",
+                    windup::fragment(&model, table, &run.date(), &origin),
+                ))
+            }
+        }),
+        &Output {
+            json,
+            runs: runs.to_owned(),
+        },
+    )
+}
+
+/// Identify modes, damping and delay from a frequency response
+///
+/// A row for each frequency: magnitude (a ratio or decibels) and phase, or real and imaginary part. Modes are
+/// added one at a time, as long as the points that were held back, every second one, are told better by
+/// a twentieth. What the points do not resolve has no value, and the exit code is 1.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pigtail identify resonance --data frf.csv
+  pigtail identify resonance --data frf.csv --frequency f:Hz --magnitude gain:dB --phase arg:deg")]
+pub(super) struct ResonanceArguments {
+    /// A CSV file whose first line names its columns
+    #[arg(long, value_name = "FILE")]
+    data: PathBuf,
+    /// Its column of frequency; one with a usual name if not given
+    #[arg(long, value_name = "COLUMN")]
+    frequency: Option<Named>,
+    /// Its column of magnitude, a ratio or in dB; one with a usual name if not given
+    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["real", "imaginary"])]
+    magnitude: Option<Named>,
+    /// Its column of phase; one with a usual name if not given
+    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["real", "imaginary"])]
+    phase: Option<Named>,
+    /// Its column of the real part
+    #[arg(long, value_name = "COLUMN", requires = "imaginary")]
+    real: Option<Named>,
+    /// Its column of the imaginary part
+    #[arg(long, value_name = "COLUMN", requires = "real")]
+    imaginary: Option<Named>,
+    /// Its column of coherence, by which points count
+    #[arg(long, value_name = "COLUMN")]
+    coherence: Option<Named>,
+    #[command(flatten)]
+    output: Output,
+}
+
+pub(super) fn resonance(a: &ResonanceArguments) -> Result<u8, Failure> {
+    let roles = resonance::Roles {
+        frequency: a.frequency.clone(),
+        magnitude: a.magnitude.clone(),
+        phase: a.phase.clone(),
+        parts: a.real.clone().zip(a.imaginary.clone()),
+        coherence: a.coherence.clone(),
+    };
+    let (answer, shown) = resonance::resonance(&roles, &a.data)?;
+    let modes = answer.is_whole().then(|| resonance::fragment(&answer));
+    let title = format!("Resonances in {}", a.data.display());
+    finish(
+        "resonance",
+        &title,
+        answer,
+        shown.as_ref(),
+        &[hash_of(&a.data)],
+        modes.map(|text| {
+            move |run: &Run| {
+                Ok((
+                    "plant.toml",
+                    format!("# By {}.\n{text}", origin("resonance", run)),
+                ))
+            }
+        }),
+        &a.output,
+    )
+}
+
+pub(super) fn origin(what: &str, run: &Run) -> String {
+    format!("identify {what}, run {}, {}", run.name(), run.date())
+}
+
+/// Writes the run and prints the answer.
+pub(super) fn finish(
+    what: &str,
+    title: &str,
+    mut answer: Answer,
+    shown: Option<&Shown>,
+    hashes: &[(String, String)],
+    fragment: Option<impl FnOnce(&Run) -> anyhow::Result<(&'static str, String)>>,
+    output: &Output,
+) -> Result<u8, Failure> {
+    let run = Run::begin(&output.runs, &format!("-{what}"), 0)?;
+    if let Some(fragment) = fragment {
+        let (name, text) = fragment(&run)?;
+        run.write(name, text)?;
+        let path = run.path(name).display().to_string();
+        answer.more.insert("fragment".to_owned(), path.into());
+    }
+    let path = run.path("report.html").display().to_string();
+    answer.more.insert("report".to_owned(), path.into());
+    let document = answer.json();
+    run.write_json("summary.json", &document)?;
+    run.write("report.html", report::record(title, &answer, shown)?)?;
+    run.finish_with(hashes, 0)?;
+    let text = if output.json {
+        format!("{document}\n")
+    } else {
+        account(&answer)
+    };
+    super::print(text.as_bytes())?;
+    Ok(if servo::is_negative(&answer) {
+        NEGATIVE
+    } else {
+        DONE
+    })
+}
+
+/// What a person wants to know of it.
+fn account(answer: &Answer) -> String {
+    let mut text = answer.lines();
+    let mut errors = Vec::new();
+    if let Some(e) = answer.relative_error_percent {
+        errors.push(format!("relative error {} %", short(e)));
+    }
+    if let Some(e) = answer.validation_error_percent {
+        errors.push(format!("{} % on what it was not fitted to", short(e)));
+    }
+    if let Some(c) = answer.condition {
+        errors.push(format!("condition {}", short(c)));
+    }
+    if !errors.is_empty() {
+        let _ = writeln!(text, "{}", errors.join(", "));
+    }
+    let replay = |key: &str| {
+        answer
+            .more
+            .get(key)
+            .and_then(|r| r["velocity_error_percent"].as_f64())
+    };
+    for (key, name) in [
+        ("replay", "The record"),
+        ("validation_replay", "The second record"),
+    ] {
+        if let Some(error) = replay(key) {
+            let _ = writeln!(
+                text,
+                "{name} replayed in closed loop: the velocity is {} % off",
+                short(error)
+            );
+        }
+    }
+    let _ = writeln!(text, "{}", capital(&answer.verdict));
+    for remark in &answer.remarks {
+        let _ = writeln!(text, "Note: {remark}");
+    }
+    for (key, name) in [("fragment", "Fragment"), ("report", "Report")] {
+        if let Some(path) = answer.more.get(key).and_then(|p| p.as_str()) {
+            let _ = writeln!(text, "{name}: {path}");
+        }
+    }
+    text
+}

@@ -1,0 +1,466 @@
+//! Columns of a CSV file that a person brings, in SI units.
+
+use pigtail_hal::Error;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+/// What a column may be of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Dimension {
+    /// Seconds.
+    Time,
+    /// Metres.
+    Length,
+    /// Radians.
+    Angle,
+    /// Volts.
+    Voltage,
+    /// Newtons.
+    Force,
+    /// Newton metres.
+    Torque,
+    /// Hertz.
+    Frequency,
+    /// A magnitude without a unit of its own, as a ratio.
+    Ratio,
+    /// A magnitude in decibels.
+    Decibel,
+}
+
+/// Units by the name that a file gives them, what they are of, and their size in SI units.
+const UNITS: [(&str, Dimension, f64); 31] = [
+    ("s", Dimension::Time, 1.0),
+    ("ms", Dimension::Time, 1e-3),
+    ("us", Dimension::Time, 1e-6),
+    ("min", Dimension::Time, 60.0),
+    ("m", Dimension::Length, 1.0),
+    ("mm", Dimension::Length, 1e-3),
+    ("um", Dimension::Length, 1e-6),
+    ("nm", Dimension::Length, 1e-9),
+    ("rad", Dimension::Angle, 1.0),
+    ("mrad", Dimension::Angle, 1e-3),
+    ("urad", Dimension::Angle, 1e-6),
+    ("deg", Dimension::Angle, std::f64::consts::PI / 180.0),
+    ("arcsec", Dimension::Angle, std::f64::consts::PI / 648_000.0),
+    ("turn", Dimension::Angle, std::f64::consts::TAU),
+    ("V", Dimension::Voltage, 1.0),
+    ("mV", Dimension::Voltage, 1e-3),
+    ("N", Dimension::Force, 1.0),
+    ("kN", Dimension::Force, 1e3),
+    ("mN", Dimension::Force, 1e-3),
+    ("uN", Dimension::Force, 1e-6),
+    ("N m", Dimension::Torque, 1.0),
+    ("Nm", Dimension::Torque, 1.0),
+    ("mNm", Dimension::Torque, 1e-3),
+    ("uNm", Dimension::Torque, 1e-6),
+    ("Hz", Dimension::Frequency, 1.0),
+    ("kHz", Dimension::Frequency, 1e3),
+    ("rad/s", Dimension::Frequency, 0.5 / std::f64::consts::PI),
+    ("1", Dimension::Ratio, 1.0),
+    ("ratio", Dimension::Ratio, 1.0),
+    ("dB", Dimension::Decibel, 1.0),
+    ("db", Dimension::Decibel, 1.0),
+];
+
+/// A column as it is named on a command line: `NAME` or `NAME:UNIT`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Named(String);
+
+impl FromStr for Named {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text.trim().is_empty() {
+            return Err("is empty; accepted is the name of a column".to_owned());
+        }
+        Ok(Self(text.trim().to_owned()))
+    }
+}
+
+impl Named {
+    /// A column by its name alone.
+    pub fn new(name: impl Into<String>) -> Self {
+        Self(name.into())
+    }
+}
+
+/// What a command wants of a column.
+#[derive(Debug, Clone)]
+pub struct Wanted<'a> {
+    /// The option that named it.
+    pub option: &'static str,
+    /// What was given.
+    pub named: &'a Named,
+    /// Of what it may be; the first is what it is where no unit is known.
+    pub of: &'a [Dimension],
+}
+
+/// A column that was read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Column {
+    /// Its name in the file.
+    pub name: String,
+    /// Its unit there.
+    pub unit: &'static str,
+    /// What it is of.
+    pub dimension: Dimension,
+    /// Its values in SI units; NaN where the file has none.
+    pub values: Vec<f64>,
+    /// How the unit came to be known.
+    pub by: By,
+}
+
+/// How a unit came to be known.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum By {
+    /// It was given with the column.
+    Option,
+    /// The column's name ends with it.
+    Name,
+    /// It was assumed.
+    Nothing,
+}
+
+/// Share of rows without a value above which a column is none.
+const MISSING: f64 = 0.2;
+
+/// Names under which a column of time is found where none is named.
+const TIMES: [&str; 7] = ["t_s", "time_s", "t", "time", "Time", "t_ms", "time_ms"];
+
+/// The unit with which a column's name ends.
+fn of_name(name: &str) -> Option<&'static (&'static str, Dimension, f64)> {
+    let bracketed = name
+        .strip_suffix([']', ')'])
+        .and_then(|rest| rest.rsplit_once(['[', '(']))
+        .map(|(_, unit)| unit);
+    let suffix = bracketed.or_else(|| name.rsplit_once('_').map(|(_, unit)| unit))?;
+    UNITS.iter().find(|u| u.0 == suffix.trim())
+}
+
+/// The names in a file's first line.
+///
+/// # Errors
+///
+/// When it cannot be read.
+pub fn names(path: &Path) -> Result<Vec<String>, Error> {
+    let mut reader = open(path)?;
+    let headers = reader.headers().map_err(|e| explain(path, &e))?;
+    Ok(headers.iter().map(str::to_owned).collect())
+}
+
+/// The column of time: the named one, or one with a usual name.
+///
+/// # Errors
+///
+/// When the file cannot be read, or no column was named and none has a usual name.
+pub fn time_named(path: &Path, given: Option<&Named>) -> Result<Named, Error> {
+    if let Some(given) = given {
+        return Ok(given.clone());
+    }
+    usual_time(path)?.ok_or_else(|| {
+        let there = names(path).unwrap_or_default().join(", ");
+        let message = format!(
+            "no column is named as time usually is; name one with --time: there are {there}"
+        );
+        Error::new(path.display().to_string(), "--time", message)
+    })
+}
+
+/// The column of time with a usual name, where there is one.
+///
+/// # Errors
+///
+/// When the file cannot be read.
+pub fn usual_time(path: &Path) -> Result<Option<Named>, Error> {
+    let names = names(path)?;
+    let usual = TIMES.iter().find(|t| names.iter().any(|n| n == *t));
+    Ok(usual.map(|t| Named::new(*t)))
+}
+
+/// That a column of time rises wherever it has a value.
+///
+/// # Errors
+///
+/// When it does not.
+pub fn rising(path: &Path, time: &Column) -> Result<(), Error> {
+    let mut last = f64::NEG_INFINITY;
+    for (k, value) in time.values.iter().enumerate() {
+        if *value <= last {
+            let message = format!(
+                "time {value} s comes after {last} s in data row {}; accepted is time that rises throughout",
+                k + 1
+            );
+            return Err(Error::new(path.display().to_string(), &time.name, message));
+        }
+        if value.is_finite() {
+            last = *value;
+        }
+    }
+    Ok(())
+}
+
+fn open(path: &Path) -> Result<csv::Reader<std::fs::File>, Error> {
+    csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .comment(Some(b'#'))
+        .from_path(path)
+        .map_err(|e| explain(path, &e))
+}
+
+fn explain(path: &Path, error: &csv::Error) -> Error {
+    crate::hysteresis::explain_csv(&path.display().to_string(), error)
+}
+
+/// Reads columns of a file.
+///
+/// # Errors
+///
+/// When the file cannot be read, a column is not there or named twice, its unit is of something else, a
+/// field is no number, or too many have no value.
+pub fn read(path: &Path, wanted: &[Wanted]) -> Result<Vec<Column>, Error> {
+    let file = path.display().to_string();
+    let mut reader = open(path)?;
+    let names: Vec<String> = reader
+        .headers()
+        .map_err(|e| explain(path, &e))?
+        .iter()
+        .map(str::to_owned)
+        .collect();
+    let mut places = Vec::with_capacity(wanted.len());
+    let mut columns = Vec::with_capacity(wanted.len());
+    for want in wanted {
+        let (place, column) = locate(&file, &names, want)?;
+        if let Some(k) = places.iter().position(|p| *p == place) {
+            let message = format!(
+                "is named twice, by {} and {}; accepted are different columns",
+                wanted[k].option, want.option
+            );
+            return Err(Error::new(&file, &names[place], message));
+        }
+        places.push(place);
+        columns.push(column);
+    }
+    let sizes: Vec<f64> = columns
+        .iter()
+        .map(|c: &Column| {
+            let unit = UNITS.iter().find(|u| u.0 == c.unit);
+            unit.map_or(1.0, |u| u.2)
+        })
+        .collect();
+    let mut row = csv::ByteRecord::new();
+    while reader
+        .read_byte_record(&mut row)
+        .map_err(|e| explain(path, &e))?
+    {
+        for ((place, column), size) in places.iter().zip(&mut columns).zip(&sizes) {
+            let value = number(&row[*place]).map_err(|(text, why)| Error {
+                line: row.position().map(|p| p.line() as usize),
+                ..Error::new(
+                    &file,
+                    &names[*place],
+                    format!("\"{text}\" is {why}; accepted is a finite number, or nothing where one is missing"),
+                )
+            })?;
+            column.values.push(value * size);
+        }
+    }
+    for column in &columns {
+        let rows = column.values.len();
+        if rows == 0 {
+            return Err(Error::new(&file, "", "has no rows below its line of names"));
+        }
+        let missing = column.values.iter().filter(|v| v.is_nan()).count();
+        if missing as f64 > MISSING * rows as f64 {
+            let message = format!(
+                "{missing} of {rows} rows have no value; accepted are at most {:.0} %",
+                100.0 * MISSING
+            );
+            return Err(Error::new(&file, &column.name, message));
+        }
+    }
+    Ok(columns)
+}
+
+/// A number, NaN where there is none.
+fn number(field: &[u8]) -> Result<f64, (String, &'static str)> {
+    let text = std::str::from_utf8(field)
+        .map_err(|_| (String::from_utf8_lossy(field).into_owned(), "no text"))?;
+    let missing = ["", "nan", "na", "n/a", "null", "-"];
+    if missing.iter().any(|m| text.eq_ignore_ascii_case(m)) {
+        return Ok(f64::NAN);
+    }
+    let value: f64 = text.parse().map_err(|_| (text.to_owned(), "no number"))?;
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err((text.to_owned(), "not finite"))
+    }
+}
+
+fn locate(file: &str, names: &[String], want: &Wanted) -> Result<(usize, Column), Error> {
+    let text = &want.named.0;
+    let find = |name: &str| names.iter().position(|n| n == name);
+    let (place, given) = match (find(text), text.rsplit_once(':')) {
+        (Some(place), _) => (place, None),
+        (None, Some((name, unit))) if find(name).is_some() => {
+            (find(name).unwrap_or_default(), Some(unit.trim()))
+        }
+        _ => {
+            let message = format!(
+                "no such column for {}; there are {}",
+                want.option,
+                names.join(", ")
+            );
+            return Err(Error::new(file, text, message));
+        }
+    };
+    let name = &names[place];
+    let accepted = || {
+        UNITS
+            .iter()
+            .filter(|u| want.of.contains(&u.1))
+            .map(|u| u.0)
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
+    let suffix = of_name(name);
+    let (unit, by) = match (given, suffix) {
+        (Some(given), _) => {
+            let unit = UNITS
+                .iter()
+                .find(|u| u.0 == given && want.of.contains(&u.1));
+            let Some(unit) = unit else {
+                let message = format!(
+                    "{} cannot be in \"{given}\"; accepted is {}",
+                    want.option,
+                    accepted()
+                );
+                return Err(Error::new(file, name, message));
+            };
+            if let Some(own) = suffix.filter(|own| own.0 != unit.0 && want.of.contains(&own.1)) {
+                let message = format!(
+                    "is said to be in {given}, but its name says {}; accepted is one of both: give the unit \
+                     that its name has, or rename the column",
+                    own.0
+                );
+                return Err(Error::new(file, name, message));
+            }
+            (unit, By::Option)
+        }
+        (None, Some(unit)) if want.of.contains(&unit.1) => (unit, By::Name),
+        // A magnitude may be of anything over anything.
+        (None, Some(_)) if want.of.contains(&Dimension::Ratio) => {
+            let usual = UNITS.iter().find(|u| u.1 == Dimension::Ratio);
+            (usual.unwrap_or(&UNITS[0]), By::Name)
+        }
+        (None, Some(unit)) => {
+            let message = format!(
+                "its name says {}, which is no unit for {}; accepted is a column in {}, or its unit as \
+                 \"{name}:UNIT\"",
+                unit.0,
+                want.option,
+                accepted()
+            );
+            return Err(Error::new(file, name, message));
+        }
+        (None, None) => {
+            let usual = UNITS.iter().find(|u| u.1 == want.of[0]);
+            (usual.unwrap_or(&UNITS[0]), By::Nothing)
+        }
+    };
+    let column = Column {
+        name: name.clone(),
+        unit: unit.0,
+        dimension: unit.1,
+        values: Vec::new(),
+        by,
+    };
+    Ok((place, column))
+}
+
+/// A remark for each column whose unit had to be assumed.
+pub fn remarks(columns: &[Column]) -> Vec<String> {
+    columns
+        .iter()
+        .filter(|c| c.by == By::Nothing)
+        .map(|c| format!("column {} taken as in {}", c.name, c.unit))
+        .collect()
+}
+
+/// Where a record was and what was read of it: what a fragment keeps.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Source {
+    /// The file, as an absolute path where that can be told.
+    pub file: PathBuf,
+    /// Role and `NAME:UNIT` of each column.
+    pub columns: Vec<(&'static str, String)>,
+}
+
+impl Source {
+    /// Of columns that were read, with the options that named them.
+    pub fn new(path: &Path, wanted: &[Wanted], columns: &[Column]) -> Self {
+        Self {
+            file: std::path::absolute(path).unwrap_or_else(|_| path.to_owned()),
+            columns: wanted
+                .iter()
+                .zip(columns)
+                .map(|(w, c)| {
+                    (
+                        w.option.trim_start_matches("--"),
+                        format!("{}:{}", c.name, c.unit),
+                    )
+                })
+                .collect(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+
+    fn file(content: &str) -> (tempfile::TempDir, PathBuf) {
+        let folder = tempfile::TempDir::new().expect("a folder");
+        let path = folder.path().join("r.csv");
+        fs::write(&path, content).expect("a file");
+        (folder, path)
+    }
+
+    fn read_one(content: &str, named: &str, of: &[Dimension]) -> Result<Column, Error> {
+        let (_folder, path) = file(content);
+        let named = Named::new(named);
+        let wanted = Wanted {
+            option: "--position",
+            named: &named,
+            of,
+        };
+        Ok(read(&path, &[wanted])?.remove(0))
+    }
+
+    #[test]
+    fn units_come_from_the_option_or_the_name_and_must_agree() {
+        const LENGTHS: &[Dimension] = &[Dimension::Length, Dimension::Angle];
+        let of = |header: &str, named: &str| read_one(&format!("{header}\n2\n"), named, LENGTHS);
+        let value = |c: Result<Column, Error>| c.expect("a column").values[0];
+        assert!((value(of("x_mm", "x_mm")) - 2e-3).abs() < 1e-15);
+        assert!((value(of("x [um]", "x [um]")) - 2e-6).abs() < 1e-18);
+        assert!((value(of("x", "x:deg")) - 2.0_f64.to_radians()).abs() < 1e-12);
+        assert!((value(of("x", "x")) - 2.0).abs() < 1e-12);
+        for (header, named) in [("x_mm", "x_mm:m"), ("x", "x:V"), ("x_V", "x_V"), ("x", "y")] {
+            assert!(of(header, named).is_err(), "{header} {named}");
+        }
+    }
+
+    #[test]
+    fn missing_values_are_none_and_words_are_refused() {
+        let of = |rows: &str| read_one(&format!("x\n{rows}"), "x", &[Dimension::Length]);
+        let column = of("1\nNaN\n3\n4\n5\n6\n").expect("a column");
+        assert!(column.values[1].is_nan() && column.values.len() == 6);
+        let error = of("1\ntwo\n").expect_err("no number");
+        assert!(error.to_string().contains("line 3") && error.to_string().contains("two"));
+        assert!(of("1\nNA\nNA\n").is_err());
+        assert!(of("").is_err());
+        assert!(of("inf\n").is_err());
+    }
+}
