@@ -239,7 +239,20 @@ fn a_known_axis_is_found_by_every_method() {
 fn a_servo_record_that_does_not_tell_is_not_believed() {
     let ramp = |t: f64| 0.4 * t;
     let rising = |t: f64| 0.5 * t + 0.1 * (3.0 * t).sin();
-    let cases: [Case; 9] = [
+    let cases: [Case; 10] = [
+        (
+            "aliased",
+            turning(14, swinging),
+            |rows| {
+                let mut k = 0;
+                rows.retain(|_| {
+                    k += 1;
+                    k % 80 == 0
+                });
+            },
+            &["inertia", "viscous_friction"],
+            "because",
+        ),
         (
             "constant speed",
             turning(5, ramp),
