@@ -52,6 +52,7 @@ pub mod compensation;
 pub mod contour;
 pub mod fast;
 pub mod identify;
+pub mod impulse;
 pub mod kinematics;
 pub mod methods;
 pub mod orbit;

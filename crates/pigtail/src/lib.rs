@@ -23,6 +23,7 @@ pub mod cli;
 pub mod contour;
 pub mod hysteresis;
 pub mod identify;
+pub mod impulse;
 pub mod loops;
 pub mod methods;
 pub mod plan;

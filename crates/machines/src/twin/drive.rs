@@ -9,7 +9,6 @@ use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, SIDES};
 use pigtail_hal::{Axis, Pulse, Spec};
 use pigtail_model::joint::JointParameters;
-use rand_pcg::Pcg64Mcg;
 
 /// Steps a cycle with which a scanning five-bar joint errs by less than 1e-4 um (and by 5e-4 um after
 /// a jolt of the full voltage); a z-stage needs one.
@@ -27,17 +26,16 @@ pub(super) struct Drives {
     homes: [[f64; AXES]; SIDES],
     counts_per_radian: [f64; AXES],
     limits: [f64; AXES],
-    /// What displaces motors at rest.
-    rng: Pcg64Mcg,
 }
 
 impl Drives {
-    /// The axes of a machine whose joints are these, left and right.
+    /// The axes of a machine whose joints are these, left and right. `seed` is that of what happens
+    /// to them at rest.
     pub(super) fn new(
         plant: &Plant,
         spec: &Spec,
         joints: &[[JointParameters; AXES]; SIDES],
-        rng: Pcg64Mcg,
+        seed: u64,
     ) -> Result<Self, TwinError> {
         let [[la, lb, lz], [ra, rb, rz]] = *joints;
         let period = spec.period();
@@ -50,6 +48,7 @@ impl Drives {
                 five_bar.unrest,
                 "of a five-bar",
                 (period, STEPS[0]),
+                seed,
             )?,
             z_stages: Joints::new(
                 z.friction,
@@ -57,11 +56,11 @@ impl Drives {
                 z.unrest,
                 "of a z-stage",
                 (period, STEPS[1]),
+                seed.wrapping_add(1),
             )?,
             homes: joints.map(|side| side.map(|p| home(&p))),
             counts_per_radian: Axis::ALL.map(|axis| 1.0 / spec.drive(axis).count()),
             limits: Axis::ALL.map(|axis| spec.drive(axis).voltage),
-            rng,
         })
     }
 
@@ -83,13 +82,11 @@ impl Drives {
             [volts(0, 0), volts(0, 1), volts(1, 0), volts(1, 1)],
             [torques[0][0], torques[0][1], torques[1][0], torques[1][1]],
             [&pulses[0][0], &pulses[0][1], &pulses[1][0], &pulses[1][1]],
-            &mut self.rng,
         );
         self.z_stages.advance(
             [left, right],
             [torques[0][2], torques[1][2]],
             [&pulses[0][2], &pulses[1][2]],
-            &mut self.rng,
         );
     }
 

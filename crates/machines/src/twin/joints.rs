@@ -12,6 +12,7 @@ use pigtail_model::group::Group;
 use pigtail_model::joint::{Joint, JointParameters, JointState};
 use pigtail_model::presliding::{ElementState, MaxwellSlip};
 use pigtail_model::pulse::{From, Pulse as Waveform};
+use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 
 /// More integration steps in a servo cycle than this are not a stiff joint but a mistyped one.
@@ -47,6 +48,8 @@ pub(super) struct Joints<const N: usize> {
     cycle: u64,
     period: f64,
     least: f64,
+    /// What displaces motors at rest.
+    rng: Pcg64Mcg,
 }
 
 /// A law of load friction, and the states under it.
@@ -78,13 +81,15 @@ struct Playing {
 }
 
 impl<const N: usize> Joints<N> {
-    /// Joints `name`, for errors, in cycles of `period` seconds of at least so many steps.
+    /// Joints `name`, for errors, in cycles of `period` seconds of at least so many steps. `seed` is
+    /// that of what happens to them at rest.
     pub(super) fn new(
         law: LoadLaw,
         parameters: [JointParameters; N],
         unrest: UnrestPlant,
         name: &'static str,
         (period, least): (f64, f64),
+        seed: u64,
     ) -> Result<Self, TwinError> {
         for p in &parameters {
             let contact = match law {
@@ -151,6 +156,7 @@ impl<const N: usize> Joints<N> {
             cycle: 0,
             period,
             least,
+            rng: Pcg64Mcg::seed_from_u64(seed ^ unrest.history.rotate_left(32)),
         })
     }
 
@@ -162,14 +168,13 @@ impl<const N: usize> Joints<N> {
         voltages: [f64; N],
         mut torques: [f64; N],
         pulses: [&Option<Pulse>; N],
-        rng: &mut Pcg64Mcg,
     ) {
         if !self.unrest.is_none() {
             self.stir(&mut torques);
         }
         let begins = pulses.iter().any(|pulse| pulse.is_some());
         if begins || self.wake != [0; N] {
-            self.advance_finely(voltages, torques, pulses, rng);
+            self.advance_finely(voltages, torques, pulses);
         } else {
             self.law.advance(voltages, torques, self.period);
         }
@@ -181,12 +186,12 @@ impl<const N: usize> Joints<N> {
         voltages: [f64; N],
         torques: [f64; N],
         pulses: [&Option<Pulse>; N],
-        rng: &mut Pcg64Mcg,
     ) {
         for i in 0..N {
             if let Some(pulse) = pulses[i] {
                 if self.unrest.jolt > 0.0 && self.rested[i] >= RESTED {
-                    self.law.displace(i, self.unrest.jolt * normal(rng));
+                    let way = self.unrest.jolt * normal(&mut self.rng);
+                    self.law.displace(i, way);
                 }
                 let waveform = Waveform {
                     amplitudes: pulse.amplitudes.map(|volts| volts.0),

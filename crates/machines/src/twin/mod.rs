@@ -143,7 +143,12 @@ impl Twin {
         sensing.fiber.offset = [x + dx, y + dy, z + dz];
         let mut noise = stream(3);
         Ok(Self {
-            drives: Drives::new(plant, &spec, &[left_joints, right_joints], stream(5))?,
+            drives: Drives::new(
+                plant,
+                &spec,
+                &[left_joints, right_joints],
+                seed.wrapping_mul(16).wrapping_add(5),
+            )?,
             manipulators: [left, right],
             light: LightPath::new(plant, &spec, &mut device)?,
             tray,

@@ -19,6 +19,8 @@ pub struct UnrestPlant {
     /// radians: what is not known of its internal state (thesis 4.3.1).
     #[serde(deserialize_with = "quantity::non_negative_angle")]
     pub jolt: f64,
+    /// Another number is another history of it, on the same specimen.
+    pub history: u64,
 }
 
 impl Default for UnrestPlant {
@@ -28,6 +30,7 @@ impl Default for UnrestPlant {
             drift: 0.0,
             drift_time: 1.0,
             jolt: 0.0,
+            history: 0,
         }
     }
 }
