@@ -1,6 +1,10 @@
 //! Impulse control (thesis 4.3), on machines and seeds that nothing was tuned with.
 
+use pigtail::impulse::condition::Condition;
 use pigtail::impulse::response::{Document, response};
+use pigtail::impulse::run::{
+    Estimator, GAINS, Task, check, resolution, run, runs, stability, summary,
+};
 use pigtail::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
 use pigtail_control::impulse::Shape;
 use pigtail_hal::AxisName;
@@ -41,7 +45,7 @@ fn pulses_move_a_z_stage_as_the_thesis_says() {
     assert_eq!(d.relax, "dither");
     let row = |name: &str| d.rows.iter().find(|row| row.relax == name).expect("a row");
     // 35, 113, 91 nm where the transmission is not brought back.
-    let left = &row("none").nm;
+    let left = &row("start").nm;
     assert!(
         left[1] > 2.5 * left[0] && left[2] < 0.9 * left[1],
         "{left:?}"
@@ -105,4 +109,144 @@ fn a_calibration_says_what_was_measured() {
         let shape: Shape = belief.shape();
         assert!(shape.fixed[0] > belief.unit && shape.period == 1e-3);
     }
+}
+
+fn task(name: &str, nm: f64) -> Task {
+    Task::usual(axis(name), 1e-9 * nm)
+}
+
+/// Thesis Fig. 4.20 asks for 10 nm: most machines get there in eight pulses, each differing by 10 % of
+/// friction, a tenth of a count and 4 nm, and more of them than by the thesis's own law.
+#[test]
+fn a_hundred_nanometres_are_made_to_ten() {
+    let setup = rig();
+    let of = |estimator| {
+        let task = Task {
+            estimator,
+            ..task("z", 100.0)
+        };
+        summary(&task, &runs(&setup, &task, 91_000, 300).expect("no fault"))
+    };
+    let (recursive, parabola) = (of(Estimator::Recursive), of(Estimator::Parabola));
+    assert!(recursive.below_10nm_percent >= 95.0, "{recursive:?}");
+    assert!(recursive.pulses.p99 <= 8.0);
+    assert!(
+        parabola.below_10nm_percent < recursive.below_10nm_percent,
+        "{parabola:?}"
+    );
+}
+
+/// A machine whose friction is 30 % off, drifts, or differs in the two directions: what was measured on
+/// another is soon corrected.
+#[test]
+fn a_machine_that_is_not_as_believed_is_learnt() {
+    let setup = rig();
+    for (name, nm) in [("z", 100.0), ("fivebar", -1500.0)] {
+        for condition in [
+            Condition::High,
+            Condition::Low,
+            Condition::Drift,
+            Condition::Directions,
+        ] {
+            let task = Task {
+                condition,
+                ..task(name, nm)
+            };
+            let row = summary(&task, &runs(&setup, &task, 92_000, 100).expect("no fault"));
+            assert!(row.within_tolerance_percent >= 93.0, "{row:?}");
+        }
+    }
+}
+
+/// Thesis Fig. 4.22: below 0.15 um from four sides within 3 s by its law at its rate; within 1 s by
+/// ours.
+#[test]
+fn a_five_bar_settles_from_four_sides() {
+    let setup = rig();
+    for nm in [-1500.0, -700.0, 700.0, 1500.0] {
+        let ours = run(&setup, &task("fivebar", nm), 93).expect("no fault");
+        assert!(ours.settled_s.is_some_and(|s| s < 1.0), "{ours:?}");
+        let thesis = Task {
+            estimator: Estimator::Parabola,
+            rest: Some(0.25),
+            ..task("fivebar", nm)
+        };
+        let theirs = run(&setup, &thesis, 93).expect("no fault");
+        assert!(theirs.settled_s.is_some_and(|s| s < 3.0), "{theirs:?}");
+    }
+}
+
+/// (4.12): errors die away for gains below two, and do not at 2.1.
+#[test]
+fn the_loop_is_stable_for_gains_between_zero_and_two() {
+    let setup = rig();
+    let documents = stability(&setup, axis("z"), 94).expect("no fault");
+    for (gain, d) in GAINS.into_iter().zip(&documents) {
+        assert_eq!(d.gain, gain);
+        let first = d.steps[0].error_nm.abs();
+        let late = d.steps[d.steps.len() - 10..].iter();
+        let left = late.fold(0.0, |high: f64, step| high.max(step.error_nm.abs()));
+        if gain < 2.0 {
+            assert!(left < 0.3 * first, "{gain}: {left} of {first}");
+        } else {
+            assert!(left > 0.7 * first, "{gain}: {left} of {first}");
+        }
+    }
+}
+
+/// Figs. 4.23 and 4.24: 0.2 um and 20 nm in one direction.
+#[test]
+fn pulses_in_one_direction_resolve_far_below_a_count() {
+    let mut quiet = task("fivebar", 0.0);
+    quiet.condition = Condition::Quiet;
+    let steps = resolution(&rig(), &quiet, 2e-7, 95).expect("no fault");
+    assert!((steps.mean_nm / 200.0 - 1.0).abs() < 0.15, "{steps:?}");
+    assert!(steps.least_nm > 100.0 && steps.greatest_nm < 300.0);
+    quiet.at = axis("z");
+    let steps = resolution(&rig(), &quiet, 2e-8, 95).expect("no fault");
+    assert!((steps.mean_nm / 20.0 - 1.0).abs() < 0.3, "{steps:?}");
+    assert!(steps.least_nm > 0.0);
+}
+
+#[test]
+fn the_same_seeds_are_the_same_runs_whatever_works_on_them() {
+    let setup = rig();
+    let task = task("z", 60.0);
+    let together = runs(&setup, &task, 96, 4).expect("no fault");
+    for (k, document) in together.iter().enumerate() {
+        assert_eq!(
+            *document,
+            run(&setup, &task, 96 + k as u64).expect("no fault")
+        );
+    }
+}
+
+#[test]
+fn a_task_that_cannot_be_done_is_refused() {
+    let message = |setup: &Setup, task: &Task| check(setup, task).expect_err("refused").to_string();
+    let setup = rig();
+    assert!(check(&setup, &task("z", 100.0)).is_ok());
+    for gain in [-0.5, 0.0, 2.0, 2.1, f64::NAN] {
+        let mut bad = task("z", 100.0);
+        bad.settings.gain = gain;
+        assert!(message(&setup, &bad).contains("above 0 and below 2"));
+    }
+    assert!(message(&setup, &task("z", 1e5)).contains("--target-nm"));
+    let mut unknown = rig();
+    unknown.calibration.impulse.z = None;
+    assert!(message(&unknown, &task("z", 100.0)).contains("characterize left.z impulse"));
+    let mut blind = rig();
+    blind.spec.probe = None;
+    assert!(message(&blind, &task("z", 100.0)).contains("probe"));
+    // A calibration that asks for more than the amplifier of this rig plays.
+    let mut weak = rig();
+    if let Some(pulse) = &mut weak.spec.z_stage.drive.pulse {
+        pulse.voltage = 6.0;
+    }
+    assert!(message(&weak, &task("z", 100.0)).contains("at most 6 V"));
+    let mut slow = rig();
+    if let Some(belief) = &mut slow.calibration.impulse.z {
+        belief.period = 0.3e-3;
+    }
+    assert!(message(&slow, &task("z", 100.0)).contains("at least 0.4000 ms"));
 }

@@ -29,8 +29,9 @@ pub struct ImpulseBelief {
     pub period: f64,
     /// How the transmission is brought back between pulses.
     pub relax: RelaxName,
-    /// Of a dither, its first amplitude, volts; of a servo, the counts that do not matter.
-    pub relax_by: f64,
+    /// Of a dither, its first amplitude, volts.
+    #[serde(default, deserialize_with = "quantity::non_negative_voltage")]
+    pub dither: f64,
     /// Time in which the axis comes to rest, seconds.
     #[serde(deserialize_with = "quantity::positive_time")]
     pub rest: f64,
@@ -49,8 +50,8 @@ pub struct ImpulseBelief {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum RelaxName {
-    /// [`Relax::Not`].
-    None,
+    /// [`Relax::Start`].
+    Start,
     /// [`Relax::Servo`].
     Servo,
     /// [`Relax::Dither`].
@@ -71,12 +72,10 @@ impl ImpulseBelief {
         Impulses {
             at,
             relax: match self.relax {
-                RelaxName::None => Relax::Not,
-                RelaxName::Servo => Relax::Servo {
-                    tolerance: self.relax_by as i64,
-                },
+                RelaxName::Start => Relax::Start,
+                RelaxName::Servo => Relax::Servo,
                 RelaxName::Dither => Relax::Dither {
-                    amplitude: self.relax_by,
+                    amplitude: self.dither,
                 },
             },
             rest: self.rest,
@@ -93,9 +92,9 @@ impl ImpulseBelief {
         if !self.fixed.iter().all(|a| a.is_finite()) {
             return Err(("fixed", "accepted are finite voltages".to_owned()));
         }
-        if !(self.relax_by.is_finite() && self.relax_by >= 0.0) {
-            let message = format!("{} is no amount; accepted is zero or more", self.relax_by);
-            return Err(("relax_by", message));
+        if self.relax == RelaxName::Dither && self.dither <= 0.0 {
+            let message = "is missing; accepted is the voltage with which dithers begin";
+            return Err(("dither", message.to_owned()));
         }
         let rising = self.curve.windows(2).all(|pair| {
             let ([a, d], [b, e]) = (pair[0], pair[1]);

@@ -14,9 +14,6 @@ pub const MOVES: f64 = 0.3e-9;
 /// sliding, too little for it to move the load.
 const DITHER: f64 = 4.5;
 
-/// A transmission may be off by so many counts where a whole windup is many more.
-const TOLERANCE: i64 = 4;
-
 /// The voltage at which the motor at rest breaks away, volts: raised slowly, forward and backward in
 /// turn, until the encoder moves, from a relaxed transmission each time. It is `R/k_m f_sm`, the unit
 /// in which the thesis counts amplitudes, as a machine can tell it.
@@ -28,8 +25,7 @@ const TOLERANCE: i64 = 4;
 pub fn break_away(station: &mut Station, at: AxisName, rest: f64) -> Result<f64, Halt> {
     // At first no more is known than the encoder tells, whose count may be much of a windup; what
     // that finds is enough for a dither.
-    let servo = Relax::Servo { tolerance: 0 };
-    let first = break_away_from(station, at, rest, servo)?;
+    let first = break_away_from(station, at, rest, Relax::Servo)?;
     let dither = Relax::Dither {
         amplitude: DITHER * first,
     };
@@ -77,13 +73,10 @@ fn break_away_from(
 }
 
 /// Each way to relax a transmission that there is, for a motor that breaks away at `unit` volts.
-pub fn ways_to_relax(unit: f64) -> [Relax; 4] {
+pub fn ways_to_relax(unit: f64) -> [Relax; 3] {
     [
-        Relax::Not,
-        Relax::Servo { tolerance: 0 },
-        Relax::Servo {
-            tolerance: TOLERANCE,
-        },
+        Relax::Start,
+        Relax::Servo,
         Relax::Dither {
             amplitude: DITHER * unit,
         },

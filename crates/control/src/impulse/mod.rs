@@ -7,10 +7,14 @@
 //!
 //! - here: pulses, one at a time;
 //! - [`experiment`]: what pulses do on a machine, found by playing them;
-//! - [`belief`]: what of that is believed from then on.
+//! - [`belief`]: what of that is believed from then on; [`response`]: the same as a function, fixed
+//!   or estimated while pulses are played;
+//! - [`law`]: the loop.
 
 pub mod belief;
 pub mod experiment;
+pub mod law;
+pub mod response;
 
 use crate::outcome::{Halt, Outcome};
 use crate::station::Station;
@@ -50,15 +54,12 @@ impl Shape {
 /// How a transmission is brought back to zero torque between pulses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Relax {
-    /// It is left as the pulse left it.
-    Not,
-    /// Where the motor is off by more than some counts, the servo brings it to the count at which,
-    /// by the sensor at the output, it and the output agree; then its voltage is cut. Knows the motor
-    /// to a count, and is for transmissions that wind up over many.
-    Servo {
-        /// Counts that do not matter.
-        tolerance: i64,
-    },
+    /// Once, at the start, as by [`Self::Servo`]; after that it is left as the pulses leave it. For
+    /// transmissions that wind up over so many counts that what pulses add does not matter.
+    Start,
+    /// The servo brings the motor to the count at which, by the sensor at the output, it and the
+    /// output agree; then its voltage is cut. Knows the motor to a count.
+    Servo,
     /// Pulses of the second harmonic alone, back and forth, that die away from `amplitude` volts:
     /// the motor slides all the time, so that its friction no longer keeps the transmission wound up,
     /// and comes to rest where that pulls nowhere. Needs no encoder, and a transmission that is stiff
@@ -73,8 +74,8 @@ impl Relax {
     /// The word for it in documents and files.
     pub fn name(self) -> &'static str {
         match self {
-            Self::Not => "none",
-            Self::Servo { .. } => "servo",
+            Self::Start => "start",
+            Self::Servo => "servo",
             Self::Dither { .. } => "dither",
         }
     }
@@ -121,7 +122,10 @@ impl Impulses {
     pub fn begin(&self, station: &mut Station) -> Result<(), Halt> {
         station.hold_voltage(self.at, Volts(0.0));
         station.run(self.rest)?;
-        self.relax(station)
+        match self.relax {
+            Relax::Start => self.unwind(station),
+            _ => self.relax(station),
+        }
     }
 
     /// Where the output is by its sensor, metres from home: a mean of readings.
@@ -163,7 +167,7 @@ impl Impulses {
         let before = self.measure(station)?;
         self.play(station, pulse)?;
         let displacement = self.measure(station)? - before;
-        if self.relax == Relax::Not {
+        if self.relax == Relax::Start {
             let net = displacement;
             return Ok(Moved { displacement, net });
         }
@@ -179,9 +183,9 @@ impl Impulses {
     /// As [`Self::begin`] and [`Self::play`].
     pub fn relax(&self, station: &mut Station) -> Result<(), Halt> {
         match self.relax {
-            Relax::Not => Ok(()),
+            Relax::Start => Ok(()),
             Relax::Dither { amplitude } => self.dither(station, amplitude),
-            Relax::Servo { tolerance } => self.unwind(station, tolerance),
+            Relax::Servo => self.unwind(station),
         }
     }
 
@@ -200,12 +204,9 @@ impl Impulses {
         Ok(())
     }
 
-    fn unwind(&self, station: &mut Station, tolerance: i64) -> Result<(), Halt> {
+    fn unwind(&self, station: &mut Station) -> Result<(), Halt> {
         let output = self.measure(station)?;
         let wanted = counts_from_output(station, self.at, output)?;
-        if (station.encoder(self.at).0 - wanted.0).abs() <= tolerance {
-            return Ok(());
-        }
         station.close_loop(self.at);
         station.reference(self.at, wanted);
         let end = station.time() + SERVO_SECONDS;

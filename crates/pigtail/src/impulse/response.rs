@@ -7,6 +7,7 @@
 use crate::align::{AlignError, rounded};
 use crate::characterize::{ExperimentError, no_probe, on_twin};
 use crate::rig::Setup;
+use pigtail_control::impulse::belief::ImpulseBelief;
 use pigtail_control::impulse::experiment::{
     break_away, dead_zone, parabola, repeat, unevenness, ways_to_relax, without_dead_zone,
 };
@@ -131,8 +132,8 @@ pub struct CurveRow {
 /// Pulses in a row.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
-    /// How the transmission is relaxed between them.
-    pub relax: String,
+    /// How the transmission is relaxed between them; `start` is not at all.
+    pub relax: &'static str,
     /// Each displacement, nanometres.
     pub nm: Vec<f64>,
     /// Their spread over their mean; `null` where they get nowhere.
@@ -202,10 +203,9 @@ impl Found {
     /// As a table of a calibration, found on a `date` by an `origin`.
     pub fn table(&self, date: &str, origin: &str) -> Vec<(&'static str, toml_edit::Item)> {
         use toml_edit::{Array, value};
-        let (name, by) = match self.impulses.relax {
-            Relax::Not => ("none", 0.0),
-            Relax::Servo { tolerance } => ("servo", tolerance as f64),
-            Relax::Dither { amplitude } => ("dither", amplitude),
+        let dither = match self.impulses.relax {
+            Relax::Dither { amplitude } => amplitude,
+            Relax::Start | Relax::Servo => 0.0,
         };
         let volts = |volts: f64| rounded(volts, 1e-6);
         let fixed: Array = self.shape.fixed.iter().map(|a| volts(*a)).collect();
@@ -230,8 +230,8 @@ impl Found {
                 "period",
                 value(format!("{:.6} ms", 1e3 * self.shape.period)),
             ),
-            ("relax", value(name)),
-            ("relax_by", value(volts(by))),
+            ("relax", value(self.impulses.relax.name())),
+            ("dither", value(format!("{dither:.6} V"))),
             ("rest", value(format!("{:.3} ms", 1e3 * self.impulses.rest))),
             ("curve", value(curve)),
             ("scatter", value(format!("{:.3} nm", 1e9 * self.scatter))),
@@ -344,6 +344,40 @@ pub fn response(setup: &Setup, at: AxisName, seed: u64) -> Experiment<(Document,
     Ok((document, figures, found))
 }
 
+/// What is believed of an axis's pulses with the curve of the specimen that `seed` draws in place of
+/// its own.
+///
+/// # Errors
+///
+/// A fault.
+pub fn measured(
+    setup: &Setup,
+    at: AxisName,
+    seed: u64,
+    belief: &ImpulseBelief,
+) -> Experiment<ImpulseBelief> {
+    let bench = Bench {
+        setup,
+        at,
+        seed,
+        unit: belief.unit,
+    };
+    let (points, scatter) = bench.curve(&belief.impulses(at, READINGS), &belief.shape())?;
+    let mut highest = 0.0;
+    let curve = points
+        .iter()
+        .map(|point| {
+            highest = f64::max(highest, point.net);
+            [point.a1, highest]
+        })
+        .collect();
+    Ok(ImpulseBelief {
+        curve,
+        scatter,
+        ..belief.clone()
+    })
+}
+
 /// Whether the rig can be asked at all.
 ///
 /// # Errors
@@ -444,18 +478,15 @@ impl Bench<'_> {
         let ways = ways_to_relax(self.unit);
         let all = self.rows(&ways, pulse)?;
         let best =
-            (1..ways.len()).min_by(|&a, &b| unevenness(&all[a]).total_cmp(&unevenness(&all[b])));
+            (0..ways.len()).min_by(|&a, &b| unevenness(&all[a]).total_cmp(&unevenness(&all[b])));
         let rows = ways.iter().zip(&all).map(|(relax, row)| Row {
-            relax: match relax {
-                Relax::Servo { tolerance } => format!("servo, beyond {tolerance} counts"),
-                other => other.name().to_owned(),
-            },
+            relax: relax.name(),
             nm: row.iter().map(|m| rounded(m.net * 1e9, 1e-2)).collect(),
             unevenness: Some(unevenness(row))
                 .filter(|u| u.is_finite())
                 .map(|u| rounded(u, 1e-4)),
         });
-        Ok((best.map_or(Relax::Not, |i| ways[i]), rows.collect()))
+        Ok((best.map_or(Relax::Start, |i| ways[i]), rows.collect()))
     }
 
     fn dead_zones(&self, impulses: &Impulses, a2: f64) -> Experiment<Vec<DeadZone>> {

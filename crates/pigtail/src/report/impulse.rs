@@ -17,12 +17,12 @@ pub fn response(d: &Document, f: &Figures) -> Result<String> {
     let _ = writeln!(
         body,
         "<p>The motor breaks away at {:.4} V, the unit fsm of all amplitudes here. Pulses (4.7) last \
-         {:.2} ms; between them the transmission is brought back to zero torque by: {}. A second \
+         {:.2} ms; between them the transmission is brought back to zero torque by {}. A second \
          harmonic of {:.2} fsm leaves no dead zone. With it the displacement follows the parabola \
          (4.8) with b = {:.2} nm, R<sup>2</sup> = {:.3}; at a<sub>1</sub> = {} fsm it is {:.1} nm.</p>",
         d.fsm_v,
         d.period_ms,
-        d.relax,
+        in_words(d.relax),
         d.a2_fsm,
         d.b_nm,
         d.r2,
@@ -204,6 +204,14 @@ fn curve(body: &mut String, d: &Document, f: &Figures) -> Result<()> {
     Ok(())
 }
 
+/// A way to relax in words.
+fn in_words(relax: &str) -> &str {
+    match relax {
+        "start" => "nothing",
+        other => other,
+    }
+}
+
 /// The same pulse again and again.
 fn in_a_row(body: &mut String, d: &Document) -> Result<()> {
     body.push_str(
@@ -216,7 +224,7 @@ fn in_a_row(body: &mut String, d: &Document) -> Result<()> {
         .map(|row| {
             let points = row.nm.iter().enumerate();
             (
-                row.relax.as_str(),
+                in_words(row.relax),
                 points.map(|(k, nm)| ((k + 1) as f64, *nm)).collect(),
             )
         })
@@ -244,7 +252,7 @@ fn in_a_row(body: &mut String, d: &Document) -> Result<()> {
         let _ = writeln!(
             body,
             "<tr><td>{}</td><td>{}</td><td>{spread}</td></tr>",
-            escape(&row.relax),
+            in_words(row.relax),
             list.join(", ")
         );
     }

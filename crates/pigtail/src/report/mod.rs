@@ -11,6 +11,7 @@ mod hysteresis;
 mod impulse;
 mod loops;
 mod micro;
+mod pulses;
 mod tuning;
 mod windup;
 
@@ -23,5 +24,6 @@ pub use hysteresis::{inverted, tried};
 pub use impulse::response;
 pub use loops::loops;
 pub use micro::micro;
+pub use pulses::{pulse_campaign, pulses};
 pub use tuning::tuning;
 pub use windup::windup;
