@@ -4,6 +4,7 @@
 use crate::calibration::{Calibration, WindupBelief};
 use crate::compensation::micro::MicroCompensation;
 use crate::compensation::windup::{Windup, WindupState};
+use crate::impulse::belief::ImpulseBelief;
 use crate::kinematics::Kinematics;
 use crate::outcome::{Halt, Outcome};
 use crate::servo::{Pid, PidState};
@@ -89,6 +90,8 @@ pub struct Station<'a> {
     command: Command,
     measurement: Measurement,
     sight: Sight,
+    /// What is believed of pulses on a five-bar.
+    five_bar_pulses: Option<ImpulseBelief>,
 }
 
 /// Mean and spread of repeated light samples.
@@ -159,6 +162,7 @@ impl<'a> Station<'a> {
         let measurement = machine.exchange(&command)?;
         Ok(Self {
             sight: Sight::new(&spec),
+            five_bar_pulses: calibration.impulse.five_bar.clone(),
             limits: Limits {
                 xy: Rates {
                     speed: spec.five_bar.speed,
@@ -480,6 +484,17 @@ impl<'a> Station<'a> {
             .map_err(|why| Outcome::OutOfReach(format!("{at} cannot play {why}")))?;
         self.command.pulses[at.side.index()][at.axis.index()] = Some(pulse);
         Ok(())
+    }
+
+    /// What is believed of pulses on a five-bar; `None` where no one has measured it.
+    pub fn five_bar_pulses(&self) -> Option<ImpulseBelief> {
+        self.five_bar_pulses.clone()
+    }
+
+    /// What the transmission of an axis holds back at this moment, by what is believed of it, radians
+    /// of the output.
+    pub fn windup(&self, at: AxisName) -> f64 {
+        self.arms[at.side.index()].windup[at.axis.index()]
     }
 
     /// The encoder of an axis.
