@@ -60,6 +60,14 @@ impl Procedure {
         self.entry().tolerance_xy_um
     }
 
+    /// The tolerance of the procedure of a name, as documents have it; the thesis's for others.
+    pub fn tolerance_of(name: &str) -> f64 {
+        Self::value_variants()
+            .iter()
+            .find(|procedure| procedure.name() == name)
+            .map_or(TOLERANCE_XY_UM, |procedure| procedure.tolerance_xy_um())
+    }
+
     /// Its name in options and documents.
     pub fn name(self) -> &'static str {
         self.entry().name
