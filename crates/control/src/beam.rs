@@ -72,6 +72,14 @@ impl Beam {
         share * (-(dx * dx + dy * dy) * share / (self.radius * self.radius)).exp()
     }
 
+    /// Sum of squares of what a peak leaves of readings, square volts.
+    pub fn misfit(&self, readings: &[Reading], peak: &Peak) -> f64 {
+        readings
+            .iter()
+            .map(|r| (peak.full * self.light(r, peak.x, peak.y) - r.volts).powi(2))
+            .sum()
+    }
+
     /// The peak of known width that fits readings best, by least squares (Levenberg and
     /// Marquardt); `noise` is the standard deviation of a reading, volts. Where the readings leave
     /// it open, the peak is near the brightest of them: within about its width. `None` without

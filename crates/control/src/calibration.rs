@@ -2,6 +2,7 @@
 
 use crate::compensation::micro::MicroModel;
 use crate::compensation::windup::{ELEMENTS, Memory, POWERS, Reversal, Windup};
+use crate::impulse::belief::ImpulseBeliefs;
 use pigtail_hal::{Error, Side, Spec, config, quantity};
 use serde::Deserialize;
 
@@ -20,6 +21,9 @@ pub struct Calibration {
     /// Hysteresis of the micro manipulators' piezos, where it has been identified.
     #[serde(default)]
     pub hysteresis: Hystereses,
+    /// What pulses do, of the kinds of axes where it has been measured.
+    #[serde(default)]
+    pub impulse: ImpulseBeliefs,
 }
 
 /// Hysteresis of each manipulator's piezos.
@@ -345,6 +349,16 @@ impl Calibration {
             if let Some(belief) = belief {
                 belief.check().map_err(|message| {
                     Error::new(file, format!("windup.{key}.elements"), message)
+                })?;
+            }
+        }
+        for (name, belief) in [
+            ("five_bar", &calibration.impulse.five_bar),
+            ("z", &calibration.impulse.z),
+        ] {
+            if let Some(belief) = belief {
+                belief.check().map_err(|(key, message)| {
+                    Error::new(file, format!("impulse.{name}.{key}"), message)
                 })?;
             }
         }

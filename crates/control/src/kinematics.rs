@@ -204,6 +204,11 @@ impl Kinematics {
         self.endpoint_at([a, b, self.screw.angle(z)])
     }
 
+    /// Angle of the screw for a position of the z-stage, metres from home: radians.
+    pub fn screw_angle(&self, z: f64) -> f64 {
+        self.screw.angle(z)
+    }
+
     /// Encoder counts of an axis whose transmission has this input angle, radians of the output.
     pub fn counts(&self, axis: usize, input: f64) -> Counts {
         Counts((input * self.counts_per_radian[axis]).round() as i64)

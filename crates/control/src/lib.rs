@@ -5,7 +5,7 @@
 //! the boundary. Its modules in the order in which data flows:
 //!
 //! 1. [`recipe`]: what is to be done; [`calibration`]: what is believed of the machine;
-//! 2. [`procedure`], the thesis's, and [`fast`]: straight-line functions over a
+//! 2. [`procedure`], the thesis's, [`fast`], and [`nudge`], without a micro: straight-line functions over a
 //!    [`Station`](station::Station);
 //! 3. [`search`] and [`sweep`]: finding light, and [`methods`], the ways to do so that the thesis
 //!    compares; [`peak`] and [`orbit`]: getting to its maximum, the
@@ -14,6 +14,8 @@
 //!    to encoder counts;
 //! 5. [`servo`]: from counts to volts, every cycle;
 //! 6. [`station`]: owns the machine's time, one exchange after the other.
+//!
+//! Below all of these [`impulse`] moves an axis by far less than an encoder count.
 //!
 //! Beside these stand the experiments: [`characterize`], [`identify`] and [`tune`] on one axis,
 //! [`maximization`] on a fiber at its peak, [`contour`] on both joints of a five-bar, [`piezo`] on the
@@ -54,9 +56,11 @@ pub mod compensation;
 pub mod contour;
 pub mod fast;
 pub mod identify;
+pub mod impulse;
 pub mod kinematics;
 pub mod maximization;
 pub mod methods;
+pub mod nudge;
 pub mod orbit;
 pub mod outcome;
 pub mod peak;

@@ -47,7 +47,7 @@ const MOST_DISMISSED: usize = 5;
 
 /// A fiber on its way to a port.
 pub(crate) struct Job<'r> {
-    recipe: &'r Recipe,
+    pub(crate) recipe: &'r Recipe,
     name: &'static str,
     /// The manipulator that carries it.
     pub(crate) side: Side,
@@ -330,7 +330,7 @@ impl<'r> Job<'r> {
     }
 
     /// Where the blind search starts.
-    fn search_start(&self) -> Point<Chip> {
+    pub(crate) fn search_start(&self) -> Point<Chip> {
         self.port
             .shifted(self.walk(), -self.recipe.raster.below(), 0.0)
     }
@@ -353,7 +353,7 @@ impl<'r> Job<'r> {
     }
 
     /// Moves a holder straight back until its fiber, by design, is clear of the chip.
-    fn withdraw(&self, station: &mut Station, side: Side) -> Result<(), Halt> {
+    pub(crate) fn withdraw(&self, station: &mut Station, side: Side) -> Result<(), Halt> {
         let gap = outward(side) * self.recipe.coarse.clearance;
         let here = station.wanted(side);
         let [x, y, z] = match side {
@@ -525,7 +525,12 @@ impl<'r> Job<'r> {
 }
 
 /// Averages `frames` vision frames of a tip: its x and z in the chip's frame.
-fn look(station: &mut Station, side: Side, tip: Tip, frames: u32) -> Result<(f64, f64), Halt> {
+pub(crate) fn look(
+    station: &mut Station,
+    side: Side,
+    tip: Tip,
+    frames: u32,
+) -> Result<(f64, f64), Halt> {
     let (mut x, mut z) = (0.0, 0.0);
     for _ in 0..frames {
         let frame = station.next_frame()?;
@@ -553,14 +558,14 @@ pub(crate) fn outward(side: Side) -> f64 {
 }
 
 /// No search has found light, whatever was searched.
-fn no_light(evidence: Option<SearchEvidence>) -> Halt {
+pub(crate) fn no_light(evidence: Option<SearchEvidence>) -> Halt {
     evidence.map_or_else(
         || Outcome::OutOfReach("there was nothing to search".to_owned()).into(),
         |seen| Outcome::NoLight(seen).into(),
     )
 }
 
-fn lost(phase: &'static str, level: f64, expected: f64) -> Halt {
+pub(crate) fn lost(phase: &'static str, level: f64, expected: f64) -> Halt {
     Outcome::LightLost {
         phase,
         level,

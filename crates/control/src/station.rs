@@ -4,6 +4,7 @@
 use crate::calibration::{Calibration, WindupBelief};
 use crate::compensation::micro::MicroCompensation;
 use crate::compensation::windup::{Windup, WindupState};
+use crate::impulse::belief::ImpulseBelief;
 use crate::kinematics::Kinematics;
 use crate::outcome::{Halt, Outcome};
 use crate::servo::{Pid, PidState};
@@ -12,8 +13,8 @@ use crate::trajectory::{Arc, Limits, Line, Motion, Path, Rates, Refused, Shape};
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, CHANNELS, MICRO_AXES, SIDES};
 use pigtail_hal::{
-    Axis, AxisName, Channel, Command, Fault, FiberHandling, Machine, Measurement, Side, Spec,
-    VisionFrame,
+    Axis, AxisName, Channel, Command, Fault, FiberHandling, Machine, Measurement, Pulse, Side,
+    Spec, VisionFrame,
 };
 use pigtail_model::frames::{Macro, Point};
 
@@ -55,6 +56,8 @@ struct Arm {
     windup_states: [WindupState; AXES],
     /// What the transmissions hold back by these at this moment, radians of the outputs.
     windup: [f64; AXES],
+    /// Voltages that an experiment holds on the motors, past the servo.
+    held: [Option<Volts>; AXES],
     pids: [Pid; AXES],
     states: [PidState; AXES],
     references: [Counts; AXES],
@@ -87,6 +90,8 @@ pub struct Station<'a> {
     command: Command,
     measurement: Measurement,
     sight: Sight,
+    /// What is believed of pulses on a five-bar.
+    five_bar_pulses: Option<ImpulseBelief>,
 }
 
 /// Mean and spread of repeated light samples.
@@ -130,6 +135,7 @@ impl<'a> Station<'a> {
             }),
             windup_states: [WindupState::default(); AXES],
             windup: [0.0; AXES],
+            held: [None; AXES],
             pids: Axis::ALL.map(|axis| {
                 let gains = match axis {
                     Axis::A | Axis::B => &calibration.gains.five_bar,
@@ -156,6 +162,7 @@ impl<'a> Station<'a> {
         let measurement = machine.exchange(&command)?;
         Ok(Self {
             sight: Sight::new(&spec),
+            five_bar_pulses: calibration.impulse.five_bar.clone(),
             limits: Limits {
                 xy: Rates {
                     speed: spec.five_bar.speed,
@@ -211,6 +218,7 @@ impl<'a> Station<'a> {
         }
         self.measurement = self.machine.exchange(&self.command)?;
         self.command.fiber = [None; SIDES];
+        self.command.pulses = Command::NO_PULSES;
         self.look();
         if let Some(light) = self.measurement.light {
             let sample = Sample {
@@ -450,6 +458,45 @@ impl<'a> Station<'a> {
         arm.windup[at.axis.index()] = 0.0;
     }
 
+    /// Takes an axis from its servo and holds this voltage on its motor, from the next cycle on until
+    /// it is given back.
+    pub fn hold_voltage(&mut self, at: AxisName, volts: Volts) {
+        self.arms[at.side.index()].held[at.axis.index()] = Some(volts);
+    }
+
+    /// Gives an axis back to its servo, whose state starts afresh, to hold it where its encoder is.
+    pub fn close_loop(&mut self, at: AxisName) {
+        let here = self.encoder(at);
+        self.reference(at, here);
+        let arm = &mut self.arms[at.side.index()];
+        arm.held[at.axis.index()] = None;
+        arm.states[at.axis.index()] = PidState::default();
+    }
+
+    /// Has the amplifier of an axis play a pulse from the start of the next cycle on.
+    ///
+    /// # Errors
+    ///
+    /// Why the amplifier cannot, by the datasheet; nothing is played then.
+    pub fn pulse(&mut self, at: AxisName, pulse: Pulse) -> Result<(), Outcome> {
+        pulse
+            .check(self.spec().drive(at.axis))
+            .map_err(|why| Outcome::OutOfReach(format!("{at} cannot play {why}")))?;
+        self.command.pulses[at.side.index()][at.axis.index()] = Some(pulse);
+        Ok(())
+    }
+
+    /// What is believed of pulses on a five-bar; `None` where no one has measured it.
+    pub fn five_bar_pulses(&self) -> Option<ImpulseBelief> {
+        self.five_bar_pulses.clone()
+    }
+
+    /// What the transmission of an axis holds back at this moment, by what is believed of it, radians
+    /// of the output.
+    pub fn windup(&self, at: AxisName) -> f64 {
+        self.arms[at.side.index()].windup[at.axis.index()]
+    }
+
     /// The encoder of an axis.
     pub fn encoder(&self, at: AxisName) -> Counts {
         self.measurement.encoders[at.side.index()][at.axis.index()]
@@ -561,8 +608,9 @@ impl<'a> Station<'a> {
 impl Arm {
     /// The motors' voltages for this cycle.
     fn servo(&mut self, measured: &[Counts; AXES]) -> [Volts; AXES] {
-        std::array::from_fn(|i| {
-            self.pids[i].voltage(&mut self.states[i], self.references[i], measured[i])
+        std::array::from_fn(|i| match self.held[i] {
+            Some(volts) => volts,
+            None => self.pids[i].voltage(&mut self.states[i], self.references[i], measured[i]),
         })
     }
 

@@ -1,13 +1,20 @@
 //! What control says in one servo cycle.
 
+use crate::pulse::Pulse;
 use crate::quantity::Volts;
 use crate::spec::{AXES, MICRO_AXES, SIDES};
 
-/// The outputs of control for one servo cycle. All are held constant until the next one.
+/// The outputs of control for one servo cycle. All are held constant until the next one, but for
+/// pulses, which an amplifier plays out by itself.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Command {
     /// Motor voltage of each macro axis, indexed by `[side][axis]`.
     pub motors: [[Volts; AXES]; SIDES],
+    /// A pulse that the amplifier of a macro axis begins to play at the start of this cycle, indexed
+    /// by `[side][axis]`; `None` in nearly every cycle. While it lasts, into later cycles if need
+    /// be, it stands in place of [`Self::motors`]; from the moment of its end, be that inside of a
+    /// cycle, the held voltage acts again. One that begins takes the place of one that still plays.
+    pub pulses: [[Option<Pulse>; AXES]; SIDES],
     /// Amplifier input of each micro axis, indexed by `[side][micro axis]`.
     pub micro: [[Volts; MICRO_AXES]; SIDES],
     /// Whether the laser at the input fiber's far end is on.
@@ -17,9 +24,13 @@ pub struct Command {
 }
 
 impl Command {
+    /// No axis begins a pulse.
+    pub const NO_PULSES: [[Option<Pulse>; AXES]; SIDES] = [[None; AXES]; SIDES];
+
     /// Motors without voltage, piezos at zero volts, laser off, holders as they are.
     pub const IDLE: Self = Self {
         motors: [[Volts(0.0); AXES]; SIDES],
+        pulses: Self::NO_PULSES,
         micro: [[Volts(0.0); MICRO_AXES]; SIDES],
         laser: false,
         fiber: [None; SIDES],

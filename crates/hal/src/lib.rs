@@ -8,7 +8,8 @@
 //! Read in this order:
 //!
 //! 1. [`machine`]: the trait;
-//! 2. [`command`] and [`measurement`]: what is said in one cycle;
+//! 2. [`command`] and [`measurement`]: what is said in one cycle, and [`pulse`], what an amplifier
+//!    plays out inside of it;
 //! 3. [`spec`]: the datasheet (`machine.toml`), which both sides may read;
 //! 4. [`fault`]: how a machine says that it has stopped;
 //! 5. [`quantity`] and [`config`]: numbers with units, and files that explain their mistakes.
@@ -21,6 +22,7 @@ pub mod config;
 pub mod fault;
 pub mod machine;
 pub mod measurement;
+pub mod pulse;
 pub mod quantity;
 pub mod spec;
 
@@ -29,5 +31,6 @@ pub use config::Error;
 pub use fault::Fault;
 pub use machine::Machine;
 pub use measurement::{LightSample, Measurement, TipFix, VisionFrame};
+pub use pulse::{Pulse, Unplayable};
 pub use quantity::{Counts, Volts};
 pub use spec::{Axis, AxisName, Channel, Side, Spec};

@@ -198,6 +198,20 @@ pub struct DriveSpec {
     /// Highest speed of the motor, radians a second.
     #[serde(deserialize_with = "quantity::positive_rotation")]
     pub speed: f64,
+    /// What pulses the amplifier can play out by itself, if any.
+    pub pulse: Option<PulseSpec>,
+}
+
+/// What an amplifier plays out by itself ([`Pulse`](crate::Pulse)).
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PulseSpec {
+    /// Greatest magnitude of a pulse's voltage, volts. May be above what it can hold.
+    #[serde(deserialize_with = "quantity::positive_voltage")]
+    pub voltage: f64,
+    /// It plays harmonics up to this frequency as they are, hertz.
+    #[serde(deserialize_with = "quantity::positive_frequency")]
+    pub bandwidth: f64,
 }
 
 impl DriveSpec {
@@ -362,6 +376,17 @@ impl Spec {
             ("five_bar.drive", &spec.five_bar.drive),
             ("z_stage.drive", &spec.z_stage.drive),
         ] {
+            if let Some(pulse) = drive.pulse
+                && !(10.0..=1e6).contains(&pulse.bandwidth)
+            {
+                return Err(error(
+                    &format!("{key}.pulse.bandwidth"),
+                    format!(
+                        "{} Hz is out of range; accepted is 10 to 1000000 Hz",
+                        pulse.bandwidth
+                    ),
+                ));
+            }
             if drive.counts_per_turn == 0 {
                 return Err(error(
                     &format!("{key}.counts_per_turn"),

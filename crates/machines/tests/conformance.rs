@@ -1,7 +1,9 @@
 //! What every machine owes to control, whatever stands behind the boundary.
 
 use pigtail_hal::quantity::{Counts, Volts};
-use pigtail_hal::{Axis, Channel, Command, FiberHandling, Machine, Measurement, Side, Spec};
+use pigtail_hal::{
+    Axis, AxisName, Channel, Command, FiberHandling, Machine, Measurement, Pulse, Side, Spec,
+};
 use pigtail_machines::Twin;
 use pigtail_machines::twin::Plant;
 
@@ -267,4 +269,87 @@ fn scales_are_those_of_the_thesis() {
     // Both together: up and down, nothing across but what the coupling leaves.
     let up = seen_x([10.0, 10.0]) - seen_x([0.0, 0.0]);
     assert!(up.abs() < 5e-6, "{up}");
+}
+
+/// The twin alone: a pulse moves an axis exactly as the model says, on the very trajectory of the
+/// continuous voltage, though it ends in the middle of a cycle.
+#[test]
+fn a_pulse_is_played_inside_of_cycles() {
+    let text = read("plant.toml");
+    let (before, after) = text.split_once("[variation]").expect("a table");
+    let exact: String = after
+        .lines()
+        .map(|line| {
+            line.split_once('=')
+                .map_or(String::new(), |(key, _)| format!("{key}= 0.0\n"))
+        })
+        .collect();
+    let plant =
+        Plant::parse("plant.toml", &format!("{before}[variation]\n{exact}")).expect("a plant");
+    let spec = Spec::parse("machine.toml", &read("machine.toml")).expect("a good datasheet");
+    let at = AxisName {
+        side: Side::Left,
+        axis: Axis::Z,
+    };
+    let mut machine = Twin::new(spec, &plant, 1).expect("a good plant");
+    let mut command = centred(&machine);
+    // 1.5 and 12.5 times the motor's static friction (thesis 4.3.1).
+    let unit = 5.53 / 0.02 * 2.58e-3;
+    command.pulses[0][Axis::Z.index()] = Some(Pulse::impulse(1.5 * unit, 12.5 * unit, 1e-3));
+    run(&mut machine, &command, 1);
+    command.pulses = Command::NO_PULSES;
+    run(&mut machine, &command, 500);
+    let moved = 1e9 * machine.output(at).expect("a probe");
+    // Where an independent integration of (2.9) and (2.10) with these parameters ends.
+    assert!((moved - 34.717_576).abs() < 1e-3, "{moved} nm");
+    for other in [Axis::A, Axis::B] {
+        let at = AxisName {
+            side: Side::Left,
+            axis: other,
+        };
+        assert_eq!(machine.output(at), Some(0.0));
+    }
+}
+
+#[test]
+fn a_pulse_that_the_amplifier_cannot_play_stops_the_machine() {
+    let spec = |pulse: &str| {
+        let text = read("machine.toml").replace(
+            ", pulse = { voltage = \"24 V\", bandwidth = \"2.5 kHz\" }",
+            pulse,
+        );
+        Spec::parse("machine.toml", &text).expect("a good datasheet")
+    };
+    let plant = Plant::parse("plant.toml", &read("plant.toml")).expect("a good plant");
+    let with = ", pulse = { voltage = \"24 V\", bandwidth = \"2.5 kHz\" }";
+    for (datasheet, pulse, rule) in [
+        ("", Pulse::impulse(1.0, 8.0, 1e-3), "amplifier plays pulses"),
+        (
+            with,
+            Pulse::impulse(20.0, 20.0, 1e-3),
+            "pulse is within the amplifier's voltage",
+        ),
+        (
+            with,
+            Pulse::impulse(1.0, 8.0, 0.2e-3),
+            "pulse is within the amplifier's bandwidth",
+        ),
+        (
+            with,
+            Pulse::impulse(1.0, f64::NAN, 1e-3),
+            "command is a number",
+        ),
+    ] {
+        let mut machine = Twin::new(spec(datasheet), &plant, 1).expect("a good plant");
+        let mut command = centred(&machine);
+        command.pulses[1][Axis::Z.index()] = Some(pulse);
+        let fault = machine.exchange(&command).expect_err("a fault");
+        assert_eq!((fault.rule, fault.axis.as_str()), (rule, "right.z"));
+        assert_eq!(
+            machine
+                .exchange(&centred(&machine))
+                .expect_err("still stopped"),
+            fault
+        );
+    }
 }

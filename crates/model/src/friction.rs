@@ -65,6 +65,15 @@ impl Friction {
         })
     }
 
+    /// The same friction, all of it `by` times as high.
+    ///
+    /// # Errors
+    ///
+    /// When `by` is negative or not finite.
+    pub fn scaled(&self, by: f64) -> Result<Self, Invalid> {
+        Self::new(by * self.fixed, by * self.coulomb, by * self.viscous)
+    }
+
     /// Static level `f_s`, N m.
     pub fn static_level(&self) -> f64 {
         self.fixed

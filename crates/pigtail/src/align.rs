@@ -119,7 +119,10 @@ pub fn align(
     let fibers: Vec<FiberRow> = reports
         .iter()
         .zip(truths)
-        .map(|(report, truth)| row(report, truth, setup.recipe.approach.gap))
+        .map(|(report, truth)| {
+            let tolerance = procedure.tolerance_xy_um();
+            row(report, truth, setup.recipe.approach.gap, tolerance)
+        })
         .collect();
     let attempted = reports
         .iter()
@@ -185,7 +188,12 @@ impl FiberRow {
     }
 }
 
-fn row(report: &FiberReport, truth: Option<FiberTruth>, wanted_gap: f64) -> FiberRow {
+fn row(
+    report: &FiberReport,
+    truth: Option<FiberTruth>,
+    wanted_gap: f64,
+    tolerance_xy: f64,
+) -> FiberRow {
     let offset = truth.map(|t| (t.x, t.y, t.gap - wanted_gap));
     FiberRow {
         port: report.port,
@@ -208,7 +216,7 @@ fn row(report: &FiberReport, truth: Option<FiberTruth>, wanted_gap: f64) -> Fibe
         coupling_loss_db: truth.map(|t| rounded(-10.0 * t.coupling.log10(), 1e-6)),
         within_tolerance: offset.map(|(x, y, z)| {
             let [x, y, z] = [x, y, z].map(|metres| 1e6 * metres.abs());
-            x <= TOLERANCE_XY_UM && y <= TOLERANCE_XY_UM && z <= TOLERANCE_Z_UM
+            x <= tolerance_xy && y <= tolerance_xy && z <= TOLERANCE_Z_UM
         }),
     }
 }

@@ -26,6 +26,7 @@ pub mod cli;
 pub mod contour;
 pub mod hysteresis;
 pub mod identify;
+pub mod impulse;
 pub mod loops;
 pub mod maximize;
 pub mod methods;

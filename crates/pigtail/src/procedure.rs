@@ -1,5 +1,6 @@
 //! The ways to align a device, by the names that a user gives them.
 
+use crate::align::TOLERANCE_XY_UM;
 use clap::ValueEnum;
 use pigtail_control::procedure::{self, FiberReport};
 use pigtail_control::recipe::Recipe;
@@ -14,13 +15,20 @@ pub enum Procedure {
     /// Vision on the way, lines at constant speed, circles through the approach
     #[default]
     Fast,
+    /// Without any micro: columns of the macro, then pulses by light alone, to 0.2 um
+    MacroOnly,
 }
+
+/// See [`Procedure::tolerance_xy_um`]: that of the thesis (3.1) needs a micro.
+const MACRO_TOLERANCE_XY_UM: f64 = 0.2;
 
 /// What the program has to know of a procedure.
 struct Entry {
     name: &'static str,
     run: fn(&mut Station, &Recipe) -> Result<Vec<FiberReport>, Fault>,
     phases: &'static [&'static str],
+    /// How near to the peak in x and y a fiber must be in truth to count as aligned, micrometres.
+    tolerance_xy_um: f64,
 }
 
 impl Procedure {
@@ -30,13 +38,34 @@ impl Procedure {
                 name: "thesis",
                 run: procedure::thesis,
                 phases: &["coarse", "sensing", "raster", "climb", "approach", "final"],
+                tolerance_xy_um: TOLERANCE_XY_UM,
             },
             Self::Fast => Entry {
                 name: "fast",
                 run: pigtail_control::fast::fast,
                 phases: &["coarse", "sensing", "search", "centre", "approach", "final"],
+                tolerance_xy_um: TOLERANCE_XY_UM,
+            },
+            Self::MacroOnly => Entry {
+                name: "macro-only",
+                run: pigtail_control::nudge::macro_only,
+                phases: &["coarse", "sensing", "search", "centre", "approach", "final"],
+                tolerance_xy_um: MACRO_TOLERANCE_XY_UM,
             },
         }
+    }
+
+    /// How near to the peak in x and y a fiber must be in truth to count as aligned, micrometres.
+    pub fn tolerance_xy_um(self) -> f64 {
+        self.entry().tolerance_xy_um
+    }
+
+    /// The tolerance of the procedure of a name, as documents have it; the thesis's for others.
+    pub fn tolerance_of(name: &str) -> f64 {
+        Self::value_variants()
+            .iter()
+            .find(|procedure| procedure.name() == name)
+            .map_or(TOLERANCE_XY_UM, |procedure| procedure.tolerance_xy_um())
     }
 
     /// Its name in options and documents.

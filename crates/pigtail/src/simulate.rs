@@ -390,11 +390,7 @@ fn pulse(input: &Input, p: &Parameters) -> Option<Pulse> {
         return None;
     };
     let unit = p.R / p.km * p.fsm;
-    Some(Pulse {
-        a1: a1 * unit,
-        a2: a2 * unit,
-        period,
-    })
+    Some(Pulse::impulse(a1 * unit, a2 * unit, period))
 }
 
 /// Advances a joint from one row to the next, never across a corner of its voltage.

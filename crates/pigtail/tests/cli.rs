@@ -373,3 +373,67 @@ fn help_teaches() {
     assert_eq!(pigtail(folder.path(), &[]).status.code(), Some(2));
     assert_eq!(pigtail(folder.path(), &["algin"]).status.code(), Some(2));
 }
+
+/// Pulses: what cannot be done is bad input, and what was done is one document.
+#[test]
+fn impulse_explains_itself_and_refuses() {
+    let folder = TempDir::new().expect("a folder");
+    let output = pigtail(
+        folder.path(),
+        &[
+            "impulse",
+            "z",
+            "--target-nm",
+            "100",
+            "--seed",
+            "5",
+            "--json",
+        ],
+    );
+    assert_eq!(output.status.code(), Some(0));
+    let document: Value = serde_json::from_slice(&output.stdout).expect("one JSON document");
+    for key in [
+        "axis",
+        "target_nm",
+        "pulses",
+        "error_nm",
+        "settled_s",
+        "estimator",
+    ] {
+        assert!(!document[key].is_null(), "{key}");
+    }
+    let before = runs(folder.path()).len();
+    for (arguments, part) in [
+        (&["--target-nm", "100", "--gain", "2"][..], "below 2"),
+        (&["--target-nm", "-1e7"], "--target-nm"),
+        (&["--target-nm", "inf"], "finite"),
+        (&["--target-nm", "100", "--rest-ms", "0.01"], "--rest-ms"),
+        (&["--target-nm", "100", "--rig", "nowhere"], "nowhere"),
+    ] {
+        let output = pigtail(folder.path(), &[&["impulse", "z"], arguments].concat());
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert!(message.contains(part), "{message}");
+    }
+    assert_eq!(runs(folder.path()).len(), before, "nothing half-written");
+    let output = pigtail(
+        folder.path(),
+        &[
+            "impulse",
+            "z",
+            "--target-nm",
+            "100",
+            "--runs",
+            "20",
+            "--json",
+        ],
+    );
+    let campaign: Value = serde_json::from_slice(&output.stdout).expect("one JSON document");
+    for part in [
+        &campaign["below_10nm_percent"],
+        &campaign["error_nm"]["p50"],
+        &campaign["error_nm"]["p90"],
+    ] {
+        assert!(part.is_f64(), "{campaign}");
+    }
+}

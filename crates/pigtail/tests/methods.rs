@@ -206,7 +206,7 @@ fn a_plan_has_all_methods_measured() {
     let setup = small();
     let document = plan(&setup, 0, 1, &mut |_| ()).expect("no fault");
     assert_eq!(document.searches.len(), 7);
-    assert_eq!(document.procedures.len(), 2);
+    assert_eq!(document.procedures.len(), 3);
     for row in &document.searches {
         let measured = row.measured_seconds.expect("measured");
         // In an area this small the ways between passes tell: the input's return to the bottom

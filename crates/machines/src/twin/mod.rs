@@ -5,19 +5,23 @@
 //! [`Machine`], so that no code that holds a `&mut dyn Machine` can ask.
 
 mod drive;
+mod joints;
 mod light;
 mod linkage;
 mod manipulator;
 mod micro;
 pub mod plant;
 mod sensors;
+pub mod unrest;
 
 use drive::Drives;
 use light::{FiberInHolder, LightPath, Tips};
 use manipulator::Manipulator;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::{AXES, CHANNELS, MICRO_AXES, OUTPUTS, SIDES};
-use pigtail_hal::{Axis, Command, Fault, FiberHandling, Machine, Measurement, Side, Spec};
+use pigtail_hal::{
+    Axis, AxisName, Command, Fault, FiberHandling, Machine, Measurement, Side, Spec,
+};
 use pigtail_model::Invalid;
 use pigtail_model::frames::{Chip, Point};
 pub use plant::Plant;
@@ -141,7 +145,12 @@ impl Twin {
         sensing.fiber.offset = [x + dx, y + dy, z + dz];
         let mut noise = stream(3);
         Ok(Self {
-            drives: Drives::new(plant, &spec, &[left_joints, right_joints])?,
+            drives: Drives::new(
+                plant,
+                &spec,
+                &[left_joints, right_joints],
+                seed.wrapping_mul(16).wrapping_add(5),
+            )?,
             manipulators: [left, right],
             light: LightPath::new(plant, &spec, &mut device)?,
             tray,
@@ -207,6 +216,12 @@ impl Twin {
                         format!("{volts} V"),
                         "a finite voltage".to_owned(),
                     ));
+                }
+                if let Some(pulse) = &command.pulses[side.index()][axis.index()]
+                    && let Err(why) = pulse.check(self.spec.drive(axis))
+                {
+                    let axis = format!("{}.{}", side.name(), axis.name());
+                    return Err(self.refuse(why.rule, axis, why.value, why.limit));
                 }
             }
             for Volts(volts) in command.micro[side.index()] {
@@ -308,6 +323,27 @@ impl Twin {
         self.manipulators[side.index()].micro.displacement()
     }
 
+    /// Displacement of an axis's output from home without a probe's noise: metres along its arm, or
+    /// of the z-stage; `None` on a rig without probes. Not part of [`Machine`].
+    pub fn output(&self, at: AxisName) -> Option<f64> {
+        let (arm, _) = self.probe?;
+        let manipulator = &self.manipulators[at.side.index()];
+        let angle = self.drives.outputs(at.side.index())[at.axis.index()];
+        Some(match at.axis {
+            Axis::A | Axis::B => arm * angle,
+            Axis::Z => manipulator.screw.position(angle),
+        })
+    }
+
+    /// Angles of an axis's motor and output, radians. Not part of [`Machine`].
+    pub fn angles(&self, at: AxisName) -> (f64, f64) {
+        let (side, axis) = (at.side.index(), at.axis.index());
+        (
+            self.drives.motors(side)[axis],
+            self.drives.outputs(side)[axis],
+        )
+    }
+
     /// What really is. Not part of [`Machine`].
     pub fn truth(&self) -> Truth {
         let fiber = |side: Side, port: usize| {
@@ -371,7 +407,6 @@ impl Machine for Twin {
         }
         self.check(command)?;
         self.micro_volts = command.micro;
-        let period = self.spec.period();
         let mut torques = [[0.0; AXES]; SIDES];
         for side in Side::ALL {
             let i = side.index();
@@ -380,7 +415,8 @@ impl Machine for Twin {
                 None => return Err(self.taken_apart(side)),
             };
         }
-        self.drives.advance(&command.motors, &torques, period);
+        self.drives
+            .advance(&command.motors, &command.pulses, &torques);
         let mut holders = [Point::ORIGIN; SIDES];
         // The chip's frame goes with the device.
         let drifted = self.drift.0 * (self.time() - self.drift.1).max(0.0);

@@ -1,5 +1,6 @@
 //! The truth about a machine and a device: `plant.toml`.
 
+use super::unrest::UnrestPlant;
 use pigtail_hal::spec::OUTPUTS;
 use pigtail_hal::{config, quantity};
 use pigtail_model::Invalid;
@@ -126,6 +127,9 @@ pub struct JointPlant {
     pub motor_friction: FrictionPlant,
     /// Friction on the load.
     pub load_friction: FrictionPlant,
+    /// How friction departs from what it is at first.
+    #[serde(default)]
+    pub unrest: UnrestPlant,
 }
 
 /// A law of load friction.
@@ -226,12 +230,7 @@ impl FrictionPlant {
     }
 
     fn scaled(self, by: f64) -> Result<Friction, Invalid> {
-        let Self(friction) = self;
-        Friction::new(
-            by * friction.static_level(),
-            by * friction.coulomb(),
-            by * friction.viscous(),
-        )
+        self.0.scaled(by)
     }
 }
 
@@ -485,19 +484,7 @@ impl Plant {
                 return Err(("device.mode_radius", message));
             }
         }
-        for (key, joint) in [
-            ("five_bar.joint.presliding", &self.five_bar.joint),
-            ("z_stage.joint.presliding", &self.z_stage.joint),
-        ] {
-            let slips = joint.friction != LoadLaw::CoulombPresliding;
-            if slips && (joint.presliding <= 0.0 || joint.load_friction.coulomb() <= 0.0) {
-                let message =
-                    "maxwell-slip or lugre friction needs a way to rise; accepted are a presliding \
-                               and a Coulomb friction of the load above zero"
-                        .to_owned();
-                return Err((key, message));
-            }
-        }
+        self.check_joints()?;
         if self.micro.damping >= 1.0 {
             let message = "1 is overdamped; accepted is a number from 0 to below 1".to_owned();
             return Err(("micro.damping", message));
@@ -570,6 +557,30 @@ impl Plant {
                 format!("{why}; accepted is a place in reach"),
             )
         })?;
+        Ok(())
+    }
+
+    fn check_joints(&self) -> Result<(), (&'static str, String)> {
+        for (key, joint) in [
+            ("five_bar.joint.presliding", &self.five_bar.joint),
+            ("z_stage.joint.presliding", &self.z_stage.joint),
+        ] {
+            let slips = joint.friction != LoadLaw::CoulombPresliding;
+            if slips && (joint.presliding <= 0.0 || joint.load_friction.coulomb() <= 0.0) {
+                let message =
+                    "maxwell-slip or lugre friction needs a way to rise; accepted are a presliding \
+                               and a Coulomb friction of the load above zero"
+                        .to_owned();
+                return Err((key, message));
+            }
+        }
+        let unrest = [
+            ("five_bar.joint.unrest", &self.five_bar.joint.unrest),
+            ("z_stage.joint.unrest", &self.z_stage.joint.unrest),
+        ];
+        for (key, unrest) in unrest {
+            unrest.check().map_err(|message| (key, message))?;
+        }
         Ok(())
     }
 }

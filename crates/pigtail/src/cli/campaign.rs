@@ -2,7 +2,7 @@
 
 use super::common::write_table;
 use super::{DONE, Failure, NEGATIVE};
-use crate::align::{TOLERANCE_XY_UM, TOLERANCE_Z_UM};
+use crate::align::TOLERANCE_Z_UM;
 use crate::campaign::{self, Device, Document, Plan, Store, summarize};
 use crate::procedure::Procedure;
 use crate::report;
@@ -365,8 +365,8 @@ fn print_summary(out: &mut impl Write, document: &Document, devices_now: u64) ->
         out,
         "\nTime is machine time a fiber; x, y and z are the truth, from the twins, without sign.\n\
          Tolerance: {}, {} and {} um. {}",
-        TOLERANCE_XY_UM,
-        TOLERANCE_XY_UM,
+        Procedure::tolerance_of(&document.procedure),
+        Procedure::tolerance_of(&document.procedure),
         TOLERANCE_Z_UM,
         if devices_now == 0 {
             "Nothing was left to be done.".to_owned()

@@ -5,6 +5,7 @@ use super::{DONE, Failure, failure};
 use crate::characterize::{
     ExperimentError, follow_sine, frequency, metres_per_count, on_twin, resolution, step,
 };
+use crate::impulse::response::{kind_of, response};
 use crate::loops::windup;
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, Setup};
@@ -15,7 +16,7 @@ use pigtail_hal::{Axis, AxisName, Error};
 use serde::Serialize;
 use std::fmt::Write as _;
 
-/// Measure what an axis can do: step, sine, resolution, frequency response or windup
+/// Measure what an axis can do: step, sine, resolution, frequency response, windup or pulses
 ///
 /// step        rise (10 to 90 %), settling (until the encoder stays within one count), overshoot
 /// sine        gain and phase at the encoder and at the output
@@ -24,6 +25,9 @@ use std::fmt::Write as _;
 /// frequency   gain, phase and coherence up to 300 Hz, from a random reference
 /// windup      input against output forward and back, on this machine and on the same one with other
 ///             load friction, preload and law of friction (thesis 2.4.1, 2.4.2)
+/// impulse     what pulses of the amplifier move: one of them, the map over both harmonics, the second
+///             harmonic that leaves no dead zone, the parabola (4.8), its spread, and how to relax the
+///             transmission between pulses (thesis 4.3.1); into the rig's calibration
 #[derive(Debug, Args)]
 #[command(
     verbatim_doc_comment,
@@ -59,6 +63,7 @@ enum What {
     Resolution,
     Frequency,
     Windup,
+    Impulse,
 }
 
 /// What an experiment leaves to be printed and kept.
@@ -102,12 +107,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         &format!("-{at}"),
         arguments.common.seed,
     )?;
-    let done = if arguments.what == What::Windup {
-        on_variants(arguments, &setup)
-    } else {
-        on_twin(&setup, arguments.common.seed, |station| {
+    let done = match arguments.what {
+        What::Windup => on_variants(arguments, &setup),
+        What::Impulse => pulses(arguments, &setup, &run),
+        _ => on_twin(&setup, arguments.common.seed, |station| {
             experiment(arguments, &setup, station)
-        })
+        }),
     }
     .map_err(|error| match error {
         ExperimentError::Align(error) => failure(error, &arguments.common.rig),
@@ -137,7 +142,8 @@ fn experiment(
     let usual = usual_step(at.axis);
     let mut text = String::new();
     Ok(match arguments.what {
-        What::Windup => return on_variants(arguments, setup),
+        // Those that take machines of their own are not asked here.
+        What::Windup | What::Impulse => return on_variants(arguments, setup),
         What::Step => {
             let (d, trace) = step(station, at, arguments.size.unwrap_or(usual))?;
             let _ = writeln!(
@@ -199,6 +205,39 @@ fn experiment(
             report::frequency(&d, &responses).and_then(|html| result(&d, text, html))
         }
     })
+}
+
+/// What pulses do; what was found is believed from now on.
+fn pulses(arguments: &Arguments, setup: &Setup, run: &Run) -> Experiment {
+    let at = arguments.axis;
+    let (d, figures, found) = response(setup, at, arguments.common.seed)?;
+    let origin = format!("characterize {at} impulse, run {}", run.name());
+    let table = format!("impulse.{}", kind_of(at));
+    let written = setup.write_calibration(&table, &found.table(&run.date(), &origin))?;
+    let mut text = format!(
+        "{}: breaks away at {:.4} V (1 fsm); transmission relaxed by: {}\n  no dead zone from a2 = \
+         {:.2} fsm on; b = {:.2} nm, R2 = {:.3}; {:.1} nm at a1 = {} fsm, {:.1} to {:.1} nm over \
+         machines that differ (p10, p90)\n",
+        d.axis,
+        d.fsm_v,
+        d.relax,
+        d.a2_fsm,
+        d.b_nm,
+        d.r2,
+        d.displacement_nm.value,
+        d.displacement_nm.a1,
+        d.spread.p10,
+        d.spread.p90
+    );
+    let _ = writeln!(
+        text,
+        "{}",
+        written.map_or_else(
+            || "The rig is compiled in: its calibration was left as it is.".to_owned(),
+            |file| format!("Written to {file}")
+        )
+    );
+    Ok(report::response(&d, &figures).and_then(|html| result(&d, text, html)))
 }
 
 /// Windup on machines that differ.

@@ -6,6 +6,7 @@ mod characterize;
 mod common;
 mod hysteresis;
 mod identify;
+mod impulse;
 mod maximize;
 mod methods;
 mod plan;
@@ -66,6 +67,7 @@ enum Command {
     Identify(identify::Arguments),
     Predict(hysteresis::PredictArguments),
     Characterize(characterize::Arguments),
+    Impulse(impulse::Arguments),
     Trace(trace::Arguments),
     Simulate(simulate::Arguments),
     Twin(twin::Arguments),
@@ -126,6 +128,7 @@ pub fn main() -> ExitCode {
         Command::Identify(arguments) => identify::run(&arguments),
         Command::Predict(arguments) => hysteresis::predict(&arguments),
         Command::Characterize(arguments) => characterize::run(&arguments),
+        Command::Impulse(arguments) => impulse::run(&arguments),
         Command::Trace(arguments) => trace::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Twin(arguments) => twin::run(&arguments),

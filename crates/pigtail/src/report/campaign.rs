@@ -3,8 +3,9 @@
 use super::figure::{HALF, WHOLE};
 use super::histogram::histogram;
 use super::html::{escape, figure, page};
-use crate::align::{TOLERANCE_XY_UM, TOLERANCE_Z_UM};
+use crate::align::TOLERANCE_Z_UM;
 use crate::campaign::{Document, Percentiles, Store};
+use crate::procedure::Procedure;
 use anyhow::Result;
 use std::fmt::Write as _;
 
@@ -105,8 +106,8 @@ fn verdict(document: &Document) -> String {
          <span class=\"{}\">{} devices were touched.</span></p>",
         class(document.wrong.count == 0),
         document.wrong.count,
-        TOLERANCE_XY_UM,
-        TOLERANCE_XY_UM,
+        Procedure::tolerance_of(&document.procedure),
+        Procedure::tolerance_of(&document.procedure),
         TOLERANCE_Z_UM,
         100.0 * sure.level,
         percent(sure.fibers_wrong[1]),
@@ -218,10 +219,14 @@ fn figures(store: &Store, document: &Document) -> Result<String> {
     for (axis, limit, caption) in [
         (
             "x",
-            TOLERANCE_XY_UM,
+            Procedure::tolerance_of(&document.procedure),
             "Offset across the chip, from the peak of the coupling at the fiber's gap.",
         ),
-        ("y", TOLERANCE_XY_UM, "Offset up from the chip."),
+        (
+            "y",
+            Procedure::tolerance_of(&document.procedure),
+            "Offset up from the chip.",
+        ),
         ("z", TOLERANCE_Z_UM, "Gap beyond the wanted one."),
     ] {
         html.push_str(&shown(

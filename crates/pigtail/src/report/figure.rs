@@ -56,6 +56,24 @@ pub(super) fn coloured(
     })
 }
 
+/// Cells of a `size`, each up to its first two numbers and coloured by the third, from 0 (dark) to 1
+/// (bright).
+pub(super) fn cells(
+    axes: &Axes,
+    points: &[(f64, f64, f64)],
+    (width, height): (f64, f64),
+) -> Result<String> {
+    draw(axes, |root| {
+        let mut chart = chart(axes, root)?;
+        mesh(axes, &mut chart)?;
+        chart.draw_series(points.iter().map(|&(x, y, value)| {
+            let colour = ViridisRGB.get_color(value.clamp(0.0, 1.0));
+            Rectangle::new([(x - width, y - height), (x, y)], colour.filled())
+        }))?;
+        Ok(())
+    })
+}
+
 /// A curve over time with its phases marked: name, start and end of each.
 pub(super) fn over_time(
     axes: &Axes,

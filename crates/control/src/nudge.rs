@@ -1,0 +1,554 @@
+//! Hold and nudge: aligning with the macro alone, for rigs without a micro (thesis 4.3.3).
+//!
+//! The servo brings the fiber to first light and lets go of the five-bar. From then on pulses move it,
+//! friction holds it, and the light is the sensor: a few readings around where the fiber is believed to
+//! be give the peak of known width, and also by how much pulses move the fiber more or less than
+//! believed.
+
+use crate::beam::{Beam, Peak, Reading};
+use crate::impulse::belief::ImpulseBelief;
+use crate::impulse::response::Response;
+use crate::outcome::{Halt, Outcome, SearchEvidence};
+use crate::procedure::{FiberReport, Job, PORTS, look, lost, no_light, outward};
+use crate::recipe::Recipe;
+use crate::search::Searcher;
+use crate::sight::Tip;
+use crate::station::Station;
+use pigtail_hal::quantity::Volts;
+use pigtail_hal::{Axis, AxisName, Channel, Fault, FiberHandling, Side};
+use pigtail_model::frames::{Macro, Point};
+
+/// The joints that pulses move.
+const JOINTS: [Axis; 2] = [Axis::A, Axis::B];
+/// Distance of the search's columns, in widths of the light at the search's gap.
+const PITCH: f64 = 1.6;
+/// Speed along a column, and of the second look, m/s.
+const SPEED: f64 = 3e-3;
+const SLOW: f64 = 0.4e-3;
+/// A second look goes so far to both sides of where light was seen, metres.
+const AROUND: f64 = 40e-6;
+/// How far an endpoint moves back, at most and at first, until its transmissions are relaxed, metres.
+const MOST_BACK: f64 = 60e-6;
+const FIRST_BACK: f64 = 20e-6;
+/// Steps of the approach, metres.
+const STEP: f64 = 6e-6;
+/// Readings that a fit looks back on.
+const RECENT: usize = 5;
+/// Time of a reading of the light, seconds.
+const LOOK: f64 = 0.016;
+
+/// How carefully a peak is looked for.
+struct Care {
+    /// Time of a reading of the light, seconds.
+    seconds: f64,
+    /// Radius of the pattern in widths of the light.
+    radius: f64,
+    /// How far a peak may be from where it was, metres...
+    near: f64,
+    /// ...and share of the brightest light so far that must be there.
+    bright: f64,
+    /// Patterns at least, and whether it is an end not to have found it after [`PATTERNS`].
+    least: u32,
+    must: bool,
+}
+
+/// Share of the brightest light that is still asked for a pattern later.
+const FADE: f64 = 0.9996;
+
+/// At the gap of the search.
+const FIRST: Care = Care {
+    seconds: LOOK,
+    radius: 0.35,
+    near: 0.8e-6,
+    bright: 0.8,
+    least: 1,
+    must: false,
+};
+/// On the way.
+const APPROACH: Care = Care {
+    seconds: LOOK,
+    radius: 0.3,
+    near: 0.5e-6,
+    bright: 0.9,
+    least: 1,
+    must: false,
+};
+/// At the chip.
+const LAST: Care = Care {
+    seconds: 0.04,
+    radius: 0.35,
+    near: 0.4e-6,
+    bright: 0.9975,
+    least: 8,
+    must: true,
+};
+
+/// Patterns in one place, at most.
+const PATTERNS: u32 = 30;
+
+/// Aligns the input fiber and the output fibers of one device without moving any micro.
+///
+/// # Errors
+///
+/// The machine's fault. Everything else that can go wrong is a fiber's [`Outcome`].
+pub fn macro_only(station: &mut Station, recipe: &Recipe) -> Result<Vec<FiberReport>, Fault> {
+    let mut reports = Vec::with_capacity(PORTS.len());
+    station.laser(true);
+    reports.push(Job::input(recipe).run(station, |job, station| align(job, station, 0))?);
+    for k in 0..recipe.ports.outputs.len() {
+        let mut job = Job::output(recipe, k);
+        reports.push(if reports[0].outcome == Outcome::Aligned {
+            job.run(station, |job, station| align(job, station, k))?
+        } else {
+            job.report(Outcome::NotAttempted)
+        });
+    }
+    Ok(reports)
+}
+
+/// Aligns one fiber; the servo has the joints back in the end, whatever came of it.
+fn align(job: &mut Job, station: &mut Station, index: usize) -> Result<(), Halt> {
+    let result = held_and_nudged(job, station, index);
+    for axis in JOINTS {
+        station.close_loop(AxisName {
+            side: job.side,
+            axis,
+        });
+    }
+    result
+}
+
+fn held_and_nudged(job: &mut Job, station: &mut Station, index: usize) -> Result<(), Halt> {
+    let (side, recipe) = (job.side, job.recipe);
+    job.phase(station, "coarse", |job, station| {
+        job.withdraw(station, side)?;
+        if !station.carries(side) {
+            station.handle_fiber(side, FiberHandling::Load(index as u8))?;
+        }
+        let start = job.search_start();
+        job.place(station, side, Tip::Fiber, start, recipe.raster.gap)
+    })?;
+    let mut top = None;
+    if side == Side::Left {
+        top = Some(job.phase(station, "sensing", |job, station| {
+            job.find_top(station, recipe.ports.outputs[0])
+        })?);
+    }
+    let (searcher, place) = job.phase(station, "search", |job, station| {
+        let start = station.wanted(side);
+        let step = recipe.sensing.sidestep;
+        let mut evidence: Option<SearchEvidence> = None;
+        // The guided light may pass beside the sensing fiber's core, to either side.
+        let asides: &[f64] = if top.is_some() {
+            &[0.0, step, -step]
+        } else {
+            &[0.0]
+        };
+        for aside in asides {
+            if let Some(top) = top {
+                job.arrive(station, Side::Right, top.shifted(*aside, 0.0, 0.0))?;
+            }
+            match search(job, station, start)? {
+                Ok(found) => return Ok(found),
+                Err(seen) => evidence = Some(seen.after(evidence)),
+            }
+        }
+        Err(no_light(evidence))
+    })?;
+    let mut nudger = job.phase(station, "centre", |job, station| {
+        let mut nudger = Nudger::new(station, job, &searcher)?;
+        relaxed_at(job, station, place)?;
+        nudger.hold(station);
+        nudger.find(station, recipe.raster.gap)?;
+        nudger.centre(station, recipe.raster.gap, &FIRST)?;
+        Ok(nudger)
+    })?;
+    let before = nudger.level(station, LAST.seconds)?;
+    job.phase(station, "approach", |job, station| {
+        let (_, z) = look(station, side, Tip::Fiber, recipe.approach.frames)?;
+        let mut gap = outward(side) * (z - job.port.z);
+        let steps = ((gap - recipe.approach.gap) / STEP).ceil().max(1.0);
+        let step = (gap - recipe.approach.gap) / steps;
+        for _ in 0..steps as u32 {
+            let end = station.wanted(side).shifted(0.0, 0.0, step);
+            station.start_line(side, end, None)?;
+            while station.moving(side) {
+                station.cycle()?;
+            }
+            station.run(0.04)?;
+            gap -= step;
+            nudger.walk(station, job, step)?;
+            nudger.centre(station, gap, &APPROACH)?;
+        }
+        Ok(())
+    })?;
+    job.phase(station, "final", |job, station| {
+        nudger.centre(station, recipe.approach.gap, &LAST)?;
+        let after = nudger.level(station, LAST.seconds)?;
+        if after < recipe.accept.growth * before {
+            return Err(Outcome::FalseLight { before, after }.into());
+        }
+        station.handle_fiber(job.side, FiberHandling::Attach)?;
+        Ok(())
+    })
+}
+
+/// Looks for light in columns, from the middle outward, all of them upward; where it is, the micro in
+/// its middle all the time.
+fn search(
+    job: &mut Job,
+    station: &mut Station,
+    start: Point<Macro>,
+) -> Result<Result<(Searcher, Point<Macro>), SearchEvidence>, Halt> {
+    let (side, recipe) = (job.side, job.recipe);
+    let raster = &recipe.raster;
+    station.move_micro(side, 0.0, 0.0);
+    let searcher = Searcher::measure(station, side, job.channel, raster.significance, 0.5)?;
+    let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
+    let pitch = PITCH * beam.width(raster.gap);
+    let columns = (0.5 * raster.x / pitch).ceil() as i32 + 1;
+    let mut evidence = SearchEvidence {
+        phase: "search",
+        samples: 0,
+        width: 0.0,
+        height: raster.height(),
+        brightest: f64::NEG_INFINITY,
+        dismissed: 0,
+        threshold: searcher.threshold,
+    };
+    for k in 0..=2 * columns {
+        // 0, 1, -1, 2, -2 and so on.
+        let column = f64::from((k + 1) / 2) * if k % 2 == 1 { 1.0 } else { -1.0 };
+        let low = start.shifted(column * pitch, 0.0, 0.0);
+        job.arrive(station, side, low)?;
+        let top = low.shifted(0.0, raster.height(), 0.0);
+        evidence.width = f64::from(k + 1) * pitch;
+        let Some(first) = brightest(station, &searcher, top, SPEED, &mut evidence)? else {
+            continue;
+        };
+        // What fluctuates is not there again.
+        let below = Point::new(low.x, first.y - AROUND, low.z);
+        job.arrive(station, side, below)?;
+        let above = below.shifted(0.0, 2.0 * AROUND, 0.0);
+        match brightest(station, &searcher, above, SLOW, &mut evidence)? {
+            Some(again) => return Ok(Ok((searcher, Point::new(low.x, again.y, low.z)))),
+            None => evidence.dismissed += 1,
+        }
+    }
+    Ok(Err(evidence))
+}
+
+/// The brightest place on a line to `end`, if it is bright at all; stops soon after.
+fn brightest(
+    station: &mut Station,
+    searcher: &Searcher,
+    end: Point<Macro>,
+    speed: f64,
+    evidence: &mut SearchEvidence,
+) -> Result<Option<Point<Macro>>, Halt> {
+    let side = searcher.side;
+    station.start_line(side, end, Some(speed))?;
+    let mut best: Option<(f64, Point<Macro>)> = None;
+    while station.moving(side) {
+        station.cycle()?;
+        let Some(volts) = station.light(searcher.channel) else {
+            continue;
+        };
+        evidence.samples += 1;
+        evidence.brightest = f64::max(evidence.brightest, volts);
+        let level = volts - searcher.background.mean;
+        let bright = volts > searcher.threshold;
+        if bright && best.is_none_or(|(most, _)| level > most) {
+            best = Some((level, station.endpoint(side)));
+        }
+        if best.is_some_and(|(most, _)| level < 0.2 * most) {
+            station.brake(side);
+        }
+    }
+    Ok(best.map(|(_, place)| place))
+}
+
+/// Brings an endpoint to a place such that, by what is believed of the windup, its transmissions carry
+/// nothing there: from below beyond it, and back until they are relaxed.
+fn relaxed_at(job: &Job, station: &mut Station, place: Point<Macro>) -> Result<(), Halt> {
+    let side = job.side;
+    let windup = |station: &Station| {
+        let of = |axis| station.windup(AxisName { side, axis });
+        of(Axis::A) - of(Axis::B)
+    };
+    let mut back = FIRST_BACK;
+    for _ in 0..3 {
+        let beyond = place.shifted(0.0, back, 0.0);
+        job.arrive(station, side, beyond)?;
+        let wound = windup(station);
+        let end = beyond.shifted(0.0, -MOST_BACK, 0.0);
+        station.start_line(side, end, Some(SLOW))?;
+        while station.moving(side) && windup(station) * wound > 0.0 {
+            station.cycle()?;
+        }
+        station.halt(side);
+        station.run(0.1)?;
+        let gone = beyond.y - station.wanted(side).y;
+        if (gone - back).abs() < 2e-6 || gone > 0.9 * MOST_BACK {
+            break;
+        }
+        back = gone;
+    }
+    Ok(())
+}
+
+/// A five-bar whose joints are held by friction and moved by pulses.
+struct Nudger {
+    side: Side,
+    channel: Channel,
+    background: f64,
+    noise: f64,
+    beam: Beam,
+    belief: ImpulseBelief,
+    response: Response,
+    /// Displacement of the endpoint in x and y for one of a joint's output, metres for a metre along
+    /// its probe's arm: columns for the joints.
+    columns: [[f64; 2]; 2],
+    /// Where the fiber is believed to be, metres from where it was let go.
+    at: (f64, f64),
+    /// By what share more than believed pulses move each joint forward, and less backward: what the
+    /// transmissions carry pushes one way.
+    lean: [f64; 2],
+    /// The way of each joint since the last fit, back and forth, metres.
+    way: [f64; 2],
+    readings: Vec<Reading>,
+}
+
+impl Nudger {
+    fn new(station: &Station, job: &Job, searcher: &Searcher) -> Result<Self, Outcome> {
+        let side = job.side;
+        let belief = station.five_bar_pulses().ok_or_else(|| {
+            Outcome::OutOfReach(
+                "the calibration does not say what pulses do to a five-bar, which `pigtail \
+                 characterize fivebar impulse` measures"
+                    .to_owned(),
+            )
+        })?;
+        let arm = station.spec().probe.as_ref().map(|probe| probe.arm);
+        let arm = arm.ok_or_else(|| {
+            Outcome::OutOfReach("the datasheet does not say where pulses were measured".to_owned())
+        })?;
+        let kinematics = station.kinematics(side);
+        let unreachable = |_| Outcome::OutOfReach("the five-bar has no reach here".to_owned());
+        let here = kinematics
+            .outputs_at(station.wanted(side))
+            .map_err(unreachable)?;
+        let mut columns = [[0.0; 2]; 2];
+        for (joint, column) in columns.iter_mut().enumerate() {
+            let small = 1e-5;
+            let moved = |sign: f64| {
+                let mut outputs = here;
+                outputs[joint] += sign * small;
+                kinematics.endpoint_at(outputs)
+            };
+            let (low, high) = (moved(-1.0), moved(1.0));
+            let (low, high) = (low.map_err(unreachable)?, high.map_err(unreachable)?);
+            let per_metre = 1.0 / (2.0 * small * arm);
+            *column = [(high.x - low.x) * per_metre, (high.y - low.y) * per_metre];
+        }
+        let recipe = job.recipe;
+        let step = station.spec().photodiode.step();
+        Ok(Self {
+            side,
+            channel: job.channel,
+            background: searcher.background.mean,
+            noise: searcher.background.sigma.max(step),
+            beam: Beam::new(&recipe.mode, recipe.ports.exit_angle),
+            response: Response::curve(&belief),
+            belief,
+            columns,
+            at: (0.0, 0.0),
+            lean: [0.0; 2],
+            way: [0.0; 2],
+            readings: Vec::with_capacity(RECENT + 1),
+        })
+    }
+
+    /// Lets go of the joints.
+    fn hold(&self, station: &mut Station) {
+        for axis in JOINTS {
+            let side = self.side;
+            station.hold_voltage(AxisName { side, axis }, Volts(0.0));
+        }
+    }
+
+    /// The light above the background, volts.
+    fn level(&self, station: &mut Station, seconds: f64) -> Result<f64, Halt> {
+        Ok(station.level(self.channel, seconds)?.mean - self.background)
+    }
+
+    /// Moves the fiber by pulses on both joints.
+    fn nudge(&mut self, station: &mut Station, dx: f64, dy: f64) -> Result<(), Halt> {
+        let mut left = self.joints(dx, dy);
+        let most = self.belief.curve.last().map_or(0.0, |last| last[1]);
+        // Less than that is not worth a pulse.
+        let least = 0.01 * most;
+        let pulses = left
+            .iter()
+            .fold(0.0, |n: f64, way| n.max(way.abs() / most))
+            .ceil();
+        for k in 0..pulses as u32 {
+            let share = 1.0 / (pulses - f64::from(k));
+            for (i, axis) in JOINTS.into_iter().enumerate() {
+                let part = share * left[i];
+                if part.abs() < least {
+                    continue;
+                }
+                let gain = 1.0 + part.signum() * self.lean[i];
+                let choice = self.response.choose(part.abs() / gain, 1.0, part > 0.0);
+                let side = self.side;
+                let pulse = self.belief.shape().pulse(choice.a1, part > 0.0);
+                station.pulse(AxisName { side, axis }, pulse)?;
+                left[i] -= part.signum() * gain * choice.expected;
+                self.way[i] += choice.expected;
+            }
+            station.run(self.belief.period + self.belief.rest)?;
+        }
+        // What was left out was not gone.
+        let ([[ax, ay], [bx, by]], [a, b]) = (self.columns, left);
+        self.at.0 += dx - ax * a - bx * b;
+        self.at.1 += dy - ay * a - by * b;
+        Ok(())
+    }
+
+    /// Ways of the joints along their arms for one of the endpoint, metres.
+    fn joints(&self, dx: f64, dy: f64) -> [f64; 2] {
+        let [[ax, ay], [bx, by]] = self.columns;
+        let determinant = ax * by - bx * ay;
+        [
+            (by * dx - bx * dy) / determinant,
+            (ax * dy - ay * dx) / determinant,
+        ]
+    }
+
+    /// Learns from a peak that has run away by `(dx, dy)` metres while pulses went back and forth:
+    /// it is they who did not.
+    fn learn(&mut self, dx: f64, dy: f64) {
+        const SHARE: f64 = 0.3;
+        const MOST: f64 = 0.4;
+        let away = self.joints(dx, dy);
+        for ((lean, way), away) in self.lean.iter_mut().zip(self.way).zip(away) {
+            if way > 0.0 {
+                *lean = (*lean - SHARE * away / way).clamp(-MOST, MOST);
+            }
+        }
+        self.way = [0.0; 2];
+    }
+
+    /// Follows the light across while a facet comes nearer by `step` metres.
+    fn walk(&mut self, station: &mut Station, job: &Job, step: f64) -> Result<(), Halt> {
+        let kinematics = station.kinematics(self.side);
+        let aside = -step * job.recipe.ports.exit_angle.tan();
+        let from = kinematics.macro_from_chip(job.port);
+        let to = kinematics.macro_from_chip(job.port.shifted(aside, 0.0, 0.0));
+        let (dx, dy) = (to.x - from.x, to.y - from.y);
+        self.nudge(station, dx, dy)?;
+        // In the light's frame nothing has moved.
+        for reading in &mut self.readings {
+            reading.x += dx;
+            reading.y += dy;
+        }
+        Ok(())
+    }
+
+    fn read(&mut self, station: &mut Station, gap: f64, seconds: f64) -> Result<f64, Halt> {
+        let volts = self.level(station, seconds)?;
+        if self.readings.len() == RECENT {
+            self.readings.remove(0);
+        }
+        self.readings.push(Reading {
+            x: self.at.0,
+            y: self.at.1,
+            gap,
+            volts,
+        });
+        Ok(volts)
+    }
+
+    /// Looks for light in a growing square around where it was seen.
+    fn find(&mut self, station: &mut Station, gap: f64) -> Result<(), Halt> {
+        const TURNS: i32 = 9;
+        let pitch = self.beam.width(gap);
+        let enough = 10.0 * self.noise;
+        let mut brightest = self.read(station, gap, LOOK)?;
+        for turn in 0..TURNS {
+            let way = f64::from(turn / 2 + 1);
+            let sign = if turn % 4 < 2 { 1.0 } else { -1.0 };
+            let (dx, dy) = if turn % 2 == 0 {
+                (sign, 0.0)
+            } else {
+                (0.0, sign)
+            };
+            for _ in 0..way as u32 {
+                if brightest > enough {
+                    return Ok(());
+                }
+                self.nudge(station, pitch * dx, pitch * dy)?;
+                brightest = brightest.max(self.read(station, gap, LOOK)?);
+            }
+        }
+        if brightest > enough {
+            return Ok(());
+        }
+        Err(lost("centre", brightest, enough))
+    }
+
+    /// Goes to the light's peak, by patterns around where it is believed to be, until it is found
+    /// where it was.
+    fn centre(&mut self, station: &mut Station, gap: f64, care: &Care) -> Result<(), Halt> {
+        let radius = care.radius * self.beam.width(gap);
+        let noise = self.noise
+            / (care.seconds * station.spec().photodiode.rate)
+                .sqrt()
+                .max(1.0);
+        let (mut before, mut brightest, mut last): (Option<Peak>, f64, f64) = (None, 0.0, 0.0);
+        self.way = [0.0; 2];
+        for k in 0..PATTERNS {
+            let centre = self.at;
+            // Triangles, turned by a third of a third each time.
+            for corner in 0..3 {
+                let angle = std::f64::consts::TAU * (f64::from(corner) + f64::from(k) / 3.0) / 3.0;
+                let (sin, cos) = angle.sin_cos();
+                let (x, y) = (centre.0 + radius * cos, centre.1 + radius * sin);
+                self.nudge(station, x - self.at.0, y - self.at.1)?;
+                brightest = brightest.max(self.read(station, gap, care.seconds)?);
+            }
+            let Some(peak) = self.fit(noise) else {
+                return Err(lost("centre", 0.0, self.noise));
+            };
+            if let Some(before) = before.replace(peak) {
+                self.learn(peak.x - before.x, peak.y - before.y);
+            }
+            self.way = [0.0; 2];
+            self.nudge(station, peak.x - self.at.0, peak.y - self.at.1)?;
+            let volts = self.read(station, gap, care.seconds)?;
+            // Light fluctuates: what was brighter long ago may never come again.
+            brightest = FADE * brightest.max(volts / FADE);
+            last = volts;
+            let moved = (peak.x - centre.0).hypot(peak.y - centre.1);
+            if k + 1 >= care.least && moved < care.near && volts > care.bright * brightest {
+                return Ok(());
+            }
+        }
+        if care.must {
+            // How far from the brightest place the light is as bright.
+            let off = |share: f64| self.beam.width(gap) * (1.0 - share).max(0.0).sqrt();
+            return Err(Outcome::Unsure {
+                deviation: off(last / brightest),
+                accuracy: off(care.bright),
+            }
+            .into());
+        }
+        Ok(())
+    }
+
+    /// The peak through the latest readings.
+    fn fit(&self, noise: f64) -> Option<Peak> {
+        self.beam.fit(&self.readings, noise)
+    }
+}

@@ -1,0 +1,463 @@
+//! Joints of one kind, stepped together: under held voltages in a few steps a cycle, finely where an
+//! amplifier plays a pulse.
+
+use super::TwinError;
+use super::plant::{JointPlant, LoadLaw};
+use super::sensors::normal;
+use super::unrest::UnrestPlant;
+use pigtail_hal::Pulse;
+use pigtail_model::Invalid;
+use pigtail_model::friction::Mode;
+use pigtail_model::group::Group;
+use pigtail_model::joint::{Joint, JointParameters, JointState};
+use pigtail_model::lugre::LuGre;
+use pigtail_model::presliding::{MaxwellSlip, Presliding};
+use pigtail_model::pulse::{From, Pulse as Waveform};
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+
+/// More integration steps in a servo cycle than this are not a stiff joint but a mistyped one.
+const MOST_STEPS: f64 = 100.0;
+
+/// Longest step, seconds, while a pulse plays and until what it set moving has come to rest: the
+/// displacement is then that of reference solutions to 1e-3 nm.
+const FINE_STEP: f64 = 25e-6;
+
+/// What a pulse set moving is taken for a common motion after so many cycles.
+const WAKE: u32 = 125;
+
+/// A joint that has rested for so many cycles may have been displaced in the meantime.
+const RESTED: u32 = 13;
+
+/// Friction that drifts is changed every so many cycles.
+const DRIFT_EVERY: u64 = 100;
+
+/// Joints of one kind.
+#[derive(Debug, Clone)]
+pub(super) struct Joints<const N: usize> {
+    law: Law<N>,
+    parameters: [JointParameters; N],
+    playing: [Option<Playing>; N],
+    /// Cycles for which each joint is still stepped finely.
+    wake: [u32; N],
+    /// Cycles since each joint's last pulse, as far as it matters.
+    rested: [u32; N],
+    unrest: UnrestPlant,
+    stribeck: f64,
+    /// Constant torque on each load that makes its friction differ in the two directions, N m, and
+    /// what it would displace the outputs by at rest, radians.
+    lean: [(f64, f64); N],
+    cycle: u64,
+    period: f64,
+    least: f64,
+    /// What displaces motors at rest.
+    rng: Pcg64Mcg,
+}
+
+/// A law of load friction, and the states under it.
+#[derive(Debug, Clone)]
+enum Law<const N: usize> {
+    /// After the thesis: (2.7), (2.8), (2.12), (2.13).
+    CoulombPresliding {
+        coarse: Group<N>,
+        fine: [Joint; N],
+        states: [JointState; N],
+    },
+    /// Maxwell-slip elements.
+    MaxwellSlip(Vec<Slipping<MaxwellSlip>>),
+    /// LuGre.
+    LuGre(Vec<Slipping<LuGre>>),
+}
+
+/// A joint whose load never holds rigidly.
+#[derive(Debug, Clone, Copy)]
+struct Slipping<P: Presliding> {
+    coarse: Joint<P>,
+    fine: Joint<P>,
+    state: JointState<P::State>,
+}
+
+/// A pulse on its way.
+#[derive(Debug, Clone, Copy)]
+struct Playing {
+    waveform: Waveform,
+    /// How much of it has passed, seconds.
+    since: f64,
+}
+
+impl<const N: usize> Joints<N> {
+    /// Joints `name`, for errors, in cycles of `period` seconds of at least so many steps. `seed` is
+    /// that of what happens to them at rest.
+    pub(super) fn new(
+        plant: &JointPlant,
+        parameters: [JointParameters; N],
+        name: &'static str,
+        (period, least): (f64, f64),
+        seed: u64,
+    ) -> Result<Self, TwinError> {
+        let (unrest, stribeck) = (plant.unrest, plant.stribeck);
+        for p in &parameters {
+            let contact = match plant.friction {
+                LoadLaw::CoulombPresliding => 0.0,
+                LoadLaw::MaxwellSlip => elements(p)?.initial_stiffness(),
+                LoadLaw::LuGre => bristle(p, stribeck)?.initial_stiffness(),
+            };
+            let steps = steps(p, contact, period, least);
+            if steps > MOST_STEPS {
+                return Err(TwinError::Stiff { axis: name, steps });
+            }
+        }
+        let homed = |p: &JointParameters| p.transmission.twist(-p.load_torque) / p.ratio;
+        let law = match plant.friction {
+            LoadLaw::CoulombPresliding => {
+                let (coarse, fine) = pairs(&parameters, period, least)?;
+                let states = std::array::from_fn(|i| JointState {
+                    motor_angle: homed(&parameters[i]),
+                    ..JointState::default()
+                });
+                Law::CoulombPresliding {
+                    coarse: Group::new(coarse),
+                    fine,
+                    states,
+                }
+            }
+            LoadLaw::MaxwellSlip => Law::MaxwellSlip(
+                parameters
+                    .iter()
+                    .map(|p| Ok(Slipping::at(slipping(p, period, least)?, homed(p))))
+                    .collect::<Result<_, Invalid>>()?,
+            ),
+            LoadLaw::LuGre => Law::LuGre(
+                parameters
+                    .iter()
+                    .map(|p| {
+                        Ok(Slipping::at(
+                            bristling(p, stribeck, period, least)?,
+                            homed(p),
+                        ))
+                    })
+                    .collect::<Result<_, Invalid>>()?,
+            ),
+        };
+        let lean = parameters.map(|p| {
+            let torque = -unrest.asymmetry * p.load_friction.coulomb();
+            let level = p.load_friction.static_level();
+            let yields = matches!(law, Law::CoulombPresliding { .. }) && level > 0.0;
+            (
+                torque,
+                if yields {
+                    torque * p.presliding / level
+                } else {
+                    0.0
+                },
+            )
+        });
+        Ok(Self {
+            law,
+            parameters,
+            playing: [None; N],
+            wake: [0; N],
+            rested: [RESTED; N],
+            unrest,
+            stribeck,
+            lean,
+            cycle: 0,
+            period,
+            least,
+            rng: Pcg64Mcg::seed_from_u64(seed ^ unrest.history.rotate_left(32)),
+        })
+    }
+
+    /// One cycle under held voltages, torques on the loads from outside (N m), and pulses that
+    /// begin.
+    #[inline]
+    pub(super) fn advance(
+        &mut self,
+        voltages: [f64; N],
+        mut torques: [f64; N],
+        pulses: [&Option<Pulse>; N],
+    ) {
+        if !self.unrest.is_none() {
+            self.stir(&mut torques);
+        }
+        let begins = pulses.iter().any(|pulse| pulse.is_some());
+        if begins || self.wake != [0; N] {
+            self.advance_finely(voltages, torques, pulses);
+        } else {
+            self.law.advance(voltages, torques, self.period);
+        }
+    }
+
+    #[cold]
+    fn advance_finely(
+        &mut self,
+        voltages: [f64; N],
+        torques: [f64; N],
+        pulses: [&Option<Pulse>; N],
+    ) {
+        for i in 0..N {
+            if let Some(pulse) = pulses[i] {
+                if self.unrest.jolt > 0.0 && self.rested[i] >= RESTED {
+                    let way = self.unrest.jolt * normal(&mut self.rng);
+                    self.law.displace(i, way);
+                }
+                let waveform = Waveform {
+                    amplitudes: pulse.amplitudes.map(|volts| volts.0),
+                    period: pulse.period,
+                };
+                let since = 0.0;
+                self.playing[i] = Some(Playing { waveform, since });
+            }
+            if let Some(playing) = &mut self.playing[i] {
+                let on = (playing.waveform.period - playing.since).clamp(0.0, self.period);
+                let waveform = From {
+                    voltage: playing.waveform,
+                    since: playing.since,
+                };
+                let wave = Some((waveform, on));
+                self.law
+                    .advance_one(i, (voltages[i], wave), torques[i], self.period);
+                playing.since += self.period;
+                if playing.since >= playing.waveform.period {
+                    self.playing[i] = None;
+                }
+                self.wake[i] = WAKE;
+                self.rested[i] = 0;
+            } else {
+                self.law
+                    .advance_one(i, (voltages[i], None), torques[i], self.period);
+                self.wake[i] = self.wake[i].saturating_sub(1);
+                if self.law.is_stuck(i) {
+                    self.wake[i] = 0;
+                }
+            }
+        }
+    }
+
+    /// Friction is not the same at all times and in both directions.
+    #[cold]
+    fn stir(&mut self, torques: &mut [f64; N]) {
+        for (torque, (lean, _)) in torques.iter_mut().zip(&self.lean) {
+            *torque += lean;
+        }
+        for rested in &mut self.rested {
+            *rested = (*rested + 1).min(RESTED);
+        }
+        if self.unrest.drift != 0.0 && self.cycle.is_multiple_of(DRIFT_EVERY) {
+            let time = self.cycle as f64 * self.period;
+            let share = (time / self.unrest.drift_time).min(1.0);
+            // What is drawn from valid levels by a factor above zero is valid too.
+            let _ = self.scale_friction(1.0 + self.unrest.drift * share);
+        }
+        self.cycle += 1;
+    }
+
+    fn scale_friction(&mut self, by: f64) -> Result<(), Invalid> {
+        let mut scaled = self.parameters;
+        for p in &mut scaled {
+            p.motor_friction = p.motor_friction.scaled(by)?;
+            p.load_friction = p.load_friction.scaled(by)?;
+            // The contact stays as stiff as it is.
+            if matches!(self.law, Law::CoulombPresliding { .. }) {
+                p.presliding *= by;
+            }
+        }
+        match &mut self.law {
+            Law::CoulombPresliding { coarse, fine, .. } => {
+                let (new, finer) = pairs(&scaled, self.period, self.least)?;
+                (*coarse, *fine) = (Group::new(new), finer);
+            }
+            Law::MaxwellSlip(joints) => {
+                for (joint, p) in joints.iter_mut().zip(&scaled) {
+                    (joint.coarse, joint.fine) = slipping(p, self.period, self.least)?;
+                }
+            }
+            Law::LuGre(joints) => {
+                for (joint, p) in joints.iter_mut().zip(&scaled) {
+                    (joint.coarse, joint.fine) =
+                        bristling(p, self.stribeck, self.period, self.least)?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    pub(super) fn motor_angle(&self, i: usize) -> f64 {
+        match &self.law {
+            Law::CoulombPresliding { states, .. } => states[i].motor_angle,
+            Law::MaxwellSlip(joints) => joints[i].state.motor_angle,
+            Law::LuGre(joints) => joints[i].state.motor_angle,
+        }
+    }
+
+    pub(super) fn output(&self, i: usize) -> f64 {
+        match &self.law {
+            Law::CoulombPresliding { coarse, states, .. } => {
+                coarse.joints()[i].output(&states[i]) - self.lean[i].1
+            }
+            Law::MaxwellSlip(joints) => joints[i].coarse.output(&joints[i].state),
+            Law::LuGre(joints) => joints[i].coarse.output(&joints[i].state),
+        }
+    }
+}
+
+impl<const N: usize> Law<N> {
+    #[inline]
+    fn advance(&mut self, voltages: [f64; N], torques: [f64; N], period: f64) {
+        match self {
+            Self::CoulombPresliding { coarse, states, .. } => {
+                for (state, torque) in states.iter_mut().zip(torques) {
+                    state.load_torque = torque;
+                }
+                coarse.advance(states, voltages, period);
+            }
+            Self::MaxwellSlip(joints) => {
+                for (i, joint) in joints.iter_mut().enumerate() {
+                    joint.advance(voltages[i], torques[i], period);
+                }
+            }
+            Self::LuGre(joints) => {
+                for (i, joint) in joints.iter_mut().enumerate() {
+                    joint.advance(voltages[i], torques[i], period);
+                }
+            }
+        }
+    }
+
+    /// One joint alone, finely: a waveform for so many seconds, then the held voltage.
+    fn advance_one(&mut self, i: usize, (held, wave): (f64, Wave), torque: f64, period: f64) {
+        match self {
+            Self::CoulombPresliding { fine, states, .. } => {
+                states[i].load_torque = torque;
+                play(&fine[i], &mut states[i], (held, wave), period);
+            }
+            Self::MaxwellSlip(joints) => joints[i].advance_finely((held, wave), torque, period),
+            Self::LuGre(joints) => joints[i].advance_finely((held, wave), torque, period),
+        }
+    }
+
+    fn is_stuck(&self, i: usize) -> bool {
+        let (motor, load) = match self {
+            Self::CoulombPresliding { states, .. } => (states[i].motor_mode, states[i].load_mode),
+            Self::MaxwellSlip(joints) => joints[i].modes(),
+            Self::LuGre(joints) => joints[i].modes(),
+        };
+        motor == Mode::Stuck && load == Mode::Stuck
+    }
+
+    fn displace(&mut self, i: usize, by: f64) {
+        match self {
+            Self::CoulombPresliding { states, .. } => states[i].motor_angle += by,
+            Self::MaxwellSlip(joints) => joints[i].state.motor_angle += by,
+            Self::LuGre(joints) => joints[i].state.motor_angle += by,
+        }
+    }
+}
+
+/// A pulse on its way and for how long, seconds.
+type Wave = Option<(From<Waveform>, f64)>;
+
+/// A waveform first, then the held voltage.
+fn play<P: Presliding>(
+    joint: &Joint<P>,
+    state: &mut JointState<P::State>,
+    (held, wave): (f64, Wave),
+    period: f64,
+) {
+    let on = wave.map_or(0.0, |(_, on)| on);
+    if let Some((waveform, on)) = wave {
+        joint.advance(state, waveform, on);
+    }
+    if period > on {
+        joint.advance(state, held, period - on);
+    }
+}
+
+impl<P: Presliding> Slipping<P> {
+    fn at((coarse, fine): (Joint<P>, Joint<P>), motor_angle: f64) -> Self {
+        let state = JointState {
+            motor_angle,
+            ..JointState::default()
+        };
+        Self {
+            coarse,
+            fine,
+            state,
+        }
+    }
+
+    fn advance(&mut self, voltage: f64, torque: f64, period: f64) {
+        self.state.load_torque = torque;
+        self.coarse.advance(&mut self.state, voltage, period);
+    }
+
+    fn advance_finely(&mut self, voltage: (f64, Wave), torque: f64, period: f64) {
+        self.state.load_torque = torque;
+        play(&self.fine, &mut self.state, voltage, period);
+    }
+
+    fn modes(&self) -> (Mode, Mode) {
+        (self.state.motor_mode, self.state.load_mode)
+    }
+}
+
+/// Steps a cycle that a joint needs.
+fn steps(p: &JointParameters, contact: f64, period: f64, least: f64) -> f64 {
+    (period / p.coarsest_step(contact)).ceil().max(least)
+}
+
+fn elements(p: &JointParameters) -> Result<MaxwellSlip, Invalid> {
+    MaxwellSlip::new(p.load_friction.coulomb(), p.presliding)
+}
+
+/// Joints for common motions and for pulses.
+fn pairs<const N: usize>(
+    parameters: &[JointParameters; N],
+    period: f64,
+    least: f64,
+) -> Result<([Joint; N], [Joint; N]), Invalid> {
+    let (mut coarse, mut fine) = (Vec::with_capacity(N), Vec::with_capacity(N));
+    for p in parameters {
+        let step = period / steps(p, 0.0, period, least);
+        coarse.push(Joint::new(*p, step)?);
+        fine.push(Joint::new(*p, step.min(FINE_STEP))?);
+    }
+    Ok((
+        std::array::from_fn(|i| coarse[i]),
+        std::array::from_fn(|i| fine[i]),
+    ))
+}
+
+/// The same under Maxwell-slip friction.
+fn slipping(
+    p: &JointParameters,
+    period: f64,
+    least: f64,
+) -> Result<(Joint<MaxwellSlip>, Joint<MaxwellSlip>), Invalid> {
+    let contact = elements(p)?.initial_stiffness();
+    // Two steps where one would do: the elements' kinks are not smooth.
+    let step = 0.5 * period / steps(p, contact, period, least);
+    Ok((
+        Joint::maxwell_slip(*p, step)?,
+        Joint::maxwell_slip(*p, step.min(FINE_STEP))?,
+    ))
+}
+
+fn bristle(p: &JointParameters, stribeck: f64) -> Result<LuGre, Invalid> {
+    LuGre::new(&p.load_friction, p.presliding, stribeck)
+}
+
+/// The same under LuGre friction.
+fn bristling(
+    p: &JointParameters,
+    stribeck: f64,
+    period: f64,
+    least: f64,
+) -> Result<(Joint<LuGre>, Joint<LuGre>), Invalid> {
+    let contact = bristle(p, stribeck)?.initial_stiffness();
+    let step = period / steps(p, contact, period, least);
+    Ok((
+        Joint::lugre(*p, stribeck, step)?,
+        Joint::lugre(*p, stribeck, step.min(FINE_STEP))?,
+    ))
+}

@@ -1,0 +1,683 @@
+//! What pulses do to an axis: Figs. 4.13 to 4.19 and 4.21 of the thesis, measured on a twin.
+//!
+//! All but two of them are experiments through the boundary, which a machine could be asked as well.
+//! The trajectory of a single pulse is the truth, for no encoder sees it; and the spread is that over
+//! machines which differ in what no one knows, drawn around the rig's plant.
+
+use crate::align::{AlignError, rounded};
+use crate::characterize::{ExperimentError, no_probe, on_twin};
+use crate::rig::Setup;
+use pigtail_control::impulse::belief::ImpulseBelief;
+use pigtail_control::impulse::experiment::{
+    break_away, dead_zone, parabola, repeat, unevenness, ways_to_relax, without_dead_zone,
+};
+use pigtail_control::impulse::{Impulses, Moved, Relax, Shape};
+use pigtail_control::station::Station;
+use pigtail_hal::{Axis, AxisName, Command, Error, Machine, Pulse};
+use pigtail_machines::Twin;
+use pigtail_machines::twin::plant::JointPlant;
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use rand_pcg::Pcg64Mcg;
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// Length of the pulses, seconds (thesis 4.3.1).
+pub const PERIOD: f64 = 1e-3;
+/// Time in which an axis comes to rest after one, seconds.
+pub const REST: f64 = 0.04;
+/// Readings of the probe that make a measurement: its noise falls tenfold.
+const READINGS: u32 = 100;
+/// The map's extent in `a_1` and `a_2` (Fig. 4.17), in units of the motor's static friction.
+const MAP: [f64; 2] = [5.0, 20.0];
+/// Its cells along either.
+const CELLS: [usize; 2] = [40, 40];
+/// Points of the curve over `a_1`.
+pub const POINTS: usize = 51;
+/// Pulses that are averaged at each.
+const PULSES: u32 = 4;
+/// Pulses in a row, each way to relax between them.
+const ROW: u32 = 12;
+/// Where a single displacement is quoted, Fig. 4.16: `a_1` in units of the motor's static friction.
+const QUOTED: f64 = 1.5;
+/// Machines drawn for the spread, the points of `a_1` at which it is taken, and the relative
+/// standard deviation of the load's friction among them.
+const DRAWN: usize = 200;
+const SPREAD_POINTS: usize = 11;
+const FRICTION: f64 = 0.1;
+/// The share of an encoder count by which the motor's place is uncertain.
+const STATE: f64 = 0.1;
+/// Servo rate at which a single pulse is looked at, hertz.
+const FINE_RATE: f64 = 50e3;
+/// For how long, seconds.
+const LOOK: f64 = 0.02;
+
+/// What `characterize AXIS impulse` prints. Amplitudes are in units of the voltage at which the
+/// motor breaks away, which the thesis calls fsm. Keys are a contract.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Document {
+    /// The axis.
+    pub axis: String,
+    /// The seed of the specimen.
+    pub seed: u64,
+    /// The unit of amplitudes, volts: measured by raising the voltage until the encoder moves.
+    pub fsm_v: f64,
+    /// Length of the pulses, milliseconds.
+    pub period_ms: f64,
+    /// How the transmission is brought back between pulses: what was found to be most even.
+    pub relax: &'static str,
+    /// The second harmonic that leaves no dead zone, by search.
+    pub a2_fsm: f64,
+    /// The dead zone in `a_1` that is left with it.
+    pub dead_zone_fsm: f64,
+    /// The dead zone at other second harmonics.
+    pub dead_zones: Vec<DeadZone>,
+    /// `b` of the parabola (4.8), nanometres for `a_1 = 1`.
+    pub b_nm: f64,
+    /// Its `R^2` over the curve.
+    pub r2: f64,
+    /// A single displacement (Fig. 4.16).
+    pub displacement_nm: Quoted,
+    /// Displacements over machines whose load friction differs by 10 % and whose motor is displaced
+    /// by a tenth of a count (Fig. 4.19), at the same `a_1`.
+    pub spread: Spread,
+    /// The curve over `a_1` with this second harmonic (Figs. 4.18, 4.21), and its spread.
+    pub curve: Vec<CurveRow>,
+    /// The same pulse in a row with each way to relax.
+    pub rows: Vec<Row>,
+    /// The map (Fig. 4.17).
+    pub map: Map,
+}
+
+/// A dead zone.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct DeadZone {
+    /// Second harmonic.
+    pub a2_fsm: f64,
+    /// Least `a_1` that moves the output; `null` above 5.
+    pub dead_zone_fsm: Option<f64>,
+}
+
+/// One displacement.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Quoted {
+    /// Amplitude.
+    pub a1: f64,
+    /// Displacement, nanometres.
+    pub value: f64,
+}
+
+/// Percentiles, nanometres.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Spread {
+    /// Amplitude.
+    pub a1: f64,
+    /// A tenth of the displacements lies below.
+    pub p10: f64,
+    /// Half of them do.
+    pub p50: f64,
+    /// A tenth lies above.
+    pub p90: f64,
+}
+
+/// A point of the curve.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct CurveRow {
+    /// Amplitude.
+    pub a1_fsm: f64,
+    /// Mean displacement forward and backward, nanometres.
+    pub nm: f64,
+}
+
+/// Pulses in a row.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Row {
+    /// How the transmission is relaxed between them; `start` is not at all.
+    pub relax: &'static str,
+    /// Each displacement, nanometres.
+    pub nm: Vec<f64>,
+    /// Their spread over their mean; `null` where they get nowhere.
+    pub unevenness: Option<f64>,
+}
+
+/// Displacement over both amplitudes, nanometres; `null` beyond the amplifier's voltage.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Map {
+    /// The columns' amplitudes.
+    pub a1_fsm: Vec<f64>,
+    /// The rows' amplitudes.
+    pub a2_fsm: Vec<f64>,
+    /// A row for each second harmonic.
+    pub nm: Vec<Vec<Option<f64>>>,
+}
+
+/// What the report shows beside the document.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Figures {
+    /// A single pulse, the truth.
+    pub trace: Trace,
+    /// The spread at each of its points.
+    pub spread: Vec<Spread>,
+}
+
+/// The truth about a single pulse.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Trace {
+    /// Seconds.
+    pub time: Vec<f64>,
+    /// Volts.
+    pub voltage: Vec<f64>,
+    /// Motor angle times the gear's ratio, and output, radians.
+    pub angles: Vec<(f64, f64)>,
+    /// Displacement of the output, metres.
+    pub output: Vec<f64>,
+}
+
+/// What was found of an axis, for whoever believes it from now on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Found {
+    /// The unit of amplitudes, volts.
+    pub unit: f64,
+    /// How to play pulses.
+    pub impulses: Impulses,
+    /// Their shape.
+    pub shape: Shape,
+    /// The curve: volts of `a_1`, metres once relaxed.
+    pub curve: Vec<[f64; 2]>,
+    /// Spread of repeated displacements, rms, metres.
+    pub scatter: f64,
+}
+
+/// The table of a calibration that speaks of an axis.
+pub fn kind_of(at: AxisName) -> &'static str {
+    match at.axis {
+        Axis::A | Axis::B => "five_bar",
+        Axis::Z => "z",
+    }
+}
+
+/// Points of the curve that a calibration keeps.
+const KEPT: usize = 26;
+
+impl Found {
+    /// As a table of a calibration, found on a `date` by an `origin`.
+    pub fn table(&self, date: &str, origin: &str) -> Vec<(&'static str, toml_edit::Item)> {
+        use toml_edit::{Array, value};
+        let dither = match self.impulses.relax {
+            Relax::Dither { amplitude } => amplitude,
+            Relax::Start | Relax::Servo => 0.0,
+        };
+        let volts = |volts: f64| rounded(volts, 1e-6);
+        let fixed: Array = self.shape.fixed.iter().map(|a| volts(*a)).collect();
+        let every = (self.curve.len() - 1).div_ceil(KEPT - 1).max(1);
+        let mut highest = 0.0;
+        let curve: Array = self
+            .curve
+            .iter()
+            .step_by(every)
+            .map(|[a1, metres]| {
+                // A curve rises; what noise says else it does not say.
+                highest = f64::max(highest, *metres);
+                [volts(*a1), rounded(highest, 1e-12)]
+                    .into_iter()
+                    .collect::<Array>()
+            })
+            .collect();
+        vec![
+            ("unit", value(format!("{:.6} V", self.unit))),
+            ("fixed", value(fixed)),
+            (
+                "period",
+                value(format!("{:.6} ms", 1e3 * self.shape.period)),
+            ),
+            ("relax", value(self.impulses.relax.name())),
+            ("dither", value(format!("{dither:.6} V"))),
+            ("rest", value(format!("{:.3} ms", 1e3 * self.impulses.rest))),
+            ("curve", value(curve)),
+            ("scatter", value(format!("{:.3} nm", 1e9 * self.scatter))),
+            ("date", value(date)),
+            ("origin", value(origin)),
+        ]
+    }
+}
+
+type Experiment<T> = Result<T, ExperimentError>;
+
+/// Characterizes an axis of the twin that `seed` draws.
+///
+/// # Errors
+///
+/// A rig without a probe or whose amplifiers play no pulses; a fault.
+pub fn response(setup: &Setup, at: AxisName, seed: u64) -> Experiment<(Document, Figures, Found)> {
+    can_play(setup, at.axis)?;
+    let unit = on_twin(setup, seed, |station| Ok(break_away(station, at, REST)?))?;
+    let bench = Bench {
+        setup,
+        at,
+        seed,
+        unit,
+    };
+    let limit = bench.limit();
+    let most = (MAP[1] * unit).min(limit);
+    let search = |relax: Relax| -> Experiment<(Impulses, Shape)> {
+        let impulses = bench.impulses(relax, READINGS);
+        let a2 = bench.on(|station| {
+            impulses.begin(station)?;
+            Ok(without_dead_zone(station, &impulses, PERIOD, most)?)
+        })?;
+        let a2 = a2.ok_or_else(|| {
+            let message = format!(
+                "no second harmonic of up to {most:.2} V removes the dead zone of {at}; accepted is an \
+                 amplifier that plays higher pulses"
+            );
+            let file = format!("{}/machine.toml", setup.rig);
+            Error::new(file, "drive.pulse.voltage", message)
+        })?;
+        Ok((impulses, Shape::second_harmonic(a2, PERIOD)))
+    };
+    let quoted = |shape: &Shape| shape.pulse(QUOTED * unit, true);
+    // How to relax is first judged by pulses of the first harmonic, which move any axis that pulses
+    // can move, and once more by the pulses that are to be played.
+    let first = Shape::second_harmonic(0.0, PERIOD).pulse(MAP[0] * unit, true);
+    let mut relax = bench.relaxations(first)?.0;
+    let (mut impulses, mut shape) = search(relax)?;
+    let (better, rows) = bench.relaxations(quoted(&shape))?;
+    if better != relax {
+        relax = better;
+        (impulses, shape) = search(relax)?;
+    }
+    let a2 = shape.fixed[0];
+    let dead_zones = bench.dead_zones(&impulses, a2)?;
+    let (curve, scatter) = bench.curve(&impulses, &shape)?;
+    let steps: Vec<f64> = curve.iter().map(|point| point.a1 / unit).collect();
+    let moved: Vec<f64> = curve.iter().map(|point| point.displacement).collect();
+    let (b, r2) = parabola(&steps, &moved);
+    let spread = bench.spread(&impulses, &shape)?;
+    let displacement = bench.displacement(&impulses, &shape, QUOTED * unit)?;
+    let map = bench.map(relax)?;
+    let nm = |metres: f64| rounded(metres * 1e9, 1e-3);
+    let fsm = |volts: f64| rounded(volts / unit, 1e-3);
+    let document = Document {
+        axis: at.to_string(),
+        seed,
+        fsm_v: rounded(unit, 1e-4),
+        period_ms: rounded(PERIOD * 1e3, 1e-6),
+        relax: relax.name(),
+        a2_fsm: fsm(a2),
+        dead_zone_fsm: dead_zones
+            .last()
+            .and_then(|d| d.dead_zone_fsm)
+            .unwrap_or(MAP[0]),
+        dead_zones,
+        b_nm: nm(b),
+        r2: rounded(r2, 1e-4),
+        displacement_nm: Quoted {
+            a1: QUOTED,
+            value: nm(displacement),
+        },
+        spread: spread
+            .iter()
+            .find(|s| s.a1 >= QUOTED)
+            .copied()
+            .unwrap_or(spread[0]),
+        curve: curve
+            .iter()
+            .map(|point| CurveRow {
+                a1_fsm: fsm(point.a1),
+                nm: nm(point.displacement),
+            })
+            .collect(),
+        rows,
+        map,
+    };
+    let figures = Figures {
+        trace: bench.trace(&quoted(&shape))?,
+        spread,
+    };
+    let found = Found {
+        unit,
+        impulses,
+        shape,
+        curve: curve.iter().map(|point| [point.a1, point.net]).collect(),
+        scatter,
+    };
+    Ok((document, figures, found))
+}
+
+/// What is believed of an axis's pulses with the curve of the specimen that `seed` draws in place of
+/// its own.
+///
+/// # Errors
+///
+/// A fault.
+pub fn measured(
+    setup: &Setup,
+    at: AxisName,
+    seed: u64,
+    belief: &ImpulseBelief,
+) -> Experiment<ImpulseBelief> {
+    let bench = Bench {
+        setup,
+        at,
+        seed,
+        unit: belief.unit,
+    };
+    let (points, scatter) = bench.curve(&belief.impulses(at, READINGS), &belief.shape())?;
+    let mut highest = 0.0;
+    let curve = points
+        .iter()
+        .map(|point| {
+            highest = f64::max(highest, point.net);
+            [point.a1, highest]
+        })
+        .collect();
+    Ok(ImpulseBelief {
+        curve,
+        scatter,
+        ..belief.clone()
+    })
+}
+
+/// Whether the rig can be asked at all.
+///
+/// # Errors
+///
+/// What its datasheet lacks.
+pub fn can_play(setup: &Setup, axis: Axis) -> Result<(), Error> {
+    if setup.spec.probe.is_none() {
+        return Err(no_probe(setup));
+    }
+    let key = match axis {
+        Axis::A | Axis::B => "five_bar.drive.pulse",
+        Axis::Z => "z_stage.drive.pulse",
+    };
+    if setup.spec.drive(axis).pulse.is_none() {
+        return Err(Error::new(
+            format!("{}/machine.toml", setup.rig),
+            key,
+            "is not there: the amplifier plays no pulses; accepted is one that does, with `voltage` \
+             and `bandwidth`",
+        ));
+    }
+    let shortest = Shape::second_harmonic(1e-3, PERIOD).pulse(1e-3, true);
+    shortest
+        .check(setup.spec.drive(axis))
+        .map_err(|why| Error::new(format!("{}/machine.toml", setup.rig), key, why.to_string()))
+}
+
+/// The friction of an axis's kind in a plant.
+pub(super) fn joint_plant(setup: &mut Setup, axis: Axis) -> &mut JointPlant {
+    match axis {
+        Axis::A | Axis::B => &mut setup.plant.five_bar.joint,
+        Axis::Z => &mut setup.plant.z_stage.joint,
+    }
+}
+
+/// One point of a curve.
+struct Point {
+    a1: f64,
+    displacement: f64,
+    net: f64,
+}
+
+/// An axis on the bench: fresh twins of the same specimen, so that experiments do not depend on what
+/// was done before, and several can run at once.
+struct Bench<'s> {
+    setup: &'s Setup,
+    at: AxisName,
+    seed: u64,
+    unit: f64,
+}
+
+impl Bench<'_> {
+    fn on<T>(&self, experiment: impl FnOnce(&mut Station) -> Experiment<T>) -> Experiment<T> {
+        on_twin(self.setup, self.seed, experiment)
+    }
+
+    /// Greatest voltage of a pulse's harmonic that leaves room for another of the map's `a_1`.
+    fn limit(&self) -> f64 {
+        let drive = self.setup.spec.drive(self.at.axis);
+        let volts = drive.pulse.map_or(0.0, |pulse| pulse.voltage);
+        let (mut low, mut high) = (0.0, volts);
+        for _ in 0..30 {
+            let middle = 0.5 * (low + high);
+            let pulse = Shape::second_harmonic(middle, PERIOD).pulse(MAP[0] * self.unit, true);
+            if pulse.peak() <= volts {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        low
+    }
+
+    fn impulses(&self, relax: Relax, readings: u32) -> Impulses {
+        Impulses {
+            at: self.at,
+            relax,
+            rest: REST,
+            readings,
+        }
+    }
+
+    /// The same pulse in a row, with each way to relax.
+    fn rows(&self, ways: &[Relax], pulse: Pulse) -> Experiment<Vec<Vec<Moved>>> {
+        ways.par_iter()
+            .map(|relax| {
+                self.on(|station| {
+                    let impulses = self.impulses(*relax, READINGS);
+                    impulses.begin(station)?;
+                    Ok(repeat(station, &impulses, pulse, ROW)?)
+                })
+            })
+            .collect()
+    }
+
+    /// The way to relax that leaves pulses in a row most even, and what each way leaves.
+    fn relaxations(&self, pulse: Pulse) -> Experiment<(Relax, Vec<Row>)> {
+        let ways = ways_to_relax(self.unit);
+        let all = self.rows(&ways, pulse)?;
+        let best =
+            (0..ways.len()).min_by(|&a, &b| unevenness(&all[a]).total_cmp(&unevenness(&all[b])));
+        let rows = ways.iter().zip(&all).map(|(relax, row)| Row {
+            relax: relax.name(),
+            nm: row.iter().map(|m| rounded(m.net * 1e9, 1e-2)).collect(),
+            unevenness: Some(unevenness(row))
+                .filter(|u| u.is_finite())
+                .map(|u| rounded(u, 1e-4)),
+        });
+        Ok((best.map_or(Relax::Start, |i| ways[i]), rows.collect()))
+    }
+
+    fn dead_zones(&self, impulses: &Impulses, a2: f64) -> Experiment<Vec<DeadZone>> {
+        [0.0, 0.25, 0.5, 0.75, 1.0]
+            .par_iter()
+            .map(|share| {
+                let shape = Shape::second_harmonic(share * a2, PERIOD);
+                let found = self.on(|station| {
+                    impulses.begin(station)?;
+                    Ok(dead_zone(station, impulses, &shape, MAP[0] * self.unit)?)
+                })?;
+                Ok(DeadZone {
+                    a2_fsm: rounded(share * a2 / self.unit, 1e-3),
+                    dead_zone_fsm: found.map(|a1| rounded(a1 / self.unit, 1e-3)),
+                })
+            })
+            .collect()
+    }
+
+    /// Displacements over `a_1`, and the scatter of repeated ones, metres rms.
+    fn curve(&self, impulses: &Impulses, shape: &Shape) -> Experiment<(Vec<Point>, f64)> {
+        let points = (0..POINTS)
+            .into_par_iter()
+            .map(|k| {
+                let a1 = MAP[0] * self.unit * k as f64 / (POINTS - 1) as f64;
+                self.on(|station| {
+                    impulses.begin(station)?;
+                    let (mut displacement, mut net, mut squares) = (0.0, 0.0, 0.0);
+                    for k in 0..PULSES {
+                        let forward = k % 2 == 0;
+                        let sign = if forward { 1.0 } else { -1.0 };
+                        let moved = impulses.respond(station, shape.pulse(a1, forward))?;
+                        displacement += sign * moved.displacement / f64::from(PULSES);
+                        net += sign * moved.net / f64::from(PULSES);
+                        squares += moved.net.powi(2) / f64::from(PULSES);
+                    }
+                    let variance = (squares - net * net).max(0.0);
+                    let point = Point {
+                        a1,
+                        displacement,
+                        net,
+                    };
+                    Ok((point, variance))
+                })
+            })
+            .collect::<Experiment<Vec<(Point, f64)>>>()?;
+        let variance = points.iter().map(|(_, v)| v).sum::<f64>() / POINTS as f64;
+        Ok((
+            points.into_iter().map(|(point, _)| point).collect(),
+            variance.sqrt(),
+        ))
+    }
+
+    fn displacement(&self, impulses: &Impulses, shape: &Shape, a1: f64) -> Experiment<f64> {
+        self.on(|station| {
+            impulses.begin(station)?;
+            let mut sum = 0.0;
+            for k in 0..PULSES {
+                let forward = k % 2 == 0;
+                let moved = impulses
+                    .respond(station, shape.pulse(a1, forward))?
+                    .displacement;
+                sum += if forward { moved } else { -moved };
+            }
+            Ok(sum / f64::from(PULSES))
+        })
+    }
+
+    /// Displacement over both amplitudes.
+    fn map(&self, relax: Relax) -> Experiment<Map> {
+        let impulses = self.impulses(relax, READINGS / 4);
+        let grid = |most: f64, cells: usize| -> Vec<f64> {
+            (1..=cells)
+                .map(|k| rounded(most * k as f64 / cells as f64, 1e-6))
+                .collect()
+        };
+        let (columns, rows) = (grid(MAP[0], CELLS[0]), grid(MAP[1], CELLS[1]));
+        let drive = self.setup.spec.drive(self.at.axis);
+        let nm = rows
+            .par_iter()
+            .map(|a2| {
+                let shape = Shape::second_harmonic(a2 * self.unit, PERIOD);
+                self.on(|station| {
+                    impulses.begin(station)?;
+                    let mut row = Vec::with_capacity(columns.len());
+                    for (k, a1) in columns.iter().enumerate() {
+                        let forward = k % 2 == 0;
+                        let pulse = shape.pulse(a1 * self.unit, forward);
+                        if pulse.check(drive).is_err() {
+                            row.push(None);
+                            continue;
+                        }
+                        let moved = impulses.respond(station, pulse)?.displacement;
+                        let ahead = if forward { moved } else { -moved };
+                        row.push(Some(rounded(ahead * 1e9, 1e-2)));
+                    }
+                    Ok(row)
+                })
+            })
+            .collect::<Experiment<Vec<_>>>()?;
+        Ok(Map {
+            a1_fsm: columns,
+            a2_fsm: rows,
+            nm,
+        })
+    }
+
+    /// Displacements over machines that differ in what no one knows.
+    fn spread(&self, impulses: &Impulses, shape: &Shape) -> Experiment<Vec<Spread>> {
+        let steps: Vec<f64> = (0..SPREAD_POINTS)
+            .map(|k| MAP[0] * k as f64 / (SPREAD_POINTS - 1) as f64)
+            .collect();
+        let count = self.setup.spec.drive(self.at.axis).count();
+        let all = (0..DRAWN)
+            .into_par_iter()
+            .map(|k| {
+                let mut rng = Pcg64Mcg::seed_from_u64(self.seed.wrapping_add(k as u64));
+                let draw: f64 = StandardNormal.sample(&mut rng);
+                let mut setup = self.setup.clone();
+                let joint = joint_plant(&mut setup, self.at.axis);
+                joint.load_friction = joint
+                    .load_friction
+                    .times((1.0 + FRICTION * draw).max(0.1))
+                    .map_err(|invalid| AlignError::Twin(invalid.into()))?;
+                joint.unrest.jolt = STATE * count;
+                let mut moved = Vec::with_capacity(steps.len());
+                joint.unrest.history = k as u64 + 1;
+                on_twin(&setup, self.seed, |station| {
+                    impulses.begin(station)?;
+                    for a1 in &steps {
+                        let pulse = shape.pulse(a1 * self.unit, true);
+                        moved.push(impulses.respond(station, pulse)?.displacement);
+                    }
+                    Ok(())
+                })?;
+                Ok(moved)
+            })
+            .collect::<Experiment<Vec<Vec<f64>>>>()?;
+        Ok(steps
+            .iter()
+            .enumerate()
+            .map(|(i, a1)| {
+                let mut column: Vec<f64> = all.iter().map(|row| row[i]).collect();
+                column.sort_by(f64::total_cmp);
+                let at = |share: f64| {
+                    rounded(
+                        1e9 * column[(share * (DRAWN - 1) as f64).round() as usize],
+                        1e-3,
+                    )
+                };
+                Spread {
+                    a1: *a1,
+                    p10: at(0.1),
+                    p50: at(0.5),
+                    p90: at(0.9),
+                }
+            })
+            .collect())
+    }
+
+    /// The truth about one pulse, looked at in far shorter cycles.
+    fn trace(&self, pulse: &Pulse) -> Experiment<Trace> {
+        let mut spec = self.setup.spec.clone();
+        let factor = (FINE_RATE / spec.servo.rate).ceil().max(1.0);
+        spec.servo.rate *= factor;
+        let ratio = 1.0 / spec.drive(self.at.axis).gear_ratio;
+        let mut twin = Twin::new(spec, &self.setup.plant, self.seed).map_err(AlignError::Twin)?;
+        let mut command = Command::IDLE;
+        command.pulses[self.at.side.index()][self.at.axis.index()] = Some(*pulse);
+        let home = twin.output(self.at).unwrap_or(0.0);
+        let (motor_home, output_home) = twin.angles(self.at);
+        let period = twin.spec().period();
+        let mut trace = Trace::default();
+        for k in 0..(LOOK / period) as usize {
+            let time = k as f64 * period;
+            let (motor, output) = twin.angles(self.at);
+            trace.time.push(time);
+            trace.voltage.push(if time <= pulse.period {
+                pulse.at(time)
+            } else {
+                0.0
+            });
+            trace
+                .angles
+                .push((ratio * (motor - motor_home), output - output_home));
+            trace
+                .output
+                .push(twin.output(self.at).unwrap_or(home) - home);
+            twin.exchange(&command)?;
+            command.pulses = Command::NO_PULSES;
+        }
+        Ok(trace)
+    }
+}
