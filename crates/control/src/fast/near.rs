@@ -221,6 +221,15 @@ impl Shared<'_> {
         .into())
     }
 
+    /// How much larger z is on the outputs' facet so far in x from any place of it, by design, metres.
+    fn facet(&self, x: f64) -> f64 {
+        let [[ax, _, az], [bx, _, bz]] = self.recipe.ports.outputs;
+        if ax == bx {
+            return 0.0;
+        }
+        x * (az - bz) / (ax - bx)
+    }
+
     /// Takes the next output fiber from the tray and brings it to the start of its search.
     pub(super) fn change_fiber(
         &mut self,
@@ -231,9 +240,12 @@ impl Shared<'_> {
         let recipe = self.recipe;
         let (far, run_up) = (recipe.coarse.far, recipe.coarse.run_up);
         let here = station.wanted(aim.side);
-        // The next fiber's place in the holder is not known yet: as far away as for any.
+        // The next fiber's place in the holder is not known yet: as far away as for any, from the
+        // inclined facet where the holder stands now too.
         let k = station.kinematics(aim.side);
-        let clear = k.macro_from_chip(aim.port.shifted(0.0, 0.0, outward(aim.side) * far));
+        let stands_out = outward(aim.side) * self.facet(k.chip_from_macro(here).x - aim.port.x);
+        let away = far + stands_out.max(0.0);
+        let clear = k.macro_from_chip(aim.port.shifted(0.0, 0.0, outward(aim.side) * away));
         let back = Point::new(here.x, here.y, here.z.min(clear.z));
         lines(station, &[(aim.side, back)], |_| {})?;
         station.handle_fiber(aim.side, FiberHandling::Load(index as u8))?;
