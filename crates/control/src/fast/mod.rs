@@ -71,6 +71,12 @@ const COCKED: f64 = 0.008;
 /// Light of less than so many times what counts as light is looked at once more on the approach.
 const DOUBTFUL: f64 = 2.5;
 
+/// Standard deviation of the gap, in tolerances, at which the last turns begin...
+const SURE_OF_GAP: f64 = 0.7;
+
+/// ...or after so many seconds, whatever vision says.
+const MOST_LOOKING: f64 = 0.3;
+
 /// A gap that turns out to be wrong by so many tolerances when all else is done is worth doing the
 /// last turns again.
 const LATE: f64 = 1.3;
@@ -457,6 +463,24 @@ impl Shared<'_> {
         Ok(())
     }
 
+    /// Stays on the circle until vision knows the gap well.
+    fn know_gap(&self, station: &mut Station, aim: &Aim, orbit: &mut Orbit) -> Result<(), Halt> {
+        let sure = SURE_OF_GAP * self.fast.gap_tolerance;
+        let unsure = |station: &Station| {
+            let seen = station.seen(aim.side, aim.tip);
+            seen.is_some_and(|seen| seen.sigma[1] > sure)
+        };
+        let end = station.time() + MOST_LOOKING;
+        while unsure(station) && station.time() < end {
+            let gap = aim.gap(station);
+            orbit.turn(station, gap)?;
+            if let Some(peak) = orbit.peak() {
+                orbit.go_to(station, &peak, gap)?;
+            }
+        }
+        Ok(())
+    }
+
     /// Goes on the circle to the gap that is wanted, if that is farther than the tolerance.
     fn correct_gap(&self, station: &mut Station, aim: &Aim, orbit: &mut Orbit) -> Result<(), Halt> {
         let way = aim.gap(station) - self.recipe.approach.gap;
@@ -484,6 +508,7 @@ impl Shared<'_> {
         let mut last = (0.0, 0.0);
         for attempt in 1..=3 {
             orbit.set_radius(self.fast.orbit.radius);
+            self.know_gap(station, aim, orbit)?;
             self.correct_gap(station, aim, orbit)?;
             let gap = aim.gap(station);
             let peak = orbit.settle(station, gap, accuracy, "final")?;
