@@ -167,7 +167,7 @@ const MACRO: (f64, f64) = (1e-6, 10.0);
 /// How far away the micro was before its piezos are watched, and how long.
 const PIEZOS: (f64, f64) = (25e-6, 20.0);
 /// Circles have no closed form: speeds around this are tried.
-const CIRCLES: f64 = 40e-6;
+pub(crate) const CIRCLES: f64 = 40e-6;
 /// Light that falls by more than this from the middle of a trial to its end is light that is being
 /// lost, percent of what it was before.
 const STEADY: f64 = 2.0;

@@ -142,6 +142,9 @@ pub struct Document {
     pub readings_apart: usize,
     /// The share of the readings' variance that one peak explains, percent.
     pub explained_percent: Option<f64>,
+    /// Whether that peak leaves nothing but noise. Where not, the light has another shape, or was
+    /// folded in a way that was not recognised; `null` without a peak.
+    pub only_noise_left: Option<bool>,
     /// Standard deviation of a reading from that peak, in `power_unit`.
     pub noise: Option<f64>,
     /// Distance of neighbours, micrometres.
@@ -330,6 +333,7 @@ pub fn try_on(
         folded_readings: all.map_or(0, |all| all.folded),
         readings_apart: all.map_or(0, |all| all.apart),
         explained_percent: all.map(|all| rounded(100.0 * all.explained, 0.01)),
+        only_noise_left: all.map(|all| all.only_noise_left),
         noise: all.map(|all| digits(all.noise)),
         spacing_um: rounded(scan.spacing() * 1e6, 1e-4),
         power_unit: columns.power.linear_name(),

@@ -16,6 +16,8 @@ pub struct Examined {
     pub noise: f64,
     /// The share of the readings' variance that the shape explains.
     pub explained: f64,
+    /// Whether it leaves nothing but noise, as neighbours tell it.
+    pub only_noise_left: bool,
     /// What the instrument did.
     pub fold: Fold,
     /// How many readings that changed.
@@ -101,12 +103,14 @@ fn attempt(scan: &Scan, numbered: &[(usize, Datum)]) -> Result<Examined, (Refusa
     for (k, d) in all.iter().filter(|(_, d)| !d.at_least) {
         unfolded[*k] = Some(d.sign * (d.power - d.share * found.level));
     }
+    let kept: Vec<Datum> = all.iter().map(|(_, d)| *d).collect();
     let is_folded = |d: &Datum| d.at_least || d.share != 0.0;
     Ok(Examined {
         peak: found.shape,
         deviation: found.deviation(noise),
         noise,
         explained: 1.0 - (found.squares / whole.squares).min(1.0),
+        only_noise_left: leaves_noise(&kept, &found, own_noise),
         fold: fold.with_level(found.level),
         folded: all.iter().filter(|(_, d)| is_folded(d)).count(),
         apart: scan.readings.len() - all.len(),

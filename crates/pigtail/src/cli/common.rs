@@ -5,6 +5,7 @@ use clap::Args;
 use comfy_table::{
     CellAlignment, ContentArrangement, ContentLineStyle, LineStyle, Table, TableStyle,
 };
+use pigtail_hal::quantity::{Dimension, Sign};
 use std::io::{self, Write};
 use std::path::PathBuf;
 
@@ -68,4 +69,11 @@ fn table(rows: &[Vec<String>]) -> Table {
         column.set_cell_alignment(CellAlignment::Right);
     }
     table
+}
+
+/// A parser of quantities above zero.
+pub(super) fn quantity(
+    dimension: Dimension,
+) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
+    move |text| dimension.parse(text, Sign::Positive)
 }

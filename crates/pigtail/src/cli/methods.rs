@@ -1,13 +1,13 @@
 //! `pigtail align --method`: a search for first light alone.
 
-use super::common::{Common, write_table};
+use super::common::{Common, quantity, write_table};
 use super::{DONE, Failure, NEGATIVE, failure};
 use crate::methods::{Document, Method, check, run as search};
 use crate::rig::Setup;
 use clap::Args;
 use pigtail_control::methods::Space;
 use pigtail_control::station::Unobserved;
-use pigtail_hal::quantity::{Dimension, FREQUENCY, LENGTH, Sign};
+use pigtail_hal::quantity::{FREQUENCY, LENGTH};
 use std::io::{self, Write};
 
 /// Options of a search for first light.
@@ -23,13 +23,6 @@ pub(super) struct MethodArguments {
     /// Sweeps a second of the method, such as "16 Hz"; the recipe's, or 100 Hz in method 2
     #[arg(long, requires = "method", value_parser = quantity(FREQUENCY))]
     scan_rate: Option<f64>,
-}
-
-/// A parser of quantities above zero.
-fn quantity(
-    dimension: Dimension,
-) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
-    move |text| dimension.parse(text, Sign::Positive)
 }
 
 impl MethodArguments {

@@ -1,6 +1,6 @@
 //! `pigtail align --map`: search and peak on a measured power map.
 
-use super::common::{Common, write_table};
+use super::common::{Common, quantity, write_table};
 use super::{DONE, Failure, NEGATIVE};
 use crate::report;
 use crate::rig::hash;
@@ -43,12 +43,8 @@ pub(super) struct MapArguments {
     map_start: Option<(f64, f64)>,
     /// How well the peak's place is to be known (a standard deviation), such as "0.1 um"; a fiftieth
     /// of its radius where not given
-    #[arg(long, value_name = "LENGTH", requires = "map", value_parser = accuracy)]
+    #[arg(long, value_name = "LENGTH", requires = "map", value_parser = quantity(LENGTH))]
     map_accuracy: Option<f64>,
-}
-
-fn accuracy(text: &str) -> Result<f64, String> {
-    LENGTH.parse(text, Sign::Positive)
 }
 
 fn place(text: &str) -> Result<(f64, f64), String> {

@@ -2,7 +2,7 @@
 
 use super::figure::{Axes, WHOLE, curves, envelope};
 use super::html::{escape, figure, page};
-use crate::maximize::{Document, Measured, Tracking};
+use crate::maximize::{CIRCLES, Document, Measured, Tracking};
 use anyhow::Result;
 use std::fmt::Write as _;
 
@@ -103,7 +103,7 @@ pub fn maximize(measured: &Measured) -> Result<String> {
             body.push_str(&figure(
                 &pictures[0],
                 "How far the fiber trails a peak that drifts, in truth, against the drift's speed as \
-                 a share of what the means should follow (circles: of 40 um/s). Curves end where it no \
+                 a share of what the means should follow (circles: of what was tried). Curves end where it no \
                  longer trails steadily.",
             ));
             body.push_str(&figure(
@@ -151,7 +151,7 @@ fn lag(tracking: &[Tracking]) -> Result<String> {
     let named: Vec<(String, Vec<(f64, f64)>)> = tracking
         .iter()
         .map(|t| {
-            let about = t.closed_form_um_s.unwrap_or(40.0);
+            let about = t.closed_form_um_s.unwrap_or(CIRCLES * 1e6);
             let name = t.step_um.map_or_else(
                 || t.means.to_owned(),
                 |step| format!("{} {step} um", t.means),

@@ -101,10 +101,11 @@ pub fn notes(document: &Document) -> Vec<String> {
             "{n} readings stand apart from their neighbours and are left out."
         )),
     }
-    if let Some(share) = document.explained_percent.filter(|share| *share < 90.0) {
+    if let (Some(false), Some(share)) = (document.only_noise_left, document.explained_percent) {
         notes.push(format!(
-            "One peak explains {share:.0} % of the map's variance: the light has another shape, or \
-             much noise; places and widths are those of the nearest such peak."
+            "One peak explains {share:.0} % of the map's variance and leaves more than noise: the \
+             light has another shape, or was folded unrecognised; its place and widths may be off by \
+             more than is said."
         ));
     }
     notes
