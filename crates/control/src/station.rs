@@ -110,6 +110,8 @@ const ARRIVED_SECONDS: f64 = 0.02;
 const SETTLE_SECONDS: f64 = 0.3;
 /// ...unless it is so many counts away that something else must hold it.
 const LOST_COUNTS: i64 = 10;
+/// An axis so many counts behind its reference cannot follow it: amplifiers saturate far earlier.
+const BEHIND_COUNTS: i64 = 100;
 
 impl<'a> Station<'a> {
     /// Takes control of a machine that stands at home.
@@ -210,10 +212,12 @@ impl<'a> Station<'a> {
     ///
     /// The machine's fault.
     pub fn cycle(&mut self) -> Result<(), Fault> {
-        let time = self.measurement.time;
+        let (time, period) = (self.measurement.time, self.spec().period());
         for (i, arm) in self.arms.iter_mut().enumerate() {
+            arm.wait(&self.measurement.encoders[i], period);
             arm.follow(time);
             self.command.motors[i] = arm.servo(&self.measurement.encoders[i]);
+            self.command.references[i] = arm.servo_references();
             self.command.micro[i] = arm.piezos();
         }
         self.measurement = self.machine.exchange(&self.command)?;
@@ -614,6 +618,11 @@ impl Arm {
         })
     }
 
+    /// What the servo holds the axes to in this cycle.
+    fn servo_references(&self) -> [Option<Counts>; AXES] {
+        std::array::from_fn(|i| self.held[i].is_none().then_some(self.references[i]))
+    }
+
     /// The piezos' voltages for this cycle.
     fn piezos(&mut self) -> [Volts; MICRO_AXES] {
         let (x, y) = self.micro;
@@ -625,6 +634,22 @@ impl Arm {
                 model.follow(volts);
                 volts
             }
+        }
+    }
+
+    /// Lets a motion pass more slowly while an axis stays far behind it: its motor gives all it can,
+    /// and what the datasheet promises is more.
+    fn wait(&mut self, measured: &[Counts; AXES], period: f64) {
+        let Some(started) = &mut self.motion else {
+            return;
+        };
+        let behind = (0..AXES)
+            .map(|i| (self.references[i].0 - measured[i].0).abs())
+            .max()
+            .unwrap_or(0);
+        if behind > BEHIND_COUNTS {
+            let share = (behind - BEHIND_COUNTS) as f64 / (2 * BEHIND_COUNTS) as f64;
+            started.at += share.min(1.0) * period;
         }
     }
 

@@ -1,5 +1,6 @@
 //! How a machine says that it has stopped.
 
+use std::borrow::Cow;
 use thiserror::Error;
 
 /// The machine stopped by itself, and is safe.
@@ -7,7 +8,7 @@ use thiserror::Error;
 #[error("{rule} on {axis} at {time:.4} s: {value}, where {limit} is accepted")]
 pub struct Fault {
     /// The rule that was broken, such as `command is a number`.
-    pub rule: &'static str,
+    pub rule: Cow<'static, str>,
     /// The axis or instrument, such as `left.z`.
     pub axis: String,
     /// The offending value with its unit.

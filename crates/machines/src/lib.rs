@@ -3,6 +3,8 @@
 //! Everything here implements [`Machine`](pigtail_hal::Machine), and control cannot tell one from
 //! another. This crate does not know that control exists.
 
+pub mod guard;
 pub mod twin;
 
+pub use guard::Guard;
 pub use twin::Twin;

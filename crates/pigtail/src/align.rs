@@ -1,9 +1,10 @@
 //! One device aligned on a twin, and the document that says how it went.
 
+use crate::guarded::guarded;
 use crate::procedure::Procedure;
 use crate::rig::Setup;
 use pigtail_control::outcome::Outcome;
-use pigtail_control::procedure::FiberReport;
+use pigtail_control::procedure::{FiberReport, not_begun};
 use pigtail_control::station::{Observer, Station};
 use pigtail_hal::Fault;
 use pigtail_machines::Twin;
@@ -38,10 +39,39 @@ pub struct Document {
     /// The least distance between the chip and any fiber that was beside it: the truth. `null`
     /// where none ever was.
     pub smallest_gap_um: Option<f64>,
+    /// Why the machine stopped by itself; `null` where it did not.
+    pub fault: Option<FaultRow>,
     /// The program's version.
     pub version: &'static str,
     /// Path of the report; empty when none was written.
     pub report: String,
+}
+
+/// Why a machine stopped.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FaultRow {
+    /// The rule that was broken.
+    pub rule: String,
+    /// The axis or instrument.
+    pub axis: String,
+    /// The offending value with its unit.
+    pub value: String,
+    /// What would have been accepted.
+    pub limit: String,
+    /// Machine time, seconds.
+    pub time: f64,
+}
+
+impl From<&Fault> for FaultRow {
+    fn from(fault: &Fault) -> Self {
+        Self {
+            rule: fault.rule.to_string(),
+            axis: fault.axis.clone(),
+            value: fault.value.clone(),
+            limit: fault.limit.clone(),
+            time: rounded(fault.time, 1e-6),
+        }
+    }
 }
 
 /// How one fiber's alignment went.
@@ -101,20 +131,25 @@ pub enum AlignError {
 ///
 /// # Errors
 ///
-/// When the plant cannot be built, or the machine has a fault. A fiber that cannot be aligned is
-/// not an error: its row says so.
+/// When the plant cannot be built. A fiber that cannot be aligned is not an error, nor is a fault of
+/// the machine: the document says so.
 pub fn align(
     setup: &Setup,
     procedure: Procedure,
     seed: u64,
     observer: &mut dyn Observer,
-) -> Result<Document, AlignError> {
-    let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
-    let mut station = Station::new(&mut twin, &setup.calibration, observer)?;
-    let reports = procedure.run(&mut station, &setup.recipe);
-    station.stop();
-    let reports = reports?;
-    let truth = twin.truth();
+) -> Result<Document, TwinError> {
+    let twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
+    let mut machine = guarded(twin, setup);
+    let reports = match Station::new(&mut machine, &setup.calibration, observer) {
+        Ok(mut station) => {
+            let reports = procedure.run(&mut station, &setup.recipe);
+            station.stop();
+            reports
+        }
+        Err(fault) => not_begun(&setup.recipe, fault),
+    };
+    let truth = machine.inner().truth();
     let truths = std::iter::once(truth.input).chain(truth.outputs);
     let fibers: Vec<FiberRow> = reports
         .iter()
@@ -141,6 +176,10 @@ pub fn align(
         smallest_gap_um: Some(truth.smallest_gap)
             .filter(|gap| gap.is_finite())
             .map(|gap| rounded(gap * 1e6, 1e-6)),
+        fault: reports
+            .iter()
+            .find_map(|report| report.outcome.fault())
+            .map(FaultRow::from),
         version: env!("CARGO_PKG_VERSION"),
         report: String::new(),
     })

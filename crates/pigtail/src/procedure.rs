@@ -5,7 +5,6 @@ use clap::ValueEnum;
 use pigtail_control::procedure::{self, FiberReport};
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::Station;
-use pigtail_hal::Fault;
 
 /// A way to align a device. To add one: a variant here, and its entry below.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
@@ -25,7 +24,7 @@ const MACRO_TOLERANCE_XY_UM: f64 = 0.2;
 /// What the program has to know of a procedure.
 struct Entry {
     name: &'static str,
-    run: fn(&mut Station, &Recipe) -> Result<Vec<FiberReport>, Fault>,
+    run: fn(&mut Station, &Recipe) -> Vec<FiberReport>,
     phases: &'static [&'static str],
     /// How near to the peak in x and y a fiber must be in truth to count as aligned, micrometres.
     tolerance_xy_um: f64,
@@ -79,12 +78,8 @@ impl Procedure {
         self.entry().phases
     }
 
-    /// Aligns a device.
-    ///
-    /// # Errors
-    ///
-    /// The machine's fault.
-    pub fn run(self, station: &mut Station, recipe: &Recipe) -> Result<Vec<FiberReport>, Fault> {
+    /// Aligns a device. The machine's fault is the outcome of the fiber that it happened to.
+    pub fn run(self, station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
         (self.entry().run)(station, recipe)
     }
 }

@@ -9,7 +9,7 @@ mod statistics;
 mod store;
 mod summary;
 
-use crate::align::{self, AlignError, align};
+use crate::align::{self, align};
 use crate::procedure::Procedure;
 use crate::rig::Setup;
 use anyhow::Result;
@@ -36,17 +36,13 @@ const PART_SECONDS: Duration = Duration::from_secs(10);
 pub struct Device {
     /// Its seed.
     pub seed: u64,
-    /// What aligning it gave, or the machine's fault in a sentence.
-    pub end: Result<align::Document, String>,
+    /// What aligning it gave.
+    pub document: align::Document,
 }
 
 fn device(setup: &Setup, procedure: Procedure, seed: u64) -> Result<Device, TwinError> {
-    let end = match align(setup, procedure, seed, &mut Unobserved) {
-        Ok(document) => Ok(document),
-        Err(AlignError::Fault(fault)) => Err(fault.to_string()),
-        Err(AlignError::Twin(error)) => return Err(error),
-    };
-    Ok(Device { seed, end })
+    let document = align(setup, procedure, seed, &mut Unobserved)?;
+    Ok(Device { seed, document })
 }
 
 /// Without the device of a worker that panicked, those after it could only pile up.

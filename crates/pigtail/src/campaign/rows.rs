@@ -81,7 +81,7 @@ pub fn columns(procedure: Procedure) -> Vec<Column> {
             "collision",
             flag,
             false,
-            "whether anything touched the chip; null after a fault",
+            "whether anything touched the chip",
         ),
         column(
             "seconds",
@@ -96,16 +96,41 @@ pub fn columns(procedure: Procedure) -> Vec<Column> {
     }
     let truth = "the truth; null unless attached";
     columns.extend([
-        column("other_s", number, false, "machine time of other phases; null where there are none"),
-        column("offset_x_um", number, false, &format!("across the chip, {truth}")),
-        column("offset_y_um", number, false, &format!("up from the chip, {truth}")),
-        column("offset_z_um", number, false, &format!("gap beyond the wanted one, {truth}")),
-        column("coupling_loss_db", number, false, &format!("at this interface, {truth}")),
+        column(
+            "other_s",
+            number,
+            false,
+            "machine time of other phases; null where there are none",
+        ),
+        column(
+            "offset_x_um",
+            number,
+            false,
+            &format!("across the chip, {truth}"),
+        ),
+        column(
+            "offset_y_um",
+            number,
+            false,
+            &format!("up from the chip, {truth}"),
+        ),
+        column(
+            "offset_z_um",
+            number,
+            false,
+            &format!("gap beyond the wanted one, {truth}"),
+        ),
+        column(
+            "coupling_loss_db",
+            number,
+            false,
+            &format!("at this interface, {truth}"),
+        ),
         column(
             "smallest_gap_um",
             number,
             false,
-            "least distance of anything from the chip, same for a device's fibers; null after a fault",
+            "least distance of anything from the chip, same for a device's fibers",
         ),
     ]);
     columns
@@ -173,24 +198,7 @@ impl Table {
 
     /// Adds the rows of a device.
     pub fn push(&mut self, procedure: Procedure, device: &Device) {
-        let document = match &device.end {
-            Ok(document) => document,
-            Err(fault) => {
-                for port in PORTS {
-                    let mut row = Row(vec![
-                        Cell::Whole(device.seed),
-                        Cell::Text(Some(port)),
-                        Cell::Text(Some("fault")),
-                        Cell::Text(Some(fault)),
-                        Cell::Flag(None),
-                        Cell::Flag(None),
-                    ]);
-                    row.0.resize_with(self.columns.len(), || Cell::Number(None));
-                    self.add(row);
-                }
-                return;
-            }
-        };
+        let document = &device.document;
         for fiber in &document.fibers {
             let attempted = !fiber.phases.is_empty();
             let mut row = Row(vec![

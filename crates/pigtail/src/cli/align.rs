@@ -4,7 +4,7 @@ use super::common::{Common, write_table};
 use super::methods::{self, MethodArguments};
 use super::progress::Progress;
 use super::scan::{self, MapArguments};
-use super::{DONE, Failure, NEGATIVE, failure};
+use super::{DONE, FAULT, Failure, NEGATIVE, failure};
 use crate::align::{Document, align};
 use crate::procedure::Procedure;
 use crate::record::Record;
@@ -89,7 +89,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     let seed = arguments.common.seed;
     let mut document = align(&setup, arguments.procedure, seed, &mut watcher)
-        .map_err(|error| failure(error, &arguments.common.rig))?;
+        .map_err(|error| failure(error.into(), &arguments.common.rig))?;
     watcher.progress.finish();
     let record = &watcher.record;
     document.report = run.path("report.html").display().to_string();
@@ -105,7 +105,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         print_table(&mut text, &document).map_err(anyhow::Error::from)?;
     }
     super::print(&text)?;
-    Ok(if document.is_success() {
+    Ok(if document.fault.is_some() {
+        FAULT
+    } else if document.is_success() {
         DONE
     } else {
         NEGATIVE
