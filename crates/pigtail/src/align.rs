@@ -158,6 +158,19 @@ impl Document {
 }
 
 impl Document {
+    /// How it ended, in a few words.
+    pub fn outcome(&self) -> String {
+        let lost = self
+            .fibers
+            .iter()
+            .find(|fiber| fiber.verdict() != "aligned");
+        match lost {
+            _ if self.collision => "touched the chip".to_owned(),
+            Some(fiber) => format!("{}: {}", fiber.port, fiber.verdict()),
+            None => "aligned".to_owned(),
+        }
+    }
+
     /// The names of all phases, in the order in which they first come.
     pub fn phase_names(&self) -> Vec<&'static str> {
         let mut names = Vec::new();
