@@ -61,7 +61,7 @@ struct ListArguments {
 /// Which runs.
 #[derive(Debug, Args)]
 struct Filter {
-    /// Only those of a command, such as align or "identify windup"
+    /// Only those of a command, such as align, identify or "identify windup"
     #[arg(long)]
     kind: Option<String>,
     /// Only those in which the device of this seed was
@@ -78,7 +78,11 @@ impl Filter {
             let first = run.seed.parse::<u64>().ok();
             first.is_some_and(|first| seed >= first && seed - first < run.devices.max(1))
         };
-        self.kind.as_ref().is_none_or(|kind| run.kind == *kind)
+        let is_of = |kind: &String| {
+            let rest = run.kind.strip_prefix(kind.as_str());
+            rest.is_some_and(|rest| rest.is_empty() || rest.starts_with(' '))
+        };
+        self.kind.as_ref().is_none_or(is_of)
             && self.seed.is_none_or(has_seed)
             && self.state.is_none_or(|state| run.state == state)
     }

@@ -1,7 +1,7 @@
 //! One run in the store, from its beginning to its end.
 
 use super::{FileHash, Ledger, schema};
-use crate::align::{Document, FiberRow};
+use crate::align::{Document, FiberRow, rounded};
 use crate::procedure::Procedure;
 use crate::rig::Setup;
 use pigtail_hal::{Error, Fault};
@@ -194,7 +194,13 @@ impl Entry {
             store.execute(
                 "INSERT INTO phases (run, ordinal, port, name, start_s, seconds)
                  SELECT ?1, count(*), ?2, ?3, ?4, ?5 FROM phases WHERE run = ?1",
-                params![run, port, name, start, seconds],
+                params![
+                    run,
+                    port,
+                    name,
+                    rounded(start, 1e-6),
+                    rounded(seconds, 1e-6)
+                ],
             )
         })?;
         Ok(())
@@ -219,7 +225,7 @@ impl Entry {
             let seconds: f64 = document.fibers.iter().map(|fiber| fiber.seconds).sum();
             store.execute(
                 "UPDATE runs SET machine_seconds = ?2 WHERE id = ?1",
-                params![run, seconds],
+                params![run, rounded(seconds, 1e-4)],
             )
         })?;
         Ok(())

@@ -224,9 +224,9 @@ fn connect(path: &Path) -> rusqlite::Result<Connection> {
         Ok(connection)
     };
     match open(path, flags) {
-        // Where nothing may be written, not even beside it, a store can still be read: nobody
-        // changes it meanwhile.
-        Err(error) if may_not_write(&error) && !log_of(path).exists() => {
+        // Where nothing can be written, not even beside it, a store can still be read: nobody
+        // changes it meanwhile, and all of it is in it.
+        Err(error) if cannot_write(&error) && !has_log(path) => {
             let flags = OpenFlags::SQLITE_OPEN_READ_ONLY
                 | OpenFlags::SQLITE_OPEN_NO_MUTEX
                 | OpenFlags::SQLITE_OPEN_URI;
@@ -236,16 +236,23 @@ fn connect(path: &Path) -> rusqlite::Result<Connection> {
     }
 }
 
-fn log_of(path: &Path) -> PathBuf {
+/// Whether something was entered that is not in the database itself yet.
+fn has_log(path: &Path) -> bool {
     let mut log = path.as_os_str().to_owned();
     log.push("-wal");
-    PathBuf::from(log)
+    fs::metadata(log).is_ok_and(|log| log.len() > 0)
 }
 
-fn may_not_write(error: &rusqlite::Error) -> bool {
+fn cannot_write(error: &rusqlite::Error) -> bool {
     matches!(
         error.sqlite_error_code(),
-        Some(ErrorCode::CannotOpen | ErrorCode::ReadOnly | ErrorCode::PermissionDenied)
+        Some(
+            ErrorCode::CannotOpen
+                | ErrorCode::ReadOnly
+                | ErrorCode::PermissionDenied
+                | ErrorCode::DiskFull
+                | ErrorCode::SystemIoFailure
+        )
     )
 }
 
@@ -329,7 +336,7 @@ fn explain(path: &Path, error: &rusqlite::Error) -> Error {
         Some(ErrorCode::ReadOnly | ErrorCode::CannotOpen | ErrorCode::PermissionDenied) => {
             says(&format!(
                 "cannot be opened or written ({error}); accepted is a file that may be written, in a \
-                 folder that may"
+                 folder that may, on a disk with room"
             ))
         }
         Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => says(&format!(
