@@ -352,6 +352,76 @@ fn where_nothing_can_be_written_no_run_begins() {
     );
 }
 
+/// A small file system of its own, away again when the test is over.
+struct Disk(TempDir);
+
+impl Disk {
+    fn mounted(options: &str) -> Self {
+        let disk = Self(TempDir::new().expect("a folder"));
+        disk.mount(&format!("{options} -t tmpfs tmpfs"));
+        disk
+    }
+
+    fn mount(&self, arguments: &str) {
+        let mut mount = Command::new("mount");
+        mount.args(arguments.split_whitespace()).arg(self.0.path());
+        assert!(mount.status().expect("mount").success());
+    }
+}
+
+impl Drop for Disk {
+    fn drop(&mut self) {
+        // Left mounted it is in nobody's way but the folder's.
+        let _ = Command::new("umount").arg(self.0.path()).status();
+    }
+}
+
+#[test]
+#[ignore = "mounts a file system, which needs root: cargo test --test runs -- --ignored"]
+fn a_full_disk_loses_nothing_that_was_entered() {
+    let disk = Disk::mounted("-o size=1200k");
+    let folder = disk.0.path();
+    let mut complete = 0;
+    let said = loop {
+        let said = pigtail(folder, &format!("align --seed {complete}"));
+        if said.code != Some(0) {
+            break said;
+        }
+        complete += 1;
+    };
+    assert_eq!(said.code, Some(2));
+    assert!(said.error.contains("No space left"), "{}", said.error);
+    assert!(complete > 0);
+    let states = || {
+        let states = listed(folder).into_iter().map(|run| run["state"].clone());
+        states.collect::<Vec<_>>()
+    };
+    assert_eq!(states().len(), complete + 1);
+    assert!(states()[..complete].iter().all(|state| state == "complete"));
+    assert_eq!(states()[complete], "interrupted");
+    done(folder, "runs verify");
+
+    // Not a byte is left: no run begins, and what was done can still be read.
+    let _ = fs::write(folder.join("fill"), vec![0; 1 << 21]);
+    let said = pigtail(folder, "align");
+    assert_eq!(said.code, Some(2));
+    assert!(
+        said.error.contains("pigtail.db") && said.error.contains("room"),
+        "{}",
+        said.error
+    );
+    assert_eq!(states().len(), complete + 1);
+    done(folder, "runs verify");
+    fs::remove_file(folder.join("fill")).expect("gone");
+
+    disk.mount("-o remount,ro");
+    let said = pigtail(folder, "align");
+    assert_eq!(said.code, Some(2));
+    assert!(said.error.contains("writable folder"), "{}", said.error);
+    assert_eq!(states().len(), complete + 1);
+    done(folder, "runs verify");
+}
+
 #[test]
 fn many_processes_at_once_are_all_entered() {
     let folder = TempDir::new().expect("a folder");

@@ -3,7 +3,7 @@
 use super::common::{fits, write_table};
 use super::{DONE, Failure, NEGATIVE};
 use crate::ledger::export::{Format, Rows, export};
-use crate::ledger::query::{Fiber, Listed, Shown, not_in_store};
+use crate::ledger::query::{Fiber, Listed, Shown, folders};
 use crate::ledger::verify::{Verified, without_store};
 use crate::ledger::{FILE, Ledger, State};
 use clap::{Args, Subcommand};
@@ -180,17 +180,16 @@ struct Folder {
 
 impl Folder {
     fn open(runs: &Path) -> Result<Self, Error> {
-        // That there is no folder is told before that there is no store.
-        let all = not_in_store(runs, |_| false)?;
+        let mut others = folders(runs)?;
         let Some(ledger) = Ledger::open(runs)? else {
             return Ok(Self {
                 ledger: None,
                 known: Vec::new(),
-                others: all,
+                others,
             });
         };
         let known = ledger.runs_listed()?;
-        let others = not_in_store(runs, |name| known.iter().any(|run| run.run == name))?;
+        others.retain(|name| !known.iter().any(|run| run.run == *name));
         Ok(Self {
             ledger: Some(ledger),
             known,

@@ -404,13 +404,14 @@ fn fibers(store: &Connection, run: i64) -> rusqlite::Result<Vec<Fiber>> {
     Ok(fibers)
 }
 
-/// The runs in a folder that its store knows nothing of, by name: made before there was one, or
-/// brought from elsewhere.
+/// The names of all runs that have a folder among `runs`, hidden or not. Those that the store does
+/// not know were made before there was one, or brought from elsewhere. Ask for them before the store
+/// is read: else a run that begins in between would be taken for one of them.
 ///
 /// # Errors
 ///
 /// When the folder cannot be read.
-pub fn not_in_store(runs: &Path, is_known: impl Fn(&str) -> bool) -> Result<Vec<String>, Error> {
+pub fn folders(runs: &Path) -> Result<Vec<String>, Error> {
     let failed = |error: io::Error| {
         let what = match error.kind() {
             io::ErrorKind::NotFound => "no such folder".to_owned(),
@@ -432,10 +433,11 @@ pub fn not_in_store(runs: &Path, is_known: impl Fn(&str) -> bool) -> Result<Vec<
             .filter(|name| !name.starts_with(FILE));
         let name = hidden.unwrap_or(&file);
         let is_run = path.is_dir() && (hidden.is_some() || path.join("run.json").exists());
-        if is_run && !is_known(name) {
+        if is_run {
             names.push(name.to_owned());
         }
     }
     names.sort();
+    names.dedup();
     Ok(names)
 }

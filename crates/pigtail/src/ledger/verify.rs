@@ -1,6 +1,6 @@
 //! Whether runs are still what was written.
 
-use super::query::{files as files_of, not_in_store};
+use super::query::{files as files_of, folders};
 use super::{Ledger, damaged, files, schema};
 use pigtail_hal::Error;
 use rusqlite::Connection;
@@ -67,7 +67,7 @@ impl Ledger {
             files: 0,
             bytes: 0,
             not_sealed: Vec::new(),
-            not_in_store: Vec::new(),
+            not_in_store: folders(self.runs())?,
             problems: Vec::new(),
         };
         let mut there = BTreeSet::new();
@@ -112,7 +112,10 @@ impl Ledger {
         for run in &sealed {
             self.verify_files(run, &mut verified);
         }
-        verified.not_in_store = not_in_store(self.runs(), |name| there.contains(name))?;
+        let is_meant = |name: &String| only.is_none_or(|only| only == name);
+        verified
+            .not_in_store
+            .retain(|name| !there.contains(name) && is_meant(name));
         Ok(verified)
     }
 
@@ -205,7 +208,7 @@ pub fn without_store(runs: &Path) -> Result<Verified, Error> {
         files: 0,
         bytes: 0,
         not_sealed: Vec::new(),
-        not_in_store: not_in_store(runs, |_| false)?,
+        not_in_store: folders(runs)?,
         problems: Vec::new(),
     })
 }
