@@ -144,8 +144,8 @@ struct ExportArguments {
 /// a changed row of the database are told with the run and the file. SQLite checks its own file too.
 ///
 /// This finds damage and slips. It does not stop a forger: the hashes are in the same database, with no
-/// secret in them, and whoever can write there can write new ones. To be sure against that too, keep
-/// what `--json` prints, or a copy of pigtail.db, where nobody can change it.
+/// secret in them, and whoever can write there can write new ones. To be sure against that too, keep a
+/// copy of pigtail.db where nobody can change it.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Exit codes:
