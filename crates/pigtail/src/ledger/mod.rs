@@ -313,6 +313,8 @@ pub(crate) fn partial_folder(runs: &Path, name: &str) -> PathBuf {
 }
 
 fn damaged(path: &Path, why: &str) -> Error {
+    // SQLite cites what it cannot understand, lines and all.
+    let why = why.split_whitespace().collect::<Vec<_>>().join(" ");
     Error::new(
         path.display().to_string(),
         "",

@@ -135,6 +135,19 @@ pub(super) fn migrate(connection: &Connection, steps: &[&str]) -> Result<()> {
     transaction.commit()
 }
 
+/// Whether the tables are those that the steps make, to the letter.
+pub(super) fn is_ours(connection: &Connection) -> Result<bool> {
+    let ours = Connection::open_in_memory()?;
+    migrate(&ours, STEPS)?;
+    let tables = |connection: &Connection| {
+        connection
+            .prepare("SELECT name, coalesce(sql, '') FROM sqlite_schema ORDER BY name")?
+            .query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?
+            .collect::<Result<Vec<(String, String)>>>()
+    };
+    Ok(tables(connection)? == tables(&ours)?)
+}
+
 /// SHA-256, hexadecimal, over a text of all that the store says of a run: table, column, type,
 /// length and value of everything that is not null. Numbers are their bits.
 pub(super) fn seal(connection: &Connection, run: i64) -> Result<String> {

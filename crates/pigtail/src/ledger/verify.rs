@@ -119,14 +119,20 @@ impl Ledger {
         Ok(verified)
     }
 
-    /// SQLite's own word on the database.
+    /// SQLite's own word on the database, once its tables are known to be those that we ask for.
     fn check_integrity(&self) -> Result<(), Error> {
+        if !self.read(schema::is_ours)? {
+            return Err(damaged(
+                &self.path(),
+                "its tables are not those that pigtail made",
+            ));
+        }
         let found: String =
             self.read(|store| store.query_row("PRAGMA integrity_check(1)", [], |row| row.get(0)))?;
         if found == "ok" {
             Ok(())
         } else {
-            Err(damaged(&self.path(), &found.replace('\n', " ")))
+            Err(damaged(&self.path(), &found))
         }
     }
 
