@@ -6,8 +6,8 @@
 //! the database keeps a log of its own (WAL), and who has to wait waits. When a run ends, the hash
 //! of each of its files is entered, and at last a seal, a hash over all that the store says of it.
 //!
-//! - [`Ledger`]: the database; [`Entry`]: one run in it, while it is being written;
-//! - [`schema`]: the tables;
+//! - [`Ledger`]: the database; `entry`: one run in it, while it is being written;
+//! - `schema`: the tables;
 //! - [`query`]: what is read back; [`verify`]: whether it is still what was written;
 //!   [`export`]: its rows for other programs.
 
