@@ -1,6 +1,6 @@
 //! What the store says of the runs.
 
-use super::{FILE, FileHash, Ledger, State, is_held, partial_folder};
+use super::{FILE, FileHash, LOCK, Ledger, State, is_held, partial_folder};
 use pigtail_hal::Error;
 use rusqlite::{Connection, OptionalExtension, Row};
 use serde::Serialize;
@@ -432,7 +432,11 @@ pub fn folders(runs: &Path) -> Result<Vec<String>, Error> {
             .and_then(|name| name.strip_suffix(".partial"))
             .filter(|name| !name.starts_with(FILE));
         let name = hidden.unwrap_or(&file);
-        let is_run = path.is_dir() && (hidden.is_some() || path.join("run.json").exists());
+        let is_run = match hidden {
+            // One that was killed before it was entered left nothing in it.
+            Some(_) => has_files(&path),
+            None => path.join("run.json").exists(),
+        };
         if is_run {
             names.push(name.to_owned());
         }
@@ -440,4 +444,11 @@ pub fn folders(runs: &Path) -> Result<Vec<String>, Error> {
     names.sort();
     names.dedup();
     Ok(names)
+}
+
+/// Whether there is anything but a lock in a folder.
+fn has_files(folder: &Path) -> bool {
+    fs::read_dir(folder).is_ok_and(|mut entries| {
+        entries.any(|entry| entry.is_ok_and(|entry| entry.file_name() != LOCK))
+    })
 }
