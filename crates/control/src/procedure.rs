@@ -201,6 +201,7 @@ impl<'r> Job<'r> {
         let start = station.time();
         let result = work(self, station);
         self.phases.push((name, station.time() - start));
+        station.conclude(self.name, name);
         result
     }
 

@@ -35,6 +35,8 @@ pub struct Sample {
 pub trait Observer {
     /// A phase of a fiber's alignment begins at `time` seconds.
     fn phase(&mut self, port: &str, phase: &'static str, time: f64);
+    /// The phase is over at `time` seconds, done or given up.
+    fn phase_over(&mut self, _port: &str, _phase: &'static str, _time: f64) {}
     /// A light sample was taken.
     fn sample(&mut self, sample: &Sample);
 }
@@ -204,6 +206,11 @@ impl<'a> Station<'a> {
     /// Tells the observer that a phase begins.
     pub fn announce(&mut self, port: &str, phase: &'static str) {
         self.observer.phase(port, phase, self.measurement.time);
+    }
+
+    /// Tells the observer that a phase is over.
+    pub fn conclude(&mut self, port: &str, phase: &'static str) {
+        self.observer.phase_over(port, phase, self.measurement.time);
     }
 
     /// One servo cycle.

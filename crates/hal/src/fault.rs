@@ -1,10 +1,11 @@
 //! How a machine says that it has stopped.
 
+use serde::Serialize;
 use std::borrow::Cow;
 use thiserror::Error;
 
 /// The machine stopped by itself, and is safe.
-#[derive(Debug, Clone, PartialEq, Error)]
+#[derive(Debug, Clone, PartialEq, Error, Serialize)]
 #[error("{rule} on {axis} at {time:.4} s: {value}, where {limit} is accepted")]
 pub struct Fault {
     /// The rule that was broken, such as `command is a number`.

@@ -40,38 +40,11 @@ pub struct Document {
     /// where none ever was.
     pub smallest_gap_um: Option<f64>,
     /// Why the machine stopped by itself; `null` where it did not.
-    pub fault: Option<FaultRow>,
+    pub fault: Option<Fault>,
     /// The program's version.
     pub version: &'static str,
     /// Path of the report; empty when none was written.
     pub report: String,
-}
-
-/// Why a machine stopped.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct FaultRow {
-    /// The rule that was broken.
-    pub rule: String,
-    /// The axis or instrument.
-    pub axis: String,
-    /// The offending value with its unit.
-    pub value: String,
-    /// What would have been accepted.
-    pub limit: String,
-    /// Machine time, seconds.
-    pub time: f64,
-}
-
-impl From<&Fault> for FaultRow {
-    fn from(fault: &Fault) -> Self {
-        Self {
-            rule: fault.rule.to_string(),
-            axis: fault.axis.clone(),
-            value: fault.value.clone(),
-            limit: fault.limit.clone(),
-            time: rounded(fault.time, 1e-6),
-        }
-    }
 }
 
 /// How one fiber's alignment went.
@@ -179,7 +152,7 @@ pub fn align(
         fault: reports
             .iter()
             .find_map(|report| report.outcome.fault())
-            .map(FaultRow::from),
+            .cloned(),
         version: env!("CARGO_PKG_VERSION"),
         report: String::new(),
     })
@@ -197,6 +170,19 @@ impl Document {
 }
 
 impl Document {
+    /// How it ended, in a few words.
+    pub fn outcome(&self) -> String {
+        let lost = self
+            .fibers
+            .iter()
+            .find(|fiber| fiber.verdict() != "aligned");
+        match lost {
+            _ if self.collision => "touched the chip".to_owned(),
+            Some(fiber) => format!("{}: {}", fiber.port, fiber.verdict()),
+            None => "aligned".to_owned(),
+        }
+    }
+
     /// The names of all phases, in the order in which they first come.
     pub fn phase_names(&self) -> Vec<&'static str> {
         let mut names = Vec::new();

@@ -13,7 +13,7 @@
 //! - [`campaign`]: many of them, and what they have in common;
 //! - [`record`]: what was seen on the way;
 //! - [`report`]: the page a person wants to look at;
-//! - [`runs`]: the folder all of that goes to;
+//! - [`runs`]: the folder all of that goes to; [`ledger`]: the store of all runs;
 //! - [`simulate`]: one joint alone; [`tune`]: one axis's gains;
 //!   [`characterize`]: what one axis can do; [`identify`]: its windup; [`hysteresis`]: the piezos';
 //!   [`records`]: an axis from a record that a person brings;
@@ -28,6 +28,7 @@ pub mod guarded;
 pub mod hysteresis;
 pub mod identify;
 pub mod impulse;
+pub mod ledger;
 pub mod loops;
 pub mod maximize;
 pub mod methods;

@@ -17,6 +17,7 @@ use pigtail_control::station::Unobserved;
 use pigtail_hal::Error;
 use pigtail_machines::Twin;
 use pigtail_machines::twin::TwinError;
+pub(crate) use rows::{Cell, Kind};
 pub use rows::{Column, ROWS_PER_DEVICE, Rows, Table, columns};
 pub use statistics::{CONFIDENCE, Percentiles, Sorted, wilson};
 use std::collections::BTreeMap;

@@ -4,13 +4,14 @@ use super::common::{Common, write_table};
 use super::methods::{self, MethodArguments};
 use super::progress::Progress;
 use super::scan::{self, MapArguments};
-use super::{DONE, FAULT, Failure, NEGATIVE, failure};
-use crate::align::{Document, align};
+use super::{DONE, FAULT, Failure, NEGATIVE, stopped};
+use crate::align::{AlignError, Document, align};
+use crate::ledger::Devices;
 use crate::procedure::Procedure;
 use crate::record::Record;
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, Setup};
-use crate::runs::Run;
+use crate::runs::{Phases, Run};
 use crate::scenario::Scenario;
 use clap::Args;
 use pigtail_control::station::{Observer, Sample};
@@ -54,16 +55,22 @@ pub(super) struct Arguments {
     map: MapArguments,
 }
 
-/// The record, and a progress bar beside it.
-struct Watcher {
+/// The record, a progress bar beside it, and the store.
+struct Watcher<'a> {
     record: Record,
     progress: Progress,
+    phases: Phases<'a>,
 }
 
-impl Observer for Watcher {
+impl Observer for Watcher<'_> {
     fn phase(&mut self, port: &str, phase: &'static str, time: f64) {
         self.record.phase(port, phase, time);
         self.progress.phase(port, phase, time);
+        self.phases.phase(port, phase, time);
+    }
+
+    fn phase_over(&mut self, port: &str, phase: &'static str, time: f64) {
+        self.phases.phase_over(port, phase, time);
     }
 
     fn sample(&mut self, sample: &Sample) {
@@ -81,22 +88,30 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     if let Some(method) = arguments.method.method() {
         return methods::run(method, &arguments.method, &arguments.common, &setup);
     }
-    let run = Run::begin(&arguments.common.runs, "", arguments.common.seed)?;
+    let seed = arguments.common.seed;
+    let run = Run::begin(&arguments.common.runs, "align", seed, &setup.hashes)?;
+    run.devices(&Devices::of(&setup, arguments.procedure, seed, 1))?;
     let full = setup.spec.photodiode.range;
     let mut watcher = Watcher {
         record: Record::default(),
         progress: Progress::new(full),
+        phases: run.phases(),
     };
-    let seed = arguments.common.seed;
-    let mut document = align(&setup, arguments.procedure, seed, &mut watcher)
-        .map_err(|error| failure(error.into(), &arguments.common.rig))?;
+    let ended = align(&setup, arguments.procedure, seed, &mut watcher);
     watcher.progress.finish();
     let record = &watcher.record;
+    let mut document =
+        ended.map_err(|error| stopped(&run, AlignError::from(error), &arguments.common.rig))?;
+    watcher.phases.all_entered()?;
+    run.aligned(&document)?;
     document.report = run.path("report.html").display().to_string();
     run.write_json("summary.json", &document)?;
     run.write("samples.csv", record.csv())?;
     run.write("report.html", report::alignment(&setup, &document, record)?)?;
-    run.finish(&setup, arguments.common.seed)?;
+    match &document.fault {
+        Some(fault) => run.fault(fault)?,
+        None => run.finish(&document.outcome())?,
+    }
     let mut text = Vec::new();
     if arguments.common.json {
         serde_json::to_writer(&mut text, &document).map_err(anyhow::Error::from)?;
