@@ -57,6 +57,9 @@ pub(super) struct Arguments {
     /// lists what there is
     #[arg(long, value_name = "FAULT", value_parser = injection)]
     fault: Vec<Injection>,
+    /// Breaks what a campaign with these `--faults` breaks on the device of this seed
+    #[arg(long, value_name = "all|NAME,...", conflicts_with = "fault")]
+    faults: Option<Faults>,
     #[command(flatten)]
     method: MethodArguments,
     #[command(flatten, next_help_heading = "Your own light")]
@@ -106,9 +109,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     let mut setup = Setup::load(&arguments.common.rig, &arguments.recipe)?;
     arguments.scenario.apply(&mut setup);
-    if !arguments.fault.is_empty() {
-        setup.faults = Faults::Said(arguments.fault.clone());
-    }
+    setup.faults = match &arguments.faults {
+        Some(faults) => faults.clone(),
+        None if arguments.fault.is_empty() => Faults::None,
+        None => Faults::Said(arguments.fault.clone()),
+    };
     if let Some(method) = arguments.method.method() {
         return methods::run(method, &arguments.method, &arguments.common, &setup);
     }

@@ -359,11 +359,9 @@ fn print_summary(out: &mut impl Write, document: &Document, devices_now: u64) ->
     if !document.failed.is_empty() {
         writeln!(
             out,
-            "\nNot aligned, and a seed to replay with `pigtail align{} --seed`:",
-            match document.scenario.as_str() {
-                "nominal" => String::new(),
-                name => format!(" --scenario {name}"),
-            }
+            "\nNot aligned, and a seed to replay with `pigtail align{}{} --seed`:",
+            said("scenario", "nominal", &document.scenario),
+            said("faults", "none", &document.faults)
         )?;
     }
     for (cause, count) in &document.failed {
@@ -390,6 +388,15 @@ fn print_summary(out: &mut impl Write, document: &Document, devices_now: u64) ->
     )?;
     writeln!(out, "Rows: {}", document.rows)?;
     writeln!(out, "Report: {}", document.report)
+}
+
+/// An option as it must be said again, unless it is as it is by itself.
+fn said(option: &str, default: &str, value: &str) -> String {
+    if value == default {
+        String::new()
+    } else {
+        format!(" --{option} {value}")
+    }
 }
 
 /// How devices ended on which something was broken on purpose.
