@@ -5,8 +5,12 @@
 
 mod deadline;
 pub mod guard;
+mod panel;
+pub mod record;
 pub mod twin;
 
 pub use deadline::{Deadline, OVERDUE};
 pub use guard::Guard;
+pub use panel::Panel;
+pub use record::{Recorder, Replay};
 pub use twin::Twin;
