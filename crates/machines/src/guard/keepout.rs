@@ -283,7 +283,7 @@ impl Keepout {
         // A piezo that was told to go farther a moment ago is still on its way.
         let told = self.stand(side, back + self.settle).micro;
         let x_probed = self.probed_x(tip, &holder).map(|x| fix.x - x);
-        let late = (holder.micro[0] - told[0]).hypot(holder.micro[1] - told[1]);
+        let arriving = (holder.micro[0] - told[0]).hypot(holder.micro[1] - told[1]);
         let lag = |way: f64| LAG * way.abs() * self.rate / WHILE as f64;
         let seen = [fix.x - stood.x, fix.z - stood.z];
         let belief = match tip {
@@ -305,7 +305,7 @@ impl Keepout {
                 z: (seen[1], noise),
                 stood,
                 holder,
-                x: (seen[0], late),
+                x: (seen[0], arriving),
                 x_probed,
             });
         };
@@ -313,16 +313,18 @@ impl Keepout {
         let by = seen[1] - before.z.0;
         surprise("z", by, sigmas * (variance + noise).sqrt() + metres)?;
         let (by_x, hidden) = match (x_probed, before.x_probed) {
-            // Outputs that are seen hide nothing.
+            // Outputs that are seen hide nothing, and lag behind nothing.
             (Some(now), Some(then)) => (now - then, 0.0),
-            _ => (seen[0] - before.x.0, self.hidden(&holder, &before.holder)),
+            _ => {
+                let hidden = self.hidden(&holder, &before.holder);
+                (
+                    seen[0] - before.x.0,
+                    hidden + 2.0 * lag(stood.x - earlier.x),
+                )
+            }
         };
-        let moving = late + before.x.1 + 2.0 * lag(stood.x - earlier.x);
-        surprise(
-            "x",
-            by_x,
-            sigmas * fix.sigma + 4.0 * metres + hidden + moving,
-        )?;
+        let late = arriving + before.x.1;
+        surprise("x", by_x, sigmas * fix.sigma + 4.0 * metres + hidden + late)?;
         let share = variance / (variance + noise);
         Ok(Belief {
             z: (
@@ -331,7 +333,7 @@ impl Keepout {
             ),
             stood,
             holder,
-            x: (seen[0], late),
+            x: (seen[0], arriving),
             x_probed,
         })
     }
