@@ -37,6 +37,7 @@ pub mod plan;
 pub mod procedure;
 pub mod record;
 pub mod records;
+pub mod replay;
 pub mod report;
 pub mod rig;
 pub mod runs;

@@ -15,6 +15,7 @@ mod records;
 mod runs;
 mod scan;
 mod simulate;
+mod stop;
 mod trace;
 mod tune;
 mod twin;
