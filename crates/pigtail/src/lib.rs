@@ -40,4 +40,5 @@ pub mod runs;
 pub mod scan;
 pub mod scenario;
 pub mod simulate;
+pub mod thesis;
 pub mod tune;
