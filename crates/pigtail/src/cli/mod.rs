@@ -12,6 +12,7 @@ mod methods;
 mod plan;
 mod progress;
 mod records;
+mod reproduce;
 mod scan;
 mod simulate;
 mod trace;
@@ -71,6 +72,7 @@ enum Command {
     Trace(trace::Arguments),
     Simulate(simulate::Arguments),
     Twin(twin::Arguments),
+    Reproduce(reproduce::Arguments),
 }
 
 /// Why a command ends without its result.
@@ -132,6 +134,7 @@ pub fn main() -> ExitCode {
         Command::Trace(arguments) => trace::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Twin(arguments) => twin::run(&arguments),
+        Command::Reproduce(arguments) => reproduce::run(&arguments),
     };
     match result {
         Ok(code) => ExitCode::from(code),

@@ -1,0 +1,5 @@
+//! Chapter 4.
+
+use super::Experiment;
+
+pub(super) const EXPERIMENTS: &[Experiment] = &[];
