@@ -83,8 +83,7 @@ fn summary(body: &mut String, d: &Document) {
         body,
         "<p><b>{} of {} claims hold</b>: {} of {} predictions, and {} of {} by which numbers of the \
          rig's plant were chosen and which therefore prove nothing (marked &loz;). {}Took {:.0} s.</p>\n\
-         <p>What the thesis measured is measured on the specimen that the seed draws, by encoders, \
-         probes and photodiodes; what it simulated, on the machine in the middle of all specimens. \
+         <p>{} Measured is what encoders, probes and photodiodes tell, by the control code of a real run. \
          Nothing is fitted to the figure with which it is then compared.</p>",
         d.held,
         d.of,
@@ -97,7 +96,14 @@ fn summary(body: &mut String, d: &Document) {
         } else {
             ""
         },
-        d.seconds
+        d.seconds,
+        if d.specimen {
+            "The machine is a specimen that the seed drew; what the thesis simulated is simulated on the \
+             one in the middle."
+        } else {
+            "The machine is the thesis's, the one in the middle of all that the rig's plant allows; the \
+             seed drew device, fixture and noise."
+        }
     );
     body.push_str(
         "<details><summary>How near a result must come</summary>\n<p>Chosen before any result, by the \

@@ -6,9 +6,10 @@
 //!   one [`Experiment`];
 //! - [`errata`]: where the thesis slips.
 //!
-//! What the thesis *measured* is measured on the specimen that the seed draws, by what a real machine
-//! can measure. What it *simulated* is simulated on the machine in the middle of all specimens, whose
-//! numbers are those of `plant.toml`: a simulation knows its parameters.
+//! The machine is the thesis's: the one in the middle of all specimens, whose numbers are those of
+//! `plant.toml`. The seed draws device, fixture, noise and the searches' luck; where it is asked for, a
+//! specimen of the machine too, on which then all is measured that the thesis measured. What it
+//! simulated stays with the machine in the middle: a simulation knows its parameters.
 
 mod chapter2;
 mod chapter3;
@@ -64,10 +65,12 @@ impl From<Unmeasured> for ReproduceError {
 /// What experiments are done on.
 #[derive(Debug, Clone)]
 pub struct Bench {
-    /// The rig, of which the seed draws a specimen.
-    pub specimen: Setup,
+    /// The rig on which is measured what the thesis measured.
+    pub machine: Setup,
     /// The rig without what specimens differ by, for what the thesis simulated.
     pub nominal: Setup,
+    /// Whether the two are not the same: the seed draws a specimen.
+    pub specimen: bool,
     /// The seed.
     pub seed: u64,
     /// Whether to take fewer steps, devices and runs.
@@ -75,9 +78,10 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// A bench with a rig.
-    pub fn new(setup: Setup, seed: u64, quick: bool) -> Self {
+    /// A bench with a rig, or with a specimen of it.
+    pub fn new(setup: Setup, seed: u64, quick: bool, specimen: bool) -> Self {
         let mut nominal = setup.clone();
+        // The device's loss stays: it is no part of the machine.
         nominal.plant.variation = Variation {
             inertia: 0.0,
             friction: 0.0,
@@ -87,11 +91,12 @@ impl Bench {
             hysteresis: 0.0,
             creep: 0.0,
             links: 0.0,
-            loss: 0.0,
+            loss: setup.plant.variation.loss,
         };
         Self {
-            specimen: setup,
+            machine: if specimen { setup } else { nominal.clone() },
             nominal,
+            specimen,
             seed,
             quick,
         }
@@ -226,12 +231,19 @@ pub fn select(names: &[String]) -> Result<Vec<&'static str>, Error> {
         .collect())
 }
 
+/// Chapter and number of a figure.
+fn number(id: &str) -> Option<(u32, u32)> {
+    let (chapter, figure) = id.split_once('.')?;
+    Some((chapter.parse().ok()?, figure.parse().ok()?))
+}
+
+/// Its place in the thesis; the times of 3.4 come after the figures of their chapter.
+fn place(id: &str) -> (u32, u32) {
+    number(id).unwrap_or((chapter(id).parse().unwrap_or(u32::MAX), u32::MAX))
+}
+
 /// Numbers of figures as ranges, for a person.
 fn ranges(all: &[&str]) -> String {
-    let number = |id: &str| {
-        let (chapter, figure) = id.split_once('.')?;
-        Some((chapter.parse::<u32>().ok()?, figure.parse::<u32>().ok()?))
-    };
     let mut numbers: Vec<_> = all.iter().filter_map(|id| number(id)).collect();
     numbers.sort_unstable();
     let mut ranges: Vec<((u32, u32), u32)> = Vec::new();
@@ -276,6 +288,8 @@ pub struct Document {
     pub seed: u64,
     /// Whether it was a quick run.
     pub quick: bool,
+    /// Whether the seed drew the machine too.
+    pub specimen: bool,
     /// The program's version.
     pub version: &'static str,
 }
@@ -337,11 +351,12 @@ pub fn reproduce(
         .flatten()
         .collect();
     made.sort_by_key(|(order, _)| *order);
-    let figures: Vec<Figure> = made
+    let mut figures: Vec<Figure> = made
         .into_iter()
         .flat_map(|(_, figures)| figures)
         .filter(|figure| selected.contains(&figure.id))
         .collect();
+    figures.sort_by_key(|figure| place(figure.id));
     let claims: Vec<Claim> = figures.iter().flat_map(Figure::claims).collect();
     let count = |keep: fn(&Claim) -> bool| claims.iter().filter(|c| keep(c)).count();
     let document = Document {
@@ -351,9 +366,10 @@ pub fn reproduce(
         of_predicted: count(|c| !c.calibrated),
         claims,
         seconds: crate::align::rounded(start.elapsed().as_secs_f64(), 1e-3),
-        rig: bench.specimen.rig.clone(),
+        rig: bench.machine.rig.clone(),
         seed: bench.seed,
         quick: bench.quick,
+        specimen: bench.specimen,
         version: env!("CARGO_PKG_VERSION"),
     };
     Ok(Reproduction {

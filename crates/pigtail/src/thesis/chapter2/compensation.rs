@@ -147,8 +147,8 @@ const SMALL: [f64; 5] = [0.0, 1.0, 0.375, 0.625, 0.375];
 const REPEATED: [f64; 9] = [0.0, 1.0, 0.375, 0.625, 0.375, 0.625, 0.375, 0.625, 0.375];
 
 pub(super) fn scans(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
-    let plain = Joint::identify(&bench.specimen, bench.seed)?;
-    let mut setup = bench.specimen.clone();
+    let plain = Joint::identify(&bench.machine, bench.seed)?;
+    let mut setup = bench.machine.clone();
     let joint = &mut setup.plant.five_bar.joint;
     joint.preload = PRELOAD * joint.load_friction.static_level();
     let preloaded = Joint::identify(&setup, bench.seed)?;
@@ -236,7 +236,7 @@ pub(super) fn squares(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
         coupling: None,
         preload: PRELOAD,
     };
-    let (_, traced) = trace(&bench.specimen, &plan, bench.seed)?;
+    let (_, traced) = trace(&bench.machine, &plan, bench.seed)?;
     let of = |compensation: &str, preload: bool| {
         let mut rows = traced.iter();
         rows.find(|(row, _)| row.compensation == compensation && (row.preload > 0.0) == preload)

@@ -5,6 +5,8 @@ mod resolution;
 mod servo;
 mod windup;
 
+pub(super) use resolution::pid as pid_resolution;
+
 use super::Experiment;
 use pigtail_hal::{Axis, AxisName, Side};
 

@@ -11,15 +11,18 @@ use pigtail_hal::{Axis, AxisName, Side};
 use pigtail_model::frames::Point;
 
 /// The step sizes of a resolution test, as `pigtail characterize AXIS resolution` takes them.
-pub(in crate::thesis) fn test(
-    bench: &Bench,
-    at: AxisName,
-) -> Result<Vec<(ResolutionRow, Increments)>, ReproduceError> {
-    let setup = &bench.specimen;
+fn test(bench: &Bench, at: AxisName) -> Result<Vec<(ResolutionRow, Increments)>, ReproduceError> {
+    let setup = &bench.machine;
     let steps = bench.count(1000, 300);
     Ok(on_twin(setup, bench.seed, |station| {
         resolution(station, setup, at, steps)
     })?)
+}
+
+/// The resolution of an axis under PID control, micrometres; `None` where no step size is consistent.
+pub(in crate::thesis) fn pid(bench: &Bench, at: AxisName) -> Result<Option<f64>, ReproduceError> {
+    let tests = test(bench, at)?;
+    Ok(tests.last().and_then(|(row, _)| row.resolution_um))
 }
 
 /// The histogram, and the position over some steps.
@@ -118,7 +121,7 @@ fn count_at_endpoint(setup: &Setup) -> (f64, f64) {
 
 pub(super) fn five_bar(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
     let tests = test(bench, FIVE_BAR)?;
-    let (least, most) = count_at_endpoint(&bench.specimen);
+    let (least, most) = count_at_endpoint(&bench.machine);
     let mut figure = Figure::new(
         "2.26",
         "Resolution of five-bar for one encoder count (1.75 um) steps",

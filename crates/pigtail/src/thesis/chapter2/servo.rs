@@ -26,7 +26,7 @@ fn tuned(bench: &Bench, at: AxisName) -> Result<Tuned, ReproduceError> {
         trials: bench.count(TRIALS, 60),
         step: usual_step(at.axis),
     };
-    Ok(tune(&bench.specimen, &plan, bench.seed, &mut |_, _, _| {})?)
+    Ok(tune(&bench.machine, &plan, bench.seed, &mut |_, _, _| {})?)
 }
 
 fn least(searches: &[Search]) -> f64 {
@@ -55,7 +55,7 @@ fn detuned(
     tuned: &Tuned,
     which: usize,
 ) -> Result<([f64; 2], Trace), ReproduceError> {
-    let setup = &bench.specimen;
+    let setup = &bench.machine;
     let believed = match at.axis {
         Axis::A | Axis::B => &setup.calibration.gains.five_bar,
         Axis::Z => &setup.calibration.gains.z,
@@ -84,7 +84,7 @@ fn believed_step(
     at: AxisName,
 ) -> Result<(crate::characterize::StepDocument, Trace), ReproduceError> {
     let size = usual_step(at.axis);
-    Ok(on_twin(&bench.specimen, bench.seed, |station| {
+    Ok(on_twin(&bench.machine, bench.seed, |station| {
         step(station, at, size)
     })?)
 }
@@ -235,7 +235,7 @@ fn sine_figure(
     figure: Figure,
     [gain, lag]: [&'static str; 2],
 ) -> Result<Figure, ReproduceError> {
-    let setup = &bench.specimen;
+    let setup = &bench.machine;
     let amplitude = (usual_step(at.axis) / 4) as f64;
     let (d, trace) = on_twin(setup, bench.seed, |station| {
         follow_sine(station, setup, at, hertz, amplitude)
@@ -266,7 +266,7 @@ fn sine_figure(
 }
 
 pub(super) fn five_bar_sine(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
-    let setup = &bench.specimen;
+    let setup = &bench.machine;
     let noise = (usual_step(FIVE_BAR.axis) / 20) as f64;
     let (response, _) = on_twin(setup, bench.seed, |station| {
         frequency(station, setup, FIVE_BAR, noise, bench.seed)

@@ -101,7 +101,7 @@ fn departure(record: &WindupRecord) -> f64 {
 }
 
 pub(super) fn measured(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
-    let (_, loops) = windup(&bench.specimen, FIVE_BAR, bench.seed)?;
+    let (_, loops) = windup(&bench.machine, FIVE_BAR, bench.seed)?;
     Ok(vec![
         figure_2_8(&loops)?,
         figure_2_10(&loops)?,
@@ -192,7 +192,7 @@ fn figure_2_13(loops: &[Loop]) -> Result<Figure, ReproduceError> {
 
 fn figure_2_14(bench: &Bench, loops: &[Loop]) -> Result<Figure, ReproduceError> {
     let l = case(loops, 1.0, 0.0)?;
-    let setup = &bench.specimen;
+    let setup = &bench.machine;
     let scale = scale(setup, FIVE_BAR.axis)?;
     let way = 0.5 * range(FIVE_BAR.axis) / scale.metres_per_radian;
     let path = Path {
@@ -240,7 +240,7 @@ fn left(model: &Reversal, record: &WindupRecord) -> f64 {
 
 fn figure_2_15(bench: &Bench, loops: &[Loop]) -> Result<Figure, ReproduceError> {
     let l = case(loops, 1.0, 0.0)?;
-    let setup = &bench.specimen;
+    let setup = &bench.machine;
     let Some(fit) = &l.fit else {
         return Ok(Figure::new(
             "2.15",
@@ -366,7 +366,7 @@ fn figure_2_12(bench: &Bench, loops: &[Loop]) -> Result<Figure, ReproduceError> 
 }
 
 pub(super) fn z_stage(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
-    let (_, loops) = windup(&bench.specimen, Z, bench.seed)?;
+    let (_, loops) = windup(&bench.machine, Z, bench.seed)?;
     let l = case(&loops, 1.0, 0.0)?;
     Ok(vec![
         Figure::new("2.11", "Illustration of z-stage transmission windup")

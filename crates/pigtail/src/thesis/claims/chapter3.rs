@@ -140,15 +140,6 @@ pub(super) const CLAIMS: &[Statement] = &[
         (100.0, "", Above),
     ),
     claim(
-        "3.4-edge",
-        (
-            "3.2.2",
-            "the light level drops to zero at the output position which occurs at the top of the device",
-        ),
-        "light above the chip's top over the brightest below it",
-        (0.1, "", Below),
-    ),
-    claim(
         "3.4-height",
         (
             "3.2.2",

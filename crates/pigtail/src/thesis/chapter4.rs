@@ -1,5 +1,0 @@
-//! Chapter 4.
-
-use super::Experiment;
-
-pub(super) const EXPERIMENTS: &[Experiment] = &[];
