@@ -53,6 +53,8 @@ pub struct Twin {
     micro_volts: [[Volts; MICRO_AXES]; SIDES],
     fault: Option<Fault>,
     smallest_gap: f64,
+    /// Of the sensing fiber over the outputs, metres.
+    sensing_height: f64,
     /// Speed of the device in x, and since when.
     drift: (f64, f64),
 }
@@ -174,6 +176,7 @@ impl Twin {
             micro_volts: Command::IDLE.micro,
             fault: None,
             smallest_gap: f64::INFINITY,
+            sensing_height: 0.0,
             drift: (plant.device.drift, plant.device.drift_from),
             spec,
         })
@@ -344,6 +347,12 @@ impl Twin {
         )
     }
 
+    /// How high the middle of the sensing fiber's core stands over the outputs in the chip's frame,
+    /// metres. Not part of [`Machine`].
+    pub fn sensing_height(&self) -> f64 {
+        self.sensing_height
+    }
+
     /// What really is. Not part of [`Machine`].
     pub fn truth(&self) -> Truth {
         let fiber = |side: Side, port: usize| {
@@ -438,6 +447,7 @@ impl Machine for Twin {
 
         let right = holders[Side::Right.index()];
         let sensing = tip_of(right, &self.sensing.0);
+        self.sensing_height = sensing.y - self.light.port(Side::Right, 0).position.y;
         let tips = Tips {
             input: self
                 .fiber_at(Side::Left, 0, holders[0])

@@ -131,7 +131,7 @@ fn contents(body: &mut String, made: &Reproduction) {
             escape(f.title)
         );
     }
-    body.push_str("<a href=\"#errata\">The thesis's slips</a>\n</nav>\n");
+    body.push_str("<a href=\"#errata\">Slips in the thesis</a>\n</nav>\n");
 }
 
 fn label(id: &str) -> &'static str {
@@ -226,14 +226,19 @@ fn table<'a>(body: &mut String, claims: impl Iterator<Item = &'a Claim>) {
 
 fn errata(body: &mut String, errata: &[Erratum]) {
     body.push_str(
-        "<h2 id=\"errata\">The thesis's slips</h2>\n<p>Found by working through it.</p>\n",
+        "<h2 id=\"errata\">Slips in the thesis</h2>\n<p>Found by working through it.</p>\n",
     );
     for e in errata {
+        let computed = if e.computed.is_empty() {
+            String::new()
+        } else {
+            format!("<p class=\"soft\">Computed: {}</p>\n", escape(&e.computed))
+        };
         let _ = writeln!(
             body,
-            "<h3>{}</h3>\n<p>Printed: <i>{}</i></p>\n<p>{}</p>",
-            escape(e.section),
-            escape(e.printed),
+            "<h3>{}</h3>\n<p>Printed: <i>{}</i></p>\n<p>{}</p>\n{computed}",
+            escape(&e.title),
+            escape(&e.printed),
             escape(&e.argument)
         );
     }

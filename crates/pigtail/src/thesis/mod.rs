@@ -119,6 +119,8 @@ pub struct Figure {
     pub pictures: Vec<Picture>,
     /// Results by the name of the claim, and what else there is to know of each.
     pub results: Vec<(&'static str, f64, String)>,
+    /// Claims that this run leaves out, for a quick one has no time for them.
+    pub left_out: Vec<&'static str>,
     /// What was surprising; may be empty.
     pub remark: String,
 }
@@ -130,6 +132,7 @@ impl Figure {
             title,
             pictures: Vec::new(),
             results: Vec::new(),
+            left_out: Vec::new(),
             remark: String::new(),
         }
     }
@@ -148,6 +151,11 @@ impl Figure {
         self
     }
 
+    fn without(mut self, ids: &[&'static str]) -> Self {
+        self.left_out.extend(ids);
+        self
+    }
+
     fn remark(mut self, text: impl Into<String>) -> Self {
         self.remark = text.into();
         self
@@ -157,6 +165,7 @@ impl Figure {
     fn claims(&self) -> Vec<Claim> {
         claims::all()
             .filter(|statement| statement.figure() == self.id)
+            .filter(|statement| !self.left_out.contains(&statement.id))
             .map(|statement| {
                 let found = self.results.iter().find(|r| r.0 == statement.id);
                 let note = found.map_or("Not measured.", |r| r.2.as_str());

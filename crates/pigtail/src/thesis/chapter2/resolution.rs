@@ -6,9 +6,8 @@ use super::{FIVE_BAR, Z};
 use crate::characterize::{ResolutionRow, on_twin, resolution};
 use crate::rig::Setup;
 use pigtail_control::characterize::Increments;
-use pigtail_control::kinematics::Kinematics;
-use pigtail_hal::{Axis, AxisName, Side};
-use pigtail_model::frames::Point;
+use pigtail_hal::{Axis, AxisName};
+use pigtail_model::fivebar::FiveBar;
 
 /// The step sizes of a resolution test, as `pigtail characterize AXIS resolution` takes them.
 fn test(bench: &Bench, at: AxisName) -> Result<Vec<(ResolutionRow, Increments)>, ReproduceError> {
@@ -92,41 +91,56 @@ pub(super) fn z_stage(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
 }
 
 /// Least and greatest displacement of the endpoint for a count of either joint in the workspace,
-/// micrometres.
-fn count_at_endpoint(setup: &Setup) -> (f64, f64) {
+/// micrometres, for a length of the distal links.
+fn count_at_endpoint(setup: &Setup, distal: f64) -> Option<(f64, f64)> {
     const CELLS: i32 = 50;
-    let kinematics = Kinematics::new(&setup.spec, &setup.calibration, Side::Left);
+    let geometry = &setup.calibration.geometry.five_bar;
+    let links = FiveBar::new(geometry.base, geometry.proximal, distal).ok()?;
     let drive = setup.spec.drive(Axis::A);
     let count = drive.count() / drive.gear_ratio;
     let cell = setup.spec.five_bar.workspace / f64::from(CELLS);
+    let [home_x, home_y] = geometry.home;
     let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
     for i in -CELLS / 2..=CELLS / 2 {
         for k in -CELLS / 2..=CELLS / 2 {
-            let at = Point::new(cell * f64::from(i), cell * f64::from(k), 0.0);
-            let Ok(angles) = kinematics.outputs_at(at) else {
-                continue;
-            };
+            let (x, y) = (home_x + cell * f64::from(i), home_y + cell * f64::from(k));
+            let angles = links.inverse(x, y).ok()?;
             for joint in 0..2 {
                 let mut next = angles;
-                next[joint] += count;
-                if let Ok(moved) = kinematics.endpoint_at(next) {
-                    let um = 1e6 * moved.distance(at);
-                    (least, most) = (least.min(um), most.max(um));
-                }
+                next[joint].0 += count;
+                let (moved_x, moved_y) = links.forward(next).ok()?;
+                let um = 1e6 * (moved_x - x).hypot(moved_y - y);
+                (least, most) = (least.min(um), most.max(um));
             }
         }
     }
-    (least, most)
+    Some((least, most))
 }
+
+/// Distal links with which a count comes nearer to what the thesis prints, metres.
+const SHORTER: f64 = 60e-3;
 
 pub(super) fn five_bar(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
     let tests = test(bench, FIVE_BAR)?;
-    let (least, most) = count_at_endpoint(&bench.machine);
+    let setup = &bench.machine;
+    let distal = setup.calibration.geometry.five_bar.distal;
+    let range = |length: f64| count_at_endpoint(setup, length).unwrap_or((f64::NAN, f64::NAN));
+    let ((least, most), shorter) = (range(distal), range(SHORTER));
     let mut figure = Figure::new(
         "2.26",
         "Resolution of five-bar for one encoder count (1.75 um) steps",
     )
-    .result("2.26-least", least)
+    .noted(
+        "2.26-least",
+        least,
+        format!(
+            "With distal links of {:.0} mm instead of {:.1} mm {:.2} to {:.2} um.",
+            1e3 * SHORTER,
+            1e3 * distal,
+            shorter.0,
+            shorter.1
+        ),
+    )
     .result("2.26-greatest", most);
     if let Some((row, increments)) = tests.first() {
         let counts = 1e6 * increments.deviation();

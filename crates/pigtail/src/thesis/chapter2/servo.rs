@@ -265,19 +265,46 @@ fn sine_figure(
         .noted(lag, -d.encoder_phase_deg, output))
 }
 
+/// The frequency at which the gain at the encoder has fallen by 3 dB, for sines of an amplitude,
+/// hertz.
+fn bandwidth(bench: &Bench, at: AxisName, amplitude: f64) -> Result<f64, ReproduceError> {
+    const STEP: f64 = 5.0;
+    const HIGHEST: u32 = 60;
+    let setup = &bench.machine;
+    let mut last = 1.0;
+    for k in 2..HIGHEST {
+        let hertz = STEP * f64::from(k);
+        let (d, _) = on_twin(setup, bench.seed, |station| {
+            follow_sine(station, setup, at, hertz, amplitude)
+        })?;
+        let down = std::f64::consts::FRAC_1_SQRT_2;
+        if d.encoder_gain < down {
+            return Ok(hertz - STEP * (down - d.encoder_gain) / (last - d.encoder_gain));
+        }
+        last = d.encoder_gain;
+    }
+    Ok(f64::INFINITY)
+}
+
 pub(super) fn five_bar_sine(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
     let setup = &bench.machine;
-    let noise = (usual_step(FIVE_BAR.axis) / 20) as f64;
-    let (response, _) = on_twin(setup, bench.seed, |station| {
+    let amplitude = (usual_step(FIVE_BAR.axis) / 4) as f64;
+    let noise = 0.2 * amplitude;
+    let (small, _) = on_twin(setup, bench.seed, |station| {
         frequency(station, setup, FIVE_BAR, noise, bench.seed)
     })?;
-    let bandwidth = response.bandwidth_hz.unwrap_or(f64::INFINITY);
+    let small = small.bandwidth_hz.unwrap_or(f64::INFINITY);
+    let bandwidth = bandwidth(bench, FIVE_BAR, amplitude)?;
     let figure = Figure::new("2.6", "Sinusoidal response of five-bar");
     let figure = sine_figure(bench, FIVE_BAR, 10.0, figure, ["2.6-gain", "2.6-lag"])?;
     Ok(vec![figure.noted(
         "2.6-sampling",
         setup.spec.servo.rate / bandwidth,
-        format!("Bandwidth {bandwidth:.0} Hz."),
+        format!(
+            "Bandwidth {bandwidth:.0} Hz for sines as large as this one; for {noise:.0} counts, where the \
+             motor's voltage is no limit, it is {small:.0} Hz, 1/{:.0} of the servo's.",
+            setup.spec.servo.rate / small
+        ),
     )])
 }
 

@@ -3,7 +3,7 @@
 use super::super::picture::{Content, Picture, Points, thin};
 use super::super::{Bench, Figure, ReproduceError};
 use crate::hysteresis::Kind;
-use crate::hysteresis::machine::{Followed, Identified, identify};
+use crate::hysteresis::machine::{Followed, Identified, identify_and_scan};
 use pigtail_control::compensation::hysteresis::{
     FORWARD, Model, Network, Rbf, Record, SPACING, Sample, UNITS,
 };
@@ -12,7 +12,7 @@ use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 
 pub(super) fn piezos(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
-    let found = identify(&bench.machine, Kind::Rbf, bench.seed)?;
+    let found = identify_and_scan(&bench.machine, Kind::Rbf, bench.seed)?;
     let first = &found.micro.piezos[0];
     let mut figures = vec![
         figure_4_3(&found),

@@ -3,6 +3,7 @@
 use super::super::chapter2::{FIVE_BAR, Z, pid_resolution};
 use super::super::picture::{Content, Picture, Points, thin};
 use super::super::{Bench, Figure, ReproduceError};
+use crate::campaign::Sorted;
 use crate::impulse::condition::Condition;
 use crate::impulse::response::{Document, PERIOD, Trace, response, single};
 use crate::impulse::run::{
@@ -251,15 +252,6 @@ pub(super) fn z_response(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
     ])
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let n = values.len();
-    if n == 0 {
-        return f64::NAN;
-    }
-    0.5 * (values[(n - 1) / 2] + values[n / 2])
-}
-
 /// Where the output is at each moment of rest, of the way that it is to go.
 fn positions(run: &Run, unit: f64) -> Points {
     run.steps
@@ -284,7 +276,10 @@ pub(super) fn z_control(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
         || stability(&bench.nominal, Z, bench.seed),
     );
     let (done, gains) = (done?, gains?);
-    let error = median(done.iter().map(|run| run.error_nm.abs()).collect());
+    let errors = Sorted::new(done.iter().map(|run| run.error_nm.abs()).collect());
+    let percentile = |share: f64| errors.percentile(share).unwrap_or(f64::NAN);
+    let error = percentile(0.5);
+    let pid = pid_resolution(bench, Z)?.unwrap_or(f64::NAN);
     let below = done.iter().filter(|run| run.error_nm.abs() < 10.0).count();
     let last = |gain: f64| -> f64 {
         gains
@@ -328,6 +323,11 @@ pub(super) fn z_control(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
                 "4.20-error",
                 error,
                 format!("{below} of {count} runs end below 10 nm."),
+            )
+                .noted(
+                "4.20-factor",
+                1e3 * pid / percentile(0.9),
+                format!("{:.0} nm over {:.1} nm.", 1e3 * pid, percentile(0.9)),
             )
             .result("4.20-stable", last(1.9))
             .result("4.20-unstable", last(2.1)),

@@ -86,6 +86,15 @@ pub(super) const CLAIMS: &[Statement] = &[
         (6250.0, "Hz", Formula),
     ),
     claim(
+        "3.3-faster",
+        (
+            "3.2.1",
+            "increase the photodiode sampling rate by a factor of 12.5",
+        ),
+        "the same over the rate of the photodiodes",
+        (12.5, "", Formula),
+    ),
+    claim(
         "3.3-method3",
         (
             "3.2.1",
@@ -261,6 +270,15 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "(3.5) at 8 Hz over (3.5) at what a photodiode five times as fast allows",
         (5.0, "", Formula),
+    ),
+    claim(
+        "budget-half",
+        (
+            "3.4",
+            "If the area to be scanned could be reduced by a half, the time required would decrease by a factor of 2",
+        ),
+        "method 3 on the twin over the same of half the height",
+        (2.0, "", Measured),
     ),
     claim(
         "budget-better",

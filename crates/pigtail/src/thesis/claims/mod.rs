@@ -160,6 +160,11 @@ impl Statement {
             ..self
         }
     }
+
+    /// The same, which does not hold for a reason that was found.
+    const fn because(self, cause: &'static str) -> Self {
+        Self { cause, ..self }
+    }
 }
 
 /// A claim: its id, where it stands and in which words; what is measured; number, unit and kind.
