@@ -29,11 +29,11 @@ h3 { font-size: 1.05rem; margin: 2rem 0 .25rem; break-after: avoid; }
 .claims tr { break-inside: avoid; }
 .claims q { color: var(--soft); font-style: italic; display: block; }
 .mark { white-space: nowrap; }
-nav { columns: 2; max-width: 75ch; margin: 1rem 0; }
-nav a { display: block; color: var(--ink); }
+nav { margin: 1rem 0; line-height: 1.9; }
+nav a { color: var(--ink); margin-right: .35rem; }
+.pair figure { max-width: 36rem; }
 dl.tolerances dt { font-weight: 600; } dl.tolerances dd { margin: 0 0 .4rem 1rem; }
 @media (max-width: 46rem) {
-  nav { columns: 1; }
   .claims thead { display: none; }
   .claims, .claims tbody, .claims tr, .claims td { display: block; width: 100%; }
   .claims tr { border-bottom: 1px solid var(--line); padding: .5rem 0; }
@@ -122,16 +122,26 @@ fn summary(body: &mut String, d: &Document) {
 
 fn contents(body: &mut String, made: &Reproduction) {
     body.push_str("<nav>\n");
-    for f in &made.figures {
-        let _ = writeln!(
+    for (number, name) in CHAPTERS {
+        let figures = || made.figures.iter().filter(|f| chapter(f.id) == number);
+        if figures().next().is_none() {
+            continue;
+        }
+        let _ = write!(
             body,
-            "<a href=\"#f{0}\">{1}{0} {2}</a>",
-            f.id,
-            label(f.id),
-            escape(f.title)
+            "<p><a href=\"#chapter{number}\">{number}. {name}</a><br>"
         );
+        for f in figures() {
+            let _ = write!(
+                body,
+                "<a href=\"#f{0}\" title=\"{1}\">{0}</a> ",
+                f.id,
+                escape(f.title)
+            );
+        }
+        body.push_str("</p>\n");
     }
-    body.push_str("<a href=\"#errata\">Slips in the thesis</a>\n</nav>\n");
+    body.push_str("<p><a href=\"#errata\">Slips in the thesis</a></p>\n</nav>\n");
 }
 
 fn label(id: &str) -> &'static str {

@@ -234,10 +234,12 @@ pub fn select(names: &[String]) -> Result<Vec<&'static str>, Error> {
         }
     }
     let named = |id: &str| names.iter().any(|name| name == id || name == chapter(id));
-    Ok(all
+    let mut selected: Vec<&str> = all
         .into_iter()
         .filter(|id| names.is_empty() || named(id))
-        .collect())
+        .collect();
+    selected.sort_by_key(|id| place(id));
+    Ok(selected)
 }
 
 /// Chapter and number of a figure.

@@ -68,7 +68,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         "ITAE with ki 20 % smaller over that of tuned gains; significant is above 5 %",
         (1.05, "", Above),
     )
-    .because("Around its optimum the cost of z is flat along ki: 40 % less of it costs less than 1 % more, with the integral bounded or not; about the gains in the calibration 2 %."),
+    .because(1.006, "Around its optimum the cost of z is flat along ki: 40 % less of it costs less than 1 % more, with the integral bounded or not; about the gains in the calibration 2 %."),
     claim(
         "2.6-gain",
         ("2.3.2", "the five-bar is able track at 10 Hz with no attenuation"),
@@ -178,7 +178,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         "windup with 2.4 times the friction over that with 1.2 times; little is less than 20 %",
         (0.8, "", Above),
     )
-    .because("The spring (2.6) hardens without end: by it alone the ratio is what is found here, and with its stiffness bounded at three times that at rest, as the gear's specification has it, the windup levels off (Fig. 2.12)."),
+    .because(0.1457, "The spring (2.6) hardens without end: by it alone the ratio is what is found here, and with its stiffness bounded at three times that at rest, as the gear's specification has it, the windup levels off (Fig. 2.12)."),
     claim(
         "2.14-range",
         ("2.4.3", "The shape of the curve produced was found to be consistent for large scan ranges"),
@@ -191,7 +191,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         "largest error of (2.20)",
         (10.0, "um", Below),
     )
-    .because("The model's own transition is straight, as the thesis says of its simulation (2.4.1); (2.20) is a curve. On the same machine with a law of load friction whose transition is curved, it holds."),
+    .because(17.95, "The model's own transition is straight, as the thesis says of its simulation (2.4.1); (2.20) is a curve. On the same machine with a law of load friction whose transition is curved, it holds."),
     claim(
         "2.15-robust",
         ("2.4.3", "the approximation was highly robust to variations of the fitting parameters"),
@@ -252,7 +252,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         "mean improvement over the ranges of Figs. 2.17, 2.19 and 2.20",
         (8.0, "", Factor),
     )
-    .because("Over 175 um the transmission does not wind up fully either way, so there is less to be gained; what is left is no more than over 700 um (2.19), and less than an eighth of the windup there."),
+    .because(4.63, "Over 175 um the transmission does not wind up fully either way, so there is less to be gained; what is left is no more than over 700 um (2.19), and less than an eighth of the windup there."),
     claim(
         "2.21-error",
         ("2.4.5", "the position is off by as much as 120um corresponding to 40% of the range"),
@@ -288,14 +288,14 @@ pub(super) const CLAIMS: &[Statement] = &[
         "greatest error with compensation and a preload of 1.2 times the friction",
         (15.0, "um", Below),
     )
-    .because("A preload of 1.2 times the friction, which halves the windup of a joint (2.13), is not enough where the links rub on each other: half of the way the transmission then carries next to nothing, where it is softest. Three times the preload is enough; so is this one without friction between the links."),
+    .because(44.3, "A preload of 1.2 times the friction, which halves the windup of a joint (2.13), is not enough where the links rub on each other: half of the way the transmission then carries next to nothing, where it is softest. Three times the preload is enough; so is this one without friction between the links."),
     claim(
         "2.23-factor",
         ("2.4.5", "combined with preloading improves coordinated motion performance by a factor of 8"),
         "greatest error without compensation over that with it and preload",
         (8.0, "", Factor),
     )
-    .because("As the error."),
+    .because(2.22, "As the error."),
     claim(
         "2.24-stuck",
         ("2.5", "half of the time and the other half the stage doesn't move"),
@@ -348,7 +348,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         "least endpoint displacement of a count in the workspace",
         (1.0, "um", Measured),
     )
-    .because("The lengths of the links are not printed. With those of the rig a count is nearly the same everywhere; with distal links shorter by a sixth it varies as the thesis says."),
+    .because(1.658, "The lengths of the links are not printed. With those of the rig a count is nearly the same everywhere; with distal links shorter by a sixth it varies as the thesis says."),
     claim(
         "2.26-greatest",
         ("2.5", "one encoder tic can represent between 1um to 2um depending on the position"),
@@ -361,7 +361,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         "largest increment of consistent steps of the five-bar",
         (3.5, "um", Measured),
     )
-    .because("Better than printed. Here the motor comes to rest within the wanted count after every step, so that no increment reaches two; neither more static friction of motor or load nor a dwell of 5 to 200 ms changes the largest by 1 %. The thesis names gear meshing and bearing noise, which the twin leaves out."),
+    .because(2.49, "Better than printed. Here the motor comes to rest within the wanted count after every step, so that no increment reaches two; neither more static friction of motor or load nor a dwell of 5 to 200 ms changes the largest by 1 %. The thesis names gear meshing and bearing noise, which the twin leaves out."),
     claim(
         "2.26-required",
         ("2.5", "This is more than 1.4 times the required value"),

@@ -41,7 +41,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         "frequency up to which the power stands four times above the noise",
         (0.5, "1/V", Factor),
     )
-    .because("The sensing fiber's light is less noisy here: with twice the photodiode's noise the power stands out up to 0.7, with eight times up to 0.3 a volt."),
+    .because(0.904, "The sensing fiber's light is less noisy here: with twice the photodiode's noise the power stands out up to 0.7, with eight times up to 0.3 a volt."),
     claim(
         "4.8-forward",
         (
@@ -190,7 +190,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         "resolution of z under PID over the error below which nine of ten runs end",
         (12.0, "", Factor),
     )
-    .because("Better than printed: the thesis's twelve takes its bound of 10 nm for the error."),
+    .because(20.0, "Better than printed: the thesis's twelve takes its bound of 10 nm for the error."),
     claim(
         "4.20-stable",
         (

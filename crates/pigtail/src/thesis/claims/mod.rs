@@ -84,8 +84,8 @@ impl Kind {
             Self::Order => "within a factor of 3.2",
             Self::Share => "within 0.1",
             Self::Formula => "within 2 %",
-            Self::Below => "less",
-            Self::Above => "more",
+            Self::Below => "less than that",
+            Self::Above => "more than that",
         }
     }
 
@@ -143,8 +143,8 @@ pub struct Statement {
     pub kind: Kind,
     /// Whether the rig's plant was chosen so that this comes out: then it proves nothing.
     pub calibrated: bool,
-    /// Why it does not hold, where it does not and the reason was found by an experiment.
-    pub cause: &'static str,
+    /// What comes out instead, where it does not hold, and why: found by an experiment.
+    pub cause: Option<(f64, &'static str)>,
 }
 
 impl Statement {
@@ -161,9 +161,19 @@ impl Statement {
         }
     }
 
-    /// The same, which does not hold for a reason that was found.
-    const fn because(self, cause: &'static str) -> Self {
-        Self { cause, ..self }
+    /// The same, for which something else comes out, for a reason that was found.
+    const fn because(self, instead: f64, cause: &'static str) -> Self {
+        Self {
+            cause: Some((instead, cause)),
+            ..self
+        }
+    }
+
+    /// Why a result that does not hold does not; `None` where it is another than the one whose reason
+    /// was found.
+    fn explains(&self, ours: Option<f64>) -> Option<&'static str> {
+        let (instead, cause) = self.cause?;
+        Kind::Measured.holds(instead, ours?).then_some(cause)
     }
 }
 
@@ -183,7 +193,7 @@ const fn claim(
         unit,
         kind,
         calibrated: false,
-        cause: "",
+        cause: None,
     }
 }
 
@@ -235,13 +245,13 @@ impl Claim {
         let ours = ours.filter(|value| value.is_finite()).map(four_digits);
         let holds = ours.is_some_and(|ours| statement.kind.holds(statement.thesis, ours));
         let (least, most) = statement.kind.accepted(statement.thesis);
-        let explained = !holds && !statement.cause.is_empty();
+        let cause = statement.explains(ours).filter(|_| !holds);
         let mut text = note.to_owned();
-        if explained {
+        if let Some(cause) = cause {
             if !text.is_empty() {
                 text.push(' ');
             }
-            text.push_str(statement.cause);
+            text.push_str(cause);
         }
         Self {
             id: statement.id,
@@ -256,7 +266,7 @@ impl Claim {
             least: least.map(four_digits),
             most: most.map(four_digits),
             calibrated: statement.calibrated,
-            explained,
+            explained: cause.is_some(),
             section: statement.section,
             quote: statement.quote,
         }
