@@ -81,12 +81,10 @@ fn check(key: &str, setup: &Setup) -> Option<String> {
                 load - windup
             )
         }
-        "twelve" => format!(
-            "125/10 = {:.1}, 140/20 = {:.1}, 140/10 = {:.1}.",
-            125.0 / 10.0,
-            140.0 / 20.0,
-            140.0 / 10.0
-        ),
+        "twelve" => {
+            let [a, b, c] = [125.0 / 10.0, 140.0 / 20.0, 140.0 / 10.0];
+            format!("125/10 = {a:.1}, 140/20 = {b:.1}, 140/10 = {c:.1}.")
+        }
         "placement" => {
             let wide = Space {
                 method: Method::Multimode,
@@ -114,11 +112,10 @@ fn check(key: &str, setup: &Setup) -> Option<String> {
             coarse.fastest(rate)
         ),
         "coupling" => format!("{three:.1} s + {three:.1} s / 3 = {initiation:.2} s."),
-        "period" => format!(
-            "1/(10 x 4 ms) = {:.1} Hz, 1/(9 x 4 ms) = {:.1} Hz.",
-            1.0 / 0.04,
-            1.0 / 0.036
-        ),
+        "period" => {
+            let [ten, nine] = [10.0, 9.0].map(|n| 1.0 / (n * 4e-3));
+            format!("1/(10 x 4 ms) = {ten:.1} Hz, 1/(9 x 4 ms) = {nine:.1} Hz.")
+        }
         "init" => {
             let better = three / 10.0 + three / 3.0;
             format!(

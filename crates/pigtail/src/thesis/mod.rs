@@ -28,6 +28,7 @@ use pigtail_hal::Error;
 use pigtail_machines::twin::plant::Variation;
 use rayon::prelude::*;
 use serde::Serialize;
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 /// Why the thesis could not be reproduced.
@@ -340,7 +341,7 @@ pub fn reproduce(
         .enumerate()
         .collect();
     chosen.sort_by_key(|(order, e)| (std::cmp::Reverse(e.cost), *order));
-    let queue = std::sync::Mutex::new(chosen.iter());
+    let queue = Mutex::new(chosen.iter());
     // One after the other from one queue, so that no long one begins last.
     let workers = rayon::current_num_threads();
     let mut made: Vec<(usize, Vec<Figure>)> = (0..workers)
@@ -349,7 +350,7 @@ pub fn reproduce(
         .map(|_| {
             let mut made = Vec::new();
             loop {
-                let next = queue.lock().unwrap_or_else(|e| e.into_inner()).next();
+                let next = queue.lock().unwrap_or_else(PoisonError::into_inner).next();
                 let Some((order, experiment)) = next else {
                     return Ok(made);
                 };

@@ -65,18 +65,21 @@ impl Picture {
     }
 
     /// With ends of the axis across.
+    #[must_use]
     pub fn x(mut self, from: f64, to: f64) -> Self {
         self.x.1 = Some((from, to));
         self
     }
 
     /// With ends of the axis upward.
+    #[must_use]
     pub fn y(mut self, from: f64, to: f64) -> Self {
         self.y.1 = Some((from, to));
         self
     }
 
     /// With a caption.
+    #[must_use]
     pub fn caption(mut self, text: impl Into<String>) -> Self {
         self.caption = text.into();
         self

@@ -22,6 +22,7 @@ const PRELOAD: f64 = 1.2;
 const COUPLING: f64 = 0.03;
 
 /// Fig. 2.16: the estimate through a partial reversal.
+#[expect(clippy::unnecessary_wraps, reason = "the others may fail")]
 pub(super) fn equivalent_reversal(_: &Bench) -> Result<Vec<Figure>, ReproduceError> {
     // The thesis's own maximum, and a way as in its figures.
     let model = Reversal {
@@ -114,12 +115,12 @@ impl<'s> Joint<'s> {
 
     /// A scan through turns of which the first three are two full ways, and the gap over the rest,
     /// micrometres.
-    fn scan(&self, turns: &[f64], model: Windup) -> Result<Scanned, ReproduceError> {
+    fn scan(&self, turns: &[f64], model: &Windup) -> Result<Scanned, ReproduceError> {
         let scale = scale(self.setup, FIVE_BAR.axis)?;
         let path = path(self.range, turns);
         let lead = turns[..3].windows(2).map(|w| (w[1] - w[0]).abs());
         let record = on_twin(self.setup, self.seed, |station| {
-            Ok(scan(station, FIVE_BAR, &scale, &path, &model)?)
+            Ok(scan(station, FIVE_BAR, &scale, &path, model)?)
         })?;
         let skip = (lead.sum::<f64>() * self.range / path.speed / record.period) as usize;
         let gap = self.um * backlash(&record, skip);
@@ -131,8 +132,8 @@ impl<'s> Joint<'s> {
 
     fn both(&self, turns: &[f64]) -> Result<[Scanned; 2], ReproduceError> {
         Ok([
-            self.scan(turns, Windup::None)?,
-            self.scan(turns, Windup::Reversal(self.models.reversal.model))?,
+            self.scan(turns, &Windup::None)?,
+            self.scan(turns, &Windup::Reversal(self.models.reversal.model))?,
         ])
     }
 }
@@ -181,7 +182,7 @@ pub(super) fn scans(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
     };
     let factor = |pair: &[Scanned; 2]| pair[0].gap / pair[1].gap;
     let mean = (factor(&full) + factor(&small) + factor(&repeated)) / 3.0;
-    let memory = plain.scan(&FULL, Windup::Memory(plain.models.memory.model))?;
+    let memory = plain.scan(&FULL, &Windup::Memory(plain.models.memory.model))?;
     Ok(vec![
         figure("2.17", "Windup compensation over 700 um range", &full, "")
             .noted(

@@ -214,7 +214,7 @@ fn networks(first: &piezo::Identified, rbf: &Rbf) -> Vec<Figure> {
                 .map(|k| to * f64::from(k) / 80.0)
                 .map(|at| (at, network.value([turn, at])))
                 .collect();
-            let name = if turn == FORWARD {
+            let name = if turn < 0.0 {
                 "forward (v1 = -5)".to_owned()
             } else {
                 format!("v1 = {turn}")

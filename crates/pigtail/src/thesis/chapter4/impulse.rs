@@ -25,6 +25,7 @@ fn fsm(setup: &Setup, axis: Axis) -> f64 {
     joint.motor.resistance / joint.motor.torque_constant * joint.motor_friction.static_level()
 }
 
+#[expect(clippy::unnecessary_wraps, reason = "the others may fail")]
 pub(super) fn input(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
     let unit = fsm(&bench.nominal, Axis::Z);
     let pulse = Shape::second_harmonic(0.0, PERIOD).pulse(4.0 * unit, true);

@@ -123,7 +123,7 @@ impl Kind {
     }
 }
 
-/// A claim of the thesis. A new one is [`claim`]ed, and given its [`Self::calibrated`] or
+/// A claim of the thesis. A new one is made by `claim`, and given its [`Self::calibrated`] or
 /// [`Self::cause`] where it has one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Statement {
