@@ -25,7 +25,7 @@ use std::time::Duration;
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  pigtail reproduce                 everything, two minutes on two cores
+  pigtail reproduce                 everything, about a minute on two cores
   pigtail reproduce --quick         with fewer steps, devices and runs
   pigtail reproduce 2.8 4.20        some figures
   pigtail reproduce 3 --seed 7      a chapter, on another machine and device

@@ -178,7 +178,7 @@ impl Figure {
 
 /// Figures that come from one experiment.
 pub struct Experiment {
-    /// Their numbers, in the order in which [`Self::run`] returns them.
+    /// Their numbers, in the order in which it returns them.
     pub figures: &'static [&'static str],
     /// How long it takes beside the others, about: the longest begin first.
     cost: u32,

@@ -32,7 +32,7 @@ pub enum Content {
 /// More points would show no more.
 const POINTS: usize = 600;
 
-/// Every so many of a series of points that no more than [`POINTS`] are left, and the last.
+/// Every so many of a series of points that no more than some hundred are left, and the last.
 pub fn thin(points: impl IntoIterator<Item = (f64, f64)>) -> Points {
     let all: Points = points.into_iter().collect();
     let every = all.len().div_ceil(POINTS).max(1);

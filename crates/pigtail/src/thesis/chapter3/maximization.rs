@@ -68,13 +68,16 @@ pub(super) fn peak(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
             .noted("3.5-tracking", row.limit_um_s, lost)
             .noted(
                 "3.5-macro",
-                macro_moves.light_percent / 100.0,
-                format!("On average {:.0} %.", macro_moves.mean_light_percent),
+                macro_moves.mean_light_percent / 100.0,
+                format!(
+                    "At the end {:.0} %: the macro goes by jerks.",
+                    macro_moves.light_percent
+                ),
             )
             .noted(
                 "3.5-creep",
-                piezos_creep.light_percent / 100.0,
-                format!("On average {:.0} %.", piezos_creep.mean_light_percent),
+                piezos_creep.mean_light_percent / 100.0,
+                format!("At the end {:.0} %.", piezos_creep.light_percent),
             )
             .noted(
                 "3.5-xy",

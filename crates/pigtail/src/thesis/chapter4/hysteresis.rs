@@ -8,14 +8,24 @@ use pigtail_control::compensation::hysteresis::{
     FORWARD, Model, Network, Rbf, Record, SPACING, Sample, UNITS,
 };
 use pigtail_control::piezo;
+use rayon::prelude::*;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 
 pub(super) fn piezos(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
-    let found = identify_and_scan(&bench.machine, Kind::Rbf, bench.seed)?;
+    /// Identifications: the greatest difference that is left depends on the light's noise.
+    const TIMES: u64 = 4;
+    let all = (0..TIMES)
+        .into_par_iter()
+        .map(|k| {
+            let seed = bench.seed.wrapping_add(k);
+            Ok(identify_and_scan(&bench.machine, Kind::Rbf, seed)?)
+        })
+        .collect::<Result<Vec<_>, ReproduceError>>()?;
+    let found = &all[0];
     let first = &found.micro.piezos[0];
     let mut figures = vec![
-        figure_4_3(&found),
+        figure_4_3(found),
         figure_4_4(&first.record),
         figure_4_5(&first.record),
         figure_4_6(&first.record),
@@ -23,7 +33,7 @@ pub(super) fn piezos(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
     if let Model::Rbf(rbf) = &first.rbf {
         figures.extend(networks(first, rbf));
     }
-    figures.push(figure_4_10(&found));
+    figures.push(figure_4_10(&all));
     Ok(figures)
 }
 
@@ -262,8 +272,16 @@ fn networks(first: &piezo::Identified, rbf: &Rbf) -> Vec<Figure> {
     ]
 }
 
-fn figure_4_10(found: &Identified) -> Figure {
+fn figure_4_10(all: &[Identified]) -> Figure {
+    let found = &all[0];
     let d = &found.document;
+    let mean = |of: fn(&Identified) -> f64| all.iter().map(of).sum::<f64>() / all.len() as f64;
+    let without = mean(|found| found.document.uncompensated_opening_percent);
+    let with = mean(|found| found.document.opening_percent);
+    let least = all
+        .iter()
+        .map(|found| found.document.uncompensated_opening_percent / found.document.opening_percent)
+        .fold(f64::INFINITY, f64::min);
     let path = |f: &Followed| -> Points {
         thin((found.from..f.wanted.len()).map(|k| (1e6 * f.wanted[k], 1e6 * f.was[k])))
     };
@@ -302,10 +320,11 @@ fn figure_4_10(found: &Identified) -> Figure {
         )
         .noted(
             "4.10-factor",
-            d.uncompensated_opening_percent / d.opening_percent,
+            without / with,
             format!(
-                "{:.2} % and {:.2} % of the range; {:.1} times by the rms error.",
-                d.uncompensated_opening_percent, d.opening_percent, d.improvement
+                "{without:.2} % and {with:.2} % of the range, {least:.1} in the worst of them; {:.1} times by \
+                 the rms error.",
+                d.improvement
             ),
         )
 }

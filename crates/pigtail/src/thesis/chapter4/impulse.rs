@@ -358,6 +358,23 @@ fn thesis_task(at: AxisName, target: f64) -> Task {
     task
 }
 
+/// How alike pulses of the five-bar are with a rest after each, rms over their mean: over some courses of
+/// noise. A measurement takes 40 ms besides.
+fn spread(bench: &Bench, rest: f64) -> Result<f64, ReproduceError> {
+    const COURSES: u64 = 8;
+    let mut task = thesis_task(FIVE_BAR, 0.0);
+    task.rest = Some(rest);
+    let all = (0..COURSES)
+        .into_par_iter()
+        .map(|k| {
+            let seed = bench.seed.wrapping_add(k);
+            let done = resolution(&bench.machine, &task, 0.15e-6, seed)?;
+            Ok(done.deviation_nm / done.mean_nm.abs())
+        })
+        .collect::<Result<Vec<f64>, ReproduceError>>()?;
+    Ok(all.iter().sum::<f64>() / COURSES as f64)
+}
+
 pub(super) fn five_bar_control(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
     const STARTS: [f64; 4] = [-2e-6, -1e-6, 1e-6, 2e-6];
     let setup = &bench.machine;
@@ -381,15 +398,7 @@ pub(super) fn five_bar_control(bench: &Bench) -> Result<Vec<Figure>, ReproduceEr
     let drive = setup.spec.drive(FIVE_BAR.axis);
     let arm = setup.spec.probe.as_ref().map_or(f64::NAN, |p| p.arm);
     let count = 1e6 * drive.count() / drive.gear_ratio * arm;
-    // How alike pulses are, far apart and close together.
-    let spread = |rest: f64| -> Result<f64, ReproduceError> {
-        let mut task = thesis_task(FIVE_BAR, 0.0);
-        task.rest = Some(rest);
-        let done = resolution(setup, &task, 0.15e-6, bench.seed)?;
-        Ok(done.deviation_nm / done.mean_nm.abs())
-    };
-    let (slow, fast) = rayon::join(|| spread(0.25), || spread(0.01));
-    let (slow, fast) = (slow?, fast?);
+    let (slow, fast) = (spread(bench, 0.25)?, spread(bench, 0.01)?);
     let curves = done.iter().map(|run| {
         let points: Points = run
             .steps

@@ -196,13 +196,13 @@ pub(super) const CLAIMS: &[Statement] = &[
             "3.3",
             "allows the micro to reject low frequency disturbances such as movement of the macro",
         ),
-        "light after the macro went 10 um over that before, the climb going on",
+        "mean light while the macro goes 10 um over that before, the climb going on",
         (0.5, "", Above),
     ),
     claim(
         "3.5-creep",
         ("3.3", "and drifting of the piezoelectric actuators"),
-        "light after 20 s of creep over that before, the climb going on",
+        "mean light over 20 s of creep over that before, the climb going on",
         (0.5, "", Above),
     ),
     claim(

@@ -123,8 +123,8 @@ impl Kind {
     }
 }
 
-/// A claim of the thesis. A new one is made by `claim`, and given its [`Self::calibrated`] or
-/// [`Self::cause`] where it has one.
+/// A claim of the thesis. A new one is made by `claim`, and marked as calibrated or given
+/// its [`Self::cause`] where it has one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Statement {
     /// The figure, a dash and a name: unique.
