@@ -81,10 +81,10 @@ fn summary(body: &mut String, d: &Document) {
     let calibrated_held = d.held - d.predicted;
     let _ = writeln!(
         body,
-        "<p><b>{} of {} claims hold</b>: {} of {} predictions, and {} of {} by which numbers of the \
-         rig's plant were chosen and which therefore prove nothing (marked &loz;). {}Took {:.0} s.</p>\n\
+        "<p><b>{} of {} claims hold</b>: {} of {} predictions, and {} of {} for which numbers of \
+         the rig's plant or of an experiment were chosen and which therefore prove nothing (marked &loz;). {}Took {:.0} s.</p>\n\
          <p>{} Measured is what encoders, probes and photodiodes tell, by the control code of a real run. \
-         Nothing is fitted to the figure with which it is then compared.</p>",
+         No other number was fitted to the figure with which it is compared.</p>",
         d.held,
         d.of,
         d.predicted,

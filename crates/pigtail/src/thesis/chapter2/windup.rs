@@ -152,9 +152,10 @@ fn figure_2_10(loops: &[Loop]) -> Result<Figure, ReproduceError> {
     )
 }
 
-/// Windup of a spring of (2.6) around a preload, between a friction either way: what (2.6) itself
-/// says, with the stiffness no higher than `most` times that at rest.
-fn by_spring(bench: &Bench, preload: f64, most: f64) -> f64 {
+/// Windup by the model's own equations, micrometres: the twist of the spring (2.6) around a preload
+/// between a friction either way, less how far the output goes before it slides, (2.12). The spring's
+/// stiffness is no higher than `most` times that at rest.
+fn by_model(bench: &Bench, preload: f64, most: f64, um: f64) -> f64 {
     let joint = &bench.nominal.plant.five_bar.joint;
     let (k, h) = (joint.transmission.linear, joint.transmission.cubic);
     let friction = joint.load_friction.coulomb();
@@ -168,7 +169,8 @@ fn by_spring(bench: &Bench, preload: f64, most: f64) -> f64 {
         }
         x
     };
-    twist(friction * (preload + 1.0)) - twist(friction * (preload - 1.0))
+    let presliding = joint.presliding * friction / joint.load_friction.static_level();
+    um * (twist(friction * (preload + 1.0)) - twist(friction * (preload - 1.0)) - 2.0 * presliding)
 }
 
 fn figure_2_13(loops: &[Loop]) -> Result<Figure, ReproduceError> {
@@ -349,9 +351,10 @@ fn figure_2_12(bench: &Bench, loops: &[Loop]) -> Result<Figure, ReproduceError> 
         ("1.2 x friction", case(loops, 1.0, 1.2)?),
     ];
     let um = all.map(|(_, l)| l.case.windup_um);
-    let stiff = f64::INFINITY;
-    let levels = by_spring(bench, 2.4, stiff) / by_spring(bench, 1.2, stiff);
-    let bounded = by_spring(bench, 2.4, 3.0) / by_spring(bench, 1.2, 3.0);
+    let scale = all[0].1.um_per_radian;
+    let model = |preload: f64, most: f64| by_model(bench, preload, most, scale);
+    let free = [1.2, 2.4].map(|preload| model(preload, f64::INFINITY));
+    let bounded = [1.2, 2.4].map(|preload| model(preload, 3.0));
     Ok(Figure::new("2.12", "Numerical simulation of preloading effect")
         .picture(
             input_output_picture(all).caption("Three preloads, relative to the output's static friction."),
@@ -359,9 +362,15 @@ fn figure_2_12(bench: &Bench, loops: &[Loop]) -> Result<Figure, ReproduceError> 
         .result("2.12-falls", um[1] / um[0])
         .result("2.12-above", um[2] / um[1])
         .remark(format!(
-            "By the spring (2.6) alone, a preload of 2.4 instead of 1.2 times the friction leaves {levels:.2} \
-             of the windup; were its stiffness no higher than three times that at rest, as the gear's \
-             specification has it, {bounded:.2}."
+            "By (2.6) and (2.12) themselves, preloads of 1.2 and 2.4 times the friction leave {:.0} and {:.0} um \
+             of windup, a ratio of {:.2}; were the spring's stiffness no higher than three times that at rest, \
+             as the gear's specification has it, {:.0} and {:.0} um, a ratio of {:.2}.",
+            free[0],
+            free[1],
+            free[1] / free[0],
+            bounded[0],
+            bounded[1],
+            bounded[1] / bounded[0]
         )))
 }
 

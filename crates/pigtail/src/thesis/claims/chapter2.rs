@@ -178,7 +178,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         "windup with 2.4 times the friction over that with 1.2 times; little is less than 20 %",
         (0.8, "", Above),
     )
-    .because(0.1457, "The spring (2.6) hardens without end: by it alone the ratio is what is found here, and with its stiffness bounded at three times that at rest, as the gear's specification has it, the windup levels off (Fig. 2.12)."),
+    .because(0.1457, "So the model has it: (2.6), which hardens without end, and (2.12) alone give the same ratio (Fig. 2.12). Bounded stiffness, to which the thesis puts the levelling down, gives some of it and not all."),
     claim(
         "2.14-range",
         ("2.4.3", "The shape of the curve produced was found to be consistent for large scan ranges"),
@@ -252,7 +252,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         "mean improvement over the ranges of Figs. 2.17, 2.19 and 2.20",
         (8.0, "", Factor),
     )
-    .because(4.63, "Over 175 um the transmission does not wind up fully either way, so there is less to be gained; what is left is no more than over 700 um (2.19), and less than an eighth of the windup there."),
+    .because(4.63, "Over 175 um the transmission does not wind up fully either way, so there is less to be gained; what is left is hardly more than over 700 um (2.19), and less than an eighth of the windup there."),
     claim(
         "2.21-error",
         ("2.4.5", "the position is off by as much as 120um corresponding to 40% of the range"),

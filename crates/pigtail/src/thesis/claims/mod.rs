@@ -1,7 +1,8 @@
 //! What the thesis claims, sentence by sentence, and how near a result must come.
 //!
-//! All of this was written down before any result was looked at. A claim that does not hold stays in
-//! the list; [`Statement::cause`] then says why, from an experiment.
+//! The tolerances were chosen before any result was looked at, by the kind of claim, and have not been
+//! changed since. A claim that does not hold stays in the list; [`Statement::cause`] then says why, from
+//! an experiment.
 
 mod chapter2;
 mod chapter3;
