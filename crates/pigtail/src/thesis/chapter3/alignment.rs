@@ -163,11 +163,19 @@ fn figure_3_4(ways: &[(Points, f64)]) -> Figure {
         .filter_map(|(rise, _)| Some(rise.last()?.0.abs()))
         .collect();
     let farthest = ends.iter().copied().fold(0.0, f64::max);
-    let named = ways
-        .iter()
-        .take(3)
-        .enumerate()
-        .map(|(k, (rise, _))| (format!("device {}", k + 1), thin(rise.iter().copied())));
+    let named = ways.iter().take(3).enumerate().map(|(k, (rise, _))| {
+        // The way up, without what brought it to its foot.
+        let foot = rise
+            .iter()
+            .enumerate()
+            .rev()
+            .min_by(|a, b| a.1.0.total_cmp(&b.1.0))
+            .map_or(0, |(at, _)| at);
+        (
+            format!("device {}", k + 1),
+            thin(rise[foot..].iter().copied()),
+        )
+    });
     Figure::new("3.4", "Multimode fiber placement")
         .picture(
             Picture::curves("height over the output, um", "light, V", named)
