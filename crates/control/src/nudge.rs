@@ -9,13 +9,13 @@ use crate::beam::{Beam, Peak, Reading};
 use crate::impulse::belief::ImpulseBelief;
 use crate::impulse::response::Response;
 use crate::outcome::{Halt, Outcome, SearchEvidence};
-use crate::procedure::{FiberReport, Job, PORTS, look, lost, no_light, outward};
+use crate::procedure::{FiberReport, Job, each_fiber, look, lost, no_light, outward};
 use crate::recipe::Recipe;
 use crate::search::Searcher;
 use crate::sight::Tip;
 use crate::station::Station;
 use pigtail_hal::quantity::Volts;
-use pigtail_hal::{Axis, AxisName, Channel, Fault, FiberHandling, Side};
+use pigtail_hal::{Axis, AxisName, Channel, FiberHandling, Side};
 use pigtail_model::frames::{Macro, Point};
 
 /// The joints that pulses move.
@@ -87,23 +87,11 @@ const LAST: Care = Care {
 const PATTERNS: u32 = 30;
 
 /// Aligns the input fiber and the output fibers of one device without moving any micro.
-///
-/// # Errors
-///
-/// The machine's fault. Everything else that can go wrong is a fiber's [`Outcome`].
-pub fn macro_only(station: &mut Station, recipe: &Recipe) -> Result<Vec<FiberReport>, Fault> {
-    let mut reports = Vec::with_capacity(PORTS.len());
+pub fn macro_only(station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
     station.laser(true);
-    reports.push(Job::input(recipe).run(station, |job, station| align(job, station, 0))?);
-    for k in 0..recipe.ports.outputs.len() {
-        let mut job = Job::output(recipe, k);
-        reports.push(if reports[0].outcome == Outcome::Aligned {
-            job.run(station, |job, station| align(job, station, k))?
-        } else {
-            job.report(Outcome::NotAttempted)
-        });
-    }
-    Ok(reports)
+    each_fiber(station, recipe, |job, station, port| {
+        align(job, station, port.unwrap_or(0))
+    })
 }
 
 /// Aligns one fiber; the servo has the joints back in the end, whatever came of it.

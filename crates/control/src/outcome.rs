@@ -41,11 +41,21 @@ pub enum Outcome {
     },
     /// The fiber would have had to go beyond the machine's reach.
     OutOfReach(String),
-    /// An earlier fiber failed, without which this one cannot be aligned.
+    /// An earlier fiber failed without which this one cannot be aligned, or the machine stopped.
     NotAttempted,
+    /// The machine stopped while this fiber was being aligned.
+    Stopped(Fault),
 }
 
 impl Outcome {
+    /// The fault that stopped the machine, if that is how it ended.
+    pub fn fault(&self) -> Option<&Fault> {
+        match self {
+            Self::Stopped(fault) => Some(fault),
+            _ => None,
+        }
+    }
+
     /// The word for it in tables and files.
     pub fn name(&self) -> &'static str {
         match self {
@@ -57,6 +67,7 @@ impl Outcome {
             Self::NotArrived { .. } => "not_arrived",
             Self::OutOfReach(_) => "out_of_reach",
             Self::NotAttempted => "not_attempted",
+            Self::Stopped(_) => "fault",
         }
     }
 }
@@ -111,7 +122,8 @@ impl std::fmt::Display for Outcome {
                 )
             }
             Self::OutOfReach(what) => write!(f, "out of reach: {what}"),
-            Self::NotAttempted => write!(f, "not attempted, since the input was not aligned"),
+            Self::NotAttempted => write!(f, "not attempted after what came before it"),
+            Self::Stopped(fault) => write!(f, "the machine stopped: {fault}"),
         }
     }
 }

@@ -59,23 +59,45 @@ pub(crate) struct Job<'r> {
 }
 
 /// Aligns the input fiber and the output fibers of one device, as the thesis does.
-///
-/// # Errors
-///
-/// The machine's fault. Everything else that can go wrong is a fiber's [`Outcome`].
-pub fn thesis(station: &mut Station, recipe: &Recipe) -> Result<Vec<FiberReport>, Fault> {
-    let mut reports = Vec::with_capacity(PORTS.len());
+pub fn thesis(station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
     station.laser(true);
-    reports.push(Job::input(recipe).run(station, Job::align_input)?);
-    for k in 0..recipe.ports.outputs.len() {
-        let mut job = Job::output(recipe, k);
-        reports.push(if reports[0].outcome == Outcome::Aligned {
-            job.run(station, |job, station| job.align_output(station, k))?
-        } else {
+    each_fiber(station, recipe, |job, station, port| match port {
+        None => job.align_input(station),
+        Some(k) => job.align_output(station, k),
+    })
+}
+
+/// Aligns the fibers of a device one after the other, the input (`None`) first. Outputs are
+/// attempted where the input is aligned, and nothing once the machine has stopped.
+pub(crate) fn each_fiber(
+    station: &mut Station,
+    recipe: &Recipe,
+    mut align: impl FnMut(&mut Job, &mut Station, Option<usize>) -> Result<(), Halt>,
+) -> Vec<FiberReport> {
+    let mut reports: Vec<FiberReport> = Vec::with_capacity(PORTS.len());
+    for port in std::iter::once(None).chain((0..recipe.ports.outputs.len()).map(Some)) {
+        let mut job = port.map_or_else(|| Job::input(recipe), |k| Job::output(recipe, k));
+        let dark = port.is_some() && reports[0].outcome != Outcome::Aligned;
+        let stopped = reports
+            .iter()
+            .any(|report| report.outcome.fault().is_some());
+        reports.push(if dark || stopped {
             job.report(Outcome::NotAttempted)
+        } else {
+            job.run(station, |job, station| align(job, station, port))
         });
     }
-    Ok(reports)
+    reports
+}
+
+/// The reports of a device on which nothing could be begun.
+pub fn not_begun(recipe: &Recipe, fault: Fault) -> Vec<FiberReport> {
+    let mut outcomes =
+        std::iter::once(Outcome::Stopped(fault)).chain(std::iter::repeat(Outcome::NotAttempted));
+    std::iter::once(Job::input(recipe))
+        .chain((0..recipe.ports.outputs.len()).map(|k| Job::output(recipe, k)))
+        .map(|mut job| job.report(outcomes.next().unwrap_or(Outcome::NotAttempted)))
+        .collect()
 }
 
 /// Lights the guides of a device for an experiment: the input fiber aligned and attached as in
@@ -146,21 +168,26 @@ impl<'r> Job<'r> {
         &mut self,
         station: &mut Station,
         align: impl FnOnce(&mut Self, &mut Station) -> Result<(), Halt>,
-    ) -> Result<FiberReport, Fault> {
+    ) -> FiberReport {
         let outcome = match align(self, station) {
             Ok(()) => Outcome::Aligned,
-            Err(Halt::Fault(fault)) => return Err(fault),
-            Err(Halt::Outcome(outcome)) => {
-                station.halt(self.side);
-                match self.withdraw(station, self.side) {
-                    Err(Halt::Fault(fault)) => return Err(fault),
-                    Ok(()) | Err(Halt::Outcome(_)) => {}
-                }
-                station.handle_fiber(self.side, FiberHandling::Unload)?;
-                outcome
-            }
+            Err(Halt::Fault(fault)) => Outcome::Stopped(fault),
+            Err(Halt::Outcome(outcome)) => match self.put_back(station) {
+                Ok(()) => outcome,
+                Err(fault) => Outcome::Stopped(fault),
+            },
         };
-        Ok(self.report(outcome))
+        self.report(outcome)
+    }
+
+    /// Takes the fiber away from the chip and back into the tray.
+    fn put_back(&mut self, station: &mut Station) -> Result<(), Fault> {
+        station.halt(self.side);
+        match self.withdraw(station, self.side) {
+            Err(Halt::Fault(fault)) => return Err(fault),
+            Ok(()) | Err(Halt::Outcome(_)) => {}
+        }
+        station.handle_fiber(self.side, FiberHandling::Unload)
     }
 
     /// Runs a phase and notes its time, also of one that ends early.
@@ -174,6 +201,7 @@ impl<'r> Job<'r> {
         let start = station.time();
         let result = work(self, station);
         self.phases.push((name, station.time() - start));
+        station.conclude(self.name, name);
         result
     }
 

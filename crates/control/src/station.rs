@@ -35,6 +35,8 @@ pub struct Sample {
 pub trait Observer {
     /// A phase of a fiber's alignment begins at `time` seconds.
     fn phase(&mut self, port: &str, phase: &'static str, time: f64);
+    /// The phase is over at `time` seconds, done or given up.
+    fn phase_over(&mut self, _port: &str, _phase: &'static str, _time: f64) {}
     /// A light sample was taken.
     fn sample(&mut self, sample: &Sample);
 }
@@ -110,6 +112,8 @@ const ARRIVED_SECONDS: f64 = 0.02;
 const SETTLE_SECONDS: f64 = 0.3;
 /// ...unless it is so many counts away that something else must hold it.
 const LOST_COUNTS: i64 = 10;
+/// An axis so many counts behind its reference cannot follow it: amplifiers saturate far earlier.
+const BEHIND_COUNTS: i64 = 100;
 
 impl<'a> Station<'a> {
     /// Takes control of a machine that stands at home.
@@ -204,16 +208,23 @@ impl<'a> Station<'a> {
         self.observer.phase(port, phase, self.measurement.time);
     }
 
+    /// Tells the observer that a phase is over.
+    pub fn conclude(&mut self, port: &str, phase: &'static str) {
+        self.observer.phase_over(port, phase, self.measurement.time);
+    }
+
     /// One servo cycle.
     ///
     /// # Errors
     ///
     /// The machine's fault.
     pub fn cycle(&mut self) -> Result<(), Fault> {
-        let time = self.measurement.time;
+        let (time, period) = (self.measurement.time, self.spec().period());
         for (i, arm) in self.arms.iter_mut().enumerate() {
+            arm.wait(&self.measurement.encoders[i], period);
             arm.follow(time);
             self.command.motors[i] = arm.servo(&self.measurement.encoders[i]);
+            self.command.references[i] = arm.servo_references();
             self.command.micro[i] = arm.piezos();
         }
         self.measurement = self.machine.exchange(&self.command)?;
@@ -614,6 +625,11 @@ impl Arm {
         })
     }
 
+    /// What the servo holds the axes to in this cycle.
+    fn servo_references(&self) -> [Option<Counts>; AXES] {
+        std::array::from_fn(|i| self.held[i].is_none().then_some(self.references[i]))
+    }
+
     /// The piezos' voltages for this cycle.
     fn piezos(&mut self) -> [Volts; MICRO_AXES] {
         let (x, y) = self.micro;
@@ -625,6 +641,22 @@ impl Arm {
                 model.follow(volts);
                 volts
             }
+        }
+    }
+
+    /// Lets a motion pass more slowly while an axis stays far behind it: its motor gives all it can,
+    /// and what the datasheet promises is more.
+    fn wait(&mut self, measured: &[Counts; AXES], period: f64) {
+        let Some(started) = &mut self.motion else {
+            return;
+        };
+        let behind = (0..AXES)
+            .map(|i| (self.references[i].0 - measured[i].0).abs())
+            .max()
+            .unwrap_or(0);
+        if behind > BEHIND_COUNTS {
+            let share = (behind - BEHIND_COUNTS) as f64 / (2 * BEHIND_COUNTS) as f64;
+            started.at += share.min(1.0) * period;
         }
     }
 

@@ -1,7 +1,7 @@
 //! What control says in one servo cycle.
 
 use crate::pulse::Pulse;
-use crate::quantity::Volts;
+use crate::quantity::{Counts, Volts};
 use crate::spec::{AXES, MICRO_AXES, SIDES};
 
 /// The outputs of control for one servo cycle. All are held constant until the next one, but for
@@ -15,6 +15,10 @@ pub struct Command {
     /// be, it stands in place of [`Self::motors`]; from the moment of its end, be that inside of a
     /// cycle, the held voltage acts again. One that begins takes the place of one that still plays.
     pub pulses: [[Option<Pulse>; AXES]; SIDES],
+    /// Where the servo wants each macro axis to be in this cycle, encoder counts from home, indexed
+    /// by `[side][axis]`; `None` where no servo holds it. Nothing follows it: a guard compares it
+    /// with the encoder, which tells a following error where a voltage alone cannot.
+    pub references: [[Option<Counts>; AXES]; SIDES],
     /// Amplifier input of each micro axis, indexed by `[side][micro axis]`.
     pub micro: [[Volts; MICRO_AXES]; SIDES],
     /// Whether the laser at the input fiber's far end is on.
@@ -27,10 +31,14 @@ impl Command {
     /// No axis begins a pulse.
     pub const NO_PULSES: [[Option<Pulse>; AXES]; SIDES] = [[None; AXES]; SIDES];
 
+    /// No axis is held by a servo.
+    pub const NO_REFERENCES: [[Option<Counts>; AXES]; SIDES] = [[None; AXES]; SIDES];
+
     /// Motors without voltage, piezos at zero volts, laser off, holders as they are.
     pub const IDLE: Self = Self {
         motors: [[Volts(0.0); AXES]; SIDES],
         pulses: Self::NO_PULSES,
+        references: Self::NO_REFERENCES,
         micro: [[Volts(0.0); MICRO_AXES]; SIDES],
         laser: false,
         fiber: [None; SIDES],

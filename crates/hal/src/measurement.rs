@@ -20,6 +20,8 @@ pub struct Measurement {
     /// Displacement of each axis's output from home by its probe, metres, indexed by
     /// `[side][axis]`; `None` on a rig without probes.
     pub probes: Option<[[f64; AXES]; SIDES]>,
+    /// Whether a person asks the machine to stop: the red button, or Ctrl-C at a simulated one.
+    pub stop: bool,
 }
 
 /// One sample of all photodiodes, taken at the same moment.

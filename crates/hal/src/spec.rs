@@ -144,6 +144,15 @@ impl Channel {
         }
     }
 
+    /// The name that files and messages use.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Output1 => "output1",
+            Self::Output2 => "output2",
+            Self::Sensing => "sensing",
+        }
+    }
+
     /// Index into arrays over the photodiodes.
     pub const fn index(self) -> usize {
         self as usize
@@ -172,6 +181,84 @@ pub struct Spec {
     pub sensing_fiber: SensingFiberSpec,
     /// Probes that measure the outputs of the axes, where the rig has them.
     pub probe: Option<ProbeSpec>,
+    /// The holder at each endpoint.
+    #[serde(default)]
+    pub holder: HolderSpec,
+    /// What stops the machine.
+    #[serde(default)]
+    pub guard: GuardSpec,
+}
+
+/// The holder at a manipulator's endpoint, a box behind its fiber's tip.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct HolderSpec {
+    /// How far the fiber's tip stands out of it, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub tip: f64,
+    /// Its width across the chip, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub width: f64,
+    /// Its height, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub height: f64,
+}
+
+impl Default for HolderSpec {
+    fn default() -> Self {
+        Self {
+            tip: 5e-3,
+            width: 6e-3,
+            height: 6e-3,
+        }
+    }
+}
+
+/// What a guard stops the machine at, beyond the limits that are stated elsewhere. Every key has a
+/// default.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GuardSpec {
+    /// How many times the datasheet's speed an endpoint may have.
+    #[serde(deserialize_with = "quantity::positive")]
+    pub overspeed: f64,
+    /// How far an endpoint may be from where its servo wants it in x and y, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub following_xy: f64,
+    /// The same in z, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub following_z: f64,
+    /// Least distance of a tip from the chip by vision and encoders, three standard deviations less,
+    /// metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub clearance: f64,
+    /// How far a fiber's tip may stand from where its holder should have it, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub placement: f64,
+    /// What a transmission may hide of a motion of the endpoint in x and y, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub windup: f64,
+    /// How long a photodiode may read the end of its range, seconds.
+    #[serde(deserialize_with = "quantity::positive_time")]
+    pub saturated: f64,
+    /// How far z goes back when the machine stops, metres.
+    #[serde(deserialize_with = "quantity::positive_length")]
+    pub retract: f64,
+}
+
+impl Default for GuardSpec {
+    fn default() -> Self {
+        Self {
+            overspeed: 1.5,
+            following_xy: 300e-6,
+            following_z: 15e-6,
+            clearance: 1e-6,
+            placement: 150e-6,
+            windup: 150e-6,
+            saturated: 50e-3,
+            retract: 500e-6,
+        }
+    }
 }
 
 /// The servo card.
@@ -181,6 +268,13 @@ pub struct ServoSpec {
     /// Servo cycles a second, hertz.
     #[serde(deserialize_with = "quantity::positive_frequency")]
     pub rate: f64,
+    /// Amplifiers that have heard of no command for so long let go of their motors, seconds.
+    #[serde(default = "watchdog", deserialize_with = "quantity::positive_time")]
+    pub watchdog: f64,
+}
+
+fn watchdog() -> f64 {
+    2e-3
 }
 
 /// A geared motor driven in voltage mode.

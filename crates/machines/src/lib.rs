@@ -3,6 +3,10 @@
 //! Everything here implements [`Machine`](pigtail_hal::Machine), and control cannot tell one from
 //! another. This crate does not know that control exists.
 
+mod deadline;
+pub mod guard;
 pub mod twin;
 
+pub use deadline::{Deadline, OVERDUE};
+pub use guard::Guard;
 pub use twin::Twin;

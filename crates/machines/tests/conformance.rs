@@ -344,7 +344,7 @@ fn a_pulse_that_the_amplifier_cannot_play_stops_the_machine() {
         let mut command = centred(&machine);
         command.pulses[1][Axis::Z.index()] = Some(pulse);
         let fault = machine.exchange(&command).expect_err("a fault");
-        assert_eq!((fault.rule, fault.axis.as_str()), (rule, "right.z"));
+        assert_eq!((&*fault.rule, fault.axis.as_str()), (rule, "right.z"));
         assert_eq!(
             machine
                 .exchange(&centred(&machine))

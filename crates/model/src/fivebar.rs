@@ -167,6 +167,11 @@ impl FiveBar {
         Ok((0.5 * (ax + bx) - scale * dy, 0.5 * (ay + by) + scale * dx))
     }
 
+    /// Length of the proximal links, metres: about how far the endpoint goes for a radian of a joint.
+    pub fn proximal(&self) -> f64 {
+        self.proximal
+    }
+
     /// Angles of the bearings between the links, radians, and their rates with the joints A and B:
     /// elbow A, elbow B (distal link against proximal), tip (one distal link against the other).
     ///

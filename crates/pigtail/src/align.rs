@@ -1,19 +1,24 @@
 //! One device aligned on a twin, and the document that says how it went.
 
+use crate::guarded::guarded;
 use crate::procedure::Procedure;
 use crate::rig::Setup;
 use pigtail_control::outcome::Outcome;
-use pigtail_control::procedure::FiberReport;
+use pigtail_control::procedure::{FiberReport, PORTS, not_begun};
 use pigtail_control::station::{Observer, Station};
 use pigtail_hal::Fault;
-use pigtail_machines::Twin;
 use pigtail_machines::twin::{FiberTruth, TwinError};
+use pigtail_machines::{Deadline, Twin};
 use serde::Serialize;
 
 /// Tolerances of an aligned fiber: x and y, then z (thesis 3.1), micrometres.
 pub const TOLERANCE_XY_UM: f64 = 0.1;
 /// See [`TOLERANCE_XY_UM`].
 pub const TOLERANCE_Z_UM: f64 = 2.0;
+
+/// An alignment that takes longer than this hangs, seconds of machine time: a device without light
+/// takes two minutes.
+const LONGEST: f64 = 1800.0;
 
 /// What a run prints as JSON and keeps as `summary.json`. Keys are a contract: more may come,
 /// none changes its name or meaning.
@@ -38,6 +43,10 @@ pub struct Document {
     /// The least distance between the chip and any fiber that was beside it: the truth. `null`
     /// where none ever was.
     pub smallest_gap_um: Option<f64>,
+    /// What was broken on purpose, and when.
+    pub injected: Vec<String>,
+    /// Why the machine stopped by itself; `null` where it did not.
+    pub fault: Option<Fault>,
     /// The program's version.
     pub version: &'static str,
     /// Path of the report; empty when none was written.
@@ -101,20 +110,27 @@ pub enum AlignError {
 ///
 /// # Errors
 ///
-/// When the plant cannot be built, or the machine has a fault. A fiber that cannot be aligned is
-/// not an error: its row says so.
+/// When the plant cannot be built. A fiber that cannot be aligned is not an error, nor is a fault of
+/// the machine: the document says so.
 pub fn align(
     setup: &Setup,
     procedure: Procedure,
     seed: u64,
     observer: &mut dyn Observer,
-) -> Result<Document, AlignError> {
+) -> Result<Document, TwinError> {
     let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
-    let mut station = Station::new(&mut twin, &setup.calibration, observer)?;
-    let reports = procedure.run(&mut station, &setup.recipe);
-    station.stop();
-    let reports = reports?;
-    let truth = twin.truth();
+    let injected = setup.faults.of(seed, procedure.seconds());
+    twin.inject(&injected);
+    let mut machine = guarded(Deadline::new(twin, LONGEST), setup);
+    let reports = match Station::new(&mut machine, &setup.calibration, observer) {
+        Ok(mut station) => {
+            let reports = procedure.run(&mut station, &setup.recipe);
+            station.stop();
+            reports
+        }
+        Err(fault) => not_begun(&setup.recipe, fault),
+    };
+    let truth = machine.inner().inner().truth();
     let truths = std::iter::once(truth.input).chain(truth.outputs);
     let fibers: Vec<FiberRow> = reports
         .iter()
@@ -141,9 +157,58 @@ pub fn align(
         smallest_gap_um: Some(truth.smallest_gap)
             .filter(|gap| gap.is_finite())
             .map(|gap| rounded(gap * 1e6, 1e-6)),
+        injected: injected.iter().map(ToString::to_string).collect(),
+        fault: reports
+            .iter()
+            .find_map(|report| report.outcome.fault())
+            .cloned(),
         version: env!("CARGO_PKG_VERSION"),
         report: String::new(),
     })
+}
+
+/// The document of a device at which the program itself failed.
+pub fn panicked(
+    setup: &Setup,
+    procedure: Procedure,
+    seed: u64,
+    panic: &(dyn std::any::Any + Send),
+) -> Document {
+    let text = |panic: &(dyn std::any::Any + Send)| {
+        let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+        text.or_else(|| panic.downcast_ref::<String>().cloned())
+    };
+    let detail = text(panic).unwrap_or_else(|| "the program failed".to_owned());
+    let fiber = |port| FiberRow {
+        port,
+        outcome: "panic",
+        detail: detail.clone(),
+        phases: Vec::new(),
+        seconds: 0.0,
+        offset_um: None,
+        coupling_loss_db: None,
+        within_tolerance: None,
+    };
+    Document {
+        rig: setup.rig.clone(),
+        recipe: setup.recipe_name.clone(),
+        procedure: procedure.name(),
+        scenario: setup.scenario.clone(),
+        seed,
+        fibers: PORTS.into_iter().map(fiber).collect(),
+        seconds_per_fiber: 0.0,
+        collision: false,
+        smallest_gap_um: None,
+        injected: setup
+            .faults
+            .of(seed, procedure.seconds())
+            .iter()
+            .map(ToString::to_string)
+            .collect(),
+        fault: None,
+        version: env!("CARGO_PKG_VERSION"),
+        report: String::new(),
+    }
 }
 
 impl Document {
@@ -158,6 +223,19 @@ impl Document {
 }
 
 impl Document {
+    /// How it ended, in a few words.
+    pub fn outcome(&self) -> String {
+        let lost = self
+            .fibers
+            .iter()
+            .find(|fiber| fiber.verdict() != "aligned");
+        match lost {
+            _ if self.collision => "touched the chip".to_owned(),
+            Some(fiber) => format!("{}: {}", fiber.port, fiber.verdict()),
+            None => "aligned".to_owned(),
+        }
+    }
+
     /// The names of all phases, in the order in which they first come.
     pub fn phase_names(&self) -> Vec<&'static str> {
         let mut names = Vec::new();

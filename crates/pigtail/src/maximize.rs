@@ -395,7 +395,7 @@ impl Observer for Way {
 
 fn approach(setup: &Setup, seed: u64) -> Result<Option<Approach>, Unmeasured> {
     let mut way = Way::default();
-    let done = align(setup, Procedure::Thesis, seed, &mut way)?;
+    let done = align(setup, Procedure::Thesis, seed, &mut way).map_err(AlignError::from)?;
     let Some((first, last)) = way.ends else {
         return Ok(None);
     };
@@ -428,7 +428,7 @@ fn timing(setup: &Setup, asked: &Asked) -> Result<Vec<Timing>, Unmeasured> {
         (0..asked.devices)
             .map(|k| {
                 let seed = asked.seed.wrapping_add(k);
-                Ok(align(setup, procedure, seed, &mut Unobserved)?)
+                Ok(align(setup, procedure, seed, &mut Unobserved).map_err(AlignError::from)?)
             })
             .collect()
     };

@@ -5,7 +5,6 @@ use clap::ValueEnum;
 use pigtail_control::procedure::{self, FiberReport};
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::Station;
-use pigtail_hal::Fault;
 
 /// A way to align a device. To add one: a variant here, and its entry below.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, ValueEnum)]
@@ -25,8 +24,10 @@ const MACRO_TOLERANCE_XY_UM: f64 = 0.2;
 /// What the program has to know of a procedure.
 struct Entry {
     name: &'static str,
-    run: fn(&mut Station, &Recipe) -> Result<Vec<FiberReport>, Fault>,
+    run: fn(&mut Station, &Recipe) -> Vec<FiberReport>,
     phases: &'static [&'static str],
+    /// About how long a device takes, seconds.
+    seconds: f64,
     /// How near to the peak in x and y a fiber must be in truth to count as aligned, micrometres.
     tolerance_xy_um: f64,
 }
@@ -38,18 +39,21 @@ impl Procedure {
                 name: "thesis",
                 run: procedure::thesis,
                 phases: &["coarse", "sensing", "raster", "climb", "approach", "final"],
+                seconds: 75.0,
                 tolerance_xy_um: TOLERANCE_XY_UM,
             },
             Self::Fast => Entry {
                 name: "fast",
                 run: pigtail_control::fast::fast,
                 phases: &["coarse", "sensing", "search", "centre", "approach", "final"],
+                seconds: 3.0,
                 tolerance_xy_um: TOLERANCE_XY_UM,
             },
             Self::MacroOnly => Entry {
                 name: "macro-only",
                 run: pigtail_control::nudge::macro_only,
                 phases: &["coarse", "sensing", "search", "centre", "approach", "final"],
+                seconds: 70.0,
                 tolerance_xy_um: MACRO_TOLERANCE_XY_UM,
             },
         }
@@ -58,6 +62,11 @@ impl Procedure {
     /// How near to the peak in x and y a fiber must be in truth to count as aligned, micrometres.
     pub fn tolerance_xy_um(self) -> f64 {
         self.entry().tolerance_xy_um
+    }
+
+    /// About how long a device takes, seconds of machine time: when a fault may come.
+    pub fn seconds(self) -> f64 {
+        self.entry().seconds
     }
 
     /// The tolerance of the procedure of a name, as documents have it; the thesis's for others.
@@ -79,12 +88,8 @@ impl Procedure {
         self.entry().phases
     }
 
-    /// Aligns a device.
-    ///
-    /// # Errors
-    ///
-    /// The machine's fault.
-    pub fn run(self, station: &mut Station, recipe: &Recipe) -> Result<Vec<FiberReport>, Fault> {
+    /// Aligns a device. The machine's fault is the outcome of the fiber that it happened to.
+    pub fn run(self, station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
         (self.entry().run)(station, recipe)
     }
 }

@@ -1,9 +1,16 @@
-//! The folder of a run: complete or not there.
+//! The folder of a run and its entry in the store: complete, or what there is of it.
 
-use crate::rig::Setup;
+use crate::align::{AlignError, Document};
+use crate::ledger::{self, Beginning, Devices, End, Entry, LOCK, Ledger, State};
+use crate::rig::hash;
 use anyhow::{Context, Result};
+use pigtail_control::station::{Observer, Sample};
+use pigtail_hal::{Error, Fault};
 use serde::Serialize;
+use std::cell::Cell;
+use std::fs::File;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 use std::{fs, io};
 
 /// What `run.json` says of where a run came from.
@@ -23,23 +30,49 @@ struct Configuration<'a> {
     sha256: &'a str,
 }
 
-/// A run's folder while it is being written: beside its place, to be moved there whole. Dropped
-/// before that, it leaves nothing behind.
+/// A run while it is being written: in the store, and in a hidden folder beside its place, to be
+/// moved there whole.
+///
+/// It ends in one of four ways. [`Run::finish`]: complete. [`Run::fault`]: the machine stopped; what
+/// there is of it is moved to its place too. [`Run::abandon`], or dropped before anything was kept:
+/// nothing ran, and nothing is left behind. Dropped otherwise, or killed: it is listed as interrupted,
+/// and its hidden folder stays.
 #[derive(Debug)]
 pub struct Run {
     partial: PathBuf,
     folder: PathBuf,
     started: jiff::Zoned,
+    clock: Instant,
+    seed: u64,
+    configuration: Vec<(String, String)>,
+    /// Gone once it has ended.
+    entry: Option<Entry>,
+    /// Held as long as this process is at it, by which others know that it is.
+    lock: Option<File>,
+    /// Whether something was kept that must not get lost.
+    evidence: Cell<bool>,
+    ended: Cell<bool>,
 }
 
 impl Run {
-    /// Begins a run below `runs`, named after the time, `label` and the seed.
+    /// Begins a run below `runs`. `kind` is the command in words, such as `identify windup`; its
+    /// folder is named after the time, the last word of a kind (not of the plain `align`) and the
+    /// seed. `configuration` is name and SHA-256 of everything that was read.
     ///
     /// # Errors
     ///
-    /// When the folder cannot be made.
-    pub fn begin(runs: &Path, label: &str, seed: u64) -> Result<Self> {
+    /// When the folder cannot be made, or the store is damaged, newer, or cannot be written.
+    pub fn begin(
+        runs: &Path,
+        kind: &str,
+        seed: u64,
+        configuration: &[(String, String)],
+    ) -> Result<Self> {
         let started = jiff::Zoned::now();
+        let label = match kind.rsplit(' ').next() {
+            Some("align") | None => String::new(),
+            Some(word) => format!("-{word}"),
+        };
         let stem = format!("{}{label}-{seed}", started.strftime("%Y%m%dT%H%M%S"));
         let failed = || {
             format!(
@@ -48,33 +81,72 @@ impl Run {
             )
         };
         fs::create_dir_all(runs).with_context(failed)?;
-        let mut n = 1;
-        let (partial, folder) = loop {
+        let mut ledger = Ledger::open_or_create(runs)?;
+        for n in 1.. {
             let name = if n == 1 {
                 stem.clone()
             } else {
                 format!("{stem}-{n}")
             };
-            let (partial, folder) = (runs.join(format!(".{name}.partial")), runs.join(name));
+            let (partial, folder) = (ledger::partial_folder(runs, &name), runs.join(&name));
             // Whoever makes the partial folder owns the name: runs may start side by side.
             match fs::create_dir(&partial) {
-                Ok(()) if !folder.exists() => break (partial, folder),
-                Ok(()) => fs::remove_dir(&partial).with_context(failed)?,
-                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                Ok(()) => {}
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => continue,
                 Err(error) => return Err(error).with_context(failed),
             }
-            n += 1;
-        };
-        Ok(Self {
-            partial,
-            folder,
-            started,
-        })
+            let entered = if folder.exists() {
+                Ok(Err(ledger))
+            } else {
+                hold(&partial).with_context(failed).and_then(|lock| {
+                    let beginning = Beginning {
+                        name: &name,
+                        kind,
+                        seed,
+                        started: &rfc3339(&started),
+                        configuration,
+                    };
+                    Ok(Entry::begin(ledger, &beginning)?.map(|entry| (entry, lock)))
+                })
+            };
+            match entered {
+                Ok(Ok((entry, lock))) => {
+                    return Ok(Self {
+                        partial,
+                        folder,
+                        started,
+                        clock: Instant::now(),
+                        seed,
+                        configuration: configuration.to_vec(),
+                        entry: Some(entry),
+                        lock: Some(lock),
+                        evidence: Cell::new(false),
+                        ended: Cell::new(false),
+                    });
+                }
+                Ok(Err(same)) => {
+                    ledger = same;
+                    fs::remove_dir_all(&partial).with_context(failed)?;
+                }
+                Err(error) => {
+                    // Nothing is in it, and the error is what the user has to know.
+                    let _ = fs::remove_dir_all(&partial);
+                    return Err(error);
+                }
+            }
+        }
+        unreachable!("numbers do not end")
     }
 
     /// Where a file of the run will be.
     pub fn path(&self, file: &str) -> PathBuf {
         self.folder.join(file)
+    }
+
+    /// Where a file of the run is to be written while it runs: it is hashed when the run ends, and
+    /// stays where the run is interrupted.
+    pub fn partial_path(&self, file: &str) -> PathBuf {
+        self.partial.join(file)
     }
 
     /// Writes a file of the run.
@@ -83,7 +155,8 @@ impl Run {
     ///
     /// When it cannot be written.
     pub fn write(&self, file: &str, content: impl AsRef<[u8]>) -> Result<()> {
-        fs::write(self.partial.join(file), content)
+        self.evidence.set(true);
+        fs::write(self.partial_path(file), content)
             .with_context(|| format!("{}: cannot be written", self.path(file).display()))
     }
 
@@ -98,38 +171,142 @@ impl Run {
         self.write(file, json)
     }
 
-    /// Notes where the run came from, and moves it to its place.
+    /// Enters the devices that it is about.
     ///
     /// # Errors
     ///
-    /// When that cannot be done.
-    pub fn finish(self, setup: &Setup, seed: u64) -> Result<()> {
-        self.finish_with(&setup.hashes, seed)
+    /// When they cannot be entered.
+    pub fn devices(&self, devices: &Devices) -> Result<(), Error> {
+        self.entry().devices(devices)
     }
 
-    /// The same for a run of other files than a rig's: name and SHA-256 of each.
+    /// An observer that enters each phase of a fiber when it ends.
+    pub fn phases(&self) -> Phases<'_> {
+        Phases {
+            run: self,
+            begun: 0.0,
+            failed: None,
+        }
+    }
+
+    /// Enters how the fibers of its device ended.
+    ///
+    /// # Errors
+    ///
+    /// When it cannot be entered.
+    pub fn aligned(&self, document: &Document) -> Result<(), Error> {
+        self.evidence.set(true);
+        self.entry().aligned(document)
+    }
+
+    /// Enters that it wrote a table of a calibration, if it wrote one, with the file's hash as it is
+    /// now.
+    ///
+    /// # Errors
+    ///
+    /// When it cannot be entered.
+    pub fn calibrated(&self, file: Option<&str>, table: &str) -> Result<()> {
+        let Some(file) = file else { return Ok(()) };
+        self.evidence.set(true);
+        let content = fs::read(file).with_context(|| format!("{file}: cannot be read"))?;
+        Ok(self.entry().calibrated(file, table, &hash(content))?)
+    }
+
+    /// Notes where the run came from and how it ended, in a few words, and moves it to its place.
     ///
     /// # Errors
     ///
     /// When that cannot be done.
-    pub fn finish_with(self, hashes: &[(String, String)], seed: u64) -> Result<()> {
+    pub fn finish(self, outcome: &str) -> Result<()> {
+        self.end(State::Complete, outcome)
+    }
+
+    /// Notes that the machine stopped. What there is of the run is evidence, and moves to its place.
+    ///
+    /// # Errors
+    ///
+    /// When that cannot be done.
+    pub fn fault(&self, fault: &Fault) -> Result<()> {
+        self.evidence.set(true);
+        self.entry().fault(fault)?;
+        self.end(State::Fault, &fault.rule)
+    }
+
+    /// Leaves nothing behind, as nothing ran.
+    pub fn abandon(&self) {
+        self.evidence.set(false);
+    }
+
+    /// What a run that did not come to its end leaves: a fault its evidence, bad input nothing.
+    ///
+    /// # Errors
+    ///
+    /// When the fault cannot be kept.
+    pub fn stopped_by(&self, error: &AlignError) -> Result<()> {
+        match error {
+            AlignError::Fault(fault) => self.fault(fault),
+            AlignError::Twin(_) => {
+                self.abandon();
+                Ok(())
+            }
+        }
+    }
+
+    fn end(&self, state: State, outcome: &str) -> Result<()> {
+        self.write_origin()?;
+        let files = ledger::hash_all(&self.partial)
+            .with_context(|| format!("{}: cannot be read", self.partial.display()))?;
+        let end = End {
+            state,
+            outcome,
+            finished: &rfc3339(&jiff::Zoned::now()),
+            wall_seconds: self.clock.elapsed().as_secs_f64(),
+        };
+        self.entry().end(&end, &files, || self.place())?;
+        self.ended.set(true);
+        // Whoever finds it knows what it is.
+        let _ = fs::remove_file(self.path(LOCK));
+        Ok(())
+    }
+
+    /// Moves the run to its place while it goes on, and gives what keeps it going: its entry, and
+    /// the lock in its folder.
+    pub(crate) fn go_on_in_place(mut self) -> Result<(Entry, File)> {
+        self.write_origin()?;
+        self.place()?;
+        self.ended.set(true);
+        self.entry
+            .take()
+            .zip(self.lock.take())
+            .context("a run that has ended cannot go on")
+    }
+
+    fn write_origin(&self) -> Result<()> {
         self.write_json(
             "run.json",
             &Origin {
                 version: env!("CARGO_PKG_VERSION"),
-                started: self.started.strftime("%Y-%m-%dT%H:%M:%S%:z").to_string(),
+                started: rfc3339(&self.started),
                 command: std::env::args_os()
                     .map(|a| a.to_string_lossy().into_owned())
                     .collect(),
-                seed,
-                configuration: hashes
+                seed: self.seed,
+                configuration: self
+                    .configuration
                     .iter()
                     .map(|(file, sha256)| Configuration { file, sha256 })
                     .collect(),
             },
-        )?;
+        )
+    }
+
+    fn place(&self) -> Result<()> {
         fs::rename(&self.partial, &self.folder)
             .with_context(|| format!("{}: cannot be written", self.folder.display()))
+    }
+
+    fn entry(&self) -> &Entry {
+        self.entry.as_ref().expect("only its end takes it")
     }
 
     /// The run's name, by which others refer to it.
@@ -149,7 +326,62 @@ impl Run {
 
 impl Drop for Run {
     fn drop(&mut self) {
-        // Moved to its place it is no longer here; else there is nobody left to tell.
+        if self.ended.get() || self.evidence.get() {
+            return;
+        }
+        // There is nobody left to tell that it failed.
         let _ = fs::remove_dir_all(&self.partial);
+        self.lock = None;
+        let _ = self.entry.take().map(Entry::abandon);
     }
+}
+
+/// Holds the folder of a run until this process ends, however it does.
+fn hold(folder: &Path) -> io::Result<File> {
+    let lock = File::create(folder.join(LOCK))?;
+    // Not every file system has locks.
+    let _ = lock.try_lock();
+    Ok(lock)
+}
+
+pub(crate) fn rfc3339(time: &jiff::Zoned) -> String {
+    time.strftime("%Y-%m-%dT%H:%M:%S%:z").to_string()
+}
+
+/// Enters each phase of a run's fibers when it ends.
+#[derive(Debug)]
+pub struct Phases<'a> {
+    run: &'a Run,
+    /// When the last one began, seconds of machine time.
+    begun: f64,
+    failed: Option<Error>,
+}
+
+impl Phases<'_> {
+    /// Whether all could be entered. The machine was not stopped in the middle of a motion for one
+    /// that could not; those after it were not tried.
+    ///
+    /// # Errors
+    ///
+    /// What hindered the first that could not.
+    pub fn all_entered(self) -> Result<(), Error> {
+        self.failed.map_or(Ok(()), Err)
+    }
+}
+
+impl Observer for Phases<'_> {
+    fn phase(&mut self, _: &str, _: &'static str, time: f64) {
+        self.begun = time;
+    }
+
+    fn phase_over(&mut self, port: &str, phase: &'static str, time: f64) {
+        if self.failed.is_none() {
+            self.run.evidence.set(true);
+            let seconds = time - self.begun;
+            let entered = self.run.entry().phase(port, phase, self.begun, seconds);
+            self.failed = entered.err();
+        }
+    }
+
+    fn sample(&mut self, _: &Sample) {}
 }

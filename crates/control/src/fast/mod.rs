@@ -16,14 +16,14 @@ mod seen;
 use crate::beam::Beam;
 use crate::orbit::{Orbit, Watch};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
-use crate::procedure::{FiberReport, Job, PORTS};
+use crate::procedure::{FiberReport, Job, each_fiber};
 use crate::recipe::{Fast, Recipe, Sweep};
 use crate::sight::Tip;
 use crate::station::{Level, Station};
 use crate::sweep::{Spot, first_light};
 use near::{Aim, cock, lines};
 use pigtail_hal::spec::{CHANNELS, Channel};
-use pigtail_hal::{Fault, FiberHandling, Side};
+use pigtail_hal::{FiberHandling, Side};
 use pigtail_model::frames::{Macro, Point};
 
 /// One pass of a search.
@@ -102,12 +102,7 @@ struct Look {
 }
 
 /// Aligns the input fiber and the output fibers of one device.
-///
-/// # Errors
-///
-/// The machine's fault. Everything else that can go wrong is a fiber's [`Outcome`].
-pub fn fast(station: &mut Station, recipe: &Recipe) -> Result<Vec<FiberReport>, Fault> {
-    let mut reports = Vec::with_capacity(PORTS.len());
+pub fn fast(station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
     let mut shared = Shared {
         recipe,
         fast: &recipe.fast,
@@ -117,17 +112,10 @@ pub fn fast(station: &mut Station, recipe: &Recipe) -> Result<Vec<FiberReport>, 
         }; CHANNELS],
         fluctuation: 0.0,
     };
-    let mut input = Job::input(recipe);
-    reports.push(input.run(station, |job, station| shared.align_input(job, station))?);
-    for k in 0..recipe.ports.outputs.len() {
-        let mut job = Job::output(recipe, k);
-        reports.push(if reports[0].outcome == Outcome::Aligned {
-            job.run(station, |job, station| shared.align_output(job, station, k))?
-        } else {
-            job.report(Outcome::NotAttempted)
-        });
-    }
-    Ok(reports)
+    each_fiber(station, recipe, |job, station, port| match port {
+        None => shared.align_input(job, station),
+        Some(k) => shared.align_output(job, station, k),
+    })
 }
 
 /// What the fibers of a device have in common.

@@ -25,7 +25,10 @@ pub(super) struct Drives {
     /// Motor angle at which each encoder was set to zero, radians.
     homes: [[f64; AXES]; SIDES],
     counts_per_radian: [f64; AXES],
-    limits: [f64; AXES],
+    /// What each amplifier can give, volts.
+    limits: [[f64; AXES]; SIDES],
+    /// How far outputs have stayed behind their motors, radians, and how much farther they will.
+    slips: Option<[[(f64, f64); AXES]; SIDES]>,
 }
 
 impl Drives {
@@ -58,7 +61,8 @@ impl Drives {
             )?,
             homes: joints.map(|side| side.map(|p| home(&p))),
             counts_per_radian: Axis::ALL.map(|axis| 1.0 / spec.drive(axis).count()),
-            limits: Axis::ALL.map(|axis| spec.drive(axis).voltage),
+            limits: [Axis::ALL.map(|axis| spec.drive(axis).voltage); SIDES],
+            slips: None,
         })
     }
 
@@ -70,10 +74,10 @@ impl Drives {
         pulses: &[[Option<Pulse>; AXES]; SIDES],
         torques: &[[f64; AXES]; SIDES],
     ) {
+        let before = self.slips.map(|_| [self.outputs(0), self.outputs(1)]);
         let volts = |side: usize, axis: usize| {
-            voltages[side][axis]
-                .0
-                .clamp(-self.limits[axis], self.limits[axis])
+            let limit = self.limits[side][axis];
+            voltages[side][axis].0.clamp(-limit, limit)
         };
         let (left, right) = (volts(0, 2), volts(1, 2));
         self.five_bars.advance(
@@ -86,15 +90,59 @@ impl Drives {
             [torques[0][2], torques[1][2]],
             [&pulses[0][2], &pulses[1][2]],
         );
+        if let Some(before) = before {
+            self.slip_on(&before);
+        }
+    }
+
+    /// What was to slip does so where its axis moves.
+    #[cold]
+    fn slip_on(&mut self, before: &[[f64; AXES]; SIDES]) {
+        let now = [self.outputs(0), self.outputs(1)];
+        let Some(slips) = &mut self.slips else { return };
+        for (side, slips) in slips.iter_mut().enumerate() {
+            for (axis, (behind, left)) in slips.iter_mut().enumerate() {
+                let way = now[side][axis] - before[side][axis];
+                // It goes on slipping in the direction in which it began.
+                if *left > 0.0 && way * *behind >= 0.0 {
+                    let part = way.clamp(-*left, *left);
+                    *behind += part;
+                    *left -= part.abs();
+                }
+            }
+        }
+    }
+
+    /// An output will stay behind its motor by so much, radians.
+    pub(super) fn slip(&mut self, side: usize, axis: usize, by: f64) {
+        let slips = self.slips.get_or_insert([[(0.0, 0.0); AXES]; SIDES]);
+        slips[side][axis].1 += by.abs();
+    }
+
+    /// An amplifier gives no more than this share of what it gave.
+    pub(super) fn weaken(&mut self, side: usize, axis: usize, share: f64) {
+        self.limits[side][axis] *= share;
+    }
+
+    /// All friction of a joint becomes so many times what it was.
+    pub(super) fn scale_friction(&mut self, side: usize, axis: usize, by: f64) {
+        match axis {
+            2 => self.z_stages.stiffen(side, by),
+            _ => self.five_bars.stiffen(2 * side + axis, by),
+        }
     }
 
     /// Angles of a manipulator's outputs, (2.12), radians.
     pub(super) fn outputs(&self, side: usize) -> [f64; AXES] {
-        [
+        let outputs = [
             self.five_bars.output(2 * side),
             self.five_bars.output(2 * side + 1),
             self.z_stages.output(side),
-        ]
+        ];
+        match &self.slips {
+            None => outputs,
+            Some(slips) => std::array::from_fn(|axis| outputs[axis] - slips[side][axis].0),
+        }
     }
 
     /// Angles of a manipulator's motors, radians.

@@ -42,6 +42,8 @@ pub(super) struct Joints<const N: usize> {
     wake: [u32; N],
     /// Cycles since each joint's last pulse, as far as it matters.
     rested: [u32; N],
+    /// By what factor each joint's friction has changed at once.
+    stiffened: [f64; N],
     unrest: UnrestPlant,
     stribeck: f64,
     /// Constant torque on each load that makes its friction differ in the two directions, N m, and
@@ -158,6 +160,7 @@ impl<const N: usize> Joints<N> {
             playing: [None; N],
             wake: [0; N],
             rested: [RESTED; N],
+            stiffened: [1.0; N],
             unrest,
             stribeck,
             lean,
@@ -252,9 +255,17 @@ impl<const N: usize> Joints<N> {
         self.cycle += 1;
     }
 
+    /// All friction of a joint becomes so many times what it was drawn as.
+    pub(super) fn stiffen(&mut self, i: usize, by: f64) {
+        self.stiffened[i] *= by;
+        // What is drawn from valid levels by a factor above zero is valid too.
+        let _ = self.scale_friction(1.0);
+    }
+
     fn scale_friction(&mut self, by: f64) -> Result<(), Invalid> {
         let mut scaled = self.parameters;
-        for p in &mut scaled {
+        for (p, more) in scaled.iter_mut().zip(self.stiffened) {
+            let by = by * more;
             p.motor_friction = p.motor_friction.scaled(by)?;
             p.load_friction = p.load_friction.scaled(by)?;
             // The contact stays as stiff as it is.

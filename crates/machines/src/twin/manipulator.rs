@@ -17,7 +17,7 @@ use rand::Rng;
 #[derive(Debug, Clone)]
 pub(super) struct Manipulator {
     linkage: Option<Linkage>,
-    five_bar: FiveBar,
+    pub(super) five_bar: FiveBar,
     home: [f64; 2],
     home_angles: [JointAngle; 2],
     pub(super) screw: LeadScrew,

@@ -91,6 +91,13 @@ impl Micro {
         (self.cos * p - self.sin * q, self.sin * p + self.cos * q)
     }
 
+    /// A piezo gives no more than a share of its stroke.
+    pub(super) fn weaken(&mut self, piezo: usize, share: f64) {
+        for row in &mut self.gain {
+            row[piezo] *= share;
+        }
+    }
+
     /// The displacement in the manipulator's x and y without noise, metres.
     pub(super) fn displacement(&self) -> (f64, f64) {
         let [p, q] = self.states.map(|state| state.position);

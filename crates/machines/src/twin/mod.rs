@@ -4,7 +4,9 @@
 //! opposed to what is measured, is answered by [`Twin::truth`], which is not part of
 //! [`Machine`], so that no code that holds a `&mut dyn Machine` can ask.
 
+mod broken;
 mod drive;
+pub mod faults;
 mod joints;
 mod light;
 mod linkage;
@@ -14,6 +16,7 @@ pub mod plant;
 mod sensors;
 pub mod unrest;
 
+use broken::Broken;
 use drive::Drives;
 use light::{FiberInHolder, LightPath, Tips};
 use manipulator::Manipulator;
@@ -57,6 +60,7 @@ pub struct Twin {
     sensing_height: f64,
     /// Speed of the device in x, and since when.
     drift: (f64, f64),
+    broken: Broken,
 }
 
 /// A fiber fixed to the chip.
@@ -178,6 +182,7 @@ impl Twin {
             smallest_gap: f64::INFINITY,
             sensing_height: 0.0,
             drift: (plant.device.drift, plant.device.drift_from),
+            broken: Broken::default(),
             spec,
         })
     }
@@ -188,7 +193,7 @@ impl Twin {
 
     fn refuse(&mut self, rule: &'static str, axis: String, value: String, limit: String) -> Fault {
         let fault = Fault {
-            rule,
+            rule: rule.into(),
             axis,
             value,
             limit,
@@ -320,6 +325,88 @@ impl Twin {
         Some((self.light.coupling(port, tip, held.fiber.tilt), tip))
     }
 
+    /// One cycle under a command that was found good.
+    fn cycle(&mut self, command: &Command) -> Result<Measurement, Fault> {
+        self.micro_volts = command.micro;
+        let mut torques = [[0.0; AXES]; SIDES];
+        for side in Side::ALL {
+            let i = side.index();
+            torques[i] = match self.manipulators[i].torques() {
+                Some(torques) => torques,
+                None => return Err(self.taken_apart(side)),
+            };
+        }
+        self.drives
+            .advance(&command.motors, &command.pulses, &torques);
+        let mut holders = [Point::ORIGIN; SIDES];
+        // The chip's frame goes with the device.
+        let drifted = self.drift.0 * (self.time() - self.drift.1).max(0.0);
+        for side in Side::ALL {
+            let i = side.index();
+            let outputs = self.drives.outputs(i);
+            let holder = self.manipulators[i].advance(outputs, command.micro[i], &mut self.rng);
+            let Some(holder) = holder else {
+                return Err(self.taken_apart(side));
+            };
+            let holder = holder.shifted(-drifted, 0.0, 0.0);
+            holders[i] = holder;
+            if let Some(handling) = command.fiber[i] {
+                self.handle_fiber(side, holder, handling)?;
+            }
+        }
+        self.cycle += 1;
+        let time = self.time();
+
+        let right = holders[Side::Right.index()];
+        let sensing = tip_of(right, &self.sensing.0);
+        self.sensing_height = sensing.y - self.light.port(Side::Right, 0).position.y;
+        let tips = Tips {
+            input: self
+                .fiber_at(Side::Left, 0, holders[0])
+                .map_or(0.0, |(coupling, _)| coupling),
+            outputs: std::array::from_fn(|port| self.fiber_at(Side::Right, port, right)),
+            sensing,
+        };
+        let level = self.scatter.next(&mut self.rng);
+        let signals = if command.laser && !self.broken.laser_off {
+            self.light.signals(&tips, level)
+        } else {
+            [0.0; CHANNELS]
+        };
+        let light = self
+            .photodiodes
+            .cycle(&signals, self.cycle, time, &mut self.rng);
+        let seen = std::array::from_fn(|i| {
+            self.held[i]
+                .as_ref()
+                .map(|held| (tip_of(holders[i], &held.fiber), held.bias))
+        });
+        let vision = self.camera.cycle(
+            seen,
+            (sensing, self.sensing.1),
+            self.cycle,
+            time,
+            &mut self.rng,
+        );
+        for side in Side::ALL {
+            if let Some(held) = &self.held[side.index()] {
+                let tip = tip_of(holders[side.index()], &held.fiber);
+                let gap = self.light.port(side, held.port).clearance(tip);
+                self.smallest_gap = self.smallest_gap.min(gap);
+            }
+        }
+        let sensing_gap = self.light.port(Side::Right, 0).clearance(sensing);
+        self.smallest_gap = self.smallest_gap.min(sensing_gap);
+        Ok(Measurement {
+            time,
+            encoders: [self.drives.encoders(0), self.drives.encoders(1)],
+            light,
+            vision,
+            probes: self.probes(),
+            stop: self.broken.stop_pressed,
+        })
+    }
+
     /// How far the micro really displaces the tip of a manipulator, in its x and y, metres; noise
     /// apart. Not part of [`Machine`].
     pub fn micro_displacement(&self, side: Side) -> (f64, f64) {
@@ -415,83 +502,11 @@ impl Machine for Twin {
             return Err(fault.clone());
         }
         self.check(command)?;
-        self.micro_volts = command.micro;
-        let mut torques = [[0.0; AXES]; SIDES];
-        for side in Side::ALL {
-            let i = side.index();
-            torques[i] = match self.manipulators[i].torques() {
-                Some(torques) => torques,
-                None => return Err(self.taken_apart(side)),
-            };
-        }
-        self.drives
-            .advance(&command.motors, &command.pulses, &torques);
-        let mut holders = [Point::ORIGIN; SIDES];
-        // The chip's frame goes with the device.
-        let drifted = self.drift.0 * (self.time() - self.drift.1).max(0.0);
-        for side in Side::ALL {
-            let i = side.index();
-            let outputs = self.drives.outputs(i);
-            let holder = self.manipulators[i].advance(outputs, command.micro[i], &mut self.rng);
-            let Some(holder) = holder else {
-                return Err(self.taken_apart(side));
-            };
-            let holder = holder.shifted(-drifted, 0.0, 0.0);
-            holders[i] = holder;
-            if let Some(handling) = command.fiber[i] {
-                self.handle_fiber(side, holder, handling)?;
-            }
-        }
-        self.cycle += 1;
-        let time = self.time();
-
-        let right = holders[Side::Right.index()];
-        let sensing = tip_of(right, &self.sensing.0);
-        self.sensing_height = sensing.y - self.light.port(Side::Right, 0).position.y;
-        let tips = Tips {
-            input: self
-                .fiber_at(Side::Left, 0, holders[0])
-                .map_or(0.0, |(coupling, _)| coupling),
-            outputs: std::array::from_fn(|port| self.fiber_at(Side::Right, port, right)),
-            sensing,
-        };
-        let level = self.scatter.next(&mut self.rng);
-        let signals = if command.laser {
-            self.light.signals(&tips, level)
+        if self.broken.is_well() {
+            self.cycle(command)
         } else {
-            [0.0; CHANNELS]
-        };
-        let light = self
-            .photodiodes
-            .cycle(&signals, self.cycle, time, &mut self.rng);
-        let seen = std::array::from_fn(|i| {
-            self.held[i]
-                .as_ref()
-                .map(|held| (tip_of(holders[i], &held.fiber), held.bias))
-        });
-        let vision = self.camera.cycle(
-            seen,
-            (sensing, self.sensing.1),
-            self.cycle,
-            time,
-            &mut self.rng,
-        );
-        for side in Side::ALL {
-            if let Some(held) = &self.held[side.index()] {
-                let tip = tip_of(holders[side.index()], &held.fiber);
-                let gap = self.light.port(side, held.port).clearance(tip);
-                self.smallest_gap = self.smallest_gap.min(gap);
-            }
+            self.cycle_broken(command)
         }
-        let sensing_gap = self.light.port(Side::Right, 0).clearance(sensing);
-        self.smallest_gap = self.smallest_gap.min(sensing_gap);
-        Ok(Measurement {
-            time,
-            encoders: [self.drives.encoders(0), self.drives.encoders(1)],
-            light,
-            vision,
-            probes: self.probes(),
-        })
     }
 
     fn stop(&mut self) {

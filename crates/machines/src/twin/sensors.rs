@@ -37,7 +37,23 @@ pub(super) struct Photodiodes {
     drift: Wander,
     /// Room light, volts.
     stray: f64,
+    /// What has happened to each.
+    broken: [BrokenDiode; CHANNELS],
 }
+
+/// What can have happened to a photodiode.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct BrokenDiode {
+    /// It sees nothing.
+    pub(super) dead: bool,
+    /// It reads the end of its range.
+    pub(super) saturated: bool,
+    /// Amplitude of the mains on it, volts.
+    pub(super) hum: f64,
+}
+
+/// Frequency of the mains, hertz.
+const MAINS: f64 = 50.0;
 
 /// A slow wander around zero: an Ornstein-Uhlenbeck process.
 #[derive(Debug, Clone)]
@@ -68,7 +84,13 @@ impl Photodiodes {
             codes: f64::from((1_u32 << bits) - 1),
             every: (spec.servo.rate / spec.photodiode.rate).round() as u64,
             filtered: [0.0; CHANNELS],
+            broken: [BrokenDiode::default(); CHANNELS],
         }
+    }
+
+    /// A photodiode to break.
+    pub(super) fn diode(&mut self, channel: usize) -> &mut BrokenDiode {
+        &mut self.broken[channel]
     }
 
     /// Lets the signals act for one servo cycle, and samples if it is time to.
@@ -85,8 +107,12 @@ impl Photodiodes {
         } else {
             0.0
         };
-        for (filtered, signal) in self.filtered.iter_mut().zip(signals) {
-            let signal = signal + stray;
+        for ((filtered, signal), broken) in self.filtered.iter_mut().zip(signals).zip(&self.broken)
+        {
+            let mut signal = signal + stray;
+            if *broken != BrokenDiode::default() {
+                signal = broken.signal(signal, time);
+            }
             *filtered = signal + self.decay * (*filtered - signal);
         }
         if !cycle.is_multiple_of(self.every) {
@@ -95,10 +121,21 @@ impl Photodiodes {
         self.drift.step(rng);
         let volts = std::array::from_fn(|i| {
             let offset = self.offset + self.drift.at[i];
+            if self.broken[i].saturated {
+                return Volts(self.codes * self.step);
+            }
             let code = ((self.filtered[i] + offset + self.noise * normal(rng)) / self.step).round();
             Volts(code.clamp(0.0, self.codes) * self.step)
         });
         Some(LightSample { time, volts })
+    }
+}
+
+impl BrokenDiode {
+    #[cold]
+    fn signal(&self, signal: f64, time: f64) -> f64 {
+        let light = if self.dead { 0.0 } else { signal };
+        light + self.hum * (std::f64::consts::TAU * MAINS * time).sin()
     }
 }
 
@@ -130,6 +167,8 @@ pub(super) struct Camera {
     delay: u64,
     sigma: f64,
     bounds: [f64; 2],
+    /// How far all tips are seen from where they are, beside all that, x and z, metres.
+    pub(super) shift: [f64; 2],
     pending: Option<(u64, VisionFrame)>,
 }
 
@@ -153,6 +192,7 @@ impl Camera {
             delay: ((latency * spec.servo.rate).round() as u64).min(every),
             sigma,
             bounds: [accuracy_x, accuracy_z],
+            shift: [0.0; 2],
             pending: None,
         }
     }
@@ -163,8 +203,8 @@ impl Camera {
 
     fn fix(&self, tip: Point<Chip>, Bias([x, z]): Bias, rng: &mut impl Rng) -> TipFix {
         TipFix {
-            x: tip.x + x + self.sigma * normal(rng),
-            z: tip.z + z + self.sigma * normal(rng),
+            x: tip.x + x + self.shift[0] + self.sigma * normal(rng),
+            z: tip.z + z + self.shift[1] + self.sigma * normal(rng),
             sigma: self.sigma,
         }
     }

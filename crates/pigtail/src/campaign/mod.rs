@@ -9,7 +9,7 @@ mod statistics;
 mod store;
 mod summary;
 
-use crate::align::{self, AlignError, align};
+use crate::align::{self, align};
 use crate::procedure::Procedure;
 use crate::rig::Setup;
 use anyhow::Result;
@@ -17,9 +17,11 @@ use pigtail_control::station::Unobserved;
 use pigtail_hal::Error;
 use pigtail_machines::Twin;
 use pigtail_machines::twin::TwinError;
+pub(crate) use rows::{Cell, Kind};
 pub use rows::{Column, ROWS_PER_DEVICE, Rows, Table, columns};
 pub use statistics::{CONFIDENCE, Percentiles, Sorted, wilson};
 use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
@@ -36,17 +38,18 @@ const PART_SECONDS: Duration = Duration::from_secs(10);
 pub struct Device {
     /// Its seed.
     pub seed: u64,
-    /// What aligning it gave, or the machine's fault in a sentence.
-    pub end: Result<align::Document, String>,
+    /// What aligning it gave.
+    pub document: align::Document,
 }
 
 fn device(setup: &Setup, procedure: Procedure, seed: u64) -> Result<Device, TwinError> {
-    let end = match align(setup, procedure, seed, &mut Unobserved) {
-        Ok(document) => Ok(document),
-        Err(AlignError::Fault(fault)) => Err(fault.to_string()),
-        Err(AlignError::Twin(error)) => return Err(error),
-    };
-    Ok(Device { seed, end })
+    // A panic is a mistake of the program, which a campaign is there to find: it is counted, and
+    // costs no other device.
+    let document = catch_unwind(AssertUnwindSafe(|| {
+        align(setup, procedure, seed, &mut Unobserved)
+    }))
+    .unwrap_or_else(|panic| Ok(align::panicked(setup, procedure, seed, &*panic)))?;
+    Ok(Device { seed, document })
 }
 
 /// Without the device of a worker that panicked, those after it could only pile up.

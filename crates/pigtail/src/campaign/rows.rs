@@ -24,7 +24,7 @@ const GROUP: usize = 16_384;
 
 /// What a column holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Kind {
+pub(crate) enum Kind {
     Whole,
     Text,
     Flag,
@@ -40,6 +40,18 @@ pub struct Column {
     pub about: String,
     kind: Kind,
     required: bool,
+}
+
+impl Column {
+    /// A column in which a row may have no value.
+    pub(crate) fn new(name: &str, kind: Kind, about: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            about: about.to_owned(),
+            kind,
+            required: false,
+        }
+    }
 }
 
 /// The columns of a procedure's rows, in order.
@@ -81,7 +93,7 @@ pub fn columns(procedure: Procedure) -> Vec<Column> {
             "collision",
             flag,
             false,
-            "whether anything touched the chip; null after a fault",
+            "whether anything touched the chip",
         ),
         column(
             "seconds",
@@ -96,16 +108,53 @@ pub fn columns(procedure: Procedure) -> Vec<Column> {
     }
     let truth = "the truth; null unless attached";
     columns.extend([
-        column("other_s", number, false, "machine time of other phases; null where there are none"),
-        column("offset_x_um", number, false, &format!("across the chip, {truth}")),
-        column("offset_y_um", number, false, &format!("up from the chip, {truth}")),
-        column("offset_z_um", number, false, &format!("gap beyond the wanted one, {truth}")),
-        column("coupling_loss_db", number, false, &format!("at this interface, {truth}")),
+        column(
+            "other_s",
+            number,
+            false,
+            "machine time of other phases; null where there are none",
+        ),
+        column(
+            "offset_x_um",
+            number,
+            false,
+            &format!("across the chip, {truth}"),
+        ),
+        column(
+            "offset_y_um",
+            number,
+            false,
+            &format!("up from the chip, {truth}"),
+        ),
+        column(
+            "offset_z_um",
+            number,
+            false,
+            &format!("gap beyond the wanted one, {truth}"),
+        ),
+        column(
+            "coupling_loss_db",
+            number,
+            false,
+            &format!("at this interface, {truth}"),
+        ),
         column(
             "smallest_gap_um",
             number,
             false,
-            "least distance of anything from the chip, same for a device's fibers; null after a fault",
+            "least distance of anything from the chip, same for a device's fibers",
+        ),
+        column(
+            "injected",
+            Kind::Text,
+            false,
+            "what was broken on purpose, and when",
+        ),
+        column(
+            "rule",
+            Kind::Text,
+            false,
+            "why the machine stopped, same for a device's fibers",
         ),
     ]);
     columns
@@ -135,7 +184,7 @@ pub struct Table {
 }
 
 /// A value of a row, where it has one.
-enum Cell<'a> {
+pub(crate) enum Cell<'a> {
     Whole(u64),
     Text(Option<&'a str>),
     Flag(Option<bool>),
@@ -173,27 +222,11 @@ impl Table {
 
     /// Adds the rows of a device.
     pub fn push(&mut self, procedure: Procedure, device: &Device) {
-        let document = match &device.end {
-            Ok(document) => document,
-            Err(fault) => {
-                for port in PORTS {
-                    let mut row = Row(vec![
-                        Cell::Whole(device.seed),
-                        Cell::Text(Some(port)),
-                        Cell::Text(Some("fault")),
-                        Cell::Text(Some(fault)),
-                        Cell::Flag(None),
-                        Cell::Flag(None),
-                    ]);
-                    row.0.resize_with(self.columns.len(), || Cell::Number(None));
-                    self.add(row);
-                }
-                return;
-            }
-        };
+        let document = &device.document;
+        let injected = (!document.injected.is_empty()).then(|| document.injected.join(","));
         for fiber in &document.fibers {
             let attempted = !fiber.phases.is_empty();
-            let mut row = Row(vec![
+            let mut row = vec![
                 Cell::Whole(device.seed),
                 Cell::Text(Some(fiber.port)),
                 Cell::Text(Some(fiber.outcome)),
@@ -201,7 +234,7 @@ impl Table {
                 Cell::Flag(fiber.within_tolerance),
                 Cell::Flag(Some(document.collision)),
                 Cell::Number(attempted.then_some(fiber.seconds)),
-            ]);
+            ];
             let in_phases = |of: &dyn Fn(&str) -> bool| {
                 fiber
                     .phases
@@ -212,12 +245,11 @@ impl Table {
             };
             let named = procedure.phases();
             for phase in named {
-                row.0.push(Cell::Number(in_phases(&|name| name == *phase)));
+                row.push(Cell::Number(in_phases(&|name| name == *phase)));
             }
-            row.0
-                .push(Cell::Number(in_phases(&|name| !named.contains(&name))));
+            row.push(Cell::Number(in_phases(&|name| !named.contains(&name))));
             let offset = fiber.offset_um;
-            row.0.extend(
+            row.extend(
                 [
                     offset.map(|o| o.x),
                     offset.map(|o| o.y),
@@ -227,13 +259,16 @@ impl Table {
                 ]
                 .map(Cell::Number),
             );
+            row.push(Cell::Text(injected.as_deref()));
+            row.push(Cell::Text(document.fault.as_ref().map(|f| &*f.rule)));
             self.add(row);
         }
     }
 
-    fn add(&mut self, row: Row) {
-        debug_assert_eq!(row.0.len(), self.cells.len());
-        for (cells, cell) in self.cells.iter_mut().zip(row.0) {
+    /// Adds a row with a value of its kind for each column.
+    pub(crate) fn add(&mut self, row: Vec<Cell>) {
+        debug_assert_eq!(row.len(), self.cells.len());
+        for (cells, cell) in self.cells.iter_mut().zip(row) {
             let present = match (&mut cells.values, cell) {
                 (Values::Whole(values), Cell::Whole(value)) => {
                     keep(values, Some(value.cast_signed()))
@@ -261,6 +296,40 @@ impl Table {
         writer.group(self)?;
         writer.finish()?;
         Ok(file)
+    }
+
+    /// The rows as CSV, with a header; what has no value is empty.
+    ///
+    /// # Errors
+    ///
+    /// When the encoder fails.
+    pub fn to_csv(&self) -> Result<Vec<u8>> {
+        let mut columns: Vec<_> = self
+            .cells
+            .iter()
+            .map(|cells| {
+                let texts: Vec<String> = match &cells.values {
+                    Values::Whole(v) => v.iter().map(|v| v.cast_unsigned().to_string()).collect(),
+                    Values::Text(v) => v
+                        .iter()
+                        .map(|v| String::from_utf8_lossy(v.data()).into_owned())
+                        .collect(),
+                    Values::Flag(v) => v.iter().map(bool::to_string).collect(),
+                    Values::Number(v) => v.iter().map(f64::to_string).collect(),
+                };
+                let mut texts = texts.into_iter();
+                cells.present.iter().map(move |present| {
+                    let text = if *present == 0 { None } else { texts.next() };
+                    text.unwrap_or_default()
+                })
+            })
+            .collect();
+        let mut csv = csv::Writer::from_writer(Vec::new());
+        csv.write_record(self.columns.iter().map(|column| &column.name))?;
+        for _ in 0..self.rows {
+            csv.write_record(columns.iter_mut().filter_map(Iterator::next))?;
+        }
+        Ok(csv.into_inner()?)
     }
 
     fn write(&self, group: &mut SerializedRowGroupWriter<impl Write + Send>) -> Result<()> {
@@ -335,8 +404,6 @@ impl Table {
             .collect()
     }
 }
-
-struct Row<'a>(Vec<Cell<'a>>);
 
 fn keep<T>(values: &mut Vec<T>, value: Option<T>) -> bool {
     let present = value.is_some();

@@ -6,10 +6,13 @@
 //! itself or by Ctrl-C, its parts become one file, `rows.parquet`; they go when nothing is left to
 //! be done.
 
+use super::Document;
 use super::rows::{Column, ROWS_PER_DEVICE, Rows, Table, columns, merge};
+use crate::faults::Faults;
+use crate::ledger::{self, Beginning, Devices, End, Entry, LOCK, Ledger, State};
 use crate::procedure::Procedure;
 use crate::rig::Setup;
-use crate::runs::Run;
+use crate::runs::{Run, rfc3339};
 use crate::scenario::Scenario;
 use anyhow::{Context, Result};
 use clap::ValueEnum;
@@ -20,6 +23,7 @@ use std::fs::{self, File, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Instant;
 
 /// What was asked for.
 const PLAN: &str = "campaign.json";
@@ -46,6 +50,9 @@ pub struct Plan {
     /// How the truth was changed.
     #[serde(default = "nominal")]
     pub scenario: String,
+    /// What was broken on purpose.
+    #[serde(default = "none")]
+    pub faults: String,
     /// The first device's seed; each next device has the next seed.
     pub seed: u64,
     /// Number of devices.
@@ -63,6 +70,7 @@ impl Plan {
             recipe: setup.recipe_name.clone(),
             procedure: procedure.name().to_owned(),
             scenario: setup.scenario.clone(),
+            faults: setup.faults.to_string(),
             seed,
             devices,
             configuration: setup.hashes.clone(),
@@ -134,6 +142,17 @@ impl Plan {
         })
     }
 
+    /// What is broken on purpose.
+    ///
+    /// # Errors
+    ///
+    /// When this program knows no fault of that name.
+    pub fn faults(&self) -> Result<Faults, Error> {
+        self.faults
+            .parse()
+            .map_err(|why| Error::new(PLAN, "faults", why))
+    }
+
     /// Whether a campaign that was begun by `self` may go on by `other`.
     fn check(&self, folder: &Path, other: &Self) -> Result<(), Error> {
         let differs = |key: &str, begun: &str, now: &str| {
@@ -147,6 +166,7 @@ impl Plan {
             ("version", &self.version, &other.version),
             ("procedure", &self.procedure, &other.procedure),
             ("scenario", &self.scenario, &other.scenario),
+            ("faults", &self.faults, &other.faults),
             ("seed", &self.seed.to_string(), &other.seed.to_string()),
             (
                 "devices",
@@ -172,6 +192,10 @@ impl Plan {
     }
 }
 
+fn none() -> String {
+    "none".to_owned()
+}
+
 fn nominal() -> String {
     "nominal".to_owned()
 }
@@ -185,6 +209,9 @@ pub struct Store {
     columns: Arc<[Column]>,
     parts: Vec<PathBuf>,
     done: u64,
+    /// Its entry in the store of runs, as long as it goes on.
+    entry: Option<Entry>,
+    since: Instant,
     _lock: File,
 }
 
@@ -197,15 +224,17 @@ impl Store {
     pub fn begin(runs: &Path, setup: &Setup, plan: Plan) -> Result<Self> {
         let procedure = plan.procedure()?;
         check_room(runs, plan.devices)?;
-        let run = Run::begin(runs, "-campaign", plan.seed)?;
+        let run = Run::begin(runs, "campaign", plan.seed, &setup.hashes)?;
         let folder = run.path("");
+        run.devices(&Devices::of(setup, procedure, plan.seed, plan.devices))?;
         run.write_json(PLAN, &plan)?;
-        run.finish(setup, plan.seed)?;
+        let (entry, lock) = run.go_on_in_place()?;
         let parts = folder.join(PARTS);
         fs::create_dir(&parts)
             .with_context(|| format!("{}: cannot be written", parts.display()))?;
-        let lock = lock(&folder)?;
-        Ok(Self::new(&folder, plan, procedure, lock))
+        let mut store = Self::new(&folder, plan, procedure, lock);
+        store.entry = Some(entry);
+        Ok(store)
     }
 
     /// Goes on with the campaign in `folder`, which must be the one that `plan` describes.
@@ -226,6 +255,9 @@ impl Store {
         } else {
             store.take_rows()?;
         }
+        if !store.was_whole() {
+            store.entry = Some(store.enter_again()?);
+        }
         Ok(store)
     }
 
@@ -238,8 +270,37 @@ impl Store {
             columns: columns(procedure).into(),
             parts: Vec::new(),
             done: 0,
+            entry: None,
+            since: Instant::now(),
             _lock: lock,
         }
+    }
+
+    /// Takes up its entry in the store of runs again, or enters it where it began before there was
+    /// one.
+    fn enter_again(&self) -> Result<Entry> {
+        let folder = fs::canonicalize(&self.folder)
+            .with_context(|| format!("{}: cannot be found", self.folder.display()))?;
+        let name = folder.file_name().unwrap_or_default().to_string_lossy();
+        let runs = folder.parent().unwrap_or(Path::new("/"));
+        let plan = &self.plan;
+        let beginning = Beginning {
+            name: &name,
+            kind: "campaign",
+            seed: plan.seed,
+            started: &rfc3339(&jiff::Zoned::now()),
+            configuration: &plan.configuration,
+        };
+        let entry = Entry::resume(Ledger::open_or_create(runs)?, &beginning)?;
+        entry.devices(&Devices {
+            seed: plan.seed,
+            count: plan.devices,
+            rig: &plan.rig,
+            recipe: &plan.recipe,
+            procedure: &plan.procedure,
+            scenario: &plan.scenario,
+        })?;
+        Ok(entry)
     }
 
     /// What the campaign is to do.
@@ -343,7 +404,7 @@ impl Store {
     /// # Errors
     ///
     /// When it cannot be written.
-    pub fn finish(&self, summary: &impl Serialize, report: &str) -> Result<()> {
+    pub fn finish(&self, summary: &Document, report: &str) -> Result<()> {
         let json = serde_json::to_string_pretty(summary)? + "\n";
         for (name, text) in [(SUMMARY, json.as_str()), ("report.html", report)] {
             let path = self.folder.join(name);
@@ -358,7 +419,27 @@ impl Store {
                 .and_then(|()| fs::remove_dir_all(&gone))
                 .with_context(|| format!("{}: cannot be removed", parts.display()))?;
         }
-        Ok(())
+        self.enter_end(summary)
+    }
+
+    /// Enters in the store of runs how far it came, and the files that there are.
+    fn enter_end(&self, summary: &Document) -> Result<()> {
+        let Some(entry) = &self.entry else {
+            return Ok(());
+        };
+        let files = ledger::hash_all(&self.folder)
+            .with_context(|| format!("{}: cannot be read", self.folder.display()))?;
+        let end = End {
+            state: if summary.complete {
+                State::Complete
+            } else {
+                State::Interrupted
+            },
+            outcome: &format!("{} of {} fibers aligned", summary.aligned, summary.fibers),
+            finished: &rfc3339(&jiff::Zoned::now()),
+            wall_seconds: self.since.elapsed().as_secs_f64(),
+        };
+        entry.end(&end, &files, || Ok(()))
     }
 
     /// Finds the parts that are there, and how many devices they hold.
@@ -480,7 +561,7 @@ fn check_room(folder: &Path, devices: u64) -> Result<(), Error> {
 
 /// Holds a campaign's folder until this process ends, however it does.
 fn lock(folder: &Path) -> Result<File> {
-    let path = folder.join(".lock");
+    let path = folder.join(LOCK);
     let file =
         File::create(&path).with_context(|| format!("{}: cannot be written", path.display()))?;
     match file.try_lock() {

@@ -4,16 +4,19 @@ use super::common::{Common, write_table};
 use super::methods::{self, MethodArguments};
 use super::progress::Progress;
 use super::scan::{self, MapArguments};
-use super::{DONE, Failure, NEGATIVE, failure};
-use crate::align::{Document, align};
+use super::{DONE, FAULT, Failure, NEGATIVE, stopped};
+use crate::align::{AlignError, Document, align};
+use crate::faults::Faults;
+use crate::ledger::Devices;
 use crate::procedure::Procedure;
 use crate::record::Record;
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, Setup};
-use crate::runs::Run;
+use crate::runs::{Phases, Run};
 use crate::scenario::Scenario;
 use clap::Args;
 use pigtail_control::station::{Observer, Sample};
+use pigtail_machines::twin::faults::{Injection, Kind};
 use std::io::{self, Write};
 
 /// Align the three fibers of one device on the rig's twin
@@ -34,6 +37,8 @@ Examples:
   pigtail align --recipe my-chip.toml   your own device
   pigtail align --method macro-raster --mesh '10 um'
                                         a search for first light, its time by formula and really
+  pigtail align --fault encoder-stuck:left.z@3.2s
+                                        an encoder that stops counting: what the guard does
   pigtail align --map scan.csv --map-length-unit mm --map-power-unit dBm
                                         search and peak on a scan from your own bench")]
 pub(super) struct Arguments {
@@ -48,22 +53,45 @@ pub(super) struct Arguments {
     /// What is wrong with device, fixture or light
     #[arg(long, value_enum, default_value_t)]
     scenario: Scenario,
+    /// Breaks something at a time: NAME[:WHERE][:SIZE]@TIME; may be given more than once, `help`
+    /// lists what there is
+    #[arg(long, value_name = "FAULT", value_parser = injection)]
+    fault: Vec<Injection>,
     #[command(flatten)]
     method: MethodArguments,
     #[command(flatten, next_help_heading = "Your own light")]
     map: MapArguments,
 }
 
-/// The record, and a progress bar beside it.
-struct Watcher {
-    record: Record,
-    progress: Progress,
+fn injection(text: &str) -> Result<Injection, String> {
+    if text == "help" {
+        let all: Vec<String> = Kind::all()
+            .map(|kind| format!("  {}", kind.about()))
+            .collect();
+        return Err(format!(
+            "accepted is one of these, with @TIME behind it:\n{}",
+            all.join("\n")
+        ));
+    }
+    text.parse()
 }
 
-impl Observer for Watcher {
+/// The record, a progress bar beside it, and the store.
+struct Watcher<'a> {
+    record: Record,
+    progress: Progress,
+    phases: Phases<'a>,
+}
+
+impl Observer for Watcher<'_> {
     fn phase(&mut self, port: &str, phase: &'static str, time: f64) {
         self.record.phase(port, phase, time);
         self.progress.phase(port, phase, time);
+        self.phases.phase(port, phase, time);
+    }
+
+    fn phase_over(&mut self, port: &str, phase: &'static str, time: f64) {
+        self.phases.phase_over(port, phase, time);
     }
 
     fn sample(&mut self, sample: &Sample) {
@@ -78,25 +106,36 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     let mut setup = Setup::load(&arguments.common.rig, &arguments.recipe)?;
     arguments.scenario.apply(&mut setup);
+    if !arguments.fault.is_empty() {
+        setup.faults = Faults::Said(arguments.fault.clone());
+    }
     if let Some(method) = arguments.method.method() {
         return methods::run(method, &arguments.method, &arguments.common, &setup);
     }
-    let run = Run::begin(&arguments.common.runs, "", arguments.common.seed)?;
+    let seed = arguments.common.seed;
+    let run = Run::begin(&arguments.common.runs, "align", seed, &setup.hashes)?;
+    run.devices(&Devices::of(&setup, arguments.procedure, seed, 1))?;
     let full = setup.spec.photodiode.range;
     let mut watcher = Watcher {
         record: Record::default(),
         progress: Progress::new(full),
+        phases: run.phases(),
     };
-    let seed = arguments.common.seed;
-    let mut document = align(&setup, arguments.procedure, seed, &mut watcher)
-        .map_err(|error| failure(error, &arguments.common.rig))?;
+    let ended = align(&setup, arguments.procedure, seed, &mut watcher);
     watcher.progress.finish();
     let record = &watcher.record;
+    let mut document =
+        ended.map_err(|error| stopped(&run, AlignError::from(error), &arguments.common.rig))?;
+    watcher.phases.all_entered()?;
+    run.aligned(&document)?;
     document.report = run.path("report.html").display().to_string();
     run.write_json("summary.json", &document)?;
     run.write("samples.csv", record.csv())?;
     run.write("report.html", report::alignment(&setup, &document, record)?)?;
-    run.finish(&setup, arguments.common.seed)?;
+    match &document.fault {
+        Some(fault) => run.fault(fault)?,
+        None => run.finish(&document.outcome())?,
+    }
     let mut text = Vec::new();
     if arguments.common.json {
         serde_json::to_writer(&mut text, &document).map_err(anyhow::Error::from)?;
@@ -105,7 +144,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         print_table(&mut text, &document).map_err(anyhow::Error::from)?;
     }
     super::print(&text)?;
-    Ok(if document.is_success() {
+    Ok(if document.fault.is_some() {
+        FAULT
+    } else if document.is_success() {
         DONE
     } else {
         NEGATIVE

@@ -4,6 +4,7 @@ use super::common::write_table;
 use super::{DONE, Failure, NEGATIVE};
 use crate::align::TOLERANCE_Z_UM;
 use crate::campaign::{self, Device, Document, Plan, Store, summarize};
+use crate::faults::Faults;
 use crate::procedure::Procedure;
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
@@ -65,6 +66,11 @@ pub(super) struct Arguments {
     /// What is wrong with devices, fixture or light [default: nominal]
     #[arg(long, value_enum)]
     scenario: Option<Scenario>,
+    /// What breaks: one fault into each device, drawn with its place and time by the device's seed.
+    /// `all`, or names with commas between them; `pigtail align --fault help` lists them
+    /// [default: none]
+    #[arg(long, value_name = "all|NAME,...")]
+    faults: Option<Faults>,
     /// The first device's seed; each next device has the next one [default: 0]
     #[arg(long, allow_negative_numbers = true)]
     seed: Option<u64>,
@@ -193,6 +199,11 @@ fn open(arguments: &Arguments) -> Result<(Setup, Store), Failure> {
         (None, None) => Scenario::default(),
     };
     scenario.apply(&mut setup);
+    setup.faults = match (&arguments.faults, begun_as) {
+        (Some(faults), _) => faults.clone(),
+        (None, Some(plan)) => plan.faults()?,
+        (None, None) => Faults::None,
+    };
     let procedure = match (arguments.procedure, begun_as) {
         (Some(procedure), _) => procedure,
         (None, Some(plan)) => plan.procedure()?,
@@ -264,14 +275,10 @@ impl Progress {
     /// One more device; `counts` are fibers that are not aligned and that are believed to be.
     fn device(&self, device: &Device, counts: &mut (u64, u64)) {
         let (failed, wrong) = counts;
-        if let Ok(document) = &device.end {
-            for fiber in &document.fibers {
-                let aligned = fiber.outcome == "aligned";
-                *failed += u64::from(!aligned);
-                *wrong += u64::from(aligned && fiber.within_tolerance != Some(true));
-            }
-        } else {
-            *failed += campaign::ROWS_PER_DEVICE;
+        for fiber in &device.document.fibers {
+            let aligned = fiber.outcome == "aligned";
+            *failed += u64::from(!aligned);
+            *wrong += u64::from(aligned && fiber.within_tolerance != Some(true));
         }
         if *failed + *wrong > 0 {
             self.bar
@@ -322,6 +329,9 @@ fn print_summary(out: &mut impl Write, document: &Document, devices_now: u64) ->
         )?;
     }
     writeln!(out)?;
+    if document.faults != "none" {
+        print_faults(out, document)?;
+    }
     let o = &document.offset_um;
     let header = ["", "mean", "p50", "p90", "p99", "p99.9", "max"]
         .map(str::to_owned)
@@ -380,6 +390,41 @@ fn print_summary(out: &mut impl Write, document: &Document, devices_now: u64) ->
     )?;
     writeln!(out, "Rows: {}", document.rows)?;
     writeln!(out, "Report: {}", document.report)
+}
+
+/// How devices ended on which something was broken on purpose.
+fn print_faults(out: &mut impl Write, document: &Document) -> io::Result<()> {
+    let number = |n: u64| n.to_string();
+    let header = [
+        "broken", "devices", "stopped", "gave up", "aligned", "false", "touched", "failed",
+    ]
+    .map(str::to_owned)
+    .to_vec();
+    let rows = document.by_fault.iter().map(|(name, of)| {
+        let mut row = vec![name.clone()];
+        row.extend(
+            [
+                of.devices,
+                of.tripped,
+                of.given_up,
+                of.aligned,
+                of.false_aligned,
+                of.collisions,
+                of.broken,
+            ]
+            .map(number),
+        );
+        row
+    });
+    write_table(
+        out,
+        &std::iter::once(header).chain(rows).collect::<Vec<_>>(),
+    )?;
+    writeln!(out, "\nRules that stopped the machine:")?;
+    for (rule, count) in &document.tripped {
+        writeln!(out, "  {count:6} {rule}")?;
+    }
+    writeln!(out)
 }
 
 // Options whose defaults come from the campaign that goes on say their own defaults in words.

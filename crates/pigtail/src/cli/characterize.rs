@@ -1,7 +1,7 @@
 //! `pigtail characterize`.
 
 use super::common::Common;
-use super::{DONE, Failure, failure};
+use super::{DONE, Failure, stopped};
 use crate::characterize::{
     ExperimentError, follow_sine, frequency, metres_per_count, on_twin, resolution, step,
 };
@@ -104,8 +104,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     let run = Run::begin(
         &arguments.common.runs,
-        &format!("-{at}"),
+        &format!("characterize {at}"),
         arguments.common.seed,
+        &setup.hashes,
     )?;
     let done = match arguments.what {
         What::Windup => on_variants(arguments, &setup),
@@ -114,14 +115,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             experiment(arguments, &setup, station)
         }),
     }
-    .map_err(|error| match error {
-        ExperimentError::Align(error) => failure(error, &arguments.common.rig),
-        ExperimentError::Input(error) => Failure::Input(error),
-    })??;
+    .map_err(|error| stopped(&run, error, &arguments.common.rig))??;
     run.write("summary.json", format!("{}\n", done.json))?;
     run.write("report.html", done.html)?;
     let report = run.path("report.html").display().to_string();
-    run.finish(&setup, arguments.common.seed)?;
+    run.finish("done")?;
     let text = if arguments.common.json {
         format!("{}\n", done.json)
     } else {
@@ -214,6 +212,9 @@ fn pulses(arguments: &Arguments, setup: &Setup, run: &Run) -> Experiment {
     let origin = format!("characterize {at} impulse, run {}", run.name());
     let table = format!("impulse.{}", kind_of(at));
     let written = setup.write_calibration(&table, &found.table(&run.date(), &origin))?;
+    if let Err(error) = run.calibrated(written.as_deref(), &table) {
+        return Ok(Err(error));
+    }
     let mut text = format!(
         "{}: breaks away at {:.4} V (1 fsm); transmission relaxed by: {}\n  no dead zone from a2 = \
          {:.2} fsm on; b = {:.2} nm, R2 = {:.3}; {:.1} nm at a1 = {} fsm, {:.1} to {:.1} nm over \

@@ -50,6 +50,14 @@ pub(super) fn write_table(out: &mut impl Write, rows: &[Vec<String>]) -> io::Res
     writeln!(out, "{}", best.trim_fmt())
 }
 
+/// Whether a table has room on the terminal as it is.
+pub(super) fn fits(rows: &[Vec<String>]) -> bool {
+    let table = table(rows);
+    table
+        .width()
+        .is_none_or(|room| width_of(&table) <= usize::from(room))
+}
+
 fn width_of(table: &Table) -> usize {
     table
         .lines()

@@ -1,8 +1,7 @@
 //! `pigtail identify hysteresis` and `pigtail predict`.
 
 use super::common::Common;
-use super::{DONE, Failure, failure};
-use crate::characterize::ExperimentError;
+use super::{DONE, Failure, stopped};
 use crate::hysteresis::machine::{self, MachineDocument};
 use crate::hysteresis::{
     Columns, Document, Inverted, Kind, ModelFile, Table, Unit, fit, tell, voltages, voltages_of,
@@ -108,6 +107,9 @@ pub(super) struct PredictArguments {
     runs: PathBuf,
 }
 
+/// What its runs are called.
+const KIND: &str = "identify hysteresis";
+
 fn hash_of(path: &Path) -> (String, String) {
     let content = std::fs::read(path).unwrap_or_default();
     (path.display().to_string(), hash(content))
@@ -129,7 +131,8 @@ pub(super) fn identify(arguments: &IdentifyArguments) -> Result<u8, Failure> {
     let mut tried =
         fit(record, arguments.model).map_err(|invalid| table.explain(&invalid, &columns))?;
     let seed = arguments.common.seed;
-    let run = Run::begin(&arguments.common.runs, "-hysteresis", seed)?;
+    let read = [hash_of(data)];
+    let run = Run::begin(&arguments.common.runs, KIND, seed, &read)?;
     tried.document.model_file = run.path("model.json").display().to_string();
     tried.document.report = run.path("report.html").display().to_string();
     let file = ModelFile {
@@ -143,19 +146,16 @@ pub(super) fn identify(arguments: &IdentifyArguments) -> Result<u8, Failure> {
     run.write_json("summary.json", &tried.document)?;
     let title = format!("Hysteresis in {}", data.display());
     run.write("report.html", report::tried(&title, &tried)?)?;
-    run.finish_with(&[hash_of(data)], seed)?;
+    run.finish("done")?;
     tell_about(&tried.document, arguments.common.json)
 }
 
 fn on_machine(arguments: &IdentifyArguments) -> Result<u8, Failure> {
     let common = &arguments.common;
     let setup = Setup::load(&common.rig, DEFAULT_RECIPE_NAME)?;
-    let run = Run::begin(&common.runs, "-hysteresis", common.seed)?;
-    let mut found =
-        machine::identify(&setup, arguments.model, common.seed).map_err(|error| match error {
-            ExperimentError::Align(error) => failure(error, &common.rig),
-            ExperimentError::Input(error) => Failure::Input(error),
-        })?;
+    let run = Run::begin(&common.runs, KIND, common.seed, &setup.hashes)?;
+    let mut found = machine::identify(&setup, arguments.model, common.seed)
+        .map_err(|error| stopped(&run, error, &common.rig))?;
     let weights = serde_json::to_string_pretty(&found.model).map_err(anyhow::Error::from)?;
     let weights = format!("{weights}\n");
     found.document.report = run.path("report.html").display().to_string();
@@ -163,7 +163,10 @@ fn on_machine(arguments: &IdentifyArguments) -> Result<u8, Failure> {
     run.write("weights.json", &weights)?;
     if !arguments.dry_run {
         let file = format!("hysteresis-{}.json", SIDE.name());
-        if setup.write_beside_calibration(&file, &weights)?.is_some() {
+        let table = format!("hysteresis.{}", SIDE.name());
+        let beside = setup.write_beside_calibration(&file, &weights)?;
+        run.calibrated(beside.as_deref(), &table)?;
+        if beside.is_some() {
             let residual = found
                 .document
                 .residual_um
@@ -179,14 +182,14 @@ fn on_machine(arguments: &IdentifyArguments) -> Result<u8, Failure> {
                 ("date", toml_edit::value(run.date())),
                 ("origin", toml_edit::value(origin)),
             ];
-            let table = format!("hysteresis.{}", SIDE.name());
             let written = setup.write_calibration(&table, &values)?;
+            run.calibrated(written.as_deref(), &table)?;
             found.document.calibration = written.unwrap_or_default();
         }
     }
     run.write_json("summary.json", &found.document)?;
     run.write("report.html", report::micro(&found)?)?;
-    run.finish(&setup, common.seed)?;
+    run.finish("done")?;
     let text = if common.json {
         let json = serde_json::to_string(&found.document).map_err(anyhow::Error::from)?;
         format!("{json}\n")
@@ -262,7 +265,7 @@ pub(super) fn predict(arguments: &PredictArguments) -> Result<u8, Failure> {
     } else {
         (tell(&file.model, record), None)
     };
-    let run = Run::begin(&arguments.runs, "-predict", 0)?;
+    let run = Run::begin(&arguments.runs, "predict", 0, &hashes)?;
     tried.document.model_file = arguments.model.display().to_string();
     tried.document.report = run.path("report.html").display().to_string();
     let title = format!("A model's account of {}", arguments.data.display());
@@ -281,7 +284,7 @@ pub(super) fn predict(arguments: &PredictArguments) -> Result<u8, Failure> {
         run.write("report.html", report::tried(&title, &tried)?)?;
     }
     run.write_json("summary.json", &tried.document)?;
-    run.finish_with(&hashes, 0)?;
+    run.finish("done")?;
     tell_about(&tried.document, arguments.json)
 }
 
@@ -315,7 +318,7 @@ fn path_alone(
     }
     let (time, _) = table.time(columns.time.as_deref())?;
     let inverted = voltages(&file.model, time, wanted);
-    let run = Run::begin(&arguments.runs, "-predict", 0)?;
+    let run = Run::begin(&arguments.runs, "predict", 0, hashes)?;
     run.write("predicted.csv", voltages_csv(&inverted))?;
     let title = format!("Voltages for {}", arguments.data.display());
     run.write("report.html", report::inverted(&title, &inverted, None)?)?;
@@ -329,7 +332,7 @@ fn path_alone(
         "report": page.display().to_string(),
     });
     run.write_json("summary.json", &document)?;
-    run.finish_with(hashes, 0)?;
+    run.finish("done")?;
     let text = if arguments.json {
         format!("{document}\n")
     } else {

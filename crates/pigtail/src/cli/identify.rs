@@ -1,8 +1,8 @@
 //! `pigtail identify`.
 
 use super::common::Common;
-use super::{DONE, Failure, failure};
-use crate::characterize::{ExperimentError, on_twin};
+use super::{DONE, Failure, stopped};
+use crate::characterize::on_twin;
 use crate::identify::{Document, Identified, Model, windup};
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, Setup};
@@ -81,19 +81,23 @@ fn run_windup(arguments: &WindupArguments) -> Result<u8, Failure> {
         return super::records::windup(&arguments.record, common.json, &common.runs);
     };
     let setup = Setup::load(&arguments.common.rig, DEFAULT_RECIPE_NAME)?;
-    let run = Run::begin(&arguments.common.runs, "-windup", arguments.common.seed)?;
+    let run = Run::begin(
+        &arguments.common.runs,
+        "identify windup",
+        arguments.common.seed,
+        &setup.hashes,
+    )?;
     let mut identified = on_twin(&setup, arguments.common.seed, |station| {
         windup(station, &setup, at, arguments.model, arguments.common.seed)
     })
-    .map_err(|error| match error {
-        ExperimentError::Align(error) => failure(error, &arguments.common.rig),
-        ExperimentError::Input(error) => Failure::Input(error),
-    })?;
+    .map_err(|error| stopped(&run, error, &arguments.common.rig))?;
     identified.document.report = run.path("report.html").display().to_string();
     if !arguments.dry_run {
         let kind = if at.axis == Axis::Z { "z" } else { "five_bar" };
         let values = table(&identified, at, &run);
-        let written = setup.write_calibration(&format!("windup.{kind}"), &values)?;
+        let entry = format!("windup.{kind}");
+        let written = setup.write_calibration(&entry, &values)?;
+        run.calibrated(written.as_deref(), &entry)?;
         identified.document.calibration = written.unwrap_or_default();
     }
     run.write_json("summary.json", &identified.document)?;
@@ -104,7 +108,7 @@ fn run_windup(arguments: &WindupArguments) -> Result<u8, Failure> {
     } else {
         account(&identified.document)
     };
-    run.finish(&setup, arguments.common.seed)?;
+    run.finish("done")?;
     super::print(text.as_bytes())?;
     Ok(DONE)
 }

@@ -1,7 +1,7 @@
 //! `pigtail impulse`.
 
 use super::common::write_table;
-use super::{DONE, Failure, NEGATIVE, failure};
+use super::{DONE, Failure, NEGATIVE, stopped};
 use crate::characterize::ExperimentError;
 use crate::impulse::condition::Condition;
 use crate::impulse::run::{
@@ -105,19 +105,21 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         .map_or_else(|| tolerance(at.axis), |nm| 1e-9 * nm);
     task.rest = arguments.rest_ms.map(|ms| 1e-3 * ms);
     check(&setup, &task)?;
-    let run = Run::begin(&arguments.into, &format!("-{at}"), arguments.seed)?;
+    let kind = format!("impulse {at}");
+    let run = Run::begin(&arguments.into, &kind, arguments.seed, &setup.hashes)?;
     let done = match arguments.runs {
         None => single(arguments, &setup, &task),
         Some(count) => campaign(arguments, &setup, &task, count),
     };
-    let done = done.map_err(|error| match error {
-        ExperimentError::Align(error) => failure(error, &arguments.rig),
-        ExperimentError::Input(error) => Failure::Input(error),
-    })??;
+    let done = done.map_err(|error| stopped(&run, error, &arguments.rig))??;
     run.write("summary.json", format!("{}\n", done.json))?;
     run.write("report.html", done.html)?;
     let report = run.path("report.html").display().to_string();
-    run.finish(&setup, arguments.seed)?;
+    run.finish(if done.code == DONE {
+        "done"
+    } else {
+        "negative"
+    })?;
     let text = if arguments.json {
         format!("{}\n", done.json)
     } else {

@@ -1,7 +1,7 @@
 //! `pigtail maximize`.
 
 use super::common::{Common, write_table};
-use super::{DONE, Failure, NEGATIVE, failure};
+use super::{DONE, Failure, NEGATIVE, stopped};
 use crate::maximize::{Asked, Document, Unmeasured, maximize};
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, Setup};
@@ -76,19 +76,19 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         seed: common.seed,
         devices: arguments.devices,
     };
+    let run = Run::begin(&common.runs, "maximize", common.seed, &setup.hashes)?;
     let mut measured = match maximize(&setup, &asked) {
         Ok(measured) => measured,
-        Err(Unmeasured::Align(error)) => return Err(failure(error, &common.rig)),
+        Err(Unmeasured::Align(error)) => return Err(stopped(&run, error, &common.rig)),
         Err(Unmeasured::NoPeak(why)) => {
             eprintln!("no fiber to stay at its peak: {why}");
             return Ok(NEGATIVE);
         }
     };
-    let run = Run::begin(&common.runs, "-maximize", common.seed)?;
     measured.document.report = run.path("report.html").display().to_string();
     run.write_json("summary.json", &measured.document)?;
     run.write("report.html", report::maximize(&measured)?)?;
-    run.finish(&setup, common.seed)?;
+    run.finish("done")?;
     let mut text = Vec::new();
     if common.json {
         serde_json::to_writer(&mut text, &measured.document).map_err(anyhow::Error::from)?;

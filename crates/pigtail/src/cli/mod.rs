@@ -13,6 +13,7 @@ mod plan;
 mod progress;
 mod records;
 mod reproduce;
+mod runs;
 mod scan;
 mod simulate;
 mod trace;
@@ -20,6 +21,8 @@ mod tune;
 mod twin;
 
 use crate::align::AlignError;
+use crate::characterize::ExperimentError;
+use crate::runs::Run;
 use clap::{Parser, Subcommand};
 use pigtail_hal::{Error, Fault};
 use std::io::{self, Write};
@@ -73,6 +76,7 @@ enum Command {
     Simulate(simulate::Arguments),
     Twin(twin::Arguments),
     Reproduce(reproduce::Arguments),
+    Runs(runs::Arguments),
 }
 
 /// Why a command ends without its result.
@@ -99,6 +103,19 @@ fn failure(error: AlignError, rig: &str) -> Failure {
     match error {
         AlignError::Fault(fault) => Failure::Fault(fault),
         AlignError::Twin(error) => Failure::Input(Error::new(rig, "", error.to_string())),
+    }
+}
+
+/// The same, and what `run` leaves: a fault its evidence, bad input nothing.
+fn stopped(run: &Run, error: impl Into<ExperimentError>, rig: &str) -> Failure {
+    match error.into() {
+        ExperimentError::Align(error) => {
+            if let Err(why) = run.stopped_by(&error) {
+                eprintln!("error: what there is of the run stays where it is: {why:#}");
+            }
+            failure(error, rig)
+        }
+        ExperimentError::Input(error) => Failure::Input(error),
     }
 }
 
@@ -135,6 +152,7 @@ pub fn main() -> ExitCode {
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Twin(arguments) => twin::run(&arguments),
         Command::Reproduce(arguments) => reproduce::run(&arguments),
+        Command::Runs(arguments) => runs::run(&arguments),
     };
     match result {
         Ok(code) => ExitCode::from(code),

@@ -498,7 +498,11 @@ pub(super) fn finish(
     fragment: Option<impl FnOnce(&Run) -> anyhow::Result<(&'static str, String)>>,
     output: &Output,
 ) -> Result<u8, Failure> {
-    let run = Run::begin(&output.runs, &format!("-{what}"), 0)?;
+    let kind = match what {
+        "twin" => what.to_owned(),
+        _ => format!("identify {what}"),
+    };
+    let run = Run::begin(&output.runs, &kind, 0, hashes)?;
     if let Some(fragment) = fragment {
         let (name, text) = fragment(&run)?;
         run.write(name, text)?;
@@ -510,18 +514,15 @@ pub(super) fn finish(
     let document = answer.json();
     run.write_json("summary.json", &document)?;
     run.write("report.html", report::record(title, &answer, shown)?)?;
-    run.finish_with(hashes, 0)?;
+    let negative = servo::is_negative(&answer);
+    run.finish(if negative { "negative" } else { "done" })?;
     let text = if output.json {
         format!("{document}\n")
     } else {
         account(&answer)
     };
     super::print(text.as_bytes())?;
-    Ok(if servo::is_negative(&answer) {
-        NEGATIVE
-    } else {
-        DONE
-    })
+    Ok(if negative { NEGATIVE } else { DONE })
 }
 
 /// What a person wants to know of it.

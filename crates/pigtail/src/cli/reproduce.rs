@@ -1,8 +1,7 @@
 //! `pigtail reproduce`.
 
 use super::common::Common;
-use super::{DONE, Failure, NEGATIVE, failure};
-use crate::characterize::ExperimentError;
+use super::{DONE, Failure, NEGATIVE, stopped};
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, Setup};
 use crate::runs::Run;
@@ -49,7 +48,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let selected = select(&arguments.names)?;
     let setup = Setup::load(&common.rig, DEFAULT_RECIPE_NAME)?;
     let bench = Bench::new(setup, common.seed, arguments.quick, arguments.specimen);
-    let run = Run::begin(&common.runs, "-reproduce", common.seed)?;
+    let run = Run::begin(
+        &common.runs,
+        "reproduce",
+        common.seed,
+        &bench.machine.hashes,
+    )?;
     let steps = experiments()
         .filter(|e| e.figures.iter().any(|id| selected.contains(id)))
         .count();
@@ -65,11 +69,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     bar.finish_and_clear();
     let made = match made {
         Ok(made) => made,
-        Err(ReproduceError::Experiment(ExperimentError::Align(error))) => {
-            return Err(failure(error, &common.rig));
-        }
-        Err(ReproduceError::Experiment(ExperimentError::Input(error))) => return Err(error.into()),
+        Err(ReproduceError::Experiment(error)) => return Err(stopped(&run, error, &common.rig)),
         Err(error @ ReproduceError::NoPeak(_)) => {
+            run.abandon();
             eprintln!("{error}");
             return Ok(NEGATIVE);
         }
@@ -77,7 +79,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     run.write_json("summary.json", &made.document)?;
     run.write("report.html", report::thesis(&made)?)?;
     let report = run.path("report.html").display().to_string();
-    run.finish(&bench.machine, common.seed)?;
+    run.finish(&format!(
+        "{} of {} claims hold",
+        made.document.held, made.document.of
+    ))?;
     let text = if common.json {
         let json = serde_json::to_string(&made.document).map_err(anyhow::Error::from)?;
         format!("{json}\n")

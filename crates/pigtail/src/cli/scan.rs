@@ -100,12 +100,17 @@ pub(super) fn run(map: &Path, arguments: &MapArguments, common: &Common) -> Resu
         arguments.map_start,
         arguments.map_accuracy,
     );
-    let run = Run::begin(&common.runs, "-map", common.seed)?;
+    let content = fs::read(map).map_err(anyhow::Error::from)?;
+    let run = Run::begin(
+        &common.runs,
+        "align map",
+        common.seed,
+        &[(file, hash(content))],
+    )?;
     trial.document.report = run.path("report.html").display().to_string();
     run.write_json("summary.json", &trial.document)?;
     run.write("report.html", report::scan(&scan, &trial)?)?;
-    let content = fs::read(map).map_err(anyhow::Error::from)?;
-    run.finish_with(&[(file, hash(content))], common.seed)?;
+    run.finish(trial.document.outcome)?;
     let document = &trial.document;
     let mut text = Vec::new();
     if common.json {

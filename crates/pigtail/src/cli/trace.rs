@@ -1,8 +1,7 @@
 //! `pigtail trace`.
 
 use super::common::Common;
-use super::{DONE, Failure, failure};
-use crate::characterize::ExperimentError;
+use super::{DONE, Failure, stopped};
 use crate::contour::{Document, Plan, trace};
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, Setup};
@@ -136,11 +135,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         return Err(Error::new("--coupling", "", message).into());
     }
     let seed = arguments.common.seed;
-    let run = Run::begin(&arguments.common.runs, "-trace", seed)?;
-    let (document, traced) = trace(&setup, &plan, seed).map_err(|error| match error {
-        ExperimentError::Align(error) => failure(error, &arguments.common.rig),
-        ExperimentError::Input(error) => Failure::Input(error),
-    })?;
+    let run = Run::begin(&arguments.common.runs, "trace", seed, &setup.hashes)?;
+    let (document, traced) =
+        trace(&setup, &plan, seed).map_err(|error| stopped(&run, error, &arguments.common.rig))?;
     run.write_json("summary.json", &document)?;
     run.write("report.html", report::contour(&document, &traced)?)?;
     let text = if arguments.common.json {
@@ -150,7 +147,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         let report = run.path("report.html").display().to_string();
         format!("{}Report: {report}\n", account(&document))
     };
-    run.finish(&setup, seed)?;
+    run.finish("done")?;
     super::print(text.as_bytes())?;
     Ok(DONE)
 }

@@ -1,7 +1,7 @@
 //! `pigtail tune`.
 
 use super::common::Common;
-use super::{DONE, Failure, failure};
+use super::{DONE, Failure, stopped};
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, Setup};
 use crate::runs::Run;
@@ -64,7 +64,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         )
         .into());
     }
-    let run = Run::begin(&arguments.common.runs, "-tune", arguments.common.seed)?;
+    let run = Run::begin(
+        &arguments.common.runs,
+        "tune",
+        arguments.common.seed,
+        &setup.hashes,
+    )?;
     let bar = ProgressBar::new(u64::from(3 * plan.trials));
     if let Ok(style) = ProgressStyle::with_template("{prefix:17} [{bar:20}] {msg}") {
         bar.set_style(style.progress_chars("=> "));
@@ -78,7 +83,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         ));
     };
     let mut tuned = tune(&setup, &plan, arguments.common.seed, &mut observe)
-        .map_err(|error| failure(error, &arguments.common.rig))?;
+        .map_err(|error| stopped(&run, error, &arguments.common.rig))?;
     bar.finish_and_clear();
     tuned.document.report = run.path("report.html").display().to_string();
     if !arguments.dry_run {
@@ -104,6 +109,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
                 ),
             ],
         )?;
+        run.calibrated(written.as_deref(), &table)?;
         tuned.document.calibration = written.unwrap_or_default();
     }
     run.write_json("summary.json", &tuned.document)?;
@@ -116,7 +122,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     } else {
         account(&tuned.document)
     };
-    run.finish(&setup, arguments.common.seed)?;
+    run.finish("done")?;
     super::print(text.as_bytes())?;
     Ok(DONE)
 }

@@ -25,6 +25,7 @@ use crate::rig::Setup;
 use claims::Claim;
 use picture::Picture;
 use pigtail_hal::Error;
+use pigtail_machines::twin::TwinError;
 use pigtail_machines::twin::plant::Variation;
 use rayon::prelude::*;
 use serde::Serialize;
@@ -45,6 +46,12 @@ pub enum ReproduceError {
 impl From<AlignError> for ReproduceError {
     fn from(error: AlignError) -> Self {
         Self::Experiment(error.into())
+    }
+}
+
+impl From<TwinError> for ReproduceError {
+    fn from(error: TwinError) -> Self {
+        AlignError::from(error).into()
     }
 }
 

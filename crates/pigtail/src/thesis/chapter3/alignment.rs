@@ -74,7 +74,6 @@ fn sensing(bench: &Bench, seed: u64) -> Result<(Points, f64), ReproduceError> {
         Station::new(&mut watched, &setup.calibration, &mut heights).map_err(AlignError::from)?;
     let reports = Procedure::Thesis.run(&mut station, &setup.recipe);
     station.stop();
-    let reports = reports.map_err(AlignError::from)?;
     let seconds = reports
         .iter()
         .flat_map(|r| &r.phases)
@@ -93,6 +92,19 @@ fn brisk(bench: &Bench) -> Setup {
     setup
 }
 
+/// A device aligned on a machine that did not stop.
+pub(super) fn aligned(
+    setup: &Setup,
+    procedure: Procedure,
+    seed: u64,
+) -> Result<Document, ReproduceError> {
+    let document = align(setup, procedure, seed, &mut Unobserved)?;
+    match document.fault {
+        Some(fault) => Err(AlignError::Fault(fault).into()),
+        None => Ok(document),
+    }
+}
+
 pub(super) fn devices(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
     let setup = &bench.machine;
     let devices: u64 = bench.count(24, 6);
@@ -101,7 +113,7 @@ pub(super) fn devices(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
     let many = |setup: &Setup, procedure: Procedure| {
         (0..devices)
             .into_par_iter()
-            .map(|k| Ok(align(setup, procedure, seed(k), &mut Unobserved)?))
+            .map(|k| aligned(setup, procedure, seed(k)))
             .collect::<Result<Vec<_>, ReproduceError>>()
     };
     let thesis = many(setup, Procedure::Thesis)?;
@@ -229,7 +241,7 @@ fn budget(bench: &Bench, times: &Times) -> Figure {
         frequency: three.fastest(5.0 * rate),
         ..three
     };
-    let aligned = |documents: &[&Document]| {
+    let within = |documents: &[&Document]| {
         let all = documents.iter().flat_map(|d| &d.fibers);
         all.filter(|f| f.within_tolerance == Some(true)).count()
     };
@@ -240,7 +252,7 @@ fn budget(bench: &Bench, times: &Times) -> Figure {
                 .caption(format!(
                     "{} devices by the thesis's procedure, {} of {} fibers aligned.",
                     thesis.len(),
-                    aligned(thesis),
+                    within(thesis),
                     fibers().count()
                 )),
         )
@@ -254,7 +266,7 @@ fn budget(bench: &Bench, times: &Times) -> Figure {
                 1e6 * times.brisk_speed,
                 1e6 * bench.machine.recipe.approach.speed,
                 mean(thesis, &["approach", "final"]),
-                aligned(&times.brisk),
+                within(&times.brisk),
                 3 * times.brisk.len(),
             ),
         )

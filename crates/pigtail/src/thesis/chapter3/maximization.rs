@@ -3,13 +3,11 @@
 use super::super::picture::{Picture, Points, thin};
 use super::super::{Bench, Figure, ReproduceError};
 use super::THESIS_STEP;
-use super::alignment::mean;
-use crate::align::align;
+use super::alignment::{aligned, mean};
 use crate::maximize::{MACRO, PIEZOS, rejection, tracking};
 use crate::procedure::Procedure;
 use pigtail_control::maximization::{Disturbance, Means};
 use pigtail_control::recipe::Climb;
-use pigtail_control::station::Unobserved;
 use rayon::prelude::*;
 
 pub(super) fn peak(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
@@ -32,14 +30,14 @@ pub(super) fn peak(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
     );
     let ((row, curves), macro_moves, piezos_creep) = (tracked?, macro_moves?, piezos_creep?);
     let devices: u64 = bench.count(6, 2);
-    let aligned = (0..devices)
+    let done = (0..devices)
         .into_par_iter()
         .map(|k| {
             let seed = bench.seed.wrapping_add(k);
-            Ok(align(setup, Procedure::Thesis, seed, &mut Unobserved)?)
+            aligned(setup, Procedure::Thesis, seed)
         })
         .collect::<Result<Vec<_>, ReproduceError>>()?;
-    let xy = mean(&aligned.iter().collect::<Vec<_>>(), &["climb"]);
+    let xy = mean(&done.iter().collect::<Vec<_>>(), &["climb"]);
     let named = curves
         .iter()
         .map(|(name, points)| (name.clone(), thin(points.iter().copied())));

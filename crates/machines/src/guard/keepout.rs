@@ -1,0 +1,431 @@
+//! Where the tips are, by encoders and by what vision saw of them, and how near that is to the chip.
+//!
+//! The guard has an estimate of its own: it must not believe what it is there to check.
+
+use super::{Facet, Geometry};
+use pigtail_hal::measurement::TipFix;
+use pigtail_hal::quantity::{Counts, Volts};
+use pigtail_hal::spec::{AXES, MICRO_AXES, SIDES};
+use pigtail_hal::{Axis, Side, Spec, VisionFrame};
+use pigtail_model::fivebar::JointAngle;
+use pigtail_model::frames::{Chip, Macro, Point};
+
+/// By how much of a way lead and links may be wrong: what was seen from afar is known as much worse.
+const SCALE: f64 = 2e-3;
+/// By what time a tip may lag behind its encoders, seconds.
+const LAG: f64 = 2e-3;
+/// In what time a piezo comes to where it was told to be, seconds.
+const SETTLE: f64 = 12e-3;
+/// What hysteresis may make of a way of the micro, as a share of it.
+const HYSTERESIS: f64 = 0.25;
+/// What the transmissions hide in x of a way in y, as a share of it: their windups differ.
+const CROSS: f64 = 0.15;
+/// How far beside its port the light may be, and vision's noise, metres.
+const BESIDE: f64 = 8e-6;
+/// Standard deviations that are allowed for.
+const SIGMAS: f64 = 3.0;
+/// Standard deviations, and metres beside them, by which a frame may differ from what was expected.
+const SURPRISE: (f64, f64) = (8.0, 5e-6);
+/// Cycles over which speeds are seen.
+pub(super) const WHILE: usize = 8;
+
+/// Something that can touch the chip.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Tip {
+    Fiber(Side),
+    Sensing,
+}
+
+/// What is believed of a tip.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Belief {
+    /// From where its holder should have it, along the chip's z: metres and square metres.
+    z: (f64, f64),
+    /// Where it would stand by encoders alone when it was last seen, metres.
+    stood: Point<Chip>,
+    /// Where its holder stood then.
+    holder: Stand,
+    /// How far beside that it was seen, and how much of it may be a piezo that was on its way, metres.
+    x: (f64, f64),
+}
+
+/// A tip and how near it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Near {
+    /// What is near.
+    pub(super) what: &'static str,
+    /// Distance from the chip, what is not known of it taken off, metres.
+    pub(super) clearance: f64,
+}
+
+/// A frame that does not agree with the encoders.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Surprise {
+    /// The tip and the direction: `left fiber, z`.
+    pub(super) what: String,
+    /// By how much it does not, metres.
+    pub(super) by: f64,
+    /// What would have been accepted, metres.
+    pub(super) accepted: f64,
+}
+
+/// Where the manipulators stand in a cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Stand {
+    /// Endpoint in its own frame, metres.
+    pub(super) endpoint: Point<Macro>,
+    /// The whole way that it has gone in x and in y, to and fro, metres.
+    gone: [f64; 2],
+    /// What its micro was told to add to that in x and y, metres.
+    micro: [f64; 2],
+    /// Where the tip of a fiber without fault would be, chip's frame, metres.
+    pub(super) tip: Point<Chip>,
+}
+
+/// All tips, and where the holders were of late.
+#[derive(Debug, Clone)]
+pub(super) struct Keepout {
+    geometry: Geometry,
+    metres_per_count_z: f64,
+    radians_per_count: f64,
+    home_angles: [[JointAngle; 2]; SIDES],
+    /// Displacement of the tip in x and y for a volt on each piezo, metres, and the middle, volts.
+    micro: [[[f64; 2]; MICRO_AXES]; SIDES],
+    middle: f64,
+    rate: f64,
+    sensing_offset: [f64; 3],
+    accuracy: [f64; 2],
+    placement: f64,
+    windup: f64,
+    holder: pigtail_hal::spec::HolderSpec,
+    /// By what deceleration a z-stage can be stopped, metres a second squared.
+    brake: f64,
+    /// Cycles that a piezo takes to come to where it was told to be.
+    settle: usize,
+    recent: Vec<[Stand; SIDES]>,
+    at: usize,
+    seen_counts: [[Counts; 2]; SIDES],
+    held: [bool; SIDES],
+    fibers: [Option<Belief>; SIDES],
+    sensing: Option<Belief>,
+    /// Since when each fiber has been in its holder, seconds.
+    since: [f64; SIDES],
+}
+
+impl Keepout {
+    pub(super) fn new(spec: &Spec, geometry: Geometry) -> Self {
+        let oldest = spec.vision.latency.max(1.0 / spec.vision.rate);
+        let settle = (SETTLE * spec.servo.rate).ceil() as usize;
+        let cycles = (oldest * spec.servo.rate).ceil() as usize + WHILE.max(settle) + 1;
+        let home = Point::new(0.0, 0.0, 0.0);
+        let stands = std::array::from_fn(|side| Stand {
+            endpoint: home,
+            gone: [0.0; 2],
+            micro: [0.0; 2],
+            tip: geometry.arms[side].placement.chip_from_macro(home),
+        });
+        let (sin, cos) = spec.micro.angle.sin_cos();
+        let [ox, oy, oz] = spec.sensing_fiber.offset;
+        let right = &geometry.arms[Side::Right.index()];
+        let z = spec.drive(Axis::Z);
+        let joint = spec.drive(Axis::A);
+        Self {
+            metres_per_count_z: geometry.arms[0].screw.position(z.count() / z.gear_ratio),
+            radians_per_count: joint.count() / joint.gear_ratio,
+            home_angles: std::array::from_fn(|side| geometry.arms[side].home_angles()),
+            micro: std::array::from_fn(|side| {
+                let gain = geometry.arms[side].micro_gain;
+                [[cos * gain, sin * gain], [-sin * gain, cos * gain]]
+            }),
+            middle: 0.5 * spec.micro.voltage,
+            rate: spec.servo.rate,
+            sensing_offset: right.placement.chip_direction(ox, oy, oz),
+            accuracy: [spec.vision.accuracy_x, spec.vision.accuracy_z],
+            placement: spec.guard.placement,
+            windup: spec.guard.windup,
+            holder: spec.holder,
+            brake: 2.0 * spec.z_stage.acceleration,
+            settle,
+            recent: vec![stands; cycles],
+            at: 0,
+            seen_counts: [[Counts(0); 2]; SIDES],
+            held: [false; SIDES],
+            fibers: [None; SIDES],
+            sensing: None,
+            since: [0.0; SIDES],
+            geometry,
+        }
+    }
+
+    /// Whether a holder carries a fiber.
+    pub(super) fn holds(&self, side: Side) -> bool {
+        self.held[side.index()]
+    }
+
+    /// The sensing fiber is to be seen anew.
+    pub(super) fn forget_sensing(&mut self) {
+        self.sensing = None;
+    }
+
+    /// A holder has another fiber from `time` on, or none.
+    pub(super) fn change_fiber(&mut self, side: Side, held: bool, time: f64) {
+        let i = side.index();
+        (self.held[i], self.fibers[i], self.since[i]) = (held, None, time);
+    }
+
+    /// Where a manipulator stood so many cycles ago.
+    pub(super) fn stand(&self, side: usize, back: usize) -> &Stand {
+        let n = self.recent.len();
+        &self.recent[(self.at + n - back) % n][side]
+    }
+
+    /// How far an endpoint has moved within so many cycles, metres: across and along.
+    pub(super) fn moved(&self, side: usize, back: usize) -> (f64, f64) {
+        let (now, then) = (
+            self.stand(side, 0).endpoint,
+            self.stand(side, back).endpoint,
+        );
+        ((now.x - then.x).hypot(now.y - then.y), now.z - then.z)
+    }
+
+    /// Notes where everything is in this cycle. `false` for a side whose joints no mechanism has.
+    pub(super) fn note(
+        &mut self,
+        encoders: &[[Counts; AXES]; SIDES],
+        micro: &[[Volts; MICRO_AXES]; SIDES],
+    ) -> [bool; SIDES] {
+        let before = self.recent[self.at];
+        self.at = (self.at + 1) % self.recent.len();
+        std::array::from_fn(|i| {
+            let arm = &self.geometry.arms[i];
+            let [a, b, Counts(z)] = encoders[i];
+            let Stand {
+                mut endpoint,
+                mut gone,
+                ..
+            } = before[i];
+            let mut whole = true;
+            if [a, b] != self.seen_counts[i] {
+                self.seen_counts[i] = [a, b];
+                let angle = |home: JointAngle, Counts(counts): Counts| {
+                    JointAngle(home.0 + counts as f64 * self.radians_per_count)
+                };
+                let [home_a, home_b] = self.home_angles[i];
+                match arm.five_bar.forward([angle(home_a, a), angle(home_b, b)]) {
+                    Ok((x, y)) => {
+                        let (x, y) = (x - arm.home[0], y - arm.home[1]);
+                        gone[0] += (x - endpoint.x).abs();
+                        gone[1] += (y - endpoint.y).abs();
+                        (endpoint.x, endpoint.y) = (x, y);
+                    }
+                    Err(_) => whole = false,
+                }
+            }
+            endpoint.z = z as f64 * self.metres_per_count_z;
+            let mut added = [0.0; 2];
+            for (gain, Volts(volts)) in self.micro[i].iter().zip(micro[i]) {
+                added[0] += gain[0] * (volts - self.middle);
+                added[1] += gain[1] * (volts - self.middle);
+            }
+            let tip = arm
+                .placement
+                .chip_from_macro(endpoint.shifted(added[0], added[1], 0.0));
+            self.recent[self.at][i] = Stand {
+                endpoint,
+                gone,
+                micro: added,
+                tip,
+            };
+            whole
+        })
+    }
+
+    /// Takes in a frame that has arrived at `now`.
+    pub(super) fn see(&mut self, frame: &VisionFrame, now: f64) -> Result<(), Surprise> {
+        let back = ((now - frame.time) * self.rate).round().max(0.0) as usize;
+        if back + WHILE.max(self.settle) >= self.recent.len() {
+            return Ok(());
+        }
+        for side in Side::ALL {
+            let i = side.index();
+            if let Some(fix) = &frame.fiber[i]
+                && self.held[i]
+                && frame.time > self.since[i]
+            {
+                self.fibers[i] = Some(self.update(Tip::Fiber(side), fix, back)?);
+            }
+        }
+        self.sensing = Some(self.update(Tip::Sensing, &frame.sensing, back)?);
+        Ok(())
+    }
+
+    fn update(&self, tip: Tip, fix: &TipFix, back: usize) -> Result<Belief, Surprise> {
+        let side = tip.side().index();
+        let stood = self.nominal(tip, back);
+        let holder = *self.stand(side, back);
+        let earlier = self.nominal(tip, back + WHILE);
+        // A piezo that was told to go farther a moment ago is still on its way.
+        let told = self.stand(side, back + self.settle).micro;
+        let late = (holder.micro[0] - told[0]).hypot(holder.micro[1] - told[1]);
+        let lag = |way: f64| LAG * way.abs() * self.rate / WHILE as f64;
+        let seen = [fix.x - stood.x, fix.z - stood.z];
+        let belief = match tip {
+            Tip::Fiber(_) => self.fibers[side],
+            Tip::Sensing => self.sensing,
+        };
+        let surprise = |direction: &str, by: f64, accepted: f64| {
+            if by.abs() <= accepted {
+                return Ok(());
+            }
+            let what = format!("{}, {direction}", tip.name());
+            Err(Surprise { what, by, accepted })
+        };
+        let noise = fix.sigma * fix.sigma + lag(stood.z - earlier.z).powi(2);
+        let (sigmas, metres) = SURPRISE;
+        let Some(before) = belief else {
+            surprise("z", seen[1], self.placement + self.accuracy[1])?;
+            return Ok(Belief {
+                z: (seen[1], noise),
+                stood,
+                holder,
+                x: (seen[0], late),
+            });
+        };
+        let variance = before.z.1 + (SCALE * (stood.z - before.stood.z)).powi(2);
+        let by = seen[1] - before.z.0;
+        surprise("z", by, sigmas * (variance + noise).sqrt() + metres)?;
+        let hidden = self.hidden(&holder, &before.holder) + late + before.x.1;
+        surprise(
+            "x",
+            seen[0] - before.x.0,
+            sigmas * fix.sigma + 4.0 * metres + hidden + 2.0 * lag(stood.x - earlier.x),
+        )?;
+        let share = variance / (variance + noise);
+        Ok(Belief {
+            z: (
+                before.z.0 + share * by,
+                ((1.0 - share) * variance).max(noise.min(variance) * 0.02),
+            ),
+            stood,
+            holder,
+            x: (seen[0], late),
+        })
+    }
+
+    /// What transmissions and piezos may have kept to themselves of the way between two stands, in x,
+    /// metres.
+    fn hidden(&self, now: &Stand, then: &Stand) -> f64 {
+        let way = (now.gone[0] - then.gone[0]) + CROSS * (now.gone[1] - then.gone[1]);
+        let micro = (now.micro[0] - then.micro[0]).hypot(now.micro[1] - then.micro[1]);
+        self.windup.min(way) + HYSTERESIS * micro
+    }
+
+    /// Where a tip would be so many cycles ago were its fiber as it should be.
+    fn nominal(&self, tip: Tip, back: usize) -> Point<Chip> {
+        let at = self.stand(tip.side().index(), back).tip;
+        match tip {
+            Tip::Fiber(_) => at,
+            Tip::Sensing => {
+                let [x, y, z] = self.sensing_offset;
+                at.shifted(x, y, z)
+            }
+        }
+    }
+
+    /// What is nearest to the chip, and how near it would come if it were stopped now.
+    pub(super) fn nearest(&self) -> Near {
+        let mut nearest = Near {
+            what: "",
+            clearance: f64::INFINITY,
+        };
+        for side in Side::ALL {
+            let i = side.index();
+            let (_, way) = self.moved(i, WHILE);
+            // Towards the chip is forward in either manipulator's frame.
+            let speed = (way * self.rate / WHILE as f64).max(0.0);
+            let stop = 0.5 * speed * speed / self.brake;
+            let facet = &self.geometry.facets[i];
+            let carried = if self.held[i] {
+                let clearance = self.clearance(Tip::Fiber(side), self.fibers[i].as_ref(), facet);
+                (Tip::Fiber(side).name(), clearance)
+            } else {
+                // An empty holder is as broad as it is.
+                let at = self.stand(i, 0).tip;
+                let front = facet.gap(at.z) + self.holder.tip;
+                let aside = (at.x - facet.ports[0].x).abs() + 0.5 * self.holder.width;
+                let clearance = front - aside * facet.stands_out.abs() - self.placement;
+                (["left holder", "right holder"][i], clearance)
+            };
+            let beside = (side == Side::Right).then(|| {
+                let clearance = self.clearance(Tip::Sensing, self.sensing.as_ref(), facet);
+                (Tip::Sensing.name(), clearance)
+            });
+            for (what, clearance) in std::iter::once(carried).chain(beside) {
+                let clearance = clearance - stop;
+                if clearance < nearest.clearance {
+                    nearest = Near { what, clearance };
+                }
+            }
+        }
+        nearest
+    }
+
+    /// How far the holders are from each other where they could meet, metres.
+    pub(super) fn between_holders(&self) -> f64 {
+        let [left, right] = [self.stand(0, 0).tip, self.stand(1, 0).tip];
+        let beside = (left.x - right.x).abs() > self.holder.width + self.placement
+            || (left.y - right.y).abs() > self.holder.height + self.placement;
+        if beside {
+            return f64::INFINITY;
+        }
+        let tips = if self.held == [true; SIDES] {
+            0.0
+        } else {
+            self.holder.tip
+        };
+        right.z - left.z + tips - self.placement
+    }
+
+    fn clearance(&self, tip: Tip, belief: Option<&Belief>, facet: &Facet) -> f64 {
+        let at = self.nominal(tip, 0);
+        let Some(Belief {
+            z,
+            stood,
+            holder,
+            x,
+        }) = belief
+        else {
+            let aside = self.placement + self.windup;
+            return facet.clearance(at.x, at.z, aside) - self.placement;
+        };
+        let drift = SCALE * (at.z - stood.z);
+        let unsure = SIGMAS * (z.1 + drift * drift).sqrt();
+        let hidden = self.hidden(self.stand(tip.side().index(), 0), holder);
+        let aside = self.accuracy[0] + hidden + x.1;
+        let (x, z) = (at.x + x.0, at.z + z.0);
+        // Before a port: a tip that comes near to the chip is led there by its light, which says
+        // better where it stands than vision can.
+        let in_light = match tip {
+            Tip::Fiber(_) => facet.gap_in_light(x, z, aside + BESIDE),
+            Tip::Sensing => None,
+        };
+        in_light.unwrap_or_else(|| facet.clearance(x, z, aside)) - unsure
+    }
+}
+
+impl Tip {
+    fn side(self) -> Side {
+        match self {
+            Self::Fiber(side) => side,
+            Self::Sensing => Side::Right,
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Fiber(Side::Left) => "left fiber",
+            Self::Fiber(Side::Right) => "right fiber",
+            Self::Sensing => "sensing fiber",
+        }
+    }
+}

@@ -1,0 +1,88 @@
+//! Light that goes out while nothing has moved.
+
+use super::Broken;
+use super::keepout::Keepout;
+use pigtail_hal::quantity::Volts;
+use pigtail_hal::spec::{CHANNELS, SIDES};
+use pigtail_hal::{Channel, Command, Measurement, Spec};
+
+/// Light counts as such from this share of a photodiode's range on.
+const BRIGHT: f64 = 0.02;
+/// It has gone out when so little of it is left...
+const LEFT: f64 = 0.1;
+/// ...while no tip has been told to be farther than this from where it is, metres: no mode is so
+/// narrow...
+const STILL: f64 = 1e-6;
+/// ...for so many cycles: piezos come later than they are told.
+const REST: usize = 30;
+
+/// What the photodiodes saw last.
+#[derive(Debug, Clone)]
+pub(super) struct LightWatch {
+    bright: f64,
+    /// The least that each photodiode has read: the dark, or what is always there, volts.
+    dark: [f64; CHANNELS],
+    last: Option<[Volts; CHANNELS]>,
+}
+
+impl LightWatch {
+    pub(super) fn new(spec: &Spec) -> Self {
+        Self {
+            bright: BRIGHT * spec.photodiode.range,
+            dark: [f64::INFINITY; CHANNELS],
+            last: None,
+        }
+    }
+
+    /// What was seen no longer says what should be: a fiber has been changed.
+    pub(super) fn forget(&mut self) {
+        self.last = None;
+    }
+
+    pub(super) fn check(
+        &mut self,
+        command: &Command,
+        measured: &Measurement,
+        keepout: &Keepout,
+    ) -> Result<(), Broken> {
+        if !command.laser {
+            self.last = None;
+        }
+        let Some(light) = &measured.light else {
+            return Ok(());
+        };
+        let before = self.last.take();
+        if command.laser {
+            self.last = Some(light.volts);
+        }
+        for (dark, Volts(volts)) in self.dark.iter_mut().zip(light.volts) {
+            *dark = dark.min(volts);
+        }
+        let Some(volts) = before else {
+            return Ok(());
+        };
+        for channel in Channel::ALL {
+            let i = channel.index();
+            let (was, is) = (volts[i].0 - self.dark[i], light.volts[i].0 - self.dark[i]);
+            if was > self.bright && is < LEFT * was && still(keepout) {
+                return Err(Broken::new(
+                    "light does not go out by itself",
+                    channel.name(),
+                    format!(
+                        "{:.3} V became {:.3} V while nothing moved",
+                        volts[i].0, light.volts[i].0
+                    ),
+                    format!("at least {:.3} V", self.dark[i] + LEFT * was),
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+fn still(keepout: &Keepout) -> bool {
+    (0..SIDES).all(|side| {
+        let now = keepout.stand(side, 0).tip;
+        (1..=REST).all(|back| keepout.stand(side, back).tip.distance(now) <= STILL)
+    })
+}

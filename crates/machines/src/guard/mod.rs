@@ -1,0 +1,513 @@
+//! The guard: stands around any machine and stops it before something breaks.
+//!
+//! It sees what crosses the boundary and nothing else: commands, measurements, the datasheet, and what
+//! is believed of the geometry. It does not know what control is about to do, and believes none of
+//! control's estimates. What it does about a broken rule is always the same ([`retreat`]): slow down
+//! within the limits, draw z back, let the motors hold by friction; from then on it answers every
+//! command with the same [`Fault`], until a person clears it.
+
+mod keepout;
+mod light;
+mod retreat;
+mod watch;
+
+use keepout::{Keepout, Surprise, WHILE};
+use light::LightWatch;
+use pigtail_hal::quantity::{Counts, Volts};
+use pigtail_hal::spec::{AXES, SIDES};
+use pigtail_hal::{
+    Axis, AxisName, Command, Fault, FiberHandling, Machine, Measurement, Side, Spec,
+};
+use pigtail_model::fivebar::{FiveBar, JointAngle, Unreachable};
+use pigtail_model::frames::{Chip, Placement, Point};
+use pigtail_model::leadscrew::LeadScrew;
+use watch::{Piezos, Sensors};
+
+/// What is believed of the geometry around the chip.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Geometry {
+    /// The manipulators, indexed by side.
+    pub arms: [Arm; SIDES],
+    /// The facet that each of them brings fibers to.
+    pub facets: [Facet; SIDES],
+}
+
+/// What is believed of a manipulator.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Arm {
+    five_bar: FiveBar,
+    home: [f64; 2],
+    home_angles: [JointAngle; 2],
+    screw: LeadScrew,
+    placement: Placement,
+    micro_gain: f64,
+}
+
+impl Arm {
+    /// A manipulator whose endpoint is at `home` of its five-bar (metres) when encoders are zero, that
+    /// stands at `placement`, and whose piezos go `micro_gain` metres a volt.
+    ///
+    /// # Errors
+    ///
+    /// When home cannot be reached.
+    pub fn new(
+        five_bar: FiveBar,
+        home: [f64; 2],
+        screw: LeadScrew,
+        placement: Placement,
+        micro_gain: f64,
+    ) -> Result<Self, Unreachable> {
+        Ok(Self {
+            home_angles: five_bar.inverse(home[0], home[1])?,
+            five_bar,
+            home,
+            screw,
+            placement,
+            micro_gain,
+        })
+    }
+
+    fn home_angles(&self) -> [JointAngle; 2] {
+        self.home_angles
+    }
+}
+
+/// A facet of the chip by design: a plane through its ports that goes up and down straight.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Facet {
+    /// Its ports.
+    pub ports: Vec<Point<Chip>>,
+    /// -1 where it faces -z, 1 where it faces +z.
+    pub outward: f64,
+    /// How far it stands out for a metre in x.
+    pub stands_out: f64,
+    /// Tangent of the angle of the light before it, from z towards x.
+    pub exit: f64,
+}
+
+impl Facet {
+    /// Gap between the first port and a tip along z, metres.
+    fn gap(&self, z: f64) -> f64 {
+        self.outward * (z - self.ports[0].z)
+    }
+
+    /// Distance along z from the facet where it stands out most within `aside` of `x`, metres.
+    fn clearance(&self, x: f64, z: f64, aside: f64) -> f64 {
+        let out = (x - self.ports[0].x) * self.stands_out + aside * self.stands_out.abs();
+        self.gap(z) - out
+    }
+
+    /// Distance along z from the port in whose light a tip may stand that is within `aside` of `x`,
+    /// metres; `None` where there is none.
+    fn gap_in_light(&self, x: f64, z: f64, aside: f64) -> Option<f64> {
+        self.ports.iter().find_map(|port| {
+            let gap = self.outward * (z - port.z);
+            ((x - port.x - gap * self.exit).abs() <= aside).then_some(gap)
+        })
+    }
+}
+
+/// A machine that is watched.
+#[derive(Debug)]
+pub struct Guard<M> {
+    machine: M,
+    limits: Limits,
+    keepout: Keepout,
+    light: LightWatch,
+    sensors: Sensors,
+    piezos: Piezos,
+    last: Option<(Command, Measurement)>,
+    fault: Option<Fault>,
+}
+
+/// The datasheet's limits as the guard compares with them.
+#[derive(Debug, Clone, PartialEq)]
+struct Limits {
+    period: f64,
+    volts: [f64; AXES],
+    micro_volts: f64,
+    /// Most counts of an encoder in a cycle.
+    jump: [i64; AXES],
+    /// Most counts between reference and encoder.
+    following: [i64; AXES],
+    /// Metres for a count, to say it.
+    metres_per_count: [f64; AXES],
+    /// How far from home, metres: x and y, z.
+    reach: [f64; 2],
+    /// Most metres within [`WHILE`] cycles: x and y together, z.
+    way: [f64; 2],
+    clearance: f64,
+    retract: f64,
+}
+
+/// Share by which voltages may exceed their limit: what rounding leaves.
+const ROUNDING: f64 = 1e-9;
+/// Share of the workspace by which an endpoint may leave it: overshoot.
+const OVERSHOOT: f64 = 0.02;
+/// By what time an axis that moves may be behind its servo, beside what it may at rest, seconds.
+const FOLLOWING: f64 = 5e-3;
+/// Holders keep at least this from each other, metres.
+const APART: f64 = 1e-3;
+
+/// A broken rule; the time is the guard's to say.
+struct Broken {
+    rule: &'static str,
+    axis: String,
+    value: String,
+    limit: String,
+}
+
+impl Broken {
+    fn new(rule: &'static str, axis: impl Into<String>, value: String, limit: String) -> Self {
+        Self {
+            rule,
+            axis: axis.into(),
+            value,
+            limit,
+        }
+    }
+}
+
+impl<M: Machine> Guard<M> {
+    /// Watches a machine that stands at home.
+    pub fn new(machine: M, geometry: Geometry) -> Self {
+        let spec = machine.spec().clone();
+        Self {
+            limits: Limits::new(&spec, &geometry),
+            keepout: Keepout::new(&spec, geometry),
+            light: LightWatch::new(&spec),
+            sensors: Sensors::new(&spec),
+            piezos: Piezos::new(&spec),
+            machine,
+            last: None,
+            fault: None,
+        }
+    }
+
+    /// The machine that is watched.
+    pub fn inner(&self) -> &M {
+        &self.machine
+    }
+
+    /// The machine that is watched, from whoever wants it unwatched.
+    pub fn into_inner(self) -> M {
+        self.machine
+    }
+
+    /// The fault that stopped the machine, cleared by a person who has looked at it: commands are
+    /// taken again. What was believed of the tips is not: they are seen anew.
+    pub fn clear(&mut self) -> Option<Fault> {
+        let fault = self.fault.take()?;
+        let time = self.last.map_or(0.0, |(_, measured)| measured.time);
+        for side in Side::ALL {
+            let held = self.keepout.holds(side);
+            self.keepout.change_fiber(side, held, time);
+        }
+        self.keepout.forget_sensing();
+        self.light.forget();
+        self.piezos = Piezos::new(self.machine.spec());
+        self.last = None;
+        Some(fault)
+    }
+
+    /// What is wrong with a command.
+    fn check_command(&mut self, command: &Command) -> Result<(), Broken> {
+        for side in Side::ALL {
+            for axis in Axis::ALL {
+                let Volts(volts) = command.motors[side.index()][axis.index()];
+                let limit = self.limits.volts[axis.index()];
+                // A comparison that a NaN fails too.
+                if volts.abs() <= limit * (1.0 + ROUNDING) {
+                    continue;
+                }
+                let rule = if volts.is_finite() {
+                    "voltage within the limit"
+                } else {
+                    "command is a number"
+                };
+                return Err(Broken::new(
+                    rule,
+                    AxisName { side, axis }.to_string(),
+                    format!("{volts} V"),
+                    format!("-{limit} V to {limit} V"),
+                ));
+            }
+            let most = self.limits.micro_volts;
+            for (i, Volts(volts)) in command.micro[side.index()].into_iter().enumerate() {
+                let slack = most * ROUNDING;
+                if (-slack..=most + slack).contains(&volts) {
+                    continue;
+                }
+                let rule = if volts.is_finite() {
+                    "voltage within the limit"
+                } else {
+                    "command is a number"
+                };
+                return Err(Broken::new(
+                    rule,
+                    format!("{}.micro{}", side.name(), i + 1),
+                    format!("{volts} V"),
+                    format!("0 V to {most} V"),
+                ));
+            }
+        }
+        if command.pulses != Command::NO_PULSES {
+            self.check_pulses(command)?;
+        }
+        self.piezos.check(&command.micro)
+    }
+
+    #[cold]
+    fn check_pulses(&self, command: &Command) -> Result<(), Broken> {
+        for side in Side::ALL {
+            for axis in Axis::ALL {
+                if let Some(pulse) = &command.pulses[side.index()][axis.index()]
+                    && let Err(why) = pulse.check(self.machine.spec().drive(axis))
+                {
+                    let axis = AxisName { side, axis }.to_string();
+                    return Err(Broken::new(why.rule, axis, why.value, why.limit));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// What is wrong with what was measured.
+    fn check_measurement(
+        &mut self,
+        command: &Command,
+        measured: &Measurement,
+    ) -> Result<(), Broken> {
+        if measured.stop {
+            return Err(Broken::new(
+                "nobody asks to stop",
+                "machine",
+                "stop was pressed".to_owned(),
+                "a machine that nobody stops".to_owned(),
+            ));
+        }
+        let whole = self.keepout.note(&measured.encoders, &command.micro);
+        if let Some((_, before)) = &self.last {
+            self.sensors.check(before, measured)?;
+            self.check_axes(command, before, measured)?;
+        }
+        self.check_places(whole)?;
+        if let Some(frame) = &measured.vision {
+            self.sensors.frame(frame, measured.time)?;
+            self.keepout.see(frame, measured.time).map_err(surprised)?;
+        }
+        let near = self.keepout.nearest();
+        if near.clearance < self.limits.clearance {
+            return Err(Broken::new(
+                "distance from the chip",
+                near.what,
+                format!(
+                    "{:.1} um by vision and encoders, were it stopped now",
+                    near.clearance * 1e6
+                ),
+                format!("at least {:.1} um", self.limits.clearance * 1e6),
+            ));
+        }
+        self.light.check(command, measured, &self.keepout)
+    }
+
+    fn check_axes(
+        &self,
+        command: &Command,
+        before: &Measurement,
+        measured: &Measurement,
+    ) -> Result<(), Broken> {
+        let limits = &self.limits;
+        for side in Side::ALL {
+            for axis in Axis::ALL {
+                let (i, k) = (side.index(), axis.index());
+                let Counts(now) = measured.encoders[i][k];
+                let Counts(then) = before.encoders[i][k];
+                let named = || AxisName { side, axis }.to_string();
+                if (now - then).abs() > limits.jump[k] {
+                    return Err(Broken::new(
+                        "encoder counts no faster than the motor turns",
+                        named(),
+                        format!("{} counts in a cycle", now - then),
+                        format!("at most {}", limits.jump[k]),
+                    ));
+                }
+                let Some(Counts(wanted)) = command.references[i][k] else {
+                    continue;
+                };
+                let away = (wanted - now).abs();
+                if away <= limits.following[k] {
+                    continue;
+                }
+                // One that moves is farther behind: speeds are looked at where it may matter.
+                let (across, along) = self.keepout.moved(i, WHILE);
+                let way = [across, across, along.abs()][k] / limits.metres_per_count[k];
+                let most =
+                    limits.following[k] + (FOLLOWING / WHILE as f64 / limits.period * way) as i64;
+                if away > most {
+                    let um = 1e6 * limits.metres_per_count[k];
+                    return Err(Broken::new(
+                        "axis follows its servo",
+                        named(),
+                        format!("{:.0} um away", away as f64 * um),
+                        format!("at most {:.0} um at this speed", most as f64 * um),
+                    ));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn check_places(&self, whole: [bool; SIDES]) -> Result<(), Broken> {
+        let limits = &self.limits;
+        for side in Side::ALL {
+            let i = side.index();
+            let at = self.keepout.stand(i, 0).endpoint;
+            let [across, along] = limits.reach;
+            if !(whole[i] && at.x.abs() <= across && at.y.abs() <= across && at.z.abs() <= along) {
+                return Err(Broken::new(
+                    "endpoint within its workspace",
+                    side.name(),
+                    format!(
+                        "x {:.2}, y {:.2}, z {:.2} mm from home",
+                        at.x * 1e3,
+                        at.y * 1e3,
+                        at.z * 1e3
+                    ),
+                    format!(
+                        "at most {:.2} mm in x and y, {:.2} mm in z",
+                        across * 1e3,
+                        along * 1e3
+                    ),
+                ));
+            }
+            let (way_xy, way_z) = self.keepout.moved(i, WHILE);
+            for (what, way, most) in [
+                ("x-y", way_xy, limits.way[0]),
+                ("z", way_z.abs(), limits.way[1]),
+            ] {
+                if way > most {
+                    let speed = |way: f64| way / (WHILE as f64 * limits.period) * 1e3;
+                    return Err(Broken::new(
+                        "endpoint within its speed",
+                        format!("{}, {what}", side.name()),
+                        format!("{:.1} mm/s", speed(way)),
+                        format!("at most {:.1} mm/s", speed(most)),
+                    ));
+                }
+            }
+        }
+        let apart = self.keepout.between_holders();
+        if apart < APART {
+            return Err(Broken::new(
+                "holders stay apart",
+                "left and right",
+                format!("{:.2} mm", apart * 1e3),
+                format!("at least {:.2} mm", APART * 1e3),
+            ));
+        }
+        Ok(())
+    }
+
+    /// Stops the machine for a broken rule.
+    #[cold]
+    fn trip(&mut self, broken: Broken) -> Fault {
+        let time = self.last.map_or(0.0, |(_, measured)| measured.time);
+        let fault = Fault {
+            rule: broken.rule.into(),
+            axis: broken.axis,
+            value: broken.value,
+            limit: broken.limit,
+            time,
+        };
+        self.retreat(&fault);
+        self.fault = Some(fault.clone());
+        fault
+    }
+}
+
+fn surprised(Surprise { what, by, accepted }: Surprise) -> Broken {
+    Broken::new(
+        "vision agrees with the encoders",
+        what,
+        format!("{:.1} um from where they have it", by * 1e6),
+        format!("at most {:.1} um", accepted * 1e6),
+    )
+}
+
+impl Limits {
+    fn new(spec: &Spec, geometry: &Geometry) -> Self {
+        let guard = &spec.guard;
+        let period = spec.period();
+        let while_ = WHILE as f64 * period * guard.overspeed;
+        let metres_per_count = Axis::ALL.map(|axis| {
+            let drive = spec.drive(axis);
+            let angle = drive.count() / drive.gear_ratio;
+            let arm = &geometry.arms[0];
+            match axis {
+                Axis::A | Axis::B => arm.five_bar.proximal() * angle,
+                Axis::Z => arm.screw.position(angle),
+            }
+        });
+        let following = [guard.following_xy, guard.following_xy, guard.following_z];
+        Self {
+            period,
+            volts: Axis::ALL.map(|axis| spec.drive(axis).voltage),
+            micro_volts: spec.micro.voltage,
+            jump: Axis::ALL.map(|axis| {
+                let drive = spec.drive(axis);
+                (guard.overspeed * drive.speed * period / drive.count()).ceil() as i64 + 1
+            }),
+            following: std::array::from_fn(|k| (following[k] / metres_per_count[k]).ceil() as i64),
+            reach: [spec.five_bar.workspace, spec.z_stage.travel]
+                .map(|whole| (0.5 + OVERSHOOT) * whole),
+            // A count more than the speed allows is how an encoder counts.
+            way: [
+                spec.five_bar.speed * while_ + 2.0 * metres_per_count[0],
+                spec.z_stage.speed * while_ + 2.0 * metres_per_count[2],
+            ],
+            metres_per_count,
+            clearance: guard.clearance,
+            retract: guard.retract,
+        }
+    }
+}
+
+impl<M: Machine> Machine for Guard<M> {
+    fn spec(&self) -> &Spec {
+        self.machine.spec()
+    }
+
+    fn exchange(&mut self, command: &Command) -> Result<Measurement, Fault> {
+        if let Some(fault) = &self.fault {
+            return Err(fault.clone());
+        }
+        if let Err(broken) = self.check_command(command) {
+            return Err(self.trip(broken));
+        }
+        let measured = match self.machine.exchange(command) {
+            Ok(measured) => measured,
+            Err(fault) => {
+                self.fault = Some(fault.clone());
+                return Err(fault);
+            }
+        };
+        for side in Side::ALL {
+            if let Some(handling) = command.fiber[side.index()] {
+                let held = matches!(handling, FiberHandling::Load(_));
+                self.keepout.change_fiber(side, held, measured.time);
+                self.light.forget();
+            }
+        }
+        let checked = self.check_measurement(command, &measured);
+        self.last = Some((*command, measured));
+        match checked {
+            Ok(()) => Ok(measured),
+            Err(broken) => Err(self.trip(broken)),
+        }
+    }
+
+    fn stop(&mut self) {
+        self.machine.stop();
+    }
+}

@@ -1,0 +1,121 @@
+//! What a guard does about a broken rule: slow down, draw z back, hold.
+
+use super::{Guard, ROUNDING};
+use pigtail_hal::quantity::{Counts, Volts};
+use pigtail_hal::spec::SIDES;
+use pigtail_hal::{Axis, Command, Fault, Machine, Side};
+
+/// Gain of the speed's loop: share of the voltage for a share of the speed.
+const GAIN: f64 = 0.3;
+/// Time of its integral, seconds.
+const INTEGRAL: f64 = 0.01;
+/// It never gives more than this share of the voltage.
+const MOST: f64 = 0.6;
+/// Speed backward, as a share of the datasheet's.
+const BACK: f64 = 0.5;
+/// Braking, as a multiple of the datasheet's acceleration: an emergency.
+const BRAKE: f64 = 2.0;
+/// An axis whose encoder cannot be trusted is pushed back by this share of its voltage for a while,
+/// seconds.
+const PUSH: (f64, f64) = (0.25, 0.03);
+/// A way back has come to its end when so little of it is left, metres.
+const ARRIVED: f64 = 2e-6;
+/// Cycles over which a speed is seen.
+const SEEN: usize = 4;
+
+/// A z-stage on its way back.
+struct Way {
+    trusted: bool,
+    /// Encoder of late, metres; the oldest first.
+    places: [f64; SEEN + 1],
+    /// Speed that is wanted now, metres a second, forward is towards the chip.
+    wanted: f64,
+    integral: f64,
+    /// Where it began, metres.
+    from: f64,
+}
+
+impl<M: Machine> Guard<M> {
+    /// Slows every axis down, draws both z-stages back, and leaves the motors without voltage, which
+    /// friction holds. The joints brake by themselves: they are geared down so far.
+    pub(super) fn retreat(&mut self, fault: &Fault) {
+        let Some((command, measured)) = self.last else {
+            self.machine.stop();
+            return;
+        };
+        let spec = self.machine.spec();
+        let (z, volts) = (&spec.z_stage, spec.drive(Axis::Z).voltage);
+        let (speed, acceleration, period) = (z.speed, z.acceleration, spec.period());
+        let scale = self.limits.metres_per_count[Axis::Z.index()];
+        let mut ways: [Way; SIDES] = std::array::from_fn(|i| {
+            let Counts(at) = measured.encoders[i][Axis::Z.index()];
+            let at = at as f64 * scale;
+            let (_, way) = self.keepout.moved(i, SEEN);
+            let now = way / (SEEN as f64 * period);
+            Way {
+                trusted: fault.axis != format!("{}.z", Side::ALL[i].name()),
+                places: std::array::from_fn(|k| at - way + way * k as f64 / SEEN as f64),
+                wanted: now.clamp(-speed, speed),
+                integral: 0.0,
+                from: at,
+            }
+        });
+        let back = self.limits.retract;
+        let mut command = Command {
+            micro: command.micro,
+            laser: command.laser,
+            ..Command::IDLE
+        };
+        // Twice what it takes by plan, and never for ever.
+        let longest = 2.0 * (back / (BACK * speed) + 2.0 * speed / acceleration);
+        for cycle in 0..(longest / period) as u64 {
+            let mut going = false;
+            for (i, way) in ways.iter_mut().enumerate() {
+                let share = if way.trusted {
+                    way.next(speed, acceleration, period, back)
+                } else if (cycle as f64) * period < PUSH.1 {
+                    Some(-PUSH.0)
+                } else {
+                    None
+                };
+                going |= share.is_some();
+                let share = share.unwrap_or(0.0).clamp(-MOST, MOST);
+                command.motors[i][Axis::Z.index()] = Volts(share * volts * (1.0 - ROUNDING));
+            }
+            if !going {
+                break;
+            }
+            match self.machine.exchange(&command) {
+                Ok(measured) => {
+                    for (way, encoders) in ways.iter_mut().zip(&measured.encoders) {
+                        let Counts(at) = encoders[Axis::Z.index()];
+                        way.places.rotate_left(1);
+                        way.places[SEEN] = at as f64 * scale;
+                    }
+                }
+                Err(_) => return,
+            }
+        }
+        self.machine.stop();
+    }
+}
+
+impl Way {
+    /// The voltage for this cycle as a share of the greatest; `None` at the end of the way.
+    fn next(&mut self, speed: f64, acceleration: f64, period: f64, back: f64) -> Option<f64> {
+        let now = (self.places[SEEN] - self.places[0]) / (SEEN as f64 * period);
+        let left = back - (self.from - self.places[SEEN]);
+        if left <= ARRIVED {
+            return None;
+        }
+        // Backward no faster than it can stop where it is to stand.
+        let goal = -(2.0 * acceleration * left.max(0.0))
+            .sqrt()
+            .min(BACK * speed);
+        let step = if goal < self.wanted { BRAKE } else { 1.0 } * acceleration * period;
+        self.wanted += (goal - self.wanted).clamp(-step, step);
+        let error = (self.wanted - now) / speed;
+        self.integral = (self.integral + error * period / INTEGRAL).clamp(-1.0, 1.0);
+        Some(GAIN * (error + self.integral))
+    }
+}

@@ -1,0 +1,184 @@
+//! Clocks, sensors and piezos: what is late, frozen or running away.
+
+use super::Broken;
+use pigtail_hal::quantity::Volts;
+use pigtail_hal::spec::{CHANNELS, MICRO_AXES, SIDES};
+use pigtail_hal::{Channel, Measurement, Side, Spec, VisionFrame};
+
+/// A sensor is late after so many of its own periods.
+const LATE: f64 = 4.0;
+/// Frames that are alike to the last digit, in a row: a camera that repeats itself.
+const ALIKE: u32 = 5;
+
+/// When each sensor was heard of.
+#[derive(Debug, Clone)]
+pub(super) struct Sensors {
+    period: f64,
+    light: f64,
+    frame: f64,
+    /// Longest silence of photodiodes and of vision, seconds.
+    patience: [f64; 2],
+    last_frame: Option<VisionFrame>,
+    alike: u32,
+    /// Light at which a photodiode is at the end of its range, volts, and for how many samples.
+    full: f64,
+    most_full: u32,
+    fulls: [u32; CHANNELS],
+}
+
+impl Sensors {
+    pub(super) fn new(spec: &Spec) -> Self {
+        Self {
+            period: spec.period(),
+            light: 0.0,
+            frame: 0.0,
+            patience: [
+                LATE / spec.photodiode.rate,
+                LATE / spec.vision.rate + spec.vision.latency,
+            ],
+            last_frame: None,
+            alike: 0,
+            full: spec.photodiode.range - 1.5 * spec.photodiode.step(),
+            most_full: (spec.guard.saturated * spec.photodiode.rate).ceil() as u32,
+            fulls: [0; CHANNELS],
+        }
+    }
+
+    /// Time, and the photodiodes.
+    pub(super) fn check(&mut self, before: &Measurement, now: &Measurement) -> Result<(), Broken> {
+        let step = now.time - before.time;
+        // A comparison that a NaN fails too.
+        if !((step - self.period).abs() <= 0.5 * self.period) {
+            return Err(Broken::new(
+                "servo keeps its time",
+                "machine",
+                format!("{:.3} ms since the last cycle", step * 1e3),
+                format!("{:.3} ms", self.period * 1e3),
+            ));
+        }
+        if let Some(light) = &now.light {
+            self.light = now.time;
+            for channel in Channel::ALL {
+                let (i, Volts(volts)) = (channel.index(), light.volts[channel.index()]);
+                if volts < self.full {
+                    self.fulls[i] = 0;
+                    continue;
+                }
+                self.fulls[i] += 1;
+                if self.fulls[i] > self.most_full {
+                    return Err(Broken::new(
+                        "photodiode within its range",
+                        channel.name(),
+                        format!("{volts:.3} V"),
+                        format!("less than {:.3} V", self.full),
+                    ));
+                }
+            }
+        }
+        for (what, heard, patience) in [
+            ("photodiodes", self.light, self.patience[0]),
+            ("vision", self.frame, self.patience[1]),
+        ] {
+            if now.time - heard > patience {
+                return Err(Broken::new(
+                    "sensors are heard of",
+                    what,
+                    format!("nothing for {:.1} ms", (now.time - heard) * 1e3),
+                    format!("at most {:.1} ms", patience * 1e3),
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// A new frame of vision.
+    pub(super) fn frame(&mut self, frame: &VisionFrame, now: f64) -> Result<(), Broken> {
+        self.frame = now;
+        let same = self
+            .last_frame
+            .is_some_and(|last| (last.fiber, last.sensing) == (frame.fiber, frame.sensing));
+        self.alike = if same { self.alike + 1 } else { 0 };
+        self.last_frame = Some(*frame);
+        if self.alike >= ALIKE {
+            return Err(Broken::new(
+                "vision is alive",
+                "vision",
+                format!("{} frames alike to the last digit", self.alike + 1),
+                "frames that differ by their noise".to_owned(),
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// A swing of a piezo counts from this share of its range on.
+const SWING: f64 = 0.2;
+/// So many of them...
+const SWINGS: usize = 8;
+/// ...within this time are no work that anyone gives a piezo, seconds.
+const WITHIN: f64 = 0.05;
+
+/// Piezos that swing to and fro: a loop around them has run away.
+#[derive(Debug, Clone)]
+pub(super) struct Piezos {
+    swing: f64,
+    within: u64,
+    cycle: u64,
+    each: [[Swings; MICRO_AXES]; SIDES],
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Swings {
+    /// Where the present swing began and how far it has gone, volts.
+    from: f64,
+    to: f64,
+    /// The cycles of the last ones, the oldest first.
+    ends: [u64; SWINGS],
+}
+
+impl Piezos {
+    pub(super) fn new(spec: &Spec) -> Self {
+        let middle = 0.5 * spec.micro.voltage;
+        Self {
+            swing: SWING * spec.micro.voltage,
+            within: (WITHIN * spec.servo.rate) as u64,
+            // So that no swing of the beginning was within any time.
+            cycle: 1 << 32,
+            each: [[Swings {
+                from: middle,
+                to: middle,
+                ends: [0; SWINGS],
+            }; MICRO_AXES]; SIDES],
+        }
+    }
+
+    pub(super) fn check(&mut self, volts: &[[Volts; MICRO_AXES]; SIDES]) -> Result<(), Broken> {
+        self.cycle += 1;
+        for side in Side::ALL {
+            for (i, Volts(volts)) in volts[side.index()].into_iter().enumerate() {
+                let s = &mut self.each[side.index()][i];
+                let forward = s.to >= s.from;
+                if (volts >= s.to) == forward {
+                    s.to = volts;
+                    continue;
+                }
+                if (volts - s.to).abs() < self.swing {
+                    continue;
+                }
+                // It has turned round.
+                (s.from, s.to) = (s.to, volts);
+                s.ends.rotate_left(1);
+                s.ends[SWINGS - 1] = self.cycle;
+                if self.cycle - s.ends[0] <= self.within {
+                    return Err(Broken::new(
+                        "piezo does not run away",
+                        format!("{}.micro{}", side.name(), i + 1),
+                        format!("{SWINGS} swings within {:.0} ms", WITHIN * 1e3),
+                        format!("fewer, of {:.1} V or more", self.swing),
+                    ));
+                }
+            }
+        }
+        Ok(())
+    }
+}
