@@ -21,11 +21,13 @@ fn reproduce(folder: &Path, threads: &str, arguments: &[&str]) -> std::process::
         .expect("the program starts")
 }
 
+/// The folders of runs: the store of runs lies beside them.
 fn runs(folder: &Path) -> Vec<PathBuf> {
-    fs::read_dir(folder.join("runs")).map_or_else(
-        |_| Vec::new(),
-        |entries| entries.map(|e| e.expect("an entry").path()).collect(),
-    )
+    let Ok(entries) = fs::read_dir(folder.join("runs")) else {
+        return Vec::new();
+    };
+    let paths = entries.map(|entry| entry.expect("an entry").path());
+    paths.filter(|path| path.is_dir()).collect()
 }
 
 fn document(output: &std::process::Output) -> Value {
