@@ -12,6 +12,7 @@ mod methods;
 mod plan;
 mod progress;
 mod records;
+mod reproduce;
 mod runs;
 mod scan;
 mod simulate;
@@ -75,6 +76,7 @@ enum Command {
     Trace(trace::Arguments),
     Simulate(simulate::Arguments),
     Twin(twin::Arguments),
+    Reproduce(reproduce::Arguments),
     Runs(runs::Arguments),
 }
 
@@ -150,6 +152,7 @@ pub fn main() -> ExitCode {
         Command::Trace(arguments) => trace::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Twin(arguments) => twin::run(&arguments),
+        Command::Reproduce(arguments) => reproduce::run(&arguments),
         Command::Runs(arguments) => runs::run(&arguments),
     };
     match result {
