@@ -73,7 +73,7 @@ pub fn replay(path: &Path) -> Result<Document> {
     let reports = align::run(&mut machine, &setup, procedure, &mut Unobserved);
     let (exchanges, seconds) = (machine.cycles(), machine.time());
     // A replay that came to the record's end has said all that there is to say of a cut one.
-    let ended = machine.fault().filter(|fault| fault.rule == ENDS).is_some();
+    let ended = machine.fault().is_some_and(|fault| fault.rule == ENDS);
     let left = machine.left()?;
     let cut = machine.is_cut() || ended;
     let difference = machine

@@ -209,7 +209,7 @@ impl<M: Machine> Guard<M> {
             let held = self.keepout.holds(side);
             self.keepout.change_fiber(side, held, time);
         }
-        self.keepout.forget_sensing();
+        self.keepout.forget();
         self.light.forget();
         self.piezos = Piezos::new(self.machine.spec());
         self.stalls = Stalls::new(self.machine.spec());

@@ -47,8 +47,9 @@ impl Sensors {
     /// Time, and the photodiodes.
     pub(super) fn check(&mut self, before: &Measurement, now: &Measurement) -> Result<(), Broken> {
         let step = now.time - before.time;
-        // A comparison that a NaN fails too.
-        if !((step - self.period).abs() <= 0.5 * self.period) {
+        let in_time = (step - self.period).abs() <= 0.5 * self.period;
+        // A time that is no number is not in time.
+        if !in_time {
             return Err(Broken::new(
                 "servo keeps its time",
                 "machine",

@@ -232,11 +232,11 @@ impl Twin {
                     return Err(self.refuse(why.rule, axis, why.value, why.limit));
                 }
             }
-            for Volts(volts) in command.micro[side.index()] {
+            for (i, Volts(volts)) in command.micro[side.index()].into_iter().enumerate() {
                 if !volts.is_finite() {
                     return Err(self.refuse(
                         "command is a number",
-                        format!("{}.micro", side.name()),
+                        format!("{}.micro{}", side.name(), i + 1),
                         format!("{volts} V"),
                         "a finite voltage".to_owned(),
                     ));
