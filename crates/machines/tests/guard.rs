@@ -235,8 +235,6 @@ fn mad() -> impl Strategy<Value = Vec<Mad>> {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 150, ..ProptestConfig::default() })]
-
     /// No sequence of commands, however mad, drives anything into the chip.
     #[test]
     fn nothing_gets_past_it(commands in mad(), seed in 0..1000_u64, tame in any::<bool>()) {

@@ -44,6 +44,11 @@ impl Sensors {
         }
     }
 
+    /// Watching begins: what came before has not been heard of.
+    pub(super) fn begin(&mut self, time: f64) {
+        (self.light, self.frame) = (time, time);
+    }
+
     /// Time, and the photodiodes.
     pub(super) fn check(&mut self, before: &Measurement, now: &Measurement) -> Result<(), Broken> {
         let step = now.time - before.time;
