@@ -4,11 +4,12 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use pigtail::align::align;
+use pigtail::guarded::guarded;
 use pigtail::procedure::Procedure;
 use pigtail::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
 use pigtail_control::station::{Station, Unobserved};
 use pigtail_hal::{Command, Machine, Volts};
-use pigtail_machines::Twin;
+use pigtail_machines::{Recorder, Twin};
 use std::hint::black_box;
 
 /// Servo cycles in a second of machine time.
@@ -58,6 +59,32 @@ fn machine(c: &mut Criterion) {
             b.iter(|| align(&setup, procedure, black_box(1), &mut Unobserved).expect("no fault"));
         });
     }
+
+    // The same machine time by the twin alone, with the guard, and with guard and recorder.
+    let seconds = 20.0;
+    let cycles = (seconds * setup.spec.servo.rate) as u64;
+    group.throughput(Throughput::Elements(cycles));
+    let holding = |machine: &mut dyn Machine| {
+        let mut unobserved = Unobserved;
+        let mut station =
+            Station::new(machine, &setup.calibration, &mut unobserved).expect("no fault");
+        station.run(black_box(seconds)).expect("no fault");
+    };
+    group.bench_function("20 s held", |b| b.iter(|| holding(&mut twin(1))));
+    group.bench_function("20 s held, guarded", |b| {
+        b.iter(|| holding(&mut guarded(twin(1), &setup)));
+    });
+    group.bench_function("20 s held, guarded and recorded", |b| {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut run = 0;
+        b.iter(|| {
+            run += 1;
+            let path = folder.path().join(run.to_string());
+            let mut recorder = Recorder::new(twin(1), &path, b"").expect("a new file");
+            holding(&mut guarded(&mut recorder, &setup));
+            recorder.finish().expect("a disk with room");
+        });
+    });
     group.finish();
 }
 

@@ -1,0 +1,213 @@
+//! What breaks, what stops, what is recorded, by the program as a user runs it.
+
+use assert_cmd::Command;
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::time::Duration;
+use tempfile::TempDir;
+
+fn pigtail(runs: &Path, arguments: &[&str]) -> (i32, String, String) {
+    let output = Command::cargo_bin("pigtail")
+        .expect("the program")
+        .args(arguments)
+        .arg("--runs")
+        .arg(runs)
+        .output()
+        .expect("it runs");
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (
+        output.status.code().unwrap_or(-1),
+        text(&output.stdout),
+        text(&output.stderr),
+    )
+}
+
+fn json(text: &str) -> Value {
+    serde_json::from_str(text).expect("one JSON document")
+}
+
+/// Folders of runs, those that were cut short too.
+fn folders(runs: &Path) -> Vec<PathBuf> {
+    let mut folders: Vec<_> = std::fs::read_dir(runs)
+        .expect("a folder")
+        .map(|entry| entry.expect("an entry").path())
+        .filter(|path| path.is_dir())
+        .collect();
+    folders.sort();
+    folders
+}
+
+#[test]
+fn a_fault_stops_the_machine_with_its_name_and_exit_code() {
+    let runs = TempDir::new().expect("a folder");
+    let arguments = ["align", "--json", "--fault", "encoder-stuck:left.z@0.5s"];
+    let (code, out, _) = pigtail(runs.path(), &arguments);
+    assert_eq!(code, 3);
+    let document = json(&out);
+    assert_eq!(document["injected"][0], "encoder-stuck:left.z@0.5s");
+    assert_eq!(document["fault"]["axis"], "left.z");
+    assert_eq!(document["fibers"][0]["outcome"], "fault");
+    assert_eq!(document["collision"], false);
+    let time = document["fault"]["time"].as_f64().expect("a time");
+    assert!((0.5..0.6).contains(&time), "{time}");
+    let (code, out, _) = pigtail(runs.path(), &["runs", "list", "--json", "--state", "fault"]);
+    assert_eq!(code, 0);
+    assert!(out.contains("fault"), "{out}");
+}
+
+#[test]
+fn a_fault_that_there_is_not_is_bad_input() {
+    let runs = TempDir::new().expect("a folder");
+    for (arguments, told) in [
+        (["align", "--fault", "melt@1s"], "belt-slip"),
+        (["align", "--fault", "laser-off"], "@TIME"),
+        (["align", "--fault", "help"], "servo-overrun"),
+        (["align", "--faults", "everything"], "or all"),
+    ] {
+        let (code, _, err) = pigtail(runs.path(), &arguments);
+        assert_eq!(code, 2, "{arguments:?}");
+        assert!(err.contains(told), "{arguments:?}: {err}");
+    }
+    assert!(folders(runs.path()).is_empty());
+}
+
+#[test]
+fn whatever_breaks_nothing_is_touched_and_nothing_wrongly_believed() {
+    let runs = TempDir::new().expect("a folder");
+    let arguments = [
+        "campaign",
+        "--devices",
+        "150",
+        "--seed",
+        "900000",
+        "--faults",
+        "all",
+        "--json",
+    ];
+    let (code, out, err) = pigtail(runs.path(), &arguments);
+    assert_eq!(code, 0, "{err}");
+    let document = json(&out);
+    for key in ["collisions", "panics", "hangs", "false_aligned"] {
+        assert_eq!(document[key], 0, "{key}");
+    }
+    let tripped = document["tripped"].as_object().expect("rules");
+    assert!(tripped.len() >= 5, "{tripped:?}");
+    assert_eq!(document["faults"], "all");
+}
+
+#[test]
+fn a_run_is_replayed_to_the_last_bit_and_a_changed_command_is_named() {
+    let runs = TempDir::new().expect("a folder");
+    for more in [&["--seed", "3"][..], &["--faults", "all", "--seed", "5"]] {
+        let arguments: Vec<_> = ["align"].iter().chain(more).copied().collect();
+        pigtail(runs.path(), &arguments);
+    }
+    for folder in folders(runs.path()) {
+        let name = folder
+            .file_name()
+            .expect("a name")
+            .to_string_lossy()
+            .into_owned();
+        let (code, out, err) = pigtail(runs.path(), &["runs", "replay", &name, "--json"]);
+        assert_eq!(code, 0, "{out}{err}");
+        let document = json(&out);
+        assert_eq!(document["same"], true);
+        assert!(document["exchanges"].as_u64().expect("a number") > 100);
+    }
+    // Another calibration is another control: the record says where it first differs.
+    let folder = &folders(runs.path())[0];
+    let record = folder.join("exchanges.pigtail");
+    let changed = runs.path().join("changed.pigtail");
+    let mut bytes = std::fs::read(&record).expect("a record");
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    std::fs::write(&changed, &bytes).expect("a file");
+    let path = changed.display().to_string();
+    let (code, _, err) = pigtail(runs.path(), &["runs", "replay", &path]);
+    assert_eq!(code, 2);
+    assert!(err.contains("is damaged"), "{err}");
+    std::fs::write(&changed, b"no record").expect("a file");
+    let (code, _, err) = pigtail(runs.path(), &["runs", "replay", &path]);
+    assert_eq!((code, err.contains("is no record")), (2, true), "{err}");
+    let (code, ..) = pigtail(runs.path(), &["runs", "replay", "nothing"]);
+    assert_eq!(code, 2);
+}
+
+/// The program at the clock's pace, killed or asked to stop after so long.
+#[cfg(unix)]
+fn interrupted(runs: &Path, signal: &str, milliseconds: u64) -> Option<i32> {
+    let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin("pigtail"))
+        .args(["align", "--real-time", "--runs"])
+        .arg(runs)
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .spawn()
+        .expect("it runs");
+    std::thread::sleep(Duration::from_millis(milliseconds));
+    std::process::Command::new("kill")
+        .args([signal, &child.id().to_string()])
+        .status()
+        .expect("kill");
+    child.wait().expect("it ends").code()
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_stops_the_machine_and_leaves_a_record() {
+    let runs = TempDir::new().expect("a folder");
+    assert_eq!(interrupted(runs.path(), "-INT", 900), Some(3));
+    assert_eq!(interrupted(runs.path(), "-TERM", 600), Some(3));
+    for folder in folders(runs.path()) {
+        let summary = std::fs::read_to_string(folder.join("summary.json")).expect("a summary");
+        assert_eq!(json(&summary)["fault"]["rule"], "nobody asks to stop");
+        let name = folder
+            .file_name()
+            .expect("a name")
+            .to_string_lossy()
+            .into_owned();
+        let (code, out, err) = pigtail(runs.path(), &["runs", "replay", &name, "--json"]);
+        assert_eq!(code, 0, "{out}{err}");
+        assert_eq!(json(&out)["cut"], false);
+    }
+}
+
+/// What is left of a run that was killed after so long, at the clock's pace, seconds.
+#[cfg(unix)]
+fn left_of_killed(milliseconds: u64) -> f64 {
+    let runs = TempDir::new().expect("a folder");
+    assert_eq!(interrupted(runs.path(), "-KILL", milliseconds), None);
+    let folder = folders(runs.path()).pop().expect("what is left");
+    let record = folder.join("exchanges.pigtail").display().to_string();
+    let (code, out, err) = pigtail(runs.path(), &["runs", "replay", &record, "--json"]);
+    assert_eq!(code, 0, "{out}{err}");
+    let document = json(&out);
+    assert_eq!(document["same"], true);
+    document["seconds"].as_f64().expect("a number")
+}
+
+#[cfg(unix)]
+#[test]
+fn a_killed_run_loses_at_most_its_last_second() {
+    let seconds = left_of_killed(1500);
+    // The program itself takes a moment to begin.
+    assert!(seconds > 0.4, "{seconds}");
+}
+
+/// A hundred kills at all kinds of moments: two minutes.
+#[cfg(unix)]
+#[test]
+#[ignore = "takes two minutes"]
+fn a_hundred_killed_runs_lose_at_most_their_last_second() {
+    let mut worst = f64::INFINITY;
+    for k in 0..100_u64 {
+        let milliseconds = 1100 + k * 37 % 1500;
+        let late = milliseconds as f64 * 1e-3 - left_of_killed(milliseconds);
+        assert!(
+            late < 1.1,
+            "killed after {milliseconds} ms: {late} s are lost"
+        );
+        worst = worst.min(late);
+    }
+    assert!(worst.is_finite());
+}
