@@ -5,6 +5,7 @@ use crate::procedure::Procedure;
 use crate::rig::Setup;
 use pigtail_control::outcome::Outcome;
 use pigtail_control::procedure::{FiberReport, not_begun};
+use pigtail_control::recipe::Recipe;
 use pigtail_control::station::{Observer, Station};
 use pigtail_hal::Fault;
 use pigtail_machines::Twin;
@@ -112,24 +113,67 @@ pub fn align(
     seed: u64,
     observer: &mut dyn Observer,
 ) -> Result<Document, TwinError> {
+    let way = Way {
+        name: procedure.name(),
+        tolerance_xy_um: procedure.tolerance_xy_um(),
+        run: |station: &mut Station, recipe: &Recipe| procedure.run(station, recipe),
+    };
+    Ok(align_by(setup, way, seed, observer)?.document)
+}
+
+/// A way to align a device, named or not.
+pub(crate) struct Way<R> {
+    /// Its name in documents.
+    pub(crate) name: &'static str,
+    /// How near to the peak in x and y a fiber must be in truth to count as aligned, micrometres.
+    pub(crate) tolerance_xy_um: f64,
+    /// What it does.
+    pub(crate) run: R,
+}
+
+/// What came of a device.
+pub(crate) struct Aligned {
+    /// The document.
+    pub(crate) document: Document,
+    /// Machine time by the machine, from power-on until the last fiber was done, seconds.
+    pub(crate) machine_seconds: f64,
+    /// Light samples that control looked at.
+    pub(crate) readings: u64,
+}
+
+/// As [`align`], by any way.
+///
+/// # Errors
+///
+/// As [`align`].
+pub(crate) fn align_by<R>(
+    setup: &Setup,
+    way: Way<R>,
+    seed: u64,
+    observer: &mut dyn Observer,
+) -> Result<Aligned, TwinError>
+where
+    R: FnOnce(&mut Station, &Recipe) -> Vec<FiberReport>,
+{
     let twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
     let mut machine = guarded(twin, setup);
-    let reports = match Station::new(&mut machine, &setup.calibration, observer) {
-        Ok(mut station) => {
-            let reports = procedure.run(&mut station, &setup.recipe);
-            station.stop();
-            reports
-        }
-        Err(fault) => not_begun(&setup.recipe, fault),
-    };
+    let (reports, machine_seconds, readings) =
+        match Station::new(&mut machine, &setup.calibration, observer) {
+            Ok(mut station) => {
+                let reports = (way.run)(&mut station, &setup.recipe);
+                station.stop();
+                (reports, station.time(), station.readings())
+            }
+            Err(fault) => (not_begun(&setup.recipe, fault), 0.0, 0),
+        };
     let truth = machine.inner().truth();
     let truths = std::iter::once(truth.input).chain(truth.outputs);
     let fibers: Vec<FiberRow> = reports
         .iter()
         .zip(truths)
         .map(|(report, truth)| {
-            let tolerance = procedure.tolerance_xy_um();
-            row(report, truth, setup.recipe.approach.gap, tolerance)
+            let gap = setup.recipe.approach.gap;
+            row(report, truth, gap, way.tolerance_xy_um)
         })
         .collect();
     let attempted = reports
@@ -137,10 +181,10 @@ pub fn align(
         .filter(|r| r.outcome != Outcome::NotAttempted)
         .count();
     let seconds: f64 = reports.iter().map(FiberReport::seconds).sum();
-    Ok(Document {
+    let document = Document {
         rig: setup.rig.clone(),
         recipe: setup.recipe_name.clone(),
-        procedure: procedure.name(),
+        procedure: way.name,
         scenario: setup.scenario.clone(),
         seed,
         fibers,
@@ -155,6 +199,11 @@ pub fn align(
             .cloned(),
         version: env!("CARGO_PKG_VERSION"),
         report: String::new(),
+    };
+    Ok(Aligned {
+        document,
+        machine_seconds,
+        readings,
     })
 }
 

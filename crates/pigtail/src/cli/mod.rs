@@ -1,6 +1,7 @@
 //! The commands. Exit codes: 0 done, 1 an honest negative, 2 bad input, 3 a fault.
 
 mod align;
+mod benchmark;
 mod campaign;
 mod characterize;
 mod common;
@@ -64,6 +65,7 @@ Exit codes:
 enum Command {
     Align(align::Arguments),
     Campaign(campaign::Arguments),
+    Benchmark(benchmark::Arguments),
     Plan(plan::Arguments),
     Maximize(maximize::Arguments),
     Tune(tune::Arguments),
@@ -139,6 +141,7 @@ pub fn main() -> ExitCode {
     let result = match arguments.command {
         Command::Align(arguments) => align::run(&arguments),
         Command::Campaign(arguments) => campaign::run(&arguments),
+        Command::Benchmark(arguments) => benchmark::run(&arguments),
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Maximize(arguments) => maximize::run(&arguments),
         Command::Tune(arguments) => tune::run(&arguments),
