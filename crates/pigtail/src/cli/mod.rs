@@ -23,7 +23,7 @@ mod twin;
 use crate::align::AlignError;
 use crate::characterize::ExperimentError;
 use crate::runs::Run;
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use pigtail_hal::{Error, Fault};
 use std::io::{self, Write};
 use std::process::ExitCode;
@@ -126,6 +126,11 @@ fn print(text: &[u8]) -> anyhow::Result<()> {
         Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
         other => Ok(other?),
     }
+}
+
+/// The program's commands and options, for whoever describes them.
+pub fn command() -> clap::Command {
+    Arguments::command().name("pigtail")
 }
 
 /// Runs the program with the process's arguments.

@@ -236,10 +236,23 @@ fn boxes(names: &[&str], values: &[Vec<f64>], x: &str, limit: Option<f64>) -> Re
             .x_label_area_size(46)
             .y_label_area_size(NAMES as u32 - 8)
             .build_cartesian_2d(axes.x.0.clone(), axes.y.0.clone())?;
-        mesh(&mut chart, axes.x.1, |v| {
-            let text = format!("{:.3}", 10_f64.powf(v));
-            text.trim_end_matches('0').trim_end_matches('.').to_owned()
-        })?;
+        chart
+            .configure_mesh()
+            .disable_mesh()
+            .x_desc(axes.x.1)
+            .x_labels(0)
+            .y_labels(0)
+            .axis_desc_style(("sans-serif", 15).into_font().color(&INK))
+            .axis_style(SOFT)
+            .draw()?;
+        let top = rows as f64 - 0.4;
+        for (x, label) in decades(&axes.x.0) {
+            chart.draw_series([PathElement::new(vec![(x, -0.6), (x, top)], GRID)])?;
+            let (left, bottom) = chart.backend_coord(&(x, -0.6));
+            let style = ("sans-serif", 14).into_font().color(&INK);
+            let style = style.pos(Pos::new(HPos::Center, VPos::Top));
+            root.draw(&Text::new(label, (left, bottom + 6), style))?;
+        }
         if let Some(limit) = limit {
             let x = log(limit);
             chart.draw_series([PathElement::new(
@@ -277,6 +290,19 @@ fn boxes(names: &[&str], values: &[Vec<f64>], x: &str, limit: Option<f64>) -> Re
         }
         Ok(())
     })
+}
+
+/// Values of one, two and five that a logarithmic axis shows, and how they are written.
+fn decades(range: &std::ops::Range<f64>) -> Vec<(f64, String)> {
+    let first = range.start.floor() as i32;
+    (first..=range.end.ceil() as i32)
+        .flat_map(|decade| [1.0, 2.0, 5.0].map(|m: f64| (m.log10() + f64::from(decade), decade)))
+        .filter(|(x, _)| range.contains(x))
+        .map(|(x, decade)| {
+            let digits = (-decade).max(0) as usize;
+            (x, format!("{:.digits$}", 10_f64.powf(x)))
+        })
+        .collect()
 }
 
 type Chart<'a, 'b> = ChartContext<
