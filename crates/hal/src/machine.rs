@@ -25,3 +25,24 @@ pub trait Machine {
     /// there is nothing left to try.
     fn stop(&mut self);
 }
+
+macro_rules! behind {
+    ($pointer:ty) => {
+        impl<M: Machine + ?Sized> Machine for $pointer {
+            fn spec(&self) -> &Spec {
+                (**self).spec()
+            }
+
+            fn exchange(&mut self, command: &Command) -> Result<Measurement, Fault> {
+                (**self).exchange(command)
+            }
+
+            fn stop(&mut self) {
+                (**self).stop();
+            }
+        }
+    };
+}
+
+behind!(&mut M);
+behind!(Box<M>);

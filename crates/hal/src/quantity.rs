@@ -294,6 +294,17 @@ fn number<'de, D: Deserializer<'de>>(deserializer: D, sign: Sign) -> Result<f64,
     Ok(value)
 }
 
+/// Deserializes a voltage of more than zero for a key that may be missing.
+///
+/// # Errors
+///
+/// When the text is no such quantity, or not positive.
+pub fn optional_voltage<'de, D: Deserializer<'de>>(
+    deserializer: D,
+) -> Result<Option<f64>, D::Error> {
+    read(&VOLTAGE, Sign::Positive, deserializer).map(Some)
+}
+
 /// Deserializes a plain number of more than zero.
 ///
 /// # Errors

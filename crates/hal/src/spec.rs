@@ -292,6 +292,10 @@ pub struct DriveSpec {
     /// Highest speed of the motor, radians a second.
     #[serde(deserialize_with = "quantity::positive_rotation")]
     pub speed: f64,
+    /// The voltage at which the motor turns for certain with its axis at rest, volts. A quarter of
+    /// what the amplifier gives where it is not said.
+    #[serde(default, deserialize_with = "quantity::optional_voltage")]
+    pub start: Option<f64>,
     /// What pulses the amplifier can play out by itself, if any.
     pub pulse: Option<PulseSpec>,
 }
@@ -309,6 +313,11 @@ pub struct PulseSpec {
 }
 
 impl DriveSpec {
+    /// The voltage at which the motor turns for certain with its axis at rest, volts.
+    pub fn start(&self) -> f64 {
+        self.start.unwrap_or(0.25 * self.voltage)
+    }
+
     /// Motor angle of one encoder count, radians.
     pub fn count(&self) -> f64 {
         std::f64::consts::TAU / f64::from(self.counts_per_turn)

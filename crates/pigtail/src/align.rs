@@ -4,18 +4,22 @@ use crate::guarded::guarded;
 use crate::procedure::Procedure;
 use crate::rig::Setup;
 use pigtail_control::outcome::Outcome;
-use pigtail_control::procedure::{FiberReport, not_begun};
+use pigtail_control::procedure::{FiberReport, PORTS, not_begun};
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::{Observer, Station};
 use pigtail_hal::Fault;
-use pigtail_machines::Twin;
 use pigtail_machines::twin::{FiberTruth, TwinError};
+use pigtail_machines::{Deadline, Twin};
 use serde::Serialize;
 
 /// Tolerances of an aligned fiber: x and y, then z (thesis 3.1), micrometres.
 pub const TOLERANCE_XY_UM: f64 = 0.1;
 /// See [`TOLERANCE_XY_UM`].
 pub const TOLERANCE_Z_UM: f64 = 2.0;
+
+/// An alignment that takes longer than this hangs, seconds of machine time: a device without light
+/// takes two minutes.
+const LONGEST: f64 = 1800.0;
 
 /// What a run prints as JSON and keeps as `summary.json`. Keys are a contract: more may come,
 /// none changes its name or meaning.
@@ -40,6 +44,8 @@ pub struct Document {
     /// The least distance between the chip and any fiber that was beside it: the truth. `null`
     /// where none ever was.
     pub smallest_gap_um: Option<f64>,
+    /// What was broken on purpose, and when.
+    pub injected: Vec<String>,
     /// Why the machine stopped by itself; `null` where it did not.
     pub fault: Option<Fault>,
     /// The program's version.
@@ -116,6 +122,7 @@ pub fn align(
     let way = Way {
         name: procedure.name(),
         tolerance_xy_um: procedure.tolerance_xy_um(),
+        seconds: procedure.seconds(),
         run: |station: &mut Station, recipe: &Recipe| procedure.run(station, recipe),
     };
     Ok(align_by(setup, way, seed, observer)?.document)
@@ -127,6 +134,8 @@ pub(crate) struct Way<R> {
     pub(crate) name: &'static str,
     /// How near to the peak in x and y a fiber must be in truth to count as aligned, micrometres.
     pub(crate) tolerance_xy_um: f64,
+    /// About how long a device takes, seconds of machine time: when a fault may come.
+    pub(crate) seconds: f64,
     /// What it does.
     pub(crate) run: R,
 }
@@ -155,8 +164,10 @@ pub(crate) fn align_by<R>(
 where
     R: FnOnce(&mut Station, &Recipe) -> Vec<FiberReport>,
 {
-    let twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
-    let mut machine = guarded(twin, setup);
+    let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
+    let injected = setup.faults.of(seed, way.seconds);
+    twin.inject(&injected);
+    let mut machine = guarded(Deadline::new(twin, LONGEST), setup);
     let (reports, machine_seconds, readings) =
         match Station::new(&mut machine, &setup.calibration, observer) {
             Ok(mut station) => {
@@ -166,7 +177,7 @@ where
             }
             Err(fault) => (not_begun(&setup.recipe, fault), 0.0, 0),
         };
-    let truth = machine.inner().truth();
+    let truth = machine.inner().inner().truth();
     let truths = std::iter::once(truth.input).chain(truth.outputs);
     let fibers: Vec<FiberRow> = reports
         .iter()
@@ -193,6 +204,7 @@ where
         smallest_gap_um: Some(truth.smallest_gap)
             .filter(|gap| gap.is_finite())
             .map(|gap| rounded(gap * 1e6, 1e-6)),
+        injected: injected.iter().map(ToString::to_string).collect(),
         fault: reports
             .iter()
             .find_map(|report| report.outcome.fault())
@@ -205,6 +217,50 @@ where
         machine_seconds,
         readings,
     })
+}
+
+/// The document of a device at which the program itself failed.
+pub fn panicked(
+    setup: &Setup,
+    procedure: Procedure,
+    seed: u64,
+    panic: &(dyn std::any::Any + Send),
+) -> Document {
+    let text = |panic: &(dyn std::any::Any + Send)| {
+        let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+        text.or_else(|| panic.downcast_ref::<String>().cloned())
+    };
+    let detail = text(panic).unwrap_or_else(|| "the program failed".to_owned());
+    let fiber = |port| FiberRow {
+        port,
+        outcome: "panic",
+        detail: detail.clone(),
+        phases: Vec::new(),
+        seconds: 0.0,
+        offset_um: None,
+        coupling_loss_db: None,
+        within_tolerance: None,
+    };
+    Document {
+        rig: setup.rig.clone(),
+        recipe: setup.recipe_name.clone(),
+        procedure: procedure.name(),
+        scenario: setup.scenario.clone(),
+        seed,
+        fibers: PORTS.into_iter().map(fiber).collect(),
+        seconds_per_fiber: 0.0,
+        collision: false,
+        smallest_gap_um: None,
+        injected: setup
+            .faults
+            .of(seed, procedure.seconds())
+            .iter()
+            .map(ToString::to_string)
+            .collect(),
+        fault: None,
+        version: env!("CARGO_PKG_VERSION"),
+        report: String::new(),
+    }
 }
 
 impl Document {

@@ -26,6 +26,7 @@ pub mod campaign;
 pub mod characterize;
 pub mod cli;
 pub mod contour;
+pub mod faults;
 pub mod guarded;
 pub mod hysteresis;
 pub mod identify;

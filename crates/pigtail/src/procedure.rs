@@ -26,6 +26,8 @@ struct Entry {
     name: &'static str,
     run: fn(&mut Station, &Recipe) -> Vec<FiberReport>,
     phases: &'static [&'static str],
+    /// About how long a device takes, seconds.
+    seconds: f64,
     /// How near to the peak in x and y a fiber must be in truth to count as aligned, micrometres.
     tolerance_xy_um: f64,
 }
@@ -37,18 +39,21 @@ impl Procedure {
                 name: "thesis",
                 run: procedure::thesis,
                 phases: &["coarse", "sensing", "raster", "climb", "approach", "final"],
+                seconds: 75.0,
                 tolerance_xy_um: TOLERANCE_XY_UM,
             },
             Self::Fast => Entry {
                 name: "fast",
                 run: pigtail_control::fast::fast,
                 phases: &["coarse", "sensing", "search", "centre", "approach", "final"],
+                seconds: 3.0,
                 tolerance_xy_um: TOLERANCE_XY_UM,
             },
             Self::MacroOnly => Entry {
                 name: "macro-only",
                 run: pigtail_control::nudge::macro_only,
                 phases: &["coarse", "sensing", "search", "centre", "approach", "final"],
+                seconds: 70.0,
                 tolerance_xy_um: MACRO_TOLERANCE_XY_UM,
             },
         }
@@ -57,6 +62,11 @@ impl Procedure {
     /// How near to the peak in x and y a fiber must be in truth to count as aligned, micrometres.
     pub fn tolerance_xy_um(self) -> f64 {
         self.entry().tolerance_xy_um
+    }
+
+    /// About how long a device takes, seconds of machine time: when a fault may come.
+    pub fn seconds(self) -> f64 {
+        self.entry().seconds
     }
 
     /// The tolerance of the procedure of a name, as documents have it; the thesis's for others.

@@ -1,5 +1,6 @@
 //! Finding and loading a rig and a recipe, with the hash of everything that was read.
 
+use crate::faults::Faults;
 use pigtail_control::calibration::Calibration;
 use pigtail_control::recipe::Recipe;
 use pigtail_hal::{Axis, Error, Spec};
@@ -47,6 +48,8 @@ pub struct Setup {
     pub recipe: Recipe,
     /// The scenario by which the truth was changed.
     pub scenario: String,
+    /// What breaks while a twin of this setup runs.
+    pub faults: Faults,
     /// The calibration's file; `None` for the one that is compiled in.
     pub calibration_file: Option<PathBuf>,
     /// Name and SHA-256 of each file that was read, in the order of reading.
@@ -106,6 +109,7 @@ impl Setup {
             calibration,
             recipe: recipe_parsed,
             scenario: "nominal".to_owned(),
+            faults: Faults::None,
             hashes,
         })
     }

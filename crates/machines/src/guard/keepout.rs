@@ -22,6 +22,8 @@ const HYSTERESIS: f64 = 0.25;
 const CROSS: f64 = 0.15;
 /// How far beside its port the light may be, and vision's noise, metres.
 const BESIDE: f64 = 8e-6;
+/// Nearer than this a fiber is where it is because its light led it there, metres.
+const LED: f64 = 30e-6;
 /// Standard deviations that are allowed for.
 const SIGMAS: f64 = 3.0;
 /// Standard deviations, and metres beside them, by which a frame may differ from what was expected.
@@ -47,6 +49,8 @@ struct Belief {
     holder: Stand,
     /// How far beside that it was seen, and how much of it may be a piezo that was on its way, metres.
     x: (f64, f64),
+    /// How far beside where the probes have it, metres; `None` on a rig without probes.
+    x_probed: Option<f64>,
 }
 
 /// A tip and how near it is.
@@ -74,6 +78,8 @@ pub(super) struct Surprise {
 pub(super) struct Stand {
     /// Endpoint in its own frame, metres.
     pub(super) endpoint: Point<Macro>,
+    /// Angles of its five-bar's outputs by their probes, radians, where the rig has them.
+    probed: Option<[f64; 2]>,
     /// The whole way that it has gone in x and in y, to and fro, metres.
     gone: [f64; 2],
     /// What its micro was told to add to that in x and y, metres.
@@ -93,6 +99,8 @@ pub(super) struct Keepout {
     micro: [[[f64; 2]; MICRO_AXES]; SIDES],
     middle: f64,
     rate: f64,
+    /// From a probe to its joint, metres; one without probes.
+    arm: f64,
     sensing_offset: [f64; 3],
     accuracy: [f64; 2],
     placement: f64,
@@ -108,6 +116,8 @@ pub(super) struct Keepout {
     held: [bool; SIDES],
     fibers: [Option<Belief>; SIDES],
     sensing: Option<Belief>,
+    /// Where each fiber stood in x when its light led it near to the chip, metres.
+    led: [Option<f64>; SIDES],
     /// Since when each fiber has been in its holder, seconds.
     since: [f64; SIDES],
 }
@@ -120,6 +130,7 @@ impl Keepout {
         let home = Point::new(0.0, 0.0, 0.0);
         let stands = std::array::from_fn(|side| Stand {
             endpoint: home,
+            probed: None,
             gone: [0.0; 2],
             micro: [0.0; 2],
             tip: geometry.arms[side].placement.chip_from_macro(home),
@@ -139,6 +150,7 @@ impl Keepout {
             }),
             middle: 0.5 * spec.micro.voltage,
             rate: spec.servo.rate,
+            arm: spec.probe.as_ref().map_or(1.0, |probe| probe.arm),
             sensing_offset: right.placement.chip_direction(ox, oy, oz),
             accuracy: [spec.vision.accuracy_x, spec.vision.accuracy_z],
             placement: spec.guard.placement,
@@ -152,6 +164,7 @@ impl Keepout {
             held: [false; SIDES],
             fibers: [None; SIDES],
             sensing: None,
+            led: [None; SIDES],
             since: [0.0; SIDES],
             geometry,
         }
@@ -171,6 +184,7 @@ impl Keepout {
     pub(super) fn change_fiber(&mut self, side: Side, held: bool, time: f64) {
         let i = side.index();
         (self.held[i], self.fibers[i], self.since[i]) = (held, None, time);
+        self.led[i] = None;
     }
 
     /// Where a manipulator stood so many cycles ago.
@@ -192,6 +206,7 @@ impl Keepout {
     pub(super) fn note(
         &mut self,
         encoders: &[[Counts; AXES]; SIDES],
+        probes: Option<&[[f64; AXES]; SIDES]>,
         micro: &[[Volts; MICRO_AXES]; SIDES],
     ) -> [bool; SIDES] {
         let before = self.recent[self.at];
@@ -232,6 +247,7 @@ impl Keepout {
                 .chip_from_macro(endpoint.shifted(added[0], added[1], 0.0));
             self.recent[self.at][i] = Stand {
                 endpoint,
+                probed: probes.map(|probes| [0, 1].map(|k| probes[i][k] / self.arm)),
                 gone,
                 micro: added,
                 tip,
@@ -266,6 +282,7 @@ impl Keepout {
         let earlier = self.nominal(tip, back + WHILE);
         // A piezo that was told to go farther a moment ago is still on its way.
         let told = self.stand(side, back + self.settle).micro;
+        let x_probed = self.probed_x(tip, &holder).map(|x| fix.x - x);
         let late = (holder.micro[0] - told[0]).hypot(holder.micro[1] - told[1]);
         let lag = |way: f64| LAG * way.abs() * self.rate / WHILE as f64;
         let seen = [fix.x - stood.x, fix.z - stood.z];
@@ -289,16 +306,22 @@ impl Keepout {
                 stood,
                 holder,
                 x: (seen[0], late),
+                x_probed,
             });
         };
         let variance = before.z.1 + (SCALE * (stood.z - before.stood.z)).powi(2);
         let by = seen[1] - before.z.0;
         surprise("z", by, sigmas * (variance + noise).sqrt() + metres)?;
-        let hidden = self.hidden(&holder, &before.holder) + late + before.x.1;
+        let (by_x, hidden) = match (x_probed, before.x_probed) {
+            // Outputs that are seen hide nothing.
+            (Some(now), Some(then)) => (now - then, 0.0),
+            _ => (seen[0] - before.x.0, self.hidden(&holder, &before.holder)),
+        };
+        let moving = late + before.x.1 + 2.0 * lag(stood.x - earlier.x);
         surprise(
             "x",
-            seen[0] - before.x.0,
-            sigmas * fix.sigma + 4.0 * metres + hidden + 2.0 * lag(stood.x - earlier.x),
+            by_x,
+            sigmas * fix.sigma + 4.0 * metres + hidden + moving,
         )?;
         let share = variance / (variance + noise);
         Ok(Belief {
@@ -309,7 +332,25 @@ impl Keepout {
             stood,
             holder,
             x: (seen[0], late),
+            x_probed,
         })
+    }
+
+    /// Where the probes have a tip across the chip, metres.
+    fn probed_x(&self, tip: Tip, stand: &Stand) -> Option<f64> {
+        let [a, b] = stand.probed?;
+        let side = tip.side().index();
+        let (arm, [home_a, home_b]) = (&self.geometry.arms[side], self.home_angles[side]);
+        let (x, y) = arm
+            .five_bar
+            .forward([JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)])
+            .ok()?;
+        let at = Point::new(
+            x - arm.home[0] + stand.micro[0],
+            y - arm.home[1] + stand.micro[1],
+            stand.endpoint.z,
+        );
+        Some(arm.placement.chip_from_macro(at).x)
     }
 
     /// What transmissions and piezos may have kept to themselves of the way between two stands, in x,
@@ -333,7 +374,7 @@ impl Keepout {
     }
 
     /// What is nearest to the chip, and how near it would come if it were stopped now.
-    pub(super) fn nearest(&self) -> Near {
+    pub(super) fn nearest(&mut self) -> Near {
         let mut nearest = Near {
             what: "",
             clearance: f64::INFINITY,
@@ -346,8 +387,19 @@ impl Keepout {
             let stop = 0.5 * speed * speed / self.brake;
             let facet = &self.geometry.facets[i];
             let carried = if self.held[i] {
-                let clearance = self.clearance(Tip::Fiber(side), self.fibers[i].as_ref(), facet);
-                (Tip::Fiber(side).name(), clearance)
+                let tip = Tip::Fiber(side);
+                let mut clearance = self.clearance(tip, self.fibers[i].as_ref(), facet);
+                let x = self.stand(i, 0).tip.x;
+                // From where it came near it may not go where the facet stands out.
+                match self.led[i] {
+                    Some(from) if clearance < LED => {
+                        clearance -= ((x - from) * facet.stands_out).max(0.0);
+                    }
+                    Some(_) => self.led[i] = None,
+                    None if clearance < LED => self.led[i] = Some(x),
+                    None => {}
+                }
+                (tip.name(), clearance)
             } else {
                 // An empty holder is as broad as it is.
                 let at = self.stand(i, 0).tip;
@@ -393,6 +445,7 @@ impl Keepout {
             stood,
             holder,
             x,
+            ..
         }) = belief
         else {
             let aside = self.placement + self.windup;

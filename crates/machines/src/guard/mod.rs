@@ -21,7 +21,7 @@ use pigtail_hal::{
 use pigtail_model::fivebar::{FiveBar, JointAngle, Unreachable};
 use pigtail_model::frames::{Chip, Placement, Point};
 use pigtail_model::leadscrew::LeadScrew;
-use watch::{Piezos, Sensors};
+use watch::{Outputs, Piezos, Sensors, Stalls};
 
 /// What is believed of the geometry around the chip.
 #[derive(Debug, Clone, PartialEq)]
@@ -116,6 +116,8 @@ pub struct Guard<M> {
     light: LightWatch,
     sensors: Sensors,
     piezos: Piezos,
+    stalls: Stalls,
+    outputs: Outputs,
     last: Option<(Command, Measurement)>,
     fault: Option<Fault>,
 }
@@ -132,6 +134,8 @@ struct Limits {
     following: [i64; AXES],
     /// Metres for a count, to say it.
     metres_per_count: [f64; AXES],
+    /// Metres at the probe for a count; nothing on a rig without probes.
+    probe_per_count: [f64; AXES],
     /// How far from home, metres: x and y, z.
     reach: [f64; 2],
     /// Most metres within [`WHILE`] cycles: x and y together, z.
@@ -178,6 +182,8 @@ impl<M: Machine> Guard<M> {
             light: LightWatch::new(&spec),
             sensors: Sensors::new(&spec),
             piezos: Piezos::new(&spec),
+            stalls: Stalls::new(&spec),
+            outputs: Outputs::new(&spec),
             machine,
             last: None,
             fault: None,
@@ -206,6 +212,8 @@ impl<M: Machine> Guard<M> {
         self.keepout.forget_sensing();
         self.light.forget();
         self.piezos = Piezos::new(self.machine.spec());
+        self.stalls = Stalls::new(self.machine.spec());
+        self.outputs = Outputs::new(self.machine.spec());
         self.last = None;
         Some(fault)
     }
@@ -286,10 +294,15 @@ impl<M: Machine> Guard<M> {
                 "a machine that nobody stops".to_owned(),
             ));
         }
-        let whole = self.keepout.note(&measured.encoders, &command.micro);
-        if let Some((_, before)) = &self.last {
-            self.sensors.check(before, measured)?;
-            self.check_axes(command, before, measured)?;
+        let whole = self
+            .keepout
+            .note(&measured.encoders, measured.probes.as_ref(), &command.micro);
+        if let Some((_, before)) = self.last {
+            self.sensors.check(&before, measured)?;
+            self.check_axes(command, &before, measured)?;
+        }
+        if let Some(probes) = &measured.probes {
+            self.check_outputs(probes, measured)?;
         }
         self.check_places(whole)?;
         if let Some(frame) = &measured.vision {
@@ -312,7 +325,7 @@ impl<M: Machine> Guard<M> {
     }
 
     fn check_axes(
-        &self,
+        &mut self,
         command: &Command,
         before: &Measurement,
         measured: &Measurement,
@@ -331,6 +344,11 @@ impl<M: Machine> Guard<M> {
                         format!("{} counts in a cycle", now - then),
                         format!("at most {}", limits.jump[k]),
                     ));
+                }
+                if command.pulses[i][k].is_none() {
+                    let volts = command.motors[i][k];
+                    self.stalls
+                        .check(AxisName { side, axis }, volts, now != then)?;
                 }
                 let Some(Counts(wanted)) = command.references[i][k] else {
                     continue;
@@ -356,6 +374,23 @@ impl<M: Machine> Guard<M> {
             }
         }
         Ok(())
+    }
+
+    /// What the probes at the outputs say, where the rig has them.
+    fn check_outputs(
+        &mut self,
+        probes: &[[f64; AXES]; SIDES],
+        measured: &Measurement,
+    ) -> Result<(), Broken> {
+        let scale = &self.limits.probe_per_count;
+        let encoders: [[f64; AXES]; SIDES] = std::array::from_fn(|i| {
+            std::array::from_fn(|k| measured.encoders[i][k].0 as f64 * scale[k])
+        });
+        let speeds = std::array::from_fn(|i| {
+            let (_, z) = self.keepout.moved(i, WHILE);
+            [0.0, 0.0, z / (WHILE as f64 * self.limits.period)]
+        });
+        self.outputs.check(probes, &encoders, &speeds)
     }
 
     fn check_places(&self, whole: [bool; SIDES]) -> Result<(), Broken> {
@@ -449,6 +484,9 @@ impl Limits {
                 Axis::Z => arm.screw.position(angle),
             }
         });
+        let arm = spec.probe.as_ref().map_or(0.0, |probe| probe.arm);
+        let joint = spec.drive(Axis::A);
+        let at_joint = arm * joint.count() / joint.gear_ratio;
         let following = [guard.following_xy, guard.following_xy, guard.following_z];
         Self {
             period,
@@ -466,6 +504,7 @@ impl Limits {
                 spec.five_bar.speed * while_ + 2.0 * metres_per_count[0],
                 spec.z_stage.speed * while_ + 2.0 * metres_per_count[2],
             ],
+            probe_per_count: [at_joint, at_joint, metres_per_count[2]],
             metres_per_count,
             clearance: guard.clearance,
             retract: guard.retract,

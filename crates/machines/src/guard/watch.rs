@@ -2,8 +2,8 @@
 
 use super::Broken;
 use pigtail_hal::quantity::Volts;
-use pigtail_hal::spec::{CHANNELS, MICRO_AXES, SIDES};
-use pigtail_hal::{Channel, Measurement, Side, Spec, VisionFrame};
+use pigtail_hal::spec::{AXES, CHANNELS, MICRO_AXES, SIDES};
+use pigtail_hal::{Axis, AxisName, Channel, Measurement, Side, Spec, VisionFrame};
 
 /// A sensor is late after so many of its own periods.
 const LATE: f64 = 4.0;
@@ -106,6 +106,117 @@ impl Sensors {
                 format!("{} frames alike to the last digit", self.alike + 1),
                 "frames that differ by their noise".to_owned(),
             ));
+        }
+        Ok(())
+    }
+}
+
+/// A motor that is given its starting voltage and as much again may stand still for so long, seconds;
+/// the less, the more it is given. After a hard reversal a load that still swings holds one for 6 ms.
+const STALLED: f64 = 10e-3;
+
+/// Motors that are given voltage and do not turn, or whose encoders do not say so.
+#[derive(Debug, Clone)]
+pub(super) struct Stalls {
+    start: [f64; AXES],
+    period: f64,
+    /// What each motor was given above its starting voltage since it last turned, volt seconds.
+    given: [[f64; AXES]; SIDES],
+}
+
+impl Stalls {
+    pub(super) fn new(spec: &Spec) -> Self {
+        Self {
+            start: Axis::ALL.map(|axis| spec.drive(axis).start()),
+            period: spec.period(),
+            given: [[0.0; AXES]; SIDES],
+        }
+    }
+
+    /// A cycle in which a motor was given so much and turned or not, by its encoder.
+    #[inline]
+    pub(super) fn check(
+        &mut self,
+        at: AxisName,
+        Volts(volts): Volts,
+        turned: bool,
+    ) -> Result<(), Broken> {
+        let (i, k) = (at.side.index(), at.axis.index());
+        let (given, start) = (&mut self.given[i][k], self.start[k]);
+        let more = volts.abs() - start;
+        // One way or the other: what was given forward is not undone by what is given back.
+        if turned || more <= 0.0 {
+            *given = 0.0;
+            return Ok(());
+        }
+        *given += more * self.period;
+        if *given <= STALLED * start {
+            return Ok(());
+        }
+        Err(Broken::new(
+            "motor turns under voltage",
+            at.to_string(),
+            format!("no count, at {volts:.1} V"),
+            format!("counts above {start} V"),
+        ))
+    }
+}
+
+/// How fast what a probe and an encoder differ by may change, as a time: that of a filter, seconds.
+const SLOW: f64 = 0.1;
+/// Farthest that they may come apart within it in z, metres...
+const APART_Z: f64 = 2e-6;
+/// ...and by what time of a motion, seconds, more or less than the usual: a transmission gives way to
+/// what resists its load's speed.
+const APART_LAG: f64 = 1.5e-3;
+/// See [`APART_LAG`].
+const USUAL_LAG: f64 = 1.5e-3;
+
+/// Outputs that do not do what their motors' encoders say.
+#[derive(Debug, Clone)]
+pub(super) struct Outputs {
+    share: f64,
+    apart: [f64; AXES],
+    /// What each probe and its encoder have differed by of late, metres.
+    usual: Option<[[f64; AXES]; SIDES]>,
+}
+
+impl Outputs {
+    pub(super) fn new(spec: &Spec) -> Self {
+        let xy = spec.guard.windup;
+        Self {
+            share: spec.period() / SLOW,
+            apart: [xy, xy, APART_Z],
+            usual: None,
+        }
+    }
+
+    /// Probes, beside what the encoders would have them read (metres), and the speeds of the axes (m/s).
+    pub(super) fn check(
+        &mut self,
+        probes: &[[f64; AXES]; SIDES],
+        encoders: &[[f64; AXES]; SIDES],
+        speeds: &[[f64; AXES]; SIDES],
+    ) -> Result<(), Broken> {
+        let usual = self.usual.get_or_insert_with(|| {
+            std::array::from_fn(|i| std::array::from_fn(|k| probes[i][k] - encoders[i][k]))
+        });
+        for side in Side::ALL {
+            for axis in Axis::ALL {
+                let (i, k) = (side.index(), axis.index());
+                let lag = USUAL_LAG * speeds[i][k];
+                let by = probes[i][k] - encoders[i][k] + lag - usual[i][k];
+                usual[i][k] += self.share * by;
+                let accepted = self.apart[k] + APART_LAG * speeds[i][k].abs();
+                if by.abs() > accepted {
+                    return Err(Broken::new(
+                        "output follows its motor",
+                        AxisName { side, axis }.to_string(),
+                        format!("{:.1} um from where its motor has it", by * 1e6),
+                        format!("at most {:.1} um at this speed", accepted * 1e6),
+                    ));
+                }
+            }
         }
         Ok(())
     }

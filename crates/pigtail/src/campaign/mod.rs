@@ -21,6 +21,7 @@ pub(crate) use rows::{Cell, Kind};
 pub use rows::{Column, ROWS_PER_DEVICE, Rows, Table, columns};
 pub use statistics::{CONFIDENCE, Percentiles, Sorted, wilson};
 use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
@@ -42,7 +43,12 @@ pub struct Device {
 }
 
 fn device(setup: &Setup, procedure: Procedure, seed: u64) -> Result<Device, TwinError> {
-    let document = align(setup, procedure, seed, &mut Unobserved)?;
+    // A panic is a mistake of the program, which a campaign is there to find: it is counted, and
+    // costs no other device.
+    let document = catch_unwind(AssertUnwindSafe(|| {
+        align(setup, procedure, seed, &mut Unobserved)
+    }))
+    .unwrap_or_else(|panic| Ok(align::panicked(setup, procedure, seed, &*panic)))?;
     Ok(Device { seed, document })
 }
 

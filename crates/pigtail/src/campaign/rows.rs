@@ -144,6 +144,18 @@ pub fn columns(procedure: Procedure) -> Vec<Column> {
             false,
             "least distance of anything from the chip, same for a device's fibers",
         ),
+        column(
+            "injected",
+            Kind::Text,
+            false,
+            "what was broken on purpose, and when",
+        ),
+        column(
+            "rule",
+            Kind::Text,
+            false,
+            "why the machine stopped, same for a device's fibers",
+        ),
     ]);
     columns
 }
@@ -211,6 +223,7 @@ impl Table {
     /// Adds the rows of a device.
     pub fn push(&mut self, procedure: Procedure, device: &Device) {
         let document = &device.document;
+        let injected = (!document.injected.is_empty()).then(|| document.injected.join(","));
         for fiber in &document.fibers {
             let attempted = !fiber.phases.is_empty();
             let mut row = vec![
@@ -246,6 +259,8 @@ impl Table {
                 ]
                 .map(Cell::Number),
             );
+            row.push(Cell::Text(injected.as_deref()));
+            row.push(Cell::Text(document.fault.as_ref().map(|f| &*f.rule)));
             self.add(row);
         }
     }

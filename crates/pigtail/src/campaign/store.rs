@@ -8,6 +8,7 @@
 
 use super::Document;
 use super::rows::{Column, ROWS_PER_DEVICE, Rows, Table, columns, merge};
+use crate::faults::Faults;
 use crate::ledger::{self, Beginning, Devices, End, Entry, LOCK, Ledger, State};
 use crate::procedure::Procedure;
 use crate::rig::Setup;
@@ -49,6 +50,9 @@ pub struct Plan {
     /// How the truth was changed.
     #[serde(default = "nominal")]
     pub scenario: String,
+    /// What was broken on purpose.
+    #[serde(default = "none")]
+    pub faults: String,
     /// The first device's seed; each next device has the next seed.
     pub seed: u64,
     /// Number of devices.
@@ -66,6 +70,7 @@ impl Plan {
             recipe: setup.recipe_name.clone(),
             procedure: procedure.name().to_owned(),
             scenario: setup.scenario.clone(),
+            faults: setup.faults.to_string(),
             seed,
             devices,
             configuration: setup.hashes.clone(),
@@ -137,6 +142,17 @@ impl Plan {
         })
     }
 
+    /// What is broken on purpose.
+    ///
+    /// # Errors
+    ///
+    /// When this program knows no fault of that name.
+    pub fn faults(&self) -> Result<Faults, Error> {
+        self.faults
+            .parse()
+            .map_err(|why| Error::new(PLAN, "faults", why))
+    }
+
     /// Whether a campaign that was begun by `self` may go on by `other`.
     fn check(&self, folder: &Path, other: &Self) -> Result<(), Error> {
         let differs = |key: &str, begun: &str, now: &str| {
@@ -150,6 +166,7 @@ impl Plan {
             ("version", &self.version, &other.version),
             ("procedure", &self.procedure, &other.procedure),
             ("scenario", &self.scenario, &other.scenario),
+            ("faults", &self.faults, &other.faults),
             ("seed", &self.seed.to_string(), &other.seed.to_string()),
             (
                 "devices",
@@ -173,6 +190,10 @@ impl Plan {
         }
         Ok(())
     }
+}
+
+fn none() -> String {
+    "none".to_owned()
 }
 
 fn nominal() -> String {

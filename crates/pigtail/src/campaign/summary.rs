@@ -5,6 +5,7 @@ use super::statistics::{CONFIDENCE, Percentiles, Sorted, wilson};
 use super::store::Store;
 use crate::align::rounded;
 use anyhow::Result;
+use pigtail_machines::OVERDUE;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
 
@@ -51,6 +52,20 @@ pub struct Document {
     pub wrong: Cause,
     /// Devices that a fiber or the sensing fiber touched.
     pub collided: Cause,
+    /// Devices that anything touched the chip of: [`Self::collided`] in a number.
+    pub collisions: u64,
+    /// Devices at which the program itself failed.
+    pub panics: u64,
+    /// Devices that did not come to an end.
+    pub hangs: u64,
+    /// Fibers that control believes aligned and that are not: [`Self::wrong`] in a number.
+    pub false_aligned: u64,
+    /// Devices on which the machine stopped by itself, by the rule that was broken.
+    pub tripped: BTreeMap<String, u64>,
+    /// What was broken on purpose.
+    pub faults: String,
+    /// How devices ended, by what was broken on them.
+    pub by_fault: BTreeMap<String, ByFault>,
     /// Devices of which every fiber is aligned.
     pub devices_aligned: u64,
     /// How sure the shares are.
@@ -94,6 +109,25 @@ impl Cause {
             self.seeds.push(seed);
         }
     }
+}
+
+/// How the devices ended on which the same thing broke.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct ByFault {
+    /// How many there are.
+    pub devices: u64,
+    /// Of which every fiber is aligned all the same.
+    pub aligned: u64,
+    /// On which the machine stopped by itself.
+    pub tripped: u64,
+    /// On which control gave up a fiber and the machine went on.
+    pub given_up: u64,
+    /// On which control believes a fiber aligned that is not.
+    pub false_aligned: u64,
+    /// That were touched.
+    pub collisions: u64,
+    /// At which the program failed or did not come to an end.
+    pub broken: u64,
 }
 
 /// Distances without sign, micrometres. In JSON one object with keys such as `x_p99`.
@@ -144,7 +178,12 @@ pub struct Confidence {
 impl Document {
     /// Whether all that was asked for is done and every fiber aligned.
     pub fn is_success(&self) -> bool {
-        self.complete && self.aligned == self.fibers
+        if self.faults == "none" {
+            return self.complete && self.aligned == self.fibers;
+        }
+        // Where things are broken on purpose, nobody expects fibers to be aligned.
+        let worst = self.collisions + self.panics + self.hangs + self.false_aligned;
+        self.complete && worst == 0
     }
 }
 
@@ -155,6 +194,72 @@ fn cause(outcome: &str, within_tolerance: Option<bool>, collision: Option<bool>)
         _ if collision == Some(true) => Some("collision"),
         "aligned" => None,
         other => Some(other),
+    }
+}
+
+/// How devices end, while their rows are read.
+#[derive(Default)]
+struct Ends {
+    panics: u64,
+    tripped: BTreeMap<String, u64>,
+    by_fault: BTreeMap<String, ByFault>,
+    device: Option<One>,
+}
+
+/// The device that is being read.
+struct One {
+    fault: Option<String>,
+    tripped: bool,
+    hung: bool,
+    collided: bool,
+    panicked: bool,
+    wrong: bool,
+    failed: bool,
+}
+
+impl Ends {
+    fn begin(&mut self, injected: Option<&str>, rule: Option<&str>, collided: Option<bool>) {
+        self.end();
+        if let Some(rule) = rule {
+            *self.tripped.entry(rule.to_owned()).or_default() += 1;
+        }
+        self.device = Some(One {
+            // By name: places, sizes and times differ.
+            fault: injected.map(|text| {
+                let end = text.find([':', '@']).unwrap_or(text.len());
+                text[..end].to_owned()
+            }),
+            tripped: rule.is_some(),
+            hung: rule == Some(OVERDUE),
+            collided: collided == Some(true),
+            panicked: false,
+            wrong: false,
+            failed: false,
+        });
+    }
+
+    fn fiber(&mut self, outcome: &str, cause: Option<&str>) {
+        if let Some(device) = &mut self.device {
+            device.panicked |= outcome == "panic";
+            device.wrong |= cause == Some("wrong_aligned");
+            device.failed |= cause.is_some();
+        }
+    }
+
+    fn end(&mut self) {
+        let Some(one) = self.device.take() else {
+            return;
+        };
+        self.panics += u64::from(one.panicked);
+        let Some(fault) = one.fault else { return };
+        let of = self.by_fault.entry(fault).or_default();
+        of.devices += 1;
+        of.aligned += u64::from(!one.failed);
+        of.tripped += u64::from(one.tripped && !one.hung);
+        of.given_up += u64::from(one.failed && !one.tripped && !one.panicked && !one.wrong);
+        of.false_aligned += u64::from(one.wrong);
+        of.collisions += u64::from(one.collided);
+        of.broken += u64::from(one.panicked || one.hung);
     }
 }
 
@@ -170,10 +275,19 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<Document> {
     let (mut wrong, mut collided) = (Cause::default(), Cause::default());
     let (mut fibers, mut aligned, mut devices_aligned) = (0, 0, 0);
     let mut of_device = 0;
-    for table in rows.groups(&["seed", "outcome", "within_tolerance", "collision"]) {
+    let mut ends = Ends::default();
+    for table in rows.groups(&[
+        "seed",
+        "outcome",
+        "within_tolerance",
+        "collision",
+        "injected",
+        "rule",
+    ]) {
         let table = table?;
         let (within, collision) = (table.flags("within_tolerance"), table.flags("collision"));
         let outcomes = table.texts("outcome");
+        let (injected, rules) = (table.texts("injected"), table.texts("rule"));
         for (i, seed) in table.wholes("seed").into_iter().enumerate() {
             let outcome = outcomes[i].as_deref().unwrap_or_default();
             // A device's rows follow each other.
@@ -182,9 +296,12 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<Document> {
                 if collision[i] == Some(true) {
                     collided.add(seed);
                 }
+                ends.begin(injected[i].as_deref(), rules[i].as_deref(), collision[i]);
             }
             fibers += 1;
-            if let Some(cause) = cause(outcome, within[i], collision[i]) {
+            let cause = cause(outcome, within[i], collision[i]);
+            ends.fiber(outcome, cause);
+            if let Some(cause) = cause {
                 failed.entry(cause.to_owned()).or_default().add(seed);
                 if cause == "wrong_aligned" {
                     wrong.add(seed);
@@ -196,6 +313,7 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<Document> {
             }
         }
     }
+    ends.end();
     let percentiles = |name: &str| Ok::<_, anyhow::Error>(sorted(store, name)?.percentiles());
     let offset = |name: &str| {
         let values = rows.numbers(name)?;
@@ -245,6 +363,13 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<Document> {
             devices_aligned: wilson(devices_aligned, devices),
             fibers_wrong: wilson(wrong.count, fibers),
         },
+        collisions: collided.count,
+        panics: ends.panics,
+        hangs: ends.tripped.get(OVERDUE).copied().unwrap_or(0),
+        false_aligned: wrong.count,
+        tripped: ends.tripped,
+        faults: plan.faults.clone(),
+        by_fault: ends.by_fault,
         wrong,
         collided,
         devices_aligned,

@@ -6,6 +6,7 @@ use super::progress::Progress;
 use super::scan::{self, MapArguments};
 use super::{DONE, FAULT, Failure, NEGATIVE, stopped};
 use crate::align::{AlignError, Document, align};
+use crate::faults::Faults;
 use crate::ledger::Devices;
 use crate::procedure::Procedure;
 use crate::record::Record;
@@ -15,6 +16,7 @@ use crate::runs::{Phases, Run};
 use crate::scenario::Scenario;
 use clap::Args;
 use pigtail_control::station::{Observer, Sample};
+use pigtail_machines::twin::faults::{Injection, Kind};
 use std::io::{self, Write};
 
 /// Align the three fibers of one device on the rig's twin
@@ -35,6 +37,8 @@ Examples:
   pigtail align --recipe my-chip.toml   your own device
   pigtail align --method macro-raster --mesh '10 um'
                                         a search for first light, its time by formula and really
+  pigtail align --fault encoder-stuck:left.z@3.2s
+                                        an encoder that stops counting: what the guard does
   pigtail align --map scan.csv --map-length-unit mm --map-power-unit dBm
                                         search and peak on a scan from your own bench")]
 pub(super) struct Arguments {
@@ -49,10 +53,30 @@ pub(super) struct Arguments {
     /// What is wrong with device, fixture or light
     #[arg(long, value_enum, default_value_t)]
     scenario: Scenario,
+    /// Breaks something at a time: NAME[:WHERE][:SIZE]@TIME; may be given more than once, `help`
+    /// lists what there is
+    #[arg(long, value_name = "FAULT", value_parser = injection)]
+    fault: Vec<Injection>,
+    /// Breaks what a campaign with these `--faults` breaks on the device of this seed
+    #[arg(long, value_name = "all|NAME,...", conflicts_with = "fault")]
+    faults: Option<Faults>,
     #[command(flatten)]
     method: MethodArguments,
     #[command(flatten, next_help_heading = "Your own light")]
     map: MapArguments,
+}
+
+fn injection(text: &str) -> Result<Injection, String> {
+    if text == "help" {
+        let all: Vec<String> = Kind::all()
+            .map(|kind| format!("  {}", kind.about()))
+            .collect();
+        return Err(format!(
+            "accepted is one of these, with @TIME behind it:\n{}",
+            all.join("\n")
+        ));
+    }
+    text.parse()
 }
 
 /// The record, a progress bar beside it, and the store.
@@ -85,6 +109,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     let mut setup = Setup::load(&arguments.common.rig, &arguments.recipe)?;
     arguments.scenario.apply(&mut setup);
+    setup.faults = match &arguments.faults {
+        Some(faults) => faults.clone(),
+        None if arguments.fault.is_empty() => Faults::None,
+        None => Faults::Said(arguments.fault.clone()),
+    };
     if let Some(method) = arguments.method.method() {
         return methods::run(method, &arguments.method, &arguments.common, &setup);
     }

@@ -4,6 +4,7 @@ use super::common::write_table;
 use super::{DONE, Failure, NEGATIVE};
 use crate::align::TOLERANCE_Z_UM;
 use crate::campaign::{self, Device, Document, Plan, Store, summarize};
+use crate::faults::Faults;
 use crate::procedure::Procedure;
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
@@ -65,6 +66,11 @@ pub(super) struct Arguments {
     /// What is wrong with devices, fixture or light [default: nominal]
     #[arg(long, value_enum)]
     scenario: Option<Scenario>,
+    /// What breaks: one fault into each device, drawn with its place and time by the device's seed.
+    /// `all`, or names with commas between them; `pigtail align --fault help` lists them
+    /// [default: none]
+    #[arg(long, value_name = "all|NAME,...")]
+    faults: Option<Faults>,
     /// The first device's seed; each next device has the next one [default: 0]
     #[arg(long, allow_negative_numbers = true)]
     seed: Option<u64>,
@@ -193,6 +199,11 @@ fn open(arguments: &Arguments) -> Result<(Setup, Store), Failure> {
         (None, None) => Scenario::default(),
     };
     scenario.apply(&mut setup);
+    setup.faults = match (&arguments.faults, begun_as) {
+        (Some(faults), _) => faults.clone(),
+        (None, Some(plan)) => plan.faults()?,
+        (None, None) => Faults::None,
+    };
     let procedure = match (arguments.procedure, begun_as) {
         (Some(procedure), _) => procedure,
         (None, Some(plan)) => plan.procedure()?,
@@ -318,6 +329,9 @@ fn print_summary(out: &mut impl Write, document: &Document, devices_now: u64) ->
         )?;
     }
     writeln!(out)?;
+    if document.faults != "none" {
+        print_faults(out, document)?;
+    }
     let o = &document.offset_um;
     let header = ["", "mean", "p50", "p90", "p99", "p99.9", "max"]
         .map(str::to_owned)
@@ -345,11 +359,9 @@ fn print_summary(out: &mut impl Write, document: &Document, devices_now: u64) ->
     if !document.failed.is_empty() {
         writeln!(
             out,
-            "\nNot aligned, and a seed to replay with `pigtail align{} --seed`:",
-            match document.scenario.as_str() {
-                "nominal" => String::new(),
-                name => format!(" --scenario {name}"),
-            }
+            "\nNot aligned, and a seed to replay with `pigtail align{}{} --seed`:",
+            said("scenario", "nominal", &document.scenario),
+            said("faults", "none", &document.faults)
         )?;
     }
     for (cause, count) in &document.failed {
@@ -376,6 +388,50 @@ fn print_summary(out: &mut impl Write, document: &Document, devices_now: u64) ->
     )?;
     writeln!(out, "Rows: {}", document.rows)?;
     writeln!(out, "Report: {}", document.report)
+}
+
+/// An option as it must be said again, unless it is as it is by itself.
+fn said(option: &str, default: &str, value: &str) -> String {
+    if value == default {
+        String::new()
+    } else {
+        format!(" --{option} {value}")
+    }
+}
+
+/// How devices ended on which something was broken on purpose.
+fn print_faults(out: &mut impl Write, document: &Document) -> io::Result<()> {
+    let number = |n: u64| n.to_string();
+    let header = [
+        "broken", "devices", "stopped", "gave up", "aligned", "false", "touched", "failed",
+    ]
+    .map(str::to_owned)
+    .to_vec();
+    let rows = document.by_fault.iter().map(|(name, of)| {
+        let mut row = vec![name.clone()];
+        row.extend(
+            [
+                of.devices,
+                of.tripped,
+                of.given_up,
+                of.aligned,
+                of.false_aligned,
+                of.collisions,
+                of.broken,
+            ]
+            .map(number),
+        );
+        row
+    });
+    write_table(
+        out,
+        &std::iter::once(header).chain(rows).collect::<Vec<_>>(),
+    )?;
+    writeln!(out, "\nRules that stopped the machine:")?;
+    for (rule, count) in &document.tripped {
+        writeln!(out, "  {count:6} {rule}")?;
+    }
+    writeln!(out)
 }
 
 // Options whose defaults come from the campaign that goes on say their own defaults in words.

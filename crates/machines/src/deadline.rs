@@ -1,0 +1,63 @@
+//! A machine that stops when its time is over: for work that must not go on for ever.
+
+use pigtail_hal::{Command, Fault, Machine, Measurement, Spec};
+
+/// The rule by which it stops.
+pub const OVERDUE: &str = "work ends in time";
+
+/// A machine that works until a time.
+#[derive(Debug, Clone)]
+pub struct Deadline<M> {
+    machine: M,
+    seconds: f64,
+    time: f64,
+    fault: Option<Fault>,
+}
+
+impl<M> Deadline<M> {
+    /// A machine that works until `seconds` of machine time.
+    pub fn new(machine: M, seconds: f64) -> Self {
+        Self {
+            machine,
+            seconds,
+            time: 0.0,
+            fault: None,
+        }
+    }
+
+    /// The machine behind it.
+    pub fn inner(&self) -> &M {
+        &self.machine
+    }
+}
+
+impl<M: Machine> Machine for Deadline<M> {
+    fn spec(&self) -> &Spec {
+        self.machine.spec()
+    }
+
+    fn exchange(&mut self, command: &Command) -> Result<Measurement, Fault> {
+        if let Some(fault) = &self.fault {
+            return Err(fault.clone());
+        }
+        if self.time > self.seconds {
+            self.machine.stop();
+            let fault = Fault {
+                rule: OVERDUE.into(),
+                axis: "machine".to_owned(),
+                value: format!("{:.0} s", self.time),
+                limit: format!("{:.0} s", self.seconds),
+                time: self.time,
+            };
+            self.fault = Some(fault.clone());
+            return Err(fault);
+        }
+        let measured = self.machine.exchange(command)?;
+        self.time = measured.time;
+        Ok(measured)
+    }
+
+    fn stop(&mut self) {
+        self.machine.stop();
+    }
+}
