@@ -290,7 +290,9 @@ fn quantity(function: &str) -> String {
         "angles" => return "an array of angles (deg, rad, mrad)".to_owned(),
         _ => {}
     }
-    let (sign, dimension) = if let Some(rest) = function.strip_prefix("positive_") {
+    let (sign, dimension) = if let Some(rest) = function.strip_prefix("optional_") {
+        (" above zero", rest)
+    } else if let Some(rest) = function.strip_prefix("positive_") {
         (" above zero", rest)
     } else if let Some(rest) = function.strip_prefix("non_negative_") {
         (" of zero or more", rest)
