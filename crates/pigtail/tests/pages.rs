@@ -135,16 +135,15 @@ impl Sources {
         let _ = writeln!(text, "### {title}\n\n{}\n", doc(&item.attrs));
         let mut inside = Vec::new();
         let mut rows = String::new();
-        let named = match &item.fields {
-            Fields::Named(named) => named.named.iter().collect::<Vec<_>>(),
+        let named = if let Fields::Named(named) = &item.fields {
+            named.named.iter().collect::<Vec<_>>()
+        } else {
             // What is made from other keys.
-            _ => {
-                let keys = serde(&item.attrs, "try_from").expect("a struct of keys");
-                let Fields::Named(named) = &self.structs[&keys].fields else {
-                    panic!("{keys} has no keys")
-                };
-                named.named.iter().collect()
-            }
+            let keys = serde(&item.attrs, "try_from").expect("a struct of keys");
+            let Fields::Named(named) = &self.structs[&keys].fields else {
+                panic!("{keys} has no keys")
+            };
+            named.named.iter().collect()
         };
         for field in named {
             if flag(&field.attrs, "skip") {
@@ -157,7 +156,7 @@ impl Sources {
             } else {
                 format!("{path}.{key}")
             };
-            let (of, optional) = self.type_of(&field.ty);
+            let (of, optional) = Self::type_of(&field.ty);
             if self.structs.contains_key(&of) {
                 inside.push((of, here));
                 continue;
@@ -200,7 +199,7 @@ impl Sources {
         match serde(&field.attrs, "default") {
             Some(function) => format!("`{}` (SI)", self.functions[&function]),
             None if optional => "none".to_owned(),
-            None if flag(&field.attrs, "default") => match self.type_of(&field.ty).0.as_str() {
+            None if flag(&field.attrs, "default") => match Self::type_of(&field.ty).0.as_str() {
                 "f64" => "`0`".to_owned(),
                 of => {
                     let item = &self.enums[of];
@@ -217,7 +216,7 @@ impl Sources {
     }
 
     /// The last word of a type behind `Option` and `Box`, and whether it was optional.
-    fn type_of(&self, ty: &Type) -> (String, bool) {
+    fn type_of(ty: &Type) -> (String, bool) {
         let Type::Path(path) = ty else {
             return ("array".to_owned(), false);
         };
@@ -227,7 +226,7 @@ impl Sources {
             (name.as_str(), &last.arguments)
             && let Some(syn::GenericArgument::Type(inner)) = arguments.args.first()
         {
-            let (of, optional) = self.type_of(inner);
+            let (of, optional) = Self::type_of(inner);
             return (of, optional || name == "Option");
         }
         (name, false)
@@ -351,7 +350,7 @@ fn serde(attributes: &[Attribute], key: &str) -> Option<String> {
 fn flag(attributes: &[Attribute], key: &str) -> bool {
     let mut found = false;
     each_serde(attributes, |name, value| {
-        found |= name == key && value.is_none()
+        found |= name == key && value.is_none();
     });
     found
 }
