@@ -331,7 +331,12 @@ fn doc(attributes: &[Attribute]) -> String {
             lines.push(text.value().trim().to_owned());
         }
     }
-    let text = lines.join(" ").replace("[`", "`").replace("`]", "`");
+    let mut text = lines.join(" ").replace("[`", "`").replace("`]", "`");
+    // Where a link leads to is of no use outside of the code.
+    while let Some(at) = text.find("`(") {
+        let end = text[at..].find(')').expect("a link ends");
+        text.replace_range(at + 1..=at + end, "");
+    }
     text.replace('|', "\\|")
 }
 

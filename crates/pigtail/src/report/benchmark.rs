@@ -100,8 +100,8 @@ pub fn benchmark(measured: &Measured) -> Result<String> {
     body.push_str("<h2>Seconds</h2>\n");
     body.push_str(&figure(
         &boxes(&names, &measured.seconds, "machine time of a device over its three fibers, s", None)?,
-        "Each device is a dot. The box holds the middle half, its line is the median, the whisker ends \
-         at 99 %.",
+        "Each device is a dot. The box holds the middle half, its line is the median; whiskers end at \
+         1 % and 99 %.",
     ));
     body.push_str("<h2>Offsets</h2>\n");
     body.push_str(&figure(
