@@ -167,3 +167,65 @@ pub fn follow(station: &mut Station, recipe: &Recipe, trial: &Trial) -> Result<F
         begin,
     })
 }
+
+/// Light at a place around the peak.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Around {
+    /// Across, from the peak, metres.
+    pub x: f64,
+    /// Up, from the peak, metres.
+    pub y: f64,
+    /// Volts above the dark.
+    pub light: f64,
+}
+
+/// The light around the peak (Fig. 3.2): brings the first output's fiber to its peak as [`follow`]
+/// does, and moves it by its micro over a square that reaches `half` (metres) to all sides, `points`
+/// to a line, every line in the same direction. The peak itself comes first.
+///
+/// # Errors
+///
+/// The machine's fault; why a fiber could not be brought to its peak; [`Outcome::OutOfReach`] where the
+/// square leaves the micro's range.
+pub fn profile(
+    station: &mut Station,
+    recipe: &Recipe,
+    half: f64,
+    points: usize,
+) -> Result<Vec<Around>, Halt> {
+    /// Time at a point, of which the last part counts, seconds.
+    const DWELL: f64 = 0.012;
+    light_guides(station, recipe, recipe.last.accuracy)?;
+    Job::output(recipe, 0).reach_output(station, 0)?;
+    station.laser(false);
+    station.run(0.02)?;
+    let dark = station.level(CHANNEL, LOOK)?.mean;
+    station.laser(true);
+    station.run(0.02)?;
+    let (x0, y0) = station.micro(SIDE);
+    let corners = [(-half, -half), (half, -half), (-half, half), (half, half)];
+    if let Some((x, y)) = corners
+        .into_iter()
+        .map(|(x, y)| (x0 + x, y0 + y))
+        .find(|(x, y)| !station.kinematics(SIDE).micro_reaches(*x, *y))
+    {
+        let message = format!("the light around the peak: the micro does not reach {x}, {y} m");
+        return Err(Outcome::OutOfReach(message).into());
+    }
+    let mut look = |x: f64, y: f64, rest: f64| -> Result<Around, Halt> {
+        station.move_micro(SIDE, x0 + x, y0 + y);
+        station.run(rest)?;
+        let light = station.level(CHANNEL, DWELL)?.mean - dark;
+        Ok(Around { x, y, light })
+    };
+    let mut around = vec![look(0.0, 0.0, DWELL)?];
+    let at = |k: usize| half * (2.0 * k as f64 / (points.max(2) - 1) as f64 - 1.0);
+    for line in 0..points {
+        for k in 0..points {
+            // Back from the end of a line takes longer than from point to point.
+            let rest = if k == 0 { 5.0 * DWELL } else { DWELL };
+            around.push(look(at(k), at(line), rest)?);
+        }
+    }
+    Ok(around)
+}

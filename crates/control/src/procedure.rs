@@ -338,13 +338,27 @@ impl<'r> Job<'r> {
         })?;
         self.phase(station, "approach", |job, station| {
             let (_, z) = look(station, job.side, Tip::Fiber, recipe.approach.frames)?;
-            let way = outward(job.side) * (z - job.port.z) - recipe.approach.gap;
-            let end = station.wanted(job.side).shifted(0.0, 0.0, way);
-            station.start_line(job.side, end, Some(recipe.approach.speed))?;
-            while station.moving(job.side) {
-                peak.step(station)?;
+            let gap = outward(job.side) * (z - job.port.z);
+            let start = station.wanted(job.side);
+            let mut closer = |station: &mut Station, to: f64| {
+                let end = Point::new(start.x, start.y, start.z + gap - to);
+                station.start_line(job.side, end, Some(recipe.approach.speed))?;
+                while station.moving(job.side) {
+                    peak.step(station)?;
+                }
+                Ok::<_, Halt>(())
+            };
+            // What is no peak may stand far aside, where the inclined facet is nearer than here: on
+            // the way light must have grown already.
+            let doubtful = recipe.fast.doubtful_gap;
+            if gap > doubtful && doubtful > recipe.approach.gap {
+                closer(station, doubtful)?;
+                let after = station.level(job.channel, 0.04)?.mean - background;
+                if after < recipe.accept.growth.sqrt() * before {
+                    return Err(Outcome::FalseLight { before, after }.into());
+                }
             }
-            Ok(())
+            closer(station, recipe.approach.gap)
         })?;
         self.phase(station, "final", |job, station| {
             peak.climb(station)?;

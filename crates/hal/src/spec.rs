@@ -274,7 +274,7 @@ pub struct ServoSpec {
 }
 
 fn watchdog() -> f64 {
-    2e-3
+    1e-3
 }
 
 /// A geared motor driven in voltage mode.

@@ -5,12 +5,14 @@
 
 mod deadline;
 pub mod guard;
+mod pace;
 mod panel;
 pub mod record;
 pub mod twin;
 
 pub use deadline::{Deadline, OVERDUE};
 pub use guard::Guard;
+pub use pace::Pace;
 pub use panel::Panel;
 pub use record::{Recorder, Replay};
 pub use twin::Twin;

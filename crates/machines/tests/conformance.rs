@@ -1,36 +1,31 @@
 //! What every machine owes to control, whatever stands behind the boundary.
 
+mod common;
+
+use common::{centred, geometry, read, twin};
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::{
     Axis, AxisName, Channel, Command, FiberHandling, Machine, Measurement, Pulse, Side, Spec,
 };
-use pigtail_machines::Twin;
 use pigtail_machines::twin::Plant;
-
-const RIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../rigs/afpm/");
-
-fn read(file: &str) -> String {
-    std::fs::read_to_string(format!("{RIG}{file}")).expect("the default rig is there")
-}
-
-fn twin(seed: u64) -> Twin {
-    let spec = Spec::parse("machine.toml", &read("machine.toml")).expect("a good datasheet");
-    let plant = Plant::parse("plant.toml", &read("plant.toml")).expect("a good plant");
-    Twin::new(spec, &plant, seed).expect("a good plant")
-}
+use pigtail_machines::{Deadline, Guard, Panel, Recorder, Twin};
+use std::sync::Arc;
 
 /// Every machine there is.
 fn machines() -> Vec<Box<dyn Machine>> {
-    vec![Box::new(twin(1)), Box::new(twin(2))]
-}
-
-/// Piezos at the middle of their range.
-fn centred(machine: &dyn Machine) -> Command {
-    let middle = Volts(0.5 * machine.spec().micro.voltage);
-    Command {
-        micro: [[middle; 2]; 2],
-        ..Command::IDLE
-    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let record = folder.path().join("record");
+    vec![
+        Box::new(twin(1)),
+        Box::new(twin(2)),
+        Box::new(Recorder::new(twin(2), &record, b"a twin").expect("a new file")),
+        Box::new(Deadline::new(twin(1), 1e3)),
+        Box::new(Panel::new(twin(1), Arc::default())),
+        Box::new(Guard::new(
+            Box::new(twin(2)) as Box<dyn Machine>,
+            geometry(),
+        )),
+    ]
 }
 
 fn run(machine: &mut dyn Machine, command: &Command, cycles: usize) -> Vec<Measurement> {
@@ -99,7 +94,7 @@ fn each_axis_follows_its_own_voltage_in_its_direction() {
             for sign in [-1.0, 1.0] {
                 for mut machine in machines() {
                     let mut command = centred(&*machine);
-                    command.motors[side.index()][axis.index()] = Volts(sign * 4.0);
+                    command.motors[side.index()][axis.index()] = Volts(sign * 3.5);
                     let last = run(&mut *machine, &command, 250).pop().expect("cycles");
                     for s in Side::ALL {
                         for a in Axis::ALL {
@@ -149,7 +144,7 @@ fn a_command_that_is_no_number_stops_the_machine_for_good() {
             command.micro[0][1] = Volts(bad);
             assert_eq!(
                 machine.exchange(&command).expect_err("a fault").axis,
-                "left.micro"
+                "left.micro2"
             );
         }
     }
@@ -173,7 +168,7 @@ fn a_fiber_that_is_not_there_is_a_fault() {
 fn stop_brings_a_moving_machine_to_rest() {
     for mut machine in machines() {
         let mut command = centred(&*machine);
-        command.motors[0] = [Volts(6.0); 3];
+        command.motors[0] = [Volts(3.0); 3];
         run(&mut *machine, &command, 500);
         machine.stop();
         let command = centred(&*machine);

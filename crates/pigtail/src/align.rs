@@ -2,15 +2,20 @@
 
 use crate::guarded::guarded;
 use crate::procedure::Procedure;
-use crate::rig::Setup;
+use crate::rig::{Setup, Source};
 use pigtail_control::outcome::Outcome;
 use pigtail_control::procedure::{FiberReport, PORTS, not_begun};
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::{Observer, Station};
-use pigtail_hal::Fault;
+use pigtail_hal::{Fault, Machine};
+use pigtail_machines::record::RecordError;
+use pigtail_machines::twin::faults::Injection;
 use pigtail_machines::twin::{FiberTruth, TwinError};
-use pigtail_machines::{Deadline, Twin};
-use serde::Serialize;
+use pigtail_machines::{Deadline, Pace, Panel, Recorder, Twin};
+use serde::{Deserialize, Serialize};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 /// Tolerances of an aligned fiber: x and y, then z (thesis 3.1), micrometres.
 pub const TOLERANCE_XY_UM: f64 = 0.1;
@@ -119,28 +124,191 @@ pub fn align(
     seed: u64,
     observer: &mut dyn Observer,
 ) -> Result<Document, TwinError> {
-    let way = Way {
-        name: procedure.name(),
-        tolerance_xy_um: procedure.tolerance_xy_um(),
-        seconds: procedure.seconds(),
-        run: |station: &mut Station, recipe: &Recipe| procedure.run(station, recipe),
-    };
-    Ok(align_by(setup, way, seed, observer)?.document)
+    let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
+    let injected = setup.faults.of(seed, procedure.seconds());
+    twin.inject(&injected);
+    let reports = run(
+        Deadline::new(&mut twin, LONGEST),
+        setup,
+        procedure,
+        observer,
+    );
+    Ok(document(
+        setup,
+        &of(procedure),
+        seed,
+        &injected,
+        &twin,
+        &reports,
+    ))
 }
 
-/// A way to align a device, named or not.
-pub(crate) struct Way<R> {
-    /// Its name in documents.
+/// What becomes of a run beside its document.
+#[derive(Debug, Default)]
+pub struct Kept {
+    /// Where every exchange is recorded, if anywhere.
+    pub record: Option<PathBuf>,
+    /// A person's wish to stop.
+    pub stop: Arc<AtomicBool>,
+    /// Whether the machine's time keeps to the clock.
+    pub real_time: bool,
+}
+
+/// The same as [`align`], recorded and to be stopped by a person.
+///
+/// # Errors
+///
+/// When the plant cannot be built, or the record cannot be written.
+pub fn align_kept(
+    setup: &Setup,
+    procedure: Procedure,
+    seed: u64,
+    observer: &mut dyn Observer,
+    kept: &Kept,
+) -> Result<Document, Unkept> {
+    let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
+    let injected = setup.faults.of(seed, procedure.seconds());
+    twin.inject(&injected);
+    let timed = Deadline::new(&mut twin, LONGEST);
+    let paced: Box<dyn Machine + '_> = if kept.real_time {
+        Box::new(Pace::new(timed))
+    } else {
+        Box::new(timed)
+    };
+    let machine = Panel::new(paced, Arc::clone(&kept.stop));
+    let reports = match &kept.record {
+        None => run(machine, setup, procedure, observer),
+        Some(path) => {
+            let about = About::of(setup, procedure, seed);
+            let mut recorder = Recorder::new(machine, path, &about.to_bytes())?;
+            let reports = run(&mut recorder, setup, procedure, observer);
+            recorder.finish()?;
+            reports
+        }
+    };
+    Ok(document(
+        setup,
+        &of(procedure),
+        seed,
+        &injected,
+        &twin,
+        &reports,
+    ))
+}
+
+/// Why a run that is to be kept did not come to its end.
+#[derive(Debug, thiserror::Error)]
+pub enum Unkept {
+    /// The plant cannot be built.
+    #[error(transparent)]
+    Twin(#[from] TwinError),
+    /// The record cannot be written.
+    #[error(transparent)]
+    Record(#[from] RecordError),
+}
+
+/// What a record says of its run: all that it takes to run the same control again.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct About {
+    /// The program's version.
+    pub version: String,
+    /// The rig as it was named.
+    pub rig: String,
+    /// The recipe as it was named.
+    pub recipe: String,
+    /// The procedure.
+    pub procedure: String,
+    /// How the truth was changed.
+    pub scenario: String,
+    /// What was broken on purpose.
+    pub faults: String,
+    /// The seed.
+    pub seed: u64,
+    /// Every file that was read.
+    pub sources: Vec<Source>,
+}
+
+impl About {
+    fn of(setup: &Setup, procedure: Procedure, seed: u64) -> Self {
+        Self {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            rig: setup.rig.clone(),
+            recipe: setup.recipe_name.clone(),
+            procedure: procedure.name().to_owned(),
+            scenario: setup.scenario.clone(),
+            faults: setup.faults.to_string(),
+            seed,
+            sources: setup.sources.clone(),
+        }
+    }
+
+    fn to_bytes(&self) -> Vec<u8> {
+        serde_json::to_vec(self).expect("texts and numbers are JSON")
+    }
+}
+
+/// A procedure on a machine, with the guard between them.
+pub(crate) fn run(
+    machine: impl Machine,
+    setup: &Setup,
+    procedure: Procedure,
+    observer: &mut dyn Observer,
+) -> Vec<FiberReport> {
+    let control = |station: &mut Station, recipe: &Recipe| procedure.run(station, recipe);
+    run_by(machine, setup, control, observer).reports
+}
+
+/// What control did on a machine.
+struct Ran {
+    reports: Vec<FiberReport>,
+    /// Machine time by the machine, from power-on until the last fiber was done, seconds.
+    machine_seconds: f64,
+    /// Light samples that control looked at.
+    readings: u64,
+}
+
+/// Any way to align on a machine, with the guard between them.
+fn run_by(
+    machine: impl Machine,
+    setup: &Setup,
+    control: impl FnOnce(&mut Station, &Recipe) -> Vec<FiberReport>,
+    observer: &mut dyn Observer,
+) -> Ran {
+    let mut machine = guarded(machine, setup);
+    match Station::new(&mut machine, &setup.calibration, observer) {
+        Ok(mut station) => {
+            let reports = control(&mut station, &setup.recipe);
+            station.stop();
+            Ran {
+                reports,
+                machine_seconds: station.time(),
+                readings: station.readings(),
+            }
+        }
+        Err(fault) => Ran {
+            reports: not_begun(&setup.recipe, fault),
+            machine_seconds: 0.0,
+            readings: 0,
+        },
+    }
+}
+
+/// A way to align a device, as documents call and judge it.
+pub(crate) struct Way {
+    /// Its name.
     pub(crate) name: &'static str,
     /// How near to the peak in x and y a fiber must be in truth to count as aligned, micrometres.
     pub(crate) tolerance_xy_um: f64,
-    /// About how long a device takes, seconds of machine time: when a fault may come.
-    pub(crate) seconds: f64,
-    /// What it does.
-    pub(crate) run: R,
 }
 
-/// What came of a device.
+fn of(procedure: Procedure) -> Way {
+    Way {
+        name: procedure.name(),
+        tolerance_xy_um: procedure.tolerance_xy_um(),
+    }
+}
+
+/// What came of a device that was aligned by any way.
 pub(crate) struct Aligned {
     /// The document.
     pub(crate) document: Document,
@@ -150,34 +318,36 @@ pub(crate) struct Aligned {
     pub(crate) readings: u64,
 }
 
-/// As [`align`], by any way.
+/// As [`align`], by any way, on a machine that nothing is injected into.
 ///
 /// # Errors
 ///
 /// As [`align`].
-pub(crate) fn align_by<R>(
+pub(crate) fn align_by(
     setup: &Setup,
-    way: Way<R>,
+    way: &Way,
+    control: impl FnOnce(&mut Station, &Recipe) -> Vec<FiberReport>,
     seed: u64,
     observer: &mut dyn Observer,
-) -> Result<Aligned, TwinError>
-where
-    R: FnOnce(&mut Station, &Recipe) -> Vec<FiberReport>,
-{
+) -> Result<Aligned, TwinError> {
     let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
-    let injected = setup.faults.of(seed, way.seconds);
-    twin.inject(&injected);
-    let mut machine = guarded(Deadline::new(twin, LONGEST), setup);
-    let (reports, machine_seconds, readings) =
-        match Station::new(&mut machine, &setup.calibration, observer) {
-            Ok(mut station) => {
-                let reports = (way.run)(&mut station, &setup.recipe);
-                station.stop();
-                (reports, station.time(), station.readings())
-            }
-            Err(fault) => (not_begun(&setup.recipe, fault), 0.0, 0),
-        };
-    let truth = machine.inner().inner().truth();
+    let ran = run_by(Deadline::new(&mut twin, LONGEST), setup, control, observer);
+    Ok(Aligned {
+        document: document(setup, way, seed, &[], &twin, &ran.reports),
+        machine_seconds: ran.machine_seconds,
+        readings: ran.readings,
+    })
+}
+
+fn document(
+    setup: &Setup,
+    way: &Way,
+    seed: u64,
+    injected: &[Injection],
+    twin: &Twin,
+    reports: &[FiberReport],
+) -> Document {
+    let truth = twin.truth();
     let truths = std::iter::once(truth.input).chain(truth.outputs);
     let fibers: Vec<FiberRow> = reports
         .iter()
@@ -192,7 +362,7 @@ where
         .filter(|r| r.outcome != Outcome::NotAttempted)
         .count();
     let seconds: f64 = reports.iter().map(FiberReport::seconds).sum();
-    let document = Document {
+    Document {
         rig: setup.rig.clone(),
         recipe: setup.recipe_name.clone(),
         procedure: way.name,
@@ -211,12 +381,7 @@ where
             .cloned(),
         version: env!("CARGO_PKG_VERSION"),
         report: String::new(),
-    };
-    Ok(Aligned {
-        document,
-        machine_seconds,
-        readings,
-    })
+    }
 }
 
 /// The document of a device at which the program itself failed.

@@ -165,11 +165,9 @@ pub fn run(
                 let way = Way {
                     name: algorithm.name,
                     tolerance_xy_um: TOLERANCE_XY_UM,
-                    // No fault is injected here, so none has to come in time.
-                    seconds: 0.0,
-                    run: algorithm.run,
                 };
-                let aligned = align_by(setup, way, seed.wrapping_add(device), &mut Unobserved);
+                let seed = seed.wrapping_add(device);
+                let aligned = align_by(setup, &way, algorithm.run, seed, &mut Unobserved);
                 done(algorithm.name);
                 aligned
             })

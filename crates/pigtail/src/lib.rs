@@ -18,6 +18,7 @@
 //! - [`simulate`]: one joint alone; [`tune`]: one axis's gains;
 //!   [`characterize`]: what one axis can do; [`identify`]: its windup; [`hysteresis`]: the piezos';
 //!   [`records`]: an axis from a record that a person brings;
+//! - [`thesis`]: all of the thesis's experiments, beside what it prints;
 //! - [`cli`]: the commands.
 
 pub mod align;
@@ -39,10 +40,12 @@ pub mod plan;
 pub mod procedure;
 pub mod record;
 pub mod records;
+pub mod replay;
 pub mod report;
 pub mod rig;
 pub mod runs;
 pub mod scan;
 pub mod scenario;
 pub mod simulate;
+pub mod thesis;
 pub mod tune;

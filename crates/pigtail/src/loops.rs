@@ -146,7 +146,7 @@ fn law_name(law: LoadLaw) -> &'static str {
 
 /// Windup on the way forward less windup on the way back, each in the mean over the middle third of
 /// the last two ways, radians: away from the turns, where inertia has its part.
-fn middle_windup(record: &WindupRecord) -> f64 {
+pub(crate) fn middle_windup(record: &WindupRecord) -> f64 {
     let way = record.input.len() / 4;
     let mean = |start: usize| {
         let middle = start + way / 3..start + 2 * way / 3;

@@ -163,9 +163,9 @@ const WAY: f64 = 15e-6;
 /// How long it takes at most.
 const LONGEST: f64 = 12.0;
 /// The macro's speed and how long it goes.
-const MACRO: (f64, f64) = (1e-6, 10.0);
+pub(crate) const MACRO: (f64, f64) = (1e-6, 10.0);
 /// How far away the micro was before its piezos are watched, and how long.
-const PIEZOS: (f64, f64) = (25e-6, 20.0);
+pub(crate) const PIEZOS: (f64, f64) = (25e-6, 20.0);
 /// Circles have no closed form: speeds around this are tried.
 pub(crate) const CIRCLES: f64 = 40e-6;
 /// Light that falls by more than this from the middle of a trial to its end is light that is being
@@ -284,7 +284,11 @@ fn drift(
 }
 
 /// Tries drifts around what `means` should follow, and then closer around the limit.
-fn tracking(setup: &Setup, seed: u64, means: Means) -> Result<(Tracking, Vec<Curve>), Unmeasured> {
+pub(crate) fn tracking(
+    setup: &Setup,
+    seed: u64,
+    means: Means,
+) -> Result<(Tracking, Vec<Curve>), Unmeasured> {
     const SHARES: [f64; 8] = [0.1, 0.25, 0.5, 0.7, 0.85, 1.0, 1.2, 1.6];
     const CLOSER: u32 = 4;
     const DRAWN: [f64; 4] = [0.25, 0.7, 1.0, 1.2];
@@ -341,7 +345,7 @@ fn name(means: Means) -> &'static str {
     }
 }
 
-fn rejection(
+pub(crate) fn rejection(
     setup: &Setup,
     seed: u64,
     disturbance: Disturbance,

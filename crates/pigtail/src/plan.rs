@@ -141,7 +141,8 @@ pub fn rows(setup: &Setup) -> usize {
     spaces(setup).len() + Procedure::value_variants().len()
 }
 
-fn search_row(setup: &Setup, space: &Space, seed: u64) -> Result<SearchRow, AlignError> {
+/// Measures one search on the twin, where need be on a variant with faster photodiodes.
+pub(crate) fn search_row(setup: &Setup, space: &Space, seed: u64) -> Result<SearchRow, AlignError> {
     let mut notes = Vec::new();
     let faster = match space.method {
         Method::MicroRaster if check(setup, space).is_err() => {

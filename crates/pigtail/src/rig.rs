@@ -5,6 +5,7 @@ use pigtail_control::calibration::Calibration;
 use pigtail_control::recipe::Recipe;
 use pigtail_hal::{Axis, Error, Spec};
 use pigtail_machines::twin::Plant;
+use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 
@@ -54,12 +55,27 @@ pub struct Setup {
     pub calibration_file: Option<PathBuf>,
     /// Name and SHA-256 of each file that was read, in the order of reading.
     pub hashes: Vec<(String, String)>,
+    /// What was read, in that order: all that it takes to set up the same again.
+    pub sources: Vec<Source>,
 }
 
 /// A text and the name by which to call it in errors.
-struct Source {
-    name: String,
-    text: String,
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Source {
+    /// The name.
+    pub name: String,
+    /// The text.
+    pub text: String,
+}
+
+/// A file that a setup is made of.
+enum Wanted<'a> {
+    /// One of the rig's three.
+    Rig(usize),
+    /// Weights of a model, beside the calibration.
+    Weights(&'a str),
+    /// The recipe.
+    Recipe,
 }
 
 impl Setup {
@@ -70,47 +86,96 @@ impl Setup {
     ///
     /// The first mistake found, with file, key, value and what would be accepted.
     pub fn load(rig: &str, recipe: &str) -> Result<Self, Error> {
-        let mut hashes = Vec::new();
-        let mut read = |source: Result<Source, Error>| {
-            let source = source?;
-            hashes.push((source.name.clone(), hash(&source.text)));
+        let setup = Self::read(rig, recipe, |wanted| match wanted {
+            Wanted::Rig(index) => rig_file(rig, index).map(Some),
+            Wanted::Weights(file) => rig_folder(rig)
+                .map(|folder| read_file(&folder.join(file)))
+                .transpose(),
+            Wanted::Recipe => recipe_file(recipe).map(Some),
+        })?;
+        Ok(Self {
+            calibration_file: rig_folder(rig).map(|folder| folder.join(DEFAULT_RIG[2].0)),
+            ..setup
+        })
+    }
+
+    /// Sets up again what was read before, from its [`Self::sources`].
+    ///
+    /// # Errors
+    ///
+    /// When they are not those of a setup.
+    pub fn from_sources(rig: &str, recipe: &str, sources: Vec<Source>) -> Result<Self, Error> {
+        let mut sources = sources.into_iter();
+        let all = sources.len();
+        // A calibration without weights that were read has none to be read here.
+        let weights = all > 4;
+        Self::read(rig, recipe, |wanted| match wanted {
+            Wanted::Weights(_) if !weights => Ok(None),
+            _ => match sources.next() {
+                Some(source) => Ok(Some(source)),
+                None => Err(Error::new(
+                    rig,
+                    "",
+                    format!("{all} files were kept; accepted is all that was read"),
+                )),
+            },
+        })
+    }
+
+    fn read(
+        rig: &str,
+        recipe: &str,
+        mut file: impl FnMut(Wanted) -> Result<Option<Source>, Error>,
+    ) -> Result<Self, Error> {
+        let mut sources = Vec::new();
+        let mut read = |wanted: Wanted| {
+            let source = file(wanted)?;
+            sources.extend(source.clone());
             Ok::<_, Error>(source)
         };
-        let machine = read(rig_file(rig, 0))?;
+        let mut needed = |wanted: Wanted| {
+            read(wanted)?.ok_or_else(|| Error::new(rig, "", "is not whole".to_owned()))
+        };
+        let machine = needed(Wanted::Rig(0))?;
         let spec = Spec::parse(&machine.name, &machine.text)?;
-        let plant = read(rig_file(rig, 1))?;
+        let plant = needed(Wanted::Rig(1))?;
         let plant = Plant::parse(&plant.name, &plant.text)?;
-        let calibration = read(rig_file(rig, 2))?;
+        let calibration = needed(Wanted::Rig(2))?;
         let mut calibration = Calibration::parse(&calibration.name, &calibration.text, &spec)?;
-        if let Some(folder) = rig_folder(rig) {
-            for belief in calibration.hysteresis.beliefs() {
-                let Some(file) = &belief.weights else {
-                    continue;
-                };
-                let weights = read(read_file(&folder.join(file)))?;
-                let model = serde_json::from_str(&weights.text).map_err(|error| {
-                    let message = format!("{error}; accepted is what `identify hysteresis` writes");
-                    Error {
-                        line: Some(error.line()).filter(|line| *line > 0),
-                        ..Error::new(&weights.name, "", message)
-                    }
-                })?;
-                belief.load(&weights.name, model)?;
-            }
+        for belief in calibration.hysteresis.beliefs() {
+            let Some(file) = &belief.weights else {
+                continue;
+            };
+            let Some(weights) = read(Wanted::Weights(file))? else {
+                continue;
+            };
+            let model = serde_json::from_str(&weights.text).map_err(|error| {
+                let message = format!("{error}; accepted is what `identify hysteresis` writes");
+                Error {
+                    line: Some(error.line()).filter(|line| *line > 0),
+                    ..Error::new(&weights.name, "", message)
+                }
+            })?;
+            belief.load(&weights.name, model)?;
         }
-        let source = read(recipe_file(recipe))?;
-        let recipe_parsed = Recipe::parse(&source.name, &source.text, &spec, &calibration)?;
+        let source = read(Wanted::Recipe)?
+            .ok_or_else(|| Error::new(recipe, "", "is not there".to_owned()))?;
+        let parsed = Recipe::parse(&source.name, &source.text, &spec, &calibration)?;
         Ok(Self {
             rig: rig.to_owned(),
             recipe_name: recipe.to_owned(),
             spec,
             plant,
-            calibration_file: rig_folder(rig).map(|folder| folder.join(DEFAULT_RIG[2].0)),
+            calibration_file: None,
             calibration,
-            recipe: recipe_parsed,
+            recipe: parsed,
             scenario: "nominal".to_owned(),
             faults: Faults::None,
-            hashes,
+            hashes: sources
+                .iter()
+                .map(|source| (source.name.clone(), hash(&source.text)))
+                .collect(),
+            sources,
         })
     }
 

@@ -5,6 +5,7 @@ use pigtail::campaign::{self, Device, Document, Plan, Store, Table, summarize};
 use pigtail::procedure::Procedure;
 use pigtail::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
 use pigtail_control::station::Unobserved;
+use pigtail_hal::Fault;
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -118,7 +119,7 @@ fn damaged_rows_and_another_campaign_are_refused() {
     let aligned = known(&setup);
     for seed in 0..3 {
         let mut table = store.table();
-        push(&mut table, seed, Ok(aligned.clone()));
+        push(&mut table, seed, aligned.clone());
         store.append(&table).expect("a part");
     }
     let (plan, run_folder) = (store.plan().clone(), store.folder().to_owned());
@@ -179,8 +180,30 @@ fn known(setup: &Setup) -> pigtail::align::Document {
     align(setup, Procedure::Thesis, 3, &mut Unobserved).expect("no fault")
 }
 
-fn push(table: &mut Table, seed: u64, end: Result<pigtail::align::Document, String>) {
-    table.push(Procedure::Thesis, &Device { seed, end });
+fn push(table: &mut Table, seed: u64, document: pigtail::align::Document) {
+    table.push(Procedure::Thesis, &Device { seed, document });
+}
+
+/// The same as far as the machine came before it stopped.
+fn stopped(mut document: pigtail::align::Document) -> pigtail::align::Document {
+    document.fault = Some(Fault {
+        rule: "command is a number".into(),
+        axis: "left.z".to_owned(),
+        value: "NaN V".to_owned(),
+        limit: "-24 V to 24 V".to_owned(),
+        time: 1.0,
+    });
+    for (fiber, outcome) in
+        document
+            .fibers
+            .iter_mut()
+            .zip(["fault", "not_attempted", "not_attempted"])
+    {
+        fiber.outcome = outcome;
+        fiber.offset_um = None;
+        fiber.within_tolerance = None;
+    }
+    document
 }
 
 #[test]
@@ -199,12 +222,9 @@ fn a_wrong_aligned_is_counted_apart_and_every_failure_has_a_seed() {
     let mut dark = setup.clone();
     dark.plant.light.full = 1e-9;
     let dark = known(&dark);
-    let fault = "command is a number on left.z".to_owned();
-    for (i, end) in [Ok(good), Ok(wrong), Ok(touched), Ok(dark), Err(fault)]
-        .into_iter()
-        .enumerate()
-    {
-        push(&mut table, 100 + i as u64, end);
+    let fault = stopped(good.clone());
+    for (i, document) in [good, wrong, touched, dark, fault].into_iter().enumerate() {
+        push(&mut table, 100 + i as u64, document);
     }
     store.append(&table).expect("a part");
     let document = summary_of(&store);
@@ -219,9 +239,9 @@ fn a_wrong_aligned_is_counted_apart_and_every_failure_has_a_seed() {
         failed,
         [
             ("collision", 3),
-            ("fault", 3),
+            ("fault", 1),
             ("no_light", 1),
-            ("not_attempted", 2),
+            ("not_attempted", 4),
             ("wrong_aligned", 1)
         ]
     );
@@ -234,7 +254,9 @@ fn a_wrong_aligned_is_counted_apart_and_every_failure_has_a_seed() {
         (1, &[102][..])
     );
     assert_eq!(document.replay["fault"], [104]);
-    assert_eq!(document.replay["not_attempted"], [103]);
+    assert_eq!(document.replay["not_attempted"], [103, 104]);
+    assert_eq!(document.tripped["command is a number"], 1);
+    assert_eq!((document.collisions, document.false_aligned), (1, 1));
     assert_eq!(document.offset_um.x.max, Some(3.0));
     assert_eq!(document.smallest_gap_um, Some(-0.5));
     assert!(document.complete && !document.is_success());

@@ -623,7 +623,7 @@ fn a_fault_keeps_its_evidence_and_bad_input_leaves_nothing() {
     phases.all_entered().expect("it is entered");
     assert_eq!(listed(folder.path())[0]["state"], "running");
     let fault = Fault {
-        rule: "speed",
+        rule: "speed".into(),
         axis: "left.z".to_owned(),
         value: "7 mm/s".to_owned(),
         limit: "5 mm/s".to_owned(),

@@ -111,6 +111,8 @@ pub(super) struct Keepout {
     /// Cycles that a piezo takes to come to where it was told to be.
     settle: usize,
     recent: Vec<[Stand; SIDES]>,
+    /// Whether what was before says nothing of what comes.
+    anew: bool,
     at: usize,
     seen_counts: [[Counts; 2]; SIDES],
     held: [bool; SIDES],
@@ -159,6 +161,7 @@ impl Keepout {
             brake: 2.0 * spec.z_stage.acceleration,
             settle,
             recent: vec![stands; cycles],
+            anew: false,
             at: 0,
             seen_counts: [[Counts(0); 2]; SIDES],
             held: [false; SIDES],
@@ -175,9 +178,10 @@ impl Keepout {
         self.held[side.index()]
     }
 
-    /// The sensing fiber is to be seen anew.
-    pub(super) fn forget_sensing(&mut self) {
+    /// Nothing that was before says anything of what comes: the machine has gone on unwatched.
+    pub(super) fn forget(&mut self) {
         self.sensing = None;
+        self.anew = true;
     }
 
     /// A holder has another fiber from `time` on, or none.
@@ -211,7 +215,7 @@ impl Keepout {
     ) -> [bool; SIDES] {
         let before = self.recent[self.at];
         self.at = (self.at + 1) % self.recent.len();
-        std::array::from_fn(|i| {
+        let whole = std::array::from_fn(|i| {
             let arm = &self.geometry.arms[i];
             let [a, b, Counts(z)] = encoders[i];
             let Stand {
@@ -253,7 +257,12 @@ impl Keepout {
                 tip,
             };
             whole
-        })
+        });
+        if std::mem::take(&mut self.anew) {
+            let now = self.recent[self.at];
+            self.recent.fill(now);
+        }
+        whole
     }
 
     /// Takes in a frame that has arrived at `now`.
@@ -283,7 +292,7 @@ impl Keepout {
         // A piezo that was told to go farther a moment ago is still on its way.
         let told = self.stand(side, back + self.settle).micro;
         let x_probed = self.probed_x(tip, &holder).map(|x| fix.x - x);
-        let late = (holder.micro[0] - told[0]).hypot(holder.micro[1] - told[1]);
+        let arriving = (holder.micro[0] - told[0]).hypot(holder.micro[1] - told[1]);
         let lag = |way: f64| LAG * way.abs() * self.rate / WHILE as f64;
         let seen = [fix.x - stood.x, fix.z - stood.z];
         let belief = match tip {
@@ -305,24 +314,23 @@ impl Keepout {
                 z: (seen[1], noise),
                 stood,
                 holder,
-                x: (seen[0], late),
+                x: (seen[0], arriving),
                 x_probed,
             });
         };
         let variance = before.z.1 + (SCALE * (stood.z - before.stood.z)).powi(2);
         let by = seen[1] - before.z.0;
         surprise("z", by, sigmas * (variance + noise).sqrt() + metres)?;
-        let (by_x, hidden) = match (x_probed, before.x_probed) {
-            // Outputs that are seen hide nothing.
-            (Some(now), Some(then)) => (now - then, 0.0),
-            _ => (seen[0] - before.x.0, self.hidden(&holder, &before.holder)),
+        let (by_x, hidden) = if let (Some(now), Some(then)) = (x_probed, before.x_probed) {
+            // Outputs that are seen hide nothing, and lag behind nothing.
+            (now - then, 0.0)
+        } else {
+            let hidden = self.hidden(&holder, &before.holder);
+            let lag = 2.0 * lag(stood.x - earlier.x);
+            (seen[0] - before.x.0, hidden + lag)
         };
-        let moving = late + before.x.1 + 2.0 * lag(stood.x - earlier.x);
-        surprise(
-            "x",
-            by_x,
-            sigmas * fix.sigma + 4.0 * metres + hidden + moving,
-        )?;
+        let late = arriving + before.x.1;
+        surprise("x", by_x, sigmas * fix.sigma + 4.0 * metres + hidden + late)?;
         let share = variance / (variance + noise);
         Ok(Belief {
             z: (
@@ -331,7 +339,7 @@ impl Keepout {
             ),
             stood,
             holder,
-            x: (seen[0], late),
+            x: (seen[0], arriving),
             x_probed,
         })
     }

@@ -209,7 +209,7 @@ impl<M: Machine> Guard<M> {
             let held = self.keepout.holds(side);
             self.keepout.change_fiber(side, held, time);
         }
-        self.keepout.forget_sensing();
+        self.keepout.forget();
         self.light.forget();
         self.piezos = Piezos::new(self.machine.spec());
         self.stalls = Stalls::new(self.machine.spec());
@@ -300,6 +300,8 @@ impl<M: Machine> Guard<M> {
         if let Some((_, before)) = self.last {
             self.sensors.check(&before, measured)?;
             self.check_axes(command, &before, measured)?;
+        } else {
+            self.sensors.begin(measured.time);
         }
         if let Some(probes) = &measured.probes {
             self.check_outputs(probes, measured)?;
@@ -548,5 +550,8 @@ impl<M: Machine> Machine for Guard<M> {
 
     fn stop(&mut self) {
         self.machine.stop();
+        // It has gone on meanwhile, unwatched.
+        self.last = None;
+        self.keepout.forget();
     }
 }

@@ -44,11 +44,17 @@ impl Sensors {
         }
     }
 
+    /// Watching begins: what came before has not been heard of.
+    pub(super) fn begin(&mut self, time: f64) {
+        (self.light, self.frame) = (time, time);
+    }
+
     /// Time, and the photodiodes.
     pub(super) fn check(&mut self, before: &Measurement, now: &Measurement) -> Result<(), Broken> {
         let step = now.time - before.time;
-        // A comparison that a NaN fails too.
-        if !((step - self.period).abs() <= 0.5 * self.period) {
+        let in_time = (step - self.period).abs() <= 0.5 * self.period;
+        // A time that is no number is not in time.
+        if !in_time {
             return Err(Broken::new(
                 "servo keeps its time",
                 "machine",

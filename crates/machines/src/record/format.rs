@@ -279,7 +279,7 @@ impl Block {
                         command.pulses[i / AXES][i % AXES] = Some(*pulse);
                     }
                     Seldom::Fiber(side, handling) => {
-                        command.fiber[usize::from(*side)] = Some(*handling)
+                        command.fiber[usize::from(*side)] = Some(*handling);
                     }
                     Seldom::Light(light) => measured.light = Some(*light),
                     Seldom::Vision(frame) => measured.vision = Some(*frame),

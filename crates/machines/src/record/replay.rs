@@ -45,6 +45,11 @@ impl Replay {
         self.time
     }
 
+    /// Why it answers no more, if it does not.
+    pub fn fault(&self) -> Option<&Fault> {
+        self.fault.as_ref()
+    }
+
     /// Whether the record ended in the middle of a block.
     pub fn is_cut(&self) -> bool {
         self.reader.is_cut()

@@ -40,7 +40,7 @@ impl FiberInHolder {
 /// A port of the device: an end of a waveguide at a facet.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Port {
-    position: Point<Chip>,
+    pub(super) position: Point<Chip>,
     /// -1 where the outward normal of the facet is -z, the input; +1 at the outputs.
     outward: f64,
     /// How far the facet stands out for a metre in x.

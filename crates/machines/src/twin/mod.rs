@@ -56,6 +56,8 @@ pub struct Twin {
     micro_volts: [[Volts; MICRO_AXES]; SIDES],
     fault: Option<Fault>,
     smallest_gap: f64,
+    /// Of the sensing fiber over the outputs, metres.
+    sensing_height: f64,
     /// Speed of the device in x, and since when.
     drift: (f64, f64),
     broken: Broken,
@@ -178,6 +180,7 @@ impl Twin {
             micro_volts: Command::IDLE.micro,
             fault: None,
             smallest_gap: f64::INFINITY,
+            sensing_height: 0.0,
             drift: (plant.device.drift, plant.device.drift_from),
             broken: Broken::default(),
             spec,
@@ -229,11 +232,11 @@ impl Twin {
                     return Err(self.refuse(why.rule, axis, why.value, why.limit));
                 }
             }
-            for Volts(volts) in command.micro[side.index()] {
+            for (i, Volts(volts)) in command.micro[side.index()].into_iter().enumerate() {
                 if !volts.is_finite() {
                     return Err(self.refuse(
                         "command is a number",
-                        format!("{}.micro", side.name()),
+                        format!("{}.micro{}", side.name(), i + 1),
                         format!("{volts} V"),
                         "a finite voltage".to_owned(),
                     ));
@@ -356,6 +359,7 @@ impl Twin {
 
         let right = holders[Side::Right.index()];
         let sensing = tip_of(right, &self.sensing.0);
+        self.sensing_height = sensing.y - self.light.port(Side::Right, 0).position.y;
         let tips = Tips {
             input: self
                 .fiber_at(Side::Left, 0, holders[0])
@@ -428,6 +432,12 @@ impl Twin {
             self.drives.motors(side)[axis],
             self.drives.outputs(side)[axis],
         )
+    }
+
+    /// How high the middle of the sensing fiber's core stands over the outputs in the chip's frame,
+    /// metres. Not part of [`Machine`].
+    pub fn sensing_height(&self) -> f64 {
+        self.sensing_height
     }
 
     /// What really is. Not part of [`Machine`].

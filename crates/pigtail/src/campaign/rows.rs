@@ -144,20 +144,26 @@ pub fn columns(procedure: Procedure) -> Vec<Column> {
             false,
             "least distance of anything from the chip, same for a device's fibers",
         ),
-        column(
-            "injected",
-            Kind::Text,
-            false,
-            "what was broken on purpose, and when",
-        ),
-        column(
+    ]);
+    columns.extend(ends());
+    columns
+}
+
+/// Columns of a device on which something broke.
+fn ends() -> [Column; 2] {
+    let text = |name: &str, about: &str| Column {
+        name: name.to_owned(),
+        about: about.to_owned(),
+        kind: Kind::Text,
+        required: false,
+    };
+    [
+        text("injected", "what was broken on purpose, and when"),
+        text(
             "rule",
-            Kind::Text,
-            false,
             "why the machine stopped, same for a device's fibers",
         ),
-    ]);
-    columns
+    ]
 }
 
 /// Values of a column without its nulls, and which rows have one.

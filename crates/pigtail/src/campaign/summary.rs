@@ -1,6 +1,6 @@
 //! What a campaign comes to, from its rows.
 
-use super::rows::ROWS_PER_DEVICE;
+use super::rows::{ROWS_PER_DEVICE, Rows};
 use super::statistics::{CONFIDENCE, Percentiles, Sorted, wilson};
 use super::store::Store;
 use crate::align::rounded;
@@ -263,6 +263,65 @@ impl Ends {
     }
 }
 
+/// What the rows come to in numbers.
+#[derive(Default)]
+struct Counts {
+    failed: BTreeMap<String, Cause>,
+    wrong: Cause,
+    collided: Cause,
+    fibers: u64,
+    aligned: u64,
+    devices_aligned: u64,
+    ends: Ends,
+}
+
+impl Counts {
+    fn of(rows: &Rows) -> Result<Self> {
+        let mut of = Self::default();
+        let mut of_device = 0;
+        for table in rows.groups(&[
+            "seed",
+            "outcome",
+            "within_tolerance",
+            "collision",
+            "injected",
+            "rule",
+        ]) {
+            let table = table?;
+            let (within, collision) = (table.flags("within_tolerance"), table.flags("collision"));
+            let outcomes = table.texts("outcome");
+            let (injected, rules) = (table.texts("injected"), table.texts("rule"));
+            for (i, seed) in table.wholes("seed").into_iter().enumerate() {
+                let outcome = outcomes[i].as_deref().unwrap_or_default();
+                // A device's rows follow each other.
+                if of.fibers % ROWS_PER_DEVICE == 0 {
+                    of_device = 0;
+                    if collision[i] == Some(true) {
+                        of.collided.add(seed);
+                    }
+                    of.ends
+                        .begin(injected[i].as_deref(), rules[i].as_deref(), collision[i]);
+                }
+                of.fibers += 1;
+                let cause = cause(outcome, within[i], collision[i]);
+                of.ends.fiber(outcome, cause);
+                if let Some(cause) = cause {
+                    of.failed.entry(cause.to_owned()).or_default().add(seed);
+                    if cause == "wrong_aligned" {
+                        of.wrong.add(seed);
+                    }
+                } else {
+                    of.aligned += 1;
+                    of_device += 1;
+                    of.devices_aligned += u64::from(of_device == ROWS_PER_DEVICE);
+                }
+            }
+        }
+        of.ends.end();
+        Ok(of)
+    }
+}
+
 /// Sums up the rows of a campaign. One column of them is in memory at a time.
 ///
 /// # Errors
@@ -271,49 +330,15 @@ impl Ends {
 pub fn summarize(store: &Store, wall_seconds: f64) -> Result<Document> {
     let rows = store.rows()?;
     let plan = store.plan();
-    let mut failed = BTreeMap::<String, Cause>::new();
-    let (mut wrong, mut collided) = (Cause::default(), Cause::default());
-    let (mut fibers, mut aligned, mut devices_aligned) = (0, 0, 0);
-    let mut of_device = 0;
-    let mut ends = Ends::default();
-    for table in rows.groups(&[
-        "seed",
-        "outcome",
-        "within_tolerance",
-        "collision",
-        "injected",
-        "rule",
-    ]) {
-        let table = table?;
-        let (within, collision) = (table.flags("within_tolerance"), table.flags("collision"));
-        let outcomes = table.texts("outcome");
-        let (injected, rules) = (table.texts("injected"), table.texts("rule"));
-        for (i, seed) in table.wholes("seed").into_iter().enumerate() {
-            let outcome = outcomes[i].as_deref().unwrap_or_default();
-            // A device's rows follow each other.
-            if fibers % ROWS_PER_DEVICE == 0 {
-                of_device = 0;
-                if collision[i] == Some(true) {
-                    collided.add(seed);
-                }
-                ends.begin(injected[i].as_deref(), rules[i].as_deref(), collision[i]);
-            }
-            fibers += 1;
-            let cause = cause(outcome, within[i], collision[i]);
-            ends.fiber(outcome, cause);
-            if let Some(cause) = cause {
-                failed.entry(cause.to_owned()).or_default().add(seed);
-                if cause == "wrong_aligned" {
-                    wrong.add(seed);
-                }
-            } else {
-                aligned += 1;
-                of_device += 1;
-                devices_aligned += u64::from(of_device == ROWS_PER_DEVICE);
-            }
-        }
-    }
-    ends.end();
+    let Counts {
+        failed,
+        wrong,
+        collided,
+        fibers,
+        aligned,
+        devices_aligned,
+        ends,
+    } = Counts::of(&rows)?;
     let percentiles = |name: &str| Ok::<_, anyhow::Error>(sorted(store, name)?.percentiles());
     let offset = |name: &str| {
         let values = rows.numbers(name)?;

@@ -4,12 +4,14 @@ use super::common::{Common, write_table};
 use super::methods::{self, MethodArguments};
 use super::progress::Progress;
 use super::scan::{self, MapArguments};
+use super::stop;
 use super::{DONE, FAULT, Failure, NEGATIVE, stopped};
-use crate::align::{AlignError, Document, align};
+use crate::align::{AlignError, Document, Kept, Unkept, align_kept};
 use crate::faults::Faults;
 use crate::ledger::Devices;
 use crate::procedure::Procedure;
 use crate::record::Record;
+use crate::replay::RECORD;
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, Setup};
 use crate::runs::{Phases, Run};
@@ -26,7 +28,8 @@ use std::io::{self, Write};
 /// vision, never the truth; the offsets in the table are the truth, asked for afterwards.
 ///
 /// Writes a folder `runs/<time>-<seed>/` with `report.html` (look at it), `summary.json` (what
-/// `--json` prints), `samples.csv` (every light sample with its place) and `run.json` (version
+/// `--json` prints), `samples.csv` (every light sample with its place),
+/// `exchanges.pigtail` (every exchange with the machine, for `pigtail runs replay`) and `run.json` (version
 /// and configuration hashes).
 #[derive(Debug, Args)]
 #[command(after_help = "\
@@ -60,6 +63,12 @@ pub(super) struct Arguments {
     /// Breaks what a campaign with these `--faults` breaks on the device of this seed
     #[arg(long, value_name = "all|NAME,...", conflicts_with = "fault")]
     faults: Option<Faults>,
+    /// Let the machine's time keep to the clock
+    #[arg(long)]
+    real_time: bool,
+    /// Do not record the exchanges with the machine: a run that cannot be replayed
+    #[arg(long)]
+    no_record: bool,
     #[command(flatten)]
     method: MethodArguments,
     #[command(flatten, next_help_heading = "Your own light")]
@@ -126,11 +135,25 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         progress: Progress::new(full),
         phases: run.phases(),
     };
-    let ended = align(&setup, arguments.procedure, seed, &mut watcher);
+    let kept = Kept {
+        record: (!arguments.no_record).then(|| run.partial_path(RECORD)),
+        stop: stop::on_signal()?,
+        real_time: arguments.real_time,
+    };
+    let ended = align_kept(&setup, arguments.procedure, seed, &mut watcher, &kept);
     watcher.progress.finish();
     let record = &watcher.record;
-    let mut document =
-        ended.map_err(|error| stopped(&run, AlignError::from(error), &arguments.common.rig))?;
+    let mut document = match ended {
+        Ok(document) => document,
+        Err(Unkept::Twin(error)) => {
+            return Err(stopped(
+                &run,
+                AlignError::from(error),
+                &arguments.common.rig,
+            ));
+        }
+        Err(Unkept::Record(error)) => return Err(Failure::Other(error.into())),
+    };
     watcher.phases.all_entered()?;
     run.aligned(&document)?;
     document.report = run.path("report.html").display().to_string();

@@ -1,6 +1,7 @@
 //! `pigtail campaign`.
 
 use super::common::write_table;
+use super::stop;
 use super::{DONE, Failure, NEGATIVE};
 use crate::align::TOLERANCE_Z_UM;
 use crate::campaign::{self, Device, Document, Plan, Store, summarize};
@@ -15,8 +16,6 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use pigtail_hal::Error;
 use std::io::{self, Write};
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 /// Align many devices, each on its own machine, and say how often and how well it went
@@ -122,7 +121,7 @@ fn threads(text: &str) -> Result<usize, String> {
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let started = Instant::now();
     // Before there is a folder that a Ctrl-C could leave behind.
-    let stop = stop_on_signal()?;
+    let stop = stop::on_signal()?;
     let (setup, mut store) = open(arguments)?;
     let threads = arguments
         .threads
@@ -235,20 +234,6 @@ fn open(arguments: &Arguments) -> Result<(Setup, Store), Failure> {
         None => Store::begin(&arguments.runs, &setup, plan)?,
     };
     Ok((setup, store))
-}
-
-/// A flag that the first Ctrl-C sets. The second ends the process at once, which loses no more
-/// than a kill does.
-fn stop_on_signal() -> Result<Arc<AtomicBool>> {
-    let stop = Arc::new(AtomicBool::new(false));
-    let flag = Arc::clone(&stop);
-    ctrlc::set_handler(move || {
-        if flag.swap(true, Ordering::Relaxed) {
-            std::process::exit(130);
-        }
-    })
-    .map_err(|error| anyhow!("Ctrl-C cannot be watched for: {error}"))?;
-    Ok(stop)
 }
 
 /// A bar with the time that is left, on a terminal; nothing elsewhere.

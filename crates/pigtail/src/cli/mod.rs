@@ -13,9 +13,11 @@ mod methods;
 mod plan;
 mod progress;
 mod records;
+mod reproduce;
 mod runs;
 mod scan;
 mod simulate;
+mod stop;
 mod trace;
 mod tune;
 mod twin;
@@ -76,6 +78,7 @@ enum Command {
     Trace(trace::Arguments),
     Simulate(simulate::Arguments),
     Twin(twin::Arguments),
+    Reproduce(reproduce::Arguments),
     Runs(runs::Arguments),
 }
 
@@ -157,6 +160,7 @@ pub fn main() -> ExitCode {
         Command::Trace(arguments) => trace::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Twin(arguments) => twin::run(&arguments),
+        Command::Reproduce(arguments) => reproduce::run(&arguments),
         Command::Runs(arguments) => runs::run(&arguments),
     };
     match result {

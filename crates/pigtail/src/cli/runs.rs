@@ -6,6 +6,7 @@ use crate::ledger::export::{Format, Rows, export};
 use crate::ledger::query::{Fiber, Listed, Shown, folders};
 use crate::ledger::verify::{Verified, without_store};
 use crate::ledger::{FILE, Ledger, State};
+use crate::replay::RECORD;
 use clap::{Args, Subcommand};
 use pigtail_hal::Error;
 use serde_json::json;
@@ -32,6 +33,69 @@ enum What {
     Show(ShowArguments),
     Export(ExportArguments),
     Verify(VerifyArguments),
+    Replay(ReplayArguments),
+}
+
+/// Run the same control again on what a run recorded, and compare every command
+///
+/// The machine's answers come from the record; what control says to them must be what it said then, bit
+/// for bit. The first difference is named. A record that was cut short, as by a kill, is replayed to its
+/// end. Exit codes: 0 the same, 1 a difference, 2 no record that can be read.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pigtail runs replay 20261121T024402-7
+  pigtail runs replay runs/20261121T024402-7/exchanges.pigtail --json")]
+struct ReplayArguments {
+    /// Its name, as `pigtail runs list` tells it, its folder, or the record itself
+    run: PathBuf,
+    /// Print JSON instead of text
+    #[arg(long)]
+    json: bool,
+}
+
+/// The record of a run, wherever it is.
+fn record_of(run: &Path, runs: &Path) -> PathBuf {
+    if run.is_file() {
+        return run.to_owned();
+    }
+    let name = run.file_name().unwrap_or_default().to_string_lossy();
+    [
+        run.join(RECORD),
+        runs.join(run).join(RECORD),
+        runs.join(format!(".{name}.partial")).join(RECORD),
+    ]
+    .into_iter()
+    .find(|path| path.is_file())
+    .unwrap_or_else(|| runs.join(run).join(RECORD))
+}
+
+fn replay(arguments: &ReplayArguments, runs: &Path) -> Result<u8, Failure> {
+    let document = crate::replay::replay(&record_of(&arguments.run, runs))?;
+    let text = if arguments.json {
+        let json = serde_json::to_string(&document).map_err(anyhow::Error::from)?;
+        format!("{json}\n")
+    } else {
+        let said = format!(
+            "{} exchanges, {:.3} s of machine time",
+            document.exchanges, document.seconds
+        );
+        let end = if document.cut {
+            "; the record ends before its run did"
+        } else {
+            ""
+        };
+        match &document.difference {
+            Some(difference) => format!("not the same after {said}: {difference}\n"),
+            None if document.left > 0 => format!(
+                "not the same: control ends after {said}, and {} more were recorded\n",
+                document.left
+            ),
+            None => format!("the same commands to the last bit: {said}{end}\n"),
+        }
+    };
+    super::print(text.as_bytes())?;
+    Ok(if document.same { DONE } else { NEGATIVE })
 }
 
 /// List the runs, the newest last
@@ -167,6 +231,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         What::Show(arguments) => show(arguments, runs),
         What::Export(arguments) => write_rows(arguments, runs),
         What::Verify(arguments) => verify(arguments, runs),
+        What::Replay(arguments) => replay(arguments, runs),
     }
 }
 

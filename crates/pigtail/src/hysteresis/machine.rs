@@ -295,6 +295,28 @@ fn opening(followed: &Followed) -> f64 {
 ///
 /// A fault, or what hinders the identification.
 pub fn identify(setup: &Setup, kind: Kind, seed: u64) -> Result<Identified, ExperimentError> {
+    identify_along(setup, kind, seed, usize::MAX)
+}
+
+/// The same, tried on the first of the paths only, forward and back.
+///
+/// # Errors
+///
+/// As [`identify`].
+pub(crate) fn identify_and_scan(
+    setup: &Setup,
+    kind: Kind,
+    seed: u64,
+) -> Result<Identified, ExperimentError> {
+    identify_along(setup, kind, seed, 1)
+}
+
+fn identify_along(
+    setup: &Setup,
+    kind: Kind,
+    seed: u64,
+    most: usize,
+) -> Result<Identified, ExperimentError> {
     let micro = on_twin(setup, seed, |station| {
         Ok(piezo::identify(station, &setup.recipe)?)
     })?;
@@ -307,7 +329,7 @@ pub fn identify(setup: &Setup, kind: Kind, seed: u64) -> Result<Identified, Expe
     let um = |value: f64| rounded(1e6 * value, 1e-5);
     let mut paths = Vec::new();
     let mut scans = None;
-    for trial in trials(setup.spec.period(), seed) {
+    for trial in trials(setup.spec.period(), seed).into_iter().take(most) {
         let mut errors = [0.0; 3];
         let mut followed: [Followed; 3] = Default::default();
         for (k, calibration) in calibrations.iter().enumerate() {

@@ -344,6 +344,22 @@ pub fn response(setup: &Setup, at: AxisName, seed: u64) -> Experiment<(Document,
     Ok((document, figures, found))
 }
 
+/// The truth about a single pulse on the specimen that `seed` draws.
+///
+/// # Errors
+///
+/// A fault, or a rig that cannot play it.
+pub(crate) fn single(setup: &Setup, at: AxisName, seed: u64, pulse: &Pulse) -> Experiment<Trace> {
+    can_play(setup, at.axis)?;
+    let bench = Bench {
+        setup,
+        at,
+        seed,
+        unit: 1.0,
+    };
+    bench.trace(pulse)
+}
+
 /// What is believed of an axis's pulses with the curve of the specimen that `seed` draws in place of
 /// its own.
 ///

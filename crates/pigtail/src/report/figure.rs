@@ -56,6 +56,20 @@ pub(super) fn coloured(
     })
 }
 
+/// Points coloured by their third number, from 0 (dark) to 1 (bright); bright ones on top.
+pub(super) fn dots(axes: &Axes, points: &[(f64, f64, f64)]) -> Result<String> {
+    let mut order: Vec<_> = points.iter().copied().filter(|p| p.2.is_finite()).collect();
+    order.sort_by(|a, b| a.2.total_cmp(&b.2));
+    draw(axes, |root| {
+        let mut chart = chart(axes, root)?;
+        mesh(axes, &mut chart)?;
+        chart.draw_series(order.iter().map(|&(x, y, light)| {
+            Circle::new((x, y), 2, ViridisRGB.get_color(0.93 * light).filled())
+        }))?;
+        Ok(())
+    })
+}
+
 /// Cells of a `size`, each up to its first two numbers and coloured by the third, from 0 (dark) to 1
 /// (bright).
 pub(super) fn cells(

@@ -10,10 +10,15 @@ pub(super) fn escape(text: &str) -> String {
 
 /// A whole page.
 pub(super) fn page(title: &str, body: &str) -> String {
+    page_with_style(title, "", body)
+}
+
+/// A whole page with a style of its own.
+pub(super) fn page_with_style(title: &str, style: &str, body: &str) -> String {
     format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <title>{}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n{body}</body>\n</html>\n",
+         <title>{}</title>\n<style>{STYLE}{style}</style>\n</head>\n<body>\n{body}</body>\n</html>\n",
         escape(title)
     )
 }

@@ -16,6 +16,7 @@ mod micro;
 mod pulses;
 mod record;
 mod scan;
+mod thesis;
 mod tuning;
 mod windup;
 
@@ -33,5 +34,6 @@ pub use micro::micro;
 pub use pulses::{pulse_campaign, pulses};
 pub use record::record;
 pub use scan::{notes as scan_notes, scan};
+pub use thesis::thesis;
 pub use tuning::tuning;
 pub use windup::windup;

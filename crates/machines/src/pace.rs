@@ -1,0 +1,43 @@
+//! A simulated machine at the pace of a real one.
+
+use pigtail_hal::{Command, Fault, Machine, Measurement, Spec};
+use std::time::{Duration, Instant};
+
+/// It catches up with the clock when it is so far ahead: shorter naps cost more than they rest.
+const NAP: f64 = 2e-3;
+
+/// A machine whose time does not run ahead of the clock.
+#[derive(Debug)]
+pub struct Pace<M> {
+    machine: M,
+    since: Instant,
+}
+
+impl<M> Pace<M> {
+    /// A machine that begins now.
+    pub fn new(machine: M) -> Self {
+        Self {
+            machine,
+            since: Instant::now(),
+        }
+    }
+}
+
+impl<M: Machine> Machine for Pace<M> {
+    fn spec(&self) -> &Spec {
+        self.machine.spec()
+    }
+
+    fn exchange(&mut self, command: &Command) -> Result<Measurement, Fault> {
+        let measured = self.machine.exchange(command)?;
+        let ahead = measured.time - self.since.elapsed().as_secs_f64();
+        if ahead > NAP {
+            std::thread::sleep(Duration::from_secs_f64(ahead));
+        }
+        Ok(measured)
+    }
+
+    fn stop(&mut self) {
+        self.machine.stop();
+    }
+}

@@ -1,0 +1,289 @@
+//! Chapter 3: path planning.
+
+use super::Kind::{Above, Below, Formula, Measured};
+use super::{Statement, claim};
+
+pub(super) const CLAIMS: &[Statement] = &[
+    claim(
+        "3.2-gaussian",
+        ("3.1", "the profile is a smooth Gaussian like function"),
+        "R2 of a Gaussian through the light around the peak",
+        (0.95, "", Above),
+    ),
+    claim(
+        "3.2-radius",
+        (
+            "3.2",
+            "Outside of the 5um radii negligible light coupling exists",
+        ),
+        "light 5 um aside over that at the peak; negligible is a twentieth",
+        (0.05, "", Below),
+    ),
+    claim(
+        "3.2-loss",
+        (
+            "3.1",
+            "to reduce coupling losses to acceptable levels (11 %) ... 2um in z and 0.1um in x and y",
+        ),
+        "loss of a fiber that is off by all of these and tilted by the fixture's most",
+        (0.11, "", Below),
+    ),
+    claim(
+        "3.3-speed",
+        ("3.2", "(3.1): v = 5um / (1/500 s-1) = 2500um/s"),
+        "fastest sweep at which a sample falls into each mesh",
+        (2500.0, "um/s", Formula),
+    ),
+    claim(
+        "3.3-rate",
+        ("3.2", "(3.2): f = v / (2 pi A) = 8Hz"),
+        "scan rate of that speed over 100 um",
+        (8.0, "Hz", Formula),
+    ),
+    claim(
+        "3.3-method1",
+        (
+            "3.2.1",
+            "For a scan rate of 8 Hz with the required range and mesh spacing this method takes 67 minutes",
+        ),
+        "method 1 by (3.3), 5 um",
+        (67.0, "min", Formula),
+    ),
+    claim(
+        "3.3-method1-coarse",
+        (
+            "3.2.1",
+            "Even with an unreliable grid spacing of 10um the process still takes 8.3 minutes",
+        ),
+        "method 1 by (3.3), 10 um",
+        (8.3, "min", Formula),
+    ),
+    claim(
+        "3.3-method2",
+        (
+            "3.2.1",
+            "At the increased scanning rate the space can be covered in 5.3 minutes",
+        ),
+        "method 2 by (3.4), 5 um",
+        (5.3, "min", Formula),
+    ),
+    claim(
+        "3.3-method2-fiber",
+        (
+            "3.2.1",
+            "only once per device this amounts to 1.8 minutes per fiber",
+        ),
+        "a third of it",
+        (1.8, "min", Formula),
+    ),
+    claim(
+        "3.3-photodiode",
+        (
+            "3.2.1",
+            "it is necessary to increase the photodiode sampling rate ... to 6250 Hz",
+        ),
+        "slowest photodiode for 100 Hz over 100 um at 5 um",
+        (6250.0, "Hz", Formula),
+    ),
+    claim(
+        "3.3-faster",
+        (
+            "3.2.1",
+            "increase the photodiode sampling rate by a factor of 12.5",
+        ),
+        "the same over the rate of the photodiodes",
+        (12.5, "", Formula),
+    ),
+    claim(
+        "3.3-method3",
+        (
+            "3.2.1",
+            "For a scan rate of 8 Hz the time required is 5 seconds per fiber",
+        ),
+        "method 3 by (3.5), 5 um",
+        (5.0, "s", Formula),
+    ),
+    claim(
+        "3.3-method1-twin",
+        ("3.2.1", "this method takes 67 minutes"),
+        "method 1 on the twin, all of its space",
+        (67.0, "min", Measured),
+    ),
+    claim(
+        "3.3-method1-coarse-twin",
+        (
+            "3.2.1",
+            "Even with an unreliable grid spacing of 10um the process still takes 8.3 minutes",
+        ),
+        "the same at 10 um",
+        (8.3, "min", Measured),
+    ),
+    claim(
+        "3.3-method2-twin",
+        ("3.2.1", "the space can be covered in 5.3 minutes"),
+        "method 2 on the twin with faster photodiodes",
+        (5.3, "min", Measured),
+    ),
+    claim(
+        "3.3-method3-twin",
+        ("3.2.1", "the time required is 5 seconds per fiber"),
+        "method 3 on the twin, the whole area of a fiber",
+        (5.0, "s", Measured),
+    ),
+    claim(
+        "3.3-fourth",
+        (
+            "3.2.1",
+            "the time required varies as the fourth power of the number of mesh points per axis",
+        ),
+        "method 1 on the twin at 5 um over that at 10 um, each as fast as the photodiode allows",
+        (16.0, "", Measured),
+    ),
+    claim(
+        "3.3-orders",
+        (
+            "abstract",
+            "This method is shown to reduce the time required by over two orders of magnitude",
+        ),
+        "a fiber by method 1 on the twin over one by method 3",
+        (100.0, "", Above),
+    ),
+    claim(
+        "3.4-height",
+        (
+            "3.2.2",
+            "At this point the multimode is within 50um of the output location in the y direction",
+        ),
+        "greatest distance in y of the sensing fiber from where the output fiber was aligned",
+        (50.0, "um", Below),
+    ),
+    claim(
+        "3.4-time",
+        (
+            "3.2.2",
+            "This method was found to be robust ... The time required was under 5s",
+        ),
+        "longest time in which the sensing fiber found the top",
+        (5.0, "s", Below),
+    ),
+    claim(
+        "3.5-period",
+        (
+            "3.3",
+            "time delays ... 4ms which corresponds to an oscillation period of 25Hz",
+        ),
+        "patterns of nine points and a pause in a second",
+        (25.0, "Hz", Formula),
+    ),
+    claim(
+        "3.5-closed",
+        (
+            "3.3",
+            "step size is chosen to be 0.1um which allows a maximum tracking rate of 2.5um/s",
+        ),
+        "a step a pattern",
+        (2.5, "um/s", Formula),
+    ),
+    claim(
+        "3.5-tracking",
+        ("3.3", "a maximum tracking rate of 2.5um/s"),
+        "fastest drift that was followed on the twin",
+        (2.5, "um/s", Measured),
+    ),
+    claim(
+        "3.5-macro",
+        (
+            "3.3",
+            "allows the micro to reject low frequency disturbances such as movement of the macro",
+        ),
+        "mean light while the macro goes 10 um over that before, the climb going on",
+        (0.5, "", Above),
+    ),
+    claim(
+        "3.5-creep",
+        ("3.3", "and drifting of the piezoelectric actuators"),
+        "mean light over 20 s of creep over that before, the climb going on",
+        (0.5, "", Above),
+    ),
+    claim(
+        "3.5-xy",
+        (
+            "3.3",
+            "a complete x-y alignment could be performed in less than 5s",
+        ),
+        "mean time of the climb",
+        (5.0, "s", Below),
+    ),
+    claim(
+        "budget-coupling",
+        (
+            "3.2.2",
+            "The time required to initiate light coupling ... amounts to 6.7s per fiber",
+        ),
+        "mean time of sensing fiber and raster",
+        (6.7, "s", Measured),
+    ),
+    claim(
+        "budget-z",
+        (
+            "3.3",
+            "The maximization in the z direction can be accomplished in less than 10s",
+        ),
+        "mean time of approach and final maximization",
+        (10.0, "s", Below),
+    ),
+    claim(
+        "budget-all",
+        ("3.4", "the time required for alignment is 21.7 s/fiber"),
+        "mean time a fiber, once placed",
+        (21.7, "s", Measured),
+    ),
+    claim(
+        "budget-required",
+        ("3.4", "This is well within the required time of 90s"),
+        "longest time a fiber, placing and all",
+        (90.0, "s", Below),
+    ),
+    claim(
+        "budget-lateral",
+        (
+            "3.1",
+            "the fibers must be aligned with an accuracy of ... 0.1um in the x and y directions",
+        ),
+        "greatest true error in x or y",
+        (0.1, "um", Below),
+    ),
+    claim(
+        "budget-gap",
+        (
+            "3.1",
+            "the fibers must be aligned with an accuracy of 2um in the z direction",
+        ),
+        "greatest true error in z",
+        (2.0, "um", Below),
+    ),
+    claim(
+        "budget-scan",
+        (
+            "3.4",
+            "a scan rate of 40 Hz ... would decrease the time required by a factor of 5",
+        ),
+        "(3.5) at 8 Hz over (3.5) at what a photodiode five times as fast allows",
+        (5.0, "", Formula),
+    ),
+    claim(
+        "budget-half",
+        (
+            "3.4",
+            "If the area to be scanned could be reduced by a half, the time required would decrease by a factor of 2",
+        ),
+        "method 3 on the twin over the same of half the height",
+        (2.0, "", Measured),
+    ),
+    claim(
+        "budget-better",
+        ("3.4", "the alignment time could be reduced to 3.2s"),
+        "mean time a fiber by the fast procedure, once placed",
+        (3.2, "s", Below),
+    ),
+];
