@@ -5,8 +5,8 @@
 //! the boundary. Its modules in the order in which data flows:
 //!
 //! 1. [`recipe`]: what is to be done; [`calibration`]: what is believed of the machine;
-//! 2. [`procedure`], the thesis's, [`fast`], and [`nudge`], without a micro: straight-line functions over a
-//!    [`Station`](station::Station);
+//! 2. [`procedure`], the thesis's, [`fast`], [`nudge`], without a micro, and [`baselines`], what these
+//!    have to beat: straight-line functions over a [`Station`](station::Station);
 //! 3. [`search`] and [`sweep`]: finding light, and [`methods`], the ways to do so that the thesis
 //!    compares; [`peak`] and [`orbit`]: getting to its maximum, the
 //!    latter by what is known of the [`beam`]; [`sight`]: where vision sees the tips;
@@ -49,6 +49,7 @@
 //! use pigtail_machines::Twin;
 //! ```
 
+pub mod baselines;
 pub mod beam;
 pub mod calibration;
 pub mod characterize;

@@ -43,7 +43,7 @@ pub(crate) const AROUND: [f64; 2] = [3.0, 6.0];
 
 /// After so many bright places that did not bear a second look there is more scattered light than
 /// a search can live with.
-const MOST_DISMISSED: usize = 5;
+pub(crate) const MOST_DISMISSED: usize = 5;
 
 /// A fiber on its way to a port.
 pub(crate) struct Job<'r> {
@@ -115,11 +115,11 @@ pub fn light_guides(station: &mut Station, recipe: &Recipe, accuracy: f64) -> Re
 }
 
 /// Light that was found, with the macro brought to it.
-struct Found {
+pub(crate) struct Found {
     /// The photodiode's level without it, volts.
-    background: f64,
+    pub(crate) background: f64,
     /// Its level above that, volts.
-    level: f64,
+    pub(crate) level: f64,
 }
 
 impl<'r> Job<'r> {
@@ -505,18 +505,8 @@ impl<'r> Job<'r> {
                 Some(hit) if seen.dismissed < MOST_DISMISSED => hit,
                 _ => return Ok(Err(seen)),
             };
-            // The light may have slipped away farther than is looked around for at first.
-            for around in AROUND {
-                self.recentre(station, &searcher, &hit, around)?;
-                let level = searcher.contrast(station, raster.mesh)?;
-                if level > 0.5 * hit.level {
-                    // The look aside and back has left the piezos elsewhere.
-                    self.regain(station, &searcher, level, AROUND[0])?;
-                    return Ok(Ok(Found {
-                        background: searcher.background.mean,
-                        level,
-                    }));
-                }
+            if let Some(found) = self.confirm(station, &searcher, &hit)? {
+                return Ok(Ok(found));
             }
             evidence = Some(SearchEvidence {
                 dismissed: seen.dismissed + 1,
@@ -526,6 +516,29 @@ impl<'r> Job<'r> {
             let here = Point::new(start.x, hit.endpoint.y, start.z);
             self.arrive(station, self.side, here)?;
         }
+    }
+
+    /// Brings the macro to a hit and looks again: `None` where nothing bears that second look.
+    pub(crate) fn confirm(
+        &self,
+        station: &mut Station,
+        searcher: &Searcher,
+        hit: &Hit,
+    ) -> Result<Option<Found>, Halt> {
+        // The light may have slipped away farther than is looked around for at first.
+        for around in AROUND {
+            self.recentre(station, searcher, hit, around)?;
+            let level = searcher.contrast(station, self.recipe.raster.mesh)?;
+            if level > 0.5 * hit.level {
+                // The look aside and back has left the piezos elsewhere.
+                self.regain(station, searcher, level, AROUND[0])?;
+                return Ok(Some(Found {
+                    background: searcher.background.mean,
+                    level,
+                }));
+            }
+        }
+        Ok(None)
     }
 
     /// Brings the macro to where the search saw its brightest light and the micro back to its

@@ -17,6 +17,7 @@ use pigtail_hal::{
     Spec, VisionFrame,
 };
 use pigtail_model::frames::{Macro, Point};
+use std::cell::Cell;
 
 /// What an observer is told with every light sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -94,6 +95,8 @@ pub struct Station<'a> {
     sight: Sight,
     /// What is believed of pulses on a five-bar.
     five_bar_pulses: Option<ImpulseBelief>,
+    /// Light samples that somebody has looked at, and the time of the last of them.
+    readings: Cell<(u64, f64)>,
 }
 
 /// Mean and spread of repeated light samples.
@@ -167,6 +170,7 @@ impl<'a> Station<'a> {
         Ok(Self {
             sight: Sight::new(&spec),
             five_bar_pulses: calibration.impulse.five_bar.clone(),
+            readings: Cell::new((0, f64::NEG_INFINITY)),
             limits: Limits {
                 xy: Rates {
                     speed: spec.five_bar.speed,
@@ -560,9 +564,18 @@ impl<'a> Station<'a> {
 
     /// The light sample of this cycle, volts, if there is one.
     pub fn light(&self, channel: Channel) -> Option<f64> {
-        self.measurement
-            .light
-            .map(|light| light.volts[channel.index()].0)
+        let light = self.measurement.light?;
+        let (count, last) = self.readings.get();
+        if light.time > last {
+            self.readings.set((count + 1, light.time));
+        }
+        Some(light.volts[channel.index()].0)
+    }
+
+    /// How many light samples have been asked for: of those that came, the ones that control looked
+    /// at.
+    pub fn readings(&self) -> u64 {
+        self.readings.get().0
     }
 
     /// Cycles until the next light sample, volts.

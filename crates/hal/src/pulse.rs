@@ -162,6 +162,7 @@ mod tests {
             counts_per_turn: 2048,
             voltage: 24.0,
             speed: 600.0,
+            start: None,
             pulse: Some(PulseSpec {
                 voltage: 10.0,
                 bandwidth: 2000.0,

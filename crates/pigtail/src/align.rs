@@ -5,6 +5,7 @@ use crate::procedure::Procedure;
 use crate::rig::{Setup, Source};
 use pigtail_control::outcome::Outcome;
 use pigtail_control::procedure::{FiberReport, PORTS, not_begun};
+use pigtail_control::recipe::Recipe;
 use pigtail_control::station::{Observer, Station};
 use pigtail_hal::{Fault, Machine};
 use pigtail_machines::record::RecordError;
@@ -132,7 +133,14 @@ pub fn align(
         procedure,
         observer,
     );
-    Ok(document(setup, procedure, seed, &injected, &twin, &reports))
+    Ok(document(
+        setup,
+        &of(procedure),
+        seed,
+        &injected,
+        &twin,
+        &reports,
+    ))
 }
 
 /// What becomes of a run beside its document.
@@ -178,7 +186,14 @@ pub fn align_kept(
             reports
         }
     };
-    Ok(document(setup, procedure, seed, &injected, &twin, &reports))
+    Ok(document(
+        setup,
+        &of(procedure),
+        seed,
+        &injected,
+        &twin,
+        &reports,
+    ))
 }
 
 /// Why a run that is to be kept did not come to its end.
@@ -239,20 +254,94 @@ pub(crate) fn run(
     procedure: Procedure,
     observer: &mut dyn Observer,
 ) -> Vec<FiberReport> {
+    let control = |station: &mut Station, recipe: &Recipe| procedure.run(station, recipe);
+    run_by(machine, setup, control, observer).reports
+}
+
+/// What control did on a machine.
+struct Ran {
+    reports: Vec<FiberReport>,
+    /// Machine time by the machine, from power-on until the last fiber was done, seconds.
+    machine_seconds: f64,
+    /// Light samples that control looked at.
+    readings: u64,
+}
+
+/// Any way to align on a machine, with the guard between them.
+fn run_by(
+    machine: impl Machine,
+    setup: &Setup,
+    control: impl FnOnce(&mut Station, &Recipe) -> Vec<FiberReport>,
+    observer: &mut dyn Observer,
+) -> Ran {
     let mut machine = guarded(machine, setup);
     match Station::new(&mut machine, &setup.calibration, observer) {
         Ok(mut station) => {
-            let reports = procedure.run(&mut station, &setup.recipe);
+            let reports = control(&mut station, &setup.recipe);
             station.stop();
-            reports
+            Ran {
+                reports,
+                machine_seconds: station.time(),
+                readings: station.readings(),
+            }
         }
-        Err(fault) => not_begun(&setup.recipe, fault),
+        Err(fault) => Ran {
+            reports: not_begun(&setup.recipe, fault),
+            machine_seconds: 0.0,
+            readings: 0,
+        },
     }
+}
+
+/// A way to align a device, as documents call and judge it.
+pub(crate) struct Way {
+    /// Its name.
+    pub(crate) name: &'static str,
+    /// How near to the peak in x and y a fiber must be in truth to count as aligned, micrometres.
+    pub(crate) tolerance_xy_um: f64,
+}
+
+fn of(procedure: Procedure) -> Way {
+    Way {
+        name: procedure.name(),
+        tolerance_xy_um: procedure.tolerance_xy_um(),
+    }
+}
+
+/// What came of a device that was aligned by any way.
+pub(crate) struct Aligned {
+    /// The document.
+    pub(crate) document: Document,
+    /// Machine time by the machine, from power-on until the last fiber was done, seconds.
+    pub(crate) machine_seconds: f64,
+    /// Light samples that control looked at.
+    pub(crate) readings: u64,
+}
+
+/// As [`align`], by any way, on a machine that nothing is injected into.
+///
+/// # Errors
+///
+/// As [`align`].
+pub(crate) fn align_by(
+    setup: &Setup,
+    way: &Way,
+    control: impl FnOnce(&mut Station, &Recipe) -> Vec<FiberReport>,
+    seed: u64,
+    observer: &mut dyn Observer,
+) -> Result<Aligned, TwinError> {
+    let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
+    let ran = run_by(Deadline::new(&mut twin, LONGEST), setup, control, observer);
+    Ok(Aligned {
+        document: document(setup, way, seed, &[], &twin, &ran.reports),
+        machine_seconds: ran.machine_seconds,
+        readings: ran.readings,
+    })
 }
 
 fn document(
     setup: &Setup,
-    procedure: Procedure,
+    way: &Way,
     seed: u64,
     injected: &[Injection],
     twin: &Twin,
@@ -264,8 +353,8 @@ fn document(
         .iter()
         .zip(truths)
         .map(|(report, truth)| {
-            let tolerance = procedure.tolerance_xy_um();
-            row(report, truth, setup.recipe.approach.gap, tolerance)
+            let gap = setup.recipe.approach.gap;
+            row(report, truth, gap, way.tolerance_xy_um)
         })
         .collect();
     let attempted = reports
@@ -276,7 +365,7 @@ fn document(
     Document {
         rig: setup.rig.clone(),
         recipe: setup.recipe_name.clone(),
-        procedure: procedure.name(),
+        procedure: way.name,
         scenario: setup.scenario.clone(),
         seed,
         fibers,

@@ -8,6 +8,7 @@
 //! - [`align`]: one device aligned on a twin, and what came of it;
 //! - [`methods`]: first light alone, by the thesis's three methods; [`plan`]: all ways to align,
 //!   side by side;
+//! - [`benchmark`]: alignment algorithms, one's own too, on the same devices;
 //! - [`maximize`]: staying at the peak, measured;
 //! - [`scan`]: search and peak on a measured power map;
 //! - [`campaign`]: many of them, and what they have in common;
@@ -21,6 +22,7 @@
 //! - [`cli`]: the commands.
 
 pub mod align;
+pub mod benchmark;
 pub mod campaign;
 pub mod characterize;
 pub mod cli;

@@ -210,7 +210,7 @@ fn bad_input_is_named_with_file_key_value_and_what_is_accepted() {
             "machine.toml",
             "gear_ratio = 80.0",
             "gear_ration = 80.0",
-            &["rig/machine.toml, line 14", "gear_ration", "gear_ratio"][..],
+            &["rig/machine.toml, line 15", "gear_ration", "gear_ratio"][..],
         ),
         (
             "plant.toml",

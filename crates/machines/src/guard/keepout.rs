@@ -397,7 +397,12 @@ impl Keepout {
             let carried = if self.held[i] {
                 let tip = Tip::Fiber(side);
                 let mut clearance = self.clearance(tip, self.fibers[i].as_ref(), facet);
-                let x = self.stand(i, 0).tip.x;
+                let stand = self.stand(i, 0);
+                let x = if clearance < LED {
+                    self.probed_x(tip, stand).unwrap_or(stand.tip.x)
+                } else {
+                    stand.tip.x
+                };
                 // From where it came near it may not go where the facet stands out.
                 match self.led[i] {
                     Some(from) if clearance < LED => {

@@ -185,10 +185,13 @@ pub struct FrictionPlant(Friction);
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct FrictionKeys {
+    /// Torque up to which it holds what is at rest, N m; at least the Coulomb level.
     #[serde(rename = "static", deserialize_with = "quantity::non_negative_torque")]
     fixed: f64,
+    /// Torque against what moves, N m.
     #[serde(deserialize_with = "quantity::non_negative_torque")]
     coulomb: f64,
+    /// Torque for each rad/s, N m s/rad.
     #[serde(deserialize_with = "quantity::non_negative_damping")]
     viscous: f64,
 }

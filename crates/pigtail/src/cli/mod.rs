@@ -1,6 +1,7 @@
 //! The commands. Exit codes: 0 done, 1 an honest negative, 2 bad input, 3 a fault.
 
 mod align;
+mod benchmark;
 mod campaign;
 mod characterize;
 mod common;
@@ -24,7 +25,7 @@ mod twin;
 use crate::align::AlignError;
 use crate::characterize::ExperimentError;
 use crate::runs::Run;
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 use pigtail_hal::{Error, Fault};
 use std::io::{self, Write};
 use std::process::ExitCode;
@@ -66,6 +67,7 @@ Exit codes:
 enum Command {
     Align(align::Arguments),
     Campaign(campaign::Arguments),
+    Benchmark(benchmark::Arguments),
     Plan(plan::Arguments),
     Maximize(maximize::Arguments),
     Tune(tune::Arguments),
@@ -129,6 +131,11 @@ fn print(text: &[u8]) -> anyhow::Result<()> {
     }
 }
 
+/// The program's commands and options, for whoever describes them.
+pub fn command() -> clap::Command {
+    Arguments::command().name("pigtail")
+}
+
 /// Runs the program with the process's arguments.
 pub fn main() -> ExitCode {
     let arguments = match Arguments::try_parse() {
@@ -142,6 +149,7 @@ pub fn main() -> ExitCode {
     let result = match arguments.command {
         Command::Align(arguments) => align::run(&arguments),
         Command::Campaign(arguments) => campaign::run(&arguments),
+        Command::Benchmark(arguments) => benchmark::run(&arguments),
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Maximize(arguments) => maximize::run(&arguments),
         Command::Tune(arguments) => tune::run(&arguments),

@@ -2,6 +2,7 @@
 
 mod alignment;
 mod axis;
+mod benchmark;
 mod campaign;
 mod contour;
 mod figure;
@@ -21,6 +22,7 @@ mod windup;
 
 pub use alignment::alignment;
 pub use axis::{frequency, resolution, sine, step};
+pub use benchmark::{benchmark, table as benchmark_table};
 pub use campaign::campaign;
 pub(crate) use campaign::percent;
 pub use contour::contour;
