@@ -44,10 +44,9 @@ pub struct Document {
     pub fibers: Vec<FiberRow>,
     /// Machine time over the number of fibers that were attempted, seconds.
     pub seconds_per_fiber: f64,
-    /// Whether any fiber or the sensing fiber ever touched the chip: the truth.
+    /// Whether a fiber, the sensing fiber or an empty holder ever touched the chip: the truth.
     pub collision: bool,
-    /// The least distance between the chip and any fiber that was beside it: the truth. `null`
-    /// where none ever was.
+    /// The least distance between the chip and any of these: the truth.
     pub smallest_gap_um: Option<f64>,
     /// What was broken on purpose, and when.
     pub injected: Vec<String>,

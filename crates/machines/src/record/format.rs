@@ -135,9 +135,9 @@ impl Block {
         }
     }
 
-    /// The bytes of the block: of each row what differs from the row before.
-    pub(super) fn encode(&self) -> Vec<u8> {
-        let mut out = Vec::with_capacity(160 * self.rows.len() + 64);
+    /// Makes `out` the bytes of the block: of each row what differs from the row before.
+    pub(super) fn encode(&self, out: &mut Vec<u8>) {
+        out.clear();
         out.extend((self.rows.len() as u32).to_le_bytes());
         let mut last = Row::ZERO;
         for row in &self.rows {
@@ -155,13 +155,13 @@ impl Block {
                 bit <<= 1;
             };
             for i in 0..MOTORS {
-                number(&mut out, row.motors[i], last.motors[i]);
+                number(out, row.motors[i], last.motors[i]);
             }
             for i in 0..PIEZOS {
-                number(&mut out, row.micro[i], last.micro[i]);
+                number(out, row.micro[i], last.micro[i]);
             }
             for i in 0..MOTORS {
-                number(&mut out, row.probes[i], last.probes[i]);
+                number(out, row.probes[i], last.probes[i]);
             }
             let mut whole = |out: &mut Vec<u8>, is: i64, was: i64| {
                 if is != was {
@@ -171,10 +171,10 @@ impl Block {
                 bit <<= 1;
             };
             for i in 0..MOTORS {
-                whole(&mut out, row.references[i], last.references[i]);
+                whole(out, row.references[i], last.references[i]);
             }
             for i in 0..MOTORS {
-                whole(&mut out, row.encoders[i], last.encoders[i]);
+                whole(out, row.encoders[i], last.encoders[i]);
             }
             out[at..at + 4].copy_from_slice(&mask.to_le_bytes());
             last = *row;
@@ -182,9 +182,14 @@ impl Block {
         out.extend((self.seldom.len() as u32).to_le_bytes());
         for (index, what) in &self.seldom {
             out.extend(index.to_le_bytes());
-            what.encode(&mut out);
+            what.encode(out);
         }
-        out
+    }
+
+    /// Empties it, and keeps its memory.
+    pub(super) fn clear(&mut self) {
+        self.rows.clear();
+        self.seldom.clear();
     }
 
     /// The block that these bytes are.
@@ -492,6 +497,12 @@ impl Bytes<'_> {
 mod tests {
     use super::*;
 
+    fn bytes(block: &Block) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        block.encode(&mut bytes);
+        bytes
+    }
+
     #[test]
     fn varints_come_back() {
         for value in [0, 1, -1, 63, -64, 64, 1 << 40, i64::MAX, i64::MIN, NONE] {
@@ -545,7 +556,7 @@ mod tests {
             time: 0.5,
         };
         block.push_fault(&Command::IDLE, 0.5, &fault);
-        let back: Vec<_> = Block::decode(&block.encode())
+        let back: Vec<_> = Block::decode(&bytes(&block))
             .expect("whole")
             .exchanges()
             .collect();
@@ -579,7 +590,7 @@ mod tests {
             };
             block.push(&command, &measured);
         }
-        let good = block.encode();
+        let good = bytes(&block);
         for cut in 0..good.len() {
             assert!(Block::decode(&good[..cut]).is_err(), "{cut}");
         }

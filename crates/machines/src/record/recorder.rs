@@ -6,7 +6,7 @@ use pigtail_hal::{Command, Fault, Machine, Measurement, Spec};
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, channel, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
@@ -33,6 +33,7 @@ pub struct Recorder<M> {
 #[derive(Debug)]
 struct Writer {
     blocks: SyncSender<Block>,
+    empty: Receiver<Block>,
     thread: JoinHandle<()>,
     failed: Arc<Mutex<Option<io::Error>>>,
 }
@@ -87,7 +88,9 @@ impl<M: Machine> Recorder<M> {
     #[cold]
     fn hand_over(&mut self) {
         let Some(writer) = &self.writer else { return };
-        let block = std::mem::take(&mut self.block);
+        // One that was written comes back: its memory is mapped already.
+        let empty = writer.empty.try_recv().unwrap_or_default();
+        let block = std::mem::replace(&mut self.block, empty);
         self.block.rows.reserve(self.most);
         let sent = writer.blocks.send(block);
         let failed = writer.failed.lock().unwrap_or_else(PoisonError::into_inner);
@@ -112,14 +115,20 @@ impl Writer {
         // One block in the machine's hands, one on its way, one being written: no more is lost when
         // the process is killed.
         let (blocks, coming): (_, Receiver<Block>) = sync_channel(1);
+        let (back, empty) = channel();
         let failed = Arc::new(Mutex::new(None));
         let said = Arc::clone(&failed);
         let thread = std::thread::spawn(move || {
-            for block in coming {
-                if let Err(error) = write(&mut file, &block.encode()) {
+            let mut bytes = Vec::new();
+            for mut block in coming {
+                block.encode(&mut bytes);
+                if let Err(error) = write(&mut file, &bytes) {
                     *said.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
                     return;
                 }
+                block.clear();
+                // The machine may have come to its end.
+                let _ = back.send(block);
             }
             if let Err(error) = file.sync_all() {
                 *said.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
@@ -127,6 +136,7 @@ impl Writer {
         });
         Self {
             blocks,
+            empty,
             thread,
             failed,
         }

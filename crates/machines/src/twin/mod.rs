@@ -21,7 +21,7 @@ use drive::Drives;
 use light::{FiberInHolder, LightPath, Tips};
 use manipulator::Manipulator;
 use pigtail_hal::quantity::Volts;
-use pigtail_hal::spec::{AXES, CHANNELS, MICRO_AXES, OUTPUTS, SIDES};
+use pigtail_hal::spec::{AXES, CHANNELS, HolderSpec, MICRO_AXES, OUTPUTS, SIDES};
 use pigtail_hal::{
     Axis, AxisName, Command, Fault, FiberHandling, Machine, Measurement, Side, Spec,
 };
@@ -389,11 +389,21 @@ impl Twin {
             &mut self.rng,
         );
         for side in Side::ALL {
-            if let Some(held) = &self.held[side.index()] {
-                let tip = tip_of(holders[side.index()], &held.fiber);
-                let gap = self.light.port(side, held.port).clearance(tip);
-                self.smallest_gap = self.smallest_gap.min(gap);
-            }
+            let holder = holders[side.index()];
+            let gap = match &self.held[side.index()] {
+                Some(held) => {
+                    let tip = tip_of(holder, &held.fiber);
+                    self.light.port(side, held.port).clearance(tip)
+                }
+                // An empty holder is as broad as it is.
+                None => {
+                    let HolderSpec { tip, width, .. } = self.spec.holder;
+                    let port = self.light.port(side, 0);
+                    let corner = |aside: f64| port.clearance(holder.shifted(aside, 0.0, 0.0));
+                    tip + corner(0.5 * width).min(corner(-0.5 * width))
+                }
+            };
+            self.smallest_gap = self.smallest_gap.min(gap);
         }
         let sensing_gap = self.light.port(Side::Right, 0).clearance(sensing);
         self.smallest_gap = self.smallest_gap.min(sensing_gap);
@@ -474,8 +484,8 @@ pub struct Truth {
     pub input: Option<FiberTruth>,
     /// The output fibers, once attached.
     pub outputs: [Option<FiberTruth>; OUTPUTS],
-    /// Smallest clearance between any tip and its facet so far, metres. At zero or below, a fiber
-    /// has hit the chip.
+    /// Smallest clearance between the chip and any tip or empty holder so far, metres. At zero or
+    /// below, something has hit it.
     pub smallest_gap: f64,
 }
 
