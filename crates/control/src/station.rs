@@ -79,8 +79,10 @@ struct Arm {
 #[derive(Debug, Clone, Copy)]
 struct Started {
     motion: Motion,
-    /// Machine time at its start, seconds.
+    /// Machine time at its start, seconds; later by all that it has waited.
     at: f64,
+    /// By what share it passes more slowly than planned, since z does not follow.
+    slower: f64,
 }
 
 /// A machine under control.
@@ -225,7 +227,7 @@ impl<'a> Station<'a> {
     pub fn cycle(&mut self) -> Result<(), Fault> {
         let (time, period) = (self.measurement.time, self.spec().period());
         for (i, arm) in self.arms.iter_mut().enumerate() {
-            arm.wait(&self.measurement.encoders[i], period);
+            arm.wait(&self.measurement.encoders[i], self.limits.z, period);
             arm.follow(time);
             self.command.motors[i] = arm.servo(&self.measurement.encoders[i]);
             self.command.references[i] = arm.servo_references();
@@ -374,6 +376,7 @@ impl<'a> Station<'a> {
         arm.motion = Some(Started {
             motion,
             at: self.measurement.time,
+            slower: 0.0,
         });
         Ok(())
     }
@@ -391,6 +394,7 @@ impl<'a> Station<'a> {
             *started = Started {
                 motion: started.motion.braked(now - started.at, &limits),
                 at: now,
+                slower: 0.0,
             };
         }
     }
@@ -657,25 +661,24 @@ impl Arm {
         }
     }
 
-    /// Lets a motion pass more slowly while an axis stays far behind it: its motor gives all it can,
-    /// and what the datasheet promises is more.
-    fn wait(&mut self, measured: &[Counts; AXES], period: f64) {
+    /// Lets a motion pass more slowly while z stays far behind it: its motor gives all it can, and what
+    /// the datasheet promises is more. The joints' motors have more in hand than their endpoint needs.
+    fn wait(&mut self, measured: &[Counts; AXES], z: Rates, period: f64) {
         let Some(started) = &mut self.motion else {
             return;
         };
-        let behind = (0..AXES)
-            .map(|i| (self.references[i].0 - measured[i].0).abs())
-            .max()
-            .unwrap_or(0);
-        if behind > BEHIND_COUNTS {
-            let share = (behind - BEHIND_COUNTS) as f64 / (2 * BEHIND_COUNTS) as f64;
-            started.at += share.min(1.0) * period;
-        }
+        let axis = Axis::Z.index();
+        let behind = (self.references[axis].0 - measured[axis].0).abs() - BEHIND_COUNTS;
+        let wanted = (behind as f64 / (2 * BEHIND_COUNTS) as f64).clamp(0.0, 1.0);
+        // No faster than z could slow down from its full speed by itself.
+        let step = z.acceleration * period / z.speed;
+        started.slower += (wanted - started.slower).clamp(-step, step);
+        started.at += started.slower * period;
     }
 
     /// Sets the references for this moment.
     fn follow(&mut self, time: f64) {
-        let Some(Started { motion, at }) = &self.motion else {
+        let Some(Started { motion, at, .. }) = &self.motion else {
             return;
         };
         let elapsed = time - at;
