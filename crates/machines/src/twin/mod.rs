@@ -390,18 +390,15 @@ impl Twin {
         );
         for side in Side::ALL {
             let holder = holders[side.index()];
-            let gap = match &self.held[side.index()] {
-                Some(held) => {
-                    let tip = tip_of(holder, &held.fiber);
-                    self.light.port(side, held.port).clearance(tip)
-                }
+            let gap = if let Some(held) = &self.held[side.index()] {
+                let tip = tip_of(holder, &held.fiber);
+                self.light.port(side, held.port).clearance(tip)
+            } else {
                 // An empty holder is as broad as it is.
-                None => {
-                    let HolderSpec { tip, width, .. } = self.spec.holder;
-                    let port = self.light.port(side, 0);
-                    let corner = |aside: f64| port.clearance(holder.shifted(aside, 0.0, 0.0));
-                    tip + corner(0.5 * width).min(corner(-0.5 * width))
-                }
+                let HolderSpec { tip, width, .. } = self.spec.holder;
+                let port = self.light.port(side, 0);
+                let corner = |aside: f64| port.clearance(holder.shifted(aside, 0.0, 0.0));
+                tip + corner(0.5 * width).min(corner(-0.5 * width))
             };
             self.smallest_gap = self.smallest_gap.min(gap);
         }
