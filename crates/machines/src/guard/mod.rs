@@ -2,7 +2,7 @@
 //!
 //! It sees what crosses the boundary and nothing else: commands, measurements, the datasheet, and what
 //! is believed of the geometry. It does not know what control is about to do, and believes none of
-//! control's estimates. What it does about a broken rule is always the same ([`retreat`]): slow down
+//! control's estimates. What it does about a broken rule is always the same (`retreat.rs`): slow down
 //! within the limits, draw z back, let the motors hold by friction; from then on it answers every
 //! command with the same [`Fault`], until a person clears it.
 

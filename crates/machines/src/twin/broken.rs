@@ -62,7 +62,7 @@ impl Broken {
 }
 
 impl Twin {
-    /// Will break at the times that these say. Not part of [`Machine`].
+    /// Will break at the times that these say. Not part of [`pigtail_hal::Machine`].
     pub fn inject(&mut self, injections: &[Injection]) {
         let pending = &mut self.broken.pending;
         pending.extend_from_slice(injections);
