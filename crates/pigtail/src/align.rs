@@ -123,9 +123,7 @@ pub fn align(
     seed: u64,
     observer: &mut dyn Observer,
 ) -> Result<Document, TwinError> {
-    let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
-    let injected = setup.faults.of(seed, procedure.seconds());
-    twin.inject(&injected);
+    let (mut twin, injected) = drawn(setup, procedure, seed)?;
     let reports = run(
         Deadline::new(&mut twin, LONGEST),
         setup,
@@ -140,6 +138,18 @@ pub fn align(
         &twin,
         &reports,
     ))
+}
+
+/// The twin that `seed` draws, and what will break on it.
+fn drawn(
+    setup: &Setup,
+    procedure: Procedure,
+    seed: u64,
+) -> Result<(Twin, Vec<Injection>), TwinError> {
+    let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
+    let injected = setup.faults.of(seed, procedure.seconds());
+    twin.inject(&injected);
+    Ok((twin, injected))
 }
 
 /// What becomes of a run beside its document.
@@ -165,9 +175,7 @@ pub fn align_kept(
     observer: &mut dyn Observer,
     kept: &Kept,
 ) -> Result<Document, Unkept> {
-    let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
-    let injected = setup.faults.of(seed, procedure.seconds());
-    twin.inject(&injected);
+    let (mut twin, injected) = drawn(setup, procedure, seed)?;
     let timed = Deadline::new(&mut twin, LONGEST);
     let paced: Box<dyn Machine + '_> = if kept.real_time {
         Box::new(Pace::new(timed))

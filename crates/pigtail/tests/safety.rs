@@ -97,7 +97,7 @@ fn whatever_breaks_nothing_is_touched_and_nothing_wrongly_believed() {
 }
 
 #[test]
-fn a_run_is_replayed_to_the_last_bit_and_a_changed_command_is_named() {
+fn a_run_is_replayed_to_the_last_bit_and_a_damaged_record_is_named() {
     let runs = TempDir::new().expect("a folder");
     for more in [&["--seed", "3"][..], &["--faults", "all", "--seed", "5"]] {
         let arguments: Vec<_> = ["align"].iter().chain(more).copied().collect();
@@ -115,7 +115,6 @@ fn a_run_is_replayed_to_the_last_bit_and_a_changed_command_is_named() {
         assert_eq!(document["same"], true);
         assert!(document["exchanges"].as_u64().expect("a number") > 100);
     }
-    // Another calibration is another control: the record says where it first differs.
     let folder = &folders(runs.path())[0];
     let record = folder.join("exchanges.pigtail");
     let changed = runs.path().join("changed.pigtail");
@@ -199,7 +198,6 @@ fn a_killed_run_loses_at_most_its_last_second() {
 #[test]
 #[ignore = "takes two minutes"]
 fn a_hundred_killed_runs_lose_at_most_their_last_second() {
-    let mut worst = f64::INFINITY;
     for k in 0..100_u64 {
         let milliseconds = 1100 + k * 37 % 1500;
         let late = milliseconds as f64 * 1e-3 - left_of_killed(milliseconds);
@@ -207,7 +205,5 @@ fn a_hundred_killed_runs_lose_at_most_their_last_second() {
             late < 1.1,
             "killed after {milliseconds} ms: {late} s are lost"
         );
-        worst = worst.min(late);
     }
-    assert!(worst.is_finite());
 }

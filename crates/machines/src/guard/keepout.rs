@@ -5,9 +5,8 @@
 use super::{Facet, Geometry};
 use pigtail_hal::measurement::TipFix;
 use pigtail_hal::quantity::{Counts, Volts};
-use pigtail_hal::spec::{AXES, MICRO_AXES, SIDES};
+use pigtail_hal::spec::{AXES, HolderSpec, MICRO_AXES, SIDES};
 use pigtail_hal::{Axis, Side, Spec, VisionFrame};
-use pigtail_model::fivebar::JointAngle;
 use pigtail_model::frames::{Chip, Macro, Point};
 
 /// By how much of a way lead and links may be wrong: what was seen from afar is known as much worse.
@@ -94,7 +93,6 @@ pub(super) struct Keepout {
     geometry: Geometry,
     metres_per_count_z: f64,
     radians_per_count: f64,
-    home_angles: [[JointAngle; 2]; SIDES],
     /// Displacement of the tip in x and y for a volt on each piezo, metres, and the middle, volts.
     micro: [[[f64; 2]; MICRO_AXES]; SIDES],
     middle: f64,
@@ -105,7 +103,7 @@ pub(super) struct Keepout {
     accuracy: [f64; 2],
     placement: f64,
     windup: f64,
-    holder: pigtail_hal::spec::HolderSpec,
+    holder: HolderSpec,
     /// By what deceleration a z-stage can be stopped, metres a second squared.
     brake: f64,
     /// Cycles that a piezo takes to come to where it was told to be.
@@ -122,6 +120,8 @@ pub(super) struct Keepout {
     led: [Option<f64>; SIDES],
     /// Since when each fiber has been in its holder, seconds.
     since: [f64; SIDES],
+    /// Since when all of it has been watched, seconds.
+    begun: f64,
 }
 
 impl Keepout {
@@ -145,7 +145,6 @@ impl Keepout {
         Self {
             metres_per_count_z: geometry.arms[0].screw.position(z.count() / z.gear_ratio),
             radians_per_count: joint.count() / joint.gear_ratio,
-            home_angles: std::array::from_fn(|side| geometry.arms[side].home_angles()),
             micro: std::array::from_fn(|side| {
                 let gain = geometry.arms[side].micro_gain;
                 [[cos * gain, sin * gain], [-sin * gain, cos * gain]]
@@ -169,19 +168,20 @@ impl Keepout {
             sensing: None,
             led: [None; SIDES],
             since: [0.0; SIDES],
+            begun: 0.0,
             geometry,
         }
     }
 
-    /// Whether a holder carries a fiber.
-    pub(super) fn holds(&self, side: Side) -> bool {
-        self.held[side.index()]
-    }
-
     /// Nothing that was before says anything of what comes: the machine has gone on unwatched.
     pub(super) fn forget(&mut self) {
-        self.sensing = None;
+        (self.sensing, self.fibers, self.led) = (None, [None; SIDES], [None; SIDES]);
         self.anew = true;
+    }
+
+    /// Watching begins: frames from before say nothing.
+    pub(super) fn begin(&mut self, time: f64) {
+        (self.since, self.begun) = ([time; SIDES], time);
     }
 
     /// A holder has another fiber from `time` on, or none.
@@ -226,13 +226,9 @@ impl Keepout {
             let mut whole = true;
             if [a, b] != self.seen_counts[i] {
                 self.seen_counts[i] = [a, b];
-                let angle = |home: JointAngle, Counts(counts): Counts| {
-                    JointAngle(home.0 + counts as f64 * self.radians_per_count)
-                };
-                let [home_a, home_b] = self.home_angles[i];
-                match arm.five_bar.forward([angle(home_a, a), angle(home_b, b)]) {
+                let turned = [a, b].map(|Counts(counts)| counts as f64 * self.radians_per_count);
+                match arm.across(turned) {
                     Ok((x, y)) => {
-                        let (x, y) = (x - arm.home[0], y - arm.home[1]);
                         gone[0] += (x - endpoint.x).abs();
                         gone[1] += (y - endpoint.y).abs();
                         (endpoint.x, endpoint.y) = (x, y);
@@ -268,7 +264,7 @@ impl Keepout {
     /// Takes in a frame that has arrived at `now`.
     pub(super) fn see(&mut self, frame: &VisionFrame, now: f64) -> Result<(), Surprise> {
         let back = ((now - frame.time) * self.rate).round().max(0.0) as usize;
-        if back + WHILE.max(self.settle) >= self.recent.len() {
+        if back + WHILE.max(self.settle) >= self.recent.len() || frame.time <= self.begun {
             return Ok(());
         }
         for side in Side::ALL {
@@ -346,18 +342,10 @@ impl Keepout {
 
     /// Where the probes have a tip across the chip, metres.
     fn probed_x(&self, tip: Tip, stand: &Stand) -> Option<f64> {
-        let [a, b] = stand.probed?;
-        let side = tip.side().index();
-        let (arm, [home_a, home_b]) = (&self.geometry.arms[side], self.home_angles[side]);
-        let (x, y) = arm
-            .five_bar
-            .forward([JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)])
-            .ok()?;
-        let at = Point::new(
-            x - arm.home[0] + stand.micro[0],
-            y - arm.home[1] + stand.micro[1],
-            stand.endpoint.z,
-        );
+        let arm = &self.geometry.arms[tip.side().index()];
+        let (x, y) = arm.across(stand.probed?).ok()?;
+        let [added_x, added_y] = stand.micro;
+        let at = Point::new(x + added_x, y + added_y, stand.endpoint.z);
         Some(arm.placement.chip_from_macro(at).x)
     }
 

@@ -67,8 +67,14 @@ impl Arm {
         })
     }
 
-    fn home_angles(&self) -> [JointAngle; 2] {
-        self.home_angles
+    /// Where the endpoint is across with its joints turned so far from home (radians), metres from
+    /// home.
+    fn across(&self, [a, b]: [f64; 2]) -> Result<(f64, f64), Unreachable> {
+        let [home_a, home_b] = self.home_angles;
+        let (x, y) = self
+            .five_bar
+            .forward([JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)])?;
+        Ok((x - self.home[0], y - self.home[1]))
     }
 }
 
@@ -195,20 +201,10 @@ impl<M: Machine> Guard<M> {
         &self.machine
     }
 
-    /// The machine that is watched, from whoever wants it unwatched.
-    pub fn into_inner(self) -> M {
-        self.machine
-    }
-
     /// The fault that stopped the machine, cleared by a person who has looked at it: commands are
     /// taken again. What was believed of the tips is not: they are seen anew.
     pub fn clear(&mut self) -> Option<Fault> {
         let fault = self.fault.take()?;
-        let time = self.last.map_or(0.0, |(_, measured)| measured.time);
-        for side in Side::ALL {
-            let held = self.keepout.holds(side);
-            self.keepout.change_fiber(side, held, time);
-        }
         self.keepout.forget();
         self.light.forget();
         self.piezos = Piezos::new(self.machine.spec());
@@ -222,41 +218,15 @@ impl<M: Machine> Guard<M> {
     fn check_command(&mut self, command: &Command) -> Result<(), Broken> {
         for side in Side::ALL {
             for axis in Axis::ALL {
-                let Volts(volts) = command.motors[side.index()][axis.index()];
                 let limit = self.limits.volts[axis.index()];
-                // A comparison that a NaN fails too.
-                if volts.abs() <= limit * (1.0 + ROUNDING) {
-                    continue;
-                }
-                let rule = if volts.is_finite() {
-                    "voltage within the limit"
-                } else {
-                    "command is a number"
-                };
-                return Err(Broken::new(
-                    rule,
-                    AxisName { side, axis }.to_string(),
-                    format!("{volts} V"),
-                    format!("-{limit} V to {limit} V"),
-                ));
+                let volts = command.motors[side.index()][axis.index()];
+                voltage(volts, -limit, limit, || AxisName { side, axis }.to_string())?;
             }
             let most = self.limits.micro_volts;
-            for (i, Volts(volts)) in command.micro[side.index()].into_iter().enumerate() {
-                let slack = most * ROUNDING;
-                if (-slack..=most + slack).contains(&volts) {
-                    continue;
-                }
-                let rule = if volts.is_finite() {
-                    "voltage within the limit"
-                } else {
-                    "command is a number"
-                };
-                return Err(Broken::new(
-                    rule,
-                    format!("{}.micro{}", side.name(), i + 1),
-                    format!("{volts} V"),
-                    format!("0 V to {most} V"),
-                ));
+            for (i, volts) in command.micro[side.index()].into_iter().enumerate() {
+                voltage(volts, 0.0, most, || {
+                    format!("{}.micro{}", side.name(), i + 1)
+                })?;
             }
         }
         if command.pulses != Command::NO_PULSES {
@@ -302,6 +272,7 @@ impl<M: Machine> Guard<M> {
             self.check_axes(command, &before, measured)?;
         } else {
             self.sensors.begin(measured.time);
+            self.keepout.begin(measured.time);
         }
         if let Some(probes) = &measured.probes {
             self.check_outputs(probes, measured)?;
@@ -461,6 +432,27 @@ impl<M: Machine> Guard<M> {
         self.fault = Some(fault.clone());
         fault
     }
+}
+
+/// A voltage that is a number from `low` to `high`; `name` is whose it is.
+fn voltage(
+    Volts(volts): Volts,
+    low: f64,
+    high: f64,
+    name: impl FnOnce() -> String,
+) -> Result<(), Broken> {
+    let slack = ROUNDING * high;
+    // A range that a NaN is outside of too.
+    if (low - slack..=high + slack).contains(&volts) {
+        return Ok(());
+    }
+    let rule = if volts.is_finite() {
+        "voltage within the limit"
+    } else {
+        "command is a number"
+    };
+    let accepted = format!("{low} V to {high} V");
+    Err(Broken::new(rule, name(), format!("{volts} V"), accepted))
 }
 
 fn surprised(Surprise { what, by, accepted }: Surprise) -> Broken {
