@@ -259,13 +259,14 @@ fn maximize(
         }
         Ok(())
     })?;
-    job.phase(station, "final", |_, station| {
+    job.phase(station, "final", |job, station| {
         climb(station, recipe, &spot(NEAR))?;
-        let after = station.level(channel, 0.04)?.mean - found.background;
+        let last = station.level(channel, 0.04)?;
+        let after = last.mean - found.background;
         if after < recipe.accept.growth * before {
             return Err(Outcome::FalseLight { before, after }.into());
         }
-        Ok(station.handle_fiber(side, FiberHandling::Attach)?)
+        job.attach(station, last, found.background)
     })
 }
 

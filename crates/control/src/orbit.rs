@@ -64,6 +64,13 @@ const NEAR: f64 = 0.15;
 /// From the middle of the last turn to when the fiber is attached, turns.
 const AHEAD: f64 = 1.3;
 
+/// Fastest that a peak may move when all is done, metres a turn: five times what piezos creep.
+const FASTEST: f64 = 100e-9;
+
+/// By how much the light on the circle may differ from that of a peak, of its own: one whose modes
+/// are not as designed does by 3 %, a piezo that goes half of its way makes it 5 %.
+const MISFIT: f64 = 0.05;
+
 /// Seconds in which the circle's middle goes over to a new place.
 const GLIDE: f64 = 6e-3;
 
@@ -211,6 +218,16 @@ impl<'r> Orbit<'r> {
         self.beam.fit(readings, self.watch.noise)
     }
 
+    /// By how much the light of the last turn differs from that of `peak`, rms, beside its noise; of
+    /// its light at `gap`.
+    fn misfit(&mut self, peak: &Peak, gap: f64) -> f64 {
+        let readings: &[Reading] = self.readings.make_contiguous();
+        let n = readings.len() as f64;
+        let noise = self.watch.noise * self.watch.noise * (1.0 + 4.0 * (2.0 / n).sqrt());
+        let rest = (self.beam.misfit(readings, peak) / n - noise).max(0.0);
+        rest.sqrt() / (peak.full * self.beam.share(gap))
+    }
+
     /// Goes to a peak, at most its width at `gap` away. Returns how far it was away, metres.
     ///
     /// # Errors
@@ -292,7 +309,7 @@ impl<'r> Orbit<'r> {
     ///
     /// # Errors
     ///
-    /// As [`Self::centre`].
+    /// As [`Self::centre`]; [`Outcome::Misshapen`] where the light is not that of a peak.
     pub fn settle(
         &mut self,
         station: &mut Station,
@@ -307,7 +324,7 @@ impl<'r> Orbit<'r> {
             level,
             expected,
         };
-        let (mut dark, mut deviation) = (0, f64::INFINITY);
+        let (mut dark, mut deviation, mut off) = (0, f64::INFINITY, 0.0);
         let mut seen: Vec<Peak> = Vec::with_capacity(self.shape.turns as usize);
         for _ in 0..6 * self.shape.turns {
             self.turn(station, gap)?;
@@ -338,14 +355,30 @@ impl<'r> Orbit<'r> {
             }
             // A peak is that of the middle of its turn; the circle is left a turn later.
             let noise = peak.deviation;
-            let (x, dx) = ahead(&seen, |peak| peak.x, noise);
-            let (y, dy) = ahead(&seen, |peak| peak.y, noise);
-            (peak.x, peak.y, peak.deviation) = (x, y, dx.max(dy));
+            let last = peak;
+            let x = Ahead::of(&seen, |peak| peak.x, noise);
+            let y = Ahead::of(&seen, |peak| peak.y, noise);
+            (peak.x, peak.y, peak.deviation) = (x.at, y.at, x.deviation.max(y.deviation));
+            let slope = x.slope.hypot(y.slope);
             self.go_to(station, &peak, gap)?;
             deviation = peak.deviation;
+            // A peak that a circle's middle runs after, or that is no peak's shape, is that of a micro
+            // which does not go where it is told.
+            off = self.misfit(&last, gap);
+            if slope > FASTEST + SIGNIFICANT * noise || off > MISFIT {
+                seen.clear();
+                continue;
+            }
             if deviation < accuracy {
                 return Ok(peak);
             }
+        }
+        if off > MISFIT {
+            return Err(Outcome::Misshapen {
+                misfit: off,
+                accepted: MISFIT,
+            }
+            .into());
         }
         Err(Outcome::Unsure {
             deviation,
@@ -371,25 +404,40 @@ impl<'r> Orbit<'r> {
     }
 }
 
-/// The straight line through a coordinate of peaks that are a turn apart, [`AHEAD`] of the last;
-/// and its standard deviation there. A few peaks may happen to lie well: they scatter by `noise`
-/// (metres) at least.
-fn ahead(peaks: &[Peak], coordinate: impl Fn(&Peak) -> f64, noise: f64) -> (f64, f64) {
-    let n = peaks.len() as f64;
-    let middle = 0.5 * (n - 1.0);
-    let mean = peaks.iter().map(&coordinate).sum::<f64>() / n;
-    let spread: f64 = (0..peaks.len()).map(|k| (k as f64 - middle).powi(2)).sum();
-    let slope = (0..peaks.len())
-        .map(|k| (k as f64 - middle) * (coordinate(&peaks[k]) - mean))
-        .sum::<f64>()
-        / spread;
-    let squares: f64 = (0..peaks.len())
-        .map(|k| (coordinate(&peaks[k]) - mean - slope * (k as f64 - middle)).powi(2))
-        .sum();
-    let lever = middle + AHEAD;
-    let each = (squares / (n - 2.0)).max(noise * noise);
-    let variance = each * (1.0 / n + lever * lever / spread);
-    (mean + slope * lever, variance.sqrt())
+/// A coordinate of the peak as it will be.
+struct Ahead {
+    /// [`AHEAD`] of the last turn, metres.
+    at: f64,
+    /// Its standard deviation, metres.
+    deviation: f64,
+    /// How it moves, metres a turn.
+    slope: f64,
+}
+
+impl Ahead {
+    /// By the straight line through a coordinate of peaks that are a turn apart. A few peaks may
+    /// happen to lie well: they scatter by `noise` (metres) at least.
+    fn of(peaks: &[Peak], coordinate: impl Fn(&Peak) -> f64, noise: f64) -> Self {
+        let n = peaks.len() as f64;
+        let middle = 0.5 * (n - 1.0);
+        let mean = peaks.iter().map(&coordinate).sum::<f64>() / n;
+        let spread: f64 = (0..peaks.len()).map(|k| (k as f64 - middle).powi(2)).sum();
+        let slope = (0..peaks.len())
+            .map(|k| (k as f64 - middle) * (coordinate(&peaks[k]) - mean))
+            .sum::<f64>()
+            / spread;
+        let squares: f64 = (0..peaks.len())
+            .map(|k| (coordinate(&peaks[k]) - mean - slope * (k as f64 - middle)).powi(2))
+            .sum();
+        let lever = middle + AHEAD;
+        let each = (squares / (n - 2.0)).max(noise * noise);
+        let variance = each * (1.0 / n + lever * lever / spread);
+        Self {
+            at: mean + slope * lever,
+            deviation: variance.sqrt(),
+            slope,
+        }
+    }
 }
 
 #[cfg(test)]
@@ -409,14 +457,16 @@ mod tests {
     #[test]
     fn a_steady_creep_is_foreseen() {
         let peaks = [0.0, 10e-9, 20e-9, 30e-9].map(peak);
-        let (x, deviation) = ahead(&peaks, |peak| peak.x, 0.0);
-        assert!((x - (30e-9 + AHEAD * 10e-9)).abs() < 1e-15, "{x}");
-        assert!(deviation < 1e-15, "{deviation}");
+        let ahead = Ahead::of(&peaks, |peak| peak.x, 0.0);
+        let expected = 30e-9 + AHEAD * 10e-9;
+        assert!((ahead.at - expected).abs() < 1e-15, "{}", ahead.at);
+        assert!(ahead.deviation < 1e-15, "{}", ahead.deviation);
+        assert!((ahead.slope - 10e-9).abs() < 1e-15, "{}", ahead.slope);
     }
 
     #[test]
     fn three_peaks_that_happen_to_lie_well_are_not_believed_more_than_their_noise() {
-        let (_, deviation) = ahead(&[0.0; 3].map(peak), |peak| peak.x, 10e-9);
+        let Ahead { deviation, .. } = Ahead::of(&[0.0; 3].map(peak), |peak| peak.x, 10e-9);
         assert!(deviation > 10e-9, "{deviation}");
     }
 }

@@ -25,6 +25,21 @@ pub enum Outcome {
         /// Level after it, volts above the background.
         after: f64,
     },
+    /// It was attached, and there is less light than there was before: it is not where it was
+    /// aligned.
+    Slipped {
+        /// Level before, volts above the background.
+        before: f64,
+        /// Level since, volts above the background.
+        after: f64,
+    },
+    /// The light around the peak was not that of a peak: a micro may not go where it is told.
+    Misshapen {
+        /// By how much it differs, rms, as a share of the light.
+        misfit: f64,
+        /// By how much it may.
+        accepted: f64,
+    },
     /// The peak was not known as well as the recipe asks when its time was over.
     Unsure {
         /// Standard deviation of the peak's place, metres.
@@ -63,6 +78,8 @@ impl Outcome {
             Self::NoLight(_) => "no_light",
             Self::LightLost { .. } => "light_lost",
             Self::FalseLight { .. } => "false_light",
+            Self::Slipped { .. } => "slipped",
+            Self::Misshapen { .. } => "misshapen",
             Self::Unsure { .. } => "unsure",
             Self::NotArrived { .. } => "not_arrived",
             Self::OutOfReach(_) => "out_of_reach",
@@ -105,6 +122,17 @@ impl std::fmt::Display for Outcome {
             Self::FalseLight { before, after } => write!(
                 f,
                 "false light: {before:.4} V above the background became {after:.4} V on approach"
+            ),
+            Self::Slipped { before, after } => write!(
+                f,
+                "slipped: {before:.4} V above the background became {after:.4} V as it was attached"
+            ),
+            Self::Misshapen { misfit, accepted } => write!(
+                f,
+                "misshapen: the light around the peak differs from that of a peak by {:.1} %, where \
+                 {:.1} % is accepted",
+                misfit * 1e2,
+                accepted * 1e2
             ),
             Self::Unsure {
                 deviation,

@@ -5,10 +5,19 @@ use crate::peak::NinePoint;
 use crate::recipe::Recipe;
 use crate::search::{Hit, STILL_THERE, Searcher, centre_sensing, edge_from_below};
 use crate::sight::Tip;
-use crate::station::Station;
+use crate::station::{Level, Station};
 use pigtail_hal::spec::OUTPUTS;
 use pigtail_hal::{Channel, Fault, FiberHandling, Side};
 use pigtail_model::frames::{Chip, Macro, Point};
+
+/// For how long light is looked at once a fiber is attached, seconds.
+const ATTACHED_LOOK: f64 = 0.008;
+
+/// Share of its light that may be missing then, beside noise.
+const ATTACHED_LESS: f64 = 0.02;
+
+/// Standard deviations of the difference of two looks that are noise.
+const ATTACHED_NOISE: f64 = 6.0;
 
 /// How one fiber's alignment went.
 #[derive(Debug, Clone, PartialEq)]
@@ -266,7 +275,7 @@ impl<'r> Job<'r> {
     /// Brings an output fiber to the peak before its port, and leaves it there, not attached.
     pub(crate) fn reach_output(&mut self, station: &mut Station, index: usize) -> Result<(), Halt> {
         let found = self.find_output(station, index)?;
-        self.maximize(station, &found, |_| Ok(()))
+        self.maximize(station, &found, |_, _, _| Ok(()))
     }
 
     /// From the tray to first light.
@@ -309,10 +318,30 @@ impl<'r> Job<'r> {
 
     /// From first light to an attached fiber.
     fn finish(&mut self, station: &mut Station, found: &Found) -> Result<(), Halt> {
-        let side = self.side;
-        self.maximize(station, found, |station| {
-            station.handle_fiber(side, FiberHandling::Attach)
+        self.maximize(station, found, |job, station, last| {
+            job.attach(station, last, found.background)
         })
+    }
+
+    /// Attaches the fiber where it stands, and looks whether its light is still what it was in the
+    /// `last` look above the `background` (volts): what has moved since then would be believed to
+    /// be good. The spread of that look is that of light which stays; a look in which something
+    /// falls has a greater one.
+    pub(crate) fn attach(
+        &self,
+        station: &mut Station,
+        last: Level,
+        background: f64,
+    ) -> Result<(), Halt> {
+        station.handle_fiber(self.side, FiberHandling::Attach)?;
+        let now = station.level(self.channel, ATTACHED_LOOK)?;
+        let (before, after) = (last.mean - background, now.mean - background);
+        let samples = (ATTACHED_LOOK * station.spec().photodiode.rate).max(2.0);
+        let noise = last.sigma * (2.0 / samples).sqrt();
+        if after < (1.0 - ATTACHED_LESS) * before - ATTACHED_NOISE * noise {
+            return Err(Outcome::Slipped { before, after }.into());
+        }
+        Ok(())
     }
 
     /// From first light to the peak at the chip (thesis 3.3), where something is done.
@@ -320,21 +349,22 @@ impl<'r> Job<'r> {
         &mut self,
         station: &mut Station,
         found: &Found,
-        there: impl FnOnce(&mut Station) -> Result<(), Fault>,
+        there: impl FnOnce(&mut Self, &mut Station, Level) -> Result<(), Halt>,
     ) -> Result<(), Halt> {
         let recipe = self.recipe;
         let background = found.background;
-        let (mut peak, before) = self.phase(station, "climb", |job, station| {
+        let (mut peak, before, noise) = self.phase(station, "climb", |job, station| {
             let mut peak = NinePoint::new(&recipe.climb, station, job.side, job.channel);
             peak.climb(station)?;
             if job.channel == Channel::Sensing {
                 centre_sensing(station)?;
             }
-            let level = station.level(job.channel, 0.04)?.mean - background;
+            let before = station.level(job.channel, 0.04)?;
+            let level = before.mean - background;
             if level < STILL_THERE * found.level {
                 return Err(lost("climb", level, found.level));
             }
-            Ok((peak, level))
+            Ok((peak, level, before.sigma))
         })?;
         self.phase(station, "approach", |job, station| {
             let (_, z) = look(station, job.side, Tip::Fiber, recipe.approach.frames)?;
@@ -363,11 +393,13 @@ impl<'r> Job<'r> {
         self.phase(station, "final", |job, station| {
             peak.climb(station)?;
             peak.settle(station, recipe.last.patterns, recipe.last.accuracy)?;
-            let after = station.level(job.channel, 0.04)?.mean - background;
+            let last = station.level(job.channel, 0.04)?;
+            let after = last.mean - background;
             if after < recipe.accept.growth * before {
                 return Err(Outcome::FalseLight { before, after }.into());
             }
-            Ok(there(station)?)
+            let sigma = last.sigma.min(noise);
+            there(job, station, Level { sigma, ..last })
         })
     }
 

@@ -2,30 +2,52 @@
 
 mod common;
 
-use common::{centred, geometry, read, twin};
+use common::{centred, geometry, read, spec, twin};
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::{
     Axis, AxisName, Channel, Command, FiberHandling, Machine, Measurement, Pulse, Side, Spec,
 };
+use pigtail_machines::record::Reader;
 use pigtail_machines::twin::Plant;
-use pigtail_machines::{Deadline, Guard, Panel, Recorder, Twin};
+use pigtail_machines::{Deadline, Guard, Panel, Recorder, Replay, Twin};
 use std::sync::Arc;
 
-/// Every machine there is.
-fn machines() -> Vec<Box<dyn Machine>> {
+fn boxed(machine: impl Machine + 'static) -> Box<dyn Machine> {
+    Box::new(machine)
+}
+
+/// Asks every machine there is, those first that answer to whatever they are asked.
+fn every(ask: impl Fn(&mut dyn Machine)) {
+    let machines = [
+        boxed(twin(1)),
+        boxed(twin(2)),
+        boxed(Deadline::new(twin(1), 1e3)),
+        boxed(Panel::new(twin(1), Arc::default())),
+        boxed(Guard::new(boxed(twin(2)), geometry())),
+    ];
+    for mut machine in machines {
+        ask(&mut *machine);
+    }
+    // A replay answers what was asked before: it is asked the same again.
     let folder = tempfile::tempdir().expect("a folder");
-    let record = folder.path().join("record");
-    vec![
-        Box::new(twin(1)),
-        Box::new(twin(2)),
-        Box::new(Recorder::new(twin(2), &record, b"a twin").expect("a new file")),
-        Box::new(Deadline::new(twin(1), 1e3)),
-        Box::new(Panel::new(twin(1), Arc::default())),
-        Box::new(Guard::new(
-            Box::new(twin(2)) as Box<dyn Machine>,
-            geometry(),
-        )),
-    ]
+    let [first, second, third] = ["first", "second", "third"].map(|name| folder.path().join(name));
+    let record = |machine, path| Recorder::new(machine, path, b"a record").expect("a new file");
+    let replay = |path| Replay::new(spec(), Reader::open(path).expect("a record"));
+
+    let mut recorder = record(boxed(twin(2)), &first);
+    ask(&mut recorder);
+    recorder.finish().expect("a disk with room");
+    ask(&mut replay(&first));
+    let mut again = record(boxed(replay(&first)), &second);
+    ask(&mut again);
+    again.finish().expect("a disk with room");
+    ask(&mut replay(&second));
+
+    let mut watched = Guard::new(record(boxed(twin(3)), &third), geometry());
+    ask(&mut watched);
+    // All that a record holds is on the disk by the time that its recorder is gone.
+    drop(watched);
+    ask(&mut Guard::new(replay(&third), geometry()));
 }
 
 fn run(machine: &mut dyn Machine, command: &Command, cycles: usize) -> Vec<Measurement> {
@@ -36,18 +58,18 @@ fn run(machine: &mut dyn Machine, command: &Command, cycles: usize) -> Vec<Measu
 
 #[test]
 fn time_advances_by_one_period_a_cycle() {
-    for mut machine in machines() {
+    every(|machine| {
         let period = machine.spec().period();
         let command = centred(&*machine);
         for (i, m) in run(&mut *machine, &command, 1000).iter().enumerate() {
             assert!((m.time - (i + 1) as f64 * period).abs() < 1e-9);
         }
-    }
+    });
 }
 
 #[test]
 fn slow_sensors_come_at_their_own_rate_with_their_own_time() {
-    for mut machine in machines() {
+    every(|machine| {
         let spec = machine.spec().clone();
         let command = centred(&*machine);
         let seconds = 2.0;
@@ -74,17 +96,17 @@ fn slow_sensors_come_at_their_own_rate_with_their_own_time() {
                     .is_none_or(|frame| m.time - frame.time <= spec.vision.latency + 1e-9)
             );
         }
-    }
+    });
 }
 
 #[test]
 fn without_voltage_nothing_moves() {
-    for mut machine in machines() {
+    every(|machine| {
         let command = centred(&*machine);
         for m in run(&mut *machine, &command, 2500) {
             assert_eq!(m.encoders, [[Counts(0); 3]; 2]);
         }
-    }
+    });
 }
 
 #[test]
@@ -92,7 +114,7 @@ fn each_axis_follows_its_own_voltage_in_its_direction() {
     for side in Side::ALL {
         for axis in Axis::ALL {
             for sign in [-1.0, 1.0] {
-                for mut machine in machines() {
+                every(|machine| {
                     let mut command = centred(&*machine);
                     command.motors[side.index()][axis.index()] = Volts(sign * 3.5);
                     let last = run(&mut *machine, &command, 250).pop().expect("cycles");
@@ -106,7 +128,7 @@ fn each_axis_follows_its_own_voltage_in_its_direction() {
                             }
                         }
                     }
-                }
+                });
             }
         }
     }
@@ -130,7 +152,7 @@ fn amplifiers_saturate_at_the_datasheet_s_voltage() {
 #[test]
 fn a_command_that_is_no_number_stops_the_machine_for_good() {
     for bad in [f64::NAN, f64::INFINITY] {
-        for mut machine in machines() {
+        every(|machine| {
             let good = centred(&*machine);
             run(&mut *machine, &good, 10);
             let mut command = good;
@@ -138,35 +160,35 @@ fn a_command_that_is_no_number_stops_the_machine_for_good() {
             let fault = machine.exchange(&command).expect_err("a fault");
             assert_eq!(fault.axis, "right.z");
             assert_eq!(machine.exchange(&good).expect_err("still stopped"), fault);
-        }
-        for mut machine in machines() {
+        });
+        every(|machine| {
             let mut command = centred(&*machine);
             command.micro[0][1] = Volts(bad);
             assert_eq!(
                 machine.exchange(&command).expect_err("a fault").axis,
                 "left.micro2"
             );
-        }
+        });
     }
 }
 
 #[test]
 fn a_fiber_that_is_not_there_is_a_fault() {
-    for mut machine in machines() {
+    every(|machine| {
         let mut command = centred(&*machine);
         command.fiber[0] = Some(FiberHandling::Attach);
         assert!(machine.exchange(&command).is_err());
-    }
-    for mut machine in machines() {
+    });
+    every(|machine| {
         let mut command = centred(&*machine);
         command.fiber[1] = Some(FiberHandling::Load(7));
         assert!(machine.exchange(&command).is_err());
-    }
+    });
 }
 
 #[test]
 fn stop_brings_a_moving_machine_to_rest() {
-    for mut machine in machines() {
+    every(|machine| {
         let mut command = centred(&*machine);
         command.motors[0] = [Volts(3.0); 3];
         run(&mut *machine, &command, 500);
@@ -174,12 +196,12 @@ fn stop_brings_a_moving_machine_to_rest() {
         let command = centred(&*machine);
         let after = run(&mut *machine, &command, 500);
         assert_eq!(after[0].encoders, after[499].encoders);
-    }
+    });
 }
 
 #[test]
 fn the_dark_is_the_same_on_every_photodiode_and_light_is_more() {
-    for mut machine in machines() {
+    every(|machine| {
         let dark = centred(&*machine);
         let mean = |seen: &[Measurement], channel: Channel| {
             let volts: Vec<f64> = seen
@@ -193,12 +215,12 @@ fn the_dark_is_the_same_on_every_photodiode_and_light_is_more() {
         for channel in Channel::ALL {
             assert!((mean(&seen, channel) - offset).abs() < 2e-3);
         }
-    }
+    });
 }
 
 #[test]
 fn vision_sees_a_fiber_only_while_it_is_held() {
-    for mut machine in machines() {
+    every(|machine| {
         let mut command = centred(&*machine);
         let frame = |seen: &[Measurement]| {
             seen.iter()
@@ -213,7 +235,7 @@ fn vision_sees_a_fiber_only_while_it_is_held() {
         command.fiber[0] = None;
         let seen = run(&mut *machine, &command, 500);
         assert!(frame(&seen).fiber[0].is_some() && frame(&seen).fiber[1].is_none());
-    }
+    });
 }
 
 /// The twin alone: the same seed is the same machine, to the last bit.

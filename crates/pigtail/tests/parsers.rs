@@ -1,11 +1,15 @@
 //! Whatever a file says, reading it ends in a value or in an error that says where: never in a panic.
 
 use pigtail::faults::Faults;
+use pigtail::records::columns::Named;
+use pigtail::records::{friction, resonance, servo, windup};
 use pigtail::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup, Source};
+use pigtail::scan::{self, Columns, LengthUnit, PowerUnit};
 use pigtail_machines::record::Reader;
 use pigtail_machines::twin::faults::Injection;
 use proptest::prelude::*;
 use std::io::Write;
+use std::path::Path;
 
 fn sources() -> Vec<Source> {
     Setup::load(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME)
@@ -46,7 +50,83 @@ fn bad() -> impl Strategy<Value = String> {
     ]
 }
 
+/// A table of numbers, some of which are spoilt.
+fn table() -> impl Strategy<Value = String> {
+    let value = prop_oneof![
+        20 => (-1.0..1.0_f64).prop_map(|x| x.to_string()),
+        4 => Just("0".to_owned()),
+        1 => bad(),
+    ];
+    let time = prop_oneof![Just(1e-3), Just(0.0), Just(-1.0), 0.0..1e-3_f64];
+    let row = (time, value.clone(), value);
+    proptest::collection::vec(row, 0..120).prop_map(|rows| {
+        let mut now = 0.0;
+        let lines = rows.into_iter().map(|(step, x, y)| {
+            now += step;
+            format!("{now},{x},{y}\n")
+        });
+        std::iter::once("t,x,y\n".to_owned()).chain(lines).collect()
+    })
+}
+
+/// Reads a table as everything that there is, and makes of it what can be made.
+fn read(path: &Path) {
+    let x = || Named::new("x");
+    let y = || Named::new("y");
+    let columns = Columns {
+        names: ["t", "x", "y"].map(str::to_owned),
+        length: LengthUnit::Um,
+        power: PowerUnit::V,
+        inverted: false,
+    };
+    let _ = scan::read(path, &columns);
+    let roles = servo::Roles {
+        time: None,
+        reference: None,
+        position: x(),
+        voltage: y(),
+    };
+    let _ = roles.read(path);
+    let roles = friction::Roles {
+        time: None,
+        displacement: x(),
+        force: y(),
+    };
+    if let Ok(record) = roles.read(path) {
+        let _ = friction::friction(&record, None, 4, None);
+    }
+    let roles = windup::Roles {
+        time: None,
+        motor: x(),
+        load: y(),
+        torque: None,
+        ratio: 1.0,
+    };
+    if let Ok(record) = roles.read(path) {
+        let _ = windup::windup(&record, None);
+    }
+    let roles = resonance::Roles {
+        frequency: Some(Named::new("t")),
+        magnitude: Some(x()),
+        phase: Some(y()),
+        parts: None,
+        coherence: None,
+    };
+    let _ = resonance::resonance(&roles, path);
+}
+
 proptest! {
+    #[test]
+    fn any_table_is_read_or_refused(table in table(), at in 0.0..1.0_f64, by in bad()) {
+        let mut file = tempfile::NamedTempFile::new().expect("a file");
+        let at = (at * table.len() as f64) as usize;
+        for text in [spoilt(&table, at, 3, &by), table] {
+            file.as_file().set_len(0).expect("emptied");
+            file.write_all(text.as_bytes()).expect("written");
+            read(file.path());
+        }
+    }
+
     #[test]
     fn a_spoilt_file_is_an_error_or_a_setup(
         which in 0..4_usize,

@@ -96,6 +96,64 @@ fn whatever_breaks_nothing_is_touched_and_nothing_wrongly_believed() {
     assert_eq!(document["faults"], "all");
 }
 
+/// Start and end of a phase of the input fiber when nothing breaks, seconds.
+fn phase(runs: &Path, seed: &str, name: &str) -> (f64, f64) {
+    let (_, out, _) = pigtail(runs, &["align", "--json", "--no-record", "--seed", seed]);
+    let mut from = 0.0;
+    for phase in json(&out)["fibers"][0]["phases"].as_array().expect("some") {
+        let to = from + phase["seconds"].as_f64().expect("a time");
+        if phase["name"] == name {
+            return (from, to);
+        }
+        from = to;
+    }
+    panic!("no phase {name}");
+}
+
+/// What becomes of a machine in which this breaks at `time` seconds.
+fn broken(runs: &Path, seed: &str, fault: &str, time: f64) -> Value {
+    let fault = format!("{fault}@{time:.4}s");
+    let arguments = [
+        "align",
+        "--json",
+        "--no-record",
+        "--seed",
+        seed,
+        "--fault",
+        &fault,
+    ];
+    json(&pigtail(runs, &arguments).1)
+}
+
+#[test]
+fn a_servo_that_is_late_on_the_approach_touches_nothing() {
+    let runs = TempDir::new().expect("a folder");
+    let (from, to) = phase(runs.path(), "71", "approach");
+    let mut time = from + 0.01;
+    while time < to {
+        let document = broken(runs.path(), "71", "servo-overrun", time);
+        assert_eq!(document["fault"]["rule"], "servo keeps its time");
+        assert_eq!(document["collision"], false, "late at {time} s");
+        time += 3e-3;
+    }
+}
+
+#[test]
+fn a_piezo_that_breaks_as_the_fiber_is_attached_is_not_believed() {
+    let runs = TempDir::new().expect("a folder");
+    let (_, end) = phase(runs.path(), "72", "final");
+    let mut slipped = 0;
+    for k in 0..16 {
+        let time = end - 1e-3 * f64::from(k);
+        let document = broken(runs.path(), "72", "piezo-depolarised:left.micro1:0.2", time);
+        let input = &document["fibers"][0];
+        let aligned = input["outcome"] == "aligned";
+        slipped += u32::from(input["outcome"] == "slipped");
+        assert!(!aligned || input["within_tolerance"] == true, "{input}");
+    }
+    assert!(slipped > 0);
+}
+
 #[test]
 fn a_run_is_replayed_to_the_last_bit_and_a_damaged_record_is_named() {
     let runs = TempDir::new().expect("a folder");

@@ -284,9 +284,8 @@ impl Shared<'_> {
             self.approach(station, aim, &mut orbit, before, self.recipe.approach.gap)
         })?;
         job.phase(station, "final", |job, station| {
-            self.finish(station, aim, &mut orbit, before)?;
-            station.handle_fiber(job.side, FiberHandling::Attach)?;
-            Ok(())
+            let last = self.finish(station, aim, &mut orbit, before)?;
+            job.attach(station, last, orbit.background())
         })
     }
 
@@ -483,14 +482,14 @@ impl Shared<'_> {
         Ok(())
     }
 
-    /// The last turns at the chip, and whether the light is what it should be.
+    /// The last turns at the chip, and whether the light is what it should be. Returns it.
     fn finish(
         &self,
         station: &mut Station,
         aim: &Aim,
         orbit: &mut Orbit,
         before: f64,
-    ) -> Result<(), Halt> {
+    ) -> Result<Level, Halt> {
         let beam = Beam::new(&self.recipe.mode, self.exit());
         let accuracy = self.fast.accuracy;
         let mut last = (0.0, 0.0);
@@ -508,13 +507,15 @@ impl Shared<'_> {
                 .into());
             }
             orbit.wind_down(station, gap)?;
-            let level = station.level(orbit.channel(), 0.008)?.mean - orbit.background();
+            let look = station.level(orbit.channel(), 0.008)?;
+            let level = look.mean - orbit.background();
             let expected = peak.full * beam.share(gap);
             // Meanwhile vision may have come to know better.
             let way = aim.gap(station) - self.recipe.approach.gap;
             let far = way.abs() > LATE * self.fast.gap_tolerance;
             if level > 0.9 * expected && (!far || attempt == 3) {
-                return Ok(());
+                let sigma = orbit.noise();
+                return Ok(Level { sigma, ..look });
             }
             last = (level, expected);
         }
@@ -558,6 +559,10 @@ fn hand_over(
 fn again(result: &Result<(), Halt>) -> bool {
     match result {
         Ok(()) | Err(Halt::Fault(_)) => false,
-        Err(Halt::Outcome(outcome)) => !matches!(outcome, Outcome::NotArrived { .. }),
+        Err(Halt::Outcome(outcome)) => !matches!(
+            outcome,
+            // What is attached is not to be aligned any more, and not by what does not obey.
+            Outcome::NotArrived { .. } | Outcome::Slipped { .. } | Outcome::Misshapen { .. }
+        ),
     }
 }

@@ -5,8 +5,8 @@
 use super::{Facet, Geometry};
 use pigtail_hal::measurement::TipFix;
 use pigtail_hal::quantity::{Counts, Volts};
-use pigtail_hal::spec::{AXES, HolderSpec, MICRO_AXES, SIDES};
-use pigtail_hal::{Axis, Side, Spec, VisionFrame};
+use pigtail_hal::spec::{HolderSpec, MICRO_AXES, SIDES};
+use pigtail_hal::{Axis, Measurement, Side, Spec, VisionFrame};
 use pigtail_model::frames::{Chip, Macro, Point};
 
 /// By how much of a way lead and links may be wrong: what was seen from afar is known as much worse.
@@ -75,6 +75,8 @@ pub(super) struct Surprise {
 /// Where the manipulators stand in a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Stand {
+    /// When that was, seconds.
+    pub(super) time: f64,
     /// Endpoint in its own frame, metres.
     pub(super) endpoint: Point<Macro>,
     /// Angles of its five-bar's outputs by their probes, radians, where the rig has them.
@@ -131,6 +133,7 @@ impl Keepout {
         let cycles = (oldest * spec.servo.rate).ceil() as usize + WHILE.max(settle) + 1;
         let home = Point::new(0.0, 0.0, 0.0);
         let stands = std::array::from_fn(|side| Stand {
+            time: 0.0,
             endpoint: home,
             probed: None,
             gone: [0.0; 2],
@@ -209,10 +212,10 @@ impl Keepout {
     /// Notes where everything is in this cycle. `false` for a side whose joints no mechanism has.
     pub(super) fn note(
         &mut self,
-        encoders: &[[Counts; AXES]; SIDES],
-        probes: Option<&[[f64; AXES]; SIDES]>,
+        measured: &Measurement,
         micro: &[[Volts; MICRO_AXES]; SIDES],
     ) -> [bool; SIDES] {
+        let (encoders, probes) = (&measured.encoders, measured.probes.as_ref());
         let before = self.recent[self.at];
         self.at = (self.at + 1) % self.recent.len();
         let whole = std::array::from_fn(|i| {
@@ -246,6 +249,7 @@ impl Keepout {
                 .placement
                 .chip_from_macro(endpoint.shifted(added[0], added[1], 0.0));
             self.recent[self.at][i] = Stand {
+                time: measured.time,
                 endpoint,
                 probed: probes.map(|probes| [0, 1].map(|k| probes[i][k] / self.arm)),
                 gone,

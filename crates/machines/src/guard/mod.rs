@@ -264,9 +264,7 @@ impl<M: Machine> Guard<M> {
                 "a machine that nobody stops".to_owned(),
             ));
         }
-        let whole = self
-            .keepout
-            .note(&measured.encoders, measured.probes.as_ref(), &command.micro);
+        let whole = self.keepout.note(measured, &command.micro);
         if let Some((_, before)) = self.last {
             self.sensors.check(&before, measured)?;
             self.check_axes(command, &before, measured)?;

@@ -50,7 +50,12 @@ impl<M: Machine> Guard<M> {
         let mut ways: [Way; SIDES] = std::array::from_fn(|i| {
             let Counts(at) = measured.encoders[i][Axis::Z.index()];
             let at = at as f64 * scale;
-            let (_, way) = self.keepout.moved(i, SEEN);
+            // A cycle that came late was longer than a period.
+            let seconds = self.keepout.stand(i, 0).time - self.keepout.stand(i, SEEN).time;
+            let way = match self.keepout.moved(i, SEEN) {
+                (_, way) if seconds > 0.0 => way * (SEEN as f64 * period / seconds),
+                _ => 0.0,
+            };
             let now = way / (SEEN as f64 * period);
             Way {
                 trusted: fault.axis != format!("{}.z", Side::ALL[i].name()),
@@ -114,8 +119,12 @@ impl Way {
             .min(BACK * speed);
         let step = if goal < self.wanted { BRAKE } else { 1.0 } * acceleration * period;
         self.wanted += (goal - self.wanted).clamp(-step, step);
+        // One that slows down by friction faster than it is asked to is not pushed on.
+        self.wanted = self.wanted.min(now.max(0.0));
         let error = (self.wanted - now) / speed;
         self.integral = (self.integral + error * period / INTEGRAL).clamp(-1.0, 1.0);
-        Some(GAIN * (error + self.integral))
+        let share = GAIN * (error + self.integral);
+        // Towards the chip it is never driven, whatever a speed of a few counts seems to be.
+        Some(if now < 0.0 { share } else { share.min(0.0) })
     }
 }

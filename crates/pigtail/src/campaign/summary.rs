@@ -4,10 +4,14 @@ use super::rows::{ROWS_PER_DEVICE, Rows};
 use super::statistics::{CONFIDENCE, Percentiles, Sorted, wilson};
 use super::store::Store;
 use crate::align::rounded;
+use crate::procedure::Procedure;
+use crate::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use crate::scenario::Scenario;
 use anyhow::Result;
 use pigtail_machines::OVERDUE;
 use serde::{Serialize, Serializer};
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 
 /// Most seeds that are told of a cause; the rows have them all.
 const SEEDS: usize = 20;
@@ -176,6 +180,24 @@ pub struct Confidence {
 }
 
 impl Document {
+    /// The command that does one device of this campaign again, but for its seed.
+    pub fn replay_command(&self) -> String {
+        let options = [
+            ("procedure", Procedure::default().name(), &*self.procedure),
+            ("rig", DEFAULT_RIG_NAME, &self.rig),
+            ("recipe", DEFAULT_RECIPE_NAME, &self.recipe),
+            ("scenario", Scenario::default().name(), &self.scenario),
+            ("faults", "none", &self.faults),
+        ];
+        let mut command = "pigtail align".to_owned();
+        for (option, usual, value) in options {
+            if value != usual {
+                let _ = write!(command, " --{option} {value}");
+            }
+        }
+        command + " --seed"
+    }
+
     /// Whether all that was asked for is done and every fiber aligned.
     pub fn is_success(&self) -> bool {
         if self.faults == "none" {

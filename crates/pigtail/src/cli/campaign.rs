@@ -344,9 +344,8 @@ fn print_summary(out: &mut impl Write, document: &Document, devices_now: u64) ->
     if !document.failed.is_empty() {
         writeln!(
             out,
-            "\nNot aligned, and a seed to replay with `pigtail align{}{} --seed`:",
-            said("scenario", "nominal", &document.scenario),
-            said("faults", "none", &document.faults)
+            "\nNot aligned, and a seed to replay with `{}`:",
+            document.replay_command()
         )?;
     }
     for (cause, count) in &document.failed {
@@ -373,15 +372,6 @@ fn print_summary(out: &mut impl Write, document: &Document, devices_now: u64) ->
     )?;
     writeln!(out, "Rows: {}", document.rows)?;
     writeln!(out, "Report: {}", document.report)
-}
-
-/// An option as it must be said again, unless it is as it is by itself.
-fn said(option: &str, default: &str, value: &str) -> String {
-    if value == default {
-        String::new()
-    } else {
-        format!(" --{option} {value}")
-    }
 }
 
 /// How devices ended on which something was broken on purpose.

@@ -32,6 +32,7 @@ pub fn campaign(store: &Store, document: &Document) -> Result<String> {
          table without sign. Percentiles are values that really came: p99 is the least that 99 % \
          do not exceed.</p>\n",
     );
+    body.push_str(&faults(document));
     body.push_str(&failures(document));
     body.push_str(&figures(store, document)?);
     body.push_str(&phases(document));
@@ -157,6 +158,40 @@ fn measures(document: &Document) -> String {
     html
 }
 
+/// How devices ended on which something was broken on purpose.
+fn faults(document: &Document) -> String {
+    if document.by_fault.is_empty() {
+        return String::new();
+    }
+    let mut html = String::from(
+        "<h2>What was broken</h2>\n<p>One thing broke on each device, at a time drawn from those of an \
+         alignment: one that breaks when all is done is one of the aligned.</p>\n<div \
+         class=\"scroll\"><table>\n<tr><th>broken</th><th>devices</th><th>stopped by the \
+         guard</th><th>given up</th><th>aligned</th><th>wrongly believed</th><th>touched</th>\
+         <th>program failed</th></tr>\n",
+    );
+    for (name, of) in &document.by_fault {
+        let _ = write!(html, "<tr><td>{}</td>", escape(name));
+        for count in [of.devices, of.tripped, of.given_up, of.aligned] {
+            let _ = write!(html, "<td>{count}</td>");
+        }
+        for count in [of.false_aligned, of.collisions, of.broken] {
+            let class = if count == 0 { "good" } else { "bad" };
+            let _ = write!(html, "<td class=\"{class}\">{count}</td>");
+        }
+        html.push_str("</tr>\n");
+    }
+    html.push_str(
+        "</table></div>\n<div class=\"scroll\"><table>\n<tr><th>rule that stopped the machine</th>\
+         <th>devices</th></tr>\n",
+    );
+    for (rule, count) in &document.tripped {
+        let _ = writeln!(html, "<tr><td>{}</td><td>{count}</td></tr>", escape(rule));
+    }
+    html.push_str("</table></div>\n");
+    html
+}
+
 fn failures(document: &Document) -> String {
     if document.failed.is_empty() {
         return String::new();
@@ -175,12 +210,10 @@ fn failures(document: &Document) -> String {
         };
         let _ = writeln!(
             html,
-            "<tr><td class=\"bad\">{}</td><td><code>pigtail align --procedure {} --rig {} --recipe \
-             {} --seed</code> {}{more}</td><td>{count}</td><td>{}</td></tr>",
+            "<tr><td class=\"bad\">{}</td><td><code>{}</code> {}{more}</td><td>{count}</td>\
+             <td>{}</td></tr>",
             escape(cause),
-            document.procedure,
-            escape(&document.rig),
-            escape(&document.recipe),
+            escape(&document.replay_command()),
             shown.join(", "),
             share(*count, document.fibers)
         );
