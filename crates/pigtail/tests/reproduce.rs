@@ -47,7 +47,7 @@ fn every_claim_is_one_of_a_kind_and_belongs_to_a_figure_that_is_made() {
         // What is printed is itself near enough, but for a bound, which is no result.
         let bound = matches!(claim.kind, Kind::Below | Kind::Above);
         assert_eq!(claim.kind.holds(claim.thesis, claim.thesis), !bound);
-        if let Some((instead, _)) = claim.cause {
+        for (instead, _) in [claim.cause, claim.on_others].into_iter().flatten() {
             assert!(
                 !claim.kind.holds(claim.thesis, instead),
                 "{} holds: it needs no cause",
@@ -63,11 +63,18 @@ fn a_claim_without_a_result_or_with_another_than_the_known_one_is_not_explained(
         .find(|c| c.cause.is_some())
         .expect("one that does not hold");
     let (instead, _) = claim.cause.expect("a cause");
-    let with = |ours| Claim::new(claim, ours, "");
+    let with = |ours| Claim::new(claim, ours, "", false);
     assert!(with(Some(instead)).explained);
     assert!(!with(Some(3.0 * instead)).explained);
     assert!(!with(None).holds && !with(None).explained);
     assert!(!with(Some(f64::NAN)).holds && !with(Some(f64::NAN)).explained);
+    // What is known of specimens explains nothing of the thesis's machine.
+    let claim = all()
+        .find(|c| c.on_others.is_some())
+        .expect("one that holds on some specimens");
+    let (instead, _) = claim.on_others.expect("a cause");
+    assert!(Claim::new(claim, Some(instead), "", true).explained);
+    assert!(!Claim::new(claim, Some(instead), "", false).explained);
 }
 
 #[test]
