@@ -24,7 +24,7 @@ figure { overflow: visible; break-inside: avoid; }
 figure svg { min-width: 0; }
 h3 { font-size: 1.05rem; margin: 2rem 0 .25rem; break-after: avoid; }
 .claims { width: 100%; font-size: .92rem; table-layout: fixed; }
-.claims th.number { width: 6.2rem; } .claims th.tolerance { width: 8.4rem; } .claims th.mark { width: 5.4rem; }
+.claims th.number { width: 6.4em; } .claims th.tolerance { width: 8.6em; } .claims th.mark { width: 6.6em; }
 .claims .soft { display: block; }
 .claims a { color: var(--ink); }
 .claims th, .claims td { white-space: normal; vertical-align: top; text-align: left; }
@@ -36,13 +36,13 @@ nav { margin: 1rem 0; line-height: 1.9; }
 nav a { color: var(--ink); margin-right: .35rem; }
 .pair figure { max-width: 36rem; }
 dl.tolerances dt { font-weight: 600; } dl.tolerances dd { margin: 0 0 .4rem 1rem; }
-@media (max-width: 46rem) {
+@media screen and (max-width: 46rem) {
   .claims thead { display: none; }
   .claims, .claims tbody, .claims tr, .claims td { display: block; width: 100%; }
   .claims tr { border-bottom: 1px solid var(--line); padding: .5rem 0; }
   .claims td, .claims td.number { border: 0; padding: .1rem 0; text-align: left; white-space: normal; }
   .claims td[data-of]::before { content: attr(data-of) ': '; color: var(--soft); }
-  .pair svg text { font-size: 1.45em; }
+  .pair svg text { font-size: 14px; }
 }
 @media print {
   body { font-size: 10pt; padding: 0; } h2 { break-before: page; } nav, details { display: none; }

@@ -146,20 +146,20 @@ pub(super) fn five_bar(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
         figure = pictures(figure, increments, 4.0).result("2.26-consistent", row.stuck_share);
     }
     // As in the thesis: where steps of one count are not consistent, those of the next size that are.
-    if let Some((row, increments)) = tests.last() {
-        if let Some(um) = row.resolution_um {
-            figure = figure
-                .noted(
-                    "2.26-resolution",
-                    um,
-                    format!(
-                        "Steps of {} count(s); increments spread by {:.2} um rms.",
-                        row.counts_per_step,
-                        1e6 * increments.deviation()
-                    ),
-                )
-                .result("2.26-required", 5.0 / um);
-        }
+    if let Some((row, increments)) = tests.last()
+        && let Some(um) = row.resolution_um
+    {
+        figure = figure
+            .noted(
+                "2.26-resolution",
+                um,
+                format!(
+                    "By steps of {} at the encoder; increments spread by {:.2} um rms.",
+                    row.counts_per_step,
+                    1e6 * increments.deviation()
+                ),
+            )
+            .result("2.26-required", 5.0 / um);
     }
     Ok(vec![figure])
 }
