@@ -132,16 +132,27 @@ fn cheap_figures_leave_one_document_and_one_report_whatever_the_threads() {
     assert!(html.contains("(2.23): the subscripts are exchanged"));
 }
 
+/// A copy of the rig with something else in its plant.
+fn changed(folder: &Path, from: &str, to: &str) {
+    let rig = folder.join("rig");
+    fs::create_dir(&rig).expect("a folder");
+    let mut found = 0;
+    for file in ["machine.toml", "plant.toml", "calibration.toml"] {
+        let text = fs::read_to_string(Path::new(RIG).join(file)).expect("the rig");
+        found += text.matches(from).count();
+        fs::write(rig.join(file), text.replacen(from, to, 1)).expect("written");
+    }
+    assert!(found > 0, "{from}");
+}
+
 #[test]
 fn a_machine_with_other_physics_is_noticed() {
     let folder = TempDir::new().expect("a folder");
-    let rig = folder.path().join("rig");
-    fs::create_dir(&rig).expect("a folder");
-    for file in ["machine.toml", "plant.toml", "calibration.toml"] {
-        let text = fs::read_to_string(Path::new(RIG).join(file)).expect("the rig");
-        let text = text.replace("cubic = \"8.94e6 N m/rad3\"", "cubic = \"0 N m/rad3\"");
-        fs::write(rig.join(file), text).expect("written");
-    }
+    changed(
+        folder.path(),
+        "cubic = \"8.94e6 N m/rad3\"",
+        "cubic = \"0 N m/rad3\"",
+    );
     let output = reproduce(folder.path(), "2", &["2.8", "--rig", "rig", "--json"]);
     assert_eq!(output.status.code(), Some(1));
     let d = document(&output);
@@ -149,6 +160,20 @@ fn a_machine_with_other_physics_is_noticed() {
     assert_eq!(windup["id"], "2.8-windup");
     assert_eq!(windup["holds"], false);
     assert_eq!(windup["explained"], false);
+}
+
+#[test]
+fn a_rig_under_another_law_of_friction_has_a_machine_without_any() {
+    let folder = TempDir::new().expect("a folder");
+    // The first is that of the five-bar.
+    changed(
+        folder.path(),
+        "friction = \"coulomb-presliding\"",
+        "friction = \"maxwell-slip\"",
+    );
+    let output = reproduce(folder.path(), "2", &["2.10", "--rig", "rig", "--json"]);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    assert_eq!(document(&output)["claims"][0]["id"], "2.10-factor");
 }
 
 #[test]
