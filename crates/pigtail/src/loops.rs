@@ -117,6 +117,10 @@ impl Change {
         if let Some(law) = self.law {
             joint.friction = law;
         }
+        if self.load_friction == 0.0 {
+            // Without friction there is no contact that could give way, by whatever law.
+            joint.friction = LoadLaw::CoulombPresliding;
+        }
         Ok(())
     }
 

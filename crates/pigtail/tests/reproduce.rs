@@ -47,7 +47,7 @@ fn every_claim_is_one_of_a_kind_and_belongs_to_a_figure_that_is_made() {
         // What is printed is itself near enough, but for a bound, which is no result.
         let bound = matches!(claim.kind, Kind::Below | Kind::Above);
         assert_eq!(claim.kind.holds(claim.thesis, claim.thesis), !bound);
-        if let Some((instead, _)) = claim.cause {
+        for (instead, _) in [claim.cause, claim.on_others].into_iter().flatten() {
             assert!(
                 !claim.kind.holds(claim.thesis, instead),
                 "{} holds: it needs no cause",
@@ -63,11 +63,18 @@ fn a_claim_without_a_result_or_with_another_than_the_known_one_is_not_explained(
         .find(|c| c.cause.is_some())
         .expect("one that does not hold");
     let (instead, _) = claim.cause.expect("a cause");
-    let with = |ours| Claim::new(claim, ours, "");
+    let with = |ours| Claim::new(claim, ours, "", false);
     assert!(with(Some(instead)).explained);
     assert!(!with(Some(3.0 * instead)).explained);
     assert!(!with(None).holds && !with(None).explained);
     assert!(!with(Some(f64::NAN)).holds && !with(Some(f64::NAN)).explained);
+    // What is known of specimens explains nothing of the thesis's machine.
+    let claim = all()
+        .find(|c| c.on_others.is_some())
+        .expect("one that holds on some specimens");
+    let (instead, _) = claim.on_others.expect("a cause");
+    assert!(Claim::new(claim, Some(instead), "", true).explained);
+    assert!(!Claim::new(claim, Some(instead), "", false).explained);
 }
 
 #[test]
@@ -125,16 +132,27 @@ fn cheap_figures_leave_one_document_and_one_report_whatever_the_threads() {
     assert!(html.contains("(2.23): the subscripts are exchanged"));
 }
 
+/// A copy of the rig with something else in its plant.
+fn changed(folder: &Path, from: &str, to: &str) {
+    let rig = folder.join("rig");
+    fs::create_dir(&rig).expect("a folder");
+    let mut found = 0;
+    for file in ["machine.toml", "plant.toml", "calibration.toml"] {
+        let text = fs::read_to_string(Path::new(RIG).join(file)).expect("the rig");
+        found += text.matches(from).count();
+        fs::write(rig.join(file), text.replacen(from, to, 1)).expect("written");
+    }
+    assert!(found > 0, "{from}");
+}
+
 #[test]
 fn a_machine_with_other_physics_is_noticed() {
     let folder = TempDir::new().expect("a folder");
-    let rig = folder.path().join("rig");
-    fs::create_dir(&rig).expect("a folder");
-    for file in ["machine.toml", "plant.toml", "calibration.toml"] {
-        let text = fs::read_to_string(Path::new(RIG).join(file)).expect("the rig");
-        let text = text.replace("cubic = \"8.94e6 N m/rad3\"", "cubic = \"0 N m/rad3\"");
-        fs::write(rig.join(file), text).expect("written");
-    }
+    changed(
+        folder.path(),
+        "cubic = \"8.94e6 N m/rad3\"",
+        "cubic = \"0 N m/rad3\"",
+    );
     let output = reproduce(folder.path(), "2", &["2.8", "--rig", "rig", "--json"]);
     assert_eq!(output.status.code(), Some(1));
     let d = document(&output);
@@ -142,6 +160,20 @@ fn a_machine_with_other_physics_is_noticed() {
     assert_eq!(windup["id"], "2.8-windup");
     assert_eq!(windup["holds"], false);
     assert_eq!(windup["explained"], false);
+}
+
+#[test]
+fn a_rig_under_another_law_of_friction_has_a_machine_without_any() {
+    let folder = TempDir::new().expect("a folder");
+    // The first is that of the five-bar.
+    changed(
+        folder.path(),
+        "friction = \"coulomb-presliding\"",
+        "friction = \"maxwell-slip\"",
+    );
+    let output = reproduce(folder.path(), "2", &["2.10", "--rig", "rig", "--json"]);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    assert_eq!(document(&output)["claims"][0]["id"], "2.10-factor");
 }
 
 #[test]

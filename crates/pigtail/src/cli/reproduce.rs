@@ -16,8 +16,9 @@ use std::time::Duration;
 /// Every figure with data and every number in the text of *Coordinated Control of Two Macro/Micro
 /// Manipulators for Fiber Pigtailling Automation*, through the same control code as a real run. The
 /// seed draws device, fixture and noise; the machine is the thesis's, the one in the middle of what the
-/// rig's plant allows, unless a specimen is asked for. How near a result must come was chosen beforehand by the kind of its claim. A report goes
-/// into a folder below `runs`, with the thesis's slips as a section of their own.
+/// rig's plant allows, unless a specimen is asked for. How near a result must come was chosen
+/// beforehand by the kind of its claim. A report goes into a folder below `runs`, with the thesis's slips
+/// as a section of their own.
 ///
 /// The exit code is 1 where a claim does not hold for a reason that is not known. Those whose reason was
 /// found stay in the list, and say it.
@@ -27,7 +28,8 @@ Examples:
   pigtail reproduce                 everything, about a minute on two cores
   pigtail reproduce --quick         with fewer steps, devices and runs
   pigtail reproduce 2.8 4.20        some figures
-  pigtail reproduce 3 --seed 7      a chapter, on another machine and device
+  pigtail reproduce 3 --seed 7      a chapter, with another device
+  pigtail reproduce 2 --specimen    a chapter, on a machine that the seed draws
   pigtail reproduce budget          the times of 3.4")]
 pub(super) struct Arguments {
     /// Chapters (2, 3, 4), figures (2.8), or `budget`; everything where none is named

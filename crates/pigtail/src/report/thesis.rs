@@ -23,7 +23,10 @@ const STYLE: &str = "
 figure { overflow: visible; break-inside: avoid; }
 figure svg { min-width: 0; }
 h3 { font-size: 1.05rem; margin: 2rem 0 .25rem; break-after: avoid; }
-.claims { width: 100%; font-size: .92rem; }
+.claims { width: 100%; font-size: .92rem; table-layout: fixed; }
+.claims th.number { width: 6.4em; } .claims th.tolerance { width: 8.6em; } .claims th.mark { width: 6.6em; }
+.claims .soft { display: block; }
+.claims a { color: var(--ink); }
 .claims th, .claims td { white-space: normal; vertical-align: top; text-align: left; }
 .claims td.number, .claims th.number { text-align: right; white-space: nowrap; }
 .claims tr { break-inside: avoid; }
@@ -33,12 +36,13 @@ nav { margin: 1rem 0; line-height: 1.9; }
 nav a { color: var(--ink); margin-right: .35rem; }
 .pair figure { max-width: 36rem; }
 dl.tolerances dt { font-weight: 600; } dl.tolerances dd { margin: 0 0 .4rem 1rem; }
-@media (max-width: 46rem) {
+@media screen and (max-width: 46rem) {
   .claims thead { display: none; }
   .claims, .claims tbody, .claims tr, .claims td { display: block; width: 100%; }
   .claims tr { border-bottom: 1px solid var(--line); padding: .5rem 0; }
   .claims td, .claims td.number { border: 0; padding: .1rem 0; text-align: left; white-space: normal; }
-  .claims td.number::before { content: attr(data-of) ': '; color: var(--soft); }
+  .claims td[data-of]::before { content: attr(data-of) ': '; color: var(--soft); }
+  .pair svg text { font-size: 14px; }
 }
 @media print {
   body { font-size: 10pt; padding: 0; } h2 { break-before: page; } nav, details { display: none; }
@@ -154,7 +158,7 @@ fn failures(body: &mut String, d: &Document) {
         return;
     }
     body.push_str("<h2>What does not hold</h2>\n");
-    table(body, failed.into_iter());
+    table(body, failed.into_iter(), true);
 }
 
 /// A figure: pictures, what to say of them, claims.
@@ -181,15 +185,16 @@ fn one(body: &mut String, f: &Figure, claims: &[Claim]) -> Result<()> {
         let _ = writeln!(body, "<p>{}</p>", escape(&f.remark));
     }
     if !of.is_empty() {
-        table(body, of.into_iter());
+        table(body, of.into_iter(), false);
     }
     Ok(())
 }
 
-fn table<'a>(body: &mut String, claims: impl Iterator<Item = &'a Claim>) {
+/// Claims beside results; `linked` where they do not stand below their figure.
+fn table<'a>(body: &mut String, claims: impl Iterator<Item = &'a Claim>, linked: bool) {
     body.push_str(
         "<table class=\"claims\"><thead><tr><th>claim</th><th class=\"number\">thesis</th>\
-         <th class=\"number\">ours</th><th>tolerance</th><th></th></tr></thead>\n<tbody>\n",
+         <th class=\"number\">ours</th><th class=\"tolerance\">tolerance</th><th class=\"mark\"></th></tr></thead>\n<tbody>\n",
     );
     for c in claims {
         let unit = if c.unit.is_empty() {
@@ -218,11 +223,17 @@ fn table<'a>(body: &mut String, claims: impl Iterator<Item = &'a Claim>) {
         } else {
             format!(" <span class=\"soft\">{}</span>", escape(&c.note))
         };
+        let figure = if linked {
+            let id = c.id.split('-').next().unwrap_or(c.id);
+            format!("<a href=\"#f{id}\">{}{id}</a>: ", label(id))
+        } else {
+            String::new()
+        };
         let _ = writeln!(
             body,
-            "<tr><td>{}{calibrated}{note}<q>{} ({})</q></td>\
+            "<tr><td>{figure}{}{calibrated}{note}<q>{} ({})</q></td>\
              <td class=\"number\" data-of=\"thesis\">{sign}{}{unit}</td>\
-             <td class=\"number\" data-of=\"ours\">{ours}</td><td>{}</td>\
+             <td class=\"number\" data-of=\"ours\">{ours}</td><td data-of=\"tolerance\">{}</td>\
              <td class=\"{class} mark\">{mark}</td></tr>",
             escape(c.quantity),
             escape(c.quote),

@@ -170,14 +170,14 @@ impl Figure {
     }
 
     /// Its claims, in the order of the list.
-    fn claims(&self) -> Vec<Claim> {
+    fn claims(&self, specimen: bool) -> Vec<Claim> {
         claims::all()
             .filter(|statement| statement.figure() == self.id)
             .filter(|statement| !self.left_out.contains(&statement.id))
             .map(|statement| {
                 let found = self.results.iter().find(|r| r.0 == statement.id);
                 let note = found.map_or("Not measured.", |r| r.2.as_str());
-                Claim::new(statement, found.map(|r| r.1), note)
+                Claim::new(statement, found.map(|r| r.1), note, specimen)
             })
             .collect()
     }
@@ -376,7 +376,10 @@ pub fn reproduce(
         .filter(|figure| selected.contains(&figure.id))
         .collect();
     figures.sort_by_key(|figure| place(figure.id));
-    let claims: Vec<Claim> = figures.iter().flat_map(Figure::claims).collect();
+    let claims: Vec<Claim> = figures
+        .iter()
+        .flat_map(|figure| figure.claims(bench.specimen))
+        .collect();
     let count = |keep: fn(&Claim) -> bool| claims.iter().filter(|c| keep(c)).count();
     let document = Document {
         held: count(|c| c.holds),

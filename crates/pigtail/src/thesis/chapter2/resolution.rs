@@ -143,17 +143,23 @@ pub(super) fn five_bar(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
     )
     .result("2.26-greatest", most);
     if let Some((row, increments)) = tests.first() {
-        let counts = 1e6 * increments.deviation();
         figure = pictures(figure, increments, 4.0).result("2.26-consistent", row.stuck_share);
-        if let Some(um) = row.resolution_um {
-            figure = figure
-                .noted(
-                    "2.26-resolution",
-                    um,
-                    format!("Increments spread by {counts:.2} um rms."),
-                )
-                .result("2.26-required", 5.0 / um);
-        }
+    }
+    // As in the thesis: where steps of one count are not consistent, those of the next size that are.
+    if let Some((row, increments)) = tests.last()
+        && let Some(um) = row.resolution_um
+    {
+        figure = figure
+            .noted(
+                "2.26-resolution",
+                um,
+                format!(
+                    "By steps of {} at the encoder; increments spread by {:.2} um rms.",
+                    row.counts_per_step,
+                    1e6 * increments.deviation()
+                ),
+            )
+            .result("2.26-required", 5.0 / um);
     }
     Ok(vec![figure])
 }

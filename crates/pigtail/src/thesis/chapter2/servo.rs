@@ -47,14 +47,14 @@ fn response(trace: &Trace, series: &[f64], until: f64) -> Points {
     )
 }
 
-/// The cost of the gains that were found, that of the same with one gain 20 % smaller, and the
-/// responses.
+/// The cost of the gains that were found, that of the same with one gain 20 % smaller and without it,
+/// and the response with less of it.
 fn detuned(
     bench: &Bench,
     at: AxisName,
     tuned: &Tuned,
     which: usize,
-) -> Result<([f64; 2], Trace), ReproduceError> {
+) -> Result<([f64; 3], Trace), ReproduceError> {
     let setup = &bench.machine;
     let believed = match at.axis {
         Axis::A | Axis::B => &setup.calibration.gains.five_bar,
@@ -72,11 +72,15 @@ fn detuned(
     let found = best
         .min_by(|a, b| a.cost.total_cmp(&b.cost))
         .map_or(tuned.document.gains.gains(), |best| best.gains);
-    let less: Gains = std::array::from_fn(|k| found[k] * if k == which { 0.8 } else { 1.0 });
+    let with = |share: f64| -> Gains {
+        std::array::from_fn(|k| found[k] * if k == which { share } else { 1.0 })
+    };
+    let less = with(0.8);
     Ok(on_twin(setup, bench.seed, |station| {
         let costs = [
             experiment.cost(station, found)?,
             experiment.cost(station, less)?,
+            experiment.cost(station, with(0.0))?,
         ];
         Ok((costs, experiment.response(station, less)?))
     })?)
@@ -181,7 +185,7 @@ fn step_figure(bench: &Bench, at: AxisName, tuned: &Tuned) -> Result<Figure, Rep
         ),
     };
     let (believed, trace) = believed_step(bench, at)?;
-    let ([best, worse], less) = detuned(bench, at, tuned, which)?;
+    let ([best, worse, none], less) = detuned(bench, at, tuned, which)?;
     let d = &tuned.document;
     let until = 100.0;
     Ok(Figure::new(id, title)
@@ -217,7 +221,13 @@ fn step_figure(bench: &Bench, at: AxisName, tuned: &Tuned) -> Result<Figure, Rep
         .noted(
             names[2],
             worse / best,
-            format!("{best:.1} ms^2, and {worse:.1} ms^2 with {gain} 20 % smaller."),
+            if which == 1 {
+                format!(
+                    "{best:.1} ms^2, {worse:.1} ms^2 with {gain} 20 % smaller, {none:.1} ms^2 without it."
+                )
+            } else {
+                format!("{best:.1} ms^2, and {worse:.1} ms^2 with {gain} 20 % smaller.")
+            },
         )
         .remark(format!(
             "At the optimum of the ITAE this machine rises in {:.1} ms and settles in {:.1} ms, sooner \

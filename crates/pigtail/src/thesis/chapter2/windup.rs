@@ -152,25 +152,90 @@ fn figure_2_10(loops: &[Loop]) -> Result<Figure, ReproduceError> {
     )
 }
 
-/// Windup by the model's own equations, micrometres: the twist of the spring (2.6) around a preload
-/// between a friction either way, less how far the output goes before it slides, (2.12). The spring's
-/// stiffness is no higher than `most` times that at rest.
-fn by_model(bench: &Bench, preload: f64, most: f64, um: f64) -> f64 {
-    let joint = &bench.nominal.plant.five_bar.joint;
-    let (k, h) = (joint.transmission.linear, joint.transmission.cubic);
-    let friction = joint.load_friction.coulomb();
-    // Twist where the torque is reached, in small steps of the torque.
-    let twist = |torque: f64| {
-        const STEPS: u32 = 20_000;
-        let step = torque / f64::from(STEPS);
-        let mut x = 0.0_f64;
-        for _ in 0..STEPS {
-            x += step / (k + 3.0 * h * x * x).min(most * k);
+/// The spring (2.6), whose stiffness rises to a bound and no further.
+#[derive(Debug, Clone, Copy)]
+struct Spring {
+    /// `k_s`, N m/rad.
+    linear: f64,
+    /// `k_h`, N m/rad^3.
+    cubic: f64,
+    /// The bound, relative to `k_s`; infinite in (2.6).
+    bound: f64,
+}
+
+impl Spring {
+    /// The rig's.
+    fn of(bench: &Bench) -> Self {
+        let spring = &bench.nominal.plant.five_bar.joint.transmission;
+        Self {
+            linear: spring.linear,
+            cubic: spring.cubic,
+            bound: f64::INFINITY,
         }
-        x
-    };
-    let presliding = joint.presliding * friction / joint.load_friction.static_level();
-    um * (twist(friction * (preload + 1.0)) - twist(friction * (preload - 1.0)) - 2.0 * presliding)
+    }
+
+    /// The twist at which a torque is reached, radians.
+    fn twist(self, torque: f64) -> f64 {
+        const STEPS: u32 = 2_000;
+        let step = torque / f64::from(STEPS);
+        let mut twist = 0.0_f64;
+        for _ in 0..STEPS {
+            // By the midpoint's stiffness, as far as the start's tells where that is.
+            let stiffness =
+                |x: f64| (self.linear + 3.0 * self.cubic * x * x).min(self.bound * self.linear);
+            twist += step / stiffness(twist + 0.5 * step / stiffness(twist));
+        }
+        twist
+    }
+
+    /// Windup by the model's own equations, micrometres: the twist around a preload (relative to the
+    /// static friction) between a friction either way, less how far the output goes before it slides,
+    /// (2.12).
+    fn windup(self, bench: &Bench, preload: f64, um: f64) -> f64 {
+        let joint = &bench.nominal.plant.five_bar.joint;
+        let (friction, level) = (
+            joint.load_friction.coulomb(),
+            joint.load_friction.static_level(),
+        );
+        let preload = preload * level;
+        let presliding = joint.presliding * friction / level;
+        um * (self.twist(preload + friction) - self.twist(preload - friction) - 2.0 * presliding)
+    }
+
+    /// Of the springs with a bound that leave as much windup as this one without preload, and within a
+    /// tenth as much with 1.2 times the friction (by which the rig's two stiffnesses were chosen), the
+    /// one whose windup levels off most; `None` where there is none.
+    fn bounded(self, bench: &Bench, bound: f64, um: f64) -> Option<Self> {
+        const HALVINGS: u32 = 25;
+        const STIFFNESSES: u32 = 50;
+        let [none, half] = [0.0, 1.2].map(|preload| self.windup(bench, preload, um));
+        let levels = |spring: Self| spring.windup(bench, 2.4, um) / spring.windup(bench, 1.2, um);
+        (1..=STIFFNESSES)
+            .filter_map(|k| {
+                let linear = 1.2 * self.linear * f64::from(k) / f64::from(STIFFNESSES);
+                // The hardening with which the first comes out, by halving.
+                let (mut low, mut high) = (0.01 * self.cubic, 1e3 * self.cubic);
+                let mut spring = self;
+                for _ in 0..HALVINGS {
+                    let cubic = (low * high).sqrt();
+                    spring = Self {
+                        linear,
+                        cubic,
+                        bound,
+                    };
+                    if spring.windup(bench, 0.0, um) > none {
+                        low = cubic;
+                    } else {
+                        high = cubic;
+                    }
+                }
+                let near = |preload: f64, wanted: f64, share: f64| {
+                    (spring.windup(bench, preload, um) / wanted - 1.0).abs() < share
+                };
+                (near(0.0, none, 0.01) && near(1.2, half, 0.1)).then_some(spring)
+            })
+            .max_by(|a, b| levels(*a).total_cmp(&levels(*b)))
+    }
 }
 
 fn figure_2_13(loops: &[Loop]) -> Result<Figure, ReproduceError> {
@@ -240,6 +305,35 @@ fn left(model: &Reversal, record: &WindupRecord) -> f64 {
     (errors.iter().map(|e| (e - mean).powi(2)).sum::<f64>() / n).sqrt()
 }
 
+/// The least that the largest error of (2.20) comes to along a record's last two ways, but for a constant,
+/// by the best of all `W_max` and `Q`, radians.
+fn least_largest(near: &Reversal, record: &WindupRecord) -> f64 {
+    const EVERY: usize = 20;
+    let start = record.input.len() / 4;
+    let largest = |model: &Reversal| {
+        let mut state = ReversalState::default();
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for k in (0..record.input.len()).step_by(EVERY) {
+            let error =
+                record.input[k] - record.output[k] - model.next(&mut state, record.output[k]);
+            if k >= 2 * start {
+                (low, high) = (low.min(error), high.max(error));
+            }
+        }
+        0.5 * (high - low)
+    };
+    let mut least = f64::INFINITY;
+    for i in 0..=20 {
+        for k in 0..=40 {
+            least = least.min(largest(&Reversal {
+                maximum: near.maximum * (0.8 + 0.02 * f64::from(i)),
+                way: near.way * (0.4 + 0.04 * f64::from(k)),
+            }));
+        }
+    }
+    least
+}
+
 fn figure_2_15(bench: &Bench, loops: &[Loop]) -> Result<Figure, ReproduceError> {
     let l = case(loops, 1.0, 0.0)?;
     let setup = &bench.machine;
@@ -280,7 +374,7 @@ fn figure_2_15(bench: &Bench, loops: &[Loop]) -> Result<Figure, ReproduceError> 
             };
             let l = loops.iter().find(|l| l.case.law == name)?;
             Some(format!(
-                "{:.1} um under `{name}`",
+                "{:.1} um under {name}",
                 l.case.largest_residual_um?
             ))
         })
@@ -304,8 +398,10 @@ fn figure_2_15(bench: &Bench, loops: &[Loop]) -> Result<Figure, ReproduceError> 
                 "2.15-fit",
                 um * fit.largest,
                 format!(
-                    "{:.1} um rms; largest {} of load friction.",
+                    "{:.1} um rms; with the W_max and Q by which the largest is least, {:.1} um. Largest {} of \
+                     load friction.",
                     um * fit.residual,
+                    um * least_largest(&fit.model, &l.record),
                     laws.join(", ")
                 ),
             )
@@ -352,9 +448,21 @@ fn figure_2_12(bench: &Bench, loops: &[Loop]) -> Result<Figure, ReproduceError> 
     ];
     let um = all.map(|(_, l)| l.case.windup_um);
     let scale = all[0].1.um_per_radian;
-    let model = |preload: f64, most: f64| by_model(bench, preload, most, scale);
-    let free = [1.2, 2.4].map(|preload| model(preload, f64::INFINITY));
-    let bounded = [1.2, 2.4].map(|preload| model(preload, 3.0));
+    let spring = Spring::of(bench);
+    let two = |spring: Spring| [1.2, 2.4].map(|preload| spring.windup(bench, preload, scale));
+    let tell = |[first, second]: [f64; 2]| {
+        format!(
+            "{first:.0} and {second:.0} um, a ratio of {:.2}",
+            second / first
+        )
+    };
+    let bounded: Vec<String> = [3.0, 3.5, 4.0]
+        .into_iter()
+        .filter_map(|bound| {
+            let spring = spring.bounded(bench, bound, scale)?;
+            Some(format!(" at {bound} times {}", tell(two(spring))))
+        })
+        .collect();
     Ok(Figure::new("2.12", "Numerical simulation of preloading effect")
         .picture(
             input_output_picture(all).caption("Three preloads, relative to the output's static friction."),
@@ -362,15 +470,12 @@ fn figure_2_12(bench: &Bench, loops: &[Loop]) -> Result<Figure, ReproduceError> 
         .result("2.12-falls", um[1] / um[0])
         .result("2.12-above", um[2] / um[1])
         .remark(format!(
-            "By (2.6) and (2.12) themselves, preloads of 1.2 and 2.4 times the friction leave {:.0} and {:.0} um \
-             of windup, a ratio of {:.2}; were the spring's stiffness no higher than three times that at rest, \
-             as the gear's specification has it, {:.0} and {:.0} um, a ratio of {:.2}.",
-            free[0],
-            free[1],
-            free[1] / free[0],
-            bounded[0],
-            bounded[1],
-            bounded[1] / bounded[0]
+            "By (2.6) and (2.12) themselves, preloads of 1.2 and 2.4 times the friction leave windups of {}. A \
+             spring whose stiffness rises to a multiple of that at rest and no further can level off. The one \
+             that does so most, of those that leave as much as this one with no preload and with the first, \
+             leaves:{}.",
+            tell(two(spring)),
+            bounded.join(";")
         )))
 }
 

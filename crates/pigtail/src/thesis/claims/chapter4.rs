@@ -41,7 +41,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         "frequency up to which the power stands four times above the noise",
         (0.5, "1/V", Factor),
     )
-    .because(0.904, "The sensing fiber's light is less noisy here: with twice the photodiode's noise the power stands out up to 0.7, with eight times up to 0.3 a volt."),
+    .because(0.904, "Where power goes under is a matter of noise alone, and the sensing fiber's light is less noisy here: with twice the photodiode's noise it stands out up to 0.7, with eight times up to 0.3 a volt."),
     claim(
         "4.8-forward",
         (
@@ -189,8 +189,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "resolution of z under PID over the error below which nine of ten runs end",
         (12.0, "", Factor),
-    )
-    .because(20.0, "Better than printed: the thesis's twelve takes its bound of 10 nm for the error."),
+    ),
     claim(
         "4.20-stable",
         (
@@ -264,7 +263,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         "relative spread of pulses 50 ms apart over that of pulses 250 ms apart; less predictable is by more than 20 %",
         (1.2, "", Above),
     )
-    .because(1.0, "Here all is at rest within some milliseconds of a pulse: pulses 50 ms apart are as alike as pulses 250 ms apart."),
+    .because(1.0, "Here all is at rest long before the next pulse, 50 ms apart or 250 ms: the two inertias and the friction of the model have no motion that lasts as long as the thesis saw."),
     claim(
         "4.23-consistent",
         (
@@ -291,7 +290,8 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "resolution of the five-bar under PID over that under pulses",
         (18.0, "", Factor),
-    ),
+    )
+    .on_others_because(45.2, "The resolution under PID is worse than printed on this specimen (2.26-resolution), that under pulses as printed."),
     claim(
         "4.23-order",
         (

@@ -146,6 +146,8 @@ pub struct Statement {
     pub calibrated: bool,
     /// What comes out instead, where it does not hold, and why: found by an experiment.
     pub cause: Option<(f64, &'static str)>,
+    /// The same on other machines of its make, where it is not the same.
+    pub on_others: Option<(f64, &'static str)>,
 }
 
 impl Statement {
@@ -170,11 +172,25 @@ impl Statement {
         }
     }
 
+    /// The same, for which something else comes out on other specimens, for a reason that was found.
+    const fn on_others_because(self, instead: f64, cause: &'static str) -> Self {
+        Self {
+            on_others: Some((instead, cause)),
+            ..self
+        }
+    }
+
     /// Why a result that does not hold does not; `None` where it is another than the one whose reason
-    /// was found.
-    fn explains(&self, ours: Option<f64>) -> Option<&'static str> {
-        let (instead, cause) = self.cause?;
-        Kind::Measured.holds(instead, ours?).then_some(cause)
+    /// was found. On a specimen, whose numbers differ, that is one within a factor of two.
+    fn explains(&self, ours: Option<f64>, specimen: bool) -> Option<&'static str> {
+        let ours = ours?;
+        let (on_others, near) = if specimen {
+            (self.on_others, Kind::Remainder)
+        } else {
+            (None, Kind::Measured)
+        };
+        let mut found = [self.cause, on_others].into_iter().flatten();
+        found.find_map(|(instead, cause)| near.holds(instead, ours).then_some(cause))
     }
 }
 
@@ -195,6 +211,7 @@ const fn claim(
         kind,
         calibrated: false,
         cause: None,
+        on_others: None,
     }
 }
 
@@ -241,12 +258,12 @@ pub struct Claim {
 }
 
 impl Claim {
-    /// A statement beside its result.
-    pub fn new(statement: &Statement, ours: Option<f64>, note: &str) -> Self {
+    /// A statement beside its result on the thesis's machine, or on a specimen of its make.
+    pub fn new(statement: &Statement, ours: Option<f64>, note: &str, specimen: bool) -> Self {
         let ours = ours.filter(|value| value.is_finite()).map(four_digits);
         let holds = ours.is_some_and(|ours| statement.kind.holds(statement.thesis, ours));
         let (least, most) = statement.kind.accepted(statement.thesis);
-        let cause = statement.explains(ours).filter(|_| !holds);
+        let cause = statement.explains(ours, specimen).filter(|_| !holds);
         let mut text = note.to_owned();
         if let Some(cause) = cause {
             if !text.is_empty() {
