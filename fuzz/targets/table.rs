@@ -1,0 +1,68 @@
+//! Tables that a person brings: a power map, and what `identify` reads; and a model of hysteresis. What is
+//! read is identified too: a few rows of nonsense must come to an answer or to a refusal.
+
+#![no_main]
+
+use libfuzzer_sys::fuzz_target;
+use pigtail::hysteresis::ModelFile;
+use pigtail::records::columns::Named;
+use pigtail::records::{friction, resonance, servo, windup};
+use pigtail::scan::{self, Columns, LengthUnit, PowerUnit};
+use std::path::Path;
+
+fuzz_target!(|data: &[u8]| {
+    // Longer ones find nothing that short ones do not, and take their time.
+    if data.len() > 4000 {
+        return;
+    }
+    let path = std::env::temp_dir().join(format!("pigtail-fuzz-{}.csv", std::process::id()));
+    std::fs::write(&path, data).expect("a place for it");
+    read(&path);
+});
+
+fn read(path: &Path) {
+    let named = |name: &str| Named::new(name);
+    let _ = ModelFile::read(path);
+    for power in [PowerUnit::V, PowerUnit::DBm] {
+        let columns = Columns {
+            names: ["x", "y", "p"].map(str::to_owned),
+            length: LengthUnit::Um,
+            power,
+            inverted: false,
+        };
+        let _ = scan::read(path, &columns);
+    }
+    let roles = servo::Roles {
+        time: None,
+        reference: None,
+        position: named("x"),
+        voltage: named("y"),
+    };
+    let _ = roles.read(path);
+    let roles = friction::Roles {
+        time: None,
+        displacement: named("x"),
+        force: named("y"),
+    };
+    if let Ok(record) = roles.read(path) {
+        let _ = friction::friction(&record, None, 4, None);
+    }
+    let roles = windup::Roles {
+        time: None,
+        motor: named("x"),
+        load: named("y"),
+        torque: None,
+        ratio: 1.0,
+    };
+    if let Ok(record) = roles.read(path) {
+        let _ = windup::windup(&record, None);
+    }
+    let roles = resonance::Roles {
+        frequency: Some(named("t")),
+        magnitude: Some(named("x")),
+        phase: Some(named("y")),
+        parts: None,
+        coherence: None,
+    };
+    let _ = resonance::resonance(&roles, path);
+}
