@@ -1,7 +1,7 @@
 //! `pigtail twin`.
 
 use super::Failure;
-use super::records::{Output, finish, hash_of};
+use super::records::{Files, Output, finish, hash_of};
 use crate::records::fragment::Fragment;
 use crate::records::twin::twin;
 use crate::runs::Run;
@@ -74,7 +74,7 @@ pub(super) fn run(a: &Arguments) -> Result<u8, Failure> {
         answer,
         shown.as_ref(),
         &[hash_of(&a.from), hash_of(data)],
-        None::<fn(&Run) -> anyhow::Result<(&'static str, String)>>,
+        None::<fn(&Run) -> anyhow::Result<Files>>,
         &a.output,
     )
 }

@@ -3,6 +3,8 @@
 pub mod columns;
 pub mod fragment;
 pub mod friction;
+pub mod own;
+pub mod part;
 pub mod resonance;
 pub mod servo;
 pub mod twin;
@@ -111,18 +113,27 @@ impl Answer {
         document
     }
 
-    /// The parameters as lines of text.
+    /// The parameters as lines of text: value, standard deviation, and in brackets the one with all that is
+    /// correlated in what the model leaves.
     pub fn lines(&self) -> String {
         let mut text = String::new();
         for (parameter, unit) in &self.parameters {
             let _ = match parameter.known {
-                Some(k) => writeln!(
-                    text,
-                    "  {:28} {:>13} +- {:>10} {unit}",
-                    parameter.name,
-                    short(k.value),
-                    short(k.std)
-                ),
+                Some(k) => {
+                    // Nobody says how sure a fragment was.
+                    let whole = if k.std_correlated.is_finite() {
+                        format!(" ({})", short(k.std_correlated))
+                    } else {
+                        String::new()
+                    };
+                    writeln!(
+                        text,
+                        "  {:28} {:>13} +- {:>10}{whole} {unit}",
+                        parameter.name,
+                        short(k.value),
+                        short(k.std)
+                    )
+                }
                 None => writeln!(text, "  {:28} {:>13}", parameter.name, "not known"),
             };
         }

@@ -402,11 +402,9 @@ struct Noise {
     acceleration: f64,
 }
 
-fn noise(record: &Record, set: &Settings) -> Noise {
-    const LENGTH: usize = 1024;
-    let period = record.even.period;
-    let cutoff = 2.0 * period * set.cutoff(period);
-    let filter = Lowpass::butterworth(set.order, cutoff);
+/// Standard deviation of the position's noise, taken as white.
+pub(super) fn white(record: &Record, set: &Settings) -> f64 {
+    let cutoff = 2.0 * record.even.period * set.cutoff(record.even.period);
     // What lies in the upper half of the band is noise and nothing else.
     let high = Lowpass::butterworth(4, cutoff.max(0.5));
     let mut taken = Vec::new();
@@ -420,7 +418,14 @@ fn noise(record: &Record, set: &Settings) -> Noise {
     }
     // The median, for a reversal is no noise.
     let share = (1.0 - cutoff.max(0.5)).max(0.05);
-    let white = 1.4826 * quantile(&taken, 0.5) / share.sqrt();
+    1.4826 * quantile(&taken, 0.5) / share.sqrt()
+}
+
+fn noise(record: &Record, set: &Settings) -> Noise {
+    const LENGTH: usize = 1024;
+    let white = white(record, set);
+    let period = record.even.period;
+    let filter = Lowpass::butterworth(set.order, 2.0 * period * set.cutoff(period));
     let mut impulse = vec![0.0; LENGTH];
     impulse[LENGTH / 2] = 1.0;
     let velocity = derivative(&filter.both_ways(&impulse), period);

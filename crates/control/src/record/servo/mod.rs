@@ -15,10 +15,12 @@
 
 mod check;
 mod controller;
+mod motion;
 mod replay;
 mod sliding;
 
 pub use controller::Controller;
+pub use motion::Motion;
 pub use replay::{Axis, Replay};
 pub use sliding::Sliding;
 
@@ -266,6 +268,10 @@ const UNEXPLAINED: f64 = 50.0;
 /// By how much a variant's error may lie above the least, for a simpler one is preferred.
 const AS_GOOD: f64 = 1.01;
 
+/// A delay of the voltage is believed, and makes every parameter less sure that was found without one, where it
+/// leaves less than this share of the error.
+const LATE: f64 = 0.93;
+
 /// Share of a record's beginning to which variants are fitted where there is no second record; the
 /// rest says which of them generalises.
 const FITTED: f64 = 0.7;
@@ -329,6 +335,8 @@ pub struct Identified {
     pub equations: usize,
     /// Remarks on what was done to the record.
     pub remarks: Vec<String>,
+    /// How far its motion went.
+    pub motion: Motion,
     columns: Equations,
 }
 
@@ -432,6 +440,7 @@ pub fn identify(
         best,
         equations: columns.force.len(),
         remarks,
+        motion: Motion::of(record, &columns, set),
         columns,
     })
 }
@@ -496,6 +505,11 @@ fn variants(
                 }
             }
         };
+        let late = solve(Method::Delayed, 0..columns.force.len()).is_some_and(|s| {
+            let delay = s.values.last().zip(s.std.last());
+            let sure = delay.is_some_and(|(value, std)| *value > 5.0 * std);
+            sure && s.relative_error_percent < LATE * ordinary.relative_error_percent
+        });
         for method in Method::ALL {
             let n = columns.force.len();
             let Some(mut solution) = solve(method, 0..n) else {
@@ -503,9 +517,14 @@ fn variants(
             };
             if let Some(timing) = timing.as_ref().filter(|_| method != Method::Delayed) {
                 let changes = timing.iter().zip(&ordinary.values).map(|(a, b)| a - b);
-                for (std, change) in solution.std_correlated.iter_mut().zip(changes) {
-                    // Anywhere within a sample: the deviation of a uniform distribution.
-                    *std = std.hypot(change / 12f64.sqrt());
+                for (j, change) in changes.enumerate() {
+                    // Anywhere within a sample after the moment that was taken.
+                    let by = change / 3f64.sqrt();
+                    let correlated = &mut solution.std_correlated[j];
+                    *correlated = correlated.hypot(by);
+                    if late {
+                        solution.std[j] = solution.std[j].hypot(by);
+                    }
                 }
             }
             let period = record.even.period;
