@@ -3,7 +3,7 @@
 
 mod made;
 
-use made::*;
+use made::{Spoil, answer, csv, measured, near, normal, number, value};
 use rand::SeedableRng;
 use serde_json::Value;
 use std::fs;

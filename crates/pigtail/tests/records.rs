@@ -3,7 +3,10 @@
 
 mod made;
 
-use made::*;
+use made::{
+    Case, TURNING, answer, csv, identify_turning, measured, near, normal, number, pigtail,
+    swinging, turning, value,
+};
 use rand::{RngExt, SeedableRng};
 use std::fs;
 use tempfile::TempDir;

@@ -175,6 +175,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         text.push(b'\n');
     } else {
         print_table(&mut text, &document).map_err(anyhow::Error::from)?;
+        if document.fault.is_some() && own.is_untuned() {
+            let hint = "The gains of your axis are those to begin with: `pigtail tune` with the same --from finds \
+                        better ones, and writes a calibration.toml that --from takes too.";
+            writeln!(text, "{hint}").map_err(anyhow::Error::from)?;
+        }
     }
     super::print(&text)?;
     Ok(if document.fault.is_some() {

@@ -266,5 +266,8 @@ fn on_variants(arguments: &Arguments, setup: &Setup) -> Experiment {
             number(case.residual_um)
         );
     }
+    if let Some(laws) = d.laws() {
+        let _ = writeln!(text, "{laws}");
+    }
     Ok(report::loops(&d, &loops).and_then(|html| result(&d, text, html)))
 }

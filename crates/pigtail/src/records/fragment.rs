@@ -89,6 +89,8 @@ pub struct MotionTable {
     pub voltage: f64,
     /// Noise of a position, standard deviation, m or rad.
     pub noise: f64,
+    /// Up to what frequency the record was looked at, hertz.
+    pub bandwidth: f64,
 }
 
 impl MotionTable {
@@ -100,6 +102,7 @@ impl MotionTable {
             acceleration: motion.acceleration,
             voltage: motion.voltage,
             noise: motion.noise,
+            bandwidth: motion.bandwidth,
         }
     }
 }
@@ -274,6 +277,7 @@ impl Fragment {
                 ("motion.speed", motion.speed),
                 ("motion.acceleration", motion.acceleration),
                 ("motion.voltage", motion.voltage),
+                ("motion.bandwidth", motion.bandwidth),
             ] {
                 if !(value.is_finite() && value > 0.0) {
                     let message = format!("is {value}; accepted is a finite number above zero");

@@ -120,18 +120,17 @@ impl Answer {
         for (parameter, unit) in &self.parameters {
             let _ = match parameter.known {
                 Some(k) => {
-                    // Nobody says how sure a fragment was.
-                    let whole = if k.std_correlated.is_finite() {
-                        format!(" ({})", short(k.std_correlated))
+                    let sure = if k.std.is_finite() {
+                        format!(" +- {:>10} ({})", short(k.std), short(k.std_correlated))
                     } else {
+                        // Nobody says how sure a fragment was.
                         String::new()
                     };
                     writeln!(
                         text,
-                        "  {:28} {:>13} +- {:>10}{whole} {unit}",
+                        "  {:28} {:>13}{sure} {unit}",
                         parameter.name,
-                        short(k.value),
-                        short(k.std)
+                        short(k.value)
                     )
                 }
                 None => writeln!(text, "  {:28} {:>13}", parameter.name, "not known"),

@@ -131,6 +131,13 @@ impl Own {
         self.pieces.is_empty()
     }
 
+    /// Whether it holds a whole axis, and no gains but those to begin with.
+    pub fn is_untuned(&self) -> bool {
+        let whole = |p: &Piece| matches!(p.what, What::Axis(_));
+        let gains = |p: &Piece| matches!(&p.what, What::Belief(t) if t.contains_key("gains"));
+        self.pieces.iter().any(whole) && !self.pieces.iter().any(gains)
+    }
+
     /// That some of it is of this axis.
     ///
     /// # Errors

@@ -52,8 +52,14 @@ const BACK_EMF: f64 = 0.1;
 /// Finest encoder that is believed in, shares of the stroke.
 const FINEST: f64 = 1e-7;
 
-/// Undamped frequency of the closed loop to begin with, where the record told no controller, hertz.
-const BANDWIDTH: f64 = 10.0;
+/// Rate of the servo for which gains are chosen, hertz: the thesis's card.
+const SERVO: f64 = 2500.0;
+
+/// Crossover of a velocity loop that a sampling servo stands, radians a cycle.
+const SAMPLED: f64 = 0.3;
+
+/// Share of the amplifier's bound by which a count may flicker through the derivative.
+const FLICKER: f64 = 0.2;
 
 /// The tables of an axis: below `z_stage` or `five_bar` of a `plant.toml`, its drive in a `machine.toml`,
 /// and `gains` and `geometry` of a `calibration.toml`.
@@ -119,7 +125,7 @@ impl Part {
             ("speed", text(motion.speed / way, "rad/s")),
             ("start", text((1.5 * hold).min(limit), "V")),
         ]);
-        let [kp, ki, kd] = gains(axis, controller);
+        let [kp, ki, kd] = gains(axis, motion, count, limit);
         let gains = table([
             ("kp", text(kp * count, "V/count")),
             ("ki", text(ki * count, "V/(count s)")),
@@ -160,21 +166,19 @@ impl Part {
     }
 }
 
-/// Gains to begin with, in volts of a unit of position: as stiff as the record's controller where it told
-/// one, critically damped by the identified inertia (a PID's zeros overshoot with less), and an integral
-/// far below what the loop stands.
-fn gains(axis: &AxisTable, controller: Option<&ControllerTable>) -> [f64; 3] {
+/// Gains to begin with, in volts of a unit of position, by the identified inertia: a velocity loop that crosses
+/// over where the record was still looked at, but no faster than a servo samples, nor so fast that the
+/// flicker of a `count` moves the amplifier by more than a share of its bound; inside a position loop half as
+/// fast, with an integral of a fifth of that.
+fn gains(axis: &AxisTable, motion: &MotionTable, count: f64, limit: f64) -> [f64; 3] {
     let (force, inertia) = (axis.force_per_volt, axis.inertia);
     let viscous = 0.5 * (axis.viscous[0] + axis.viscous[1]);
-    let told = controller.filter(|c| c.kp > 0.0);
-    let kp = told.map_or((TAU * BANDWIDTH).powi(2) * inertia / force, |c| c.kp);
-    let damping = 2.0 * (force * kp * inertia).sqrt();
-    let kd = ((damping - viscous) / force)
-        .max(0.5 * damping / force)
-        .max(told.map_or(0.0, |c| c.kd));
-    // By Routh a third-order loop stands up to kp times this.
-    let bound = (force * kd + viscous) / inertia;
-    [kp, 0.05 * kp * bound, kd]
+    let quiet = FLICKER * limit * force / (inertia * count * SERVO);
+    let crossover = (TAU * motion.bandwidth).min(SAMPLED * SERVO).min(quiet);
+    let whole = inertia * crossover / force;
+    let kd = (whole - viscous / force).max(0.5 * whole);
+    let kp = 0.5 * whole * crossover;
+    [kp, 0.2 * kp * crossover, kd]
 }
 
 /// The axis as a joint of a `plant.toml`: nearly all inertia on the motor's side, Coulomb friction there

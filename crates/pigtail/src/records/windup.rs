@@ -266,15 +266,15 @@ pub fn fragment(model: &Fitted, table: &str, scale: f64, date: &str, origin: &st
 /// The same windup as a plant has it: a load whose friction twists the transmission. `None` where nothing
 /// winds up over a way.
 pub fn plant(first: &Read, model: &Fitted, table: &str, scale: f64) -> Option<Winds> {
-    let (maximum, presliding) = match (value(model, "w_max"), value(model, "q")) {
-        // Elements that rise along an exponential give (2.20) with Q = 8 q_0.
-        (Some(maximum), Some(way)) => (maximum, way / 8.0),
-        _ => {
+    let (maximum, presliding) =
+        if let (Some(maximum), Some(way)) = (value(model, "w_max"), value(model, "q")) {
+            // Elements that rise along an exponential give (2.20) with Q = 8 q_0.
+            (maximum, way / 8.0)
+        } else {
             let total = total(model);
             let rise = |e: &[f64; 2]| 0.5 * e[0] * e[1] / total;
             (total, model.elements.iter().map(rise).sum())
-        }
-    };
+        };
     let compliance = value(model, "compliance").filter(|c| *c > 0.0 && first.torque == "N m");
     let good = |v: f64| v.is_finite() && v > 0.0;
     (good(maximum) && good(presliding)).then(|| Winds {

@@ -10,7 +10,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
-pub fn measured(path: &str) -> Option<PathBuf> {
+pub(crate) fn measured(path: &str) -> Option<PathBuf> {
     let file = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../../../shared/data")
         .join(path);
@@ -21,7 +21,7 @@ pub fn measured(path: &str) -> Option<PathBuf> {
     None
 }
 
-pub fn pigtail(folder: &Path, arguments: &[&str]) -> (Option<i32>, String, String) {
+pub(crate) fn pigtail(folder: &Path, arguments: &[&str]) -> (Option<i32>, String, String) {
     let output = Command::new(env!("CARGO_BIN_EXE_pigtail"))
         .current_dir(folder)
         .args(arguments)
@@ -36,7 +36,7 @@ pub fn pigtail(folder: &Path, arguments: &[&str]) -> (Option<i32>, String, Strin
 }
 
 /// The JSON of a command, and its exit code.
-pub fn answer(folder: &Path, arguments: &[&str]) -> (Value, i32) {
+pub(crate) fn answer(folder: &Path, arguments: &[&str]) -> (Value, i32) {
     let mut all = arguments.to_vec();
     all.push("--json");
     let (code, out, error) = pigtail(folder, &all);
@@ -44,26 +44,26 @@ pub fn answer(folder: &Path, arguments: &[&str]) -> (Value, i32) {
     (json, code.expect("it ends by itself"))
 }
 
-pub fn value(json: &Value, name: &str) -> Option<f64> {
+pub(crate) fn value(json: &Value, name: &str) -> Option<f64> {
     json["parameters"][name]["value"].as_f64()
 }
 
-pub fn number(json: &Value, key: &str) -> f64 {
+pub(crate) fn number(json: &Value, key: &str) -> f64 {
     json[key]
         .as_f64()
         .unwrap_or_else(|| panic!("no {key} in {json}"))
 }
 
-pub fn near(a: f64, b: f64, percent: f64) {
+pub(crate) fn near(a: f64, b: f64, percent: f64) {
     assert!((a - b).abs() <= 0.01 * percent * b.abs(), "{a} for {b}");
 }
 
 /// A normal number, nearly.
-pub fn normal(rng: &mut rand_pcg::Pcg64Mcg) -> f64 {
+pub(crate) fn normal(rng: &mut rand_pcg::Pcg64Mcg) -> f64 {
     (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0
 }
 
-pub fn csv(header: &str, rows: impl IntoIterator<Item = Vec<f64>>) -> String {
+pub(crate) fn csv(header: &str, rows: impl IntoIterator<Item = Vec<f64>>) -> String {
     let mut text = format!("{header}\n");
     for row in rows {
         let fields: Vec<String> = row.iter().map(|v| format!("{v:.9}")).collect();
@@ -74,7 +74,7 @@ pub fn csv(header: &str, rows: impl IntoIterator<Item = Vec<f64>>) -> String {
 
 /// A turning axis whose truth is known, under a cascade, at 2 kHz: inertia 0.02 kg m^2, friction
 /// 0.15 N m s/rad and 0.4 N m forward, 0.25 N m s/rad and 0.5 N m backward.
-pub fn turning(seed: u64, reference: impl Fn(f64) -> f64) -> Vec<Vec<f64>> {
+pub(crate) fn turning(seed: u64, reference: impl Fn(f64) -> f64) -> Vec<Vec<f64>> {
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(seed);
     let (h, inner) = (5e-4, 10);
     let (mut q, mut v, mut last) = (0.0_f64, 0.0_f64, 0.0);
@@ -106,18 +106,18 @@ pub fn turning(seed: u64, reference: impl Fn(f64) -> f64) -> Vec<Vec<f64>> {
         .collect()
 }
 
-pub fn swinging(t: f64) -> f64 {
+pub(crate) fn swinging(t: f64) -> f64 {
     0.8 * (2.0 * t).sin() + 0.3 * (7.3 * t).sin() + 0.05 * (19.0 * t).sin()
 }
 
-pub const TURNING: &str = "t_s,r_deg,q_deg,u_V";
+pub(crate) const TURNING: &str = "t_s,r_deg,q_deg,u_V";
 
 /// What is done to the rows of a record, and what a verdict must then say.
-pub type Rows = Vec<Vec<f64>>;
+pub(crate) type Rows = Vec<Vec<f64>>;
 
-pub type Spoil = fn(&mut Rows);
+pub(crate) type Spoil = fn(&mut Rows);
 
-pub type Case = (
+pub(crate) type Case = (
     &'static str,
     Rows,
     Spoil,
@@ -125,7 +125,7 @@ pub type Case = (
     &'static str,
 );
 
-pub fn identify_turning(record: &str, extra: &[&str]) -> (Value, i32) {
+pub(crate) fn identify_turning(record: &str, extra: &[&str]) -> (Value, i32) {
     let folder = TempDir::new().expect("a folder");
     fs::write(folder.path().join("r.csv"), record).expect("a file");
     let mut arguments = vec![
@@ -147,20 +147,20 @@ pub fn identify_turning(record: &str, extra: &[&str]) -> (Value, i32) {
 }
 
 /// A carriage on a line whose truth is known.
-pub struct Sled {
+pub(crate) struct Sled {
     /// kg
-    pub inertia: f64,
+    pub(crate) inertia: f64,
     /// N s/m
-    pub viscous: f64,
+    pub(crate) viscous: f64,
     /// N
-    pub coulomb: f64,
+    pub(crate) coulomb: f64,
     /// N/V
-    pub gain: f64,
+    pub(crate) gain: f64,
     /// m, m/s
-    pub state: (f64, f64),
+    pub(crate) state: (f64, f64),
 }
 
-pub const SLED: Sled = Sled {
+pub(crate) const SLED: Sled = Sled {
     inertia: 3.0,
     viscous: 25.0,
     coulomb: 4.0,
@@ -170,7 +170,7 @@ pub const SLED: Sled = Sled {
 
 impl Sled {
     /// Under a held voltage, in small steps.
-    pub fn advance(&mut self, voltage: f64, duration: f64) {
+    pub(crate) fn advance(&mut self, voltage: f64, duration: f64) {
         const STEPS: u32 = 16;
         let h = duration / f64::from(STEPS);
         let (mut q, mut v) = self.state;
@@ -190,10 +190,10 @@ impl Sled {
     }
 }
 
-pub const SLIDING: &str = "t_s,r_mm,q_mm,u_V";
+pub(crate) const SLIDING: &str = "t_s,r_mm,q_mm,u_V";
 
 /// The sled under a cascade at 2 kHz, its position read with a noise of 30 nm.
-pub fn sliding(seed: u64) -> Vec<Vec<f64>> {
+pub(crate) fn sliding(seed: u64) -> Vec<Vec<f64>> {
     let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(seed);
     let mut sled = SLED;
     let (h, mut last) = (5e-4, 0.0);
@@ -211,7 +211,12 @@ pub fn sliding(seed: u64) -> Vec<Vec<f64>> {
 }
 
 /// Identifies a servo from a record in a folder; the folder of the run, which must have come to its end.
-pub fn fragment_of(folder: &Path, header: &str, rows: Vec<Vec<f64>>, extra: &[&str]) -> String {
+pub(crate) fn fragment_of(
+    folder: &Path,
+    header: &str,
+    rows: Vec<Vec<f64>>,
+    extra: &[&str],
+) -> String {
     fs::write(folder.join("own.csv"), csv(header, rows)).expect("a file");
     let columns: Vec<&str> = header.split(',').collect();
     let mut arguments = vec!["identify", "servo", "--data", "own.csv"];

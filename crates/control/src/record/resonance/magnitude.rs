@@ -10,7 +10,7 @@
 //! whose poles are the same (H. W. Bode, *Network Analysis and Feedback Amplifier Design*, 1945). Modes are
 //! looked for in it, and settle on the logarithm of the magnitude, in which that phase has no part.
 
-use super::{Found, Identified, Record, modes_of, search, told_modes};
+use super::{Identified, Record, WORTH, modes_of, search, told_modes};
 use crate::record::curve::{minimise, uncertainty};
 use crate::record::regression::least_squares;
 use crate::record::{Parameter, Unknown};
@@ -165,6 +165,48 @@ impl Logarithms<'_> {
     }
 }
 
+/// Modes settled on a record's logarithms, from those of `coded`.
+fn fit<'a>(record: &'a Record, coded: &[f64]) -> Option<(Logarithms<'a>, Vec<f64>)> {
+    let (own, start) = Logarithms::of(record, coded)?;
+    let (all, _) = minimise(|c| own.left(c), &start)?;
+    Some((own, all))
+}
+
+/// Relative error at every second point of modes settled on the others, per cent.
+fn held_back(record: &Record, coded: &[f64]) -> Option<f64> {
+    let (even, odd) = (record.points(0, 2), record.points(1, 2));
+    let (fitted, all) = fit(&even, coded)?;
+    let judge = Logarithms {
+        record: &odd,
+        ..fitted
+    };
+    Some(judge.error(&all)).filter(|e| e.is_finite())
+}
+
+/// Without the modes that only the noise of the made phase asked for: those that the points held back do
+/// not miss. And the error there.
+fn pruned(record: &Record, mut coded: Vec<f64>) -> Option<(Vec<f64>, f64)> {
+    let mut error = held_back(record, &coded).unwrap_or(f64::INFINITY);
+    while coded.len() > 3 {
+        let without = |k: usize| {
+            let mut fewer = coded.clone();
+            fewer.drain(2 * k..2 * k + 2);
+            fewer
+        };
+        let best = (0..(coded.len() - 1) / 2)
+            .filter_map(|k| Some((held_back(record, &without(k))?, k)))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        match best {
+            Some((found, k)) if found <= (1.0 + WORTH) * error => {
+                coded = without(k);
+                error = error.min(found);
+            }
+            _ => break,
+        }
+    }
+    error.is_finite().then_some((coded, error))
+}
+
 /// Identifies modes; the delay is not known.
 ///
 /// # Errors
@@ -173,25 +215,13 @@ impl Logarithms<'_> {
 pub(super) fn identify(record: &Record) -> Result<Identified, Unknown> {
     let phased = least_phase(record);
     let found = search(&phased);
-    let modes = modes_of(&found)?;
-    let Found { coded, .. } = found;
+    modes_of(&found)?;
     let failed = || Unknown::all("the fit to all of its points failed");
-    let fit = |part: &Record| -> Option<Vec<f64>> {
-        let (own, start) = Logarithms::of(part, &coded)?;
-        minimise(|c| own.left(c), &start).map(|(all, _)| all)
-    };
-    let all = fit(&phased).ok_or_else(failed)?;
-    let (own, _) = Logarithms::of(&phased, &coded).ok_or_else(failed)?;
+    let (coded, held_back) = pruned(&phased, found.coded).ok_or_else(failed)?;
+    let modes = (coded.len() - 1) / 2;
+    let (own, all) = fit(&phased, &coded).ok_or_else(failed)?;
     let depend = || Unknown::all("its modes depend on each other");
     let solution = uncertainty(|c| own.left(c), &all).ok_or_else(depend)?;
-    let (even, odd) = (phased.points(0, 2), phased.points(1, 2));
-    let half = fit(&even).ok_or_else(failed)?;
-    let (fitted, _) = Logarithms::of(&even, &coded).ok_or_else(failed)?;
-    let held_back = Logarithms {
-        record: &odd,
-        ..fitted
-    }
-    .error(&half);
     let (parameters, mut unknown) = told_modes(&phased, &all, modes, &solution);
     unknown.push(Unknown {
         parameters: vec!["delay"],

@@ -74,6 +74,13 @@ pub(super) fn whole(
         against_reference(record, &position, &column(REFERENCE))?;
     }
     saturation(&volts, remarks)?;
+    if !record.has_reference {
+        remarks.push(format!(
+            "no reference: a motion faster than {} Hz that sampling folded onto a slow one cannot be told from \
+             the slow one",
+            0.5 / period
+        ));
+    }
     aliasing(record, set)
 }
 
@@ -445,6 +452,43 @@ fn noise(record: &Record, set: &Settings) -> Noise {
         velocity: white * gain(&velocity),
         acceleration: white * gain(&acceleration),
     }
+}
+
+/// Voltage and position are of one moment, nearly; a remark where the record shows how far apart they are.
+pub(super) fn together(
+    variants: &[super::Variant],
+    period: f64,
+    remarks: &mut Vec<String>,
+) -> Result<(), Unknown> {
+    let of = |method: Method| {
+        let mine = |v: &&super::Variant| v.method == method && v.friction == Friction::Symmetric;
+        variants.iter().find(mine)
+    };
+    let (Some(ordinary), Some(delayed)) = (of(Method::LeastSquares), of(Method::Delayed)) else {
+        return Ok(());
+    };
+    let found = delayed.parameters.last().and_then(|p| p.known);
+    let better = super::LATE * ordinary.relative_error_percent;
+    let Some(found) =
+        found.filter(|k| k.value.abs() > 5.0 * k.std && delayed.relative_error_percent < better)
+    else {
+        return Ok(());
+    };
+    let samples = found.value / period;
+    if samples.abs() > super::LATEST {
+        return Err(Unknown::all(format!(
+            "its voltage and its position are not of the same moments: with the voltage {samples:.0} samples later \
+             it is told better"
+        )));
+    }
+    if samples.abs() > 1.5 {
+        remarks.push(format!(
+            "the voltage acts {:.2e} s ({samples:.1} samples) after its sample: what is found without a delay is \
+             less sure by it, --method delayed takes it into account",
+            found.value
+        ));
+    }
+    Ok(())
 }
 
 /// Parameters whose uncertainty is worth as much as a good part of the force.

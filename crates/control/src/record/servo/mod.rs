@@ -262,6 +262,9 @@ const SLOW: f64 = 0.1;
 /// Fewest equations.
 const LEAST_EQUATIONS: usize = 60;
 
+/// Delay of the voltage beyond which it is no delay, but columns of other moments, samples.
+const LATEST: f64 = 10.0;
+
 /// Relative error beyond which a model explains nothing, per cent.
 const UNEXPLAINED: f64 = 50.0;
 
@@ -419,6 +422,7 @@ pub fn identify(
         )));
     }
     check::uncertain(first, &columns, &mut unknown);
+    check::together(&variants, record.even.period, &mut remarks)?;
     let hidden = unknown.clone();
     for variant in &mut variants {
         for parameter in &mut variant.parameters {
@@ -505,10 +509,11 @@ fn variants(
                 }
             }
         };
-        let late = solve(Method::Delayed, 0..columns.force.len()).is_some_and(|s| {
-            let delay = s.values.last().zip(s.std.last());
-            let sure = delay.is_some_and(|(value, std)| *value > 5.0 * std);
-            sure && s.relative_error_percent < LATE * ordinary.relative_error_percent
+        let late = solve(Method::Delayed, 0..columns.force.len()).and_then(|s| {
+            let (samples, std) = s.values.last().zip(s.std.last())?;
+            let sure = samples.abs() > 5.0 * std;
+            let better = s.relative_error_percent < LATE * ordinary.relative_error_percent;
+            (sure && better).then_some(*samples)
         });
         for method in Method::ALL {
             let n = columns.force.len();
@@ -516,16 +521,7 @@ fn variants(
                 continue;
             };
             if let Some(timing) = timing.as_ref().filter(|_| method != Method::Delayed) {
-                let changes = timing.iter().zip(&ordinary.values).map(|(a, b)| a - b);
-                for (j, change) in changes.enumerate() {
-                    // Anywhere within a sample after the moment that was taken.
-                    let by = change / 3f64.sqrt();
-                    let correlated = &mut solution.std_correlated[j];
-                    *correlated = correlated.hypot(by);
-                    if late {
-                        solution.std[j] = solution.std[j].hypot(by);
-                    }
-                }
+                widen(&mut solution, timing, &ordinary.values, late);
             }
             let period = record.even.period;
             let mut found = variant(friction, method, &solution, period, unknown);
@@ -558,6 +554,21 @@ fn variants(
         }
     }
     variants
+}
+
+/// A voltage acts anywhere within a sample after the moment that was taken: by how much parameters are less sure
+/// for it, those of a sample later being `later`. Where the record shows by how many samples it is `late`,
+/// that is by how far they may be off.
+fn widen(solution: &mut Solution, later: &[f64], values: &[f64], late: Option<f64>) {
+    let samples = late.map_or(0.0, f64::abs).max(1.0 / 3f64.sqrt());
+    for (j, (later, value)) in later.iter().zip(values).enumerate() {
+        let by = samples * (later - value);
+        let correlated = &mut solution.std_correlated[j];
+        *correlated = correlated.hypot(by);
+        if late.is_some() {
+            solution.std[j] = solution.std[j].hypot(by);
+        }
+    }
 }
 
 fn variant(

@@ -16,6 +16,8 @@ pub struct Motion {
     pub voltage: f64,
     /// Noise of a position, standard deviation, m or rad.
     pub noise: f64,
+    /// Up to what frequency its position was kept, hertz.
+    pub bandwidth: f64,
 }
 
 impl Motion {
@@ -34,6 +36,7 @@ impl Motion {
             acceleration: quantile(&accelerations, 0.99),
             voltage: all(VOLTAGE).fold(0.0, |m: f64, u| m.max(u.abs())),
             noise: check::white(record, set),
+            bandwidth: set.cutoff(record.even.period),
         }
     }
 }

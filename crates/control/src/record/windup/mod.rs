@@ -17,7 +17,6 @@ mod signals;
 use check::{check, excitation};
 use signals::Signals;
 
-use super::regression::{Solution, least_squares, matrix};
 use super::signal::rms;
 use super::timeline::Even;
 use super::{Account, Known, Parameter, Unknown};
@@ -320,13 +319,23 @@ fn fit(
         (squares / n as f64).sqrt()
     };
     let names = signals.columns(parts, way);
+    // With the way unknown too the rest is less sure.
+    let sure = parts
+        .reversal
+        .then(|| signals.uncertainty(parts, way, &whole))
+        .flatten();
+    let stds = |j: usize| {
+        let s = sure.as_ref().unwrap_or(&whole);
+        (s.std[j], s.std_correlated[j])
+    };
     let mut parameters = Vec::new();
     let mut elements = Vec::new();
     for (j, (name, _)) in names.iter().enumerate() {
+        let (std, std_correlated) = stds(j);
         let known = Known {
             value: whole.values[j] + if *name == "time_skew" { skew } else { 0.0 },
-            std: whole.std[j],
-            std_correlated: whole.std_correlated[j],
+            std,
+            std_correlated,
         };
         if *name == "element" {
             let way = WAYS[elements.len()] * signals.range;
@@ -336,7 +345,17 @@ fn fit(
         }
     }
     if parts.reversal {
-        parameters.push(("q", way_of(signals, parts, way, &whole)));
+        let (std, std_correlated) = if sure.is_some() {
+            stds(names.len())
+        } else {
+            (f64::INFINITY, f64::INFINITY)
+        };
+        let known = Known {
+            value: way,
+            std,
+            std_correlated,
+        };
+        parameters.push(("q", known));
     }
     Some(Fitted {
         name,
@@ -349,36 +368,6 @@ fn fit(
         values: whole.values,
         way,
     })
-}
-
-/// `Q` refined, with its standard deviation from how what is left changes with it.
-fn way_of(signals: &Signals, parts: Parts, way: f64, whole: &Solution) -> Known {
-    let n = signals.time.len();
-    let all: Vec<usize> = (0..n).collect();
-    let step = 0.05;
-    let told = |way: f64| -> Vec<f64> {
-        signals
-            .fit(parts, way, &all)
-            .map_or_else(|| vec![0.0; n], |s| s.left)
-    };
-    let (more, less) = (told(way * (1.0 + step)), told(way * (1.0 - step)));
-    let slope: Vec<f64> = more
-        .iter()
-        .zip(&less)
-        .map(|(a, b)| -(a - b) / (2.0 * step * way))
-        .collect();
-    least_squares(&matrix(&[&slope]), &whole.left).map_or(
-        Known {
-            value: way,
-            std: f64::INFINITY,
-            std_correlated: f64::INFINITY,
-        },
-        |s| Known {
-            value: way,
-            std: s.std[0],
-            std_correlated: s.std_correlated[0],
-        },
-    )
 }
 
 #[cfg(test)]
