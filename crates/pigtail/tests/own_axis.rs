@@ -4,7 +4,7 @@ mod made;
 
 use made::{
     SLED, SLIDING, TURNING, answer, csv, fragment_of, near, number, pigtail, sliding, swinging,
-    turning, value,
+    turning,
 };
 use pigtail_control::calibration::Calibration;
 use pigtail_control::characterize::{Trace, step_response};

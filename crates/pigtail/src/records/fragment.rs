@@ -233,12 +233,22 @@ impl Fragment {
         ))
     }
 
-    /// Reads a fragment.
+    /// Where a fragment is: its file, or that in the folder of its run.
+    pub fn file(path: &Path) -> PathBuf {
+        if path.is_dir() {
+            path.join("plant.toml")
+        } else {
+            path.to_owned()
+        }
+    }
+
+    /// Reads a fragment, from its file or the folder of its run.
     ///
     /// # Errors
     ///
     /// When the file cannot be read, or a key is missing, unknown or out of range.
     pub fn read(path: &Path) -> Result<Self, Error> {
+        let path = &Self::file(path);
         let file = path.display().to_string();
         let text = std::fs::read_to_string(path)
             .map_err(|error| Error::new(&file, "", format!("cannot be read: {error}")))?;

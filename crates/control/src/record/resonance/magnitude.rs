@@ -10,7 +10,7 @@
 //! whose poles are the same (H. W. Bode, *Network Analysis and Feedback Amplifier Design*, 1945). Modes are
 //! looked for in it, and settle on the logarithm of the magnitude, in which that phase has no part.
 
-use super::{Identified, Record, WORTH, modes_of, search, told_modes};
+use super::{Identified, Record, modes_of, pruned, search, told_modes};
 use crate::record::curve::{minimise, uncertainty};
 use crate::record::regression::least_squares;
 use crate::record::{Parameter, Unknown};
@@ -183,30 +183,6 @@ fn held_back(record: &Record, coded: &[f64]) -> Option<f64> {
     Some(judge.error(&all)).filter(|e| e.is_finite())
 }
 
-/// Without the modes that only the noise of the made phase asked for: those that the points held back do
-/// not miss. And the error there.
-fn pruned(record: &Record, mut coded: Vec<f64>) -> Option<(Vec<f64>, f64)> {
-    let mut error = held_back(record, &coded).unwrap_or(f64::INFINITY);
-    while coded.len() > 3 {
-        let without = |k: usize| {
-            let mut fewer = coded.clone();
-            fewer.drain(2 * k..2 * k + 2);
-            fewer
-        };
-        let best = (0..(coded.len() - 1) / 2)
-            .filter_map(|k| Some((held_back(record, &without(k))?, k)))
-            .min_by(|a, b| a.0.total_cmp(&b.0));
-        match best {
-            Some((found, k)) if found <= (1.0 + WORTH) * error => {
-                coded = without(k);
-                error = error.min(found);
-            }
-            _ => break,
-        }
-    }
-    error.is_finite().then_some((coded, error))
-}
-
 /// Identifies modes; the delay is not known.
 ///
 /// # Errors
@@ -217,7 +193,8 @@ pub(super) fn identify(record: &Record) -> Result<Identified, Unknown> {
     let found = search(&phased);
     modes_of(&found)?;
     let failed = || Unknown::all("the fit to all of its points failed");
-    let (coded, held_back) = pruned(&phased, found.coded).ok_or_else(failed)?;
+    let (coded, held_back) =
+        pruned(found.coded, |coded| held_back(&phased, coded)).ok_or_else(failed)?;
     let modes = (coded.len() - 1) / 2;
     let (own, all) = fit(&phased, &coded).ok_or_else(failed)?;
     let depend = || Unknown::all("its modes depend on each other");

@@ -40,6 +40,9 @@ const LEAST: usize = 20;
 /// More points are thinned.
 const MOST: usize = 1500;
 
+/// Points that are enough to see where modes are; they settle over all of them in the end.
+const ENOUGH: usize = 400;
+
 /// A mode must make the error on the points held back less by this share.
 const WORTH: f64 = 0.05;
 
@@ -340,8 +343,6 @@ fn search(record: &Record) -> Found {
 }
 
 fn search_from(record: &Record, delay: f64) -> Found {
-    // Enough to see where modes are; they settle over all points in the end.
-    const ENOUGH: usize = 400;
     let every = record.frequency.len().div_ceil(2 * ENOUGH);
     let (even, odd) = (record.points(0, 2 * every), record.points(every, 2 * every));
     let judged = |coded: &[f64]| {
@@ -365,6 +366,33 @@ fn search_from(record: &Record, delay: f64) -> Found {
         (coded, error) = (next, found);
     }
     Found { coded, error, none }
+}
+
+/// Without the modes that a search added on its way and the points held back do not miss; `held_back` is the
+/// error there. And that error.
+fn pruned(
+    mut coded: Vec<f64>,
+    held_back: impl Fn(&[f64]) -> Option<f64>,
+) -> Option<(Vec<f64>, f64)> {
+    let mut error = held_back(&coded).unwrap_or(f64::INFINITY);
+    while coded.len() > 3 {
+        let without = |k: usize| {
+            let mut fewer = coded.clone();
+            fewer.drain(2 * k..2 * k + 2);
+            fewer
+        };
+        let best = (0..(coded.len() - 1) / 2)
+            .filter_map(|k| Some((held_back(&without(k))?, k)))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        match best {
+            Some((found, k)) if found <= (1.0 + WORTH) * error => {
+                coded = without(k);
+                error = error.min(found);
+            }
+            _ => break,
+        }
+    }
+    error.is_finite().then_some((coded, error))
 }
 
 /// Frequency and damping of each mode in rising order, and what is not known of them.
@@ -430,8 +458,16 @@ pub fn identify(record: &Record) -> Result<Identified, Unknown> {
     } else {
         (record, plain)
     };
-    let modes = modes_of(&found)?;
-    let Found { coded, error, .. } = found;
+    modes_of(&found)?;
+    let every = record.frequency.len().div_ceil(2 * ENOUGH);
+    let (even, odd) = (record.points(0, 2 * every), record.points(every, 2 * every));
+    let (coded, error) = pruned(found.coded, |coded| {
+        let (settled, _) = minimise(|c| even.left(c), coded)?;
+        let (values, _) = even.linear(&settled)?;
+        Some(odd.error(&settled, &values)).filter(|e| e.is_finite())
+    })
+    .ok_or_else(|| Unknown::all("the fit to its points failed"))?;
+    let modes = (coded.len() - 1) / 2;
     let (coded, _) = minimise(|c| record.left(c), &coded)
         .ok_or_else(|| Unknown::all("the fit to all of its points failed"))?;
     let solution = uncertainty(|c| record.left(c), &coded)

@@ -136,19 +136,25 @@ impl Signals {
 
     /// What a model with memory tells along the way since each stretch's beginning.
     fn histories(&self, mut next: impl FnMut(f64, bool) -> f64) -> Vec<f64> {
-        let dead = self.dead;
         let mut begin = 0.0;
-        let mut held = 0.0;
+        let (mut forward, mut farthest) = (true, 0.0);
         (0..self.path.len())
             .map(|k| {
                 let begins = self.begins.binary_search(&k).is_ok();
                 if begins {
                     begin = self.path[k];
-                    held = 0.0;
+                    farthest = 0.0;
                 }
                 let q = self.path[k] - begin;
-                held = f64::clamp(held, q - dead, q + dead);
-                next(held, begins)
+                // It goes on, or has turned round for certain: the way back is then whole.
+                let back = if forward { farthest - q } else { q - farthest };
+                if back <= 0.0 {
+                    farthest = q;
+                } else if back > 2.0 * self.dead {
+                    forward = !forward;
+                    farthest = q;
+                }
+                next(farthest, begins)
             })
             .collect()
     }
