@@ -49,6 +49,9 @@ const STIFF: f64 = 200.0;
 /// Share of the viscous friction that is taken as the motor's back emf.
 const BACK_EMF: f64 = 0.1;
 
+/// Slowest motor that a datasheet may have, rad/s.
+const SLOWEST: f64 = 1.1;
+
 /// Finest encoder that is believed in, shares of the stroke.
 const FINEST: f64 = 1e-7;
 
@@ -122,7 +125,8 @@ impl Part {
             ("gear_ratio", toml::Value::from(1.0 / drive.ratio)),
             ("counts_per_turn", toml::Value::from(i64::from(counts))),
             ("voltage", text(limit, "V")),
-            ("speed", text(motion.speed / way, "rad/s")),
+            // The record's motion may be slow: what bounds the axis is its own speed, not the motor's.
+            ("speed", text((motion.speed / way).max(SLOWEST), "rad/s")),
             ("start", text((1.5 * hold).min(limit), "V")),
         ]);
         let [kp, ki, kd] = gains(axis, motion, count, limit);

@@ -477,8 +477,10 @@ pub(super) fn together(
     let samples = found.value / period;
     if samples.abs() > super::LATEST {
         return Err(Unknown::all(format!(
-            "its voltage and its position are not of the same moments: with the voltage {samples:.0} samples later \
-             it is told better"
+            "its voltage and its position are not of the same moments: with the voltage {:.0} samples {} it is told \
+             better",
+            samples.abs(),
+            if samples > 0.0 { "later" } else { "earlier" }
         )));
     }
     if samples.abs() > 1.5 {

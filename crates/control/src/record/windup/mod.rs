@@ -176,6 +176,9 @@ pub struct Identified {
 /// By how much a model's error may lie above the least, for a simpler one is preferred.
 const AS_GOOD: f64 = 1.02;
 
+/// Most often that all models are fitted, each time with a better skew.
+const ROUNDS: usize = 3;
+
 /// Identifies a transmission; `second` is another record of it that says which model generalises.
 ///
 /// # Errors
@@ -213,21 +216,8 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
             "its channels would be {skew:.3} s apart: they are not of one motion"
         )));
     }
-    let signals = Signals::new(record, skew);
-    let second = second.map(|r| Signals::new(r, skew));
-    let mut models = Vec::new();
-    for (name, parts) in MODELS {
-        if let Some(fitted) = fit(name, parts, &signals, second.as_ref(), skew, &all) {
-            models.push(fitted);
-        }
-    }
-    let least = models
-        .iter()
-        .map(|m| m.held_back)
-        .fold(f64::INFINITY, f64::min);
-    let Some(best) = models.iter().position(|m| m.held_back <= AS_GOOD * least) else {
-        return Err(Unknown::all("no model could be fitted to it"));
-    };
+    let bound = if blind { 0.0 } else { most };
+    let (signals, models, best) = all_models(record, second, &mut skew, bound)?;
     let chosen = &models[best];
     remarks.push(
         "a windup that goes with the speed, as by viscous friction, cannot be told from the time skew".to_owned(),
@@ -284,6 +274,45 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
         remarks,
         account,
     })
+}
+
+/// All models, the best of them, and the signals with its skew taken out, which is refined below `bound`.
+///
+/// What winds up goes with the velocity too, and what a shift leaves is a share of the load's velocity, not
+/// of the motor's: so the skew comes again from the model that tells best, until nothing is left of it.
+fn all_models(
+    record: &Record,
+    second: Option<&Record>,
+    skew: &mut f64,
+    bound: f64,
+) -> Result<(Signals, Vec<Fitted>, usize), Unknown> {
+    let mut round = 0;
+    loop {
+        let signals = Signals::new(record, *skew);
+        let all: Vec<usize> = (0..signals.time.len()).collect();
+        let other = second.map(|r| Signals::new(r, *skew));
+        let models: Vec<Fitted> = MODELS
+            .into_iter()
+            .filter_map(|(name, parts)| fit(name, parts, &signals, other.as_ref(), *skew, &all))
+            .collect();
+        let least = models
+            .iter()
+            .map(|m| m.held_back)
+            .fold(f64::INFINITY, f64::min);
+        let Some(best) = models.iter().position(|m| m.held_back <= AS_GOOD * least) else {
+            return Err(Unknown::all("no model could be fitted to it"));
+        };
+        let told = models[best].parameters.iter().find(|p| p.0 == "time_skew");
+        round += 1;
+        match told.filter(|_| round < ROUNDS) {
+            Some((_, known))
+                if (known.value - *skew).abs() > 0.5 * known.std && known.value.abs() < bound =>
+            {
+                *skew = known.value;
+            }
+            _ => return Ok((signals, models, best)),
+        }
+    }
 }
 
 impl Identified {

@@ -51,7 +51,7 @@ impl Signals {
                 continue;
             }
             signals.begins.push(signals.time.len());
-            let smooth = filter.both_ways(motor);
+            let smooth = settled(&filter, motor);
             let velocity = derivative(&smooth, period);
             signals.acceleration.extend(derivative(&velocity, period));
             signals.velocity.extend(velocity);
@@ -62,7 +62,7 @@ impl Signals {
                 signals.windup.push(m - at(load, k as f64 + skew / period));
             }
             if let Some(torque) = &mut signals.torque {
-                torque.extend(filter.both_ways(&stretch.columns[TORQUE]));
+                torque.extend(settled(&filter, &stretch.columns[TORQUE]));
             }
         }
         // Of white noise the filter leaves at most as much as it takes.
@@ -262,6 +262,19 @@ impl Signals {
         columns.push(&slope);
         least_squares(&matrix(&columns), &whole.left)
     }
+}
+
+/// A column filtered both ways, turned over at its ends for so long that the filter has settled where it begins:
+/// one that has not makes motions of its own, which wind up.
+fn settled(filter: &Lowpass, column: &[f64]) -> Vec<f64> {
+    const LONG: usize = 200;
+    let n = column.len();
+    let long = LONG.min(n - 1);
+    let (first, last) = (column[0], column[n - 1]);
+    let before = (1..=long).rev().map(|k| 2.0 * first - column[k]);
+    let behind = (1..=long).map(|k| 2.0 * last - column[n - 1 - k]);
+    let whole: Vec<f64> = before.chain(column.iter().copied()).chain(behind).collect();
+    filter.both_ways(&whole)[long..long + n].to_vec()
 }
 
 /// A column between its samples, by the cubic through four of them.
