@@ -144,6 +144,12 @@ impl Setup {
                 .transpose(),
             Wanted::Recipe => recipe_file(recipe).map(Some),
         })
+        .map_err(|mut error| {
+            if error.key.ends_with("speed") {
+                error.message += "; an axis of your own goes no faster than its record shows it";
+            }
+            error
+        })
     }
 
     fn read(

@@ -28,8 +28,8 @@ fn fragment(kind: Kind) -> String {
     };
     let motion = MotionTable {
         stroke: 0.02,
-        speed: 0.05,
-        acceleration: 0.6,
+        speed: 0.5,
+        acceleration: 6.0,
         voltage: 2.0,
         noise: 3e-8,
         bandwidth: 100.0,

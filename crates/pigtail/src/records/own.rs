@@ -174,9 +174,9 @@ impl Own {
             };
             match &piece.what {
                 What::Axis(fragment) => {
-                    rig.axis(&piece.file, fragment, &spec, &belief)?;
+                    rig.axis(&piece.file, fragment)?;
                     if !bench {
-                        rig.machine.remove("probe");
+                        rig.at_work(fragment, &spec, &belief);
                     }
                 }
                 What::Friction(slides) => {
@@ -349,15 +349,8 @@ struct Rig {
 }
 
 impl Rig {
-    /// An axis in place of the rig's: its plant and its drive; how fast the machine moves it is bounded by
-    /// what the record saw, for nobody knows more of it; its gains, and nothing that was learnt of the other.
-    fn axis(
-        &mut self,
-        file: &str,
-        fragment: &Fragment,
-        spec: &Spec,
-        belief: &Calibration,
-    ) -> Result<(), Error> {
+    /// An axis in place of the rig's: its plant, its drive, its gains, and nothing that was learnt of the other.
+    fn axis(&mut self, file: &str, fragment: &Fragment) -> Result<(), Error> {
         let axis = axis_of(fragment.axis.kind);
         let plant = match axis {
             Axis::Z => &fragment.z_stage,
@@ -376,7 +369,29 @@ impl Rig {
             .calibration
             .as_ref()
             .ok_or_else(|| missing("calibration"))?;
-        let motion = fragment.motion.as_ref().ok_or_else(|| missing("motion"))?;
+        merge(
+            self.plant.as_table_mut(),
+            stage(axis),
+            &plant.clone().into(),
+        );
+        for (key, table) in machine {
+            merge(self.machine.as_table_mut(), key, table);
+        }
+        for (key, table) in calibration {
+            merge(self.calibration.as_table_mut(), key, table);
+        }
+        self.forget(axis);
+        Ok(())
+    }
+
+    /// An axis that is to work: no faster than its record shows it, for nobody knows more of it, and without
+    /// a probe of its output.
+    fn at_work(&mut self, fragment: &Fragment, spec: &Spec, belief: &Calibration) {
+        self.machine.remove("probe");
+        let axis = axis_of(fragment.axis.kind);
+        let Some(motion) = &fragment.motion else {
+            return;
+        };
         // Of the endpoint, which a link carries around its joint.
         let (arm, speed, acceleration) = match axis {
             Axis::Z => (1.0, spec.z_stage.speed, spec.z_stage.acceleration),
@@ -386,28 +401,19 @@ impl Rig {
                 spec.five_bar.acceleration,
             ),
         };
-        let seen = [0.9 * arm * motion.speed, arm * motion.acceleration];
-        merge(
-            self.plant.as_table_mut(),
-            stage(axis),
-            &plant.clone().into(),
-        );
-        for (key, table) in machine {
-            merge(self.machine.as_table_mut(), key, table);
-        }
         for (key, allowed, seen, unit) in [
-            ("speed", speed, seen[0], "m/s"),
-            ("acceleration", acceleration, seen[1], "m/s2"),
+            ("speed", speed, 0.9 * arm * motion.speed, "m/s"),
+            (
+                "acceleration",
+                acceleration,
+                arm * motion.acceleration,
+                "m/s2",
+            ),
         ] {
             if seen < allowed {
                 self.machine[stage(axis)][key] = value(format!("{seen:.6e} {unit}"));
             }
         }
-        for (key, table) in calibration {
-            merge(self.calibration.as_table_mut(), key, table);
-        }
-        self.forget(axis);
-        Ok(())
     }
 
     /// What was measured of another axis than the one that is there now.
