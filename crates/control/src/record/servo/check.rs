@@ -258,7 +258,7 @@ fn voltage_aliasing(record: &Record, set: &Settings) -> Result<(), Unknown> {
     let share = high / f64::max(all, f64::MIN_POSITIVE);
     if share > TOO_HIGH {
         return Err(Unknown::all(format!(
-            "{:.0} % of the voltage's power lies above half of the Nyquist frequency: aliased",
+            "{:.0} % of the voltage's power lies above half of the Nyquist frequency: aliased, or noise",
             100.0 * share
         )));
     }
