@@ -28,7 +28,7 @@ fn bode(u: f64) -> f64 {
         if v == 0.0 {
             0.0
         } else {
-            v * (1.0 - (0.5 * v).ln()) + v.powi(3) / 36.0 - v.powi(5) * 7.0 / 14_400.0
+            v * (1.0 - (0.5 * v).ln()) + v.powi(3) / 36.0 - v.powi(5) * 7.0 / 7200.0
         }
     } else {
         // ln coth (v/2) = 2 sum over odd n of exp(-n v) / n.

@@ -10,7 +10,7 @@
 //! by which a mode is not of proportional damping, are there only where they tell those better too: they
 //! pass for a delay.
 //!
-//! Where there is no phase, [`magnitude`] makes one.
+//! Where there is no phase, the least one that goes with the magnitude is taken (`magnitude.rs`).
 
 mod magnitude;
 
