@@ -50,6 +50,31 @@ pub struct Case {
     pub largest_residual_um: Option<f64>,
 }
 
+impl Document {
+    /// Which law of load friction gives the curve (2.20) that the thesis measured, and which the straight
+    /// transition of its model, by what (2.20) leaves of each as a share of `W_max`. `None` where nothing
+    /// winds up.
+    pub fn laws(&self) -> Option<String> {
+        let mut shares: Vec<(&str, f64)> = self
+            .cases
+            .iter()
+            .filter(|c| c.figure == "2.14, 2.15")
+            .filter_map(|c| Some((c.name.as_str(), 100.0 * c.residual_um? / c.w_max_um?)))
+            .filter(|(_, share)| share.is_finite())
+            .collect();
+        shares.sort_by(|a, b| a.1.total_cmp(&b.1));
+        let (nearest, _) = shares.first()?;
+        let each: Vec<String> = shares
+            .iter()
+            .map(|(name, share)| format!("{share:.1} % of W_max under {name}"))
+            .collect();
+        Some(format!(
+            "Nearest the curve (2.20) of Figs. 2.8 and 2.14 comes {nearest}: it leaves {}",
+            each.join(", ")
+        ))
+    }
+}
+
 /// A machine's loop.
 #[derive(Debug, Clone)]
 pub struct Loop {

@@ -1,6 +1,7 @@
 //! Finding and loading a rig and a recipe, with the hash of everything that was read.
 
 use crate::faults::Faults;
+use crate::records::own::Own;
 use pigtail_control::calibration::Calibration;
 use pigtail_control::recipe::Recipe;
 use pigtail_hal::{Axis, Error, Spec};
@@ -22,6 +23,9 @@ const DEFAULT_RIG: [(&str, &str); 3] = [
         include_str!("../../../rigs/afpm/calibration.toml"),
     ),
 ];
+
+/// The files of a rig.
+pub const FILES: [&str; 3] = [DEFAULT_RIG[0].0, DEFAULT_RIG[1].0, DEFAULT_RIG[2].0];
 
 /// The name of the default rig.
 pub const DEFAULT_RIG_NAME: &str = "afpm";
@@ -122,6 +126,32 @@ impl Setup {
         })
     }
 
+    /// Loads a rig with axes of a person's own in place of the rig's. Its calibration is then nobody's file.
+    /// On a `bench` the axes are measured by the rig's probes; at work they have none.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::load`]; and where the axes and the rig make no machine together.
+    pub fn load_with(rig: &str, recipe: &str, own: &Own, bench: bool) -> Result<Self, Error> {
+        if own.is_empty() {
+            return Self::load(rig, recipe);
+        }
+        let files = rig_files(rig, own, bench)?;
+        Self::read(rig, recipe, |wanted| match wanted {
+            Wanted::Rig(index) => Ok(Some(files[index].clone())),
+            Wanted::Weights(file) => rig_folder(rig)
+                .map(|folder| read_file(&folder.join(file)))
+                .transpose(),
+            Wanted::Recipe => recipe_file(recipe).map(Some),
+        })
+        .map_err(|mut error| {
+            if error.key.ends_with("speed") {
+                error.message += "; an axis of your own goes no faster than its record shows it";
+            }
+            error
+        })
+    }
+
     fn read(
         rig: &str,
         recipe: &str,
@@ -177,6 +207,19 @@ impl Setup {
                 .collect(),
             sources,
         })
+    }
+
+    /// The weights of models beside the calibration: names of files, and their texts.
+    pub fn weights(&self) -> impl Iterator<Item = (&str, &str)> {
+        let end = self.sources.len().saturating_sub(1);
+        self.sources
+            .get(3..end)
+            .unwrap_or_default()
+            .iter()
+            .map(|source| {
+                let name = Path::new(&source.name).file_name().and_then(|n| n.to_str());
+                (name.unwrap_or(&source.name), source.text.as_str())
+            })
     }
 
     /// Range of an axis in encoder counts.
@@ -263,6 +306,17 @@ fn rig_folder(rig: &str) -> Option<PathBuf> {
     [PathBuf::from(rig), PathBuf::from("rigs").join(rig)]
         .into_iter()
         .find(|path| path.is_dir())
+}
+
+/// The three files of a rig, with axes of a person's own.
+///
+/// # Errors
+///
+/// As [`Setup::load_with`].
+pub fn rig_files(rig: &str, own: &Own, bench: bool) -> Result<[Source; 3], Error> {
+    let mut files = [rig_file(rig, 0)?, rig_file(rig, 1)?, rig_file(rig, 2)?];
+    own.put(&mut files, bench)?;
+    Ok(files)
 }
 
 fn rig_file(rig: &str, index: usize) -> Result<Source, Error> {

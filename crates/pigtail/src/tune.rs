@@ -11,6 +11,7 @@ use pigtail_machines::Twin;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use serde::Serialize;
+use std::f64::consts::TAU;
 
 /// How gains are searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize)]
@@ -51,6 +52,22 @@ pub fn usual_step(axis: Axis) -> i64 {
         Axis::A | Axis::B => 400,
         Axis::Z => 1300,
     }
+}
+
+/// The same way in counts of the rig's own encoders: an encoder of another axis has others.
+pub fn step_of(setup: &Setup, axis: Axis) -> i64 {
+    let way = match axis {
+        // Radians of a joint, and metres.
+        Axis::A | Axis::B => 400.0 * TAU / (2000.0 * 80.0),
+        Axis::Z => 1300.0 * 0.635e-3 / (2048.0 * 5.0),
+    };
+    let drive = setup.spec.drive(axis);
+    let turn = match axis {
+        Axis::A | Axis::B => TAU,
+        Axis::Z => setup.calibration.geometry.z.lead,
+    };
+    let count = turn / drive.gear_ratio / f64::from(drive.counts_per_turn);
+    ((way / count).round() as i64).max(20)
 }
 
 /// How long a response is watched, seconds.

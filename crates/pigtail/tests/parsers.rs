@@ -2,6 +2,9 @@
 
 use pigtail::faults::Faults;
 use pigtail::records::columns::Named;
+use pigtail::records::fragment::{AxisTable, Fragment, Kind, MotionTable, RecordTable};
+use pigtail::records::own::Own;
+use pigtail::records::part::{Drive, Part};
 use pigtail::records::{friction, resonance, servo, windup};
 use pigtail::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup, Source};
 use pigtail::scan::{self, Columns, LengthUnit, PowerUnit};
@@ -15,6 +18,66 @@ fn sources() -> Vec<Source> {
     Setup::load(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME)
         .expect("the default rig is well")
         .sources
+}
+
+/// What `identify servo` writes of an axis.
+fn fragment(kind: Kind) -> String {
+    let axis = AxisTable {
+        kind,
+        force_per_volt: 8.0,
+        inertia: 3.0,
+        viscous: [25.0, 26.0],
+        coulomb: [4.0, 4.1],
+        offset: -0.5,
+    };
+    let motion = MotionTable {
+        stroke: 0.02,
+        speed: 0.5,
+        acceleration: 6.0,
+        voltage: 2.0,
+        noise: 3e-8,
+        bandwidth: 100.0,
+    };
+    let part = Part::new(
+        &axis,
+        None,
+        &motion,
+        &Drive::PLAIN,
+        ("2026-01-01", "a test"),
+    );
+    Fragment {
+        origin: "a test".to_owned(),
+        axis,
+        controller: None,
+        record: RecordTable {
+            file: "log.csv".into(),
+            columns: std::collections::BTreeMap::new(),
+        },
+        motion: Some(motion),
+        z_stage: None,
+        five_bar: None,
+        machine: None,
+        calibration: None,
+    }
+    .with(part)
+    .text()
+    .expect("finite numbers")
+}
+
+/// A rig with an axis of one's own, whose fragment says this.
+fn own(text: &str) -> Result<Setup, pigtail_hal::Error> {
+    let mut file = tempfile::NamedTempFile::new().expect("a file");
+    file.write_all(text.as_bytes()).expect("written");
+    let own = Own::read(&[file.path().to_owned()])?;
+    Setup::load_with(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME, &own, false)
+}
+
+#[test]
+fn a_fragment_is_a_setup_as_it_is() {
+    for kind in [Kind::Linear, Kind::Rotary] {
+        let setup = own(&fragment(kind)).expect("a setup");
+        assert!(setup.spec.probe.is_none());
+    }
 }
 
 /// A change to a text: a piece of it replaced by something that may be meant badly.
@@ -142,6 +205,20 @@ proptest! {
         if let Err(error) = Setup::from_sources(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME, sources) {
             let said = error.to_string();
             prop_assert!(names.iter().any(|name| said.contains(name)), "{said}");
+        }
+    }
+
+    #[test]
+    fn a_spoilt_fragment_is_an_error_or_a_setup(
+        turns in any::<bool>(),
+        at in 0.0..1.0_f64,
+        length in 0..12_usize,
+        by in bad(),
+    ) {
+        let text = fragment(if turns { Kind::Rotary } else { Kind::Linear });
+        let at = (at * text.len() as f64) as usize;
+        if let Err(error) = own(&spoilt(&text, at, length, &by)) {
+            prop_assert!(!error.to_string().is_empty());
         }
     }
 

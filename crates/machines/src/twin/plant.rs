@@ -232,6 +232,11 @@ impl FrictionPlant {
         self.0.coulomb()
     }
 
+    /// Torque for each rad/s, N m s/rad.
+    pub fn viscous(self) -> f64 {
+        self.0.viscous()
+    }
+
     fn scaled(self, by: f64) -> Result<Friction, Invalid> {
         self.0.scaled(by)
     }

@@ -1,6 +1,6 @@
 //! `pigtail align`.
 
-use super::common::{Common, write_table};
+use super::common::{Common, OwnAxes, write_table};
 use super::methods::{self, MethodArguments};
 use super::progress::Progress;
 use super::scan::{self, MapArguments};
@@ -11,6 +11,7 @@ use crate::faults::Faults;
 use crate::ledger::Devices;
 use crate::procedure::Procedure;
 use crate::record::Record;
+use crate::records::own::Own;
 use crate::replay::RECORD;
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, Setup};
@@ -38,6 +39,7 @@ Examples:
   pigtail align --seed 7 --json         another machine and device, as one JSON document
   pigtail align --rig my-rig/           your own rig: machine.toml, plant.toml, calibration.toml
   pigtail align --recipe my-chip.toml   your own device
+  pigtail align --from plant.toml       an axis of your own, as identify servo wrote it
   pigtail align --method macro-raster --mesh '10 um'
                                         a search for first light, its time by formula and really
   pigtail align --fault encoder-stuck:left.z@3.2s
@@ -47,6 +49,8 @@ Examples:
 pub(super) struct Arguments {
     #[command(flatten)]
     common: Common,
+    #[command(flatten)]
+    own: OwnAxes,
     /// A recipe file, or the name of one below `recipes`
     #[arg(long, default_value = DEFAULT_RECIPE_NAME)]
     recipe: String,
@@ -116,7 +120,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     if let Some(map) = arguments.map.map() {
         return scan::run(map, &arguments.map, &arguments.common);
     }
-    let mut setup = Setup::load(&arguments.common.rig, &arguments.recipe)?;
+    let own = Own::read(&arguments.own.from)?;
+    let mut setup = Setup::load_with(&arguments.common.rig, &arguments.recipe, &own, false)?;
     arguments.scenario.apply(&mut setup);
     setup.faults = match &arguments.faults {
         Some(faults) => faults.clone(),
@@ -170,6 +175,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         text.push(b'\n');
     } else {
         print_table(&mut text, &document).map_err(anyhow::Error::from)?;
+        if document.fault.is_some() && own.is_untuned() {
+            let hint = "The gains of your axis are those to begin with: `pigtail tune` with the same --from finds \
+                        better ones, and writes a calibration.toml that --from takes too.";
+            writeln!(text, "{hint}").map_err(anyhow::Error::from)?;
+        }
     }
     super::print(&text)?;
     Ok(if document.fault.is_some() {

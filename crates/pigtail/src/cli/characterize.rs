@@ -1,16 +1,17 @@
 //! `pigtail characterize`.
 
-use super::common::Common;
+use super::common::{Common, OwnAxes};
 use super::{DONE, Failure, stopped};
 use crate::characterize::{
     ExperimentError, follow_sine, frequency, metres_per_count, on_twin, resolution, step,
 };
 use crate::impulse::response::{kind_of, response};
 use crate::loops::windup;
+use crate::records::own::Own;
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, Setup};
 use crate::runs::Run;
-use crate::tune::usual_step;
+use crate::tune::step_of;
 use clap::{Args, ValueEnum};
 use pigtail_hal::{Axis, AxisName, Error};
 use serde::Serialize;
@@ -35,7 +36,8 @@ use std::fmt::Write as _;
 Examples:
   pigtail characterize fivebar step
   pigtail characterize z sine --frequency 8
-  pigtail characterize z resolution --json"
+  pigtail characterize z resolution --json
+  pigtail characterize z step --from plant.toml     your own axis, as identify servo wrote it"
 )]
 pub(super) struct Arguments {
     /// fivebar, z, or left.a, left.b, left.z, right.a, right.b, right.z
@@ -45,6 +47,8 @@ pub(super) struct Arguments {
     what: What,
     #[command(flatten)]
     common: Common,
+    #[command(flatten)]
+    own: OwnAxes,
     /// Size of the step, or amplitude of sine or noise, counts
     #[arg(long, value_parser = clap::value_parser!(i64).range(1..), allow_negative_numbers = true)]
     size: Option<i64>,
@@ -82,8 +86,10 @@ fn result(document: &impl Serialize, text: String, html: String) -> anyhow::Resu
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    let setup = Setup::load(&arguments.common.rig, DEFAULT_RECIPE_NAME)?;
     let at = arguments.axis;
+    let own = Own::read(&arguments.own.from)?;
+    own.concerns(at.axis)?;
+    let setup = Setup::load_with(&arguments.common.rig, DEFAULT_RECIPE_NAME, &own, true)?;
     let range = setup.range_counts(at.axis);
     if let Some(size) = arguments.size.filter(|size| *size as f64 > 0.4 * range) {
         let message = format!(
@@ -137,7 +143,7 @@ fn experiment(
     station: &mut pigtail_control::station::Station,
 ) -> Experiment {
     let at = arguments.axis;
-    let usual = usual_step(at.axis);
+    let usual = step_of(setup, at.axis);
     let mut text = String::new();
     Ok(match arguments.what {
         // Those that take machines of their own are not asked here.
@@ -234,7 +240,7 @@ fn pulses(arguments: &Arguments, setup: &Setup, run: &Run) -> Experiment {
         text,
         "{}",
         written.map_or_else(
-            || "The rig is compiled in: its calibration was left as it is.".to_owned(),
+            || "The calibration was left as it is: the rig is in no folder of its own.".to_owned(),
             |file| format!("Written to {file}")
         )
     );
@@ -259,6 +265,9 @@ fn on_variants(arguments: &Arguments, setup: &Setup) -> Experiment {
             number(case.q_um),
             number(case.residual_um)
         );
+    }
+    if let Some(laws) = d.laws() {
+        let _ = writeln!(text, "{laws}");
     }
     Ok(report::loops(&d, &loops).and_then(|html| result(&d, text, html)))
 }

@@ -25,6 +25,15 @@ pub(super) struct Common {
     pub(super) runs: PathBuf,
 }
 
+/// Axes of a person's own in place of the rig's.
+#[derive(Debug, Args)]
+pub(super) struct OwnAxes {
+    /// Puts an axis of your own in place of the rig's: a fragment that identify servo, friction, windup --data or
+    /// resonance wrote, or what tune --from wrote, or the folder of such a run; may be given more than once
+    #[arg(long, value_name = "FRAGMENT")]
+    pub(super) from: Vec<PathBuf>,
+}
+
 /// Lines above and below the header and nothing else: numbers side by side need no grid.
 const STYLE: TableStyle = TableStyle::new()
     .header_separator(LineStyle::none().fill('─').junction('─'))

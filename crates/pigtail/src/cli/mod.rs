@@ -14,6 +14,7 @@ mod plan;
 mod progress;
 mod records;
 mod reproduce;
+mod rig;
 mod runs;
 mod scan;
 mod simulate;
@@ -78,6 +79,7 @@ enum Command {
     Trace(trace::Arguments),
     Simulate(simulate::Arguments),
     Twin(twin::Arguments),
+    Rig(rig::Arguments),
     Reproduce(reproduce::Arguments),
     Runs(runs::Arguments),
 }
@@ -160,6 +162,7 @@ pub fn main() -> ExitCode {
         Command::Trace(arguments) => trace::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Twin(arguments) => twin::run(&arguments),
+        Command::Rig(arguments) => rig::run(&arguments),
         Command::Reproduce(arguments) => reproduce::run(&arguments),
         Command::Runs(arguments) => runs::run(&arguments),
     };

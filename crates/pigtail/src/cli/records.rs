@@ -2,8 +2,11 @@
 
 use super::{DONE, Failure, NEGATIVE};
 use crate::records::columns::Named;
-use crate::records::fragment::{AxisTable, ControllerTable, Drive, Fragment, Kind, RecordTable};
+use crate::records::fragment::{
+    AxisTable, ControllerTable, Fragment, Kind, MotionTable, RecordTable,
+};
 use crate::records::friction;
+use crate::records::part::{Drive, Part};
 use crate::records::resonance;
 use crate::records::servo::{self, Roles};
 use crate::records::windup;
@@ -28,6 +31,9 @@ pub(super) struct Output {
     #[arg(long, value_name = "FOLDER", default_value = "runs")]
     pub(super) runs: PathBuf,
 }
+
+/// Heading of what a fragment tells of an axis beside its record.
+const DRIVE: &str = "Its drive, for the fragment";
 
 /// Identify inertia and friction of a servo axis from a record of it
 ///
@@ -91,13 +97,18 @@ pub(super) struct ServoArguments {
     /// not given
     #[arg(long, value_name = "KP,KV,LIMIT", value_parser = cascade)]
     controller: Option<Controller>,
-    /// Turns of the output for a turn of the motor: the fragment then has the axis as a part of a rig's
-    /// `plant.toml` too, `z_stage` of one along a line, `five_bar.joint` of one that turns
-    #[arg(long, value_name = "R", value_parser = super::positive)]
+    /// Turns of the output for a turn of the motor; 1 if not given
+    #[arg(long, value_name = "R", value_parser = super::positive, help_heading = DRIVE)]
     gear_ratio: Option<f64>,
-    /// Travel for a turn of the screw, metres, of an axis along a line
-    #[arg(long, value_name = "METRES", value_parser = super::positive, requires = "gear_ratio")]
+    /// Travel for a turn of the screw, metres, of an axis along a line; 0.01 if not given
+    #[arg(long, value_name = "METRES", value_parser = super::positive, help_heading = DRIVE)]
     lead: Option<f64>,
+    /// Encoder counts in a turn of the motor; if not given, one is as coarse as the position's noise
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(4..), help_heading = DRIVE)]
+    counts_per_turn: Option<u32>,
+    /// The amplifier's bound, volts; if not given, the controller's, or the most that the record shows
+    #[arg(long, value_name = "VOLTS", value_parser = super::positive, help_heading = DRIVE)]
+    voltage_limit: Option<f64>,
     #[command(flatten)]
     output: Output,
 }
@@ -183,34 +194,42 @@ pub(super) fn servo(a: &ServoArguments) -> Result<u8, Failure> {
         MethodChoice::Instrumental => Method::Instrumental,
         MethodChoice::Delayed => Method::Delayed,
     };
-    if a.gear_ratio.is_some() && a.lead.is_none() && first.kind == Kind::Linear {
-        let message = "is missing for an axis along a line; accepted is the travel for a turn of its screw, metres";
+    if a.lead.is_some() && first.kind == Kind::Rotary {
+        let message = "is of a screw, and this axis turns; accepted is an axis along a line";
         return Err(Error::new("identify servo", "--lead", message).into());
     }
-    let drive = a.gear_ratio.map(|ratio| Drive {
-        ratio,
-        lead: a.lead.unwrap_or_default(),
-    });
-    let found = servo::servo(&first, second.as_ref(), &set, (friction, method));
-    let fragment = found
-        .best
-        .as_ref()
-        .filter(|_| found.answer.is_whole())
-        .map(|(best, whole)| {
+    let drive = Drive {
+        ratio: a.gear_ratio.unwrap_or(Drive::PLAIN.ratio),
+        lead: a.lead.unwrap_or(Drive::PLAIN.lead),
+        counts: a.counts_per_turn,
+        limit: a.voltage_limit,
+    };
+    let mut found = servo::servo(&first, second.as_ref(), &set, (friction, method));
+    let whole = found.answer.is_whole();
+    let best = found.best.take().filter(|_| whole);
+    let source = &first.source;
+    let fragment = best.map(|(best, whole)| {
+        move |run: &Run| {
+            let axis = AxisTable::new(first.kind, &best.axis(a.force_per_volt));
+            let controller = whole.controller.as_ref().map(ControllerTable::new);
+            let motion = MotionTable::new(&whole.motion);
+            let origin = origin("servo", run);
+            let believed = (&*run.date(), &*origin);
+            let part = Part::new(&axis, controller.as_ref(), &motion, &drive, believed);
             let plain = Fragment {
-                origin: String::new(),
-                axis: AxisTable::new(first.kind, &best.axis(a.force_per_volt)),
-                controller: whole.controller.as_ref().map(ControllerTable::new),
-                record: RecordTable::new(&first.source),
+                origin: origin.clone(),
+                axis,
+                controller,
+                record: RecordTable::new(source),
+                motion: Some(motion),
                 z_stage: None,
                 five_bar: None,
+                machine: None,
+                calibration: None,
             };
-            let driven = match &drive {
-                Some(drive) => plain.driven(drive),
-                None => plain,
-            };
-            move |origin: String| Fragment { origin, ..driven }
-        });
+            Ok(vec![("plant.toml", plain.with(part).text()?)])
+        }
+    });
     let mut hashes = vec![hash_of(&a.data)];
     hashes.extend(a.validate.as_deref().map(hash_of));
     let title = format!("A servo axis from {}", a.data.display());
@@ -220,7 +239,7 @@ pub(super) fn servo(a: &ServoArguments) -> Result<u8, Failure> {
         found.answer,
         found.shown.as_ref(),
         &hashes,
-        fragment.map(|f| move |run: &Run| Ok(("plant.toml", f(origin("servo", run)).text()?))),
+        fragment,
         &a.output,
     )
 }
@@ -323,10 +342,10 @@ pub(super) fn friction(a: &FrictionArguments) -> Result<u8, Failure> {
         &hashes,
         fragment.map(|text| {
             move |run: &Run| {
-                Ok((
+                Ok(vec![(
                     "plant.toml",
                     format!("# By {}.\n{text}", origin("friction", run)),
-                ))
+                )])
             }
         }),
         &a.output,
@@ -354,6 +373,9 @@ pub(super) struct WindupRecordArguments {
     /// Turns of the output for a turn of the motor, where the motor's column is not yet in angles of the output
     #[arg(long, value_name = "R", default_value_t = 1.0, value_parser = super::positive, requires = "data")]
     ratio: f64,
+    /// Travel for a turn of the screw, metres, where motor and load are lengths
+    #[arg(long, value_name = "METRES", value_parser = super::positive, requires = "data")]
+    lead: Option<f64>,
     /// A second record of the same columns, to judge by
     #[arg(long, value_name = "FILE", requires = "data")]
     validate: Option<PathBuf>,
@@ -396,20 +418,32 @@ pub(super) fn windup(a: &WindupRecordArguments, json: bool, runs: &Path) -> Resu
         KindChoice::FiveBar => "five_bar",
         KindChoice::Z => "z",
     };
-    let model = found.model.clone();
+    let mut answer = found.answer;
+    let scale = windup::radians(&first, a.lead);
+    if scale.is_none() && found.model.is_some() {
+        let remark =
+            "no fragment: a calibration has windup in radians of the screw; accepted is its --lead";
+        answer.remarks.push(remark.to_owned());
+    }
+    let model = found.model.zip(scale);
     finish(
         "windup",
         &title,
-        found.answer,
+        answer,
         found.shown.as_ref(),
         &hashes,
-        model.map(|model| {
+        model.map(|(model, scale)| {
             move |run: &Run| {
                 let origin = format!("identify windup --data, run {}", run.name());
-                Ok((
-                    "calibration.toml",
-                    windup::fragment(&model, table, &run.date(), &origin),
-                ))
+                let belief = windup::fragment(&model, table, scale, &run.date(), &origin);
+                let mut files = vec![("calibration.toml", belief)];
+                if let Some(winds) = windup::plant(&first, &model, table, scale) {
+                    let text = toml::to_string(&winds)?;
+                    let about = "# What winds up, for the twin: --from takes it. SI units.";
+                    let text = format!("{about}\n# By {origin}.\n\n[transmission]\n{text}");
+                    files.push(("plant.toml", text));
+                }
+                Ok(files)
             }
         }),
         &Output {
@@ -423,7 +457,8 @@ pub(super) fn windup(a: &WindupRecordArguments, json: bool, runs: &Path) -> Resu
 ///
 /// A row for each frequency: magnitude (a ratio or decibels) and phase, or real and imaginary part. Modes are
 /// added one at a time, as long as the points that were held back, every second one, are told better by
-/// a twentieth. What the points do not resolve has no value, and the exit code is 1.
+/// a twentieth. What the points do not resolve has no value, and the exit code is 1. A magnitude alone tells
+/// modes and their damping, and no delay.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -464,7 +499,7 @@ pub(super) fn resonance(a: &ResonanceArguments) -> Result<u8, Failure> {
         coherence: a.coherence.clone(),
     };
     let (answer, shown) = resonance::resonance(&roles, &a.data)?;
-    let modes = answer.is_whole().then(|| resonance::fragment(&answer));
+    let modes = resonance::carries(&answer).then(|| resonance::fragment(&answer));
     let title = format!("Resonances in {}", a.data.display());
     finish(
         "resonance",
@@ -474,10 +509,10 @@ pub(super) fn resonance(a: &ResonanceArguments) -> Result<u8, Failure> {
         &[hash_of(&a.data)],
         modes.map(|text| {
             move |run: &Run| {
-                Ok((
+                Ok(vec![(
                     "plant.toml",
                     format!("# By {}.\n{text}", origin("resonance", run)),
-                ))
+                )])
             }
         }),
         &a.output,
@@ -488,6 +523,9 @@ pub(super) fn origin(what: &str, run: &Run) -> String {
     format!("identify {what}, run {}, {}", run.name(), run.date())
 }
 
+/// Fragments by the names of their files.
+pub(super) type Files = Vec<(&'static str, String)>;
+
 /// Writes the run and prints the answer.
 pub(super) fn finish(
     what: &str,
@@ -495,7 +533,7 @@ pub(super) fn finish(
     mut answer: Answer,
     shown: Option<&Shown>,
     hashes: &[(String, String)],
-    fragment: Option<impl FnOnce(&Run) -> anyhow::Result<(&'static str, String)>>,
+    fragment: Option<impl FnOnce(&Run) -> anyhow::Result<Files>>,
     output: &Output,
 ) -> Result<u8, Failure> {
     let kind = match what {
@@ -504,10 +542,14 @@ pub(super) fn finish(
     };
     let run = Run::begin(&output.runs, &kind, 0, hashes)?;
     if let Some(fragment) = fragment {
-        let (name, text) = fragment(&run)?;
-        run.write(name, text)?;
-        let path = run.path(name).display().to_string();
-        answer.more.insert("fragment".to_owned(), path.into());
+        for (key, (name, text)) in ["fragment", "plant_fragment"]
+            .into_iter()
+            .zip(fragment(&run)?)
+        {
+            run.write(name, text)?;
+            let path = run.path(name).display().to_string();
+            answer.more.insert(key.to_owned(), path.into());
+        }
     }
     let path = run.path("report.html").display().to_string();
     answer.more.insert("report".to_owned(), path.into());
@@ -563,7 +605,11 @@ fn account(answer: &Answer) -> String {
     for remark in &answer.remarks {
         let _ = writeln!(text, "Note: {remark}");
     }
-    for (key, name) in [("fragment", "Fragment"), ("report", "Report")] {
+    for (key, name) in [
+        ("fragment", "Fragment"),
+        ("plant_fragment", "The same for the twin"),
+        ("report", "Report"),
+    ] {
         if let Some(path) = answer.more.get(key).and_then(|p| p.as_str()) {
             let _ = writeln!(text, "{name}: {path}");
         }

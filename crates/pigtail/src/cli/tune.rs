@@ -1,14 +1,15 @@
 //! `pigtail tune`.
 
-use super::common::Common;
+use super::common::{Common, OwnAxes};
 use super::{DONE, Failure, stopped};
+use crate::records::own::Own;
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, Setup};
 use crate::runs::Run;
-use crate::tune::{Document, Method, Plan, tune, usual_step};
+use crate::tune::{Document, Method, Plan, step_of, tune};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use pigtail_hal::{AxisName, Error};
+use pigtail_hal::{Axis, AxisName, Error};
 use std::fmt::Write as _;
 
 /// Tune the PID of an axis on the machine
@@ -16,25 +17,30 @@ use std::fmt::Write as _;
 /// Steps the axis by two sizes and looks for the gains with the least ITAE (integral of time times
 /// absolute error), from three starts far apart. Gains that ring or let the axis run away are cut
 /// short and count as infinitely bad. The result goes into the rig's `calibration.toml` with its
-/// date and run, and a report with the path through gain space into a folder below `runs`.
+/// date and run, and a report with the path through gain space into a folder below `runs`. With --from
+/// the axis is one of your own, and the gains go into a `calibration.toml` in that folder.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   pigtail tune fivebar                     the first joint of the left five-bar
   pigtail tune z --seed 4 --dry-run        another machine; leave its calibration alone
-  pigtail tune right.b --search random     the thesis's own search, 100 trials")]
+  pigtail tune right.b --search random     the thesis's own search, 100 trials
+  pigtail tune z --from plant.toml         your own axis, as identify servo wrote it")]
 pub(super) struct Arguments {
     /// fivebar, z, or left.a, left.b, left.z, right.a, right.b, right.z
     axis: AxisName,
     #[command(flatten)]
     common: Common,
+    #[command(flatten)]
+    own: OwnAxes,
     /// How to search
     #[arg(long, value_enum, default_value = "simplex")]
     search: Method,
     /// Trials of each start, 100 at most; 50 for the simplex, 100 for the random search
     #[arg(long, value_parser = clap::value_parser!(u32).range(5..=100))]
     trials: Option<u32>,
-    /// The larger of the two steps, counts; 400 for a five-bar joint, 1300 for z
+    /// The larger of the two steps, counts; if not given, 0.9 degrees of a five-bar joint and 81 um of z,
+    /// which are 400 and 1300 of the shipped rig
     #[arg(long, value_parser = clap::value_parser!(i64).range(20..), allow_negative_numbers = true)]
     step: Option<i64>,
     /// Do not write the gains into the rig's calibration
@@ -43,13 +49,15 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    let setup = Setup::load(&arguments.common.rig, DEFAULT_RECIPE_NAME)?;
     let at = arguments.axis;
+    let own = Own::read(&arguments.own.from)?;
+    own.concerns(at.axis)?;
+    let setup = Setup::load_with(&arguments.common.rig, DEFAULT_RECIPE_NAME, &own, true)?;
     let plan = Plan {
         at,
         method: arguments.search,
         trials: arguments.trials.unwrap_or(arguments.search.usual_trials()),
-        step: arguments.step.unwrap_or(usual_step(at.axis)),
+        step: arguments.step.unwrap_or_else(|| step_of(&setup, at.axis)),
     };
     let range = setup.range_counts(at.axis);
     if plan.step as f64 > 0.4 * range {
@@ -89,28 +97,26 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     if !arguments.dry_run {
         let table = format!(
             "gains.{}",
-            if at.axis == pigtail_hal::Axis::Z {
-                "z"
-            } else {
-                "five_bar"
-            }
+            if at.axis == Axis::Z { "z" } else { "five_bar" }
         );
         let g = tuned.document.gains;
-        let written = setup.write_calibration(
-            &table,
-            &[
-                ("kp", toml_edit::value(format!("{} V/count", g.kp))),
-                ("ki", toml_edit::value(format!("{} V/(count s)", g.ki))),
-                ("kd", toml_edit::value(format!("{} V s/count", g.kd))),
-                ("date", toml_edit::value(run.date())),
-                (
-                    "origin",
-                    toml_edit::value(format!("tune {at}, run {}", run.name())),
-                ),
-            ],
-        )?;
-        run.calibrated(written.as_deref(), &table)?;
-        tuned.document.calibration = written.unwrap_or_default();
+        let values = [
+            ("kp", toml_edit::value(format!("{} V/count", g.kp))),
+            ("ki", toml_edit::value(format!("{} V/(count s)", g.ki))),
+            ("kd", toml_edit::value(format!("{} V s/count", g.kd))),
+            ("date", toml_edit::value(run.date())),
+            (
+                "origin",
+                toml_edit::value(format!("tune {at}, run {}", run.name())),
+            ),
+        ];
+        tuned.document.calibration = if own.is_empty() {
+            let written = setup.write_calibration(&table, &values)?;
+            run.calibrated(written.as_deref(), &table)?;
+            written.unwrap_or_default()
+        } else {
+            beside(&run, &setup, at.axis, &values)?
+        };
     }
     run.write_json("summary.json", &tuned.document)?;
     run.write("report.html", report::tuning(&tuned)?)?;
@@ -125,6 +131,30 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     run.finish("done")?;
     super::print(text.as_bytes())?;
     Ok(DONE)
+}
+
+/// The gains of an axis of a person's own as a fragment that `--from` takes; returns its path.
+fn beside(
+    run: &Run,
+    setup: &Setup,
+    axis: Axis,
+    values: &[(&str, toml_edit::Item)],
+) -> anyhow::Result<String> {
+    let (name, before) = match axis {
+        Axis::Z => ("z", &setup.calibration.gains.z),
+        Axis::A | Axis::B => ("five_bar", &setup.calibration.gains.five_bar),
+    };
+    let mut document = toml_edit::DocumentMut::new();
+    let mut gains = toml_edit::Table::new();
+    gains.set_implicit(true);
+    gains[name] = toml_edit::table();
+    for (key, value) in values {
+        gains[name][key] = value.clone();
+    }
+    gains[name]["integral_limit"] = toml_edit::value(format!("{} V", before.integral_limit));
+    document["gains"] = toml_edit::Item::Table(gains);
+    run.write("calibration.toml", document.to_string())?;
+    Ok(run.path("calibration.toml").display().to_string())
 }
 
 /// What a person wants to know of it.

@@ -1,7 +1,7 @@
 //! `pigtail twin`.
 
 use super::Failure;
-use super::records::{Output, finish, hash_of};
+use super::records::{Files, Output, finish, hash_of};
 use crate::records::fragment::Fragment;
 use crate::records::twin::twin;
 use crate::runs::Run;
@@ -21,7 +21,7 @@ Examples:
   pigtail twin --from runs/20260101T120000-servo-0/plant.toml
   pigtail twin --from plant.toml --data other.csv --friction lugre --presliding 5e-6")]
 pub(super) struct Arguments {
-    /// The plant.toml of `pigtail identify servo`
+    /// The plant.toml of `pigtail identify servo`, or the folder of its run
     #[arg(long, value_name = "FRAGMENT")]
     from: PathBuf,
     /// Another record of the same columns
@@ -57,7 +57,8 @@ enum Law {
 }
 
 pub(super) fn run(a: &Arguments) -> Result<u8, Failure> {
-    let fragment = Fragment::read(&a.from)?;
+    let from = Fragment::file(&a.from);
+    let fragment = Fragment::read(&from)?;
     let way = a.presliding.unwrap_or_default();
     let law = match a.friction {
         Law::Coulomb => Ok(("coulomb", Sliding::Coulomb)),
@@ -66,15 +67,15 @@ pub(super) fn run(a: &Arguments) -> Result<u8, Failure> {
         Law::Lugre => Sliding::lugre(way, a.static_ratio, a.stribeck).map(|law| ("lugre", law)),
     }
     .map_err(|invalid| Error::new("--friction", "", invalid.to_string()))?;
-    let (answer, shown) = twin(&a.from, &fragment, a.data.as_deref(), law)?;
+    let (answer, shown) = twin(&from, &fragment, a.data.as_deref(), law)?;
     let data = a.data.as_deref().unwrap_or(&fragment.record.file);
     finish(
         "twin",
         &format!("A twin of {}", data.display()),
         answer,
         shown.as_ref(),
-        &[hash_of(&a.from), hash_of(data)],
-        None::<fn(&Run) -> anyhow::Result<(&'static str, String)>>,
+        &[hash_of(&from), hash_of(data)],
+        None::<fn(&Run) -> anyhow::Result<Files>>,
         &a.output,
     )
 }

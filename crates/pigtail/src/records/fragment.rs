@@ -1,7 +1,8 @@
-//! A fragment of a plant: the model of one axis from a record, for `pigtail twin --from`.
+//! A fragment of a rig: the model of one axis from a record, for whatever takes `--from`.
 
 use super::columns::Source;
-use pigtail_control::record::servo::{Axis, Controller};
+use super::part::Part;
+use pigtail_control::record::servo::{Axis, Controller, Motion};
 use pigtail_hal::{Error, config};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -19,111 +20,39 @@ pub struct Fragment {
     pub controller: Option<ControllerTable>,
     /// The record.
     pub record: RecordTable,
-    /// The axis as a z-stage of a `plant.toml`, where its drive was given.
+    /// How far the record's motion went.
+    pub motion: Option<MotionTable>,
+    /// The axis as a z-stage of a `plant.toml`, where it moves along a line.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub z_stage: Option<toml::Table>,
-    /// The axis as a joint of a five-bar of a `plant.toml`, where its drive was given.
+    /// The axis as a joint of a five-bar of a `plant.toml`, where it turns.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub five_bar: Option<toml::Table>,
-}
-
-/// How a motor drives an axis: what a record of the axis alone does not tell.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Drive {
-    /// Turns of the output for one turn of the motor.
-    pub ratio: f64,
-    /// Travel for one turn of the screw, metres, of an axis that moves along a line.
-    pub lead: f64,
-}
-
-/// Resonance of motor against load that is taken for a transmission which the record does not tell,
-/// hertz: far above what a servo excites.
-const STIFF: f64 = 500.0;
-
-/// Share of the viscous friction that is taken as the motor's back emf.
-const BACK_EMF: f64 = 0.1;
-
-impl AxisTable {
-    /// The axis as a joint of a `plant.toml` behind a drive: half of the inertia on the motor's side, all
-    /// friction there, the transmission as good as rigid, for the record does not tell them apart.
-    fn joint(&self, drive: &Drive) -> toml::Table {
-        // Way of the axis for a radian of the motor.
-        let way = match self.kind {
-            Kind::Linear => drive.ratio * drive.lead / std::f64::consts::TAU,
-            Kind::Rotary => drive.ratio,
-        };
-        let inertia = self.inertia * way * way;
-        let viscous = 0.5 * (self.viscous[0] + self.viscous[1]) * way * way;
-        let coulomb = 0.5 * (self.coulomb[0] + self.coulomb[1]) * way;
-        let gain = self.force_per_volt * way;
-        let ratio = drive.ratio;
-        let resonance = std::f64::consts::TAU * STIFF;
-        let stiffness = resonance * resonance * inertia / (4.0 * ratio * ratio);
-        let text = |value: f64, unit: &str| toml::Value::from(format!("{value:e} {unit}"));
-        let table = |pairs: &[(&str, toml::Value)]| -> toml::Value {
-            let pairs = pairs.iter().map(|(k, v)| ((*k).to_owned(), v.clone()));
-            toml::Value::Table(pairs.collect())
-        };
-        let friction = |level: f64, viscous: f64| {
-            table(&[
-                ("static", text(level, "N m")),
-                ("coulomb", text(level, "N m")),
-                ("viscous", text(viscous, "N m s/rad")),
-            ])
-        };
-        [
-            ("motor_inertia", text(0.5 * inertia, "kg m2")),
-            (
-                "load_inertia",
-                text(0.5 * inertia / (ratio * ratio), "kg m2"),
-            ),
-            ("friction", "coulomb-presliding".into()),
-            ("presliding", "0 rad".into()),
-            ("preload", "0 N m".into()),
-            (
-                "motor",
-                table(&[
-                    ("torque_constant", text(gain, "N m/A")),
-                    (
-                        "back_emf",
-                        text((BACK_EMF * viscous / gain).max(1e-12), "V s/rad"),
-                    ),
-                    ("resistance", "1 ohm".into()),
-                ]),
-            ),
-            (
-                "transmission",
-                table(&[
-                    ("linear", text(stiffness, "N m/rad")),
-                    ("cubic", "0 N m/rad3".into()),
-                ]),
-            ),
-            (
-                "motor_friction",
-                friction(coulomb, (1.0 - BACK_EMF) * viscous),
-            ),
-            ("load_friction", friction(0.0, 0.0)),
-        ]
-        .into_iter()
-        .map(|(key, value)| (key.to_owned(), value))
-        .collect()
-    }
+    /// Its drive, as a part of a `machine.toml`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub machine: Option<toml::Table>,
+    /// Gains to begin with, as a part of a `calibration.toml`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub calibration: Option<toml::Table>,
 }
 
 impl Fragment {
-    /// With the axis as a part of a `plant.toml`.
+    /// With the axis as a part of a rig.
     #[must_use]
-    pub fn driven(mut self, drive: &Drive) -> Self {
-        let mut part = toml::Table::new();
-        part.insert("joint".to_owned(), self.axis.joint(drive).into());
-        match self.axis.kind {
-            Kind::Linear => {
-                let lead = format!("{:e} m", drive.lead);
-                part.insert("lead".to_owned(), lead.into());
-                self.z_stage = Some(part);
-            }
-            Kind::Rotary => self.five_bar = Some(part),
-        }
+    pub fn with(mut self, part: Part) -> Self {
+        let Part {
+            mut plant,
+            machine,
+            calibration,
+        } = part;
+        let mut table = |name: &str| match plant.remove(name) {
+            Some(toml::Value::Table(table)) => Some(table),
+            _ => None,
+        };
+        self.z_stage = table("z_stage");
+        self.five_bar = table("five_bar");
+        self.machine = Some(machine);
+        self.calibration = Some(calibration);
         self
     }
 }
@@ -144,6 +73,38 @@ pub struct AxisTable {
     pub coulomb: [f64; 2],
     /// N or N m.
     pub offset: f64,
+}
+
+/// How far an axis was seen to go, [`Motion`].
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MotionTable {
+    /// Range of the positions, m or rad.
+    pub stroke: f64,
+    /// Highest speed, m/s or rad/s.
+    pub speed: f64,
+    /// Highest acceleration but for a hundredth, m/s^2 or rad/s^2.
+    pub acceleration: f64,
+    /// Largest voltage, V.
+    pub voltage: f64,
+    /// Noise of a position, standard deviation, m or rad.
+    pub noise: f64,
+    /// Up to what frequency the record was looked at, hertz.
+    pub bandwidth: f64,
+}
+
+impl MotionTable {
+    /// Of a record.
+    pub fn new(motion: &Motion) -> Self {
+        Self {
+            stroke: motion.stroke,
+            speed: motion.speed,
+            acceleration: motion.acceleration,
+            voltage: motion.voltage,
+            noise: motion.noise,
+            bandwidth: motion.bandwidth,
+        }
+    }
 }
 
 /// Whether an axis moves along a line or turns.
@@ -266,17 +227,28 @@ impl Fragment {
     /// When a number is not finite.
     pub fn text(&self) -> anyhow::Result<String> {
         Ok(format!(
-            "# The model of an axis from a record, SI units. `pigtail twin --from` takes it.\n\n{}",
+            "# The model of an axis from a record, SI units. `pigtail twin`, `tune`, `characterize`, `align` and\n\
+             # `rig` take it with --from.\n\n{}",
             toml::to_string_pretty(self)?
         ))
     }
 
-    /// Reads a fragment.
+    /// Where a fragment is: its file, or that in the folder of its run.
+    pub fn file(path: &Path) -> PathBuf {
+        if path.is_dir() {
+            path.join("plant.toml")
+        } else {
+            path.to_owned()
+        }
+    }
+
+    /// Reads a fragment, from its file or the folder of its run.
     ///
     /// # Errors
     ///
     /// When the file cannot be read, or a key is missing, unknown or out of range.
     pub fn read(path: &Path) -> Result<Self, Error> {
+        let path = &Self::file(path);
         let file = path.display().to_string();
         let text = std::fs::read_to_string(path)
             .map_err(|error| Error::new(&file, "", format!("cannot be read: {error}")))?;
@@ -307,6 +279,20 @@ impl Fragment {
             if !(value.is_finite() && value >= 0.0) {
                 let message = format!("is {value}; accepted is a finite number of zero or more");
                 return Err(Error::new(file, key, message));
+            }
+        }
+        if let Some(motion) = &self.motion {
+            for (key, value) in [
+                ("motion.stroke", motion.stroke),
+                ("motion.speed", motion.speed),
+                ("motion.acceleration", motion.acceleration),
+                ("motion.voltage", motion.voltage),
+                ("motion.bandwidth", motion.bandwidth),
+            ] {
+                if !(value.is_finite() && value > 0.0) {
+                    let message = format!("is {value}; accepted is a finite number above zero");
+                    return Err(Error::new(file, key, message));
+                }
             }
         }
         if let Some(c) = &self.controller {

@@ -1,6 +1,8 @@
 //! A law of friction from a record of force against displacement.
 
 use super::columns::{self, Dimension, Named, Wanted};
+use super::fragment::Kind;
+use super::own::Slides;
 use super::{Answer, Figure, Rows, Shown, short};
 use pigtail_control::record::friction::{Fitted, Identified, Law, Record, identify};
 use pigtail_control::record::{Parameter, Unknown};
@@ -224,41 +226,74 @@ fn laws(first: &Read, found: &Identified) -> serde_json::Value {
 }
 
 /// The keys of a joint in a `plant.toml` that a law sets, in its units where the record is of a turning
-/// joint; the law as it is in SI units below.
+/// joint; the law in the terms of a joint, and as it is, in SI units below.
 fn fragment(first: &Read, best: &Fitted) -> String {
     let mut text = String::new();
-    let p = &best.values;
-    if first.turns && first.torque {
-        let (law, presliding, fixed, coulomb) = match best.law {
-            Law::Presliding => ("coulomb-presliding", p[1], p[0], p[0]),
-            Law::PreslidingTwoSided => {
-                let level = 0.5 * (p[0] + p[2]);
-                ("coulomb-presliding", 0.5 * (p[1] + p[3]), level, level)
-            }
-            Law::MaxwellSlip => ("maxwell-slip", 0.5 * (p[1] + p[2]), p[0], p[0]),
-            Law::Dahl => ("maxwell-slip", p[0] / p[1], p[0], p[0]),
-            Law::LuGre | Law::LuGreViscous => {
-                ("lugre", p[2].max(p[0]) / p[1], p[2].max(p[0]), p[0])
-            }
-        };
+    let slides = (first.turns == first.torque).then(|| slides(first, best));
+    if let Some(s) = slides.as_ref().filter(|_| first.turns) {
         let _ = writeln!(
             text,
             "# Into [five_bar.joint] or [z_stage.joint] of a plant.toml:\n\
-             friction = \"{law}\"\n\
-             presliding = \"{presliding:.6e} rad\"\n\
-             load_friction = {{ static = \"{fixed:.6e} N m\", coulomb = \"{coulomb:.6e} N m\", viscous = \"0 N m \
-             s/rad\" }}"
+             friction = \"{}\"\n\
+             presliding = \"{:.6e} rad\"\n\
+             load_friction = {{ static = \"{:.6e} N m\", coulomb = \"{:.6e} N m\", viscous = \"{:.6e} N m \
+             s/rad\" }}",
+            s.friction,
+            s.presliding,
+            s.fixed,
+            s.coulomb,
+            s.viscous.unwrap_or_default()
         );
-        if matches!(best.law, Law::LuGre | Law::LuGreViscous) {
-            let _ = writeln!(text, "stribeck = \"{:.6e} rad/s\"", p[3]);
+        if let Some(stribeck) = s.stribeck {
+            let _ = writeln!(text, "stribeck = \"{stribeck:.6e} rad/s\"");
         }
         text.push('\n');
     }
+    if let Some(part) = slides.and_then(|s| toml::to_string(&s).ok()) {
+        let _ = writeln!(text, "# What --from takes, SI units.\n[part]\n{part}");
+    }
     let _ = writeln!(text, "[law]\nname = \"{}\"", best.law.name());
-    for (name, value) in best.law.parameters().iter().zip(p) {
+    for (name, value) in best.law.parameters().iter().zip(&best.values) {
         let _ = writeln!(text, "{name} = {value:?} # {}", first.unit(name));
     }
     text
+}
+
+/// A law in the terms of a joint.
+fn slides(first: &Read, best: &Fitted) -> Slides {
+    let p = &best.values;
+    let (law, presliding, fixed, coulomb) = match best.law {
+        Law::Presliding => ("coulomb-presliding", p[1], p[0], p[0]),
+        Law::PreslidingTwoSided => {
+            let level = 0.5 * (p[0] + p[2]);
+            ("coulomb-presliding", 0.5 * (p[1] + p[3]), level, level)
+        }
+        // The joint's elements rise along an exponential: one that takes as much of the way.
+        Law::MaxwellSlip => ("maxwell-slip", 0.25 * (p[1] + p[2]), p[0], p[0]),
+        // A bristle, for an exponent of one exactly; another takes as much of the way back from full load.
+        Law::Dahl => {
+            let n = p[2].min(1.9);
+            let share = 2f64.powf(1.0 - n) / (2.0 - n);
+            ("lugre", share * p[0] / p[1], p[0], p[0])
+        }
+        Law::LuGre | Law::LuGreViscous => {
+            let most = p[2].max(p[0]);
+            ("lugre", most / p[1], most, p[0])
+        }
+    };
+    Slides {
+        kind: if first.turns {
+            Kind::Rotary
+        } else {
+            Kind::Linear
+        },
+        friction: law.to_owned(),
+        presliding,
+        fixed,
+        coulomb,
+        viscous: (best.law == Law::LuGreViscous).then(|| p[4].max(0.0)),
+        stribeck: matches!(best.law, Law::LuGre | Law::LuGreViscous).then(|| p[3]),
+    }
 }
 
 fn shown(first: &Read, record: &Record, found: &Identified) -> Shown {

@@ -3,6 +3,8 @@
 pub mod columns;
 pub mod fragment;
 pub mod friction;
+pub mod own;
+pub mod part;
 pub mod resonance;
 pub mod servo;
 pub mod twin;
@@ -111,18 +113,26 @@ impl Answer {
         document
     }
 
-    /// The parameters as lines of text.
+    /// The parameters as lines of text: value, standard deviation, and in brackets the one with all that is
+    /// correlated in what the model leaves.
     pub fn lines(&self) -> String {
         let mut text = String::new();
         for (parameter, unit) in &self.parameters {
             let _ = match parameter.known {
-                Some(k) => writeln!(
-                    text,
-                    "  {:28} {:>13} +- {:>10} {unit}",
-                    parameter.name,
-                    short(k.value),
-                    short(k.std)
-                ),
+                Some(k) => {
+                    let sure = if k.std.is_finite() {
+                        format!(" +- {:>10} ({})", short(k.std), short(k.std_correlated))
+                    } else {
+                        // Nobody says how sure a fragment was.
+                        String::new()
+                    };
+                    writeln!(
+                        text,
+                        "  {:28} {:>13}{sure} {unit}",
+                        parameter.name,
+                        short(k.value)
+                    )
+                }
                 None => writeln!(text, "  {:28} {:>13}", parameter.name, "not known"),
             };
         }

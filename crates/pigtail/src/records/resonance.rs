@@ -1,9 +1,8 @@
 //! Modes from a frequency response.
 
 use super::columns::{self, Dimension, Named, Wanted};
-use super::{Answer, Figure, Shown, short};
+use super::{Answer, Figure, NOT_IDENTIFIABLE, Shown, short};
 use nalgebra::Complex;
-use pigtail_control::record::Unknown;
 use pigtail_control::record::resonance::{Identified, NAMES, Record, bode, identify};
 use pigtail_hal::Error;
 use std::fmt::Write as _;
@@ -56,8 +55,10 @@ const COHERENCES: [&str; 2] = ["coherence", "Coherence"];
 /// The columns that were chosen.
 struct Chosen {
     frequency: Named,
-    /// Magnitude and phase, or real and imaginary part.
-    pair: [Named; 2],
+    /// Magnitude, or the real part.
+    first: Named,
+    /// Phase, or the imaginary part; a magnitude may be there alone.
+    second: Option<Named>,
     polar: bool,
     coherence: Option<Named>,
 }
@@ -66,6 +67,7 @@ struct Chosen {
 struct Response {
     frequency: Vec<f64>,
     values: Vec<Complex<f64>>,
+    phased: bool,
     weight: Option<Vec<f64>>,
     remarks: Vec<String>,
 }
@@ -74,8 +76,8 @@ struct Response {
 const RATIO: &[Dimension] = &[Dimension::Ratio];
 
 impl Roles {
-    /// The columns by their names, or by their usual names; `None` where there is no phase.
-    fn choose(&self, path: &Path) -> Result<Option<Chosen>, Error> {
+    /// The columns by their names, or by their usual names.
+    fn choose(&self, path: &Path) -> Result<Chosen, Error> {
         let there = columns::names(path)?;
         let usual = |given: &Option<Named>, names: &[&str]| {
             given.clone().or_else(|| {
@@ -99,21 +101,23 @@ impl Roles {
             if polar { None } else { found() }
         });
         if let Some((real, imaginary)) = parts {
-            return Ok(Some(Chosen {
+            return Ok(Chosen {
                 frequency,
-                pair: [real, imaginary],
+                first: real,
+                second: Some(imaginary),
                 polar: false,
                 coherence,
-            }));
+            });
         }
         let magnitude =
             usual(&self.magnitude, &MAGNITUDES).ok_or_else(|| missing("--magnitude"))?;
-        Ok(usual(&self.phase, &PHASES).map(|phase| Chosen {
+        Ok(Chosen {
             frequency,
-            pair: [magnitude, phase],
+            first: magnitude,
+            second: usual(&self.phase, &PHASES),
             polar: true,
             coherence,
-        }))
+        })
     }
 }
 
@@ -121,31 +125,42 @@ impl Chosen {
     fn read(&self, path: &Path) -> Result<Response, Error> {
         let file = path.display().to_string();
         let wanted = |option, named, of| Wanted { option, named, of };
-        let [first, second] = &self.pair;
         let mut list = vec![wanted(
             "--frequency",
             &self.frequency,
             &[Dimension::Frequency][..],
         )];
-        if self.polar {
-            list.push(wanted(
-                "--magnitude",
-                first,
-                &[Dimension::Ratio, Dimension::Decibel],
-            ));
-            list.push(wanted("--phase", second, &[Dimension::Angle]));
+        let [first, second] = if self.polar {
+            ["--magnitude", "--phase"]
         } else {
-            list.push(wanted("--real", first, RATIO));
-            list.push(wanted("--imaginary", second, RATIO));
-        }
+            ["--real", "--imaginary"]
+        };
+        let sizes: &[Dimension] = if self.polar {
+            &[Dimension::Ratio, Dimension::Decibel]
+        } else {
+            RATIO
+        };
+        list.push(wanted(first, &self.first, sizes));
         if let Some(coherence) = &self.coherence {
             list.push(wanted("--coherence", coherence, RATIO));
         }
+        if let Some(named) = &self.second {
+            let of: &[Dimension] = if self.polar {
+                &[Dimension::Angle]
+            } else {
+                RATIO
+            };
+            list.push(wanted(second, named, of));
+        }
         let mut read = columns::read(path, &list)?;
-        let remarks = columns::remarks(&read);
-        let (a, b) = (&read[1], &read[2]);
-        let large = b.values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-        if self.polar && b.by == columns::By::Nothing && large > 7.0 {
+        let mut remarks = columns::remarks(&read);
+        let b = self.second.is_some().then(|| read.pop()).flatten();
+        let a = &read[1];
+        let unsure = |b: &columns::Column| {
+            let large = b.values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+            (self.polar && b.by == columns::By::Nothing && large > 7.0).then_some(large)
+        };
+        if let Some((b, large)) = b.as_ref().and_then(|b| unsure(b).map(|l| (b, l))) {
             let message = format!(
                 "reaches {large:.1}, which is much for radians; say its unit: \"{}:deg\" or \"{}:rad\"",
                 b.name, b.name
@@ -161,19 +176,26 @@ impl Chosen {
             );
             return Err(Error::new(&file, &a.name, message));
         }
+        if b.is_none() {
+            remarks.push(
+                "no column of phase: modes are told by magnitude alone, a delay is not".to_owned(),
+            );
+        }
+        let other = |k: usize| b.as_ref().map_or(0.0, |b| b.values[k]);
         let values = a
             .values
             .iter()
-            .zip(&b.values)
-            .map(|(a_k, b_k)| match (self.polar, a.dimension) {
-                (false, _) => Complex::new(*a_k, *b_k),
-                (true, Dimension::Decibel) => Complex::from_polar(10f64.powf(0.05 * a_k), *b_k),
-                (true, _) => Complex::from_polar(*a_k, *b_k),
+            .enumerate()
+            .map(|(k, a_k)| match (self.polar, a.dimension) {
+                (false, _) => Complex::new(*a_k, other(k)),
+                (true, Dimension::Decibel) => Complex::from_polar(10f64.powf(0.05 * a_k), other(k)),
+                (true, _) => Complex::from_polar(*a_k, other(k)),
             })
             .collect();
         Ok(Response {
             values,
-            weight: (read.len() > 3).then(|| read.remove(3).values),
+            phased: b.is_some(),
+            weight: (read.len() > 2).then(|| read.remove(2).values),
             frequency: read.remove(0).values,
             remarks,
         })
@@ -191,13 +213,15 @@ pub fn resonance(roles: &Roles, path: &Path) -> Result<(Answer, Option<Shown>), 
         ("damping_1", "1".to_owned()),
         ("delay", "s".to_owned()),
     ];
-    let Some(chosen) = roles.choose(path)? else {
-        let why = "it has no phase (--phase): without one neither a delay nor the sign of a mode is known";
-        return Ok((Answer::nothing(&names, Unknown::all(why)), None));
+    let read = roles.choose(path)?.read(path)?;
+    let weight = read.weight.as_deref();
+    let record = if read.phased {
+        Record::new(&read.frequency, &read.values, weight)
+    } else {
+        let sizes: Vec<f64> = read.values.iter().map(|h| h.re).collect();
+        Record::of_magnitude(&read.frequency, &sizes, weight)
     };
-    let read = chosen.read(path)?;
-    let found = Record::new(&read.frequency, &read.values, read.weight.as_deref())
-        .and_then(|record| identify(&record));
+    let found = record.and_then(|record| identify(&record));
     Ok(match found {
         Ok(found) => (answer(&found, read.remarks), Some(shown(&found))),
         Err(unknown) => (Answer::nothing(&names, unknown), None),
@@ -242,7 +266,15 @@ fn answer(found: &Identified, remarks: Vec<String>) -> Answer {
         modes.join(", "),
         short(found.validation_error_percent)
     );
-    answer.verdict = answer.doubts().unwrap_or(told);
+    // That a magnitude has no phase is no news, and nothing against its modes.
+    answer.verdict = if found.record.is_phased() || found.unknown.len() > 1 {
+        answer.doubts().unwrap_or(told)
+    } else {
+        format!(
+            "{told}; the delay is {NOT_IDENTIFIABLE}, because {}",
+            found.unknown[0].because
+        )
+    };
     answer.more.insert("modes".to_owned(), found.modes.into());
     answer
 }
@@ -269,26 +301,38 @@ fn shown(found: &Identified) -> Shown {
         curves,
         caption: caption.to_owned(),
     };
+    let phases = figure(
+        "phase, deg",
+        pair(phase, told_phase),
+        "Phase, measured and by the modes.",
+    );
+    let phases = found.record.is_phased().then_some(phases);
     Shown {
-        figures: vec![
-            figure(
+        figures: [
+            Some(figure(
                 "magnitude, dB",
                 pair(magnitude, told_magnitude),
                 "Magnitude, measured and by the modes.",
-            ),
-            figure(
-                "phase, deg",
-                pair(phase, told_phase),
-                "Phase, measured and by the modes.",
-            ),
-            figure(
+            )),
+            phases,
+            Some(figure(
                 "residual, %",
                 vec![("residual".to_owned(), errors)],
                 "How far the model is from each point, as a share of it.",
-            ),
-        ],
+            )),
+        ]
+        .into_iter()
+        .flatten()
+        .collect(),
         ..Shown::default()
     }
+}
+
+/// Whether all of its modes are known: what a fragment carries.
+pub fn carries(answer: &Answer) -> bool {
+    let modes = answer.parameters.iter().filter(|(p, _)| p.name != "delay");
+    let known = modes.clone().filter(|(p, _)| p.known.is_some()).count();
+    known > 0 && known == modes.count() && !super::servo::is_negative(answer)
 }
 
 /// The modes as a TOML text.

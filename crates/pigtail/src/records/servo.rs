@@ -316,11 +316,23 @@ fn shown(found: &Identified, best: &Variant, replay: Option<&Replay>, kind: Kind
             short(v.condition),
         ];
         let text = |p: &pigtail_control::record::Parameter| {
-            p.known.map_or("not known".to_owned(), |k| {
-                format!("{} &plusmn; {}", short(k.value), short(k.std))
+            let name = p.name.replace('_', " ");
+            p.known.map_or(format!("{name} not known"), |k| {
+                format!(
+                    "{name} {} &plusmn; {} {}",
+                    short(k.value),
+                    short(k.std),
+                    unit(p.name, kind)
+                )
             })
         };
-        row.extend(v.parameters.iter().map(text));
+        row.push(
+            v.parameters
+                .iter()
+                .map(text)
+                .collect::<Vec<_>>()
+                .join("<br>"),
+        );
         row
     };
     let tables = [Friction::Symmetric, Friction::Asymmetric]
@@ -335,13 +347,7 @@ fn shown(found: &Identified, best: &Variant, replay: Option<&Replay>, kind: Kind
             ]
             .map(str::to_owned)
             .to_vec();
-            header.extend(
-                friction
-                    .names()
-                    .iter()
-                    .map(|n| format!("{}, {}", n.replace('_', " "), unit(n, kind))),
-            );
-            header.push("voltage delay, s".to_owned());
+            header.push(String::new());
             Rows {
                 title: format!("{} friction", friction_name(friction)),
                 header,

@@ -1,6 +1,7 @@
 //! A transmission from a record of the encoders on both of its sides.
 
 use super::columns::{self, Dimension, Named, Wanted};
+use super::own::Winds;
 use super::{Answer, Figure, Rows, Shown, short};
 use pigtail_control::record::Unknown;
 use pigtail_control::record::timeline::{Uneven, even};
@@ -209,39 +210,42 @@ fn refused(first: &Read, unknown: Unknown) -> Found {
 
 /// Of the models with a windup in them the one that tells best what it was not fitted to.
 fn calibrates(found: &Identified) -> Option<Fitted> {
-    let total = |m: &Fitted| -> f64 { m.elements.iter().map(|e| e[1]).sum() };
     found
         .models
         .iter()
-        .filter(|m| {
-            let maximum = m.parameters.iter().find(|(n, _)| *n == "w_max");
-            maximum.is_some_and(|(_, w)| w.value > 0.0) || total(m) > 0.0
-        })
+        .filter(|m| value(m, "w_max").is_some_and(|w| w > 0.0) || total(m) > 0.0)
         .min_by(|a, b| a.held_back.total_cmp(&b.held_back))
         .cloned()
 }
 
-/// A table of a `calibration.toml`.
-pub fn fragment(model: &Fitted, table: &str, date: &str, origin: &str) -> String {
+/// Radians of the output for a unit of the record's positions: one, or by the screw's lead (m) of an axis
+/// along a line; `None` where no lead is known.
+pub fn radians(first: &Read, lead: Option<f64>) -> Option<f64> {
+    if first.turns {
+        Some(1.0)
+    } else {
+        lead.map(|lead| std::f64::consts::TAU / lead)
+    }
+}
+
+/// A table of a `calibration.toml`; `scale` is what [`radians`] gives.
+pub fn fragment(model: &Fitted, table: &str, scale: f64, date: &str, origin: &str) -> String {
     let mut text =
         format!("# The windup of a transmission, for a calibration.toml.\n\n[windup.{table}]\n");
-    let of = |name: &str| {
-        let known = model.parameters.iter().find(|(n, _)| *n == name);
-        known.map(|(_, k)| k.value)
-    };
-    let total: f64 = model.elements.iter().map(|e| e[1]).sum();
-    if let (Some(maximum), Some(way)) = (of("w_max"), of("q")) {
+    let total = scale * total(model);
+    if let (Some(maximum), Some(way)) = (value(model, "w_max"), value(model, "q")) {
+        let (maximum, way) = (scale * maximum, scale * way);
         let _ = writeln!(
             text,
             "model = \"reversal\"\nw_max = \"{maximum:.6e} rad\"\nq = \"{way:.6e} rad\"\nelements = []\n\
              hardening = [\"{maximum:.6e} rad\", \"0 rad\", \"0 rad\", \"0 rad\", \"0 rad\"]"
         );
     } else {
-        let longest = model.elements.iter().map(|e| e[0]).fold(0.0, f64::max);
+        let longest = scale * model.elements.iter().map(|e| e[0]).fold(0.0, f64::max);
         let elements: Vec<String> = model
             .elements
             .iter()
-            .map(|[way, windup]| format!("[{way:.6e}, {:.6}]", windup / total))
+            .map(|[way, windup]| format!("[{:.6e}, {:.6}]", scale * way, scale * windup / total))
             .collect();
         let _ = writeln!(
             text,
@@ -254,9 +258,41 @@ pub fn fragment(model: &Fitted, table: &str, date: &str, origin: &str) -> String
     let _ = writeln!(
         text,
         "residual = \"{:.6e} rad\"\ndate = \"{date}\"\norigin = \"{origin}\"",
-        model.residual
+        scale * model.residual
     );
     text
+}
+
+/// The same windup as a plant has it: a load whose friction twists the transmission. `None` where nothing
+/// winds up over a way.
+pub fn plant(first: &Read, model: &Fitted, table: &str, scale: f64) -> Option<Winds> {
+    let (maximum, presliding) =
+        if let (Some(maximum), Some(way)) = (value(model, "w_max"), value(model, "q")) {
+            // Elements that rise along an exponential give (2.20) with Q = 8 q_0.
+            (maximum, way / 8.0)
+        } else {
+            let total = total(model);
+            let rise = |e: &[f64; 2]| 0.5 * e[0] * e[1] / total;
+            (total, model.elements.iter().map(rise).sum())
+        };
+    let compliance = value(model, "compliance").filter(|c| *c > 0.0 && first.torque == "N m");
+    let good = |v: f64| v.is_finite() && v > 0.0;
+    (good(maximum) && good(presliding)).then(|| Winds {
+        table: table.to_owned(),
+        w_max: scale * maximum,
+        presliding: scale * presliding,
+        compliance: compliance.map(|c| scale * c),
+    })
+}
+
+fn value(model: &Fitted, name: &str) -> Option<f64> {
+    let known = model.parameters.iter().find(|(n, _)| *n == name);
+    known.map(|(_, k)| k.value)
+}
+
+/// Full windup of a model's elements.
+fn total(model: &Fitted) -> f64 {
+    model.elements.iter().map(|e| e[1]).sum()
 }
 
 fn shown(first: &Read, found: &Identified, (scale, unit): (f64, &str)) -> Shown {

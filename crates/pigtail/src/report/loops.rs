@@ -77,7 +77,11 @@ pub fn loops(d: &Document, loops: &[Loop]) -> Result<String> {
     body.push_str("</div>\n");
     let laws = of(&["2.14, 2.15"]);
     if !laws.is_empty() {
-        body.push_str("<h2>Laws of load friction</h2>\n<div class=\"pair\">\n");
+        body.push_str("<h2>Laws of load friction</h2>\n");
+        if let Some(nearest) = d.laws() {
+            let _ = writeln!(body, "<p>{}.</p>", escape(&nearest));
+        }
+        body.push_str("<div class=\"pair\">\n");
         for l in laws {
             let text = format!(
                 "Windup against output under {}, beside (2.20) (Figs. 2.14, 2.15).",

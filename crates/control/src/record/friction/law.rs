@@ -206,8 +206,17 @@ fn ratio(p: &[f64]) -> f64 {
 /// Number of elements of a [`Law::MaxwellSlip`].
 const ELEMENTS: usize = 24;
 
-/// Longest step of a law that is integrated, in ways over which it reaches its level.
-const STEP: f64 = 0.05;
+/// `l` after a way, from `l' = -l^n`.
+fn decayed(l: f64, way: f64, n: f64) -> f64 {
+    let m = 1.0 - n;
+    if m.abs() < 1e-6 {
+        return l * (-way).exp();
+    }
+    if l <= 0.0 {
+        return 0.0;
+    }
+    (l.powf(m) - m * way).max(0.0).powf(1.0 / m)
+}
 
 #[derive(Debug, Clone, Copy, Default)]
 struct State {
@@ -248,16 +257,13 @@ impl State {
                 }
             }
             Law::Dahl => {
-                let (level, stiffness, exponent) = (p[0], p[1], p[2]);
-                let steps = (way.abs() * stiffness / level / STEP)
-                    .ceil()
-                    .clamp(1.0, 400.0);
-                let step = way / steps;
-                for _ in 0..steps as usize {
-                    let left = (1.0 - way.signum() * self.contact / level).max(0.0);
-                    self.contact += stiffness * step * left.powf(exponent);
+                // What is missing to the level falls by l' = -(s_0 / f_c) l^n along one direction.
+                let (level, sign) = (p[0], way.signum());
+                let missing = (1.0 - sign * self.contact / level).max(0.0);
+                let left = decayed(missing, p[1] * way.abs() / level, p[2]);
+                if way != 0.0 {
+                    self.contact = (sign * level * (1.0 - left)).clamp(-level, level);
                 }
-                self.contact = self.contact.clamp(-level, level);
             }
             Law::LuGre | Law::LuGreViscous => {
                 let ratio = speed / p[3];
@@ -279,6 +285,29 @@ impl State {
             Law::Dahl | Law::LuGre => self.contact,
             Law::LuGreViscous => self.contact + p[4] * speed,
             Law::MaxwellSlip => p[0] * self.elements.iter().sum::<f64>() / ELEMENTS as f64,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Against small steps by the midpoint, through both signs of `1 - n`.
+    #[test]
+    fn what_is_missing_decays_by_its_law() {
+        for n in [0.4, 0.9, 1.0, 1.3, 2.0] {
+            for start in [0.3, 2.0] {
+                let (way, steps) = (0.35, 20_000);
+                let h = way / f64::from(steps);
+                let l = (0..steps).fold(start, |l: f64, _| {
+                    let half = l - 0.5 * h * l.powf(n);
+                    l - h * half.max(0.0).powf(n)
+                });
+                let exact = decayed(start, way, n);
+                assert!((exact - l).abs() < 1e-6, "{n}, {start}: {exact} for {l}");
+            }
+            assert_eq!(decayed(0.0, 1.0, n), 0.0);
         }
     }
 }

@@ -74,6 +74,13 @@ pub(super) fn whole(
         against_reference(record, &position, &column(REFERENCE))?;
     }
     saturation(&volts, remarks)?;
+    if !record.has_reference {
+        remarks.push(format!(
+            "no reference: a motion faster than {} Hz that sampling folded onto a slow one cannot be told from \
+             the slow one",
+            0.5 / period
+        ));
+    }
     aliasing(record, set)
 }
 
@@ -251,7 +258,7 @@ fn voltage_aliasing(record: &Record, set: &Settings) -> Result<(), Unknown> {
     let share = high / f64::max(all, f64::MIN_POSITIVE);
     if share > TOO_HIGH {
         return Err(Unknown::all(format!(
-            "{:.0} % of the voltage's power lies above half of the Nyquist frequency: aliased",
+            "{:.0} % of the voltage's power lies above half of the Nyquist frequency: aliased, or noise",
             100.0 * share
         )));
     }
@@ -402,11 +409,9 @@ struct Noise {
     acceleration: f64,
 }
 
-fn noise(record: &Record, set: &Settings) -> Noise {
-    const LENGTH: usize = 1024;
-    let period = record.even.period;
-    let cutoff = 2.0 * period * set.cutoff(period);
-    let filter = Lowpass::butterworth(set.order, cutoff);
+/// Standard deviation of the position's noise, taken as white.
+pub(super) fn white(record: &Record, set: &Settings) -> f64 {
+    let cutoff = 2.0 * record.even.period * set.cutoff(record.even.period);
     // What lies in the upper half of the band is noise and nothing else.
     let high = Lowpass::butterworth(4, cutoff.max(0.5));
     let mut taken = Vec::new();
@@ -420,7 +425,14 @@ fn noise(record: &Record, set: &Settings) -> Noise {
     }
     // The median, for a reversal is no noise.
     let share = (1.0 - cutoff.max(0.5)).max(0.05);
-    let white = 1.4826 * quantile(&taken, 0.5) / share.sqrt();
+    1.4826 * quantile(&taken, 0.5) / share.sqrt()
+}
+
+fn noise(record: &Record, set: &Settings) -> Noise {
+    const LENGTH: usize = 1024;
+    let white = white(record, set);
+    let period = record.even.period;
+    let filter = Lowpass::butterworth(set.order, 2.0 * period * set.cutoff(period));
     let mut impulse = vec![0.0; LENGTH];
     impulse[LENGTH / 2] = 1.0;
     let velocity = derivative(&filter.both_ways(&impulse), period);
@@ -440,6 +452,45 @@ fn noise(record: &Record, set: &Settings) -> Noise {
         velocity: white * gain(&velocity),
         acceleration: white * gain(&acceleration),
     }
+}
+
+/// Voltage and position are of one moment, nearly; a remark where the record shows how far apart they are.
+pub(super) fn together(
+    variants: &[super::Variant],
+    period: f64,
+    remarks: &mut Vec<String>,
+) -> Result<(), Unknown> {
+    let of = |method: Method| {
+        let mine = |v: &&super::Variant| v.method == method && v.friction == Friction::Symmetric;
+        variants.iter().find(mine)
+    };
+    let (Some(ordinary), Some(delayed)) = (of(Method::LeastSquares), of(Method::Delayed)) else {
+        return Ok(());
+    };
+    let found = delayed.parameters.last().and_then(|p| p.known);
+    let better = super::LATE * ordinary.relative_error_percent;
+    let Some(found) =
+        found.filter(|k| k.value.abs() > 5.0 * k.std && delayed.relative_error_percent < better)
+    else {
+        return Ok(());
+    };
+    let samples = found.value / period;
+    if samples.abs() > super::LATEST {
+        return Err(Unknown::all(format!(
+            "its voltage and its position are not of the same moments: with the voltage {:.0} samples {} it is told \
+             better",
+            samples.abs(),
+            if samples > 0.0 { "later" } else { "earlier" }
+        )));
+    }
+    if samples.abs() > 1.5 {
+        remarks.push(format!(
+            "the voltage acts {:.2e} s ({samples:.1} samples) after its sample: what is found without a delay is \
+             less sure by it, --method delayed takes it into account",
+            found.value
+        ));
+    }
+    Ok(())
 }
 
 /// Parameters whose uncertainty is worth as much as a good part of the force.

@@ -15,10 +15,12 @@
 
 mod check;
 mod controller;
+mod motion;
 mod replay;
 mod sliding;
 
 pub use controller::Controller;
+pub use motion::Motion;
 pub use replay::{Axis, Replay};
 pub use sliding::Sliding;
 
@@ -260,11 +262,18 @@ const SLOW: f64 = 0.1;
 /// Fewest equations.
 const LEAST_EQUATIONS: usize = 60;
 
+/// Delay of the voltage beyond which it is no delay, but columns of other moments, samples.
+const LATEST: f64 = 10.0;
+
 /// Relative error beyond which a model explains nothing, per cent.
 const UNEXPLAINED: f64 = 50.0;
 
 /// By how much a variant's error may lie above the least, for a simpler one is preferred.
 const AS_GOOD: f64 = 1.01;
+
+/// A delay of the voltage is believed, and makes every parameter less sure that was found without one, where it
+/// leaves less than this share of the error.
+const LATE: f64 = 0.93;
 
 /// Share of a record's beginning to which variants are fitted where there is no second record; the
 /// rest says which of them generalises.
@@ -329,6 +338,8 @@ pub struct Identified {
     pub equations: usize,
     /// Remarks on what was done to the record.
     pub remarks: Vec<String>,
+    /// How far its motion went.
+    pub motion: Motion,
     columns: Equations,
 }
 
@@ -411,6 +422,7 @@ pub fn identify(
         )));
     }
     check::uncertain(first, &columns, &mut unknown);
+    check::together(&variants, record.even.period, &mut remarks)?;
     let hidden = unknown.clone();
     for variant in &mut variants {
         for parameter in &mut variant.parameters {
@@ -432,6 +444,7 @@ pub fn identify(
         best,
         equations: columns.force.len(),
         remarks,
+        motion: Motion::of(record, &columns, set),
         columns,
     })
 }
@@ -496,17 +509,19 @@ fn variants(
                 }
             }
         };
+        let late = solve(Method::Delayed, 0..columns.force.len()).and_then(|s| {
+            let (samples, std) = s.values.last().zip(s.std.last())?;
+            let sure = samples.abs() > 5.0 * std;
+            let better = s.relative_error_percent < LATE * ordinary.relative_error_percent;
+            (sure && better).then_some(*samples)
+        });
         for method in Method::ALL {
             let n = columns.force.len();
             let Some(mut solution) = solve(method, 0..n) else {
                 continue;
             };
             if let Some(timing) = timing.as_ref().filter(|_| method != Method::Delayed) {
-                let changes = timing.iter().zip(&ordinary.values).map(|(a, b)| a - b);
-                for (std, change) in solution.std_correlated.iter_mut().zip(changes) {
-                    // Anywhere within a sample: the deviation of a uniform distribution.
-                    *std = std.hypot(change / 12f64.sqrt());
-                }
+                widen(&mut solution, timing, &ordinary.values, late);
             }
             let period = record.even.period;
             let mut found = variant(friction, method, &solution, period, unknown);
@@ -539,6 +554,21 @@ fn variants(
         }
     }
     variants
+}
+
+/// A voltage acts anywhere within a sample after the moment that was taken: by how much parameters are less sure
+/// for it, those of a sample later being `later`. Where the record shows by how many samples it is `late`,
+/// that is by how far they may be off.
+fn widen(solution: &mut Solution, later: &[f64], values: &[f64], late: Option<f64>) {
+    let samples = late.map_or(0.0, f64::abs).max(1.0 / 3f64.sqrt());
+    for (j, (later, value)) in later.iter().zip(values).enumerate() {
+        let by = samples * (later - value);
+        let correlated = &mut solution.std_correlated[j];
+        *correlated = correlated.hypot(by);
+        if late.is_some() {
+            solution.std[j] = solution.std[j].hypot(by);
+        }
+    }
 }
 
 fn variant(

@@ -17,7 +17,6 @@ mod signals;
 use check::{check, excitation};
 use signals::Signals;
 
-use super::regression::{Solution, least_squares, matrix};
 use super::signal::rms;
 use super::timeline::Even;
 use super::{Account, Known, Parameter, Unknown};
@@ -177,6 +176,9 @@ pub struct Identified {
 /// By how much a model's error may lie above the least, for a simpler one is preferred.
 const AS_GOOD: f64 = 1.02;
 
+/// Most often that all models are fitted, each time with a better skew.
+const ROUNDS: usize = 3;
+
 /// Identifies a transmission; `second` is another record of it that says which model generalises.
 ///
 /// # Errors
@@ -214,21 +216,8 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
             "its channels would be {skew:.3} s apart: they are not of one motion"
         )));
     }
-    let signals = Signals::new(record, skew);
-    let second = second.map(|r| Signals::new(r, skew));
-    let mut models = Vec::new();
-    for (name, parts) in MODELS {
-        if let Some(fitted) = fit(name, parts, &signals, second.as_ref(), skew, &all) {
-            models.push(fitted);
-        }
-    }
-    let least = models
-        .iter()
-        .map(|m| m.held_back)
-        .fold(f64::INFINITY, f64::min);
-    let Some(best) = models.iter().position(|m| m.held_back <= AS_GOOD * least) else {
-        return Err(Unknown::all("no model could be fitted to it"));
-    };
+    let bound = if blind { 0.0 } else { most };
+    let (signals, models, best) = all_models(record, second, &mut skew, bound)?;
     let chosen = &models[best];
     remarks.push(
         "a windup that goes with the speed, as by viscous friction, cannot be told from the time skew".to_owned(),
@@ -287,6 +276,45 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
     })
 }
 
+/// All models, the best of them, and the signals with its skew taken out, which is refined below `bound`.
+///
+/// What winds up goes with the velocity too, and what a shift leaves is a share of the load's velocity, not
+/// of the motor's: so the skew comes again from the model that tells best, until nothing is left of it.
+fn all_models(
+    record: &Record,
+    second: Option<&Record>,
+    skew: &mut f64,
+    bound: f64,
+) -> Result<(Signals, Vec<Fitted>, usize), Unknown> {
+    let mut round = 0;
+    loop {
+        let signals = Signals::new(record, *skew);
+        let all: Vec<usize> = (0..signals.time.len()).collect();
+        let other = second.map(|r| Signals::new(r, *skew));
+        let models: Vec<Fitted> = MODELS
+            .into_iter()
+            .filter_map(|(name, parts)| fit(name, parts, &signals, other.as_ref(), *skew, &all))
+            .collect();
+        let least = models
+            .iter()
+            .map(|m| m.held_back)
+            .fold(f64::INFINITY, f64::min);
+        let Some(best) = models.iter().position(|m| m.held_back <= AS_GOOD * least) else {
+            return Err(Unknown::all("no model could be fitted to it"));
+        };
+        let told = models[best].parameters.iter().find(|p| p.0 == "time_skew");
+        round += 1;
+        match told.filter(|_| round < ROUNDS) {
+            Some((_, known))
+                if (known.value - *skew).abs() > 0.5 * known.std && known.value.abs() < bound =>
+            {
+                *skew = known.value;
+            }
+            _ => return Ok((signals, models, best)),
+        }
+    }
+}
+
 impl Identified {
     /// The windup with the skew taken out, beside the one that the best model tells.
     pub fn account(&self) -> &Account {
@@ -320,13 +348,23 @@ fn fit(
         (squares / n as f64).sqrt()
     };
     let names = signals.columns(parts, way);
+    // With the way unknown too the rest is less sure.
+    let sure = parts
+        .reversal
+        .then(|| signals.uncertainty(parts, way, &whole))
+        .flatten();
+    let stds = |j: usize| {
+        let s = sure.as_ref().unwrap_or(&whole);
+        (s.std[j], s.std_correlated[j])
+    };
     let mut parameters = Vec::new();
     let mut elements = Vec::new();
     for (j, (name, _)) in names.iter().enumerate() {
+        let (std, std_correlated) = stds(j);
         let known = Known {
             value: whole.values[j] + if *name == "time_skew" { skew } else { 0.0 },
-            std: whole.std[j],
-            std_correlated: whole.std_correlated[j],
+            std,
+            std_correlated,
         };
         if *name == "element" {
             let way = WAYS[elements.len()] * signals.range;
@@ -336,7 +374,17 @@ fn fit(
         }
     }
     if parts.reversal {
-        parameters.push(("q", way_of(signals, parts, way, &whole)));
+        let (std, std_correlated) = if sure.is_some() {
+            stds(names.len())
+        } else {
+            (f64::INFINITY, f64::INFINITY)
+        };
+        let known = Known {
+            value: way,
+            std,
+            std_correlated,
+        };
+        parameters.push(("q", known));
     }
     Some(Fitted {
         name,
@@ -349,36 +397,6 @@ fn fit(
         values: whole.values,
         way,
     })
-}
-
-/// `Q` refined, with its standard deviation from how what is left changes with it.
-fn way_of(signals: &Signals, parts: Parts, way: f64, whole: &Solution) -> Known {
-    let n = signals.time.len();
-    let all: Vec<usize> = (0..n).collect();
-    let step = 0.05;
-    let told = |way: f64| -> Vec<f64> {
-        signals
-            .fit(parts, way, &all)
-            .map_or_else(|| vec![0.0; n], |s| s.left)
-    };
-    let (more, less) = (told(way * (1.0 + step)), told(way * (1.0 - step)));
-    let slope: Vec<f64> = more
-        .iter()
-        .zip(&less)
-        .map(|(a, b)| -(a - b) / (2.0 * step * way))
-        .collect();
-    least_squares(&matrix(&[&slope]), &whole.left).map_or(
-        Known {
-            value: way,
-            std: f64::INFINITY,
-            std_correlated: f64::INFINITY,
-        },
-        |s| Known {
-            value: way,
-            std: s.std[0],
-            std_correlated: s.std_correlated[0],
-        },
-    )
 }
 
 #[cfg(test)]

@@ -3,13 +3,20 @@
 use super::{LEAST, LOAD, MOTOR, Parts, Record, TORQUE, WAYS};
 use crate::compensation::windup::{Reversal, ReversalState};
 use crate::record::regression::{Solution, least_squares, matrix};
-use crate::record::signal::{Lowpass, derivative};
+use crate::record::signal::{Lowpass, derivative, quantile};
+
+/// Spacing of the ways that are tried first, as a factor.
+const SPACING: f64 = 1.45;
 
 /// The signals that models are made of.
 pub(super) struct Signals {
     pub(super) time: Vec<f64>,
     pub(super) windup: Vec<f64>,
     pub(super) position: Vec<f64>,
+    /// The same without its noise, whose steps are no reversals.
+    path: Vec<f64>,
+    /// Steps of the path that are its noise.
+    dead: f64,
     pub(super) velocity: Vec<f64>,
     pub(super) acceleration: Vec<f64>,
     pub(super) torque: Option<Vec<f64>>,
@@ -27,6 +34,8 @@ impl Signals {
             time: Vec::new(),
             windup: Vec::new(),
             position: Vec::new(),
+            path: Vec::new(),
+            dead: 0.0,
             velocity: Vec::new(),
             acceleration: Vec::new(),
             torque: record.has_torque.then(Vec::new),
@@ -42,19 +51,24 @@ impl Signals {
                 continue;
             }
             signals.begins.push(signals.time.len());
-            let smooth = filter.both_ways(motor);
+            let smooth = settled(&filter, motor);
             let velocity = derivative(&smooth, period);
             signals.acceleration.extend(derivative(&velocity, period));
             signals.velocity.extend(velocity);
             signals.position.extend_from_slice(motor);
+            signals.path.extend_from_slice(&smooth);
             for (k, m) in motor.iter().enumerate() {
                 signals.time.push(stretch.start + k as f64 * period);
                 signals.windup.push(m - at(load, k as f64 + skew / period));
             }
             if let Some(torque) = &mut signals.torque {
-                torque.extend(filter.both_ways(&stretch.columns[TORQUE]));
+                torque.extend(settled(&filter, &stretch.columns[TORQUE]));
             }
         }
+        // Of white noise the filter leaves at most as much as it takes.
+        let taken = signals.position.iter().zip(&signals.path);
+        let taken: Vec<f64> = taken.map(|(q, s)| (q - s).abs()).collect();
+        let dead = 2.0 * quantile(&taken, 0.5);
         signals.thin();
         let (low, high) = signals
             .position
@@ -63,6 +77,7 @@ impl Signals {
                 (l.min(*v), h.max(*v))
             });
         signals.range = high - low;
+        signals.dead = dead.min(1e-4 * signals.range);
         signals.middle = 0.5 * (low + high);
         signals
     }
@@ -80,6 +95,7 @@ impl Signals {
         pick(&mut self.time);
         pick(&mut self.windup);
         pick(&mut self.position);
+        pick(&mut self.path);
         pick(&mut self.velocity);
         pick(&mut self.acceleration);
         if let Some(torque) = &mut self.torque {
@@ -120,20 +136,25 @@ impl Signals {
 
     /// What a model with memory tells along the way since each stretch's beginning.
     fn histories(&self, mut next: impl FnMut(f64, bool) -> f64) -> Vec<f64> {
-        // Steps that are the encoder's noise are no reversals.
-        let dead = 1e-4 * self.range;
         let mut begin = 0.0;
-        let mut held = 0.0;
-        (0..self.position.len())
+        let (mut forward, mut farthest) = (true, 0.0);
+        (0..self.path.len())
             .map(|k| {
                 let begins = self.begins.binary_search(&k).is_ok();
                 if begins {
-                    begin = self.position[k];
-                    held = 0.0;
+                    begin = self.path[k];
+                    farthest = 0.0;
                 }
-                let q = self.position[k] - begin;
-                held = f64::clamp(held, q - dead, q + dead);
-                next(held, begins)
+                let q = self.path[k] - begin;
+                // It goes on, or has turned round for certain: the way back is then whole.
+                let back = if forward { farthest - q } else { q - farthest };
+                if back <= 0.0 {
+                    farthest = q;
+                } else if back > 2.0 * self.dead {
+                    forward = !forward;
+                    farthest = q;
+                }
+                next(farthest, begins)
             })
             .collect()
     }
@@ -194,15 +215,66 @@ impl Signals {
         if !parts.reversal {
             return 0.0;
         }
-        let shares = (0..14).map(|k| 0.003 * 1.45_f64.powi(k) * self.range);
         let squares = |way: f64| {
             self.fit(parts, way, rows)
                 .map_or(f64::INFINITY, |s| s.left.iter().map(|l| l * l).sum())
         };
-        shares
-            .min_by(|a, b| squares(*a).total_cmp(&squares(*b)))
-            .unwrap_or(self.range)
+        let coarse = (0..14)
+            .map(|k| 0.003 * SPACING.powi(k) * self.range)
+            .map(|way| (squares(way), way))
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map_or(self.range, |(_, way)| way);
+        // Between the neighbours of the best by the golden section, in logarithms.
+        let golden = 0.5 * (5f64.sqrt() - 1.0);
+        let (mut low, mut high) = (coarse.ln() - SPACING.ln(), coarse.ln() + SPACING.ln());
+        let mut inner = [high - golden * (high - low), low + golden * (high - low)];
+        let mut values = inner.map(|x| squares(x.exp()));
+        while high - low > 1e-4 {
+            if values[0] < values[1] {
+                high = inner[1];
+                inner = [high - golden * (high - low), inner[0]];
+                values = [squares(inner[0].exp()), values[0]];
+            } else {
+                low = inner[0];
+                inner = [inner[1], low + golden * (high - low)];
+                values = [values[1], squares(inner[1].exp())];
+            }
+        }
+        (0.5 * (low + high)).exp()
     }
+
+    /// How sure a model's values are, its way (the last) among them, from what it leaves.
+    pub(super) fn uncertainty(&self, parts: Parts, way: f64, whole: &Solution) -> Option<Solution> {
+        const STEP: f64 = 0.02;
+        let names = self.columns(parts, way);
+        let maximum = names.iter().position(|(name, _)| *name == "w_max")?;
+        let size = whole.values[maximum];
+        let (more, less) = (
+            self.reversal(way * (1.0 + STEP)),
+            self.reversal(way * (1.0 - STEP)),
+        );
+        let slope: Vec<f64> = more
+            .iter()
+            .zip(&less)
+            .map(|(a, b)| size * (a - b) / (2.0 * STEP * way))
+            .collect();
+        let mut columns: Vec<&[f64]> = names.iter().map(|(_, c)| &c[..]).collect();
+        columns.push(&slope);
+        least_squares(&matrix(&columns), &whole.left)
+    }
+}
+
+/// A column filtered both ways, turned over at its ends for so long that the filter has settled where it begins:
+/// one that has not makes motions of its own, which wind up.
+fn settled(filter: &Lowpass, column: &[f64]) -> Vec<f64> {
+    const LONG: usize = 200;
+    let n = column.len();
+    let long = LONG.min(n - 1);
+    let (first, last) = (column[0], column[n - 1]);
+    let before = (1..=long).rev().map(|k| 2.0 * first - column[k]);
+    let behind = (1..=long).map(|k| 2.0 * last - column[n - 1 - k]);
+    let whole: Vec<f64> = before.chain(column.iter().copied()).chain(behind).collect();
+    filter.both_ways(&whole)[long..long + n].to_vec()
 }
 
 /// A column between its samples, by the cubic through four of them.

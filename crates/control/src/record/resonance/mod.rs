@@ -9,9 +9,13 @@
 //! time where they help most, as long as the points that were held back are told better. The parts `s_k`,
 //! by which a mode is not of proportional damping, are there only where they tell those better too: they
 //! pass for a delay.
+//!
+//! Where there is no phase, the least one that goes with the magnitude is taken (`magnitude.rs`).
+
+mod magnitude;
 
 use super::curve::{minimise, uncertainty};
-use super::regression::least_squares;
+use super::regression::{Solution, least_squares};
 use super::signal::quantile;
 use super::{Known, Parameter, Unknown};
 use nalgebra::{Complex, DMatrix};
@@ -36,6 +40,9 @@ const LEAST: usize = 20;
 /// More points are thinned.
 const MOST: usize = 1500;
 
+/// Points that are enough to see where modes are; they settle over all of them in the end.
+const ENOUGH: usize = 400;
+
 /// A mode must make the error on the points held back less by this share.
 const WORTH: f64 = 0.05;
 
@@ -50,6 +57,8 @@ pub struct Record {
     pub weight: Vec<f64>,
     /// Whether modes have a part that goes with frequency, `s_k`.
     skewed: bool,
+    /// Whether its phase was measured; else the response is a magnitude, without a sign.
+    phased: bool,
 }
 
 /// What a frequency response says.
@@ -123,7 +132,35 @@ impl Record {
                 .map(|(k, size)| given(*k) / (size + floor))
                 .collect(),
             skewed: false,
+            phased: true,
         })
+    }
+
+    /// The same of magnitudes alone: modes can be told from them, a delay cannot.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::new`].
+    pub fn of_magnitude(
+        frequency: &[f64],
+        magnitude: &[f64],
+        weight: Option<&[f64]>,
+    ) -> Result<Self, Unknown> {
+        // Nothing has no logarithm.
+        let response: Vec<Complex<f64>> = magnitude
+            .iter()
+            .map(|m| Complex::new(if *m > 0.0 { *m } else { f64::NAN }, 0.0))
+            .collect();
+        let record = Self::new(frequency, &response, weight)?;
+        Ok(Self {
+            phased: false,
+            ..record
+        })
+    }
+
+    /// Whether its phase was measured.
+    pub fn is_phased(&self) -> bool {
+        self.phased
     }
 
     fn points(&self, from: usize, every: usize) -> Self {
@@ -150,6 +187,7 @@ impl Record {
                 .step_by(every)
                 .collect(),
             skewed: self.skewed,
+            phased: self.phased,
         }
     }
 
@@ -305,8 +343,6 @@ fn search(record: &Record) -> Found {
 }
 
 fn search_from(record: &Record, delay: f64) -> Found {
-    // Enough to see where modes are; they settle over all points in the end.
-    const ENOUGH: usize = 400;
     let every = record.frequency.len().div_ceil(2 * ENOUGH);
     let (even, odd) = (record.points(0, 2 * every), record.points(every, 2 * every));
     let judged = |coded: &[f64]| {
@@ -332,48 +368,40 @@ fn search_from(record: &Record, delay: f64) -> Found {
     Found { coded, error, none }
 }
 
-/// Identifies modes and delay.
-///
-/// # Errors
-///
-/// When there is no resonance in it.
-pub fn identify(record: &Record) -> Result<Identified, Unknown> {
-    let plain = search(record);
-    let skewed = Record {
-        skewed: true,
-        ..record.clone()
-    };
-    let other = search(&skewed);
-    let (record, found) = if other.error < (1.0 - WORTH) * plain.error {
-        (&skewed, other)
-    } else {
-        (record, plain)
-    };
-    let Found { coded, error, none } = found;
-    let modes = (coded.len() - 1) / 2;
-    if modes == 0 {
-        return Err(Unknown::all(format!(
-            "no mode tells it better than a response without one, which is {none:.1} % off"
-        )));
+/// Without the modes that a search added on its way and the points held back do not miss; `held_back` is the
+/// error there. And that error.
+fn pruned(
+    mut coded: Vec<f64>,
+    held_back: impl Fn(&[f64]) -> Option<f64>,
+) -> Option<(Vec<f64>, f64)> {
+    let mut error = held_back(&coded).unwrap_or(f64::INFINITY);
+    while coded.len() > 3 {
+        let without = |k: usize| {
+            let mut fewer = coded.clone();
+            fewer.drain(2 * k..2 * k + 2);
+            fewer
+        };
+        let best = (0..(coded.len() - 1) / 2)
+            .filter_map(|k| Some((held_back(&without(k))?, k)))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        match best {
+            Some((found, k)) if found <= (1.0 + WORTH) * error => {
+                coded = without(k);
+                error = error.min(found);
+            }
+            _ => break,
+        }
     }
-    if error > 50.0 {
-        return Err(Unknown::all(format!(
-            "{modes} modes leave {error:.0} % of it unexplained: are magnitude and phase what they are said to be?"
-        )));
-    }
-    let (coded, _) = minimise(|c| record.left(c), &coded)
-        .ok_or_else(|| Unknown::all("the fit to all of its points failed"))?;
-    let solution = uncertainty(|c| record.left(c), &coded)
-        .ok_or_else(|| Unknown::all("its modes depend on each other"))?;
-    let (values, _) = record
-        .linear(&coded)
-        .ok_or_else(|| Unknown::all("its modes depend on each other"))?;
-    let x = record.columns(&coded);
-    let product = &x * nalgebra::DVector::from_column_slice(&values);
-    let n = record.frequency.len();
-    let told = (0..n)
-        .map(|i| Complex::new(product[i], product[n + i]) / record.weight[i].max(1e-300))
-        .collect();
+    error.is_finite().then_some((coded, error))
+}
+
+/// Frequency and damping of each mode in rising order, and what is not known of them.
+fn told_modes(
+    record: &Record,
+    coded: &[f64],
+    modes: usize,
+    solution: &Solution,
+) -> (Vec<(&'static str, Known)>, Vec<Unknown>) {
     let mut order: Vec<usize> = (0..modes).collect();
     order.sort_by(|a, b| coded[2 * a].total_cmp(&coded[2 * b]));
     let mut parameters = Vec::new();
@@ -389,6 +417,71 @@ pub fn identify(record: &Record) -> Result<Identified, Unknown> {
         parameters.push((names[0], frequency));
         parameters.push((names[1], damping));
     }
+    (parameters, unknown)
+}
+
+/// That there are modes, and that they tell something.
+fn modes_of(found: &Found) -> Result<usize, Unknown> {
+    let modes = (found.coded.len() - 1) / 2;
+    if modes == 0 {
+        return Err(Unknown::all(format!(
+            "no mode tells it better than a response without one, which is {:.1} % off",
+            found.none
+        )));
+    }
+    if found.error > 50.0 {
+        return Err(Unknown::all(format!(
+            "{modes} modes leave {:.0} % of it unexplained: are magnitude and phase what they are said to be?",
+            found.error
+        )));
+    }
+    Ok(modes)
+}
+
+/// Identifies modes and delay; of magnitudes alone modes.
+///
+/// # Errors
+///
+/// When there is no resonance in it.
+pub fn identify(record: &Record) -> Result<Identified, Unknown> {
+    if !record.phased {
+        return magnitude::identify(record);
+    }
+    let plain = search(record);
+    let skewed = Record {
+        skewed: true,
+        ..record.clone()
+    };
+    let other = search(&skewed);
+    let (record, found) = if other.error < (1.0 - WORTH) * plain.error {
+        (&skewed, other)
+    } else {
+        (record, plain)
+    };
+    modes_of(&found)?;
+    let every = record.frequency.len().div_ceil(2 * ENOUGH);
+    let (even, odd) = (record.points(0, 2 * every), record.points(every, 2 * every));
+    let (coded, error) = pruned(found.coded, |coded| {
+        let (settled, _) = minimise(|c| even.left(c), coded)?;
+        let (values, _) = even.linear(&settled)?;
+        Some(odd.error(&settled, &values)).filter(|e| e.is_finite())
+    })
+    .ok_or_else(|| Unknown::all("the fit to its points failed"))?;
+    let modes = (coded.len() - 1) / 2;
+    let (coded, _) = minimise(|c| record.left(c), &coded)
+        .ok_or_else(|| Unknown::all("the fit to all of its points failed"))?;
+    let solution = uncertainty(|c| record.left(c), &coded)
+        .ok_or_else(|| Unknown::all("its modes depend on each other"))?;
+    let (values, _) = record
+        .linear(&coded)
+        .ok_or_else(|| Unknown::all("its modes depend on each other"))?;
+    let x = record.columns(&coded);
+    let product = &x * nalgebra::DVector::from_column_slice(&values);
+    let n = record.frequency.len();
+    let told = (0..n)
+        .map(|i| Complex::new(product[i], product[n + i]) / record.weight[i].max(1e-300))
+        .collect();
+    let (mut parameters, mut unknown) = told_modes(record, &coded, modes, &solution);
     let top = TAU * record.highest();
     let delay = Known {
         value: coded[2 * modes] / top,
