@@ -303,12 +303,7 @@ pub fn response(
         unit,
         form,
     };
-    if let Some([a2, ..]) = wanted {
-        let highest = form.scaled(a2 * unit).pulse(MAP[0] * unit, true);
-        highest
-            .check(setup.spec.drive(at.axis))
-            .map_err(|why| Error::new("--a2", "", format!("with a1 of {} fsm: {why}", MAP[0])))?;
-    }
+    bench.check(wanted)?;
     let limit = bench.limit();
     let most = (MAP[1] * unit).min(limit);
     let search = |relax: Relax| -> Experiment<(Impulses, Shape)> {
@@ -344,9 +339,7 @@ pub fn response(
     let a2 = shape.fixed[0];
     let dead_zones = bench.dead_zones(&impulses, a2)?;
     let (curve, scatter) = bench.curve(&impulses, &shape, MAP[0] * unit)?;
-    let steps: Vec<f64> = curve.iter().map(|point| point.a1 / unit).collect();
-    let moved: Vec<f64> = curve.iter().map(|point| point.displacement).collect();
-    let (b, r2) = parabola(&steps, &moved);
+    let (b, r2) = through(&curve, unit);
     let spread = bench.spread(&impulses, &shape)?;
     let displacement = bench.displacement(&impulses, &shape, QUOTED * unit)?;
     let map = bench.map(relax)?;
@@ -515,6 +508,13 @@ pub(super) fn joint_plant(setup: &mut Setup, axis: Axis) -> &mut JointPlant {
     }
 }
 
+/// The parabola (4.8) through a curve: `b` for an `a_1` of one unit, metres, and `R^2`.
+fn through(curve: &[Point], unit: f64) -> (f64, f64) {
+    let steps: Vec<f64> = curve.iter().map(|point| point.a1 / unit).collect();
+    let moved: Vec<f64> = curve.iter().map(|point| point.displacement).collect();
+    parabola(&steps, &moved)
+}
+
 /// One point of a curve.
 struct Point {
     a1: f64,
@@ -536,6 +536,20 @@ struct Bench<'s> {
 impl Bench<'_> {
     fn on<T>(&self, experiment: impl FnOnce(&mut Station) -> Experiment<T>) -> Experiment<T> {
         on_twin(self.setup, self.seed, experiment)
+    }
+
+    /// That the amplifier plays fixed harmonics, in units, with all of the curve's `a_1`.
+    fn check(&self, fixed: Option<[f64; HARMONICS - 1]>) -> Result<(), Error> {
+        let Some([a2, ..]) = fixed else {
+            return Ok(());
+        };
+        let highest = self
+            .form
+            .scaled(a2 * self.unit)
+            .pulse(MAP[0] * self.unit, true);
+        highest
+            .check(self.setup.spec.drive(self.at.axis))
+            .map_err(|why| Error::new("--a2", "", format!("with a1 of {} fsm: {why}", MAP[0])))
     }
 
     /// Greatest voltage of a pulse's harmonic that leaves room for another of the map's `a_1`.
