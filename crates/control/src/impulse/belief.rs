@@ -39,7 +39,7 @@ pub struct ImpulseBelief {
     pub curve: Vec<[f64; 2]>,
     /// Of a five-bar joint, how far from it that displacement was measured, metres; where the datasheet's
     /// probe is if not given.
-    #[serde(default, deserialize_with = "arm")]
+    #[serde(default, deserialize_with = "positive_length")]
     pub arm: Option<f64>,
     /// Spread of repeated displacements, rms, metres.
     #[serde(deserialize_with = "quantity::non_negative_length")]
@@ -50,7 +50,7 @@ pub struct ImpulseBelief {
     pub origin: String,
 }
 
-fn arm<'de, D: Deserializer<'de>>(value: D) -> Result<Option<f64>, D::Error> {
+fn positive_length<'de, D: Deserializer<'de>>(value: D) -> Result<Option<f64>, D::Error> {
     quantity::positive_length(value).map(Some)
 }
 
