@@ -34,8 +34,18 @@ fn the_macro_alone_reaches_a_fifth_of_a_micrometre_by_light() {
             wrong += usize::from(fiber.within_tolerance == Some(false));
         }
     }
-    assert!(within * 10 >= fibers * 7, "{within} of {fibers}");
-    assert!(wrong * 6 <= fibers, "{wrong} of {fibers} believed aligned");
+    assert!(within * 10 >= fibers * 8, "{within} of {fibers}");
+    assert_eq!(wrong, 0, "of {fibers} believed aligned");
+}
+
+/// What pulses do is in the calibration; a rig of this kind needs no probes while it aligns.
+#[test]
+fn a_rig_without_probes_aligns_just_the_same() {
+    let mut setup =
+        Setup::load(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME).expect("the default rig is there");
+    setup.spec.probe = None;
+    let document = align(&setup, Procedure::MacroOnly, 511, &mut Unobserved).expect("no fault");
+    assert_eq!(document.fibers[0].outcome, "aligned");
 }
 
 #[test]

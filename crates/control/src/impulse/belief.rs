@@ -3,7 +3,7 @@
 use super::{Impulses, Relax, Shape};
 use pigtail_hal::pulse::HARMONICS;
 use pigtail_hal::{AxisName, quantity};
-use serde::Deserialize;
+use serde::{Deserialize, Deserializer};
 
 /// Pulses of each kind of axis.
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
@@ -37,6 +37,10 @@ pub struct ImpulseBelief {
     pub rest: f64,
     /// Displacement of the output over the first harmonic: pairs of volts and metres, both rising.
     pub curve: Vec<[f64; 2]>,
+    /// Of a five-bar joint, how far from it that displacement was measured, metres; where the datasheet's
+    /// probe is if not given.
+    #[serde(default, deserialize_with = "positive_length")]
+    pub arm: Option<f64>,
     /// Spread of repeated displacements, rms, metres.
     #[serde(deserialize_with = "quantity::non_negative_length")]
     pub scatter: f64,
@@ -44,6 +48,10 @@ pub struct ImpulseBelief {
     pub date: String,
     /// By which run.
     pub origin: String,
+}
+
+fn positive_length<'de, D: Deserializer<'de>>(value: D) -> Result<Option<f64>, D::Error> {
+    quantity::positive_length(value).map(Some)
 }
 
 /// A way to relax a transmission.

@@ -163,8 +163,9 @@ pub fn dead_zone(
     least(most, |a1| moves(station, impulses, shape, a1))
 }
 
-/// The least second harmonic (volts, from zero to `most`) that leaves no dead zone, to `most/256`: it
-/// moves the output without any `a_1`. `None` where not even the whole does.
+/// The least second harmonic (volts, from zero to `most`) that leaves no dead zone, to `most/256`, with
+/// the others in the proportions of `shape`: it moves the output without any `a_1`. `None` where not
+/// even the whole does.
 ///
 /// # Errors
 ///
@@ -172,12 +173,10 @@ pub fn dead_zone(
 pub fn without_dead_zone(
     station: &mut Station,
     impulses: &Impulses,
-    period: f64,
+    shape: &Shape,
     most: f64,
 ) -> Result<Option<f64>, Halt> {
-    least(most, |a2| {
-        moves(station, impulses, &Shape::second_harmonic(a2, period), 0.0)
-    })
+    least(most, |a2| moves(station, impulses, &shape.scaled(a2), 0.0))
 }
 
 /// Where in 0 to `most` a condition begins to hold, by halving.

@@ -40,6 +40,15 @@ impl Shape {
         }
     }
 
+    /// The same proportions with another second harmonic, volts.
+    #[must_use]
+    pub fn scaled(&self, a2: f64) -> Self {
+        Self {
+            fixed: self.fixed.map(|a| a / self.fixed[0] * a2),
+            period: self.period,
+        }
+    }
+
     /// The pulse with `a_1` volts, forward where `forward`.
     pub fn pulse(&self, a1: f64, forward: bool) -> Pulse {
         let [a2, a3, a4] = self.fixed;

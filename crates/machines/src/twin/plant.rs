@@ -651,6 +651,26 @@ pub(super) fn uniform(rng: &mut impl RngExt, half_range: f64) -> f64 {
 }
 
 impl JointPlant {
+    /// The joint as it is written, behind a gear of `ratio` output turns a motor turn.
+    ///
+    /// # Errors
+    ///
+    /// When a parameter is out of range.
+    pub fn nominal(&self, ratio: f64) -> Result<JointParameters, Invalid> {
+        let motor = &self.motor;
+        Ok(JointParameters {
+            motor_inertia: self.motor_inertia,
+            load_inertia: self.load_inertia,
+            ratio,
+            motor: Motor::new(motor.torque_constant, motor.back_emf, motor.resistance)?,
+            transmission: Transmission::new(self.transmission.linear, self.transmission.cubic)?,
+            motor_friction: self.motor_friction.0,
+            load_friction: self.load_friction.0,
+            presliding: self.presliding,
+            load_torque: self.preload,
+        })
+    }
+
     /// A specimen of this joint behind a gear of `ratio` output turns a motor turn.
     pub(super) fn draw(
         &self,

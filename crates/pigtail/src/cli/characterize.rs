@@ -1,11 +1,13 @@
 //! `pigtail characterize`.
 
-use super::common::{Common, OwnAxes};
+use super::common::{Common, OwnAxes, write_table};
 use super::{DONE, Failure, stopped};
 use crate::characterize::{
     ExperimentError, follow_sine, frequency, metres_per_count, on_twin, resolution, step,
 };
-use crate::impulse::response::{kind_of, response};
+use crate::impulse::contest::{Document as Contest, contest};
+use crate::impulse::response::{Form, kind_of, response};
+use crate::impulse::shapes::Effort;
 use crate::loops::windup;
 use crate::records::own::Own;
 use crate::report;
@@ -58,6 +60,73 @@ pub(super) struct Arguments {
     /// Steps of the resolution test
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(10..=10_000))]
     steps: u32,
+    /// With impulse: instead, which pulse would be best at equal peak voltage: the thesis's, more
+    /// harmonics, other lengths and other families, each optimised over the whole uncertainty on the
+    /// plant as it is written, and what loops make of it on other machines (thesis 4.3.4)
+    #[arg(long)]
+    shapes: bool,
+    /// With impulse: second harmonic of the pulses, in units of the voltage at which the motor breaks away
+    /// (fsm), such as `--shapes` finds it; what leaves no dead zone is searched for if not given
+    #[arg(long, value_name = "FSM", value_parser = super::positive)]
+    a2: Option<f64>,
+    /// The third beside it; 0 if not given
+    #[arg(long, value_name = "FSM", requires = "a2", allow_negative_numbers = true, value_parser = harmonic)]
+    a3: Option<f64>,
+    /// The fourth beside it; 0 if not given
+    #[arg(long, value_name = "FSM", requires = "a2", allow_negative_numbers = true, value_parser = harmonic)]
+    a4: Option<f64>,
+    /// With impulse: length of the pulses, milliseconds; 1 if not given
+    #[arg(long, value_name = "MS", value_parser = super::positive)]
+    period_ms: Option<f64>,
+}
+
+/// Parses a harmonic.
+fn harmonic(text: &str) -> Result<f64, String> {
+    let value = text.parse::<f64>().ok().filter(|value| value.is_finite());
+    value.ok_or_else(|| format!("\"{text}\" is not a finite number"))
+}
+
+/// The longest pulse, milliseconds: beyond, an axis has time to come to rest in it.
+const LONGEST_PULSE: f64 = 10.0;
+
+/// What is fixed of the pulses.
+fn form(arguments: &Arguments) -> Form {
+    let other = |given: Option<f64>| given.unwrap_or(0.0);
+    Form {
+        fixed: arguments
+            .a2
+            .map(|a2| [a2, other(arguments.a3), other(arguments.a4)]),
+        period: arguments
+            .period_ms
+            .map_or(Form::THESIS.period, |ms| 1e-3 * ms),
+    }
+}
+
+/// Options that only pulses have.
+fn check_pulses(arguments: &Arguments) -> Result<(), Error> {
+    let refuse = |option: &str, message: String| Err(Error::new(option, "", message));
+    let own = [
+        ("--shapes", arguments.shapes),
+        ("--a2", arguments.a2.is_some()),
+        ("--period-ms", arguments.period_ms.is_some()),
+    ];
+    let mut asked = own.iter().filter(|(_, given)| *given);
+    match (asked.next(), asked.next()) {
+        (Some((option, _)), _) if arguments.what != What::Impulse => {
+            let message = "only pulses have it; accepted is `characterize AXIS impulse`";
+            return refuse(option, message.to_owned());
+        }
+        (Some(("--shapes", _)), Some((option, _))) => {
+            let message = "--shapes chooses it by itself; accepted is one of both";
+            return refuse(option, message.to_owned());
+        }
+        _ => {}
+    }
+    if let Some(ms) = arguments.period_ms.filter(|ms| *ms > LONGEST_PULSE) {
+        let message = format!("{ms} ms is no pulse; accepted is at most {LONGEST_PULSE} ms");
+        return refuse("--period-ms", message);
+    }
+    Ok(())
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -108,6 +177,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         );
         return Err(Error::new("--frequency", "", message).into());
     }
+    check_pulses(arguments)?;
     let run = Run::begin(
         &arguments.common.runs,
         &format!("characterize {at}"),
@@ -116,6 +186,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     )?;
     let done = match arguments.what {
         What::Windup => on_variants(arguments, &setup),
+        What::Impulse if arguments.shapes => shapes(arguments, &setup),
         What::Impulse => pulses(arguments, &setup, &run),
         _ => on_twin(&setup, arguments.common.seed, |station| {
             experiment(arguments, &setup, station)
@@ -214,21 +285,27 @@ fn experiment(
 /// What pulses do; what was found is believed from now on.
 fn pulses(arguments: &Arguments, setup: &Setup, run: &Run) -> Experiment {
     let at = arguments.axis;
-    let (d, figures, found) = response(setup, at, arguments.common.seed)?;
+    let (d, figures, found) = response(setup, at, &form(arguments), arguments.common.seed)?;
     let origin = format!("characterize {at} impulse, run {}", run.name());
     let table = format!("impulse.{}", kind_of(at));
     let written = setup.write_calibration(&table, &found.table(&run.date(), &origin))?;
     if let Err(error) = run.calibrated(written.as_deref(), &table) {
         return Ok(Err(error));
     }
+    let harmonics = arguments.a2.map_or_else(
+        || format!("no dead zone from a2 = {:.2} fsm on", d.a2_fsm),
+        |_| {
+            let [a2, a3, a4] = [d.a2_fsm, d.a3_fsm, d.a4_fsm];
+            let dead = d.dead_zone_fsm;
+            format!("dead zone {dead:.2} fsm with a2, a3, a4 = {a2:.2}, {a3:.2}, {a4:.2} fsm")
+        },
+    );
     let mut text = format!(
-        "{}: breaks away at {:.4} V (1 fsm); transmission relaxed by: {}\n  no dead zone from a2 = \
-         {:.2} fsm on; b = {:.2} nm, R2 = {:.3}; {:.1} nm at a1 = {} fsm, {:.1} to {:.1} nm over \
-         machines that differ (p10, p90)\n",
+        "{}: breaks away at {:.4} V (1 fsm); transmission relaxed by: {}\n  {harmonics}; b = {:.2} nm, R2 = \
+         {:.3}; {:.1} nm at a1 = {} fsm, {:.1} to {:.1} nm over machines that differ (p10, p90)\n",
         d.axis,
         d.fsm_v,
         d.relax,
-        d.a2_fsm,
         d.b_nm,
         d.r2,
         d.displacement_nm.value,
@@ -245,6 +322,75 @@ fn pulses(arguments: &Arguments, setup: &Setup, run: &Run) -> Experiment {
         )
     );
     Ok(report::response(&d, &figures).and_then(|html| result(&d, text, html)))
+}
+
+/// Loops with each shape.
+const LOOPS: u64 = 300;
+
+/// Which pulse would be best.
+fn shapes(arguments: &Arguments, setup: &Setup) -> Experiment {
+    let (at, seed) = (arguments.axis, arguments.common.seed);
+    let (d, study) = contest(setup, at, seed, &Effort::FULL, LOOPS)?;
+    let mut text = format!(
+        "{}: pulses that peak at {:.2} fsm, at {:.0}, {:.0} and {:.0} nm, on the plant as it is written \
+         with friction and state at rest drawn; loops of {:.0} nm on {} machines\n",
+        d.axis, d.peak_fsm, d.at_nm[0], d.at_nm[1], d.at_nm[2], d.target_nm, d.runs
+    )
+    .into_bytes();
+    Ok(write_table(&mut text, &shapes_table(&d))
+        .map_err(anyhow::Error::from)
+        .and_then(|()| {
+            let html = report::shapes(&d, &study)?;
+            result(&d, String::from_utf8(text)?, html)
+        }))
+}
+
+fn shapes_table(d: &Contest) -> Vec<Vec<String>> {
+    let header = [
+        "shape",
+        "a2\nfsm",
+        "a3\nfsm",
+        "a4\nfsm",
+        "T\nms",
+        "spread\n%",
+        "dead zone\nfsm",
+        "least\nnm",
+        "vibration\nnm",
+        "at rest\nms",
+        "reach\nnm",
+        "fixed\n%",
+        "learnt\n%",
+        "pulses\np90",
+        "settled p90\ns",
+    ];
+    let mut rows = vec![header.map(str::to_owned).to_vec()];
+    for s in &d.shapes {
+        let numbers = [
+            (s.a2_fsm, 2),
+            (s.a3_fsm, 2),
+            (s.a4_fsm, 2),
+            (s.period_ms, 2),
+            (s.spread_percent, 1),
+            (s.dead_zone_fsm, 2),
+            (s.least_nm, 1),
+            (s.vibration_nm, 1),
+            (s.rest_ms, 1),
+            (s.reach_nm, 0),
+        ];
+        let mut row = vec![s.shape.to_owned()];
+        row.extend(numbers.map(|(value, digits)| format!("{value:.digits$}")));
+        row.extend(s.loops.map_or(["-"; 4].map(str::to_owned), |l| {
+            [
+                format!("{:.1}", l.fixed_within_percent),
+                format!("{:.1}", l.within_tolerance_percent),
+                format!("{:.0}", l.pulses_p90),
+                l.settled_p90_s
+                    .map_or_else(|| "-".to_owned(), |s| format!("{s:.2}")),
+            ]
+        }));
+        rows.push(row);
+    }
+    rows
 }
 
 /// Windup on machines that differ.

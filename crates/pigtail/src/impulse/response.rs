@@ -13,6 +13,7 @@ use pigtail_control::impulse::experiment::{
 };
 use pigtail_control::impulse::{Impulses, Moved, Relax, Shape};
 use pigtail_control::station::Station;
+use pigtail_hal::pulse::HARMONICS;
 use pigtail_hal::{Axis, AxisName, Command, Error, Machine, Pulse};
 use pigtail_machines::Twin;
 use pigtail_machines::twin::plant::JointPlant;
@@ -68,6 +69,10 @@ pub struct Document {
     pub relax: &'static str,
     /// The second harmonic that leaves no dead zone, by search.
     pub a2_fsm: f64,
+    /// The third harmonic beside it.
+    pub a3_fsm: f64,
+    /// The fourth.
+    pub a4_fsm: f64,
     /// The dead zone in `a_1` that is left with it.
     pub dead_zone_fsm: f64,
     /// The dead zone at other second harmonics.
@@ -184,6 +189,8 @@ pub struct Found {
     pub shape: Shape,
     /// The curve: volts of `a_1`, metres once relaxed.
     pub curve: Vec<[f64; 2]>,
+    /// Of a five-bar joint, how far from it that was measured, metres.
+    pub arm: Option<f64>,
     /// Spread of repeated displacements, rms, metres.
     pub scatter: f64,
 }
@@ -223,7 +230,7 @@ impl Found {
                     .collect::<Array>()
             })
             .collect();
-        vec![
+        let mut table = vec![
             ("unit", value(format!("{:.6} V", self.unit))),
             ("fixed", value(fixed)),
             (
@@ -237,33 +244,76 @@ impl Found {
             ("scatter", value(format!("{:.3} nm", 1e9 * self.scatter))),
             ("date", value(date)),
             ("origin", value(origin)),
-        ]
+        ];
+        if let Some(arm) = self.arm {
+            table.push(("arm", value(format!("{:.6} mm", 1e3 * arm))));
+        }
+        table
     }
 }
 
 type Experiment<T> = Result<T, ExperimentError>;
 
-/// Characterizes an axis of the twin that `seed` draws.
+/// What is fixed of the pulses that an axis is characterized by.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Form {
+    /// `a_2` to `a_4` in units of the motor's static friction; `None` for the thesis's, a second harmonic
+    /// that leaves no dead zone, which is searched for.
+    pub fixed: Option<[f64; HARMONICS - 1]>,
+    /// Length, seconds.
+    pub period: f64,
+}
+
+impl Form {
+    /// The thesis's.
+    pub const THESIS: Self = Self {
+        fixed: None,
+        period: PERIOD,
+    };
+
+    /// Its proportions: the second harmonic is one volt.
+    fn proportions(&self) -> Shape {
+        let [a2, a3, a4] = self.fixed.unwrap_or([1.0, 0.0, 0.0]);
+        Shape {
+            fixed: [1.0, a3 / a2, a4 / a2],
+            period: self.period,
+        }
+    }
+}
+
+/// Characterizes an axis of the twin that `seed` draws, by pulses of a form whose `a_2` is above zero.
 ///
 /// # Errors
 ///
-/// A rig without a probe or whose amplifiers play no pulses; a fault.
-pub fn response(setup: &Setup, at: AxisName, seed: u64) -> Experiment<(Document, Figures, Found)> {
-    can_play(setup, at.axis)?;
+/// A rig without a probe or whose amplifiers do not play such pulses; a fault.
+pub fn response(
+    setup: &Setup,
+    at: AxisName,
+    form: &Form,
+    seed: u64,
+) -> Experiment<(Document, Figures, Found)> {
+    let wanted = form.fixed;
+    let form = form.proportions();
+    can_play_form(setup, at.axis, &form)?;
     let unit = on_twin(setup, seed, |station| Ok(break_away(station, at, REST)?))?;
     let bench = Bench {
         setup,
         at,
         seed,
         unit,
+        form,
     };
+    bench.check(wanted)?;
     let limit = bench.limit();
     let most = (MAP[1] * unit).min(limit);
     let search = |relax: Relax| -> Experiment<(Impulses, Shape)> {
         let impulses = bench.impulses(relax, READINGS);
+        if let Some([a2, ..]) = wanted {
+            return Ok((impulses, form.scaled(a2 * unit)));
+        }
         let a2 = bench.on(|station| {
             impulses.begin(station)?;
-            Ok(without_dead_zone(station, &impulses, PERIOD, most)?)
+            Ok(without_dead_zone(station, &impulses, &form, most)?)
         })?;
         let a2 = a2.ok_or_else(|| {
             let message = format!(
@@ -273,12 +323,12 @@ pub fn response(setup: &Setup, at: AxisName, seed: u64) -> Experiment<(Document,
             let file = format!("{}/machine.toml", setup.rig);
             Error::new(file, "drive.pulse.voltage", message)
         })?;
-        Ok((impulses, Shape::second_harmonic(a2, PERIOD)))
+        Ok((impulses, form.scaled(a2)))
     };
     let quoted = |shape: &Shape| shape.pulse(QUOTED * unit, true);
     // How to relax is first judged by pulses of the first harmonic, which move any axis that pulses
     // can move, and once more by the pulses that are to be played.
-    let first = Shape::second_harmonic(0.0, PERIOD).pulse(MAP[0] * unit, true);
+    let first = form.scaled(0.0).pulse(MAP[0] * unit, true);
     let mut relax = bench.relaxations(first)?.0;
     let (mut impulses, mut shape) = search(relax)?;
     let (better, rows) = bench.relaxations(quoted(&shape))?;
@@ -288,10 +338,8 @@ pub fn response(setup: &Setup, at: AxisName, seed: u64) -> Experiment<(Document,
     }
     let a2 = shape.fixed[0];
     let dead_zones = bench.dead_zones(&impulses, a2)?;
-    let (curve, scatter) = bench.curve(&impulses, &shape)?;
-    let steps: Vec<f64> = curve.iter().map(|point| point.a1 / unit).collect();
-    let moved: Vec<f64> = curve.iter().map(|point| point.displacement).collect();
-    let (b, r2) = parabola(&steps, &moved);
+    let (curve, scatter) = bench.curve(&impulses, &shape, MAP[0] * unit)?;
+    let (b, r2) = through(&curve, unit);
     let spread = bench.spread(&impulses, &shape)?;
     let displacement = bench.displacement(&impulses, &shape, QUOTED * unit)?;
     let map = bench.map(relax)?;
@@ -301,9 +349,11 @@ pub fn response(setup: &Setup, at: AxisName, seed: u64) -> Experiment<(Document,
         axis: at.to_string(),
         seed,
         fsm_v: rounded(unit, 1e-4),
-        period_ms: rounded(PERIOD * 1e3, 1e-6),
+        period_ms: rounded(form.period * 1e3, 1e-6),
         relax: relax.name(),
         a2_fsm: fsm(a2),
+        a3_fsm: fsm(shape.fixed[1]),
+        a4_fsm: fsm(shape.fixed[2]),
         dead_zone_fsm: dead_zones
             .last()
             .and_then(|d| d.dead_zone_fsm)
@@ -334,8 +384,10 @@ pub fn response(setup: &Setup, at: AxisName, seed: u64) -> Experiment<(Document,
         trace: bench.trace(&quoted(&shape))?,
         spread,
     };
+    let arm = setup.spec.probe.as_ref().map(|probe| probe.arm);
     let found = Found {
         unit,
+        arm: arm.filter(|_| at.axis != Axis::Z),
         impulses,
         shape,
         curve: curve.iter().map(|point| [point.a1, point.net]).collect(),
@@ -356,12 +408,13 @@ pub(crate) fn single(setup: &Setup, at: AxisName, seed: u64, pulse: &Pulse) -> E
         at,
         seed,
         unit: 1.0,
+        form: Form::THESIS.proportions(),
     };
     bench.trace(pulse)
 }
 
 /// What is believed of an axis's pulses with the curve of the specimen that `seed` draws in place of
-/// its own.
+/// its own, over the same amplitudes.
 ///
 /// # Errors
 ///
@@ -377,8 +430,13 @@ pub fn measured(
         at,
         seed,
         unit: belief.unit,
+        form: belief.shape(),
     };
-    let (points, scatter) = bench.curve(&belief.impulses(at, READINGS), &belief.shape())?;
+    let most = belief
+        .curve
+        .last()
+        .map_or(MAP[0] * belief.unit, |last| last[0]);
+    let (points, scatter) = bench.curve(&belief.impulses(at, READINGS), &belief.shape(), most)?;
     let mut highest = 0.0;
     let curve = points
         .iter()
@@ -394,12 +452,33 @@ pub fn measured(
     })
 }
 
+/// The map (Fig. 4.17) of the specimen that `seed` draws, with harmonics and relaxing as believed.
+///
+/// # Errors
+///
+/// A rig that cannot be asked ([`can_play`]); a fault.
+pub fn map(setup: &Setup, at: AxisName, seed: u64, belief: &ImpulseBelief) -> Experiment<Map> {
+    can_play(setup, at.axis)?;
+    let bench = Bench {
+        setup,
+        at,
+        seed,
+        unit: belief.unit,
+        form: belief.shape(),
+    };
+    bench.map(belief.impulses(at, READINGS).relax)
+}
+
 /// Whether the rig can be asked at all.
 ///
 /// # Errors
 ///
 /// What its datasheet lacks.
 pub fn can_play(setup: &Setup, axis: Axis) -> Result<(), Error> {
+    can_play_form(setup, axis, &Form::THESIS.proportions())
+}
+
+fn can_play_form(setup: &Setup, axis: Axis, form: &Shape) -> Result<(), Error> {
     if setup.spec.probe.is_none() {
         return Err(no_probe(setup));
     }
@@ -415,7 +494,7 @@ pub fn can_play(setup: &Setup, axis: Axis) -> Result<(), Error> {
              and `bandwidth`",
         ));
     }
-    let shortest = Shape::second_harmonic(1e-3, PERIOD).pulse(1e-3, true);
+    let shortest = form.scaled(1e-3).pulse(1e-3, true);
     shortest
         .check(setup.spec.drive(axis))
         .map_err(|why| Error::new(format!("{}/machine.toml", setup.rig), key, why.to_string()))
@@ -427,6 +506,13 @@ pub(super) fn joint_plant(setup: &mut Setup, axis: Axis) -> &mut JointPlant {
         Axis::A | Axis::B => &mut setup.plant.five_bar.joint,
         Axis::Z => &mut setup.plant.z_stage.joint,
     }
+}
+
+/// The parabola (4.8) through a curve: `b` for an `a_1` of one unit, metres, and `R^2`.
+fn through(curve: &[Point], unit: f64) -> (f64, f64) {
+    let steps: Vec<f64> = curve.iter().map(|point| point.a1 / unit).collect();
+    let moved: Vec<f64> = curve.iter().map(|point| point.displacement).collect();
+    parabola(&steps, &moved)
 }
 
 /// One point of a curve.
@@ -443,11 +529,27 @@ struct Bench<'s> {
     at: AxisName,
     seed: u64,
     unit: f64,
+    /// Proportions of the fixed harmonics.
+    form: Shape,
 }
 
 impl Bench<'_> {
     fn on<T>(&self, experiment: impl FnOnce(&mut Station) -> Experiment<T>) -> Experiment<T> {
         on_twin(self.setup, self.seed, experiment)
+    }
+
+    /// That the amplifier plays fixed harmonics, in units, with all of the curve's `a_1`.
+    fn check(&self, fixed: Option<[f64; HARMONICS - 1]>) -> Result<(), Error> {
+        let Some([a2, ..]) = fixed else {
+            return Ok(());
+        };
+        let highest = self
+            .form
+            .scaled(a2 * self.unit)
+            .pulse(MAP[0] * self.unit, true);
+        highest
+            .check(self.setup.spec.drive(self.at.axis))
+            .map_err(|why| Error::new("--a2", "", format!("with a1 of {} fsm: {why}", MAP[0])))
     }
 
     /// Greatest voltage of a pulse's harmonic that leaves room for another of the map's `a_1`.
@@ -457,7 +559,7 @@ impl Bench<'_> {
         let (mut low, mut high) = (0.0, volts);
         for _ in 0..30 {
             let middle = 0.5 * (low + high);
-            let pulse = Shape::second_harmonic(middle, PERIOD).pulse(MAP[0] * self.unit, true);
+            let pulse = self.form.scaled(middle).pulse(MAP[0] * self.unit, true);
             if pulse.peak() <= volts {
                 low = middle;
             } else {
@@ -509,7 +611,7 @@ impl Bench<'_> {
         [0.0, 0.25, 0.5, 0.75, 1.0]
             .par_iter()
             .map(|share| {
-                let shape = Shape::second_harmonic(share * a2, PERIOD);
+                let shape = self.form.scaled(share * a2);
                 let found = self.on(|station| {
                     impulses.begin(station)?;
                     Ok(dead_zone(station, impulses, &shape, MAP[0] * self.unit)?)
@@ -522,12 +624,17 @@ impl Bench<'_> {
             .collect()
     }
 
-    /// Displacements over `a_1`, and the scatter of repeated ones, metres rms.
-    fn curve(&self, impulses: &Impulses, shape: &Shape) -> Experiment<(Vec<Point>, f64)> {
+    /// Displacements over `a_1` from zero to `most` volts, and the scatter of repeated ones, metres rms.
+    fn curve(
+        &self,
+        impulses: &Impulses,
+        shape: &Shape,
+        most: f64,
+    ) -> Experiment<(Vec<Point>, f64)> {
         let points = (0..POINTS)
             .into_par_iter()
             .map(|k| {
-                let a1 = MAP[0] * self.unit * k as f64 / (POINTS - 1) as f64;
+                let a1 = most * k as f64 / (POINTS - 1) as f64;
                 self.on(|station| {
                     impulses.begin(station)?;
                     let (mut displacement, mut net, mut squares) = (0.0, 0.0, 0.0);
@@ -584,7 +691,7 @@ impl Bench<'_> {
         let nm = rows
             .par_iter()
             .map(|a2| {
-                let shape = Shape::second_harmonic(a2 * self.unit, PERIOD);
+                let shape = self.form.scaled(a2 * self.unit);
                 self.on(|station| {
                     impulses.begin(station)?;
                     let mut row = Vec::with_capacity(columns.len());

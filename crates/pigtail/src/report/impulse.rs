@@ -17,13 +17,14 @@ pub fn response(d: &Document, f: &Figures) -> Result<String> {
     let _ = writeln!(
         body,
         "<p>The motor breaks away at {:.4} V, the unit fsm of all amplitudes here. Pulses (4.7) last \
-         {:.2} ms; between them the transmission is brought back to zero torque by {}. A second \
-         harmonic of {:.2} fsm leaves no dead zone. With it the displacement follows the parabola \
-         (4.8) with b = {:.2} nm, R<sup>2</sup> = {:.3}; at a<sub>1</sub> = {} fsm it is {:.1} nm.</p>",
+         {:.2} ms; between them the transmission is brought back to zero torque by {}. With a \
+         second harmonic of {:.2} fsm there is a dead zone of {:.2} fsm in a<sub>1</sub>, and the \
+         displacement follows the parabola (4.8) with b = {:.2} nm, R<sup>2</sup> = {:.3}; at a<sub>1</sub> = {} fsm it is {:.1} nm.</p>",
         d.fsm_v,
         d.period_ms,
         in_words(d.relax),
         d.a2_fsm,
+        d.dead_zone_fsm,
         d.b_nm,
         d.r2,
         d.displacement_nm.a1,
@@ -46,9 +47,18 @@ type Plot<'a> = (&'a str, &'a str, f64, Vec<(&'a str, Vec<(f64, f64)>)>);
 fn single(body: &mut String, d: &Document, f: &Figures) -> Result<()> {
     let _ = writeln!(
         body,
-        "<h2>A single pulse</h2>\n<p>a<sub>1</sub> = {} fsm, a<sub>2</sub> = {} fsm. These four are the \
+        "<h2>A single pulse</h2>\n<p>a<sub>1</sub> = {} fsm, a<sub>2</sub> = {} fsm{}. These four are the \
          truth, from the twin: no encoder sees them.</p>\n<div class=\"pair\">",
-        d.displacement_nm.a1, d.a2_fsm
+        d.displacement_nm.a1,
+        d.a2_fsm,
+        if (d.a3_fsm, d.a4_fsm) == (0.0, 0.0) {
+            String::new()
+        } else {
+            format!(
+                ", a<sub>3</sub> = {}, a<sub>4</sub> = {} fsm",
+                d.a3_fsm, d.a4_fsm
+            )
+        }
     );
     let t = &f.trace;
     let ms = |k: usize| 1e3 * t.time[k];

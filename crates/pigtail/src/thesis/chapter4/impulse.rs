@@ -5,7 +5,7 @@ use super::super::picture::{Content, Picture, Points, thin};
 use super::super::{Bench, Figure, ReproduceError};
 use crate::campaign::Sorted;
 use crate::impulse::condition::Condition;
-use crate::impulse::response::{Document, PERIOD, Trace, response, single};
+use crate::impulse::response::{Document, Form, PERIOD, Trace, response, single};
 use crate::impulse::run::{
     Document as Run, Estimator, Resolution, Task, believed, resolution, runs, stability,
 };
@@ -192,7 +192,7 @@ fn curve(d: &Document) -> Picture {
 
 /// Figs. 4.17 to 4.19, simulated.
 pub(super) fn z_response(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
-    let (d, figures, _) = response(&bench.nominal, Z, bench.seed)?;
+    let (d, figures, _) = response(&bench.nominal, Z, &Form::THESIS, bench.seed)?;
     let spread = &figures.spread;
     let of = |share: fn(&crate::impulse::response::Spread) -> f64| -> Points {
         spread.iter().map(|s| (s.a1, share(s))).collect()
@@ -347,7 +347,7 @@ pub(super) fn five_bar_response(bench: &Bench) -> Result<Vec<Figure>, ReproduceE
         .into_par_iter()
         .map(|k| {
             let seed = bench.seed.wrapping_add(k);
-            Ok(response(&bench.machine, FIVE_BAR, seed)?.0)
+            Ok(response(&bench.machine, FIVE_BAR, &Form::THESIS, seed)?.0)
         })
         .collect::<Result<Vec<Document>, ReproduceError>>()?;
     let d = &all[0];
