@@ -64,12 +64,12 @@ const NEAR: f64 = 0.15;
 /// From the middle of the last turn to when the fiber is attached, turns.
 const AHEAD: f64 = 1.3;
 
-/// Fastest that a peak may move when all is done, metres a turn: five times what piezos creep.
-const FASTEST: f64 = 100e-9;
+/// Fastest that a peak may move when all is done, metres a turn: some times what piezos creep.
+const FASTEST: f64 = 75e-9;
 
 /// By how much the light on the circle may differ from that of a peak, of its own: one whose modes
-/// are not as designed does by 3 %, a piezo that goes half of its way makes it 5 %.
-const MISFIT: f64 = 0.05;
+/// are not as designed does by 3 % at most, a piezo that goes half of its way makes it 5 %.
+const MISFIT: f64 = 0.04;
 
 /// Seconds in which the circle's middle goes over to a new place.
 const GLIDE: f64 = 6e-3;

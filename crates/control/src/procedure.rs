@@ -14,7 +14,7 @@ use pigtail_model::frames::{Chip, Macro, Point};
 const ATTACHED_LOOK: f64 = 0.008;
 
 /// Share of its light that may be missing then, beside noise.
-const ATTACHED_LESS: f64 = 0.02;
+const ATTACHED_LESS: f64 = 0.003;
 
 /// Standard deviations of the difference of two looks that are noise.
 const ATTACHED_NOISE: f64 = 6.0;

@@ -561,8 +561,8 @@ fn again(result: &Result<(), Halt>) -> bool {
         Ok(()) | Err(Halt::Fault(_)) => false,
         Err(Halt::Outcome(outcome)) => !matches!(
             outcome,
-            // What is attached is not to be aligned any more, and not by what does not obey.
-            Outcome::NotArrived { .. } | Outcome::Slipped { .. } | Outcome::Misshapen { .. }
+            // What is attached is not to be aligned any more.
+            Outcome::NotArrived { .. } | Outcome::Slipped { .. }
         ),
     }
 }

@@ -165,10 +165,10 @@ fn faults(document: &Document) -> String {
     }
     let mut html = String::from(
         "<h2>What was broken</h2>\n<p>One thing broke on each device, at a time drawn from those of an \
-         alignment: one that breaks when all is done is one of the aligned.</p>\n<div \
-         class=\"scroll\"><table>\n<tr><th>broken</th><th>devices</th><th>stopped by the \
-         guard</th><th>given up</th><th>aligned</th><th>wrongly believed</th><th>touched</th>\
-         <th>program failed</th></tr>\n",
+         alignment: one that breaks when all is done is one of the aligned. Stopped: by the guard. \
+         Wrong: believed aligned. Failed: the program itself.</p>\n<div class=\"scroll\"><table>\n\
+         <tr><th>broken</th><th>devices</th><th>stopped</th><th>given up</th><th>aligned</th>\
+         <th>wrong</th><th>touched</th><th>failed</th></tr>\n",
     );
     for (name, of) in &document.by_fault {
         let _ = write!(html, "<tr><td>{}</td>", escape(name));
