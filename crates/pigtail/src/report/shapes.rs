@@ -96,9 +96,10 @@ fn table(body: &mut String, d: &Document) {
     body.push_str("</table></div>\n");
     let _ = writeln!(
         body,
-        "<h2>Loops of {:.0} nm</h2>\n<div class=\"scroll\"><table>\n<tr><th>shape</th>\
-         <th>reach of a pulse<small>nm</small></th><th>within tolerance by the curve as measured\
-         <small>%</small></th><th>corrected by every pulse<small>%</small></th><th>pulses p90</th>\
+        "<h2>Loops of {:.0} nm</h2>\n<p>How many end within tolerance by the curve as it was measured, \
+         and with one that every pulse corrects, of which pulses and time are.</p>\n<div \
+         class=\"scroll\"><table>\n<tr><th>shape</th><th>reach<small>nm</small></th>\
+         <th>as measured<small>%</small></th><th>corrected<small>%</small></th><th>pulses p90</th>\
          <th>settled p90<small>s</small></th></tr>",
         d.target_nm
     );
