@@ -36,11 +36,11 @@ fn every(ask: impl Fn(&mut dyn Machine)) {
 
     let mut recorder = record(boxed(twin(2)), &first);
     ask(&mut recorder);
-    recorder.finish().expect("a disk with room");
+    recorder.finish().wait().expect("a disk with room");
     ask(&mut replay(&first));
     let mut again = record(boxed(replay(&first)), &second);
     ask(&mut again);
-    again.finish().expect("a disk with room");
+    again.finish().wait().expect("a disk with room");
     ask(&mut replay(&second));
 
     let mut watched = Guard::new(record(boxed(twin(3)), &third), geometry());

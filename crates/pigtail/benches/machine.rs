@@ -82,7 +82,7 @@ fn machine(c: &mut Criterion) {
             let path = folder.path().join(run.to_string());
             let mut recorder = Recorder::new(twin(1), &path, b"").expect("a new file");
             holding(&mut guarded(&mut recorder, &setup));
-            recorder.finish().expect("a disk with room");
+            recorder.finish().wait().expect("a disk with room");
         });
     });
     group.finish();

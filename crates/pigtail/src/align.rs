@@ -11,6 +11,7 @@ use pigtail_hal::{Fault, Machine};
 use pigtail_machines::record::RecordError;
 use pigtail_machines::twin::faults::Injection;
 use pigtail_machines::twin::{FiberTruth, TwinError};
+use pigtail_machines::record::Closing;
 use pigtail_machines::{Deadline, Pace, Panel, Recorder, Twin};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -163,7 +164,8 @@ pub struct Kept {
     pub real_time: bool,
 }
 
-/// The same as [`align`], recorded and to be stopped by a person.
+/// The same as [`align`], recorded and to be stopped by a person; and the record on its way to the
+/// disk.
 ///
 /// # Errors
 ///
@@ -174,7 +176,7 @@ pub fn align_kept(
     seed: u64,
     observer: &mut dyn Observer,
     kept: &Kept,
-) -> Result<Document, Unkept> {
+) -> Result<(Document, Option<Closing>), Unkept> {
     let (mut twin, injected) = drawn(setup, procedure, seed)?;
     let timed = Deadline::new(&mut twin, LONGEST);
     let paced: Box<dyn Machine + '_> = if kept.real_time {
@@ -183,24 +185,24 @@ pub fn align_kept(
         Box::new(timed)
     };
     let machine = Panel::new(paced, Arc::clone(&kept.stop));
-    let reports = match &kept.record {
-        None => run(machine, setup, procedure, observer),
+    let (reports, closing) = match &kept.record {
+        None => (run(machine, setup, procedure, observer), None),
         Some(path) => {
             let about = About::of(setup, procedure, seed);
             let mut recorder = Recorder::new(machine, path, &about.to_bytes())?;
             let reports = run(&mut recorder, setup, procedure, observer);
-            recorder.finish()?;
-            reports
+            (reports, Some(recorder.finish()))
         }
     };
-    Ok(document(
+    let document = document(
         setup,
         &of(procedure),
         seed,
         &injected,
         &twin,
         &reports,
-    ))
+    );
+    Ok((document, closing))
 }
 
 /// Why a run that is to be kept did not come to its end.

@@ -1,13 +1,14 @@
 //! The folder of a run and its entry in the store: complete, or what there is of it.
 
 use crate::align::{AlignError, Document};
-use crate::ledger::{self, Beginning, Devices, End, Entry, LOCK, Ledger, State};
+use crate::ledger::{self, Beginning, Devices, End, Entry, FileHash, LOCK, Ledger, State};
 use crate::rig::hash;
 use anyhow::{Context, Result};
 use pigtail_control::station::{Observer, Sample};
 use pigtail_hal::{Error, Fault};
+use pigtail_machines::record::Written;
 use serde::Serialize;
-use std::cell::Cell;
+use std::cell::{Cell, RefCell};
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -49,6 +50,8 @@ pub struct Run {
     entry: Option<Entry>,
     /// Held as long as this process is at it, by which others know that it is.
     lock: Option<File>,
+    /// What files are by whoever wrote them.
+    known: RefCell<Vec<FileHash>>,
     /// Whether something was kept that must not get lost.
     evidence: Cell<bool>,
     ended: Cell<bool>,
@@ -120,6 +123,7 @@ impl Run {
                         configuration: configuration.to_vec(),
                         entry: Some(entry),
                         lock: Some(lock),
+                        known: RefCell::default(),
                         evidence: Cell::new(false),
                         ended: Cell::new(false),
                     });
@@ -143,10 +147,20 @@ impl Run {
         self.folder.join(file)
     }
 
-    /// Where a file of the run is to be written while it runs: it is hashed when the run ends, and
-    /// stays where the run is interrupted.
+    /// Where a file of the run is to be written while it runs: it is hashed when the run ends (or
+    /// [before](Self::wrote)), and stays where the run is interrupted.
     pub fn partial_path(&self, file: &str) -> PathBuf {
         self.partial.join(file)
+    }
+
+    /// Notes what a file at [`Self::partial_path`] has become, by whoever wrote it, so that it need not
+    /// be read again.
+    pub fn wrote(&self, file: &str, written: &Written) {
+        self.known.borrow_mut().push(FileHash {
+            path: file.to_owned(),
+            bytes: written.bytes,
+            sha256: ledger::hex(&written.sha256),
+        });
     }
 
     /// Writes a file of the run.
@@ -254,7 +268,7 @@ impl Run {
 
     fn end(&self, state: State, outcome: &str) -> Result<()> {
         self.write_origin()?;
-        let files = ledger::hash_all(&self.partial)
+        let files = ledger::hash_all(&self.partial, &self.known.borrow())
             .with_context(|| format!("{}: cannot be read", self.partial.display()))?;
         let end = End {
             state,

@@ -19,6 +19,8 @@ pub struct Exchange {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Block {
     pub(super) rows: Vec<Row>,
+    /// What the probes say, of the rows that have them.
+    probes: Vec<Probes>,
     /// What comes seldom, with the row that it belongs to.
     seldom: Vec<(u32, Seldom)>,
 }
@@ -31,9 +33,10 @@ pub(super) struct Row {
     micro: [f64; PIEZOS],
     references: [i64; MOTORS],
     encoders: [i64; MOTORS],
-    probes: [f64; MOTORS],
     flags: u8,
 }
+
+type Probes = [f64; MOTORS];
 
 const MOTORS: usize = SIDES * AXES;
 const PIEZOS: usize = SIDES * MICRO_AXES;
@@ -50,9 +53,13 @@ impl Row {
         micro: [0.0; PIEZOS],
         references: [NONE; MOTORS],
         encoders: [0; MOTORS],
-        probes: [0.0; MOTORS],
         flags: 0,
     };
+
+    /// The `next` ones, if this row has any.
+    fn probes<T>(&self, next: impl FnOnce() -> Option<T>) -> Option<T> {
+        (self.flags & PROBES != 0).then(next).flatten()
+    }
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -80,10 +87,10 @@ impl Block {
         if measured.stop {
             flags |= STOP;
         }
-        let probes = measured.probes.map_or([0.0; MOTORS], |probes| {
+        if let Some(probes) = &measured.probes {
             flags |= PROBES;
-            flat(&probes)
-        });
+            self.probes.push(flat(probes));
+        }
         self.rows.push(Row {
             time: measured.time,
             motors: volts(&command.motors),
@@ -92,7 +99,6 @@ impl Block {
                 command.references[i / AXES][i % AXES].map_or(NONE, |Counts(counts)| counts)
             }),
             encoders: std::array::from_fn(|i| measured.encoders[i / AXES][i % AXES].0),
-            probes,
             flags,
         });
         if let Some(light) = measured.light {
@@ -101,7 +107,8 @@ impl Block {
         if let Some(frame) = measured.vision {
             self.seldom.push((index, Seldom::Vision(frame)));
         }
-        if command.pulses != Command::NO_PULSES || command.fiber != Command::IDLE.fiber {
+        let pulses = command.pulses.as_flattened();
+        if pulses.iter().any(Option::is_some) || command.fiber.iter().any(Option::is_some) {
             self.push_seldom(index, command);
         }
     }
@@ -140,6 +147,7 @@ impl Block {
         out.clear();
         out.extend((self.rows.len() as u32).to_le_bytes());
         let mut last = Row::ZERO;
+        let (mut probes, mut seen) = (Probes::default(), self.probes.iter());
         for row in &self.rows {
             let mut mask = 0_u32;
             let at = out.len();
@@ -160,8 +168,10 @@ impl Block {
             for i in 0..PIEZOS {
                 number(out, row.micro[i], last.micro[i]);
             }
+            let before = probes;
+            probes = row.probes(|| seen.next()).copied().unwrap_or_default();
             for i in 0..MOTORS {
-                number(out, row.probes[i], last.probes[i]);
+                number(out, probes[i], before[i]);
             }
             let mut whole = |out: &mut Vec<u8>, is: i64, was: i64| {
                 if is != was {
@@ -189,6 +199,7 @@ impl Block {
     /// Empties it, and keeps its memory.
     pub(super) fn clear(&mut self) {
         self.rows.clear();
+        self.probes.clear();
         self.seldom.clear();
     }
 
@@ -202,9 +213,10 @@ impl Block {
         }
         let mut block = Self {
             rows: Vec::with_capacity(rows),
+            probes: Vec::new(),
             seldom: Vec::new(),
         };
-        let mut row = Row::ZERO;
+        let (mut row, mut probes) = (Row::ZERO, Probes::default());
         for _ in 0..rows {
             let mask = from.u32()?;
             row.flags = from.u8()?;
@@ -214,7 +226,7 @@ impl Block {
                 .motors
                 .iter_mut()
                 .chain(&mut row.micro)
-                .chain(&mut row.probes)
+                .chain(&mut probes)
             {
                 if mask & bit != 0 {
                     *value = from.f64()?;
@@ -228,6 +240,9 @@ impl Block {
                 bit <<= 1;
             }
             block.rows.push(row);
+            if row.flags & PROBES != 0 {
+                block.probes.push(probes);
+            }
         }
         for _ in 0..from.u32()? {
             let index = from.u32()?;
@@ -247,6 +262,7 @@ impl Block {
     /// The exchanges, in order.
     pub(super) fn exchanges(&self) -> impl Iterator<Item = Exchange> {
         let mut seldom = self.seldom.iter().peekable();
+        let mut probes = self.probes.iter();
         self.rows.iter().enumerate().map(move |(index, row)| {
             let mut command = Command {
                 motors: std::array::from_fn(|i| {
@@ -271,8 +287,8 @@ impl Block {
                 }),
                 light: None,
                 vision: None,
-                probes: (row.flags & PROBES != 0).then(|| {
-                    std::array::from_fn(|i| std::array::from_fn(|k| row.probes[AXES * i + k]))
+                probes: row.probes(|| probes.next()).map(|probes| {
+                    std::array::from_fn(|i| std::array::from_fn(|k| probes[AXES * i + k]))
                 }),
                 stop: row.flags & STOP != 0,
             };

@@ -12,7 +12,7 @@ mod recorder;
 mod replay;
 
 pub use reader::{Reader, RecordError};
-pub use recorder::Recorder;
+pub use recorder::{Closing, Recorder, Written};
 pub use replay::{DIFFERS, ENDS, Replay};
 
 /// What every record begins with.

@@ -3,6 +3,7 @@
 use super::format::Block;
 use super::{MAGIC, RecordError};
 use pigtail_hal::{Command, Fault, Machine, Measurement, Spec};
+use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -34,8 +35,25 @@ pub struct Recorder<M> {
 struct Writer {
     blocks: SyncSender<Block>,
     empty: Receiver<Block>,
-    thread: JoinHandle<()>,
-    failed: Arc<Mutex<Option<io::Error>>>,
+    thread: JoinHandle<io::Result<Written>>,
+    failed: Arc<Mutex<Option<String>>>,
+}
+
+/// A record on its way to the disk, when the machine is done.
+#[derive(Debug)]
+#[must_use = "only who waits is told what could not be written"]
+pub struct Closing {
+    thread: JoinHandle<io::Result<Written>>,
+    path: PathBuf,
+}
+
+/// What was written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Written {
+    /// Length, bytes.
+    pub bytes: u64,
+    /// SHA-256 of all of it.
+    pub sha256: [u8; 32],
 }
 
 impl<M: Machine> Recorder<M> {
@@ -49,7 +67,11 @@ impl<M: Machine> Recorder<M> {
             path: path.to_owned(),
             error,
         };
-        let mut file = File::create_new(path).map_err(failed)?;
+        let mut file = Hashed {
+            file: File::create_new(path).map_err(failed)?,
+            hash: Sha256::new(),
+            bytes: 0,
+        };
         file.write_all(MAGIC).map_err(failed)?;
         write(&mut file, about).map_err(failed)?;
         let most = (BLOCK * machine.spec().servo.rate).ceil() as usize;
@@ -64,24 +86,15 @@ impl<M: Machine> Recorder<M> {
         })
     }
 
-    /// Writes what is left and closes the record.
-    ///
-    /// # Errors
-    ///
-    /// When it could not be written to its end.
-    pub fn finish(mut self) -> Result<(), RecordError> {
-        self.close().map_err(|error| RecordError::Unwritable {
-            path: self.path.clone(),
-            error,
-        })
-    }
-
-    fn close(&mut self) -> io::Result<()> {
+    /// Hands over what is left. It is written, and the record closed, while the caller does
+    /// something else.
+    pub fn finish(mut self) -> Closing {
         let block = std::mem::take(&mut self.block);
-        let Some(writer) = self.writer.take() else {
-            return Ok(());
-        };
-        writer.close(block)
+        let writer = self.writer.take().expect("only its end takes it");
+        Closing {
+            thread: writer.close(block),
+            path: self.path.clone(),
+        }
     }
 
     /// Hands the block over. Waits where the disk is slower than the machine.
@@ -98,8 +111,8 @@ impl<M: Machine> Recorder<M> {
             return;
         }
         let why = failed
-            .as_ref()
-            .map_or_else(|| "its thread has ended".to_owned(), ToString::to_string);
+            .clone()
+            .unwrap_or_else(|| "its thread has ended".to_owned());
         self.fault = Some(Fault {
             rule: "record can be written".into(),
             axis: self.path.display().to_string(),
@@ -110,8 +123,24 @@ impl<M: Machine> Recorder<M> {
     }
 }
 
+impl Closing {
+    /// Waits until all of the record is on the disk.
+    ///
+    /// # Errors
+    ///
+    /// When it could not be written to its end.
+    pub fn wait(self) -> Result<Written, RecordError> {
+        let failed = || io::Error::other("the thread that writes it has failed");
+        let written = self.thread.join().unwrap_or_else(|_| Err(failed()));
+        written.map_err(|error| RecordError::Unwritable {
+            path: self.path,
+            error,
+        })
+    }
+}
+
 impl Writer {
-    fn new(mut file: File) -> Self {
+    fn new(mut file: Hashed) -> Self {
         // One block in the machine's hands, one on its way, one being written: no more is lost when
         // the process is killed.
         let (blocks, coming): (_, Receiver<Block>) = sync_channel(1);
@@ -123,16 +152,14 @@ impl Writer {
             for mut block in coming {
                 block.encode(&mut bytes);
                 if let Err(error) = write(&mut file, &bytes) {
-                    *said.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
-                    return;
+                    *said.lock().unwrap_or_else(PoisonError::into_inner) = Some(error.to_string());
+                    return Err(error);
                 }
                 block.clear();
                 // The machine may have come to its end.
                 let _ = back.send(block);
             }
-            if let Err(error) = file.sync_all() {
-                *said.lock().unwrap_or_else(PoisonError::into_inner) = Some(error);
-            }
+            file.close()
         });
         Self {
             blocks,
@@ -142,30 +169,42 @@ impl Writer {
         }
     }
 
-    fn close(self, last: Block) -> io::Result<()> {
-        // Nobody there to take it is an error that the thread has left behind.
-        let _ = if last.rows.is_empty() {
-            Ok(())
-        } else {
-            self.blocks.send(last)
-        };
-        drop(self.blocks);
-        let ended = self.thread.join();
-        let failed = self
-            .failed
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .take();
-        match (failed, ended) {
-            (Some(error), _) => Err(error),
-            (None, Err(_)) => Err(io::Error::other("the thread that writes it has failed")),
-            (None, Ok(())) => Ok(()),
+    fn close(self, last: Block) -> JoinHandle<io::Result<Written>> {
+        if !last.rows.is_empty() {
+            // Nobody there to take it is an error that the thread returns.
+            let _ = self.blocks.send(last);
         }
+        self.thread
+    }
+}
+
+/// A file, and what is known of its content.
+struct Hashed {
+    file: File,
+    hash: Sha256,
+    bytes: u64,
+}
+
+impl Hashed {
+    fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.file.write_all(bytes)?;
+        self.hash.update(bytes);
+        self.bytes += bytes.len() as u64;
+        Ok(())
+    }
+
+    /// Sees all of it to the disk.
+    fn close(self) -> io::Result<Written> {
+        self.file.sync_all()?;
+        Ok(Written {
+            bytes: self.bytes,
+            sha256: self.hash.finalize().into(),
+        })
     }
 }
 
 /// A block in one piece, so that it is there or not.
-fn write(file: &mut File, raw: &[u8]) -> io::Result<()> {
+fn write(file: &mut Hashed, raw: &[u8]) -> io::Result<()> {
     let mut out = vec![0; 4];
     let mut encoder = zstd::Encoder::new(&mut out, LEVEL)?;
     encoder.include_checksum(true)?;
@@ -185,10 +224,11 @@ impl<M: Machine> Machine for Recorder<M> {
         if let Some(fault) = &self.fault {
             return Err(fault.clone());
         }
-        match self.machine.exchange(command) {
+        let answer = self.machine.exchange(command);
+        match &answer {
             Ok(measured) => {
                 self.time = measured.time;
-                self.block.push(command, &measured);
+                self.block.push(command, measured);
                 if self.block.rows.len() >= self.most {
                     self.hand_over();
                     if let Some(fault) = &self.fault {
@@ -196,14 +236,13 @@ impl<M: Machine> Machine for Recorder<M> {
                         return Err(fault.clone());
                     }
                 }
-                Ok(measured)
             }
             Err(fault) => {
-                self.block.push_fault(command, self.time, &fault);
+                self.block.push_fault(command, self.time, fault);
                 self.fault = Some(fault.clone());
-                Err(fault)
             }
         }
+        answer
     }
 
     fn stop(&mut self) {
@@ -215,7 +254,7 @@ impl<M> Drop for Recorder<M> {
     fn drop(&mut self) {
         if let Some(writer) = self.writer.take() {
             // There is nobody left to tell.
-            let _ = writer.close(std::mem::take(&mut self.block));
+            let _ = writer.close(std::mem::take(&mut self.block)).join();
         }
     }
 }

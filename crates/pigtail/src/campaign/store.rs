@@ -427,7 +427,7 @@ impl Store {
         let Some(entry) = &self.entry else {
             return Ok(());
         };
-        let files = ledger::hash_all(&self.folder)
+        let files = ledger::hash_all(&self.folder, &[])
             .with_context(|| format!("{}: cannot be read", self.folder.display()))?;
         let end = End {
             state: if summary.complete {

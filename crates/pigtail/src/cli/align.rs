@@ -148,8 +148,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let ended = align_kept(&setup, arguments.procedure, seed, &mut watcher, &kept);
     watcher.progress.finish();
     let record = &watcher.record;
-    let mut document = match ended {
-        Ok(document) => document,
+    let (mut document, closing) = match ended {
+        Ok(ended) => ended,
         Err(Unkept::Twin(error)) => {
             return Err(stopped(
                 &run,
@@ -160,11 +160,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         Err(Unkept::Record(error)) => return Err(Failure::Other(error.into())),
     };
     watcher.phases.all_entered()?;
-    run.aligned(&document)?;
     document.report = run.path("report.html").display().to_string();
+    // The record goes on to the disk meanwhile.
     run.write_json("summary.json", &document)?;
     run.write("samples.csv", record.csv())?;
     run.write("report.html", report::alignment(&setup, &document, record)?)?;
+    if let Some(closing) = closing {
+        run.wrote(RECORD, &closing.wait().map_err(anyhow::Error::from)?);
+    }
+    run.aligned(&document)?;
     match &document.fault {
         Some(fault) => run.fault(fault)?,
         None => run.finish(&document.outcome())?,

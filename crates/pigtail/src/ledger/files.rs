@@ -19,16 +19,20 @@ pub struct FileHash {
     pub sha256: String,
 }
 
-/// Every file below `folder`, by path, but for an empty lock. What is neither file nor folder counts
-/// as a file that cannot be read, for nothing of ours makes such a thing.
+/// Every file below `folder`, by path, but for an empty lock; those that are `known` by whoever wrote
+/// them are not read again. What is neither file nor folder counts as a file that cannot be read, for
+/// nothing of ours makes such a thing.
 ///
 /// # Errors
 ///
 /// When one cannot be read.
-pub(crate) fn hash_all(folder: &Path) -> io::Result<Vec<FileHash>> {
+pub(crate) fn hash_all(folder: &Path, known: &[FileHash]) -> io::Result<Vec<FileHash>> {
     list(folder)?
         .into_iter()
         .map(|path| {
+            if let Some(file) = known.iter().find(|file| file.path == path) {
+                return Ok(file.clone());
+            }
             let (bytes, sha256) = hash(&folder.join(&path))?;
             Ok(FileHash {
                 path,
@@ -78,7 +82,8 @@ pub(super) fn hash(path: &Path) -> io::Result<(u64, String)> {
     }
 }
 
-pub(super) fn hex(bytes: &[u8]) -> String {
+/// Bytes as hexadecimal digits.
+pub(crate) fn hex(bytes: &[u8]) -> String {
     use std::fmt::Write as _;
     bytes
         .iter()
