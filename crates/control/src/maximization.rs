@@ -153,7 +153,7 @@ pub fn follow(station: &mut Station, recipe: &Recipe, trial: &Trial) -> Result<F
                     orbit.go_to(station, &peak, gap)?;
                 }
             }
-            orbit.wind_down(station, gap)?;
+            orbit.shrink(station, gap, 0.0)?;
         }
     }
     // The look is short: the peak goes on moving.

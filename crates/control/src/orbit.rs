@@ -61,8 +61,28 @@ const NEARBY: f64 = 1.2;
 /// How near the peak the turns that count must be, in widths.
 const NEAR: f64 = 0.15;
 
-/// From the middle of the last turn to when the fiber is attached, turns.
+/// From the middle of the last wide turn to that of the small one, turns. From there on creep is not
+/// foreseen: it slows down, and what a straight line foretells would be worse than nothing.
 const AHEAD: f64 = 1.3;
+
+/// Radius of the small turn in widths, of which the least is enough for light without noise: the
+/// smaller, the better the light on it tells that at its middle...
+const SMALL: (f64, f64) = (0.15, 0.3);
+
+/// ...and the more it must stand out of the noise: square of the radius for a reading's noise, of its
+/// light.
+const NOISY: f64 = 10.0;
+
+/// Share of a turn in which a circle becomes smaller.
+const SHRINK: f64 = 0.3;
+
+/// How far the small turn may find the peak from where the wide ones foresaw it, metres and standard
+/// deviations: what is farther has been moved meanwhile. Rather once too often: it costs some turns.
+const MOVED: (f64, f64) = (40e-9, 3.0);
+
+/// As [`MISFIT`], for the small turn, times its radius squared: a peak that was moved in the middle of
+/// it, or a piezo that does not go around. Without it the light would be `1 / sqrt(8)` of that off.
+const SMALL_MISFIT: f64 = 0.2;
 
 /// Fastest that a peak may move when all is done, metres a turn: some times what piezos creep.
 const FASTEST: f64 = 75e-9;
@@ -218,11 +238,12 @@ impl<'r> Orbit<'r> {
         self.beam.fit(readings, self.watch.noise)
     }
 
-    /// By how much the light of the last turn differs from that of `peak`, rms, beside its noise; of
-    /// its light at `gap`.
-    fn misfit(&mut self, peak: &Peak, gap: f64) -> f64 {
+    /// By how much the light of the last `share` of a turn differs from that of `peak`, rms, beside its
+    /// noise; of its light at `gap`.
+    fn misfit(&mut self, peak: &Peak, gap: f64, share: f64) -> f64 {
         let readings: &[Reading] = self.readings.make_contiguous();
-        let n = readings.len() as f64;
+        let n = (share * readings.len() as f64).round().max(2.0);
+        let readings = &readings[readings.len().saturating_sub(n as usize)..];
         let noise = self.watch.noise * self.watch.noise * (1.0 + 4.0 * (2.0 / n).sqrt());
         let rest = (self.beam.misfit(readings, peak) / n - noise).max(0.0);
         rest.sqrt() / (peak.full * self.beam.share(gap))
@@ -304,8 +325,8 @@ impl<'r> Orbit<'r> {
     }
 
     /// Turns at a steady gap until it is known to `accuracy` metres (one standard deviation, by
-    /// how the turns' peaks scatter about a straight line in time) where the peak will be
-    /// [`Self::wind_down`] later, and goes there. For piezos creep. The first turns only lead there.
+    /// how the turns' peaks scatter about a straight line in time) where the peak will be in
+    /// [`Self::confirm`], and goes there. For piezos creep. The first turns only lead there.
     ///
     /// # Errors
     ///
@@ -364,7 +385,7 @@ impl<'r> Orbit<'r> {
             deviation = peak.deviation;
             // A peak that a circle's middle runs after, or that is no peak's shape, is that of a micro
             // which does not go where it is told.
-            off = self.misfit(&last, gap);
+            off = self.misfit(&last, gap, 1.0);
             if slope > FASTEST + SIGNIFICANT * noise || off > MISFIT {
                 seen.clear();
                 continue;
@@ -387,19 +408,68 @@ impl<'r> Orbit<'r> {
         .into())
     }
 
-    /// Winds the circle down to its middle, and stays there for as long again.
+    /// Goes around a small circle, from which the light at its middle can be told: whether the peak is
+    /// where it was `foreseen`, which a piezo that has given way meanwhile would not be at. Then
+    /// goes to the peak by both, each as far as it is sure, and comes to rest there. Returns the light
+    /// that must be there, volts, at `gap`; `None` where the peak is not where it was foreseen.
+    ///
+    /// # Errors
+    ///
+    /// The machine's fault; [`Outcome::OutOfReach`] where the micro does not reach the peak.
+    pub fn confirm(
+        &mut self,
+        station: &mut Station,
+        gap: f64,
+        foreseen: &Peak,
+    ) -> Result<Option<f64>, Halt> {
+        let noise = self.watch.noise / (foreseen.full * self.beam.share(gap));
+        let radius = (NOISY * noise).sqrt().clamp(SMALL.0, SMALL.1);
+        let small = radius * radius;
+        self.shrink(station, gap, radius)?;
+        self.turn(station, gap)?;
+        let Some(seen) = self.peak() else {
+            return Ok(None);
+        };
+        let (dx, dy) = (seen.x - foreseen.x, seen.y - foreseen.y);
+        let deviation = seen.deviation.hypot(foreseen.deviation);
+        let most = SMALL_MISFIT * small;
+        if dx.hypot(dy) > MOVED.0 + MOVED.1 * deviation || self.misfit(&seen, gap, 1.0) > most {
+            return Ok(None);
+        }
+        let share = (foreseen.deviation / deviation).powi(2);
+        let peak = Peak {
+            x: foreseen.x + share * dx,
+            y: foreseen.y + share * dy,
+            ..seen
+        };
+        self.go_to(station, &peak, gap)?;
+        self.shrink(station, gap, 0.0)?;
+        // Not a moment longer: what piezos creep once they stand is more than what they lag.
+        if self.misfit(&seen, gap, SHRINK) > most {
+            return Ok(None);
+        }
+        // Fiber and guide are not quite as designed: by how much the peak is wider than believed, two
+        // circles tell.
+        let wide = self.shape.radius * self.shape.radius;
+        let wider = (seen.full / foreseen.full).powf(small / (wide - small));
+        Ok(Some(seen.full * wider * self.beam.share(gap)))
+    }
+
+    /// Goes on the circle to another radius, in widths of the peak, and with nought to rest.
     ///
     /// # Errors
     ///
     /// The machine's fault.
-    pub fn wind_down(&mut self, station: &mut Station, gap: f64) -> Result<(), Fault> {
-        let radius = self.radius;
-        let cycles = (0.5 * self.shape.period / station.spec().period()).round();
+    pub fn shrink(&mut self, station: &mut Station, gap: f64, to: f64) -> Result<(), Fault> {
+        let from = self.radius;
+        let cycles = (SHRINK * self.shape.period / station.spec().period()).round();
         for k in 0..cycles as u64 {
-            self.radius = radius * (1.0 - (k as f64 + 1.0) / cycles);
+            // Without a jump of the speed, for the micro's resonance.
+            let left = 0.5 + 0.5 * (PI * (k as f64 + 1.0) / cycles).cos();
+            self.radius = to + left * (from - to);
             self.cycle(station, gap)?;
         }
-        self.radius = 0.0;
+        self.radius = to;
         Ok(())
     }
 }

@@ -17,7 +17,7 @@ const ATTACHED_LOOK: f64 = 0.008;
 const ATTACHED_LESS: f64 = 0.003;
 
 /// Standard deviations of the difference of two looks that are noise.
-const ATTACHED_NOISE: f64 = 6.0;
+const ATTACHED_NOISE: f64 = 4.5;
 
 /// How one fiber's alignment went.
 #[derive(Debug, Clone, PartialEq)]

@@ -143,8 +143,8 @@ fn a_piezo_that_breaks_as_the_fiber_is_attached_is_not_believed() {
     let runs = TempDir::new().expect("a folder");
     let (_, end) = phase(runs.path(), "72", "final");
     let mut slipped = 0;
-    for k in 0..16 {
-        let time = end - 1e-3 * f64::from(k);
+    for k in 0..24 {
+        let time = end - 2e-3 * f64::from(k);
         let document = broken(runs.path(), "72", "piezo-depolarised:left.micro1:0.2", time);
         let input = &document["fibers"][0];
         let aligned = input["outcome"] == "aligned";

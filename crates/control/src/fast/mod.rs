@@ -506,18 +506,21 @@ impl Shared<'_> {
                 }
                 .into());
             }
-            orbit.wind_down(station, gap)?;
-            let look = station.level(orbit.channel(), 0.008)?;
-            let level = look.mean - orbit.background();
             let expected = peak.full * beam.share(gap);
+            let level = orbit.confirm(station, gap, &peak)?;
             // Meanwhile vision may have come to know better.
             let way = aim.gap(station) - self.recipe.approach.gap;
             let far = way.abs() > LATE * self.fast.gap_tolerance;
-            if level > 0.9 * expected && (!far || attempt == 3) {
-                let sigma = orbit.noise();
-                return Ok(Level { sigma, ..look });
+            if let Some(level) = level
+                && level > 0.9 * expected
+                && (!far || attempt == 3)
+            {
+                return Ok(Level {
+                    mean: level + orbit.background(),
+                    sigma: orbit.noise(),
+                });
             }
-            last = (level, expected);
+            last = (level.unwrap_or(0.0), expected);
         }
         Err(Outcome::LightLost {
             phase: "final",
