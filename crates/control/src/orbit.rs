@@ -73,6 +73,9 @@ const SMALL: (f64, f64) = (0.15, 0.3);
 /// light.
 const NOISY: f64 = 10.0;
 
+/// How well the wide turns and the small one together must know the peak, of what the wide ones must.
+const TOGETHER: f64 = 0.8;
+
 /// Share of a turn in which a circle becomes smaller.
 const SHRINK: f64 = 0.3;
 
@@ -390,7 +393,10 @@ impl<'r> Orbit<'r> {
                 seen.clear();
                 continue;
             }
-            if deviation < accuracy {
+            // The small turn to come knows the less the smaller it is.
+            let small = last.deviation * self.shape.radius / self.small(&last, gap);
+            let together = deviation * small / deviation.hypot(small);
+            if deviation < accuracy && together < TOGETHER * accuracy {
                 return Ok(peak);
             }
         }
@@ -408,6 +414,12 @@ impl<'r> Orbit<'r> {
         .into())
     }
 
+    /// Radius of the small turn around a peak, in its widths.
+    fn small(&self, peak: &Peak, gap: f64) -> f64 {
+        let noise = self.watch.noise / (peak.full * self.beam.share(gap));
+        (NOISY * noise).sqrt().clamp(SMALL.0, SMALL.1)
+    }
+
     /// Goes around a small circle, from which the light at its middle can be told: whether the peak is
     /// where it was `foreseen`, which a piezo that has given way meanwhile would not be at. Then
     /// goes to the peak by both, each as far as it is sure, and comes to rest there. Returns the light
@@ -422,8 +434,7 @@ impl<'r> Orbit<'r> {
         gap: f64,
         foreseen: &Peak,
     ) -> Result<Option<f64>, Halt> {
-        let noise = self.watch.noise / (foreseen.full * self.beam.share(gap));
-        let radius = (NOISY * noise).sqrt().clamp(SMALL.0, SMALL.1);
+        let radius = self.small(foreseen, gap);
         let small = radius * radius;
         self.shrink(station, gap, radius)?;
         self.turn(station, gap)?;

@@ -238,6 +238,10 @@ pub struct GuardSpec {
     /// What a transmission may hide of a motion of the endpoint in x and y, metres.
     #[serde(deserialize_with = "quantity::positive_length")]
     pub windup: f64,
+    /// By what time of a motion an output follows its motor where a probe watches it: what resists its
+    /// speed winds the transmission up. Twice as much is accepted, seconds.
+    #[serde(deserialize_with = "quantity::non_negative_time")]
+    pub lag: f64,
     /// How long a photodiode may read the end of its range, seconds.
     #[serde(deserialize_with = "quantity::positive_time")]
     pub saturated: f64,
@@ -255,6 +259,7 @@ impl Default for GuardSpec {
             clearance: 1e-6,
             placement: 150e-6,
             windup: 150e-6,
+            lag: 1.5e-3,
             saturated: 50e-3,
             retract: 500e-6,
         }

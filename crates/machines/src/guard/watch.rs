@@ -170,19 +170,16 @@ impl Stalls {
 
 /// How fast what a probe and an encoder differ by may change, as a time: that of a filter, seconds.
 const SLOW: f64 = 0.1;
-/// Farthest that they may come apart within it in z, metres...
+/// Farthest that they may come apart within it in z, metres.
 const APART_Z: f64 = 2e-6;
-/// ...and by what time of a motion, seconds, more or less than the usual: a transmission gives way to
-/// what resists its load's speed.
-const APART_LAG: f64 = 1.5e-3;
-/// See [`APART_LAG`].
-const USUAL_LAG: f64 = 1.5e-3;
-
 /// Outputs that do not do what their motors' encoders say.
 #[derive(Debug, Clone)]
 pub(super) struct Outputs {
     share: f64,
     apart: [f64; AXES],
+    /// By what time of a motion an output follows its motor, usually, and how much more or less it may
+    /// be, seconds.
+    lag: f64,
     /// What each probe and its encoder have differed by of late, metres.
     usual: Option<[[f64; AXES]; SIDES]>,
 }
@@ -193,6 +190,7 @@ impl Outputs {
         Self {
             share: spec.period() / SLOW,
             apart: [xy, xy, APART_Z],
+            lag: spec.guard.lag,
             usual: None,
         }
     }
@@ -210,10 +208,10 @@ impl Outputs {
         for side in Side::ALL {
             for axis in Axis::ALL {
                 let (i, k) = (side.index(), axis.index());
-                let lag = USUAL_LAG * speeds[i][k];
+                let lag = self.lag * speeds[i][k];
                 let by = probes[i][k] - encoders[i][k] + lag - usual[i][k];
                 usual[i][k] += self.share * by;
-                let accepted = self.apart[k] + APART_LAG * speeds[i][k].abs();
+                let accepted = self.apart[k] + self.lag * speeds[i][k].abs();
                 // A comparison that a NaN fails too.
                 if by.abs() <= accepted {
                     continue;

@@ -4,7 +4,7 @@ use super::columns::{self, Column, Dimension, Named, Source, Wanted};
 use super::fragment::Kind;
 use super::{Answer, Figure, NOT_IDENTIFIABLE, Rows, Shown, short};
 use pigtail_control::record::servo::{
-    Friction, Identified, Method, Record, Replay, Settings, Sliding, Variant, identify, replay,
+    Friction, Identified, Method, Motion, Record, Replay, Settings, Sliding, Variant, identify, replay,
 };
 use pigtail_control::record::timeline::{Uneven, even};
 use pigtail_control::record::{Account, Unknown};
@@ -197,6 +197,7 @@ pub fn servo(
             .iter()
             .chain(&found.remarks)
             .cloned()
+            .chain(unlikely(first.kind, asked.values[0], &found.motion))
             .collect(),
         ..Answer::default()
     };
@@ -237,6 +238,25 @@ pub fn servo(
         shown: Some(shown),
         best: Some((best, found)),
     }
+}
+
+/// What no servo axis is or does: one unit that is wrong for all of a record's columns shows nowhere else.
+fn unlikely(kind: Kind, inertia: f64, motion: &Motion) -> Option<String> {
+    // Of inertia, kg or kg m^2; of stroke, m or rad; of speed, m/s or rad/s.
+    let (inertias, stroke, speed, units) = match kind {
+        Kind::Linear => (1e-6..1e4, 100.0, 100.0, ["kg", "m", "m/s"]),
+        Kind::Rotary => (1e-10..1e4, 1e6, 1e5, ["kg m^2", "rad", "rad/s"]),
+    };
+    let ask = "are the units of position and voltage right, and --force-per-volt?";
+    if !inertias.contains(&inertia) {
+        return Some(format!("an inertia of {inertia:.3e} {}: {ask}", units[0]));
+    }
+    (motion.stroke > stroke || motion.speed > speed).then(|| {
+        format!(
+            "a motion over {:.3e} {} at up to {:.3e} {}: {ask}",
+            motion.stroke, units[1], motion.speed, units[2]
+        )
+    })
 }
 
 /// How far a replay is from its record.
