@@ -8,10 +8,10 @@ use pigtail_control::procedure::{FiberReport, PORTS, not_begun};
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::{Observer, Station};
 use pigtail_hal::{Fault, Machine};
+use pigtail_machines::record::Closing;
 use pigtail_machines::record::RecordError;
 use pigtail_machines::twin::faults::Injection;
 use pigtail_machines::twin::{FiberTruth, TwinError};
-use pigtail_machines::record::Closing;
 use pigtail_machines::{Deadline, Pace, Panel, Recorder, Twin};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -194,14 +194,7 @@ pub fn align_kept(
             (reports, Some(recorder.finish()))
         }
     };
-    let document = document(
-        setup,
-        &of(procedure),
-        seed,
-        &injected,
-        &twin,
-        &reports,
-    );
+    let document = document(setup, &of(procedure), seed, &injected, &twin, &reports);
     Ok((document, closing))
 }
 

@@ -219,7 +219,10 @@ fn an_axis_that_nobody_builds_is_remarked_on() {
         assert!(remarks.contains("are the units"), "{scale}: {remarks}");
     }
     let (json, _) = identify_turning(&csv(TURNING, turning(15, swinging)), &[]);
-    assert!(!json["remarks"].to_string().contains("are the units"), "{json}");
+    assert!(
+        !json["remarks"].to_string().contains("are the units"),
+        "{json}"
+    );
 }
 
 /// Holes, gaps and stamps that jitter change next to nothing.

@@ -1,7 +1,7 @@
 //! A fragment of a rig: the model of one axis from a record, for whatever takes `--from`.
 
 use super::columns::Source;
-use super::part::Part;
+use super::part::{LOAD, Part, STIFF};
 use pigtail_control::record::servo::{Axis, Controller, Motion};
 use pigtail_hal::{Error, config};
 use serde::{Deserialize, Serialize};
@@ -228,7 +228,11 @@ impl Fragment {
     pub fn text(&self) -> anyhow::Result<String> {
         Ok(format!(
             "# The model of an axis from a record, SI units. `pigtail twin`, `tune`, `characterize`, `align` and\n\
-             # `rig` take it with --from.\n\n{}",
+             # `rig` take it with --from. What a record of one encoder does not tell, [z_stage.joint] or\n\
+             # [five_bar.joint] assume: friction that is the mean of both directions, Coulomb friction on the\n\
+             # motor's side and viscous on the load's, {:.0} % of the inertia behind a transmission of {} Hz.\n\n{}",
+            100.0 * LOAD,
+            STIFF,
             toml::to_string_pretty(self)?
         ))
     }

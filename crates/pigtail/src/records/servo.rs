@@ -4,7 +4,8 @@ use super::columns::{self, Column, Dimension, Named, Source, Wanted};
 use super::fragment::Kind;
 use super::{Answer, Figure, NOT_IDENTIFIABLE, Rows, Shown, short};
 use pigtail_control::record::servo::{
-    Friction, Identified, Method, Motion, Record, Replay, Settings, Sliding, Variant, identify, replay,
+    Friction, Identified, Method, Motion, Record, Replay, Settings, Sliding, Variant, identify,
+    replay,
 };
 use pigtail_control::record::timeline::{Uneven, even};
 use pigtail_control::record::{Account, Unknown};
