@@ -73,7 +73,8 @@ const SMALL: (f64, f64) = (0.15, 0.3);
 /// light.
 const NOISY: f64 = 10.0;
 
-/// How well the wide turns and the small one together must know the peak, of what the wide ones must.
+/// How well the wide turns and the small one together must know the peak, of what the wide ones must;
+/// but for light so dim that it takes very many.
 const TOGETHER: f64 = 0.8;
 
 /// Share of a turn in which a circle becomes smaller.
@@ -396,7 +397,8 @@ impl<'r> Orbit<'r> {
             // The small turn to come knows the less the smaller it is.
             let small = last.deviation * self.shape.radius / self.small(&last, gap);
             let together = deviation * small / deviation.hypot(small);
-            if deviation < accuracy && together < TOGETHER * accuracy {
+            let long = seen.len() >= 2 * self.shape.turns as usize;
+            if deviation < accuracy && (together < TOGETHER * accuracy || long) {
                 return Ok(peak);
             }
         }
