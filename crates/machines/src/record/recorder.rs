@@ -88,6 +88,10 @@ impl<M: Machine> Recorder<M> {
 
     /// Hands over what is left. It is written, and the record closed, while the caller does
     /// something else.
+    ///
+    /// # Panics
+    ///
+    /// Never: only its end takes the writer.
     pub fn finish(mut self) -> Closing {
         let block = std::mem::take(&mut self.block);
         let writer = self.writer.take().expect("only its end takes it");
