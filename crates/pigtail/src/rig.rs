@@ -138,7 +138,7 @@ impl Setup {
             return Self::load(rig, recipe);
         }
         let files = rig_files(rig, own, bench)?;
-        Self::read(rig, recipe, |wanted| match wanted {
+        let mut setup = Self::read(rig, recipe, |wanted| match wanted {
             Wanted::Rig(index) => Ok(Some(files[index].clone())),
             Wanted::Weights(file) => rig_folder(rig)
                 .map(|folder| read_file(&folder.join(file)))
@@ -150,7 +150,9 @@ impl Setup {
                 error.message += "; an axis of your own goes no faster than its record shows it";
             }
             error
-        })
+        })?;
+        setup.rig = format!("{rig} with {}", own.names());
+        Ok(setup)
     }
 
     fn read(

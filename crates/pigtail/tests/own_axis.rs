@@ -185,6 +185,10 @@ fn an_identified_axis_is_tuned_characterized_and_aligned_with() {
             );
             aligned += usize::from(code == 0);
             assert!([0, 1].contains(&code), "{axis}, seed {seed}: {json}");
+            assert_eq!(
+                json["rig"],
+                format!("afpm with {run}/plant.toml and {gains}")
+            );
         }
         assert!(aligned >= 2, "{axis}: {aligned} of 3");
         // The same as a rig of its own, which goes on from there.

@@ -138,6 +138,12 @@ impl Own {
         self.pieces.iter().any(whole) && !self.pieces.iter().any(gains)
     }
 
+    /// The files that it was read from, in words.
+    pub fn names(&self) -> String {
+        let files: Vec<&str> = self.pieces.iter().map(|p| p.file.as_str()).collect();
+        files.join(" and ")
+    }
+
     /// That some of it is of this axis.
     ///
     /// # Errors
