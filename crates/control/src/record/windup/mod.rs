@@ -322,6 +322,16 @@ impl Identified {
     }
 }
 
+/// Standard deviation of a parameter by what it becomes where a part of the record is left out, each in
+/// turn: what differs from part to part is no noise, and residuals that are correlated over all of it do
+/// not tell.
+fn jackknife(parts: &[Vec<f64>], parameter: usize) -> f64 {
+    let n = parts.len() as f64;
+    let mean = parts.iter().map(|p| p[parameter]).sum::<f64>() / n;
+    let squares: f64 = parts.iter().map(|p| (p[parameter] - mean).powi(2)).sum();
+    (squares * (n - 1.0) / n).sqrt()
+}
+
 fn fit(
     name: &'static str,
     parts: Parts,
@@ -334,18 +344,18 @@ fn fit(
     let n = all.len();
     let way = signals.way(parts, all);
     let whole = signals.fit(parts, way, all)?;
-    let held_back = if let Some(second) = second {
-        rms(second.left(parts, way, &whole.values))
-    } else {
-        let mut squares = 0.0;
-        for fold in 0..FOLDS {
-            let (from, to) = (fold * n / FOLDS, (fold + 1) * n / FOLDS);
-            let rows: Vec<usize> = (0..from).chain(to..n).collect();
-            let part = signals.fit(parts, way, &rows)?;
-            let left = signals.left(parts, way, &part.values);
-            squares += left[from..to].iter().map(|l| l * l).sum::<f64>();
-        }
-        (squares / n as f64).sqrt()
+    let (mut squares, mut others) = (0.0, Vec::with_capacity(FOLDS));
+    for fold in 0..FOLDS {
+        let (from, to) = (fold * n / FOLDS, (fold + 1) * n / FOLDS);
+        let rows: Vec<usize> = (0..from).chain(to..n).collect();
+        let part = signals.fit(parts, way, &rows)?;
+        let left = signals.left(parts, way, &part.values);
+        squares += left[from..to].iter().map(|l| l * l).sum::<f64>();
+        others.push(part.values);
+    }
+    let held_back = match second {
+        Some(second) => rms(second.left(parts, way, &whole.values)),
+        None => (squares / n as f64).sqrt(),
     };
     let names = signals.columns(parts, way);
     // With the way unknown too the rest is less sure.
@@ -355,7 +365,7 @@ fn fit(
         .flatten();
     let stds = |j: usize| {
         let s = sure.as_ref().unwrap_or(&whole);
-        (s.std[j], s.std_correlated[j])
+        (s.std[j], s.std_correlated[j].max(jackknife(&others, j)))
     };
     let mut parameters = Vec::new();
     let mut elements = Vec::new();
@@ -374,8 +384,8 @@ fn fit(
         }
     }
     if parts.reversal {
-        let (std, std_correlated) = if sure.is_some() {
-            stds(names.len())
+        let (std, std_correlated) = if let Some(sure) = &sure {
+            (sure.std[names.len()], sure.std_correlated[names.len()])
         } else {
             (f64::INFINITY, f64::INFINITY)
         };
