@@ -61,8 +61,8 @@ const NEARBY: f64 = 1.2;
 /// How near the peak the turns that count must be, in widths.
 const NEAR: f64 = 0.15;
 
-/// From the middle of the last wide turn to that of the small one, turns. From there on creep is not
-/// foreseen: it slows down, and what a straight line foretells would be worse than nothing.
+/// From the middle of the last wide turn to that of the small one, turns. Foreseeing as far as the fiber's
+/// attaching makes offsets in x twice as large, and those in y larger by a third.
 const AHEAD: f64 = 1.3;
 
 /// Radius of the small turn in widths, of which the least is enough for light without noise: the
@@ -85,7 +85,7 @@ const SHRINK: f64 = 0.3;
 const MOVED: (f64, f64) = (40e-9, 3.0);
 
 /// As [`MISFIT`], for the small turn, times its radius squared: a peak that was moved in the middle of
-/// it, or a piezo that does not go around. Without it the light would be `1 / sqrt(8)` of that off.
+/// it, or a piezo that does not move, which makes `1 / sqrt(8)`.
 const SMALL_MISFIT: f64 = 0.2;
 
 /// Fastest that a peak may move when all is done, metres a turn: some times what piezos creep.
@@ -425,7 +425,7 @@ impl<'r> Orbit<'r> {
     /// Goes around a small circle, from which the light at its middle can be told: whether the peak is
     /// where it was `foreseen`, which a piezo that has given way meanwhile would not be at. Then
     /// goes to the peak by both, each as far as it is sure, and comes to rest there. Returns the light
-    /// that must be there, volts, at `gap`; `None` where the peak is not where it was foreseen.
+    /// that must be there, volts, at `gap`, or why the peak is not believed to be there.
     ///
     /// # Errors
     ///
@@ -435,19 +435,32 @@ impl<'r> Orbit<'r> {
         station: &mut Station,
         gap: f64,
         foreseen: &Peak,
-    ) -> Result<Option<f64>, Halt> {
+        phase: &'static str,
+    ) -> Result<Result<f64, Outcome>, Halt> {
         let radius = self.small(foreseen, gap);
         let small = radius * radius;
         self.shrink(station, gap, radius)?;
         self.turn(station, gap)?;
         let Some(seen) = self.peak() else {
-            return Ok(None);
+            return Ok(Err(Outcome::LightLost {
+                phase,
+                level: 0.0,
+                expected: foreseen.full * self.beam.share(gap),
+            }));
         };
         let (dx, dy) = (seen.x - foreseen.x, seen.y - foreseen.y);
         let deviation = seen.deviation.hypot(foreseen.deviation);
-        let most = SMALL_MISFIT * small;
-        if dx.hypot(dy) > MOVED.0 + MOVED.1 * deviation || self.misfit(&seen, gap, 1.0) > most {
-            return Ok(None);
+        let (way, near) = (dx.hypot(dy), MOVED.0 + MOVED.1 * deviation);
+        if way > near {
+            return Ok(Err(Outcome::Unsure {
+                deviation: way,
+                accuracy: near,
+            }));
+        }
+        let accepted = SMALL_MISFIT * small;
+        let misfit = self.misfit(&seen, gap, 1.0);
+        if misfit > accepted {
+            return Ok(Err(Outcome::Misshapen { misfit, accepted }));
         }
         let share = (foreseen.deviation / deviation).powi(2);
         let peak = Peak {
@@ -457,15 +470,16 @@ impl<'r> Orbit<'r> {
         };
         self.go_to(station, &peak, gap)?;
         self.shrink(station, gap, 0.0)?;
-        // Not a moment longer: what piezos creep once they stand is more than what they lag.
-        if self.misfit(&seen, gap, SHRINK) > most {
-            return Ok(None);
+        // Not a moment longer: to wait until the micro has come to rest makes offsets larger by a third.
+        let misfit = self.misfit(&seen, gap, SHRINK);
+        if misfit > accepted {
+            return Ok(Err(Outcome::Misshapen { misfit, accepted }));
         }
         // Fiber and guide are not quite as designed: by how much the peak is wider than believed, two
         // circles tell.
         let wide = self.shape.radius * self.shape.radius;
         let wider = (seen.full / foreseen.full).powf(small / (wide - small));
-        Ok(Some(seen.full * wider * self.beam.share(gap)))
+        Ok(Ok(seen.full * wider * self.beam.share(gap)))
     }
 
     /// Goes on the circle to another radius, in widths of the peak, and with nought to rest.

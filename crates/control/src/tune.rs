@@ -153,8 +153,6 @@ pub struct Search {
     pub trials: u32,
     /// The successful ones, in order; the last is the best.
     pub path: Vec<Progress>,
-    /// All of them, in order.
-    pub tried: Vec<Progress>,
 }
 
 impl Search {
@@ -179,11 +177,9 @@ impl<E> Notebook<'_, E> {
     fn try_out(&mut self, gains: Gains) -> Result<f64, E> {
         let cost = (self.cost)(gains)?;
         self.search.trials += 1;
-        let trial = self.search.trials;
-        let now = Progress { trial, gains, cost };
-        self.search.tried.push(now);
         if self.search.path.last().is_none_or(|best| cost < best.cost) {
-            self.search.path.push(now);
+            let trial = self.search.trials;
+            self.search.path.push(Progress { trial, gains, cost });
         }
         Ok(cost)
     }
@@ -199,7 +195,6 @@ fn notebook<E>(cost: &mut dyn FnMut(Gains) -> Result<f64, E>, most: u32) -> Note
         search: Search {
             trials: 0,
             path: Vec::new(),
-            tried: Vec::new(),
         },
         most,
     }

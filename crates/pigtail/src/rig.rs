@@ -1,7 +1,6 @@
 //! Finding and loading a rig and a recipe, with the hash of everything that was read.
 
 use crate::faults::Faults;
-use crate::ledger;
 use crate::records::own::Own;
 use pigtail_control::calibration::Calibration;
 use pigtail_control::recipe::Recipe;
@@ -382,5 +381,16 @@ fn read_file(path: &Path) -> Result<Source, Error> {
 
 /// SHA-256 of a file's content.
 pub(crate) fn hash(content: impl AsRef<[u8]>) -> String {
-    ledger::hex(&Sha256::digest(content.as_ref()))
+    hex(&Sha256::digest(content.as_ref()))
+}
+
+/// Bytes as hexadecimal digits.
+pub(crate) fn hex(bytes: &[u8]) -> String {
+    use std::fmt::Write as _;
+    bytes
+        .iter()
+        .fold(String::with_capacity(64), |mut hex, byte| {
+            let _ = write!(hex, "{byte:02x}");
+            hex
+        })
 }

@@ -2,7 +2,7 @@
 
 use crate::align::{AlignError, Document};
 use crate::ledger::{self, Beginning, Devices, End, Entry, FileHash, LOCK, Ledger, State};
-use crate::rig::hash;
+use crate::rig::{hash, hex};
 use anyhow::{Context, Result};
 use pigtail_control::station::{Observer, Sample};
 use pigtail_hal::{Error, Fault};
@@ -159,7 +159,7 @@ impl Run {
         self.known.borrow_mut().push(FileHash {
             path: file.to_owned(),
             bytes: written.bytes,
-            sha256: ledger::hex(&written.sha256),
+            sha256: hex(&written.sha256),
         });
     }
 

@@ -5,7 +5,7 @@ use crate::rig::Setup;
 use pigtail_control::calibration::AxisGains;
 use pigtail_control::characterize::{StepResponse, Trace, step_response};
 use pigtail_control::station::{Station, Unobserved};
-use pigtail_control::tune::{Experiment, Gains, Progress, Search, random_neighbourhood, simplex};
+use pigtail_control::tune::{Experiment, Gains, Search, random_neighbourhood, simplex};
 use pigtail_hal::{Axis, AxisName, Fault};
 use pigtail_machines::Twin;
 use rand::SeedableRng;
@@ -75,16 +75,6 @@ const WINDOW: f64 = 0.15;
 
 /// Three starts far apart, as factors of the gains that are believed.
 const STARTS: [Gains; 3] = [[0.4, 0.3, 0.5], [2.0, 0.3, 0.6], [0.6, 2.0, 2.0]];
-
-/// Costs within this factor of the least cannot be told apart...
-const ALIKE: f64 = 1.05;
-
-/// ...and so many of them are looked at more closely.
-const MOST_ALIKE: usize = 24;
-
-/// What a share of the rise is worth, in shares of settling: this varies much more from one response to the
-/// next.
-const RISING: f64 = 4.0;
 
 /// What `tune` prints as JSON and keeps as `summary.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -235,29 +225,25 @@ pub fn tune(
         .iter()
         .map(|s| s.best().cost)
         .fold(f64::INFINITY, f64::min);
-    let mut alike: Vec<(&Search, Progress)> = searches
-        .iter()
-        .flat_map(|search| search.tried.iter().map(move |found| (search, *found)))
-        .filter(|(_, found)| found.cost <= ALIKE * least)
-        .collect();
-    alike.sort_by(|a, b| a.1.cost.total_cmp(&b.1.cost));
     let mut near = Vec::new();
-    for (search, found) in alike.into_iter().take(MOST_ALIKE) {
-        let gains = GainsRow::new(found.gains);
-        let trace = experiment.response(&mut station, gains.gains())?;
-        let response = step_response(&trace, plan.step as f64);
-        near.push(Chosen {
-            search,
-            cost: found.cost,
-            gains,
-            trace,
-            response,
-        });
+    for search in &searches {
+        for found in search.path.iter().filter(|p| p.cost <= 1.02 * least) {
+            let gains = GainsRow::new(found.gains);
+            let trace = experiment.response(&mut station, gains.gains())?;
+            let response = step_response(&trace, plan.step as f64);
+            near.push(Chosen {
+                search,
+                cost: found.cost,
+                gains,
+                trace,
+                response,
+            });
+        }
     }
     let fastest = |of: fn(&Chosen) -> f64| near.iter().map(of).fold(f64::INFINITY, f64::min);
     let rise = fastest(|c| c.response.rise);
     let settling = fastest(|c| c.response.settling);
-    let slowness = |c: &Chosen| RISING * c.response.rise / rise + c.response.settling / settling;
+    let slowness = |c: &Chosen| c.response.rise / rise + c.response.settling / settling;
     let chosen = near
         .into_iter()
         .min_by(|a, b| slowness(a).total_cmp(&slowness(b)))

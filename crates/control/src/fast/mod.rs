@@ -81,6 +81,9 @@ const MOST_LOOKING: f64 = 0.3;
 /// last turns again.
 const LATE: f64 = 1.3;
 
+/// How often the last turns are begun.
+const ATTEMPTS: u32 = 3;
+
 /// After so many bright places that were no peak a search ends.
 const MOST_DISMISSED: usize = 5;
 
@@ -492,8 +495,9 @@ impl Shared<'_> {
     ) -> Result<Level, Halt> {
         let beam = Beam::new(&self.recipe.mode, self.exit());
         let accuracy = self.fast.accuracy;
-        let mut last = (0.0, 0.0);
-        for attempt in 1..=3 {
+        let mut attempt = 0;
+        loop {
+            attempt += 1;
             orbit.set_radius(self.fast.orbit.radius);
             self.know_gap(station, aim, orbit)?;
             self.correct_gap(station, aim, orbit)?;
@@ -506,28 +510,29 @@ impl Shared<'_> {
                 }
                 .into());
             }
-            let expected = peak.full * beam.share(gap);
-            let level = orbit.confirm(station, gap, &peak)?;
+            let confirmed = orbit.confirm(station, gap, &peak, "final")?;
             // Meanwhile vision may have come to know better.
             let way = aim.gap(station) - self.recipe.approach.gap;
             let far = way.abs() > LATE * self.fast.gap_tolerance;
-            if let Some(level) = level
-                && level > 0.9 * expected
-                && (!far || attempt == 3)
-            {
-                return Ok(Level {
-                    mean: level + orbit.background(),
-                    sigma: orbit.noise(),
-                });
+            let expected = peak.full * beam.share(gap);
+            let why = match confirmed {
+                Ok(level) if level > 0.9 * expected && (!far || attempt == ATTEMPTS) => {
+                    return Ok(Level {
+                        mean: level + orbit.background(),
+                        sigma: orbit.noise(),
+                    });
+                }
+                Ok(level) => Outcome::LightLost {
+                    phase: "final",
+                    level,
+                    expected,
+                },
+                Err(outcome) => outcome,
+            };
+            if attempt == ATTEMPTS {
+                return Err(why.into());
             }
-            last = (level.unwrap_or(0.0), expected);
         }
-        Err(Outcome::LightLost {
-            phase: "final",
-            level: last.0,
-            expected: last.1,
-        }
-        .into())
     }
 }
 

@@ -172,6 +172,7 @@ impl Stalls {
 const SLOW: f64 = 0.1;
 /// Farthest that they may come apart within it in z, metres.
 const APART_Z: f64 = 2e-6;
+
 /// Outputs that do not do what their motors' encoders say.
 #[derive(Debug, Clone)]
 pub(super) struct Outputs {

@@ -43,7 +43,8 @@ struct Writer {
 #[derive(Debug)]
 #[must_use = "only who waits is told what could not be written"]
 pub struct Closing {
-    thread: JoinHandle<io::Result<Written>>,
+    /// Gone once it was waited for.
+    thread: Option<JoinHandle<io::Result<Written>>>,
     path: PathBuf,
 }
 
@@ -96,7 +97,7 @@ impl<M: Machine> Recorder<M> {
         let block = std::mem::take(&mut self.block);
         let writer = self.writer.take().expect("only its end takes it");
         Closing {
-            thread: writer.close(block),
+            thread: Some(writer.close(block)),
             path: self.path.clone(),
         }
     }
@@ -133,13 +134,24 @@ impl Closing {
     /// # Errors
     ///
     /// When it could not be written to its end.
-    pub fn wait(self) -> Result<Written, RecordError> {
+    pub fn wait(mut self) -> Result<Written, RecordError> {
+        let ended = self.thread.take().and_then(|thread| thread.join().ok());
         let failed = || io::Error::other("the thread that writes it has failed");
-        let written = self.thread.join().unwrap_or_else(|_| Err(failed()));
-        written.map_err(|error| RecordError::Unwritable {
-            path: self.path,
-            error,
-        })
+        ended
+            .unwrap_or_else(|| Err(failed()))
+            .map_err(|error| RecordError::Unwritable {
+                path: std::mem::take(&mut self.path),
+                error,
+            })
+    }
+}
+
+impl Drop for Closing {
+    /// Whoever goes on without it, for an error of its own, leaves a record that is whole.
+    fn drop(&mut self) {
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
     }
 }
 

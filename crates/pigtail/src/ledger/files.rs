@@ -1,5 +1,6 @@
 //! The files of a run's folder, and what they hash to.
 
+use crate::rig::hex;
 use sha2::{Digest, Sha256};
 use std::fs::{self, File};
 use std::io::{self, Read};
@@ -80,15 +81,4 @@ pub(super) fn hash(path: &Path) -> io::Result<(u64, String)> {
             Err(error) => return Err(error),
         }
     }
-}
-
-/// Bytes as hexadecimal digits.
-pub(crate) fn hex(bytes: &[u8]) -> String {
-    use std::fmt::Write as _;
-    bytes
-        .iter()
-        .fold(String::with_capacity(64), |mut hex, byte| {
-            let _ = write!(hex, "{byte:02x}");
-            hex
-        })
 }

@@ -21,7 +21,7 @@ pub mod verify;
 pub(crate) use entry::{Beginning, End, Entry};
 pub use entry::{Devices, State};
 pub use files::FileHash;
-pub(crate) use files::{LOCK, hash_all, hex};
+pub(crate) use files::{LOCK, hash_all};
 
 use anyhow::{Context, Result};
 use pigtail_hal::Error;

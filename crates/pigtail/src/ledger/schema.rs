@@ -174,7 +174,7 @@ pub(super) fn seal(connection: &Connection, run: i64) -> Result<String> {
             }
         }
     }
-    Ok(super::files::hex(&hash.finalize()))
+    Ok(crate::rig::hex(&hash.finalize()))
 }
 
 #[cfg(test)]
