@@ -1,12 +1,13 @@
 //! Cost of one joint for one servo cycle, its PID included: in a slow triangle scan, where it
-//! sticks and slips all the time, and in a fast sine, where it always slides.
+//! sticks and slips all the time, and in a fast sine, where it always slides; and of a joint of a machine
+//! of four five-bar joints and two z-stages that all do the same.
 
 #[path = "../tests/joint/parameters.rs"]
 mod parameters;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use parameters::{Pid, five_bar, joint, round_up, z_stage};
-use pigtail_model::group::Group;
+use pigtail_model::group::{Group, States};
 use pigtail_model::joint::{Joint, JointParameters, JointState};
 use std::hint::black_box;
 
@@ -14,26 +15,27 @@ const CYCLE: f64 = 4e-4;
 const CYCLES: usize = 5000;
 const JOINTS: usize = 6;
 
+/// A kind of joint, and its PID.
+type Kind = (JointParameters, fn() -> Pid);
+
 /// Six joints a cycle, as a machine with two manipulators steps them, in `steps` steps a cycle. The
 /// reference is a table, so that only joints are timed.
-fn run(
-    parameters: JointParameters,
-    pid: fn() -> Pid,
-    reference: &[i64],
-    steps: f64,
-) -> [JointState; JOINTS] {
-    let joint = Joint::new(parameters, CYCLE / steps).expect("valid parameters");
-    let group = Group::new([joint; JOINTS]);
-    let mut pids: [Pid; JOINTS] = std::array::from_fn(|_| pid());
-    let mut states = [JointState::default(); JOINTS];
+fn run<const N: usize>(kind: Kind, group: &Group<N>, reference: &[i64]) -> States<N> {
+    let mut pids: [Pid; N] = std::array::from_fn(|_| kind.1());
+    let mut states = States::new([JointState::default(); N]);
     for k in 0..CYCLES {
         // Each joint at its own point of the path, or their events would coincide.
         let voltages = std::array::from_fn(|i| {
-            pids[i].voltage(reference[k + 1000 * i], states[i].motor_angle)
+            pids[i].voltage(reference[k + 1000 * i], states.motor_angle(i))
         });
-        group.advance(&mut states, voltages, CYCLE);
+        group.advance(&mut states, voltages);
     }
     states
+}
+
+fn group<const N: usize>(kind: Kind, steps: f64) -> Group<N> {
+    let joint = Joint::new(kind.0, CYCLE / steps).expect("valid parameters");
+    Group::new([joint; N], CYCLE)
 }
 
 /// The same one by one.
@@ -62,33 +64,47 @@ fn table(reference: impl Fn(f64) -> f64) -> Vec<i64> {
 }
 
 fn joint_cycle(c: &mut Criterion) {
-    let mut group = c.benchmark_group("joint cycle");
-    group.throughput(Throughput::Elements((CYCLES * JOINTS) as u64));
+    let mut bench = c.benchmark_group("joint cycle");
+    bench.throughput(Throughput::Elements((CYCLES * JOINTS) as u64));
     // 0.4 mm/s on the five-bar: it sticks and slips all the time.
     let triangle = table(|t| 200.0 * (1.0 - 4.0 * ((0.5 * t + 0.25).fract() - 0.5).abs()));
     let sine = table(|t| 200.0 * (50.0 * t).sin());
     let hold = table(|_| 100.0);
+    let motions = [
+        ("slow triangle", &triangle),
+        ("8 Hz sine", &sine),
+        ("holding", &hold),
+    ];
     for (name, parameters, pid) in [
         ("five-bar", five_bar(), Pid::five_bar as fn() -> Pid),
         ("z-stage", z_stage(), Pid::z_stage),
     ] {
-        for (motion, reference) in [
-            ("slow triangle", &triangle),
-            ("8 Hz sine", &sine),
-            ("holding", &hold),
-        ] {
-            group.bench_function(format!("{name}, {motion}"), |b| {
-                b.iter(|| run(black_box(parameters), pid, reference, 1.0));
-            });
-            group.bench_function(format!("{name}, {motion}, two steps"), |b| {
-                b.iter(|| run(black_box(parameters), pid, reference, 2.0));
-            });
-            group.bench_function(format!("{name}, {motion}, one by one"), |b| {
+        let kind = (parameters, pid);
+        for (motion, reference) in motions {
+            for (steps, how) in [(1.0, ""), (2.0, ", two steps")] {
+                let joints = group::<JOINTS>(kind, steps);
+                bench.bench_function(format!("{name}, {motion}{how}"), |b| {
+                    b.iter(|| run(kind, black_box(&joints), reference));
+                });
+            }
+            bench.bench_function(format!("{name}, {motion}, one by one"), |b| {
                 b.iter(|| run_each(black_box(parameters), pid, reference));
             });
         }
     }
-    group.finish();
+    for (motion, reference) in motions {
+        let kinds: [Kind; 2] = [(five_bar(), Pid::five_bar), (z_stage(), Pid::z_stage)];
+        let (five_bars, z_stages) = (group::<4>(kinds[0], 1.0), group::<2>(kinds[1], 1.0));
+        bench.bench_function(format!("machine, {motion}"), |b| {
+            b.iter(|| {
+                (
+                    run(kinds[0], black_box(&five_bars), reference),
+                    run(kinds[1], black_box(&z_stages), reference),
+                )
+            });
+        });
+    }
+    bench.finish();
 }
 
 criterion_group!(benches, joint_cycle);

@@ -1,46 +1,184 @@
 //! Several joints stepped side by side.
 //!
 //! While no mode changes, a step of one joint is a chain of a few dozen operations each of which
-//! waits for the one before. Joints do not wait for each other: stage by stage over all of them,
+//! waits for the one before. Joints do not wait for each other: point by point over all of them,
 //! a processor does two or more at once. A joint in whose step a mode may change is taken out and
-//! stepped by itself, as [`Joint::advance`] does it.
+//! its step finished by itself, as [`Joint::advance`] does it.
 
-use crate::friction::Mode;
-use crate::joint::{Forcing, Joint, JointState};
+use crate::each::Each;
+use crate::friction::{Friction, Mode};
+use crate::joint::{Joint, JointState, SLOWS};
+use crate::nystrom::{self, POINTS, Row};
 
 /// `N` joints that are stepped together.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Group<const N: usize> {
     joints: [Joint; N],
-    ratio: [f64; N],
-    linear: [f64; N],
-    cubic: [f64; N],
-    motor_decay: [f64; N],
-    load_decay: [f64; N],
-    motor_level: [f64; N],
-    load_level: [f64; N],
-    /// Steps in so many seconds are the longest that any of them may take.
-    max_step: f64,
+    ratio: Each<N>,
+    gain: Each<N>,
+    linear: Each<N>,
+    cubic: Each<N>,
+    load_torque: Each<N>,
+    motor: Bodies<N>,
+    load: Bodies<N>,
+    /// In a cycle.
+    steps: usize,
+    /// Of a step, seconds.
+    length: f64,
 }
 
-/// A number for each joint.
-type Each<const N: usize> = [f64; N];
+/// One body of each joint.
+#[derive(Debug, Clone, PartialEq)]
+struct Bodies<const N: usize> {
+    inverse_inertia: Each<N>,
+    decay: Each<N>,
+    coulomb: Each<N>,
+    /// Static friction, and infinitely much of it for a body that nothing holds: it has no modes.
+    level: Each<N>,
+    /// One for a body that nothing holds.
+    free: Each<N>,
+    points: [Rows<N>; POINTS - 1],
+    end: Rows<N>,
+}
+
+/// A [`Row`] of each joint.
+#[derive(Debug, Clone, PartialEq)]
+struct Rows<const N: usize> {
+    keep: Each<N>,
+    drift: Each<N>,
+    velocity: [Each<N>; POINTS],
+    angle: [Each<N>; POINTS],
+    /// Velocity and way by an acceleration that is the same at all points.
+    all_velocity: Each<N>,
+    all: Each<N>,
+}
+
+/// The [`JointState`]s of a group.
+#[derive(Debug, Clone, PartialEq)]
+pub struct States<const N: usize> {
+    motor: Moving<N>,
+    load: Moving<N>,
+    load_torque: Each<N>,
+}
+
+/// Angles, velocities and modes (as signs) of one body of each joint.
+#[derive(Debug, Clone, PartialEq)]
+struct Moving<const N: usize> {
+    angle: Each<N>,
+    velocity: Each<N>,
+    sign: Each<N>,
+}
+
+impl<const N: usize> States<N> {
+    /// Of these joints.
+    pub fn new(states: [JointState; N]) -> Self {
+        let of = |value: fn(&JointState) -> f64| Each::of(|i| value(&states[i]));
+        Self {
+            motor: Moving {
+                angle: of(|s| s.motor_angle),
+                velocity: of(|s| s.motor_velocity),
+                sign: of(|s| s.motor_mode.sign()),
+            },
+            load: Moving {
+                angle: of(|s| s.load_angle),
+                velocity: of(|s| s.load_velocity),
+                sign: of(|s| s.load_mode.sign()),
+            },
+            load_torque: of(|s| s.load_torque),
+        }
+    }
+
+    /// That of one joint.
+    #[inline]
+    pub fn get(&self, i: usize) -> JointState {
+        JointState {
+            motor_angle: self.motor.angle[i],
+            load_angle: self.load.angle[i],
+            motor_velocity: self.motor.velocity[i],
+            load_velocity: self.load.velocity[i],
+            motor_mode: Mode::towards(self.motor.sign[i]),
+            load_mode: Mode::towards(self.load.sign[i]),
+            load_torque: self.load_torque[i],
+            presliding: (),
+        }
+    }
+
+    /// Sets that of one joint.
+    #[inline]
+    pub fn set(&mut self, i: usize, state: &JointState) {
+        self.motor.angle[i] = state.motor_angle;
+        self.motor.velocity[i] = state.motor_velocity;
+        self.motor.sign[i] = state.motor_mode.sign();
+        self.load.angle[i] = state.load_angle;
+        self.load.velocity[i] = state.load_velocity;
+        self.load.sign[i] = state.load_mode.sign();
+        self.load_torque[i] = state.load_torque;
+    }
+
+    /// Angle of a motor, radians.
+    #[inline]
+    pub fn motor_angle(&self, i: usize) -> f64 {
+        self.motor.angle[i]
+    }
+
+    /// Sets the torques on the loads from outside beside the constant ones, N m.
+    #[inline]
+    pub fn set_load_torques(&mut self, torques: [f64; N]) {
+        self.load_torque = Each(torques);
+    }
+}
 
 impl<const N: usize> Group<N> {
-    /// A group of these joints. All of them take as many steps as the one that needs most.
-    pub fn new(joints: [Joint; N]) -> Self {
-        let of = |value: fn(&Joint) -> f64| std::array::from_fn(|i| value(&joints[i]));
+    /// A group of these joints, which is advanced by cycles of `cycle` seconds. All of them take as many
+    /// steps as the one that needs most.
+    pub fn new(joints: [Joint; N], cycle: f64) -> Self {
+        let longest = |h: f64, joint: &Joint| h.min(joint.scheme().length);
+        // A hair more than a whole number of steps is that number.
+        let steps = (cycle / joints.iter().fold(cycle, longest) - 1e-9).ceil();
+        let length = cycle / steps;
+        let of = |value: fn(&Joint) -> f64| Each::of(|i| value(&joints[i]));
+        let bodies = |friction: fn(&Joint) -> Friction,
+                      inertia: fn(&Joint) -> f64,
+                      decay: fn(&Joint) -> f64| {
+            let decays: Each<N> = of(decay);
+            let weights = decays.0.map(|decay| nystrom::Weights::new(decay, length));
+            let of_friction = |value: fn(Friction) -> f64| -> Each<N> {
+                Each::of(|i| value(friction(&joints[i])))
+            };
+            Bodies {
+                inverse_inertia: Each::of(|i| 1.0 / inertia(&joints[i])),
+                decay: decays,
+                coulomb: of_friction(|f| f.coulomb()),
+                level: of_friction(|f| {
+                    if f.is_free() {
+                        f64::INFINITY
+                    } else {
+                        f.static_level()
+                    }
+                }),
+                free: of_friction(|f| f64::from(u8::from(f.is_free()))),
+                points: std::array::from_fn(|k| Rows::new(|i| weights[i].points[k])),
+                end: Rows::new(|i| weights[i].end),
+            }
+        };
         Self {
             ratio: of(|j| j.parameters().ratio),
+            gain: of(|j| j.parameters().motor.gain()),
             linear: of(|j| j.parameters().transmission.linear()),
             cubic: of(|j| j.parameters().transmission.cubic()),
-            motor_decay: of(Joint::motor_decay),
-            load_decay: of(Joint::load_decay),
-            motor_level: of(|j| level(j.parameters().motor_friction)),
-            load_level: of(|j| level(j.parameters().load_friction)),
-            max_step: joints
-                .iter()
-                .fold(f64::INFINITY, |h, j| h.min(j.max_step())),
+            load_torque: of(|j| j.parameters().load_torque),
+            motor: bodies(
+                |j| j.parameters().motor_friction,
+                |j| j.parameters().motor_inertia,
+                Joint::motor_decay,
+            ),
+            load: bodies(
+                |j| j.parameters().load_friction,
+                |j| j.parameters().load_inertia,
+                Joint::load_decay,
+            ),
+            steps: steps as usize,
+            length,
             joints,
         }
     }
@@ -50,123 +188,176 @@ impl<const N: usize> Group<N> {
         &self.joints
     }
 
-    /// Advances all states by `duration` seconds, each under a held voltage.
-    pub fn advance(&self, states: &mut [JointState; N], voltages: [f64; N], duration: f64) {
-        let steps = (duration / self.max_step).ceil().max(1.0);
-        let h = duration / steps;
-        for (i, joint) in self.joints.iter().enumerate() {
-            joint.resolve(&mut states[i], voltages[i]);
-        }
-        for _ in 0..steps as usize {
-            self.step(states, &voltages, h);
+    /// Advances all states by a cycle, each under a held voltage.
+    pub fn advance(&self, states: &mut States<N>, voltages: [f64; N]) {
+        for _ in 0..self.steps {
+            self.step(states, &Each(voltages));
         }
     }
 
-    /// One step of `h` seconds.
     #[inline]
-    fn step(&self, states: &mut [JointState; N], voltages: &[f64; N], h: f64) {
-        if (0..N).all(|i| self.joints[i].is_at_rest(&states[i])) {
+    fn step(&self, s: &mut States<N>, voltages: &Each<N>) {
+        let drive = self.gain * *voltages;
+        let outside = self.load_torque + s.load_torque;
+        let twist = self.ratio * s.motor.angle - s.load.angle;
+        let torque = self.torque(twist);
+        if self.holds(s, drive, outside, torque).any_negative() {
+            for (i, joint) in self.joints.iter().enumerate() {
+                let mut state = s.get(i);
+                joint.resolve(&mut state, voltages[i]);
+                s.set(i, &state);
+            }
+        }
+        let motor = self.motor.accelerations(&s.motor, drive, -self.ratio);
+        let load = self.load.accelerations(&s.load, outside, Each([1.0; N]));
+        if motor.by.0 == [0.0; N] && load.by.0 == [0.0; N] {
             return;
         }
-        let forcing: [Forcing; N] = std::array::from_fn(|i| self.joints[i].forcing(&states[i]));
-        let of =
-            |value: fn(&Forcing) -> f64| -> Each<N> { std::array::from_fn(|i| value(&forcing[i])) };
-        let motor_drive: Each<N> = std::array::from_fn(|i| {
-            forcing[i].motor_constant + forcing[i].motor_gain * voltages[i]
-        });
-        let (motor_spring, load_constant, load_spring) = (
-            of(|f| f.motor_spring),
-            of(|f| f.load_constant),
-            of(|f| f.load_spring),
-        );
-        let vm: Each<N> = std::array::from_fn(|i| states[i].motor_velocity);
-        let vl: Each<N> = std::array::from_fn(|i| states[i].load_velocity);
-        let twist: Each<N> =
-            std::array::from_fn(|i| self.ratio[i] * states[i].motor_angle - states[i].load_angle);
-        let accelerations = |w: &Each<N>, vm: &Each<N>, vl: &Each<N>| -> (Each<N>, Each<N>) {
-            let (mut am, mut al) = ([0.0; N], [0.0; N]);
+        // From one torque to the next is the chain that everything else waits for: what does not belong
+        // to it is kept out of it.
+        let mut torques = [torque; POINTS];
+        for point in 1..POINTS {
+            let (m, l) = (&self.motor.points[point - 1], &self.load.points[point - 1]);
+            let qm = m.drift * s.motor.velocity + m.all * motor.alone;
+            let ql = l.drift * s.load.velocity + l.all * load.alone;
+            let mut w = twist + (self.ratio * qm - ql);
+            let by_motor = self.ratio * motor.by;
+            for (j, torque) in torques[..point].iter().enumerate() {
+                w = w + (m.angle[j] * by_motor - l.angle[j] * load.by) * *torque;
+            }
+            torques[point] = self.torque(w);
+        }
+        let (mut qm, mut vm) = self.motor.end(&s.motor, &motor, &torques);
+        let (mut ql, mut vl) = self.load.end(&s.load, &load, &torques);
+        let at_end = self.torque(self.ratio * qm - ql);
+        let margin = self
+            .holds(s, drive, outside, at_end)
+            .min(
+                self.motor
+                    .slides(&s.motor, vm, &motor, &torques, self.length),
+            )
+            .min(self.load.slides(&s.load, vl, &load, &torques, self.length));
+        if margin.any_negative() {
             for i in 0..N {
-                let torque = w[i] * (self.linear[i] + self.cubic[i] * w[i] * w[i]);
-                am[i] = motor_drive[i] - self.motor_decay[i] * vm[i] - motor_spring[i] * torque;
-                al[i] = load_constant[i] - self.load_decay[i] * vl[i] + load_spring[i] * torque;
+                if margin[i] < 0.0 {
+                    let mut state = s.get(i);
+                    let end = JointState {
+                        motor_angle: qm[i],
+                        load_angle: ql[i],
+                        motor_velocity: vm[i],
+                        load_velocity: vl[i],
+                        ..state
+                    };
+                    let torques = torques.map(|torque| torque[i]);
+                    let accelerations = (motor.of(i, torques), load.of(i, torques));
+                    let to = (end, self.length);
+                    self.joints[i].finish(&mut state, voltages[i], accelerations, to);
+                    (qm[i], vm[i]) = (state.motor_angle, state.motor_velocity);
+                    (ql[i], vl[i]) = (state.load_angle, state.load_velocity);
+                    s.motor.sign[i] = state.motor_mode.sign();
+                    s.load.sign[i] = state.load_mode.sign();
+                }
             }
-            (am, al)
+        }
+        (s.motor.angle, s.motor.velocity) = (qm, vm);
+        (s.load.angle, s.load.velocity) = (ql, vl);
+    }
+
+    /// Torques of the transmissions, N m.
+    #[inline]
+    fn torque(&self, twist: Each<N>) -> Each<N> {
+        twist * (self.linear + self.cubic * twist * twist)
+    }
+
+    /// By how much static friction holds the stuck bodies, N m; negative where it does not.
+    #[inline]
+    fn holds(&self, s: &States<N>, drive: Each<N>, outside: Each<N>, torque: Each<N>) -> Each<N> {
+        let motor = self.motor.holds(&s.motor, drive - self.ratio * torque);
+        motor.min(self.load.holds(&s.load, outside + torque))
+    }
+}
+
+/// Accelerations of bodies beside their decay, rad/s^2: without the transmissions' torques, and by each
+/// N m of them. Nothing moves a stuck one.
+struct Accelerations<const N: usize> {
+    alone: Each<N>,
+    by: Each<N>,
+}
+
+impl<const N: usize> Accelerations<N> {
+    /// That of one body at each point.
+    fn of(&self, i: usize, torques: [f64; POINTS]) -> [f64; POINTS] {
+        torques.map(|torque| self.alone[i] + self.by[i] * torque)
+    }
+}
+
+/// So much more friction, N m, holds a body that slides: whether it would hold is not asked.
+const SLIDES: f64 = 1e9;
+
+impl<const N: usize> Bodies<N> {
+    /// Under these torques on the bodies, and a transmission's torque times `ratio`.
+    #[inline]
+    fn accelerations(&self, s: &Moving<N>, drive: Each<N>, ratio: Each<N>) -> Accelerations<N> {
+        let by = (s.sign * s.sign).max(self.free) * self.inverse_inertia;
+        Accelerations {
+            alone: by * (drive - s.sign * self.coulomb),
+            by: by * ratio,
+        }
+    }
+
+    /// By how much static friction holds the stuck ones against these torques, N m.
+    #[inline]
+    fn holds(&self, s: &Moving<N>, psi: Each<N>) -> Each<N> {
+        self.level + SLIDES * (s.sign * s.sign) - psi.abs()
+    }
+
+    /// Angles and velocities at the end of a step.
+    #[inline]
+    fn end(
+        &self,
+        s: &Moving<N>,
+        a: &Accelerations<N>,
+        torques: &[Each<N>; POINTS],
+    ) -> (Each<N>, Each<N>) {
+        let row = &self.end;
+        let of = |weights: &[Each<N>; POINTS]| {
+            (weights[0] * torques[0] + weights[1] * torques[1])
+                + (weights[2] * torques[2] + weights[3] * torques[3])
         };
-        let half = 0.5 * h;
-        let mut w = [0.0; N];
-        let (mut m, mut l) = ([0.0; N], [0.0; N]);
-        let (am1, al1) = accelerations(&twist, &vm, &vl);
-        for i in 0..N {
-            w[i] = twist[i] + half * (self.ratio[i] * vm[i] - vl[i]);
-            m[i] = vm[i] + half * am1[i];
-            l[i] = vl[i] + half * al1[i];
-        }
-        let (am2, al2) = accelerations(&w, &m, &l);
-        for i in 0..N {
-            w[i] = twist[i] + half * (self.ratio[i] * m[i] - l[i]);
-            m[i] = vm[i] + half * am2[i];
-            l[i] = vl[i] + half * al2[i];
-        }
-        let (am3, al3) = accelerations(&w, &m, &l);
-        for i in 0..N {
-            w[i] = twist[i] + h * (self.ratio[i] * m[i] - l[i]);
-            m[i] = vm[i] + h * am3[i];
-            l[i] = vl[i] + h * al3[i];
-        }
-        let (am4, al4) = accelerations(&w, &m, &l);
-        let sixth = h * (1.0 / 6.0);
-        let (mut qm, mut ql) = ([0.0; N], [0.0; N]);
-        for i in 0..N {
-            let (am23, al23) = (am2[i] + am3[i], al2[i] + al3[i]);
-            qm[i] = h * (vm[i] + sixth * (am1[i] + am23));
-            ql[i] = h * (vl[i] + sixth * (al1[i] + al23));
-            m[i] = vm[i] + sixth * (am1[i] + 2.0 * am23 + am4[i]);
-            l[i] = vl[i] + sixth * (al1[i] + 2.0 * al23 + al4[i]);
-        }
-        for i in 0..N {
-            let state = &mut states[i];
-            let joint = &self.joints[i];
-            let end = JointState {
-                motor_angle: state.motor_angle + qm[i],
-                load_angle: state.load_angle + ql[i],
-                motor_velocity: m[i],
-                load_velocity: l[i],
-                ..*state
-            };
-            let torque = joint.parameters().transmission.torque(joint.twist(&end));
-            let motor = keeps(state.motor_mode, (am1[i], am4[i]), m[i], || {
-                let psi = joint.parameters().motor.gain() * voltages[i] - self.ratio[i] * torque;
-                self.motor_level[i] - psi.abs()
-            });
-            let load = keeps(state.load_mode, (al1[i], al4[i]), l[i], || {
-                let psi = torque + joint.parameters().load_torque + state.load_torque;
-                self.load_level[i] - psi.abs()
-            });
-            if motor && load {
-                *state = end;
-            } else {
-                joint.advance(state, voltages[i], h);
-            }
-        }
+        let way = row.drift * s.velocity + row.all * a.alone + a.by * of(&row.angle);
+        let gain = row.all_velocity * a.alone + a.by * of(&row.velocity);
+        (s.angle + way, row.keep * s.velocity + gain)
+    }
+
+    /// Negative where one has come to rest in a step of `h` seconds to velocities `to`, or may have.
+    #[inline]
+    fn slides(
+        &self,
+        s: &Moving<N>,
+        to: Each<N>,
+        a: &Accelerations<N>,
+        torques: &[Each<N>; POINTS],
+        h: f64,
+    ) -> Each<N> {
+        let speed = s.sign * s.velocity;
+        let rate =
+            |torque: Each<N>, v: Each<N>| s.sign * (a.alone + a.by * torque - self.decay * v);
+        let (first, last) = (rate(torques[0], s.velocity), rate(torques[POINTS - 1], to));
+        // As `may_dip`: only if all of these are negative.
+        let dips = first.max(-last).max(speed + (SLOWS * h) * first);
+        (s.sign * to).min(dips)
     }
 }
 
-/// Static friction, and infinitely much of it for a body that nothing holds: it has no modes.
-fn level(friction: crate::friction::Friction) -> f64 {
-    if friction.is_free() {
-        f64::INFINITY
-    } else {
-        friction.static_level()
-    }
-}
-
-/// Whether a body certainly stays in its mode over a step with these accelerations at its ends, this
-/// velocity at the end, and, if it is stuck, this margin to its static friction.
-#[inline]
-fn keeps(mode: Mode, rates: (f64, f64), velocity: f64, margin: impl Fn() -> f64) -> bool {
-    match mode {
-        Mode::Stuck => margin() >= 0.0,
-        Mode::Forward => velocity >= 0.0 && !(rates.0 < 0.0 && rates.1 > 0.0),
-        Mode::Backward => velocity <= 0.0 && !(rates.0 > 0.0 && rates.1 < 0.0),
+impl<const N: usize> Rows<N> {
+    fn new(row: impl Fn(usize) -> Row) -> Self {
+        Self {
+            keep: Each::of(|i| row(i).keep),
+            drift: Each::of(|i| row(i).drift),
+            velocity: std::array::from_fn(|j| Each::of(|i| row(i).velocity[j])),
+            angle: std::array::from_fn(|j| Each::of(|i| row(i).angle[j])),
+            all_velocity: Each::of(|i| row(i).velocity.iter().sum()),
+            all: Each::of(|i| row(i).angle.iter().sum()),
+        }
     }
 }

@@ -1,15 +1,15 @@
 //! Numerics for locating an event inside an integration step.
 //!
 //! A stick-slip body changes its equations of motion at instants that fall inside a step. Wrong
-//! by a fraction of the step, those instants cost micrometres; found as roots on the map of the
-//! step itself, they cost nothing but a few evaluations in the rare steps that contain one.
+//! by a fraction of the step, those instants cost micrometres; found as roots on what
+//! the step has interpolated, they cost nothing but a few evaluations in the rare steps that contain one.
 
 /// How closely [`descent`] finds a root, seconds.
 const ROOT_TOLERANCE: f64 = 1e-12;
 
 /// Newton's method squares its error: after a step this small, seconds, what is left is below the
 /// tolerance.
-const LAST_STEP: f64 = 1e-8;
+const LAST_STEP: f64 = 1e-7;
 
 /// When a quantity that starts at `start >= 0` with slope `rate` and is negative at
 /// `end = (time, value, slope)` reached zero.
@@ -17,7 +17,11 @@ const LAST_STEP: f64 = 1e-8;
 /// `at` gives its value and slope at a time. Newton's method from the root of the cubic through
 /// what is known, kept inside a shrinking bracket. Where the quantity starts at zero and rises
 /// first, the root found is the later one.
-pub fn descent(at: impl Fn(f64) -> (f64, f64), start: (f64, f64), end: (f64, f64, f64)) -> f64 {
+pub fn descent(
+    mut at: impl FnMut(f64) -> (f64, f64),
+    start: (f64, f64),
+    end: (f64, f64, f64),
+) -> f64 {
     let (mut low, mut high) = (0.0, end.0);
     let mut time = first_guess(start, end);
     for _ in 0..60 {
@@ -25,22 +29,21 @@ pub fn descent(at: impl Fn(f64) -> (f64, f64), start: (f64, f64), end: (f64, f64
             time = 0.5 * (low + high);
         }
         let (value, slope) = at(time);
-        if value >= 0.0 {
-            low = time;
-        } else {
-            high = time;
-        }
-        if high - low < ROOT_TOLERANCE {
-            break;
-        }
         let newton = value / slope;
+        // No branch: which side it is on nobody can foresee.
+        low = if value >= 0.0 { time } else { low };
+        high = if value >= 0.0 { high } else { time };
         time -= newton;
-        if newton.abs() < LAST_STEP && time >= low && time <= high {
-            break;
+        let found = newton.abs() < LAST_STEP && time >= low && time <= high;
+        if found || high - low < ROOT_TOLERANCE {
+            return time.clamp(low, high);
         }
     }
     time
 }
+
+/// Steps of Newton's method towards the root of a cubic.
+const GUESSES: usize = 1;
 
 /// The root at which the cubic with these values and slopes at the ends falls, nearly.
 fn first_guess((start, rate): (f64, f64), (length, value, slope): (f64, f64, f64)) -> f64 {
@@ -55,7 +58,7 @@ fn first_guess((start, rate): (f64, f64), (length, value, slope): (f64, f64, f64
     };
     let a = rate + slope - 2.0 * rise;
     let b = 3.0 * rise - 2.0 * rate - slope;
-    for _ in 0..2 {
+    for _ in 0..GUESSES {
         let falls = rate + s * (2.0 * b + 3.0 * s * a);
         s -= (start + s * (rate + s * (b + s * a))) / falls;
     }

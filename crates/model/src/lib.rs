@@ -16,6 +16,7 @@
 //! - [`hysteresis`], [`piezo`]: the micro manipulator; [`pulse`]: the impulse (4.7);
 //! - [`optics`]: how much light passes from a fiber to a chip and back.
 
+mod each;
 pub mod fivebar;
 pub mod frames;
 pub mod friction;
@@ -26,6 +27,7 @@ pub mod joint;
 pub mod leadscrew;
 pub mod lugre;
 pub mod motor;
+mod nystrom;
 pub mod optics;
 pub mod piezo;
 pub mod presliding;

@@ -18,6 +18,9 @@ pub trait Presliding: Copy + Debug + PartialEq {
     /// What it remembers.
     type State: Copy + Debug + Default + PartialEq;
 
+    /// Whether [`Self::torque`] is always zero.
+    const RIGID: bool = false;
+
     /// Torque against the load beside static, Coulomb and viscous friction, N m, at a load angle
     /// (rad) that has been approached in one direction since the last [`Self::turn`], and at a velocity
     /// (rad/s).
@@ -59,6 +62,8 @@ impl Contact {
 
 impl Presliding for Contact {
     type State = ();
+
+    const RIGID: bool = true;
 
     #[inline]
     fn torque(&self, (): &(), _: f64, _: f64) -> f64 {

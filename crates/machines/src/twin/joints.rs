@@ -8,7 +8,7 @@ use super::unrest::UnrestPlant;
 use pigtail_hal::Pulse;
 use pigtail_model::Invalid;
 use pigtail_model::friction::Mode;
-use pigtail_model::group::Group;
+use pigtail_model::group::{Group, States};
 use pigtail_model::joint::{Joint, JointParameters, JointState};
 use pigtail_model::lugre::LuGre;
 use pigtail_model::presliding::{MaxwellSlip, Presliding};
@@ -63,7 +63,7 @@ enum Law<const N: usize> {
     CoulombPresliding {
         coarse: Group<N>,
         fine: [Joint; N],
-        states: [JointState; N],
+        states: States<N>,
     },
     /// Maxwell-slip elements.
     MaxwellSlip(Vec<Slipping<MaxwellSlip>>),
@@ -113,12 +113,12 @@ impl<const N: usize> Joints<N> {
         let law = match plant.friction {
             LoadLaw::CoulombPresliding => {
                 let (coarse, fine) = pairs(&parameters, period, least)?;
-                let states = std::array::from_fn(|i| JointState {
+                let states = States::new(std::array::from_fn(|i| JointState {
                     motor_angle: homed(&parameters[i]),
                     ..JointState::default()
-                });
+                }));
                 Law::CoulombPresliding {
-                    coarse: Group::new(coarse),
+                    coarse: Group::new(coarse, period),
                     fine,
                     states,
                 }
@@ -276,7 +276,7 @@ impl<const N: usize> Joints<N> {
         match &mut self.law {
             Law::CoulombPresliding { coarse, fine, .. } => {
                 let (new, finer) = pairs(&scaled, self.period, self.least)?;
-                (*coarse, *fine) = (Group::new(new), finer);
+                (*coarse, *fine) = (Group::new(new, self.period), finer);
             }
             Law::MaxwellSlip(joints) => {
                 for (joint, p) in joints.iter_mut().zip(&scaled) {
@@ -295,7 +295,7 @@ impl<const N: usize> Joints<N> {
 
     pub(super) fn motor_angle(&self, i: usize) -> f64 {
         match &self.law {
-            Law::CoulombPresliding { states, .. } => states[i].motor_angle,
+            Law::CoulombPresliding { states, .. } => states.motor_angle(i),
             Law::MaxwellSlip(joints) => joints[i].state.motor_angle,
             Law::LuGre(joints) => joints[i].state.motor_angle,
         }
@@ -304,7 +304,7 @@ impl<const N: usize> Joints<N> {
     pub(super) fn output(&self, i: usize) -> f64 {
         match &self.law {
             Law::CoulombPresliding { coarse, states, .. } => {
-                coarse.joints()[i].output(&states[i]) - self.lean[i].1
+                coarse.joints()[i].output(&states.get(i)) - self.lean[i].1
             }
             Law::MaxwellSlip(joints) => joints[i].coarse.output(&joints[i].state),
             Law::LuGre(joints) => joints[i].coarse.output(&joints[i].state),
@@ -317,10 +317,8 @@ impl<const N: usize> Law<N> {
     fn advance(&mut self, voltages: [f64; N], torques: [f64; N], period: f64) {
         match self {
             Self::CoulombPresliding { coarse, states, .. } => {
-                for (state, torque) in states.iter_mut().zip(torques) {
-                    state.load_torque = torque;
-                }
-                coarse.advance(states, voltages, period);
+                states.set_load_torques(torques);
+                coarse.advance(states, voltages);
             }
             Self::MaxwellSlip(joints) => {
                 for (i, joint) in joints.iter_mut().enumerate() {
@@ -339,8 +337,10 @@ impl<const N: usize> Law<N> {
     fn advance_one(&mut self, i: usize, (held, wave): (f64, Wave), torque: f64, period: f64) {
         match self {
             Self::CoulombPresliding { fine, states, .. } => {
-                states[i].load_torque = torque;
-                play(&fine[i], &mut states[i], (held, wave), period);
+                let mut state = states.get(i);
+                state.load_torque = torque;
+                play(&fine[i], &mut state, (held, wave), period);
+                states.set(i, &state);
             }
             Self::MaxwellSlip(joints) => joints[i].advance_finely((held, wave), torque, period),
             Self::LuGre(joints) => joints[i].advance_finely((held, wave), torque, period),
@@ -349,7 +349,10 @@ impl<const N: usize> Law<N> {
 
     fn is_stuck(&self, i: usize) -> bool {
         let (motor, load) = match self {
-            Self::CoulombPresliding { states, .. } => (states[i].motor_mode, states[i].load_mode),
+            Self::CoulombPresliding { states, .. } => {
+                let state = states.get(i);
+                (state.motor_mode, state.load_mode)
+            }
             Self::MaxwellSlip(joints) => joints[i].modes(),
             Self::LuGre(joints) => joints[i].modes(),
         };
@@ -358,7 +361,11 @@ impl<const N: usize> Law<N> {
 
     fn displace(&mut self, i: usize, by: f64) {
         match self {
-            Self::CoulombPresliding { states, .. } => states[i].motor_angle += by,
+            Self::CoulombPresliding { states, .. } => {
+                let mut state = states.get(i);
+                state.motor_angle += by;
+                states.set(i, &state);
+            }
             Self::MaxwellSlip(joints) => joints[i].state.motor_angle += by,
             Self::LuGre(joints) => joints[i].state.motor_angle += by,
         }

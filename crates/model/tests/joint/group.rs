@@ -3,7 +3,7 @@
 use crate::parameters::{Pid, five_bar, round_up, z_stage};
 use crate::{CYCLE, triangle};
 use pigtail_model::friction::Friction;
-use pigtail_model::group::Group;
+use pigtail_model::group::{Group, States};
 use pigtail_model::joint::{Joint, JointState};
 use proptest::prelude::*;
 
@@ -18,9 +18,10 @@ fn joints(step: f64) -> [Joint; 4] {
 /// A triangle scan under PID: the group in steps of `step`, and beside it under the same voltages
 /// each joint alone in steps of `fine`. Largest difference of an output, radians.
 fn difference(step: f64, fine: f64) -> [f64; 4] {
-    let group = Group::new(joints(step));
+    let group = Group::new(joints(step), CYCLE);
     let alone = joints(fine);
-    let (mut a, mut b) = ([JointState::default(); 4], [JointState::default(); 4]);
+    let mut a = States::new([JointState::default(); 4]);
+    let mut b = [JointState::default(); 4];
     let mut pids = [
         Pid::five_bar(),
         Pid::z_stage(),
@@ -33,10 +34,10 @@ fn difference(step: f64, fine: f64) -> [f64; 4] {
             let reference = triangle(k + [0, 700, 1400, 2100][i], 200.0, 5000);
             pids[i].voltage(round_up(reference), b[i].motor_angle)
         });
-        group.advance(&mut a, voltages, CYCLE);
+        group.advance(&mut a, voltages);
         for i in 0..4 {
             alone[i].advance(&mut b[i], voltages[i], CYCLE);
-            let apart = group.joints()[i].output(&a[i]) - alone[i].output(&b[i]);
+            let apart = group.joints()[i].output(&a.get(i)) - alone[i].output(&b[i]);
             worst[i] = worst[i].max(apart.abs());
         }
     }
@@ -63,15 +64,16 @@ fn two_steps_a_cycle_are_within_a_tenth_of_a_nanometre() {
 proptest! {
     #[test]
     fn whatever_the_voltages_they_agree(voltages in prop::collection::vec(-12.0..12.0_f64, 400)) {
-        let (group, alone) = (Group::new(joints(CYCLE)), joints(CYCLE));
-        let (mut a, mut b) = ([JointState::default(); 4], [JointState::default(); 4]);
+        let (group, alone) = (Group::new(joints(CYCLE), CYCLE), joints(CYCLE));
+        let mut a = States::new([JointState::default(); 4]);
+    let mut b = [JointState::default(); 4];
         for u in voltages.chunks_exact(4) {
             let u = [u[0], u[1], u[2], u[3]];
-            group.advance(&mut a, u, CYCLE);
+            group.advance(&mut a, u);
             for i in 0..4 {
                 alone[i].advance(&mut b[i], u[i], CYCLE);
-                prop_assert_eq!((a[i].motor_mode, a[i].load_mode), (b[i].motor_mode, b[i].load_mode));
-                prop_assert!((a[i].load_angle - b[i].load_angle).abs() < 1e-11);
+                prop_assert_eq!((a.get(i).motor_mode, a.get(i).load_mode), (b[i].motor_mode, b[i].load_mode));
+                prop_assert!((a.get(i).load_angle - b[i].load_angle).abs() < 1e-11);
             }
         }
     }

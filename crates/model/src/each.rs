@@ -1,0 +1,105 @@
+//! A number for each of several joints, in arithmetic that a processor does on two or more at once.
+
+use std::ops::{Add, Index, IndexMut, Mul, Neg, Sub};
+
+/// `N` numbers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(align(32))]
+pub(crate) struct Each<const N: usize>(pub(crate) [f64; N]);
+
+impl<const N: usize> Each<N> {
+    #[inline]
+    pub(crate) fn of(value: impl FnMut(usize) -> f64) -> Self {
+        Self(std::array::from_fn(value))
+    }
+
+    #[inline]
+    fn with(self, other: Self, value: impl Fn(f64, f64) -> f64) -> Self {
+        Self::of(|i| value(self.0[i], other.0[i]))
+    }
+
+    #[inline]
+    pub(crate) fn abs(self) -> Self {
+        Self(self.0.map(f64::abs))
+    }
+
+    // A comparison and not `f64::min`, which takes more for what none of these is: not a number.
+    #[inline]
+    pub(crate) fn min(self, other: Self) -> Self {
+        self.with(other, |a, b| if a < b { a } else { b })
+    }
+
+    #[inline]
+    pub(crate) fn max(self, other: Self) -> Self {
+        self.with(other, |a, b| if a > b { a } else { b })
+    }
+
+    #[inline]
+    pub(crate) fn any_negative(self) -> bool {
+        self.0
+            .iter()
+            .fold(0.0, |low: f64, &a| if a < low { a } else { low })
+            < 0.0
+    }
+}
+
+impl<const N: usize> Add for Each<N> {
+    type Output = Self;
+
+    #[inline]
+    fn add(self, other: Self) -> Self {
+        self.with(other, |a, b| a + b)
+    }
+}
+
+impl<const N: usize> Sub for Each<N> {
+    type Output = Self;
+
+    #[inline]
+    fn sub(self, other: Self) -> Self {
+        self.with(other, |a, b| a - b)
+    }
+}
+
+impl<const N: usize> Mul for Each<N> {
+    type Output = Self;
+
+    #[inline]
+    fn mul(self, other: Self) -> Self {
+        self.with(other, |a, b| a * b)
+    }
+}
+
+impl<const N: usize> Mul<Each<N>> for f64 {
+    type Output = Each<N>;
+
+    #[inline]
+    fn mul(self, other: Each<N>) -> Each<N> {
+        Each(other.0.map(|a| self * a))
+    }
+}
+
+impl<const N: usize> Neg for Each<N> {
+    type Output = Self;
+
+    #[inline]
+    fn neg(self) -> Self {
+        Self(self.0.map(|a| -a))
+    }
+}
+
+impl<const N: usize> Index<usize> for Each<N> {
+    type Output = f64;
+
+    #[inline]
+    fn index(&self, i: usize) -> &f64 {
+        &self.0[i]
+    }
+}
+
+impl<const N: usize> IndexMut<usize> for Each<N> {
+    #[inline]
+    fn index_mut(&mut self, i: usize) -> &mut f64 {
+        &mut self.0[i]
+    }
+}
