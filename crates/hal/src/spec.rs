@@ -303,6 +303,20 @@ pub struct DriveSpec {
     pub start: Option<f64>,
     /// What pulses the amplifier can play out by itself, if any.
     pub pulse: Option<PulseSpec>,
+    /// What a tuned servo must reach, if anything.
+    pub step: Option<StepSpec>,
+}
+
+/// What the response to a step must be, of the size that the axis is tuned with.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StepSpec {
+    /// Longest time from 10 to 90 % of the step, seconds.
+    #[serde(deserialize_with = "quantity::positive_time")]
+    pub rise: f64,
+    /// Longest time until the encoder stays within one count, seconds.
+    #[serde(deserialize_with = "quantity::positive_time")]
+    pub settling: f64,
 }
 
 /// What an amplifier plays out by itself ([`Pulse`](crate::Pulse)).

@@ -95,6 +95,8 @@ pub struct Document {
     pub settling_ms: f64,
     /// Overshoot, percent of the step.
     pub overshoot_percent: f64,
+    /// What the datasheet asks for, if anything.
+    pub specified: Option<SpecifiedRow>,
     /// Machine time of all starts together, seconds.
     pub seconds_machine: f64,
     /// The searches from their starts.
@@ -105,6 +107,17 @@ pub struct Document {
     pub calibration: String,
     /// Path of the report.
     pub report: String,
+}
+
+/// A step response that the datasheet asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SpecifiedRow {
+    /// Longest time from 10 to 90 %, milliseconds.
+    pub rise_ms: f64,
+    /// Longest time until the encoder stays within one count, milliseconds.
+    pub settling_ms: f64,
+    /// Whether both are kept.
+    pub met: bool,
 }
 
 /// Gains in the units of a calibration.
@@ -198,6 +211,7 @@ pub fn tune(
         window: WINDOW,
         safe,
         integral_limit: believed.integral_limit,
+        specified: setup.spec.drive(plan.at.axis).step,
     };
     let before = experiment.response(&mut station, safe)?;
     let mut searches = Vec::with_capacity(STARTS.len());
@@ -220,7 +234,7 @@ pub fn tune(
         });
     }
     // Costs this close cannot be told apart in so flat a valley: of those, the gains that rise
-    // and settle first.
+    // and settle first, and as specified if any of them do.
     let least = searches
         .iter()
         .map(|s| s.best().cost)
@@ -240,6 +254,12 @@ pub fn tune(
             });
         }
     }
+    if near
+        .iter()
+        .any(|c| experiment.missed(&c.response, 1.0) == 0.0)
+    {
+        near.retain(|c| experiment.missed(&c.response, 1.0) == 0.0);
+    }
     let fastest = |of: fn(&Chosen) -> f64| near.iter().map(of).fold(f64::INFINITY, f64::min);
     let rise = fastest(|c| c.response.rise);
     let settling = fastest(|c| c.response.settling);
@@ -257,6 +277,11 @@ pub fn tune(
         rise_ms: rounded(chosen.response.rise * 1e3, 1e-3),
         settling_ms: rounded(chosen.response.settling * 1e3, 1e-3),
         overshoot_percent: rounded(chosen.response.overshoot * 100.0, 1e-3),
+        specified: experiment.specified.map(|s| SpecifiedRow {
+            rise_ms: rounded(s.rise * 1e3, 1e-3),
+            settling_ms: rounded(s.settling * 1e3, 1e-3),
+            met: experiment.missed(&chosen.response, 1.0) == 0.0,
+        }),
         seconds_machine: rounded(station.time(), 1e-4),
         starts: searches.iter().map(start_row).collect(),
         seed,

@@ -33,24 +33,20 @@ fn tuned(setup: &Setup, name: &str, method: Method, seed: u64) -> Tuned {
     tune(setup, &plan, seed, &mut |_, _, _| {}).expect("no fault")
 }
 
-/// Thesis 2.3.2: rise 11 and 14 ms, settling 42 and 37 ms, in at most 100 trials.
+/// Thesis 2.3.2: rise 11 and 14 ms, settling 42 and 37 ms, in at most 100 trials. The datasheet asks for
+/// 12 and 42, 15 and 38.
 ///
 /// The rise is nearly the amplifier's: at full voltage from start to end the nominal five-bar joint
-/// needs 10.6 ms from 10 to 90 %. One of these machines, seed 619, needs 12.15 ms; the bounds on
-/// the rise were widened for it after that was seen.
+/// needs 10.6 ms from 10 to 90 %. By the ITAE alone one of these machines, seed 619, rises in 12.15 ms.
 #[test]
 fn twenty_machines_are_tuned_to_the_thesis_s_figures() {
     let setup = setup();
     for (name, rise, settling) in [("fivebar", 12.0, 42.0), ("z", 15.0, 38.0)] {
-        let (mut simplex, mut random, mut slow_rises) = (0.0, 0.0, 0);
+        let (mut simplex, mut random) = (0.0, 0.0);
         for seed in 600..620 {
             let fast = tuned(&setup, name, Method::Simplex, seed).document;
-            slow_rises += u32::from(fast.rise_ms > rise);
-            assert!(
-                fast.rise_ms <= 1.05 * rise,
-                "{name} {seed}: {} ms",
-                fast.rise_ms
-            );
+            assert!(fast.specified.expect("a datasheet that asks").met);
+            assert!(fast.rise_ms <= rise, "{name} {seed}: {} ms", fast.rise_ms);
             assert!(
                 fast.settling_ms <= settling,
                 "{name} {seed}: {} ms",
@@ -67,10 +63,6 @@ fn twenty_machines_are_tuned_to_the_thesis_s_figures() {
             simplex += best(&fast) / 20.0;
             random += best(&slow) / 20.0;
         }
-        assert!(
-            slow_rises <= 1,
-            "{name}: {slow_rises} of 20 rise in more than {rise} ms"
-        );
         // The simplex gets as far in half the trials, to within half a percent of the cost.
         eprintln!("{name}: cost {simplex:.2} in 50 trials, {random:.2} in 100");
         assert!(simplex <= 1.005 * random, "{name}: {simplex} for {random}");

@@ -171,6 +171,15 @@ fn account(document: &Document) -> String {
         "rise {:.1} ms, settling {:.1} ms, overshoot {:.1} %, cost {:.2} ms2",
         document.rise_ms, document.settling_ms, document.overshoot_percent, document.cost
     );
+    if let Some(specified) = document.specified {
+        let _ = writeln!(
+            text,
+            "specified: rise {:.1} ms, settling {:.1} ms: {}",
+            specified.rise_ms,
+            specified.settling_ms,
+            if specified.met { "kept" } else { "missed" }
+        );
+    }
     for start in &document.starts {
         let _ = writeln!(
             text,

@@ -23,6 +23,15 @@ pub fn tuning(tuned: &Tuned) -> Result<String> {
          settling {:.1} ms (within one count), overshoot {:.1} %, cost {:.2} ms².</p>",
         d.gains.kp, d.gains.ki, d.gains.kd, d.rise_ms, d.settling_ms, d.overshoot_percent, d.cost
     );
+    if let Some(specified) = d.specified {
+        let _ = writeln!(
+            body,
+            "<p>Specified: rise {:.1} ms, settling {:.1} ms: {}.</p>",
+            specified.rise_ms,
+            specified.settling_ms,
+            if specified.met { "kept" } else { "missed" }
+        );
+    }
     body.push_str(&figure(
         &responses(tuned)?,
         "The larger step under the gains that were believed and under those found, in counts of \

@@ -66,6 +66,8 @@ fn detuned(
         window: WINDOW,
         safe: [believed.kp, believed.ki, believed.kd],
         integral_limit: believed.integral_limit,
+        // What the cost alone finds is compared with what is printed.
+        specified: None,
     };
     // The optimum itself: what the document tells is the fastest of what is as good.
     let best = tuned.searches.iter().map(Search::best);
