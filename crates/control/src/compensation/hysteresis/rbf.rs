@@ -338,7 +338,7 @@ impl RbfState {
 
 impl Rbf {
     /// Trains both networks off line with the ways forward from the bottom of a record's range and
-    /// the ways back that follow them: what they were made for.
+    /// the ways back that follow them: what they were made for. Samples without weight are left out.
     ///
     /// # Errors
     ///
@@ -372,7 +372,7 @@ impl Rbf {
         })
     }
 
-    /// `(v1, vx, x)` in units of every sample that one turning point describes.
+    /// `(v1, vx, x)` in units of every sample of some weight that one turning point describes.
     pub fn samples(record: &Record, input: &Range, output: &Range) -> Vec<[f64; 3]> {
         let mut samples = Vec::with_capacity(record.len());
         for Swing { start, end, rising } in record.swings() {
@@ -386,7 +386,7 @@ impl Rbf {
                 record.rises_from_bottom(start, 0.05)
             };
             if known {
-                samples.extend((start..end).map(|k| {
+                samples.extend((start..end).filter(|k| record.weight[*k] > 0.0).map(|k| {
                     let x = output.to_units(record.output[k], UNITS);
                     [v1, at(k), x]
                 }));
