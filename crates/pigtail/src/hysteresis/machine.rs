@@ -154,6 +154,17 @@ impl Followed {
         (pick(&self.wanted), pick(&self.was))
     }
 
+    /// The thesis's measure of hysteresis, of a scan that ends with two full ways: the largest
+    /// difference between the way back and the way forward at one wanted displacement, metres.
+    pub fn opening(&self) -> f64 {
+        let n = self.wanted.len();
+        // The path goes from 0 to -1, then six full ways.
+        let way = 2 * n / 13;
+        (0..way)
+            .map(|k| (self.was[n - 1 - k] - self.was[n - 2 * way + k]).abs())
+            .fold(0.0, f64::max)
+    }
+
     /// Errors but for the best straight line, and by how much its slope is not one. A path that
     /// rests has no slope.
     pub fn errors(&self, from: usize, every: usize) -> (Vec<f64>, f64) {
@@ -307,16 +318,6 @@ fn rms(errors: &[f64]) -> f64 {
     (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt()
 }
 
-/// Largest difference between the last way back and the last way forward of a scan at one place.
-fn opening(followed: &Followed) -> f64 {
-    let n = followed.wanted.len();
-    // The path goes from 0 to -1, then six full ways.
-    let way = 2 * n / 13;
-    (0..way)
-        .map(|k| (followed.was[n - 1 - k] - followed.was[n - 2 * way + k]).abs())
-        .fold(0.0, f64::max)
-}
-
 /// Identifies the piezos of a side's micro, and tries both models on them.
 ///
 /// # Errors
@@ -413,8 +414,8 @@ fn identify_along(
         uncompensated_percent: percent(plain),
         improvement: rounded(plain / rms(&errors), 1e-2),
         functions: model.piezos[0].functions(),
-        opening_percent: percent(opening(&scans[1 + chosen])),
-        uncompensated_opening_percent: percent(opening(&scans[0])),
+        opening_percent: percent(scans[1 + chosen].opening()),
+        uncompensated_opening_percent: percent(scans[0].opening()),
         gain_error_percent: rounded(100.0 * gain_error, 1e-4),
         uncompensated_gain_error_percent: rounded(100.0 * plain_gain_error, 1e-4),
         residual_um,
