@@ -216,6 +216,18 @@ impl<'r> Job<'r> {
 
     /// Aligns the input fiber, be it carried already or not.
     pub(crate) fn align_input(&mut self, station: &mut Station) -> Result<(), Halt> {
+        let found = self.find_input(station)?;
+        self.finish(station, &found)
+    }
+
+    /// Brings the input fiber to the peak before its port, and leaves it there, not attached.
+    pub(crate) fn reach_input(&mut self, station: &mut Station) -> Result<(), Halt> {
+        let found = self.find_input(station)?;
+        self.maximize(station, &found, |_, _, _| Ok(()))
+    }
+
+    /// From the tray to first light.
+    fn find_input(&mut self, station: &mut Station) -> Result<Found, Halt> {
         if !station.carries(Side::Left) {
             station.handle_fiber(Side::Left, FiberHandling::Load(0))?;
         }
@@ -233,7 +245,7 @@ impl<'r> Job<'r> {
         let top = self.phase(station, "sensing", |job, station| {
             job.find_top(station, output)
         })?;
-        let found = self.phase(station, "raster", |job, station| {
+        self.phase(station, "raster", |job, station| {
             let lowest = station.wanted(Side::Left);
             // The guided light may have passed beside the sensing fiber's core: to either side. Or
             // beside the area, which piezos without compensation do not sweep to its edges.
@@ -262,8 +274,7 @@ impl<'r> Job<'r> {
                 }
             }
             Err(no_light(evidence))
-        })?;
-        self.finish(station, &found)
+        })
     }
 
     /// Aligns an output fiber, be it carried already or not.

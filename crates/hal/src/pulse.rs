@@ -163,6 +163,7 @@ mod tests {
             voltage: 24.0,
             speed: 600.0,
             start: None,
+            step: None,
             pulse: Some(PulseSpec {
                 voltage: 10.0,
                 bandwidth: 2000.0,

@@ -267,14 +267,34 @@ fn what_is_identified_on_the_machine_is_believed_from_then_on() {
     ] {
         assert!(!found[key].is_null(), "{key}");
     }
+    // Above are the keys of the micro that gained least.
+    let sides = found["sides"].as_array().expect("sides");
+    let gain = |document: &serde_json::Value| document["improvement"].as_f64().expect("a number");
+    assert_eq!(sides.len(), 2);
+    assert_eq!(gain(&found), gain(&sides[0]).min(gain(&sides[1])));
     let text = fs::read_to_string(rig.join("calibration.toml")).expect("a calibration");
-    assert!(text.contains("[hysteresis.right]") && text.contains("hysteresis-right.json"));
+    let run = format!(
+        "identify hysteresis, run {}",
+        found["report"]
+            .as_str()
+            .expect("a path")
+            .split('/')
+            .nth(1)
+            .expect("a run")
+    );
+    for (side, document) in ["left", "right"].into_iter().zip(sides) {
+        assert_eq!(document["side"], side);
+        assert!(text.contains(&format!("[hysteresis.{side}]")));
+        assert!(text.contains(&format!("hysteresis-{side}.json")));
+    }
+    assert_eq!(text.matches(&run).count(), 2, "{text}");
+    assert!(!text.contains("piezos"), "what stood there before: {text}");
     let report = found["report"].as_str().expect("a path");
     let html = fs::read_to_string(folder.path().join(report)).expect("a report");
     assert_eq!(
         html.matches("<svg").count(),
-        8,
-        "Figs. 4.3, 4.4 and 4.6 to 4.10"
+        2 * 8,
+        "Figs. 4.3, 4.4 and 4.6 to 4.10 of each side"
     );
     let align = ["align", "--rig", "rig", "--seed", "21", "--json"];
     let aligned = json(folder.path(), &align);

@@ -2,15 +2,15 @@
 
 use super::common::Common;
 use super::{DONE, Failure, stopped};
-use crate::hysteresis::machine::{self, MachineDocument};
+use crate::hysteresis::machine::{self, MachineDocument, MicrosDocument};
 use crate::hysteresis::{
-    Columns, Document, Inverted, Kind, ModelFile, Table, Unit, fit, tell, voltages, voltages_of,
+    Columns, Document, Inverted, Kind, Micros, ModelFile, Table, Unit, fit, tell, voltages,
+    voltages_of,
 };
 use crate::report;
 use crate::rig::{DEFAULT_RECIPE_NAME, Setup, hash};
 use crate::runs::Run;
 use clap::Args;
-use pigtail_control::piezo::SIDE;
 use pigtail_hal::Error;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -18,12 +18,14 @@ use std::path::{Path, PathBuf};
 /// Identify the hysteresis of the micro manipulators' piezos, and what compensating it is worth
 /// (thesis 4.2)
 ///
-/// Without `--data`, on the machine: an input fiber lights the guides, and the sensing fiber before an
-/// output, on the flank of the beam, tells by its light where the micro that carries it is (4.1), at
-/// full ways, at the ways back from voltages across the range (4.4) and at turns all over it. Both
-/// models are learned and tried on paths they were not fitted to; the one asked for goes into the rig's
-/// `calibration.toml`, its weights into a file beside it, and from then on every motion of that micro
-/// is compensated with it.
+/// Without `--data`, on the machine, by light on the flank of a beam (4.1): the right micro moves the
+/// sensing fiber before a lit guide, the left one the input fiber before its own, whose light an output
+/// fiber takes up. Each piezo goes full ways, back from voltages across the range (4.4), and turns all
+/// over it. Both models are learned and tried on paths they were not fitted to; the one asked for goes
+/// into the rig's `calibration.toml`, its weights into a file beside it, and from then on every motion
+/// of that micro is compensated with it.
+///
+/// Keys of the JSON: those of the micro that gained least, and `sides` with all of them.
 ///
 /// With `--data` a model is fitted to a person's own record of voltage and displacement: to its
 /// first three quarters, and judged on the rest, which was held back. Errors are beside those of
@@ -32,6 +34,7 @@ use std::path::{Path, PathBuf};
 #[command(after_help = "\
 Examples:
   pigtail identify hysteresis --rig rigs/afpm
+  pigtail identify hysteresis --rig rigs/afpm --side left --dry-run
   pigtail identify hysteresis --data loops.csv --input u_V --output disp_um
   pigtail identify hysteresis --data loops.csv --input u_V --output x_nm --unit nm --model rbf")]
 pub(super) struct IdentifyArguments {
@@ -54,9 +57,12 @@ pub(super) struct IdentifyArguments {
     /// Which model
     #[arg(long, value_enum, default_value = "memory")]
     model: Kind,
+    /// The micros of which side
+    #[arg(long, value_enum, default_value = "both", conflicts_with = "data")]
+    side: Micros,
     #[command(flatten)]
     common: Common,
-    /// Do not write the model into the rig's calibration
+    /// Do not write the models into the rig's calibration
     #[arg(long, conflicts_with = "data")]
     dry_run: bool,
 }
@@ -154,84 +160,109 @@ fn on_machine(arguments: &IdentifyArguments) -> Result<u8, Failure> {
     let common = &arguments.common;
     let setup = Setup::load(&common.rig, DEFAULT_RECIPE_NAME)?;
     let run = Run::begin(&common.runs, KIND, common.seed, &setup.hashes)?;
-    let mut found = machine::identify(&setup, arguments.model, common.seed)
+    let found = arguments
+        .side
+        .sides()
+        .iter()
+        .map(|side| machine::identify(&setup, arguments.model, *side, common.seed))
+        .collect::<Result<Vec<_>, _>>()
         .map_err(|error| stopped(&run, error, &common.rig))?;
-    let weights = serde_json::to_string_pretty(&found.model).map_err(anyhow::Error::from)?;
-    let weights = format!("{weights}\n");
-    found.document.report = run.path("report.html").display().to_string();
-    found.document.model_file = run.path("weights.json").display().to_string();
-    run.write("weights.json", &weights)?;
-    if !arguments.dry_run {
-        let file = format!("hysteresis-{}.json", SIDE.name());
-        let table = format!("hysteresis.{}", SIDE.name());
-        let beside = setup.write_beside_calibration(&file, &weights)?;
-        run.calibrated(beside.as_deref(), &table)?;
-        if beside.is_some() {
-            let residual = found
-                .document
-                .residual_um
-                .iter()
-                .fold(0.0, |m: f64, r| m.max(*r));
-            let origin = format!("identify hysteresis, run {}", run.name());
-            let values = [
-                ("model", toml_edit::value(found.document.model)),
-                ("weights", toml_edit::value(file)),
-                // One that stood in the calibration itself is replaced.
-                ("micro", toml_edit::Item::None),
-                ("residual", toml_edit::value(format!("{residual:.5} um"))),
-                ("date", toml_edit::value(run.date())),
-                ("origin", toml_edit::value(origin)),
-            ];
-            let written = setup.write_calibration(&table, &values)?;
-            run.calibrated(written.as_deref(), &table)?;
-            found.document.calibration = written.unwrap_or_default();
+    let report = run.path("report.html").display().to_string();
+    let mut documents = Vec::with_capacity(found.len());
+    for found in &found {
+        let mut document = found.document.clone();
+        document.report.clone_from(&report);
+        let weights = serde_json::to_string_pretty(&found.model).map_err(anyhow::Error::from)?;
+        let weights = format!("{weights}\n");
+        let file = format!("weights-{}.json", document.side);
+        document.model_file = run.path(&file).display().to_string();
+        run.write(&file, &weights)?;
+        if !arguments.dry_run {
+            document.calibration = calibrate(&setup, &run, &document, &weights)?;
         }
+        documents.push(document);
     }
-    run.write_json("summary.json", &found.document)?;
-    run.write("report.html", report::micro(&found)?)?;
+    run.write("report.html", report::micros(&found)?)?;
+    let Some(document) = MicrosDocument::new(documents) else {
+        return Err(anyhow::anyhow!("there is no micro to identify").into());
+    };
+    run.write_json("summary.json", &document)?;
     run.finish("done")?;
     let text = if common.json {
-        let json = serde_json::to_string(&found.document).map_err(anyhow::Error::from)?;
+        let json = serde_json::to_string(&document).map_err(anyhow::Error::from)?;
         format!("{json}\n")
     } else {
-        machine_account(&found.document)
+        machine_account(&document)
     };
     super::print(text.as_bytes())?;
     Ok(DONE)
 }
 
+/// Writes a side's model into the rig; where to, empty when the rig has no place for it.
+fn calibrate(
+    setup: &Setup,
+    run: &Run,
+    document: &MachineDocument,
+    weights: &str,
+) -> Result<String, Failure> {
+    let file = format!("hysteresis-{}.json", document.side);
+    let table = format!("hysteresis.{}", document.side);
+    let beside = setup.write_beside_calibration(&file, weights)?;
+    run.calibrated(beside.as_deref(), &table)?;
+    if beside.is_none() {
+        return Ok(String::new());
+    }
+    let residual = document.residual_um.iter().fold(0.0, |m: f64, r| m.max(*r));
+    let origin = format!("identify hysteresis, run {}", run.name());
+    let values = [
+        ("model", toml_edit::value(document.model)),
+        ("weights", toml_edit::value(file)),
+        // One that stood in the calibration itself is replaced.
+        ("micro", toml_edit::Item::None),
+        ("residual", toml_edit::value(format!("{residual:.5} um"))),
+        ("date", toml_edit::value(run.date())),
+        ("origin", toml_edit::value(origin)),
+    ];
+    let written = setup.write_calibration(&table, &values)?;
+    run.calibrated(written.as_deref(), &table)?;
+    Ok(written.unwrap_or_default())
+}
+
 /// What a person wants to know of an identification on a machine.
-fn machine_account(d: &MachineDocument) -> String {
+fn machine_account(document: &MicrosDocument) -> String {
     let mut text = String::new();
-    let _ = writeln!(
-        text,
-        "Forward and back over {:.0} um the ways part by {:.2} % of the range; with the model `{}` by \
-         {:.2} %",
-        d.range_um, d.uncompensated_opening_percent, d.model, d.opening_percent
-    );
-    let _ = writeln!(
-        text,
-        "The scale errs by {:+.2} % without it, by {:+.2} % with it",
-        d.uncompensated_gain_error_percent, d.gain_error_percent
-    );
-    let _ = writeln!(text, "What the best straight line leaves, um rms:");
-    let _ = writeln!(
-        text,
-        "  {:24} {:>8} {:>8} {:>7} {:>8} {:>7}",
-        "path", "none", "rbf", "better", "memory", "better"
-    );
-    for p in &d.paths {
+    for d in &document.sides {
         let _ = writeln!(
             text,
-            "  {:24} {:8.3} {:8.3} {:6.1}x {:8.3} {:6.1}x",
-            p.name,
-            p.uncompensated_um,
-            p.rbf_um,
-            p.rbf_improvement,
-            p.memory_um,
-            p.memory_improvement
+            "The {} micro, forward and back over {:.0} um: the ways part by {:.2} % of the range; with the \
+             model `{}` by {:.2} %",
+            d.side, d.range_um, d.uncompensated_opening_percent, d.model, d.opening_percent
         );
+        let _ = writeln!(
+            text,
+            "The scale errs by {:+.2} % without it, by {:+.2} % with it",
+            d.uncompensated_gain_error_percent, d.gain_error_percent
+        );
+        let _ = writeln!(text, "What the best straight line leaves, um rms:");
+        let _ = writeln!(
+            text,
+            "  {:24} {:>8} {:>8} {:>7} {:>8} {:>7}",
+            "path", "none", "rbf", "better", "memory", "better"
+        );
+        for p in &d.paths {
+            let _ = writeln!(
+                text,
+                "  {:24} {:8.3} {:8.3} {:6.1}x {:8.3} {:6.1}x",
+                p.name,
+                p.uncompensated_um,
+                p.rbf_um,
+                p.rbf_improvement,
+                p.memory_um,
+                p.memory_improvement
+            );
+        }
     }
+    let d = &document.least;
     if d.calibration.is_empty() {
         let _ = writeln!(text, "The calibration was left as it is.");
     } else {

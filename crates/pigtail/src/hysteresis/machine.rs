@@ -7,9 +7,9 @@ use crate::rig::Setup;
 use pigtail_control::calibration::Calibration;
 use pigtail_control::compensation::micro::MicroModel;
 use pigtail_control::identify::Path;
-use pigtail_control::piezo::{self, Micro, SIDE};
+use pigtail_control::piezo::{self, Micro};
 use pigtail_control::station::{Station, Unobserved};
-use pigtail_hal::{Command, Fault, Machine, Measurement, Spec};
+use pigtail_hal::{Command, Fault, Machine, Measurement, Side, Spec};
 use pigtail_machines::Twin;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -44,6 +44,8 @@ pub struct PathRow {
 /// best straight line leaves, with compensation as without.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct MachineDocument {
+    /// The side whose micro it was.
+    pub side: &'static str,
     /// The model that was written.
     pub model: &'static str,
     /// Root mean square error of the displacement with it.
@@ -85,9 +87,33 @@ pub struct MachineDocument {
     pub report: String,
 }
 
+/// What `identify hysteresis` prints of all the micros that were identified: above, the document of
+/// the one whose scan forward and back gained least; below it each.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct MicrosDocument {
+    /// The one that gained least.
+    #[serde(flatten)]
+    pub least: MachineDocument,
+    /// All of them.
+    pub sides: Vec<MachineDocument>,
+}
+
+impl MicrosDocument {
+    /// Of these documents; `None` of none.
+    pub fn new(sides: Vec<MachineDocument>) -> Option<Self> {
+        let least = sides
+            .iter()
+            .min_by(|a, b| a.improvement.total_cmp(&b.improvement))?
+            .clone();
+        Some(Self { least, sides })
+    }
+}
+
 /// A machine whose truth is noted in every cycle.
 struct Watched<'a> {
     twin: &'a mut Twin,
+    /// The side of the tip that is watched.
+    side: Side,
     /// The tip's displacement in x and y, metres.
     seen: &'a RefCell<Vec<(f64, f64)>>,
 }
@@ -99,7 +125,7 @@ impl Machine for Watched<'_> {
 
     fn exchange(&mut self, command: &Command) -> Result<Measurement, Fault> {
         let measurement = self.twin.exchange(command)?;
-        let at = self.twin.micro_displacement(SIDE);
+        let at = self.twin.micro_displacement(self.side);
         self.seen.borrow_mut().push(at);
         Ok(measurement)
     }
@@ -126,6 +152,17 @@ impl Followed {
             chosen.copied().collect()
         };
         (pick(&self.wanted), pick(&self.was))
+    }
+
+    /// The thesis's measure of hysteresis, of a scan that ends with two full ways: the largest
+    /// difference between the way back and the way forward at one wanted displacement, metres.
+    pub fn opening(&self) -> f64 {
+        let n = self.wanted.len();
+        // The path goes from 0 to -1, then six full ways.
+        let way = 2 * n / 13;
+        (0..way)
+            .map(|k| (self.was[n - 1 - k] - self.was[n - 2 * way + k]).abs())
+            .fold(0.0, f64::max)
     }
 
     /// Errors but for the best straight line, and by how much its slope is not one. A path that
@@ -237,6 +274,7 @@ fn trials(period: f64, seed: u64) -> Vec<Trial> {
 fn follow(
     setup: &Setup,
     calibration: &Calibration,
+    side: Side,
     seed: u64,
     path: &[(f64, f64)],
 ) -> Result<Followed, ExperimentError> {
@@ -244,13 +282,14 @@ fn follow(
     let seen = RefCell::new(Vec::with_capacity(path.len() + 1));
     let mut watched = Watched {
         twin: &mut twin,
+        side,
         seen: &seen,
     };
     let mut unobserved = Unobserved;
     let mut station = Station::new(&mut watched, calibration, &mut unobserved)?;
     let (sin, cos) = setup.spec.micro.angle.sin_cos();
     for (p, q) in path {
-        station.move_micro(SIDE, cos * p - sin * q, sin * p + cos * q);
+        station.move_micro(side, cos * p - sin * q, sin * p + cos * q);
         station.cycle()?;
     }
     let seen = seen.into_inner();
@@ -279,23 +318,18 @@ fn rms(errors: &[f64]) -> f64 {
     (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt()
 }
 
-/// Largest difference between the last way back and the last way forward of a scan at one place.
-fn opening(followed: &Followed) -> f64 {
-    let n = followed.wanted.len();
-    // The path goes from 0 to -1, then six full ways.
-    let way = 2 * n / 13;
-    (0..way)
-        .map(|k| (followed.was[n - 1 - k] - followed.was[n - 2 * way + k]).abs())
-        .fold(0.0, f64::max)
-}
-
-/// Identifies the piezos of the manipulator that carries the sensing fiber, and tries both models.
+/// Identifies the piezos of a side's micro, and tries both models on them.
 ///
 /// # Errors
 ///
 /// A fault, or what hinders the identification.
-pub fn identify(setup: &Setup, kind: Kind, seed: u64) -> Result<Identified, ExperimentError> {
-    identify_along(setup, kind, seed, usize::MAX)
+pub fn identify(
+    setup: &Setup,
+    kind: Kind,
+    side: Side,
+    seed: u64,
+) -> Result<Identified, ExperimentError> {
+    identify_along(setup, kind, side, seed, usize::MAX)
 }
 
 /// The same, tried on the first of the paths only, forward and back.
@@ -306,25 +340,27 @@ pub fn identify(setup: &Setup, kind: Kind, seed: u64) -> Result<Identified, Expe
 pub(crate) fn identify_and_scan(
     setup: &Setup,
     kind: Kind,
+    side: Side,
     seed: u64,
 ) -> Result<Identified, ExperimentError> {
-    identify_along(setup, kind, seed, 1)
+    identify_along(setup, kind, side, seed, 1)
 }
 
 fn identify_along(
     setup: &Setup,
     kind: Kind,
+    side: Side,
     seed: u64,
     most: usize,
 ) -> Result<Identified, ExperimentError> {
     let micro = on_twin(setup, seed, |station| {
-        Ok(piezo::identify(station, &setup.recipe)?)
+        Ok(piezo::identify(station, &setup.recipe, side)?)
     })?;
     let models = [micro.rbf(), micro.memory()];
     let calibrations = [
-        with_model(&setup.calibration, None),
-        with_model(&setup.calibration, Some(&models[0])),
-        with_model(&setup.calibration, Some(&models[1])),
+        with_model(&setup.calibration, side, None),
+        with_model(&setup.calibration, side, Some(&models[0])),
+        with_model(&setup.calibration, side, Some(&models[1])),
     ];
     let um = |value: f64| rounded(1e6 * value, 1e-5);
     let mut paths = Vec::new();
@@ -333,7 +369,7 @@ fn identify_along(
         let mut errors = [0.0; 3];
         let mut followed: [Followed; 3] = Default::default();
         for (k, calibration) in calibrations.iter().enumerate() {
-            followed[k] = follow(setup, calibration, seed, &trial.path)?;
+            followed[k] = follow(setup, calibration, side, seed, &trial.path)?;
             errors[k] = rms(&followed[k].errors(trial.from, trial.every).0);
         }
         paths.push(PathRow {
@@ -364,10 +400,12 @@ fn identify_along(
         let told =
             pigtail_control::compensation::hysteresis::predict(&model.piezos[i], &found.record);
         let over = found.record.known_from()..found.record.len();
-        let left: Vec<f64> = over.map(|k| told[k] - found.record.output[k]).collect();
+        let measured = over.filter(|k| found.record.weight[*k] > 0.0);
+        let left: Vec<f64> = measured.map(|k| told[k] - found.record.output[k]).collect();
         um(rms(&left))
     });
     let document = MachineDocument {
+        side: side.name(),
         model: model.piezos[0].name(),
         rms_um: um(rms(&errors)),
         max_um: um(errors.iter().fold(0.0, |m: f64, e| m.max(e.abs()))),
@@ -376,8 +414,8 @@ fn identify_along(
         uncompensated_percent: percent(plain),
         improvement: rounded(plain / rms(&errors), 1e-2),
         functions: model.piezos[0].functions(),
-        opening_percent: percent(opening(&scans[1 + chosen])),
-        uncompensated_opening_percent: percent(opening(&scans[0])),
+        opening_percent: percent(scans[1 + chosen].opening()),
+        uncompensated_opening_percent: percent(scans[0].opening()),
         gain_error_percent: rounded(100.0 * gain_error, 1e-4),
         uncompensated_gain_error_percent: rounded(100.0 * plain_gain_error, 1e-4),
         residual_um,
@@ -397,9 +435,13 @@ fn identify_along(
     })
 }
 
-/// A calibration with another model of the piezos, or none.
-pub fn with_model(calibration: &Calibration, model: Option<&MicroModel>) -> Calibration {
+/// A calibration with another model of a side's piezos, or none.
+pub fn with_model(
+    calibration: &Calibration,
+    side: Side,
+    model: Option<&MicroModel>,
+) -> Calibration {
     let mut calibration = calibration.clone();
-    calibration.hysteresis.set(SIDE, model.cloned());
+    calibration.hysteresis.set(side, model.cloned());
     calibration
 }

@@ -8,9 +8,10 @@ pub use data::{Columns, Table};
 
 use crate::align::rounded;
 use pigtail_control::compensation::hysteresis::{
-    Errors, Invalid, Model, Range, Rbf, Record, Zero, fit_memory, invert, judge, predict, straight,
+    Creep, Errors, Invalid, Model, Range, Rbf, Record, Zero, fit_memory, invert, judge, predict,
+    straight,
 };
-use pigtail_hal::Error;
+use pigtail_hal::{Error, Side};
 use serde::{Deserialize, Serialize};
 use std::ops;
 use std::path::Path;
@@ -23,6 +24,28 @@ pub enum Kind {
     Memory,
     /// The thesis's radial basis networks of one turning point, (4.3)-(4.6)
     Rbf,
+}
+
+/// Which micro manipulators.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Micros {
+    /// One after the other
+    Both,
+    /// The one that carries the input fiber
+    Left,
+    /// The one that carries the output fibers and the sensing fiber
+    Right,
+}
+
+impl Micros {
+    /// Their sides.
+    pub fn sides(self) -> &'static [Side] {
+        match self {
+            Self::Both => &[Side::Left, Side::Right],
+            Self::Left => &[Side::Left],
+            Self::Right => &[Side::Right],
+        }
+    }
 }
 
 /// Share of a record that a model is fitted to; the rest is held back.
@@ -216,7 +239,7 @@ pub struct Tried {
 pub fn fit(record: Record, kind: Kind) -> Result<Tried, Invalid> {
     let to = (FITTED * record.len() as f64) as usize;
     let model = match kind {
-        Kind::Memory => Model::Memory(fit_memory(&record, to, true)?),
+        Kind::Memory => Model::Memory(fit_memory(&record, to, true, Creep::Any)?),
         Kind::Rbf => Model::Rbf(Rbf::train(&record.before(to)?)?),
     };
     let told = predict(&model, &record);

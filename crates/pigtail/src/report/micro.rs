@@ -12,15 +12,25 @@ use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
 use std::fmt::Write as _;
 
-/// The report of identified piezos as one HTML text.
+/// The report of identified micros as one HTML text.
 ///
 /// # Errors
 ///
 /// When a figure cannot be drawn.
-pub fn micro(found: &Identified) -> Result<String> {
-    let d = &found.document;
-    let title = format!("Hysteresis of the right micro, seed {}", d.seed);
+pub fn micros(found: &[Identified]) -> Result<String> {
+    let seed = found.first().map_or(0, |found| found.document.seed);
+    let title = format!("Hysteresis of the piezos, seed {seed}");
     let mut body = format!("<h1>{}</h1>\n", escape(&title));
+    for found in found {
+        body.push_str(&micro(found)?);
+    }
+    Ok(page(&title, &body))
+}
+
+/// What was found of one micro.
+fn micro(found: &Identified) -> Result<String> {
+    let d = &found.document;
+    let mut body = format!("<h1>The {} micro</h1>\n", d.side);
     let _ = writeln!(
         body,
         "<p>Forward and back over {:.0} um the ways part by {:.2} % of the range without compensation \
@@ -57,7 +67,7 @@ pub fn micro(found: &Identified) -> Result<String> {
     body.push_str(&light_and_curves(found)?);
     body.push_str(&networks(found)?);
     body.push_str(&compensated(found)?);
-    Ok(page(&title, &body))
+    Ok(body)
 }
 
 /// Figs. 4.3, 4.4 and 4.6.
@@ -75,7 +85,13 @@ fn light_and_curves(found: &Identified) -> Result<String> {
             .collect();
         envelope(&all, 500)
     };
-    let ways: Vec<_> = swings.iter().skip_while(|s| !s.rising).skip(1).collect();
+    let begin = series.time.first().copied().unwrap_or(0.0);
+    let ways: Vec<_> = swings
+        .iter()
+        .filter(|s| piezo.record.time[s.start] >= begin)
+        .skip_while(|s| !s.rising)
+        .skip(1)
+        .collect();
     if let Some(up) = ways.iter().position(|s| s.rising) {
         let time = |k: usize| piezo.record.time[k];
         let (f, b) = (ways[up], ways[up + 1]);
@@ -85,14 +101,13 @@ fn light_and_curves(found: &Identified) -> Result<String> {
         ];
         body.push_str(&figure(
             &plot(WHOLE, "voltage, V", "light, V", &pair)?,
-            "Light against the voltage of the first piezo, forward and back (thesis, Fig. 4.3): the \
-             flank of the beam above the guide.",
+            "Light against the voltage of the first piezo, forward and back (thesis, Fig. 4.3).",
         ));
     }
     body.push_str("<div class=\"pair\">\n");
-    let r = &piezo.record;
+    let r = &piezo.ways;
     let loops: Vec<(f64, f64)> = (0..r.len())
-        .take_while(|k| *k < piezo.curves)
+        .filter(|k| r.weight[*k] > 0.0)
         .map(|k| (r.input[k], 1e6 * r.output[k]))
         .collect();
     body.push_str(&figure(
@@ -173,11 +188,7 @@ fn networks(found: &Identified) -> Result<String> {
     let Model::Rbf(rbf) = &piezo.rbf else {
         return Ok(String::new());
     };
-    let trained = piezo
-        .record
-        .before(piezo.curves)
-        .map_err(|invalid| anyhow::anyhow!("{invalid}"))?;
-    let samples = Rbf::samples(&trained, &rbf.input, &rbf.output);
+    let samples = Rbf::samples(&piezo.ways, &rbf.input, &rbf.output);
     let every = samples.len().div_ceil(1500);
     let mut points: Vec<(f64, f64, f64)> = samples
         .iter()

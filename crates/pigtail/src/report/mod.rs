@@ -31,7 +31,7 @@ pub use hysteresis::{inverted, tried};
 pub use impulse::response;
 pub use loops::loops;
 pub use maximize::{maximize, tables as maximize_tables};
-pub use micro::micro;
+pub use micro::micros;
 pub use pulses::{pulse_campaign, pulses};
 pub use record::record;
 pub use scan::{notes as scan_notes, scan};

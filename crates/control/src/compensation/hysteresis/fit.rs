@@ -19,6 +19,21 @@ const CONSTANTS: [f64; RELAXATIONS] = [0.03, 0.3, 3.0, 30.0, 300.0, 3000.0];
 /// is left out: a record of full loops alone does not tell it from slacks.
 const WORTH: f64 = 0.02;
 
+/// What is known beforehand of the shares of a model's relaxations.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Creep {
+    /// Nothing: each has its own, and those that the record is too short or too coarse to show have
+    /// none.
+    Any,
+    /// Creep is logarithmic in time: relaxations slower than [`STEADY`] have one share among them,
+    /// also those that go on after the record's end.
+    Logarithmic,
+}
+
+/// The slowest relaxation that [`Creep::Logarithmic`] leaves a share of its own, seconds. What is
+/// as fast as the light's samples and the amplifiers is not creep alone.
+const STEADY: f64 = 1.0;
+
 /// Finds the model in the samples before `to`; the rest is held back. `lag` says whether to look
 /// for a lag between the columns.
 ///
@@ -27,15 +42,15 @@ const WORTH: f64 = 0.02;
 /// # Errors
 ///
 /// When the record says too little, or what fits it is no piezo.
-pub fn fit_memory(record: &Record, to: usize, lag: bool) -> Result<Memory, Invalid> {
+pub fn fit_memory(record: &Record, to: usize, lag: bool, creep: Creep) -> Result<Memory, Invalid> {
     let lag = if lag {
-        best_lag(record, to, 10.0 * record.period())
+        best_lag(record, to, 10.0 * record.period(), creep)
     } else {
         0.0
     };
     let mut best: Option<(f64, Memory)> = None;
     for degree in 1..=DEGREE {
-        let Ok((_, model)) = solve(record, to, degree, lag, ROUNDS) else {
+        let Ok((_, model)) = solve(record, to, degree, lag, creep, ROUNDS) else {
             continue;
         };
         let told = super::predict(&super::Model::Memory(model), record);
@@ -46,7 +61,15 @@ pub fn fit_memory(record: &Record, to: usize, lag: bool) -> Result<Memory, Inval
         } else {
             known.min(to - 1)..to
         };
-        let error = super::judge(&told, &record.output, over, Zero::Known).rms;
+        // What counts for nothing may not have been measured at all.
+        let counts = |column: &[f64]| -> Vec<f64> {
+            over.clone()
+                .filter(|k| record.weight[*k] > 0.0)
+                .map(|k| column[k])
+                .collect()
+        };
+        let (told, measured) = (counts(&told), counts(&record.output));
+        let error = super::judge(&told, &measured, 0..measured.len(), Zero::Known).rms;
         if best.is_none_or(|(least, _)| error < (1.0 - WORTH) * least) {
             best = Some((error, model));
         }
@@ -62,9 +85,9 @@ pub fn fit_memory(record: &Record, to: usize, lag: bool) -> Result<Memory, Inval
 
 /// The lag up to `longest` that fits best, by golden section. A curve that leans is enough to
 /// find it, and creep changes nothing about it.
-fn best_lag(record: &Record, to: usize, longest: f64) -> f64 {
+fn best_lag(record: &Record, to: usize, longest: f64, creep: Creep) -> f64 {
     const GOLDEN: f64 = 0.618_033_988_749_894_9;
-    let error = |lag: f64| solve(record, to, 2, lag, 1).map_or(f64::INFINITY, |(e, _)| e);
+    let error = |lag: f64| solve(record, to, 2, lag, creep, 1).map_or(f64::INFINITY, |(e, _)| e);
     let (mut low, mut high) = (0.0, longest);
     for _ in 0..10 {
         let (a, b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
@@ -85,6 +108,7 @@ fn solve(
     to: usize,
     degree: usize,
     lag: f64,
+    creep: Creep,
     rounds: usize,
 ) -> Result<(f64, Memory), Invalid> {
     let (input, output) = (record.input_range(), record.output_range());
@@ -104,10 +128,15 @@ fn solve(
     let span = record.time[to - 1] - record.time[0];
     let period = record.period();
     let shown = CONSTANTS.map(|c| c > 5.0 * period && c < 0.5 * span);
+    let steady = match creep {
+        Creep::Any => None,
+        Creep::Logarithmic => CONSTANTS.iter().position(|c| *c > STEADY),
+    };
     let inputs: Vec<f64> = (0..to)
         .map(|k| input.to_share(record.input_before(k, lag)))
         .collect();
-    let every = (to - from).div_ceil(SAMPLES);
+    let measured = record.weight[from..to].iter().filter(|w| **w > 0.0).count();
+    let every = measured.div_ceil(SAMPLES).max(1);
     // Creep follows the plays' sum, which is not known before the fit; the displacement is near.
     let mut sums: Vec<f64> = record.output[..to]
         .iter()
@@ -118,6 +147,7 @@ fn solve(
         let mut normal = Normal::default();
         let mut state = model.at_rest(record.input_before(0, lag));
         let mut relaxations = [sums[0]; RELAXATIONS];
+        let mut met = 0;
         for k in 0..to {
             model.follow(&mut state, inputs[k]);
             let step = if k == 0 {
@@ -128,7 +158,11 @@ fn solve(
             for (z, constant) in relaxations.iter_mut().zip(&CONSTANTS) {
                 *z += -(-step / constant).exp_m1() * (sums[k] - *z);
             }
-            if k < from || !(k - from).is_multiple_of(every) {
+            if k < from || record.weight[k] == 0.0 {
+                continue;
+            }
+            met += 1;
+            if !(met - 1_usize).is_multiple_of(every) {
                 continue;
             }
             let x = output.to_share(record.output[k]);
@@ -141,6 +175,10 @@ fn solve(
                 *cell = power;
             }
             for i in 0..RELAXATIONS {
+                if steady == Some(i) {
+                    row[CREEP + i] = relaxations[i..].iter().sum();
+                    break;
+                }
                 row[CREEP + i] = if shown[i] { relaxations[i] } else { 0.0 };
             }
             normal.add(&row, x, record.weight[k]);
@@ -150,6 +188,10 @@ fn solve(
         model.offset = solution[OFFSET];
         model.curve.copy_from_slice(&solution[CURVE..CREEP]);
         model.shares.copy_from_slice(&solution[CREEP..]);
+        if let Some(first) = steady {
+            let share = model.shares[first];
+            model.shares[first..].fill(share);
+        }
         error = squares.sqrt();
         // The sums as this model has them.
         let mut state = model.at_rest(record.input_before(0, lag));

@@ -128,25 +128,6 @@ impl Memory {
         self.output.check("output")
     }
 
-    /// Gives relaxations that a record was too short to show the share of those that it did: creep
-    /// goes on by the same share in every decade of time.
-    pub fn go_on_creeping(&mut self) {
-        let shown: Vec<f64> = self
-            .shares
-            .iter()
-            .copied()
-            .filter(|share| *share > 0.0)
-            .collect();
-        if shown.is_empty() {
-            return;
-        }
-        let mean = shown.iter().sum::<f64>() / shown.len() as f64;
-        let last = self.shares.iter().rposition(|share| *share > 0.0);
-        for share in &mut self.shares[last.map_or(0, |i| i + 1)..] {
-            *share = mean;
-        }
-    }
-
     /// Number of play operators that count.
     pub fn functions(&self) -> usize {
         self.weights.iter().filter(|w| **w > 0.0).count()

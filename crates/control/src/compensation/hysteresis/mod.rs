@@ -19,7 +19,7 @@ mod rbf;
 mod record;
 
 pub use adapt::Adaptive;
-pub use fit::fit_memory;
+pub use fit::{Creep, fit_memory};
 pub use memory::{Memory, MemoryState};
 pub use rbf::{
     FORWARD, FUNCTIONS, Network, RIDGE, Rbf, RbfState, Recursive, SPACING, Sample, UNITS,

@@ -33,7 +33,7 @@ pub type Sample = ([f64; 2], f64);
 
 /// What a network's weights cost beside its errors, as a share of what the data say of a weight:
 /// enough to tame those about which they say nothing.
-pub const RIDGE: f64 = 1e-7;
+pub const RIDGE: f64 = 1e-9;
 
 impl Network {
     /// A network of zero weights.
@@ -171,7 +171,7 @@ impl Network {
 
     /// A network on [`Self::lattice`] whose width makes the error least, trained with `samples`.
     fn tuned(samples: &[Sample]) -> Self {
-        let trained = |width: f64| {
+        let trained = |width: f64, samples: &[Sample]| {
             let mut network = Self {
                 centres: Self::lattice(),
                 weights: vec![0.0; FUNCTIONS],
@@ -188,16 +188,15 @@ impl Network {
         let (fitted, kept) = (part(0), part(1));
         let rule = Self::rule();
         let mut best = (f64::INFINITY, rule);
-        for k in 0..8 {
-            let width = rule * (0.7 + 0.1 * f64::from(k));
-            let mut network = trained(width);
-            network.train(&fitted, RIDGE);
-            let error = network.error(&kept);
+        // Ways are smooth: the best width may be more than twice that of the rule.
+        for k in 0..10 {
+            let width = rule * (0.7 + 0.2 * f64::from(k));
+            let error = trained(width, &fitted).error(&kept);
             if error < best.0 {
                 best = (error, width);
             }
         }
-        trained(best.1)
+        trained(best.1, samples)
     }
 }
 
@@ -338,7 +337,7 @@ impl RbfState {
 
 impl Rbf {
     /// Trains both networks off line with the ways forward from the bottom of a record's range and
-    /// the ways back that follow them: what they were made for.
+    /// the ways back that follow them: what they were made for. Samples without weight are left out.
     ///
     /// # Errors
     ///
@@ -372,7 +371,7 @@ impl Rbf {
         })
     }
 
-    /// `(v1, vx, x)` in units of every sample that one turning point describes.
+    /// `(v1, vx, x)` in units of every sample of some weight that one turning point describes.
     pub fn samples(record: &Record, input: &Range, output: &Range) -> Vec<[f64; 3]> {
         let mut samples = Vec::with_capacity(record.len());
         for Swing { start, end, rising } in record.swings() {
@@ -386,7 +385,7 @@ impl Rbf {
                 record.rises_from_bottom(start, 0.05)
             };
             if known {
-                samples.extend((start..end).map(|k| {
+                samples.extend((start..end).filter(|k| record.weight[*k] > 0.0).map(|k| {
                     let x = output.to_units(record.output[k], UNITS);
                     [v1, at(k), x]
                 }));

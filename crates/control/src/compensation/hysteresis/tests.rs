@@ -156,7 +156,7 @@ fn a_model_with_memory_is_recovered_from_its_own_data() {
         ..memory()
     };
     let record = record_of(&truth, &rich_path(), 0.01);
-    let found = fit_memory(&record, record.len(), false).unwrap();
+    let found = fit_memory(&record, record.len(), false, Creep::Any).unwrap();
     let told = predict(&Model::Memory(found), &record);
     let over = record.known_from()..record.len();
     let errors = judge(&told, &record.output, over.clone(), Zero::Known);
@@ -177,7 +177,7 @@ fn a_lag_is_found() {
         .map(|k| interpolated(&record.time, &record.output, k, 0.025))
         .collect();
     let late = Record::new(record.time.clone(), record.input.clone(), late).unwrap();
-    let found = fit_memory(&late, late.len(), true).unwrap();
+    let found = fit_memory(&late, late.len(), true, Creep::Any).unwrap();
     assert!((found.lag - 0.025).abs() < 0.003, "{}", found.lag);
 }
 

@@ -8,6 +8,7 @@ use pigtail_control::compensation::hysteresis::{
     FORWARD, Model, Network, Rbf, Record, SPACING, Sample, UNITS,
 };
 use pigtail_control::piezo;
+use pigtail_hal::Side;
 use rayon::prelude::*;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
@@ -19,7 +20,12 @@ pub(super) fn piezos(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
         .into_par_iter()
         .map(|k| {
             let seed = bench.seed.wrapping_add(k);
-            Ok(identify_and_scan(&bench.machine, Kind::Rbf, seed)?)
+            Ok(identify_and_scan(
+                &bench.machine,
+                Kind::Rbf,
+                Side::Right,
+                seed,
+            )?)
         })
         .collect::<Result<Vec<_>, ReproduceError>>()?;
     let found = &all[0];
@@ -232,10 +238,7 @@ fn figure_4_6(piezo: &piezo::Identified) -> Figure {
 
 /// Figs. 4.7 to 4.9.
 fn networks(first: &piezo::Identified, rbf: &Rbf) -> Vec<Figure> {
-    let samples = first.record.before(first.curves).map_or_else(
-        |_| Vec::new(),
-        |trained| Rbf::samples(&trained, &rbf.input, &rbf.output),
-    );
+    let samples = Rbf::samples(&first.ways, &rbf.input, &rbf.output);
     let forward: Vec<Sample> = samples.iter().map(|[t, v, x]| ([*t, *v], *x)).collect();
     let inverse: Vec<Sample> = samples.iter().map(|[t, v, x]| ([*t, *x], *v)).collect();
     let every = samples.len().div_ceil(1200).max(1);

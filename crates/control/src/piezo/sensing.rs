@@ -1,30 +1,26 @@
-//! Identification of a micro manipulator's piezos by the light of the sensing fiber (thesis 4.2).
+//! The micro that carries the sensing fiber.
 //!
 //! The sensing fiber stands so far back from a lit guide that the beam is wider than its core: the
 //! light then falls off as a Gaussian, (4.1). It stands above the beam's middle, on the flank of
 //! that Gaussian, and clear of the chip's top, where no scattered light comes. A piezo that moves
-//! it moves it up or down the flank, and light says where it is, 500 times a second; the camera
-//! sees the tip too, 25 times a second and worse, and sets the scale of (4.1). The flexure's
-//! coupling shows in how steep the flank is along each piezo beside how steep it is straight up,
-//! which the macro's encoders measure.
-//!
-//! Only the manipulator that carries the sensing fiber can do this.
+//! it moves it up or down the flank.
 
-use crate::compensation::hysteresis::{Model, Range, Rbf, Record, fit_memory};
-use crate::compensation::micro::MicroModel;
+use super::{
+    BLOCK, Flank, Identified, Micro, Series, Watch, gaussian, no_beam, resting, share_in_x, ways,
+};
+use crate::compensation::hysteresis::{Creep, Model, Rbf, Record, fit_memory};
 use crate::identify::Path;
 use crate::outcome::{Halt, Outcome};
 use crate::procedure::light_guides;
 use crate::recipe::Recipe;
 use crate::station::Station;
-use nalgebra::{Matrix3, Vector3};
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::MICRO_AXES;
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::{Macro, Point};
 
 /// The manipulator that carries the sensing fiber.
-pub const SIDE: Side = Side::Right;
+const SIDE: Side = Side::Right;
 
 /// Gap between guide and sensing fiber, metres: the beam is then as wide as (4.1) needs.
 const GAP: f64 = 700e-6;
@@ -39,156 +35,22 @@ const CLEARANCE: f64 = 5e-6;
 /// Speed of the macro over the flank, m/s.
 const CLIMB: f64 = 100e-6;
 
-/// Speed of the voltage, volts a second: slow beside the resonance, fast beside most of the creep.
-const SPEED: f64 = 2.5;
-
-/// Light samples averaged to one of a record.
-const BLOCK: usize = 5;
-
-/// Light and tip while a piezo follows a path of its voltage.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Series {
-    /// When each light sample was taken, seconds.
-    pub time: Vec<f64>,
-    /// The driven piezo's voltage at it.
-    pub volts: Vec<f64>,
-    /// The light, volts, less what the photodiode gives in the dark.
-    pub light: Vec<f64>,
-    /// When each frame was exposed, and the sensing fiber's x in the manipulator's frame, metres.
-    pub frames: Vec<(f64, f64)>,
-}
-
-impl Series {
-    fn append(&mut self, next: Self) {
-        self.time.extend(next.time);
-        self.volts.extend(next.volts);
-        self.light.extend(next.light);
-        self.frames.extend(next.frames);
-    }
-
-    /// Mean light within 10 ms of `time`; `None` where there is none, or too little.
-    fn light_at(&self, time: f64, least: f64) -> Option<f64> {
-        let from = self.time.partition_point(|t| *t < time - 0.01);
-        let to = self.time.partition_point(|t| *t <= time + 0.01);
-        if from >= to {
-            return None;
-        }
-        let mean = self.light[from..to].iter().sum::<f64>() / (to - from) as f64;
-        (mean > least).then_some(mean)
-    }
-}
-
-/// (4.1) along one piezo: `I = I_max exp(-((s - s_0)/sigma)^2)`, dark apart.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Flank {
-    /// `ln I_max`.
-    pub top: f64,
-    /// `s_0`, metres of the piezo's displacement.
-    pub centre: f64,
-    /// `sigma`, metres; positive where light falls as the piezo rises.
-    pub width: f64,
-}
-
-impl Flank {
-    /// The displacement at which the light is `light`, metres.
-    pub fn displacement(&self, light: f64) -> f64 {
-        self.centre + self.width * (self.top - light.ln()).max(0.0).sqrt()
-    }
-
-    /// The light at a displacement, volts.
-    pub fn light(&self, displacement: f64) -> f64 {
-        (self.top - ((displacement - self.centre) / self.width).powi(2)).exp()
-    }
-}
-
-/// What was found of one piezo.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Identified {
-    /// What was measured.
-    pub series: Series,
-    /// How light became displacement.
-    pub flank: Flank,
-    /// Voltage and displacement (metres).
-    pub record: Record,
-    /// Samples of it, from the first on, that the thesis's model was trained with.
-    pub curves: usize,
-    /// The thesis's model of it.
-    pub rbf: Model,
-    /// The one that remembers.
-    pub memory: Model,
-}
-
-/// What was found of a micro manipulator.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Micro {
-    /// Its piezos.
-    pub piezos: [Identified; MICRO_AXES],
-    /// Displacement in y for one in x.
-    pub ratio: f64,
-}
-
-impl Micro {
-    /// The thesis's model of both piezos.
-    pub fn rbf(&self) -> MicroModel {
-        MicroModel {
-            piezos: std::array::from_fn(|i| self.piezos[i].rbf.clone()),
-            ratio: self.ratio,
-        }
-    }
-
-    /// The model of both that remembers.
-    pub fn memory(&self) -> MicroModel {
-        MicroModel {
-            piezos: std::array::from_fn(|i| self.piezos[i].memory.clone()),
-            ratio: self.ratio,
-        }
-    }
-}
-
-/// A parabola `c_0 + c_1 x + c_2 x^2` by weighted least squares.
-fn parabola(points: &[(f64, f64, f64)]) -> Option<[f64; 3]> {
-    // In units in which the numbers are about one.
-    let scale = points.iter().fold(0.0_f64, |s, p| s.max(p.0.abs()));
-    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
-    for (x, y, weight) in points {
-        let row = Vector3::new(1.0, x / scale, (x / scale).powi(2));
-        normal += *weight * row * row.transpose();
-        right += *weight * *y * row;
-    }
-    let c = normal.cholesky()?.solve(&right);
-    Some([c[0], c[1] / scale, c[2] / (scale * scale)])
-}
-
-/// A Gaussian through points of place and light: its top's logarithm, centre and width.
-fn gaussian(points: &[(f64, f64)], what: &str) -> Result<Flank, Outcome> {
-    // Errors of a logarithm are those of the light over the light.
-    let logs: Vec<_> = points.iter().map(|(x, i)| (*x, i.ln(), i * i)).collect();
-    match parabola(&logs) {
-        Some([c0, c1, c2]) if c2 < 0.0 => Ok(Flank {
-            top: c0 - 0.25 * c1 * c1 / c2,
-            centre: -0.5 * c1 / c2,
-            width: (-1.0 / c2).sqrt(),
-        }),
-        _ => Err(no_beam(what)),
-    }
-}
-
-fn no_beam(what: &str) -> Outcome {
-    Outcome::OutOfReach(format!("the light {what} is not that of a beam"))
-}
-
 /// Identifies both piezos of [`SIDE`].
 ///
 /// # Errors
 ///
 /// A fault; an outcome where the guides cannot be lit or the light is not that of a beam.
-pub fn identify(station: &mut Station, recipe: &Recipe) -> Result<Micro, Halt> {
+pub(super) fn identify(station: &mut Station, recipe: &Recipe) -> Result<Micro, Halt> {
     // Less light or more is no matter here: what is behind the input only has to be steady.
     light_guides(station, recipe, 100e-9)?;
     let middle = Volts(0.5 * station.spec().micro.voltage);
     station.laser(false);
     station.run(0.02)?;
-    let dark = station.level(Channel::Sensing, 0.4)?.mean;
+    let watch = Watch {
+        side: SIDE,
+        channel: Channel::Sensing,
+        dark: station.level(Channel::Sensing, 0.4)?.mean,
+    };
     station.laser(true);
     station.micro_volts(SIDE, [middle; MICRO_AXES]);
 
@@ -200,19 +62,19 @@ pub fn identify(station: &mut Station, recipe: &Recipe) -> Result<Micro, Halt> {
     let there = here.shifted(back * recipe.ports.exit_angle.tan(), 0.0, back);
     let start = station.kinematics(SIDE).macro_from_chip(there);
     station.line(SIDE, Point::new(start.x, start.y - 0.4e-3, start.z), None)?;
-    let (first, _) = flank_up(station, start, dark)?;
+    let (first, _) = flank_up(station, &watch, start)?;
     let across = arrive(station, start, first.centre + HEIGHT)?;
-    let beam = across_beam(station, dark)?;
-    let shift = beam.centre - seen_x(station)?;
+    let beam = across_beam(station, &watch)?;
+    let shift = beam.centre - seen_x(station, &watch)?;
     let start = Point::new(start.x + shift, start.y, across.z);
     station.line(SIDE, Point::new(start.x, start.y - 0.4e-3, start.z), None)?;
-    let (up, up_x) = flank_up(station, start, dark)?;
+    let (up, up_x) = flank_up(station, &watch, start)?;
     arrive(station, start, up.centre + HEIGHT)?;
 
     let mut piezos = Vec::with_capacity(MICRO_AXES);
     let mut ratio = 0.0;
     for piezo in 0..MICRO_AXES {
-        let found = identify_piezo(station, piezo, dark)?;
+        let found = identify_piezo(station, &watch, piezo)?;
         ratio += ratio_of(station, piezo, &found, &up, up_x, &beam) / MICRO_AXES as f64;
         piezos.push(found);
     }
@@ -232,7 +94,11 @@ fn arrive(station: &mut Station, start: Point<Macro>, y: f64) -> Result<Point<Ma
 }
 
 /// The flank straight up, by the macro's encoders, and the tip's x meanwhile.
-fn flank_up(station: &mut Station, start: Point<Macro>, dark: f64) -> Result<(Flank, f64), Halt> {
+fn flank_up(
+    station: &mut Station,
+    watch: &Watch,
+    start: Point<Macro>,
+) -> Result<(Flank, f64), Halt> {
     let bottom = Point::new(start.x, start.y - 0.15e-3, start.z);
     station.line(SIDE, bottom, None)?;
     let top = Point::new(start.x, start.y + 0.25e-3, start.z);
@@ -242,10 +108,10 @@ fn flank_up(station: &mut Station, start: Point<Macro>, dark: f64) -> Result<(Fl
     while station.moving(SIDE) {
         station.cycle()?;
         if let Some(light) = station.light(Channel::Sensing) {
-            seen.push((station.endpoint(SIDE).y, light - dark));
+            seen.push((station.endpoint(SIDE).y, light - watch.dark));
         }
         if let Some(frame) = station.frame() {
-            x += tip_x(station, frame.sensing.x, frame.sensing.z);
+            x += watch.tip_x(station, frame.sensing.x, frame.sensing.z);
             frames += 1.0;
         }
     }
@@ -287,31 +153,25 @@ fn flank_up(station: &mut Station, start: Point<Macro>, dark: f64) -> Result<(Fl
     }
 }
 
-/// A tip's x in the manipulator's frame, from what the camera says of it.
-fn tip_x(station: &Station, x: f64, z: f64) -> f64 {
-    let seen = Point::new(x, 0.0, z);
-    station.kinematics(SIDE).macro_from_chip(seen).x
-}
-
 /// Where the camera sees the tip, on average.
-fn seen_x(station: &mut Station) -> Result<f64, Halt> {
+fn seen_x(station: &mut Station, watch: &Watch) -> Result<f64, Halt> {
     const FRAMES: u32 = 50;
     let mut x = 0.0;
     for _ in 0..FRAMES {
         let frame = station.next_frame()?;
-        x += tip_x(station, frame.sensing.x, frame.sensing.z) / f64::from(FRAMES);
+        x += watch.tip_x(station, frame.sensing.x, frame.sensing.z) / f64::from(FRAMES);
     }
     Ok(x)
 }
 
 /// The beam across, by both piezos and the camera.
-fn across_beam(station: &mut Station, dark: f64) -> Result<Flank, Halt> {
+fn across_beam(station: &mut Station, watch: &Watch) -> Result<Flank, Halt> {
     let volts = station.spec().micro.voltage;
     let path = Path {
         turns: vec![0.5, 0.95, 0.05, 0.95, 0.05, 0.5],
         speed: 0.1,
     };
-    let series = drive(station, &path, dark, |share| {
+    let series = watch.drive(station, &path, |share| {
         [Volts(share * volts), Volts((1.0 - share) * volts)]
     })?;
     let points: Vec<(f64, f64)> = series
@@ -328,68 +188,13 @@ fn across_beam(station: &mut Station, dark: f64) -> Result<Flank, Halt> {
     })
 }
 
-/// Light and tip while the piezos' voltages follow a path.
-fn drive(
-    station: &mut Station,
-    path: &Path,
-    dark: f64,
-    volts: impl Fn(f64) -> [Volts; MICRO_AXES],
-) -> Result<Series, Halt> {
-    let mut series = Series::default();
-    let begin = station.time();
-    while station.time() - begin < path.duration() {
-        let at = path.at(station.time() - begin);
-        station.micro_volts(SIDE, volts(at));
-        station.cycle()?;
-        if let Some(light) = station.light(Channel::Sensing) {
-            series.time.push(station.time());
-            series.volts.push(at);
-            series.light.push(light - dark);
-        }
-        if let Some(frame) = station.frame().filter(|frame| frame.time >= begin) {
-            let x = tip_x(station, frame.sensing.x, frame.sensing.z);
-            series.frames.push((frame.time, x));
-        }
-    }
-    Ok(series)
-}
-
-/// The paths of the identification, one after the other, volts.
-///
-/// First slowly, as in the thesis: full ways, then from the bottom to each turning voltage and back
-/// (Fig. 4.4). Then turns that come closer and closer, faster, then a full way very slowly: at one
-/// speed alone creep looks like hysteresis.
-pub fn program(voltage: f64) -> [Path; 5] {
-    let path = |turns: &[f64], speed: f64| Path {
-        turns: turns.iter().map(|t| t * voltage).collect(),
-        speed,
-    };
-    let mut slow = vec![0.5, 1.0, 0.0, 1.0, 0.0];
-    for k in (1..=10).rev() {
-        slow.extend([0.1 * f64::from(k), 0.0]);
-    }
-    let mut fast = vec![0.0, 1.0, 0.0, 1.0, 0.0, 1.0, 0.0];
-    for k in 0..12 {
-        let share = 0.04 * f64::from(k);
-        fast.extend([1.0 - share, share]);
-    }
-    fast.extend([0.9, 0.4, 0.6, 0.2, 0.7, 0.1, 0.3, 0.0, 1.0, 0.0]);
-    [
-        path(&slow, SPEED),
-        path(&fast, 4.0 * SPEED),
-        path(&[0.0, 0.8, 0.2, 0.6, 0.0], 0.4 * SPEED),
-        path(&[0.0, 0.7], 4.0 * SPEED),
-        path(&[0.7, 0.7001], 1e-4 * voltage / 60.0),
-    ]
-}
-
-fn identify_piezo(station: &mut Station, piezo: usize, dark: f64) -> Result<Identified, Halt> {
+fn identify_piezo(station: &mut Station, watch: &Watch, piezo: usize) -> Result<Identified, Halt> {
     let voltage = station.spec().micro.voltage;
     let middle = Volts(0.5 * voltage);
     let mut series = Series::default();
     let mut slow = 0.0;
-    for path in program(voltage) {
-        let part = drive(station, &path, dark, |volts| {
+    for path in ways(voltage).into_iter().chain(resting(0.7 * voltage)) {
+        let part = watch.drive(station, &path, |volts| {
             let mut both = [middle; MICRO_AXES];
             both[piezo] = Volts(volts);
             both
@@ -401,23 +206,21 @@ fn identify_piezo(station: &mut Station, piezo: usize, dark: f64) -> Result<Iden
     }
     station.micro_volts(SIDE, [middle; MICRO_AXES]);
     station.run(0.1)?;
-    let (sin, cos) = station.spec().micro.angle.sin_cos();
-    let share = [cos, -sin][piezo];
-    let flank = flank_of(&series, share)?;
+    let flank = flank_of(&series, share_in_x(station, piezo))?;
     let record = record_of(&series, &flank)?;
     let of = |invalid: crate::compensation::hysteresis::Invalid| {
         Outcome::OutOfReach(format!("piezo {}: {invalid}", piezo + 1))
     };
-    let mut memory = fit_memory(&record, record.len(), true).map_err(of)?;
-    memory.go_on_creeping();
+    let memory = fit_memory(&record, record.len(), true, Creep::Logarithmic).map_err(of)?;
     // The thesis's networks know neither speed nor inner loops: they get the curves they are for.
-    let curves = record.time.partition_point(|t| *t < slow);
-    let rbf = Rbf::train(&record.before(curves).map_err(of)?).map_err(of)?;
+    let slow = record.time.partition_point(|t| *t < slow);
+    let slow_ways = record.before(slow).map_err(of)?;
+    let rbf = Rbf::train(&slow_ways).map_err(of)?;
     Ok(Identified {
         series,
         flank,
         record,
-        curves,
+        ways: slow_ways,
         rbf: Model::Rbf(rbf),
         memory: Model::Memory(memory),
     })
@@ -531,9 +334,4 @@ fn ratio_of(
         n += 1.0;
     }
     if n > 0.0 { sum / n } else { 1.0 }
-}
-
-/// Range of a piezo's displacement over the identification, metres.
-pub fn range(found: &Identified) -> Range {
-    Range::of(&found.record.output[found.record.known_from()..])
 }

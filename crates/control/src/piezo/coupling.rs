@@ -1,0 +1,512 @@
+//! The micro that carries the input fiber.
+//!
+//! The input fiber stands back from its guide, whose light goes through the chip into an output
+//! fiber that rests at its peak. As the fiber goes aside the light falls off as a Gaussian again,
+//! (4.1), but over some micrometres only: farther back, where the beam is as wide as a piezo's
+//! range, the guide takes in too little of it. So the macro brings one part of the range after the
+//! other to where the light changes, and the piezo goes through the whole program at each.
+//!
+//! Which side of the beam a sample lies on, and where the beam stands beside the other parts', says
+//! the camera: a model that is first learned from its frames. Light then tells the displacement, the
+//! model is learned from that, and tells better where each beam stands; and so on.
+
+use super::{
+    BLOCK, Flank, Identified, Micro, Series, Watch, gaussian, no_beam, ratio, resting, share_in_x,
+    ways,
+};
+use crate::compensation::hysteresis::{
+    Creep, Invalid, Memory, Model, Rbf, Record, fit_memory, predict,
+};
+use crate::identify::Path;
+use crate::outcome::{Halt, Outcome};
+use crate::procedure::{Job, outward};
+use crate::recipe::Recipe;
+use crate::station::Station;
+use nalgebra::{DMatrix, DVector};
+use pigtail_hal::quantity::Volts;
+use pigtail_hal::spec::MICRO_AXES;
+use pigtail_hal::{Channel, Side};
+use pigtail_model::frames::{Macro, Point};
+use std::ops::Range;
+
+pub(super) const SIDE: Side = Side::Left;
+
+/// How well the input is brought to its peak first, metres.
+const ACCURACY: f64 = 100e-9;
+
+/// Gap between guide and input fiber, metres: the light then falls to 1/e some 9 um aside, and at
+/// the peak it is a twelfth of what it is at the chip.
+const GAP: f64 = 100e-6;
+
+/// Where along the piezo the macro puts the tip beside the beam, metres. The light of each place
+/// tells of some 30 um, and no piezo goes farther than 40 um from its middle. In the last the
+/// program's long rest lies on the beam's flank.
+const PLACES: [f64; 4] = [27e-6, 9e-6, -27e-6, -9e-6];
+
+/// How far aside the light is none of the beam's, metres.
+const ASIDE: f64 = 80e-6;
+
+/// Way of the macro from below on every arrival, metres.
+const RUN_UP: f64 = 0.4e-3;
+
+/// Light that counts, as a share of the brightest of its place: less is lost in noise.
+pub(super) const LEAST: f64 = 0.1;
+
+/// How far from the beam's middle light tells of displacement, in widths: at the peak it does not.
+const CLEAR: f64 = 0.3;
+
+/// How often light and model improve each other.
+const ROUNDS: usize = 8;
+
+/// All that was seen while one piezo was driven.
+#[derive(Debug, Default)]
+struct Log {
+    series: Series,
+    /// Of each place: its samples, and when the ways of the thesis's model were over.
+    places: Vec<(Range<usize>, f64)>,
+}
+
+/// Identifies both piezos of [`SIDE`].
+///
+/// # Errors
+///
+/// A fault; an outcome where no light can be brought through the chip or it is not that of a beam.
+pub(super) fn identify(station: &mut Station, recipe: &Recipe) -> Result<Micro, Halt> {
+    let mut recipe = recipe.clone();
+    recipe.last.accuracy = ACCURACY;
+    station.laser(true);
+    Job::input(&recipe).reach_input(station)?;
+    Job::output(&recipe, 0).reach_output(station, 0)?;
+
+    // Back from the guide, and to the side as its light goes; the micro in its middle.
+    let middle = Volts(0.5 * station.spec().micro.voltage);
+    let (x, y) = station.micro(SIDE);
+    let back = GAP - recipe.approach.gap;
+    let here = station
+        .kinematics(SIDE)
+        .chip_from_macro(station.wanted(SIDE));
+    let there = here.shifted(
+        back * recipe.ports.exit_angle.tan(),
+        0.0,
+        outward(SIDE) * back,
+    );
+    let base = station
+        .kinematics(SIDE)
+        .macro_from_chip(there)
+        .shifted(x, y, 0.0);
+    let far = station.wanted(SIDE);
+    station.line(SIDE, Point::new(far.x, far.y, base.z), None)?;
+    station.micro_volts(SIDE, [middle; MICRO_AXES]);
+
+    // What is left of the light with the fiber aside goes other ways than through the guide.
+    arrive(station, base.shifted(ASIDE, 0.0, 0.0))?;
+    let mut watch = Watch {
+        side: SIDE,
+        channel: Channel::Output1,
+        dark: 0.0,
+    };
+    watch.dark = station.level(watch.channel, 0.4)?.mean;
+
+    let piezos = [
+        identify_piezo(station, &watch, 0, base)?,
+        identify_piezo(station, &watch, 1, base)?,
+    ];
+    let ratio = ratio::straight_up(station, &watch, &piezos, base)?;
+    Ok(Micro { piezos, ratio })
+}
+
+/// Arrives from below, so that the transmissions are wound up as on every arrival.
+pub(super) fn arrive(station: &mut Station, to: Point<Macro>) -> Result<(), Halt> {
+    station.line(SIDE, to.shifted(0.0, -RUN_UP, 0.0), None)?;
+    station.line(SIDE, to, None)
+}
+
+fn identify_piezo(
+    station: &mut Station,
+    watch: &Watch,
+    piezo: usize,
+    base: Point<Macro>,
+) -> Result<Identified, Halt> {
+    let voltage = station.spec().micro.voltage;
+    let (sin, cos) = station.spec().micro.angle.sin_cos();
+    let (in_x, in_y) = [(cos, sin), (-sin, cos)][piezo];
+    let mut log = Log::default();
+    for (k, place) in PLACES.into_iter().enumerate() {
+        arrive(station, base.shifted(in_x * place, in_y * place, 0.0))?;
+        let (driven, beside) = centre(station, watch, piezo, -place, &mut log.series)?;
+        // To where the program begins, not by a jump.
+        let start = Path {
+            turns: vec![driven, 0.5 * voltage],
+            speed: 0.5 * voltage,
+        };
+        let part = watch.drive(station, &start, |volts| both(piezo, volts, beside))?;
+        log.series.append(part);
+        let start = log.series.time.len();
+        let mut slow = None;
+        let mut rest = 0.7 * voltage;
+        for path in ways(voltage) {
+            let part = watch.drive(station, &path, |volts| both(piezo, volts, beside))?;
+            if slow.is_none() {
+                slow = Some(station.time());
+                rest = on_flank(&part).unwrap_or(rest);
+            }
+            log.series.append(part);
+        }
+        // A rest is for creep, and once is enough.
+        if k + 1 == PLACES.len() {
+            for path in resting(rest) {
+                let part = watch.drive(station, &path, |volts| both(piezo, volts, beside))?;
+                log.series.append(part);
+            }
+        }
+        log.places.push((
+            start..log.series.time.len(),
+            slow.unwrap_or_else(|| station.time()),
+        ));
+    }
+    station.micro_volts(SIDE, [Volts(0.5 * voltage); MICRO_AXES]);
+    station.run(0.1)?;
+    learn(station, piezo, &log)
+}
+
+/// The voltage on a way up at which the light has passed the beam's middle and fallen to where it
+/// changes most; `None` where it does not do so.
+fn on_flank(series: &Series) -> Option<f64> {
+    let smooth = |k: usize| series.light[k..k + BLOCK].iter().sum::<f64>() / BLOCK as f64;
+    let rising = |k: &usize| series.volts[k + BLOCK] > series.volts[*k];
+    let ups: Vec<usize> = (0..series.time.len().checked_sub(BLOCK)?)
+        .filter(rising)
+        .collect();
+    let top = ups
+        .iter()
+        .copied()
+        .max_by(|a, b| smooth(*a).total_cmp(&smooth(*b)))?;
+    let steepest = (-0.5_f64).exp() * smooth(top);
+    let after = ups
+        .into_iter()
+        .find(|k| *k > top && smooth(*k) < steepest)?;
+    // Not on another way up, which begins below.
+    let volts = |k: usize| series.volts[k + BLOCK / 2];
+    (volts(after) > volts(top)).then(|| volts(after))
+}
+
+/// The voltages of both piezos: of the driven one, and of the one beside it.
+fn both(piezo: usize, driven: f64, beside: f64) -> [Volts; MICRO_AXES] {
+    let mut volts = [Volts(beside); MICRO_AXES];
+    volts[piezo] = Volts(driven);
+    volts
+}
+
+/// Brings the beam's middle onto the way of a piezo, by the other one: looks for the light around
+/// the displacement `around` (metres), and leaves both piezos at the voltages that are returned.
+/// The other comes to its voltage from below, as it did when the light was brightest there.
+fn centre(
+    station: &mut Station,
+    watch: &Watch,
+    piezo: usize,
+    around: f64,
+    series: &mut Series,
+) -> Result<(f64, f64), Halt> {
+    /// Lines of the search to either side of where the light is expected, and their distance.
+    const LINES: i32 = 3;
+    const APART: f64 = 7e-6;
+    let spec = &station.spec().micro;
+    let (voltage, volts_of) = (spec.voltage, spec.voltage / spec.range);
+    let mut brightest = (0.0_f64, 0.5 * voltage, 0.5 * voltage);
+    let mut line = |station: &mut Station, driven: f64, speed: f64| -> Result<_, Halt> {
+        let path = Path {
+            turns: vec![0.0, voltage],
+            speed,
+        };
+        let back = Path {
+            turns: vec![voltage, 0.0],
+            speed: 2.0 * voltage,
+        };
+        let mut seen = watch.drive(station, &path, |beside| both(piezo, driven, beside))?;
+        let light: Vec<(f64, f64)> = seen
+            .light
+            .windows(BLOCK)
+            .zip(seen.volts.windows(BLOCK))
+            .map(|(light, volts)| (volts[BLOCK / 2], light.iter().sum::<f64>() / BLOCK as f64))
+            .collect();
+        let returned = watch.drive(station, &back, |beside| both(piezo, driven, beside))?;
+        seen.append(returned);
+        // What is kept is the voltage of the piezo that will be driven.
+        seen.volts.fill(driven);
+        series.append(seen);
+        Ok(light)
+    };
+    for k in -LINES..=LINES {
+        let at = 0.5 * voltage + volts_of * (around + APART * f64::from(k));
+        let driven = at.clamp(0.0, voltage);
+        for (beside, light) in line(station, driven, voltage)? {
+            if light > brightest.0 {
+                brightest = (light, driven, beside);
+            }
+        }
+    }
+    let (top, driven, _) = brightest;
+    let slow = line(station, driven, 0.25 * voltage)?;
+    let bright: Vec<(f64, f64)> = slow.into_iter().filter(|p| p.1 > 0.2 * top).collect();
+    let middle = bright.iter().map(|p| p.0).sum::<f64>() / bright.len().max(1) as f64;
+    let from: Vec<(f64, f64)> = bright.iter().map(|p| (p.0 - middle, p.1)).collect();
+    let beside = middle + gaussian(&from, "beside a piezo's way")?.centre;
+    if !(0.0..=voltage).contains(&beside) {
+        return Err(no_beam("beside a piezo's way").into());
+    }
+    let path = Path {
+        turns: vec![0.0, beside],
+        speed: 0.25 * voltage,
+    };
+    let mut seen = watch.drive(station, &path, |beside| both(piezo, driven, beside))?;
+    seen.volts.fill(driven);
+    series.append(seen);
+    Ok((driven, beside))
+}
+
+/// Means of so many light samples, and where and when they were taken.
+#[derive(Debug, Default)]
+struct Blocks {
+    time: Vec<f64>,
+    volts: Vec<f64>,
+    light: Vec<f64>,
+    /// Mean of the frames exposed within it, the tip's x, metres.
+    frame: Vec<Option<f64>>,
+    /// Of each place.
+    places: Vec<Range<usize>>,
+}
+
+impl Blocks {
+    fn new(log: &Log) -> Self {
+        let mut blocks = Self::default();
+        let series = &log.series;
+        let mut from = 0;
+        let mut frames = series.frames.iter().peekable();
+        let mut add = |blocks: &mut Self, over: Range<usize>| {
+            let n = over.len() as f64;
+            let mean = |column: &[f64]| column[over.clone()].iter().sum::<f64>() / n;
+            let begin = series.time[over.start];
+            let end = series.time[over.end - 1];
+            blocks.time.push(mean(&series.time));
+            blocks.volts.push(mean(&series.volts));
+            blocks.light.push(mean(&series.light));
+            while frames.next_if(|(time, _)| *time < begin).is_some() {}
+            let exposed = frames.next_if(|(time, _)| *time <= end);
+            blocks.frame.push(exposed.map(|(_, x)| *x));
+        };
+        for (place, _) in &log.places {
+            // Between the places too the piezo's voltage is of its history.
+            for start in (from..place.start).step_by(BLOCK) {
+                add(&mut blocks, start..(start + BLOCK).min(place.start));
+            }
+            let begin = blocks.time.len();
+            for start in place.clone().step_by(BLOCK) {
+                add(&mut blocks, start..(start + BLOCK).min(place.end));
+            }
+            blocks.places.push(begin..blocks.time.len());
+            from = place.end;
+        }
+        blocks
+    }
+
+    /// A record of displacements where there are some; elsewhere what stands for it, without
+    /// weight.
+    fn record(
+        &self,
+        known: impl Fn(usize) -> Option<(f64, f64)>,
+        elsewhere: &[f64],
+    ) -> Result<Record, Outcome> {
+        let n = self.time.len();
+        let (mut way, mut weight) = (elsewhere.to_vec(), vec![0.0; n]);
+        for k in 0..n {
+            if let Some((at, counts)) = known(k) {
+                (way[k], weight[k]) = (at, counts);
+            }
+        }
+        let most = weight.iter().fold(f64::MIN_POSITIVE, |m, w| m.max(*w));
+        for w in &mut weight {
+            *w /= most;
+        }
+        Record::weighted(self.time.clone(), self.volts.clone(), way, weight)
+            .map_err(|invalid| Outcome::OutOfReach(format!("the record of a piezo: {invalid}")))
+    }
+
+    /// The place that a block belongs to.
+    fn place(&self, k: usize) -> Option<usize> {
+        self.places.iter().position(|place| place.contains(&k))
+    }
+}
+
+fn fitted(record: &Record, piezo: usize) -> Result<Memory, Outcome> {
+    fit_memory(record, record.len(), true, Creep::Logarithmic)
+        .map_err(|invalid| Outcome::OutOfReach(format!("piezo {}: {invalid}", piezo + 1)))
+}
+
+/// The displacement by the camera alone, from block to block by a model that was learned from it.
+fn by_camera(blocks: &Blocks, piezo: usize, share: f64) -> Result<Vec<f64>, Outcome> {
+    const ROUNDS: usize = 3;
+    let frames = |place: &Range<usize>| -> Vec<(usize, f64)> {
+        place
+            .clone()
+            .filter_map(|k| Some((k, blocks.frame[k]? / share)))
+            .collect()
+    };
+    let seen: Vec<Vec<(usize, f64)>> = blocks.places.iter().map(frames).collect();
+    // The straight line through it is where to begin; at each place the tip is seen elsewhere.
+    let (mut up, mut down) = (0.0, 0.0);
+    for place in &seen {
+        let n = place.len().max(1) as f64;
+        let volts = place.iter().map(|(k, _)| blocks.volts[*k]).sum::<f64>() / n;
+        let mean = place.iter().map(|(_, x)| x).sum::<f64>() / n;
+        for (k, x) in place {
+            let v = blocks.volts[*k] - volts;
+            up += v * (x - mean);
+            down += v * v;
+        }
+    }
+    let slope = up / down;
+    let mut told: Vec<f64> = blocks.volts.iter().map(|v| slope * v).collect();
+    for _ in 0..ROUNDS {
+        let mut at = vec![None; told.len()];
+        for place in &seen {
+            let n = place.len().max(1) as f64;
+            let offset = place.iter().map(|(k, x)| x - told[*k]).sum::<f64>() / n;
+            for (k, x) in place {
+                at[*k] = Some((x - offset, 1.0));
+            }
+        }
+        let record = blocks.record(|k| at[k], &told)?;
+        told = predict(&Model::Memory(fitted(&record, piezo)?), &record);
+    }
+    Ok(told)
+}
+
+/// The beams at all places, all of one width, from light and what a model tells of displacement.
+fn flanks(blocks: &Blocks, told: &[f64]) -> Result<Vec<Flank>, Outcome> {
+    /// So many metres are about one.
+    const UNIT: f64 = 1e-5;
+    let n = blocks.places.len();
+    let mut normal = DMatrix::<f64>::zeros(2 * n + 1, 2 * n + 1);
+    let mut right = DVector::<f64>::zeros(2 * n + 1);
+    for (i, place) in blocks.places.iter().enumerate() {
+        let least = LEAST * brightest(blocks, place);
+        for k in place.clone().filter(|k| blocks.light[*k] > least) {
+            let light = blocks.light[k];
+            let x = told[k] / UNIT;
+            // ln I = a_i + b_i x + c x^2; errors of a logarithm are those of the light over it.
+            let row = [(2 * i, 1.0), (2 * i + 1, x), (2 * n, x * x)];
+            for (p, a) in row {
+                for (q, b) in row {
+                    normal[(p, q)] += light * light * a * b;
+                }
+                right[p] += light * light * a * light.ln();
+            }
+        }
+    }
+    let along = || no_beam("along a piezo");
+    let c = normal.cholesky().ok_or_else(along)?.solve(&right);
+    let bend = c[2 * n];
+    if bend >= 0.0 {
+        return Err(along());
+    }
+    Ok((0..n)
+        .map(|i| {
+            let centre = -0.5 * c[2 * i + 1] / bend;
+            Flank {
+                top: c[2 * i] - bend * centre * centre,
+                centre: UNIT * centre,
+                width: UNIT * (-1.0 / bend).sqrt(),
+            }
+        })
+        .collect())
+}
+
+fn brightest(blocks: &Blocks, place: &Range<usize>) -> f64 {
+    blocks.light[place.clone()]
+        .iter()
+        .fold(0.0, |b: f64, i| b.max(*i))
+}
+
+/// The displacement by light, and how much it counts; `None` where light does not tell.
+fn by_light(flank: &Flank, light: f64, least: f64, told: f64) -> Option<(f64, f64)> {
+    if light < least {
+        return None;
+    }
+    let widths = (flank.top - light.ln()).max(0.0).sqrt();
+    let side = (told - flank.centre).signum();
+    // An error of the light makes one of the displacement that grows as the slope falls.
+    (widths > CLEAR).then(|| {
+        let slope = 2.0 * light * widths;
+        (flank.centre + side * widths * flank.width, slope * slope)
+    })
+}
+
+/// What the light and the camera say of a piezo.
+fn learn(station: &Station, piezo: usize, log: &Log) -> Result<Identified, Halt> {
+    let share = share_in_x(station, piezo);
+    let blocks = Blocks::new(log);
+    let mut told = by_camera(&blocks, piezo, share)?;
+    let mut found = None;
+    for _ in 0..ROUNDS {
+        let beams = flanks(&blocks, &told)?;
+        let least: Vec<f64> = blocks
+            .places
+            .iter()
+            .map(|place| LEAST * brightest(&blocks, place))
+            .collect();
+        let known = |k: usize| {
+            let i = blocks.place(k)?;
+            by_light(&beams[i], blocks.light[k], least[i], told[k])
+        };
+        let record = blocks.record(known, &told)?;
+        let memory = fitted(&record, piezo)?;
+        told = predict(&Model::Memory(memory), &record);
+        found = Some((beams, record, memory));
+    }
+    let (beams, record, memory) = found.ok_or_else(|| no_beam("along a piezo"))?;
+    let of = |invalid: Invalid| Outcome::OutOfReach(format!("piezo {}: {invalid}", piezo + 1));
+    let slow: Vec<Range<usize>> = blocks
+        .places
+        .iter()
+        .zip(&log.places)
+        .map(|(place, (_, slow))| place.start..blocks.time.partition_point(|t| t < slow))
+        .collect();
+    let ways = together(&record, &slow).map_err(of)?;
+    let rbf = Rbf::train(&ways).map_err(of)?;
+    // The light of the place before the last, where nothing but the program happens, is shown.
+    let shown = 1;
+    let series = log.series.part(log.places[shown].0.clone());
+    Ok(Identified {
+        series,
+        flank: beams[shown],
+        record,
+        ways,
+        rbf: Model::Rbf(rbf),
+        memory: Model::Memory(memory),
+    })
+}
+
+/// The same ways, gone through several times, of which another part was measured each time.
+fn together(record: &Record, times: &[Range<usize>]) -> Result<Record, Invalid> {
+    let n = times.iter().map(Range::len).min().unwrap_or(0);
+    let [mut time, mut volts, mut way, mut weight] = [(); 4].map(|()| Vec::with_capacity(n));
+    let begin = times.first().map_or(0, |first| first.start);
+    for k in 0..n {
+        let same = || times.iter().map(|time| time.start + k);
+        let counts: f64 = same().map(|i| record.weight[i]).sum();
+        // What nobody measured is what stands for it, and counts for nothing.
+        let share = |i: usize| {
+            if counts > 0.0 {
+                record.weight[i] / counts
+            } else {
+                1.0 / times.len() as f64
+            }
+        };
+        let mean = |column: &[f64]| same().map(|i| share(i) * column[i]).sum::<f64>();
+        time.push(record.time[begin + k]);
+        volts.push(mean(&record.input));
+        way.push(mean(&record.output));
+        weight.push(counts);
+    }
+    Record::weighted(time, volts, way, weight)
+}
