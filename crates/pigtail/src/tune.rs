@@ -85,7 +85,8 @@ pub struct Document {
     pub search: Method,
     /// Trials of the search that found the gains.
     pub trials: u32,
-    /// ITAE of a step over its size, averaged over two sizes, ms^2.
+    /// ITAE of a step over its size, averaged over two sizes, ms^2; up to half as much again for gains that
+    /// miss what is specified.
     pub cost: f64,
     /// The gains.
     pub gains: GainsRow,
