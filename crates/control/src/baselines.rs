@@ -137,7 +137,7 @@ fn spirals(job: &Job, station: &mut Station) -> Result<Result<Found, SearchEvide
     let raster = &job.recipe.raster;
     let side = job.side;
     let searcher = Searcher::measure(station, side, job.channel, raster.significance, 0.5)?;
-    let radius = (0.5 * raster.x).min(0.98 * station.kinematics(side).micro_reach_x());
+    let radius = (0.5 * raster.x).min(0.98 * station.kinematics(side).micro_range_x());
     let next = NEXT_SPIRAL * radius;
     // Transmissions hold back some of the way down, so it goes as much farther.
     let farthest = (0.5 * raster.y + raster.overscan) / next;

@@ -1,6 +1,7 @@
 //! From a wanted position to encoder counts and piezo volts, and back, as control believes.
 
 use crate::calibration::{Calibration, FiveBarGeometry, PlacementBelief};
+use crate::compensation::hysteresis::Range;
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, MICRO_AXES};
 use pigtail_hal::{Axis, Side, Spec};
@@ -35,6 +36,9 @@ struct MicroKinematics {
     volts_per_metre: f64,
     centre: f64,
     half_range: f64,
+    /// How far each piezo goes, metres. Farther out a command changes nothing, and whoever looks at the
+    /// light then takes that for a peak.
+    ranges: [Range; MICRO_AXES],
 }
 
 fn five_bar_of(geometry: &FiveBarGeometry) -> Result<FiveBar, String> {
@@ -91,6 +95,18 @@ impl Kinematics {
             Side::Right => geometry.right.clone(),
         };
         let (sin, cos) = spec.micro.angle.sin_cos();
+        let half_range = 0.5 * spec.micro.range;
+        let printed = Range {
+            low: -half_range,
+            high: half_range,
+        };
+        let ranges = match calibration.hysteresis.of(side) {
+            Some(model) => model.ranges(spec).map(|range| Range {
+                low: range.low.max(printed.low),
+                high: range.high.min(printed.high),
+            }),
+            None => [printed; MICRO_AXES],
+        };
         Self {
             five_bar,
             home,
@@ -110,7 +126,8 @@ impl Kinematics {
                 cos,
                 volts_per_metre: 1.0 / geometry.micro.gain,
                 centre: 0.5 * spec.micro.voltage,
-                half_range: 0.5 * spec.micro.range,
+                half_range,
+                ranges,
             },
         }
     }
@@ -237,16 +254,16 @@ impl Kinematics {
         [p, q].map(|d| Volts(m.centre + d.clamp(-m.half_range, m.half_range) * m.volts_per_metre))
     }
 
-    /// Whether the micro can displace the tip by `(x, y)` metres.
+    /// Whether the micro can displace the tip by `(x, y)` metres, as far as is known of its piezos.
     pub fn micro_reaches(&self, x: f64, y: f64) -> bool {
         let m = &self.micro;
         let (p, q) = (m.cos * x + m.sin * y, m.cos * y - m.sin * x);
-        p.abs() <= m.half_range && q.abs() <= m.half_range
+        let within = |d: f64, range: &Range| d >= range.low && d <= range.high;
+        within(p, &m.ranges[0]) && within(q, &m.ranges[1])
     }
 
-    /// How far the micro reaches to either side along x alone, metres.
-    pub fn micro_reach_x(&self) -> f64 {
-        let m = &self.micro;
-        m.half_range / m.cos.abs().max(m.sin.abs())
+    /// How far the micro reaches to either side along x alone by the datasheet, metres.
+    pub fn micro_range_x(&self) -> f64 {
+        self.micro.half_range / self.micro.cos.abs().max(self.micro.sin.abs())
     }
 }

@@ -305,7 +305,7 @@ pub fn cover(station: &mut Station, recipe: &Recipe, space: &Space) -> Result<Co
         input,
         searcher,
         starts,
-        amplitude: (0.5 * space.x).min(station.kinematics(Side::Left).micro_reach_x()),
+        amplitude: (0.5 * space.x).min(station.kinematics(Side::Left).micro_range_x()),
         begin: station.time(),
         looking: 0.0,
         coverage: Coverage {

@@ -282,7 +282,7 @@ impl Recipe {
         spec: &Spec,
         calibration: &Calibration,
     ) -> Result<(), (&'static str, String)> {
-        let reach = 2.0 * Kinematics::new(spec, calibration, Side::Left).micro_reach_x();
+        let reach = 2.0 * Kinematics::new(spec, calibration, Side::Left).micro_range_x();
         // The same two percent, for the thesis rounds its 99 um to 100.
         if self.raster.x > 1.02 * reach {
             return Err((

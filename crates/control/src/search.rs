@@ -76,7 +76,7 @@ impl Searcher {
     ///
     /// A fault, or [`Outcome::OutOfReach`](crate::outcome::Outcome::OutOfReach).
     pub fn raster(&self, station: &mut Station, raster: &Raster, top: f64) -> Result<Sweep, Halt> {
-        let amplitude = (0.5 * raster.x).min(station.kinematics(self.side).micro_reach_x());
+        let amplitude = (0.5 * raster.x).min(station.kinematics(self.side).micro_range_x());
         let start = station.wanted(self.side);
         let end = Point::new(start.x, top, start.z);
         station.start_line(self.side, end, Some(raster.mesh * raster.frequency))?;
@@ -260,7 +260,7 @@ pub fn centre_sensing(station: &mut Station) -> Result<(), Halt> {
     const SECONDS: f64 = 0.8;
     const WINDOW: usize = 15;
     let (side, channel) = (Side::Right, Channel::Sensing);
-    let reach = 0.95 * station.kinematics(side).micro_reach_x();
+    let reach = 0.95 * station.kinematics(side).micro_range_x();
     station.move_micro(side, -reach, 0.0);
     station.run(0.02)?;
     let begin = station.time();

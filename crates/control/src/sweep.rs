@@ -89,7 +89,7 @@ fn brightest_part(recent: &VecDeque<(f64, f64)>) -> Part {
 
 /// How far the micro sweeps to either side, metres.
 pub fn reach(station: &Station, side: Side, width: f64) -> f64 {
-    (0.5 * width).min(0.99 * station.kinematics(side).micro_reach_x())
+    (0.5 * width).min(0.99 * station.kinematics(side).micro_range_x())
 }
 
 /// Sweeps up to the height `top` over `width` with lines `spacing` apart (metres) until something

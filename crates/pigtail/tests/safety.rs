@@ -170,6 +170,21 @@ fn a_piezo_that_breaks_as_the_fiber_is_attached_is_not_believed() {
     assert!(slipped > 0);
 }
 
+/// At the end of its voltage a piezo no longer moves its fiber, and light that does not change looks
+/// like a peak: where the model says it ends it is out of reach, and not where the datasheet does.
+#[test]
+fn a_piezo_at_the_end_of_its_range_is_out_of_reach() {
+    let runs = TempDir::new().expect("a folder");
+    for seed in ["17700544", "17703782"] {
+        let arguments = ["align", "--json", "--no-record", "--seed", seed];
+        let faults = ["--faults", "piezo-depolarised"];
+        let (code, out, _) = pigtail(runs.path(), &[&arguments[..], &faults].concat());
+        assert_eq!(code, 1);
+        let input = &json(&out)["fibers"][0];
+        assert_eq!(input["outcome"], "out_of_reach", "{seed}: {input}");
+    }
+}
+
 #[test]
 fn a_run_is_replayed_to_the_last_bit_and_a_damaged_record_is_named() {
     let runs = TempDir::new().expect("a folder");

@@ -37,6 +37,20 @@ impl MicroModel {
         }
         self.piezos.iter().try_for_each(Model::check)
     }
+
+    /// How far each piezo goes to either side of where it rests in the middle of its voltage, metres: to
+    /// where it is after a tenth of a second at either end of the voltage.
+    pub fn ranges(&self, spec: &Spec) -> [Range; MICRO_AXES] {
+        const AFTER: f64 = 0.1;
+        self.piezos.each_ref().map(|piezo| {
+            let at = |volts: f64| piezo.displacement(&mut piezo.switched_on(), volts, AFTER);
+            let middle = at(0.5 * spec.micro.voltage);
+            Range {
+                low: at(0.0) - middle,
+                high: at(spec.micro.voltage) - middle,
+            }
+        })
+    }
 }
 
 /// A [`MicroModel`] at work.

@@ -30,7 +30,7 @@ pub(super) fn straight_up(
     let mut micro = MicroCompensation::new(&model, &spec);
     arrive(station, base)?;
     // Where the beam stands: at the last place, from which the macro comes back.
-    let reach = 0.9 * station.kinematics(SIDE).micro_reach_x();
+    let reach = 0.9 * station.kinematics(SIDE).micro_range_x();
     let mut sweep = |station: &mut Station, path: &[(f64, f64)]| -> Result<Vec<_>, Halt> {
         let mut seen = Vec::with_capacity(path.len());
         for (x, y) in path {
