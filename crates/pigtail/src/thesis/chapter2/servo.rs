@@ -26,7 +26,11 @@ fn tuned(bench: &Bench, at: AxisName) -> Result<Tuned, ReproduceError> {
         trials: bench.count(TRIALS, 60),
         step: usual_step(at.axis),
     };
-    Ok(tune(&bench.machine, &plan, bench.seed, &mut |_, _, _| {})?)
+    // By the thesis's cost alone: what the datasheet asks for is what is printed.
+    let mut machine = bench.machine.clone();
+    machine.spec.five_bar.drive.step = None;
+    machine.spec.z_stage.drive.step = None;
+    Ok(tune(&machine, &plan, bench.seed, &mut |_, _, _| {})?)
 }
 
 fn least(searches: &[Search]) -> f64 {
@@ -66,7 +70,6 @@ fn detuned(
         window: WINDOW,
         safe: [believed.kp, believed.ki, believed.kd],
         integral_limit: believed.integral_limit,
-        // What the cost alone finds is compared with what is printed.
         specified: None,
     };
     // The optimum itself: what the document tells is the fastest of what is as good.
