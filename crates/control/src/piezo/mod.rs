@@ -5,9 +5,9 @@
 //! The flexure's coupling shows in how steep light is along the piezos beside how steep it is
 //! straight up, which the macro's encoders measure.
 //!
-//! - [`sensing`], the right: the sensing fiber before a lit guide, so far back that the beam is
+//! - `sensing`, the right: the sensing fiber before a lit guide, so far back that the beam is
 //!   wider than its core (Fig. 4.3).
-//! - [`coupling`], the left: the input fiber so far back from its guide that the beam in which the
+//! - `coupling`, the left: the input fiber so far back from its guide that the beam in which the
 //!   guide stands is some micrometres wide, at one place of the piezo's range after the other.
 
 mod coupling;

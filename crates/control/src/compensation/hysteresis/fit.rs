@@ -25,7 +25,7 @@ pub enum Creep {
     /// Nothing: each has its own, and those that the record is too short or too coarse to show have
     /// none.
     Any,
-    /// Creep is logarithmic in time: relaxations slower than [`STEADY`] have one share among them,
+    /// Creep is logarithmic in time: relaxations slower than a second have one share among them,
     /// also those that go on after the record's end.
     Logarithmic,
 }
