@@ -8,7 +8,7 @@ mod parameters;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use parameters::{Pid, five_bar, joint, round_up, z_stage};
 use pigtail_model::group::{Group, States};
-use pigtail_model::joint::{Joint, JointParameters, JointState};
+use pigtail_model::joint::{JointParameters, JointState};
 use std::hint::black_box;
 
 const CYCLE: f64 = 4e-4;
@@ -18,8 +18,7 @@ const JOINTS: usize = 6;
 /// A kind of joint, and its PID.
 type Kind = (JointParameters, fn() -> Pid);
 
-/// Six joints a cycle, as a machine with two manipulators steps them, in `steps` steps a cycle. The
-/// reference is a table, so that only joints are timed.
+/// Joints stepped together. The reference is a table, so that only joints are timed.
 fn run<const N: usize>(kind: Kind, group: &Group<N>, reference: &[i64]) -> States<N> {
     let mut pids: [Pid; N] = std::array::from_fn(|_| kind.1());
     let mut states = States::new([JointState::default(); N]);
@@ -33,9 +32,8 @@ fn run<const N: usize>(kind: Kind, group: &Group<N>, reference: &[i64]) -> State
     states
 }
 
-fn group<const N: usize>(kind: Kind, steps: f64) -> Group<N> {
-    let joint = Joint::new(kind.0, CYCLE / steps).expect("valid parameters");
-    Group::new([joint; N], CYCLE)
+fn group<const N: usize>(kind: Kind) -> Group<N> {
+    Group::new([joint(kind.0); N], CYCLE)
 }
 
 /// The same one by one.
@@ -81,12 +79,10 @@ fn joint_cycle(c: &mut Criterion) {
     ] {
         let kind = (parameters, pid);
         for (motion, reference) in motions {
-            for (steps, how) in [(1.0, ""), (2.0, ", two steps")] {
-                let joints = group::<JOINTS>(kind, steps);
-                bench.bench_function(format!("{name}, {motion}{how}"), |b| {
-                    b.iter(|| run(kind, black_box(&joints), reference));
-                });
-            }
+            let joints = group::<JOINTS>(kind);
+            bench.bench_function(format!("{name}, {motion}"), |b| {
+                b.iter(|| run(kind, black_box(&joints), reference));
+            });
             bench.bench_function(format!("{name}, {motion}, one by one"), |b| {
                 b.iter(|| run_each(black_box(parameters), pid, reference));
             });
@@ -94,7 +90,7 @@ fn joint_cycle(c: &mut Criterion) {
     }
     for (motion, reference) in motions {
         let kinds: [Kind; 2] = [(five_bar(), Pid::five_bar), (z_stage(), Pid::z_stage)];
-        let (five_bars, z_stages) = (group::<4>(kinds[0], 1.0), group::<2>(kinds[1], 1.0));
+        let (five_bars, z_stages) = (group::<4>(kinds[0]), group::<2>(kinds[1]));
         bench.bench_function(format!("machine, {motion}"), |b| {
             b.iter(|| {
                 (

@@ -12,6 +12,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
 use serde::Serialize;
 use std::f64::consts::TAU;
+use std::fmt::{self, Display, Formatter};
 
 /// How gains are searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, Serialize)]
@@ -119,6 +120,18 @@ pub struct SpecifiedRow {
     pub settling_ms: f64,
     /// Whether both are kept.
     pub met: bool,
+}
+
+impl Display for SpecifiedRow {
+    fn fmt(&self, f: &mut Formatter) -> fmt::Result {
+        write!(
+            f,
+            "rise {:.1} ms, settling {:.1} ms: {}",
+            self.rise_ms,
+            self.settling_ms,
+            if self.met { "kept" } else { "missed" }
+        )
+    }
 }
 
 /// Gains in the units of a calibration.
@@ -255,11 +268,9 @@ pub fn tune(
             });
         }
     }
-    if near
-        .iter()
-        .any(|c| experiment.missed(&c.response, 1.0) == 0.0)
-    {
-        near.retain(|c| experiment.missed(&c.response, 1.0) == 0.0);
+    let kept = |c: &Chosen| experiment.missed(&c.response, 1.0) == 0.0;
+    if near.iter().any(kept) {
+        near.retain(kept);
     }
     let fastest = |of: fn(&Chosen) -> f64| near.iter().map(of).fold(f64::INFINITY, f64::min);
     let rise = fastest(|c| c.response.rise);
@@ -281,7 +292,7 @@ pub fn tune(
         specified: experiment.specified.map(|s| SpecifiedRow {
             rise_ms: rounded(s.rise * 1e3, 1e-3),
             settling_ms: rounded(s.settling * 1e3, 1e-3),
-            met: experiment.missed(&chosen.response, 1.0) == 0.0,
+            met: kept(&chosen),
         }),
         seconds_machine: rounded(station.time(), 1e-4),
         starts: searches.iter().map(start_row).collect(),

@@ -14,7 +14,7 @@ mod coupling;
 mod ratio;
 mod sensing;
 
-use crate::compensation::hysteresis::{Model, Range, Record};
+use crate::compensation::hysteresis::{Model, Record};
 use crate::compensation::micro::MicroModel;
 use crate::identify::Path;
 use crate::outcome::{Halt, Outcome};
@@ -293,9 +293,4 @@ fn resting(volts: f64) -> [Path; 2] {
             speed: STILL / REST,
         },
     ]
-}
-
-/// Range of a piezo's displacement over the identification, metres.
-pub fn range(found: &Identified) -> Range {
-    Range::of(&found.record.output[found.record.known_from()..])
 }

@@ -109,29 +109,18 @@ impl<P: Presliding> Joint<P> {
             } else {
                 step.at(&step.motions(), length)
             };
-            time += self.take(state, &step, (end, length), &mut events);
+            time += if events < MAX_EVENTS && step.may_change(&end, length) {
+                self.take(state, &step, (end, length), &mut events)
+            } else {
+                *state = end;
+                length
+            };
         }
     }
 
-    /// Takes a step of `length` seconds to its `end`, or to the first mode change in it. Returns how far,
-    /// seconds.
-    #[inline]
+    /// Takes a step of `length` seconds in which a mode may change to the first that does, or to its
+    /// `end`. Returns how far, seconds.
     fn take<V: Voltage>(
-        &self,
-        state: &mut JointState<P::State>,
-        step: &Step<P, V>,
-        (end, length): (JointState<P::State>, f64),
-        events: &mut usize,
-    ) -> f64 {
-        if !step.may_change(&end, length) || *events >= MAX_EVENTS {
-            *state = end;
-            return length;
-        }
-        self.take_to_change(state, step, (end, length), events)
-    }
-
-    /// The same where a mode may change.
-    fn take_to_change<V: Voltage>(
         &self,
         state: &mut JointState<P::State>,
         step: &Step<P, V>,
@@ -172,7 +161,7 @@ impl Joint {
             length,
         };
         let mut events = 0;
-        let time = self.take_to_change(state, &step, (end, length), &mut events);
+        let time = self.take(state, &step, (end, length), &mut events);
         self.go_on(state, &voltage, (time, length), events);
     }
 }

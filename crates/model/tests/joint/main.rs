@@ -53,14 +53,15 @@ fn free_inertias_swing_with_the_undamped_period() {
     );
 }
 
-/// However coarse its steps, what nothing dampens does not ring up, and hardly down.
+/// However coarse its steps, what nothing dampens does not ring up; and down by what the eigenvalues of
+/// a step of so many radians say, 16, 2.8 and 0.22 % in a thousand steps.
 #[test]
 fn a_swing_without_friction_keeps_its_energy() {
     let mut p = z_stage();
     p.motor_friction = frictionless();
     p.load_friction = frictionless();
     p.motor = Motor::new(1e-12, 1e-12, 1.0).unwrap();
-    for (share, lost) in [(1.0, 0.5), (0.5, 0.05), (0.25, 5e-3)] {
+    for (share, lost) in [(1.0, 0.17), (0.5, 0.03), (0.25, 2.4e-3)] {
         let step = share * p.coarsest_step(0.0);
         let joint = Joint::new(p, step).unwrap();
         let mut state = JointState {

@@ -26,7 +26,7 @@ fn five_bar_step_of_400_counts() {
         })
         .collect();
     // At the full voltage from rest and back, which is the hardest there is. One step a servo cycle is
-    // within half a nanometre, a third of a thousandth of an encoder count.
+    // within half a nanometre, a third of a thousandth of an encoder count (0.2 nm was seen first).
     for (step, bound) in [(50e-6, 1e-12), (200e-6, 1e-10), (400e-6, 5e-10)] {
         let joint = Joint::new(five_bar(), step).unwrap();
         let mut state = JointState::default();

@@ -172,13 +172,7 @@ fn account(document: &Document) -> String {
         document.rise_ms, document.settling_ms, document.overshoot_percent, document.cost
     );
     if let Some(specified) = document.specified {
-        let _ = writeln!(
-            text,
-            "specified: rise {:.1} ms, settling {:.1} ms: {}",
-            specified.rise_ms,
-            specified.settling_ms,
-            if specified.met { "kept" } else { "missed" }
-        );
+        let _ = writeln!(text, "specified: {specified}");
     }
     for start in &document.starts {
         let _ = writeln!(

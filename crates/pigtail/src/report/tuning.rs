@@ -24,13 +24,7 @@ pub fn tuning(tuned: &Tuned) -> Result<String> {
         d.gains.kp, d.gains.ki, d.gains.kd, d.rise_ms, d.settling_ms, d.overshoot_percent, d.cost
     );
     if let Some(specified) = d.specified {
-        let _ = writeln!(
-            body,
-            "<p>Specified: rise {:.1} ms, settling {:.1} ms: {}.</p>",
-            specified.rise_ms,
-            specified.settling_ms,
-            if specified.met { "kept" } else { "missed" }
-        );
+        let _ = writeln!(body, "<p>Specified: {specified}.</p>");
     }
     body.push_str(&figure(
         &responses(tuned)?,
