@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 
 /// The thesis's figures: 15 % without, 0.75 % with, a factor of twenty.
-fn they_are_twenty_times_better_on_every_path_but_a_hold(side: Side, seeds: Range<u64>) {
+fn they_are_twenty_times_better(side: Side, seeds: Range<u64>, hold: f64) {
     let setup = Setup::load(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME).expect("the rig is well");
     let identified = seeds.into_par_iter().map(|seed| {
         let found = machine::identify(&setup, Kind::Memory, side, seed).expect("a micro");
@@ -20,16 +20,15 @@ fn they_are_twenty_times_better_on_every_path_but_a_hold(side: Side, seeds: Rang
         // ways in y is less than what the compensation is good to.
         assert!((d.ratio - 1.0408).abs() < 0.02, "{d:?}");
         for path in &d.paths {
-            // Slow creep shows in minutes of rest, and an identification takes a few.
             let least = if path.name == "ten minutes of hold" {
-                1.0
+                hold
             } else {
                 20.0
             };
             assert!(path.memory_improvement > least, "{seed}: {path:?}");
         }
-        // The thesis's networks by its measure, on ways from near the bottom of their range. Three of the
-        // ten right micros gain less than twenty, of which one 13; the bound on the median was set then.
+        // The thesis's networks by its measure, on ways from near the bottom of their range. Two of the
+        // ten right micros gain less than twenty, of which one 14; the bound on the median was set then.
         let [none, rbf, _] = found.scans.each_ref().map(machine::Followed::opening);
         none / rbf
     });
@@ -39,12 +38,13 @@ fn they_are_twenty_times_better_on_every_path_but_a_hold(side: Side, seeds: Rang
 }
 
 #[test]
-fn ten_right_micros_are_twenty_times_better_on_every_path_but_a_hold() {
-    they_are_twenty_times_better_on_every_path_but_a_hold(Side::Right, 101..111);
+fn ten_right_micros_are_twenty_times_better_on_every_path() {
+    they_are_twenty_times_better(Side::Right, 101..111, 20.0);
 }
 
-/// Five, for time: each is twenty minutes of the machine.
+/// Five, for time: each is twenty minutes of the machine. One of them gained 15 on a hold; the bound on
+/// that was set then.
 #[test]
 fn five_left_micros_are_twenty_times_better_on_every_path_but_a_hold() {
-    they_are_twenty_times_better_on_every_path_but_a_hold(Side::Left, 106..111);
+    they_are_twenty_times_better(Side::Left, 106..111, 12.0);
 }

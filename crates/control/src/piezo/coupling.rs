@@ -10,13 +10,12 @@
 //! the camera: a model that is first learned from its frames. Light then tells the displacement, the
 //! model is learned from that, and tells better where each beam stands; and so on.
 
+use super::blocks::{Blocks, fitted, together};
 use super::{
-    BLOCK, Flank, Identified, Micro, Series, Watch, gaussian, no_beam, ratio, resting, share_in_x,
-    ways,
+    BLOCK, DARK, Flank, Identified, Micro, STILL, Series, Watch, gaussian, no_beam, ratio, resting,
+    share_in_x, ways,
 };
-use crate::compensation::hysteresis::{
-    Creep, Invalid, Memory, Model, Rbf, Record, fit_memory, predict,
-};
+use crate::compensation::hysteresis::{Invalid, Model, Rbf, predict};
 use crate::identify::Path;
 use crate::outcome::{Halt, Outcome};
 use crate::procedure::{Job, outward};
@@ -45,6 +44,9 @@ const PLACES: [f64; 4] = [27e-6, 9e-6, -27e-6, -9e-6];
 
 /// How far aside the light is none of the beam's, metres.
 const ASIDE: f64 = 80e-6;
+
+/// How long a piezo is seen at rest before it is driven, seconds.
+const AWHILE: f64 = 0.1;
 
 /// Way of the macro from below on every arrival, metres.
 const RUN_UP: f64 = 0.4e-3;
@@ -105,7 +107,7 @@ pub(super) fn identify(station: &mut Station, recipe: &Recipe) -> Result<Micro, 
         channel: Channel::Output1,
         dark: 0.0,
     };
-    watch.dark = station.level(watch.channel, 0.4)?.mean;
+    watch.dark = station.level(watch.channel, DARK)?.mean;
 
     let piezos = [
         identify_piezo(station, &watch, 0, base)?,
@@ -131,6 +133,13 @@ fn identify_piezo(
     let (sin, cos) = station.spec().micro.angle.sin_cos();
     let (in_x, in_y) = [(cos, sin), (-sin, cos)][piezo];
     let mut log = Log::default();
+    // Where the piezo has rested so far: creep goes on from there.
+    let rest = Path {
+        turns: vec![0.5 * voltage, 0.5 * voltage + STILL],
+        speed: STILL / AWHILE,
+    };
+    let part = watch.drive(station, &rest, |volts| both(piezo, volts, 0.5 * voltage))?;
+    log.series.append(part);
     for (k, place) in PLACES.into_iter().enumerate() {
         arrive(station, base.shifted(in_x * place, in_y * place, 0.0))?;
         let (driven, beside) = centre(station, watch, piezo, -place, &mut log.series)?;
@@ -148,7 +157,7 @@ fn identify_piezo(
             let part = watch.drive(station, &path, |volts| both(piezo, volts, beside))?;
             if slow.is_none() {
                 slow = Some(station.time());
-                rest = on_flank(&part).unwrap_or(rest);
+                rest = on_flank(&part, piezo).unwrap_or(rest);
             }
             log.series.append(part);
         }
@@ -171,9 +180,9 @@ fn identify_piezo(
 
 /// The voltage on a way up at which the light has passed the beam's middle and fallen to where it
 /// changes most; `None` where it does not do so.
-fn on_flank(series: &Series) -> Option<f64> {
+fn on_flank(series: &Series, piezo: usize) -> Option<f64> {
     let smooth = |k: usize| series.light[k..k + BLOCK].iter().sum::<f64>() / BLOCK as f64;
-    let rising = |k: &usize| series.volts[k + BLOCK] > series.volts[*k];
+    let rising = |k: &usize| series.volts[k + BLOCK][piezo] > series.volts[*k][piezo];
     let ups: Vec<usize> = (0..series.time.len().checked_sub(BLOCK)?)
         .filter(rising)
         .collect();
@@ -186,7 +195,7 @@ fn on_flank(series: &Series) -> Option<f64> {
         .into_iter()
         .find(|k| *k > top && smooth(*k) < steepest)?;
     // Not on another way up, which begins below.
-    let volts = |k: usize| series.volts[k + BLOCK / 2];
+    let volts = |k: usize| series.volts[k + BLOCK / 2][piezo];
     (volts(after) > volts(top)).then(|| volts(after))
 }
 
@@ -227,12 +236,15 @@ fn centre(
             .light
             .windows(BLOCK)
             .zip(seen.volts.windows(BLOCK))
-            .map(|(light, volts)| (volts[BLOCK / 2], light.iter().sum::<f64>() / BLOCK as f64))
+            .map(|(light, volts)| {
+                (
+                    volts[BLOCK / 2][1 - piezo],
+                    light.iter().sum::<f64>() / BLOCK as f64,
+                )
+            })
             .collect();
         let returned = watch.drive(station, &back, |beside| both(piezo, driven, beside))?;
         seen.append(returned);
-        // What is kept is the voltage of the piezo that will be driven.
-        seen.volts.fill(driven);
         series.append(seen);
         Ok(light)
     };
@@ -258,88 +270,9 @@ fn centre(
         turns: vec![0.0, beside],
         speed: 0.25 * voltage,
     };
-    let mut seen = watch.drive(station, &path, |beside| both(piezo, driven, beside))?;
-    seen.volts.fill(driven);
+    let seen = watch.drive(station, &path, |beside| both(piezo, driven, beside))?;
     series.append(seen);
     Ok((driven, beside))
-}
-
-/// Means of so many light samples, and where and when they were taken.
-#[derive(Debug, Default)]
-struct Blocks {
-    time: Vec<f64>,
-    volts: Vec<f64>,
-    light: Vec<f64>,
-    /// Mean of the frames exposed within it, the tip's x, metres.
-    frame: Vec<Option<f64>>,
-    /// Of each place.
-    places: Vec<Range<usize>>,
-}
-
-impl Blocks {
-    fn new(log: &Log) -> Self {
-        let mut blocks = Self::default();
-        let series = &log.series;
-        let mut from = 0;
-        let mut frames = series.frames.iter().peekable();
-        let mut add = |blocks: &mut Self, over: Range<usize>| {
-            let n = over.len() as f64;
-            let mean = |column: &[f64]| column[over.clone()].iter().sum::<f64>() / n;
-            let begin = series.time[over.start];
-            let end = series.time[over.end - 1];
-            blocks.time.push(mean(&series.time));
-            blocks.volts.push(mean(&series.volts));
-            blocks.light.push(mean(&series.light));
-            while frames.next_if(|(time, _)| *time < begin).is_some() {}
-            let exposed = frames.next_if(|(time, _)| *time <= end);
-            blocks.frame.push(exposed.map(|(_, x)| *x));
-        };
-        for (place, _) in &log.places {
-            // Between the places too the piezo's voltage is of its history.
-            for start in (from..place.start).step_by(BLOCK) {
-                add(&mut blocks, start..(start + BLOCK).min(place.start));
-            }
-            let begin = blocks.time.len();
-            for start in place.clone().step_by(BLOCK) {
-                add(&mut blocks, start..(start + BLOCK).min(place.end));
-            }
-            blocks.places.push(begin..blocks.time.len());
-            from = place.end;
-        }
-        blocks
-    }
-
-    /// A record of displacements where there are some; elsewhere what stands for it, without
-    /// weight.
-    fn record(
-        &self,
-        known: impl Fn(usize) -> Option<(f64, f64)>,
-        elsewhere: &[f64],
-    ) -> Result<Record, Outcome> {
-        let n = self.time.len();
-        let (mut way, mut weight) = (elsewhere.to_vec(), vec![0.0; n]);
-        for k in 0..n {
-            if let Some((at, counts)) = known(k) {
-                (way[k], weight[k]) = (at, counts);
-            }
-        }
-        let most = weight.iter().fold(f64::MIN_POSITIVE, |m, w| m.max(*w));
-        for w in &mut weight {
-            *w /= most;
-        }
-        Record::weighted(self.time.clone(), self.volts.clone(), way, weight)
-            .map_err(|invalid| Outcome::OutOfReach(format!("the record of a piezo: {invalid}")))
-    }
-
-    /// The place that a block belongs to.
-    fn place(&self, k: usize) -> Option<usize> {
-        self.places.iter().position(|place| place.contains(&k))
-    }
-}
-
-fn fitted(record: &Record, piezo: usize) -> Result<Memory, Outcome> {
-    fit_memory(record, record.len(), true, Creep::Logarithmic)
-        .map_err(|invalid| Outcome::OutOfReach(format!("piezo {}: {invalid}", piezo + 1)))
 }
 
 /// The displacement by the camera alone, from block to block by a model that was learned from it.
@@ -352,20 +285,21 @@ fn by_camera(blocks: &Blocks, piezo: usize, share: f64) -> Result<Vec<f64>, Outc
             .collect()
     };
     let seen: Vec<Vec<(usize, f64)>> = blocks.places.iter().map(frames).collect();
+    let volts: Vec<f64> = blocks.driven().collect();
     // The straight line through it is where to begin; at each place the tip is seen elsewhere.
     let (mut up, mut down) = (0.0, 0.0);
     for place in &seen {
         let n = place.len().max(1) as f64;
-        let volts = place.iter().map(|(k, _)| blocks.volts[*k]).sum::<f64>() / n;
+        let middle = place.iter().map(|(k, _)| volts[*k]).sum::<f64>() / n;
         let mean = place.iter().map(|(_, x)| x).sum::<f64>() / n;
         for (k, x) in place {
-            let v = blocks.volts[*k] - volts;
+            let v = volts[*k] - middle;
             up += v * (x - mean);
             down += v * v;
         }
     }
     let slope = up / down;
-    let mut told: Vec<f64> = blocks.volts.iter().map(|v| slope * v).collect();
+    let mut told: Vec<f64> = volts.iter().map(|v| slope * v).collect();
     for _ in 0..ROUNDS {
         let mut at = vec![None; told.len()];
         for place in &seen {
@@ -376,7 +310,7 @@ fn by_camera(blocks: &Blocks, piezo: usize, share: f64) -> Result<Vec<f64>, Outc
             }
         }
         let record = blocks.record(|k| at[k], &told)?;
-        told = predict(&Model::Memory(fitted(&record, piezo)?), &record);
+        told = predict(&Model::Memory(fitted(&record, piezo, Some(0.0))?), &record);
     }
     Ok(told)
 }
@@ -416,6 +350,7 @@ fn flanks(blocks: &Blocks, told: &[f64]) -> Result<Vec<Flank>, Outcome> {
                 top: c[2 * i] - bend * centre * centre,
                 centre: UNIT * centre,
                 width: UNIT * (-1.0 / bend).sqrt(),
+                core: None,
             }
         })
         .collect())
@@ -444,8 +379,11 @@ fn by_light(flank: &Flank, light: f64, least: f64, told: f64) -> Option<(f64, f6
 /// What the light and the camera say of a piezo.
 fn learn(station: &Station, piezo: usize, log: &Log) -> Result<Identified, Halt> {
     let share = share_in_x(station, piezo);
-    let blocks = Blocks::new(log);
+    let places: Vec<Range<usize>> = log.places.iter().map(|(place, _)| place.clone()).collect();
+    let blocks = Blocks::new(&log.series, &places, piezo);
     let mut told = by_camera(&blocks, piezo, share)?;
+    // Looked for once: the light's way to the record stays what it is.
+    let mut lag = None;
     let mut found = None;
     for _ in 0..ROUNDS {
         let beams = flanks(&blocks, &told)?;
@@ -459,7 +397,8 @@ fn learn(station: &Station, piezo: usize, log: &Log) -> Result<Identified, Halt>
             by_light(&beams[i], blocks.light[k], least[i], told[k])
         };
         let record = blocks.record(known, &told)?;
-        let memory = fitted(&record, piezo)?;
+        let memory = fitted(&record, piezo, lag)?;
+        lag = Some(memory.lag);
         told = predict(&Model::Memory(memory), &record);
         found = Some((beams, record, memory));
     }
@@ -484,29 +423,4 @@ fn learn(station: &Station, piezo: usize, log: &Log) -> Result<Identified, Halt>
         rbf: Model::Rbf(rbf),
         memory: Model::Memory(memory),
     })
-}
-
-/// The same ways, gone through several times, of which another part was measured each time.
-fn together(record: &Record, times: &[Range<usize>]) -> Result<Record, Invalid> {
-    let n = times.iter().map(Range::len).min().unwrap_or(0);
-    let [mut time, mut volts, mut way, mut weight] = [(); 4].map(|()| Vec::with_capacity(n));
-    let begin = times.first().map_or(0, |first| first.start);
-    for k in 0..n {
-        let same = || times.iter().map(|time| time.start + k);
-        let counts: f64 = same().map(|i| record.weight[i]).sum();
-        // What nobody measured is what stands for it, and counts for nothing.
-        let share = |i: usize| {
-            if counts > 0.0 {
-                record.weight[i] / counts
-            } else {
-                1.0 / times.len() as f64
-            }
-        };
-        let mean = |column: &[f64]| same().map(|i| share(i) * column[i]).sum::<f64>();
-        time.push(record.time[begin + k]);
-        volts.push(mean(&record.input));
-        way.push(mean(&record.output));
-        weight.push(counts);
-    }
-    Record::weighted(time, volts, way, weight)
 }

@@ -5,10 +5,12 @@
 //! that Gaussian, and clear of the chip's top, where no scattered light comes. A piezo that moves
 //! it moves it up or down the flank.
 
+use super::blocks::{Blocks, fitted, together};
 use super::{
-    BLOCK, Flank, Identified, Micro, Series, Watch, gaussian, no_beam, resting, share_in_x, ways,
+    BLOCK, Core, DARK, Flank, Identified, Micro, Series, Watch, gaussian, no_beam, resting,
+    share_in_x, ways,
 };
-use crate::compensation::hysteresis::{Creep, Model, Rbf, Record, fit_memory};
+use crate::compensation::hysteresis::{Invalid, Model, Rbf, Record};
 use crate::identify::Path;
 use crate::outcome::{Halt, Outcome};
 use crate::procedure::light_guides;
@@ -18,6 +20,7 @@ use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::MICRO_AXES;
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::{Macro, Point};
+use std::ops::Range;
 
 /// The manipulator that carries the sensing fiber.
 const SIDE: Side = Side::Right;
@@ -35,6 +38,9 @@ const CLEARANCE: f64 = 5e-6;
 /// Speed of the macro over the flank, m/s.
 const CLIMB: f64 = 100e-6;
 
+/// How often the beam's middle and width and what the core makes of it improve each other.
+const ROUNDS: usize = 6;
+
 /// Identifies both piezos of [`SIDE`].
 ///
 /// # Errors
@@ -49,7 +55,7 @@ pub(super) fn identify(station: &mut Station, recipe: &Recipe) -> Result<Micro, 
     let watch = Watch {
         side: SIDE,
         channel: Channel::Sensing,
-        dark: station.level(Channel::Sensing, 0.4)?.mean,
+        dark: station.level(Channel::Sensing, DARK)?.mean,
     };
     station.laser(true);
     station.micro_volts(SIDE, [middle; MICRO_AXES]);
@@ -62,19 +68,34 @@ pub(super) fn identify(station: &mut Station, recipe: &Recipe) -> Result<Micro, 
     let there = here.shifted(back * recipe.ports.exit_angle.tan(), 0.0, back);
     let start = station.kinematics(SIDE).macro_from_chip(there);
     station.line(SIDE, Point::new(start.x, start.y - 0.4e-3, start.z), None)?;
+    let radius = 0.5 * station.spec().sensing_fiber.core;
     let (first, _) = flank_up(station, &watch, start)?;
     let across = arrive(station, start, first.centre + HEIGHT)?;
-    let beam = across_beam(station, &watch)?;
+    let mut series = Series::default();
+    let beam = across_beam(station, &watch, &Core::new(radius, &first), &mut series)?;
     let shift = beam.centre - seen_x(station, &watch)?;
     let start = Point::new(start.x + shift, start.y, across.z);
     station.line(SIDE, Point::new(start.x, start.y - 0.4e-3, start.z), None)?;
     let (up, up_x) = flank_up(station, &watch, start)?;
     arrive(station, start, up.centre + HEIGHT)?;
+    let core = Core::new(radius, &up);
 
+    let mut driven = Vec::with_capacity(MICRO_AXES);
+    for piezo in 0..MICRO_AXES {
+        driven.push(drive(station, &watch, piezo, &mut series)?);
+    }
+    // First as if the other piezo stood still, then as its model says.
+    let alone = |i: usize| -> Result<Model, Halt> {
+        let told = tell(station, i, (&series, &driven[i]), &core, None)?;
+        Ok(Model::Memory(fitted(&told.record, i, None)?))
+    };
+    let models = [alone(0)?, alone(1)?];
     let mut piezos = Vec::with_capacity(MICRO_AXES);
     let mut ratio = 0.0;
     for piezo in 0..MICRO_AXES {
-        let found = identify_piezo(station, &watch, piezo)?;
+        let other = Some(&models[1 - piezo]);
+        let told = tell(station, piezo, (&series, &driven[piezo]), &core, other)?;
+        let found = learn(piezo, told)?;
         ratio += ratio_of(station, piezo, &found, &up, up_x, &beam) / MICRO_AXES as f64;
         piezos.push(found);
     }
@@ -128,14 +149,21 @@ fn flank_up(
         .fold((0.0, 0.0), |b, p| if p.1 > b.1 { *p } else { b });
     // With its lower rim below the chip's top the core takes in scattered light too. Where the top
     // is follows from the beam, whose middle lies there.
-    let clear = CLEARANCE + 0.5 * station.spec().sensing_fiber.core;
+    let radius = 0.5 * station.spec().sensing_fiber.core;
+    let clear = CLEARANCE + radius;
     let mut middle = brightest.0;
-    let mut flank = None;
-    for _ in 0..4 {
+    let mut flank: Option<Flank> = None;
+    for _ in 0..ROUNDS {
         let above: Vec<(f64, f64)> = smooth
             .iter()
             .filter(|p| p.0 > middle + clear && p.0 < middle + 2.0 * HEIGHT - clear)
-            .map(|p| (p.0 - middle, p.1))
+            .map(|(y, light)| {
+                let excess = flank.map_or(0.0, |flank| {
+                    let core = Core::new(radius, &flank);
+                    core.excess(((y - flank.centre) / flank.width).powi(2))
+                });
+                (y - middle, light * (-excess).exp())
+            })
             .collect();
         if above.len() < 100 {
             return Err(no_beam("above the guide").into());
@@ -165,7 +193,12 @@ fn seen_x(station: &mut Station, watch: &Watch) -> Result<f64, Halt> {
 }
 
 /// The beam across, by both piezos and the camera.
-fn across_beam(station: &mut Station, watch: &Watch) -> Result<Flank, Halt> {
+fn across_beam(
+    station: &mut Station,
+    watch: &Watch,
+    core: &Core,
+    log: &mut Series,
+) -> Result<Flank, Halt> {
     let volts = station.spec().micro.voltage;
     let path = Path {
         turns: vec![0.5, 0.95, 0.05, 0.95, 0.05, 0.5],
@@ -177,10 +210,11 @@ fn across_beam(station: &mut Station, watch: &Watch) -> Result<Flank, Halt> {
     let points: Vec<(f64, f64)> = series
         .frames
         .iter()
-        .filter_map(|(time, x)| Some((*x, series.light_at(*time, 0.0)?)))
+        .filter_map(|(time, x)| Some((*x, core.at_a_point(series.light_at(*time, 0.0)?).exp())))
         .collect();
     let mean = points.iter().map(|p| p.0).sum::<f64>() / points.len().max(1) as f64;
     let around: Vec<(f64, f64)> = points.iter().map(|p| (p.0 - mean, p.1)).collect();
+    log.append(series);
     let beam = gaussian(&around, "across the guide")?;
     Ok(Flank {
         centre: beam.centre + mean,
@@ -188,39 +222,112 @@ fn across_beam(station: &mut Station, watch: &Watch) -> Result<Flank, Halt> {
     })
 }
 
-fn identify_piezo(station: &mut Station, watch: &Watch, piezo: usize) -> Result<Identified, Halt> {
+/// What was seen of one piezo.
+struct Driven {
+    /// While it was driven.
+    over: Range<usize>,
+    /// When the ways of the thesis's model were over.
+    slow: f64,
+}
+
+/// Drives a piezo, beside the other in its middle.
+fn drive(
+    station: &mut Station,
+    watch: &Watch,
+    piezo: usize,
+    series: &mut Series,
+) -> Result<Driven, Halt> {
     let voltage = station.spec().micro.voltage;
     let middle = Volts(0.5 * voltage);
-    let mut series = Series::default();
-    let mut slow = 0.0;
+    let start = series.time.len();
+    let mut slow = None;
     for path in ways(voltage).into_iter().chain(resting(0.7 * voltage)) {
         let part = watch.drive(station, &path, |volts| {
             let mut both = [middle; MICRO_AXES];
             both[piezo] = Volts(volts);
             both
         })?;
-        if slow == 0.0 {
-            slow = station.time();
-        }
+        slow = slow.or(Some(station.time()));
         series.append(part);
     }
     station.micro_volts(SIDE, [middle; MICRO_AXES]);
     station.run(0.1)?;
-    let flank = flank_of(&series, share_in_x(station, piezo))?;
-    let record = record_of(&series, &flank)?;
-    let of = |invalid: crate::compensation::hysteresis::Invalid| {
-        Outcome::OutOfReach(format!("piezo {}: {invalid}", piezo + 1))
+    Ok(Driven {
+        over: start..series.time.len(),
+        slow: slow.unwrap_or_else(|| station.time()),
+    })
+}
+
+/// What the light tells of a piezo.
+struct Told {
+    /// The light while it was driven.
+    series: Series,
+    flank: Flank,
+    /// From before it was driven on, for creep remembers that; weightless there.
+    record: Record,
+    /// The part of the record in which the ways of the thesis's model were gone.
+    slow: Range<usize>,
+}
+
+/// What the light tells of a piezo. The tip creeps across the piezo's way too, as a model says of the
+/// `other` piezo.
+fn tell(
+    station: &Station,
+    piezo: usize,
+    (series, driven): (&Series, &Driven),
+    core: &Core,
+    other: Option<&Model>,
+) -> Result<Told, Halt> {
+    let part = series.part(driven.over.clone());
+    let flank = flank_of(&part, share_in_x(station, piezo), core)?;
+    let blocks = Blocks::new(series, std::slice::from_ref(&driven.over), piezo);
+    let place = blocks.places[0].clone();
+    let across = match other {
+        Some(model) => blocks.displacement(model, 1 - piezo),
+        None => vec![0.0; blocks.time.len()],
     };
-    let memory = fit_memory(&record, record.len(), true, Creep::Logarithmic).map_err(of)?;
-    // The thesis's networks know neither speed nor inner loops: they get the curves they are for.
-    let slow = record.time.partition_point(|t| *t < slow);
-    let slow_ways = record.before(slow).map_err(of)?;
-    let rbf = Rbf::train(&slow_ways).map_err(of)?;
-    Ok(Identified {
-        series,
+    // How far the beam's middle lies along the other piezo.
+    let (sin, cos) = station.spec().micro.angle.sin_cos();
+    let middle = HEIGHT * [sin, cos][1 - piezo];
+    let known = |k: usize| {
+        let crept = across[k] - across[place.start];
+        let beside = crept * (2.0 * middle + crept) / (flank.width * flank.width);
+        let light = blocks.light[k].max(1e-6);
+        let way = flank.displacement(light * beside.exp());
+        // An error of the light makes one of the displacement that grows as the slope falls.
+        let slope = light * (way - flank.centre) / flank.width;
+        place.contains(&k).then_some((way, slope * slope))
+    };
+    // Before it was driven, a straight line stands for it.
+    let spec = &station.spec().micro;
+    let gain = spec.range / spec.voltage;
+    let n = place.len() as f64;
+    let offset = place
+        .clone()
+        .filter_map(|k| Some(known(k)?.0 - gain * blocks.volts[k][piezo]))
+        .sum::<f64>()
+        / n;
+    let straight: Vec<f64> = blocks.driven().map(|volts| offset + gain * volts).collect();
+    Ok(Told {
+        series: part,
         flank,
-        record,
-        ways: slow_ways,
+        record: blocks.record(known, &straight)?,
+        slow: place.start..blocks.time.partition_point(|t| *t < driven.slow),
+    })
+}
+
+/// Both models of a piezo.
+fn learn(piezo: usize, told: Told) -> Result<Identified, Outcome> {
+    let of = |invalid: Invalid| Outcome::OutOfReach(format!("piezo {}: {invalid}", piezo + 1));
+    let memory = fitted(&told.record, piezo, None)?;
+    // The thesis's networks know neither speed nor inner loops: they get the curves they are for.
+    let ways = together(&told.record, &[told.slow]).map_err(of)?;
+    let rbf = Rbf::train(&ways).map_err(of)?;
+    Ok(Identified {
+        series: told.series,
+        flank: told.flank,
+        record: told.record,
+        ways,
         rbf: Model::Rbf(rbf),
         memory: Model::Memory(memory),
     })
@@ -228,7 +335,7 @@ fn identify_piezo(station: &mut Station, watch: &Watch, piezo: usize) -> Result<
 
 /// (4.1) along a piezo whose displacement appears in x with a share: light against where the
 /// camera sees the tip.
-fn flank_of(series: &Series, share: f64) -> Result<Flank, Outcome> {
+fn flank_of(series: &Series, share: f64, core: &Core) -> Result<Flank, Outcome> {
     let brightest = series.light.iter().fold(0.0_f64, |b, i| b.max(*i));
     let origin = series.frames.first().map_or(0.0, |frame| frame.1);
     // Light is the cleaner of the two: the camera's x is told from it, not the other way round.
@@ -237,7 +344,7 @@ fn flank_of(series: &Series, share: f64) -> Result<Flank, Outcome> {
         .iter()
         .filter_map(|(time, x)| {
             let light = series.light_at(*time, 0.01 * brightest)?;
-            Some((light.ln(), (x - origin) / share))
+            Some((core.at_a_point(light), (x - origin) / share))
         })
         .collect();
     if points.len() < 50 {
@@ -272,33 +379,15 @@ fn flank_of(series: &Series, share: f64) -> Result<Flank, Outcome> {
     let top = 0.5 * (low + high);
     let (_, width, centre) = solve(top);
     if width > 0.0 && width.is_finite() {
-        Ok(Flank { top, centre, width })
+        Ok(Flank {
+            top,
+            centre,
+            width,
+            core: Some(*core),
+        })
     } else {
         Err(no_beam("along a piezo"))
     }
-}
-
-/// Voltage and displacement, samples averaged in blocks, each as good as the light is there.
-fn record_of(series: &Series, flank: &Flank) -> Result<Record, Outcome> {
-    let blocks = series.time.len() / BLOCK;
-    let [mut time, mut volts, mut way, mut weight] = [(); 4].map(|()| Vec::with_capacity(blocks));
-    for k in 0..blocks {
-        let over = k * BLOCK..(k + 1) * BLOCK;
-        let mean = |column: &[f64]| column[over.clone()].iter().sum::<f64>() / BLOCK as f64;
-        let light = mean(&series.light).max(1e-6);
-        time.push(mean(&series.time));
-        volts.push(mean(&series.volts));
-        way.push(flank.displacement(light));
-        // An error of the light makes one of the displacement that grows as the slope falls.
-        let slope = 2.0 * light * (flank.top - light.ln()).max(0.0).sqrt();
-        weight.push(slope * slope);
-    }
-    let most = weight.iter().fold(f64::MIN_POSITIVE, |m, w| m.max(*w));
-    for w in &mut weight {
-        *w /= most;
-    }
-    Record::weighted(time, volts, way, weight)
-        .map_err(|invalid| Outcome::OutOfReach(format!("the record of a piezo: {invalid}")))
 }
 
 /// Displacement in y for one in x along a piezo: how steep the flank is along it, less what its
@@ -319,7 +408,10 @@ fn ratio_of(
         let Some(light) = series.light_at(*time, 0.0) else {
             continue;
         };
-        let log = light.ln();
+        let log = found
+            .flank
+            .core
+            .map_or(light.ln(), |core| core.at_a_point(light));
         let aside = |x: f64| ((x - beam.centre) / beam.width).powi(2);
         // Height over the beam's middle in widths, by the light and how far aside the tip is.
         let over = up.top + aside(up_x) - aside(*x) - log;

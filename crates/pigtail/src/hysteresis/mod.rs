@@ -239,7 +239,7 @@ pub struct Tried {
 pub fn fit(record: Record, kind: Kind) -> Result<Tried, Invalid> {
     let to = (FITTED * record.len() as f64) as usize;
     let model = match kind {
-        Kind::Memory => Model::Memory(fit_memory(&record, to, true, Creep::Any)?),
+        Kind::Memory => Model::Memory(fit_memory(&record, to, None, Creep::Any)?),
         Kind::Rbf => Model::Rbf(Rbf::train(&record.before(to)?)?),
     };
     let told = predict(&model, &record);

@@ -81,7 +81,7 @@ fn light_and_curves(found: &Identified) -> Result<String> {
         let from = series.time.partition_point(|t| *t < time.0);
         let to = series.time.partition_point(|t| *t < time.1);
         let all: Vec<_> = (from..to)
-            .map(|k| (series.volts[k], series.light[k]))
+            .map(|k| (series.volts[k][0], series.light[k]))
             .collect();
         envelope(&all, 500)
     };

@@ -12,8 +12,10 @@ const OFFSET: usize = PLAYS;
 const CURVE: usize = OFFSET + 1;
 const CREEP: usize = CURVE + DEGREE - 1;
 
-/// Time constants of creep, seconds: a decade apart.
-const CONSTANTS: [f64; RELAXATIONS] = [0.03, 0.3, 3.0, 30.0, 300.0, 3000.0];
+/// Time constants of creep, seconds: half a decade apart.
+const CONSTANTS: [f64; RELAXATIONS] = [
+    0.02, 0.063, 0.2, 0.63, 2.0, 6.3, 20.0, 63.0, 200.0, 630.0, 2000.0, 6300.0,
+];
 
 /// A higher power of the curve must make the error on the part held back less by this share, or it
 /// is left out: a record of full loops alone does not tell it from slacks.
@@ -32,22 +34,23 @@ pub enum Creep {
 
 /// The slowest relaxation that [`Creep::Logarithmic`] leaves a share of its own, seconds. What is
 /// as fast as the light's samples and the amplifiers is not creep alone.
-const STEADY: f64 = 1.0;
+const STEADY: f64 = 0.1;
 
-/// Finds the model in the samples before `to`; the rest is held back. `lag` says whether to look
-/// for a lag between the columns.
+/// Finds the model in the samples before `to`; the rest is held back. `lag` is the lag between the
+/// columns in seconds, if it is known; else it is looked for.
 ///
 /// The power of the static curve is the lowest that tells the part held back about as well as any.
 ///
 /// # Errors
 ///
 /// When the record says too little, or what fits it is no piezo.
-pub fn fit_memory(record: &Record, to: usize, lag: bool, creep: Creep) -> Result<Memory, Invalid> {
-    let lag = if lag {
-        best_lag(record, to, 10.0 * record.period(), creep)
-    } else {
-        0.0
-    };
+pub fn fit_memory(
+    record: &Record,
+    to: usize,
+    lag: Option<f64>,
+    creep: Creep,
+) -> Result<Memory, Invalid> {
+    let lag = lag.unwrap_or_else(|| best_lag(record, to, 10.0 * record.period(), creep));
     let mut best: Option<(f64, Memory)> = None;
     for degree in 1..=DEGREE {
         let Ok((_, model)) = solve(record, to, degree, lag, creep, ROUNDS) else {
@@ -87,14 +90,21 @@ pub fn fit_memory(record: &Record, to: usize, lag: bool, creep: Creep) -> Result
 /// find it, and creep changes nothing about it.
 fn best_lag(record: &Record, to: usize, longest: f64, creep: Creep) -> f64 {
     const GOLDEN: f64 = 0.618_033_988_749_894_9;
+    /// A hundredth of a sample.
+    const ACCURATE: f64 = 1e-3;
     let error = |lag: f64| solve(record, to, 2, lag, creep, 1).map_or(f64::INFINITY, |(e, _)| e);
     let (mut low, mut high) = (0.0, longest);
-    for _ in 0..10 {
-        let (a, b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
-        if error(a) < error(b) {
-            high = b;
+    let (mut a, mut b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
+    let (mut at_a, mut at_b) = (error(a), error(b));
+    while high - low > ACCURATE * longest {
+        if at_a < at_b {
+            (high, b, at_b) = (b, a, at_a);
+            a = high - GOLDEN * (high - low);
+            at_a = error(a);
         } else {
-            low = a;
+            (low, a, at_a) = (a, b, at_b);
+            b = low + GOLDEN * (high - low);
+            at_b = error(b);
         }
     }
     0.5 * (low + high)
@@ -127,7 +137,7 @@ fn solve(
     // Relaxations that the record is too short or too coarse to show stay out of the fit.
     let span = record.time[to - 1] - record.time[0];
     let period = record.period();
-    let shown = CONSTANTS.map(|c| c > 5.0 * period && c < 0.5 * span);
+    let shown = CONSTANTS.map(|c| c > 10.0 * period && c < 0.5 * span);
     let steady = match creep {
         Creep::Any => None,
         Creep::Logarithmic => CONSTANTS.iter().position(|c| *c > STEADY),

@@ -21,8 +21,8 @@ pub(super) const PLAYS: usize = 24;
 /// Highest power of the static curve.
 pub(super) const DEGREE: usize = 3;
 
-/// Number of relaxations.
-pub(super) const RELAXATIONS: usize = 6;
+/// Number of relaxations: two a decade, for a sum of them a decade apart goes by waves.
+pub(super) const RELAXATIONS: usize = 12;
 
 /// A model of hysteresis for any history.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]

@@ -24,8 +24,12 @@ pub(super) fn memory() -> Memory {
         weights,
         offset: 0.03,
         curve: [0.05, 0.02],
-        constants: [0.03, 0.3, 3.0, 30.0, 300.0, 3000.0],
-        shares: [0.0, 0.02, 0.015, 0.01, 0.01, 0.01],
+        constants: [
+            0.02, 0.063, 0.2, 0.63, 2.0, 6.3, 20.0, 63.0, 200.0, 630.0, 2000.0, 6300.0,
+        ],
+        shares: [
+            0.0, 0.0, 0.02, 0.0, 0.015, 0.0, 0.01, 0.0, 0.01, 0.0, 0.01, 0.0,
+        ],
         lag: 0.0,
     }
 }
@@ -152,11 +156,13 @@ fn seventy_five_functions_as_in_the_thesis() {
 fn a_model_with_memory_is_recovered_from_its_own_data() {
     // Of relaxations slower than itself a record says next to nothing.
     let truth = Memory {
-        shares: [0.0, 0.02, 0.015, 0.01, 0.0, 0.0],
+        shares: [
+            0.0, 0.0, 0.02, 0.0, 0.015, 0.0, 0.01, 0.0, 0.0, 0.0, 0.0, 0.0,
+        ],
         ..memory()
     };
     let record = record_of(&truth, &rich_path(), 0.01);
-    let found = fit_memory(&record, record.len(), false, Creep::Any).unwrap();
+    let found = fit_memory(&record, record.len(), Some(0.0), Creep::Any).unwrap();
     let told = predict(&Model::Memory(found), &record);
     let over = record.known_from()..record.len();
     let errors = judge(&told, &record.output, over.clone(), Zero::Known);
@@ -177,7 +183,7 @@ fn a_lag_is_found() {
         .map(|k| interpolated(&record.time, &record.output, k, 0.025))
         .collect();
     let late = Record::new(record.time.clone(), record.input.clone(), late).unwrap();
-    let found = fit_memory(&late, late.len(), true, Creep::Any).unwrap();
+    let found = fit_memory(&late, late.len(), None, Creep::Any).unwrap();
     assert!((found.lag - 0.025).abs() < 0.003, "{}", found.lag);
 }
 

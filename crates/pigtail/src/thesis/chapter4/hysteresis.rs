@@ -66,7 +66,7 @@ fn figure_4_3(found: &Identified) -> Figure {
     let light = |from: usize, to: usize| -> Points {
         let from = series.time.partition_point(|t| *t < record.time[from]);
         let to = series.time.partition_point(|t| *t < record.time[to]);
-        thin((from..to).map(|k| (series.volts[k], series.light[k])))
+        thin((from..to).map(|k| (series.volts[k][0], series.light[k])))
     };
     let mut figure = Figure::new("4.3", "Uncontrolled actuator response");
     if let Some((start, turn, end)) = turned_at(record, record.input_range().high) {
