@@ -68,7 +68,8 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "difference between the ways without the network over that with it, mean of four identifications",
         (20.0, "", Factor),
-    ),
+    )
+    .because(33.64, "Light tells displacement better than the thesis could: by (4.1) alone, without what the sensing fiber's core takes up of the beam and how the other piezo creeps meanwhile, it is 27 times."),
     claim(
         "4.12-step",
         (
