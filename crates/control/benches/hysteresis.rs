@@ -55,8 +55,8 @@ fn hysteresis(c: &mut Criterion) {
         weights: slack.map(|r| if r == 0.0 { 0.7 } else { 0.015 }),
         offset: 0.0,
         curve: [0.04, 0.02],
-        constants: [0.03, 0.3, 3.0, 30.0, 300.0, 3000.0],
-        shares: [0.02; 6],
+        constants: std::array::from_fn(|i| 0.02 * 10.0_f64.powf(0.5 * i as f64)),
+        shares: [0.01; 12],
         lag: 0.0,
     });
     step(c, "a step with memory", &memory);
