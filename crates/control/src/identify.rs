@@ -4,6 +4,7 @@ use crate::characterize::{Trace, record};
 use crate::compensation::windup::{
     ELEMENTS, Memory, MemoryState, POWERS, Reversal, Windup, WindupState, polynomial,
 };
+use crate::golden::least;
 use crate::outcome::{Halt, Outcome};
 use crate::station::Station;
 use nalgebra::{SMatrix, SVector};
@@ -21,6 +22,9 @@ pub struct WindupRecord {
     /// The output that was wanted, radians.
     pub wanted: Vec<f64>,
 }
+
+/// How near a way is found, in its logarithm.
+const ACCURATE: f64 = 1e-5;
 
 /// How counts and probe readings become output angles.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -153,20 +157,6 @@ fn samples(record: &WindupRecord) -> Vec<(f64, f64)> {
         .collect()
 }
 
-/// The value at which a unimodal function is least, by golden section.
-fn least(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
-    const GOLDEN: f64 = 0.618_033_988_749_894_9;
-    for _ in 0..25 {
-        let (a, b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
-        if f(a) < f(b) {
-            high = b;
-        } else {
-            low = a;
-        }
-    }
-    0.5 * (low + high)
-}
-
 fn judge(data: &[(f64, f64)], offset: f64, mut model: impl FnMut(f64) -> f64) -> (f64, f64) {
     let (mut squares, mut largest) = (0.0, 0.0_f64);
     for (output, windup) in data {
@@ -215,7 +205,8 @@ pub fn fit_reversal(record: &WindupRecord, full: std::ops::Range<usize>) -> Fit<
     let range = data
         .iter()
         .fold(0.0, |r: f64, (output, _)| r.max(output.abs()));
-    let way = least((0.005 * range).ln(), range.ln(), |log| solve(log.exp()).2).exp();
+    let ways = ((0.005 * range).ln(), range.ln());
+    let way = least(ways, ACCURATE, |log| solve(log.exp()).2).exp();
     let (maximum, offset, _) = solve(way);
     let model = Reversal { maximum, way };
     let mut state = crate::compensation::windup::ReversalState::default();
@@ -239,7 +230,7 @@ pub fn fit_memory(record: &WindupRecord, skip: usize, first: &Fit<Reversal>) -> 
     let data = samples(record);
     let skip = skip / EVERY;
     let (low, high) = (0.1 * first.model.way, 1.5 * first.model.way);
-    let longest = least(low.ln(), high.ln(), |log| {
+    let longest = least((low.ln(), high.ln()), ACCURATE, |log| {
         Grid::new(&data, skip, first, log.exp()).best().2
     })
     .exp();

@@ -56,6 +56,7 @@ pub mod characterize;
 pub mod compensation;
 pub mod contour;
 pub mod fast;
+mod golden;
 pub mod identify;
 pub mod impulse;
 pub mod kinematics;

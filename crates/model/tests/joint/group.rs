@@ -56,7 +56,6 @@ fn together_they_move_as_they_do_alone() {
 #[test]
 fn one_step_a_cycle_is_within_a_tenth_of_a_nanometre() {
     let [jolted, z, scanning, _] = difference(CYCLE, CYCLE / 100.0);
-    eprintln!("{jolted:.2e}, {z:.2e}, {scanning:.2e} rad");
     assert!(0.044_56 * scanning < 1e-10, "{scanning}");
     assert!(1.0106e-4 * z < 1e-10, "{z}");
     assert!(0.044_56 * jolted < 5e-10, "{jolted}");

@@ -2,6 +2,7 @@
 
 use super::{LEAST, LOAD, MOTOR, Parts, Record, TORQUE, WAYS};
 use crate::compensation::windup::{Reversal, ReversalState};
+use crate::golden::least;
 use crate::record::regression::{Solution, least_squares, matrix};
 use crate::record::signal::{Lowpass, derivative, quantile};
 
@@ -225,22 +226,8 @@ impl Signals {
             .min_by(|a, b| a.0.total_cmp(&b.0))
             .map_or(self.range, |(_, way)| way);
         // Between the neighbours of the best by the golden section, in logarithms.
-        let golden = 0.5 * (5f64.sqrt() - 1.0);
-        let (mut low, mut high) = (coarse.ln() - SPACING.ln(), coarse.ln() + SPACING.ln());
-        let mut inner = [high - golden * (high - low), low + golden * (high - low)];
-        let mut values = inner.map(|x| squares(x.exp()));
-        while high - low > 1e-4 {
-            if values[0] < values[1] {
-                high = inner[1];
-                inner = [high - golden * (high - low), inner[0]];
-                values = [squares(inner[0].exp()), values[0]];
-            } else {
-                low = inner[0];
-                inner = [inner[1], low + golden * (high - low)];
-                values = [values[1], squares(inner[1].exp())];
-            }
-        }
-        (0.5 * (low + high)).exp()
+        let around = (coarse.ln() - SPACING.ln(), coarse.ln() + SPACING.ln());
+        least(around, 1e-4, |x| squares(x.exp())).exp()
     }
 
     /// How sure a model's values are, its way (the last) among them, from what it leaves.
