@@ -1,7 +1,7 @@
 //! What is seen while a piezo is driven, and the record that is made of it.
 
-use super::{BLOCK, Series};
-use crate::compensation::hysteresis::{Creep, Invalid, Memory, Model, Record, fit_memory};
+use super::{BLOCK, Flank, Identified, Series};
+use crate::compensation::hysteresis::{Creep, Invalid, Memory, Model, Rbf, Record, fit_memory};
 use crate::outcome::Outcome;
 use pigtail_hal::spec::MICRO_AXES;
 use std::ops::Range;
@@ -46,12 +46,12 @@ impl Blocks {
             blocks.frame.push(exposed.map(|(_, x)| *x));
         };
         for place in places {
-            for start in (from..place.start).step_by(BLOCK) {
-                add(&mut blocks, start..(start + BLOCK).min(place.start));
+            for over in pieces(series, from..place.start, piezo) {
+                add(&mut blocks, over);
             }
             let begin = blocks.time.len();
-            for start in place.clone().step_by(BLOCK) {
-                add(&mut blocks, start..(start + BLOCK).min(place.end));
+            for over in pieces(series, place.clone(), piezo) {
+                add(&mut blocks, over);
             }
             blocks.places.push(begin..blocks.time.len());
             from = place.end;
@@ -104,14 +104,67 @@ impl Blocks {
     }
 }
 
+/// The samples that are averaged to one. A sample at which the voltage turns stands alone: plays
+/// remember how far the voltage went, and in a mean with its neighbours it went less far.
+fn pieces(series: &Series, over: Range<usize>, piezo: usize) -> Vec<Range<usize>> {
+    let volts = |k: usize| series.volts[k][piezo];
+    let turns = |k: usize| {
+        over.contains(&(k + 1))
+            && k > over.start
+            && (volts(k) - volts(k - 1)) * (volts(k + 1) - volts(k)) < 0.0
+    };
+    let mut pieces = Vec::with_capacity(over.len().div_ceil(BLOCK));
+    let mut start = over.start;
+    for k in over.clone() {
+        if turns(k) && k > start {
+            pieces.push(start..k);
+            start = k;
+        }
+        if turns(k) || k + 1 - start == BLOCK || k + 1 == over.end {
+            pieces.push(start..k + 1);
+            start = k + 1;
+        }
+    }
+    pieces
+}
+
 /// The model that remembers, from such a record, and the lag if it is known.
 pub(super) fn fitted(record: &Record, piezo: usize, lag: Option<f64>) -> Result<Memory, Outcome> {
     fit_memory(record, record.len(), lag, Creep::Logarithmic)
         .map_err(|invalid| Outcome::OutOfReach(format!("piezo {}: {invalid}", piezo + 1)))
 }
 
+/// What the light tells of a piezo.
+pub(super) struct Told {
+    /// The light while it was driven.
+    pub(super) series: Series,
+    pub(super) flank: Flank,
+    /// From before it was driven on, for creep remembers that; weightless there.
+    pub(super) record: Record,
+    /// The parts of the record in which the ways of the thesis's model were gone.
+    pub(super) slow: Vec<Range<usize>>,
+}
+
+impl Told {
+    /// Both models, of which one is learned already. The thesis's networks know neither speed nor inner
+    /// loops: they get the curves they are for.
+    pub(super) fn learned(self, piezo: usize, memory: &Memory) -> Result<Identified, Outcome> {
+        let of = |invalid: Invalid| Outcome::OutOfReach(format!("piezo {}: {invalid}", piezo + 1));
+        let ways = together(&self.record, &self.slow).map_err(of)?;
+        let rbf = Rbf::train(&ways).map_err(of)?;
+        Ok(Identified {
+            series: self.series,
+            flank: self.flank,
+            record: self.record,
+            ways,
+            rbf: Model::Rbf(rbf),
+            memory: Model::Memory(*memory),
+        })
+    }
+}
+
 /// The same ways, gone through several times, of which another part was measured each time.
-pub(super) fn together(record: &Record, times: &[Range<usize>]) -> Result<Record, Invalid> {
+fn together(record: &Record, times: &[Range<usize>]) -> Result<Record, Invalid> {
     let n = times.iter().map(Range::len).min().unwrap_or(0);
     let [mut time, mut volts, mut way, mut weight] = [(); 4].map(|()| Vec::with_capacity(n));
     let begin = times.first().map_or(0, |first| first.start);
@@ -133,4 +186,31 @@ pub(super) fn together(record: &Record, times: &[Range<usize>]) -> Result<Record
         weight.push(counts);
     }
     Record::weighted(time, volts, way, weight)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_turn_is_not_lost_in_a_mean() {
+        // Up to the 23rd sample and down again.
+        let driven = (0..60).map(|k: i32| f64::from((23 - (k - 23).abs()).max(2)));
+        let volts: Vec<[f64; 2]> = driven.map(|v| [v, 0.0]).collect();
+        let series = Series {
+            time: (0..60).map(f64::from).collect(),
+            light: vec![1.0; 60],
+            volts,
+            frames: vec![],
+        };
+        let blocks = Blocks::new(&series, &[0..10, 10..50], 0);
+        let most = blocks.driven().fold(0.0, f64::max);
+        assert_eq!(most, 23.0, "{:?}", blocks.volts);
+        // Every sample is in one block.
+        let pieces = pieces(&series, 10..50, 0);
+        let apart = |w: &[Range<usize>]| w[0].end == w[1].start && w[0].len() <= BLOCK;
+        assert!(pieces.windows(2).all(apart));
+        assert_eq!((pieces[0].start, pieces[pieces.len() - 1].end), (10, 50));
+        assert_eq!(blocks.places[1], 2..2 + pieces.len());
+    }
 }

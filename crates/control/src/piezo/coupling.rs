@@ -10,12 +10,12 @@
 //! the camera: a model that is first learned from its frames. Light then tells the displacement, the
 //! model is learned from that, and tells better where each beam stands; and so on.
 
-use super::blocks::{Blocks, fitted, together};
+use super::blocks::{Blocks, Told, fitted};
 use super::{
     BLOCK, DARK, Flank, Identified, Micro, STILL, Series, Watch, gaussian, no_beam, ratio, resting,
     share_in_x, ways,
 };
-use crate::compensation::hysteresis::{Invalid, Model, Rbf, predict};
+use crate::compensation::hysteresis::{Model, predict};
 use crate::identify::Path;
 use crate::outcome::{Halt, Outcome};
 use crate::procedure::{Job, outward};
@@ -350,7 +350,6 @@ fn flanks(blocks: &Blocks, told: &[f64]) -> Result<Vec<Flank>, Outcome> {
                 top: c[2 * i] - bend * centre * centre,
                 centre: UNIT * centre,
                 width: UNIT * (-1.0 / bend).sqrt(),
-                core: None,
             }
         })
         .collect())
@@ -403,24 +402,19 @@ fn learn(station: &Station, piezo: usize, log: &Log) -> Result<Identified, Halt>
         found = Some((beams, record, memory));
     }
     let (beams, record, memory) = found.ok_or_else(|| no_beam("along a piezo"))?;
-    let of = |invalid: Invalid| Outcome::OutOfReach(format!("piezo {}: {invalid}", piezo + 1));
     let slow: Vec<Range<usize>> = blocks
         .places
         .iter()
         .zip(&log.places)
         .map(|(place, (_, slow))| place.start..blocks.time.partition_point(|t| t < slow))
         .collect();
-    let ways = together(&record, &slow).map_err(of)?;
-    let rbf = Rbf::train(&ways).map_err(of)?;
     // The light of the place before the last, where nothing but the program happens, is shown.
     let shown = 1;
-    let series = log.series.part(log.places[shown].0.clone());
-    Ok(Identified {
-        series,
+    let told = Told {
+        series: log.series.part(log.places[shown].0.clone()),
         flank: beams[shown],
         record,
-        ways,
-        rbf: Model::Rbf(rbf),
-        memory: Model::Memory(memory),
-    })
+        slow,
+    };
+    Ok(told.learned(piezo, &memory)?)
 }

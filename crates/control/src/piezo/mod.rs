@@ -11,12 +11,9 @@
 //!   guide stands is some micrometres wide, at one place of the piezo's range after the other.
 
 mod blocks;
-mod core;
 mod coupling;
 mod ratio;
 mod sensing;
-
-pub use self::core::Core;
 
 use crate::compensation::hysteresis::{Model, Record};
 use crate::compensation::micro::MicroModel;
@@ -95,15 +92,12 @@ pub struct Flank {
     pub centre: f64,
     /// `sigma`, metres; positive where light falls as the piezo rises.
     pub width: f64,
-    /// What takes up the light, if it is too large for a point of the beam.
-    pub core: Option<Core>,
 }
 
 impl Flank {
     /// The displacement at which the light is `light`, metres.
     pub fn displacement(&self, light: f64) -> f64 {
-        let log = self.core.map_or(light.ln(), |core| core.at_a_point(light));
-        self.centre + self.width * (self.top - log).max(0.0).sqrt()
+        self.centre + self.width * (self.top - light.ln()).max(0.0).sqrt()
     }
 }
 
@@ -175,7 +169,6 @@ fn gaussian(points: &[(f64, f64)], what: &str) -> Result<Flank, Outcome> {
             top: c0 - 0.25 * c1 * c1 / c2,
             centre: -0.5 * c1 / c2,
             width: (-1.0 / c2).sqrt(),
-            core: None,
         }),
         _ => Err(no_beam(what)),
     }

@@ -5,12 +5,13 @@
 //! that Gaussian, and clear of the chip's top, where no scattered light comes. A piezo that moves
 //! it moves it up or down the flank.
 
-use super::blocks::{Blocks, fitted, together};
+use super::blocks::{Blocks, Told, fitted};
 use super::{
-    BLOCK, Core, DARK, Flank, Identified, Micro, Series, Watch, gaussian, no_beam, resting,
-    share_in_x, ways,
+    BLOCK, DARK, Flank, Identified, Micro, Series, Watch, gaussian, no_beam, resting, share_in_x,
+    ways,
 };
-use crate::compensation::hysteresis::{Invalid, Model, Rbf, Record};
+use crate::compensation::hysteresis::Model;
+use crate::golden::least;
 use crate::identify::Path;
 use crate::outcome::{Halt, Outcome};
 use crate::procedure::light_guides;
@@ -37,9 +38,6 @@ const CLEARANCE: f64 = 5e-6;
 
 /// Speed of the macro over the flank, m/s.
 const CLIMB: f64 = 100e-6;
-
-/// How often the beam's middle and width and what the core makes of it improve each other.
-const ROUNDS: usize = 6;
 
 /// Identifies both piezos of [`SIDE`].
 ///
@@ -68,17 +66,15 @@ pub(super) fn identify(station: &mut Station, recipe: &Recipe) -> Result<Micro, 
     let there = here.shifted(back * recipe.ports.exit_angle.tan(), 0.0, back);
     let start = station.kinematics(SIDE).macro_from_chip(there);
     station.line(SIDE, Point::new(start.x, start.y - 0.4e-3, start.z), None)?;
-    let radius = 0.5 * station.spec().sensing_fiber.core;
     let (first, _) = flank_up(station, &watch, start)?;
     let across = arrive(station, start, first.centre + HEIGHT)?;
     let mut series = Series::default();
-    let beam = across_beam(station, &watch, &Core::new(radius, &first), &mut series)?;
+    let beam = across_beam(station, &watch, &mut series)?;
     let shift = beam.centre - seen_x(station, &watch)?;
     let start = Point::new(start.x + shift, start.y, across.z);
     station.line(SIDE, Point::new(start.x, start.y - 0.4e-3, start.z), None)?;
     let (up, up_x) = flank_up(station, &watch, start)?;
     arrive(station, start, up.centre + HEIGHT)?;
-    let core = Core::new(radius, &up);
 
     let mut driven = Vec::with_capacity(MICRO_AXES);
     for piezo in 0..MICRO_AXES {
@@ -86,7 +82,7 @@ pub(super) fn identify(station: &mut Station, recipe: &Recipe) -> Result<Micro, 
     }
     // First as if the other piezo stood still, then as its model says.
     let alone = |i: usize| -> Result<Model, Halt> {
-        let told = tell(station, i, (&series, &driven[i]), &core, None)?;
+        let told = tell(station, i, (&series, &driven[i]), None)?;
         Ok(Model::Memory(fitted(&told.record, i, None)?))
     };
     let models = [alone(0)?, alone(1)?];
@@ -94,8 +90,9 @@ pub(super) fn identify(station: &mut Station, recipe: &Recipe) -> Result<Micro, 
     let mut ratio = 0.0;
     for piezo in 0..MICRO_AXES {
         let other = Some(&models[1 - piezo]);
-        let told = tell(station, piezo, (&series, &driven[piezo]), &core, other)?;
-        let found = learn(piezo, told)?;
+        let told = tell(station, piezo, (&series, &driven[piezo]), other)?;
+        let memory = fitted(&told.record, piezo, None)?;
+        let found = told.learned(piezo, &memory)?;
         ratio += ratio_of(station, piezo, &found, &up, up_x, &beam) / MICRO_AXES as f64;
         piezos.push(found);
     }
@@ -149,21 +146,14 @@ fn flank_up(
         .fold((0.0, 0.0), |b, p| if p.1 > b.1 { *p } else { b });
     // With its lower rim below the chip's top the core takes in scattered light too. Where the top
     // is follows from the beam, whose middle lies there.
-    let radius = 0.5 * station.spec().sensing_fiber.core;
-    let clear = CLEARANCE + radius;
+    let clear = CLEARANCE + 0.5 * station.spec().sensing_fiber.core;
     let mut middle = brightest.0;
-    let mut flank: Option<Flank> = None;
-    for _ in 0..ROUNDS {
+    let mut flank = None;
+    for _ in 0..4 {
         let above: Vec<(f64, f64)> = smooth
             .iter()
             .filter(|p| p.0 > middle + clear && p.0 < middle + 2.0 * HEIGHT - clear)
-            .map(|(y, light)| {
-                let excess = flank.map_or(0.0, |flank| {
-                    let core = Core::new(radius, &flank);
-                    core.excess(((y - flank.centre) / flank.width).powi(2))
-                });
-                (y - middle, light * (-excess).exp())
-            })
+            .map(|p| (p.0 - middle, p.1))
             .collect();
         if above.len() < 100 {
             return Err(no_beam("above the guide").into());
@@ -193,12 +183,7 @@ fn seen_x(station: &mut Station, watch: &Watch) -> Result<f64, Halt> {
 }
 
 /// The beam across, by both piezos and the camera.
-fn across_beam(
-    station: &mut Station,
-    watch: &Watch,
-    core: &Core,
-    log: &mut Series,
-) -> Result<Flank, Halt> {
+fn across_beam(station: &mut Station, watch: &Watch, log: &mut Series) -> Result<Flank, Halt> {
     let volts = station.spec().micro.voltage;
     let path = Path {
         turns: vec![0.5, 0.95, 0.05, 0.95, 0.05, 0.5],
@@ -210,7 +195,7 @@ fn across_beam(
     let points: Vec<(f64, f64)> = series
         .frames
         .iter()
-        .filter_map(|(time, x)| Some((*x, core.at_a_point(series.light_at(*time, 0.0)?).exp())))
+        .filter_map(|(time, x)| Some((*x, series.light_at(*time, 0.0)?)))
         .collect();
     let mean = points.iter().map(|p| p.0).sum::<f64>() / points.len().max(1) as f64;
     let around: Vec<(f64, f64)> = points.iter().map(|p| (p.0 - mean, p.1)).collect();
@@ -258,28 +243,16 @@ fn drive(
     })
 }
 
-/// What the light tells of a piezo.
-struct Told {
-    /// The light while it was driven.
-    series: Series,
-    flank: Flank,
-    /// From before it was driven on, for creep remembers that; weightless there.
-    record: Record,
-    /// The part of the record in which the ways of the thesis's model were gone.
-    slow: Range<usize>,
-}
-
 /// What the light tells of a piezo. The tip creeps across the piezo's way too, as a model says of the
 /// `other` piezo.
 fn tell(
     station: &Station,
     piezo: usize,
     (series, driven): (&Series, &Driven),
-    core: &Core,
     other: Option<&Model>,
 ) -> Result<Told, Halt> {
     let part = series.part(driven.over.clone());
-    let flank = flank_of(&part, share_in_x(station, piezo), core)?;
+    let flank = flank_of(&part, share_in_x(station, piezo))?;
     let blocks = Blocks::new(series, std::slice::from_ref(&driven.over), piezo);
     let place = blocks.places[0].clone();
     let across = match other {
@@ -308,34 +281,18 @@ fn tell(
         .sum::<f64>()
         / n;
     let straight: Vec<f64> = blocks.driven().map(|volts| offset + gain * volts).collect();
+    let slow = place.start..blocks.time.partition_point(|t| *t < driven.slow);
     Ok(Told {
         series: part,
         flank,
         record: blocks.record(known, &straight)?,
-        slow: place.start..blocks.time.partition_point(|t| *t < driven.slow),
-    })
-}
-
-/// Both models of a piezo.
-fn learn(piezo: usize, told: Told) -> Result<Identified, Outcome> {
-    let of = |invalid: Invalid| Outcome::OutOfReach(format!("piezo {}: {invalid}", piezo + 1));
-    let memory = fitted(&told.record, piezo, None)?;
-    // The thesis's networks know neither speed nor inner loops: they get the curves they are for.
-    let ways = together(&told.record, &[told.slow]).map_err(of)?;
-    let rbf = Rbf::train(&ways).map_err(of)?;
-    Ok(Identified {
-        series: told.series,
-        flank: told.flank,
-        record: told.record,
-        ways,
-        rbf: Model::Rbf(rbf),
-        memory: Model::Memory(memory),
+        slow: std::iter::once(slow).collect(),
     })
 }
 
 /// (4.1) along a piezo whose displacement appears in x with a share: light against where the
 /// camera sees the tip.
-fn flank_of(series: &Series, share: f64, core: &Core) -> Result<Flank, Outcome> {
+fn flank_of(series: &Series, share: f64) -> Result<Flank, Outcome> {
     let brightest = series.light.iter().fold(0.0_f64, |b, i| b.max(*i));
     let origin = series.frames.first().map_or(0.0, |frame| frame.1);
     // Light is the cleaner of the two: the camera's x is told from it, not the other way round.
@@ -344,7 +301,7 @@ fn flank_of(series: &Series, share: f64, core: &Core) -> Result<Flank, Outcome> 
         .iter()
         .filter_map(|(time, x)| {
             let light = series.light_at(*time, 0.01 * brightest)?;
-            Some((core.at_a_point(light), (x - origin) / share))
+            Some((light.ln(), (x - origin) / share))
         })
         .collect();
     if points.len() < 50 {
@@ -367,24 +324,10 @@ fn flank_of(series: &Series, share: f64, core: &Core) -> Result<Flank, Outcome> 
         let left = ss - s * s - width * (rs - r * s);
         (left, width, s - width * r)
     };
-    let (mut low, mut high) = (highest + 0.001, highest + 4.0);
-    for _ in 0..60 {
-        let (a, b) = (low + 0.382 * (high - low), low + 0.618 * (high - low));
-        if solve(a).0 < solve(b).0 {
-            high = b;
-        } else {
-            low = a;
-        }
-    }
-    let top = 0.5 * (low + high);
+    let top = least((highest + 0.001, highest + 4.0), 1e-9, |top| solve(top).0);
     let (_, width, centre) = solve(top);
     if width > 0.0 && width.is_finite() {
-        Ok(Flank {
-            top,
-            centre,
-            width,
-            core: Some(*core),
-        })
+        Ok(Flank { top, centre, width })
     } else {
         Err(no_beam("along a piezo"))
     }
@@ -408,10 +351,7 @@ fn ratio_of(
         let Some(light) = series.light_at(*time, 0.0) else {
             continue;
         };
-        let log = found
-            .flank
-            .core
-            .map_or(light.ln(), |core| core.at_a_point(light));
+        let log = light.ln();
         let aside = |x: f64| ((x - beam.centre) / beam.width).powi(2);
         // Height over the beam's middle in widths, by the light and how far aside the tip is.
         let over = up.top + aside(up_x) - aside(*x) - log;

@@ -156,8 +156,8 @@ impl Adaptive {
 
 #[cfg(test)]
 mod tests {
+    use super::super::Memory;
     use super::super::tests::memory;
-    use super::super::{Memory, MemoryState};
     use super::*;
 
     const LIMITS: Range = Range {
@@ -175,8 +175,8 @@ mod tests {
         let mut adaptive = Adaptive::new(Model::Memory(*believed), 0.999).unwrap();
         // What one would do without a model: the same learner, whose model is never trusted.
         let mut plain = Adaptive::new(Model::Memory(*believed), 0.999).unwrap();
-        let mut fixed = MemoryState::default();
-        let mut piezos = [MemoryState::default(); 3];
+        let mut fixed = believed.switched_on();
+        let mut piezos = [truth.switched_on(); 3];
         let cycles = (3600.0 / PERIOD) as usize;
         let mut parts = vec![[0.0; 3]; PARTS];
         let mut state = 9_u64;

@@ -2,6 +2,7 @@
 
 use super::memory::{DEGREE, PLAYS, RELAXATIONS};
 use super::{Invalid, Memory, Record, Zero};
+use crate::golden::least;
 
 /// Samples used for a fit: more lie so close that they say nothing new.
 const SAMPLES: usize = 20_000;
@@ -27,8 +28,8 @@ pub enum Creep {
     /// Nothing: each has its own, and those that the record is too short or too coarse to show have
     /// none.
     Any,
-    /// Creep is logarithmic in time: relaxations slower than a second have one share among them,
-    /// also those that go on after the record's end.
+    /// Creep is logarithmic in time: relaxations slower than a tenth of a second have one share among
+    /// them, also those that go on after the record's end.
     Logarithmic,
 }
 
@@ -89,25 +90,11 @@ pub fn fit_memory(
 /// The lag up to `longest` that fits best, by golden section. A curve that leans is enough to
 /// find it, and creep changes nothing about it.
 fn best_lag(record: &Record, to: usize, longest: f64, creep: Creep) -> f64 {
-    const GOLDEN: f64 = 0.618_033_988_749_894_9;
     /// A hundredth of a sample.
     const ACCURATE: f64 = 1e-3;
-    let error = |lag: f64| solve(record, to, 2, lag, creep, 1).map_or(f64::INFINITY, |(e, _)| e);
-    let (mut low, mut high) = (0.0, longest);
-    let (mut a, mut b) = (high - GOLDEN * (high - low), low + GOLDEN * (high - low));
-    let (mut at_a, mut at_b) = (error(a), error(b));
-    while high - low > ACCURATE * longest {
-        if at_a < at_b {
-            (high, b, at_b) = (b, a, at_a);
-            a = high - GOLDEN * (high - low);
-            at_a = error(a);
-        } else {
-            (low, a, at_a) = (a, b, at_b);
-            b = low + GOLDEN * (high - low);
-            at_b = error(b);
-        }
-    }
-    0.5 * (low + high)
+    least((0.0, longest), ACCURATE * longest, |lag| {
+        solve(record, to, 2, lag, creep, 1).map_or(f64::INFINITY, |(error, _)| error)
+    })
 }
 
 /// Rounds in which creep follows what the round before found.
@@ -147,8 +134,8 @@ fn solve(
         .collect();
     let measured = record.weight[from..to].iter().filter(|w| **w > 0.0).count();
     let every = measured.div_ceil(SAMPLES).max(1);
-    // Creep follows the plays' sum, which is not known before the fit; the displacement is near.
-    let mut sums: Vec<f64> = record.output[..to]
+    // Curve and creep are of what comes at once, not known before the fit; the displacement is near.
+    let mut at_once: Vec<f64> = record.output[..to]
         .iter()
         .map(|x| output.to_share(*x))
         .collect();
@@ -156,17 +143,17 @@ fn solve(
     for _ in 0..rounds {
         let mut normal = Normal::default();
         let mut state = model.at_rest(record.input_before(0, lag));
-        let mut relaxations = [sums[0]; RELAXATIONS];
+        let mut relaxations = [at_once[0]; RELAXATIONS];
         let mut met = 0;
         for k in 0..to {
-            model.follow(&mut state, inputs[k]);
+            model.at_once(&mut state, inputs[k]);
             let step = if k == 0 {
                 period
             } else {
                 record.time[k] - record.time[k - 1]
             };
             for (z, constant) in relaxations.iter_mut().zip(&CONSTANTS) {
-                *z += -(-step / constant).exp_m1() * (sums[k] - *z);
+                *z += -(-step / constant).exp_m1() * (at_once[k] - *z);
             }
             if k < from || record.weight[k] == 0.0 {
                 continue;
@@ -179,9 +166,9 @@ fn solve(
             let mut row = [0.0; COLUMNS];
             row[..PLAYS].copy_from_slice(state.plays());
             row[OFFSET] = 1.0;
-            let mut power = x;
+            let mut power = at_once[k];
             for cell in &mut row[CURVE..CURVE + degree - 1] {
-                power *= x;
+                power *= at_once[k];
                 *cell = power;
             }
             for i in 0..RELAXATIONS {
@@ -203,10 +190,10 @@ fn solve(
             model.shares[first..].fill(share);
         }
         error = squares.sqrt();
-        // The sums as this model has them.
+        // What comes at once as this model has it.
         let mut state = model.at_rest(record.input_before(0, lag));
-        for (sum, v) in sums.iter_mut().zip(&inputs) {
-            *sum = model.follow(&mut state, *v);
+        for (u, v) in at_once.iter_mut().zip(&inputs) {
+            *u = model.at_once(&mut state, *v);
         }
     }
     model.weights[0] = model.weights[0].max(1e-6);

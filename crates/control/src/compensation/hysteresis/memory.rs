@@ -3,14 +3,15 @@
 //! ```text
 //! p_i <- max(v - r_i, min(v + r_i, p_i))            play operators
 //! h    = sum w_i p_i                                 w_i >= 0, r_0 = 0
-//! z_k' = (h - z_k) / tau_k                           creep
-//! x - c_2 x^2 - c_3 x^3 = b + h + sum s_k z_k        x leans and saturates
+//! u - c_2 u^2 - c_3 u^3 = b + h                      u leans and saturates
+//! z_k' = (u - z_k) / tau_k                           creep, a share of the displacement
+//! x    = u + sum s_k z_k
 //! ```
 //!
-//! The left side is a polynomial of the displacement, so that both the fit and the inverse are
-//! direct: for a wanted displacement `h` follows, and from `h` the voltage, for the plays are a
-//! piecewise straight line from where they are. That is the known inverse of the operator, an
-//! operator of the same kind, without a second state that could part from the first.
+//! Every step has a direct inverse: from a wanted displacement follows `u`, from that `h`, and from
+//! `h` the voltage, for the plays are a piecewise straight line from where they are. That is the
+//! known inverse of the operator, an operator of the same kind, without a second state that could
+//! part from the first.
 
 use super::{Invalid, Range};
 use serde::{Deserialize, Serialize};
@@ -48,9 +49,8 @@ pub struct Memory {
     pub lag: f64,
 }
 
-/// What a [`Memory`] remembers. Its default is a piezo cycled with falling amplitude around the
-/// middle of the range, and at rest there.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+/// What a [`Memory`] remembers.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MemoryState {
     plays: [f64; PLAYS],
     relaxations: [f64; RELAXATIONS],
@@ -79,9 +79,10 @@ impl MemoryState {
 }
 
 impl Memory {
-    /// The usual slacks: from zero, evenly, to half the range.
+    /// The usual slacks: from zero to half the range, closer together where they are small, for what
+    /// a piezo does just after a turn, in a climb or against its creep, is done by those.
     pub fn usual_slack() -> [f64; PLAYS] {
-        std::array::from_fn(|i| i as f64 / PLAYS as f64)
+        std::array::from_fn(|i| (i as f64 / PLAYS as f64).powf(1.5))
     }
 
     /// Checks what was read from a file.
@@ -133,31 +134,40 @@ impl Memory {
         self.weights.iter().filter(|w| **w > 0.0).count()
     }
 
-    /// `x - c_2 x^2 - c_3 x^3`, and its slope.
-    fn bend(&self, x: f64) -> (f64, f64) {
+    /// `u - c_2 u^2 - c_3 u^3`, and its slope.
+    fn bend(&self, u: f64) -> (f64, f64) {
         let [c2, c3] = self.curve;
         (
-            x * (1.0 - x * (c2 + x * c3)),
-            1.0 - x * (2.0 * c2 + 3.0 * x * c3),
+            u * (1.0 - u * (c2 + u * c3)),
+            1.0 - u * (2.0 * c2 + 3.0 * u * c3),
         )
     }
 
-    /// The displacement whose [`Self::bend`] is `y`.
+    /// The `u` whose [`Self::bend`] is `y`.
     fn straighten(&self, y: f64) -> f64 {
-        let mut x = y.clamp(-1.5, 1.5);
+        let [c2, c3] = self.curve;
+        let y = y.clamp(-1.5, 1.5);
+        // The series of the inverse, so that few steps are left.
+        let mut u = y * (1.0 + y * (c2 + y * (2.0 * c2 * c2 + c3)));
         for _ in 0..8 {
-            let (value, slope) = self.bend(x);
+            let (value, slope) = self.bend(u);
             let step = (value - y) / slope.max(0.05);
-            x = (x - step).clamp(-2.0, 2.0);
-            if step.abs() < 1e-15 {
+            u = (u - step).clamp(-2.0, 2.0);
+            // The error that is left is about the square of the step.
+            if step.abs() < 1e-8 {
                 break;
             }
         }
-        x
+        u
+    }
+
+    /// Lets the plays follow the voltage `v`; `u`, what comes of it at once.
+    pub(super) fn at_once(&self, state: &mut MemoryState, v: f64) -> f64 {
+        self.straighten(self.offset + self.follow(state, v))
     }
 
     /// Lets the plays follow the voltage `v`; `h`.
-    pub(super) fn follow(&self, state: &mut MemoryState, v: f64) -> f64 {
+    fn follow(&self, state: &mut MemoryState, v: f64) -> f64 {
         let mut h = 0.0;
         for ((play, slack), weight) in state.plays.iter_mut().zip(&self.slack).zip(&self.weights) {
             let (low, high) = (v - slack, v + slack);
@@ -198,13 +208,12 @@ impl Memory {
     /// The displacement after `period` seconds at the next voltage.
     pub fn displacement(&self, state: &mut MemoryState, volts: f64, period: f64) -> f64 {
         state.set_period(&self.constants, period);
-        let h = self.follow(state, self.input.to_share(volts));
-        let y = self.offset + h + self.creep(state, h);
-        self.output.of_share(self.straighten(y))
+        let u = self.at_once(state, self.input.to_share(volts));
+        self.output.of_share(u + self.creep(state, u))
     }
 
     /// Advances the relaxations by one period; what they add.
-    fn creep(&self, state: &mut MemoryState, h: f64) -> f64 {
+    fn creep(&self, state: &mut MemoryState, u: f64) -> f64 {
         let mut sum = 0.0;
         for ((z, rate), share) in state
             .relaxations
@@ -212,7 +221,7 @@ impl Memory {
             .zip(&state.rates)
             .zip(&self.shares)
         {
-            *z += rate * (h - *z);
+            *z += rate * (u - *z);
             sum += share * *z;
         }
         sum
@@ -228,29 +237,40 @@ impl Memory {
         limits: &Range,
     ) -> f64 {
         state.set_period(&self.constants, period);
-        // Far beyond the range the static curve would turn back.
-        let (y, _) = self.bend(self.output.to_share(wanted).clamp(-1.5, 1.5));
-        // What the relaxations will have come to depends on h itself, linearly.
-        let (mut fixed, mut slope) = (self.offset, 1.0);
+        // What the relaxations will have come to depends on u itself, linearly.
+        let (mut crept, mut slope) = (0.0, 1.0);
         for ((z, rate), share) in state.relaxations.iter().zip(&state.rates).zip(&self.shares) {
-            fixed += share * (1.0 - rate) * z;
+            crept += share * (1.0 - rate) * z;
             slope += share * rate;
         }
-        let v = self.invert(state, (y - fixed) / slope);
+        let u = (self.output.to_share(wanted) - crept) / slope;
+        // Far beyond the range the static curve would turn back.
+        let (y, _) = self.bend(u.clamp(-1.5, 1.5));
+        let v = self.invert(state, y - self.offset);
         let volts = self.input.of_share(v).clamp(limits.low, limits.high);
-        let h = self.follow(state, self.input.to_share(volts));
-        self.creep(state, h);
+        let u = self.at_once(state, self.input.to_share(volts));
+        self.creep(state, u);
         volts
+    }
+
+    /// The state of a piezo cycled with falling amplitude around the middle of its range, and at
+    /// rest there.
+    pub fn switched_on(&self) -> MemoryState {
+        self.resting([0.0; PLAYS])
     }
 
     /// A state as after a long rest at `volts`, with nothing remembered.
     pub fn at_rest(&self, volts: f64) -> MemoryState {
-        let v = self.input.to_share(volts);
-        let h = v * self.weights.iter().sum::<f64>();
+        self.resting([self.input.to_share(volts); PLAYS])
+    }
+
+    fn resting(&self, plays: [f64; PLAYS]) -> MemoryState {
+        let h: f64 = plays.iter().zip(&self.weights).map(|(p, w)| p * w).sum();
         MemoryState {
-            plays: [v; PLAYS],
-            relaxations: [h; RELAXATIONS],
-            ..MemoryState::default()
+            plays,
+            relaxations: [self.straighten(self.offset + h); RELAXATIONS],
+            rates: [0.0; RELAXATIONS],
+            period: 0.0,
         }
     }
 }

@@ -185,7 +185,7 @@ impl Model {
     pub fn switched_on(&self) -> State {
         match self {
             Self::Rbf(_) => State::Rbf(RbfState::default()),
-            Self::Memory(_) => State::Memory(MemoryState::default()),
+            Self::Memory(model) => State::Memory(model.switched_on()),
         }
     }
 

@@ -51,7 +51,7 @@ fn rich_path() -> Vec<f64> {
 }
 
 fn record_of(memory: &Memory, path: &[f64], period: f64) -> Record {
-    let mut state = MemoryState::default();
+    let mut state = memory.switched_on();
     let output: Vec<f64> = path
         .iter()
         .map(|v| memory.displacement(&mut state, *v, period))
@@ -194,7 +194,7 @@ fn the_voltage_of_a_model_brings_about_the_wanted_displacement() {
         low: 0.0,
         high: 10.0,
     };
-    let (mut asked, mut done) = (MemoryState::default(), MemoryState::default());
+    let (mut asked, mut done) = (model.switched_on(), model.switched_on());
     let mut rng = Pcg64Mcg::seed_from_u64(11);
     for _ in 0..2000 {
         let wanted = 50e-6 * (rng.random::<f64>() - 0.5);
@@ -206,13 +206,23 @@ fn the_voltage_of_a_model_brings_about_the_wanted_displacement() {
 }
 
 #[test]
+fn a_piezo_that_rests_does_not_creep() {
+    let model = memory();
+    for mut state in [model.switched_on(), model.at_rest(5.0)] {
+        let at_once = model.displacement(&mut state, 5.0, 4e-4);
+        let later = model.displacement(&mut state, 5.0, 1e4);
+        assert!((later - at_once).abs() < 1e-15, "{at_once} to {later}");
+    }
+}
+
+#[test]
 fn beyond_its_voltages_a_model_stays_and_finds_back() {
     let model = memory();
     let limits = Range {
         low: 0.0,
         high: 10.0,
     };
-    let mut state = MemoryState::default();
+    let mut state = model.switched_on();
     assert_eq!(model.voltage(&mut state, 1.0, 4e-4, &limits), 10.0);
     assert_eq!(model.voltage(&mut state, -1.0, 4e-4, &limits), 0.0);
     let back = model.voltage(&mut state, 0.0, 4e-4, &limits);
@@ -262,7 +272,7 @@ proptest! {
         low in 0.0..9.9_f64, back in 0.0..1.0_f64, on in 0.0..1.0_f64,
     ) {
         let model = Memory { shares: [0.0; memory::RELAXATIONS], ..memory() };
-        let (mut straight, mut astray) = (MemoryState::default(), MemoryState::default());
+        let (mut straight, mut astray) = (model.switched_on(), model.switched_on());
         for v in [10.0, low] {
             model.displacement(&mut straight, v, 0.01);
             model.displacement(&mut astray, v, 0.01);
@@ -289,7 +299,7 @@ proptest! {
         };
         let high = low + width;
         let opening = |history: &[f64]| {
-            let mut state = MemoryState::default();
+            let mut state = model.switched_on();
             for v in history.iter().chain(&[low, high, low]) {
                 model.displacement(&mut state, *v, 0.01);
             }
