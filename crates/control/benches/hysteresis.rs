@@ -3,7 +3,7 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use pigtail_control::compensation::hysteresis::{
-    Memory, Model, Network, RIDGE, Range, Rbf, Recursive, Sample, UNITS,
+    Memory, Model, Network, RIDGE, Range, Rbf, Recursive, SPACING, Sample, UNITS,
 };
 use std::hint::black_box;
 
@@ -36,8 +36,8 @@ fn step(c: &mut Criterion, name: &str, model: &Model) {
 
 fn hysteresis(c: &mut Criterion) {
     let samples = samples();
-    let mut network =
-        Network::new(Network::lattice(), Network::rule()).expect("a lattice is there");
+    let mut network = Network::new(Network::lattice(SPACING), Network::rule(SPACING))
+        .expect("a lattice is there");
     network.train(&samples, RIDGE);
     let rbf = Model::Rbf(Rbf {
         input: VOLTS,

@@ -222,7 +222,7 @@ fn centre(
     let spec = &station.spec().micro;
     let (voltage, volts_of) = (spec.voltage, spec.voltage / spec.range);
     let mut brightest = (0.0_f64, 0.5 * voltage, 0.5 * voltage);
-    let mut line = |station: &mut Station, driven: f64, speed: f64| -> Result<_, Halt> {
+    let line = |station: &mut Station, driven: f64, speed: f64| -> Result<_, Halt> {
         let path = Path {
             turns: vec![0.0, voltage],
             speed,
@@ -245,20 +245,32 @@ fn centre(
             .collect();
         let returned = watch.drive(station, &back, |beside| both(piezo, driven, beside))?;
         seen.append(returned);
-        series.append(seen);
-        Ok(light)
+        Ok((light, seen))
     };
+    let mut last = 0.5 * voltage;
     for k in -LINES..=LINES {
         let at = 0.5 * voltage + volts_of * (around + APART * f64::from(k));
         let driven = at.clamp(0.0, voltage);
-        for (beside, light) in line(station, driven, voltage)? {
+        last = driven;
+        let (lights, seen) = line(station, driven, voltage)?;
+        series.append(seen);
+        for (beside, light) in lights {
             if light > brightest.0 {
                 brightest = (light, driven, beside);
             }
         }
     }
     let (top, driven, _) = brightest;
-    let slow = line(station, driven, 0.25 * voltage)?;
+    // To that line from below, as when it was brightest: from above the piezo stands elsewhere, by up
+    // to a beam's width.
+    let again = Path {
+        turns: vec![last, 0.0, driven],
+        speed: voltage,
+    };
+    let seen = watch.drive(station, &again, |driven| both(piezo, driven, 0.0))?;
+    series.append(seen);
+    let (slow, seen) = line(station, driven, 0.25 * voltage)?;
+    series.append(seen);
     let bright: Vec<(f64, f64)> = slow.into_iter().filter(|p| p.1 > 0.2 * top).collect();
     let middle = bright.iter().map(|p| p.0).sum::<f64>() / bright.len().max(1) as f64;
     let from: Vec<(f64, f64)> = bright.iter().map(|p| (p.0 - middle, p.1)).collect();

@@ -5,11 +5,7 @@ use super::html::{escape, figure, page};
 use super::hysteresis::{Curve, plot};
 use crate::hysteresis::machine::Identified;
 use anyhow::Result;
-use pigtail_control::compensation::hysteresis::{
-    FORWARD, Model, Network, Rbf, Record, SPACING, UNITS,
-};
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex;
+use pigtail_control::compensation::hysteresis::{FORWARD, Model, Network, Rbf, Spectrum, UNITS};
 use std::fmt::Write as _;
 
 /// The report of identified micros as one HTML text.
@@ -120,65 +116,29 @@ fn light_and_curves(found: &Identified) -> Result<String> {
         "Displacement against voltage: full ways, and the ways back from turning voltages across the \
          range (Fig. 4.4).",
     ));
-    let (power, highest) = spectrum(r);
-    body.push_str(&figure(
-        &plot(HALF, "frequency, 1/V", "log10 of power", &[("", power)])?,
-        &format!(
-            "Power of the displacement over a way forward and back, against frequency along the \
-             voltage (Fig. 4.6). Up to {highest:.2} a volt it stands four times above what lies \
-             beyond one a volt. The thesis read 0.5 a volt off its own and spaced the functions \
-             1/(2f) = {SPACING} V apart; so are these."
-        ),
-    ));
+    if let Model::Rbf(rbf) = &piezo.rbf
+        && let Some(spectrum) = Spectrum::of(&piezo.ways, &rbf.input, &rbf.output)
+    {
+        let power = spectrum.power.iter().take_while(|p| p.0 <= 2.5);
+        body.push_str(&figure(
+            &plot(
+                HALF,
+                "frequency, 1/V",
+                "log10 of power",
+                &[("", power.map(|(f, p)| (*f, p.max(1e-12).log10())).collect())],
+            )?,
+            &format!(
+                "Power of the displacement over a way to the middle and back, against frequency \
+                 along the voltage (Fig. 4.6). Beyond {:.2} a volt less than half a percent of the \
+                 range is left: functions are 1/(2f) = {:.2} V apart, {} of them.",
+                spectrum.highest(),
+                spectrum.spacing(),
+                rbf.forward.functions()
+            ),
+        ));
+    }
     body.push_str("</div>\n");
     Ok(body)
-}
-
-/// Power of the displacement over a full way forward and the way back, by frequency along the
-/// voltage; and up to which it is more than noise.
-fn spectrum(record: &Record) -> (Vec<(f64, f64)>, f64) {
-    const POINTS: usize = 512;
-    let range = record.input_range();
-    let swings: Vec<_> = record.swings().collect();
-    let full = |k: usize| {
-        let v = &record.input;
-        (v[swings[k].end] - v[swings[k].start]).abs() > 0.95 * range.width()
-    };
-    let Some(k) =
-        (0..swings.len().saturating_sub(1)).find(|k| swings[*k].rising && full(*k) && full(*k + 1))
-    else {
-        return (Vec::new(), 0.0);
-    };
-    let (start, n) = (swings[k].start, swings[k + 1].end - swings[k].start);
-    let mut values: Vec<Complex<f64>> = (0..POINTS)
-        .map(|k| Complex::new(1e6 * record.output[start + k * n / POINTS], 0.0))
-        .collect();
-    let mean = values.iter().map(|v| v.re).sum::<f64>() / POINTS as f64;
-    for v in &mut values {
-        v.re -= mean;
-    }
-    FftPlanner::new()
-        .plan_fft_forward(POINTS)
-        .process(&mut values);
-    // Forward and back the voltage goes twice over its range.
-    let points: Vec<(f64, f64)> = (1..POINTS / 4)
-        .map(|k| {
-            let power = (values[k].norm() / POINTS as f64).powi(2).max(1e-12);
-            (k as f64 / (2.0 * range.width()), power)
-        })
-        .collect();
-    let beyond: Vec<f64> = points.iter().filter(|p| p.0 > 1.0).map(|p| p.1).collect();
-    let noise = beyond.iter().sum::<f64>() / beyond.len().max(1) as f64;
-    let highest = points
-        .iter()
-        .take_while(|p| p.0 <= 1.0)
-        .filter(|p| p.1 > 4.0 * noise)
-        .fold(0.0, |h: f64, p| h.max(p.0));
-    let logs = points
-        .into_iter()
-        .filter(|p| p.0 <= 2.5)
-        .map(|(f, power)| (f, power.log10()));
-    (logs.collect(), highest)
 }
 
 /// Figs. 4.7 to 4.9.
@@ -209,7 +169,7 @@ fn networks(found: &Identified) -> Result<String> {
              {:.2} by (4.6).",
             rbf.forward.width(),
             rbf.inverse.width(),
-            Network::rule()
+            Network::rule(rbf.forward.spacing())
         ),
     ));
     body.push_str("<div class=\"pair\">\n");

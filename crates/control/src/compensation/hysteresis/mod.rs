@@ -17,14 +17,14 @@ mod fit;
 mod memory;
 mod rbf;
 mod record;
+mod spectrum;
 
 pub use adapt::Adaptive;
 pub use fit::{Creep, fit_memory};
 pub use memory::{Memory, MemoryState};
-pub use rbf::{
-    FORWARD, FUNCTIONS, Network, RIDGE, Rbf, RbfState, Recursive, SPACING, Sample, UNITS,
-};
+pub use rbf::{FORWARD, Network, RIDGE, Rbf, RbfState, Recursive, SPACING, Sample, UNITS};
 pub use record::{LEAST, Record, Swing, interpolated};
+pub use spectrum::Spectrum;
 
 use serde::{Deserialize, Serialize};
 

@@ -1,5 +1,6 @@
 //! The thesis's model of hysteresis: radial basis networks for one turning point (4.2-4.6).
 
+use super::spectrum::Spectrum;
 use super::{Invalid, Range, Record, Swing};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use serde::{Deserialize, Serialize};
@@ -11,11 +12,9 @@ pub const UNITS: f64 = 10.0;
 /// The turning point that stands for the way forward, units. No turn can be there.
 pub const FORWARD: f64 = -5.0;
 
-/// Distance of neighbouring centres, units: half the period of the highest frequency that matters.
+/// Distance of neighbouring centres in the thesis, units: half the period of the highest frequency
+/// that mattered there. [`Spectrum`] says which it is here.
 pub const SPACING: f64 = 1.0;
-
-/// Number of functions of each network.
-pub const FUNCTIONS: usize = 75;
 
 /// A sum of Gaussians of one width over a plane, (4.3).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -74,19 +73,29 @@ impl Network {
         Self::new(self.centres.clone(), self.width).map(|_| ())
     }
 
-    /// The centres of Fig. 4.7: a column of ten along the way forward, and a lattice of
-    /// [`SPACING`] in the triangle in which a way back lies below its turning point.
-    pub fn lattice() -> Vec<[f64; 2]> {
-        let forward = (0..10).map(|k| [FORWARD, UNITS * f64::from(k) / 9.0]);
-        let back = (1..=10).flat_map(|turn| {
-            (0..=turn).map(move |k| [SPACING * f64::from(turn), SPACING * f64::from(k)])
-        });
+    /// The centres of Fig. 4.7: a column along the way forward, and a lattice in the triangle in
+    /// which a way back lies below its turning point. `spacing` is the distance of neighbours,
+    /// units; one unit makes the thesis's 75 functions.
+    pub fn lattice(spacing: f64) -> Vec<[f64; 2]> {
+        let along = (UNITS / spacing).round().max(2.0) as u32;
+        let share = |k: u32, of: u32| UNITS * f64::from(k) / f64::from(of);
+        let forward = (0..along).map(|k| [FORWARD, share(k, along - 1)]);
+        let back = (1..=along)
+            .flat_map(|turn| (0..=turn).map(move |k| [share(turn, along), share(k, along)]));
         forward.chain(back).collect()
     }
 
     /// The width by the rule (4.6), from which tuning starts.
-    pub fn rule() -> f64 {
-        std::f64::consts::PI.sqrt() * SPACING
+    pub fn rule(spacing: f64) -> f64 {
+        std::f64::consts::PI.sqrt() * spacing
+    }
+
+    /// Distance of neighbouring centres of a [`Self::lattice`], units.
+    pub fn spacing(&self) -> f64 {
+        self.centres
+            .windows(2)
+            .next_back()
+            .map_or(UNITS, |pair| pair[1][1] - pair[0][1])
     }
 
     /// Number of functions.
@@ -170,11 +179,12 @@ impl Network {
     }
 
     /// A network on [`Self::lattice`] whose width makes the error least, trained with `samples`.
-    fn tuned(samples: &[Sample]) -> Self {
+    fn tuned(spacing: f64, samples: &[Sample]) -> Self {
         let trained = |width: f64, samples: &[Sample]| {
+            let centres = Self::lattice(spacing);
             let mut network = Self {
-                centres: Self::lattice(),
-                weights: vec![0.0; FUNCTIONS],
+                weights: vec![0.0; centres.len()],
+                centres,
                 width,
             };
             network.train(samples, RIDGE);
@@ -186,7 +196,7 @@ impl Network {
             chosen.copied().collect()
         };
         let (fitted, kept) = (part(0), part(1));
-        let rule = Self::rule();
+        let rule = Self::rule(spacing);
         let mut best = (f64::INFINITY, rule);
         // Ways are smooth: the best width may be more than twice that of the rule.
         for k in 0..10 {
@@ -338,6 +348,7 @@ impl RbfState {
 impl Rbf {
     /// Trains both networks off line with the ways forward from the bottom of a record's range and
     /// the ways back that follow them: what they were made for. Samples without weight are left out.
+    /// How far apart the functions are says the spectrum of such a way.
     ///
     /// # Errors
     ///
@@ -358,6 +369,7 @@ impl Rbf {
             .map(|s| s[0])
             .filter(|turn| *turn > FORWARD)
             .collect();
+        let spacing = Spectrum::of(record, &input, &output).map_or(SPACING, |s| s.spacing());
         let every = samples.len().div_ceil(2000);
         let thin: Vec<[f64; 3]> = samples.into_iter().step_by(every).collect();
         let forward: Vec<Sample> = thin.iter().map(|[v1, v, x]| ([*v1, *v], *x)).collect();
@@ -366,8 +378,8 @@ impl Rbf {
             input,
             output,
             turns: Range::of(&turns),
-            forward: Network::tuned(&forward),
-            inverse: Network::tuned(&inverse),
+            forward: Network::tuned(spacing, &forward),
+            inverse: Network::tuned(spacing, &inverse),
         })
     }
 

@@ -75,9 +75,9 @@ fn points(seed: u64, n: usize) -> Vec<[f64; 2]> {
 }
 
 fn network(width: f64, seed: u64) -> Network {
-    let mut network = Network::new(Network::lattice(), width).unwrap();
+    let mut network = Network::new(Network::lattice(SPACING), width).unwrap();
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
-    let weights: Vec<f64> = (0..FUNCTIONS)
+    let weights: Vec<f64> = (0..network.functions())
         .map(|_| 2.0 * rng.random::<f64>() - 1.0)
         .collect();
     network.set_weights(&weights).unwrap();
@@ -91,34 +91,34 @@ fn a_network_is_recovered_from_its_own_data() {
         .into_iter()
         .map(|at| (at, truth.value(at)))
         .collect();
-    let mut found = Network::new(Network::lattice(), SPACING).unwrap();
+    let mut found = Network::new(Network::lattice(SPACING), SPACING).unwrap();
     found.train(&samples, 1e-15);
     for (a, b) in found.parts().1.iter().zip(truth.parts().1) {
         assert!((a - b).abs() < 1e-6, "{a} for {b}");
     }
     // As wide as (4.6) wants them, neighbours are hard to tell apart, but not what they say.
-    let truth = network(Network::rule(), 3);
+    let truth = network(Network::rule(SPACING), 3);
     let samples: Vec<Sample> = samples
         .iter()
         .map(|(at, _)| (*at, truth.value(*at)))
         .collect();
-    let mut found = Network::new(Network::lattice(), Network::rule()).unwrap();
+    let mut found = Network::new(Network::lattice(SPACING), Network::rule(SPACING)).unwrap();
     found.train(&samples, 1e-15);
     assert!(found.error(&samples) < 1e-6);
 }
 
 #[test]
 fn learning_one_by_one_ends_where_learning_at_once_does() {
-    let truth = network(Network::rule(), 4);
+    let truth = network(Network::rule(SPACING), 4);
     let mut rng = Pcg64Mcg::seed_from_u64(5);
     let samples: Vec<Sample> = points(6, 1500)
         .into_iter()
         .map(|at| (at, truth.value(at) + 0.01 * (rng.random::<f64>() - 0.5)))
         .collect();
     let ridge = 1e-6;
-    let mut batch = Network::new(Network::lattice(), Network::rule()).unwrap();
+    let mut batch = Network::new(Network::lattice(SPACING), Network::rule(SPACING)).unwrap();
     batch.train(&samples, ridge);
-    let mut online = Network::new(Network::lattice(), Network::rule()).unwrap();
+    let mut online = Network::new(Network::lattice(SPACING), Network::rule(SPACING)).unwrap();
     let mut learner = Recursive::new(&online, ridge * samples.len() as f64, 1.0).unwrap();
     for sample in &samples {
         learner.learn(&mut online, *sample);
@@ -130,7 +130,7 @@ fn learning_one_by_one_ends_where_learning_at_once_does() {
 
 #[test]
 fn forgetting_follows_a_gain_that_drifts() {
-    let truth = network(Network::rule(), 7);
+    let truth = network(Network::rule(SPACING), 7);
     let mut online = truth.clone();
     let mut learner = Recursive::new(&online, 1.0, 0.999).unwrap();
     let places = points(8, 20_000);
@@ -148,8 +148,10 @@ fn forgetting_follows_a_gain_that_drifts() {
 
 #[test]
 fn seventy_five_functions_as_in_the_thesis() {
-    assert_eq!(Network::lattice().len(), FUNCTIONS);
-    assert!((Network::rule().powi(2) - std::f64::consts::PI * SPACING * SPACING).abs() < 1e-12);
+    assert_eq!(Network::lattice(SPACING).len(), 75);
+    assert!(
+        (Network::rule(SPACING).powi(2) - std::f64::consts::PI * SPACING * SPACING).abs() < 1e-12
+    );
 }
 
 #[test]

@@ -5,13 +5,11 @@ use super::super::{Bench, Figure, ReproduceError};
 use crate::hysteresis::Kind;
 use crate::hysteresis::machine::{Followed, Identified, identify_and_scan};
 use pigtail_control::compensation::hysteresis::{
-    FORWARD, Model, Network, Rbf, Record, SPACING, Sample, UNITS,
+    FORWARD, Model, Network, Rbf, Record, Sample, Spectrum, UNITS,
 };
 use pigtail_control::piezo;
 use pigtail_hal::Side;
 use rayon::prelude::*;
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex;
 
 pub(super) fn piezos(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
     /// Identifications: the greatest difference that is left depends on the light's noise.
@@ -34,9 +32,9 @@ pub(super) fn piezos(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
         figure_4_3(found),
         figure_4_4(&first.record),
         figure_4_5(&first.record),
-        figure_4_6(first),
     ];
     if let Model::Rbf(rbf) = &first.rbf {
+        figures.push(figure_4_6(rbf, &first.ways));
         figures.extend(networks(first, rbf));
     }
     figures.push(figure_4_10(&all));
@@ -150,71 +148,21 @@ fn figure_4_5(record: &Record) -> Figure {
     )
 }
 
-/// Power by frequency along the voltage over a way forward to `turn` and back, as many volts as units,
-/// from so many displacements. Each is that of one sample of the light by (4.1), as in the thesis: the
-/// record averages over some, which would take noise away that the thesis had.
-fn spectrum(first: &piezo::Identified, turn: f64, points: usize) -> Option<Points> {
-    let (record, series) = (&first.record, &first.series);
-    let (start, at, end) = turned_at(record, turn)?;
-    let width = 2.0 * (record.input[at] - record.input[start]);
-    let [from, to] = [start, end].map(|k| series.time.partition_point(|t| *t < record.time[k]));
-    let mut values: Vec<Complex<f64>> = (0..points)
-        .map(|k| {
-            let light = series.light[from + k * (to - from) / points].max(1e-6);
-            Complex::new(1e6 * first.flank.displacement(light), 0.0)
-        })
-        .collect();
-    let mean = values.iter().map(|v| v.re).sum::<f64>() / points as f64;
-    for v in &mut values {
-        v.re -= mean;
-    }
-    FftPlanner::new()
-        .plan_fft_forward(points)
-        .process(&mut values);
-    let power = |k: usize| (values[k].norm() / points as f64).powi(2).max(1e-12);
-    Some(
-        (1..points / 4)
-            .map(|k| (k as f64 / width, power(k)))
-            .collect(),
-    )
-}
-
-/// The frequency up to which a power stands four times above the noise, which is all beyond 1/V.
-fn above_noise(points: &[(f64, f64)]) -> f64 {
-    let beyond: Vec<f64> = points.iter().filter(|p| p.0 > 1.0).map(|p| p.1).collect();
-    let noise = beyond.iter().sum::<f64>() / beyond.len().max(1) as f64;
-    points
-        .iter()
-        .take_while(|p| p.0 <= 1.0)
-        .filter(|p| p.1 > 4.0 * noise)
-        .fold(0.0, |h: f64, p| h.max(p.0))
-}
-
-fn figure_4_6(piezo: &piezo::Identified) -> Figure {
-    /// Displacements of a spectrum.
-    const POINTS: usize = 512;
+fn figure_4_6(rbf: &Rbf, ways: &Record) -> Figure {
     let figure = Figure::new("4.6", "Power spectral density of x for v1 = 5");
-    let Some(points) = spectrum(piezo, 5.0, POINTS) else {
+    let Some(spectrum) = Spectrum::of(ways, &rbf.input, &rbf.output) else {
         return figure;
     };
-    let first = points
+    let first = spectrum
+        .power
         .iter()
         .max_by(|a, b| a.1.total_cmp(&b.1))
         .map_or(f64::NAN, |p| p.0);
-    let others: Vec<String> = [POINTS / 4, 2 * POINTS]
+    let logs: Points = spectrum
+        .power
         .iter()
-        .filter_map(|n| {
-            Some(format!(
-                "{:.2} from {n}",
-                above_noise(&spectrum(piezo, 5.0, *n)?)
-            ))
-        })
-        .collect();
-    let highest = above_noise(&points);
-    let logs: Points = points
-        .into_iter()
-        .filter(|p| p.0 <= 2.5)
-        .map(|(f, power)| (f, power.log10()))
+        .take_while(|p| p.0 <= 2.5)
+        .map(|(f, power)| (*f, power.max(1e-12).log10()))
         .collect();
     figure
         .picture(
@@ -227,11 +175,10 @@ fn figure_4_6(piezo: &piezo::Identified) -> Figure {
         .result("4.6-first", first)
         .noted(
             "4.6-highest",
-            highest,
+            spectrum.highest(),
             format!(
-                "From {POINTS} displacements; {}: the floor of noise falls with their number, which the \
-                 thesis does not print.",
-                others.join(", ")
+                "It sets the networks' functions {:.2} V apart.",
+                spectrum.spacing()
             ),
         )
 }
@@ -265,9 +212,10 @@ fn networks(first: &piezo::Identified, rbf: &Rbf) -> Vec<Figure> {
     let count = rbf.forward.functions();
     let note = |network: &Network| {
         format!(
-            "{count} functions {SPACING} V apart, width {:.2} tuned from {:.2} by (4.6).",
+            "{count} functions {:.2} V apart, width {:.2} tuned from {:.2} by (4.6).",
+            network.spacing(),
             network.width(),
-            Network::rule()
+            Network::rule(network.spacing())
         )
     };
     vec![

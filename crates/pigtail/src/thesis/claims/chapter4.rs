@@ -38,10 +38,9 @@ pub(super) const CLAIMS: &[Statement] = &[
             "4.2.2",
             "there are substantial components up to around (f = 0.5Hz)",
         ),
-        "frequency up to which the power stands four times above the noise",
+        "frequency beyond which less than 0.5 % of the range is left, v1 = 5",
         (0.5, "1/V", Factor),
-    )
-    .because(0.904, "Where power goes under is a matter of noise alone, and the sensing fiber's light is less noisy here: with twice the photodiode's noise it stands out up to 0.7, with eight times up to 0.3 a volt."),
+    ),
     claim(
         "4.8-forward",
         (
