@@ -323,6 +323,21 @@ pub fn non_negative<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D
     number(deserializer, Sign::NonNegative)
 }
 
+/// Deserializes a plain number of one or more.
+///
+/// # Errors
+///
+/// When it is below or not finite.
+pub fn one_or_more<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    let value = number(deserializer, Sign::Positive)?;
+    if value < 1.0 {
+        return Err(D::Error::custom(format!(
+            "{value} is below one; accepted is a number of 1 or more"
+        )));
+    }
+    Ok(value)
+}
+
 /// Deserializes a plain number from zero to one.
 ///
 /// # Errors

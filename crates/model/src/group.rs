@@ -18,6 +18,9 @@ pub struct Group<const N: usize> {
     gain: Each<N>,
     linear: Each<N>,
     cubic: Each<N>,
+    bend: Each<N>,
+    unbend: Each<N>,
+    stiffest: Each<N>,
     load_torque: Each<N>,
     motor: Bodies<N>,
     load: Bodies<N>,
@@ -166,6 +169,9 @@ impl<const N: usize> Group<N> {
             gain: of(|j| j.parameters().motor.gain()),
             linear: of(|j| j.parameters().transmission.linear()),
             cubic: of(|j| j.parameters().transmission.cubic()),
+            bend: of(|j| j.parameters().transmission.bend()),
+            unbend: of(|j| -j.parameters().transmission.bend()),
+            stiffest: of(|j| j.parameters().transmission.stiffest()),
             load_torque: of(|j| j.parameters().load_torque),
             motor: bodies(
                 |j| j.parameters().motor_friction,
@@ -266,7 +272,9 @@ impl<const N: usize> Group<N> {
     /// Torques of the transmissions, N m.
     #[inline]
     fn torque(&self, twist: Each<N>) -> Each<N> {
-        twist * (self.linear + self.cubic * twist * twist)
+        let hardening = twist.max(self.unbend).min(self.bend);
+        hardening * (self.linear + self.cubic * hardening * hardening)
+            + self.stiffest * (twist - hardening)
     }
 
     /// By how much static friction holds the stuck bodies, N m; negative where it does not.

@@ -9,6 +9,7 @@ use pigtail_machines::twin::Plant;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
+use toml_edit::{Item, TableLike};
 
 /// The rig that is used where none is named, compiled in, so that the program works wherever it
 /// is started.
@@ -26,6 +27,13 @@ const DEFAULT_RIG: [(&str, &str); 3] = [
 
 /// The files of a rig.
 pub const FILES: [&str; 3] = [DEFAULT_RIG[0].0, DEFAULT_RIG[1].0, DEFAULT_RIG[2].0];
+
+/// Where the machine that a rig's experiments are compared with departs from the rig's files; a rig may go
+/// without.
+const MEASURED: (&str, &str) = (
+    "measured.toml",
+    include_str!("../../../rigs/afpm/measured.toml"),
+);
 
 /// The name of the default rig.
 pub const DEFAULT_RIG_NAME: &str = "afpm";
@@ -211,6 +219,49 @@ impl Setup {
         })
     }
 
+    /// The same rig with what its `measured.toml` changes of plant and calibration; the rig itself where there
+    /// is no such file.
+    ///
+    /// # Errors
+    ///
+    /// When it is not TOML, has other tables than `plant` and `calibration`, or makes no rig of them.
+    pub fn measured(&self) -> Result<Self, Error> {
+        let (file, built_in) = MEASURED;
+        let source = match rig_folder(&self.rig).map(|folder| folder.join(file)) {
+            Some(path) if path.is_file() => read_file(&path)?,
+            None if self.rig == DEFAULT_RIG_NAME => Source {
+                name: format!("rigs/{}/{file} (built in)", self.rig),
+                text: built_in.to_owned(),
+            },
+            _ => return Ok(self.clone()),
+        };
+        let document = |source: &Source| -> Result<toml_edit::DocumentMut, Error> {
+            source
+                .text
+                .parse()
+                .map_err(|e| Error::new(&source.name, "", format!("is not TOML: {e}")))
+        };
+        let mut sources = self.sources.clone();
+        for (table, changes) in document(&source)?.iter() {
+            let of = [("plant", 1), ("calibration", 2)];
+            let changed = of.iter().find(|(name, _)| *name == table);
+            let (Some((_, index)), Some(changes)) = (changed, changes.as_table_like()) else {
+                let message = "is no table of this file; accepted is plant or calibration";
+                return Err(Error::new(&source.name, table, message));
+            };
+            let mut whole = document(&sources[*index])?;
+            put(whole.as_table_mut(), changes);
+            sources[*index] = Source {
+                name: format!("{} with {}", sources[*index].name, source.name),
+                text: whole.to_string(),
+            };
+        }
+        let mut setup = Self::from_sources(&self.rig, &self.recipe_name, sources)?;
+        setup.hashes.clone_from(&self.hashes);
+        setup.hashes.push((source.name, hash(&source.text)));
+        Ok(setup)
+    }
+
     /// The weights of models beside the calibration: names of files, and their texts.
     pub fn weights(&self) -> impl Iterator<Item = (&str, &str)> {
         let end = self.sources.len().saturating_sub(1);
@@ -300,6 +351,19 @@ impl Setup {
             .and_then(|()| std::fs::rename(&partial, path))
             .map_err(|e| failed("cannot be written", &e))?;
         Ok(Some(name))
+    }
+}
+
+/// Sets keys of a table, and of the tables in it.
+fn put(into: &mut dyn TableLike, changes: &dyn TableLike) {
+    for (key, change) in changes.iter() {
+        if let Some(changes) = change.as_table_like()
+            && let Some(into) = into.get_mut(key).and_then(Item::as_table_like_mut)
+        {
+            put(into, changes);
+        } else {
+            into.insert(key, change.clone());
+        }
     }
 }
 

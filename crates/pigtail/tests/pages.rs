@@ -197,7 +197,10 @@ impl Sources {
             return written().expect("a struct with a default has it written out");
         }
         match serde(&field.attrs, "default") {
-            Some(function) => format!("`{}` (SI)", self.functions[&function]),
+            Some(function) => match self.functions[&function].as_str() {
+                "f64 :: INFINITY" => "none".to_owned(),
+                value => format!("`{value}` (SI)"),
+            },
             None if optional => "none".to_owned(),
             None if flag(&field.attrs, "default") => match Self::type_of(&field.ty).0.as_str() {
                 "f64" => "`0`".to_owned(),
@@ -284,6 +287,7 @@ fn quantity(function: &str) -> String {
         "positive" => return "a number above zero".to_owned(),
         "non_negative" => return "a number of zero or more".to_owned(),
         "fraction" => return "a number from 0 to 1".to_owned(),
+        "one_or_more" => return "a number of one or more".to_owned(),
         "lengths" => return "an array of lengths (m, mm, um, nm)".to_owned(),
         "points" => return "an array of points, each of lengths (m, mm, um, nm)".to_owned(),
         "angles" => return "an array of angles (deg, rad, mrad)".to_owned(),
@@ -403,7 +407,10 @@ fn the_page_of_files_is_what_is_read() {
          are refused. Beside what stands here some keys are checked against each other; the error then \
          names the file, the key, the value and what would be accepted. \"Shipped\" is the value in \
          `rigs/afpm` and in `recipes/y-branch.toml`. This page is made from the structs that the files \
-         are read into; a test fails when it is out of date.\n\n",
+         are read into; a test fails when it is out of date.\n\n\
+         A rig may have a fourth file, `measured.toml`, with the tables `plant` and `calibration`: keys of those \
+         two files for the machine that `reproduce` measures on, where it is not the one of the files themselves. \
+         Nothing else reads it.\n\n",
     );
     for (file, about, shipped, root, sources) in [
         (

@@ -163,6 +163,55 @@ fn a_machine_with_other_physics_is_noticed() {
 }
 
 #[test]
+fn what_the_thesis_measured_is_measured_on_the_machine_that_measured_toml_makes_of_the_rig() {
+    let folder = TempDir::new().expect("a folder");
+    changed(folder.path(), "25 mm", "25 mm");
+    let measured = folder.path().join("rig/measured.toml");
+    let write = |text: &str| fs::write(&measured, text).expect("written");
+    write("[plant.five_bar.joint]\ntransmission.cubic = \"0 N m/rad3\"\n");
+    let names = ["2.8", "2.9", "--rig", "rig", "--json"];
+    let d = document(&reproduce(folder.path(), "2", &names));
+    let holds = |id: &str| {
+        let claims = d["claims"].as_array().expect("claims");
+        claims.iter().find(|c| c["id"] == id).expect("the claim")["holds"].clone()
+    };
+    assert_eq!(
+        holds("2.8-windup"),
+        false,
+        "a softer machine winds up further"
+    );
+    assert_eq!(holds("2.9-linear"), true, "the model is as it was");
+    // Stiffness with a bound makes preloads level off, as the thesis holds of its machine.
+    write(
+        "[plant.five_bar.joint.transmission]\nlinear = \"34 N m/rad\"\ncubic = \"1.8e7 N m/rad3\"\nbound = 3.5\n",
+    );
+    let levelled = document(&reproduce(
+        folder.path(),
+        "2",
+        &["2.13", "--rig", "rig", "--json"],
+    ));
+    assert_eq!(levelled["held"], levelled["of"], "{levelled}");
+    for (text, named) in [
+        ("[plant", "measured.toml"),
+        ("[plants]\nx = 1", "accepted is plant or calibration"),
+        ("[plant.five_bar.joint.transmission]\nbound = 0.5", "bound"),
+        (
+            "[calibration.geometry.five_bar]\ndistal = \"3 kg\"",
+            "distal",
+        ),
+    ] {
+        write(text);
+        let output = reproduce(folder.path(), "1", &names);
+        assert_eq!(output.status.code(), Some(2), "{text}");
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(
+            error.contains("measured.toml") && error.contains(named),
+            "{error}"
+        );
+    }
+}
+
+#[test]
 fn a_rig_under_another_law_of_friction_has_a_machine_without_any() {
     let folder = TempDir::new().expect("a folder");
     // The first is that of the five-bar.

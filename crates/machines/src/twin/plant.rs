@@ -175,6 +175,25 @@ pub struct TransmissionPlant {
     /// `k_h`, N m/rad^3.
     #[serde(deserialize_with = "quantity::non_negative_hardening")]
     pub cubic: f64,
+    /// How far its stiffness rises as it hardens, relative to `k_s`; without it (2.6), without end.
+    #[serde(default = "endless", deserialize_with = "quantity::one_or_more")]
+    pub bound: f64,
+}
+
+fn endless() -> f64 {
+    f64::INFINITY
+}
+
+impl TransmissionPlant {
+    /// The spring, so many times as stiff.
+    fn spring(&self, factor: f64) -> Result<Transmission, Invalid> {
+        let spring = Transmission::new(factor * self.linear, factor * self.cubic)?;
+        if self.bound.is_finite() {
+            spring.bounded(self.bound)
+        } else {
+            Ok(spring)
+        }
+    }
 }
 
 /// Friction on one body.
@@ -663,7 +682,7 @@ impl JointPlant {
             load_inertia: self.load_inertia,
             ratio,
             motor: Motor::new(motor.torque_constant, motor.back_emf, motor.resistance)?,
-            transmission: Transmission::new(self.transmission.linear, self.transmission.cubic)?,
+            transmission: self.transmission.spring(1.0)?,
             motor_friction: self.motor_friction.0,
             load_friction: self.load_friction.0,
             presliding: self.presliding,
@@ -689,10 +708,7 @@ impl JointPlant {
                 vary(self.motor.back_emf, variation.motor),
                 vary(self.motor.resistance, variation.motor),
             )?,
-            transmission: Transmission::new(
-                stiffness * self.transmission.linear,
-                stiffness * self.transmission.cubic,
-            )?,
+            transmission: self.transmission.spring(stiffness)?,
             motor_friction: self.motor_friction.scaled(vary(1.0, variation.friction))?,
             load_friction: self.load_friction.scaled(vary(1.0, variation.friction))?,
             presliding: vary(self.presliding, variation.stiffness),

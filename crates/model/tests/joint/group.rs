@@ -5,14 +5,19 @@ use crate::{CYCLE, triangle};
 use pigtail_model::friction::Friction;
 use pigtail_model::group::{Group, States};
 use pigtail_model::joint::{Joint, JointState};
+use pigtail_model::transmission::Transmission;
 use proptest::prelude::*;
 
-/// Four joints that stick, slip, hold and slide freely at different times.
+/// Four joints that stick, slip, hold and slide freely at different times. The stiffness of the third is
+/// bounded.
 fn joints(step: f64) -> [Joint; 4] {
+    let mut bounded = five_bar();
+    bounded.transmission = Transmission::new(34.0, 1.8e7)
+        .and_then(|spring| spring.bounded(3.5))
+        .expect("valid parameters");
     let mut free = five_bar();
     free.load_friction = Friction::new(0.0, 0.0, 0.01).expect("valid parameters");
-    [five_bar(), z_stage(), five_bar(), free]
-        .map(|p| Joint::new(p, step).expect("valid parameters"))
+    [five_bar(), z_stage(), bounded, free].map(|p| Joint::new(p, step).expect("valid parameters"))
 }
 
 /// A triangle scan under PID: the group in steps of `step`, and beside it under the same voltages

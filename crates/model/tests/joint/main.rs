@@ -164,6 +164,34 @@ fn the_harmonic_drive_hardens_as_its_maker_says() {
 }
 
 #[test]
+fn a_bounded_stiffness_rises_to_its_bound_and_no_further() {
+    let endless = Transmission::new(34.0, 1.8e7).unwrap();
+    let spring = endless.bounded(3.5).unwrap();
+    // k_s + 3 k_h w^2 = 3.5 k_s.
+    let bend = (2.5_f64 * 34.0 / (3.0 * 1.8e7)).sqrt();
+    assert!((spring.bend() - bend).abs() < 1e-15);
+    assert_eq!(spring.torque(0.9 * bend), endless.torque(0.9 * bend));
+    let beyond = endless.torque(bend) + 3.5 * 34.0 * bend;
+    assert!((spring.torque(-2.0 * bend) + beyond).abs() < 1e-15);
+    for part in [0.5, 0.99, 1.01, 3.0] {
+        let (twist, h) = (part * bend, 1e-9);
+        let slope = |of: &dyn Fn(f64) -> f64| (of(twist + h) - of(twist - h)) / (2.0 * h);
+        let (stiffness, torque) = (slope(&|w| spring.torque(w)), slope(&|w| spring.energy(w)));
+        assert!(
+            (stiffness / spring.stiffness(twist) - 1.0).abs() < 1e-5,
+            "{part}"
+        );
+        assert!((torque / spring.torque(twist) - 1.0).abs() < 1e-5, "{part}");
+        assert!((spring.twist(spring.torque(twist)) / twist - 1.0).abs() < 1e-12);
+    }
+    assert_eq!(endless.bounded(0.9).unwrap_err().parameter, "bound");
+    // What does not harden has no bend.
+    let linear = Transmission::new(34.0, 0.0).unwrap();
+    let bounded = linear.bounded(2.0).unwrap();
+    assert_eq!(bounded.torque(1.0), linear.torque(1.0));
+}
+
+#[test]
 fn static_below_coulomb_cannot_be_built() {
     let error = Friction::new(1e-3, 2e-3, 0.0).unwrap_err();
     assert_eq!(error.parameter, "static_friction");

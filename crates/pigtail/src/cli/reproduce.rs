@@ -15,9 +15,10 @@ use std::time::Duration;
 ///
 /// Every figure with data and every number in the text of *Coordinated Control of Two Macro/Micro
 /// Manipulators for Fiber Pigtailling Automation*, through the same control code as a real run. The
-/// seed draws device, fixture and noise; the machine is the thesis's, the one in the middle of what the
-/// rig's plant allows, unless a specimen is asked for. How near a result must come was chosen
-/// beforehand by the kind of its claim. A report goes into a folder below `runs`, with the thesis's slips
+/// seed draws device, fixture and noise. What the thesis simulated is simulated with its model, the rig's
+/// plant; what it measured is measured on the machine, which departs from the model where the rig's
+/// measured.toml says so: the one in the middle of its make, unless a specimen is asked for. How near a
+/// result must come goes by the kind of its claim. A report goes into a folder below `runs`, with the thesis's slips
 /// as a section of their own.
 ///
 /// The exit code is 1 where a claim does not hold for a reason that is not known. Those whose reason was
@@ -49,7 +50,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let common = &arguments.common;
     let selected = select(&arguments.names)?;
     let setup = Setup::load(&common.rig, DEFAULT_RECIPE_NAME)?;
-    let bench = Bench::new(setup, common.seed, arguments.quick, arguments.specimen);
+    let bench = Bench::new(setup, common.seed, arguments.quick, arguments.specimen)?;
     let run = Run::begin(
         &common.runs,
         "reproduce",

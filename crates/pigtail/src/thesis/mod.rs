@@ -6,10 +6,11 @@
 //!   one [`Experiment`];
 //! - [`errata`]: where the thesis slips.
 //!
-//! The machine is the thesis's: the one in the middle of all specimens, whose numbers are those of
-//! `plant.toml`. The seed draws device, fixture, noise and the searches' luck; where it is asked for, a
-//! specimen of the machine too, on which then all is measured that the thesis measured. What it
-//! simulated stays with the machine in the middle: a simulation knows its parameters.
+//! What the thesis simulated is simulated with its model, (2.1)-(2.13), whose numbers are those of
+//! `plant.toml`; what it measured is measured on the machine as it says that it departs from that model,
+//! which is `measured.toml`. Either is the one in the middle of all specimens. The seed draws device,
+//! fixture, noise and the searches' luck; where it is asked for, a specimen of the machine too, on which
+//! then all is measured. What was simulated stays in the middle: a simulation knows its parameters.
 
 mod chapter2;
 mod chapter3;
@@ -73,11 +74,11 @@ impl From<Unmeasured> for ReproduceError {
 /// What experiments are done on.
 #[derive(Debug, Clone)]
 pub struct Bench {
-    /// The rig on which is measured what the thesis measured.
+    /// The machine on which is measured what the thesis measured.
     pub machine: Setup,
-    /// The rig without what specimens differ by, for what the thesis simulated.
+    /// The model, without what specimens differ by, for what the thesis simulated.
     pub nominal: Setup,
-    /// Whether the two are not the same: the seed draws a specimen.
+    /// Whether the seed draws a specimen of the machine.
     pub specimen: bool,
     /// The seed.
     pub seed: u64,
@@ -86,11 +87,16 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// A bench with a rig, or with a specimen of it.
-    pub fn new(setup: Setup, seed: u64, quick: bool, specimen: bool) -> Self {
-        let mut nominal = setup.clone();
+    /// A bench with a rig in the middle of its specimens, or with one that the seed draws.
+    ///
+    /// # Errors
+    ///
+    /// As [`Setup::measured`].
+    pub fn new(setup: Setup, seed: u64, quick: bool, specimen: bool) -> Result<Self, Error> {
+        let mut machine = setup.measured()?;
+        let mut nominal = setup;
         // The device's loss stays: it is no part of the machine.
-        nominal.plant.variation = Variation {
+        let middle = Variation {
             inertia: 0.0,
             friction: 0.0,
             stiffness: 0.0,
@@ -99,15 +105,19 @@ impl Bench {
             hysteresis: 0.0,
             creep: 0.0,
             links: 0.0,
-            loss: setup.plant.variation.loss,
+            loss: nominal.plant.variation.loss,
         };
-        Self {
-            machine: if specimen { setup } else { nominal.clone() },
+        if !specimen {
+            machine.plant.variation = middle.clone();
+        }
+        nominal.plant.variation = middle;
+        Ok(Self {
+            machine,
             nominal,
             specimen,
             seed,
             quick,
-        }
+        })
     }
 
     /// One of two numbers: how many there are in a full run, and in a quick one.
