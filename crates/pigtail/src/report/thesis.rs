@@ -105,7 +105,8 @@ fn summary(body: &mut String, d: &Document) {
             "The machine is a specimen that the seed drew; what the thesis simulated is simulated on the \
              one in the middle."
         } else {
-            "The machine is the thesis's, the one in the middle of all that the rig's plant allows; the \
+            "The machine is the thesis's, in the middle of its make: the rig's plant for what was simulated, \
+             with what its measured.toml changes for what was measured; the \
              seed drew device, fixture and noise."
         }
     );
