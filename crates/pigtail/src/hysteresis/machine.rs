@@ -337,7 +337,7 @@ pub fn identify(
 /// # Errors
 ///
 /// As [`identify`].
-pub(crate) fn identify_and_scan(
+pub fn identify_and_scan(
     setup: &Setup,
     kind: Kind,
     side: Side,
