@@ -12,9 +12,9 @@ use pigtail_hal::Side;
 use rayon::prelude::*;
 
 pub(super) fn piezos(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
-    /// Identifications: the greatest difference that is left depends on the light's noise.
-    const TIMES: u64 = 4;
-    let all = (0..TIMES)
+    // The greatest difference that is left depends on the light's noise.
+    let times: u64 = bench.count(4, 2);
+    let all = (0..times)
         .into_par_iter()
         .map(|k| {
             let seed = bench.seed.wrapping_add(k);

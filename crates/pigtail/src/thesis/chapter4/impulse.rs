@@ -276,7 +276,7 @@ pub(super) fn z_control(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
     // So wide that control takes one reading a measurement, which errs by 4 nm: it would average as many
     // as make 10 nm sure, and the thesis's measurement errs by 4 nm. Nothing else rests on it here.
     task.settings.tolerance = ONE_READING;
-    let count = bench.count(100, 20);
+    let count = bench.count(100, 12);
     let (done, gains) = rayon::join(
         || runs(&bench.nominal, &task, bench.seed, count),
         || stability(&bench.nominal, Z, bench.seed),
