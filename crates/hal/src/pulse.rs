@@ -139,6 +139,11 @@ impl Pulse {
                 ),
             );
         }
+        // No higher than all harmonics at their tops, which is quick to say of most pulses.
+        let bound: f64 = self.amplitudes.iter().map(|Volts(a)| a.abs()).sum();
+        if bound <= spec.voltage {
+            return Ok(());
+        }
         let peak = self.peak();
         if peak > spec.voltage * ROUNDING {
             return refuse(

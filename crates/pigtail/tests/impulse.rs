@@ -2,7 +2,7 @@
 
 use pigtail::impulse::condition::Condition;
 use pigtail::impulse::contest::contest;
-use pigtail::impulse::response::{Document, Form, response};
+use pigtail::impulse::response::{Document, Form, MACHINES, response};
 use pigtail::impulse::run::{
     Estimator, GAINS, Task, check, resolution, run, runs, stability, summary,
 };
@@ -29,7 +29,7 @@ fn axis(name: &str) -> AxisName {
 }
 
 fn of(setup: &Setup, name: &str, seed: u64) -> Document {
-    response(setup, axis(name), &Form::THESIS, seed)
+    response(setup, axis(name), &Form::THESIS, MACHINES, seed)
         .expect("a response")
         .0
 }
@@ -83,7 +83,7 @@ fn a_rig_that_cannot_is_told_what_it_lacks() {
     let mut setup = rig();
     setup.spec.z_stage.drive.pulse = None;
     let message = |setup: &Setup, name: &str| {
-        response(setup, axis(name), &Form::THESIS, 1)
+        response(setup, axis(name), &Form::THESIS, MACHINES, 1)
             .expect_err("refused")
             .to_string()
     };
@@ -308,7 +308,7 @@ fn a_study_is_the_same_whatever_the_number_of_threads() {
 fn a_loop_gains_by_a_third_harmonic() {
     let setup = rig();
     let found = |form: &Form| {
-        response(&setup, axis("z"), form, 1001)
+        response(&setup, axis("z"), form, MACHINES, 1001)
             .expect("a response")
             .2
     };
@@ -357,7 +357,7 @@ fn a_pulse_that_cannot_be_played_is_refused_before_anything_moves() {
             fixed: Some(fixed),
             period,
         };
-        let error = response(&setup, axis("z"), &form, 1).expect_err("refused");
+        let error = response(&setup, axis("z"), &form, MACHINES, 1).expect_err("refused");
         error.to_string()
     };
     assert!(message([40.0, 0.0, 0.0], 1e-3).contains("at most 24 V"));

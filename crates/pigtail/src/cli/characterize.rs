@@ -6,7 +6,7 @@ use crate::characterize::{
     ExperimentError, follow_sine, frequency, metres_per_count, on_twin, resolution, step,
 };
 use crate::impulse::contest::{Document as Contest, contest};
-use crate::impulse::response::{Form, kind_of, response};
+use crate::impulse::response::{Form, MACHINES, kind_of, response};
 use crate::impulse::shapes::Effort;
 use crate::loops::windup;
 use crate::records::own::Own;
@@ -285,7 +285,8 @@ fn experiment(
 /// What pulses do; what was found is believed from now on.
 fn pulses(arguments: &Arguments, setup: &Setup, run: &Run) -> Experiment {
     let at = arguments.axis;
-    let (d, figures, found) = response(setup, at, &form(arguments), arguments.common.seed)?;
+    let (d, figures, found) =
+        response(setup, at, &form(arguments), MACHINES, arguments.common.seed)?;
     let origin = format!("characterize {at} impulse, run {}", run.name());
     let table = format!("impulse.{}", kind_of(at));
     let written = setup.write_calibration(&table, &found.table(&run.date(), &origin))?;

@@ -29,7 +29,7 @@ pub(super) fn peak(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
         },
     );
     let ((row, curves), macro_moves, piezos_creep) = (tracked?, macro_moves?, piezos_creep?);
-    let devices: u64 = bench.count(6, 2);
+    let devices: u64 = bench.count(6, 1);
     let done = (0..devices)
         .into_par_iter()
         .map(|k| {
@@ -80,7 +80,7 @@ pub(super) fn peak(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
             .noted(
                 "3.5-xy",
                 xy,
-                format!("Over {devices} devices, with the recipe's step."),
+                format!("Devices: {devices}, with the recipe's step."),
             ),
     ])
 }

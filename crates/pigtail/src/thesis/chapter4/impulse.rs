@@ -5,7 +5,7 @@ use super::super::picture::{Content, Picture, Points, thin};
 use super::super::{Bench, Figure, ReproduceError};
 use crate::campaign::Sorted;
 use crate::impulse::condition::Condition;
-use crate::impulse::response::{Document, Form, PERIOD, Trace, response, single};
+use crate::impulse::response::{Document, Form, MACHINES, PERIOD, Trace, response, single};
 use crate::impulse::run::{
     Document as Run, Estimator, Resolution, Task, believed, resolution, runs, stability,
 };
@@ -192,7 +192,8 @@ fn curve(d: &Document) -> Picture {
 
 /// Figs. 4.17 to 4.19, simulated.
 pub(super) fn z_response(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
-    let (d, figures, _) = response(&bench.nominal, Z, &Form::THESIS, bench.seed)?;
+    let machines = bench.count(MACHINES, 60);
+    let (d, figures, _) = response(&bench.nominal, Z, &Form::THESIS, machines, bench.seed)?;
     let spread = &figures.spread;
     let of = |share: fn(&crate::impulse::response::Spread) -> f64| -> Points {
         spread.iter().map(|s| (s.a1, share(s))).collect()
@@ -243,8 +244,8 @@ pub(super) fn z_response(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
                 )
                 .x(0.0, 5.0)
                 .caption(
-                    "Over 200 machines whose load friction differs by 10 % and whose motor stands off by \
-                     3E-4 rad.",
+                    format!("Over {machines} machines whose load friction differs by 10 % and whose motor stands off by \
+                     3E-4 rad."),
                 ),
             )
             .result("4.19-dead", dead)
@@ -341,13 +342,14 @@ pub(super) fn z_control(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
 }
 
 pub(super) fn five_bar_response(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
-    /// Courses of noise: what a dead zone is told by is near the probe's noise.
-    const COURSES: u64 = 3;
-    let all = (0..COURSES)
+    // Courses of noise: what a dead zone is told by is near the probe's noise.
+    let courses: u64 = bench.count(3, 1);
+    let all = (0..courses)
         .into_par_iter()
         .map(|k| {
             let seed = bench.seed.wrapping_add(k);
-            Ok(response(&bench.machine, FIVE_BAR, &Form::THESIS, seed)?.0)
+            // Of the spread over machines nothing is shown.
+            Ok(response(&bench.machine, FIVE_BAR, &Form::THESIS, 1, seed)?.0)
         })
         .collect::<Result<Vec<Document>, ReproduceError>>()?;
     let d = &all[0];
