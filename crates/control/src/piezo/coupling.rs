@@ -178,25 +178,24 @@ fn identify_piezo(
     learn(station, piezo, &log)
 }
 
-/// The voltage on a way up at which the light has passed the beam's middle and fallen to where it
-/// changes most; `None` where it does not do so.
+/// The voltage on the longest way up at which the light has passed the beam's middle and fallen to where
+/// it changes most; `None` where it does not do so.
+///
+/// Shorter ways may turn on the beam, and be as bright by chance.
 fn on_flank(series: &Series, piezo: usize) -> Option<f64> {
-    let smooth = |k: usize| series.light[k..k + BLOCK].iter().sum::<f64>() / BLOCK as f64;
+    let smooth = |k: &usize| series.light[*k..k + BLOCK].iter().sum::<f64>() / BLOCK as f64;
+    let volts = |k: &usize| series.volts[k + BLOCK / 2][piezo];
     let rising = |k: &usize| series.volts[k + BLOCK][piezo] > series.volts[*k][piezo];
-    let ups: Vec<usize> = (0..series.time.len().checked_sub(BLOCK)?)
+    let up: Vec<usize> = (0..series.time.len().checked_sub(BLOCK)?)
         .filter(rising)
         .collect();
-    let top = ups
-        .iter()
-        .copied()
-        .max_by(|a, b| smooth(*a).total_cmp(&smooth(*b)))?;
-    let steepest = (-0.5_f64).exp() * smooth(top);
-    let after = ups
-        .into_iter()
-        .find(|k| *k > top && smooth(*k) < steepest)?;
-    // Not on another way up, which begins below.
-    let volts = |k: usize| series.volts[k + BLOCK / 2][piezo];
-    (volts(after) > volts(top)).then(|| volts(after))
+    let length = |way: &[usize]| volts(&way[way.len() - 1]) - volts(&way[0]);
+    let way = up
+        .chunk_by(|a, b| a + 1 == *b)
+        .max_by(|a, b| length(a).total_cmp(&length(b)))?;
+    let top = (0..way.len()).max_by(|a, b| smooth(&way[*a]).total_cmp(&smooth(&way[*b])))?;
+    let steepest = (-0.5_f64).exp() * smooth(&way[top]);
+    way[top..].iter().find(|k| smooth(k) < steepest).map(volts)
 }
 
 /// The voltages of both piezos: of the driven one, and of the one beside it.
@@ -429,4 +428,37 @@ fn learn(station: &Station, piezo: usize, log: &Log) -> Result<Identified, Halt>
         slow,
     };
     Ok(told.learned(piezo, &memory)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Light of a beam whose middle is at 5 V and which falls to 1/e 1 V aside, on ways up that end at
+    /// some voltages, each as bright beside the others as it is told.
+    fn ways_up(ways: &[(f64, f64)]) -> Series {
+        const STEP: f64 = 0.01;
+        let mut series = Series::default();
+        for (end, bright) in ways {
+            let up = (0..=(end / STEP) as usize).map(|k| k as f64 * STEP);
+            let down = (0..20).map(|k| end * (1.0 - f64::from(k) / 20.0));
+            for volts in up.chain(down) {
+                series.time.push(0.002 * series.time.len() as f64);
+                series.volts.push([volts, 5.0]);
+                series.light.push(bright * (-(volts - 5.0).powi(2)).exp());
+            }
+        }
+        series
+    }
+
+    #[test]
+    fn a_rest_is_on_the_flank_where_a_shorter_way_is_brightest() {
+        let flank = 5.0 + 0.5_f64.sqrt();
+        for ways in [[(10.0, 1.0), (4.0, 0.9)], [(10.0, 1.0), (5.1, 1.02)]] {
+            let found = on_flank(&ways_up(&ways), 0).expect("a flank");
+            assert!((found - flank).abs() < 0.03, "{found}");
+        }
+        assert_eq!(on_flank(&ways_up(&[(5.1, 1.0), (4.0, 1.0)]), 0), None);
+        assert_eq!(on_flank(&Series::default(), 0), None);
+    }
 }

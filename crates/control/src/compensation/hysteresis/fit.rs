@@ -141,7 +141,7 @@ fn solve(
         .collect();
     let mut error = f64::INFINITY;
     for _ in 0..rounds {
-        let mut normal = Normal::default();
+        let mut normal = Normal::new(steady.map_or(COLUMNS, |first| CREEP + first + 1));
         let mut state = model.at_rest(record.input_before(0, lag));
         let mut relaxations = [at_once[0]; RELAXATIONS];
         let mut met = 0;
@@ -204,25 +204,27 @@ fn solve(
 /// Normal equations of a weighted least squares problem whose first unknowns and last ones, plays
 /// and relaxations, must not be negative.
 struct Normal {
+    /// Unknowns from here on stay out of it.
+    used: usize,
     matrix: [[f64; COLUMNS]; COLUMNS],
     right: [f64; COLUMNS],
     square: f64,
     weight: f64,
 }
 
-impl Default for Normal {
-    fn default() -> Self {
+impl Normal {
+    fn new(used: usize) -> Self {
         Self {
+            used,
             matrix: [[0.0; COLUMNS]; COLUMNS],
             right: [0.0; COLUMNS],
             square: 0.0,
             weight: 0.0,
         }
     }
-}
 
-impl Normal {
     fn add(&mut self, row: &[f64; COLUMNS], value: f64, weight: f64) {
+        let row = &row[..self.used];
         for (i, a) in row.iter().enumerate() {
             let a = weight * a;
             if a == 0.0 {
@@ -245,9 +247,9 @@ impl Normal {
         let mut x = [0.0; COLUMNS];
         for _ in 0..4000 {
             let mut moved = 0.0_f64;
-            for i in 0..COLUMNS {
+            for i in 0..self.used {
                 let diagonal = self.matrix[i][i] + ridge;
-                let sum: f64 = self.matrix[i].iter().zip(&x).map(|(a, b)| a * b).sum();
+                let sum = self.row_times(i, &x);
                 let step = (self.right[i] - sum - ridge * x[i]) / diagonal;
                 let free = (OFFSET..CREEP).contains(&i);
                 let next = if free {
@@ -263,10 +265,14 @@ impl Normal {
             }
         }
         let mut squares = self.square;
-        for i in 0..COLUMNS {
-            let sum: f64 = self.matrix[i].iter().zip(&x).map(|(a, b)| a * b).sum();
-            squares += x[i] * (sum - 2.0 * self.right[i]);
+        for i in 0..self.used {
+            squares += x[i] * (self.row_times(i, &x) - 2.0 * self.right[i]);
         }
         (x, (squares / self.weight).max(0.0))
+    }
+
+    fn row_times(&self, i: usize, x: &[f64; COLUMNS]) -> f64 {
+        let row = self.matrix[i][..self.used].iter();
+        row.zip(x).map(|(a, b)| a * b).sum()
     }
 }
