@@ -10,6 +10,7 @@ use pigtail_control::recipe::Climb;
 use pigtail_control::station::{Observer, Sample, Station, Unobserved};
 use pigtail_hal::{Channel, Side};
 use pigtail_machines::Twin;
+use rayon::prelude::*;
 use serde::Serialize;
 use std::thread;
 
@@ -499,17 +500,21 @@ pub fn maximize(setup: &Setup, asked: &Asked) -> Result<Measured, Unmeasured> {
             curves = of_row;
         }
     }
-    let mut rejected = Vec::new();
-    for disturbance in [Disturbance::Macro(MACRO.0), Disturbance::Piezos(PIEZOS.0)] {
-        for means in [Means::Rest, climb, Means::Circles] {
-            rejected.push(rejection(setup, seed, disturbance, means)?);
-        }
-    }
+    let cases: Vec<_> = [Disturbance::Macro(MACRO.0), Disturbance::Piezos(PIEZOS.0)]
+        .into_iter()
+        .flat_map(|disturbance| {
+            [Means::Rest, climb, Means::Circles].map(|means| (disturbance, means))
+        })
+        .collect();
+    let rejected: Vec<_> = cases
+        .into_par_iter()
+        .map(|(disturbance, means)| rejection(setup, seed, disturbance, means))
+        .collect();
     let document = Document {
         rig: setup.rig.clone(),
         seed,
         tracking: rows,
-        rejection: rejected,
+        rejection: rejected.into_iter().collect::<Result<_, _>>()?,
         approach: approach(setup, seed)?,
         timing: timing(setup, asked)?,
         devices: asked.devices,

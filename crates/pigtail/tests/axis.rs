@@ -7,6 +7,7 @@ use pigtail::identify::{Model, windup};
 use pigtail::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
 use pigtail::tune::{Method, Plan, Tuned, tune, usual_step};
 use pigtail_hal::AxisName;
+use rayon::prelude::*;
 use serde_json::Value;
 use std::fs;
 use std::path::Path;
@@ -41,9 +42,14 @@ fn tuned(setup: &Setup, name: &str, method: Method, seed: u64) -> Tuned {
 #[test]
 fn twenty_machines_are_tuned_to_the_thesis_s_figures() {
     let setup = setup();
+    let least = |d: &pigtail::tune::Document| {
+        d.starts
+            .iter()
+            .map(|s| s.cost)
+            .fold(f64::INFINITY, f64::min)
+    };
     for (name, rise, settling) in [("fivebar", 12.0, 42.0), ("z", 15.0, 38.0)] {
-        let (mut simplex, mut random) = (0.0, 0.0);
-        for seed in 600..620 {
+        let costs = (600..620).into_par_iter().map(|seed| {
             let fast = tuned(&setup, name, Method::Simplex, seed).document;
             assert!(fast.specified.expect("a datasheet that asks").met);
             assert!(fast.rise_ms <= rise, "{name} {seed}: {} ms", fast.rise_ms);
@@ -54,15 +60,11 @@ fn twenty_machines_are_tuned_to_the_thesis_s_figures() {
             );
             assert!(fast.trials <= 50);
             let slow = tuned(&setup, name, Method::Random, seed).document;
-            let best = |d: &pigtail::tune::Document| {
-                d.starts
-                    .iter()
-                    .map(|s| s.cost)
-                    .fold(f64::INFINITY, f64::min)
-            };
-            simplex += best(&fast) / 20.0;
-            random += best(&slow) / 20.0;
-        }
+            [least(&fast), least(&slow)]
+        });
+        let costs: Vec<[f64; 2]> = costs.collect();
+        let [simplex, random] =
+            [0, 1].map(|k| costs.iter().map(|c| c[k]).sum::<f64>() / costs.len() as f64);
         // The simplex gets as far in half the trials, to within half a percent of the cost.
         eprintln!("{name}: cost {simplex:.2} in 50 trials, {random:.2} in 100");
         assert!(simplex <= 1.005 * random, "{name}: {simplex} for {random}");
@@ -154,25 +156,30 @@ fn a_frequency_response_starts_at_one_and_falls() {
 #[test]
 fn windup_is_compensated_twentyfold_on_every_machine() {
     let setup = setup();
-    let (mut worst, mut thesis, mut left) = (f64::INFINITY, f64::INFINITY, 0.0_f64);
-    for seed in 730..750 {
+    let all = (730..750).into_par_iter().map(|seed| {
         let identified = on_twin(&setup, seed, |station| {
             windup(station, &setup, axis("fivebar"), Model::Memory, seed)
         })
         .expect("no fault");
         let d = identified.document;
         assert!((85.0..130.0).contains(&d.uncompensated_um), "{d:?}");
-        for row in &d.scans {
+        let gains = d.scans.iter().map(|row| {
             let [none, _, memory] = row.peak_to_peak_um;
-            worst = worst.min(none / memory);
-        }
+            none / memory
+        });
         // The thesis's own tests: the gap between the paths over the full range, and that it is
         // no wider over a quarter of it.
-        thesis = thesis.min(d.scans[0].uncompensated_um / d.scans[0].reversal_um);
-        for row in &d.scans[..3] {
-            left = left.max(row.reversal_um);
-        }
-    }
+        let gaps = d.scans[..3].iter().map(|row| row.reversal_um);
+        (
+            gains.fold(f64::INFINITY, f64::min),
+            d.scans[0].uncompensated_um / d.scans[0].reversal_um,
+            gaps.fold(0.0, f64::max),
+        )
+    });
+    let (worst, thesis, left) = all.reduce(
+        || (f64::INFINITY, f64::INFINITY, 0.0),
+        |a, b| (a.0.min(b.0), a.1.min(b.1), a.2.max(b.2)),
+    );
     eprintln!("worst {worst:.1}; with (2.20) {thesis:.1}, at most {left:.1} um are left");
     assert!(worst > 20.0, "{worst}");
     assert!(thesis > 7.0 && left < 15.0, "{thesis} {left}");

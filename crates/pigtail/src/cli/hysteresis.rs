@@ -12,6 +12,7 @@ use crate::rig::{DEFAULT_RECIPE_NAME, Setup, hash};
 use crate::runs::Run;
 use clap::Args;
 use pigtail_hal::Error;
+use rayon::prelude::*;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -160,11 +161,12 @@ fn on_machine(arguments: &IdentifyArguments) -> Result<u8, Failure> {
     let common = &arguments.common;
     let setup = Setup::load(&common.rig, DEFAULT_RECIPE_NAME)?;
     let run = Run::begin(&common.runs, KIND, common.seed, &setup.hashes)?;
-    let found = arguments
-        .side
-        .sides()
-        .iter()
+    let sides = arguments.side.sides().par_iter();
+    let found: Vec<_> = sides
         .map(|side| machine::identify(&setup, arguments.model, *side, common.seed))
+        .collect();
+    let found = found
+        .into_iter()
         .collect::<Result<Vec<_>, _>>()
         .map_err(|error| stopped(&run, error, &common.rig))?;
     let report = run.path("report.html").display().to_string();

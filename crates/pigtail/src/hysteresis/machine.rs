@@ -366,12 +366,14 @@ fn identify_along(
     let mut paths = Vec::new();
     let mut scans = None;
     for trial in trials(setup.spec.period(), seed).into_iter().take(most) {
-        let mut errors = [0.0; 3];
-        let mut followed: [Followed; 3] = Default::default();
-        for (k, calibration) in calibrations.iter().enumerate() {
-            followed[k] = follow(setup, calibration, side, seed, &trial.path)?;
-            errors[k] = rms(&followed[k].errors(trial.from, trial.every).0);
-        }
+        let ([none, rbf], memory) = rayon::join(
+            || [0, 1].map(|k| follow(setup, &calibrations[k], side, seed, &trial.path)),
+            || follow(setup, &calibrations[2], side, seed, &trial.path),
+        );
+        let followed: [Followed; 3] = [none?, rbf?, memory?];
+        let errors = followed
+            .each_ref()
+            .map(|followed| rms(&followed.errors(trial.from, trial.every).0));
         paths.push(PathRow {
             name: trial.name,
             uncompensated_um: um(errors[0]),

@@ -29,7 +29,7 @@ pub enum Kind {
 /// Which micro manipulators.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Micros {
-    /// One after the other
+    /// Each by itself
     Both,
     /// The one that carries the input fiber
     Left,
