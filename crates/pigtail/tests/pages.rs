@@ -427,6 +427,7 @@ fn the_page_of_files_is_what_is_read() {
             "Plant",
             &[
                 "crates/machines/src/twin/plant.rs",
+                "crates/machines/src/twin/plant/joint.rs",
                 "crates/machines/src/twin/unrest.rs",
             ],
         ),
