@@ -3,15 +3,15 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use pigtail::faults::Faults;
-use pigtail_machines::twin::faults::Injection;
+use pigtail_session::faults::Faults;
+use pigtail_twin::faults::Injection;
 
 fuzz_target!(|data: &[u8]| {
     let Ok(text) = std::str::from_utf8(data) else {
         return;
     };
     let words = std::iter::once("pigtail").chain(text.lines());
-    let _ = pigtail::cli::command().try_get_matches_from(words);
+    let _ = pigtail::command().try_get_matches_from(words);
     for word in text.lines() {
         if let Ok(injection) = word.parse::<Injection>() {
             assert_eq!(injection.to_string().parse::<Injection>(), Ok(injection));

@@ -3,7 +3,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use pigtail::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup, Source};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup, Source};
 use std::sync::LazyLock;
 
 static GOOD: LazyLock<Vec<Source>> = LazyLock::new(|| {

@@ -4,11 +4,11 @@
 
 use arbitrary::Arbitrary;
 use libfuzzer_sys::fuzz_target;
-use pigtail::guarded::guarded;
-use pigtail::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use pigtail_session::guarded::guarded;
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::{Command, FiberHandling, Machine};
-use pigtail_machines::Twin;
+use pigtail_twin::Twin;
 use std::sync::LazyLock;
 
 static SETUP: LazyLock<Setup> = LazyLock::new(|| {

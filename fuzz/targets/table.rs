@@ -4,10 +4,10 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use pigtail::hysteresis::ModelFile;
-use pigtail::records::columns::Named;
-use pigtail::records::{friction, resonance, servo, windup};
-use pigtail::scan::{self, Columns, LengthUnit, PowerUnit};
+use pigtail_records::hysteresis::ModelFile;
+use pigtail_records::columns::Named;
+use pigtail_records::{friction, resonance, servo, windup};
+use pigtail_records::map::{self, Columns, LengthUnit, PowerUnit};
 use std::path::Path;
 
 fuzz_target!(|data: &[u8]| {

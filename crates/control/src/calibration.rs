@@ -1,9 +1,9 @@
 //! The belief about a machine: `calibration.toml`.
 
 use crate::compensation::micro::MicroModel;
-use crate::compensation::windup::{ELEMENTS, Memory, POWERS, Reversal, Windup};
 use crate::impulse::belief::ImpulseBeliefs;
 use pigtail_hal::{Error, Side, Spec, config, quantity};
+use pigtail_model::windup::{ELEMENTS, Memory, POWERS, Reversal, Windup};
 use serde::Deserialize;
 
 /// The content of a `calibration.toml`. Written by the programs that measure, never by hand in

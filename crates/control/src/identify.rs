@@ -1,14 +1,14 @@
 //! Identification of windup on the machine (thesis 2.4.1, 2.4.3).
 
 use crate::characterize::{Trace, record};
-use crate::compensation::windup::{
-    ELEMENTS, Memory, MemoryState, POWERS, Reversal, Windup, WindupState, polynomial,
-};
-use crate::golden::least;
 use crate::outcome::{Halt, Outcome};
 use crate::station::Station;
 use nalgebra::{SMatrix, SVector};
 use pigtail_hal::AxisName;
+use pigtail_model::windup::{
+    ELEMENTS, Memory, MemoryState, POWERS, Reversal, Windup, WindupState, polynomial,
+};
+use pigtail_numerics::golden::least;
 
 /// Input and output of a transmission over a scan, as output angles from where it began.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -177,7 +177,7 @@ pub fn fit_reversal(record: &WindupRecord, full: std::ops::Range<usize>) -> Fit<
     let skip = full.start / EVERY;
     let shape_of = |way: f64| -> Vec<f64> {
         let unit = Reversal { maximum: 1.0, way };
-        let mut state = crate::compensation::windup::ReversalState::default();
+        let mut state = pigtail_model::windup::ReversalState::default();
         data.iter()
             .map(|(output, _)| unit.next(&mut state, *output))
             .collect()
@@ -209,7 +209,7 @@ pub fn fit_reversal(record: &WindupRecord, full: std::ops::Range<usize>) -> Fit<
     let way = least(ways, ACCURATE, |log| solve(log.exp()).2).exp();
     let (maximum, offset, _) = solve(way);
     let model = Reversal { maximum, way };
-    let mut state = crate::compensation::windup::ReversalState::default();
+    let mut state = pigtail_model::windup::ReversalState::default();
     for (output, _) in &data[..skip] {
         model.next(&mut state, *output);
     }

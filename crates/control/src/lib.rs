@@ -46,7 +46,7 @@
 //! Nor does one that wants to know what it works on:
 //!
 //! ```compile_fail,E0432
-//! use pigtail_machines::Twin;
+//! use pigtail_twin::Twin;
 //! ```
 
 pub mod baselines;
@@ -56,7 +56,7 @@ pub mod characterize;
 pub mod compensation;
 pub mod contour;
 pub mod fast;
-mod golden;
+
 pub mod identify;
 pub mod impulse;
 pub mod kinematics;
@@ -69,8 +69,7 @@ pub mod peak;
 pub mod piezo;
 pub mod procedure;
 pub mod recipe;
-pub mod record;
-pub mod scan;
+
 pub mod search;
 pub mod servo;
 pub mod sight;

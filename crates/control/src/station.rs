@@ -3,7 +3,6 @@
 
 use crate::calibration::{Calibration, WindupBelief};
 use crate::compensation::micro::MicroCompensation;
-use crate::compensation::windup::{Windup, WindupState};
 use crate::impulse::belief::ImpulseBelief;
 use crate::kinematics::Kinematics;
 use crate::outcome::{Halt, Outcome};
@@ -17,6 +16,7 @@ use pigtail_hal::{
     Spec, VisionFrame,
 };
 use pigtail_model::frames::{Macro, Point};
+use pigtail_model::windup::{Windup, WindupState};
 use std::cell::Cell;
 
 /// What an observer is told with every light sample.

@@ -19,6 +19,7 @@
 
 pub mod command;
 pub mod config;
+pub mod digest;
 pub mod fault;
 pub mod machine;
 pub mod measurement;

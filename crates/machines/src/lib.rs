@@ -1,18 +1,16 @@
-//! What may stand behind the boundary.
+//! What goes around any machine: guard, recorder and replay, stop, deadline, pace.
 //!
 //! Everything here implements [`Machine`](pigtail_hal::Machine), and control cannot tell one from
-//! another. This crate does not know that control exists.
+//! another. This crate knows neither control nor the twin.
 
 mod deadline;
 pub mod guard;
 mod pace;
 mod panel;
 pub mod record;
-pub mod twin;
 
 pub use deadline::{Deadline, OVERDUE};
 pub use guard::Guard;
 pub use pace::Pace;
 pub use panel::Panel;
 pub use record::{Recorder, Replay};
-pub use twin::Twin;

@@ -8,8 +8,9 @@ use pigtail_hal::{
     Axis, AxisName, Channel, Command, FiberHandling, Machine, Measurement, Pulse, Side, Spec,
 };
 use pigtail_machines::record::Reader;
-use pigtail_machines::twin::Plant;
-use pigtail_machines::{Deadline, Guard, Panel, Recorder, Replay, Twin};
+use pigtail_machines::{Deadline, Guard, Panel, Recorder, Replay};
+use pigtail_twin::Plant;
+use pigtail_twin::Twin;
 use std::sync::Arc;
 
 fn boxed(machine: impl Machine + 'static) -> Box<dyn Machine> {

@@ -5,8 +5,9 @@ mod common;
 use common::{centred, guarded, twin};
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::{Axis, Command, Fault, FiberHandling, Machine, Measurement};
-use pigtail_machines::twin::faults::Injection;
-use pigtail_machines::{Guard, Twin};
+use pigtail_machines::Guard;
+use pigtail_twin::Twin;
+use pigtail_twin::faults::Injection;
 use proptest::prelude::*;
 
 fn until_fault(

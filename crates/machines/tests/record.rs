@@ -138,7 +138,7 @@ fn a_guard_around_a_replay_stops_where_it_did() {
 #[test]
 fn a_probe_that_says_nothing_sensible_is_told() {
     /// A twin whose probes are no numbers.
-    struct Blind(pigtail_machines::Twin);
+    struct Blind(pigtail_twin::Twin);
     impl Machine for Blind {
         fn spec(&self) -> &pigtail_hal::Spec {
             self.0.spec()

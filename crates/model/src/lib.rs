@@ -33,6 +33,7 @@ pub mod piezo;
 pub mod presliding;
 pub mod pulse;
 pub mod transmission;
+pub mod windup;
 
 /// A parameter that its equation cannot take.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

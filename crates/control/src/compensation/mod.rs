@@ -2,4 +2,3 @@
 
 pub mod hysteresis;
 pub mod micro;
-pub mod windup;

@@ -11,7 +11,6 @@ use super::{
     ways,
 };
 use crate::compensation::hysteresis::Model;
-use crate::golden::least;
 use crate::identify::Path;
 use crate::outcome::{Halt, Outcome};
 use crate::procedure::light_guides;
@@ -21,6 +20,7 @@ use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::MICRO_AXES;
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::{Macro, Point};
+use pigtail_numerics::golden::least;
 use std::ops::Range;
 
 /// The manipulator that carries the sensing fiber.

@@ -3,10 +3,10 @@
 #![allow(dead_code, reason = "no user of this module uses all of it")]
 
 use pigtail_control::calibration::{Calibration, WindupBelief, WindupModel};
-use pigtail_control::compensation::windup::ELEMENTS;
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, CHANNELS, SIDES};
 use pigtail_hal::{Command, Fault, LightSample, Machine, Measurement, Spec};
+use pigtail_model::windup::ELEMENTS;
 
 const RIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../rigs/afpm/");
 

@@ -5,12 +5,13 @@
 
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::{Command, Machine, Spec};
+use pigtail_machines::Guard;
 use pigtail_machines::guard::{Arm, Facet, Geometry};
-use pigtail_machines::twin::Plant;
-use pigtail_machines::{Guard, Twin};
 use pigtail_model::fivebar::FiveBar;
 use pigtail_model::frames::{Placement, Point};
 use pigtail_model::leadscrew::LeadScrew;
+use pigtail_twin::Plant;
+use pigtail_twin::Twin;
 
 const RIG: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../rigs/afpm/");
 

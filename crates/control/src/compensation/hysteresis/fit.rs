@@ -2,7 +2,7 @@
 
 use super::memory::{DEGREE, PLAYS, RELAXATIONS};
 use super::{Invalid, Memory, Record, Zero};
-use crate::golden::least;
+use pigtail_numerics::golden::least;
 
 /// Samples used for a fit: more lie so close that they say nothing new.
 const SAMPLES: usize = 20_000;

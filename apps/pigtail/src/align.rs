@@ -1,0 +1,243 @@
+//! `pigtail align`.
+
+use crate::choice::choice;
+use crate::common::{Common, OwnAxes, write_table};
+use crate::methods::{self, MethodArguments};
+use crate::phases::Phases;
+use crate::progress::Progress;
+use crate::scan::{self, MapArguments};
+use crate::stop;
+use crate::{DONE, FAULT, Failure, NEGATIVE, stopped};
+use clap::Args;
+use pigtail_control::station::{Observer, Sample};
+use pigtail_evaluate::entry;
+use pigtail_report as report;
+use pigtail_session::align::{AlignError, Document, Kept, Unkept, align_kept};
+use pigtail_session::faults::Faults;
+use pigtail_session::own::Own;
+use pigtail_session::procedure::Procedure;
+use pigtail_session::record::Record;
+use pigtail_session::replay::RECORD;
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, Setup};
+use pigtail_session::scenario::Scenario;
+use pigtail_store::runs::Run;
+use pigtail_twin::faults::{Injection, Kind};
+use std::io::{self, Write};
+
+/// Align the three fibers of one device on the rig's twin
+///
+/// The twin is drawn around the rig's `plant.toml` by the seed: another seed is another machine,
+/// another device, another misplacement of everything. Control sees encoders, photodiodes and
+/// vision, never the truth; the offsets in the table are the truth, asked for afterwards.
+///
+/// Writes a folder `runs/<time>-<seed>/` with `report.html` (look at it), `summary.json` (what
+/// `--json` prints), `samples.csv` (every light sample with its place),
+/// `exchanges.pigtail` (every exchange with the machine, for `pigtail runs replay`) and `run.json` (version
+/// and configuration hashes).
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pigtail align                         the default rig and recipe
+  pigtail align --seed 7 --json         another machine and device, as one JSON document
+  pigtail align --rig my-rig/           your own rig: machine.toml, plant.toml, calibration.toml
+  pigtail align --recipe my-chip.toml   your own device
+  pigtail align --from plant.toml       an axis of your own, as identify servo wrote it
+  pigtail align --method macro-raster --mesh '10 um'
+                                        a search for first light, its time by formula and really
+  pigtail align --fault encoder-stuck:left.z@3.2s
+                                        an encoder that stops counting: what the guard does
+  pigtail align --map scan.csv --map-length-unit mm --map-power-unit dBm
+                                        search and peak on a scan from your own bench")]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    common: Common,
+    #[command(flatten)]
+    own: OwnAxes,
+    /// A recipe file, or the name of one below `recipes`
+    #[arg(long, default_value = DEFAULT_RECIPE_NAME)]
+    recipe: String,
+    /// How to align
+    #[arg(long, value_parser = choice::<Procedure>(), default_value = <&str>::from(Procedure::default()))]
+    procedure: Procedure,
+    /// What is wrong with device, fixture or light
+    #[arg(long, value_parser = choice::<Scenario>(), default_value = <&str>::from(Scenario::default()))]
+    scenario: Scenario,
+    /// Breaks something at a time: NAME[:WHERE][:SIZE]@TIME; may be given more than once, `help`
+    /// lists what there is
+    #[arg(long, value_name = "FAULT", value_parser = injection)]
+    fault: Vec<Injection>,
+    /// Breaks what a campaign with these `--faults` breaks on the device of this seed
+    #[arg(long, value_name = "all|NAME,...", conflicts_with = "fault")]
+    faults: Option<Faults>,
+    /// Let the machine's time keep to the clock
+    #[arg(long)]
+    real_time: bool,
+    /// Do not record the exchanges with the machine: a run that cannot be replayed
+    #[arg(long)]
+    no_record: bool,
+    #[command(flatten)]
+    method: MethodArguments,
+    #[command(flatten, next_help_heading = "Your own light")]
+    map: MapArguments,
+}
+
+fn injection(text: &str) -> Result<Injection, String> {
+    if text == "help" {
+        let all: Vec<String> = Kind::all()
+            .map(|kind| format!("  {}", kind.about()))
+            .collect();
+        return Err(format!(
+            "accepted is one of these, with @TIME behind it:\n{}",
+            all.join("\n")
+        ));
+    }
+    text.parse()
+}
+
+/// The record, a progress bar beside it, and the store.
+struct Watcher<'a> {
+    record: Record,
+    progress: Progress,
+    phases: Phases<'a>,
+}
+
+impl Observer for Watcher<'_> {
+    fn phase(&mut self, port: &str, phase: &'static str, time: f64) {
+        self.record.phase(port, phase, time);
+        self.progress.phase(port, phase, time);
+        self.phases.phase(port, phase, time);
+    }
+
+    fn phase_over(&mut self, port: &str, phase: &'static str, time: f64) {
+        self.phases.phase_over(port, phase, time);
+    }
+
+    fn sample(&mut self, sample: &Sample) {
+        self.record.sample(sample);
+        self.progress.sample(sample);
+    }
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    if let Some(map) = arguments.map.map() {
+        return scan::run(map, &arguments.map, &arguments.common);
+    }
+    let own = Own::read(&arguments.own.from)?;
+    let mut setup = Setup::load_with(&arguments.common.rig, &arguments.recipe, &own, false)?;
+    arguments.scenario.apply(&mut setup);
+    setup.faults = match &arguments.faults {
+        Some(faults) => faults.clone(),
+        None if arguments.fault.is_empty() => Faults::None,
+        None => Faults::Said(arguments.fault.clone()),
+    };
+    if let Some(method) = arguments.method.method() {
+        return methods::run(method, &arguments.method, &arguments.common, &setup);
+    }
+    let seed = arguments.common.seed;
+    let run = Run::begin(&arguments.common.runs, "align", seed, &setup.hashes)?;
+    run.devices(&entry::devices(&setup, arguments.procedure, seed, 1))?;
+    let full = setup.spec.photodiode.range;
+    let mut watcher = Watcher {
+        record: Record::default(),
+        progress: Progress::new(full),
+        phases: Phases::of(&run),
+    };
+    let kept = Kept {
+        record: (!arguments.no_record).then(|| run.partial_path(RECORD)),
+        stop: stop::on_signal()?,
+        real_time: arguments.real_time,
+    };
+    let ended = align_kept(&setup, arguments.procedure, seed, &mut watcher, &kept);
+    watcher.progress.finish();
+    let record = &watcher.record;
+    let (mut document, closing) = match ended {
+        Ok(ended) => ended,
+        Err(Unkept::Twin(error)) => {
+            return Err(stopped(
+                &run,
+                AlignError::from(error),
+                &arguments.common.rig,
+            ));
+        }
+        Err(Unkept::Record(error)) => return Err(Failure::Other(error.into())),
+    };
+    watcher.phases.all_entered()?;
+    document.report = run.path("report.html").display().to_string();
+    // The record goes on to the disk meanwhile.
+    run.write_json("summary.json", &document)?;
+    run.write("samples.csv", record.csv())?;
+    run.write("report.html", report::alignment(&setup, &document, record)?)?;
+    if let Some(closing) = closing {
+        let written = closing.wait().map_err(anyhow::Error::from)?;
+        run.wrote(RECORD, written.bytes, &written.sha256);
+    }
+    run.aligned(&entry::aligned(&document))?;
+    match &document.fault {
+        Some(fault) => run.fault(fault)?,
+        None => run.finish(&document.outcome())?,
+    }
+    let mut text = Vec::new();
+    if arguments.common.json {
+        serde_json::to_writer(&mut text, &document).map_err(anyhow::Error::from)?;
+        text.push(b'\n');
+    } else {
+        print_table(&mut text, &document).map_err(anyhow::Error::from)?;
+        if document.fault.is_some() && own.is_untuned() {
+            let hint = "The gains of your axis are those to begin with: `pigtail tune` with the same --from finds \
+                        better ones, and writes a calibration.toml that --from takes too.";
+            writeln!(text, "{hint}").map_err(anyhow::Error::from)?;
+        }
+    }
+    crate::print(&text)?;
+    Ok(if document.fault.is_some() {
+        FAULT
+    } else if document.is_success() {
+        DONE
+    } else {
+        NEGATIVE
+    })
+}
+
+fn print_table(out: &mut impl Write, document: &Document) -> io::Result<()> {
+    write_table(out, &rows(document))?;
+    for fiber in document
+        .fibers
+        .iter()
+        .filter(|fiber| fiber.outcome != "aligned")
+    {
+        writeln!(out, "{}: {}", fiber.port, fiber.detail)?;
+    }
+    if document.collision {
+        writeln!(out, "A fiber hit the chip.")?;
+    }
+    writeln!(
+        out,
+        "\n{:.2} s of machine time a fiber. Offsets are the truth, from the twin of seed {}.",
+        document.seconds_per_fiber, document.seed
+    )?;
+    writeln!(out, "Report: {}", document.report)
+}
+
+/// The header and a row a fiber.
+fn rows(document: &Document) -> Vec<Vec<String>> {
+    let names = document.phase_names();
+    let mut header = vec!["fiber".to_owned(), "outcome".to_owned()];
+    header.extend(names.iter().map(|name| format!("{name}\ns")));
+    header.extend(["in all\ns", "x\num", "y\num", "z\num", "loss\ndB"].map(str::to_owned));
+    let number = |value: Option<f64>, digits: usize| {
+        value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"))
+    };
+    let mut rows = vec![header];
+    rows.extend(document.fibers.iter().map(|fiber| {
+        let mut row = vec![fiber.port.to_owned(), fiber.verdict().to_owned()];
+        row.extend(names.iter().map(|name| number(fiber.seconds_in(name), 2)));
+        let offset = fiber.offset_um;
+        row.push(number(Some(fiber.seconds), 2));
+        row.push(number(offset.map(|o| o.x), 3));
+        row.push(number(offset.map(|o| o.y), 3));
+        row.push(number(offset.map(|o| o.z), 2));
+        row.push(number(fiber.coupling_loss_db, 2));
+        row
+    }));
+    rows
+}

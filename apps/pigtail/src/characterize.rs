@@ -1,0 +1,420 @@
+//! `pigtail characterize`.
+
+use crate::common::{Common, OwnAxes, write_table};
+use crate::{DONE, Failure, stopped};
+use clap::{Args, ValueEnum};
+use pigtail_evaluate::impulse::contest::{Document as Contest, contest};
+use pigtail_evaluate::impulse::response::{Form, MACHINES, kind_of, response};
+use pigtail_evaluate::impulse::shapes::Effort;
+use pigtail_evaluate::loops::windup;
+use pigtail_hal::{Axis, AxisName, Error};
+use pigtail_report as report;
+use pigtail_session::characterize::{
+    ExperimentError, follow_sine, frequency, metres_per_count, on_twin, resolution, step,
+};
+use pigtail_session::own::Own;
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, Setup};
+use pigtail_session::tune::step_of;
+use pigtail_store::runs::Run;
+use serde::Serialize;
+use std::fmt::Write as _;
+
+/// Measure what an axis can do: step, sine, resolution, frequency response, windup or pulses
+///
+/// step        rise (10 to 90 %), settling (until the encoder stays within one count), overshoot
+/// sine        gain and phase at the encoder and at the output
+/// resolution  1000 steps in one direction; the step size is raised by a count until at most 1 %
+///             of the steps move the output by less than half the mean (thesis 2.5)
+/// frequency   gain, phase and coherence up to 300 Hz, from a random reference
+/// windup      input against output forward and back, on this machine and on the same one with other
+///             load friction, preload and law of friction (thesis 2.4.1, 2.4.2)
+/// impulse     what pulses of the amplifier move: one of them, the map over both harmonics, the second
+///             harmonic that leaves no dead zone, the parabola (4.8), its spread, and how to relax the
+///             transmission between pulses (thesis 4.3.1); into the rig's calibration
+#[derive(Debug, Args)]
+#[command(
+    verbatim_doc_comment,
+    after_help = "\
+Examples:
+  pigtail characterize fivebar step
+  pigtail characterize z sine --frequency 8
+  pigtail characterize z resolution --json
+  pigtail characterize z step --from plant.toml     your own axis, as identify servo wrote it"
+)]
+pub(crate) struct Arguments {
+    /// fivebar, z, or left.a, left.b, left.z, right.a, right.b, right.z
+    axis: AxisName,
+    /// What to measure
+    #[arg(value_enum)]
+    what: What,
+    #[command(flatten)]
+    common: Common,
+    #[command(flatten)]
+    own: OwnAxes,
+    /// Size of the step, or amplitude of sine or noise, counts
+    #[arg(long, value_parser = clap::value_parser!(i64).range(1..), allow_negative_numbers = true)]
+    size: Option<i64>,
+    /// Frequency of the sine, hertz; 10 for a five-bar joint, 8 for z
+    #[arg(long, value_name = "HERTZ", value_parser = crate::positive)]
+    frequency: Option<f64>,
+    /// Steps of the resolution test
+    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(10..=10_000))]
+    steps: u32,
+    /// With impulse: instead, which pulse would be best at equal peak voltage: the thesis's, more
+    /// harmonics, other lengths and other families, each optimised over the whole uncertainty on the
+    /// plant as it is written, and what loops make of it on other machines (thesis 4.3.4)
+    #[arg(long)]
+    shapes: bool,
+    /// With impulse: second harmonic of the pulses, in units of the voltage at which the motor breaks away
+    /// (fsm), such as `--shapes` finds it; what leaves no dead zone is searched for if not given
+    #[arg(long, value_name = "FSM", value_parser = crate::positive)]
+    a2: Option<f64>,
+    /// The third beside it; 0 if not given
+    #[arg(long, value_name = "FSM", requires = "a2", allow_negative_numbers = true, value_parser = harmonic)]
+    a3: Option<f64>,
+    /// The fourth beside it; 0 if not given
+    #[arg(long, value_name = "FSM", requires = "a2", allow_negative_numbers = true, value_parser = harmonic)]
+    a4: Option<f64>,
+    /// With impulse: length of the pulses, milliseconds; 1 if not given
+    #[arg(long, value_name = "MS", value_parser = crate::positive)]
+    period_ms: Option<f64>,
+}
+
+/// Parses a harmonic.
+fn harmonic(text: &str) -> Result<f64, String> {
+    let value = text.parse::<f64>().ok().filter(|value| value.is_finite());
+    value.ok_or_else(|| format!("\"{text}\" is not a finite number"))
+}
+
+/// The longest pulse, milliseconds: beyond, an axis has time to come to rest in it.
+const LONGEST_PULSE: f64 = 10.0;
+
+/// What is fixed of the pulses.
+fn form(arguments: &Arguments) -> Form {
+    let other = |given: Option<f64>| given.unwrap_or(0.0);
+    Form {
+        fixed: arguments
+            .a2
+            .map(|a2| [a2, other(arguments.a3), other(arguments.a4)]),
+        period: arguments
+            .period_ms
+            .map_or(Form::THESIS.period, |ms| 1e-3 * ms),
+    }
+}
+
+/// Options that only pulses have.
+fn check_pulses(arguments: &Arguments) -> Result<(), Error> {
+    let refuse = |option: &str, message: String| Err(Error::new(option, "", message));
+    let own = [
+        ("--shapes", arguments.shapes),
+        ("--a2", arguments.a2.is_some()),
+        ("--period-ms", arguments.period_ms.is_some()),
+    ];
+    let mut asked = own.iter().filter(|(_, given)| *given);
+    match (asked.next(), asked.next()) {
+        (Some((option, _)), _) if arguments.what != What::Impulse => {
+            let message = "only pulses have it; accepted is `characterize AXIS impulse`";
+            return refuse(option, message.to_owned());
+        }
+        (Some(("--shapes", _)), Some((option, _))) => {
+            let message = "--shapes chooses it by itself; accepted is one of both";
+            return refuse(option, message.to_owned());
+        }
+        _ => {}
+    }
+    if let Some(ms) = arguments.period_ms.filter(|ms| *ms > LONGEST_PULSE) {
+        let message = format!("{ms} ms is no pulse; accepted is at most {LONGEST_PULSE} ms");
+        return refuse("--period-ms", message);
+    }
+    Ok(())
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum What {
+    Step,
+    Sine,
+    Resolution,
+    Frequency,
+    Windup,
+    Impulse,
+}
+
+/// What an experiment leaves to be printed and kept.
+struct Outcome {
+    json: String,
+    text: String,
+    html: String,
+}
+
+fn result(document: &impl Serialize, text: String, html: String) -> anyhow::Result<Outcome> {
+    Ok(Outcome {
+        json: serde_json::to_string(document)?,
+        text,
+        html,
+    })
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let at = arguments.axis;
+    let own = Own::read(&arguments.own.from)?;
+    own.concerns(at.axis)?;
+    let setup = Setup::load_with(&arguments.common.rig, DEFAULT_RECIPE_NAME, &own, true)?;
+    let range = setup.range_counts(at.axis);
+    if let Some(size) = arguments.size.filter(|size| *size as f64 > 0.4 * range) {
+        let message = format!(
+            "{size} counts are beyond the axis's range; accepted is at most {:.0}",
+            0.4 * range
+        );
+        return Err(Error::new("--size", "", message).into());
+    }
+    if let Some(hertz) = arguments
+        .frequency
+        .filter(|f| *f > 0.2 * setup.spec.servo.rate)
+    {
+        let message = format!(
+            "{hertz} Hz is too fast for the servo; accepted is at most {} Hz",
+            0.2 * setup.spec.servo.rate
+        );
+        return Err(Error::new("--frequency", "", message).into());
+    }
+    check_pulses(arguments)?;
+    let run = Run::begin(
+        &arguments.common.runs,
+        &format!("characterize {at}"),
+        arguments.common.seed,
+        &setup.hashes,
+    )?;
+    let done = match arguments.what {
+        What::Windup => on_variants(arguments, &setup),
+        What::Impulse if arguments.shapes => shapes(arguments, &setup),
+        What::Impulse => pulses(arguments, &setup, &run),
+        _ => on_twin(&setup, arguments.common.seed, |station| {
+            experiment(arguments, &setup, station)
+        }),
+    }
+    .map_err(|error| stopped(&run, error, &arguments.common.rig))??;
+    run.write("summary.json", format!("{}\n", done.json))?;
+    run.write("report.html", done.html)?;
+    let report = run.path("report.html").display().to_string();
+    run.finish("done")?;
+    let text = if arguments.common.json {
+        format!("{}\n", done.json)
+    } else {
+        format!("{}Report: {report}\n", done.text)
+    };
+    crate::print(text.as_bytes())?;
+    Ok(DONE)
+}
+
+type Experiment = Result<anyhow::Result<Outcome>, ExperimentError>;
+
+fn experiment(
+    arguments: &Arguments,
+    setup: &Setup,
+    station: &mut pigtail_control::station::Station,
+) -> Experiment {
+    let at = arguments.axis;
+    let usual = step_of(setup, at.axis);
+    let mut text = String::new();
+    Ok(match arguments.what {
+        // Those that take machines of their own are not asked here.
+        What::Windup | What::Impulse => return on_variants(arguments, setup),
+        What::Step => {
+            let (d, trace) = step(station, at, arguments.size.unwrap_or(usual))?;
+            let _ = writeln!(
+                text,
+                "{at}: step of {} counts: rise {:.1} ms, settling {:.1} ms, overshoot {:.1} %",
+                d.step, d.rise_ms, d.settling_ms, d.overshoot_percent
+            );
+            report::step(&d, &trace).and_then(|html| result(&d, text, html))
+        }
+        What::Sine => {
+            let hertz = arguments
+                .frequency
+                .unwrap_or(if at.axis == Axis::Z { 8.0 } else { 10.0 });
+            let amplitude = arguments.size.unwrap_or(usual / 4) as f64;
+            let (d, trace) = follow_sine(station, setup, at, hertz, amplitude)?;
+            let _ = writeln!(
+                text,
+                "{at}: sine of {hertz} Hz, {amplitude} counts: gain {:.4}, phase {:.2} deg at the \
+                 encoder",
+                d.encoder_gain, d.encoder_phase_deg
+            );
+            if let (Some(gain), Some(phase)) = (d.output_gain, d.output_phase_deg) {
+                let _ = writeln!(text, "  gain {gain:.4}, phase {phase:.2} deg at the output");
+            }
+            let scale = metres_per_count(setup, at.axis).ok();
+            report::sine(&d, &trace, scale).and_then(|html| result(&d, text, html))
+        }
+        What::Resolution => {
+            let rows = resolution(station, setup, at, arguments.steps)?;
+            for (row, _) in &rows {
+                let _ = writeln!(
+                    text,
+                    "{at}: {} steps of {} count(s): mean {:.4} um, deviation {:.4} um, largest {:.4} \
+                     um, {:.1} % stuck{}",
+                    row.steps,
+                    row.counts_per_step,
+                    row.mean_um,
+                    row.std_um,
+                    row.max_um,
+                    100.0 * row.stuck_share,
+                    row.resolution_um
+                        .map_or_else(String::new, |r| format!(": resolution {r:.3} um"))
+                );
+            }
+            let documents: Vec<_> = rows.iter().map(|(row, _)| row).collect();
+            report::resolution(&rows).and_then(|html| result(&documents, text, html))
+        }
+        What::Frequency => {
+            let amplitude = arguments.size.unwrap_or(usual / 20) as f64;
+            let (d, responses) = frequency(station, setup, at, amplitude, arguments.common.seed)?;
+            let hertz = |f: Option<f64>| f.map_or_else(|| "-".to_owned(), |f| format!("{f:.1} Hz"));
+            let _ = writeln!(
+                text,
+                "{at}: bandwidth (-3 dB) {} at the encoder, {} at the output; coherence at least {:.3}",
+                hertz(d.bandwidth_hz),
+                hertz(d.output_bandwidth_hz),
+                d.lowest_coherence
+            );
+            report::frequency(&d, &responses).and_then(|html| result(&d, text, html))
+        }
+    })
+}
+
+/// What pulses do; what was found is believed from now on.
+fn pulses(arguments: &Arguments, setup: &Setup, run: &Run) -> Experiment {
+    let at = arguments.axis;
+    let (d, figures, found) =
+        response(setup, at, &form(arguments), MACHINES, arguments.common.seed)?;
+    let origin = format!("characterize {at} impulse, run {}", run.name());
+    let table = format!("impulse.{}", kind_of(at));
+    let written = setup.write_calibration(&table, &found.table(&run.date(), &origin))?;
+    if let Err(error) = run.calibrated(written.as_deref(), &table) {
+        return Ok(Err(error));
+    }
+    let harmonics = arguments.a2.map_or_else(
+        || format!("no dead zone from a2 = {:.2} fsm on", d.a2_fsm),
+        |_| {
+            let [a2, a3, a4] = [d.a2_fsm, d.a3_fsm, d.a4_fsm];
+            let dead = d.dead_zone_fsm;
+            format!("dead zone {dead:.2} fsm with a2, a3, a4 = {a2:.2}, {a3:.2}, {a4:.2} fsm")
+        },
+    );
+    let mut text = format!(
+        "{}: breaks away at {:.4} V (1 fsm); transmission relaxed by: {}\n  {harmonics}; b = {:.2} nm, R2 = \
+         {:.3}; {:.1} nm at a1 = {} fsm, {:.1} to {:.1} nm over machines that differ (p10, p90)\n",
+        d.axis,
+        d.fsm_v,
+        d.relax,
+        d.b_nm,
+        d.r2,
+        d.displacement_nm.value,
+        d.displacement_nm.a1,
+        d.spread.p10,
+        d.spread.p90
+    );
+    let _ = writeln!(
+        text,
+        "{}",
+        written.map_or_else(
+            || "The calibration was left as it is: the rig is in no folder of its own.".to_owned(),
+            |file| format!("Written to {file}")
+        )
+    );
+    Ok(report::response(&d, &figures).and_then(|html| result(&d, text, html)))
+}
+
+/// Loops with each shape.
+const LOOPS: u64 = 300;
+
+/// Which pulse would be best.
+fn shapes(arguments: &Arguments, setup: &Setup) -> Experiment {
+    let (at, seed) = (arguments.axis, arguments.common.seed);
+    let (d, study) = contest(setup, at, seed, &Effort::FULL, LOOPS)?;
+    let mut text = format!(
+        "{}: pulses that peak at {:.2} fsm, at {:.0}, {:.0} and {:.0} nm, on the plant as it is written \
+         with friction and state at rest drawn; loops of {:.0} nm on {} machines\n",
+        d.axis, d.peak_fsm, d.at_nm[0], d.at_nm[1], d.at_nm[2], d.target_nm, d.runs
+    )
+    .into_bytes();
+    Ok(write_table(&mut text, &shapes_table(&d))
+        .map_err(anyhow::Error::from)
+        .and_then(|()| {
+            let html = report::shapes(&d, &study)?;
+            result(&d, String::from_utf8(text)?, html)
+        }))
+}
+
+fn shapes_table(d: &Contest) -> Vec<Vec<String>> {
+    let header = [
+        "shape",
+        "a2\nfsm",
+        "a3\nfsm",
+        "a4\nfsm",
+        "T\nms",
+        "spread\n%",
+        "dead zone\nfsm",
+        "least\nnm",
+        "vibration\nnm",
+        "at rest\nms",
+        "reach\nnm",
+        "fixed\n%",
+        "learnt\n%",
+        "pulses\np90",
+        "settled p90\ns",
+    ];
+    let mut rows = vec![header.map(str::to_owned).to_vec()];
+    for s in &d.shapes {
+        let numbers = [
+            (s.a2_fsm, 2),
+            (s.a3_fsm, 2),
+            (s.a4_fsm, 2),
+            (s.period_ms, 2),
+            (s.spread_percent, 1),
+            (s.dead_zone_fsm, 2),
+            (s.least_nm, 1),
+            (s.vibration_nm, 1),
+            (s.rest_ms, 1),
+            (s.reach_nm, 0),
+        ];
+        let mut row = vec![s.shape.to_owned()];
+        row.extend(numbers.map(|(value, digits)| format!("{value:.digits$}")));
+        row.extend(s.loops.map_or(["-"; 4].map(str::to_owned), |l| {
+            [
+                format!("{:.1}", l.fixed_within_percent),
+                format!("{:.1}", l.within_tolerance_percent),
+                format!("{:.0}", l.pulses_p90),
+                l.settled_p90_s
+                    .map_or_else(|| "-".to_owned(), |s| format!("{s:.2}")),
+            ]
+        }));
+        rows.push(row);
+    }
+    rows
+}
+
+/// Windup on machines that differ.
+fn on_variants(arguments: &Arguments, setup: &Setup) -> Experiment {
+    let (d, loops) = windup(setup, arguments.axis, arguments.common.seed)?;
+    let mut text = format!(
+        "{}: windup over {:.0} um, forward and back, um\n  {:34} {:>8} {:>8} {:>8} {:>14}\n",
+        d.axis, d.range_um, "machine", "windup", "W_max", "Q", "(2.20) leaves"
+    );
+    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2}"));
+    for case in &d.cases {
+        let _ = writeln!(
+            text,
+            "  {:34} {:8.2} {:>8} {:>8} {:>14}",
+            case.name,
+            case.windup_um,
+            number(case.w_max_um),
+            number(case.q_um),
+            number(case.residual_um)
+        );
+    }
+    if let Some(laws) = d.laws() {
+        let _ = writeln!(text, "{laws}");
+    }
+    Ok(report::loops(&d, &loops).and_then(|html| result(&d, text, html)))
+}

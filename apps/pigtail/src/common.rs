@@ -1,0 +1,96 @@
+//! What the commands that run a machine have in common.
+
+use clap::Args;
+use comfy_table::{
+    CellAlignment, ContentArrangement, ContentLineStyle, LineStyle, Table, TableStyle,
+};
+use pigtail_hal::quantity::{Dimension, Sign};
+use pigtail_session::rig::DEFAULT_RIG_NAME;
+use std::io::{self, Write};
+use std::path::PathBuf;
+
+#[derive(Debug, Args)]
+pub(crate) struct Common {
+    /// What to draw: machine, device, fixture and noise
+    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
+    pub(crate) seed: u64,
+    /// A folder with the three files of a rig, or the name of one below `rigs`
+    #[arg(long, default_value = DEFAULT_RIG_NAME)]
+    pub(crate) rig: String,
+    /// Print JSON instead of text
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Where to write the run's folder
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    pub(crate) runs: PathBuf,
+}
+
+/// Axes of a person's own in place of the rig's.
+#[derive(Debug, Args)]
+pub(crate) struct OwnAxes {
+    /// Puts an axis of your own in place of the rig's: a fragment that identify servo, friction, windup --data or
+    /// resonance wrote, or what tune --from wrote, or the folder of such a run; may be given more than once
+    #[arg(long, value_name = "FRAGMENT")]
+    pub(crate) from: Vec<PathBuf>,
+}
+
+/// Lines above and below the header and nothing else: numbers side by side need no grid.
+const STYLE: TableStyle = TableStyle::new()
+    .header_separator(LineStyle::none().fill('─').junction('─'))
+    .content_lines(ContentLineStyle::none());
+
+/// Writes a header and its rows; where the terminal is too narrow, rows become
+/// columns if that helps.
+pub(crate) fn write_table(out: &mut impl Write, rows: &[Vec<String>]) -> io::Result<()> {
+    let wide = table(rows);
+    let room = wide.width().map_or(usize::MAX, usize::from);
+    if width_of(&wide) <= room {
+        return writeln!(out, "{}", wide.trim_fmt());
+    }
+    let turned: Vec<Vec<String>> = (0..rows[0].len())
+        .map(|i| rows.iter().map(|row| row[i].replace('\n', " ")).collect())
+        .collect();
+    let narrow = table(&turned);
+    let best = if width_of(&narrow) < width_of(&wide) {
+        narrow
+    } else {
+        wide
+    };
+    writeln!(out, "{}", best.trim_fmt())
+}
+
+/// Whether a table has room on the terminal as it is.
+pub(crate) fn fits(rows: &[Vec<String>]) -> bool {
+    let table = table(rows);
+    table
+        .width()
+        .is_none_or(|room| width_of(&table) <= usize::from(room))
+}
+
+fn width_of(table: &Table) -> usize {
+    table
+        .lines()
+        .map(|line| line.chars().count())
+        .max()
+        .unwrap_or(0)
+}
+
+fn table(rows: &[Vec<String>]) -> Table {
+    let mut table = Table::new();
+    table
+        .load_style(STYLE)
+        .set_content_arrangement(ContentArrangement::Disabled);
+    table.set_header(&rows[0]);
+    table.add_rows(&rows[1..]);
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    table
+}
+
+/// A parser of quantities above zero.
+pub(crate) fn quantity(
+    dimension: Dimension,
+) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
+    move |text| dimension.parse(text, Sign::Positive)
+}

@@ -1,0 +1,438 @@
+//! `pigtail identify hysteresis` and `pigtail predict`.
+
+use crate::choice::choice;
+use crate::common::Common;
+use crate::{DONE, Failure, stopped};
+use clap::Args;
+use pigtail_evaluate::hysteresis::{self as machine, MachineDocument, MicrosDocument};
+use pigtail_hal::Error;
+use pigtail_hal::digest::hash;
+use pigtail_records::hysteresis::{
+    Columns, Document, Inverted, Kind, Micros, ModelFile, Table, Unit, fit, tell, voltages,
+    voltages_of,
+};
+use pigtail_report as report;
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, Setup};
+use pigtail_store::runs::Run;
+use rayon::prelude::*;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+/// Identify the hysteresis of the micro manipulators' piezos, and what compensating it is worth
+/// (thesis 4.2)
+///
+/// Without `--data`, on the machine, by light on the flank of a beam (4.1): the right micro moves the
+/// sensing fiber before a lit guide, the left one the input fiber before its own, whose light an output
+/// fiber takes up. Each piezo goes full ways, back from voltages across the range (4.4), and turns all
+/// over it. Both models are learned and tried on paths they were not fitted to; the one asked for goes
+/// into the rig's `calibration.toml`, its weights into a file beside it, and from then on every motion
+/// of that micro is compensated with it.
+///
+/// Keys of the JSON: those of the micro that gained least, and `sides` with all of them.
+///
+/// With `--data` a model is fitted to a person's own record of voltage and displacement: to its
+/// first three quarters, and judged on the rest, which was held back. Errors are beside those of
+/// the best straight line. Writes a report with the loops and a `model.json` for `pigtail predict`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pigtail identify hysteresis --rig rigs/afpm
+  pigtail identify hysteresis --rig rigs/afpm --side left --dry-run
+  pigtail identify hysteresis --data loops.csv --input u_V --output disp_um
+  pigtail identify hysteresis --data loops.csv --input u_V --output x_nm --unit nm --model rbf")]
+pub(crate) struct IdentifyArguments {
+    /// A CSV file whose first line names its columns
+    #[arg(long, value_name = "FILE", requires_all = ["input", "output"])]
+    data: Option<PathBuf>,
+    /// Its column of voltage
+    #[arg(long, value_name = "COLUMN", requires = "data")]
+    input: Option<String>,
+    /// Its column of displacement
+    #[arg(long, value_name = "COLUMN", requires = "data")]
+    output: Option<String>,
+    /// Its column of time in seconds; `t_s`, `time_s`, `t` or `time` if there is one, else samples are a
+    /// second apart
+    #[arg(long, value_name = "COLUMN", requires = "data")]
+    time: Option<String>,
+    /// Unit of displacement in it
+    #[arg(long, value_parser = choice::<Unit>(), default_value = "um", requires = "data")]
+    unit: Unit,
+    /// Which model
+    #[arg(long, value_parser = choice::<Kind>(), default_value = "memory")]
+    model: Kind,
+    /// The micros of which side
+    #[arg(long, value_parser = choice::<Micros>(), default_value = "both", conflicts_with = "data")]
+    side: Micros,
+    #[command(flatten)]
+    common: Common,
+    /// Do not write the models into the rig's calibration
+    #[arg(long, conflicts_with = "data")]
+    dry_run: bool,
+}
+
+/// Apply a model of hysteresis to another record
+///
+/// Tells the displacement from the voltage and says how far that is from the one in the record, but
+/// for an offset, for a sensor's zero is arbitrary. Judged is what comes after the voltage has been
+/// at both ends of its range: before that nobody knows what the piezo remembers.
+///
+/// With `--inverse` tells the voltage for a path of wanted displacements. Where the record has a
+/// voltage too, its error is given as the displacement that it makes. A path outside the model's
+/// range of displacement is moved to its middle.
+///
+/// The run's folder gets a `predicted.csv`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pigtail predict --model runs/20260101T120000-hysteresis-0/model.json --data other.csv
+  pigtail predict --model model.json --data path.csv --output wanted_um --inverse")]
+pub(crate) struct PredictArguments {
+    /// The model.json of `pigtail identify hysteresis`
+    #[arg(long, value_name = "FILE")]
+    model: PathBuf,
+    /// A CSV file whose first line names its columns
+    #[arg(long, value_name = "FILE")]
+    data: PathBuf,
+    /// Its column of voltage; named as in the model's record if not given
+    #[arg(long, value_name = "COLUMN")]
+    input: Option<String>,
+    /// Its column of displacement; named as in the model's record if not given
+    #[arg(long, value_name = "COLUMN")]
+    output: Option<String>,
+    /// Its column of time in seconds
+    #[arg(long, value_name = "COLUMN")]
+    time: Option<String>,
+    /// Unit of displacement in it; that of the model's record if not given
+    #[arg(long, value_parser = choice::<Unit>())]
+    unit: Option<Unit>,
+    /// Tell the voltage for the displacement
+    #[arg(long)]
+    inverse: bool,
+    /// Print JSON instead of text
+    #[arg(long)]
+    json: bool,
+    /// Where to write the run's folder
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    runs: PathBuf,
+}
+
+/// What its runs are called.
+const KIND: &str = "identify hysteresis";
+
+fn hash_of(path: &Path) -> (String, String) {
+    let content = std::fs::read(path).unwrap_or_default();
+    (path.display().to_string(), hash(content))
+}
+
+pub(crate) fn identify(arguments: &IdentifyArguments) -> Result<u8, Failure> {
+    let (Some(data), Some(input), Some(output)) =
+        (&arguments.data, &arguments.input, &arguments.output)
+    else {
+        return on_machine(arguments);
+    };
+    let table = Table::read(data)?;
+    let columns = Columns {
+        input: input.clone(),
+        output: output.clone(),
+        time: arguments.time.clone(),
+    };
+    let (record, columns) = table.record(&columns, arguments.unit.micrometres())?;
+    let mut tried =
+        fit(record, arguments.model).map_err(|invalid| table.explain(&invalid, &columns))?;
+    let seed = arguments.common.seed;
+    let read = [hash_of(data)];
+    let run = Run::begin(&arguments.common.runs, KIND, seed, &read)?;
+    tried.document.model_file = run.path("model.json").display().to_string();
+    tried.document.report = run.path("report.html").display().to_string();
+    let file = ModelFile {
+        date: run.date(),
+        origin: format!("identify hysteresis, run {}", run.name()),
+        columns,
+        unit: arguments.unit,
+        model: tried.model.clone(),
+    };
+    run.write_json("model.json", &file)?;
+    run.write_json("summary.json", &tried.document)?;
+    let title = format!("Hysteresis in {}", data.display());
+    run.write("report.html", report::tried(&title, &tried)?)?;
+    run.finish("done")?;
+    tell_about(&tried.document, arguments.common.json)
+}
+
+fn on_machine(arguments: &IdentifyArguments) -> Result<u8, Failure> {
+    let common = &arguments.common;
+    let setup = Setup::load(&common.rig, DEFAULT_RECIPE_NAME)?;
+    let run = Run::begin(&common.runs, KIND, common.seed, &setup.hashes)?;
+    let sides = arguments.side.sides().par_iter();
+    let found: Vec<_> = sides
+        .map(|side| machine::identify(&setup, arguments.model, *side, common.seed))
+        .collect();
+    let found = found
+        .into_iter()
+        .collect::<Result<Vec<_>, _>>()
+        .map_err(|error| stopped(&run, error, &common.rig))?;
+    let report = run.path("report.html").display().to_string();
+    let mut documents = Vec::with_capacity(found.len());
+    for found in &found {
+        let mut document = found.document.clone();
+        document.report.clone_from(&report);
+        let weights = serde_json::to_string_pretty(&found.model).map_err(anyhow::Error::from)?;
+        let weights = format!("{weights}\n");
+        let file = format!("weights-{}.json", document.side);
+        document.model_file = run.path(&file).display().to_string();
+        run.write(&file, &weights)?;
+        if !arguments.dry_run {
+            document.calibration = calibrate(&setup, &run, &document, &weights)?;
+        }
+        documents.push(document);
+    }
+    run.write("report.html", report::micros(&found)?)?;
+    let Some(document) = MicrosDocument::new(documents) else {
+        return Err(anyhow::anyhow!("there is no micro to identify").into());
+    };
+    run.write_json("summary.json", &document)?;
+    run.finish("done")?;
+    let text = if common.json {
+        let json = serde_json::to_string(&document).map_err(anyhow::Error::from)?;
+        format!("{json}\n")
+    } else {
+        machine_account(&document)
+    };
+    crate::print(text.as_bytes())?;
+    Ok(DONE)
+}
+
+/// Writes a side's model into the rig; where to, empty when the rig has no place for it.
+fn calibrate(
+    setup: &Setup,
+    run: &Run,
+    document: &MachineDocument,
+    weights: &str,
+) -> Result<String, Failure> {
+    let file = format!("hysteresis-{}.json", document.side);
+    let table = format!("hysteresis.{}", document.side);
+    let beside = setup.write_beside_calibration(&file, weights)?;
+    run.calibrated(beside.as_deref(), &table)?;
+    if beside.is_none() {
+        return Ok(String::new());
+    }
+    let residual = document.residual_um.iter().fold(0.0, |m: f64, r| m.max(*r));
+    let origin = format!("identify hysteresis, run {}", run.name());
+    let values = [
+        ("model", toml_edit::value(document.model)),
+        ("weights", toml_edit::value(file)),
+        // One that stood in the calibration itself is replaced.
+        ("micro", toml_edit::Item::None),
+        ("residual", toml_edit::value(format!("{residual:.5} um"))),
+        ("date", toml_edit::value(run.date())),
+        ("origin", toml_edit::value(origin)),
+    ];
+    let written = setup.write_calibration(&table, &values)?;
+    run.calibrated(written.as_deref(), &table)?;
+    Ok(written.unwrap_or_default())
+}
+
+/// What a person wants to know of an identification on a machine.
+fn machine_account(document: &MicrosDocument) -> String {
+    let mut text = String::new();
+    for d in &document.sides {
+        let _ = writeln!(
+            text,
+            "The {} micro, forward and back over {:.0} um: the ways part by {:.2} % of the range; with the \
+             model `{}` by {:.2} %",
+            d.side, d.range_um, d.uncompensated_opening_percent, d.model, d.opening_percent
+        );
+        let _ = writeln!(
+            text,
+            "The scale errs by {:+.2} % without it, by {:+.2} % with it",
+            d.uncompensated_gain_error_percent, d.gain_error_percent
+        );
+        let _ = writeln!(text, "What the best straight line leaves, um rms:");
+        let _ = writeln!(
+            text,
+            "  {:24} {:>8} {:>8} {:>7} {:>8} {:>7}",
+            "path", "none", "rbf", "better", "memory", "better"
+        );
+        for p in &d.paths {
+            let _ = writeln!(
+                text,
+                "  {:24} {:8.3} {:8.3} {:6.1}x {:8.3} {:6.1}x",
+                p.name,
+                p.uncompensated_um,
+                p.rbf_um,
+                p.rbf_improvement,
+                p.memory_um,
+                p.memory_improvement
+            );
+        }
+    }
+    let d = &document.least;
+    if d.calibration.is_empty() {
+        let _ = writeln!(text, "The calibration was left as it is.");
+    } else {
+        let _ = writeln!(text, "Written to {}", d.calibration);
+    }
+    let _ = writeln!(text, "Report: {}", d.report);
+    text
+}
+
+pub(crate) fn predict(arguments: &PredictArguments) -> Result<u8, Failure> {
+    let file = ModelFile::read(&arguments.model)?;
+    let table = Table::read(&arguments.data)?;
+    let named = |given: &Option<String>, known: &str| given.as_deref().unwrap_or(known).to_owned();
+    // A column of time that only the model's record had is not missed here.
+    let known_time = file.columns.time.clone().filter(|name| table.has(name));
+    let columns = Columns {
+        input: named(&arguments.input, &file.columns.input),
+        output: named(&arguments.output, &file.columns.output),
+        time: arguments.time.clone().or(known_time),
+    };
+    let unit = arguments.unit.unwrap_or(file.unit);
+    let hashes = [hash_of(&arguments.model), hash_of(&arguments.data)];
+    let compare = arguments.input.is_some() || table.has(&columns.input);
+    if arguments.inverse && !compare {
+        return path_alone(arguments, &file, &table, &columns, unit, &hashes);
+    }
+    let (record, _) = table.record(&columns, unit.micrometres())?;
+    let (mut tried, inverted) = if arguments.inverse {
+        let (tried, inverted) = voltages_of(&file.model, record);
+        (tried, Some(inverted))
+    } else {
+        (tell(&file.model, record), None)
+    };
+    let run = Run::begin(&arguments.runs, "predict", 0, &hashes)?;
+    tried.document.model_file = arguments.model.display().to_string();
+    tried.document.report = run.path("report.html").display().to_string();
+    let title = format!("A model's account of {}", arguments.data.display());
+    if let Some(inverted) = &inverted {
+        run.write("predicted.csv", voltages_csv(inverted))?;
+        let page = report::inverted(&title, inverted, Some(&tried))?;
+        run.write("report.html", page)?;
+    } else {
+        let mut csv = "t_s,input_V,output_um,predicted_um\n".to_owned();
+        let r = &tried.record;
+        for (k, told) in tried.told.iter().enumerate() {
+            let (t, v, x) = (r.time[k], r.input[k], r.output[k]);
+            let _ = writeln!(csv, "{t},{v},{x},{told:.6}");
+        }
+        run.write("predicted.csv", csv)?;
+        run.write("report.html", report::tried(&title, &tried)?)?;
+    }
+    run.write_json("summary.json", &tried.document)?;
+    run.finish("done")?;
+    tell_about(&tried.document, arguments.json)
+}
+
+fn voltages_csv(inverted: &Inverted) -> String {
+    let mut csv = "t_s,wanted_um,voltage_V\n".to_owned();
+    for ((t, x), v) in inverted
+        .time
+        .iter()
+        .zip(&inverted.wanted)
+        .zip(&inverted.volts)
+    {
+        let _ = writeln!(csv, "{t},{x},{v:.6}");
+    }
+    csv
+}
+
+/// The inverse of a path with no voltage to compare with: there is nothing to judge.
+fn path_alone(
+    arguments: &PredictArguments,
+    file: &ModelFile,
+    table: &Table,
+    columns: &Columns,
+    unit: Unit,
+    hashes: &[(String, String)],
+) -> Result<u8, Failure> {
+    let wanted = table.column(&columns.output)?;
+    let wanted: Vec<f64> = wanted.iter().map(|x| unit.micrometres() * x).collect();
+    if wanted.is_empty() {
+        let message = "has no rows; accepted is a path of at least one point";
+        return Err(Error::new(arguments.data.display().to_string(), "", message).into());
+    }
+    let (time, _) = table.time(columns.time.as_deref())?;
+    let inverted = voltages(&file.model, time, wanted);
+    let run = Run::begin(&arguments.runs, "predict", 0, hashes)?;
+    run.write("predicted.csv", voltages_csv(&inverted))?;
+    let title = format!("Voltages for {}", arguments.data.display());
+    run.write("report.html", report::inverted(&title, &inverted, None)?)?;
+    let (csv, page) = (run.path("predicted.csv"), run.path("report.html"));
+    let document = serde_json::json!({
+        "model": file.model.name(),
+        "functions": file.model.functions(),
+        "samples": inverted.volts.len(),
+        "offset_um": inverted.offset,
+        "voltages": csv.display().to_string(),
+        "report": page.display().to_string(),
+    });
+    run.write_json("summary.json", &document)?;
+    run.finish("done")?;
+    let text = if arguments.json {
+        format!("{document}\n")
+    } else {
+        format!(
+            "{} voltages by the model `{}`, the path moved by {:.3} um\nVoltages: {}\nReport: {}\n",
+            inverted.volts.len(),
+            file.model.name(),
+            inverted.offset,
+            csv.display(),
+            page.display()
+        )
+    };
+    crate::print(text.as_bytes())?;
+    Ok(DONE)
+}
+
+fn tell_about(document: &Document, json: bool) -> Result<u8, Failure> {
+    let text = if json {
+        let json = serde_json::to_string(document).map_err(anyhow::Error::from)?;
+        format!("{json}\n")
+    } else {
+        account(document)
+    };
+    crate::print(text.as_bytes())?;
+    Ok(DONE)
+}
+
+/// What a person wants to know of it.
+fn account(d: &Document) -> String {
+    let mut text = String::new();
+    let percent = |um: f64| 100.0 * um / d.range_um;
+    let _ = writeln!(
+        text,
+        "Model `{}` of {} functions over a range of {:.3} um",
+        d.model, d.functions, d.range_um
+    );
+    let _ = writeln!(
+        text,
+        "  {:10} {:>10} {:>8} {:>10} {:>8} {:>12}",
+        "", "rms, um", "%", "max, um", "%", "line's rms, %"
+    );
+    let mut row = |name: &str, rms: f64, max: f64, line: f64| {
+        let _ = writeln!(
+            text,
+            "  {name:10} {rms:10.4} {:8.3} {max:10.4} {:8.3} {line:12.3}",
+            percent(rms),
+            percent(max)
+        );
+    };
+    for (name, part) in [("fitted", &d.fitted), ("held back", &d.held_back)] {
+        if let Some(p) = part {
+            row(name, p.rms_um, p.max_um, percent(p.uncompensated_rms_um));
+        }
+    }
+    if d.fitted.is_none() {
+        row("predicted", d.rms_um, d.max_um, d.uncompensated_percent);
+    }
+    let _ = writeln!(
+        text,
+        "{:.1} times better than the best straight line",
+        d.improvement
+    );
+    if let Some(volts) = d.rms_v {
+        let _ = writeln!(text, "The voltage errs by {volts:.5} V rms");
+    }
+    let _ = writeln!(text, "Model: {}\nReport: {}", d.model_file, d.report);
+    text
+}

@@ -1,0 +1,191 @@
+//! `pigtail identify`.
+
+use crate::choice::choice;
+use crate::common::Common;
+use crate::{DONE, Failure, stopped};
+use clap::{Args, Subcommand};
+use pigtail_hal::{Axis, AxisName};
+use pigtail_report as report;
+use pigtail_session::characterize::on_twin;
+use pigtail_session::identify::{Document, Identified, Model, windup};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, Setup};
+use pigtail_store::runs::Run;
+use std::fmt::Write as _;
+
+/// Identify what control should know of the machine
+#[derive(Debug, Args)]
+pub(crate) struct Arguments {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, Subcommand)]
+enum What {
+    Windup(WindupArguments),
+    Servo(crate::records::ServoArguments),
+    Friction(crate::records::FrictionArguments),
+    Resonance(crate::records::ResonanceArguments),
+    Hysteresis(crate::hysteresis::IdentifyArguments),
+}
+
+/// Identify the windup of a transmission, and what compensating it is worth (thesis 2.4)
+///
+/// Scans the axis back and forth while a probe measures its output, fits the thesis's function
+/// (2.20) and a model that remembers every reversal that matters, and tries both on scans that they
+/// were not fitted to. The model goes into the rig's `calibration.toml`; from then on every motion
+/// of that kind of axis is compensated with it.
+///
+/// The gap is the largest spread of the output over the same wanted output, after two full ways: what
+/// the thesis reads off as the difference between the forward and the backward path.
+///
+/// With `--data` instead of an axis, a transmission is identified from a person's own record of the encoders
+/// on both of its sides, in angles (or lengths) of the output: their time skew first, then (2.20), compliance with
+/// the torque, hysteresis with memory and an error of the ratio. The model that tells best what it was
+/// not fitted to is reported, and a fragment of a `calibration.toml` written beside the report. What the
+/// record does not tell has no value, and the exit code is 1.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pigtail identify windup fivebar
+  pigtail identify windup fivebar --model reversal --dry-run
+  pigtail identify windup --data d.csv --motor mot1_deg --load se1_deg --torque torque1_Nm
+  pigtail identify windup --data d.csv --motor q_m:rad --ratio 0.0125 --load q_l:rad")]
+#[command(group(clap::ArgGroup::new("from").required(true).args(["axis", "data"])))]
+struct WindupArguments {
+    /// fivebar, z, or left.a, left.b, left.z, right.a, right.b, right.z
+    axis: Option<AxisName>,
+    #[command(flatten)]
+    record: crate::records::WindupRecordArguments,
+    /// Which model to write and to report
+    #[arg(long, value_parser = choice::<Model>(), default_value = "memory")]
+    model: Model,
+    #[command(flatten)]
+    common: Common,
+    /// Do not write the model into the rig's calibration
+    #[arg(long, conflicts_with = "data")]
+    dry_run: bool,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    match &arguments.what {
+        What::Windup(arguments) => run_windup(arguments),
+        What::Servo(arguments) => crate::records::servo(arguments),
+        What::Friction(arguments) => crate::records::friction(arguments),
+        What::Resonance(arguments) => crate::records::resonance(arguments),
+        What::Hysteresis(arguments) => crate::hysteresis::identify(arguments),
+    }
+}
+
+fn run_windup(arguments: &WindupArguments) -> Result<u8, Failure> {
+    let Some(at) = arguments.axis else {
+        let common = &arguments.common;
+        return crate::records::windup(&arguments.record, common.json, &common.runs);
+    };
+    let setup = Setup::load(&arguments.common.rig, DEFAULT_RECIPE_NAME)?;
+    let run = Run::begin(
+        &arguments.common.runs,
+        "identify windup",
+        arguments.common.seed,
+        &setup.hashes,
+    )?;
+    let mut identified = on_twin(&setup, arguments.common.seed, |station| {
+        windup(station, &setup, at, arguments.model, arguments.common.seed)
+    })
+    .map_err(|error| stopped(&run, error, &arguments.common.rig))?;
+    identified.document.report = run.path("report.html").display().to_string();
+    if !arguments.dry_run {
+        let kind = if at.axis == Axis::Z { "z" } else { "five_bar" };
+        let values = table(&identified, at, &run);
+        let entry = format!("windup.{kind}");
+        let written = setup.write_calibration(&entry, &values)?;
+        run.calibrated(written.as_deref(), &entry)?;
+        identified.document.calibration = written.unwrap_or_default();
+    }
+    run.write_json("summary.json", &identified.document)?;
+    run.write("report.html", report::windup(&identified)?)?;
+    let text = if arguments.common.json {
+        let json = serde_json::to_string(&identified.document).map_err(anyhow::Error::from)?;
+        format!("{json}\n")
+    } else {
+        account(&identified.document)
+    };
+    run.finish("done")?;
+    crate::print(text.as_bytes())?;
+    Ok(DONE)
+}
+
+/// The model as a table of a calibration.
+fn table(identified: &Identified, at: AxisName, run: &Run) -> Vec<(&'static str, toml_edit::Item)> {
+    let radians = |value: f64| toml_edit::value(format!("{value:.6e} rad"));
+    let model = match identified.document.model {
+        Model::Memory => "memory",
+        Model::Reversal => "reversal",
+    };
+    let hardening: toml_edit::Array = identified
+        .memory
+        .hardening
+        .iter()
+        .map(|part| format!("{part:.6e} rad"))
+        .collect();
+    let elements: toml_edit::Array = identified
+        .elements()
+        .into_iter()
+        .map(|pair| pair.into_iter().collect::<toml_edit::Array>())
+        .collect();
+    vec![
+        ("model", toml_edit::value(model)),
+        ("w_max", radians(identified.reversal.maximum)),
+        ("q", radians(identified.reversal.way)),
+        ("hardening", toml_edit::value(hardening)),
+        ("elements", toml_edit::value(elements)),
+        (
+            "residual",
+            radians(identified.document.residual_um / identified.um_per_radian),
+        ),
+        ("date", toml_edit::value(run.date())),
+        (
+            "origin",
+            toml_edit::value(format!("identify windup {at}, run {}", run.name())),
+        ),
+    ]
+}
+
+/// What a person wants to know of it.
+fn account(d: &Document) -> String {
+    let mut text = String::new();
+    let _ = writeln!(
+        text,
+        "{}: W_max {:.3} um, Q {:.3} um; the model leaves {:.3} um rms of the windup",
+        d.axis, d.w_max_um, d.q_um, d.residual_um
+    );
+    let _ = writeln!(
+        text,
+        "Gap between the paths, and peak-to-peak error of the output, um:"
+    );
+    let _ = writeln!(
+        text,
+        "  {:24} {:>15} {:>15} {:>15}",
+        "scan", "none", "reversal", "memory"
+    );
+    for row in &d.scans {
+        let [none, reversal, memory] = row.peak_to_peak_um;
+        let _ = writeln!(
+            text,
+            "  {:24} {:7.2} {none:7.2} {:7.2} {reversal:7.2} {:7.2} {memory:7.2}",
+            row.name, row.uncompensated_um, row.reversal_um, row.memory_um
+        );
+    }
+    let _ = writeln!(
+        text,
+        "The gap over the full range of {:.0} um is {:.1} times narrower, the error at least {:.1} times \
+         less on every scan.",
+        d.range_um, d.factor, d.worst_factor
+    );
+    if d.calibration.is_empty() {
+        let _ = writeln!(text, "The calibration was left as it is.");
+    } else {
+        let _ = writeln!(text, "Written to {}", d.calibration);
+    }
+    let _ = writeln!(text, "Report: {}", d.report);
+    text
+}

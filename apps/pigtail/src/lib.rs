@@ -1,0 +1,190 @@
+//! The `pigtail` program: its commands, their options and what they print.
+//!
+//! Exit codes: 0 done, 1 an honest negative, 2 bad input, 3 a fault.
+
+mod align;
+mod benchmark;
+mod campaign;
+mod characterize;
+mod choice;
+mod common;
+mod hysteresis;
+mod identify;
+mod impulse;
+mod maximize;
+mod methods;
+mod phases;
+mod plan;
+mod progress;
+mod records;
+mod reproduce;
+mod rig;
+mod runs;
+mod scan;
+mod simulate;
+mod stop;
+mod trace;
+mod tune;
+mod twin;
+
+use clap::{CommandFactory, Parser, Subcommand};
+use pigtail_hal::{Error, Fault};
+use pigtail_session::align::AlignError;
+use pigtail_session::characterize::ExperimentError;
+use pigtail_store::runs::Run;
+use std::io::{self, Write};
+use std::process::ExitCode;
+
+const DONE: u8 = 0;
+const NEGATIVE: u8 = 1;
+const BAD_INPUT: u8 = 2;
+const FAULT: u8 = 3;
+
+#[derive(Debug, Parser)]
+#[command(version, max_term_width = 100, about = ABOUT, long_about = LONG_ABOUT, after_help = AFTER)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const ABOUT: &str = "Aligns optical fibers to photonic chips, on a machine or on its digital twin";
+
+const LONG_ABOUT: &str = "\
+Aligns optical fibers to photonic chips, on a machine or on its digital twin.
+
+A rig describes a machine in three files: its datasheet (`machine.toml`), the truth that only the \
+twin reads (`plant.toml`) and the belief that control acts on (`calibration.toml`). A recipe \
+describes a device and how to align it. Without further ado,
+
+    pigtail align
+
+draws a machine and a device, aligns three fibers from measurements alone, and says how far off \
+they really are.";
+
+const AFTER: &str = "\
+Exit codes:
+  0  done
+  1  an honest negative, such as no light found
+  2  bad input, explained on standard error
+  3  the machine has a fault";
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    Align(align::Arguments),
+    Campaign(campaign::Arguments),
+    Benchmark(benchmark::Arguments),
+    Plan(plan::Arguments),
+    Maximize(maximize::Arguments),
+    Tune(tune::Arguments),
+    Identify(identify::Arguments),
+    Predict(hysteresis::PredictArguments),
+    Characterize(characterize::Arguments),
+    Impulse(impulse::Arguments),
+    Trace(trace::Arguments),
+    Simulate(simulate::Arguments),
+    Twin(twin::Arguments),
+    Rig(rig::Arguments),
+    Reproduce(reproduce::Arguments),
+    Runs(runs::Arguments),
+}
+
+/// Why a command ends without its result.
+#[derive(Debug, thiserror::Error)]
+enum Failure {
+    #[error("{0}")]
+    Input(#[from] Error),
+    #[error("the machine has stopped, and is safe: {0}")]
+    Fault(#[from] Fault),
+    #[error("{0:#}")]
+    Other(#[from] anyhow::Error),
+}
+
+/// Parses a finite number above zero.
+fn positive(text: &str) -> Result<f64, String> {
+    text.parse::<f64>()
+        .ok()
+        .filter(|value| value.is_finite() && *value > 0.0)
+        .ok_or_else(|| format!("\"{text}\" is not a finite number above zero"))
+}
+
+/// What a run that did not come to its end is to the user of `rig`.
+fn failure(error: AlignError, rig: &str) -> Failure {
+    match error {
+        AlignError::Fault(fault) => Failure::Fault(fault),
+        AlignError::Twin(error) => Failure::Input(Error::new(rig, "", error.to_string())),
+    }
+}
+
+/// The same, and what `run` leaves: a fault its evidence, bad input nothing.
+fn stopped(run: &Run, error: impl Into<ExperimentError>, rig: &str) -> Failure {
+    match error.into() {
+        ExperimentError::Align(error) => {
+            let kept = match &error {
+                AlignError::Fault(fault) => run.fault(fault),
+                AlignError::Twin(_) => {
+                    run.abandon();
+                    Ok(())
+                }
+            };
+            if let Err(why) = kept {
+                eprintln!("error: what there is of the run stays where it is: {why:#}");
+            }
+            failure(error, rig)
+        }
+        ExperimentError::Input(error) => Failure::Input(error),
+    }
+}
+
+/// Prints a text. That whoever was reading has read enough is no failure.
+fn print(text: &[u8]) -> anyhow::Result<()> {
+    let mut out = io::stdout().lock();
+    match out.write_all(text).and_then(|()| out.flush()) {
+        Err(error) if error.kind() == io::ErrorKind::BrokenPipe => Ok(()),
+        other => Ok(other?),
+    }
+}
+
+/// The program's commands and options, for whoever describes them.
+pub fn command() -> clap::Command {
+    Arguments::command().name("pigtail")
+}
+
+/// Runs the program with the process's arguments.
+pub fn main() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => {
+            // `--help` and `--version` come this way too. Nobody may be there to read them.
+            let _ = error.print();
+            return ExitCode::from(if error.use_stderr() { BAD_INPUT } else { DONE });
+        }
+    };
+    let result = match arguments.command {
+        Command::Align(arguments) => align::run(&arguments),
+        Command::Campaign(arguments) => campaign::run(&arguments),
+        Command::Benchmark(arguments) => benchmark::run(&arguments),
+        Command::Plan(arguments) => plan::run(&arguments),
+        Command::Maximize(arguments) => maximize::run(&arguments),
+        Command::Tune(arguments) => tune::run(&arguments),
+        Command::Identify(arguments) => identify::run(&arguments),
+        Command::Predict(arguments) => hysteresis::predict(&arguments),
+        Command::Characterize(arguments) => characterize::run(&arguments),
+        Command::Impulse(arguments) => impulse::run(&arguments),
+        Command::Trace(arguments) => trace::run(&arguments),
+        Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::Twin(arguments) => twin::run(&arguments),
+        Command::Rig(arguments) => rig::run(&arguments),
+        Command::Reproduce(arguments) => reproduce::run(&arguments),
+        Command::Runs(arguments) => runs::run(&arguments),
+    };
+    match result {
+        Ok(code) => ExitCode::from(code),
+        Err(failure) => {
+            eprintln!("error: {failure}");
+            ExitCode::from(match failure {
+                Failure::Input(_) | Failure::Other(_) => BAD_INPUT,
+                Failure::Fault(_) => FAULT,
+            })
+        }
+    }
+}

@@ -1,0 +1,7 @@
+//! The `pigtail` program.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    pigtail::main()
+}

@@ -1,0 +1,123 @@
+//! `pigtail maximize`.
+
+use crate::common::{Common, write_table};
+use crate::{DONE, Failure, NEGATIVE, stopped};
+use clap::Args;
+use pigtail_control::recipe::Climb;
+use pigtail_evaluate::maximize::{Asked, Document, Unmeasured, maximize};
+use pigtail_hal::quantity::{Dimension, LENGTH, Sign, TIME};
+use pigtail_report as report;
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, Setup};
+use pigtail_store::runs::Run;
+use std::io::{self, Write};
+
+/// Measure light throughput maximization: how well a fiber stays at its peak (thesis 3.3)
+///
+/// Brings the input and the first output's fiber to their peaks and then moves something: the device,
+/// which drifts ever faster until the climb loses it (a step a pattern, 2.5 um/s with the thesis's
+/// parameters); the macro; the piezos, which creep after a long way. Beside the nine-point climb stand
+/// the fast procedure's circles and a micro at rest. Offsets are the truth, from the twin.
+///
+/// And the way in z with the peak walking aside, and the times of 3.4 by both procedures.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pigtail maximize
+  pigtail maximize --step '0.3 um' --dwell '8 ms' --json")]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    common: Common,
+    /// A recipe file, or the name of one below `recipes`
+    #[arg(long, default_value = DEFAULT_RECIPE_NAME)]
+    recipe: String,
+    /// Distance of the nine points
+    #[arg(long, default_value = "0.1 um", value_parser = quantity(LENGTH, Sign::Positive, 2e-6))]
+    step: f64,
+    /// Time at each point
+    #[arg(long, default_value = "4 ms", value_parser = quantity(TIME, Sign::Positive, 0.1))]
+    dwell: f64,
+    /// Time between patterns
+    #[arg(long, default_value = "4 ms", value_parser = quantity(TIME, Sign::NonNegative, 1.0))]
+    pause: f64,
+    /// Devices over which times are averaged
+    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    devices: u64,
+}
+
+/// A parser of quantities up to some SI value.
+fn quantity(
+    dimension: Dimension,
+    sign: Sign,
+    most: f64,
+) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
+    move |text| {
+        let value = dimension.parse(text, sign)?;
+        if value > most {
+            let (unit, factor) = dimension.units[dimension.units.len() - 2];
+            return Err(format!(
+                "\"{text}\" is too much for a climb; accepted is at most {} {unit}",
+                most / factor
+            ));
+        }
+        Ok(value)
+    }
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let common = &arguments.common;
+    let setup = Setup::load(&common.rig, &arguments.recipe)?;
+    let asked = Asked {
+        climb: Climb {
+            step: arguments.step,
+            dwell: arguments.dwell,
+            pause: arguments.pause,
+            ..setup.recipe.climb
+        },
+        seed: common.seed,
+        devices: arguments.devices,
+    };
+    let run = Run::begin(&common.runs, "maximize", common.seed, &setup.hashes)?;
+    let mut measured = match maximize(&setup, &asked) {
+        Ok(measured) => measured,
+        Err(Unmeasured::Align(error)) => return Err(stopped(&run, error, &common.rig)),
+        Err(Unmeasured::NoPeak(why)) => {
+            eprintln!("no fiber to stay at its peak: {why}");
+            return Ok(NEGATIVE);
+        }
+    };
+    measured.document.report = run.path("report.html").display().to_string();
+    run.write_json("summary.json", &measured.document)?;
+    run.write("report.html", report::maximize(&measured)?)?;
+    run.finish("done")?;
+    let mut text = Vec::new();
+    if common.json {
+        serde_json::to_writer(&mut text, &measured.document).map_err(anyhow::Error::from)?;
+        text.push(b'\n');
+    } else {
+        print(&mut text, &measured.document).map_err(anyhow::Error::from)?;
+    }
+    crate::print(&text)?;
+    Ok(DONE)
+}
+
+fn print(out: &mut impl Write, document: &Document) -> io::Result<()> {
+    for table in report::maximize_tables(document) {
+        writeln!(out, "{}", table.title)?;
+        write_table(out, &table.rows)?;
+        writeln!(out)?;
+    }
+    if let Some(a) = document.approach {
+        writeln!(
+            out,
+            "While the gap closed by {:.1} um the peak walked {:.2} um aside ({:.2} by design), at \
+             {:.2} um/s, the climb with it.",
+            a.way_um, a.walk_um, a.expected_um, a.walk_um_s
+        )?;
+    }
+    writeln!(
+        out,
+        "Offsets are the truth, from the twin of seed {}; times are means over {} devices.",
+        document.seed, document.devices
+    )?;
+    writeln!(out, "Report: {}", document.report)
+}

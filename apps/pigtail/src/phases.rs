@@ -1,0 +1,51 @@
+//! An observer that keeps a run's phases in the store.
+
+use pigtail_control::station::{Observer, Sample};
+use pigtail_hal::Error;
+use pigtail_store::runs::Run;
+
+/// Enters each phase of a run's fibers when it ends.
+#[derive(Debug)]
+pub(crate) struct Phases<'a> {
+    run: &'a Run,
+    /// When the last one began, seconds of machine time.
+    begun: f64,
+    failed: Option<Error>,
+}
+
+impl<'a> Phases<'a> {
+    /// Of this run.
+    pub(crate) fn of(run: &'a Run) -> Self {
+        Self {
+            run,
+            begun: 0.0,
+            failed: None,
+        }
+    }
+
+    /// Whether all could be entered. The machine was not stopped in the middle of a motion for one
+    /// that could not; those after it were not tried.
+    ///
+    /// # Errors
+    ///
+    /// What hindered the first that could not.
+    pub(crate) fn all_entered(self) -> Result<(), Error> {
+        self.failed.map_or(Ok(()), Err)
+    }
+}
+
+impl Observer for Phases<'_> {
+    fn phase(&mut self, _: &str, _: &'static str, time: f64) {
+        self.begun = time;
+    }
+
+    fn phase_over(&mut self, port: &str, phase: &'static str, time: f64) {
+        if self.failed.is_none() {
+            let seconds = time - self.begun;
+            let entered = self.run.phase(port, phase, self.begun, seconds);
+            self.failed = entered.err();
+        }
+    }
+
+    fn sample(&mut self, _: &Sample) {}
+}

@@ -1,0 +1,79 @@
+//! A bar a phase with the light level, on a terminal; nothing elsewhere.
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use pigtail_control::procedure::PORTS;
+use pigtail_control::station::{Observer, Sample};
+use pigtail_hal::Channel;
+use std::time::Duration;
+
+/// Shows each phase as it runs. indicatif draws on standard error, and only on a terminal.
+pub(crate) struct Progress {
+    bar: ProgressBar,
+    /// Light that fills the bar, volts.
+    full: f64,
+    start: f64,
+    last: f64,
+    brightest: f64,
+    channel: Channel,
+}
+
+/// Resolution of the bar.
+const PARTS: u64 = 1000;
+
+impl Progress {
+    pub(crate) fn new(full: f64) -> Self {
+        Self {
+            bar: ProgressBar::hidden(),
+            full,
+            start: 0.0,
+            last: 0.0,
+            brightest: 0.0,
+            channel: Channel::Sensing,
+        }
+    }
+
+    pub(crate) fn finish(&mut self) {
+        self.message();
+        // A phase leaves its line behind.
+        self.bar.abandon();
+        self.bar = ProgressBar::hidden();
+    }
+
+    fn message(&self) {
+        self.bar.set_message(format!(
+            "{:5.1} s  {:.3} V",
+            self.last - self.start,
+            self.brightest
+        ));
+    }
+}
+
+impl Observer for Progress {
+    fn phase(&mut self, port: &str, phase: &'static str, time: f64) {
+        self.last = time;
+        if self.start < time {
+            self.finish();
+        }
+        self.bar =
+            ProgressBar::with_draw_target(Some(PARTS), ProgressDrawTarget::stderr_with_hz(20));
+        if let Ok(style) = ProgressStyle::with_template("{prefix:17} [{bar:20}] {msg}") {
+            self.bar.set_style(style.progress_chars("=> "));
+        }
+        self.bar.set_prefix(format!("{port:8} {phase}"));
+        self.bar.enable_steady_tick(Duration::from_millis(100));
+        self.start = time;
+        self.brightest = 0.0;
+        // The input is watched through the sensing fiber, an output through itself.
+        self.channel = PORTS[1..]
+            .iter()
+            .position(|output| *output == port)
+            .map_or(Channel::Sensing, Channel::of_output);
+    }
+
+    fn sample(&mut self, sample: &Sample) {
+        self.last = sample.time;
+        self.brightest = self.brightest.max(sample.light[self.channel.index()]);
+        let share = (self.brightest / self.full).clamp(0.0, 1.0);
+        self.bar.set_position((share * PARTS as f64) as u64);
+    }
+}

@@ -1,0 +1,618 @@
+//! `pigtail identify` from a record that a person brings.
+
+use crate::{DONE, Failure, NEGATIVE};
+use clap::{Args, ValueEnum};
+use pigtail_hal::Error;
+use pigtail_hal::digest::hash;
+use pigtail_records::columns::Named;
+use pigtail_records::fragment::{
+    AxisTable, ControllerTable, Fragment, Kind, MotionTable, RecordTable,
+};
+use pigtail_records::friction;
+use pigtail_records::part::{Drive, Part};
+use pigtail_records::resonance;
+use pigtail_records::servo::{self, Roles};
+use pigtail_records::windup;
+use pigtail_records::{Answer, Shown, capital, short};
+use pigtail_report as report;
+use pigtail_store::runs::Run;
+use pigtail_sysid::friction::Law;
+use pigtail_sysid::servo::{Controller, Friction, Method, Settings};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+/// What all of these commands take.
+#[derive(Debug, Args)]
+pub(crate) struct Output {
+    /// Print JSON instead of text
+    #[arg(long)]
+    pub(crate) json: bool,
+    /// Where to write the run's folder
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    pub(crate) runs: PathBuf,
+}
+
+/// Heading of what a fragment tells of an axis beside its record.
+const DRIVE: &str = "Its drive, for the fragment";
+
+/// Identify inertia and friction of a servo axis from a record of it
+///
+/// Fits the inverse dynamic model, force = inertia x acceleration + viscous + Coulomb friction + offset,
+/// by least squares: the position filtered both ways, differentiated by central differences, everything
+/// decimated. Symmetric friction with an offset, and friction that each direction has for itself; by
+/// ordinary least squares, weighted, with instrumental variables from the closed loop replayed, and with the
+/// delay of the voltage as one unknown more. The
+/// verdict says which variant generalises: by the second record (--validate), else by the last part of the
+/// first one. Where a record does not excite a parameter, it is not given a value, and the exit code is 1.
+///
+/// A column is NAME or NAME:UNIT; without, its unit is the one its name ends with (`q_mm`, `q [mm]`), else SI.
+/// With a reference, the controller is identified too, and the record replayed in closed loop.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pigtail identify servo --data log.csv --time t_s --reference q_ref_m --position q_meas_m --voltage u_V \
+--force-per-volt 35.15
+  pigtail identify servo --data log.csv --position pos:mm --voltage cmd:V --force-per-volt 12 --validate b.csv")]
+pub(crate) struct ServoArguments {
+    /// A CSV file whose first line names its columns
+    #[arg(long, value_name = "FILE")]
+    data: PathBuf,
+    /// Its column of time; `t_s`, `time_s`, `t` or `time` if not given
+    #[arg(long, value_name = "COLUMN")]
+    time: Option<Named>,
+    /// Its column of the position's reference
+    #[arg(long, value_name = "COLUMN")]
+    reference: Option<Named>,
+    /// Its column of position, a length or an angle
+    #[arg(long, value_name = "COLUMN")]
+    position: Named,
+    /// Its column of motor voltage
+    #[arg(long, value_name = "COLUMN")]
+    voltage: Named,
+    /// Force (N) or torque (N m) of a volt
+    #[arg(long, value_name = "K", value_parser = crate::positive)]
+    force_per_volt: f64,
+    /// A second record of the same columns, to judge by
+    #[arg(long, value_name = "FILE")]
+    validate: Option<PathBuf>,
+    /// Friction whose parameters are reported
+    #[arg(long, value_enum, default_value = "symmetric")]
+    friction: FrictionChoice,
+    /// Method whose parameters are reported
+    #[arg(long, value_enum, default_value = "least-squares")]
+    method: MethodChoice,
+    /// Cutoff of the position's filter, hertz; a tenth of the sample rate, at most 100, if not given
+    #[arg(long, value_name = "HERTZ", value_parser = crate::positive)]
+    cutoff: Option<f64>,
+    /// Order of the filter
+    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u8).range(1..=8))]
+    order: u8,
+    /// Samples left out at the start
+    #[arg(long, default_value_t = 49)]
+    skip: usize,
+    /// One equation in so many samples; sample rate over cutoff if not given
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    decimate: Option<u32>,
+    /// The controller u = KV (KP (reference - position) - velocity), bounded by LIMIT volts; found in the record if
+    /// not given
+    #[arg(long, value_name = "KP,KV,LIMIT", value_parser = cascade)]
+    controller: Option<Controller>,
+    /// Turns of the output for a turn of the motor; 1 if not given
+    #[arg(long, value_name = "R", value_parser = crate::positive, help_heading = DRIVE)]
+    gear_ratio: Option<f64>,
+    /// Travel for a turn of the screw, metres, of an axis along a line; 0.01 if not given
+    #[arg(long, value_name = "METRES", value_parser = crate::positive, help_heading = DRIVE)]
+    lead: Option<f64>,
+    /// Encoder counts in a turn of the motor; if not given, one is as coarse as the position's noise
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(4..), help_heading = DRIVE)]
+    counts_per_turn: Option<u32>,
+    /// The amplifier's bound, volts; if not given, the controller's, or the most that the record shows
+    #[arg(long, value_name = "VOLTS", value_parser = crate::positive, help_heading = DRIVE)]
+    voltage_limit: Option<f64>,
+    #[command(flatten)]
+    output: Output,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum FrictionChoice {
+    /// Both directions alike, and an offset
+    Symmetric,
+    /// Each direction for itself
+    Asymmetric,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum MethodChoice {
+    /// Ordinary least squares
+    LeastSquares,
+    /// Least squares by Huber's weights
+    Weighted,
+    /// Instrumental variables
+    Instrumental,
+    /// Least squares with the time after which a voltage acts as one unknown more
+    Delayed,
+}
+
+fn cascade(text: &str) -> Result<Controller, String> {
+    let numbers: Option<Vec<f64>> = text
+        .split(',')
+        .map(|t| {
+            t.trim()
+                .parse()
+                .ok()
+                .filter(|v: &f64| v.is_finite() && *v > 0.0)
+        })
+        .collect();
+    match numbers.as_deref() {
+        Some([kp, kv, limit]) => Ok(Controller::cascade(*kp, *kv, *limit)),
+        _ => Err(format!(
+            "\"{text}\" is not three finite numbers above zero, separated by commas"
+        )),
+    }
+}
+
+pub(crate) fn hash_of(path: &Path) -> (String, String) {
+    let content = std::fs::read(path).unwrap_or_default();
+    (path.display().to_string(), hash(content))
+}
+
+pub(crate) fn servo(a: &ServoArguments) -> Result<u8, Failure> {
+    let roles = Roles {
+        time: a.time.clone(),
+        reference: a.reference.clone(),
+        position: a.position.clone(),
+        voltage: a.voltage.clone(),
+    };
+    let first = roles.read(&a.data)?;
+    let second = a
+        .validate
+        .as_ref()
+        .map(|path| roles.read(path))
+        .transpose()?;
+    let set = Settings {
+        force_per_volt: a.force_per_volt,
+        cutoff: a.cutoff,
+        order: usize::from(a.order),
+        skip: a.skip,
+        decimate: a.decimate.map(|d| d as usize),
+        controller: a.controller,
+    };
+    let nyquist = 0.5 / first.record.even().period;
+    if let Some(cutoff) = a.cutoff.filter(|c| *c >= nyquist) {
+        let message = format!(
+            "{cutoff} Hz is not below the record's Nyquist frequency; accepted is less than {nyquist} Hz"
+        );
+        return Err(Error::new(a.data.display().to_string(), "--cutoff", message).into());
+    }
+    let friction = match a.friction {
+        FrictionChoice::Symmetric => Friction::Symmetric,
+        FrictionChoice::Asymmetric => Friction::Asymmetric,
+    };
+    let method = match a.method {
+        MethodChoice::LeastSquares => Method::LeastSquares,
+        MethodChoice::Weighted => Method::Weighted,
+        MethodChoice::Instrumental => Method::Instrumental,
+        MethodChoice::Delayed => Method::Delayed,
+    };
+    if a.lead.is_some() && first.kind == Kind::Rotary {
+        let message = "is of a screw, and this axis turns; accepted is an axis along a line";
+        return Err(Error::new("identify servo", "--lead", message).into());
+    }
+    let drive = Drive {
+        ratio: a.gear_ratio.unwrap_or(Drive::PLAIN.ratio),
+        lead: a.lead.unwrap_or(Drive::PLAIN.lead),
+        counts: a.counts_per_turn,
+        limit: a.voltage_limit,
+    };
+    let mut found = servo::servo(&first, second.as_ref(), &set, (friction, method));
+    let whole = found.answer.is_whole();
+    let best = found.best.take().filter(|_| whole);
+    let source = &first.source;
+    let fragment = best.map(|(best, whole)| {
+        move |run: &Run| {
+            let axis = AxisTable::new(first.kind, &best.axis(a.force_per_volt));
+            let controller = whole.controller.as_ref().map(ControllerTable::new);
+            let motion = MotionTable::new(&whole.motion);
+            let origin = origin("servo", run);
+            let believed = (&*run.date(), &*origin);
+            let part = Part::new(&axis, controller.as_ref(), &motion, &drive, believed);
+            let plain = Fragment {
+                origin: origin.clone(),
+                axis,
+                controller,
+                record: RecordTable::new(source),
+                motion: Some(motion),
+                z_stage: None,
+                five_bar: None,
+                machine: None,
+                calibration: None,
+            };
+            Ok(vec![("plant.toml", plain.with(part).text()?)])
+        }
+    });
+    let mut hashes = vec![hash_of(&a.data)];
+    hashes.extend(a.validate.as_deref().map(hash_of));
+    let title = format!("A servo axis from {}", a.data.display());
+    finish(
+        "servo",
+        &title,
+        found.answer,
+        found.shown.as_ref(),
+        &hashes,
+        fragment,
+        &a.output,
+    )
+}
+
+/// Identify a law of friction from a record of force against displacement
+///
+/// Fits the thesis's presliding (2.12)-(2.13), symmetric and with each direction for itself, Dahl's law,
+/// Maxwell-slip elements and, where there is time, LuGre to the record's first six tenths, and chooses by the
+/// error on the rest, or on a second record; of laws that are as good the one with fewer parameters. Then
+/// it is fitted to the whole record.
+///
+/// A force that does negative work is what friction does to the body: its sign is turned. What the record
+/// does not tell has no value, and the exit code is 1.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pigtail identify friction --data d.csv --displacement position_mm --force friction_uN
+  pigtail identify friction --data d.csv --displacement x:um --force f:N --law lugre")]
+pub(crate) struct FrictionArguments {
+    /// A CSV file whose first line names its columns
+    #[arg(long, value_name = "FILE")]
+    data: PathBuf,
+    /// Its column of displacement, a length or an angle
+    #[arg(long, value_name = "COLUMN")]
+    displacement: Named,
+    /// Its column of force or torque
+    #[arg(long, value_name = "COLUMN")]
+    force: Named,
+    /// Its column of time; `t_s`, `time_s`, `t` or `time` if not given and there
+    #[arg(long, value_name = "COLUMN")]
+    time: Option<Named>,
+    /// A second record of the same columns, to judge by
+    #[arg(long, value_name = "FILE")]
+    validate: Option<PathBuf>,
+    /// Laws of at most so many parameters
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u8).range(3..=6))]
+    most_parameters: u8,
+    /// The law to report, whichever is best
+    #[arg(long, value_enum)]
+    law: Option<LawChoice>,
+    #[command(flatten)]
+    output: Output,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum LawChoice {
+    /// (2.12)-(2.13), beside an offset
+    Presliding,
+    /// The same, each direction for itself
+    PreslidingTwoSided,
+    /// Dahl's
+    Dahl,
+    /// Maxwell-slip elements
+    MaxwellSlip,
+    /// LuGre
+    Lugre,
+    /// LuGre with viscous friction and an offset
+    LugreViscous,
+}
+
+impl LawChoice {
+    fn law(self) -> Law {
+        match self {
+            Self::Presliding => Law::Presliding,
+            Self::PreslidingTwoSided => Law::PreslidingTwoSided,
+            Self::Dahl => Law::Dahl,
+            Self::MaxwellSlip => Law::MaxwellSlip,
+            Self::Lugre => Law::LuGre,
+            Self::LugreViscous => Law::LuGreViscous,
+        }
+    }
+}
+
+pub(crate) fn friction(a: &FrictionArguments) -> Result<u8, Failure> {
+    let roles = friction::Roles {
+        time: a.time.clone(),
+        displacement: a.displacement.clone(),
+        force: a.force.clone(),
+    };
+    let first = roles.read(&a.data)?;
+    let second = a
+        .validate
+        .as_ref()
+        .map(|path| roles.read(path))
+        .transpose()?;
+    let law = a.law.map(LawChoice::law);
+    let most = law.map_or(usize::from(a.most_parameters), |l| {
+        l.parameters().len().max(usize::from(a.most_parameters))
+    });
+    let found = friction::friction(&first, second.as_ref(), most, law);
+    let fragment = found.fragment.clone();
+    let mut hashes = vec![hash_of(&a.data)];
+    hashes.extend(a.validate.as_deref().map(hash_of));
+    let title = format!("Friction in {}", a.data.display());
+    finish(
+        "friction",
+        &title,
+        found.answer,
+        found.shown.as_ref(),
+        &hashes,
+        fragment.map(|text| {
+            move |run: &Run| {
+                Ok(vec![(
+                    "plant.toml",
+                    format!("# By {}.\n{text}", origin("friction", run)),
+                )])
+            }
+        }),
+        &a.output,
+    )
+}
+
+/// The record of a transmission, for `pigtail identify windup`.
+#[derive(Debug, Args)]
+pub(crate) struct WindupRecordArguments {
+    /// A CSV file whose first line names its columns, instead of an axis
+    #[arg(long, value_name = "FILE", requires_all = ["motor", "load"])]
+    data: Option<PathBuf>,
+    /// Its column of the motor's position
+    #[arg(long, value_name = "COLUMN", requires = "data")]
+    motor: Option<Named>,
+    /// Its column of the load's position
+    #[arg(long, value_name = "COLUMN", requires = "data")]
+    load: Option<Named>,
+    /// Its column of the motor's torque
+    #[arg(long, value_name = "COLUMN", requires = "data")]
+    torque: Option<Named>,
+    /// Its column of time; `t_s`, `time_s`, `t` or `time` if not given
+    #[arg(long, value_name = "COLUMN", requires = "data")]
+    time: Option<Named>,
+    /// Turns of the output for a turn of the motor, where the motor's column is not yet in angles of the output
+    #[arg(long, value_name = "R", default_value_t = 1.0, value_parser = crate::positive, requires = "data")]
+    ratio: f64,
+    /// Travel for a turn of the screw, metres, where motor and load are lengths
+    #[arg(long, value_name = "METRES", value_parser = crate::positive, requires = "data")]
+    lead: Option<f64>,
+    /// A second record of the same columns, to judge by
+    #[arg(long, value_name = "FILE", requires = "data")]
+    validate: Option<PathBuf>,
+    /// Table of the calibration that the fragment is for
+    #[arg(long, value_enum, default_value = "five-bar", requires = "data")]
+    kind: KindChoice,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum KindChoice {
+    /// `windup.five_bar`
+    FiveBar,
+    /// `windup.z`
+    Z,
+}
+
+pub(crate) fn windup(a: &WindupRecordArguments, json: bool, runs: &Path) -> Result<u8, Failure> {
+    let (Some(data), Some(motor), Some(load)) = (&a.data, &a.motor, &a.load) else {
+        let message = "no record; accepted is an axis, or --data with --motor and --load";
+        return Err(Error::new("identify windup", "", message).into());
+    };
+    let roles = windup::Roles {
+        time: a.time.clone(),
+        motor: motor.clone(),
+        load: load.clone(),
+        torque: a.torque.clone(),
+        ratio: a.ratio,
+    };
+    let first = roles.read(data)?;
+    let second = a
+        .validate
+        .as_ref()
+        .map(|path| roles.read(path))
+        .transpose()?;
+    let found = windup::windup(&first, second.as_ref());
+    let mut hashes = vec![hash_of(data)];
+    hashes.extend(a.validate.as_deref().map(hash_of));
+    let title = format!("A transmission from {}", data.display());
+    let table = match a.kind {
+        KindChoice::FiveBar => "five_bar",
+        KindChoice::Z => "z",
+    };
+    let mut answer = found.answer;
+    let scale = windup::radians(&first, a.lead);
+    if scale.is_none() && found.model.is_some() {
+        let remark =
+            "no fragment: a calibration has windup in radians of the screw; accepted is its --lead";
+        answer.remarks.push(remark.to_owned());
+    }
+    let model = found.model.zip(scale);
+    finish(
+        "windup",
+        &title,
+        answer,
+        found.shown.as_ref(),
+        &hashes,
+        model.map(|(model, scale)| {
+            move |run: &Run| {
+                let origin = format!("identify windup --data, run {}", run.name());
+                let belief = windup::fragment(&model, table, scale, &run.date(), &origin);
+                let mut files = vec![("calibration.toml", belief)];
+                if let Some(winds) = windup::plant(&first, &model, table, scale) {
+                    let text = toml::to_string(&winds)?;
+                    let about = "# What winds up, for the twin: --from takes it. SI units.";
+                    let text = format!("{about}\n# By {origin}.\n\n[transmission]\n{text}");
+                    files.push(("plant.toml", text));
+                }
+                Ok(files)
+            }
+        }),
+        &Output {
+            json,
+            runs: runs.to_owned(),
+        },
+    )
+}
+
+/// Identify modes, damping and delay from a frequency response
+///
+/// A row for each frequency: magnitude (a ratio or decibels) and phase, or real and imaginary part. Modes are
+/// added one at a time, as long as the points that were held back, every second one, are told better by
+/// a twentieth. What the points do not resolve has no value, and the exit code is 1. A magnitude alone tells
+/// modes and their damping, and no delay.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pigtail identify resonance --data frf.csv
+  pigtail identify resonance --data frf.csv --frequency f:Hz --magnitude gain:dB --phase arg:deg")]
+pub(crate) struct ResonanceArguments {
+    /// A CSV file whose first line names its columns
+    #[arg(long, value_name = "FILE")]
+    data: PathBuf,
+    /// Its column of frequency; one with a usual name if not given
+    #[arg(long, value_name = "COLUMN")]
+    frequency: Option<Named>,
+    /// Its column of magnitude, a ratio or in dB; one with a usual name if not given
+    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["real", "imaginary"])]
+    magnitude: Option<Named>,
+    /// Its column of phase; one with a usual name if not given
+    #[arg(long, value_name = "COLUMN", conflicts_with_all = ["real", "imaginary"])]
+    phase: Option<Named>,
+    /// Its column of the real part
+    #[arg(long, value_name = "COLUMN", requires = "imaginary")]
+    real: Option<Named>,
+    /// Its column of the imaginary part
+    #[arg(long, value_name = "COLUMN", requires = "real")]
+    imaginary: Option<Named>,
+    /// Its column of coherence, by which points count
+    #[arg(long, value_name = "COLUMN")]
+    coherence: Option<Named>,
+    #[command(flatten)]
+    output: Output,
+}
+
+pub(crate) fn resonance(a: &ResonanceArguments) -> Result<u8, Failure> {
+    let roles = resonance::Roles {
+        frequency: a.frequency.clone(),
+        magnitude: a.magnitude.clone(),
+        phase: a.phase.clone(),
+        parts: a.real.clone().zip(a.imaginary.clone()),
+        coherence: a.coherence.clone(),
+    };
+    let (answer, shown) = resonance::resonance(&roles, &a.data)?;
+    let modes = resonance::carries(&answer).then(|| resonance::fragment(&answer));
+    let title = format!("Resonances in {}", a.data.display());
+    finish(
+        "resonance",
+        &title,
+        answer,
+        shown.as_ref(),
+        &[hash_of(&a.data)],
+        modes.map(|text| {
+            move |run: &Run| {
+                Ok(vec![(
+                    "plant.toml",
+                    format!("# By {}.\n{text}", origin("resonance", run)),
+                )])
+            }
+        }),
+        &a.output,
+    )
+}
+
+pub(crate) fn origin(what: &str, run: &Run) -> String {
+    format!("identify {what}, run {}, {}", run.name(), run.date())
+}
+
+/// Fragments by the names of their files.
+pub(crate) type Files = Vec<(&'static str, String)>;
+
+/// Writes the run and prints the answer.
+pub(crate) fn finish(
+    what: &str,
+    title: &str,
+    mut answer: Answer,
+    shown: Option<&Shown>,
+    hashes: &[(String, String)],
+    fragment: Option<impl FnOnce(&Run) -> anyhow::Result<Files>>,
+    output: &Output,
+) -> Result<u8, Failure> {
+    let kind = match what {
+        "twin" => what.to_owned(),
+        _ => format!("identify {what}"),
+    };
+    let run = Run::begin(&output.runs, &kind, 0, hashes)?;
+    if let Some(fragment) = fragment {
+        for (key, (name, text)) in ["fragment", "plant_fragment"]
+            .into_iter()
+            .zip(fragment(&run)?)
+        {
+            run.write(name, text)?;
+            let path = run.path(name).display().to_string();
+            answer.more.insert(key.to_owned(), path.into());
+        }
+    }
+    let path = run.path("report.html").display().to_string();
+    answer.more.insert("report".to_owned(), path.into());
+    let document = answer.json();
+    run.write_json("summary.json", &document)?;
+    run.write("report.html", report::record(title, &answer, shown)?)?;
+    let negative = servo::is_negative(&answer);
+    run.finish(if negative { "negative" } else { "done" })?;
+    let text = if output.json {
+        format!("{document}\n")
+    } else {
+        account(&answer)
+    };
+    crate::print(text.as_bytes())?;
+    Ok(if negative { NEGATIVE } else { DONE })
+}
+
+/// What a person wants to know of it.
+fn account(answer: &Answer) -> String {
+    let mut text = answer.lines();
+    let mut errors = Vec::new();
+    if let Some(e) = answer.relative_error_percent {
+        errors.push(format!("relative error {} %", short(e)));
+    }
+    if let Some(e) = answer.validation_error_percent {
+        errors.push(format!("{} % on what it was not fitted to", short(e)));
+    }
+    if let Some(c) = answer.condition {
+        errors.push(format!("condition {}", short(c)));
+    }
+    if !errors.is_empty() {
+        let _ = writeln!(text, "{}", errors.join(", "));
+    }
+    let replay = |key: &str| {
+        answer
+            .more
+            .get(key)
+            .and_then(|r| r["velocity_error_percent"].as_f64())
+    };
+    for (key, name) in [
+        ("replay", "The record"),
+        ("validation_replay", "The second record"),
+    ] {
+        if let Some(error) = replay(key) {
+            let _ = writeln!(
+                text,
+                "{name} replayed in closed loop: the velocity is {} % off",
+                short(error)
+            );
+        }
+    }
+    let _ = writeln!(text, "{}", capital(&answer.verdict));
+    for remark in &answer.remarks {
+        let _ = writeln!(text, "Note: {remark}");
+    }
+    for (key, name) in [
+        ("fragment", "Fragment"),
+        ("plant_fragment", "The same for the twin"),
+        ("report", "Report"),
+    ] {
+        if let Some(path) = answer.more.get(key).and_then(|p| p.as_str()) {
+            let _ = writeln!(text, "{name}: {path}");
+        }
+    }
+    text
+}

@@ -1,0 +1,191 @@
+//! `pigtail align --map`: search and peak on a measured power map.
+
+use crate::choice::choice;
+use crate::common::{Common, quantity, write_table};
+use crate::{DONE, Failure, NEGATIVE};
+use clap::Args;
+use pigtail_hal::Error;
+use pigtail_hal::digest::hash;
+use pigtail_hal::quantity::{LENGTH, Sign};
+use pigtail_records::map::{Columns, Document, LengthUnit, Peak, PowerUnit, read, try_on};
+use pigtail_report as report;
+use pigtail_store::runs::Run;
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+/// Options of a measured map.
+#[derive(Debug, Args)]
+pub(crate) struct MapArguments {
+    /// Try search and peak on a power map that you measured, in place of a machine: a CSV file with a
+    /// line of names and a reading a row, in any order
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["procedure", "method", "scenario"])]
+    map: Option<PathBuf>,
+    /// Columns of the map: across, up, power
+    #[arg(
+        long,
+        value_name = "X,Y,POWER",
+        default_value = "x,y,power",
+        value_delimiter = ',',
+        num_args = 1
+    )]
+    map_columns: Vec<String>,
+    /// Unit of its places
+    #[arg(long, value_name = "UNIT", value_parser = choice::<LengthUnit>(), default_value = "um")]
+    map_length_unit: LengthUnit,
+    /// Unit of its power
+    #[arg(long, value_name = "UNIT", value_parser = choice::<PowerUnit>(), default_value = "V")]
+    map_power_unit: PowerUnit,
+    /// Less power in it is more light: a photodiode of negative voltage
+    #[arg(long, requires = "map")]
+    map_inverted: bool,
+    /// Where the search begins, such as "5 um,-3 um"; the map's middle where not given
+    #[arg(long, value_name = "X,Y", requires = "map", value_parser = place, allow_hyphen_values = true)]
+    map_start: Option<(f64, f64)>,
+    /// How well the peak's place is to be known (a standard deviation), such as "0.1 um"; a fiftieth
+    /// of its radius where not given
+    #[arg(long, value_name = "LENGTH", requires = "map", value_parser = quantity(LENGTH))]
+    map_accuracy: Option<f64>,
+}
+
+fn place(text: &str) -> Result<(f64, f64), String> {
+    let Some((x, y)) = text.split_once(',') else {
+        return Err(format!(
+            "\"{text}\" is no place; accepted are two lengths, such as \"5 um,-3 um\""
+        ));
+    };
+    Ok((LENGTH.parse(x, Sign::Any)?, LENGTH.parse(y, Sign::Any)?))
+}
+
+impl MapArguments {
+    /// The map, if there is one.
+    pub(crate) fn map(&self) -> Option<&Path> {
+        self.map.as_deref()
+    }
+}
+
+/// Tries search and peak on a map.
+pub(crate) fn run(map: &Path, arguments: &MapArguments, common: &Common) -> Result<u8, Failure> {
+    let Ok(names) = <[String; 3]>::try_from(arguments.map_columns.clone()) else {
+        let message = format!(
+            "{} names {} columns; accepted are three: across, up and power, such as x,y,power",
+            arguments.map_columns.join(","),
+            arguments.map_columns.len()
+        );
+        return Err(Error::new("--map-columns", "", message).into());
+    };
+    let columns = Columns {
+        names,
+        length: arguments.map_length_unit,
+        power: arguments.map_power_unit,
+        inverted: arguments.map_inverted,
+    };
+    let scan = read(map, &columns)?;
+    let file = map.display().to_string();
+    let outside = |(x, y): &(f64, f64)| !scan.contains(*x, *y);
+    if arguments.map_start.as_ref().is_some_and(outside) {
+        let ((x, y), (w, h)) = (scan.middle(), scan.half());
+        let message = format!(
+            "lies outside of the map; accepted is x from {:.3} to {:.3} um, y from {:.3} to {:.3} um",
+            (x - w) * 1e6,
+            (x + w) * 1e6,
+            (y - h) * 1e6,
+            (y + h) * 1e6
+        );
+        return Err(Error::new("--map-start", "", message).into());
+    }
+    let mut trial = try_on(
+        &file,
+        &scan,
+        &columns,
+        arguments.map_start,
+        arguments.map_accuracy,
+    );
+    let content = fs::read(map).map_err(anyhow::Error::from)?;
+    let run = Run::begin(
+        &common.runs,
+        "align map",
+        common.seed,
+        &[(file, hash(content))],
+    )?;
+    trial.document.report = run.path("report.html").display().to_string();
+    run.write_json("summary.json", &trial.document)?;
+    run.write("report.html", report::scan(&scan, &trial)?)?;
+    run.finish(trial.document.outcome)?;
+    let document = &trial.document;
+    let mut text = Vec::new();
+    if common.json {
+        serde_json::to_writer(&mut text, document).map_err(anyhow::Error::from)?;
+        text.push(b'\n');
+    } else {
+        print_table(&mut text, document).map_err(anyhow::Error::from)?;
+    }
+    crate::print(&text)?;
+    Ok(if document.outcome == "aligned" {
+        DONE
+    } else {
+        NEGATIVE
+    })
+}
+
+/// A text that begins as a sentence does.
+fn sentence(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| {
+        first.to_uppercase().chain(letters).collect()
+    })
+}
+
+fn print_table(out: &mut impl Write, document: &Document) -> io::Result<()> {
+    let unit = document.power_unit;
+    let header = [
+        "by".to_owned(),
+        "readings".to_owned(),
+        "x\num".to_owned(),
+        "y\num".to_owned(),
+        "known to\num".to_owned(),
+        "width x\num".to_owned(),
+        "width y\num".to_owned(),
+        format!("power\n{unit}"),
+        format!("dark\n{unit}"),
+    ];
+    let row = |name: &str, readings: usize, peak: &Peak| {
+        vec![
+            name.to_owned(),
+            readings.to_string(),
+            format!("{:.3}", peak.x_um),
+            format!("{:.3}", peak.y_um),
+            format!("{:.3}", peak.deviation_um),
+            format!("{:.3}", peak.widths_um.x),
+            format!("{:.3}", peak.widths_um.y),
+            peak.power.to_string(),
+            peak.background.to_string(),
+        ]
+    };
+    let mut rows = vec![header.to_vec()];
+    if let Some(peak) = &document.peak {
+        rows.push(row("search", document.readings_used, peak));
+    }
+    if let Some(peak) = &document.whole_map {
+        rows.push(row("whole map", document.readings, peak));
+    }
+    if rows.len() > 1 {
+        write_table(out, &rows)?;
+        writeln!(out)?;
+    }
+    if !document.detail.is_empty() {
+        writeln!(out, "{}.", sentence(&document.detail))?;
+    }
+    if let (Some(light), Some(_)) = (document.readings_to_first_light, &document.peak) {
+        writeln!(
+            out,
+            "Light after {light} readings, the peak after {}, of the map's {}. Widths are full ones \
+             at half height.",
+            document.readings_used, document.readings
+        )?;
+    }
+    for note in pigtail_report::scan_notes(document) {
+        writeln!(out, "{note}")?;
+    }
+    writeln!(out, "Report: {}", document.report)
+}

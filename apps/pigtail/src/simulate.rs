@@ -1,0 +1,156 @@
+//! `pigtail simulate`.
+
+use crate::{DONE, Failure};
+use anyhow::Context;
+use clap::{Args, Subcommand};
+use pigtail_evaluate::simulate::{Grid, Input, Parameters, joint};
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::PathBuf;
+use std::str::FromStr;
+
+/// Simulate a part of the machine alone
+#[derive(Debug, Args)]
+pub(crate) struct Arguments {
+    #[command(subcommand)]
+    part: Part,
+}
+
+#[derive(Debug, Subcommand)]
+enum Part {
+    Joint(JointArguments),
+}
+
+/// Simulate one joint, (2.1)-(2.13), from rest
+///
+/// The parameters are a TOML table an axis (or a JSON object), named as in the equations, SI units:
+/// Jm, Jl, r, P (metres of output a radian of the load), km, kb, R, ks, kh, bm, bl, fsm, fcm, fsl,
+/// fcl, qp, Tp (preload); the servo's Nenc (counts a turn), Ts, Vmax, Vint (bound of the integral's
+/// voltage), kp (V/count), ki (V/(count s)), kd (V s/count).
+///
+/// Writes a row for each moment: time, voltage from then on, positions and velocities of motor and
+/// load, output, modes (-1, 0 stuck, +1), encoder count, reference.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pigtail simulate joint --params axes.toml --axis z --impulse 1.5,12.5,1e-3
+  pigtail simulate joint --params axes.toml --axis fivebar --step 400 --out step.csv")]
+struct JointArguments {
+    /// A TOML or JSON file with a table for each axis
+    #[arg(long, value_name = "FILE")]
+    params: PathBuf,
+    /// Which table of it
+    #[arg(long, value_name = "NAME")]
+    axis: String,
+    #[command(flatten)]
+    input: InputArguments,
+    /// Where to write the trajectory; standard output if not given
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// How long, seconds; what the input needs if not given
+    #[arg(long, value_name = "SECONDS", value_parser = crate::positive)]
+    duration: Option<f64>,
+    /// Time between rows, seconds; divides the servo period
+    #[arg(long, value_name = "SECONDS", value_parser = crate::positive)]
+    row_period: Option<f64>,
+    /// Longest integration step, seconds
+    #[arg(long, value_name = "SECONDS", default_value_t = 25e-6, value_parser = crate::positive)]
+    max_step: f64,
+}
+
+#[derive(Debug, Args)]
+#[group(required = true, multiple = false)]
+struct InputArguments {
+    /// Voltages from a CSV with a column of times and one of voltages, each held until the next
+    #[arg(long, value_name = "FILE")]
+    input: Option<PathBuf>,
+    /// The impulse (4.7): amplitudes over the motor's static friction, and its length in seconds
+    #[arg(long, value_name = "A1,A2,T", allow_negative_numbers = true)]
+    impulse: Option<Numbers<3>>,
+    /// A step of the PID's reference, counts
+    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    step: Option<Numbers<1>>,
+    /// A reference that rises to N counts and falls back in PERIOD seconds, twice
+    #[arg(long, value_name = "N,PERIOD", allow_negative_numbers = true)]
+    triangle: Option<Numbers<2>>,
+}
+
+/// Finite numbers separated by commas.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Numbers<const N: usize>([f64; N]);
+
+impl<const N: usize> FromStr for Numbers<N> {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || format!("\"{text}\" is not {N} finite numbers separated by commas");
+        let values = text
+            .split(',')
+            .map(|field| field.trim().parse::<f64>().ok().filter(|v| v.is_finite()))
+            .collect::<Option<Vec<f64>>>()
+            .ok_or_else(wrong)?;
+        values.try_into().map(Self).map_err(|_| wrong())
+    }
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let Part::Joint(arguments) = &arguments.part;
+    let parameters = Parameters::read(&arguments.params, &arguments.axis)?;
+    let input = input(&arguments.input)?;
+    let grid = Grid {
+        duration: arguments.duration.unwrap_or_else(|| input.duration()),
+        row_period: arguments.row_period.unwrap_or_else(|| input.row_period()),
+        max_step: arguments.max_step,
+    };
+    let mut trajectory = Vec::new();
+    joint(&parameters, &input, &grid, &mut trajectory)?;
+    match &arguments.out {
+        Some(path) => File::create(path)
+            .and_then(|file| {
+                let mut file = BufWriter::new(file);
+                file.write_all(&trajectory).and_then(|()| file.flush())
+            })
+            .with_context(|| format!("{}: the trajectory could not be written", path.display()))?,
+        None => crate::print(&trajectory)?,
+    }
+    Ok(DONE)
+}
+
+fn input(arguments: &InputArguments) -> Result<Input, Failure> {
+    let bad =
+        |key: &str, message: &str| Failure::Input(pigtail_hal::Error::new("--", key, message));
+    let InputArguments {
+        input,
+        impulse,
+        step,
+        triangle,
+    } = arguments;
+    if let Some(path) = input {
+        return Ok(Input::voltages(path)?);
+    }
+    if let Some(Numbers([a1, a2, period])) = *impulse {
+        if period <= 0.0 {
+            return Err(bad(
+                "impulse",
+                "T is not positive; accepted is a length above zero",
+            ));
+        }
+        return Ok(Input::Impulse { a1, a2, period });
+    }
+    if let Some(Numbers([counts, period])) = *triangle {
+        if period <= 0.0 {
+            return Err(bad(
+                "triangle",
+                "PERIOD is not positive; accepted is one above zero",
+            ));
+        }
+        return Ok(Input::Triangle { counts, period });
+    }
+    let Some(Numbers([counts])) = *step else {
+        return Err(bad(
+            "input",
+            "is missing; accepted is one of input, impulse, step, triangle",
+        ));
+    };
+    Ok(Input::Step(counts))
+}

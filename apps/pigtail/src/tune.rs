@@ -1,0 +1,201 @@
+//! `pigtail tune`.
+
+use crate::choice::choice;
+use crate::common::{Common, OwnAxes};
+use crate::{DONE, Failure, stopped};
+use clap::Args;
+use indicatif::{ProgressBar, ProgressStyle};
+use pigtail_hal::{Axis, AxisName, Error};
+use pigtail_report as report;
+use pigtail_session::own::Own;
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, Setup};
+use pigtail_session::tune::{Document, Method, Plan, step_of, tune};
+use pigtail_store::runs::Run;
+use std::fmt::Write as _;
+
+/// Tune the PID of an axis on the machine
+///
+/// Steps the axis by two sizes and looks for the gains with the least ITAE (integral of time times
+/// absolute error), from three starts far apart. Gains that ring or let the axis run away are cut
+/// short and count as infinitely bad. The result goes into the rig's `calibration.toml` with its
+/// date and run, and a report with the path through gain space into a folder below `runs`. With --from
+/// the axis is one of your own, and the gains go into a `calibration.toml` in that folder.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pigtail tune fivebar                     the first joint of the left five-bar
+  pigtail tune z --seed 4 --dry-run        another machine; leave its calibration alone
+  pigtail tune right.b --search random     the thesis's own search, 100 trials
+  pigtail tune z --from plant.toml         your own axis, as identify servo wrote it")]
+pub(crate) struct Arguments {
+    /// fivebar, z, or left.a, left.b, left.z, right.a, right.b, right.z
+    axis: AxisName,
+    #[command(flatten)]
+    common: Common,
+    #[command(flatten)]
+    own: OwnAxes,
+    /// How to search
+    #[arg(long, value_parser = choice::<Method>(), default_value = "simplex")]
+    search: Method,
+    /// Trials of each start, 100 at most; 50 for the simplex, 100 for the random search
+    #[arg(long, value_parser = clap::value_parser!(u32).range(5..=100))]
+    trials: Option<u32>,
+    /// The larger of the two steps, counts; if not given, 0.9 degrees of a five-bar joint and 81 um of z,
+    /// which are 400 and 1300 of the shipped rig
+    #[arg(long, value_parser = clap::value_parser!(i64).range(20..), allow_negative_numbers = true)]
+    step: Option<i64>,
+    /// Do not write the gains into the rig's calibration
+    #[arg(long)]
+    dry_run: bool,
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let at = arguments.axis;
+    let own = Own::read(&arguments.own.from)?;
+    own.concerns(at.axis)?;
+    let setup = Setup::load_with(&arguments.common.rig, DEFAULT_RECIPE_NAME, &own, true)?;
+    let plan = Plan {
+        at,
+        method: arguments.search,
+        trials: arguments.trials.unwrap_or(arguments.search.usual_trials()),
+        step: arguments.step.unwrap_or_else(|| step_of(&setup, at.axis)),
+    };
+    let range = setup.range_counts(at.axis);
+    if plan.step as f64 > 0.4 * range {
+        return Err(Error::new(
+            "--step",
+            "",
+            format!(
+                "{} counts are beyond the axis's range; accepted is at most {:.0}",
+                plan.step,
+                0.4 * range
+            ),
+        )
+        .into());
+    }
+    let run = Run::begin(
+        &arguments.common.runs,
+        "tune",
+        arguments.common.seed,
+        &setup.hashes,
+    )?;
+    let bar = ProgressBar::new(u64::from(3 * plan.trials));
+    if let Ok(style) = ProgressStyle::with_template("{prefix:17} [{bar:20}] {msg}") {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    bar.set_prefix(format!("tune {at}"));
+    let mut observe = |start: usize, trial: u32, best: f64| {
+        bar.inc(1);
+        bar.set_message(format!(
+            "start {}  trial {trial}  cost {best:.2} ms2",
+            start + 1
+        ));
+    };
+    let mut tuned = tune(&setup, &plan, arguments.common.seed, &mut observe)
+        .map_err(|error| stopped(&run, error, &arguments.common.rig))?;
+    bar.finish_and_clear();
+    tuned.document.report = run.path("report.html").display().to_string();
+    if !arguments.dry_run {
+        let table = format!(
+            "gains.{}",
+            if at.axis == Axis::Z { "z" } else { "five_bar" }
+        );
+        let g = tuned.document.gains;
+        let values = [
+            ("kp", toml_edit::value(format!("{} V/count", g.kp))),
+            ("ki", toml_edit::value(format!("{} V/(count s)", g.ki))),
+            ("kd", toml_edit::value(format!("{} V s/count", g.kd))),
+            ("date", toml_edit::value(run.date())),
+            (
+                "origin",
+                toml_edit::value(format!("tune {at}, run {}", run.name())),
+            ),
+        ];
+        tuned.document.calibration = if own.is_empty() {
+            let written = setup.write_calibration(&table, &values)?;
+            run.calibrated(written.as_deref(), &table)?;
+            written.unwrap_or_default()
+        } else {
+            beside(&run, &setup, at.axis, &values)?
+        };
+    }
+    run.write_json("summary.json", &tuned.document)?;
+    run.write("report.html", report::tuning(&tuned)?)?;
+    let text = if arguments.common.json {
+        format!(
+            "{}\n",
+            serde_json::to_string(&tuned.document).map_err(anyhow::Error::from)?
+        )
+    } else {
+        account(&tuned.document)
+    };
+    run.finish("done")?;
+    crate::print(text.as_bytes())?;
+    Ok(DONE)
+}
+
+/// The gains of an axis of a person's own as a fragment that `--from` takes; returns its path.
+fn beside(
+    run: &Run,
+    setup: &Setup,
+    axis: Axis,
+    values: &[(&str, toml_edit::Item)],
+) -> anyhow::Result<String> {
+    let (name, before) = match axis {
+        Axis::Z => ("z", &setup.calibration.gains.z),
+        Axis::A | Axis::B => ("five_bar", &setup.calibration.gains.five_bar),
+    };
+    let mut document = toml_edit::DocumentMut::new();
+    let mut gains = toml_edit::Table::new();
+    gains.set_implicit(true);
+    gains[name] = toml_edit::table();
+    for (key, value) in values {
+        gains[name][key] = value.clone();
+    }
+    gains[name]["integral_limit"] = toml_edit::value(format!("{} V", before.integral_limit));
+    document["gains"] = toml_edit::Item::Table(gains);
+    run.write("calibration.toml", document.to_string())?;
+    Ok(run.path("calibration.toml").display().to_string())
+}
+
+/// What a person wants to know of it.
+fn account(document: &Document) -> String {
+    let mut text = String::new();
+    let g = document.gains;
+    let _ = writeln!(
+        text,
+        "{}: kp {} V/count, ki {} V/(count s), kd {} V s/count",
+        document.axis, g.kp, g.ki, g.kd
+    );
+    let _ = writeln!(
+        text,
+        "rise {:.1} ms, settling {:.1} ms, overshoot {:.1} %, cost {:.2} ms2",
+        document.rise_ms, document.settling_ms, document.overshoot_percent, document.cost
+    );
+    if let Some(specified) = document.specified {
+        let _ = writeln!(text, "specified: {specified}");
+    }
+    for start in &document.starts {
+        let _ = writeln!(
+            text,
+            "  from kp {}, ki {}, kd {}: cost {} to {:.2} ms2 in {} trials, within 5 % after {}",
+            start.start.kp,
+            start.start.ki,
+            start.start.kd,
+            start
+                .cost_at_start
+                .map_or_else(|| "infinite".to_owned(), |c| format!("{c:.2}")),
+            start.cost,
+            start.trials,
+            start.trials_to_5_percent
+        );
+    }
+    let _ = writeln!(text, "{:.0} s of machine time", document.seconds_machine);
+    if document.calibration.is_empty() {
+        let _ = writeln!(text, "The calibration was left as it is.");
+    } else {
+        let _ = writeln!(text, "Written to {}", document.calibration);
+    }
+    let _ = writeln!(text, "Report: {}", document.report);
+    text
+}

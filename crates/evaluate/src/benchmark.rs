@@ -1,0 +1,287 @@
+//! Alignment algorithms on the same devices: a benchmark that anyone may enter.
+//!
+//! An algorithm is a function over a [`Station`]. It may use all that a station offers: commands out,
+//! encoders, photodiodes and vision back, datasheet and calibration. It can reach neither the twin nor
+//! its truth, which alone decides what its fibers are worth. Times and readings are counted by the
+//! machine and the station, not by the algorithm.
+//!
+//! Those that are compared by `pigtail benchmark` are in [`ALGORITHMS`]; to enter one's own there is
+//! one line to add, or none: see `examples/my_algorithm.rs`.
+
+use pigtail_control::procedure::{FiberReport, PORTS};
+use pigtail_control::recipe::Recipe;
+use pigtail_control::station::{Station, Unobserved};
+use pigtail_control::{baselines, fast, nudge, procedure};
+use pigtail_numerics::rounded;
+use pigtail_numerics::statistics::{CONFIDENCE, Percentiles, Sorted, wilson};
+use pigtail_session::align::{self, Aligned, TOLERANCE_XY_UM, TOLERANCE_Z_UM, Way, align_by};
+use pigtail_session::rig::Setup;
+use pigtail_twin::TwinError;
+use rayon::prelude::*;
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// An entry of the benchmark.
+#[derive(Debug, Clone, Copy)]
+pub struct Algorithm {
+    /// Its name.
+    pub name: &'static str,
+    /// What it does, in a few words.
+    pub about: &'static str,
+    /// Aligns the three fibers of a device, input first, and reports on each.
+    pub run: fn(&mut Station, &Recipe) -> Vec<FiberReport>,
+}
+
+/// All entries, in no order of merit.
+pub const ALGORITHMS: &[Algorithm] = &[
+    Algorithm {
+        name: "fast",
+        about: "vision on the way, lines at constant speed, circles through the approach",
+        run: fast::fast,
+    },
+    Algorithm {
+        name: "thesis",
+        about: "raster, nine-point climb through a slow approach, paraboloid at the end",
+        run: procedure::thesis,
+    },
+    Algorithm {
+        name: "spiral-nelder-mead",
+        about: "baseline: spiral, Nelder and Mead's simplex, stepwise approach",
+        run: baselines::spiral_nelder_mead,
+    },
+    Algorithm {
+        name: "spiral-nine-point",
+        about: "baseline: spiral, brightest of nine points, stepwise approach",
+        run: baselines::spiral_nine_point,
+    },
+    Algorithm {
+        name: "macro-only",
+        about: "without any micro: columns of the macro, then pulses; claims 0.2 um only",
+        run: nudge::macro_only,
+    },
+];
+
+/// Most seeds that are told of a cause.
+const SEEDS: usize = 20;
+
+/// What `benchmark` prints as JSON. Keys are a contract: more may come, none changes its name or
+/// meaning. The same seed gives the same bytes, `report` apart.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Document {
+    /// The rig as it was named.
+    pub rig: String,
+    /// The recipe as it was named.
+    pub recipe: String,
+    /// How the truth was changed.
+    pub scenario: String,
+    /// The first device's seed; each next one has the next.
+    pub seed: u64,
+    /// Devices that each algorithm aligned.
+    pub devices: u64,
+    /// Their fibers.
+    pub fibers: u64,
+    /// How near to the peak in x and y a fiber must be in truth, micrometres: the same for all.
+    pub tolerance_xy_um: f64,
+    /// How near to the wanted gap, micrometres.
+    pub tolerance_z_um: f64,
+    /// How probably each interval holds the truth.
+    pub confidence_level: f64,
+    /// A row an algorithm, in the order in which they were entered.
+    pub algorithms: Vec<Row>,
+    /// The program's version.
+    pub version: &'static str,
+    /// Path of the report; empty when none was written.
+    pub report: String,
+}
+
+/// What an algorithm achieved. Every fiber is counted once: as right, wrong, touched, fault or lost.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Row {
+    /// The algorithm.
+    pub name: &'static str,
+    /// What it does, in a few words.
+    pub about: &'static str,
+    /// Fibers said to be aligned that really are, on devices that nothing touched.
+    pub right: u64,
+    /// Wilson's interval of their share.
+    pub right_confidence: [f64; 2],
+    /// Fibers said to be aligned that are not, or not attached.
+    pub wrong: u64,
+    /// Wilson's interval of their share.
+    pub wrong_confidence: [f64; 2],
+    /// All other fibers of devices that a fiber or the sensing fiber touched.
+    pub touched: u64,
+    /// Fibers at which the guard or the machine stopped it.
+    pub faults: u64,
+    /// All others, such as those without light and those never attempted.
+    pub lost: u64,
+    /// What the algorithm said of its fibers, and how often; `no_report` where it said nothing.
+    pub outcomes: BTreeMap<&'static str, u64>,
+    /// Machine time of all devices over the number of right fibers, seconds: what was spent on others
+    /// counts. `null` without a right fiber.
+    pub seconds_per_right_fiber: Option<f64>,
+    /// Machine time of a device over its three fibers, seconds.
+    pub seconds_per_fiber: Percentiles,
+    /// Light samples that it looked at, all devices, over the number of right fibers. `null` without
+    /// one.
+    pub readings_per_right_fiber: Option<f64>,
+    /// How far the attached fibers really are from the peak across: the greater of x and y, without
+    /// sign, micrometres.
+    pub offset_xy_um: Percentiles,
+    /// How far their gap is from the wanted one, without sign, micrometres.
+    pub offset_z_um: Percentiles,
+    /// Devices with a fiber that is not right, by what it is counted as: the first few seeds.
+    pub replay: BTreeMap<&'static str, Vec<u64>>,
+}
+
+/// What a figure needs beside the document: of each algorithm what came of each device.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Measured {
+    /// The document.
+    pub document: Document,
+    /// Machine time of each device over its three fibers, seconds; a list an algorithm, in order.
+    pub seconds: Vec<Vec<f64>>,
+    /// Offsets across of each attached fiber, micrometres, as in [`Row::offset_xy_um`], in order.
+    pub offsets: Vec<Vec<f64>>,
+}
+
+/// Runs every algorithm on the same devices, on all cores. `done` is told of each device that one of
+/// them has finished, in any order.
+///
+/// # Errors
+///
+/// When the plant cannot be built.
+pub fn run(
+    setup: &Setup,
+    algorithms: &[Algorithm],
+    seed: u64,
+    devices: u64,
+    done: &(dyn Fn(&'static str) + Sync),
+) -> Result<Measured, TwinError> {
+    let (mut rows, mut seconds, mut offsets) = (Vec::new(), Vec::new(), Vec::new());
+    for algorithm in algorithms {
+        let all: Vec<Aligned> = (0..devices)
+            .into_par_iter()
+            .map(|device| {
+                let way = Way {
+                    name: algorithm.name,
+                    tolerance_xy_um: TOLERANCE_XY_UM,
+                };
+                let seed = seed.wrapping_add(device);
+                let aligned = align_by(setup, &way, algorithm.run, seed, &mut Unobserved);
+                done(algorithm.name);
+                aligned
+            })
+            .collect::<Result<_, _>>()?;
+        let spent = Sorted::new(all.iter().map(seconds_per_fiber).collect());
+        let off = Sorted::new(attached(&all, |o| o.x.abs().max(o.y.abs())).collect());
+        rows.push(row(algorithm, &all, &spent, &off));
+        seconds.push(spent.values().to_vec());
+        offsets.push(off.values().to_vec());
+    }
+    Ok(Measured {
+        document: Document {
+            rig: setup.rig.clone(),
+            recipe: setup.recipe_name.clone(),
+            scenario: setup.scenario.clone(),
+            seed,
+            devices,
+            fibers: devices * PORTS.len() as u64,
+            tolerance_xy_um: TOLERANCE_XY_UM,
+            tolerance_z_um: TOLERANCE_Z_UM,
+            confidence_level: CONFIDENCE,
+            algorithms: rows,
+            version: env!("CARGO_PKG_VERSION"),
+            report: String::new(),
+        },
+        seconds,
+        offsets,
+    })
+}
+
+fn seconds_per_fiber(device: &Aligned) -> f64 {
+    rounded(device.machine_seconds / PORTS.len() as f64, 1e-4)
+}
+
+fn attached(all: &[Aligned], of: impl Fn(align::Offset) -> f64) -> impl Iterator<Item = f64> {
+    all.iter()
+        .flat_map(|device| &device.document.fibers)
+        .filter_map(move |fiber| fiber.offset_um.map(&of))
+}
+
+/// What a fiber is counted as.
+fn verdict(outcome: &str, within: Option<bool>, collision: bool) -> &'static str {
+    match outcome {
+        "aligned" if within != Some(true) => "wrong",
+        _ if collision => "touched",
+        "aligned" => "right",
+        "fault" => "fault",
+        _ => "lost",
+    }
+}
+
+fn row(algorithm: &Algorithm, all: &[Aligned], spent: &Sorted, offsets: &Sorted) -> Row {
+    let mut counts = BTreeMap::<&str, u64>::new();
+    let mut outcomes = BTreeMap::new();
+    let mut replay = BTreeMap::<&str, Vec<u64>>::new();
+    for Aligned { document, .. } in all {
+        for k in 0..PORTS.len() {
+            let (outcome, within) = document.fibers.get(k).map_or(("no_report", None), |fiber| {
+                (fiber.outcome, fiber.within_tolerance)
+            });
+            let verdict = verdict(outcome, within, document.collision);
+            *counts.entry(verdict).or_default() += 1;
+            *outcomes.entry(outcome).or_default() += 1;
+            if verdict != "right" {
+                let seeds = replay.entry(verdict).or_default();
+                if seeds.len() < SEEDS && seeds.last() != Some(&document.seed) {
+                    seeds.push(document.seed);
+                }
+            }
+        }
+    }
+    let count = |verdict| counts.get(verdict).copied().unwrap_or(0);
+    let fibers = (all.len() * PORTS.len()) as u64;
+    let (right, wrong) = (count("right"), count("wrong"));
+    let per_right = |sum: f64, digit| (right > 0).then(|| rounded(sum / right as f64, digit));
+    Row {
+        name: algorithm.name,
+        about: algorithm.about,
+        right,
+        right_confidence: wilson(right, fibers),
+        wrong,
+        wrong_confidence: wilson(wrong, fibers),
+        touched: count("touched"),
+        faults: count("fault"),
+        lost: count("lost"),
+        outcomes,
+        seconds_per_right_fiber: per_right(all.iter().map(|a| a.machine_seconds).sum(), 1e-4),
+        seconds_per_fiber: spent.percentiles(),
+        readings_per_right_fiber: per_right(all.iter().map(|a| a.readings as f64).sum(), 0.1),
+        offset_xy_um: offsets.percentiles(),
+        offset_z_um: Sorted::new(attached(all, |o| o.z.abs()).collect()).percentiles(),
+        replay,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::verdict;
+
+    #[test]
+    fn no_fiber_that_is_wrong_or_touched_counts_as_right() {
+        for (outcome, within, collision, counted) in [
+            ("aligned", Some(true), false, "right"),
+            ("aligned", Some(false), false, "wrong"),
+            ("aligned", None, false, "wrong"),
+            ("aligned", Some(false), true, "wrong"),
+            ("aligned", Some(true), true, "touched"),
+            ("no_light", None, true, "touched"),
+            ("no_light", None, false, "lost"),
+            ("no_report", None, false, "lost"),
+            ("fault", None, false, "fault"),
+        ] {
+            assert_eq!(verdict(outcome, within, collision), counted);
+        }
+    }
+}

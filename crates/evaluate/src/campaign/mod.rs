@@ -1,0 +1,145 @@
+//! Many devices aligned, each on its own plant: what a procedure is worth.
+//!
+//! Device `i` of a campaign with seed `s` is the one that `pigtail align --seed <s + i>` aligns,
+//! so every row can be replayed and looked at. Rows come in the order of devices and do not depend
+//! on how many threads worked on them.
+
+mod rows;
+mod store;
+mod summary;
+
+use anyhow::Result;
+use pigtail_control::station::Unobserved;
+use pigtail_hal::Error;
+use pigtail_session::align::{self, align};
+use pigtail_session::procedure::Procedure;
+use pigtail_session::rig::Setup;
+use pigtail_twin::Twin;
+use pigtail_twin::TwinError;
+pub use rows::{ROWS_PER_DEVICE, columns, push};
+use std::collections::BTreeMap;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::mpsc;
+use std::time::{Duration, Instant};
+pub use store::{Plan, Store};
+pub use summary::{Cause, Document, summarize};
+
+/// Devices whose rows are kept together...
+const PART: u64 = 256;
+/// ...unless it took longer than anyone wants to lose when a campaign is killed.
+const PART_SECONDS: Duration = Duration::from_secs(10);
+
+/// How one device of a campaign ended.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Device {
+    /// Its seed.
+    pub seed: u64,
+    /// What aligning it gave.
+    pub document: align::Document,
+}
+
+fn device(setup: &Setup, procedure: Procedure, seed: u64) -> Result<Device, TwinError> {
+    // A panic is a mistake of the program, which a campaign is there to find: it is counted, and
+    // costs no other device.
+    let document = catch_unwind(AssertUnwindSafe(|| {
+        align(setup, procedure, seed, &mut Unobserved)
+    }))
+    .unwrap_or_else(|panic| Ok(align::panicked(setup, procedure, seed, &*panic)))?;
+    Ok(Device { seed, document })
+}
+
+/// Without the device of a worker that panicked, those after it could only pile up.
+struct StopOnPanic<'a>(&'a AtomicBool);
+
+impl Drop for StopOnPanic<'_> {
+    fn drop(&mut self) {
+        if std::thread::panicking() {
+            self.0.store(true, Ordering::Relaxed);
+        }
+    }
+}
+
+/// Whether a campaign's first device can be built, before anything is written.
+///
+/// # Errors
+///
+/// When the plant makes no machine.
+pub fn check(setup: &Setup, seed: u64) -> Result<(), Error> {
+    Twin::new(setup.spec.clone(), &setup.plant, seed)
+        .map(|_| ())
+        .map_err(|error| Error::new(&setup.rig, "plant.toml", error.to_string()))
+}
+
+/// Runs the devices of a campaign that are not done yet, on so many threads, until all are or
+/// `stop` is set; devices that were begun by then are finished. `watch` sees each device in order.
+///
+/// # Errors
+///
+/// When a device's plant cannot be built or rows cannot be written. Rows of the devices before it
+/// are kept.
+pub fn run(
+    store: &mut Store,
+    setup: &Setup,
+    threads: usize,
+    stop: &AtomicBool,
+    mut watch: impl FnMut(&Device),
+) -> Result<()> {
+    let (seed, devices) = (store.plan().seed, store.plan().devices);
+    let procedure = store.procedure();
+    let next = AtomicU64::new(store.done());
+    // A device that was taken is finished, and they are taken in order: what is done has no gaps.
+    let work = |results: mpsc::SyncSender<_>| {
+        let _guard = StopOnPanic(stop);
+        while !stop.load(Ordering::Relaxed) {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            if index >= devices {
+                break;
+            }
+            let result = device(setup, procedure, seed + index);
+            if results.send((index, result)).is_err() {
+                break;
+            }
+        }
+    };
+    std::thread::scope(|scope| {
+        let (sender, results) = mpsc::sync_channel(2 * threads);
+        for _ in 0..threads {
+            let sender = sender.clone();
+            scope.spawn(move || work(sender));
+        }
+        drop(sender);
+        // Dropped with this block on an error, so that nobody waits to be heard.
+        let results = results;
+        let mut early = BTreeMap::new();
+        let mut table = store.table();
+        let mut since = Instant::now();
+        let mut due = store.done();
+        for (index, result) in &results {
+            early.insert(index, result);
+            while let Some(result) = early.remove(&due) {
+                let device = match result {
+                    Ok(device) => device,
+                    Err(error) => {
+                        store.append(&table)?;
+                        return Err(Error::new(
+                            &setup.rig,
+                            "plant.toml",
+                            format!("device {due}, seed {}: {error}", seed + due),
+                        )
+                        .into());
+                    }
+                };
+                watch(&device);
+                rows::push(&mut table, procedure, &device);
+                due += 1;
+                if rows::devices(&table) >= PART || since.elapsed() >= PART_SECONDS {
+                    store.append(&table)?;
+                    table = store.table();
+                    since = Instant::now();
+                }
+            }
+        }
+        store.append(&table)
+    })
+}

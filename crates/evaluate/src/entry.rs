@@ -1,0 +1,39 @@
+//! What the store of runs is told of devices.
+
+use pigtail_session::align::Document;
+use pigtail_session::procedure::Procedure;
+use pigtail_session::rig::Setup;
+use pigtail_store::ledger::{Aligned, AlignedFiber, Devices};
+
+/// So many devices from a seed on, of a rig and a recipe.
+pub fn devices(setup: &Setup, procedure: Procedure, seed: u64, count: u64) -> Devices<'_> {
+    Devices {
+        seed,
+        count,
+        rig: &setup.rig,
+        recipe: &setup.recipe_name,
+        procedure: procedure.name(),
+        scenario: &setup.scenario,
+    }
+}
+
+/// How the fibers of a device ended.
+pub fn aligned(document: &Document) -> Aligned {
+    Aligned {
+        fibers: document
+            .fibers
+            .iter()
+            .map(|fiber| AlignedFiber {
+                port: fiber.port.to_owned(),
+                outcome: fiber.outcome.to_owned(),
+                detail: fiber.detail.clone(),
+                seconds: fiber.seconds,
+                offset_um: fiber.offset_um.map(|o| [o.x, o.y, o.z]),
+                coupling_loss_db: fiber.coupling_loss_db,
+                within_tolerance: fiber.within_tolerance,
+            })
+            .collect(),
+        collision: Some(document.collision),
+        smallest_gap_um: document.smallest_gap_um,
+    }
+}

@@ -1,0 +1,114 @@
+//! Nonlinear least squares with a Jacobian by differences, by Levenberg and Marquardt's method.
+
+use crate::regression::{self, Solution};
+use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
+use nalgebra::{DMatrix, DVector, Dyn, Owned};
+
+/// Step of the differences.
+const STEP: f64 = 1e-5;
+
+struct Problem<'a, F> {
+    left: &'a F,
+    parameters: DVector<f64>,
+}
+
+impl<F: Fn(&[f64]) -> Vec<f64>> LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, F> {
+    type ParameterStorage = Owned<f64, Dyn>;
+    type ResidualStorage = Owned<f64, Dyn>;
+    type JacobianStorage = Owned<f64, Dyn, Dyn>;
+
+    fn set_params(&mut self, parameters: &DVector<f64>) {
+        self.parameters.copy_from(parameters);
+    }
+
+    fn params(&self) -> DVector<f64> {
+        self.parameters.clone()
+    }
+
+    fn residuals(&self) -> Option<DVector<f64>> {
+        let left = (self.left)(self.parameters.as_slice());
+        left.iter()
+            .all(|l| l.is_finite())
+            .then(|| DVector::from_vec(left))
+    }
+
+    fn jacobian(&self) -> Option<DMatrix<f64>> {
+        let slopes = jacobian(self.left, self.parameters.as_slice());
+        slopes.iter().all(|s| s.is_finite()).then_some(slopes)
+    }
+}
+
+fn jacobian(left: &impl Fn(&[f64]) -> Vec<f64>, at: &[f64]) -> DMatrix<f64> {
+    let mut columns = Vec::with_capacity(at.len());
+    for j in 0..at.len() {
+        let shifted = |by: f64| {
+            let mut moved = at.to_vec();
+            moved[j] += by;
+            left(&moved)
+        };
+        let (a, b) = (shifted(STEP), shifted(-STEP));
+        let slopes: Vec<f64> = a
+            .iter()
+            .zip(&b)
+            .map(|(a, b)| (a - b) / (2.0 * STEP))
+            .collect();
+        columns.push(DVector::from_vec(slopes));
+    }
+    DMatrix::from_columns(&columns)
+}
+
+/// Parameters of order one that make `left` (what a model leaves) least, and that least square.
+///
+/// `None` where the model leaves nothing finite from `start` on.
+pub fn minimise(left: impl Fn(&[f64]) -> Vec<f64>, start: &[f64]) -> Option<(Vec<f64>, f64)> {
+    let problem = Problem {
+        left: &left,
+        parameters: DVector::from_column_slice(start),
+    };
+    let (problem, report) = LevenbergMarquardt::new()
+        .with_ftol(1e-8)
+        .with_xtol(1e-8)
+        .with_patience(30)
+        .minimize(problem);
+    let least = 2.0 * report.objective_function;
+    least
+        .is_finite()
+        .then(|| (problem.parameters.as_slice().to_vec(), least))
+}
+
+/// How sure parameters at a minimum are: the linear problem there. Its values are the step that is
+/// left, which is nearly nothing.
+pub fn uncertainty(left: impl Fn(&[f64]) -> Vec<f64>, at: &[f64]) -> Option<Solution> {
+    regression::least_squares(&jacobian(&left, at), &left(at))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_exponential_is_found_with_its_uncertainty() {
+        let data: Vec<(f64, f64)> = (0..200)
+            .map(|k| {
+                let t = 0.05 * f64::from(k);
+                (
+                    t,
+                    2.0 * (-0.7 * t).exp() + 1e-3 * f64::from(k * 37 % 11 - 5),
+                )
+            })
+            .collect();
+        let left = |p: &[f64]| -> Vec<f64> {
+            data.iter()
+                .map(|(t, y)| y - p[0] * (-p[1].exp() * t).exp())
+                .collect()
+        };
+        let (p, _) = minimise(left, &[1.0, 0.0]).unwrap();
+        assert!(
+            (p[0] - 2.0).abs() < 5e-3 && (p[1].exp() - 0.7).abs() < 5e-3,
+            "{p:?}"
+        );
+        let sure = uncertainty(left, &p).unwrap();
+        assert!(sure.std[0] > 1e-4 && sure.std[0] < 5e-3, "{:?}", sure.std);
+        assert!(sure.values.iter().all(|step| step.abs() < 1e-5));
+    }
+}

@@ -1,0 +1,277 @@
+//! Linear least squares with what is known of its uncertainty.
+
+use crate::signal::rms;
+use nalgebra::{DMatrix, DVector};
+
+/// A linear model `y = X p + e` solved for `p`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Solution {
+    /// The parameters.
+    pub values: Vec<f64>,
+    /// Their standard deviations if what is left is white: `sigma^2 (X' X)^-1`, with `sigma^2` from
+    /// what is left and the degrees of freedom.
+    pub std: Vec<f64>,
+    /// The same with the correlation of what is left from sample to sample taken into account (batch
+    /// means): what one may expect from one record to the next.
+    pub std_correlated: Vec<f64>,
+    /// Largest over smallest singular value of `X`.
+    pub condition: f64,
+    /// Norm of what is left over the norm of `y`, per cent.
+    pub relative_error_percent: f64,
+    /// `y - X p`.
+    pub left: Vec<f64>,
+}
+
+/// Columns side by side.
+pub fn matrix(columns: &[&[f64]]) -> DMatrix<f64> {
+    let rows = columns.first().map_or(0, |c| c.len());
+    DMatrix::from_fn(rows, columns.len(), |i, j| columns[j][i])
+}
+
+/// Ordinary least squares. `None` where the columns are too few rows, or are no independent columns.
+pub fn least_squares(x: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
+    solve(x, x, y)
+}
+
+/// Least squares with a weight for each row: the error and what is left are those without weights.
+pub fn weighted(x: &DMatrix<f64>, y: &[f64], weights: &[f64]) -> Option<Solution> {
+    let root: Vec<f64> = weights.iter().map(|w| w.sqrt()).collect();
+    let scaled = DMatrix::from_fn(x.nrows(), x.ncols(), |i, j| root[i] * x[(i, j)]);
+    let target: Vec<f64> = y.iter().zip(&root).map(|(y, w)| y * w).collect();
+    let mut solution = solve(&scaled, &scaled, &target)?;
+    judge(x, y, &mut solution);
+    Some(solution)
+}
+
+/// Instrumental variables: `p = (Z' X)^-1 Z' y`. What is not correlated with the instruments `z`, such
+/// as the noise of a measured position, does not bias it.
+pub fn instrumental(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
+    solve(x, z, y)
+}
+
+/// Least squares by Huber's weights: what lies further out than 1.345 times the spread counts less, so
+/// that a few samples that the model says nothing about (such as those at a reversal) do not decide.
+pub fn robust(x: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
+    const ROUNDS: usize = 20;
+    let mut solution = least_squares(x, y)?;
+    for _ in 0..ROUNDS {
+        let sizes: Vec<f64> = solution.left.iter().map(|l| l.abs()).collect();
+        // 1.4826 times the median is the standard deviation of a normal distribution.
+        let edge = 1.345 * 1.4826 * crate::signal::quantile(&sizes, 0.5);
+        if edge <= 0.0 {
+            break;
+        }
+        let weights: Vec<f64> = sizes.iter().map(|s| edge / s.max(edge)).collect();
+        let next = weighted(x, y, &weights)?;
+        let moved = next
+            .values
+            .iter()
+            .zip(&solution.values)
+            .zip(&next.std)
+            .map(|((a, b), s)| (a - b).abs() / s.max(f64::MIN_POSITIVE))
+            .fold(0.0, f64::max);
+        solution = next;
+        if moved < 1e-3 {
+            break;
+        }
+    }
+    Some(solution)
+}
+
+fn solve(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
+    let (n, p) = x.shape();
+    if n <= p || p == 0 {
+        return None;
+    }
+    // Columns of a length of one: parameters may be of any size.
+    let scale = DVector::from_fn(p, |j, _| x.column(j).norm());
+    if scale.iter().any(|s| !(s.is_finite() && *s > 0.0)) {
+        return None;
+    }
+    let target = DVector::from_column_slice(y);
+    let ztx = z.transpose() * x;
+    let zty = z.transpose() * &target;
+    let values = if std::ptr::eq(x, z) {
+        let scaled = DMatrix::from_fn(n, p, |i, j| x[(i, j)] / scale[j]);
+        let qr = scaled.qr();
+        let right = qr.q().transpose() * &target;
+        let solved = qr.r().solve_upper_triangular(&right)?;
+        solved.component_div(&scale)
+    } else {
+        ztx.clone().lu().solve(&zty)?
+    };
+    let singular = x.clone().qr().r().singular_values();
+    let condition = singular.max() / singular.min();
+    if !condition.is_finite() || values.iter().any(|v| !v.is_finite()) {
+        return None;
+    }
+    let mut solution = Solution {
+        values: values.iter().copied().collect(),
+        std: Vec::new(),
+        std_correlated: Vec::new(),
+        condition,
+        relative_error_percent: 0.0,
+        left: Vec::new(),
+    };
+    judge(x, y, &mut solution);
+    let freedom = (n - p) as f64;
+    let variance = solution.left.iter().map(|l| l * l).sum::<f64>() / freedom;
+    let bread = ztx.try_inverse()?;
+    let spread = |middle: &DMatrix<f64>| -> Vec<f64> {
+        let covariance = &bread * middle * bread.transpose();
+        (0..p).map(|j| covariance[(j, j)].max(0.0).sqrt()).collect()
+    };
+    solution.std = spread(&(z.transpose() * z * variance));
+    solution.std_correlated = spread(&correlated(z, &solution.left));
+    // A few batches may by chance look surer than white noise would be.
+    for (std, white) in solution.std_correlated.iter_mut().zip(&solution.std) {
+        *std = std.max(*white);
+    }
+    Some(solution)
+}
+
+/// `Z' E[e e'] Z` from the sums of `z e` over batches of neighbours: correlation within a batch is in
+/// them, whatever its shape.
+fn correlated(z: &DMatrix<f64>, left: &[f64]) -> DMatrix<f64> {
+    let (n, p) = z.shape();
+    let length = (2.0 * (n as f64).sqrt()).round().clamp(1.0, 400.0) as usize;
+    let mut sum = DMatrix::zeros(p, p);
+    let mut start = 0;
+    while start < n {
+        let end = (start + length).min(n);
+        let batch = DVector::from_fn(p, |j, _| {
+            (start..end).map(|i| z[(i, j)] * left[i]).sum::<f64>()
+        });
+        sum += &batch * batch.transpose();
+        start = end;
+    }
+    sum
+}
+
+/// Ordinary least squares over some of the rows; the error and what is left are those of all.
+pub fn over(x: &DMatrix<f64>, y: &[f64], keep: impl Fn(usize) -> bool) -> Option<Solution> {
+    let rows: Vec<usize> = (0..x.nrows()).filter(|i| keep(*i)).collect();
+    let part: Vec<f64> = rows.iter().map(|i| y[*i]).collect();
+    let mut solution = least_squares(&x.select_rows(&rows), &part)?;
+    judge(x, y, &mut solution);
+    Some(solution)
+}
+
+fn judge(x: &DMatrix<f64>, y: &[f64], solution: &mut Solution) {
+    let told = x * DVector::from_column_slice(&solution.values);
+    solution.left = y.iter().zip(told.iter()).map(|(y, t)| y - t).collect();
+    solution.relative_error_percent = relative(&solution.left, y);
+}
+
+/// Norm of what is left over the norm of what was measured, per cent.
+pub fn relative(left: &[f64], measured: &[f64]) -> f64 {
+    100.0 * rms(left.iter().copied()) / rms(measured.iter().copied()).max(f64::MIN_POSITIVE)
+}
+
+/// How much of a column no other column tells: `1 - R^2` of its regression on the others, 1 for one
+/// that stands alone, 0 for one that they make up.
+pub fn tolerance(x: &DMatrix<f64>, column: usize) -> f64 {
+    let own: Vec<f64> = x.column(column).iter().copied().collect();
+    let others = x.clone().remove_column(column);
+    let power = rms(own.iter().copied());
+    if power <= 0.0 {
+        return 0.0;
+    }
+    if others.ncols() == 0 {
+        return 1.0;
+    }
+    // A pseudo-inverse: the others may themselves depend on each other.
+    let scale = DVector::from_fn(others.ncols(), |j, _| others.column(j).norm().max(1e-300));
+    let scaled = DMatrix::from_fn(others.nrows(), others.ncols(), |i, j| {
+        others[(i, j)] / scale[j]
+    });
+    let normal = scaled.transpose() * &scaled;
+    let right = scaled.transpose() * DVector::from_column_slice(&own);
+    let Ok(solved) = normal.svd(true, true).solve(&right, 1e-12) else {
+        return 0.0;
+    };
+    let told = scaled * solved;
+    let left = rms(own.iter().zip(told.iter()).map(|(a, b)| a - b));
+    (left / power).powi(2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+
+    fn noise(n: usize, seed: u64) -> Vec<f64> {
+        let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(seed);
+        let mut normal = || (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
+        (0..n).map(|_| normal()).collect()
+    }
+
+    #[test]
+    fn deviations_are_what_repeated_records_scatter_by() {
+        let n = 400;
+        let a = noise(n, 1);
+        let one = vec![1.0; n];
+        let x = matrix(&[&a, &one]);
+        let (mut squares, mut told) = (0.0, 0.0);
+        for seed in 0..200 {
+            let e = noise(n, 100 + seed);
+            let y: Vec<f64> = a
+                .iter()
+                .zip(&e)
+                .map(|(a, e)| 2.0 * a - 1.0 + 0.3 * e)
+                .collect();
+            let solution = least_squares(&x, &y).unwrap();
+            squares += (solution.values[0] - 2.0).powi(2) / 200.0;
+            told += solution.std[0] / 200.0;
+        }
+        assert!(
+            (squares.sqrt() / told - 1.0).abs() < 0.15,
+            "{} {told}",
+            squares.sqrt()
+        );
+    }
+
+    #[test]
+    fn instruments_undo_the_bias_of_a_noisy_column() {
+        let n = 4000;
+        let (true_a, e, d) = (noise(n, 2), noise(n, 3), noise(n, 4));
+        let seen: Vec<f64> = true_a.iter().zip(&d).map(|(a, d)| a + 0.5 * d).collect();
+        let y: Vec<f64> = true_a
+            .iter()
+            .zip(&e)
+            .map(|(a, e)| 3.0 * a + 0.1 * e)
+            .collect();
+        let x = matrix(&[&seen]);
+        let biased = least_squares(&x, &y).unwrap().values[0];
+        let right = instrumental(&x, &matrix(&[&true_a]), &y).unwrap().values[0];
+        assert!(
+            biased < 2.6 && (right - 3.0).abs() < 0.1,
+            "{biased} {right}"
+        );
+    }
+
+    #[test]
+    fn outliers_decide_nothing() {
+        let a = noise(500, 5);
+        let mut y: Vec<f64> = a
+            .iter()
+            .zip(noise(500, 6))
+            .map(|(a, e)| a + 0.1 * e)
+            .collect();
+        for k in (0..500).step_by(25) {
+            y[k] += 40.0 * a[k].abs();
+        }
+        let value = robust(&matrix(&[&a]), &y).unwrap().values[0];
+        assert!((value - 1.0).abs() < 0.03, "{value}");
+    }
+
+    #[test]
+    fn a_column_that_others_make_up_has_no_tolerance() {
+        let (a, b) = (noise(100, 7), noise(100, 8));
+        let sum: Vec<f64> = a.iter().zip(&b).map(|(a, b)| a - 2.0 * b).collect();
+        let x = matrix(&[&a, &b, &sum]);
+        assert!(tolerance(&x, 2) < 1e-20);
+        assert!(least_squares(&matrix(&[&a, &a]), &b).is_none_or(|s| s.condition > 1e12));
+        assert!(tolerance(&matrix(&[&a, &b]), 0) > 0.9);
+    }
+}

@@ -1,7 +1,0 @@
-//! The `pigtail` program.
-
-use std::process::ExitCode;
-
-fn main() -> ExitCode {
-    pigtail::cli::main()
-}

@@ -1,0 +1,371 @@
+//! A law of friction from a record of force against displacement.
+
+use super::columns::{self, Dimension, Named, Wanted};
+use super::fragment::Kind;
+use super::part::Slides;
+use super::{Answer, Figure, Rows, Shown, short};
+use pigtail_hal::Error;
+use pigtail_sysid::friction::{Fitted, Identified, Law, Record, identify};
+use pigtail_sysid::{Parameter, Unknown};
+use serde_json::json;
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Which columns of a file.
+#[derive(Debug, Clone)]
+pub struct Roles {
+    /// Time, where it is named or there.
+    pub time: Option<Named>,
+    /// The displacement.
+    pub displacement: Named,
+    /// The force or torque.
+    pub force: Named,
+}
+
+/// A record that was read, or why it is of no use.
+#[derive(Debug, Clone)]
+pub struct Read {
+    record: Result<Record, Unknown>,
+    turns: bool,
+    torque: bool,
+    remarks: Vec<String>,
+}
+
+impl Roles {
+    /// Reads a record.
+    ///
+    /// # Errors
+    ///
+    /// Bad input.
+    pub fn read(&self, path: &Path) -> Result<Read, Error> {
+        let mut list = vec![
+            Wanted {
+                option: "--displacement",
+                named: &self.displacement,
+                of: &[Dimension::Length, Dimension::Angle],
+            },
+            Wanted {
+                option: "--force",
+                named: &self.force,
+                of: &[Dimension::Force, Dimension::Torque],
+            },
+        ];
+        let time = match &self.time {
+            Some(named) => Some(named.clone()),
+            None => columns::usual_time(path)?,
+        };
+        if let Some(time) = &time {
+            list.push(Wanted {
+                option: "--time",
+                named: time,
+                of: &[Dimension::Time],
+            });
+        }
+        let read = columns::read(path, &list)?;
+        if let Some(time) = read.get(2) {
+            columns::rising(path, time)?;
+        }
+        let mut remarks = columns::remarks(&read);
+        if time.is_none() {
+            remarks.push("no column of time: laws that need one were left out".to_owned());
+        }
+        Ok(Read {
+            record: Record::new(
+                read.get(2).map(|t| &t.values[..]),
+                &read[0].values,
+                &read[1].values,
+            ),
+            turns: read[0].dimension == Dimension::Angle,
+            torque: read[1].dimension == Dimension::Torque,
+            remarks,
+        })
+    }
+}
+
+impl Read {
+    fn unit(&self, name: &str) -> String {
+        let way = if self.turns { "rad" } else { "m" };
+        let force = if self.torque { "N m" } else { "N" };
+        match name {
+            "stiffness" => format!("{force}/{way}"),
+            "exponent" => "1".to_owned(),
+            "stribeck_velocity" => format!("{way}/s"),
+            "viscous_friction" => format!("{force} s/{way}"),
+            _ if name.starts_with("presliding") || name.ends_with("slip") => way.to_owned(),
+            _ => force.to_owned(),
+        }
+    }
+}
+
+/// What came of it.
+#[derive(Debug, Clone)]
+pub struct Found {
+    /// The answer.
+    pub answer: Answer,
+    /// What to show; `None` where nothing is known.
+    pub shown: Option<Shown>,
+    /// A fragment of a plant, where every parameter is known.
+    pub fragment: Option<String>,
+}
+
+/// Identifies friction; `law` is reported if given, else the best one.
+pub fn friction(first: &Read, second: Option<&Read>, most: usize, law: Option<Law>) -> Found {
+    let names: Vec<_> = law
+        .unwrap_or(Law::Presliding)
+        .parameters()
+        .iter()
+        .map(|n| (*n, first.unit(n)))
+        .collect();
+    let refused = |unknown: Unknown| {
+        let mut answer = Answer::nothing(&names, unknown);
+        answer.remarks.clone_from(&first.remarks);
+        Found {
+            answer,
+            shown: None,
+            fragment: None,
+        }
+    };
+    let record = match &first.record {
+        Ok(record) => record,
+        Err(unknown) => return refused(unknown.clone()),
+    };
+    let second = match second.map(|s| &s.record) {
+        Some(Err(unknown)) => {
+            let because = format!("of the second record: {}", unknown.because);
+            return refused(Unknown::all(because));
+        }
+        Some(Ok(record)) => Some(record),
+        None => None,
+    };
+    let found = identify(record, second, most).and_then(|found| match law {
+        None => Ok(found),
+        Some(law) => found
+            .with(law, record)
+            .ok_or_else(|| Unknown::all(format!("{} could not be fitted to it", law.name()))),
+    });
+    let found = match found {
+        Ok(found) => found,
+        Err(unknown) => return refused(unknown),
+    };
+    let best = &found.laws[found.best];
+    let mut answer = Answer {
+        parameters: found
+            .parameters
+            .iter()
+            .map(|p| (p.clone(), first.unit(p.name)))
+            .collect(),
+        relative_error_percent: Some(best.relative_error_percent),
+        validation_error_percent: Some(best.validation_error_percent),
+        condition: Some(best.condition),
+        unknown: found.unknown.clone(),
+        remarks: first
+            .remarks
+            .iter()
+            .chain(record.remarks())
+            .cloned()
+            .collect(),
+        ..Answer::default()
+    };
+    let others: Vec<String> = found
+        .laws
+        .iter()
+        .filter(|l| l.law != best.law)
+        .map(|l| format!("{} {} %", l.law.name(), short(l.validation_error_percent)))
+        .collect();
+    let judged = if second.is_some() {
+        "on the second record"
+    } else {
+        "on the part held back"
+    };
+    let chosen = format!(
+        "{} tells the force best: {} % {judged} with {} parameters ({})",
+        best.law.name(),
+        short(best.validation_error_percent),
+        best.law.parameters().len(),
+        others.join(", ")
+    );
+    answer.verdict = answer.doubts().unwrap_or(chosen);
+    answer.more.insert("law".to_owned(), best.law.name().into());
+    answer.more.insert("laws".to_owned(), laws(first, &found));
+    let shown = shown(first, record, &found);
+    let fragment = answer.is_whole().then(|| fragment(first, best));
+    Found {
+        answer,
+        shown: Some(shown),
+        fragment,
+    }
+}
+
+/// All laws that were fitted.
+fn laws(first: &Read, found: &Identified) -> serde_json::Value {
+    found
+        .laws
+        .iter()
+        .map(|l| {
+            let parameters = l.law.parameters().iter().zip(&l.known);
+            let whole = Answer {
+                parameters: parameters
+                    .map(|(name, known)| {
+                        let known =
+                            (!found.unknown.iter().any(|u| u.covers(name))).then_some(*known);
+                        (Parameter { name, known }, first.unit(name))
+                    })
+                    .collect(),
+                unknown: found.unknown.clone(),
+                ..Answer::default()
+            };
+            json!({
+                "law": l.law.name(),
+                "parameters": whole.json()["parameters"],
+                "relative_error_percent": l.relative_error_percent,
+                "validation_error_percent": l.validation_error_percent,
+                "condition": l.condition,
+            })
+        })
+        .collect()
+}
+
+/// The keys of a joint in a `plant.toml` that a law sets, in its units where the record is of a turning
+/// joint; the law in the terms of a joint, and as it is, in SI units below.
+fn fragment(first: &Read, best: &Fitted) -> String {
+    let mut text = String::new();
+    let slides = (first.turns == first.torque).then(|| slides(first, best));
+    if let Some(s) = slides.as_ref().filter(|_| first.turns) {
+        let _ = writeln!(
+            text,
+            "# Into [five_bar.joint] or [z_stage.joint] of a plant.toml:\n\
+             friction = \"{}\"\n\
+             presliding = \"{:.6e} rad\"\n\
+             load_friction = {{ static = \"{:.6e} N m\", coulomb = \"{:.6e} N m\", viscous = \"{:.6e} N m \
+             s/rad\" }}",
+            s.friction,
+            s.presliding,
+            s.fixed,
+            s.coulomb,
+            s.viscous.unwrap_or_default()
+        );
+        if let Some(stribeck) = s.stribeck {
+            let _ = writeln!(text, "stribeck = \"{stribeck:.6e} rad/s\"");
+        }
+        text.push('\n');
+    }
+    if let Some(part) = slides.and_then(|s| toml::to_string(&s).ok()) {
+        let _ = writeln!(text, "# What --from takes, SI units.\n[part]\n{part}");
+    }
+    let _ = writeln!(text, "[law]\nname = \"{}\"", best.law.name());
+    for (name, value) in best.law.parameters().iter().zip(&best.values) {
+        let _ = writeln!(text, "{name} = {value:?} # {}", first.unit(name));
+    }
+    text
+}
+
+/// A law in the terms of a joint.
+fn slides(first: &Read, best: &Fitted) -> Slides {
+    let p = &best.values;
+    let (law, presliding, fixed, coulomb) = match best.law {
+        Law::Presliding => ("coulomb-presliding", p[1], p[0], p[0]),
+        Law::PreslidingTwoSided => {
+            let level = 0.5 * (p[0] + p[2]);
+            ("coulomb-presliding", 0.5 * (p[1] + p[3]), level, level)
+        }
+        // The joint's elements rise along an exponential: one that takes as much of the way.
+        Law::MaxwellSlip => ("maxwell-slip", 0.25 * (p[1] + p[2]), p[0], p[0]),
+        // A bristle, for an exponent of one exactly; another takes as much of the way back from full load.
+        Law::Dahl => {
+            let n = p[2].min(1.9);
+            let share = 2f64.powf(1.0 - n) / (2.0 - n);
+            ("lugre", share * p[0] / p[1], p[0], p[0])
+        }
+        Law::LuGre | Law::LuGreViscous => {
+            let most = p[2].max(p[0]);
+            ("lugre", most / p[1], most, p[0])
+        }
+    };
+    Slides {
+        kind: if first.turns {
+            Kind::Rotary
+        } else {
+            Kind::Linear
+        },
+        friction: law.to_owned(),
+        presliding,
+        fixed,
+        coulomb,
+        viscous: (best.law == Law::LuGreViscous).then(|| p[4].max(0.0)),
+        stribeck: matches!(best.law, Law::LuGre | Law::LuGreViscous).then(|| p[3]),
+    }
+}
+
+fn shown(first: &Read, record: &Record, found: &Identified) -> Shown {
+    let account = found.account(record);
+    let way = if first.turns { "rad" } else { "m" };
+    let (scale, unit) = if first.turns {
+        (1e3, "mrad")
+    } else {
+        (1e6, "um")
+    };
+    let force = if first.torque { "N m" } else { "N" };
+    let from = found.held_back_from.min(account.time.len());
+    let every = (account.time.len() - from).div_ceil(4000).max(1);
+    let origin = account.position.first().copied().unwrap_or(0.0);
+    let points = |values: &[f64]| -> Vec<(f64, f64)> {
+        (from..account.time.len())
+            .step_by(every)
+            .map(|k| (scale * (account.position[k] - origin), values[k]))
+            .collect()
+    };
+    let figures = vec![Figure {
+        x: format!("displacement from the first sample, {unit}"),
+        y: format!("force, {force}"),
+        curves: vec![
+            ("measured".to_owned(), points(&account.measured)),
+            (
+                found.laws[found.best].law.name().to_owned(),
+                points(&account.modelled),
+            ),
+        ],
+        caption:
+            "Force against displacement over the record's last part: measured, and by the law."
+                .to_owned(),
+    }];
+    let rows = found
+        .laws
+        .iter()
+        .map(|l| {
+            let parameters: Vec<String> = l
+                .law
+                .parameters()
+                .iter()
+                .zip(&l.known)
+                .map(|(name, k)| {
+                    format!(
+                        "{} {} &plusmn; {} {}",
+                        name.replace('_', " "),
+                        short(k.value),
+                        short(k.std_correlated),
+                        first.unit(name)
+                    )
+                })
+                .collect();
+            vec![
+                l.law.name().to_owned(),
+                l.law.parameters().len().to_string(),
+                short(l.relative_error_percent),
+                short(l.validation_error_percent),
+                parameters.join("<br>"),
+            ]
+        })
+        .collect();
+    let header = ["law", "parameters", "error, %", "held back, %", ""];
+    Shown {
+        account,
+        quantity: ("force", force),
+        position: way,
+        tables: vec![Rows {
+            title: "All laws".to_owned(),
+            header: header.map(str::to_owned).to_vec(),
+            rows,
+        }],
+        figures,
+    }
+}

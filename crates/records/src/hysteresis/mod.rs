@@ -1,0 +1,405 @@
+//! Models of a piezo's hysteresis: from a record that a person brings, or from a machine.
+
+mod data;
+
+pub(crate) use data::explain_csv;
+pub use data::{Columns, Table};
+
+use pigtail_control::compensation::hysteresis::{
+    Creep, Errors, Invalid, Model, Range, Rbf, Record, Zero, fit_memory, invert, judge, predict,
+    straight,
+};
+use pigtail_hal::{Error, Side};
+use pigtail_numerics::rounded;
+use serde::{Deserialize, Serialize};
+use std::ops;
+use std::path::Path;
+
+/// Which model of hysteresis.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    strum::EnumMessage,
+    strum::EnumString,
+    strum::IntoStaticStr,
+    strum::VariantArray,
+    Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// Play operators behind a static curve, with creep: right after any history
+    Memory,
+    /// The thesis's radial basis networks of one turning point, (4.3)-(4.6)
+    Rbf,
+}
+
+/// Which micro manipulators.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    strum::EnumMessage,
+    strum::EnumString,
+    strum::IntoStaticStr,
+    strum::VariantArray,
+)]
+#[strum(serialize_all = "kebab-case")]
+pub enum Micros {
+    /// Each by itself
+    Both,
+    /// The one that carries the input fiber
+    Left,
+    /// The one that carries the output fibers and the sensing fiber
+    Right,
+}
+
+impl Micros {
+    /// Their sides.
+    pub fn sides(self) -> &'static [Side] {
+        match self {
+            Self::Both => &[Side::Left, Side::Right],
+            Self::Left => &[Side::Left],
+            Self::Right => &[Side::Right],
+        }
+    }
+}
+
+/// Share of a record that a model is fitted to; the rest is held back.
+const FITTED: f64 = 0.75;
+
+/// A model on disk.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelFile {
+    /// When it was found.
+    pub date: String,
+    /// By which run.
+    pub origin: String,
+    /// The columns it was made from; those of another record where none are named.
+    pub columns: Columns,
+    /// Unit of displacement in those records.
+    pub unit: Unit,
+    /// The model, volts to micrometres.
+    pub model: Model,
+}
+
+/// Unit of a column of displacement.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    strum::EnumMessage,
+    strum::EnumString,
+    strum::IntoStaticStr,
+    strum::VariantArray,
+    Serialize,
+    Deserialize,
+)]
+#[strum(serialize_all = "kebab-case")]
+#[serde(rename_all = "lowercase")]
+pub enum Unit {
+    /// Nanometres
+    Nm,
+    /// Micrometres
+    Um,
+    /// Millimetres
+    Mm,
+    /// Metres
+    M,
+}
+
+impl Unit {
+    /// Micrometres in one.
+    pub fn micrometres(self) -> f64 {
+        match self {
+            Self::Nm => 1e-3,
+            Self::Um => 1.0,
+            Self::Mm => 1e3,
+            Self::M => 1e6,
+        }
+    }
+}
+
+impl ModelFile {
+    /// Reads a model.
+    ///
+    /// # Errors
+    ///
+    /// When the file cannot be read or is no model.
+    pub fn read(path: &Path) -> Result<Self, Error> {
+        let name = path.display().to_string();
+        let text = std::fs::read_to_string(path)
+            .map_err(|error| Error::new(&name, "", format!("cannot be read: {error}")))?;
+        let file: Self = serde_json::from_str(&text).map_err(|error| {
+            let line = Some(error.line()).filter(|line| *line > 0);
+            let message = format!("{error}; accepted is a model.json of `identify hysteresis`");
+            Error {
+                line,
+                ..Error::new(&name, "", message)
+            }
+        })?;
+        file.model
+            .check()
+            .map_err(|invalid| Error::new(&name, "model", invalid.to_string()))?;
+        Ok(file)
+    }
+}
+
+/// Errors of a model over a part of a record.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Part {
+    /// Root mean square of the model's errors, micrometres.
+    pub rms_um: f64,
+    /// Largest of them, micrometres.
+    pub max_um: f64,
+    /// The same of the best straight line.
+    pub uncompensated_rms_um: f64,
+    /// Its largest.
+    pub uncompensated_max_um: f64,
+}
+
+impl Part {
+    fn new(model: &Errors, line: &Errors) -> Self {
+        let um = |value: f64| rounded(value, 1e-6);
+        Self {
+            rms_um: um(model.rms),
+            max_um: um(model.largest),
+            uncompensated_rms_um: um(line.rms),
+            uncompensated_max_um: um(line.largest),
+        }
+    }
+}
+
+/// What `identify hysteresis --data` and `predict` print as JSON and keep as `summary.json`.
+///
+/// Errors are of displacement; a percentage is root mean square over range.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Document {
+    /// The model.
+    pub model: &'static str,
+    /// Root mean square of its errors: on the part held back, or on the whole of another record.
+    pub rms_um: f64,
+    /// Largest of them.
+    pub max_um: f64,
+    /// Range of the displacement.
+    pub range_um: f64,
+    /// `rms_um` over `range_um`.
+    pub percent_of_range: f64,
+    /// The same of the best straight line through the same samples.
+    pub uncompensated_percent: f64,
+    /// How many times better than that.
+    pub improvement: f64,
+    /// Number of basis functions or play operators.
+    pub functions: usize,
+    /// Largest error over range.
+    pub max_percent: f64,
+    /// Errors on what it was fitted to; not in a prediction.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fitted: Option<Part>,
+    /// Errors on what was held back; not in a prediction.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub held_back: Option<Part>,
+    /// By how much displacement lags behind voltage, milliseconds.
+    pub lag_ms: f64,
+    /// What was taken off the prediction, for a sensor's zero is arbitrary; only in a prediction.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub offset_um: Option<f64>,
+    /// Root mean square error of the voltage; only of an inverse with a voltage to compare with.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rms_v: Option<f64>,
+    /// Samples that were judged.
+    pub samples: usize,
+    /// Path of the model.
+    pub model_file: String,
+    /// Path of the report.
+    pub report: String,
+}
+
+impl Document {
+    fn new(model: &Model, part: &Part, range: f64, samples: usize) -> Self {
+        let percent = |um: f64| rounded(100.0 * um / range, 1e-6);
+        Self {
+            model: model.name(),
+            rms_um: part.rms_um,
+            max_um: part.max_um,
+            range_um: rounded(range, 1e-6),
+            percent_of_range: percent(part.rms_um),
+            uncompensated_percent: percent(part.uncompensated_rms_um),
+            improvement: rounded(
+                part.uncompensated_rms_um / part.rms_um.max(f64::MIN_POSITIVE),
+                1e-3,
+            ),
+            functions: model.functions(),
+            max_percent: percent(part.max_um),
+            fitted: None,
+            held_back: None,
+            lag_ms: rounded(1e3 * model.lag(), 1e-3),
+            offset_um: None,
+            rms_v: None,
+            samples,
+            model_file: String::new(),
+            report: String::new(),
+        }
+    }
+}
+
+/// A model with the record it was fitted to or tried on.
+#[derive(Debug, Clone)]
+pub struct Tried {
+    /// What to print.
+    pub document: Document,
+    /// The record, volts and micrometres.
+    pub record: Record,
+    /// The displacement that the model tells, at every sample of the record; in the record's zero.
+    pub told: Vec<f64>,
+    /// What was judged.
+    pub judged: ops::Range<usize>,
+    /// The model.
+    pub model: Model,
+}
+
+/// Fits a model to the first part of a record, and judges it on both parts.
+///
+/// # Errors
+///
+/// When the record says too little for that model.
+pub fn fit(record: Record, kind: Kind) -> Result<Tried, Invalid> {
+    let to = (FITTED * record.len() as f64) as usize;
+    let model = match kind {
+        Kind::Memory => Model::Memory(fit_memory(&record, to, None, Creep::Any)?),
+        Kind::Rbf => Model::Rbf(Rbf::train(&record.before(to)?)?),
+    };
+    let told = predict(&model, &record);
+    let from = record.known_from().min(to / 2);
+    let part = |over: ops::Range<usize>| {
+        let errors = |told: &[f64]| judge(told, &record.output, over.clone(), Zero::Known);
+        Part::new(&errors(&told), &errors(&straight(&record, over.clone())))
+    };
+    let (fitted, held_back) = (part(from..to), part(to..record.len()));
+    let range = Range::of(&record.output[from..]).width();
+    let mut document = Document::new(&model, &held_back, range, record.len() - to);
+    document.fitted = Some(fitted);
+    document.held_back = Some(held_back);
+    Ok(Tried {
+        document,
+        judged: to..record.len(),
+        told,
+        model,
+        record,
+    })
+}
+
+/// Lets a model tell another record.
+pub fn tell(model: &Model, record: Record) -> Tried {
+    let mut told = predict(model, &record);
+    let over = record.known_from().min(record.len() / 2)..record.len();
+    let errors = judge(&told, &record.output, over.clone(), Zero::Arbitrary);
+    for x in &mut told {
+        *x -= errors.offset;
+    }
+    let line = straight(&record, over.clone());
+    let line = judge(&line, &record.output, over.clone(), Zero::Known);
+    let range = Range::of(&record.output[over.clone()]).width();
+    let part = Part::new(&errors, &line);
+    let mut document = Document::new(model, &part, range, over.len());
+    document.offset_um = Some(rounded(errors.offset, 1e-6));
+    Tried {
+        document,
+        told,
+        judged: over,
+        model: model.clone(),
+        record,
+    }
+}
+
+/// A path and the voltages for it.
+#[derive(Debug, Clone)]
+pub struct Inverted {
+    /// Seconds.
+    pub time: Vec<f64>,
+    /// What is wanted, micrometres.
+    pub wanted: Vec<f64>,
+    /// The voltage for it.
+    pub volts: Vec<f64>,
+    /// What was added to the path to lie where the model is.
+    pub offset: f64,
+}
+
+/// The voltages for a path. A path that does not lie in the model's range of displacement is moved
+/// to its middle.
+pub fn voltages(model: &Model, time: Vec<f64>, wanted: Vec<f64>) -> Inverted {
+    let (input, output) = ranges(model);
+    let path = Range::of(&wanted);
+    let inside = path.low >= output.low && path.high <= output.high;
+    let offset = if inside {
+        0.0
+    } else {
+        0.5 * (output.low + output.high - path.low - path.high)
+    };
+    let moved: Vec<f64> = wanted.iter().map(|x| x + offset).collect();
+    let volts = invert(model, &model.switched_on(), &time, &moved, &input);
+    Inverted {
+        time,
+        wanted,
+        volts,
+        offset,
+    }
+}
+
+/// The voltages for the displacements of a record, beside those that were there. An error of the
+/// voltage counts as the displacement that it makes by the straight line through the record.
+pub fn voltages_of(model: &Model, record: Record) -> (Tried, Inverted) {
+    let mut tried = tell(model, record);
+    let record = &tried.record;
+    let offset = tried.document.offset_um.unwrap_or(0.0);
+    let (input, _) = ranges(model);
+    let start = model.at_rest(record.input[0]);
+    let moved: Vec<f64> = record.output.iter().map(|x| x + offset).collect();
+    let volts = invert(model, &start, &record.time, &moved, &input);
+    let over = tried.judged.clone();
+    let errors = judge(&volts, &record.input, over.clone(), Zero::Known);
+    // The line through voltage against displacement, and what it is worth in displacement.
+    let worth = record.output_range().width() / record.input_range().width();
+    if let Ok(swapped) = Record::new(
+        record.time.clone(),
+        record.output.clone(),
+        record.input.clone(),
+    ) {
+        let line = straight(&swapped, over.clone());
+        let line = judge(&line, &record.input, over.clone(), Zero::Known);
+        let in_um = |e: &Errors| Errors {
+            rms: worth * e.rms,
+            largest: worth * e.largest,
+            offset: e.offset,
+        };
+        let part = Part::new(&in_um(&errors), &in_um(&line));
+        let range = tried.document.range_um;
+        let mut document = Document::new(model, &part, range, over.len());
+        document.offset_um = tried.document.offset_um;
+        document.rms_v = Some(rounded(errors.rms, 1e-6));
+        tried.document = document;
+    }
+    let inverted = Inverted {
+        time: record.time.clone(),
+        wanted: record.output.clone(),
+        volts,
+        offset,
+    };
+    (tried, inverted)
+}
+
+/// Voltages and displacements of a model.
+pub fn ranges(model: &Model) -> (Range, Range) {
+    match model {
+        Model::Rbf(model) => (model.input, model.output),
+        Model::Memory(model) => (model.input, model.output),
+    }
+}

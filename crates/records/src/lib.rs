@@ -1,0 +1,206 @@
+//! Models of an axis from a record that a person brings: what the commands answer.
+
+pub mod columns;
+pub mod fragment;
+pub mod friction;
+pub mod hysteresis;
+pub mod map;
+pub mod part;
+pub mod resonance;
+pub mod servo;
+pub mod twin;
+pub mod windup;
+
+use pigtail_sysid::{Account, Parameter, Unknown};
+use serde_json::{Map, Value, json};
+use std::fmt::Write as _;
+
+/// What an identification from a record answers, whatever it identified.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Answer {
+    /// The parameters, each with its unit.
+    pub parameters: Vec<(Parameter, String)>,
+    /// Relative error on the record, per cent.
+    pub relative_error_percent: Option<f64>,
+    /// Relative error on what it was not fitted to, per cent.
+    pub validation_error_percent: Option<f64>,
+    /// Condition number of the equations.
+    pub condition: Option<f64>,
+    /// What to think of it, in a sentence.
+    pub verdict: String,
+    /// What cannot be known from the record.
+    pub unknown: Vec<Unknown>,
+    /// What was done to the record, and assumed of it.
+    pub remarks: Vec<String>,
+    /// What else there is to say, by its JSON key.
+    pub more: Map<String, Value>,
+}
+
+/// Begins every verdict on what a record does not tell.
+pub const NOT_IDENTIFIABLE: &str = "not identifiable from this record";
+
+impl Answer {
+    /// The answer where nothing can be known: the parameters by name and unit, without values.
+    pub fn nothing(names: &[(&'static str, String)], unknown: Unknown) -> Self {
+        Self {
+            parameters: names
+                .iter()
+                .map(|(name, unit)| {
+                    let parameter = Parameter { name, known: None };
+                    (parameter, unit.clone())
+                })
+                .collect(),
+            verdict: format!("{NOT_IDENTIFIABLE}, because {}", unknown.because),
+            unknown: vec![unknown],
+            ..Self::default()
+        }
+    }
+
+    /// Whether every parameter is known.
+    pub fn is_whole(&self) -> bool {
+        self.unknown.is_empty() && self.parameters.iter().all(|(p, _)| p.known.is_some())
+    }
+
+    /// What the record does not tell of its parameters, as a sentence; `None` where it tells all.
+    pub fn doubts(&self) -> Option<String> {
+        let mut parts = Vec::new();
+        for unknown in &self.unknown {
+            let names: Vec<&str> = self
+                .parameters
+                .iter()
+                .map(|(p, _)| p.name)
+                .filter(|name| unknown.covers(name))
+                .collect();
+            if !names.is_empty() {
+                parts.push(format!("{}, because {}", names.join(", "), unknown.because));
+            }
+        }
+        (!parts.is_empty()).then(|| format!("{NOT_IDENTIFIABLE}: {}", parts.join("; ")))
+    }
+
+    /// As JSON.
+    pub fn json(&self) -> Value {
+        let mut parameters = Map::new();
+        for (parameter, unit) in &self.parameters {
+            let value = if let Some(known) = parameter.known {
+                json!({
+                    "value": known.value,
+                    "std": known.std,
+                    "unit": unit,
+                    "std_correlated": known.std_correlated,
+                })
+            } else {
+                let why = self.unknown.iter().find(|u| u.covers(parameter.name));
+                json!({
+                    "value": null,
+                    "std": null,
+                    "unit": unit,
+                    "because": why.map(|u| &u.because),
+                })
+            };
+            parameters.insert(parameter.name.to_owned(), value);
+        }
+        let mut document = json!({
+            "parameters": parameters,
+            "relative_error_percent": self.relative_error_percent,
+            "validation_error_percent": self.validation_error_percent,
+            "condition": self.condition,
+            "verdict": self.verdict,
+            "remarks": self.remarks,
+        });
+        if let Some(map) = document.as_object_mut() {
+            map.extend(self.more.clone());
+        }
+        document
+    }
+
+    /// The parameters as lines of text: value, standard deviation, and in brackets the one with all that is
+    /// correlated in what the model leaves.
+    pub fn lines(&self) -> String {
+        let mut text = String::new();
+        for (parameter, unit) in &self.parameters {
+            let _ = match parameter.known {
+                Some(k) => {
+                    let sure = if k.std.is_finite() {
+                        format!(" +- {:>10} ({})", short(k.std), short(k.std_correlated))
+                    } else {
+                        // Nobody says how sure a fragment was.
+                        String::new()
+                    };
+                    writeln!(
+                        text,
+                        "  {:28} {:>13}{sure} {unit}",
+                        parameter.name,
+                        short(k.value)
+                    )
+                }
+                None => writeln!(text, "  {:28} {:>13}", parameter.name, "not known"),
+            };
+        }
+        text
+    }
+}
+
+/// A number with five significant digits; a dash for none.
+pub fn short(value: f64) -> String {
+    if !value.is_finite() {
+        return "-".to_owned();
+    }
+    if value == 0.0 || (1e-3..1e6).contains(&value.abs()) {
+        let digits = if value == 0.0 {
+            1
+        } else {
+            (4 - value.abs().log10().floor() as i32).clamp(0, 8) as usize
+        };
+        format!("{value:.digits$}")
+    } else {
+        format!("{value:.4e}")
+    }
+}
+
+/// A sentence with a capital.
+pub fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |first| {
+        first.to_uppercase().chain(letters).collect()
+    })
+}
+
+/// A figure of a report: curves or points of a name, their axes, and what is to be seen.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Figure {
+    /// What lies on x.
+    pub x: String,
+    /// What lies on y.
+    pub y: String,
+    /// Curves by name.
+    pub curves: Vec<(String, Vec<(f64, f64)>)>,
+    /// The caption.
+    pub caption: String,
+}
+
+/// A table of a report: its header and rows.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Rows {
+    /// What it is of.
+    pub title: String,
+    /// The first row.
+    pub header: Vec<String>,
+    /// The rest.
+    pub rows: Vec<Vec<String>>,
+}
+
+/// What a report shows beside the answer.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Shown {
+    /// Measured and modelled.
+    pub account: Account,
+    /// What was measured, such as `force`, and its unit.
+    pub quantity: (&'static str, &'static str),
+    /// Unit of the position: `m`, `rad`.
+    pub position: &'static str,
+    /// Tables.
+    pub tables: Vec<Rows>,
+    /// Other figures.
+    pub figures: Vec<Figure>,
+}

@@ -1,0 +1,347 @@
+//! Modes from a frequency response.
+
+use super::columns::{self, Dimension, Named, Wanted};
+use super::{Answer, Figure, NOT_IDENTIFIABLE, Shown, short};
+use nalgebra::Complex;
+use pigtail_hal::Error;
+use pigtail_sysid::resonance::{Identified, NAMES, Record, bode, identify};
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Which columns of a file; those that are not named are looked for by their usual names.
+#[derive(Debug, Clone, Default)]
+pub struct Roles {
+    /// Frequency.
+    pub frequency: Option<Named>,
+    /// Magnitude.
+    pub magnitude: Option<Named>,
+    /// Phase.
+    pub phase: Option<Named>,
+    /// Real and imaginary part.
+    pub parts: Option<(Named, Named)>,
+    /// Coherence.
+    pub coherence: Option<Named>,
+}
+
+const FREQUENCIES: [&str; 9] = [
+    "f_Hz",
+    "freq_Hz",
+    "frequency_Hz",
+    "frequency_hz",
+    "f",
+    "freq",
+    "frequency",
+    "Frequency",
+    "omega_rad/s",
+];
+const MAGNITUDES: [&str; 11] = [
+    "magnitude",
+    "magnitude_dB",
+    "magnitude_db",
+    "mag",
+    "mag_dB",
+    "mag_db",
+    "gain",
+    "gain_dB",
+    "gain_db",
+    "amplitude",
+    "Magnitude",
+];
+const PHASES: [&str; 5] = ["phase_deg", "phase_rad", "phase", "arg_deg", "Phase"];
+const REALS: [&str; 4] = ["re", "real", "Re", "Real"];
+const IMAGINARIES: [&str; 5] = ["im", "imag", "imaginary", "Im", "Imag"];
+const COHERENCES: [&str; 2] = ["coherence", "Coherence"];
+
+/// The columns that were chosen.
+struct Chosen {
+    frequency: Named,
+    /// Magnitude, or the real part.
+    first: Named,
+    /// Phase, or the imaginary part; a magnitude may be there alone.
+    second: Option<Named>,
+    polar: bool,
+    coherence: Option<Named>,
+}
+
+/// A frequency response that was read.
+struct Response {
+    frequency: Vec<f64>,
+    values: Vec<Complex<f64>>,
+    phased: bool,
+    weight: Option<Vec<f64>>,
+    remarks: Vec<String>,
+}
+
+/// Of what a column of numbers without a unit is.
+const RATIO: &[Dimension] = &[Dimension::Ratio];
+
+impl Roles {
+    /// The columns by their names, or by their usual names.
+    fn choose(&self, path: &Path) -> Result<Chosen, Error> {
+        let there = columns::names(path)?;
+        let usual = |given: &Option<Named>, names: &[&str]| {
+            given.clone().or_else(|| {
+                let found = names.iter().find(|n| there.iter().any(|t| t == *n));
+                found.map(|n| Named::new(*n))
+            })
+        };
+        let missing = |option: &str| {
+            let message = format!(
+                "no column has a usual name for it; name one: there are {}",
+                there.join(", ")
+            );
+            Error::new(path.display().to_string(), option, message)
+        };
+        let frequency =
+            usual(&self.frequency, &FREQUENCIES).ok_or_else(|| missing("--frequency"))?;
+        let coherence = usual(&self.coherence, &COHERENCES);
+        let found = || usual(&None, &REALS).zip(usual(&None, &IMAGINARIES));
+        let parts = self.parts.clone().or_else(|| {
+            let polar = self.magnitude.is_some() || self.phase.is_some();
+            if polar { None } else { found() }
+        });
+        if let Some((real, imaginary)) = parts {
+            return Ok(Chosen {
+                frequency,
+                first: real,
+                second: Some(imaginary),
+                polar: false,
+                coherence,
+            });
+        }
+        let magnitude =
+            usual(&self.magnitude, &MAGNITUDES).ok_or_else(|| missing("--magnitude"))?;
+        Ok(Chosen {
+            frequency,
+            first: magnitude,
+            second: usual(&self.phase, &PHASES),
+            polar: true,
+            coherence,
+        })
+    }
+}
+
+impl Chosen {
+    fn read(&self, path: &Path) -> Result<Response, Error> {
+        let file = path.display().to_string();
+        let wanted = |option, named, of| Wanted { option, named, of };
+        let mut list = vec![wanted(
+            "--frequency",
+            &self.frequency,
+            &[Dimension::Frequency][..],
+        )];
+        let [first, second] = if self.polar {
+            ["--magnitude", "--phase"]
+        } else {
+            ["--real", "--imaginary"]
+        };
+        let sizes: &[Dimension] = if self.polar {
+            &[Dimension::Ratio, Dimension::Decibel]
+        } else {
+            RATIO
+        };
+        list.push(wanted(first, &self.first, sizes));
+        if let Some(coherence) = &self.coherence {
+            list.push(wanted("--coherence", coherence, RATIO));
+        }
+        if let Some(named) = &self.second {
+            let of: &[Dimension] = if self.polar {
+                &[Dimension::Angle]
+            } else {
+                RATIO
+            };
+            list.push(wanted(second, named, of));
+        }
+        let mut read = columns::read(path, &list)?;
+        let mut remarks = columns::remarks(&read);
+        let b = self.second.is_some().then(|| read.pop()).flatten();
+        let a = &read[1];
+        let unsure = |b: &columns::Column| {
+            let large = b.values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+            (self.polar && b.by == columns::By::Nothing && large > 7.0).then_some(large)
+        };
+        if let Some((b, large)) = b.as_ref().and_then(|b| unsure(b).map(|l| (b, l))) {
+            let message = format!(
+                "reaches {large:.1}, which is much for radians; say its unit: \"{}:deg\" or \"{}:rad\"",
+                b.name, b.name
+            );
+            return Err(Error::new(&file, &b.name, message));
+        }
+        let below = a.values.iter().any(|v| *v < 0.0);
+        if self.polar && a.dimension == Dimension::Ratio && below {
+            let message = format!(
+                "has values below zero, which no magnitude has; accepted are ratios, or decibels as \
+                 \"{}:dB\"",
+                a.name
+            );
+            return Err(Error::new(&file, &a.name, message));
+        }
+        if b.is_none() {
+            remarks.push(
+                "no column of phase: modes are told by magnitude alone, a delay is not".to_owned(),
+            );
+        }
+        let other = |k: usize| b.as_ref().map_or(0.0, |b| b.values[k]);
+        let values = a
+            .values
+            .iter()
+            .enumerate()
+            .map(|(k, a_k)| match (self.polar, a.dimension) {
+                (false, _) => Complex::new(*a_k, other(k)),
+                (true, Dimension::Decibel) => Complex::from_polar(10f64.powf(0.05 * a_k), other(k)),
+                (true, _) => Complex::from_polar(*a_k, other(k)),
+            })
+            .collect();
+        Ok(Response {
+            values,
+            phased: b.is_some(),
+            weight: (read.len() > 2).then(|| read.remove(2).values),
+            frequency: read.remove(0).values,
+            remarks,
+        })
+    }
+}
+
+/// Reads a frequency response and identifies its modes.
+///
+/// # Errors
+///
+/// Bad input.
+pub fn resonance(roles: &Roles, path: &Path) -> Result<(Answer, Option<Shown>), Error> {
+    let names = [
+        ("frequency_1", "Hz".to_owned()),
+        ("damping_1", "1".to_owned()),
+        ("delay", "s".to_owned()),
+    ];
+    let read = roles.choose(path)?.read(path)?;
+    let weight = read.weight.as_deref();
+    let record = if read.phased {
+        Record::new(&read.frequency, &read.values, weight)
+    } else {
+        let sizes: Vec<f64> = read.values.iter().map(|h| h.re).collect();
+        Record::of_magnitude(&read.frequency, &sizes, weight)
+    };
+    let found = record.and_then(|record| identify(&record));
+    Ok(match found {
+        Ok(found) => (answer(&found, read.remarks), Some(shown(&found))),
+        Err(unknown) => (Answer::nothing(&names, unknown), None),
+    })
+}
+
+fn answer(found: &Identified, remarks: Vec<String>) -> Answer {
+    let unit = |name: &str| {
+        if name.starts_with("frequency") {
+            "Hz"
+        } else if name == "delay" {
+            "s"
+        } else {
+            "1"
+        }
+        .to_owned()
+    };
+    let mut answer = Answer {
+        parameters: found
+            .parameters
+            .iter()
+            .map(|p| (p.clone(), unit(p.name)))
+            .collect(),
+        relative_error_percent: Some(found.relative_error_percent),
+        validation_error_percent: Some(found.validation_error_percent),
+        condition: Some(found.condition),
+        unknown: found.unknown.clone(),
+        remarks,
+        ..Answer::default()
+    };
+    let modes: Vec<String> = NAMES
+        .iter()
+        .take(found.modes)
+        .filter_map(|[name, _]| {
+            let parameter = found.parameters.iter().find(|p| p.name == *name)?;
+            parameter.known.map(|k| format!("{} Hz", short(k.value)))
+        })
+        .collect();
+    let told = format!(
+        "{} modes, at {}: {} % off at the points held back",
+        found.modes,
+        modes.join(", "),
+        short(found.validation_error_percent)
+    );
+    // That a magnitude has no phase is no news, and nothing against its modes.
+    answer.verdict = if found.record.is_phased() || found.unknown.len() > 1 {
+        answer.doubts().unwrap_or(told)
+    } else {
+        format!(
+            "{told}; the delay is {NOT_IDENTIFIABLE}, because {}",
+            found.unknown[0].because
+        )
+    };
+    answer.more.insert("modes".to_owned(), found.modes.into());
+    answer
+}
+
+fn shown(found: &Identified) -> Shown {
+    let [magnitude, phase] = bode(&found.record.frequency, &found.record.response);
+    let [told_magnitude, told_phase] = bode(&found.record.frequency, &found.told);
+    let pair = |measured, told| {
+        vec![
+            ("measured".to_owned(), measured),
+            ("modelled".to_owned(), told),
+        ]
+    };
+    let errors: Vec<(f64, f64)> = found
+        .record
+        .frequency
+        .iter()
+        .zip(found.record.response.iter().zip(&found.told))
+        .map(|(f, (h, t))| (*f, 100.0 * (h - t).norm() / h.norm().max(1e-300)))
+        .collect();
+    let figure = |y: &str, curves, caption: &str| Figure {
+        x: "frequency, Hz".to_owned(),
+        y: y.to_owned(),
+        curves,
+        caption: caption.to_owned(),
+    };
+    let phases = figure(
+        "phase, deg",
+        pair(phase, told_phase),
+        "Phase, measured and by the modes.",
+    );
+    let phases = found.record.is_phased().then_some(phases);
+    Shown {
+        figures: [
+            Some(figure(
+                "magnitude, dB",
+                pair(magnitude, told_magnitude),
+                "Magnitude, measured and by the modes.",
+            )),
+            phases,
+            Some(figure(
+                "residual, %",
+                vec![("residual".to_owned(), errors)],
+                "How far the model is from each point, as a share of it.",
+            )),
+        ]
+        .into_iter()
+        .flatten()
+        .collect(),
+        ..Shown::default()
+    }
+}
+
+/// Whether all of its modes are known: what a fragment carries.
+pub fn carries(answer: &Answer) -> bool {
+    let modes = answer.parameters.iter().filter(|(p, _)| p.name != "delay");
+    let known = modes.clone().filter(|(p, _)| p.known.is_some()).count();
+    known > 0 && known == modes.count() && !super::servo::is_negative(answer)
+}
+
+/// The modes as a TOML text.
+pub fn fragment(answer: &Answer) -> String {
+    let mut text = "[resonance]\n".to_owned();
+    for (parameter, unit) in &answer.parameters {
+        if let Some(known) = parameter.known {
+            let _ = writeln!(text, "{} = {:?} # {unit}", parameter.name, known.value);
+        }
+    }
+    text
+}

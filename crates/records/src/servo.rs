@@ -1,0 +1,419 @@
+//! A servo axis from its record.
+
+use super::columns::{self, Column, Dimension, Named, Source, Wanted};
+use super::fragment::Kind;
+use super::{Answer, Figure, NOT_IDENTIFIABLE, Rows, Shown, short};
+use pigtail_hal::Error;
+use pigtail_sysid::servo::{
+    Friction, Identified, Method, Motion, Record, Replay, Settings, Sliding, Variant, identify,
+    replay,
+};
+use pigtail_sysid::timeline::{Uneven, even};
+use pigtail_sysid::{Account, Unknown};
+use serde_json::{Value, json};
+use std::path::Path;
+
+/// Which columns of a file.
+#[derive(Debug, Clone)]
+pub struct Roles {
+    /// Time; one with a usual name if none.
+    pub time: Option<Named>,
+    /// The position's reference, where there is one.
+    pub reference: Option<Named>,
+    /// The position.
+    pub position: Named,
+    /// The voltage.
+    pub voltage: Named,
+}
+
+/// A record that was read.
+#[derive(Debug, Clone)]
+pub struct Read {
+    /// The record.
+    pub record: Record,
+    /// Whether it moves along a line or turns.
+    pub kind: Kind,
+    /// Where it came from.
+    pub source: Source,
+    /// What had to be assumed.
+    pub remarks: Vec<String>,
+}
+
+/// What a position may be.
+const MOVES: &[Dimension] = &[Dimension::Length, Dimension::Angle];
+
+impl Roles {
+    /// Reads a record.
+    ///
+    /// # Errors
+    ///
+    /// Bad input.
+    pub fn read(&self, path: &Path) -> Result<Read, Error> {
+        let file = path.display().to_string();
+        let time = columns::time_named(path, self.time.as_ref())?;
+        let wanted = |option, named, of| Wanted { option, named, of };
+        let mut list = vec![
+            wanted("--time", &time, &[Dimension::Time][..]),
+            wanted("--position", &self.position, MOVES),
+            wanted("--voltage", &self.voltage, &[Dimension::Voltage]),
+        ];
+        if let Some(reference) = &self.reference {
+            list.push(wanted("--reference", reference, MOVES));
+        }
+        let read = columns::read(path, &list)?;
+        if let Some(reference) = read.get(3).filter(|r| r.dimension != read[1].dimension) {
+            let message = format!(
+                "is in {}, the position {} in {}; accepted are two lengths or two angles",
+                reference.unit, read[1].name, read[1].unit
+            );
+            return Err(Error::new(&file, &reference.name, message));
+        }
+        let values: Vec<&[f64]> = read[1..].iter().map(|c: &Column| &c.values[..]).collect();
+        let grid = even(&read[0].values, &values).map_err(|uneven| {
+            let message = match uneven {
+                Uneven::Falls { .. } => format!("{uneven}; accepted is time that rises throughout"),
+                Uneven::TooShort(_) => format!("{uneven}; accepted are at least 100"),
+            };
+            Error::new(&file, &read[0].name, message)
+        })?;
+        let kind = if read[1].dimension == Dimension::Angle {
+            Kind::Rotary
+        } else {
+            Kind::Linear
+        };
+        Ok(Read {
+            record: Record::new(grid, self.reference.is_some()),
+            kind,
+            source: Source::new(path, &list, &read),
+            remarks: columns::remarks(&read),
+        })
+    }
+}
+
+/// Name of a law of friction.
+pub fn friction_name(friction: Friction) -> &'static str {
+    match friction {
+        Friction::Symmetric => "symmetric",
+        Friction::Asymmetric => "asymmetric",
+    }
+}
+
+/// Name of a method.
+pub fn method_name(method: Method) -> &'static str {
+    match method {
+        Method::LeastSquares => "least-squares",
+        Method::Weighted => "weighted",
+        Method::Instrumental => "instrumental",
+        Method::Delayed => "delayed",
+    }
+}
+
+fn name(variant: &Variant) -> String {
+    format!(
+        "{} friction by {}",
+        friction_name(variant.friction),
+        match variant.method {
+            Method::LeastSquares => "least squares",
+            Method::Weighted => "weighted least squares",
+            Method::Instrumental => "instrumental variables",
+            Method::Delayed => "least squares with the voltage's delay",
+        }
+    )
+}
+
+/// Unit of a parameter.
+fn unit(name: &str, kind: Kind) -> String {
+    let (inertia, viscous, force) = match kind {
+        Kind::Linear => ("kg", "N s/m", "N"),
+        Kind::Rotary => ("kg m^2", "N m s/rad", "N m"),
+    };
+    if name == "inertia" {
+        inertia
+    } else if name == "voltage_delay" {
+        "s"
+    } else if name.starts_with("viscous") {
+        viscous
+    } else {
+        force
+    }
+    .to_owned()
+}
+
+/// What came of it.
+#[derive(Debug, Clone)]
+pub struct Servo {
+    /// The answer.
+    pub answer: Answer,
+    /// What to show; `None` where nothing is known.
+    pub shown: Option<Shown>,
+    /// The variant that goes into a fragment, and the whole identification.
+    pub best: Option<(Variant, Identified)>,
+}
+
+/// Identifies a servo axis; `friction` and `method` say which variant's parameters are reported.
+pub fn servo(
+    first: &Read,
+    second: Option<&Read>,
+    set: &Settings,
+    (friction, method): (Friction, Method),
+) -> Servo {
+    let names: Vec<_> = friction
+        .names()
+        .iter()
+        .map(|n| (*n, unit(n, first.kind)))
+        .collect();
+    let refused = |unknown: Unknown| {
+        let mut answer = Answer::nothing(&names, unknown);
+        answer.remarks.clone_from(&first.remarks);
+        Servo {
+            answer,
+            shown: None,
+            best: None,
+        }
+    };
+    let found = match identify(&first.record, second.map(|s| &s.record), set) {
+        Ok(found) => found,
+        Err(unknown) => return refused(unknown),
+    };
+    let Some(asked) = found.variant(friction, method).cloned() else {
+        return refused(Unknown::all(format!(
+            "{} friction by {} needs a reference, and a controller that tells the voltage",
+            friction_name(friction),
+            method_name(method)
+        )));
+    };
+    let best = found.variants[found.best].clone();
+    let mut answer = Answer {
+        parameters: asked
+            .parameters
+            .iter()
+            .map(|p| (p.clone(), unit(p.name, first.kind)))
+            .collect(),
+        relative_error_percent: Some(asked.relative_error_percent),
+        validation_error_percent: asked.validation_error_percent,
+        condition: Some(asked.condition),
+        unknown: found.unknown.clone(),
+        remarks: first
+            .remarks
+            .iter()
+            .chain(&found.remarks)
+            .cloned()
+            .chain(unlikely(first.kind, asked.values[0], &found.motion))
+            .collect(),
+        ..Answer::default()
+    };
+    let on = if second.is_some() {
+        "the second record"
+    } else {
+        "the record's last part"
+    };
+    let generalises = format!(
+        "{} generalises best: {} % of force on {on}, {} % by {}",
+        name(&best),
+        short(best.validation_error_percent.unwrap_or(f64::NAN)),
+        short(asked.validation_error_percent.unwrap_or(f64::NAN)),
+        name(&asked)
+    );
+    answer.verdict = answer.doubts().unwrap_or(generalises);
+    let again = |read: &Read| {
+        let controller = found.controller?;
+        let usable = found.unknown.is_empty();
+        usable
+            .then(|| {
+                let axis = best.axis(set.force_per_volt);
+                replay(&read.record, &axis, &Sliding::Coulomb, &controller, set)
+            })
+            .flatten()
+    };
+    let replayed = again(first);
+    tell_more(&mut answer, &found, (friction, method), first.kind);
+    if let Some(r) = &replayed {
+        answer.more.insert("replay".to_owned(), tell(r));
+    }
+    if let Some(r) = second.and_then(again) {
+        answer.more.insert("validation_replay".to_owned(), tell(&r));
+    }
+    let shown = shown(&found, &best, replayed.as_ref(), first.kind);
+    Servo {
+        answer,
+        shown: Some(shown),
+        best: Some((best, found)),
+    }
+}
+
+/// What no servo axis is or does: one unit that is wrong for all of a record's columns shows nowhere else.
+fn unlikely(kind: Kind, inertia: f64, motion: &Motion) -> Option<String> {
+    // Of inertia, kg or kg m^2; of stroke, m or rad; of speed, m/s or rad/s.
+    let (inertias, stroke, speed, units) = match kind {
+        Kind::Linear => (1e-6..1e4, 100.0, 100.0, ["kg", "m", "m/s"]),
+        Kind::Rotary => (1e-10..1e4, 1e6, 1e5, ["kg m^2", "rad", "rad/s"]),
+    };
+    let ask = "are the units of position and voltage right, and --force-per-volt?";
+    if !inertias.contains(&inertia) {
+        return Some(format!("an inertia of {inertia:.3e} {}: {ask}", units[0]));
+    }
+    (motion.stroke > stroke || motion.speed > speed).then(|| {
+        format!(
+            "a motion over {:.3e} {} at up to {:.3e} {}: {ask}",
+            motion.stroke, units[1], motion.speed, units[2]
+        )
+    })
+}
+
+/// How far a replay is from its record.
+fn tell(r: &Replay) -> Value {
+    json!({
+        "velocity_error_percent": r.velocity_error_percent,
+        "force_error_percent": r.force_error_percent,
+        "position_error_percent": r.position_error_percent,
+    })
+}
+
+/// What else there is to say: all variants, the one that generalises, the controller.
+fn tell_more(
+    answer: &mut Answer,
+    found: &Identified,
+    (friction, method): (Friction, Method),
+    kind: Kind,
+) {
+    let best = &found.variants[found.best];
+    let more = &mut answer.more;
+    more.insert("friction".to_owned(), friction_name(friction).into());
+    more.insert("method".to_owned(), method_name(method).into());
+    more.insert("equations".to_owned(), found.equations.into());
+    more.insert(
+        "best".to_owned(),
+        json!({
+            "friction": friction_name(best.friction), "method": method_name(best.method),
+            "validation_error_percent": best.validation_error_percent,
+        }),
+    );
+    more.insert("variants".to_owned(), variants(found, kind));
+    if let Some(c) = &found.controller {
+        more.insert(
+            "controller".to_owned(),
+            json!({
+                "kp": c.kp, "ki": c.ki, "kd": c.kd, "kf": c.kf, "bias": c.bias, "span": c.span,
+                "delay": c.delay, "limit": c.limit.is_finite().then_some(c.limit),
+                "position_gain_per_s": c.position_gain(), "error_percent": c.error_percent,
+            }),
+        );
+    }
+}
+
+fn variants(found: &Identified, kind: Kind) -> Value {
+    found
+        .variants
+        .iter()
+        .map(|v| {
+            let answer = Answer {
+                parameters: v
+                    .parameters
+                    .iter()
+                    .map(|p| (p.clone(), unit(p.name, kind)))
+                    .collect(),
+                unknown: found.unknown.clone(),
+                ..Answer::default()
+            };
+            json!({
+                "friction": friction_name(v.friction),
+                "method": method_name(v.method),
+                "parameters": answer.json()["parameters"],
+                "relative_error_percent": v.relative_error_percent,
+                "validation_error_percent": v.validation_error_percent,
+                "condition": v.condition,
+            })
+        })
+        .collect()
+}
+
+fn shown(found: &Identified, best: &Variant, replay: Option<&Replay>, kind: Kind) -> Shown {
+    let row = |v: &Variant| -> Vec<String> {
+        let mut row = vec![
+            friction_name(v.friction).to_owned(),
+            method_name(v.method).to_owned(),
+            short(v.relative_error_percent),
+            v.validation_error_percent.map_or("-".to_owned(), short),
+            short(v.condition),
+        ];
+        let text = |p: &pigtail_sysid::Parameter| {
+            let name = p.name.replace('_', " ");
+            p.known.map_or(format!("{name} not known"), |k| {
+                format!(
+                    "{name} {} &plusmn; {} {}",
+                    short(k.value),
+                    short(k.std),
+                    unit(p.name, kind)
+                )
+            })
+        };
+        row.push(
+            v.parameters
+                .iter()
+                .map(text)
+                .collect::<Vec<_>>()
+                .join("<br>"),
+        );
+        row
+    };
+    let tables = [Friction::Symmetric, Friction::Asymmetric]
+        .into_iter()
+        .map(|friction| {
+            let mut header: Vec<String> = [
+                "friction",
+                "method",
+                "error, %",
+                "validation, %",
+                "condition",
+            ]
+            .map(str::to_owned)
+            .to_vec();
+            header.push(String::new());
+            Rows {
+                title: format!("{} friction", friction_name(friction)),
+                header,
+                rows: found
+                    .variants
+                    .iter()
+                    .filter(|v| v.friction == friction)
+                    .map(row)
+                    .collect(),
+            }
+        })
+        .collect();
+    let (quantity, position) = match kind {
+        Kind::Linear => (("force", "N"), "m"),
+        Kind::Rotary => (("torque", "N m"), "rad"),
+    };
+    let mut figures = Vec::new();
+    if let Some(r) = replay {
+        let over = |values: &[f64]| r.time.iter().copied().zip(values.iter().copied()).collect();
+        figures.push(Figure {
+            x: "time, s".to_owned(),
+            y: format!("velocity, {position}/s"),
+            curves: vec![
+                ("measured".to_owned(), over(&r.velocity[0])),
+                ("replayed".to_owned(), over(&r.velocity[1])),
+            ],
+            caption: format!(
+                "The same reference in closed loop: velocity in the record and of the model. They are \
+                 {} % apart, the voltages {} %.",
+                short(r.velocity_error_percent),
+                short(r.force_error_percent)
+            ),
+        });
+    }
+    let account: Account = found.account(best);
+    Shown {
+        account,
+        quantity,
+        position,
+        tables,
+        figures,
+    }
+}
+
+/// Whether a verdict says that something cannot be known.
+pub fn is_negative(answer: &Answer) -> bool {
+    answer.verdict.starts_with(NOT_IDENTIFIABLE)
+}

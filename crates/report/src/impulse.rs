@@ -1,0 +1,271 @@
+//! The report of what pulses do to an axis.
+
+use super::figure::{Axes, HALF, WHOLE, cells, curves, range_of};
+use super::html::{escape, figure, page};
+use anyhow::Result;
+use pigtail_evaluate::impulse::response::{Document, Figures};
+use std::fmt::Write as _;
+
+/// The report of the response to pulses as one HTML text.
+///
+/// # Errors
+///
+/// When a figure cannot be drawn.
+pub fn response(d: &Document, f: &Figures) -> Result<String> {
+    let title = format!("Response of {} to pulses, seed {}", d.axis, d.seed);
+    let mut body = format!("<h1>{}</h1>\n", escape(&title));
+    let _ = writeln!(
+        body,
+        "<p>The motor breaks away at {:.4} V, the unit fsm of all amplitudes here. Pulses (4.7) last \
+         {:.2} ms; between them the transmission is brought back to zero torque by {}. With a \
+         second harmonic of {:.2} fsm there is a dead zone of {:.2} fsm in a<sub>1</sub>, and the \
+         displacement follows the parabola (4.8) with b = {:.2} nm, R<sup>2</sup> = {:.3}; at a<sub>1</sub> = {} fsm it is {:.1} nm.</p>",
+        d.fsm_v,
+        d.period_ms,
+        in_words(d.relax),
+        d.a2_fsm,
+        d.dead_zone_fsm,
+        d.b_nm,
+        d.r2,
+        d.displacement_nm.a1,
+        d.displacement_nm.value
+    );
+    single(&mut body, d, f)?;
+    over_both(&mut body, d)?;
+    curve(&mut body, d, f)?;
+    in_a_row(&mut body, d)?;
+    Ok(page(&title, &body))
+}
+
+/// Below this, nanometres, a displacement in the map is the probe's noise.
+const NOISE: f64 = 4.0;
+
+/// A caption, an axis's name, the time until which it goes, milliseconds, and named curves.
+type Plot<'a> = (&'a str, &'a str, f64, Vec<(&'a str, Vec<(f64, f64)>)>);
+
+/// Figs. 4.13 to 4.16.
+fn single(body: &mut String, d: &Document, f: &Figures) -> Result<()> {
+    let _ = writeln!(
+        body,
+        "<h2>A single pulse</h2>\n<p>a<sub>1</sub> = {} fsm, a<sub>2</sub> = {} fsm{}. These four are the \
+         truth, from the twin: no encoder sees them.</p>\n<div class=\"pair\">",
+        d.displacement_nm.a1,
+        d.a2_fsm,
+        if (d.a3_fsm, d.a4_fsm) == (0.0, 0.0) {
+            String::new()
+        } else {
+            format!(
+                ", a<sub>3</sub> = {}, a<sub>4</sub> = {} fsm",
+                d.a3_fsm, d.a4_fsm
+            )
+        }
+    );
+    let t = &f.trace;
+    let ms = |k: usize| 1e3 * t.time[k];
+    let series = |of: &dyn Fn(usize) -> f64, until: f64| -> Vec<(f64, f64)> {
+        (0..t.time.len())
+            .take_while(|k| ms(*k) <= until)
+            .map(|k| (ms(k), of(k)))
+            .collect()
+    };
+    let rate = |k: usize, of: &dyn Fn(usize) -> f64| {
+        let (low, high) = (k.saturating_sub(1), (k + 1).min(t.time.len() - 1));
+        (of(high) - of(low)) / (t.time[high] - t.time[low])
+    };
+    let motor = |k: usize| 1e3 * t.angles[k].0;
+    let output = |k: usize| 1e3 * t.angles[k].1;
+    let plots: [Plot; 4] = [
+        (
+            "Input (Fig. 4.13).",
+            "voltage, V",
+            4.0,
+            vec![("voltage", series(&|k| t.voltage[k], 4.0))],
+        ),
+        (
+            "Positions (Fig. 4.14): the motor's behind the gear.",
+            "angle, mrad",
+            12.0,
+            vec![
+                ("motor x gear", series(&motor, 12.0)),
+                ("output", series(&output, 12.0)),
+            ],
+        ),
+        (
+            "Velocities (Fig. 4.15): the motor moves during the pulse, the output after it.",
+            "velocity, mrad/s",
+            6.0,
+            vec![
+                ("motor x gear", series(&|k| rate(k, &motor), 6.0)),
+                ("output", series(&|k| rate(k, &output), 6.0)),
+            ],
+        ),
+        (
+            "Displacement of the output (Fig. 4.16).",
+            "displacement, nm",
+            20.0,
+            vec![("output", series(&|k| 1e9 * t.output[k], 20.0))],
+        ),
+    ];
+    for (caption, y, until, named) in plots {
+        let values = named
+            .iter()
+            .flat_map(|(_, points)| points.iter().map(|p| p.1));
+        let axes = Axes {
+            width: HALF,
+            x: (0.0..until, "time, ms"),
+            y: (range_of(values, 1e-6), y),
+        };
+        body.push_str(&figure(&curves(&axes, &named)?, caption));
+    }
+    body.push_str("</div>\n");
+    Ok(())
+}
+
+/// Fig. 4.17.
+fn over_both(body: &mut String, d: &Document) -> Result<()> {
+    body.push_str("<h2>Over both amplitudes</h2>\n");
+    let (a1, a2) = (&d.map.a1_fsm, &d.map.a2_fsm);
+    let (Some(right), Some(top)) = (a1.last(), a2.last()) else {
+        return Ok(());
+    };
+    let reached = d.map.nm.iter().flatten().flatten();
+    let highest = reached.clone().fold(1.0, |h: f64, v| h.max(*v));
+    let points: Vec<(f64, f64, f64)> = a2
+        .iter()
+        .zip(&d.map.nm)
+        .flat_map(|(y, row)| {
+            let one = a1.iter().zip(row);
+            one.filter_map(|(x, nm)| {
+                // The square root shows what is small, but not the probe's noise.
+                let nm = (*nm)?;
+                let seen = if nm > NOISE { nm } else { 0.0 };
+                Some((*x, *y, (seen / highest).sqrt()))
+            })
+        })
+        .collect();
+    let axes = Axes {
+        width: WHOLE,
+        x: (0.0..*right, "first harmonic a1, fsm"),
+        y: (0.0..*top, "second harmonic a2, fsm"),
+    };
+    let size = (right / a1.len() as f64, top / a2.len() as f64);
+    body.push_str(&figure(
+        &cells(&axes, &points, size)?,
+        &format!(
+            "Displacement from none (dark, the dead zone) to {highest:.0} nm (bright), by its square \
+             root (Fig. 4.17). White is beyond the amplifier's voltage."
+        ),
+    ));
+    body.push_str(
+        "<div class=\"scroll\"><table>\n<tr><th>a<sub>2</sub><small>fsm</small></th>\
+         <th>dead zone in a<sub>1</sub><small>fsm</small></th></tr>\n",
+    );
+    for row in &d.dead_zones {
+        let zone = row
+            .dead_zone_fsm
+            .map_or_else(|| "above 5".to_owned(), |zone| format!("{zone:.2}"));
+        let _ = writeln!(body, "<tr><td>{:.2}</td><td>{zone}</td></tr>", row.a2_fsm);
+    }
+    body.push_str("</table></div>\n");
+    Ok(())
+}
+
+/// Figs. 4.18 and 4.19, or 4.21.
+fn curve(body: &mut String, d: &Document, f: &Figures) -> Result<()> {
+    body.push_str("<h2>Without dead zone</h2>\n<div class=\"pair\">\n");
+    let measured: Vec<(f64, f64)> = d.curve.iter().map(|r| (r.a1_fsm, r.nm)).collect();
+    let parabola: Vec<(f64, f64)> = d
+        .curve
+        .iter()
+        .map(|r| (r.a1_fsm, d.b_nm * r.a1_fsm * r.a1_fsm))
+        .collect();
+    let spread = |of: fn(&pigtail_evaluate::impulse::response::Spread) -> f64| -> Vec<(f64, f64)> {
+        f.spread.iter().map(|s| (s.a1, of(s))).collect()
+    };
+    let plots = [
+        (
+            format!(
+                "Measured, and the parabola (4.8) (Figs. 4.18, 4.21). R<sup>2</sup> = {:.3}.",
+                d.r2
+            ),
+            vec![("measured", measured), ("b a1^2", parabola)],
+        ),
+        (
+            "Over machines whose load friction differs by 10 % (one standard deviation) and whose \
+             motor is displaced by a tenth of a count: percentiles (Fig. 4.19)."
+                .to_owned(),
+            vec![
+                ("90 %", spread(|s| s.p90)),
+                ("50 %", spread(|s| s.p50)),
+                ("10 %", spread(|s| s.p10)),
+            ],
+        ),
+    ];
+    for (caption, named) in plots {
+        let all = || named.iter().flat_map(|(_, points)| points.iter());
+        let axes = Axes {
+            width: HALF,
+            x: (range_of(all().map(|p| p.0), 0.1), "first harmonic a1, fsm"),
+            y: (range_of(all().map(|p| p.1), 1.0), "displacement, nm"),
+        };
+        body.push_str(&figure(&curves(&axes, &named)?, &caption));
+    }
+    body.push_str("</div>\n");
+    Ok(())
+}
+
+/// A way to relax in words.
+fn in_words(relax: &str) -> &str {
+    match relax {
+        "start" => "nothing",
+        other => other,
+    }
+}
+
+/// The same pulse again and again.
+fn in_a_row(body: &mut String, d: &Document) -> Result<()> {
+    body.push_str(
+        "<h2>The same pulse in a row</h2>\n<p>A pulse leaves the transmission wound up. Unless that is \
+         brought back, the next one moves the output by something else.</p>\n",
+    );
+    let named: Vec<(&str, Vec<(f64, f64)>)> = d
+        .rows
+        .iter()
+        .map(|row| {
+            let points = row.nm.iter().enumerate();
+            (
+                in_words(row.relax),
+                points.map(|(k, nm)| ((k + 1) as f64, *nm)).collect(),
+            )
+        })
+        .collect();
+    let all = || named.iter().flat_map(|(_, points)| points.iter());
+    let axes = Axes {
+        width: WHOLE,
+        x: (range_of(all().map(|p| p.0), 1.0), "pulse"),
+        y: (range_of(all().map(|p| p.1), 1.0), "displacement, nm"),
+    };
+    body.push_str(&figure(
+        &curves(&axes, &named)?,
+        "Displacement by each of them, by how the transmission is brought back to zero torque between \
+         them.",
+    ));
+    body.push_str(
+        "<div class=\"scroll\"><table>\n<tr><th>relaxed by</th><th>displacements<small>nm</small></th>\
+         <th>spread over mean</th></tr>\n",
+    );
+    for row in &d.rows {
+        let list: Vec<String> = row.nm.iter().map(|nm| format!("{nm:.0}")).collect();
+        let spread = row
+            .unevenness
+            .map_or_else(|| "-".to_owned(), |u| format!("{u:.3}"));
+        let _ = writeln!(
+            body,
+            "<tr><td>{}</td><td>{}</td><td>{spread}</td></tr>",
+            in_words(row.relax),
+            list.join(", ")
+        );
+    }
+    body.push_str("</table></div>\n");
+    Ok(())
+}

@@ -1,0 +1,200 @@
+//! The report of light throughput maximization.
+
+use super::figure::{Axes, WHOLE, curves, envelope};
+use super::html::{escape, figure, page};
+use anyhow::Result;
+use pigtail_evaluate::maximize::{CIRCLES, Document, Measured, Tracking};
+use std::fmt::Write as _;
+
+/// A table for a terminal or a page: a title, a header and rows.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Table {
+    /// What it is about.
+    pub title: &'static str,
+    /// The header, units below names, and the rows.
+    pub rows: Vec<Vec<String>>,
+}
+
+/// The tables of a document.
+pub fn tables(document: &Document) -> Vec<Table> {
+    let number = |value: Option<f64>, digits: usize| {
+        value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"))
+    };
+    let header = |names: &[&str]| names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>();
+    let mut tracking = vec![header(&[
+        "means",
+        "step\num",
+        "dwell\nms",
+        "pause\nms",
+        "by formula\num/s",
+        "followed\num/s",
+        "lost\num/s",
+    ])];
+    tracking.extend(document.tracking.iter().map(|t| {
+        vec![
+            t.means.to_owned(),
+            number(t.step_um, 2),
+            number(t.dwell_ms, 1),
+            number(t.pause_ms, 1),
+            number(t.closed_form_um_s, 2),
+            number(Some(t.limit_um_s), 2),
+            number(t.lost_um_s, 2),
+        ]
+    }));
+    let mut rejection = vec![header(&[
+        "moves",
+        "means",
+        "by\num",
+        "within\ns",
+        "at the end off\num",
+        "light then\n%",
+        "on average\n%",
+    ])];
+    rejection.extend(document.rejection.iter().map(|r| {
+        vec![
+            r.disturbance.to_owned(),
+            r.means.to_owned(),
+            number(Some(r.disturbance_um), 0),
+            number(Some(r.seconds), 0),
+            number(r.offset_um, 3),
+            number(Some(r.light_percent), 1),
+            number(Some(r.mean_light_percent), 1),
+        ]
+    }));
+    let mut timing = vec![header(&["part", "printed\ns", "thesis\ns", "fast\ns"])];
+    timing.extend(document.timing.iter().map(|t| {
+        vec![
+            t.part.to_owned(),
+            t.printed.unwrap_or("-").to_owned(),
+            number(Some(t.thesis), 2),
+            number(Some(t.fast), 2),
+        ]
+    }));
+    vec![
+        Table {
+            title: "How fast a peak may drift",
+            rows: tracking,
+        },
+        Table {
+            title: "What is left of other motion",
+            rows: rejection,
+        },
+        Table {
+            title: "Seconds a fiber (3.4)",
+            rows: timing,
+        },
+    ]
+}
+
+/// The report as one HTML text.
+///
+/// # Errors
+///
+/// When a figure cannot be drawn.
+pub fn maximize(measured: &Measured) -> Result<String> {
+    let document = &measured.document;
+    let title = format!("Maximization on {}, seed {}", document.rig, document.seed);
+    let mut body = format!("<h1>{}</h1>\n", escape(&title));
+    let pictures = [lag(&document.tracking)?, light(measured)?];
+    for (k, table) in tables(document).iter().enumerate() {
+        let _ = writeln!(body, "<h2>{}</h2>", table.title);
+        html(&mut body, &table.rows);
+        if k == 0 {
+            body.push_str(&figure(
+                &pictures[0],
+                "How far the fiber trails a peak that drifts, in truth, against the drift's speed as \
+                 a share of what the means should follow (circles: of what was tried). Curves end where it no \
+                 longer trails steadily.",
+            ));
+            body.push_str(&figure(
+                &pictures[1],
+                "Light while the peak drifts, nine-point patterns of the first row following it: every \
+                 pattern looks around, so the light is never steady; beyond a step a pattern it is \
+                 lost.",
+            ));
+        }
+    }
+    if let Some(a) = document.approach {
+        let _ = writeln!(
+            body,
+            "<h2>The way in z</h2>\n<p>The gap closed by {:.1} um in {:.2} s; meanwhile the peak walked \
+             {:.2} um aside, for light leaves the inclined facet at an angle ({:.2} um by design), at \
+             {:.2} um/s, and the climb went with it.</p>",
+            a.way_um, a.seconds, a.walk_um, a.expected_um, a.walk_um_s
+        );
+    }
+    let _ = writeln!(
+        body,
+        "<p class=\"soft\">Times are means over {} devices, inputs and outputs together.</p>",
+        document.devices
+    );
+    Ok(page(&title, &body))
+}
+
+fn html(body: &mut String, rows: &[Vec<String>]) {
+    body.push_str("<div class=\"scroll\"><table>\n");
+    for (k, row) in rows.iter().enumerate() {
+        body.push_str("<tr>");
+        for cell in row {
+            let _ = match cell.split_once('\n') {
+                Some((name, unit)) => write!(body, "<th>{name}<small>{unit}</small></th>"),
+                None if k == 0 => write!(body, "<th>{cell}</th>"),
+                None => write!(body, "<td>{}</td>", escape(cell)),
+            };
+        }
+        body.push_str("</tr>\n");
+    }
+    body.push_str("</table></div>\n");
+}
+
+fn lag(tracking: &[Tracking]) -> Result<String> {
+    let named: Vec<(String, Vec<(f64, f64)>)> = tracking
+        .iter()
+        .map(|t| {
+            let about = t.closed_form_um_s.unwrap_or(CIRCLES * 1e6);
+            let name = t.step_um.map_or_else(
+                || t.means.to_owned(),
+                |step| format!("{} {step} um", t.means),
+            );
+            let points = t
+                .trials
+                .iter()
+                .take_while(|d| d.followed)
+                .filter_map(|d| Some((d.speed_um_s / about, d.lag_um?)))
+                .collect();
+            (name, points)
+        })
+        .collect();
+    let top = named
+        .iter()
+        .flat_map(|(_, points)| points.iter().map(|p| p.1))
+        .fold(0.5, f64::max);
+    let axes = Axes {
+        width: WHOLE,
+        x: (0.0..1.7, "drift, share of what should be followed"),
+        y: (0.0..1.1 * top, "lag, um"),
+    };
+    let all: Vec<(&str, Vec<(f64, f64)>)> = named
+        .iter()
+        .map(|(name, points)| (name.as_str(), points.clone()))
+        .collect();
+    curves(&axes, &all)
+}
+
+fn light(measured: &Measured) -> Result<String> {
+    let all: Vec<(&str, Vec<(f64, f64)>)> = measured
+        .curves
+        .iter()
+        .map(|(name, points)| (name.as_str(), envelope(points, 400)))
+        .collect();
+    let end = all
+        .iter()
+        .filter_map(|(_, points)| points.last())
+        .fold(1.0, |end: f64, p| end.max(p.0));
+    let axes = Axes {
+        width: WHOLE,
+        x: (0.0..end, "time since the peak began to drift, s"),
+        y: (0.0..110.0, "light, % of before"),
+    };
+    curves(&axes, &all)
+}

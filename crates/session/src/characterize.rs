@@ -1,0 +1,367 @@
+//! Experiments on one axis of a twin, and the documents that say what came of them.
+
+use crate::align::AlignError;
+use crate::rig::Setup;
+use pigtail_control::characterize::{
+    FrequencyResponse, Increments, StepResponse, Trace, frequency_response, increments, record,
+    sine, step_response,
+};
+use pigtail_control::outcome::Halt;
+use pigtail_control::station::{Station, Unobserved};
+use pigtail_hal::quantity::Counts;
+use pigtail_hal::{Axis, AxisName, Error, Fault};
+use pigtail_numerics::rounded;
+use pigtail_twin::Twin;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use serde::Serialize;
+
+/// Why an experiment did not come to its end.
+#[derive(Debug, thiserror::Error)]
+pub enum ExperimentError {
+    /// The machine could not be built, or stopped.
+    #[error(transparent)]
+    Align(#[from] AlignError),
+    /// The rig cannot do it.
+    #[error(transparent)]
+    Input(#[from] Error),
+}
+
+impl From<Fault> for ExperimentError {
+    fn from(fault: Fault) -> Self {
+        Self::Align(AlignError::Fault(fault))
+    }
+}
+
+impl From<Halt> for ExperimentError {
+    fn from(halt: Halt) -> Self {
+        match halt {
+            Halt::Fault(fault) => fault.into(),
+            Halt::Outcome(outcome) => Error::new("machine.toml", "", outcome.to_string()).into(),
+        }
+    }
+}
+
+/// Runs an experiment on the twin that `seed` draws.
+///
+/// # Errors
+///
+/// When the plant cannot be built, or what the experiment fails with.
+pub fn on_twin<T>(
+    setup: &Setup,
+    seed: u64,
+    experiment: impl FnOnce(&mut Station) -> Result<T, ExperimentError>,
+) -> Result<T, ExperimentError> {
+    let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed).map_err(AlignError::Twin)?;
+    let mut unobserved = Unobserved;
+    let mut station = Station::new(&mut twin, &setup.calibration, &mut unobserved)?;
+    let result = experiment(&mut station);
+    station.stop();
+    result
+}
+
+/// Output of an axis for one encoder count, metres: what a probe sees of it.
+///
+/// # Errors
+///
+/// When the rig has no probes.
+pub fn metres_per_count(setup: &Setup, axis: Axis) -> Result<f64, Error> {
+    let drive = setup.spec.drive(axis);
+    let radians = drive.count() / drive.gear_ratio;
+    match axis {
+        Axis::A | Axis::B => {
+            let probe = setup.spec.probe.as_ref().ok_or_else(|| no_probe(setup))?;
+            Ok(radians * probe.arm)
+        }
+        Axis::Z => Ok(radians * setup.calibration.geometry.z.lead / std::f64::consts::TAU),
+    }
+}
+
+/// The error of asking for what only a probe can tell.
+pub fn no_probe(setup: &Setup) -> Error {
+    Error::new(
+        format!("{}/machine.toml", setup.rig),
+        "probe",
+        "the rig has no probes at its outputs; accepted is a rig whose datasheet lists them",
+    )
+}
+
+/// A step response.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StepDocument {
+    /// The axis.
+    pub axis: String,
+    /// Size of the step, counts.
+    pub step: i64,
+    /// From 10 to 90 %, milliseconds.
+    pub rise_ms: f64,
+    /// Until the encoder stays within one count, milliseconds.
+    pub settling_ms: f64,
+    /// Whether it did settle while it was watched.
+    pub settled: bool,
+    /// Overshoot, percent of the step.
+    pub overshoot_percent: f64,
+}
+
+/// Steps an axis by `size` counts and back.
+///
+/// # Errors
+///
+/// A fault.
+pub fn step(
+    station: &mut Station,
+    at: AxisName,
+    size: i64,
+) -> Result<(StepDocument, Trace), ExperimentError> {
+    const SECONDS: f64 = 0.2;
+    let Counts(home) = station.encoder(at);
+    let trace = record(station, at, SECONDS, |_| size as f64, |_| true)?;
+    station.reference(at, Counts(home));
+    station.run(SECONDS)?;
+    let StepResponse {
+        rise,
+        settling,
+        overshoot,
+        settled,
+    } = step_response(&trace, size as f64);
+    Ok((
+        StepDocument {
+            axis: at.to_string(),
+            step: size,
+            rise_ms: rounded(rise * 1e3, 1e-3),
+            settling_ms: rounded(settling * 1e3, 1e-3),
+            settled,
+            overshoot_percent: rounded(overshoot * 100.0, 1e-3),
+        },
+        trace,
+    ))
+}
+
+/// The answer to a sine.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SineDocument {
+    /// The axis.
+    pub axis: String,
+    /// Frequency, hertz.
+    pub frequency_hz: f64,
+    /// Amplitude, counts.
+    pub amplitude: f64,
+    /// Gain at the motor's encoder.
+    pub encoder_gain: f64,
+    /// Phase at the motor's encoder, degrees, negative for a lag.
+    pub encoder_phase_deg: f64,
+    /// Gain at the output; `null` without a probe.
+    pub output_gain: Option<f64>,
+    /// Phase at the output, degrees; `null` without a probe.
+    pub output_phase_deg: Option<f64>,
+}
+
+/// Follows a sine.
+///
+/// # Errors
+///
+/// A fault.
+pub fn follow_sine(
+    station: &mut Station,
+    setup: &Setup,
+    at: AxisName,
+    frequency: f64,
+    amplitude: f64,
+) -> Result<(SineDocument, Trace), ExperimentError> {
+    let scale = metres_per_count(setup, at.axis).unwrap_or(1.0);
+    let (response, trace) = sine(station, at, amplitude, frequency, 10, scale)?;
+    let degrees = |radians: f64| rounded(radians.to_degrees(), 1e-3);
+    Ok((
+        SineDocument {
+            axis: at.to_string(),
+            frequency_hz: frequency,
+            amplitude,
+            encoder_gain: rounded(response.encoder_gain, 1e-4),
+            encoder_phase_deg: degrees(response.encoder_phase),
+            output_gain: response.output.map(|(gain, _)| rounded(gain, 1e-4)),
+            output_phase_deg: response.output.map(|(_, phase)| degrees(phase)),
+        },
+        trace,
+    ))
+}
+
+/// One step size of a resolution test.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ResolutionRow {
+    /// The axis.
+    pub axis: String,
+    /// Steps that count.
+    pub steps: u32,
+    /// Size of each, counts.
+    pub counts_per_step: u32,
+    /// Mean increment of the output, micrometres.
+    pub mean_um: f64,
+    /// Standard deviation of the increments, micrometres.
+    pub std_um: f64,
+    /// Largest increment, micrometres.
+    pub max_um: f64,
+    /// Share of the steps in which the output moved by less than half the mean.
+    pub stuck_share: f64,
+    /// The resolution: the largest increment of consistent steps, micrometres; `null` where the
+    /// steps are not consistent.
+    pub resolution_um: Option<f64>,
+}
+
+/// The resolution test of 2.5: steps of one count, then of one more, until they are consistent.
+///
+/// # Errors
+///
+/// A fault; bad input where the rig has no probes.
+pub fn resolution(
+    station: &mut Station,
+    setup: &Setup,
+    at: AxisName,
+    steps: u32,
+) -> Result<Vec<(ResolutionRow, Increments)>, ExperimentError> {
+    const MOST: u32 = 10;
+    /// Enough to wind up a transmission whatever its state.
+    const LEAD: u32 = 150;
+    const DWELL: f64 = 0.05;
+    if setup.spec.probe.is_none() {
+        return Err(no_probe(setup).into());
+    }
+    let mut rows = Vec::new();
+    for counts in 1..=MOST {
+        let test = increments(station, at, counts, steps, LEAD, DWELL)?;
+        let um = |metres: f64| rounded(metres * 1e6, 1e-6);
+        let consistent = test.is_consistent();
+        let half = 0.5 * test.mean();
+        let stuck = test.increments.iter().filter(|d| **d < half).count();
+        rows.push((
+            ResolutionRow {
+                axis: at.to_string(),
+                steps,
+                counts_per_step: counts,
+                mean_um: um(test.mean()),
+                std_um: um(test.deviation()),
+                max_um: um(test.largest()),
+                stuck_share: rounded(stuck as f64 / f64::from(steps), 1e-4),
+                resolution_um: consistent.then(|| um(test.largest())),
+            },
+            test,
+        ));
+        if consistent {
+            break;
+        }
+    }
+    Ok(rows)
+}
+
+/// A frequency response in figures.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FrequencyDocument {
+    /// The axis.
+    pub axis: String,
+    /// Where the gain at the encoder has fallen by 3 dB, hertz.
+    pub bandwidth_hz: Option<f64>,
+    /// Where the gain at the output has; `null` without a probe.
+    pub output_bandwidth_hz: Option<f64>,
+    /// Lowest coherence at the encoder below the bandwidth.
+    pub lowest_coherence: f64,
+    /// The response at the encoder.
+    pub encoder: Vec<FrequencyRow>,
+    /// The response at the output; empty without a probe.
+    pub output: Vec<FrequencyRow>,
+}
+
+/// One frequency.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct FrequencyRow {
+    /// Hertz.
+    pub hz: f64,
+    /// Gain.
+    pub gain: f64,
+    /// Degrees, negative for a lag.
+    pub phase_deg: f64,
+    /// Coherence, 0 to 1.
+    pub coherence: f64,
+}
+
+/// The frequency response of an axis to a random reference for 40 s: noise of `amplitude` counts
+/// rms that falls off above 30 Hz, or the motor would do nothing but saturate.
+///
+/// # Errors
+///
+/// A fault.
+pub fn frequency(
+    station: &mut Station,
+    setup: &Setup,
+    at: AxisName,
+    amplitude: f64,
+    seed: u64,
+) -> Result<(FrequencyDocument, [FrequencyResponse; 2]), ExperimentError> {
+    const SECONDS: f64 = 40.0;
+    const HIGHEST: f64 = 300.0;
+    const CORNER: f64 = 30.0;
+    const WINDOW: usize = 4096;
+    let period = setup.spec.period();
+    let reference = noise(amplitude, CORNER, period, SECONDS, seed);
+    let trace = record(
+        station,
+        at,
+        SECONDS,
+        |t| reference[((t / period).round() as usize).min(reference.len() - 1)],
+        |_| true,
+    )?;
+    let at_encoder = frequency_response(&trace.reference, &trace.encoder, period, WINDOW, HIGHEST);
+    let at_output = if trace.output.is_empty() {
+        FrequencyResponse::default()
+    } else {
+        let scale = metres_per_count(setup, at.axis)?;
+        let counts: Vec<f64> = trace.output.iter().map(|metres| metres / scale).collect();
+        frequency_response(&trace.reference, &counts, period, WINDOW, HIGHEST)
+    };
+    let rows = |r: &FrequencyResponse| -> Vec<FrequencyRow> {
+        (0..r.frequency.len())
+            .map(|k| FrequencyRow {
+                hz: rounded(r.frequency[k], 1e-3),
+                gain: rounded(r.gain[k], 1e-4),
+                phase_deg: rounded(r.phase[k].to_degrees(), 1e-2),
+                coherence: rounded(r.coherence[k], 1e-4),
+            })
+            .collect()
+    };
+    let down = std::f64::consts::FRAC_1_SQRT_2;
+    let bandwidth = at_encoder.bandwidth(down);
+    let below = bandwidth.unwrap_or(HIGHEST);
+    let lowest = at_encoder
+        .frequency
+        .iter()
+        .zip(&at_encoder.coherence)
+        .filter(|(f, _)| **f < below)
+        .fold(1.0, |low: f64, (_, c)| low.min(*c));
+    Ok((
+        FrequencyDocument {
+            axis: at.to_string(),
+            bandwidth_hz: bandwidth.map(|f| rounded(f, 1e-2)),
+            output_bandwidth_hz: at_output.bandwidth(down).map(|f| rounded(f, 1e-2)),
+            lowest_coherence: rounded(lowest, 1e-4),
+            encoder: rows(&at_encoder),
+            output: rows(&at_output),
+        },
+        [at_encoder, at_output],
+    ))
+}
+
+/// Random numbers through two first-order low passes at `corner` hertz, scaled to an rms.
+fn noise(rms: f64, corner: f64, period: f64, seconds: f64, seed: u64) -> Vec<f64> {
+    let mut rng = Pcg64Mcg::seed_from_u64(seed);
+    let decay = (-std::f64::consts::TAU * corner * period).exp();
+    let (mut a, mut b) = (0.0, 0.0);
+    let series: Vec<f64> = (0..(seconds / period).round() as usize)
+        .map(|_| {
+            let white = 2.0 * rng.random::<f64>() - 1.0;
+            a = decay * a + (1.0 - decay) * white;
+            b = decay * b + (1.0 - decay) * a;
+            b
+        })
+        .collect();
+    let power = series.iter().map(|v| v * v).sum::<f64>() / series.len() as f64;
+    let scale = rms / power.sqrt();
+    series.into_iter().map(|v| scale * v).collect()
+}

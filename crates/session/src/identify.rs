@@ -1,0 +1,292 @@
+//! Identification of an axis's windup on a twin, and what compensating it is worth.
+
+use crate::characterize::{ExperimentError, no_probe};
+use crate::rig::Setup;
+use pigtail_control::identify::{
+    Fit, Path, Scale, WindupRecord, backlash, error_span, fit_memory, fit_reversal, scan,
+};
+use pigtail_control::station::Station;
+use pigtail_hal::{Axis, AxisName, Error};
+use pigtail_model::windup::{Memory, Reversal, Windup};
+use pigtail_numerics::rounded;
+use serde::Serialize;
+
+/// Which model of windup.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    strum::EnumMessage,
+    strum::EnumString,
+    strum::IntoStaticStr,
+    strum::VariantArray,
+    Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
+#[serde(rename_all = "lowercase")]
+pub enum Model {
+    /// Maxwell-slip elements with a hardening: right after any history
+    Memory,
+    /// The thesis's function of the way since the last reversal, (2.20)-(2.26)
+    Reversal,
+}
+
+/// What `identify windup` prints as JSON and keeps as `summary.json`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Document {
+    /// The axis.
+    pub axis: String,
+    /// The model that was fitted and tried.
+    pub model: Model,
+    /// `W_max` of (2.20), micrometres at the output.
+    pub w_max_um: f64,
+    /// `Q` of (2.20), micrometres at the output.
+    pub q_um: f64,
+    /// Root mean square of the windup that the model leaves over the identification scan.
+    pub residual_um: f64,
+    /// Gap between the forward and the backward path over the full range without compensation.
+    pub uncompensated_um: f64,
+    /// The same with compensation.
+    pub compensated_um: f64,
+    /// How many times narrower.
+    pub factor: f64,
+    /// How many times less the output errs peak to peak, over the scan where it is least.
+    pub worst_factor: f64,
+    /// Scans on which the compensation was tried, after the identification.
+    pub scans: Vec<ScanRow>,
+    /// Range of the first scan, micrometres at the output.
+    pub range_um: f64,
+    /// The seed of the machine.
+    pub seed: u64,
+    /// The calibration that was written; empty when none was.
+    pub calibration: String,
+    /// Path of the report.
+    pub report: String,
+}
+
+/// One scan, without compensation and with either model.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ScanRow {
+    /// What was scanned.
+    pub name: &'static str,
+    /// Gap between the paths over the same wanted output without compensation, micrometres.
+    pub uncompensated_um: f64,
+    /// With (2.20)-(2.26).
+    pub reversal_um: f64,
+    /// With the model that remembers.
+    pub memory_um: f64,
+    /// Peak-to-peak error of the output, micrometres: without compensation, with (2.20)-(2.26),
+    /// with the model that remembers.
+    pub peak_to_peak_um: [f64; 3],
+}
+
+/// An identified axis.
+#[derive(Debug, Clone)]
+pub struct Identified {
+    /// What to print.
+    pub document: Document,
+    /// The scan from which it was identified.
+    pub record: WindupRecord,
+    /// The first scan without and with compensation.
+    pub before_and_after: [WindupRecord; 2],
+    /// The thesis's model.
+    pub reversal: Reversal,
+    /// The model that remembers.
+    pub memory: Memory,
+    /// Micrometres at the output for a radian.
+    pub um_per_radian: f64,
+}
+
+impl Identified {
+    /// Way (radians) and share of the torque of each element that has one.
+    pub fn elements(&self) -> Vec<[f64; 2]> {
+        let pairs = self.memory.ways.iter().zip(&self.memory.stiffness);
+        pairs
+            .filter(|(_, k)| **k != 0.0)
+            .map(|(way, k)| [*way, way * k])
+            .collect()
+    }
+}
+
+/// What counts and radians of an axis are at its output.
+///
+/// # Errors
+///
+/// When the rig has no probes.
+pub fn scale(setup: &Setup, axis: Axis) -> Result<Scale, Error> {
+    let drive = setup.spec.drive(axis);
+    let probe = setup.spec.probe.as_ref().ok_or_else(|| no_probe(setup))?;
+    Ok(Scale {
+        radians_per_count: drive.count() / drive.gear_ratio,
+        metres_per_radian: match axis {
+            Axis::A | Axis::B => probe.arm,
+            Axis::Z => setup.calibration.geometry.z.lead / std::f64::consts::TAU,
+        },
+    })
+}
+
+/// The range over which an axis is identified, metres at the output: 700 um of a five-bar joint
+/// (thesis, Fig. 2.8), 20 um of z.
+pub fn range(axis: Axis) -> f64 {
+    match axis {
+        Axis::A | Axis::B => 700e-6,
+        Axis::Z => 20e-6,
+    }
+}
+
+/// Both models of an axis's windup, and the scan to which they were fitted.
+#[derive(Debug, Clone)]
+pub struct Models {
+    /// The scan.
+    pub record: WindupRecord,
+    /// (2.20) fitted to it.
+    pub reversal: Fit<Reversal>,
+    /// The elements fitted to it.
+    pub memory: Fit<Memory>,
+}
+
+/// Scans an axis over `range` at `speed` (radians of the output, and a second) and fits both models.
+///
+/// # Errors
+///
+/// A fault.
+pub fn models(
+    station: &mut Station,
+    at: AxisName,
+    scale: &Scale,
+    range: f64,
+    speed: f64,
+) -> Result<Models, ExperimentError> {
+    let path = Path::identification(range, speed);
+    let record = scan(station, at, scale, &path, &Windup::None)?;
+    // The first way there starts from an unwound transmission, which no model speaks of; then
+    // come four that wind it up fully.
+    let lead = (range / speed / record.period) as usize;
+    let reversal = fit_reversal(&record, lead..5 * lead);
+    let memory = fit_memory(&record, lead, &reversal);
+    Ok(Models {
+        record,
+        reversal,
+        memory,
+    })
+}
+
+/// Identifies the windup of an axis and tries the compensation, all on the same machine.
+///
+/// # Errors
+///
+/// A fault; bad input where the rig has no probes.
+pub fn windup(
+    station: &mut Station,
+    setup: &Setup,
+    at: AxisName,
+    model: Model,
+    seed: u64,
+) -> Result<Identified, ExperimentError> {
+    let scale = scale(setup, at.axis)?;
+    let um = 1e6 * scale.metres_per_radian;
+    let range = range(at.axis) / scale.metres_per_radian;
+    let speed = 0.25 * range;
+    let Models {
+        record,
+        reversal,
+        memory,
+    } = models(station, at, &scale, range, speed)?;
+    let tried_models = [
+        Windup::None,
+        Windup::Reversal(reversal.model),
+        Windup::Memory(memory.model),
+    ];
+
+    // Every scan starts with two full ways, so that machine and model are in the same state.
+    let scans = [
+        ("full range", vec![0.0, 1.0, 0.0, 1.0, 0.0]),
+        (
+            "a quarter of the range",
+            vec![0.0, 1.0, 0.375, 0.625, 0.375],
+        ),
+        (
+            "a quarter, repeated",
+            vec![0.0, 1.0, 0.375, 0.625, 0.375, 0.625, 0.375, 0.625, 0.375],
+        ),
+        ("random reversals", random_turns(seed)),
+    ];
+    let mut rows = Vec::with_capacity(scans.len());
+    let mut before_and_after = [WindupRecord::default(), WindupRecord::default()];
+    for (i, (name, turns)) in scans.into_iter().enumerate() {
+        let path = Path {
+            turns: turns.iter().map(|t| t * range).collect(),
+            speed,
+        };
+        let skip = (path.turns[..3]
+            .windows(2)
+            .map(|w| (w[1] - w[0]).abs())
+            .sum::<f64>()
+            / speed
+            / record.period) as usize;
+        let (mut gaps, mut spans) = ([0.0; 3], [0.0; 3]);
+        for (k, model) in tried_models.iter().enumerate() {
+            let tried = scan(station, at, &scale, &path, model)?;
+            gaps[k] = rounded(um * backlash(&tried, skip), 1e-4);
+            spans[k] = rounded(um * error_span(&tried, skip), 1e-4);
+            if i == 0 && k != 1 {
+                before_and_after[k / 2] = tried;
+            }
+        }
+        rows.push(ScanRow {
+            name,
+            uncompensated_um: gaps[0],
+            reversal_um: gaps[1],
+            memory_um: gaps[2],
+            peak_to_peak_um: spans,
+        });
+    }
+    let first = &rows[0];
+    let (residual, compensated) = match model {
+        Model::Reversal => (reversal.residual, first.reversal_um),
+        Model::Memory => (memory.residual, first.memory_um),
+    };
+    let column = match model {
+        Model::Reversal => 1,
+        Model::Memory => 2,
+    };
+    let worst = rows
+        .iter()
+        .map(|row| row.peak_to_peak_um[0] / row.peak_to_peak_um[column])
+        .fold(f64::INFINITY, f64::min);
+    let document = Document {
+        axis: at.to_string(),
+        model,
+        w_max_um: rounded(um * reversal.model.maximum, 1e-4),
+        q_um: rounded(um * reversal.model.way, 1e-4),
+        residual_um: rounded(um * residual, 1e-4),
+        uncompensated_um: first.uncompensated_um,
+        compensated_um: compensated,
+        factor: rounded(first.uncompensated_um / compensated, 1e-3),
+        worst_factor: rounded(worst, 1e-3),
+        range_um: rounded(um * range, 1e-4),
+        scans: rows,
+        seed,
+        calibration: String::new(),
+        report: String::new(),
+    };
+    Ok(Identified {
+        document,
+        record,
+        before_and_after,
+        reversal: reversal.model,
+        memory: memory.model,
+        um_per_radian: um,
+    })
+}
+
+/// Turns anywhere in the range after two full ways.
+fn random_turns(seed: u64) -> Vec<f64> {
+    use rand::{RngExt, SeedableRng};
+    let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(seed);
+    let mut turns = vec![0.0, 1.0, 0.0];
+    turns.extend((0..12).map(|_| rng.random::<f64>()));
+    turns
+}

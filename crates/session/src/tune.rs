@@ -1,0 +1,345 @@
+//! Tuning one axis of a twin through the boundary, and the document that says how it went.
+
+use crate::align::AlignError;
+use crate::rig::Setup;
+use pigtail_control::calibration::AxisGains;
+use pigtail_control::characterize::{StepResponse, Trace, step_response};
+use pigtail_control::station::{Station, Unobserved};
+use pigtail_control::tune::{Experiment, Gains, Search, random_neighbourhood, simplex};
+use pigtail_hal::{Axis, AxisName, Fault};
+use pigtail_numerics::rounded;
+use pigtail_twin::Twin;
+use rand::SeedableRng;
+use rand_pcg::Pcg64Mcg;
+use serde::Serialize;
+use std::f64::consts::TAU;
+use std::fmt::{self, Display, Formatter};
+
+/// How gains are searched.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    strum::EnumMessage,
+    strum::EnumString,
+    strum::IntoStaticStr,
+    strum::VariantArray,
+    Serialize,
+)]
+#[strum(serialize_all = "kebab-case")]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Nelder and Mead's simplex on the logarithms of the gains
+    Simplex,
+    /// The thesis's random neighbourhood search
+    Random,
+}
+
+impl Method {
+    /// Trials after which it has found what there is to find.
+    pub fn usual_trials(self) -> u32 {
+        match self {
+            Self::Simplex => 50,
+            Self::Random => 100,
+        }
+    }
+}
+
+/// What is to be tuned, and how.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Plan {
+    /// The axis.
+    pub at: AxisName,
+    /// The search.
+    pub method: Method,
+    /// Trials of each start.
+    pub trials: u32,
+    /// The larger step, counts.
+    pub step: i64,
+}
+
+/// The step with which an axis is tuned if none is given: 700 um of the five-bar, 81 um of z.
+pub fn usual_step(axis: Axis) -> i64 {
+    match axis {
+        Axis::A | Axis::B => 400,
+        Axis::Z => 1300,
+    }
+}
+
+/// The same way in counts of the rig's own encoders: an encoder of another axis has others.
+pub fn step_of(setup: &Setup, axis: Axis) -> i64 {
+    let way = match axis {
+        // Radians of a joint, and metres.
+        Axis::A | Axis::B => 400.0 * TAU / (2000.0 * 80.0),
+        Axis::Z => 1300.0 * 0.635e-3 / (2048.0 * 5.0),
+    };
+    let drive = setup.spec.drive(axis);
+    let turn = match axis {
+        Axis::A | Axis::B => TAU,
+        Axis::Z => setup.calibration.geometry.z.lead,
+    };
+    let count = turn / drive.gear_ratio / f64::from(drive.counts_per_turn);
+    ((way / count).round() as i64).max(20)
+}
+
+/// How long a response is watched, seconds.
+const WINDOW: f64 = 0.15;
+
+/// Three starts far apart, as factors of the gains that are believed.
+const STARTS: [Gains; 3] = [[0.4, 0.3, 0.5], [2.0, 0.3, 0.6], [0.6, 2.0, 2.0]];
+
+/// What `tune` prints as JSON and keeps as `summary.json`.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Document {
+    /// The axis as it was named.
+    pub axis: String,
+    /// The search.
+    pub search: Method,
+    /// Trials of the search that found the gains.
+    pub trials: u32,
+    /// ITAE of a step over its size, averaged over two sizes, ms^2; up to half as much again for gains that
+    /// miss what is specified.
+    pub cost: f64,
+    /// The gains.
+    pub gains: GainsRow,
+    /// From 10 to 90 % of the larger step, milliseconds.
+    pub rise_ms: f64,
+    /// Until the encoder stays within one count, milliseconds.
+    pub settling_ms: f64,
+    /// Overshoot, percent of the step.
+    pub overshoot_percent: f64,
+    /// What the datasheet asks for, if anything.
+    pub specified: Option<SpecifiedRow>,
+    /// Machine time of all starts together, seconds.
+    pub seconds_machine: f64,
+    /// The searches from their starts.
+    pub starts: Vec<StartRow>,
+    /// The seed of the machine.
+    pub seed: u64,
+    /// The calibration that was written; empty when none was.
+    pub calibration: String,
+    /// Path of the report.
+    pub report: String,
+}
+
+/// A step response that the datasheet asks for.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SpecifiedRow {
+    /// Longest time from 10 to 90 %, milliseconds.
+    pub rise_ms: f64,
+    /// Longest time until the encoder stays within one count, milliseconds.
+    pub settling_ms: f64,
+    /// Whether both are kept.
+    pub met: bool,
+}
+
+impl Display for SpecifiedRow {
+    fn fmt(&self, f: &mut Formatter) -> fmt::Result {
+        write!(
+            f,
+            "rise {:.1} ms, settling {:.1} ms: {}",
+            self.rise_ms,
+            self.settling_ms,
+            if self.met { "kept" } else { "missed" }
+        )
+    }
+}
+
+/// Gains in the units of a calibration.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct GainsRow {
+    /// V/count.
+    pub kp: f64,
+    /// V/(count s).
+    pub ki: f64,
+    /// V s/count.
+    pub kd: f64,
+}
+
+impl GainsRow {
+    fn new([kp, ki, kd]: Gains) -> Self {
+        // Four digits say more than the flat valley knows.
+        let digits = |value: f64| {
+            let unit = 10_f64.powi(3 - value.abs().log10().floor() as i32);
+            (value * unit).round() / unit
+        };
+        Self {
+            kp: digits(kp),
+            ki: digits(ki),
+            kd: digits(kd),
+        }
+    }
+
+    /// As the searches have them.
+    pub fn gains(&self) -> Gains {
+        [self.kp, self.ki, self.kd]
+    }
+}
+
+/// A search from one start.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct StartRow {
+    /// Where it started.
+    pub start: GainsRow,
+    /// Where it ended.
+    pub end: GainsRow,
+    /// Its trials.
+    pub trials: u32,
+    /// Cost at the start, ms^2; `null` for gains that rang or ran away.
+    pub cost_at_start: Option<f64>,
+    /// Cost at the end, ms^2.
+    pub cost: f64,
+    /// The trial whose gains are within 5 % of the final cost.
+    pub trials_to_5_percent: u32,
+}
+
+/// A tuned axis: the document, the searches, and the responses before and after.
+#[derive(Debug, Clone)]
+pub struct Tuned {
+    /// What to print.
+    pub document: Document,
+    /// The path of each start.
+    pub searches: Vec<Search>,
+    /// The response under the believed gains.
+    pub before: Trace,
+    /// The response under the gains that were found.
+    pub after: Trace,
+}
+
+/// Tunes an axis of the twin that `seed` draws. `observe` is told of each trial: the start it
+/// belongs to, its number and the best cost so far.
+///
+/// # Errors
+///
+/// When the plant cannot be built, or the machine has a fault.
+///
+/// # Panics
+///
+/// Never: the search with the least cost is among those that may be chosen.
+pub fn tune(
+    setup: &Setup,
+    plan: &Plan,
+    seed: u64,
+    observe: &mut dyn FnMut(usize, u32, f64),
+) -> Result<Tuned, AlignError> {
+    let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
+    let mut unobserved = Unobserved;
+    let mut station = Station::new(&mut twin, &setup.calibration, &mut unobserved)?;
+    let believed: &AxisGains = match plan.at.axis {
+        Axis::A | Axis::B => &setup.calibration.gains.five_bar,
+        Axis::Z => &setup.calibration.gains.z,
+    };
+    let safe = [believed.kp, believed.ki, believed.kd];
+    let experiment = Experiment {
+        at: plan.at,
+        step: plan.step,
+        window: WINDOW,
+        safe,
+        integral_limit: believed.integral_limit,
+        specified: setup.spec.drive(plan.at.axis).step,
+    };
+    let before = experiment.response(&mut station, safe)?;
+    let mut searches = Vec::with_capacity(STARTS.len());
+    for (i, factors) in STARTS.iter().enumerate() {
+        let start: Gains = std::array::from_fn(|k| safe[k] * factors[k]);
+        let (mut trial, mut best) = (0, f64::INFINITY);
+        let mut cost = |gains: Gains| -> Result<f64, Fault> {
+            let cost = experiment.cost(&mut station, gains)?;
+            trial += 1;
+            best = f64::min(best, cost);
+            observe(i, trial, best);
+            Ok(cost)
+        };
+        searches.push(match plan.method {
+            Method::Simplex => simplex(start, plan.trials, 1.6, &mut cost)?,
+            Method::Random => {
+                let mut rng = Pcg64Mcg::seed_from_u64(seed ^ (i as u64 + 1));
+                random_neighbourhood(start, plan.trials, 1.6, &mut rng, &mut cost)?
+            }
+        });
+    }
+    // Costs this close cannot be told apart in so flat a valley: of those, the gains that rise
+    // and settle first, and as specified if any of them do.
+    let least = searches
+        .iter()
+        .map(|s| s.best().cost)
+        .fold(f64::INFINITY, f64::min);
+    let mut near = Vec::new();
+    for search in &searches {
+        for found in search.path.iter().filter(|p| p.cost <= 1.02 * least) {
+            let gains = GainsRow::new(found.gains);
+            let trace = experiment.response(&mut station, gains.gains())?;
+            let response = step_response(&trace, plan.step as f64);
+            near.push(Chosen {
+                search,
+                cost: found.cost,
+                gains,
+                trace,
+                response,
+            });
+        }
+    }
+    let kept = |c: &Chosen| experiment.missed(&c.response, 1.0) == 0.0;
+    if near.iter().any(kept) {
+        near.retain(kept);
+    }
+    let fastest = |of: fn(&Chosen) -> f64| near.iter().map(of).fold(f64::INFINITY, f64::min);
+    let rise = fastest(|c| c.response.rise);
+    let settling = fastest(|c| c.response.settling);
+    let slowness = |c: &Chosen| c.response.rise / rise + c.response.settling / settling;
+    let chosen = near
+        .into_iter()
+        .min_by(|a, b| slowness(a).total_cmp(&slowness(b)))
+        .expect("the search with the least cost is among those near it");
+    let document = Document {
+        axis: plan.at.to_string(),
+        search: plan.method,
+        trials: chosen.search.trials,
+        cost: rounded(chosen.cost, 1e-3),
+        gains: chosen.gains,
+        rise_ms: rounded(chosen.response.rise * 1e3, 1e-3),
+        settling_ms: rounded(chosen.response.settling * 1e3, 1e-3),
+        overshoot_percent: rounded(chosen.response.overshoot * 100.0, 1e-3),
+        specified: experiment.specified.map(|s| SpecifiedRow {
+            rise_ms: rounded(s.rise * 1e3, 1e-3),
+            settling_ms: rounded(s.settling * 1e3, 1e-3),
+            met: kept(&chosen),
+        }),
+        seconds_machine: rounded(station.time(), 1e-4),
+        starts: searches.iter().map(start_row).collect(),
+        seed,
+        calibration: String::new(),
+        report: String::new(),
+    };
+    let after = chosen.trace;
+    Ok(Tuned {
+        document,
+        searches,
+        before,
+        after,
+    })
+}
+
+/// Gains among those that may be chosen.
+struct Chosen<'s> {
+    search: &'s Search,
+    cost: f64,
+    gains: GainsRow,
+    trace: Trace,
+    response: StepResponse,
+}
+
+fn start_row(search: &Search) -> StartRow {
+    let (first, best) = (search.path[0], search.best());
+    let near = search.path.iter().find(|p| p.cost <= 1.05 * best.cost);
+    StartRow {
+        start: GainsRow::new(first.gains),
+        end: GainsRow::new(best.gains),
+        trials: search.trials,
+        cost_at_start: first.cost.is_finite().then(|| rounded(first.cost, 1e-3)),
+        cost: rounded(best.cost, 1e-3),
+        trials_to_5_percent: near.map_or(search.trials, |p| p.trial),
+    }
+}

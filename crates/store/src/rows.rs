@@ -1,0 +1,477 @@
+//! Rows in columns that say their unit: in memory, as Parquet and as CSV.
+
+use anyhow::{Context, Result, anyhow, ensure};
+use parquet::basic::{Compression, LogicalType, Repetition, Type as Physical, ZstdLevel};
+use parquet::column::reader::get_typed_column_reader;
+use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DataType, DoubleType, Int64Type};
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::WriterProperties;
+use parquet::file::reader::{FileReader, RowGroupReader, SerializedFileReader};
+use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
+use parquet::schema::types::Type;
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// Rows of a group in the file of all rows: what is in memory at a time.
+const GROUP: usize = 16_384;
+
+/// What a column holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Whole numbers from zero on.
+    Whole,
+    /// Texts.
+    Text,
+    /// Yes or no.
+    Flag,
+    /// Numbers.
+    Number,
+}
+
+/// A column of the rows.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Column {
+    /// Its name, with its unit.
+    pub name: String,
+    /// What it means.
+    pub about: String,
+    kind: Kind,
+    required: bool,
+}
+
+impl Column {
+    /// A column in which a row may have no value.
+    pub fn new(name: &str, kind: Kind, about: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            about: about.to_owned(),
+            kind,
+            required: false,
+        }
+    }
+
+    /// A column in which every row has a value.
+    pub fn required(name: &str, kind: Kind, about: &str) -> Self {
+        Self {
+            required: true,
+            ..Self::new(name, kind, about)
+        }
+    }
+}
+
+/// Values of a column without its nulls, and which rows have one.
+#[derive(Debug, Clone, PartialEq)]
+struct Cells {
+    present: Vec<i16>,
+    values: Values,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Values {
+    Whole(Vec<i64>),
+    Text(Vec<ByteArray>),
+    Flag(Vec<bool>),
+    Number(Vec<f64>),
+}
+
+/// Some rows in memory, column by column.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Table {
+    columns: Arc<[Column]>,
+    cells: Vec<Cells>,
+    rows: usize,
+}
+
+/// A value of a row, where it has one.
+pub enum Cell<'a> {
+    /// Of a column of whole numbers.
+    Whole(u64),
+    /// Of one of texts.
+    Text(Option<&'a str>),
+    /// Of one of flags.
+    Flag(Option<bool>),
+    /// Of one of numbers.
+    Number(Option<f64>),
+}
+
+impl Table {
+    /// No rows yet.
+    pub fn new(columns: &Arc<[Column]>) -> Self {
+        let empty = |column: &Column| Cells {
+            present: Vec::new(),
+            values: match column.kind {
+                Kind::Whole => Values::Whole(Vec::new()),
+                Kind::Text => Values::Text(Vec::new()),
+                Kind::Flag => Values::Flag(Vec::new()),
+                Kind::Number => Values::Number(Vec::new()),
+            },
+        };
+        Self {
+            columns: Arc::clone(columns),
+            cells: columns.iter().map(empty).collect(),
+            rows: 0,
+        }
+    }
+
+    /// Number of rows.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Adds a row with a value of its kind for each column.
+    pub fn add(&mut self, row: Vec<Cell>) {
+        debug_assert_eq!(row.len(), self.cells.len());
+        for (cells, cell) in self.cells.iter_mut().zip(row) {
+            let present = match (&mut cells.values, cell) {
+                (Values::Whole(values), Cell::Whole(value)) => {
+                    keep(values, Some(value.cast_signed()))
+                }
+                (Values::Text(values), Cell::Text(value)) => {
+                    keep(values, value.map(ByteArray::from))
+                }
+                (Values::Flag(values), Cell::Flag(value)) => keep(values, value),
+                (Values::Number(values), Cell::Number(value)) => keep(values, value),
+                _ => unreachable!("a row has the columns of its table"),
+            };
+            cells.present.push(i16::from(present));
+        }
+        self.rows += 1;
+    }
+
+    /// The rows as a Parquet file in memory.
+    ///
+    /// # Errors
+    ///
+    /// When the encoder fails.
+    pub fn to_parquet(&self) -> Result<Vec<u8>> {
+        let mut file = Vec::new();
+        let mut writer = Writer::new(&mut file, &self.columns)?;
+        writer.group(self)?;
+        writer.finish()?;
+        Ok(file)
+    }
+
+    /// The rows as CSV, with a header; what has no value is empty.
+    ///
+    /// # Errors
+    ///
+    /// When the encoder fails.
+    pub fn to_csv(&self) -> Result<Vec<u8>> {
+        let mut columns: Vec<_> = self
+            .cells
+            .iter()
+            .map(|cells| {
+                let texts: Vec<String> = match &cells.values {
+                    Values::Whole(v) => v.iter().map(|v| v.cast_unsigned().to_string()).collect(),
+                    Values::Text(v) => v
+                        .iter()
+                        .map(|v| String::from_utf8_lossy(v.data()).into_owned())
+                        .collect(),
+                    Values::Flag(v) => v.iter().map(bool::to_string).collect(),
+                    Values::Number(v) => v.iter().map(f64::to_string).collect(),
+                };
+                let mut texts = texts.into_iter();
+                cells.present.iter().map(move |present| {
+                    let text = if *present == 0 { None } else { texts.next() };
+                    text.unwrap_or_default()
+                })
+            })
+            .collect();
+        let mut csv = csv::Writer::from_writer(Vec::new());
+        csv.write_record(self.columns.iter().map(|column| &column.name))?;
+        for _ in 0..self.rows {
+            csv.write_record(columns.iter_mut().filter_map(Iterator::next))?;
+        }
+        Ok(csv.into_inner()?)
+    }
+
+    fn write(&self, group: &mut SerializedRowGroupWriter<impl Write + Send>) -> Result<()> {
+        let mut index = 0;
+        while let Some(mut column) = group.next_column()? {
+            let cells = &self.cells[index];
+            let present = (!self.columns[index].required).then_some(&cells.present[..]);
+            match &cells.values {
+                Values::Whole(v) => column.typed::<Int64Type>().write_batch(v, present, None)?,
+                Values::Text(v) => column
+                    .typed::<ByteArrayType>()
+                    .write_batch(v, present, None)?,
+                Values::Flag(v) => column.typed::<BoolType>().write_batch(v, present, None)?,
+                Values::Number(v) => column.typed::<DoubleType>().write_batch(v, present, None)?,
+            };
+            column.close()?;
+            index += 1;
+        }
+        Ok(())
+    }
+
+    fn read(&mut self, index: usize, group: &dyn RowGroupReader) -> Result<()> {
+        let rows = usize::try_from(group.metadata().num_rows())?;
+        let cells = &mut self.cells[index];
+        let before = cells.present.len();
+        let required = self.columns[index].required;
+        match &mut cells.values {
+            Values::Whole(v) => read::<Int64Type>(group, index, rows, &mut cells.present, v)?,
+            Values::Text(v) => read::<ByteArrayType>(group, index, rows, &mut cells.present, v)?,
+            Values::Flag(v) => read::<BoolType>(group, index, rows, &mut cells.present, v)?,
+            Values::Number(v) => read::<DoubleType>(group, index, rows, &mut cells.present, v)?,
+        }
+        if required {
+            cells.present.resize(before + rows, 1);
+        }
+        ensure!(cells.present.len() == before + rows, "a column ends early");
+        Ok(())
+    }
+
+    fn cells(&self, name: &str) -> &Cells {
+        let index = self.columns.iter().position(|column| column.name == name);
+        &self.cells[index.expect("asked for by a name of ours")]
+    }
+
+    /// The values of a column of whole numbers.
+    pub fn wholes(&self, name: &str) -> Vec<u64> {
+        match &self.cells(name).values {
+            Values::Whole(values) => values.iter().map(|value| value.cast_unsigned()).collect(),
+            _ => Vec::new(),
+        }
+    }
+
+    /// The values of a column of texts.
+    pub fn texts(&self, name: &str) -> Vec<Option<String>> {
+        let cells = self.cells(name);
+        let Values::Text(values) = &cells.values else {
+            return Vec::new();
+        };
+        spread(&cells.present, values)
+            .map(|value| value.map(|bytes| String::from_utf8_lossy(bytes.data()).into_owned()))
+            .collect()
+    }
+
+    /// The values of a column of flags.
+    pub fn flags(&self, name: &str) -> Vec<Option<bool>> {
+        let cells = self.cells(name);
+        let Values::Flag(values) = &cells.values else {
+            return Vec::new();
+        };
+        spread(&cells.present, values)
+            .map(Option::<&bool>::copied)
+            .collect()
+    }
+}
+
+fn keep<T>(values: &mut Vec<T>, value: Option<T>) -> bool {
+    let present = value.is_some();
+    values.extend(value);
+    present
+}
+
+/// The values with their nulls back in place.
+fn spread<'a, T>(present: &'a [i16], values: &'a [T]) -> impl Iterator<Item = Option<&'a T>> {
+    let mut values = values.iter();
+    present
+        .iter()
+        .map(move |p| if *p == 0 { None } else { values.next() })
+}
+
+fn read<T: DataType>(
+    group: &dyn RowGroupReader,
+    index: usize,
+    rows: usize,
+    present: &mut Vec<i16>,
+    values: &mut Vec<T::T>,
+) -> Result<()> {
+    let mut reader = get_typed_column_reader::<T>(group.get_column_reader(index)?);
+    let mut left = rows;
+    while left > 0 {
+        let (read, ..) = reader.read_records(left, Some(present), None, values)?;
+        ensure!(read > 0, "a column ends early");
+        left -= read;
+    }
+    Ok(())
+}
+
+fn schema(columns: &[Column]) -> Result<Arc<Type>> {
+    let field = |column: &Column| {
+        let (physical, logical) = match column.kind {
+            Kind::Whole => (Physical::INT64, Some(LogicalType::integer(64, false))),
+            Kind::Text => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
+            Kind::Flag => (Physical::BOOLEAN, None),
+            Kind::Number => (Physical::DOUBLE, None),
+        };
+        let repetition = if column.required {
+            Repetition::REQUIRED
+        } else {
+            Repetition::OPTIONAL
+        };
+        Type::primitive_type_builder(&column.name, physical)
+            .with_logical_type(logical)
+            .with_repetition(repetition)
+            .build()
+            .map(Arc::new)
+    };
+    let fields = columns.iter().map(field).collect::<Result<_, _>>()?;
+    Ok(Arc::new(
+        Type::group_type_builder("rows")
+            .with_fields(fields)
+            .build()?,
+    ))
+}
+
+struct Writer<W: Write + Send>(SerializedFileWriter<W>);
+
+impl<W: Write + Send> Writer<W> {
+    fn new(file: W, columns: &[Column]) -> Result<Self> {
+        // What the columns mean travels with them. Nothing here may depend on the day or the
+        // machine: the same rows are the same bytes.
+        let about = columns
+            .iter()
+            .map(|column| KeyValue::new(column.name.clone(), column.about.clone()))
+            .collect();
+        let properties = WriterProperties::builder()
+            .set_created_by(format!("pigtail {}", env!("CARGO_PKG_VERSION")))
+            .set_compression(Compression::ZSTD(ZstdLevel::default()))
+            .set_key_value_metadata(Some(about))
+            .build();
+        Ok(Self(SerializedFileWriter::new(
+            file,
+            schema(columns)?,
+            Arc::new(properties),
+        )?))
+    }
+
+    fn group(&mut self, table: &Table) -> Result<()> {
+        if table.rows > 0 {
+            let mut group = self.0.next_row_group()?;
+            table.write(&mut group)?;
+            group.close()?;
+        }
+        Ok(())
+    }
+
+    fn finish(self) -> Result<()> {
+        self.0.close()?;
+        Ok(())
+    }
+}
+
+/// A Parquet file of rows.
+pub struct Rows {
+    reader: SerializedFileReader<File>,
+    columns: Arc<[Column]>,
+}
+
+impl Rows {
+    /// Opens a file that must have exactly these columns.
+    ///
+    /// # Errors
+    ///
+    /// When it cannot be read, is no Parquet, or has other columns.
+    pub fn open(path: &Path, columns: &Arc<[Column]>) -> Result<Self> {
+        let reader = SerializedFileReader::new(File::open(path)?)?;
+        let there = reader.metadata().file_metadata().schema();
+        if there.get_fields() != schema(columns)?.get_fields() {
+            return Err(anyhow!("its columns are not those of these rows"));
+        }
+        Ok(Self {
+            reader,
+            columns: Arc::clone(columns),
+        })
+    }
+
+    /// Number of rows, as the file says.
+    pub fn rows(&self) -> u64 {
+        self.reader
+            .metadata()
+            .file_metadata()
+            .num_rows()
+            .unsigned_abs()
+    }
+
+    /// The groups of rows in turn, with only the named columns filled; all where none is named.
+    pub fn groups(&self, names: &[&str]) -> impl Iterator<Item = Result<Table>> {
+        (0..self.reader.num_row_groups()).map(move |index| {
+            let group = self.reader.get_row_group(index)?;
+            let mut table = Table::new(&self.columns);
+            self.read_group(&mut table, group.as_ref(), names)?;
+            Ok(table)
+        })
+    }
+
+    fn read_group(
+        &self,
+        table: &mut Table,
+        group: &dyn RowGroupReader,
+        names: &[&str],
+    ) -> Result<()> {
+        for (index, column) in self.columns.iter().enumerate() {
+            if names.is_empty() || names.contains(&column.name.as_str()) {
+                table.read(index, group)?;
+            }
+        }
+        table.rows += usize::try_from(group.metadata().num_rows())?;
+        Ok(())
+    }
+
+    /// All values of a column of numbers, without its nulls.
+    ///
+    /// # Errors
+    ///
+    /// When the file is damaged.
+    pub fn numbers(&self, name: &str) -> Result<Vec<f64>> {
+        let mut all = Vec::new();
+        for table in self.groups(&[name]) {
+            if let Values::Number(values) = &table?.cells(name).values {
+                all.extend_from_slice(values);
+            }
+        }
+        Ok(all)
+    }
+}
+
+/// Writes the rows of `parts` into one file, in larger groups. The bytes depend on the rows
+/// alone, not on where a part ends.
+///
+/// # Errors
+///
+/// When a part is damaged or `out` cannot be written.
+pub fn merge(parts: &[PathBuf], columns: &Arc<[Column]>, out: impl Write + Send) -> Result<()> {
+    let mut writer = Writer::new(out, columns)?;
+    let mut waiting = Table::new(columns);
+    for part in parts {
+        let rows = Rows::open(part, columns).with_context(|| part.display().to_string())?;
+        for index in 0..rows.reader.num_row_groups() {
+            let group = rows.reader.get_row_group(index)?;
+            rows.read_group(&mut waiting, group.as_ref(), &[])
+                .with_context(|| part.display().to_string())?;
+            while waiting.rows >= GROUP {
+                let rest = waiting.split_off(GROUP);
+                writer.group(&waiting)?;
+                waiting = rest;
+            }
+        }
+    }
+    writer.group(&waiting)?;
+    writer.finish()
+}
+
+impl Table {
+    /// Keeps the first rows and returns the others.
+    fn split_off(&mut self, rows: usize) -> Self {
+        let mut rest = Self::new(&self.columns);
+        rest.rows = self.rows - rows;
+        self.rows = rows;
+        for (cells, rest) in self.cells.iter_mut().zip(&mut rest.cells) {
+            rest.present = cells.present.split_off(rows);
+            let kept: usize = cells.present.iter().filter(|p| **p != 0).count();
+            match (&mut cells.values, &mut rest.values) {
+                (Values::Whole(from), Values::Whole(to)) => *to = from.split_off(kept),
+                (Values::Text(from), Values::Text(to)) => *to = from.split_off(kept),
+                (Values::Flag(from), Values::Flag(to)) => *to = from.split_off(kept),
+                (Values::Number(from), Values::Number(to)) => *to = from.split_off(kept),
+                _ => unreachable!("both have the same columns"),
+            }
+        }
+        rest
+    }
+}

@@ -1,0 +1,110 @@
+//! What a fitted law leaves in doubt.
+
+use super::law::Law;
+use super::{Fitted, Record, Sample, error, fit};
+use crate::Unknown;
+use pigtail_numerics::signal::quantile;
+
+/// Whether the columns the other way round are friction, and these are not.
+pub(super) fn swapped(record: &Record, error_percent: f64) -> bool {
+    if error_percent < 15.0 {
+        return false;
+    }
+    let (low, high) = record.range(|s| s.displacement);
+    let middle = 0.5 * (low + high);
+    let turned = Record {
+        samples: record
+            .samples
+            .iter()
+            .map(|s| Sample {
+                displacement: s.force,
+                force: s.displacement - middle,
+                ..*s
+            })
+            .collect(),
+        ..record.clone()
+    };
+    let fits = |record: &Record| {
+        let law = Law::PreslidingTwoSided;
+        fit(law, record, &record.samples, None)
+            .map_or(f64::INFINITY, |p| error(law, &p, &record.samples, 0))
+    };
+    let mirrored = Record {
+        samples: turned
+            .samples
+            .iter()
+            .map(|s| Sample {
+                force: -s.force,
+                ..*s
+            })
+            .collect(),
+        ..turned.clone()
+    };
+    fits(&turned).min(fits(&mirrored)) < 0.5 * error_percent
+}
+
+/// What the chosen law's parameters leave in doubt.
+pub(super) fn doubts(record: &Record, chosen: &Fitted) -> Vec<Unknown> {
+    let mut unknown = Vec::new();
+    let law = chosen.law;
+    let way = law.way(&chosen.values);
+    let (low, high) = record.range(|s| s.displacement);
+    let levels = [
+        "static_friction",
+        "coulomb_friction",
+        "static_friction_forward",
+        "static_friction_backward",
+    ];
+    let ways = [
+        "presliding",
+        "presliding_forward",
+        "presliding_backward",
+        "stiffness",
+        "first_slip",
+        "last_slip",
+        "exponent",
+    ];
+    let of = |names: &[&'static str]| -> Vec<&'static str> {
+        let own = law.parameters();
+        own.iter().copied().filter(|p| names.contains(p)).collect()
+    };
+    if 2.0 * way > 0.95 * (high - low) {
+        unknown.push(Unknown {
+            parameters: [of(&levels), of(&ways)].concat(),
+            because: format!(
+                "its stroke of {:.3e} is too short to slide: a stiffness is seen, no level",
+                high - low
+            ),
+        });
+    }
+    let steps: Vec<f64> = record
+        .samples
+        .windows(2)
+        .map(|w| (w[1].displacement - w[0].displacement).abs())
+        .filter(|w| *w > 0.0)
+        .collect();
+    let step = quantile(&steps, 0.5);
+    if 2.0 * way < 2.0 * step {
+        unknown.push(Unknown {
+            parameters: of(&ways),
+            because: format!(
+                "it moves {step:.3e} from sample to sample, as far as a reversal takes: the transition is not \
+                 resolved"
+            ),
+        });
+    }
+    for (name, known) in law.parameters().iter().zip(&chosen.known) {
+        let offset = *name == "offset" || *name == "viscous_friction";
+        let loose = known.std_correlated > 0.5 * known.value.abs();
+        if !offset && loose && !unknown.iter().any(|u: &Unknown| u.covers(name)) {
+            unknown.push(Unknown {
+                parameters: vec![name],
+                because: format!(
+                    "what it says of {name} is {:.3e} with a standard deviation of {:.3e}",
+                    known.value, known.std_correlated
+                ),
+            });
+        }
+    }
+    unknown
+}

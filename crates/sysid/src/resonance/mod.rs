@@ -1,0 +1,656 @@
+//! Modes, damping and delay from a frequency response:
+//!
+//! ```text
+//! H(w) = e^(-j w tau) ( sum_k (r_k + j w s_k) / (w_k^2 - w^2 + 2 j zeta_k w_k w) + e_0 + e_1 / (j w) - e_2 / w^2 )
+//! ```
+//!
+//! For given frequencies, dampings and delay the rest is linear and follows by least squares, so that
+//! only those are searched (variable projection, G. Golub and V. Pereyra 1973). Modes are added one at a
+//! time where they help most, as long as the points that were held back are told better. The parts `s_k`,
+//! by which a mode is not of proportional damping, are there only where they tell those better too: they
+//! pass for a delay.
+//!
+//! Where there is no phase, the least one that goes with the magnitude is taken (`magnitude.rs`).
+
+mod magnitude;
+
+use super::{Known, Parameter, Unknown};
+use nalgebra::{Complex, DMatrix};
+use pigtail_numerics::nonlinear::{minimise, uncertainty};
+use pigtail_numerics::regression::{Solution, least_squares};
+use pigtail_numerics::signal::quantile;
+use std::f64::consts::{PI, TAU};
+
+/// Most modes.
+pub const MODES: usize = 6;
+
+/// Names of the parameters of each mode.
+pub const NAMES: [[&str; 2]; MODES] = [
+    ["frequency_1", "damping_1"],
+    ["frequency_2", "damping_2"],
+    ["frequency_3", "damping_3"],
+    ["frequency_4", "damping_4"],
+    ["frequency_5", "damping_5"],
+    ["frequency_6", "damping_6"],
+];
+
+/// Fewest points.
+const LEAST: usize = 20;
+
+/// More points are thinned.
+const MOST: usize = 1500;
+
+/// Points that are enough to see where modes are; they settle over all of them in the end.
+const ENOUGH: usize = 400;
+
+/// A mode must make the error on the points held back less by this share.
+const WORTH: f64 = 0.05;
+
+/// A frequency response.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Record {
+    /// Hertz, rising.
+    pub frequency: Vec<f64>,
+    /// The response.
+    pub response: Vec<Complex<f64>>,
+    /// How much each point counts.
+    pub weight: Vec<f64>,
+    /// Whether modes have a part that goes with frequency, `s_k`.
+    skewed: bool,
+    /// Whether its phase was measured; else the response is a magnitude, without a sign.
+    phased: bool,
+}
+
+/// What a frequency response says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Identified {
+    /// Frequency (Hz) and damping ratio of each mode, then the delay (s).
+    pub parameters: Vec<Parameter>,
+    /// What cannot be known.
+    pub unknown: Vec<Unknown>,
+    /// Relative error over all points, per cent of the weighted response.
+    pub relative_error_percent: f64,
+    /// The same at every second point, of a model fitted to the others.
+    pub validation_error_percent: f64,
+    /// Condition number of the linear problem at the parameters.
+    pub condition: f64,
+    /// The response that the model tells.
+    pub told: Vec<Complex<f64>>,
+    /// The response it was fitted to: thinned, if there were very many points.
+    pub record: Record,
+    /// Number of modes.
+    pub modes: usize,
+}
+
+impl Record {
+    /// Points of frequency (Hz), response and weight; those without a value are left out.
+    ///
+    /// # Errors
+    ///
+    /// When they are too few, or frequencies are not above zero and rising.
+    pub fn new(
+        frequency: &[f64],
+        response: &[Complex<f64>],
+        weight: Option<&[f64]>,
+    ) -> Result<Self, Unknown> {
+        let whole = |k: &usize| {
+            frequency[*k].is_finite() && response[*k].re.is_finite() && response[*k].im.is_finite()
+        };
+        let mut kept: Vec<usize> = (0..frequency.len()).filter(whole).collect();
+        // A response at no frequency at all has no phase to speak of.
+        kept.retain(|k| frequency[*k] != 0.0);
+        if kept.len() < LEAST {
+            return Err(Unknown::all(format!(
+                "it has {} points; wanted are at least {LEAST}",
+                kept.len()
+            )));
+        }
+        if let Some(w) = kept.windows(2).find(|w| frequency[w[1]] <= frequency[w[0]]) {
+            return Err(Unknown::all(format!(
+                "frequency {} Hz comes after {} Hz: it must rise throughout",
+                frequency[w[1]], frequency[w[0]]
+            )));
+        }
+        if frequency[kept[0]] < 0.0 {
+            return Err(Unknown::all("it has frequencies below zero"));
+        }
+        let every = kept.len().div_ceil(MOST);
+        let kept: Vec<usize> = kept.into_iter().step_by(every).collect();
+        let sizes: Vec<f64> = kept.iter().map(|k| response[*k].norm()).collect();
+        let floor = 0.1 * quantile(&sizes, 0.5);
+        if sizes.iter().all(|s| *s <= 0.0) {
+            return Err(Unknown::all("the response is zero throughout"));
+        }
+        let given =
+            |k: usize| weight.map_or(1.0, |w| if w[k].is_finite() { w[k].max(0.0) } else { 0.0 });
+        Ok(Self {
+            frequency: kept.iter().map(|k| frequency[*k]).collect(),
+            response: kept.iter().map(|k| response[*k]).collect(),
+            weight: kept
+                .iter()
+                .zip(&sizes)
+                .map(|(k, size)| given(*k) / (size + floor))
+                .collect(),
+            skewed: false,
+            phased: true,
+        })
+    }
+
+    /// The same of magnitudes alone: modes can be told from them, a delay cannot.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::new`].
+    pub fn of_magnitude(
+        frequency: &[f64],
+        magnitude: &[f64],
+        weight: Option<&[f64]>,
+    ) -> Result<Self, Unknown> {
+        // Nothing has no logarithm.
+        let response: Vec<Complex<f64>> = magnitude
+            .iter()
+            .map(|m| Complex::new(if *m > 0.0 { *m } else { f64::NAN }, 0.0))
+            .collect();
+        let record = Self::new(frequency, &response, weight)?;
+        Ok(Self {
+            phased: false,
+            ..record
+        })
+    }
+
+    /// Whether its phase was measured.
+    pub fn is_phased(&self) -> bool {
+        self.phased
+    }
+
+    fn points(&self, from: usize, every: usize) -> Self {
+        Self {
+            frequency: self
+                .frequency
+                .iter()
+                .copied()
+                .skip(from)
+                .step_by(every)
+                .collect(),
+            response: self
+                .response
+                .iter()
+                .copied()
+                .skip(from)
+                .step_by(every)
+                .collect(),
+            weight: self
+                .weight
+                .iter()
+                .copied()
+                .skip(from)
+                .step_by(every)
+                .collect(),
+            skewed: self.skewed,
+            phased: self.phased,
+        }
+    }
+
+    fn highest(&self) -> f64 {
+        self.frequency.last().copied().unwrap_or(1.0)
+    }
+
+    /// The columns of what is linear: real parts of all points, then imaginary ones.
+    fn columns(&self, coded: &[f64]) -> DMatrix<f64> {
+        let n = self.frequency.len();
+        let top = TAU * self.highest();
+        let modes = (coded.len() - 1) / 2;
+        let tau = coded[2 * modes] / top;
+        let each = if self.skewed { 2 } else { 1 };
+        let mut x = DMatrix::zeros(2 * n, each * modes + 3);
+        for i in 0..n {
+            let w = TAU * self.frequency[i];
+            let turn = Complex::from_polar(self.weight[i], -w * tau);
+            let mut set = |j: usize, value: Complex<f64>| {
+                let value = turn * value;
+                x[(i, j)] = value.re;
+                x[(n + i, j)] = value.im;
+            };
+            for k in 0..modes {
+                let (own, zeta) = (coded[2 * k].exp(), coded[2 * k + 1].exp());
+                let below = Complex::new(own * own - w * w, 2.0 * zeta * own * w);
+                set(each * k, own * own / below);
+                if self.skewed {
+                    set(each * k + 1, Complex::new(0.0, own * w) / below);
+                }
+            }
+            let s = w / top;
+            set(each * modes, Complex::new(1.0, 0.0));
+            set(each * modes + 1, Complex::new(0.0, -1.0 / s));
+            set(each * modes + 2, Complex::new(-1.0 / (s * s), 0.0));
+        }
+        x
+    }
+
+    fn target(&self) -> Vec<f64> {
+        let weighted = || self.response.iter().zip(&self.weight).map(|(h, w)| h * *w);
+        weighted()
+            .map(|h| h.re)
+            .chain(weighted().map(|h| h.im))
+            .collect()
+    }
+
+    /// What is left with the best linear part; NaN where there is none.
+    fn left(&self, coded: &[f64]) -> Vec<f64> {
+        let bad = || vec![f64::NAN; 2 * self.frequency.len()];
+        if coded.iter().any(|c| c.is_nan() || c.abs() >= 60.0) {
+            return bad();
+        }
+        self.linear(coded).map_or_else(bad, |(_, left)| left)
+    }
+
+    fn linear(&self, coded: &[f64]) -> Option<(Vec<f64>, Vec<f64>)> {
+        let x = self.columns(coded);
+        let y = nalgebra::DVector::from_vec(self.target());
+        // Normal equations of columns of length one: these are many small problems.
+        let scale: Vec<f64> = x.column_iter().map(|c| c.norm().max(1e-300)).collect();
+        let scaled = DMatrix::from_fn(x.nrows(), x.ncols(), |i, j| x[(i, j)] / scale[j]);
+        let mut normal = scaled.tr_mul(&scaled);
+        for j in 0..normal.ncols() {
+            normal[(j, j)] += 1e-12;
+        }
+        let solved = normal.cholesky()?.solve(&scaled.tr_mul(&y));
+        let left = &y - scaled * &solved;
+        let values = solved.iter().zip(&scale).map(|(v, s)| v / s).collect();
+        Some((values, left.as_slice().to_vec()))
+    }
+
+    /// Relative error of a linear part found elsewhere.
+    fn error(&self, coded: &[f64], values: &[f64]) -> f64 {
+        let told = self.columns(coded) * nalgebra::DVector::from_column_slice(values);
+        let target = self.target();
+        let left: Vec<f64> = target.iter().zip(told.iter()).map(|(a, b)| a - b).collect();
+        pigtail_numerics::regression::relative(&left, &target)
+    }
+
+    /// Delay by the median slope of the phase, in units of the inverse of the highest angular frequency.
+    fn delay(&self) -> f64 {
+        let slopes: Vec<f64> = self
+            .frequency
+            .windows(2)
+            .zip(self.response.windows(2))
+            .map(|(f, h)| -(h[1] * h[0].conj()).arg() / (TAU * (f[1] - f[0])))
+            .collect();
+        quantile(&slopes, 0.5) * TAU * self.highest()
+    }
+}
+
+fn squares(left: &[f64]) -> f64 {
+    left.iter().map(|l| l * l).sum()
+}
+
+/// Adds a mode where it helps most, and lets all of them settle.
+fn extend(record: &Record, coded: &[f64]) -> Option<Vec<f64>> {
+    const PLACES: usize = 50;
+    let (low, high) = (record.frequency[0], record.highest());
+    let n = record.frequency.len();
+    let places = (0..PLACES).map(|k| {
+        // Half of them spread over the points, half over the logarithm of frequency.
+        let share = (k / 2) as f64 / (PLACES / 2 - 1) as f64;
+        if k % 2 == 0 {
+            record.frequency[((n - 1) as f64 * share) as usize]
+        } else {
+            low * (high / low).powf(share)
+        }
+    });
+    let mut tries = Vec::new();
+    for place in places {
+        for zeta in [0.005_f64, 0.02, 0.08, 0.3] {
+            let mut with = coded.to_vec();
+            let at = with.len() - 1;
+            with.splice(at..at, [(TAU * place).ln(), zeta.ln()]);
+            tries.push((squares(&record.left(&with)), with));
+        }
+    }
+    tries.retain(|t| t.0.is_finite());
+    tries.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let best = tries
+        .into_iter()
+        .take(2)
+        .filter_map(|(_, start)| minimise(|c| record.left(c), &start))
+        .min_by(|a, b| a.1.total_cmp(&b.1))?;
+    Some(best.0)
+}
+
+/// Whether a mode is one: within the points, and not so damped that it is no resonance.
+fn is_mode(record: &Record, pair: &[f64]) -> bool {
+    let (frequency, zeta) = (pair[0].exp() / TAU, pair[1].exp());
+    (0.9 * record.frequency[0]..1.1 * record.highest()).contains(&frequency) && zeta < 0.7
+}
+
+/// Modes and delay from every second point.
+struct Found {
+    coded: Vec<f64>,
+    /// Relative error at the points held back, and without a mode.
+    error: f64,
+    none: f64,
+}
+
+/// The error has many minima over the delay, and the slope of the phase is that of the modes too: from
+/// several shares of what it says.
+fn search(record: &Record) -> Found {
+    let slope = record.delay();
+    [0.0, 0.15, 0.3, 0.5, 0.75, 1.0]
+        .into_iter()
+        .map(|share| search_from(record, share * slope))
+        .min_by(|a, b| a.error.total_cmp(&b.error))
+        .unwrap_or_else(|| search_from(record, 0.0))
+}
+
+fn search_from(record: &Record, delay: f64) -> Found {
+    let every = record.frequency.len().div_ceil(2 * ENOUGH);
+    let (even, odd) = (record.points(0, 2 * every), record.points(every, 2 * every));
+    let judged = |coded: &[f64]| {
+        even.linear(coded)
+            .map_or(f64::INFINITY, |(values, _)| odd.error(coded, &values))
+    };
+    let mut coded = vec![delay];
+    if let Some((settled, _)) = minimise(|c| even.left(c), &coded) {
+        coded = settled;
+    }
+    let mut error = judged(&coded);
+    let none = error;
+    while coded.len() < 2 * MODES + 1 {
+        let Some(next) = extend(&even, &coded) else {
+            break;
+        };
+        let found = judged(&next);
+        if found > (1.0 - WORTH) * error || !next.chunks_exact(2).all(|p| is_mode(record, p)) {
+            break;
+        }
+        (coded, error) = (next, found);
+    }
+    Found { coded, error, none }
+}
+
+/// Without the modes that a search added on its way and the points held back do not miss; `held_back` is the
+/// error there. And that error.
+fn pruned(
+    mut coded: Vec<f64>,
+    held_back: impl Fn(&[f64]) -> Option<f64>,
+) -> Option<(Vec<f64>, f64)> {
+    let mut error = held_back(&coded).unwrap_or(f64::INFINITY);
+    while coded.len() > 3 {
+        let without = |k: usize| {
+            let mut fewer = coded.clone();
+            fewer.drain(2 * k..2 * k + 2);
+            fewer
+        };
+        let best = (0..(coded.len() - 1) / 2)
+            .filter_map(|k| Some((held_back(&without(k))?, k)))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        match best {
+            Some((found, k)) if found <= (1.0 + WORTH) * error => {
+                coded = without(k);
+                error = error.min(found);
+            }
+            _ => break,
+        }
+    }
+    error.is_finite().then_some((coded, error))
+}
+
+/// Frequency and damping of each mode in rising order, and what is not known of them.
+fn told_modes(
+    record: &Record,
+    coded: &[f64],
+    modes: usize,
+    solution: &Solution,
+) -> (Vec<(&'static str, Known)>, Vec<Unknown>) {
+    let mut order: Vec<usize> = (0..modes).collect();
+    order.sort_by(|a, b| coded[2 * a].total_cmp(&coded[2 * b]));
+    let mut parameters = Vec::new();
+    let mut unknown = Vec::new();
+    for (names, k) in NAMES.iter().zip(&order) {
+        let scaled = |j: usize, size: f64| Known {
+            value: coded[j].exp() * size,
+            std: coded[j].exp() * size * solution.std[j],
+            std_correlated: coded[j].exp() * size * solution.std_correlated[j],
+        };
+        let (frequency, damping) = (scaled(2 * k, 1.0 / TAU), scaled(2 * k + 1, 1.0));
+        doubt(record, names, &frequency, &damping, &mut unknown);
+        parameters.push((names[0], frequency));
+        parameters.push((names[1], damping));
+    }
+    (parameters, unknown)
+}
+
+/// That there are modes, and that they tell something.
+fn modes_of(found: &Found) -> Result<usize, Unknown> {
+    let modes = (found.coded.len() - 1) / 2;
+    if modes == 0 {
+        return Err(Unknown::all(format!(
+            "no mode tells it better than a response without one, which is {:.1} % off",
+            found.none
+        )));
+    }
+    if found.error > 50.0 {
+        return Err(Unknown::all(format!(
+            "{modes} modes leave {:.0} % of it unexplained: are magnitude and phase what they are said to be?",
+            found.error
+        )));
+    }
+    Ok(modes)
+}
+
+/// Identifies modes and delay; of magnitudes alone modes.
+///
+/// # Errors
+///
+/// When there is no resonance in it.
+pub fn identify(record: &Record) -> Result<Identified, Unknown> {
+    if !record.phased {
+        return magnitude::identify(record);
+    }
+    let plain = search(record);
+    let skewed = Record {
+        skewed: true,
+        ..record.clone()
+    };
+    let other = search(&skewed);
+    let (record, found) = if other.error < (1.0 - WORTH) * plain.error {
+        (&skewed, other)
+    } else {
+        (record, plain)
+    };
+    modes_of(&found)?;
+    let every = record.frequency.len().div_ceil(2 * ENOUGH);
+    let (even, odd) = (record.points(0, 2 * every), record.points(every, 2 * every));
+    let (coded, error) = pruned(found.coded, |coded| {
+        let (settled, _) = minimise(|c| even.left(c), coded)?;
+        let (values, _) = even.linear(&settled)?;
+        Some(odd.error(&settled, &values)).filter(|e| e.is_finite())
+    })
+    .ok_or_else(|| Unknown::all("the fit to its points failed"))?;
+    let modes = (coded.len() - 1) / 2;
+    let (coded, _) = minimise(|c| record.left(c), &coded)
+        .ok_or_else(|| Unknown::all("the fit to all of its points failed"))?;
+    let solution = uncertainty(|c| record.left(c), &coded)
+        .ok_or_else(|| Unknown::all("its modes depend on each other"))?;
+    let (values, _) = record
+        .linear(&coded)
+        .ok_or_else(|| Unknown::all("its modes depend on each other"))?;
+    let x = record.columns(&coded);
+    let product = &x * nalgebra::DVector::from_column_slice(&values);
+    let n = record.frequency.len();
+    let told = (0..n)
+        .map(|i| Complex::new(product[i], product[n + i]) / record.weight[i].max(1e-300))
+        .collect();
+    let (mut parameters, mut unknown) = told_modes(record, &coded, modes, &solution);
+    let top = TAU * record.highest();
+    let delay = Known {
+        value: coded[2 * modes] / top,
+        std: solution.std[2 * modes] / top,
+        std_correlated: solution.std_correlated[2 * modes] / top,
+    };
+    let steps: Vec<f64> = record.frequency.windows(2).map(|w| w[1] - w[0]).collect();
+    let longest = 0.5 / quantile(&steps, 0.5);
+    if delay.value.abs() > 0.8 * longest {
+        unknown.push(Unknown {
+            parameters: vec!["delay"],
+            because: format!(
+                "points {:.3} Hz apart tell no delay beyond {longest:.3e} s",
+                0.5 / longest
+            ),
+        });
+    }
+    parameters.push(("delay", delay));
+    let parameters = parameters
+        .into_iter()
+        .map(|(name, known)| Parameter {
+            name,
+            known: (!unknown.iter().any(|u: &Unknown| u.covers(name))).then_some(known),
+        })
+        .collect();
+    let condition = least_squares(&x, &record.target()).map_or(f64::INFINITY, |s| s.condition);
+    Ok(Identified {
+        parameters,
+        unknown,
+        relative_error_percent: record.error(&coded, &values),
+        validation_error_percent: error,
+        condition,
+        told,
+        record: record.clone(),
+        modes,
+    })
+}
+
+/// What the points near a mode do not tell of it.
+fn doubt(
+    record: &Record,
+    names: &[&'static str; 2],
+    frequency: &Known,
+    damping: &Known,
+    unknown: &mut Vec<Unknown>,
+) {
+    // Width of the peak between its half-power points.
+    let width = 2.0 * damping.value * frequency.value;
+    let within = record
+        .frequency
+        .iter()
+        .filter(|f| (*f - frequency.value).abs() < width)
+        .count();
+    if within < 2 {
+        unknown.push(Unknown {
+            parameters: vec![names[1]],
+            because: format!(
+                "{within} points lie on the peak at {:.3} Hz, which would be {width:.2e} Hz wide",
+                frequency.value
+            ),
+        });
+    } else if damping.std_correlated > 0.5 * damping.value {
+        unknown.push(Unknown {
+            parameters: vec![names[1]],
+            because: format!(
+                "what it says of {} is {:.2e} with a standard deviation of {:.2e}",
+                names[1], damping.value, damping.std_correlated
+            ),
+        });
+    }
+    let outside = frequency.value < record.frequency[0] || frequency.value > record.highest();
+    if frequency.std_correlated > 0.1 * frequency.value || outside {
+        unknown.push(Unknown {
+            parameters: names.to_vec(),
+            because: format!(
+                "the mode at {:.3} Hz lies at the end of its points or is too vague",
+                frequency.value
+            ),
+        });
+    }
+}
+
+/// Magnitude in decibels and phase in degrees, unwrapped.
+pub fn bode(frequency: &[f64], response: &[Complex<f64>]) -> [Vec<(f64, f64)>; 2] {
+    let mut turn = 0.0;
+    let mut last: Option<f64> = None;
+    let mut magnitude = Vec::new();
+    let mut phase = Vec::new();
+    for (f, h) in frequency.iter().zip(response) {
+        let mut angle = h.arg() + turn;
+        if let Some(last) = last {
+            while angle - last > PI {
+                turn -= TAU;
+                angle -= TAU;
+            }
+            while angle - last < -PI {
+                turn += TAU;
+                angle += TAU;
+            }
+        }
+        last = Some(angle);
+        magnitude.push((*f, 20.0 * h.norm().max(1e-300).log10()));
+        phase.push((*f, angle.to_degrees()));
+    }
+    [magnitude, phase]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+
+    fn made(modes: &[(f64, f64, f64)], delay: f64, noise: f64, step: f64) -> Record {
+        let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(31);
+        let frequency: Vec<f64> = (1..=(500.0 / step) as usize)
+            .map(|k| step * k as f64)
+            .collect();
+        let response: Vec<Complex<f64>> = frequency
+            .iter()
+            .map(|f| {
+                let w = TAU * f;
+                let mut h = Complex::new(0.05, 0.0);
+                for (own, zeta, size) in modes {
+                    let o = TAU * own;
+                    h += size * o * o / Complex::new(o * o - w * w, 2.0 * zeta * o * w);
+                }
+                let mut wobble = || noise * (2.0 * rng.random::<f64>() - 1.0);
+                h * Complex::from_polar(1.0, -w * delay)
+                    + h.norm() * Complex::new(wobble(), wobble())
+            })
+            .collect();
+        Record::new(&frequency, &response, None).unwrap()
+    }
+
+    #[test]
+    fn modes_damping_and_delay_are_found() {
+        let truth = [(60.0, 0.02, 1.0), (180.0, 0.05, -0.4), (310.0, 0.01, 0.1)];
+        let found = identify(&made(&truth, 1.3e-3, 0.02, 0.5)).unwrap();
+        assert_eq!(found.modes, 3, "{found:?}");
+        let of = |name: &str| {
+            let parameter = found.parameters.iter().find(|p| p.name == name).unwrap();
+            parameter.known.unwrap().value
+        };
+        for (k, (frequency, zeta, _)) in truth.iter().enumerate() {
+            let [f, z] = NAMES[k];
+            assert!((of(f) / frequency - 1.0).abs() < 2e-3, "{f}: {}", of(f));
+            assert!((of(z) / zeta - 1.0).abs() < 0.05, "{z}: {}", of(z));
+        }
+        assert!((of("delay") - 1.3e-3).abs() < 2e-5, "{}", of("delay"));
+    }
+
+    #[test]
+    fn what_the_points_do_not_resolve_is_not_told() {
+        // A peak 0.03 Hz wide between points 5 Hz apart.
+        let found = identify(&made(
+            &[(62.3, 0.0003, 1.0), (200.0, 0.03, 1.0)],
+            0.0,
+            0.001,
+            5.0,
+        ));
+        if let Ok(found) = found {
+            let narrow = found
+                .parameters
+                .iter()
+                .find(|p| p.name == "damping_1")
+                .unwrap();
+            assert!(found.modes < 2 || narrow.known.is_none(), "{found:?}");
+        }
+        let flat = made(&[], 1e-3, 0.02, 1.0);
+        assert!(identify(&flat).is_err_and(|u| u.because.contains("no mode")));
+    }
+}

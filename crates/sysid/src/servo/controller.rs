@@ -1,0 +1,221 @@
+//! The controller of a record, found in it: what made the voltage of reference and position.
+
+use super::{POSITION, REFERENCE, Record, VOLTAGE};
+use nalgebra::DMatrix;
+use pigtail_numerics::regression::least_squares;
+use pigtail_numerics::signal::rms;
+
+/// A linear controller with a bound:
+///
+/// ```text
+/// u = clamp(kp e + ki I + kd (d e_r - v) ...)
+/// ```
+///
+/// where `e` is reference less position, `I` its integral, `v` the measured velocity as the controller
+/// takes it and `r'` the reference's rate: `u = kp e + ki I + kf r' - kd v + bias`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Controller {
+    /// V for a unit of position.
+    pub kp: f64,
+    /// V for a unit of position and a second.
+    pub ki: f64,
+    /// V for a unit of velocity.
+    pub kd: f64,
+    /// V for a unit of the reference's velocity.
+    pub kf: f64,
+    /// V.
+    pub bias: f64,
+    /// Bound of the voltage, V.
+    pub limit: f64,
+    /// Samples over which the velocity is taken.
+    pub span: usize,
+    /// Samples by which the voltage comes later than the position it was made of.
+    pub delay: usize,
+    /// How far it is from the record's voltage, per cent; zero for one that was given.
+    pub error_percent: f64,
+}
+
+/// What a [`Controller`] remembers.
+#[derive(Debug, Clone, Default)]
+pub(super) struct State {
+    positions: Vec<f64>,
+    reference: Option<f64>,
+    integral: f64,
+    delayed: Vec<f64>,
+}
+
+impl Controller {
+    /// A cascade of a position loop `kp` (1/s) and a velocity loop `kv` (V for a unit of velocity).
+    pub fn cascade(kp: f64, kv: f64, limit: f64) -> Self {
+        Self {
+            kp: kp * kv,
+            ki: 0.0,
+            kd: kv,
+            kf: 0.0,
+            bias: 0.0,
+            limit,
+            span: 2,
+            delay: 0,
+            error_percent: 0.0,
+        }
+    }
+
+    /// Velocity gain over which the others are gains of a cascade: position gain in 1/s.
+    pub fn position_gain(&self) -> f64 {
+        self.kp / self.kd
+    }
+
+    /// A controller that has always been where it is.
+    pub(super) fn at(&self, position: f64, velocity: f64, period: f64) -> State {
+        State {
+            positions: (1..=self.span)
+                .map(|k| position - velocity * period * k as f64)
+                .collect(),
+            ..State::default()
+        }
+    }
+
+    /// The voltage of a cycle.
+    pub(super) fn voltage(
+        &self,
+        state: &mut State,
+        reference: f64,
+        position: f64,
+        period: f64,
+    ) -> f64 {
+        let error = reference - position;
+        let before = state.positions[self.span - 1];
+        let velocity = (position - before) / (self.span as f64 * period);
+        state.positions.rotate_right(1);
+        state.positions[0] = position;
+        let rate = (reference - state.reference.unwrap_or(reference)) / period;
+        state.reference = Some(reference);
+        let bare = |integral: f64| {
+            self.kp * error + self.ki * integral + self.kf * rate - self.kd * velocity + self.bias
+        };
+        let integral = state.integral + error * period;
+        // The integral waits while the voltage is at its bound.
+        if bare(integral).abs() <= self.limit {
+            state.integral = integral;
+        }
+        let now = bare(state.integral).clamp(-self.limit, self.limit);
+        state.delayed.push(now);
+        if state.delayed.len() > self.delay {
+            state.delayed.remove(0)
+        } else {
+            state.delayed[0]
+        }
+    }
+}
+
+/// Fits the kinds of controllers, the simplest first: a richer one must leave a tenth less.
+pub(super) fn fit(record: &Record) -> Option<Controller> {
+    if !record.has_reference {
+        return None;
+    }
+    let limit = limit(record);
+    let mut best: Option<Controller> = None;
+    for (integral, feed, bias) in [
+        (false, false, false),
+        (false, true, false),
+        (true, false, false),
+        (true, true, false),
+        (true, true, true),
+    ] {
+        for (span, delay) in [(1, 0), (2, 0), (1, 1), (2, 1)] {
+            let Some(found) = solve(record, limit, span, delay, (integral, feed, bias)) else {
+                continue;
+            };
+            if best.is_none_or(|b| found.error_percent < 0.9 * b.error_percent) {
+                best = Some(found);
+            }
+        }
+    }
+    best
+}
+
+/// The voltage beyond which none is: a bound if it is met again and again, else none.
+fn limit(record: &Record) -> f64 {
+    let volts = || {
+        record
+            .even()
+            .stretches
+            .iter()
+            .flat_map(|s| s.columns[VOLTAGE].iter())
+    };
+    let most = volts().fold(0.0_f64, |m, u| m.max(u.abs()));
+    let at = volts().filter(|u| u.abs() > (1.0 - 1e-6) * most).count();
+    if at > 3 { most } else { f64::INFINITY }
+}
+
+fn solve(
+    record: &Record,
+    limit: f64,
+    span: usize,
+    delay: usize,
+    (with_integral, feed, with_bias): (bool, bool, bool),
+) -> Option<Controller> {
+    // More rows would say nothing new of five gains.
+    const ROWS: usize = 50_000;
+    let period = record.even().period;
+    let every = record.even().samples().div_ceil(ROWS).max(1);
+    let mut rows: Vec<[f64; 5]> = Vec::new();
+    let mut volts = Vec::new();
+    for stretch in &record.even().stretches {
+        let (q, u, r) = (
+            &stretch.columns[POSITION],
+            &stretch.columns[VOLTAGE],
+            &stretch.columns[REFERENCE],
+        );
+        let mut integral = 0.0;
+        for k in span.max(1)..q.len() {
+            integral += (r[k] - q[k]) * period;
+            let Some(voltage) = u.get(k + delay) else {
+                break;
+            };
+            if voltage.abs() > (1.0 - 1e-6) * limit || k % every != 0 {
+                continue;
+            }
+            rows.push([
+                r[k] - q[k],
+                -(q[k] - q[k - span]) / (span as f64 * period),
+                (r[k] - r[k - 1]) / period,
+                integral,
+                1.0,
+            ]);
+            volts.push(*voltage);
+        }
+    }
+    let mut used = vec![0, 1];
+    if feed {
+        used.push(2);
+    }
+    if with_integral {
+        used.push(3);
+    }
+    if with_bias {
+        used.push(4);
+    }
+    let x = DMatrix::from_fn(rows.len(), used.len(), |i, j| rows[i][used[j]]);
+    let solution = least_squares(&x, &volts)?;
+    let gain = |column: usize| {
+        used.iter()
+            .position(|u| *u == column)
+            .map_or(0.0, |j| solution.values[j])
+    };
+    let (kp, kd) = (gain(0), gain(1));
+    if !(kp > 0.0 && kd >= 0.0 && rms(volts.iter().copied()) > 0.0) {
+        return None;
+    }
+    Some(Controller {
+        kp,
+        ki: gain(3),
+        kd,
+        kf: gain(2),
+        bias: gain(4),
+        limit,
+        span,
+        delay,
+        error_percent: solution.relative_error_percent,
+    })
+}

@@ -1,0 +1,664 @@
+//! Inertia and friction of a servo axis by its inverse dynamic model, linear in the parameters:
+//!
+//! ```text
+//! K u = M a + F_v v + F_c sgn(v) + c          symmetric
+//! K u = M a + F_v+ v+ + F_c+ s+ + F_v- v- + F_c- s-     asymmetric
+//! ```
+//!
+//! with the force (or torque) `K u` of a voltage `u`, the inertia `M`, viscous and Coulomb friction and
+//! an offset `c`; `v+` is the velocity where it is positive and zero elsewhere, `s+` one there. Velocity
+//! and acceleration come from the position filtered both ways, by central differences; every column is
+//! decimated in the same way, which filters what they have in common alike.
+//!
+//! M. Gautier and A. Janot; the settings are those of A. Janot, M. Gautier and M. Brunot, *Data Set and
+//! Reference Models of EMPS*, Workshop on Nonlinear System Identification Benchmarks, 2019.
+
+mod check;
+mod controller;
+mod motion;
+mod replay;
+mod sliding;
+
+pub use controller::Controller;
+pub use motion::Motion;
+pub use replay::{Axis, Replay};
+pub use sliding::Sliding;
+
+use super::timeline::Even;
+use super::{Account, Known, Parameter, Unknown};
+use nalgebra::DMatrix;
+use pigtail_numerics::regression::{
+    Solution, instrumental, least_squares, matrix, over, relative, robust, tolerance,
+};
+use pigtail_numerics::signal::{Lowpass, decimate, derivative, quantile};
+
+/// A servo's record on an even grid: position, voltage and, where there is one, the reference.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Record {
+    even: Even,
+    has_reference: bool,
+}
+
+const POSITION: usize = 0;
+const VOLTAGE: usize = 1;
+const REFERENCE: usize = 2;
+
+impl Record {
+    /// A record whose columns are the position (m or rad), the voltage (V) and, if `has_reference`,
+    /// the reference (as the position).
+    pub fn new(even: Even, has_reference: bool) -> Self {
+        Self {
+            even,
+            has_reference,
+        }
+    }
+
+    /// Its grid.
+    pub fn even(&self) -> &Even {
+        &self.even
+    }
+}
+
+/// How a record is made into equations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Force or torque of a volt, N/V or N m/V.
+    pub force_per_volt: f64,
+    /// Cutoff of the position's filter, hertz; a tenth of the sample rate and at most 100 Hz if none.
+    pub cutoff: Option<f64>,
+    /// Order of the filter.
+    pub order: usize,
+    /// Samples left out at each stretch's start.
+    pub skip: usize,
+    /// One equation in so many samples; the sample rate over the cutoff if none.
+    pub decimate: Option<usize>,
+    /// The controller, where it is known.
+    pub controller: Option<Controller>,
+}
+
+impl Settings {
+    /// The usual settings for a force per volt.
+    pub fn new(force_per_volt: f64) -> Self {
+        Self {
+            force_per_volt,
+            cutoff: None,
+            order: 4,
+            skip: 49,
+            decimate: None,
+            controller: None,
+        }
+    }
+
+    fn cutoff(&self, period: f64) -> f64 {
+        self.cutoff.unwrap_or((0.1 / period).min(100.0))
+    }
+
+    fn factor(&self, period: f64) -> usize {
+        let usual = (1.0 / (period * self.cutoff(period))).round();
+        self.decimate.unwrap_or(usual as usize).max(1)
+    }
+}
+
+/// A law of friction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Friction {
+    /// Both directions alike, beside an offset.
+    Symmetric,
+    /// Each direction has its own.
+    Asymmetric,
+}
+
+/// How the equations are solved.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Method {
+    /// Ordinary least squares.
+    LeastSquares,
+    /// Least squares by Huber's weights.
+    Weighted,
+    /// Instrumental variables, from the closed loop replayed with what least squares found.
+    Instrumental,
+    /// Least squares where the axis moves, with one unknown more: how long after its sample a voltage
+    /// acts. One that is held until the next sample acts half a period later on average.
+    Delayed,
+}
+
+impl Method {
+    /// All of them.
+    pub const ALL: [Self; 4] = [
+        Self::LeastSquares,
+        Self::Weighted,
+        Self::Instrumental,
+        Self::Delayed,
+    ];
+}
+
+impl Friction {
+    /// Its parameters' names, the inertia's first.
+    pub fn names(self) -> &'static [&'static str] {
+        match self {
+            Self::Symmetric => &["inertia", "viscous_friction", "coulomb_friction", "offset"],
+            Self::Asymmetric => &[
+                "inertia",
+                "viscous_friction_forward",
+                "coulomb_friction_forward",
+                "viscous_friction_backward",
+                "coulomb_friction_backward",
+            ],
+        }
+    }
+}
+
+/// The equations' columns.
+#[derive(Debug, Clone, PartialEq, Default)]
+struct Equations {
+    time: Vec<f64>,
+    force: Vec<f64>,
+    /// By how much the force would be less if it came a sample later.
+    lag: Vec<f64>,
+    position: Vec<f64>,
+    acceleration: Vec<f64>,
+    velocity: Vec<f64>,
+    sign: Vec<f64>,
+    /// Ones, decimated like the rest: the filter's gain is in them too.
+    one: Vec<f64>,
+    forward: [Vec<f64>; 2],
+    backward: [Vec<f64>; 2],
+    /// Whether it moves one way only: the sign is then no column of its own.
+    one_way: bool,
+}
+
+impl Equations {
+    /// The columns of a position, an acceleration's and a velocity's own signs.
+    fn extend(&mut self, start: f64, period: f64, position: &[f64], force: &[f64], set: &Settings) {
+        let n = position.len();
+        let filter = Lowpass::butterworth(set.order, 2.0 * period * set.cutoff(period));
+        let smooth = filter.both_ways(position);
+        let velocity = derivative(&smooth, period);
+        let acceleration = derivative(&velocity, period);
+        let factor = set.factor(period);
+        let skip = set.skip.min(n);
+        let thin = |column: &[f64]| decimate(&column[skip..], factor);
+        let of = |f: fn(f64) -> f64| thin(&velocity.iter().map(|v| f(*v)).collect::<Vec<_>>());
+        self.force.extend(thin(force));
+        let lag: Vec<f64> = (0..n)
+            .map(|k| force[k] - force[k.saturating_sub(1)])
+            .collect();
+        self.lag.extend(thin(&lag));
+        self.position.extend(thin(&smooth));
+        self.velocity.extend(thin(&velocity));
+        self.acceleration.extend(thin(&acceleration));
+        self.sign.extend(of(sign));
+        self.one.extend(of(|_| 1.0));
+        self.forward[0].extend(of(|v| v.max(0.0)));
+        self.forward[1].extend(of(|v| sign(v).max(0.0)));
+        self.backward[0].extend(of(|v| v.min(0.0)));
+        self.backward[1].extend(of(|v| sign(v).min(0.0)));
+        let first = skip + (n - skip + factor - 1) % factor;
+        let rows = (n - skip).div_ceil(factor);
+        self.time
+            .extend((0..rows).map(|k| start + period * (first + k * factor) as f64));
+    }
+
+    fn of(record: &Record, set: &Settings) -> Self {
+        let mut equations = Self::default();
+        for stretch in &record.even.stretches {
+            let position = &stretch.columns[POSITION];
+            if position.len() < LEAST + set.skip {
+                continue;
+            }
+            let force: Vec<f64> = stretch.columns[VOLTAGE]
+                .iter()
+                .map(|u| set.force_per_volt * u)
+                .collect();
+            equations.extend(stretch.start, record.even.period, position, &force, set);
+        }
+        equations
+    }
+
+    fn columns(&self, friction: Friction) -> Vec<&[f64]> {
+        match friction {
+            // Coulomb friction and offset in one column, which stands where Coulomb friction does.
+            Friction::Symmetric if self.one_way => {
+                vec![&self.acceleration, &self.velocity, &self.one]
+            }
+            Friction::Symmetric => {
+                vec![&self.acceleration, &self.velocity, &self.sign, &self.one]
+            }
+            Friction::Asymmetric => vec![
+                &self.acceleration,
+                &self.forward[0],
+                &self.forward[1],
+                &self.backward[0],
+                &self.backward[1],
+            ],
+        }
+    }
+
+    fn matrix(&self, friction: Friction, method: Method) -> DMatrix<f64> {
+        let mut columns = self.columns(friction);
+        if method == Method::Delayed {
+            columns.push(&self.lag);
+        }
+        matrix(&columns)
+    }
+}
+
+fn sign(v: f64) -> f64 {
+    if v > 0.0 {
+        1.0
+    } else if v < 0.0 {
+        -1.0
+    } else {
+        0.0
+    }
+}
+
+/// Fewest samples of a stretch, beside those that are left out.
+const LEAST: usize = 100;
+
+/// Share of the highest speed below which an axis may stick.
+const SLOW: f64 = 0.1;
+
+/// Fewest equations.
+const LEAST_EQUATIONS: usize = 60;
+
+/// Delay of the voltage beyond which it is no delay, but columns of other moments, samples.
+const LATEST: f64 = 10.0;
+
+/// Relative error beyond which a model explains nothing, per cent.
+const UNEXPLAINED: f64 = 50.0;
+
+/// By how much a variant's error may lie above the least, for a simpler one is preferred.
+const AS_GOOD: f64 = 1.01;
+
+/// A delay of the voltage is believed, and makes every parameter less sure that was found without one, where it
+/// leaves less than this share of the error.
+const LATE: f64 = 0.93;
+
+/// Share of a record's beginning to which variants are fitted where there is no second record; the
+/// rest says which of them generalises.
+const FITTED: f64 = 0.7;
+
+/// One way to the parameters.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Variant {
+    /// Its law of friction.
+    pub friction: Friction,
+    /// How it was solved.
+    pub method: Method,
+    /// What it found; the delay of the voltage last, where it was looked for.
+    pub parameters: Vec<Parameter>,
+    /// Values of the equations' columns: by the order of [`Friction::names`], whether or not they may be
+    /// told, then the delay in samples, where it was looked for.
+    pub values: Vec<f64>,
+    /// Condition number of the equations.
+    pub condition: f64,
+    /// Relative error of force on the record it was fitted to, per cent.
+    pub relative_error_percent: f64,
+    /// The same on a second record; without one on the record's last part, fitted to the rest.
+    pub validation_error_percent: Option<f64>,
+}
+
+impl Variant {
+    /// What moves in a replay.
+    pub fn axis(&self, force_per_volt: f64) -> Axis {
+        let mut v = self.values.clone();
+        v.resize(self.friction.names().len(), 0.0);
+        match self.friction {
+            Friction::Symmetric => Axis {
+                force_per_volt,
+                inertia: v[0],
+                viscous: [v[1], v[1]],
+                coulomb: [v[2], v[2]],
+                offset: v[3],
+            },
+            Friction::Asymmetric => Axis {
+                force_per_volt,
+                inertia: v[0],
+                viscous: [v[1], v[3]],
+                coulomb: [v[2], v[4]],
+                offset: 0.0,
+            },
+        }
+    }
+}
+
+/// What a record says of an axis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Identified {
+    /// All variants; those whose equations had no solution are not there.
+    pub variants: Vec<Variant>,
+    /// What cannot be known.
+    pub unknown: Vec<Unknown>,
+    /// The controller, where one of the known kinds tells the voltage from reference and position.
+    pub controller: Option<Controller>,
+    /// Which variant generalises, by its place.
+    pub best: usize,
+    /// Number of equations.
+    pub equations: usize,
+    /// Remarks on what was done to the record.
+    pub remarks: Vec<String>,
+    /// How far its motion went.
+    pub motion: Motion,
+    columns: Equations,
+}
+
+impl Identified {
+    /// A variant by what it is.
+    pub fn variant(&self, friction: Friction, method: Method) -> Option<&Variant> {
+        self.variants
+            .iter()
+            .find(|v| v.friction == friction && v.method == method)
+    }
+
+    /// Force measured beside the one that a variant tells.
+    pub fn account(&self, variant: &Variant) -> Account {
+        let x = self.columns.matrix(variant.friction, variant.method);
+        let told = x * nalgebra::DVector::from_column_slice(&variant.values);
+        Account {
+            time: self.columns.time.clone(),
+            measured: self.columns.force.clone(),
+            modelled: told.iter().copied().collect(),
+            position: self.columns.position.clone(),
+            velocity: self.columns.velocity.clone(),
+        }
+    }
+}
+
+/// Identifies an axis; `second` is another record of the same axis that says which variant
+/// generalises.
+///
+/// # Errors
+///
+/// What makes the whole record useless.
+pub fn identify(
+    record: &Record,
+    second: Option<&Record>,
+    set: &Settings,
+) -> Result<Identified, Unknown> {
+    let mut remarks = record.even.remarks();
+    check::whole(record, set, &mut remarks)?;
+    let mut columns = Equations::of(record, set);
+    if columns.force.len() < LEAST_EQUATIONS {
+        return Err(Unknown::all(format!(
+            "it makes {} equations of {} samples; wanted are at least {LEAST_EQUATIONS}",
+            columns.force.len(),
+            record.even.samples()
+        )));
+    }
+    let controller = set
+        .controller
+        .or_else(|| controller::fit(record).filter(|c| c.error_percent < 10.0));
+    check::bandwidth(record, &columns, set)?;
+    let mut unknown = check::excitation(record, &mut columns, set)?;
+    let second = second.map(|r| Equations {
+        one_way: columns.one_way,
+        ..Equations::of(r, set)
+    });
+    let mut variants = variants(
+        record,
+        second.as_ref(),
+        set,
+        &columns,
+        controller.as_ref(),
+        &unknown,
+    );
+    let Some(first) = variants.first() else {
+        return Err(Unknown::all(
+            "its equations depend on each other: nothing in it changes by itself",
+        ));
+    };
+    if first.values[0] <= 0.0 && !unknown.iter().any(|u| u.covers("inertia")) {
+        return Err(Unknown::all(
+            "the inertia that fits it best is negative: voltage or position has the wrong sign, or columns \
+             are swapped",
+        ));
+    }
+    check::driving(first, &columns)?;
+    if first.relative_error_percent > UNEXPLAINED {
+        return Err(Unknown::all(format!(
+            "inertia and friction leave {:.0} % of its force unexplained: are columns, units and signs right?",
+            first.relative_error_percent
+        )));
+    }
+    check::uncertain(first, &columns, &mut unknown);
+    check::together(&variants, record.even.period, &mut remarks)?;
+    let hidden = unknown.clone();
+    for variant in &mut variants {
+        for parameter in &mut variant.parameters {
+            if hidden.iter().any(|u| u.covers(parameter.name)) {
+                parameter.known = None;
+            }
+        }
+    }
+    let error = |v: &Variant| v.validation_error_percent.unwrap_or(f64::INFINITY);
+    let least = variants.iter().map(error).fold(f64::INFINITY, f64::min);
+    let best = variants
+        .iter()
+        .position(|v| error(v) <= AS_GOOD * least)
+        .unwrap_or(0);
+    Ok(Identified {
+        variants,
+        unknown,
+        controller: controller.filter(|_| record.has_reference),
+        best,
+        equations: columns.force.len(),
+        remarks,
+        motion: Motion::of(record, &columns, set),
+        columns,
+    })
+}
+
+/// Every law of friction by every method, and how each tells what it was not fitted to.
+fn variants(
+    record: &Record,
+    second: Option<&Equations>,
+    set: &Settings,
+    columns: &Equations,
+    controller: Option<&Controller>,
+    unknown: &[Unknown],
+) -> Vec<Variant> {
+    let mut variants = Vec::new();
+    for friction in [Friction::Symmetric, Friction::Asymmetric] {
+        if columns.one_way && friction == Friction::Asymmetric {
+            continue;
+        }
+        let x = columns.matrix(friction, Method::LeastSquares);
+        let delayed = columns.matrix(friction, Method::Delayed);
+        let Some(ordinary) = least_squares(&x, &columns.force) else {
+            continue;
+        };
+        let axis = |values: &[f64]| {
+            let mut variant = variant(friction, Method::LeastSquares, &ordinary, 0.0, unknown);
+            variant.values = values.to_vec();
+            variant.axis(set.force_per_volt)
+        };
+        let instruments = controller
+            .filter(|_| record.has_reference && !columns.one_way && ordinary.values[0] > 0.0)
+            .and_then(|c| instruments(record, &axis(&ordinary.values), c, set))
+            .filter(|z| z.force.len() == columns.force.len());
+        // What another sample of delay would change: nobody knows when within it a voltage acts.
+        let later: Vec<f64> = columns
+            .force
+            .iter()
+            .zip(&columns.lag)
+            .map(|(f, l)| f - l)
+            .collect();
+        let speeds: Vec<f64> = columns.velocity.iter().map(|v| v.abs()).collect();
+        let moving = SLOW * quantile(&speeds, 0.99);
+        let timing = least_squares(&x, &later).map(|s| s.values);
+        let solve = |method: Method, rows: std::ops::Range<usize>| -> Option<Solution> {
+            let x = if method == Method::Delayed {
+                &delayed
+            } else {
+                &x
+            };
+            let part = x.rows(rows.start, rows.len()).into_owned();
+            let force = &columns.force[rows.clone()];
+            match method {
+                Method::LeastSquares => least_squares(&part, force),
+                // Where the axis sticks, force leads motion for another reason than a delay.
+                Method::Delayed => over(&part, force, |i| {
+                    columns.velocity[rows.start + i].abs() > moving
+                }),
+                Method::Weighted => robust(&part, force),
+                Method::Instrumental => {
+                    let z = instruments.as_ref()?.matrix(friction, method);
+                    let z = z.rows(rows.start, rows.len()).into_owned();
+                    instrumental(&part, &z, force)
+                }
+            }
+        };
+        let late = solve(Method::Delayed, 0..columns.force.len()).and_then(|s| {
+            let (samples, std) = s.values.last().zip(s.std.last())?;
+            let sure = samples.abs() > 5.0 * std;
+            let better = s.relative_error_percent < LATE * ordinary.relative_error_percent;
+            (sure && better).then_some(*samples)
+        });
+        for method in Method::ALL {
+            let n = columns.force.len();
+            let Some(mut solution) = solve(method, 0..n) else {
+                continue;
+            };
+            if let Some(timing) = timing.as_ref().filter(|_| method != Method::Delayed) {
+                widen(&mut solution, timing, &ordinary.values, late);
+            }
+            let period = record.even.period;
+            let mut found = variant(friction, method, &solution, period, unknown);
+            let judged = |x: &DMatrix<f64>, force: &[f64], values: &[f64]| {
+                let told = x * nalgebra::DVector::from_column_slice(values);
+                let left: Vec<f64> = force.iter().zip(told.iter()).map(|(a, b)| a - b).collect();
+                relative(&left, force)
+            };
+            found.validation_error_percent = if let Some(second) = second {
+                (second.force.len() > 10).then(|| {
+                    judged(
+                        &second.matrix(friction, method),
+                        &second.force,
+                        &solution.values,
+                    )
+                })
+            } else {
+                let to = (FITTED * n as f64) as usize;
+                solve(method, 0..to).map(|part| {
+                    let x = if method == Method::Delayed {
+                        &delayed
+                    } else {
+                        &x
+                    };
+                    let rest = x.rows(to, n - to).into_owned();
+                    judged(&rest, &columns.force[to..], &part.values)
+                })
+            };
+            variants.push(found);
+        }
+    }
+    variants
+}
+
+/// A voltage acts anywhere within a sample after the moment that was taken: by how much parameters are less sure
+/// for it, those of a sample later being `later`. Where the record shows by how many samples it is `late`,
+/// that is by how far they may be off.
+fn widen(solution: &mut Solution, later: &[f64], values: &[f64], late: Option<f64>) {
+    let samples = late.map_or(0.0, f64::abs).max(1.0 / 3f64.sqrt());
+    for (j, (later, value)) in later.iter().zip(values).enumerate() {
+        let by = samples * (later - value);
+        let correlated = &mut solution.std_correlated[j];
+        *correlated = correlated.hypot(by);
+        if late.is_some() {
+            solution.std[j] = solution.std[j].hypot(by);
+        }
+    }
+}
+
+fn variant(
+    friction: Friction,
+    method: Method,
+    solution: &Solution,
+    period: f64,
+    unknown: &[Unknown],
+) -> Variant {
+    let mut values = solution.values.clone();
+    let last = values.len() - 1;
+    let delay = (method == Method::Delayed).then(|| {
+        values.pop();
+        Parameter {
+            name: "voltage_delay",
+            known: Some(Known {
+                value: period * solution.values[last],
+                std: period * solution.std[last],
+                std_correlated: period * solution.std_correlated[last],
+            }),
+        }
+    });
+    let parameters = friction
+        .names()
+        .iter()
+        .enumerate()
+        .map(|(j, name)| Parameter {
+            name,
+            // Of an axis that moves one way there are fewer values than names.
+            known: (j < values.len() && !unknown.iter().any(|u| u.covers(name))).then(|| Known {
+                value: solution.values[j],
+                std: solution.std[j],
+                std_correlated: solution.std_correlated[j],
+            }),
+        })
+        .chain(delay)
+        .collect();
+    Variant {
+        friction,
+        method,
+        parameters,
+        values: solution.values.clone(),
+        condition: solution.condition,
+        relative_error_percent: solution.relative_error_percent,
+        validation_error_percent: None,
+    }
+}
+
+/// The columns of the closed loop replayed: correlated with what is measured, not with its noise.
+fn instruments(
+    record: &Record,
+    axis: &Axis,
+    controller: &Controller,
+    set: &Settings,
+) -> Option<Equations> {
+    let mut equations = Equations::default();
+    for stretch in &record.even.stretches {
+        if stretch.columns[POSITION].len() < LEAST + set.skip {
+            continue;
+        }
+        let told = replay::stretch(
+            stretch,
+            record.even.period,
+            axis,
+            &Sliding::Coulomb,
+            controller,
+        )?;
+        equations.extend(
+            stretch.start,
+            record.even.period,
+            &told.position,
+            &told.voltage,
+            set,
+        );
+    }
+    Some(equations)
+}
+
+/// Replays a record's reference in closed loop, under a law of friction.
+///
+/// `None` for a record without reference, or where the replay runs away.
+pub fn replay(
+    record: &Record,
+    axis: &Axis,
+    law: &Sliding,
+    controller: &Controller,
+    set: &Settings,
+) -> Option<Replay> {
+    record
+        .has_reference
+        .then(|| replay::whole(record, axis, law, controller, set))
+        .flatten()
+}

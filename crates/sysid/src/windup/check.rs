@@ -1,0 +1,124 @@
+//! What a record of a transmission cannot tell.
+
+use super::LEAST;
+use super::signals::Signals;
+use crate::Unknown;
+use crate::timeline::Even;
+use pigtail_numerics::regression::{least_squares, matrix, tolerance};
+use pigtail_numerics::signal::{quantile, rms};
+
+pub(super) fn check(signals: &Signals, even: &Even) -> Result<(), Unknown> {
+    let n = signals.time.len();
+    if n < LEAST {
+        return Err(Unknown::all(format!(
+            "it has {n} samples in stretches; wanted are at least {LEAST}"
+        )));
+    }
+    if even.jitter > 0.3 {
+        return Err(Unknown::all(format!(
+            "its moments deviate by {:.0} % of a sample period: a skew would be lost in that",
+            100.0 * even.jitter
+        )));
+    }
+    if signals.range <= 0.0 {
+        return Err(Unknown::all("the motor never moves"));
+    }
+    let load: Vec<f64> = signals
+        .position
+        .iter()
+        .zip(&signals.windup)
+        .map(|(m, w)| m - w)
+        .collect();
+    if load.iter().all(|l| *l == load[0]) {
+        return Err(Unknown::all("the load never moves"));
+    }
+    let one = vec![1.0; n];
+    let slope = least_squares(&matrix(&[&signals.position, &one]), &load);
+    let slope = slope.map_or(0.0, |s| s.values[0]);
+    if !(0.8..=1.25).contains(&slope) {
+        return Err(Unknown::all(format!(
+            "the load moves {slope:.5} times as far as the motor: both must be in angles of the output; is the \
+             gear ratio or a unit missing (--ratio), or a column another one?"
+        )));
+    }
+    // Jumps: each sample must lie near the middle of its neighbours, or the motion is not resolved.
+    let miss = rms(load.windows(3).map(|w| w[1] - 0.5 * (w[0] + w[2])));
+    let step = rms(load.windows(2).map(|w| w[1] - w[0]));
+    if miss > 0.5 * step {
+        return Err(Unknown::all(
+            "the load jumps from sample to sample: aliased, or noise",
+        ));
+    }
+    for (name, column) in [("motor", &signals.position), ("load", &load)] {
+        let (low, high) = column
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
+                (l.min(*v), h.max(*v))
+            });
+        let other = if name == "motor" {
+            &load
+        } else {
+            &signals.position
+        };
+        let room = 0.02 * signals.range;
+        let pegged = |edge: f64, beyond: &dyn Fn(f64) -> bool| {
+            let both = column.iter().zip(other);
+            both.filter(|(a, b)| **a == edge && beyond(**b)).count()
+        };
+        let at = pegged(high, &|b| b > high + room) + pegged(low, &|b| b < low - room);
+        if at as f64 > 0.02 * n as f64 {
+            return Err(Unknown::all(format!(
+                "the {name}'s encoder is saturated: it stands at an end of its range while the other side goes on"
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// What the motion does not excite.
+pub(super) fn excitation(signals: &Signals) -> Vec<Unknown> {
+    let mut unknown = Vec::new();
+    let speeds: Vec<f64> = signals.velocity.iter().map(|v| v.abs()).collect();
+    let moving = 0.05 * quantile(&speeds, 0.99);
+    let n = speeds.len() as f64;
+    let share = |sign: f64| {
+        let along = signals.velocity.iter().filter(|v| sign * **v > moving);
+        along.count() as f64 / n
+    };
+    let frictional = vec!["w_max", "q", "offset", "element"];
+    let one_way = share(1.0) < 0.02 || share(-1.0) < 0.02;
+    if one_way {
+        unknown.push(Unknown {
+            parameters: frictional.clone(),
+            because: "it moves one way only: without a reversal a windup is an offset".to_owned(),
+        });
+    }
+    let rows: Vec<usize> = (0..speeds.len()).filter(|k| speeds[*k] > moving).collect();
+    let v: Vec<f64> = rows.iter().map(|k| signals.velocity[*k]).collect();
+    let s: Vec<f64> = v.iter().map(|v| v.signum()).collect();
+    let one = vec![1.0; v.len()];
+    let x = if one_way {
+        matrix(&[&v, &one])
+    } else {
+        matrix(&[&v, &s, &one])
+    };
+    if rows.len() < 20 || tolerance(&x, 0) < 0.01 {
+        unknown.push(Unknown {
+            parameters: [&frictional[..], &["time_skew"]].concat(),
+            because:
+                "its speed hardly changes while it moves: at one speed a time skew is a windup"
+                    .to_owned(),
+        });
+    }
+    if let Some(torque) = &signals.torque {
+        let mean = torque.iter().sum::<f64>() / n;
+        let change = rms(torque.iter().map(|t| t - mean));
+        if change < 0.01 * rms(torque.iter().copied()) || change <= 0.0 {
+            unknown.push(Unknown {
+                parameters: vec!["compliance", "cubic_compliance"],
+                because: "the torque hardly changes".to_owned(),
+            });
+        }
+    }
+    unknown
+}

@@ -1,0 +1,484 @@
+//! A transmission from encoders on both of its sides.
+//!
+//! Both in angles (or places) of the output, the windup is what the motor's encoder reads beyond the
+//! load's:
+//!
+//! ```text
+//! W = m - l = c + tau v + W_max s (1 - 2 exp(-4 d / Q)) + C T + C_3 T^3 + ...
+//! ```
+//!
+//! Two encoders are rarely read at the same moment. A load's reading that is older than the motor's by a
+//! time skew `tau` shows as a windup that goes with the velocity. It is estimated first: a thousandth of
+//! a second at a rad/s is a thousandth of a radian, more than most transmissions wind up.
+
+mod check;
+mod signals;
+
+use check::{check, excitation};
+use signals::Signals;
+
+use super::timeline::Even;
+use super::{Account, Known, Parameter, Unknown};
+use pigtail_numerics::signal::rms;
+
+/// Columns of a record: motor, load and, where there is one, torque.
+const MOTOR: usize = 0;
+const LOAD: usize = 1;
+const TORQUE: usize = 2;
+
+/// Fewest samples.
+const LEAST: usize = 200;
+
+/// A record of both sides of a transmission on an even grid.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Record {
+    even: Even,
+    has_torque: bool,
+}
+
+impl Record {
+    /// A record whose columns are the motor's and the load's position in angles (or places) of the
+    /// output, and the motor's torque if `has_torque`.
+    pub fn new(even: Even, has_torque: bool) -> Self {
+        Self { even, has_torque }
+    }
+
+    /// Remarks on what was done to it.
+    pub fn remarks(&self) -> Vec<String> {
+        self.even.remarks()
+    }
+}
+
+/// What a model of a transmission is made of, beside the skew and an offset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Parts {
+    /// The thesis's windup function (2.20).
+    pub reversal: bool,
+    /// Maxwell-slip elements: hysteresis with memory of every reversal that matters.
+    pub memory: bool,
+    /// Windup that goes with the torque, and with its cube; where no torque was measured, with the
+    /// acceleration, which the load's inertia turns into torque.
+    pub compliance: bool,
+    /// A ratio that is not quite the nominal one, and its change over the range.
+    pub ratio: bool,
+}
+
+/// The models that are tried, simpler ones first.
+pub const MODELS: [(&str, Parts); 8] = [
+    ("skew", Parts::NONE),
+    (
+        "reversal",
+        Parts {
+            reversal: true,
+            ..Parts::NONE
+        },
+    ),
+    ("compliance", COMPLIANCE),
+    (
+        "compliance, reversal",
+        Parts {
+            reversal: true,
+            ..COMPLIANCE
+        },
+    ),
+    (
+        "compliance, ratio",
+        Parts {
+            ratio: true,
+            ..COMPLIANCE
+        },
+    ),
+    (
+        "compliance, memory",
+        Parts {
+            memory: true,
+            ..COMPLIANCE
+        },
+    ),
+    (
+        "compliance, reversal, ratio",
+        Parts {
+            reversal: true,
+            ratio: true,
+            ..COMPLIANCE
+        },
+    ),
+    (
+        "compliance, memory, ratio",
+        Parts {
+            memory: true,
+            ratio: true,
+            ..COMPLIANCE
+        },
+    ),
+];
+
+const COMPLIANCE: Parts = Parts {
+    compliance: true,
+    ..Parts::NONE
+};
+
+impl Parts {
+    const NONE: Self = Self {
+        reversal: false,
+        memory: false,
+        compliance: false,
+        ratio: false,
+    };
+}
+
+/// Ways of the elements, as shares of the range.
+const WAYS: [f64; 4] = [0.002, 0.01, 0.05, 0.2];
+
+/// A model fitted to a record.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fitted {
+    /// Its name, and what it is made of.
+    pub name: &'static str,
+    /// What it is made of.
+    pub parts: Parts,
+    /// Parameters by name.
+    pub parameters: Vec<(&'static str, Known)>,
+    /// Way and windup of each element, radians (or metres), where it has some.
+    pub elements: Vec<[f64; 2]>,
+    /// Root mean square of what it leaves of the windup.
+    pub residual: f64,
+    /// The same on stretches that it was not fitted to: each fifth of the record told by the rest; or on
+    /// a second record.
+    pub held_back: f64,
+    /// Condition number of its equations.
+    pub condition: f64,
+    /// Values by column.
+    values: Vec<f64>,
+    way: f64,
+}
+
+/// What a record says of a transmission.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Identified {
+    /// All models.
+    pub models: Vec<Fitted>,
+    /// The one that tells best what it was not fitted to.
+    pub best: usize,
+    /// Parameters of the best one.
+    pub parameters: Vec<Parameter>,
+    /// What cannot be known.
+    pub unknown: Vec<Unknown>,
+    /// Root mean square of the windup about its mean, before anything was done.
+    pub raw: f64,
+    /// By how much the load's readings are older than the motor's, seconds.
+    pub skew: f64,
+    /// Remarks.
+    pub remarks: Vec<String>,
+    account: Account,
+}
+
+/// By how much a model's error may lie above the least, for a simpler one is preferred.
+const AS_GOOD: f64 = 1.02;
+
+/// Most often that all models are fitted, each time with a better skew.
+const ROUNDS: usize = 3;
+
+/// Identifies a transmission; `second` is another record of it that says which model generalises.
+///
+/// # Errors
+///
+/// What makes the whole record useless.
+pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, Unknown> {
+    let plain = Signals::new(record, 0.0);
+    let mut remarks = record.even.remarks();
+    check(&plain, &record.even)?;
+    let n = plain.time.len();
+    let all: Vec<usize> = (0..n).collect();
+    let mean = plain.windup.iter().sum::<f64>() / n as f64;
+    let raw = rms(plain.windup.iter().map(|w| w - mean));
+    let mut unknown = excitation(&plain);
+    let blind = unknown.iter().any(|u| u.covers("time_skew"));
+
+    // The skew first, with the richest model that has one way about it, and by shifting the channel, for
+    // at high accelerations a skew is more than a share of the velocity.
+    let mut skew = 0.0;
+    if !blind {
+        for _ in 0..4 {
+            let shifted = Signals::new(record, skew);
+            let Some(solution) = shifted.fit(MODELS[2].1, 0.0, &all) else {
+                break;
+            };
+            skew += solution.values[1];
+            if solution.values[1].abs() < 1e-3 * solution.std[1] {
+                break;
+            }
+        }
+    }
+    let most = 50.0 * record.even.period;
+    if skew.is_nan() || skew.abs() >= most {
+        return Err(Unknown::all(format!(
+            "its channels would be {skew:.3} s apart: they are not of one motion"
+        )));
+    }
+    let bound = if blind { 0.0 } else { most };
+    let (signals, models, best) = all_models(record, second, &mut skew, bound)?;
+    let chosen = &models[best];
+    remarks.push(
+        "a windup that goes with the speed, as by viscous friction, cannot be told from the time skew".to_owned(),
+    );
+    // Friction on the motor's side takes a part of a measured torque that winds nothing up, so that
+    // beside a torque (2.20) may have either sign; alone it may not, and nor may a compliance.
+    let sign = |name: &str| {
+        let known = chosen.parameters.iter().find(|(n, _)| *n == name);
+        known.is_some_and(|(_, k)| k.value < -4.0 * k.std_correlated)
+    };
+    let torque = record.has_torque && chosen.parts.compliance;
+    if !torque && sign("w_max") {
+        unknown.push(Unknown {
+            parameters: vec!["w_max", "q"],
+            because: "the load would run ahead of its motor: the two columns may be swapped"
+                .to_owned(),
+        });
+    }
+    if torque && sign("compliance") {
+        unknown.push(Unknown {
+            parameters: vec!["compliance", "cubic_compliance", "w_max", "q"],
+            because: "it would wind up against the torque: columns may be swapped, or the torque's sign turned"
+                .to_owned(),
+        });
+    }
+    let parameters = chosen
+        .parameters
+        .iter()
+        .map(|(name, known)| Parameter {
+            name,
+            known: (!unknown.iter().any(|u| u.covers(name))).then_some(*known),
+        })
+        .collect();
+    let left = signals.left(chosen.parts, chosen.way, &chosen.values);
+    let account = Account {
+        modelled: signals
+            .windup
+            .iter()
+            .zip(&left)
+            .map(|(w, l)| w - l)
+            .collect(),
+        measured: signals.windup,
+        time: signals.time,
+        position: signals.position,
+        velocity: signals.velocity,
+    };
+    Ok(Identified {
+        models,
+        best,
+        parameters,
+        unknown,
+        raw,
+        skew,
+        remarks,
+        account,
+    })
+}
+
+/// All models, the best of them, and the signals with its skew taken out, which is refined below `bound`.
+///
+/// What winds up goes with the velocity too, and what a shift leaves is a share of the load's velocity, not
+/// of the motor's: so the skew comes again from the model that tells best, until nothing is left of it.
+fn all_models(
+    record: &Record,
+    second: Option<&Record>,
+    skew: &mut f64,
+    bound: f64,
+) -> Result<(Signals, Vec<Fitted>, usize), Unknown> {
+    let mut round = 0;
+    loop {
+        let signals = Signals::new(record, *skew);
+        let all: Vec<usize> = (0..signals.time.len()).collect();
+        let other = second.map(|r| Signals::new(r, *skew));
+        let models: Vec<Fitted> = MODELS
+            .into_iter()
+            .filter_map(|(name, parts)| fit(name, parts, &signals, other.as_ref(), *skew, &all))
+            .collect();
+        let least = models
+            .iter()
+            .map(|m| m.held_back)
+            .fold(f64::INFINITY, f64::min);
+        let Some(best) = models.iter().position(|m| m.held_back <= AS_GOOD * least) else {
+            return Err(Unknown::all("no model could be fitted to it"));
+        };
+        let told = models[best].parameters.iter().find(|p| p.0 == "time_skew");
+        round += 1;
+        match told.filter(|_| round < ROUNDS) {
+            Some((_, known))
+                if (known.value - *skew).abs() > 0.5 * known.std && known.value.abs() < bound =>
+            {
+                *skew = known.value;
+            }
+            _ => return Ok((signals, models, best)),
+        }
+    }
+}
+
+impl Identified {
+    /// The windup with the skew taken out, beside the one that the best model tells.
+    pub fn account(&self) -> &Account {
+        &self.account
+    }
+}
+
+/// Standard deviation of a parameter by what it becomes where a part of the record is left out, each in
+/// turn: what differs from part to part is no noise, and residuals that are correlated over all of it do
+/// not tell.
+fn jackknife(parts: &[Vec<f64>], parameter: usize) -> f64 {
+    let n = parts.len() as f64;
+    let mean = parts.iter().map(|p| p[parameter]).sum::<f64>() / n;
+    let squares: f64 = parts.iter().map(|p| (p[parameter] - mean).powi(2)).sum();
+    (squares * (n - 1.0) / n).sqrt()
+}
+
+fn fit(
+    name: &'static str,
+    parts: Parts,
+    signals: &Signals,
+    second: Option<&Signals>,
+    skew: f64,
+    all: &[usize],
+) -> Option<Fitted> {
+    const FOLDS: usize = 5;
+    let n = all.len();
+    let way = signals.way(parts, all);
+    let whole = signals.fit(parts, way, all)?;
+    let (mut squares, mut others) = (0.0, Vec::with_capacity(FOLDS));
+    for fold in 0..FOLDS {
+        let (from, to) = (fold * n / FOLDS, (fold + 1) * n / FOLDS);
+        let rows: Vec<usize> = (0..from).chain(to..n).collect();
+        let part = signals.fit(parts, way, &rows)?;
+        let left = signals.left(parts, way, &part.values);
+        squares += left[from..to].iter().map(|l| l * l).sum::<f64>();
+        others.push(part.values);
+    }
+    let held_back = match second {
+        Some(second) => rms(second.left(parts, way, &whole.values)),
+        None => (squares / n as f64).sqrt(),
+    };
+    let names = signals.columns(parts, way);
+    // With the way unknown too the rest is less sure.
+    let sure = parts
+        .reversal
+        .then(|| signals.uncertainty(parts, way, &whole))
+        .flatten();
+    let stds = |j: usize| {
+        let s = sure.as_ref().unwrap_or(&whole);
+        (s.std[j], s.std_correlated[j].max(jackknife(&others, j)))
+    };
+    let mut parameters = Vec::new();
+    let mut elements = Vec::new();
+    for (j, (name, _)) in names.iter().enumerate() {
+        let (std, std_correlated) = stds(j);
+        let known = Known {
+            value: whole.values[j] + if *name == "time_skew" { skew } else { 0.0 },
+            std,
+            std_correlated,
+        };
+        if *name == "element" {
+            let way = WAYS[elements.len()] * signals.range;
+            elements.push([way, known.value]);
+        } else {
+            parameters.push((*name, known));
+        }
+    }
+    if parts.reversal {
+        let (std, std_correlated) = if let Some(sure) = &sure {
+            (sure.std[names.len()], sure.std_correlated[names.len()])
+        } else {
+            (f64::INFINITY, f64::INFINITY)
+        };
+        let known = Known {
+            value: way,
+            std,
+            std_correlated,
+        };
+        parameters.push(("q", known));
+    }
+    Some(Fitted {
+        name,
+        parts,
+        parameters,
+        elements,
+        residual: rms(whole.left.iter().copied()),
+        held_back,
+        condition: whole.condition,
+        values: whole.values,
+        way,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::signals::at;
+    use super::*;
+    use crate::timeline::even;
+    use pigtail_model::windup::{Reversal, ReversalState};
+
+    /// A transmission of known compliance, (2.20) and skew.
+    fn made(skew: f64, maximum: f64, compliance: f64) -> Record {
+        let n = 5000;
+        let period = 0.004;
+        let time: Vec<f64> = (0..n).map(|k| period * k as f64).collect();
+        let place = |t: f64| 0.4 * (1.3 * t).sin() + 0.1 * (3.1 * t).sin();
+        let pull = |t: f64| 20.0 * (1.3 * t + 0.4).sin() + 8.0 * (4.4 * t).cos();
+        let model = Reversal { maximum, way: 0.03 };
+        // Finely, so that the load can be read at another moment.
+        let fine = 8;
+        let mut state = ReversalState::default();
+        let dense: Vec<f64> = (0..n * fine)
+            .map(|k| {
+                let t = period * k as f64 / fine as f64;
+                place(t) - model.next(&mut state, place(t)) - compliance * pull(t)
+            })
+            .collect();
+        let noise = |k: usize| 2e-6 * ((k * 7919 % 1000) as f64 / 500.0 - 1.0);
+        let motor: Vec<f64> = time
+            .iter()
+            .enumerate()
+            .map(|(k, t)| place(*t) + noise(k))
+            .collect();
+        let load: Vec<f64> = (0..n)
+            .map(|k| {
+                at(&dense, (k * fine) as f64 - skew / period * fine as f64) + 1e-3 + noise(3 * k)
+            })
+            .collect();
+        let torque: Vec<f64> = time.iter().map(|t| pull(*t)).collect();
+        Record::new(even(&time, &[&motor, &load, &torque]).unwrap(), true)
+    }
+
+    #[test]
+    fn skew_windup_and_compliance_are_found() {
+        let record = made(2.8e-3, 1e-4, 1e-5);
+        let found = identify(&record, None).unwrap();
+        let best = &found.models[found.best];
+        assert!(
+            best.parts.reversal && best.parts.compliance,
+            "{}",
+            best.name
+        );
+        let of = |name: &str| {
+            let known = best.parameters.iter().find(|(n, _)| *n == name).unwrap().1;
+            known.value
+        };
+        assert!(
+            (of("time_skew") - 2.8e-3).abs() < 3e-5,
+            "{}",
+            of("time_skew")
+        );
+        assert!((of("w_max") / 1e-4 - 1.0).abs() < 0.1, "{}", of("w_max"));
+        assert!((of("q") / 0.03 - 1.0).abs() < 0.3, "{}", of("q"));
+        assert!(
+            (of("compliance") / 1e-5 - 1.0).abs() < 0.1,
+            "{}",
+            of("compliance")
+        );
+        assert!(
+            best.residual < 0.02 * found.raw,
+            "{} {}",
+            best.residual,
+            found.raw
+        );
+    }
+}

@@ -1,0 +1,279 @@
+//! What models of a transmission are made of, and how they are fitted.
+
+use super::{LEAST, LOAD, MOTOR, Parts, Record, TORQUE, WAYS};
+use pigtail_model::windup::{Reversal, ReversalState};
+use pigtail_numerics::golden::least;
+use pigtail_numerics::regression::{Solution, least_squares, matrix};
+use pigtail_numerics::signal::{Lowpass, derivative, quantile};
+
+/// Spacing of the ways that are tried first, as a factor.
+const SPACING: f64 = 1.45;
+
+/// The signals that models are made of.
+pub(super) struct Signals {
+    pub(super) time: Vec<f64>,
+    pub(super) windup: Vec<f64>,
+    pub(super) position: Vec<f64>,
+    /// The same without its noise, whose steps are no reversals.
+    path: Vec<f64>,
+    /// Steps of the path that are its noise.
+    dead: f64,
+    pub(super) velocity: Vec<f64>,
+    pub(super) acceleration: Vec<f64>,
+    pub(super) torque: Option<Vec<f64>>,
+    /// Where stretches begin.
+    pub(super) begins: Vec<usize>,
+    pub(super) middle: f64,
+    pub(super) range: f64,
+}
+
+impl Signals {
+    /// The signals, with a load's channel that is older by `skew` seconds than its stamps.
+    pub(super) fn new(record: &Record, skew: f64) -> Self {
+        let period = record.even.period;
+        let mut signals = Self {
+            time: Vec::new(),
+            windup: Vec::new(),
+            position: Vec::new(),
+            path: Vec::new(),
+            dead: 0.0,
+            velocity: Vec::new(),
+            acceleration: Vec::new(),
+            torque: record.has_torque.then(Vec::new),
+            begins: Vec::new(),
+            middle: 0.0,
+            range: 0.0,
+        };
+        // Fast enough for any transmission's motion, slow enough for two differences.
+        let filter = Lowpass::butterworth(2, (60.0 * period).clamp(0.02, 0.5));
+        for stretch in &record.even.stretches {
+            let (motor, load) = (&stretch.columns[MOTOR], &stretch.columns[LOAD]);
+            if motor.len() < LEAST / 4 {
+                continue;
+            }
+            signals.begins.push(signals.time.len());
+            let smooth = settled(&filter, motor);
+            let velocity = derivative(&smooth, period);
+            signals.acceleration.extend(derivative(&velocity, period));
+            signals.velocity.extend(velocity);
+            signals.position.extend_from_slice(motor);
+            signals.path.extend_from_slice(&smooth);
+            for (k, m) in motor.iter().enumerate() {
+                signals.time.push(stretch.start + k as f64 * period);
+                signals.windup.push(m - at(load, k as f64 + skew / period));
+            }
+            if let Some(torque) = &mut signals.torque {
+                torque.extend(settled(&filter, &stretch.columns[TORQUE]));
+            }
+        }
+        // Of white noise the filter leaves at most as much as it takes.
+        let taken = signals.position.iter().zip(&signals.path);
+        let taken: Vec<f64> = taken.map(|(q, s)| (q - s).abs()).collect();
+        let dead = 2.0 * quantile(&taken, 0.5);
+        signals.thin();
+        let (low, high) = signals
+            .position
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
+                (l.min(*v), h.max(*v))
+            });
+        signals.range = high - low;
+        signals.dead = dead.min(1e-4 * signals.range);
+        signals.middle = 0.5 * (low + high);
+        signals
+    }
+
+    /// Every so many samples, where there are very many: what models are made of changes slowly.
+    fn thin(&mut self) {
+        const MOST: usize = 40_000;
+        let n = self.time.len();
+        let every = n.div_ceil(MOST);
+        if every <= 1 {
+            return;
+        }
+        let kept: Vec<usize> = (0..n).step_by(every).collect();
+        let pick = |column: &mut Vec<f64>| *column = kept.iter().map(|k| column[*k]).collect();
+        pick(&mut self.time);
+        pick(&mut self.windup);
+        pick(&mut self.position);
+        pick(&mut self.path);
+        pick(&mut self.velocity);
+        pick(&mut self.acceleration);
+        if let Some(torque) = &mut self.torque {
+            pick(torque);
+        }
+        for begin in &mut self.begins {
+            *begin = begin.div_ceil(every);
+        }
+        self.begins.retain(|begin| *begin < kept.len());
+        self.begins.dedup();
+    }
+
+    /// (2.20)-(2.26) with a maximum of one.
+    fn reversal(&self, way: f64) -> Vec<f64> {
+        let model = Reversal { maximum: 1.0, way };
+        let mut state = ReversalState::default();
+        self.histories(|q, begins| {
+            if begins {
+                state = ReversalState::default();
+                model.next(&mut state, 0.0);
+            }
+            model.next(&mut state, q)
+        })
+    }
+
+    /// Deflection of an element over its way.
+    fn element(&self, way: f64) -> Vec<f64> {
+        let (mut share, mut last) = (0.0_f64, 0.0);
+        self.histories(|q, begins| {
+            if begins {
+                (share, last) = (0.0, q);
+            }
+            share = (share + (q - last) / way).clamp(-1.0, 1.0);
+            last = q;
+            share
+        })
+    }
+
+    /// What a model with memory tells along the way since each stretch's beginning.
+    fn histories(&self, mut next: impl FnMut(f64, bool) -> f64) -> Vec<f64> {
+        let mut begin = 0.0;
+        let (mut forward, mut farthest) = (true, 0.0);
+        (0..self.path.len())
+            .map(|k| {
+                let begins = self.begins.binary_search(&k).is_ok();
+                if begins {
+                    begin = self.path[k];
+                    farthest = 0.0;
+                }
+                let q = self.path[k] - begin;
+                // It goes on, or has turned round for certain: the way back is then whole.
+                let back = if forward { farthest - q } else { q - farthest };
+                if back <= 0.0 {
+                    farthest = q;
+                } else if back > 2.0 * self.dead {
+                    forward = !forward;
+                    farthest = q;
+                }
+                next(farthest, begins)
+            })
+            .collect()
+    }
+
+    pub(super) fn columns(&self, parts: Parts, way: f64) -> Vec<(&'static str, Vec<f64>)> {
+        let n = self.time.len();
+        let mut columns = vec![
+            ("offset", vec![1.0; n]),
+            ("time_skew", self.velocity.clone()),
+        ];
+        if parts.reversal {
+            columns.push(("w_max", self.reversal(way)));
+        }
+        if parts.compliance {
+            if let Some(torque) = &self.torque {
+                let cube = torque.iter().map(|t| t.powi(3)).collect();
+                columns.push(("compliance", torque.clone()));
+                columns.push(("cubic_compliance", cube));
+            }
+            // The motor's own inertia takes a part of its torque; without a torque, the load's tells it.
+            columns.push(("inertial_compliance", self.acceleration.clone()));
+        }
+        if parts.ratio {
+            let q: Vec<f64> = self.position.iter().map(|q| q - self.middle).collect();
+            let square = q.iter().map(|q| q * q).collect();
+            columns.push(("ratio_error", q));
+            columns.push(("ratio_change", square));
+        }
+        if parts.memory {
+            columns.extend(
+                WAYS.iter()
+                    .map(|share| ("element", self.element(share * self.range))),
+            );
+        }
+        columns
+    }
+
+    pub(super) fn fit(&self, parts: Parts, way: f64, rows: &[usize]) -> Option<Solution> {
+        let columns = self.columns(parts, way);
+        let pick = |c: &[f64]| -> Vec<f64> { rows.iter().map(|k| c[*k]).collect() };
+        let picked: Vec<Vec<f64>> = columns.iter().map(|(_, c)| pick(c)).collect();
+        let views: Vec<&[f64]> = picked.iter().map(Vec::as_slice).collect();
+        least_squares(&matrix(&views), &pick(&self.windup))
+    }
+
+    pub(super) fn left(&self, parts: Parts, way: f64, values: &[f64]) -> Vec<f64> {
+        let columns = self.columns(parts, way);
+        (0..self.time.len())
+            .map(|k| {
+                let told: f64 = columns.iter().zip(values).map(|((_, c), v)| c[k] * v).sum();
+                self.windup[k] - told
+            })
+            .collect()
+    }
+
+    /// The way `Q` of (2.20) that fits best.
+    pub(super) fn way(&self, parts: Parts, rows: &[usize]) -> f64 {
+        if !parts.reversal {
+            return 0.0;
+        }
+        let squares = |way: f64| {
+            self.fit(parts, way, rows)
+                .map_or(f64::INFINITY, |s| s.left.iter().map(|l| l * l).sum())
+        };
+        let coarse = (0..14)
+            .map(|k| 0.003 * SPACING.powi(k) * self.range)
+            .map(|way| (squares(way), way))
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+            .map_or(self.range, |(_, way)| way);
+        // Between the neighbours of the best by the golden section, in logarithms.
+        let around = (coarse.ln() - SPACING.ln(), coarse.ln() + SPACING.ln());
+        least(around, 1e-4, |x| squares(x.exp())).exp()
+    }
+
+    /// How sure a model's values are, its way (the last) among them, from what it leaves.
+    pub(super) fn uncertainty(&self, parts: Parts, way: f64, whole: &Solution) -> Option<Solution> {
+        const STEP: f64 = 0.02;
+        let names = self.columns(parts, way);
+        let maximum = names.iter().position(|(name, _)| *name == "w_max")?;
+        let size = whole.values[maximum];
+        let (more, less) = (
+            self.reversal(way * (1.0 + STEP)),
+            self.reversal(way * (1.0 - STEP)),
+        );
+        let slope: Vec<f64> = more
+            .iter()
+            .zip(&less)
+            .map(|(a, b)| size * (a - b) / (2.0 * STEP * way))
+            .collect();
+        let mut columns: Vec<&[f64]> = names.iter().map(|(_, c)| &c[..]).collect();
+        columns.push(&slope);
+        least_squares(&matrix(&columns), &whole.left)
+    }
+}
+
+/// A column filtered both ways, turned over at its ends for so long that the filter has settled where it begins:
+/// one that has not makes motions of its own, which wind up.
+fn settled(filter: &Lowpass, column: &[f64]) -> Vec<f64> {
+    const LONG: usize = 200;
+    let n = column.len();
+    let long = LONG.min(n - 1);
+    let (first, last) = (column[0], column[n - 1]);
+    let before = (1..=long).rev().map(|k| 2.0 * first - column[k]);
+    let behind = (1..=long).map(|k| 2.0 * last - column[n - 1 - k]);
+    let whole: Vec<f64> = before.chain(column.iter().copied()).chain(behind).collect();
+    filter.both_ways(&whole)[long..long + n].to_vec()
+}
+
+/// A column between its samples, by the cubic through four of them.
+pub(super) fn at(column: &[f64], place: f64) -> f64 {
+    let n = column.len().cast_signed();
+    let k = (place.floor() as isize).clamp(0, n - 1);
+    let f = place - k as f64;
+    let v = |i: isize| column[(k + i).clamp(0, n - 1).cast_unsigned()];
+    let (a, b, c, d) = (v(-1), v(0), v(1), v(2));
+    let slope0 = 0.5 * (c - a);
+    let slope1 = 0.5 * (d - b);
+    let (p, q) = (c - b - slope0, slope1 - slope0);
+    let f = f.clamp(0.0, 1.0);
+    b + f * (slope0 + f * (3.0 * p - q + f * (q - 2.0 * p)))
+}

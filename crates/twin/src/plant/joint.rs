@@ -1,0 +1,224 @@
+//! One joint of a `plant.toml`: motor, transmission and friction, and a specimen of them.
+
+use super::{Variation, factor};
+use crate::unrest::UnrestPlant;
+use pigtail_hal::quantity;
+use pigtail_model::Invalid;
+use pigtail_model::friction::Friction;
+use pigtail_model::joint::JointParameters;
+use pigtail_model::motor::Motor;
+use pigtail_model::transmission::Transmission;
+use rand::RngExt;
+use serde::Deserialize;
+
+/// The parameters of (2.1)-(2.13) for one joint, without the gear ratio of the datasheet.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct JointPlant {
+    /// `J_m`, kg m^2.
+    #[serde(deserialize_with = "quantity::positive_inertia")]
+    pub motor_inertia: f64,
+    /// `J_l`, kg m^2.
+    #[serde(deserialize_with = "quantity::positive_inertia")]
+    pub load_inertia: f64,
+    /// The law of load friction.
+    #[serde(default)]
+    pub friction: LoadLaw,
+    /// Velocity above which `lugre` friction falls from its static to its Coulomb level, `v_s`, rad/s.
+    #[serde(default = "stribeck", deserialize_with = "quantity::positive_rotation")]
+    pub stribeck: f64,
+    /// `q_p` under `coulomb-presliding`, `q_0` under `maxwell-slip` and `lugre`, radians.
+    #[serde(deserialize_with = "quantity::non_negative_angle")]
+    pub presliding: f64,
+    /// Constant torque on the load by a preloading spring (thesis 2.4.2), N m.
+    #[serde(deserialize_with = "quantity::torque")]
+    pub preload: f64,
+    /// The motor.
+    pub motor: MotorPlant,
+    /// The transmission.
+    pub transmission: TransmissionPlant,
+    /// Friction on the motor.
+    pub motor_friction: FrictionPlant,
+    /// Friction on the load.
+    pub load_friction: FrictionPlant,
+    /// How friction departs from what it is at first.
+    #[serde(default)]
+    pub unrest: UnrestPlant,
+}
+
+/// A law of load friction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LoadLaw {
+    /// The thesis's: a rigid hold up to the static level, presliding in front of it.
+    #[default]
+    CoulombPresliding,
+    /// Maxwell-slip elements that rise to the Coulomb level along an exponential.
+    MaxwellSlip,
+    /// A bristle that rises to the static level along an exponential; the level falls with speed.
+    #[serde(rename = "lugre")]
+    LuGre,
+}
+
+fn stribeck() -> f64 {
+    0.01
+}
+
+/// A motor.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MotorPlant {
+    /// `k_m`, N m/A.
+    #[serde(deserialize_with = "quantity::positive_torque_constant")]
+    pub torque_constant: f64,
+    /// `k_b`, V s/rad.
+    #[serde(deserialize_with = "quantity::positive_back_emf")]
+    pub back_emf: f64,
+    /// `R`, ohm.
+    #[serde(deserialize_with = "quantity::positive_resistance")]
+    pub resistance: f64,
+}
+
+/// A transmission.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TransmissionPlant {
+    /// `k_s`, N m/rad.
+    #[serde(deserialize_with = "quantity::positive_stiffness")]
+    pub linear: f64,
+    /// `k_h`, N m/rad^3.
+    #[serde(deserialize_with = "quantity::non_negative_hardening")]
+    pub cubic: f64,
+    /// How far its stiffness rises as it hardens, relative to `k_s`; without it (2.6), without end.
+    #[serde(default = "endless", deserialize_with = "quantity::one_or_more")]
+    pub bound: f64,
+}
+
+fn endless() -> f64 {
+    f64::INFINITY
+}
+
+impl TransmissionPlant {
+    /// The spring, so many times as stiff.
+    fn spring(&self, factor: f64) -> Result<Transmission, Invalid> {
+        let spring = Transmission::new(factor * self.linear, factor * self.cubic)?;
+        if self.bound.is_finite() {
+            spring.bounded(self.bound)
+        } else {
+            Ok(spring)
+        }
+    }
+}
+
+/// Friction on one body.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(try_from = "FrictionKeys")]
+pub struct FrictionPlant(Friction);
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct FrictionKeys {
+    /// Torque up to which it holds what is at rest, N m; at least the Coulomb level.
+    #[serde(rename = "static", deserialize_with = "quantity::non_negative_torque")]
+    fixed: f64,
+    /// Torque against what moves, N m.
+    #[serde(deserialize_with = "quantity::non_negative_torque")]
+    coulomb: f64,
+    /// Torque for each rad/s, N m s/rad.
+    #[serde(deserialize_with = "quantity::non_negative_damping")]
+    viscous: f64,
+}
+
+impl TryFrom<FrictionKeys> for FrictionPlant {
+    type Error = String;
+
+    fn try_from(keys: FrictionKeys) -> Result<Self, String> {
+        Friction::new(keys.fixed, keys.coulomb, keys.viscous)
+            .map(Self)
+            .map_err(|_| {
+                format!(
+                    "static friction {} N m is below Coulomb friction {} N m; accepted is a static \
+                 friction of at least the Coulomb friction",
+                    keys.fixed, keys.coulomb
+                )
+            })
+    }
+}
+
+impl FrictionPlant {
+    /// The same friction, `by` times as high.
+    ///
+    /// # Errors
+    ///
+    /// When `by` is negative or not finite.
+    pub fn times(self, by: f64) -> Result<Self, Invalid> {
+        self.scaled(by).map(Self)
+    }
+
+    /// Static level, N m.
+    pub fn static_level(self) -> f64 {
+        self.0.static_level()
+    }
+
+    /// Coulomb level, N m.
+    pub fn coulomb(self) -> f64 {
+        self.0.coulomb()
+    }
+
+    /// Torque for each rad/s, N m s/rad.
+    pub fn viscous(self) -> f64 {
+        self.0.viscous()
+    }
+
+    fn scaled(self, by: f64) -> Result<Friction, Invalid> {
+        self.0.scaled(by)
+    }
+}
+
+impl JointPlant {
+    /// The joint as it is written, behind a gear of `ratio` output turns a motor turn.
+    ///
+    /// # Errors
+    ///
+    /// When a parameter is out of range.
+    pub fn nominal(&self, ratio: f64) -> Result<JointParameters, Invalid> {
+        let motor = &self.motor;
+        Ok(JointParameters {
+            motor_inertia: self.motor_inertia,
+            load_inertia: self.load_inertia,
+            ratio,
+            motor: Motor::new(motor.torque_constant, motor.back_emf, motor.resistance)?,
+            transmission: self.transmission.spring(1.0)?,
+            motor_friction: self.motor_friction.0,
+            load_friction: self.load_friction.0,
+            presliding: self.presliding,
+            load_torque: self.preload,
+        })
+    }
+
+    /// A specimen of this joint behind a gear of `ratio` output turns a motor turn.
+    pub(crate) fn draw(
+        &self,
+        ratio: f64,
+        variation: &Variation,
+        rng: &mut impl RngExt,
+    ) -> Result<JointParameters, Invalid> {
+        let mut vary = |value: f64, half_range: f64| value * factor(rng, half_range);
+        let stiffness = vary(1.0, variation.stiffness);
+        Ok(JointParameters {
+            motor_inertia: vary(self.motor_inertia, variation.inertia),
+            load_inertia: vary(self.load_inertia, variation.inertia),
+            ratio,
+            motor: Motor::new(
+                vary(self.motor.torque_constant, variation.motor),
+                vary(self.motor.back_emf, variation.motor),
+                vary(self.motor.resistance, variation.motor),
+            )?,
+            transmission: self.transmission.spring(stiffness)?,
+            motor_friction: self.motor_friction.scaled(vary(1.0, variation.friction))?,
+            load_friction: self.load_friction.scaled(vary(1.0, variation.friction))?,
+            presliding: vary(self.presliding, variation.stiffness),
+            load_torque: self.preload,
+        })
+    }
+}
