@@ -3,7 +3,8 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup, Source};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Source};
+use pigtail_session::setup::Setup;
 use std::sync::LazyLock;
 
 static GOOD: LazyLock<Vec<Source>> = LazyLock::new(|| {

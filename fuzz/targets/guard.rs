@@ -5,7 +5,8 @@
 use arbitrary::Arbitrary;
 use libfuzzer_sys::fuzz_target;
 use pigtail_session::guarded::guarded;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use pigtail_session::setup::Setup;
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::{Command, FiberHandling, Machine};
 use pigtail_twin::Twin;

@@ -3,29 +3,31 @@
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use pigtail_evaluate::impulse::response::map;
-use pigtail_evaluate::impulse::run::{Task, believed, run};
+use pigtail_evaluate::impulse::run::{Task, run};
 use pigtail_evaluate::impulse::shapes::{Effort, study};
-use pigtail_session::characterize::on_twin;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use pigtail_session::impulse::believed;
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use pigtail_session::setup::Setup;
 use std::hint::black_box;
 
 fn impulse(c: &mut Criterion) {
     let setup = Setup::load(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME).expect("the rig is well");
     let at = "z".parse().expect("an axis");
-    let belief = believed(&setup, at).expect("the rig is calibrated");
+    let belief = believed(&setup.rig, at).expect("the rig is calibrated");
     let mut group = c.benchmark_group("impulse");
 
     // Its readings and the dither make most of it.
     let impulses = belief.impulses(at, 25);
     let pulse = belief.shape().pulse(1.5 * belief.unit, true);
-    on_twin(&setup, 1, |station| {
-        impulses.begin(station)?;
-        group.bench_function("one pulse on z, measured and relaxed", |b| {
-            b.iter(|| black_box(impulses.respond(station, pulse)).expect("no fault"));
-        });
-        Ok(())
-    })
-    .expect("no fault");
+    setup
+        .experiment(1, |station| {
+            impulses.begin(station)?;
+            group.bench_function("one pulse on z, measured and relaxed", |b| {
+                b.iter(|| black_box(impulses.respond(station, pulse)).expect("no fault"));
+            });
+            Ok(())
+        })
+        .expect("no fault");
 
     group.sample_size(10);
     group.bench_function("map over both harmonics on z", |b| {

@@ -4,12 +4,13 @@
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use pigtail_control::station::{Station, Unobserved};
+use pigtail_evaluate::align::align;
 use pigtail_hal::{Command, Machine, Volts};
 use pigtail_machines::Recorder;
-use pigtail_session::align::align;
 use pigtail_session::guarded::guarded;
 use pigtail_session::procedure::Procedure;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use pigtail_session::setup::Setup;
 use pigtail_twin::Twin;
 use std::hint::black_box;
 
@@ -18,7 +19,7 @@ const CYCLES: u32 = 2500;
 
 fn machine(c: &mut Criterion) {
     let setup = Setup::load(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME).expect("the rig is well");
-    let twin = |seed| Twin::new(setup.spec.clone(), &setup.plant, seed).expect("a good plant");
+    let twin = |seed| Twin::new(setup.rig.spec.clone(), &setup.plant, seed).expect("a good plant");
     let mut group = c.benchmark_group("machine");
 
     group.throughput(Throughput::Elements(u64::from(CYCLES)));
@@ -50,10 +51,10 @@ fn machine(c: &mut Criterion) {
         let cycles = {
             let mut machine = twin(1);
             let mut unobserved = Unobserved;
-            let mut station =
-                Station::new(&mut machine, &setup.calibration, &mut unobserved).expect("no fault");
-            procedure.run(&mut station, &setup.recipe);
-            station.time() * setup.spec.servo.rate
+            let mut station = Station::new(&mut machine, &setup.rig.calibration, &mut unobserved)
+                .expect("no fault");
+            procedure.run(&mut station, &setup.rig.recipe);
+            station.time() * setup.rig.spec.servo.rate
         };
         group.throughput(Throughput::Elements(cycles as u64));
         group.bench_function(name, |b| {
@@ -63,17 +64,17 @@ fn machine(c: &mut Criterion) {
 
     // The same machine time by the twin alone, with the guard, and with guard and recorder.
     let seconds = 20.0;
-    let cycles = (seconds * setup.spec.servo.rate) as u64;
+    let cycles = (seconds * setup.rig.spec.servo.rate) as u64;
     group.throughput(Throughput::Elements(cycles));
     let holding = |machine: &mut dyn Machine| {
         let mut unobserved = Unobserved;
         let mut station =
-            Station::new(machine, &setup.calibration, &mut unobserved).expect("no fault");
+            Station::new(machine, &setup.rig.calibration, &mut unobserved).expect("no fault");
         station.run(black_box(seconds)).expect("no fault");
     };
     group.bench_function("20 s held", |b| b.iter(|| holding(&mut twin(1))));
     group.bench_function("20 s held, guarded", |b| {
-        b.iter(|| holding(&mut guarded(twin(1), &setup)));
+        b.iter(|| holding(&mut guarded(twin(1), &setup.rig)));
     });
     group.bench_function("20 s held, guarded and recorded", |b| {
         let folder = tempfile::tempdir().expect("a folder");
@@ -82,8 +83,12 @@ fn machine(c: &mut Criterion) {
             run += 1;
             let path = folder.path().join(run.to_string());
             let mut recorder = Recorder::new(twin(1), &path, b"").expect("a new file");
-            holding(&mut guarded(&mut recorder, &setup));
-            recorder.finish().wait().expect("a disk with room");
+            holding(&mut guarded(&mut recorder, &setup.rig));
+            recorder
+                .finish()
+                .expect("a record")
+                .wait()
+                .expect("a disk with room");
         });
     });
     group.finish();

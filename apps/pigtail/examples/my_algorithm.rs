@@ -17,7 +17,8 @@ use pigtail_control::recipe::Recipe;
 use pigtail_control::station::Station;
 use pigtail_evaluate::benchmark::{ALGORITHMS, Algorithm, run};
 use pigtail_report::benchmark_table;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use pigtail_session::setup::Setup;
 
 /// Devices, from this seed on.
 const DEVICES: u64 = 20;

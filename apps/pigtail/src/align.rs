@@ -5,22 +5,21 @@ use crate::common::{Common, OwnAxes, write_table};
 use crate::methods::{self, MethodArguments};
 use crate::phases::Phases;
 use crate::progress::Progress;
+use crate::running;
 use crate::scan::{self, MapArguments};
-use crate::stop;
-use crate::{DONE, FAULT, Failure, NEGATIVE, stopped};
+use crate::{DONE, FAULT, Failure, NEGATIVE};
 use clap::Args;
 use pigtail_control::station::{Observer, Sample};
+use pigtail_evaluate::align::{Document, align};
 use pigtail_evaluate::entry;
 use pigtail_report as report;
-use pigtail_session::align::{AlignError, Document, Kept, Unkept, align_kept};
 use pigtail_session::faults::Faults;
 use pigtail_session::own::Own;
 use pigtail_session::procedure::Procedure;
-use pigtail_session::record::Record;
-use pigtail_session::replay::RECORD;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, Setup};
+use pigtail_session::rig::DEFAULT_RECIPE_NAME;
+use pigtail_session::samples::Record;
 use pigtail_session::scenario::Scenario;
-use pigtail_store::runs::Run;
+use pigtail_session::setup::Setup;
 use pigtail_twin::faults::{Injection, Kind};
 use std::io::{self, Write};
 
@@ -134,43 +133,27 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         return methods::run(method, &arguments.method, &arguments.common, &setup);
     }
     let seed = arguments.common.seed;
-    let run = Run::begin(&arguments.common.runs, "align", seed, &setup.hashes)?;
+    setup.options.real_time = arguments.real_time;
+    let (runs, recorded) = (&arguments.common.runs, !arguments.no_record);
+    let run = running::begin(&mut setup, runs, "align", seed, recorded)?;
     run.devices(&entry::devices(&setup, arguments.procedure, seed, 1))?;
-    let full = setup.spec.photodiode.range;
+    let full = setup.rig.spec.photodiode.range;
     let mut watcher = Watcher {
         record: Record::default(),
         progress: Progress::new(full),
         phases: Phases::of(&run),
     };
-    let kept = Kept {
-        record: (!arguments.no_record).then(|| run.partial_path(RECORD)),
-        stop: stop::on_signal()?,
-        real_time: arguments.real_time,
-    };
-    let ended = align_kept(&setup, arguments.procedure, seed, &mut watcher, &kept);
+    let ended = align(&setup, arguments.procedure, seed, &mut watcher);
     watcher.progress.finish();
     let record = &watcher.record;
-    let (mut document, closing) = match ended {
-        Ok(ended) => ended,
-        Err(Unkept::Twin(error)) => {
-            return Err(stopped(
-                &run,
-                AlignError::from(error),
-                &arguments.common.rig,
-            ));
-        }
-        Err(Unkept::Record(error)) => return Err(Failure::Other(error.into())),
-    };
+    let mut document = ended.map_err(|ended| running::stopped(&run, &setup, ended))?;
     watcher.phases.all_entered()?;
     document.report = run.path("report.html").display().to_string();
     // The record goes on to the disk meanwhile.
     run.write_json("summary.json", &document)?;
     run.write("samples.csv", record.csv())?;
     run.write("report.html", report::alignment(&setup, &document, record)?)?;
-    if let Some(closing) = closing {
-        let written = closing.wait().map_err(anyhow::Error::from)?;
-        run.wrote(RECORD, written.bytes, &written.sha256);
-    }
+    running::close_records(&run, &setup)?;
     run.aligned(&entry::aligned(&document))?;
     match &document.fault {
         Some(fault) => run.fault(fault)?,

@@ -2,15 +2,15 @@
 
 use crate::choice::choice;
 use crate::common::{Common, write_table};
-use crate::{DONE, Failure, failure};
+use crate::running::{self, stopped};
+use crate::{DONE, Failure};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use pigtail_evaluate::benchmark::{ALGORITHMS, Algorithm, Document, run as compare};
 use pigtail_report as report;
-use pigtail_session::align::AlignError;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, Setup};
+use pigtail_session::rig::DEFAULT_RECIPE_NAME;
 use pigtail_session::scenario::Scenario;
-use pigtail_store::runs::Run;
+use pigtail_session::setup::Setup;
 use std::io::{self, Write};
 
 /// Compare alignment algorithms on the same devices
@@ -55,7 +55,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         .filter(|algorithm| asked.is_empty() || asked.iter().any(|name| name == algorithm.name))
         .copied()
         .collect();
-    let run = Run::begin(&common.runs, "benchmark", common.seed, &setup.hashes)?;
+    let run = running::begin(&mut setup, &common.runs, "benchmark", common.seed, false)?;
     let bar = ProgressBar::new(arguments.devices * algorithms.len() as u64);
     if let Ok(style) = ProgressStyle::with_template("benchmark [{bar:20}] {percent} % {msg}") {
         bar.set_style(style.progress_chars("=> "));
@@ -65,10 +65,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         bar.inc(1);
     };
     let mut measured = compare(&setup, &algorithms, common.seed, arguments.devices, &done)
-        .map_err(|error| {
-            run.abandon();
-            failure(AlignError::Twin(error), &common.rig)
-        })?;
+        .map_err(|ended| stopped(&run, &setup, ended))?;
     bar.finish_and_clear();
     measured.document.report = run.path("report.html").display().to_string();
     run.write_json("summary.json", &measured.document)?;

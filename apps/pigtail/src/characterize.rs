@@ -1,19 +1,22 @@
 //! `pigtail characterize`.
 
 use crate::common::{Common, OwnAxes, write_table};
-use crate::{DONE, Failure, stopped};
+use crate::running::{self, stopped};
+use crate::{DONE, Failure};
 use clap::{Args, ValueEnum};
+use pigtail_control::station::Unobserved;
 use pigtail_evaluate::impulse::contest::{Document as Contest, contest};
-use pigtail_evaluate::impulse::response::{Form, MACHINES, kind_of, response};
+use pigtail_evaluate::impulse::response::{Form, MACHINES, response};
 use pigtail_evaluate::impulse::shapes::Effort;
 use pigtail_evaluate::loops::windup;
 use pigtail_hal::{Axis, AxisName, Error};
 use pigtail_report as report;
-use pigtail_session::characterize::{
-    ExperimentError, follow_sine, frequency, metres_per_count, on_twin, resolution, step,
-};
+use pigtail_session::characterize::{Frequency, Resolution, Sine, Step, metres_per_count};
+use pigtail_session::impulse::kind_of;
+use pigtail_session::job::Ended;
 use pigtail_session::own::Own;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, Setup};
+use pigtail_session::rig::DEFAULT_RECIPE_NAME;
+use pigtail_session::setup::Setup;
 use pigtail_session::tune::step_of;
 use pigtail_store::runs::Run;
 use serde::Serialize;
@@ -158,8 +161,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let at = arguments.axis;
     let own = Own::read(&arguments.own.from)?;
     own.concerns(at.axis)?;
-    let setup = Setup::load_with(&arguments.common.rig, DEFAULT_RECIPE_NAME, &own, true)?;
-    let range = setup.range_counts(at.axis);
+    let mut setup = Setup::load_with(&arguments.common.rig, DEFAULT_RECIPE_NAME, &own, true)?;
+    let range = setup.rig.range_counts(at.axis);
     if let Some(size) = arguments.size.filter(|size| *size as f64 > 0.4 * range) {
         let message = format!(
             "{size} counts are beyond the axis's range; accepted is at most {:.0}",
@@ -169,30 +172,28 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     if let Some(hertz) = arguments
         .frequency
-        .filter(|f| *f > 0.2 * setup.spec.servo.rate)
+        .filter(|f| *f > 0.2 * setup.rig.spec.servo.rate)
     {
         let message = format!(
             "{hertz} Hz is too fast for the servo; accepted is at most {} Hz",
-            0.2 * setup.spec.servo.rate
+            0.2 * setup.rig.spec.servo.rate
         );
         return Err(Error::new("--frequency", "", message).into());
     }
     check_pulses(arguments)?;
-    let run = Run::begin(
-        &arguments.common.runs,
-        &format!("characterize {at}"),
-        arguments.common.seed,
-        &setup.hashes,
-    )?;
+    let (runs, seed) = (&arguments.common.runs, arguments.common.seed);
+    // What takes many machines is no experiment on one that could be recorded.
+    let recorded = !matches!(arguments.what, What::Windup | What::Impulse);
+    let kind = format!("characterize {at}");
+    let run = running::begin(&mut setup, runs, &kind, seed, recorded)?;
     let done = match arguments.what {
         What::Windup => on_variants(arguments, &setup),
         What::Impulse if arguments.shapes => shapes(arguments, &setup),
         What::Impulse => pulses(arguments, &setup, &run),
-        _ => on_twin(&setup, arguments.common.seed, |station| {
-            experiment(arguments, &setup, station)
-        }),
+        _ => experiment(arguments, &setup),
     }
-    .map_err(|error| stopped(&run, error, &arguments.common.rig))??;
+    .map_err(|ended| stopped(&run, &setup, ended))??;
+    running::close_records(&run, &setup)?;
     run.write("summary.json", format!("{}\n", done.json))?;
     run.write("report.html", done.html)?;
     let report = run.path("report.html").display().to_string();
@@ -206,21 +207,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     Ok(DONE)
 }
 
-type Experiment = Result<anyhow::Result<Outcome>, ExperimentError>;
+type Experiment = Result<anyhow::Result<Outcome>, Ended>;
 
-fn experiment(
-    arguments: &Arguments,
-    setup: &Setup,
-    station: &mut pigtail_control::station::Station,
-) -> Experiment {
-    let at = arguments.axis;
-    let usual = step_of(setup, at.axis);
+fn experiment(arguments: &Arguments, setup: &Setup) -> Experiment {
+    let (at, seed) = (arguments.axis, arguments.common.seed);
+    let usual = step_of(&setup.rig, at.axis);
     let mut text = String::new();
     Ok(match arguments.what {
         // Those that take machines of their own are not asked here.
         What::Windup | What::Impulse => return on_variants(arguments, setup),
         What::Step => {
-            let (d, trace) = step(station, at, arguments.size.unwrap_or(usual))?;
+            let size = arguments.size.unwrap_or(usual);
+            let (d, trace) = setup.run(&Step { at, size }, seed, &mut Unobserved)?;
             let _ = writeln!(
                 text,
                 "{at}: step of {} counts: rise {:.1} ms, settling {:.1} ms, overshoot {:.1} %",
@@ -233,7 +231,12 @@ fn experiment(
                 .frequency
                 .unwrap_or(if at.axis == Axis::Z { 8.0 } else { 10.0 });
             let amplitude = arguments.size.unwrap_or(usual / 4) as f64;
-            let (d, trace) = follow_sine(station, setup, at, hertz, amplitude)?;
+            let job = Sine {
+                at,
+                frequency: hertz,
+                amplitude,
+            };
+            let (d, trace) = setup.run(&job, seed, &mut Unobserved)?;
             let _ = writeln!(
                 text,
                 "{at}: sine of {hertz} Hz, {amplitude} counts: gain {:.4}, phase {:.2} deg at the \
@@ -243,11 +246,12 @@ fn experiment(
             if let (Some(gain), Some(phase)) = (d.output_gain, d.output_phase_deg) {
                 let _ = writeln!(text, "  gain {gain:.4}, phase {phase:.2} deg at the output");
             }
-            let scale = metres_per_count(setup, at.axis).ok();
+            let scale = metres_per_count(&setup.rig, at.axis).ok();
             report::sine(&d, &trace, scale).and_then(|html| result(&d, text, html))
         }
         What::Resolution => {
-            let rows = resolution(station, setup, at, arguments.steps)?;
+            let steps = arguments.steps;
+            let rows = setup.run(&Resolution { at, steps }, seed, &mut Unobserved)?;
             for (row, _) in &rows {
                 let _ = writeln!(
                     text,
@@ -268,7 +272,12 @@ fn experiment(
         }
         What::Frequency => {
             let amplitude = arguments.size.unwrap_or(usual / 20) as f64;
-            let (d, responses) = frequency(station, setup, at, amplitude, arguments.common.seed)?;
+            let job = Frequency {
+                at,
+                amplitude,
+                seed,
+            };
+            let (d, responses) = setup.run(&job, seed, &mut Unobserved)?;
             let hertz = |f: Option<f64>| f.map_or_else(|| "-".to_owned(), |f| format!("{f:.1} Hz"));
             let _ = writeln!(
                 text,
@@ -289,7 +298,9 @@ fn pulses(arguments: &Arguments, setup: &Setup, run: &Run) -> Experiment {
         response(setup, at, &form(arguments), MACHINES, arguments.common.seed)?;
     let origin = format!("characterize {at} impulse, run {}", run.name());
     let table = format!("impulse.{}", kind_of(at));
-    let written = setup.write_calibration(&table, &found.table(&run.date(), &origin))?;
+    let written = setup
+        .rig
+        .write_calibration(&table, &found.table(&run.date(), &origin))?;
     if let Err(error) = run.calibrated(written.as_deref(), &table) {
         return Ok(Err(error));
     }

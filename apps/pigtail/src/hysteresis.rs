@@ -2,7 +2,8 @@
 
 use crate::choice::choice;
 use crate::common::Common;
-use crate::{DONE, Failure, stopped};
+use crate::running::{self, stopped};
+use crate::{DONE, Failure};
 use clap::Args;
 use pigtail_evaluate::hysteresis::{self as machine, MachineDocument, MicrosDocument};
 use pigtail_hal::Error;
@@ -12,7 +13,8 @@ use pigtail_records::hysteresis::{
     voltages_of,
 };
 use pigtail_report as report;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, Setup};
+use pigtail_session::rig::DEFAULT_RECIPE_NAME;
+use pigtail_session::setup::Setup;
 use pigtail_store::runs::Run;
 use rayon::prelude::*;
 use std::fmt::Write as _;
@@ -161,8 +163,8 @@ pub(crate) fn identify(arguments: &IdentifyArguments) -> Result<u8, Failure> {
 
 fn on_machine(arguments: &IdentifyArguments) -> Result<u8, Failure> {
     let common = &arguments.common;
-    let setup = Setup::load(&common.rig, DEFAULT_RECIPE_NAME)?;
-    let run = Run::begin(&common.runs, KIND, common.seed, &setup.hashes)?;
+    let mut setup = Setup::load(&common.rig, DEFAULT_RECIPE_NAME)?;
+    let run = running::begin(&mut setup, &common.runs, KIND, common.seed, true)?;
     let sides = arguments.side.sides().par_iter();
     let found: Vec<_> = sides
         .map(|side| machine::identify(&setup, arguments.model, *side, common.seed))
@@ -170,7 +172,7 @@ fn on_machine(arguments: &IdentifyArguments) -> Result<u8, Failure> {
     let found = found
         .into_iter()
         .collect::<Result<Vec<_>, _>>()
-        .map_err(|error| stopped(&run, error, &common.rig))?;
+        .map_err(|error| stopped(&run, &setup, error))?;
     let report = run.path("report.html").display().to_string();
     let mut documents = Vec::with_capacity(found.len());
     for found in &found {
@@ -191,6 +193,7 @@ fn on_machine(arguments: &IdentifyArguments) -> Result<u8, Failure> {
         return Err(anyhow::anyhow!("there is no micro to identify").into());
     };
     run.write_json("summary.json", &document)?;
+    running::close_records(&run, &setup)?;
     run.finish("done")?;
     let text = if common.json {
         let json = serde_json::to_string(&document).map_err(anyhow::Error::from)?;
@@ -211,7 +214,7 @@ fn calibrate(
 ) -> Result<String, Failure> {
     let file = format!("hysteresis-{}.json", document.side);
     let table = format!("hysteresis.{}", document.side);
-    let beside = setup.write_beside_calibration(&file, weights)?;
+    let beside = setup.rig.write_beside_calibration(&file, weights)?;
     run.calibrated(beside.as_deref(), &table)?;
     if beside.is_none() {
         return Ok(String::new());
@@ -227,7 +230,7 @@ fn calibrate(
         ("date", toml_edit::value(run.date())),
         ("origin", toml_edit::value(origin)),
     ];
-    let written = setup.write_calibration(&table, &values)?;
+    let written = setup.rig.write_calibration(&table, &values)?;
     run.calibrated(written.as_deref(), &table)?;
     Ok(written.unwrap_or_default())
 }

@@ -2,13 +2,15 @@
 
 use crate::choice::choice;
 use crate::common::Common;
-use crate::{DONE, Failure, stopped};
+use crate::running::{self, stopped};
+use crate::{DONE, Failure};
 use clap::{Args, Subcommand};
+use pigtail_control::station::Unobserved;
 use pigtail_hal::{Axis, AxisName};
 use pigtail_report as report;
-use pigtail_session::characterize::on_twin;
-use pigtail_session::identify::{Document, Identified, Model, windup};
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, Setup};
+use pigtail_session::identify::{Document, Identified, IdentifyWindup, Model};
+use pigtail_session::rig::DEFAULT_RECIPE_NAME;
+use pigtail_session::setup::Setup;
 use pigtail_store::runs::Run;
 use std::fmt::Write as _;
 
@@ -81,23 +83,23 @@ fn run_windup(arguments: &WindupArguments) -> Result<u8, Failure> {
         let common = &arguments.common;
         return crate::records::windup(&arguments.record, common.json, &common.runs);
     };
-    let setup = Setup::load(&arguments.common.rig, DEFAULT_RECIPE_NAME)?;
-    let run = Run::begin(
-        &arguments.common.runs,
-        "identify windup",
-        arguments.common.seed,
-        &setup.hashes,
-    )?;
-    let mut identified = on_twin(&setup, arguments.common.seed, |station| {
-        windup(station, &setup, at, arguments.model, arguments.common.seed)
-    })
-    .map_err(|error| stopped(&run, error, &arguments.common.rig))?;
+    let mut setup = Setup::load(&arguments.common.rig, DEFAULT_RECIPE_NAME)?;
+    let (runs, seed) = (&arguments.common.runs, arguments.common.seed);
+    let run = running::begin(&mut setup, runs, "identify windup", seed, true)?;
+    let job = IdentifyWindup {
+        at,
+        model: arguments.model,
+        seed,
+    };
+    let mut identified = setup
+        .run(&job, seed, &mut Unobserved)
+        .map_err(|ended| stopped(&run, &setup, ended))?;
     identified.document.report = run.path("report.html").display().to_string();
     if !arguments.dry_run {
         let kind = if at.axis == Axis::Z { "z" } else { "five_bar" };
         let values = table(&identified, at, &run);
         let entry = format!("windup.{kind}");
-        let written = setup.write_calibration(&entry, &values)?;
+        let written = setup.rig.write_calibration(&entry, &values)?;
         run.calibrated(written.as_deref(), &entry)?;
         identified.document.calibration = written.unwrap_or_default();
     }
@@ -109,6 +111,7 @@ fn run_windup(arguments: &WindupArguments) -> Result<u8, Failure> {
     } else {
         account(&identified.document)
     };
+    running::close_records(&run, &setup)?;
     run.finish("done")?;
     crate::print(text.as_bytes())?;
     Ok(DONE)

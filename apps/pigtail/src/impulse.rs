@@ -2,18 +2,20 @@
 
 use crate::choice::choice;
 use crate::common::write_table;
-use crate::{DONE, Failure, NEGATIVE, stopped};
+use crate::running::{self, stopped};
+use crate::{DONE, Failure, NEGATIVE};
 use clap::Args;
 use pigtail_evaluate::impulse::condition::Condition;
 use pigtail_evaluate::impulse::run::{
-    Campaign, CampaignRow, Document, Estimator, Task, check, compare, resolution, run as run_one,
-    runs, stability, summary, tolerance,
+    Campaign, CampaignRow, Document, Task, check, compare, resolution, run as run_one, runs,
+    stability, summary, tolerance,
 };
 use pigtail_hal::{Axis, AxisName, Error};
 use pigtail_report as report;
-use pigtail_session::characterize::ExperimentError;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
-use pigtail_store::runs::Run;
+use pigtail_session::impulse::Estimator;
+use pigtail_session::job::Ended;
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use pigtail_session::setup::Setup;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
@@ -86,9 +88,9 @@ const LONGEST_REST: f64 = 10_000.0;
 const COMPARED: u64 = 100;
 
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    let setup = Setup::load(&arguments.rig, DEFAULT_RECIPE_NAME)?;
+    let mut setup = Setup::load(&arguments.rig, DEFAULT_RECIPE_NAME)?;
     let at = arguments.axis;
-    let period = 1e3 * setup.spec.period();
+    let period = 1e3 * setup.rig.spec.period();
     if let Some(rest) = arguments
         .rest_ms
         .filter(|ms| !(period..=LONGEST_REST).contains(ms))
@@ -107,15 +109,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     task.rest = arguments.rest_ms.map(|ms| 1e-3 * ms);
     check(&setup, &task)?;
     let kind = format!("impulse {at}");
-    let run = Run::begin(&arguments.into, &kind, arguments.seed, &setup.hashes)?;
+    let (seed, recorded) = (arguments.seed, arguments.runs.is_none());
+    let run = running::begin(&mut setup, &arguments.into, &kind, seed, recorded)?;
     let done = match arguments.runs {
         None => single(arguments, &setup, &task),
         Some(count) => campaign(arguments, &setup, &task, count),
     };
-    let done = done.map_err(|error| stopped(&run, error, &arguments.rig))??;
+    let done = done.map_err(|error| stopped(&run, &setup, error))??;
     run.write("summary.json", format!("{}\n", done.json))?;
     run.write("report.html", done.html)?;
     let report = run.path("report.html").display().to_string();
+    running::close_records(&run, &setup)?;
     run.finish(if done.code == DONE {
         "done"
     } else {
@@ -138,11 +142,16 @@ struct Done {
     code: u8,
 }
 
-type Experiment = Result<anyhow::Result<Done>, ExperimentError>;
+type Experiment = Result<anyhow::Result<Done>, Ended>;
 
 fn single(arguments: &Arguments, setup: &Setup, task: &Task) -> Experiment {
     let seed = arguments.seed;
     let document = run_one(setup, task, seed)?;
+    // The one that was asked for is recorded, not what it is compared with.
+    let setup = &Setup {
+        records: None,
+        ..setup.clone()
+    };
     // From four sides, by the thesis's law at its rate, and as asked for (Fig. 4.22).
     let mut sides = Vec::new();
     for (estimator, rest) in [

@@ -19,6 +19,7 @@ mod progress;
 mod records;
 mod reproduce;
 mod rig;
+mod running;
 mod runs;
 mod scan;
 mod simulate;
@@ -28,10 +29,9 @@ mod tune;
 mod twin;
 
 use clap::{CommandFactory, Parser, Subcommand};
+use pigtail_control::outcome::Outcome;
 use pigtail_hal::{Error, Fault};
-use pigtail_session::align::AlignError;
-use pigtail_session::characterize::ExperimentError;
-use pigtail_store::runs::Run;
+use pigtail_session::job::Ended;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
@@ -95,8 +95,21 @@ enum Failure {
     Input(#[from] Error),
     #[error("the machine has stopped, and is safe: {0}")]
     Fault(#[from] Fault),
+    #[error("{0}")]
+    Negative(Outcome),
     #[error("{0:#}")]
     Other(#[from] anyhow::Error),
+}
+
+impl From<Ended> for Failure {
+    fn from(ended: Ended) -> Self {
+        match ended {
+            Ended::Input(error) => Self::Input(error),
+            Ended::Fault(fault) => Self::Fault(fault),
+            Ended::Outcome(outcome) => Self::Negative(outcome),
+            Ended::Unrecorded(error) => Self::Other(error.into()),
+        }
+    }
 }
 
 /// Parses a finite number above zero.
@@ -105,34 +118,6 @@ fn positive(text: &str) -> Result<f64, String> {
         .ok()
         .filter(|value| value.is_finite() && *value > 0.0)
         .ok_or_else(|| format!("\"{text}\" is not a finite number above zero"))
-}
-
-/// What a run that did not come to its end is to the user of `rig`.
-fn failure(error: AlignError, rig: &str) -> Failure {
-    match error {
-        AlignError::Fault(fault) => Failure::Fault(fault),
-        AlignError::Twin(error) => Failure::Input(Error::new(rig, "", error.to_string())),
-    }
-}
-
-/// The same, and what `run` leaves: a fault its evidence, bad input nothing.
-fn stopped(run: &Run, error: impl Into<ExperimentError>, rig: &str) -> Failure {
-    match error.into() {
-        ExperimentError::Align(error) => {
-            let kept = match &error {
-                AlignError::Fault(fault) => run.fault(fault),
-                AlignError::Twin(_) => {
-                    run.abandon();
-                    Ok(())
-                }
-            };
-            if let Err(why) = kept {
-                eprintln!("error: what there is of the run stays where it is: {why:#}");
-            }
-            failure(error, rig)
-        }
-        ExperimentError::Input(error) => Failure::Input(error),
-    }
 }
 
 /// Prints a text. That whoever was reading has read enough is no failure.
@@ -180,10 +165,15 @@ pub fn main() -> ExitCode {
     match result {
         Ok(code) => ExitCode::from(code),
         Err(failure) => {
-            eprintln!("error: {failure}");
+            if let Failure::Negative(outcome) = &failure {
+                eprintln!("{outcome}");
+            } else {
+                eprintln!("error: {failure}");
+            }
             ExitCode::from(match failure {
                 Failure::Input(_) | Failure::Other(_) => BAD_INPUT,
                 Failure::Fault(_) => FAULT,
+                Failure::Negative(_) => NEGATIVE,
             })
         }
     }

@@ -1,14 +1,15 @@
 //! `pigtail maximize`.
 
 use crate::common::{Common, write_table};
-use crate::{DONE, Failure, NEGATIVE, stopped};
+use crate::running::{self, stopped};
+use crate::{DONE, Failure};
 use clap::Args;
 use pigtail_control::recipe::Climb;
-use pigtail_evaluate::maximize::{Asked, Document, Unmeasured, maximize};
+use pigtail_evaluate::maximize::{Asked, Document, maximize};
 use pigtail_hal::quantity::{Dimension, LENGTH, Sign, TIME};
 use pigtail_report as report;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, Setup};
-use pigtail_store::runs::Run;
+use pigtail_session::rig::DEFAULT_RECIPE_NAME;
+use pigtail_session::setup::Setup;
 use std::io::{self, Write};
 
 /// Measure light throughput maximization: how well a fiber stays at its peak (thesis 3.3)
@@ -65,26 +66,19 @@ fn quantity(
 
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let common = &arguments.common;
-    let setup = Setup::load(&common.rig, &arguments.recipe)?;
+    let mut setup = Setup::load(&common.rig, &arguments.recipe)?;
     let asked = Asked {
         climb: Climb {
             step: arguments.step,
             dwell: arguments.dwell,
             pause: arguments.pause,
-            ..setup.recipe.climb
+            ..setup.rig.recipe.climb
         },
         seed: common.seed,
         devices: arguments.devices,
     };
-    let run = Run::begin(&common.runs, "maximize", common.seed, &setup.hashes)?;
-    let mut measured = match maximize(&setup, &asked) {
-        Ok(measured) => measured,
-        Err(Unmeasured::Align(error)) => return Err(stopped(&run, error, &common.rig)),
-        Err(Unmeasured::NoPeak(why)) => {
-            eprintln!("no fiber to stay at its peak: {why}");
-            return Ok(NEGATIVE);
-        }
-    };
+    let run = running::begin(&mut setup, &common.runs, "maximize", common.seed, false)?;
+    let mut measured = maximize(&setup, &asked).map_err(|ended| stopped(&run, &setup, ended))?;
     measured.document.report = run.path("report.html").display().to_string();
     run.write_json("summary.json", &measured.document)?;
     run.write("report.html", report::maximize(&measured)?)?;

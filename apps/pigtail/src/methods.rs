@@ -2,13 +2,13 @@
 
 use crate::choice::choice;
 use crate::common::{Common, quantity, write_table};
-use crate::{DONE, Failure, NEGATIVE, failure};
+use crate::{DONE, Failure, NEGATIVE};
 use clap::Args;
 use pigtail_control::methods::Space;
 use pigtail_control::station::Unobserved;
 use pigtail_evaluate::methods::{Document, Method, check, run as search};
 use pigtail_hal::quantity::{FREQUENCY, LENGTH};
-use pigtail_session::rig::Setup;
+use pigtail_session::setup::Setup;
 use std::io::{self, Write};
 
 /// Options of a search for first light.
@@ -40,12 +40,11 @@ pub(crate) fn run(
     common: &Common,
     setup: &Setup,
 ) -> Result<u8, Failure> {
-    let mut space = Space::new(method.into(), &setup.recipe);
+    let mut space = Space::new(method.into(), &setup.rig.recipe);
     space.mesh = arguments.mesh.unwrap_or(space.mesh);
     space.frequency = arguments.scan_rate.unwrap_or(space.frequency);
     check(setup, &space)?;
-    let document = search(setup, &space, common.seed, &mut Unobserved)
-        .map_err(|error| failure(error, &common.rig))?;
+    let document = search(setup, &space, common.seed, &mut Unobserved).map_err(Failure::from)?;
     let mut text = Vec::new();
     if common.json {
         serde_json::to_writer(&mut text, &document).map_err(anyhow::Error::from)?;

@@ -2,11 +2,12 @@
 
 use crate::common::write_table;
 use crate::methods::{duration, duration_or_dash};
-use crate::{DONE, Failure, failure};
+use crate::{DONE, Failure};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use pigtail_evaluate::plan::{Document, plan, rows};
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use pigtail_session::setup::Setup;
 use std::io::{self, Write};
 
 /// Compare the ways to align: by formula, and on the rig's twin
@@ -50,8 +51,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         bar.set_message(name.to_owned());
         bar.inc(1);
     };
-    let document = plan(&setup, arguments.seed, arguments.devices, &mut step)
-        .map_err(|error| failure(error, &arguments.rig))?;
+    let document =
+        plan(&setup, arguments.seed, arguments.devices, &mut step).map_err(Failure::from)?;
     bar.finish_and_clear();
     let mut text = Vec::new();
     if arguments.json {

@@ -1,12 +1,14 @@
 //! `pigtail reproduce`.
 
 use crate::common::Common;
-use crate::{DONE, Failure, NEGATIVE, stopped};
+use crate::running::stopped;
+use crate::{DONE, Failure, NEGATIVE};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use pigtail_report as report;
-use pigtail_reproduce::{Bench, Document, ReproduceError, experiments, reproduce, select};
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, Setup};
+use pigtail_reproduce::{Bench, Document, experiments, reproduce, select};
+use pigtail_session::rig::DEFAULT_RECIPE_NAME;
+use pigtail_session::setup::Setup;
 use pigtail_store::runs::Run;
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -55,7 +57,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         &common.runs,
         "reproduce",
         common.seed,
-        &bench.machine.hashes,
+        &bench.machine.rig.hashes,
     )?;
     let steps = experiments()
         .filter(|e| e.figures.iter().any(|id| selected.contains(id)))
@@ -70,15 +72,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         bar.inc(1);
     });
     bar.finish_and_clear();
-    let made = match made {
-        Ok(made) => made,
-        Err(ReproduceError::Experiment(error)) => return Err(stopped(&run, error, &common.rig)),
-        Err(error @ ReproduceError::NoPeak(_)) => {
-            run.abandon();
-            eprintln!("{error}");
-            return Ok(NEGATIVE);
-        }
-    };
+    let made = made.map_err(|ended| stopped(&run, &bench.machine, ended))?;
     run.write_json("summary.json", &made.document)?;
     run.write("report.html", report::thesis(&made)?)?;
     let report = run.path("report.html").display().to_string();

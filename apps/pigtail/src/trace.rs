@@ -1,7 +1,8 @@
 //! `pigtail trace`.
 
 use crate::common::Common;
-use crate::{DONE, Failure, stopped};
+use crate::running::{self, stopped};
+use crate::{DONE, Failure};
 use clap::{Args, ValueEnum};
 use pigtail_control::contour::Contour;
 use pigtail_control::trajectory::Shape;
@@ -9,8 +10,8 @@ use pigtail_evaluate::contour::{Document, Plan, trace};
 use pigtail_hal::quantity::{LENGTH, SPEED, Sign, TORQUE};
 use pigtail_hal::{Error, Side};
 use pigtail_report as report;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, Setup};
-use pigtail_store::runs::Run;
+use pigtail_session::rig::DEFAULT_RECIPE_NAME;
+use pigtail_session::setup::Setup;
 use std::fmt::Write as _;
 
 /// Follow a contour with both joints of a five-bar, with and without compensation (thesis 2.4.5)
@@ -84,7 +85,7 @@ fn torque(text: &str) -> Result<f64, String> {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    let setup = Setup::load(&arguments.common.rig, DEFAULT_RECIPE_NAME)?;
+    let mut setup = Setup::load(&arguments.common.rig, DEFAULT_RECIPE_NAME)?;
     let plan = Plan {
         contour: match arguments.path {
             PathName::Square => Contour::Square,
@@ -112,7 +113,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         );
         return Err(Error::new("--speed", "", message).into());
     }
-    let half = 0.5 * setup.spec.five_bar.workspace;
+    let half = 0.5 * setup.rig.spec.five_bar.workspace;
     if 0.5 * plan.size > half {
         let message = format!(
             "{} m around home leaves the workspace; accepted is at most {} m",
@@ -135,9 +136,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         return Err(Error::new("--coupling", "", message).into());
     }
     let seed = arguments.common.seed;
-    let run = Run::begin(&arguments.common.runs, "trace", seed, &setup.hashes)?;
+    let run = running::begin(&mut setup, &arguments.common.runs, "trace", seed, false)?;
     let (document, traced) =
-        trace(&setup, &plan, seed).map_err(|error| stopped(&run, error, &arguments.common.rig))?;
+        trace(&setup, &plan, seed).map_err(|error| stopped(&run, &setup, error))?;
     run.write_json("summary.json", &document)?;
     run.write("report.html", report::contour(&document, &traced)?)?;
     let text = if arguments.common.json {

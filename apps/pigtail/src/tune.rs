@@ -2,14 +2,17 @@
 
 use crate::choice::choice;
 use crate::common::{Common, OwnAxes};
-use crate::{DONE, Failure, stopped};
+use crate::running::{self, stopped};
+use crate::{DONE, Failure};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
+use pigtail_control::station::{Observer, Sample};
 use pigtail_hal::{Axis, AxisName, Error};
 use pigtail_report as report;
 use pigtail_session::own::Own;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, Setup};
-use pigtail_session::tune::{Document, Method, Plan, step_of, tune};
+use pigtail_session::rig::DEFAULT_RECIPE_NAME;
+use pigtail_session::setup::Setup;
+use pigtail_session::tune::{Document, Method, Tune, step_of};
 use pigtail_store::runs::Run;
 use std::fmt::Write as _;
 
@@ -49,18 +52,37 @@ pub(crate) struct Arguments {
     dry_run: bool,
 }
 
+/// Shows each trial.
+struct Trials<'a>(&'a ProgressBar);
+
+impl Observer for Trials<'_> {
+    fn phase(&mut self, _: &str, _: &'static str, _: f64) {}
+
+    fn sample(&mut self, _: &Sample) {}
+
+    fn trial(&mut self, start: usize, trial: u32, best: f64) {
+        self.0.inc(1);
+        let start = start + 1;
+        let message = format!("start {start}  trial {trial}  cost {best:.2} ms2");
+        self.0.set_message(message);
+    }
+}
+
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let at = arguments.axis;
     let own = Own::read(&arguments.own.from)?;
     own.concerns(at.axis)?;
-    let setup = Setup::load_with(&arguments.common.rig, DEFAULT_RECIPE_NAME, &own, true)?;
-    let plan = Plan {
+    let mut setup = Setup::load_with(&arguments.common.rig, DEFAULT_RECIPE_NAME, &own, true)?;
+    let plan = Tune {
         at,
         method: arguments.search,
         trials: arguments.trials.unwrap_or(arguments.search.usual_trials()),
-        step: arguments.step.unwrap_or_else(|| step_of(&setup, at.axis)),
+        step: arguments
+            .step
+            .unwrap_or_else(|| step_of(&setup.rig, at.axis)),
+        seed: arguments.common.seed,
     };
-    let range = setup.range_counts(at.axis);
+    let range = setup.rig.range_counts(at.axis);
     if plan.step as f64 > 0.4 * range {
         return Err(Error::new(
             "--step",
@@ -73,26 +95,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         )
         .into());
     }
-    let run = Run::begin(
-        &arguments.common.runs,
-        "tune",
-        arguments.common.seed,
-        &setup.hashes,
-    )?;
+    let seed = arguments.common.seed;
+    let run = running::begin(&mut setup, &arguments.common.runs, "tune", seed, true)?;
     let bar = ProgressBar::new(u64::from(3 * plan.trials));
     if let Ok(style) = ProgressStyle::with_template("{prefix:17} [{bar:20}] {msg}") {
         bar.set_style(style.progress_chars("=> "));
     }
     bar.set_prefix(format!("tune {at}"));
-    let mut observe = |start: usize, trial: u32, best: f64| {
-        bar.inc(1);
-        bar.set_message(format!(
-            "start {}  trial {trial}  cost {best:.2} ms2",
-            start + 1
-        ));
-    };
-    let mut tuned = tune(&setup, &plan, arguments.common.seed, &mut observe)
-        .map_err(|error| stopped(&run, error, &arguments.common.rig))?;
+    let mut tuned = setup
+        .run(&plan, seed, &mut Trials(&bar))
+        .map_err(|ended| stopped(&run, &setup, ended))?;
     bar.finish_and_clear();
     tuned.document.report = run.path("report.html").display().to_string();
     if !arguments.dry_run {
@@ -112,7 +124,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             ),
         ];
         tuned.document.calibration = if own.is_empty() {
-            let written = setup.write_calibration(&table, &values)?;
+            let written = setup.rig.write_calibration(&table, &values)?;
             run.calibrated(written.as_deref(), &table)?;
             written.unwrap_or_default()
         } else {
@@ -129,6 +141,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     } else {
         account(&tuned.document)
     };
+    running::close_records(&run, &setup)?;
     run.finish("done")?;
     crate::print(text.as_bytes())?;
     Ok(DONE)
@@ -142,8 +155,8 @@ fn beside(
     values: &[(&str, toml_edit::Item)],
 ) -> anyhow::Result<String> {
     let (name, before) = match axis {
-        Axis::Z => ("z", &setup.calibration.gains.z),
-        Axis::A | Axis::B => ("five_bar", &setup.calibration.gains.five_bar),
+        Axis::Z => ("z", &setup.rig.calibration.gains.z),
+        Axis::A | Axis::B => ("five_bar", &setup.rig.calibration.gains.five_bar),
     };
     let mut document = toml_edit::DocumentMut::new();
     let mut gains = toml_edit::Table::new();

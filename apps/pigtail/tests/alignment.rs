@@ -1,10 +1,11 @@
 //! Whole alignments, scored against the truth.
 
 use pigtail_control::station::Unobserved;
-use pigtail_session::align::{Document, align};
+use pigtail_evaluate::align::{Document, align};
 use pigtail_session::procedure::Procedure;
-use pigtail_session::record::Record;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use pigtail_session::samples::Record;
+use pigtail_session::setup::Setup;
 
 fn setup() -> Setup {
     Setup::load(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME).expect("the default rig is well")
@@ -94,7 +95,7 @@ fn a_dead_output_does_not_keep_the_other_from_being_aligned() {
     let mut setup = setup();
     setup.plant.device.outputs[0][1] -= 600e-6;
     // The sensing fiber looks at the first output, so it has to be where the light is.
-    setup.recipe.ports.outputs.swap(0, 1);
+    setup.rig.recipe.ports.outputs.swap(0, 1);
     setup.plant.device.outputs.swap(0, 1);
     let document = run(&setup, 11);
     let outcomes: Vec<&str> = document.fibers.iter().map(|fiber| fiber.outcome).collect();

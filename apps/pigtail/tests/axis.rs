@@ -3,10 +3,13 @@
 
 use assert_cmd::Command;
 use pigtail_hal::AxisName;
-use pigtail_session::characterize::{follow_sine, frequency, on_twin, resolution, step};
+use pigtail_session::characterize::{follow_sine, frequency, resolution, step};
+
+use pigtail_control::station::Unobserved;
 use pigtail_session::identify::{Model, windup};
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
-use pigtail_session::tune::{Method, Plan, Tuned, tune, usual_step};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use pigtail_session::setup::Setup;
+use pigtail_session::tune::{Method, Tune, Tuned, usual_step};
 use rayon::prelude::*;
 use serde_json::Value;
 use std::fs;
@@ -25,13 +28,14 @@ fn axis(name: &str) -> AxisName {
 
 fn tuned(setup: &Setup, name: &str, method: Method, seed: u64) -> Tuned {
     let at = axis(name);
-    let plan = Plan {
+    let plan = Tune {
         at,
         method,
         trials: method.usual_trials(),
         step: usual_step(at.axis),
+        seed,
     };
-    tune(setup, &plan, seed, &mut |_, _, _| {}).expect("no fault")
+    setup.run(&plan, seed, &mut Unobserved).expect("no fault")
 }
 
 /// Thesis 2.3.2: rise 11 and 14 ms, settling 42 and 37 ms, in at most 100 trials. The datasheet asks for
@@ -86,13 +90,14 @@ fn resolutions_are_those_of_the_thesis() {
     let setup = setup();
     for seed in [700, 701] {
         let rows = |name: &str| -> Vec<_> {
-            on_twin(&setup, seed, |station| {
-                resolution(station, &setup, axis(name), 500)
-            })
-            .expect("no fault")
-            .into_iter()
-            .map(|(row, _)| row)
-            .collect()
+            setup
+                .experiment(seed, |station| {
+                    resolution(station, &setup.rig, axis(name), 500)
+                })
+                .expect("no fault")
+                .into_iter()
+                .map(|(row, _)| row)
+                .collect()
         };
         let z = rows("z");
         assert_eq!(z.len(), 2, "{z:?}");
@@ -118,14 +123,16 @@ fn sines_are_followed() {
     let setup = setup();
     for (name, hertz) in [("fivebar", 10.0), ("z", 8.0)] {
         let amplitude = usual_step(axis(name).axis) as f64 / 4.0;
-        let (d, _) = on_twin(&setup, 710, |station| {
-            follow_sine(station, &setup, axis(name), hertz, amplitude)
-        })
-        .expect("no fault");
+        let (d, _) = setup
+            .experiment(710, |station| {
+                follow_sine(station, &setup.rig, axis(name), hertz, amplitude)
+            })
+            .expect("no fault");
         assert!((d.encoder_gain - 1.0).abs() < 0.05, "{d:?}");
         assert!(d.encoder_phase_deg.abs() < 9.5, "{d:?}");
-        let (d, _) =
-            on_twin(&setup, 710, |station| step(station, axis(name), 100)).expect("no fault");
+        let (d, _) = setup
+            .experiment(710, |station| step(station, axis(name), 100))
+            .expect("no fault");
         assert!(d.settled, "{d:?}");
     }
 }
@@ -133,10 +140,11 @@ fn sines_are_followed() {
 #[test]
 fn a_frequency_response_starts_at_one_and_falls() {
     let setup = setup();
-    let (d, _) = on_twin(&setup, 720, |station| {
-        frequency(station, &setup, axis("z"), 65.0, 1)
-    })
-    .expect("no fault");
+    let (d, _) = setup
+        .experiment(720, |station| {
+            frequency(station, &setup.rig, axis("z"), 65.0, 1)
+        })
+        .expect("no fault");
     assert!((d.encoder[0].gain - 1.0).abs() < 0.1, "{:?}", d.encoder[0]);
     assert!(
         d.bandwidth_hz.is_none_or(|hertz| hertz > 50.0),
@@ -157,10 +165,11 @@ fn a_frequency_response_starts_at_one_and_falls() {
 fn windup_is_compensated_twentyfold_on_every_machine() {
     let setup = setup();
     let all = (730..750).into_par_iter().map(|seed| {
-        let identified = on_twin(&setup, seed, |station| {
-            windup(station, &setup, axis("fivebar"), Model::Memory, seed)
-        })
-        .expect("no fault");
+        let identified = setup
+            .experiment(seed, |station| {
+                windup(station, &setup.rig, axis("fivebar"), Model::Memory, seed)
+            })
+            .expect("no fault");
         let d = identified.document;
         assert!((85.0..130.0).contains(&d.uncompensated_um), "{d:?}");
         let gains = d.scans.iter().map(|row| {

@@ -6,7 +6,8 @@ use pigtail_control::recipe::Recipe;
 use pigtail_control::station::Station;
 use pigtail_evaluate::benchmark::{ALGORITHMS, Algorithm, Measured, run};
 use pigtail_hal::{FiberHandling, Side};
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use pigtail_session::setup::Setup;
 
 const SEED: u64 = 61_000;
 

@@ -1,11 +1,12 @@
 //! Campaigns: the same rows whatever happens on the way, and a summary that hides nothing.
 
 use pigtail_control::station::Unobserved;
+use pigtail_evaluate::align::align;
 use pigtail_evaluate::campaign::{self, Device, Document, Plan, Store, summarize};
 use pigtail_hal::Fault;
-use pigtail_session::align::align;
 use pigtail_session::procedure::Procedure;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use pigtail_session::setup::Setup;
 use pigtail_store::rows::{Rows, Table};
 use serde_json::Value;
 use std::fs;
@@ -177,16 +178,16 @@ fn damaged_rows_and_another_campaign_are_refused() {
 }
 
 /// Some device's alignment, to be put into tables.
-fn known(setup: &Setup) -> pigtail_session::align::Document {
+fn known(setup: &Setup) -> pigtail_evaluate::align::Document {
     align(setup, Procedure::Thesis, 3, &mut Unobserved).expect("no fault")
 }
 
-fn push(table: &mut Table, seed: u64, document: pigtail_session::align::Document) {
+fn push(table: &mut Table, seed: u64, document: pigtail_evaluate::align::Document) {
     campaign::push(table, Procedure::Thesis, &Device { seed, document });
 }
 
 /// The same as far as the machine came before it stopped.
-fn stopped(mut document: pigtail_session::align::Document) -> pigtail_session::align::Document {
+fn stopped(mut document: pigtail_evaluate::align::Document) -> pigtail_evaluate::align::Document {
     document.fault = Some(Fault {
         rule: "command is a number".into(),
         axis: "left.z".to_owned(),

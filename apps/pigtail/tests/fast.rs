@@ -2,10 +2,11 @@
 
 use pigtail_control::calibration::{Hystereses, Windups};
 use pigtail_control::station::Unobserved;
-use pigtail_session::align::{Document, align};
+use pigtail_evaluate::align::{Document, align};
 use pigtail_session::procedure::Procedure;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
 use pigtail_session::scenario::Scenario;
+use pigtail_session::setup::Setup;
 
 fn setup() -> Setup {
     Setup::load(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME).expect("the default rig is well")
@@ -82,8 +83,8 @@ fn three_times_the_noise_is_measured_and_lived_with() {
 #[test]
 fn a_rig_that_was_never_calibrated_is_aligned_all_the_same() {
     let spoil = |setup: &mut Setup| {
-        setup.calibration.hysteresis = Hystereses::default();
-        setup.calibration.windup = Windups::default();
+        setup.rig.calibration.hysteresis = Hystereses::default();
+        setup.rig.calibration.windup = Windups::default();
     };
     let outcomes = is_honest(spoil, 912_000..912_003);
     assert!(outcomes.iter().all(|outcome| *outcome == "aligned"));

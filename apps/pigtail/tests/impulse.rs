@@ -5,11 +5,13 @@ use pigtail_evaluate::impulse::condition::Condition;
 use pigtail_evaluate::impulse::contest::contest;
 use pigtail_evaluate::impulse::response::{Document, Form, MACHINES, response};
 use pigtail_evaluate::impulse::run::{
-    Estimator, GAINS, Task, check, resolution, run, runs, stability, summary,
+    GAINS, Task, check, resolution, run, runs, stability, summary,
 };
 use pigtail_evaluate::impulse::shapes::{Effort, study};
 use pigtail_hal::AxisName;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use pigtail_session::impulse::Estimator;
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use pigtail_session::setup::Setup;
 use pigtail_twin::plant::LoadLaw;
 
 fn rig() -> Setup {
@@ -83,22 +85,22 @@ fn the_same_seed_is_the_same_response_and_another_joint_is_another() {
 #[test]
 fn a_rig_that_cannot_is_told_what_it_lacks() {
     let mut setup = rig();
-    setup.spec.z_stage.drive.pulse = None;
+    setup.rig.spec.z_stage.drive.pulse = None;
     let message = |setup: &Setup, name: &str| {
         response(setup, axis(name), &Form::THESIS, MACHINES, 1)
             .expect_err("refused")
             .to_string()
     };
     assert!(message(&setup, "z").contains("z_stage.drive.pulse"));
-    setup.spec.probe = None;
+    setup.rig.spec.probe = None;
     assert!(message(&setup, "fivebar").contains("probe"));
     let mut slow = rig();
-    if let Some(pulse) = &mut slow.spec.z_stage.drive.pulse {
+    if let Some(pulse) = &mut slow.rig.spec.z_stage.drive.pulse {
         pulse.bandwidth = 500.0;
     }
     assert!(message(&slow, "z").contains("at least 2.0000 ms"));
     let mut weak = rig();
-    if let Some(pulse) = &mut weak.spec.z_stage.drive.pulse {
+    if let Some(pulse) = &mut weak.rig.spec.z_stage.drive.pulse {
         pulse.voltage = 5.0;
     }
     assert!(message(&weak, "z").contains("drive.pulse.voltage"));
@@ -108,8 +110,8 @@ fn a_rig_that_cannot_is_told_what_it_lacks() {
 fn a_calibration_says_what_was_measured() {
     let setup = rig();
     for belief in [
-        &setup.calibration.impulse.z,
-        &setup.calibration.impulse.five_bar,
+        &setup.rig.calibration.impulse.z,
+        &setup.rig.calibration.impulse.five_bar,
     ] {
         let belief = belief.as_ref().expect("the rig is calibrated");
         assert_eq!(belief.check(), Ok(()));
@@ -240,19 +242,19 @@ fn a_task_that_cannot_be_done_is_refused() {
     }
     assert!(message(&setup, &task("z", 1e5)).contains("--target-nm"));
     let mut unknown = rig();
-    unknown.calibration.impulse.z = None;
+    unknown.rig.calibration.impulse.z = None;
     assert!(message(&unknown, &task("z", 100.0)).contains("characterize left.z impulse"));
     let mut blind = rig();
-    blind.spec.probe = None;
+    blind.rig.spec.probe = None;
     assert!(message(&blind, &task("z", 100.0)).contains("probe"));
     // A calibration that asks for more than the amplifier of this rig plays.
     let mut weak = rig();
-    if let Some(pulse) = &mut weak.spec.z_stage.drive.pulse {
+    if let Some(pulse) = &mut weak.rig.spec.z_stage.drive.pulse {
         pulse.voltage = 6.0;
     }
     assert!(message(&weak, &task("z", 100.0)).contains("at most 6 V"));
     let mut slow = rig();
-    if let Some(belief) = &mut slow.calibration.impulse.z {
+    if let Some(belief) = &mut slow.rig.calibration.impulse.z {
         belief.period = 0.3e-3;
     }
     assert!(message(&slow, &task("z", 100.0)).contains("at least 0.4000 ms"));
@@ -320,7 +322,13 @@ fn a_loop_gains_by_a_third_harmonic() {
         period: 1.36e-3,
     };
     let mut shaped = setup.clone();
-    let belief = shaped.calibration.impulse.z.as_mut().expect("calibrated");
+    let belief = shaped
+        .rig
+        .calibration
+        .impulse
+        .z
+        .as_mut()
+        .expect("calibrated");
     let new = found(&form);
     (belief.fixed, belief.period) = (new.shape.fixed, new.shape.period);
     belief.curve = new.curve.iter().step_by(2).copied().collect();

@@ -1,7 +1,8 @@
 //! What the rig's light must be like for the thesis's account of it to hold.
 
 use pigtail_model::optics::{Coupler, GaussianMode, Misalignment};
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use pigtail_session::setup::Setup;
 
 fn coupler(setup: &Setup) -> Coupler {
     let [radius_x, radius_y] = setup.plant.device.mode_radius;
@@ -32,7 +33,7 @@ fn both_sides(setup: &Setup, radius: f64) -> f64 {
 #[test]
 fn with_both_fibers_50_um_away_light_is_seen_only_within_about_5_um() {
     let setup = Setup::load(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME).expect("the rig is well");
-    let significance = setup.recipe.raster.significance;
+    let significance = setup.rig.recipe.raster.significance;
     assert!(both_sides(&setup, 0.0) > 5.0 * significance);
     assert!(
         both_sides(&setup, 4.5e-6) > significance,
@@ -55,7 +56,7 @@ fn the_tolerances_keep_the_loss_below_11_percent() {
     let worst = coupler.efficiency(&Misalignment {
         x: 0.1e-6,
         y: 0.1e-6,
-        z: setup.recipe.approach.gap + 2e-6,
+        z: setup.rig.recipe.approach.gap + 2e-6,
         tilt_x: tilt,
         tilt_y: tilt,
     });

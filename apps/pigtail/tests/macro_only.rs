@@ -1,9 +1,10 @@
 //! Alignment with the macro alone, by light and pulses, scored against the truth.
 
 use pigtail_control::station::{Observer, Sample, Unobserved};
-use pigtail_session::align::align;
+use pigtail_evaluate::align::align;
 use pigtail_session::procedure::Procedure;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use pigtail_session::setup::Setup;
 
 /// Whether any micro was ever told to leave its middle.
 struct Micros {
@@ -43,7 +44,7 @@ fn the_macro_alone_reaches_a_fifth_of_a_micrometre_by_light() {
 fn a_rig_without_probes_aligns_just_the_same() {
     let mut setup =
         Setup::load(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME).expect("the default rig is there");
-    setup.spec.probe = None;
+    setup.rig.spec.probe = None;
     let document = align(&setup, Procedure::MacroOnly, 511, &mut Unobserved).expect("no fault");
     assert_eq!(document.fibers[0].outcome, "aligned");
 }
@@ -52,7 +53,7 @@ fn a_rig_without_probes_aligns_just_the_same() {
 fn without_what_it_needs_to_know_of_pulses_it_says_so() {
     let mut setup =
         Setup::load(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME).expect("the default rig is there");
-    setup.calibration.impulse.five_bar = None;
+    setup.rig.calibration.impulse.five_bar = None;
     let document = align(&setup, Procedure::MacroOnly, 510, &mut Unobserved).expect("no fault");
     let input = &document.fibers[0];
     assert_eq!(input.outcome, "out_of_reach");

@@ -2,7 +2,8 @@
 
 use pigtail_control::recipe::Climb;
 use pigtail_evaluate::maximize::{Asked, Rejection, maximize};
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use pigtail_session::setup::Setup;
 
 #[test]
 fn a_peak_is_followed_at_a_step_a_pattern_and_disturbances_are_rejected() {
@@ -13,7 +14,7 @@ fn a_peak_is_followed_at_a_step_a_pattern_and_disturbances_are_rejected() {
             step: 0.1e-6,
             dwell: 4e-3,
             pause: 4e-3,
-            ..setup.recipe.climb
+            ..setup.rig.recipe.climb
         },
         seed: 707,
         devices: 1,

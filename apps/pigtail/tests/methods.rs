@@ -4,7 +4,8 @@ use pigtail_control::methods::{Method, Space};
 use pigtail_control::station::Unobserved;
 use pigtail_evaluate::methods::{Document, check, run};
 use pigtail_evaluate::plan::plan;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use pigtail_session::setup::Setup;
 use serde_json::Value;
 use std::process::Output;
 
@@ -15,7 +16,7 @@ fn setup() -> Setup {
 fn space(method: Method, mesh: f64) -> Space {
     Space {
         mesh,
-        ..Space::new(method, &setup().recipe)
+        ..Space::new(method, &setup().rig.recipe)
     }
 }
 
@@ -158,9 +159,9 @@ fn method_3_finds_light_and_covers_in_its_time() {
 /// A device whose fibers are held well, so that a small area has them.
 fn small() -> Setup {
     let mut setup = setup();
-    setup.recipe.raster.x = 60e-6;
-    setup.recipe.raster.y = 60e-6;
-    setup.spec.vision.accuracy_x = 15e-6;
+    setup.rig.recipe.raster.x = 60e-6;
+    setup.rig.recipe.raster.y = 60e-6;
+    setup.rig.spec.vision.accuracy_x = 15e-6;
     setup.plant.misplacement.y = 5e-6;
     setup.plant.misplacement.home = 5e-6;
     setup
@@ -169,7 +170,7 @@ fn small() -> Setup {
 #[test]
 fn method_1_covers_a_small_area_in_its_time_and_finds_light_there() {
     let setup = small();
-    let space = Space::new(Method::MacroRaster, &setup.recipe);
+    let space = Space::new(Method::MacroRaster, &setup.rig.recipe);
     let document = cover(&setup, &space, 3);
     let seconds = document.measured_seconds.expect("a search");
     // 60 um x 60 um squared at 5 um and 8 Hz.
@@ -189,12 +190,12 @@ fn the_same_seed_finds_the_same_and_a_dark_device_nothing() {
         ..cover(setup, &space, 4)
     };
     assert_eq!(bare(&setup), bare(&setup));
-    setup.recipe.raster.x = 40e-6;
-    setup.recipe.raster.y = 40e-6;
+    setup.rig.recipe.raster.x = 40e-6;
+    setup.rig.recipe.raster.y = 40e-6;
     setup.plant.light.full = 1e-6;
     let space = Space {
         mesh: 10e-6,
-        ..Space::new(Method::MacroRaster, &setup.recipe)
+        ..Space::new(Method::MacroRaster, &setup.rig.recipe)
     };
     let document = cover(&setup, &space, 4);
     assert!(!document.found && document.measured_seconds.is_some());

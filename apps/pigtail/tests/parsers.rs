@@ -8,7 +8,8 @@ use pigtail_records::part::{Drive, Part};
 use pigtail_records::{friction, resonance, servo, windup};
 use pigtail_session::faults::Faults;
 use pigtail_session::own::Own;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup, Source};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Source};
+use pigtail_session::setup::Setup;
 use pigtail_twin::faults::Injection;
 use proptest::prelude::*;
 use std::io::Write;
@@ -17,6 +18,7 @@ use std::path::Path;
 fn sources() -> Vec<Source> {
     Setup::load(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME)
         .expect("the default rig is well")
+        .rig
         .sources
 }
 
@@ -76,7 +78,7 @@ fn own(text: &str) -> Result<Setup, pigtail_hal::Error> {
 fn a_fragment_is_a_setup_as_it_is() {
     for kind in [Kind::Linear, Kind::Rotary] {
         let setup = own(&fragment(kind)).expect("a setup");
-        assert!(setup.spec.probe.is_none());
+        assert!(setup.rig.spec.probe.is_none());
     }
 }
 

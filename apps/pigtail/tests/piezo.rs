@@ -3,7 +3,8 @@
 use pigtail_evaluate::hysteresis::{self as machine, Identified};
 use pigtail_hal::Side;
 use pigtail_records::hysteresis::Kind;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use pigtail_session::setup::Setup;
 use rayon::prelude::*;
 
 fn setup() -> Setup {

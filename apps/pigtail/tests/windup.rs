@@ -6,7 +6,8 @@ use pigtail_control::trajectory::Shape;
 use pigtail_evaluate::contour::{Plan, trace};
 use pigtail_evaluate::loops;
 use pigtail_hal::Side;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use pigtail_session::setup::Setup;
 
 fn setup() -> Setup {
     Setup::load(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME).expect("the default rig is well")

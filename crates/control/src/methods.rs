@@ -17,10 +17,11 @@ use crate::sight::Tip;
 use crate::station::Station;
 use pigtail_hal::{Channel, FiberHandling, Side, Spec};
 use pigtail_model::frames::{Chip, Macro, Point};
+use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 
 /// A way to get first light through a device (thesis 3.2.1).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Method {
     /// Method 1: a raster of the input for each point of a grid of the output.
     MacroRaster,
@@ -59,7 +60,7 @@ const LONGEST: f64 = 4.0 * 3600.0;
 const MOST_DISMISSED: usize = 20;
 
 /// What a method is to cover, and how.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Space {
     /// The method.
     pub method: Method,

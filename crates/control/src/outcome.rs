@@ -63,6 +63,11 @@ pub enum Outcome {
 }
 
 impl Outcome {
+    /// Whether it is aligned and attached, by control's word.
+    pub fn is_aligned(&self) -> bool {
+        *self == Self::Aligned
+    }
+
     /// The fault that stopped the machine, if that is how it ended.
     pub fn fault(&self) -> Option<&Fault> {
         match self {

@@ -40,6 +40,8 @@ pub trait Observer {
     fn phase_over(&mut self, _port: &str, _phase: &'static str, _time: f64) {}
     /// A light sample was taken.
     fn sample(&mut self, sample: &Sample);
+    /// A search has made a trial: which start it belongs to, its number, and the least cost so far.
+    fn trial(&mut self, _start: usize, _trial: u32, _best: f64) {}
 }
 
 /// Watches nothing.
@@ -117,6 +119,10 @@ const ARRIVED_SECONDS: f64 = 0.02;
 const SETTLE_SECONDS: f64 = 0.3;
 /// ...unless it is so many counts away that something else must hold it.
 const LOST_COUNTS: i64 = 10;
+/// How long the machine is left to come to rest when it is taken up again, and how fast it is brought back
+/// then, m/s.
+const RECOVERY_SECONDS: f64 = 0.3;
+const RECOVERY_SPEED: f64 = 1e-3;
 /// An axis so many counts behind its reference cannot follow it: amplifiers saturate far earlier.
 const BEHIND_COUNTS: i64 = 100;
 
@@ -217,6 +223,40 @@ impl<'a> Station<'a> {
     /// Tells the observer that a phase is over.
     pub fn conclude(&mut self, port: &str, phase: &'static str) {
         self.observer.phase_over(port, phase, self.measurement.time);
+    }
+
+    /// Tells the observer of a trial of a search.
+    pub fn tell_trial(&mut self, start: usize, trial: u32, best: f64) {
+        self.observer.trial(start, trial, best);
+    }
+
+    /// Takes the machine into its hands again after a fault that an experiment provoked: clears it, holds
+    /// every axis where it stands, and brings both endpoints back to where they were wanted, slowly.
+    ///
+    /// # Errors
+    ///
+    /// The same fault where nothing can clear it, or whatever hinders the way back.
+    pub fn recover(&mut self, fault: Fault) -> Result<(), Halt> {
+        if self.machine.clear().is_none() {
+            return Err(fault.into());
+        }
+        let wanted = Side::ALL.map(|side| self.wanted(side));
+        // What was measured last is of before it stopped: the first command drives nothing.
+        self.command.motors = Command::IDLE.motors;
+        self.command.references = Command::IDLE.references;
+        self.command.pulses = Command::NO_PULSES;
+        self.measurement = self.machine.exchange(&self.command)?;
+        for side in Side::ALL {
+            for axis in Axis::ALL {
+                self.close_loop(AxisName { side, axis });
+            }
+            self.arms[side.index()].wanted = self.endpoint(side);
+        }
+        self.run(RECOVERY_SECONDS)?;
+        for (side, wanted) in Side::ALL.into_iter().zip(wanted) {
+            self.line(side, wanted, Some(RECOVERY_SPEED))?;
+        }
+        Ok(())
     }
 
     /// One servo cycle.

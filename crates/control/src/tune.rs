@@ -40,7 +40,8 @@ const MISSED: f64 = 10.0;
 const FAR: f64 = 0.05;
 
 impl Experiment {
-    fn pid(&self, station: &Station, gains: Gains) -> Pid {
+    /// The controller with some gains.
+    pub fn pid(&self, station: &Station, gains: Gains) -> Pid {
         let [kp, ki, kd] = gains;
         let spec = station.spec();
         let gains = AxisGains {

@@ -8,15 +8,17 @@
 //! Those that are compared by `pigtail benchmark` are in [`ALGORITHMS`]; to enter one's own there is
 //! one line to add, or none: see `examples/my_algorithm.rs`.
 
+use crate::align::{self, TOLERANCE_Z_UM};
+use crate::align::{Judged, Way, align_in};
 use pigtail_control::procedure::{FiberReport, PORTS};
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::{Station, Unobserved};
 use pigtail_control::{baselines, fast, nudge, procedure};
 use pigtail_numerics::rounded;
 use pigtail_numerics::statistics::{CONFIDENCE, Percentiles, Sorted, wilson};
-use pigtail_session::align::{self, Aligned, TOLERANCE_XY_UM, TOLERANCE_Z_UM, Way, align_by};
-use pigtail_session::rig::Setup;
-use pigtail_twin::TwinError;
+use pigtail_session::job::Ended;
+use pigtail_session::procedure::TOLERANCE_XY_UM;
+use pigtail_session::setup::Setup;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -157,10 +159,10 @@ pub fn run(
     seed: u64,
     devices: u64,
     done: &(dyn Fn(&'static str) + Sync),
-) -> Result<Measured, TwinError> {
+) -> Result<Measured, Ended> {
     let (mut rows, mut seconds, mut offsets) = (Vec::new(), Vec::new(), Vec::new());
     for algorithm in algorithms {
-        let all: Vec<Aligned> = (0..devices)
+        let all: Vec<Judged> = (0..devices)
             .into_par_iter()
             .map(|device| {
                 let way = Way {
@@ -168,7 +170,7 @@ pub fn run(
                     tolerance_xy_um: TOLERANCE_XY_UM,
                 };
                 let seed = seed.wrapping_add(device);
-                let aligned = align_by(setup, &way, algorithm.run, seed, &mut Unobserved);
+                let aligned = align_in(setup, &way, algorithm.run, seed, &mut Unobserved);
                 done(algorithm.name);
                 aligned
             })
@@ -181,8 +183,8 @@ pub fn run(
     }
     Ok(Measured {
         document: Document {
-            rig: setup.rig.clone(),
-            recipe: setup.recipe_name.clone(),
+            rig: setup.rig.name.clone(),
+            recipe: setup.rig.recipe_name.clone(),
             scenario: setup.scenario.clone(),
             seed,
             devices,
@@ -199,11 +201,11 @@ pub fn run(
     })
 }
 
-fn seconds_per_fiber(device: &Aligned) -> f64 {
+fn seconds_per_fiber(device: &Judged) -> f64 {
     rounded(device.machine_seconds / PORTS.len() as f64, 1e-4)
 }
 
-fn attached(all: &[Aligned], of: impl Fn(align::Offset) -> f64) -> impl Iterator<Item = f64> {
+fn attached(all: &[Judged], of: impl Fn(align::Offset) -> f64) -> impl Iterator<Item = f64> {
     all.iter()
         .flat_map(|device| &device.document.fibers)
         .filter_map(move |fiber| fiber.offset_um.map(&of))
@@ -220,11 +222,11 @@ fn verdict(outcome: &str, within: Option<bool>, collision: bool) -> &'static str
     }
 }
 
-fn row(algorithm: &Algorithm, all: &[Aligned], spent: &Sorted, offsets: &Sorted) -> Row {
+fn row(algorithm: &Algorithm, all: &[Judged], spent: &Sorted, offsets: &Sorted) -> Row {
     let mut counts = BTreeMap::<&str, u64>::new();
     let mut outcomes = BTreeMap::new();
     let mut replay = BTreeMap::<&str, Vec<u64>>::new();
-    for Aligned { document, .. } in all {
+    for Judged { document, .. } in all {
         for k in 0..PORTS.len() {
             let (outcome, within) = document.fibers.get(k).map_or(("no_report", None), |fiber| {
                 (fiber.outcome, fiber.within_tolerance)

@@ -6,9 +6,9 @@ use pigtail_control::trajectory::Shape;
 use pigtail_hal::{Axis, AxisName, Side};
 use pigtail_model::windup::Windup;
 use pigtail_numerics::rounded;
-use pigtail_session::characterize::{ExperimentError, on_twin};
 use pigtail_session::identify::{models, range, scale};
-use pigtail_session::rig::Setup;
+use pigtail_session::job::Ended;
+use pigtail_session::setup::Setup;
 use serde::Serialize;
 
 /// What to follow, and how.
@@ -84,11 +84,7 @@ const LAPS: u32 = 3;
 /// # Errors
 ///
 /// A fault; bad input where the contour leaves the workspace or the rig has no probes.
-pub fn trace(
-    setup: &Setup,
-    plan: &Plan,
-    seed: u64,
-) -> Result<(Document, Vec<Traced>), ExperimentError> {
+pub fn trace(setup: &Setup, plan: &Plan, seed: u64) -> Result<(Document, Vec<Traced>), Ended> {
     let mut traced = Vec::new();
     let mut setup = setup.clone();
     if let Some(friction) = plan.coupling {
@@ -106,15 +102,15 @@ pub fn trace(
         let mut fitted = Vec::with_capacity(joints.len());
         for at in joints {
             // A machine afresh for each: what one joint leaves behind is not the other's.
-            let found = on_twin(&setup, seed, |station| {
-                let scale = scale(&setup, at.axis)?;
+            let found = setup.experiment(seed, |station| {
+                let scale = scale(&setup.rig, at.axis)?;
                 let range = range(at.axis) / scale.metres_per_radian;
                 models(station, at, &scale, range, 0.25 * range)
             })?;
             fitted.push((at, found));
         }
         for compensation in ["none", "reversal", "memory"] {
-            let samples = on_twin(&setup, seed, |station| {
+            let samples = setup.experiment(seed, |station| {
                 for (at, found) in &fitted {
                     let model = match compensation {
                         "reversal" => Windup::Reversal(found.reversal.model),

@@ -1,8 +1,8 @@
 //! What the store of runs is told of devices.
 
-use pigtail_session::align::Document;
+use crate::align::Document;
 use pigtail_session::procedure::Procedure;
-use pigtail_session::rig::Setup;
+use pigtail_session::setup::Setup;
 use pigtail_store::ledger::{Aligned, AlignedFiber, Devices};
 
 /// So many devices from a seed on, of a rig and a recipe.
@@ -10,8 +10,8 @@ pub fn devices(setup: &Setup, procedure: Procedure, seed: u64, count: u64) -> De
     Devices {
         seed,
         count,
-        rig: &setup.rig,
-        recipe: &setup.recipe_name,
+        rig: &setup.rig.name,
+        recipe: &setup.rig.recipe_name,
         procedure: procedure.name(),
         scenario: &setup.scenario,
     }

@@ -3,19 +3,19 @@
 use pigtail_control::calibration::Calibration;
 use pigtail_control::compensation::micro::MicroModel;
 use pigtail_control::identify::Path;
-use pigtail_control::piezo::{self, Micro};
-use pigtail_control::station::{Station, Unobserved};
+use pigtail_control::piezo::Micro;
+use pigtail_control::station::Unobserved;
 use pigtail_hal::{Command, Fault, Machine, Measurement, Side, Spec};
 use pigtail_numerics::rounded;
 use pigtail_records::hysteresis::Kind;
-use pigtail_session::align::AlignError;
-use pigtail_session::characterize::{ExperimentError, on_twin};
-use pigtail_session::rig::Setup;
+use pigtail_session::job::Ended;
+use pigtail_session::piezos::IdentifyPiezos;
+use pigtail_session::session::Session;
+use pigtail_session::setup::Setup;
 use pigtail_twin::Twin;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use serde::Serialize;
-use std::cell::RefCell;
 
 /// Half the stroke of the scans, metres along one piezo: all specimens reach it.
 const HALF: f64 = 30e-6;
@@ -111,23 +111,22 @@ impl MicrosDocument {
 }
 
 /// A machine whose truth is noted in every cycle.
-struct Watched<'a> {
-    twin: &'a mut Twin,
+struct Watched {
+    twin: Twin,
     /// The side of the tip that is watched.
     side: Side,
     /// The tip's displacement in x and y, metres.
-    seen: &'a RefCell<Vec<(f64, f64)>>,
+    seen: Vec<(f64, f64)>,
 }
 
-impl Machine for Watched<'_> {
+impl Machine for Watched {
     fn spec(&self) -> &Spec {
         self.twin.spec()
     }
 
     fn exchange(&mut self, command: &Command) -> Result<Measurement, Fault> {
         let measurement = self.twin.exchange(command)?;
-        let at = self.twin.micro_displacement(self.side);
-        self.seen.borrow_mut().push(at);
+        self.seen.push(self.twin.micro_displacement(self.side));
         Ok(measurement)
     }
 
@@ -278,22 +277,24 @@ fn follow(
     side: Side,
     seed: u64,
     path: &[(f64, f64)],
-) -> Result<Followed, ExperimentError> {
-    let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed).map_err(AlignError::Twin)?;
-    let seen = RefCell::new(Vec::with_capacity(path.len() + 1));
-    let mut watched = Watched {
-        twin: &mut twin,
+) -> Result<Followed, Ended> {
+    let watched = Watched {
+        twin: setup.twin(seed)?,
         side,
-        seen: &seen,
+        seen: Vec::with_capacity(path.len() + 1),
     };
-    let mut unobserved = Unobserved;
-    let mut station = Station::new(&mut watched, calibration, &mut unobserved)?;
-    let (sin, cos) = setup.spec.micro.angle.sin_cos();
-    for (p, q) in path {
-        station.move_micro(side, cos * p - sin * q, sin * p + cos * q);
-        station.cycle()?;
-    }
-    let seen = seen.into_inner();
+    let mut rig = setup.rig.clone();
+    rig.calibration = calibration.clone();
+    let mut session = Session::open_with(&rig, watched, &setup.options);
+    let (sin, cos) = rig.spec.micro.angle.sin_cos();
+    session.experiment(|station| {
+        for (p, q) in path {
+            station.move_micro(side, cos * p - sin * q, sin * p + cos * q);
+            station.cycle()?;
+        }
+        Ok(())
+    })?;
+    let seen = &session.machine().seen;
     Ok(Followed {
         wanted: path.iter().map(|at| at.0).collect(),
         was: seen[1..].iter().map(|(x, y)| cos * x + sin * y).collect(),
@@ -324,12 +325,7 @@ fn rms(errors: &[f64]) -> f64 {
 /// # Errors
 ///
 /// A fault, or what hinders the identification.
-pub fn identify(
-    setup: &Setup,
-    kind: Kind,
-    side: Side,
-    seed: u64,
-) -> Result<Identified, ExperimentError> {
+pub fn identify(setup: &Setup, kind: Kind, side: Side, seed: u64) -> Result<Identified, Ended> {
     identify_along(setup, kind, side, seed, usize::MAX)
 }
 
@@ -343,7 +339,7 @@ pub fn identify_and_scan(
     kind: Kind,
     side: Side,
     seed: u64,
-) -> Result<Identified, ExperimentError> {
+) -> Result<Identified, Ended> {
     identify_along(setup, kind, side, seed, 1)
 }
 
@@ -353,20 +349,18 @@ fn identify_along(
     side: Side,
     seed: u64,
     most: usize,
-) -> Result<Identified, ExperimentError> {
-    let micro = on_twin(setup, seed, |station| {
-        Ok(piezo::identify(station, &setup.recipe, side)?)
-    })?;
+) -> Result<Identified, Ended> {
+    let micro = setup.run(&IdentifyPiezos { side }, seed, &mut Unobserved)?;
     let models = [micro.rbf(), micro.memory()];
     let calibrations = [
-        with_model(&setup.calibration, side, None),
-        with_model(&setup.calibration, side, Some(&models[0])),
-        with_model(&setup.calibration, side, Some(&models[1])),
+        with_model(&setup.rig.calibration, side, None),
+        with_model(&setup.rig.calibration, side, Some(&models[0])),
+        with_model(&setup.rig.calibration, side, Some(&models[1])),
     ];
     let um = |value: f64| rounded(1e6 * value, 1e-5);
     let mut paths = Vec::new();
     let mut scans = None;
-    for trial in trials(setup.spec.period(), seed).into_iter().take(most) {
+    for trial in trials(setup.rig.spec.period(), seed).into_iter().take(most) {
         let ([none, rbf], memory) = rayon::join(
             || [0, 1].map(|k| follow(setup, &calibrations[k], side, seed, &trial.path)),
             || follow(setup, &calibrations[2], side, seed, &trial.path),

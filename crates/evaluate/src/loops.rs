@@ -6,9 +6,9 @@ use pigtail_hal::{Axis, AxisName};
 use pigtail_model::windup::Reversal;
 use pigtail_model::windup::Windup;
 use pigtail_numerics::rounded;
-use pigtail_session::characterize::{ExperimentError, on_twin};
 use pigtail_session::identify::{range, scale};
-use pigtail_session::rig::Setup;
+use pigtail_session::job::Ended;
+use pigtail_session::setup::{Setup, unfit};
 use pigtail_twin::plant::{JointPlant, LoadLaw};
 use serde::Serialize;
 
@@ -128,12 +128,12 @@ impl Change {
         }
     }
 
-    fn apply(self, joint: &mut JointPlant) -> Result<(), ExperimentError> {
+    fn apply(self, joint: &mut JointPlant) -> Result<(), Ended> {
         let level = joint.load_friction.static_level();
         joint.load_friction = joint
             .load_friction
             .times(self.load_friction)
-            .map_err(|invalid| pigtail_session::align::AlignError::Twin(invalid.into()))?;
+            .map_err(unfit)?;
         // The contact is as stiff as before (2.13): with less friction it gives way less far.
         joint.presliding *= self.load_friction;
         if self.preload > 0.0 {
@@ -193,11 +193,7 @@ pub fn middle_windup(record: &WindupRecord) -> f64 {
 /// # Errors
 ///
 /// A fault; bad input where the rig has no probes.
-pub fn windup(
-    setup: &Setup,
-    at: AxisName,
-    seed: u64,
-) -> Result<(Document, Vec<Loop>), ExperimentError> {
+pub fn windup(setup: &Setup, at: AxisName, seed: u64) -> Result<(Document, Vec<Loop>), Ended> {
     let joint = |setup: &Setup| match at.axis {
         Axis::A | Axis::B => setup.plant.five_bar.joint,
         Axis::Z => setup.plant.z_stage.joint,
@@ -218,7 +214,7 @@ pub fn windup(
         changes.push(Change::law(LoadLaw::MaxwellSlip));
         changes.push(Change::law(LoadLaw::LuGre));
     }
-    let scale = scale(setup, at.axis)?;
+    let scale = scale(&setup.rig, at.axis)?;
     let um = 1e6 * scale.metres_per_radian;
     let range = range(at.axis) / scale.metres_per_radian;
     let path = Path {
@@ -236,7 +232,7 @@ pub fn windup(
         change.apply(joint)?;
         let law = joint.friction;
         let preload = joint.preload / joint.load_friction.static_level().max(f64::MIN_POSITIVE);
-        let record = on_twin(&setup, seed, |station| {
+        let record = setup.experiment(seed, |station| {
             Ok(scan(station, at, &scale, &path, &Windup::None)?)
         })?;
         let lead = record.input.len() / 4;

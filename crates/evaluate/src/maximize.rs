@@ -1,16 +1,16 @@
 //! Light throughput maximization (thesis 3.3), measured: how fast a peak may move, what of other
 //! motion is rejected, what the way in z takes, and the times of 3.4.
 
-use pigtail_control::maximization::{Disturbance, Followed, Means, Trial, follow};
-use pigtail_control::outcome::Halt;
+use crate::align::{Document as Alignment, align};
+use pigtail_control::maximization::{Disturbance, Followed, Means, Trial};
 use pigtail_control::recipe::Climb;
-use pigtail_control::station::{Observer, Sample, Station, Unobserved};
+use pigtail_control::station::{Observer, Sample, Unobserved};
 use pigtail_hal::{Channel, Side};
 use pigtail_numerics::rounded;
-use pigtail_session::align::{AlignError, Document as Alignment, align};
+use pigtail_session::follow::Follow;
+use pigtail_session::job::Ended;
 use pigtail_session::procedure::Procedure;
-use pigtail_session::rig::Setup;
-use pigtail_twin::Twin;
+use pigtail_session::setup::Setup;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::thread;
@@ -147,17 +147,6 @@ pub struct Asked {
     pub devices: u64,
 }
 
-/// Why nothing was measured.
-#[derive(Debug, thiserror::Error)]
-pub enum Unmeasured {
-    /// The machine or the plant.
-    #[error(transparent)]
-    Align(#[from] AlignError),
-    /// A fiber could not be brought to its peak.
-    #[error("{0}")]
-    NoPeak(String),
-}
-
 /// When trials begin: both fibers are at their peaks long before.
 const BEGIN: f64 = 90.0;
 /// How far a peak is to drift.
@@ -225,26 +214,18 @@ fn mean(curve: &[(f64, f64)], from: f64, to: f64) -> f64 {
     sum / f64::max(n, 1.0)
 }
 
-fn run(setup: &Setup, seed: u64, drift: f64, trial: &Trial) -> Result<Tried, Unmeasured> {
-    let mut plant = setup.plant.clone();
-    plant.device.drift = drift;
-    plant.device.drift_from = trial.begin;
+fn run(setup: &Setup, seed: u64, drift: f64, trial: &Trial) -> Result<Tried, Ended> {
+    let mut drifting = setup.clone();
+    drifting.plant.device.drift = drift;
+    drifting.plant.device.drift_from = trial.begin;
     let mut watcher = Watcher {
         from: trial.begin,
         light: Vec::new(),
     };
-    let mut twin = Twin::new(setup.spec.clone(), &plant, seed).map_err(AlignError::from)?;
-    let mut station =
-        Station::new(&mut twin, &setup.calibration, &mut watcher).map_err(AlignError::from)?;
-    let followed = follow(&mut station, &setup.recipe, trial);
-    let begun = station.time() > trial.begin;
-    station.stop();
-    let seen = match followed {
-        Ok(followed) => Some(followed),
-        Err(Halt::Fault(fault)) => return Err(AlignError::from(fault).into()),
-        Err(Halt::Outcome(_)) if begun => None,
-        Err(Halt::Outcome(outcome)) => return Err(Unmeasured::NoPeak(outcome.to_string())),
-    };
+    let job = Follow { trial: *trial };
+    let twin = drifting.twin(seed)?;
+    let (session, seen) = drifting.perform(twin, &job, seed, &mut watcher)?;
+    let (seen, twin) = (seen?, session.machine());
     let off = twin.truth().outputs[0].map(|fiber| fiber.x.hypot(fiber.y));
     Ok(Tried {
         seen,
@@ -262,7 +243,7 @@ fn drift(
     seed: u64,
     means: Means,
     speed: f64,
-) -> Result<(Drift, Vec<(f64, f64)>), Unmeasured> {
+) -> Result<(Drift, Vec<(f64, f64)>), Ended> {
     let seconds = (WAY / speed).min(LONGEST);
     let trial = Trial {
         means,
@@ -290,11 +271,7 @@ fn drift(
 /// # Errors
 ///
 /// As [`rejection`].
-pub fn tracking(
-    setup: &Setup,
-    seed: u64,
-    means: Means,
-) -> Result<(Tracking, Vec<Curve>), Unmeasured> {
+pub fn tracking(setup: &Setup, seed: u64, means: Means) -> Result<(Tracking, Vec<Curve>), Ended> {
     const SHARES: [f64; 8] = [0.1, 0.25, 0.5, 0.7, 0.85, 1.0, 1.2, 1.6];
     const CLOSER: u32 = 4;
     const DRAWN: [f64; 4] = [0.25, 0.7, 1.0, 1.2];
@@ -361,7 +338,7 @@ pub fn rejection(
     seed: u64,
     disturbance: Disturbance,
     means: Means,
-) -> Result<Rejection, Unmeasured> {
+) -> Result<Rejection, Ended> {
     let (kind, way, seconds) = match disturbance {
         Disturbance::Device => ("device", 0.0, 0.0),
         Disturbance::Macro(speed) => ("macro", speed * MACRO.1, MACRO.1),
@@ -404,9 +381,9 @@ impl Observer for Way {
     }
 }
 
-fn approach(setup: &Setup, seed: u64) -> Result<Option<Approach>, Unmeasured> {
+fn approach(setup: &Setup, seed: u64) -> Result<Option<Approach>, Ended> {
     let mut way = Way::default();
-    let done = align(setup, Procedure::Thesis, seed, &mut way).map_err(AlignError::from)?;
+    let done = align(setup, Procedure::Thesis, seed, &mut way)?;
     let Some((first, last)) = way.ends else {
         return Ok(None);
     };
@@ -416,18 +393,18 @@ fn approach(setup: &Setup, seed: u64) -> Result<Option<Approach>, Unmeasured> {
     let walk = (x(&last) - x(&first)).abs();
     let output = done.fibers.iter().find(|f| f.port == "output1");
     let seconds = output.and_then(|f| f.seconds_in("approach")).unwrap_or(0.0);
-    let moving = closed / setup.recipe.approach.speed;
+    let moving = closed / setup.rig.recipe.approach.speed;
     Ok(Some(Approach {
         way_um: um(closed, 0.01),
         walk_um: um(walk, 0.01),
-        expected_um: um(closed * setup.recipe.ports.exit_angle.tan(), 0.01),
+        expected_um: um(closed * setup.rig.recipe.ports.exit_angle.tan(), 0.01),
         seconds: rounded(seconds, 1e-3),
         walk_um_s: um(walk / moving, 0.01),
     }))
 }
 
 /// Mean seconds a fiber by both procedures, in the parts of 3.4.
-fn timing(setup: &Setup, asked: &Asked) -> Result<Vec<Timing>, Unmeasured> {
+fn timing(setup: &Setup, asked: &Asked) -> Result<Vec<Timing>, Ended> {
     const PARTS: [(&str, Option<&str>, &[&str]); 5] = [
         ("placing, sensing fiber", None, &["coarse", "sensing"]),
         ("first light (3.2.2)", Some("6.7"), &["raster", "search"]),
@@ -435,11 +412,11 @@ fn timing(setup: &Setup, asked: &Asked) -> Result<Vec<Timing>, Unmeasured> {
         ("z maximization", Some("< 10"), &["approach"]),
         ("last maximization", None, &["final"]),
     ];
-    let many = |procedure: Procedure| -> Result<Vec<Alignment>, Unmeasured> {
+    let many = |procedure: Procedure| -> Result<Vec<Alignment>, Ended> {
         (0..asked.devices)
             .map(|k| {
                 let seed = asked.seed.wrapping_add(k);
-                Ok(align(setup, procedure, seed, &mut Unobserved).map_err(AlignError::from)?)
+                Ok(align(setup, procedure, seed, &mut Unobserved)?)
             })
             .collect()
     };
@@ -483,10 +460,10 @@ fn timing(setup: &Setup, asked: &Asked) -> Result<Vec<Timing>, Unmeasured> {
 /// # Errors
 ///
 /// When the plant cannot be built, the machine has a fault, or no fiber could be brought to its peak.
-pub fn maximize(setup: &Setup, asked: &Asked) -> Result<Measured, Unmeasured> {
+pub fn maximize(setup: &Setup, asked: &Asked) -> Result<Measured, Ended> {
     let seed = asked.seed;
     let climb = Means::NinePoint(asked.climb);
-    let of_recipe = Means::NinePoint(setup.recipe.climb);
+    let of_recipe = Means::NinePoint(setup.rig.recipe.climb);
     let mut means = vec![climb];
     if of_recipe != climb {
         means.push(of_recipe);
@@ -521,7 +498,7 @@ pub fn maximize(setup: &Setup, asked: &Asked) -> Result<Measured, Unmeasured> {
         .map(|(disturbance, means)| rejection(setup, seed, disturbance, means))
         .collect();
     let document = Document {
-        rig: setup.rig.clone(),
+        rig: setup.rig.name.clone(),
         seed,
         tracking: rows,
         rejection: rejected.into_iter().collect::<Result<_, _>>()?,

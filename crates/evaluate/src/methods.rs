@@ -2,13 +2,12 @@
 //! that sets their measured times beside the closed forms.
 
 use pigtail_control::methods::{self, Coverage, Light, Space, Unfit};
-use pigtail_control::outcome::Halt;
-use pigtail_control::station::{Observer, Station};
+use pigtail_control::station::Observer;
 use pigtail_hal::Error;
 use pigtail_numerics::rounded;
-use pigtail_session::align::AlignError;
-use pigtail_session::rig::Setup;
-use pigtail_twin::Twin;
+use pigtail_session::first_light::FirstLight;
+use pigtail_session::job::Ended;
+use pigtail_session::setup::Setup;
 use serde::Serialize;
 use std::time::Instant;
 
@@ -121,10 +120,11 @@ pub struct Place {
 ///
 /// The datasheet's key or the option that is in the way, its value and what is accepted.
 pub fn check(setup: &Setup, space: &Space) -> Result<(), Error> {
-    space.check(&setup.spec).map_err(|unfit| match unfit {
+    space.check(&setup.rig.spec).map_err(|unfit| match unfit {
         Unfit::Machine { key, message } => {
             // The datasheet is what is read first of a rig.
             let file = setup
+                .rig
                 .hashes
                 .first()
                 .map_or("machine.toml", |(name, _)| name);
@@ -145,16 +145,13 @@ pub fn run(
     space: &Space,
     seed: u64,
     observer: &mut dyn Observer,
-) -> Result<Document, AlignError> {
+) -> Result<Document, Ended> {
     let start = Instant::now();
-    let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
-    let mut station = Station::new(&mut twin, &setup.calibration, observer)?;
-    let covered = methods::cover(&mut station, &setup.recipe, space);
-    station.stop();
-    let (coverage, detail) = match covered {
+    let job = FirstLight { space: *space };
+    let (coverage, detail) = match setup.run(&job, seed, observer) {
         Ok(coverage) => (Some(coverage), String::new()),
-        Err(Halt::Fault(fault)) => return Err(fault.into()),
-        Err(Halt::Outcome(outcome)) => (None, outcome.to_string()),
+        Err(Ended::Outcome(outcome)) => (None, outcome.to_string()),
+        Err(ended) => return Err(ended),
     };
     Ok(document(
         setup,
@@ -174,7 +171,7 @@ fn document(
     detail: String,
     start: Instant,
 ) -> Document {
-    let rate = setup.spec.photodiode.rate;
+    let rate = setup.rig.spec.photodiode.rate;
     let seconds = |value: f64| rounded(value, 1e-4);
     let volts = |value: f64| rounded(value, 1e-6);
     let measured = coverage.map(|c| c.seconds);
@@ -185,8 +182,8 @@ fn document(
     };
     let found = coverage.and_then(|c| c.found);
     Document {
-        rig: setup.rig.clone(),
-        recipe: setup.recipe_name.clone(),
+        rig: setup.rig.name.clone(),
+        recipe: setup.rig.recipe_name.clone(),
         method: space.method.name(),
         seed,
         area_um: [space.x, space.y].map(|way| rounded(way * 1e6, 1e-6)),

@@ -1,14 +1,15 @@
 //! What a rig is to expect of each way to align: the closed forms of the thesis's three searches
 //! (3.3)-(3.5) beside their times on the twin, and the whole procedures.
 
+use crate::align::align;
 use crate::methods::{Document as Search, check, run};
 use pigtail_control::methods::{Method, Space};
 use pigtail_control::station::Unobserved;
 use pigtail_hal::Spec;
 use pigtail_numerics::rounded;
-use pigtail_session::align::{AlignError, align};
+use pigtail_session::job::Ended;
 use pigtail_session::procedure::Procedure;
-use pigtail_session::rig::Setup;
+use pigtail_session::setup::Setup;
 use serde::Serialize;
 use std::time::Instant;
 use strum::VariantArray;
@@ -93,7 +94,7 @@ pub fn plan(
     seed: u64,
     devices: u64,
     step: &mut dyn FnMut(&str),
-) -> Result<Document, AlignError> {
+) -> Result<Document, Ended> {
     let start = Instant::now();
     let mut searches = Vec::new();
     for space in spaces(setup) {
@@ -106,8 +107,8 @@ pub fn plan(
         procedures.push(procedure_row(setup, procedure, seed, devices)?);
     }
     Ok(Document {
-        rig: setup.rig.clone(),
-        recipe: setup.recipe_name.clone(),
+        rig: setup.rig.name.clone(),
+        recipe: setup.rig.recipe_name.clone(),
         seed,
         searches,
         procedures,
@@ -121,7 +122,7 @@ pub fn plan(
 pub fn spaces(setup: &Setup) -> Vec<Space> {
     let mut spaces = Vec::new();
     for method in Method::ALL {
-        let fine = Space::new(method, &setup.recipe);
+        let fine = Space::new(method, &setup.rig.recipe);
         let coarse = Space {
             mesh: 2.0 * fine.mesh,
             ..fine
@@ -129,7 +130,7 @@ pub fn spaces(setup: &Setup) -> Vec<Space> {
         spaces.extend([fine, coarse]);
         if method == Method::MacroRaster {
             spaces.push(Space {
-                frequency: coarse.fastest(setup.spec.photodiode.rate),
+                frequency: coarse.fastest(setup.rig.spec.photodiode.rate),
                 ..coarse
             });
         }
@@ -147,19 +148,20 @@ pub fn rows(setup: &Setup) -> usize {
 /// # Errors
 ///
 /// When the plant cannot be built, or the machine has a fault.
-pub fn search_row(setup: &Setup, space: &Space, seed: u64) -> Result<SearchRow, AlignError> {
+pub fn search_row(setup: &Setup, space: &Space, seed: u64) -> Result<SearchRow, Ended> {
     let mut notes = Vec::new();
     let faster = match space.method {
         Method::MicroRaster if check(setup, space).is_err() => {
-            let faster = faster(&setup.spec, Space::new(space.method, &setup.recipe));
-            faster.map(|spec| Setup {
-                spec,
-                ..setup.clone()
+            let faster = faster(&setup.rig.spec, Space::new(space.method, &setup.rig.recipe));
+            faster.map(|spec| {
+                let mut setup = setup.clone();
+                setup.rig.spec = spec;
+                setup
             })
         }
         _ => None,
     };
-    if let Some(Setup { spec, .. }) = &faster {
+    if let Some(spec) = faster.as_ref().map(|setup| &setup.rig.spec) {
         notes.push(format!(
             "on a rig with photodiodes read at {} Hz, of {} kHz, and a servo at {} Hz",
             spec.photodiode.rate,
@@ -168,7 +170,7 @@ pub fn search_row(setup: &Setup, space: &Space, seed: u64) -> Result<SearchRow, 
         ));
     }
     let setup = faster.as_ref().unwrap_or(setup);
-    let rate = setup.spec.photodiode.rate;
+    let rate = setup.rig.spec.photodiode.rate;
     let (closed, limited) = (space.closed_form(), space.photodiode_limited(rate));
     if (closed / limited - 1.0).abs() > AGREE {
         notes.push(format!(
@@ -222,7 +224,7 @@ fn procedure_row(
     procedure: Procedure,
     seed: u64,
     devices: u64,
-) -> Result<ProcedureRow, AlignError> {
+) -> Result<ProcedureRow, Ended> {
     let start = Instant::now();
     let (mut successes, mut sum, mut max, mut fibers) = (0, 0.0, 0.0, 0.0);
     for device in 0..devices {

@@ -16,6 +16,17 @@
 //!
 //! Inside the project all numbers are SI in `f64`; the doc of each field says the unit. Wire
 //! values have types of their own: [`Counts`] and [`Volts`].
+//!
+//! ```
+//! use pigtail_hal::{AxisName, Command, Volts};
+//!
+//! // What is said in one cycle: nothing but a volt on the left z-stage.
+//! let at: AxisName = "left.z".parse()?;
+//! let mut command = Command::IDLE;
+//! command.motors[at.side.index()][at.axis.index()] = Volts(1.0);
+//! assert_eq!(at.to_string(), "left.z");
+//! # Ok::<(), String>(())
+//! ```
 
 pub mod command;
 pub mod config;

@@ -24,6 +24,12 @@ pub trait Machine {
     /// Stop at once and hold: motors without voltage, laser off, piezos as they are. Never fails:
     /// there is nothing left to try.
     fn stop(&mut self);
+
+    /// Takes commands again after a fault, which a person has looked at or which somebody provoked on
+    /// purpose, and says which it was; `None` where there was none, or where nothing here can clear it.
+    fn clear(&mut self) -> Option<Fault> {
+        None
+    }
 }
 
 macro_rules! behind {
@@ -39,6 +45,10 @@ macro_rules! behind {
 
             fn stop(&mut self) {
                 (**self).stop();
+            }
+
+            fn clear(&mut self) -> Option<Fault> {
+                (**self).clear()
             }
         }
     };

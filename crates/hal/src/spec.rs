@@ -1,7 +1,7 @@
 //! The datasheet of a machine: what its maker would print, and both sides may read.
 
 use crate::quantity;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
@@ -17,7 +17,7 @@ pub const CHANNELS: usize = 3;
 pub const OUTPUTS: usize = 2;
 
 /// A manipulator, seen along the waveguide with the input on the left.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Side {
     /// Carries the input fiber.
@@ -75,7 +75,8 @@ impl Axis {
 }
 
 /// One axis of one manipulator.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "String")]
 pub struct AxisName {
     /// The manipulator.
     pub side: Side,
@@ -84,6 +85,20 @@ pub struct AxisName {
 }
 
 /// `left.a` and the like; `fivebar` and `z` stand for those of the left manipulator.
+impl From<AxisName> for String {
+    fn from(name: AxisName) -> Self {
+        name.to_string()
+    }
+}
+
+impl TryFrom<String> for AxisName {
+    type Error = <Self as FromStr>::Err;
+
+    fn try_from(text: String) -> Result<Self, Self::Error> {
+        text.parse()
+    }
+}
+
 impl FromStr for AxisName {
     type Err = String;
 

@@ -29,6 +29,11 @@ impl<M> Deadline<M> {
     pub fn inner(&self) -> &M {
         &self.machine
     }
+
+    /// The machine behind it, for whoever has done with the rest.
+    pub fn into_inner(self) -> M {
+        self.machine
+    }
 }
 
 impl<M: Machine> Machine for Deadline<M> {
@@ -59,5 +64,9 @@ impl<M: Machine> Machine for Deadline<M> {
 
     fn stop(&mut self) {
         self.machine.stop();
+    }
+
+    fn clear(&mut self) -> Option<Fault> {
+        self.machine.clear()
     }
 }

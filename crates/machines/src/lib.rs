@@ -1,7 +1,21 @@
 //! What goes around any machine: guard, recorder and replay, stop, deadline, pace.
 //!
-//! Everything here implements [`Machine`](pigtail_hal::Machine), and control cannot tell one from
-//! another. This crate knows neither control nor the twin.
+//! In goes a [`Machine`](pigtail_hal::Machine), out comes another that control cannot tell from it. This crate
+//! knows neither control nor the twin; one suite of tests (`tests/conformance.rs`) is for all of them.
+//!
+//! Start with [`Guard`]; [`record`] has the format of a record, its writer and its reader.
+//!
+//! ```
+//! use pigtail_hal::Machine;
+//! use pigtail_machines::{Deadline, Panel};
+//! use std::sync::Arc;
+//!
+//! /// A machine that a button stops, and that stops by itself after a minute of its time.
+//! fn tame(machine: impl Machine) -> impl Machine {
+//!     Panel::new(Deadline::new(machine, 60.0), Arc::default())
+//! }
+//! # let _ = tame::<Box<dyn Machine>>;
+//! ```
 
 mod deadline;
 pub mod guard;

@@ -10,7 +10,8 @@ const NAP: f64 = 2e-3;
 #[derive(Debug)]
 pub struct Pace<M> {
     machine: M,
-    since: Instant,
+    /// `None` where it goes as fast as it can.
+    since: Option<Instant>,
 }
 
 impl<M> Pace<M> {
@@ -18,8 +19,26 @@ impl<M> Pace<M> {
     pub fn new(machine: M) -> Self {
         Self {
             machine,
-            since: Instant::now(),
+            since: Some(Instant::now()),
         }
+    }
+
+    /// A machine at its own pace.
+    pub fn free(machine: M) -> Self {
+        Self {
+            machine,
+            since: None,
+        }
+    }
+
+    /// The machine behind it.
+    pub fn inner(&self) -> &M {
+        &self.machine
+    }
+
+    /// The machine behind it, for whoever has done with the rest.
+    pub fn into_inner(self) -> M {
+        self.machine
     }
 }
 
@@ -30,14 +49,20 @@ impl<M: Machine> Machine for Pace<M> {
 
     fn exchange(&mut self, command: &Command) -> Result<Measurement, Fault> {
         let measured = self.machine.exchange(command)?;
-        let ahead = measured.time - self.since.elapsed().as_secs_f64();
-        if ahead > NAP {
-            std::thread::sleep(Duration::from_secs_f64(ahead));
+        if let Some(since) = self.since {
+            let ahead = measured.time - since.elapsed().as_secs_f64();
+            if ahead > NAP {
+                std::thread::sleep(Duration::from_secs_f64(ahead));
+            }
         }
         Ok(measured)
     }
 
     fn stop(&mut self) {
         self.machine.stop();
+    }
+
+    fn clear(&mut self) -> Option<Fault> {
+        self.machine.clear()
     }
 }

@@ -17,6 +17,16 @@ impl<M> Panel<M> {
     pub fn new(machine: M, pressed: Arc<AtomicBool>) -> Self {
         Self { machine, pressed }
     }
+
+    /// The machine behind it.
+    pub fn inner(&self) -> &M {
+        &self.machine
+    }
+
+    /// The machine behind it, for whoever has done with the rest.
+    pub fn into_inner(self) -> M {
+        self.machine
+    }
 }
 
 impl<M: Machine> Machine for Panel<M> {
@@ -32,5 +42,9 @@ impl<M: Machine> Machine for Panel<M> {
 
     fn stop(&mut self) {
         self.machine.stop();
+    }
+
+    fn clear(&mut self) -> Option<Fault> {
+        self.machine.clear()
     }
 }

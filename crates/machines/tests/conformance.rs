@@ -37,11 +37,19 @@ fn every(ask: impl Fn(&mut dyn Machine)) {
 
     let mut recorder = record(boxed(twin(2)), &first);
     ask(&mut recorder);
-    recorder.finish().wait().expect("a disk with room");
+    recorder
+        .finish()
+        .expect("a record")
+        .wait()
+        .expect("a disk with room");
     ask(&mut replay(&first));
     let mut again = record(boxed(replay(&first)), &second);
     ask(&mut again);
-    again.finish().wait().expect("a disk with room");
+    again
+        .finish()
+        .expect("a record")
+        .wait()
+        .expect("a disk with room");
     ask(&mut replay(&second));
 
     let mut watched = Guard::new(record(boxed(twin(3)), &third), geometry());

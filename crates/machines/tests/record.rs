@@ -33,7 +33,11 @@ fn recorded(path: &Path) -> Vec<Measurement> {
         .iter()
         .map(|command| recorder.exchange(command).expect("well"))
         .collect();
-    recorder.finish().wait().expect("a disk with room");
+    recorder
+        .finish()
+        .expect("a record")
+        .wait()
+        .expect("a disk with room");
     seen
 }
 
@@ -127,7 +131,11 @@ fn a_guard_around_a_replay_stops_where_it_did() {
         }
     }
     drop(machine);
-    recorder.finish().wait().expect("a disk with room");
+    recorder
+        .finish()
+        .expect("a record")
+        .wait()
+        .expect("a disk with room");
     let mut again = pigtail_machines::Guard::new(replay(&path), geometry());
     let fault = (0..2000).find_map(|_| again.exchange(&last).err());
     assert_eq!(fault, first);

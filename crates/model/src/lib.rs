@@ -15,6 +15,18 @@
 //! - [`fivebar`], [`leadscrew`]: from joints to the endpoint;
 //! - [`hysteresis`], [`piezo`]: the micro manipulator; [`pulse`]: the impulse (4.7);
 //! - [`optics`]: how much light passes from a fiber to a chip and back.
+//!
+//! Start with [`joint`]. In go parameters, a state and an input over a time; out comes the next state:
+//!
+//! ```
+//! use pigtail_model::fivebar::FiveBar;
+//!
+//! // The endpoint of the thesis's five-bar, from its joints and back.
+//! let bar = FiveBar::new(40e-3, 45e-3, 72.5e-3).expect("links that reach each other");
+//! let joints = bar.inverse(0.0, 82.5e-3).expect("home is within reach");
+//! let (x, y) = bar.forward(joints).expect("so are its joints");
+//! assert!(x.abs() < 1e-12 && (y - 82.5e-3).abs() < 1e-12);
+//! ```
 
 mod each;
 pub mod fivebar;

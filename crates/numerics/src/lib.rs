@@ -1,9 +1,24 @@
 //! What two rooms would otherwise write twice: least squares, filters, statistics, one-dimensional search.
 //!
-//! - [`regression`]: linear least squares, weighted and with instruments, with what is known of its uncertainty;
-//! - [`nonlinear`]: Levenberg and Marquardt's method with a Jacobian by differences;
+//! In go columns of numbers, out come numbers and what is known of their uncertainty. Nothing here knows
+//! what the numbers mean.
+//!
+//! - [`regression`]: linear least squares, weighted and with instruments; [`nonlinear`]: Levenberg and
+//!   Marquardt's method with a Jacobian by differences;
 //! - [`signal`]: filters without delay, derivatives, decimation, quantiles;
 //! - [`golden`]: golden section; [`statistics`]: percentiles, Wilson's interval.
+//!
+//! Start with [`regression`].
+//!
+//! ```
+//! use pigtail_numerics::regression::{least_squares, matrix};
+//!
+//! // y = 2 x + 1, in three points: both parameters to the last digit.
+//! let x = matrix(&[&[0.0, 1.0, 2.0], &[1.0, 1.0, 1.0]]);
+//! let solution = least_squares(&x, &[1.0, 3.0, 5.0]).expect("two columns that differ");
+//! assert!((solution.values[0] - 2.0).abs() < 1e-12);
+//! assert!((solution.values[1] - 1.0).abs() < 1e-12);
+//! ```
 
 pub mod golden;
 pub mod nonlinear;

@@ -1,4 +1,16 @@
 //! Models of an axis from a record that a person brings: what the commands answer.
+//!
+//! In go files as they come from somebody's bench, out come answers: parameters with units and how sure they
+//! are, a verdict in a sentence, and what was assumed. It reads; what is found in columns of numbers is
+//! `pigtail-sysid`'s business. Start with [`columns`], how a column is named and what unit it has:
+//!
+//! ```
+//! use pigtail_records::columns::Named;
+//!
+//! let column: Named = "position:mm".parse()?;
+//! # let _ = column;
+//! # Ok::<(), String>(())
+//! ```
 
 pub mod columns;
 pub mod fragment;

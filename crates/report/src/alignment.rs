@@ -6,10 +6,10 @@ use anyhow::Result;
 use pigtail_control::kinematics::Kinematics;
 use pigtail_control::procedure::PORTS;
 use pigtail_control::station::Sample;
+use pigtail_evaluate::align::{Document, FiberRow};
 use pigtail_hal::{Channel, Side};
-use pigtail_session::align::{Document, FiberRow};
-use pigtail_session::record::{PhaseRecord, Record};
-use pigtail_session::rig::Setup;
+use pigtail_session::samples::{PhaseRecord, Record};
+use pigtail_session::setup::Setup;
 use std::fmt::Write as _;
 
 /// Phases in which a fiber looks for light or follows it.
@@ -43,7 +43,7 @@ pub fn alignment(setup: &Setup, document: &Document, record: &Record) -> Result<
         body.push_str(&section(setup, record, index, fiber)?);
     }
     body.push_str("<details><summary>Configuration</summary>\n<table>\n");
-    for (file, hash) in &setup.hashes {
+    for (file, hash) in &setup.rig.hashes {
         let _ = writeln!(
             body,
             "<tr><td>{}</td><td><code>{hash}</code></td></tr>",
@@ -140,9 +140,9 @@ struct Seen {
 fn seen(setup: &Setup, record: &Record, index: usize, port: &str) -> Vec<Seen> {
     let side = if index == 0 { Side::Left } else { Side::Right };
     let [px, py, pz] = if index == 0 {
-        setup.recipe.ports.input
+        setup.rig.recipe.ports.input
     } else {
-        setup.recipe.ports.outputs[index - 1]
+        setup.rig.recipe.ports.outputs[index - 1]
     };
     let channel = if index == 0 {
         Channel::Sensing
@@ -150,7 +150,7 @@ fn seen(setup: &Setup, record: &Record, index: usize, port: &str) -> Vec<Seen> {
         Channel::of_output(index - 1)
     };
     let outward = if index == 0 { -1.0 } else { 1.0 };
-    let kinematics = Kinematics::new(&setup.spec, &setup.calibration, side);
+    let kinematics = Kinematics::new(&setup.rig.spec, &setup.rig.calibration, side);
     let look = |phase: &PhaseRecord, sample: &Sample| {
         let (dx, dy) = sample.micro[side.index()];
         let tip = kinematics.chip_from_macro(sample.endpoints[side.index()].shifted(dx, dy, 0.0));
@@ -216,7 +216,7 @@ fn section(setup: &Setup, record: &Record, index: usize, fiber: &FiberRow) -> Re
         .collect();
     if approach.len() > 1 {
         html.push_str(&figure(
-            &along_z(&approach, setup.recipe.approach.gap * 1e6)?,
+            &along_z(&approach, setup.rig.recipe.approach.gap * 1e6)?,
             "The endpoint against z on approach: light leaves the angled facet at an angle, so the \
              peak walks across the chip as the gap closes, and the tip with it.",
         ));

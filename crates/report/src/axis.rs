@@ -5,6 +5,7 @@ use super::html::{escape, figure, page};
 use anyhow::Result;
 use pigtail_control::characterize::{FrequencyResponse, Increments, Trace};
 use pigtail_session::characterize::{FrequencyDocument, ResolutionRow, SineDocument, StepDocument};
+
 use std::fmt::Write as _;
 
 fn head(title: &str, text: &str) -> String {

@@ -4,9 +4,9 @@ use super::figure::{HALF, WHOLE};
 use super::histogram::histogram;
 use super::html::{escape, figure, page};
 use anyhow::Result;
+use pigtail_evaluate::align::TOLERANCE_Z_UM;
 use pigtail_evaluate::campaign::{Document, Store};
 use pigtail_numerics::statistics::Percentiles;
-use pigtail_session::align::TOLERANCE_Z_UM;
 use pigtail_session::procedure::Procedure;
 use std::fmt::Write as _;
 

@@ -1,4 +1,20 @@
-//! The page a person wants to look at: one self-contained HTML file.
+//! The page a person wants to look at: one self-contained HTML file for each kind of run.
+//!
+//! In goes what a run has found (documents of `session`, `evaluate`, `reproduce` and `records`), out comes
+//! text. Nothing is computed here that a reader would have to trust. Start with `alignment`, the page of
+//! `pigtail align`; `figure` draws, `html` is what all pages have in common.
+//!
+//! ```
+//! use pigtail_control::station::Unobserved;
+//! use pigtail_session::{Setup, characterize::Step};
+//!
+//! let setup = Setup::load("afpm", "y-branch")?;
+//! let job = Step { at: "left.z".parse()?, size: 1300 };
+//! let (document, trace) = setup.run(&job, 7, &mut Unobserved)?;
+//! let page = pigtail_report::step(&document, &trace)?;
+//! assert!(page.starts_with("<!"));
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod alignment;
 mod axis;

@@ -2,7 +2,7 @@
 
 use pigtail_control::methods::{Method, Space};
 use pigtail_hal::Axis;
-use pigtail_session::rig::Setup;
+use pigtail_session::setup::Setup;
 use std::f64::consts::TAU;
 
 /// The page of the book, from which the report takes its section.
@@ -55,13 +55,13 @@ fn one(section: &str, setup: &Setup) -> Erratum {
 
 /// What is computed for a slip; `None` for one that is not known.
 fn check(key: &str, setup: &Setup) -> Option<String> {
-    let rate = setup.spec.photodiode.rate;
-    let one = Space::new(Method::MacroRaster, &setup.recipe);
+    let rate = setup.rig.spec.photodiode.rate;
+    let one = Space::new(Method::MacroRaster, &setup.rig.recipe);
     let coarse = Space {
         mesh: 2.0 * one.mesh,
         ..one
     };
-    let three = Space::new(Method::Multimode, &setup.recipe).closed_form();
+    let three = Space::new(Method::Multimode, &setup.rig.recipe).closed_form();
     let initiation = three + three / 3.0;
     let minutes = |seconds: f64| seconds / 60.0;
     Some(match key {
@@ -144,9 +144,9 @@ fn check(key: &str, setup: &Setup) -> Option<String> {
             format!("On this rig's z 12.5 fcm are {:.1} fsm.", 12.5 * ratio)
         }
         "count" => {
-            let drive = setup.spec.drive(Axis::Z);
+            let drive = setup.rig.spec.drive(Axis::Z);
             let count = drive.count();
-            let um = 1e6 * count / drive.gear_ratio * setup.calibration.geometry.z.lead / TAU;
+            let um = 1e6 * count / drive.gear_ratio * setup.rig.calibration.geometry.z.lead / TAU;
             format!(
                 "2 pi/2048 = {count:.2e} rad, {um:.3} um of z; a tenth is {:.2e} rad.",
                 0.1 * count

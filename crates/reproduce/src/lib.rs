@@ -11,6 +11,16 @@
 //! which is `measured.toml`. Either is the one in the middle of all specimens. The seed draws device,
 //! fixture, noise and the searches' luck; where it is asked for, a specimen of the machine too, on which
 //! then all is measured. What was simulated stays in the middle: a simulation knows its parameters.
+//!
+//! In goes a [`Bench`], out come figures and a [`Document`] of claims. Start with [`claims`].
+//!
+//! ```
+//! use pigtail_reproduce::{experiments, select};
+//!
+//! // Every figure belongs to one experiment.
+//! let chosen = select(&["2.8".to_owned()]).expect("a figure of the thesis");
+//! assert_eq!(experiments().filter(|e| e.figures.contains(&chosen[0])).count(), 1);
+//! ```
 
 mod chapter2;
 mod chapter3;
@@ -21,55 +31,14 @@ pub mod picture;
 
 use claims::Claim;
 use picture::Picture;
-use pigtail_evaluate::maximize::Unmeasured;
 use pigtail_hal::Error;
-use pigtail_session::align::AlignError;
-use pigtail_session::characterize::ExperimentError;
-use pigtail_session::rig::Setup;
-use pigtail_twin::TwinError;
+use pigtail_session::job::Ended;
+use pigtail_session::setup::Setup;
 use pigtail_twin::plant::Variation;
 use rayon::prelude::*;
 use serde::Serialize;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
-
-/// Why the thesis could not be reproduced.
-#[derive(Debug, thiserror::Error)]
-pub enum ReproduceError {
-    /// The rig lacks something, or the machine could not be built or stopped.
-    #[error(transparent)]
-    Experiment(#[from] ExperimentError),
-    /// A fiber could not be brought to its peak.
-    #[error("no fiber could be brought to its peak: {0}")]
-    NoPeak(String),
-}
-
-impl From<AlignError> for ReproduceError {
-    fn from(error: AlignError) -> Self {
-        Self::Experiment(error.into())
-    }
-}
-
-impl From<TwinError> for ReproduceError {
-    fn from(error: TwinError) -> Self {
-        AlignError::from(error).into()
-    }
-}
-
-impl From<Error> for ReproduceError {
-    fn from(error: Error) -> Self {
-        Self::Experiment(error.into())
-    }
-}
-
-impl From<Unmeasured> for ReproduceError {
-    fn from(error: Unmeasured) -> Self {
-        match error {
-            Unmeasured::Align(error) => error.into(),
-            Unmeasured::NoPeak(why) => Self::NoPeak(why),
-        }
-    }
-}
 
 /// What experiments are done on.
 #[derive(Debug, Clone)]
@@ -199,14 +168,14 @@ pub struct Experiment {
     pub figures: &'static [&'static str],
     /// How long it takes beside the others, about: the longest begin first.
     cost: u32,
-    run: fn(&Bench) -> Result<Vec<Figure>, ReproduceError>,
+    run: fn(&Bench) -> Result<Vec<Figure>, Ended>,
 }
 
 impl Experiment {
     const fn new(
         figures: &'static [&'static str],
         cost: u32,
-        run: fn(&Bench) -> Result<Vec<Figure>, ReproduceError>,
+        run: fn(&Bench) -> Result<Vec<Figure>, Ended>,
     ) -> Self {
         Self { figures, cost, run }
     }
@@ -351,7 +320,7 @@ pub fn reproduce(
     bench: &Bench,
     selected: &[&'static str],
     done: &(dyn Fn(&[&'static str]) + Sync),
-) -> Result<Reproduction, ReproduceError> {
+) -> Result<Reproduction, Ended> {
     let start = Instant::now();
     let mut chosen: Vec<(usize, &Experiment)> = experiments()
         .filter(|e| e.figures.iter().any(|id| selected.contains(id)))
@@ -375,7 +344,7 @@ pub fn reproduce(
                 done(experiment.figures);
             }
         })
-        .collect::<Result<Vec<_>, ReproduceError>>()?
+        .collect::<Result<Vec<_>, Ended>>()?
         .into_iter()
         .flatten()
         .collect();
@@ -398,7 +367,7 @@ pub fn reproduce(
         of_predicted: count(|c| !c.calibrated),
         claims,
         seconds: pigtail_numerics::rounded(start.elapsed().as_secs_f64(), 1e-3),
-        rig: bench.machine.rig.clone(),
+        rig: bench.machine.rig.name.clone(),
         seed: bench.seed,
         quick: bench.quick,
         specimen: bench.specimen,

@@ -1,520 +1,68 @@
-//! One device aligned on a twin, and the document that says how it went.
+//! A device aligned on a machine: what control says of it.
 
-use crate::guarded::guarded;
+use crate::job::{Ended, Job, Order, Work};
 use crate::procedure::Procedure;
-use crate::rig::{Setup, Source};
-use pigtail_control::outcome::Outcome;
-use pigtail_control::procedure::{FiberReport, PORTS, not_begun};
+use pigtail_control::procedure::{FiberReport, not_begun};
 use pigtail_control::recipe::Recipe;
-use pigtail_control::station::{Observer, Station};
-use pigtail_hal::{Fault, Machine};
-use pigtail_machines::record::{Closing, RecordError};
-use pigtail_machines::{Deadline, Pace, Panel, Recorder};
-use pigtail_numerics::rounded;
-use pigtail_twin::Twin;
-use pigtail_twin::faults::Injection;
-use pigtail_twin::{FiberTruth, TwinError};
+use pigtail_control::station::Station;
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
-use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
-
-/// Tolerances of an aligned fiber: x and y, then z (thesis 3.1), micrometres.
-pub const TOLERANCE_XY_UM: f64 = 0.1;
-/// See [`TOLERANCE_XY_UM`].
-pub const TOLERANCE_Z_UM: f64 = 2.0;
 
 /// An alignment that takes longer than this hangs, seconds of machine time: a device without light
 /// takes two minutes.
-const LONGEST: f64 = 1800.0;
+pub const LONGEST: f64 = 1800.0;
 
-/// What a run prints as JSON and keeps as `summary.json`. Keys are a contract: more may come,
-/// none changes its name or meaning.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Document {
-    /// The rig as it was named.
-    pub rig: String,
-    /// The recipe as it was named.
-    pub recipe: String,
-    /// The procedure.
-    pub procedure: &'static str,
-    /// How the truth was changed.
-    pub scenario: String,
-    /// The seed of machine, device, fixture and noise.
-    pub seed: u64,
-    /// A row a fiber, input first.
-    pub fibers: Vec<FiberRow>,
-    /// Machine time over the number of fibers that were attempted, seconds.
-    pub seconds_per_fiber: f64,
-    /// Whether a fiber, the sensing fiber or an empty holder ever touched the chip: the truth.
-    pub collision: bool,
-    /// The least distance between the chip and any of these: the truth.
-    pub smallest_gap_um: Option<f64>,
-    /// What was broken on purpose, and when.
-    pub injected: Vec<String>,
-    /// Why the machine stopped by itself; `null` where it did not.
-    pub fault: Option<Fault>,
-    /// The program's version.
-    pub version: &'static str,
-    /// Path of the report; empty when none was written.
-    pub report: String,
+/// Align a device. A fault of the machine is how the fiber ended to which it happened.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Align {
+    /// How.
+    pub procedure: Procedure,
 }
 
-/// How one fiber's alignment went.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct FiberRow {
-    /// The port.
-    pub port: &'static str,
-    /// What control says of it.
-    pub outcome: &'static str,
-    /// The same in a sentence, with the evidence.
-    pub detail: String,
-    /// Its phases in order.
-    pub phases: Vec<PhaseRow>,
-    /// Machine time of all of them, seconds.
-    pub seconds: f64,
-    /// Where it really is; `null` unless attached.
-    pub offset_um: Option<Offset>,
-    /// Loss at this interface, decibels; `null` unless attached.
-    pub coupling_loss_db: Option<f64>,
-    /// Whether it really is where it should be; `null` unless attached.
-    pub within_tolerance: Option<bool>,
-}
-
-/// One phase of a fiber's alignment.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct PhaseRow {
-    /// Its name.
-    pub name: &'static str,
-    /// Machine time, seconds.
-    pub seconds: f64,
-}
-
-/// The truth about an attached fiber: from the lateral peak of the coupling at its gap, and from
-/// the gap that was wanted, micrometres.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Offset {
-    /// Across the chip.
-    pub x: f64,
-    /// Up from the chip.
-    pub y: f64,
-    /// Gap beyond the wanted one.
-    pub z: f64,
-}
-
-/// Why an alignment did not come to its end.
-#[derive(Debug, thiserror::Error)]
-pub enum AlignError {
-    /// The plant cannot be built.
-    #[error(transparent)]
-    Twin(#[from] TwinError),
-    /// The machine stopped.
-    #[error(transparent)]
-    Fault(#[from] Fault),
-}
-
-/// Aligns one device on the twin that `seed` draws, by a procedure.
-///
-/// # Errors
-///
-/// When the plant cannot be built. A fiber that cannot be aligned is not an error, nor is a fault of
-/// the machine: the document says so.
-pub fn align(
-    setup: &Setup,
-    procedure: Procedure,
-    seed: u64,
-    observer: &mut dyn Observer,
-) -> Result<Document, TwinError> {
-    let (mut twin, injected) = drawn(setup, procedure, seed)?;
-    let reports = run(
-        Deadline::new(&mut twin, LONGEST),
-        setup,
-        procedure,
-        observer,
-    );
-    Ok(document(
-        setup,
-        &of(procedure),
-        seed,
-        &injected,
-        &twin,
-        &reports,
-    ))
-}
-
-/// The twin that `seed` draws, and what will break on it.
-fn drawn(
-    setup: &Setup,
-    procedure: Procedure,
-    seed: u64,
-) -> Result<(Twin, Vec<Injection>), TwinError> {
-    let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
-    let injected = setup.faults.of(seed, procedure.seconds());
-    twin.inject(&injected);
-    Ok((twin, injected))
-}
-
-/// What becomes of a run beside its document.
-#[derive(Debug, Default)]
-pub struct Kept {
-    /// Where every exchange is recorded, if anywhere.
-    pub record: Option<PathBuf>,
-    /// A person's wish to stop.
-    pub stop: Arc<AtomicBool>,
-    /// Whether the machine's time keeps to the clock.
-    pub real_time: bool,
-}
-
-/// The same as [`align`], recorded and to be stopped by a person; and the record on its way to the
-/// disk.
-///
-/// # Errors
-///
-/// When the plant cannot be built, or the record cannot be written.
-pub fn align_kept(
-    setup: &Setup,
-    procedure: Procedure,
-    seed: u64,
-    observer: &mut dyn Observer,
-    kept: &Kept,
-) -> Result<(Document, Option<Closing>), Unkept> {
-    let (mut twin, injected) = drawn(setup, procedure, seed)?;
-    let timed = Deadline::new(&mut twin, LONGEST);
-    let paced: Box<dyn Machine + '_> = if kept.real_time {
-        Box::new(Pace::new(timed))
-    } else {
-        Box::new(timed)
-    };
-    let machine = Panel::new(paced, Arc::clone(&kept.stop));
-    let (reports, closing) = match &kept.record {
-        None => (run(machine, setup, procedure, observer), None),
-        Some(path) => {
-            let about = About::of(setup, procedure, seed);
-            let mut recorder = Recorder::new(machine, path, &about.to_bytes())?;
-            let reports = run(&mut recorder, setup, procedure, observer);
-            (reports, Some(recorder.finish()))
-        }
-    };
-    let document = document(setup, &of(procedure), seed, &injected, &twin, &reports);
-    Ok((document, closing))
-}
-
-/// Why a run that is to be kept did not come to its end.
-#[derive(Debug, thiserror::Error)]
-pub enum Unkept {
-    /// The plant cannot be built.
-    #[error(transparent)]
-    Twin(#[from] TwinError),
-    /// The record cannot be written.
-    #[error(transparent)]
-    Record(#[from] RecordError),
-}
-
-/// What a record says of its run: all that it takes to run the same control again.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct About {
-    /// The program's version.
-    pub version: String,
-    /// The rig as it was named.
-    pub rig: String,
-    /// The recipe as it was named.
-    pub recipe: String,
-    /// The procedure.
-    pub procedure: String,
-    /// How the truth was changed.
-    pub scenario: String,
-    /// What was broken on purpose.
-    pub faults: String,
-    /// The seed.
-    pub seed: u64,
-    /// Every file that was read.
-    pub sources: Vec<Source>,
-}
-
-impl About {
-    fn of(setup: &Setup, procedure: Procedure, seed: u64) -> Self {
-        Self {
-            version: env!("CARGO_PKG_VERSION").to_owned(),
-            rig: setup.rig.clone(),
-            recipe: setup.recipe_name.clone(),
-            procedure: procedure.name().to_owned(),
-            scenario: setup.scenario.clone(),
-            faults: setup.faults.to_string(),
-            seed,
-            sources: setup.sources.clone(),
-        }
-    }
-
-    fn to_bytes(&self) -> Vec<u8> {
-        serde_json::to_vec(self).expect("texts and numbers are JSON")
-    }
-}
-
-/// A procedure on a machine, with the guard between them.
-pub fn run(
-    machine: impl Machine,
-    setup: &Setup,
-    procedure: Procedure,
-    observer: &mut dyn Observer,
-) -> Vec<FiberReport> {
-    let control = |station: &mut Station, recipe: &Recipe| procedure.run(station, recipe);
-    run_by(machine, setup, control, observer).reports
-}
-
-/// What control did on a machine.
-struct Ran {
-    reports: Vec<FiberReport>,
-    /// Machine time by the machine, from power-on until the last fiber was done, seconds.
-    machine_seconds: f64,
-    /// Light samples that control looked at.
-    readings: u64,
-}
-
-/// Any way to align on a machine, with the guard between them.
-fn run_by(
-    machine: impl Machine,
-    setup: &Setup,
-    control: impl FnOnce(&mut Station, &Recipe) -> Vec<FiberReport>,
-    observer: &mut dyn Observer,
-) -> Ran {
-    let mut machine = guarded(machine, setup);
-    match Station::new(&mut machine, &setup.calibration, observer) {
-        Ok(mut station) => {
-            let reports = control(&mut station, &setup.recipe);
-            station.stop();
-            Ran {
-                reports,
-                machine_seconds: station.time(),
-                readings: station.readings(),
-            }
-        }
-        Err(fault) => Ran {
-            reports: not_begun(&setup.recipe, fault),
-            machine_seconds: 0.0,
-            readings: 0,
-        },
-    }
-}
-
-/// A way to align a device, as documents call and judge it.
-pub struct Way {
-    /// Its name.
-    pub name: &'static str,
-    /// How near to the peak in x and y a fiber must be in truth to count as aligned, micrometres.
-    pub tolerance_xy_um: f64,
-}
-
-fn of(procedure: Procedure) -> Way {
-    Way {
-        name: procedure.name(),
-        tolerance_xy_um: procedure.tolerance_xy_um(),
-    }
-}
-
-/// What came of a device that was aligned by any way.
+/// What control says of a device.
+#[derive(Debug, Clone, PartialEq)]
 pub struct Aligned {
-    /// The document.
-    pub document: Document,
+    /// Each fiber, in the order of alignment.
+    pub fibers: Vec<FiberReport>,
     /// Machine time by the machine, from power-on until the last fiber was done, seconds.
     pub machine_seconds: f64,
     /// Light samples that control looked at.
     pub readings: u64,
 }
 
-/// As [`align`], by any way, on a machine that nothing is injected into.
-///
-/// # Errors
-///
-/// As [`align`].
+impl Job for Align {
+    type Output = Aligned;
+
+    fn run(&self, work: &mut Work<'_>) -> Result<Aligned, Ended> {
+        Ok(align_by(work, |station, recipe| {
+            self.procedure.run(station, recipe)
+        }))
+    }
+
+    fn order(&self) -> Order {
+        Order::Align(*self)
+    }
+
+    fn longest(&self) -> f64 {
+        LONGEST
+    }
+}
+
+/// Aligns a device in one's own way.
 pub fn align_by(
-    setup: &Setup,
-    way: &Way,
+    work: &mut Work<'_>,
     control: impl FnOnce(&mut Station, &Recipe) -> Vec<FiberReport>,
-    seed: u64,
-    observer: &mut dyn Observer,
-) -> Result<Aligned, TwinError> {
-    let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
-    let ran = run_by(Deadline::new(&mut twin, LONGEST), setup, control, observer);
-    Ok(Aligned {
-        document: document(setup, way, seed, &[], &twin, &ran.reports),
-        machine_seconds: ran.machine_seconds,
-        readings: ran.readings,
-    })
-}
-
-fn document(
-    setup: &Setup,
-    way: &Way,
-    seed: u64,
-    injected: &[Injection],
-    twin: &Twin,
-    reports: &[FiberReport],
-) -> Document {
-    let truth = twin.truth();
-    let truths = std::iter::once(truth.input).chain(truth.outputs);
-    let fibers: Vec<FiberRow> = reports
-        .iter()
-        .zip(truths)
-        .map(|(report, truth)| {
-            let gap = setup.recipe.approach.gap;
-            row(report, truth, gap, way.tolerance_xy_um)
-        })
-        .collect();
-    let attempted = reports
-        .iter()
-        .filter(|r| r.outcome != Outcome::NotAttempted)
-        .count();
-    let seconds: f64 = reports.iter().map(FiberReport::seconds).sum();
-    Document {
-        rig: setup.rig.clone(),
-        recipe: setup.recipe_name.clone(),
-        procedure: way.name,
-        scenario: setup.scenario.clone(),
-        seed,
-        fibers,
-        seconds_per_fiber: rounded(seconds / attempted.max(1) as f64, 1e-4),
-        collision: truth.smallest_gap <= 0.0,
-        smallest_gap_um: Some(truth.smallest_gap)
-            .filter(|gap| gap.is_finite())
-            .map(|gap| rounded(gap * 1e6, 1e-6)),
-        injected: injected.iter().map(ToString::to_string).collect(),
-        fault: reports
-            .iter()
-            .find_map(|report| report.outcome.fault())
-            .cloned(),
-        version: env!("CARGO_PKG_VERSION"),
-        report: String::new(),
-    }
-}
-
-/// The document of a device at which the program itself failed.
-pub fn panicked(
-    setup: &Setup,
-    procedure: Procedure,
-    seed: u64,
-    panic: &(dyn std::any::Any + Send),
-) -> Document {
-    let text = |panic: &(dyn std::any::Any + Send)| {
-        let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-        text.or_else(|| panic.downcast_ref::<String>().cloned())
-    };
-    let detail = text(panic).unwrap_or_else(|| "the program failed".to_owned());
-    let fiber = |port| FiberRow {
-        port,
-        outcome: "panic",
-        detail: detail.clone(),
-        phases: Vec::new(),
-        seconds: 0.0,
-        offset_um: None,
-        coupling_loss_db: None,
-        within_tolerance: None,
-    };
-    Document {
-        rig: setup.rig.clone(),
-        recipe: setup.recipe_name.clone(),
-        procedure: procedure.name(),
-        scenario: setup.scenario.clone(),
-        seed,
-        fibers: PORTS.into_iter().map(fiber).collect(),
-        seconds_per_fiber: 0.0,
-        collision: false,
-        smallest_gap_um: None,
-        injected: setup
-            .faults
-            .of(seed, procedure.seconds())
-            .iter()
-            .map(ToString::to_string)
-            .collect(),
-        fault: None,
-        version: env!("CARGO_PKG_VERSION"),
-        report: String::new(),
-    }
-}
-
-impl Document {
-    /// Whether every fiber is aligned, by control's word and in truth, and nothing was touched.
-    pub fn is_success(&self) -> bool {
-        !self.collision
-            && self
-                .fibers
-                .iter()
-                .all(|fiber| fiber.outcome == "aligned" && fiber.within_tolerance == Some(true))
-    }
-}
-
-impl Document {
-    /// How it ended, in a few words.
-    pub fn outcome(&self) -> String {
-        let lost = self
-            .fibers
-            .iter()
-            .find(|fiber| fiber.verdict() != "aligned");
-        match lost {
-            _ if self.collision => "touched the chip".to_owned(),
-            Some(fiber) => format!("{}: {}", fiber.port, fiber.verdict()),
-            None => "aligned".to_owned(),
-        }
-    }
-
-    /// The names of all phases, in the order in which they first come.
-    pub fn phase_names(&self) -> Vec<&'static str> {
-        let mut names = Vec::new();
-        for phase in self.fibers.iter().flat_map(|fiber| &fiber.phases) {
-            if !names.contains(&phase.name) {
-                names.push(phase.name);
-            }
-        }
-        names
-    }
-}
-
-impl FiberRow {
-    /// The outcome, beside the truth.
-    pub fn verdict(&self) -> &'static str {
-        match self.within_tolerance {
-            Some(false) => "believed aligned",
-            _ => self.outcome,
-        }
-    }
-
-    /// Machine time of a phase, seconds, if it was entered.
-    pub fn seconds_in(&self, phase: &str) -> Option<f64> {
-        self.phases
-            .iter()
-            .find(|row| row.name == phase)
-            .map(|row| row.seconds)
-    }
-}
-
-fn row(
-    report: &FiberReport,
-    truth: Option<FiberTruth>,
-    wanted_gap: f64,
-    tolerance_xy: f64,
-) -> FiberRow {
-    let offset = truth.map(|t| (t.x, t.y, t.gap - wanted_gap));
-    FiberRow {
-        port: report.port,
-        outcome: report.outcome.name(),
-        detail: report.outcome.to_string(),
-        phases: report
-            .phases
-            .iter()
-            .map(|&(name, seconds)| PhaseRow {
-                name,
-                seconds: rounded(seconds, 1e-4),
-            })
-            .collect(),
-        seconds: rounded(report.seconds(), 1e-4),
-        offset_um: offset.map(|(x, y, z)| Offset {
-            x: rounded(x * 1e6, 1e-6),
-            y: rounded(y * 1e6, 1e-6),
-            z: rounded(z * 1e6, 1e-6),
-        }),
-        coupling_loss_db: truth.map(|t| rounded(-10.0 * t.coupling.log10(), 1e-6)),
-        within_tolerance: offset.map(|(x, y, z)| {
-            let [x, y, z] = [x, y, z].map(|metres| 1e6 * metres.abs());
-            x <= tolerance_xy && y <= tolerance_xy && z <= TOLERANCE_Z_UM
-        }),
+) -> Aligned {
+    let recipe = &work.rig.recipe;
+    match Station::new(work.machine, &work.rig.calibration, work.observer) {
+        Ok(mut station) => Aligned {
+            fibers: control(&mut station, recipe),
+            machine_seconds: station.time(),
+            readings: station.readings(),
+        },
+        Err(fault) => Aligned {
+            fibers: not_begun(recipe, fault),
+            machine_seconds: 0.0,
+            readings: 0,
+        },
     }
 }

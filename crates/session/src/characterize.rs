@@ -1,86 +1,40 @@
-//! Experiments on one axis of a twin, and the documents that say what came of them.
+//! Experiments on one axis, and the documents that say what came of them.
 
-use crate::align::AlignError;
-use crate::rig::Setup;
+use crate::job::{Ended, Job, Order, Work};
+use crate::rig::Rig;
 use pigtail_control::characterize::{
     FrequencyResponse, Increments, StepResponse, Trace, frequency_response, increments, record,
     sine, step_response,
 };
-use pigtail_control::outcome::Halt;
-use pigtail_control::station::{Station, Unobserved};
+use pigtail_control::station::Station;
 use pigtail_hal::quantity::Counts;
-use pigtail_hal::{Axis, AxisName, Error, Fault};
+use pigtail_hal::{Axis, AxisName, Error};
 use pigtail_numerics::rounded;
-use pigtail_twin::Twin;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use serde::Serialize;
-
-/// Why an experiment did not come to its end.
-#[derive(Debug, thiserror::Error)]
-pub enum ExperimentError {
-    /// The machine could not be built, or stopped.
-    #[error(transparent)]
-    Align(#[from] AlignError),
-    /// The rig cannot do it.
-    #[error(transparent)]
-    Input(#[from] Error),
-}
-
-impl From<Fault> for ExperimentError {
-    fn from(fault: Fault) -> Self {
-        Self::Align(AlignError::Fault(fault))
-    }
-}
-
-impl From<Halt> for ExperimentError {
-    fn from(halt: Halt) -> Self {
-        match halt {
-            Halt::Fault(fault) => fault.into(),
-            Halt::Outcome(outcome) => Error::new("machine.toml", "", outcome.to_string()).into(),
-        }
-    }
-}
-
-/// Runs an experiment on the twin that `seed` draws.
-///
-/// # Errors
-///
-/// When the plant cannot be built, or what the experiment fails with.
-pub fn on_twin<T>(
-    setup: &Setup,
-    seed: u64,
-    experiment: impl FnOnce(&mut Station) -> Result<T, ExperimentError>,
-) -> Result<T, ExperimentError> {
-    let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed).map_err(AlignError::Twin)?;
-    let mut unobserved = Unobserved;
-    let mut station = Station::new(&mut twin, &setup.calibration, &mut unobserved)?;
-    let result = experiment(&mut station);
-    station.stop();
-    result
-}
+use serde::{Deserialize, Serialize};
 
 /// Output of an axis for one encoder count, metres: what a probe sees of it.
 ///
 /// # Errors
 ///
 /// When the rig has no probes.
-pub fn metres_per_count(setup: &Setup, axis: Axis) -> Result<f64, Error> {
-    let drive = setup.spec.drive(axis);
+pub fn metres_per_count(rig: &Rig, axis: Axis) -> Result<f64, Error> {
+    let drive = rig.spec.drive(axis);
     let radians = drive.count() / drive.gear_ratio;
     match axis {
         Axis::A | Axis::B => {
-            let probe = setup.spec.probe.as_ref().ok_or_else(|| no_probe(setup))?;
+            let probe = rig.spec.probe.as_ref().ok_or_else(|| no_probe(rig))?;
             Ok(radians * probe.arm)
         }
-        Axis::Z => Ok(radians * setup.calibration.geometry.z.lead / std::f64::consts::TAU),
+        Axis::Z => Ok(radians * rig.calibration.geometry.z.lead / std::f64::consts::TAU),
     }
 }
 
 /// The error of asking for what only a probe can tell.
-pub fn no_probe(setup: &Setup) -> Error {
+pub fn no_probe(rig: &Rig) -> Error {
     Error::new(
-        format!("{}/machine.toml", setup.rig),
+        format!("{}/machine.toml", rig.name),
         "probe",
         "the rig has no probes at its outputs; accepted is a rig whose datasheet lists them",
     )
@@ -112,7 +66,7 @@ pub fn step(
     station: &mut Station,
     at: AxisName,
     size: i64,
-) -> Result<(StepDocument, Trace), ExperimentError> {
+) -> Result<(StepDocument, Trace), Ended> {
     const SECONDS: f64 = 0.2;
     let Counts(home) = station.encoder(at);
     let trace = record(station, at, SECONDS, |_| size as f64, |_| true)?;
@@ -163,12 +117,12 @@ pub struct SineDocument {
 /// A fault.
 pub fn follow_sine(
     station: &mut Station,
-    setup: &Setup,
+    rig: &Rig,
     at: AxisName,
     frequency: f64,
     amplitude: f64,
-) -> Result<(SineDocument, Trace), ExperimentError> {
-    let scale = metres_per_count(setup, at.axis).unwrap_or(1.0);
+) -> Result<(SineDocument, Trace), Ended> {
+    let scale = metres_per_count(rig, at.axis).unwrap_or(1.0);
     let (response, trace) = sine(station, at, amplitude, frequency, 10, scale)?;
     let degrees = |radians: f64| rounded(radians.to_degrees(), 1e-3);
     Ok((
@@ -214,16 +168,16 @@ pub struct ResolutionRow {
 /// A fault; bad input where the rig has no probes.
 pub fn resolution(
     station: &mut Station,
-    setup: &Setup,
+    rig: &Rig,
     at: AxisName,
     steps: u32,
-) -> Result<Vec<(ResolutionRow, Increments)>, ExperimentError> {
+) -> Result<Vec<(ResolutionRow, Increments)>, Ended> {
     const MOST: u32 = 10;
     /// Enough to wind up a transmission whatever its state.
     const LEAD: u32 = 150;
     const DWELL: f64 = 0.05;
-    if setup.spec.probe.is_none() {
-        return Err(no_probe(setup).into());
+    if rig.spec.probe.is_none() {
+        return Err(no_probe(rig).into());
     }
     let mut rows = Vec::new();
     for counts in 1..=MOST {
@@ -290,16 +244,16 @@ pub struct FrequencyRow {
 /// A fault.
 pub fn frequency(
     station: &mut Station,
-    setup: &Setup,
+    rig: &Rig,
     at: AxisName,
     amplitude: f64,
     seed: u64,
-) -> Result<(FrequencyDocument, [FrequencyResponse; 2]), ExperimentError> {
+) -> Result<(FrequencyDocument, [FrequencyResponse; 2]), Ended> {
     const SECONDS: f64 = 40.0;
     const HIGHEST: f64 = 300.0;
     const CORNER: f64 = 30.0;
     const WINDOW: usize = 4096;
-    let period = setup.spec.period();
+    let period = rig.spec.period();
     let reference = noise(amplitude, CORNER, period, SECONDS, seed);
     let trace = record(
         station,
@@ -312,7 +266,7 @@ pub fn frequency(
     let at_output = if trace.output.is_empty() {
         FrequencyResponse::default()
     } else {
-        let scale = metres_per_count(setup, at.axis)?;
+        let scale = metres_per_count(rig, at.axis)?;
         let counts: Vec<f64> = trace.output.iter().map(|metres| metres / scale).collect();
         frequency_response(&trace.reference, &counts, period, WINDOW, HIGHEST)
     };
@@ -364,4 +318,97 @@ fn noise(rms: f64, corner: f64, period: f64, seconds: f64, seed: u64) -> Vec<f64
     let power = series.iter().map(|v| v * v).sum::<f64>() / series.len() as f64;
     let scale = rms / power.sqrt();
     series.into_iter().map(|v| scale * v).collect()
+}
+
+/// A step response.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Step {
+    /// The axis.
+    pub at: AxisName,
+    /// Size of the step, counts.
+    pub size: i64,
+}
+
+impl Job for Step {
+    type Output = (StepDocument, Trace);
+
+    fn run(&self, work: &mut Work<'_>) -> Result<Self::Output, Ended> {
+        step(&mut work.station()?, self.at, self.size)
+    }
+
+    fn order(&self) -> Order {
+        Order::Step(*self)
+    }
+}
+
+/// The answer to a sine.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Sine {
+    /// The axis.
+    pub at: AxisName,
+    /// Frequency, hertz.
+    pub frequency: f64,
+    /// Amplitude, counts.
+    pub amplitude: f64,
+}
+
+impl Job for Sine {
+    type Output = (SineDocument, Trace);
+
+    fn run(&self, work: &mut Work<'_>) -> Result<Self::Output, Ended> {
+        let rig = work.rig();
+        let mut station = work.station()?;
+        follow_sine(&mut station, rig, self.at, self.frequency, self.amplitude)
+    }
+
+    fn order(&self) -> Order {
+        Order::Sine(*self)
+    }
+}
+
+/// The resolution test of 2.5.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Resolution {
+    /// The axis.
+    pub at: AxisName,
+    /// Steps that count.
+    pub steps: u32,
+}
+
+impl Job for Resolution {
+    type Output = Vec<(ResolutionRow, Increments)>;
+
+    fn run(&self, work: &mut Work<'_>) -> Result<Self::Output, Ended> {
+        let rig = work.rig();
+        resolution(&mut work.station()?, rig, self.at, self.steps)
+    }
+
+    fn order(&self) -> Order {
+        Order::Resolution(*self)
+    }
+}
+
+/// A frequency response.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Frequency {
+    /// The axis.
+    pub at: AxisName,
+    /// Amplitude of the reference, counts rms.
+    pub amplitude: f64,
+    /// What the reference is drawn by.
+    pub seed: u64,
+}
+
+impl Job for Frequency {
+    type Output = (FrequencyDocument, [FrequencyResponse; 2]);
+
+    fn run(&self, work: &mut Work<'_>) -> Result<Self::Output, Ended> {
+        let rig = work.rig();
+        let mut station = work.station()?;
+        frequency(&mut station, rig, self.at, self.amplitude, self.seed)
+    }
+
+    fn order(&self) -> Order {
+        Order::Frequency(*self)
+    }
 }

@@ -1,6 +1,6 @@
 //! A machine with its guard around it, which is told what is believed of the geometry.
 
-use crate::rig::Setup;
+use crate::rig::Rig;
 use pigtail_control::calibration::{Calibration, PlacementBelief};
 use pigtail_control::recipe::Recipe;
 use pigtail_hal::{Machine, Side};
@@ -10,9 +10,9 @@ use pigtail_model::fivebar::FiveBar;
 use pigtail_model::frames::{Placement, Point};
 use pigtail_model::leadscrew::LeadScrew;
 
-/// A machine, watched by what the setup's datasheet, calibration and recipe say.
-pub fn guarded<M: Machine>(machine: M, setup: &Setup) -> Guard<M> {
-    Guard::new(machine, geometry(&setup.calibration, &setup.recipe))
+/// A machine, watched by what the rig's datasheet, calibration and recipe say.
+pub fn guarded<M: Machine>(machine: M, rig: &Rig) -> Guard<M> {
+    Guard::new(machine, geometry(&rig.calibration, &rig.recipe))
 }
 
 /// What calibration and recipe believe of the geometry around the chip.

@@ -1,7 +1,8 @@
 //! Identification of an axis's windup on a twin, and what compensating it is worth.
 
-use crate::characterize::{ExperimentError, no_probe};
-use crate::rig::Setup;
+use crate::characterize::no_probe;
+use crate::job::{Ended, Job, Order, Work};
+use crate::rig::Rig;
 use pigtail_control::identify::{
     Fit, Path, Scale, WindupRecord, backlash, error_span, fit_memory, fit_reversal, scan,
 };
@@ -9,7 +10,7 @@ use pigtail_control::station::Station;
 use pigtail_hal::{Axis, AxisName, Error};
 use pigtail_model::windup::{Memory, Reversal, Windup};
 use pigtail_numerics::rounded;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Which model of windup.
 #[derive(
@@ -23,6 +24,7 @@ use serde::Serialize;
     strum::IntoStaticStr,
     strum::VariantArray,
     Serialize,
+    serde::Deserialize,
 )]
 #[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
@@ -115,14 +117,14 @@ impl Identified {
 /// # Errors
 ///
 /// When the rig has no probes.
-pub fn scale(setup: &Setup, axis: Axis) -> Result<Scale, Error> {
-    let drive = setup.spec.drive(axis);
-    let probe = setup.spec.probe.as_ref().ok_or_else(|| no_probe(setup))?;
+pub fn scale(rig: &Rig, axis: Axis) -> Result<Scale, Error> {
+    let drive = rig.spec.drive(axis);
+    let probe = rig.spec.probe.as_ref().ok_or_else(|| no_probe(rig))?;
     Ok(Scale {
         radians_per_count: drive.count() / drive.gear_ratio,
         metres_per_radian: match axis {
             Axis::A | Axis::B => probe.arm,
-            Axis::Z => setup.calibration.geometry.z.lead / std::f64::consts::TAU,
+            Axis::Z => rig.calibration.geometry.z.lead / std::f64::consts::TAU,
         },
     })
 }
@@ -158,7 +160,7 @@ pub fn models(
     scale: &Scale,
     range: f64,
     speed: f64,
-) -> Result<Models, ExperimentError> {
+) -> Result<Models, Ended> {
     let path = Path::identification(range, speed);
     let record = scan(station, at, scale, &path, &Windup::None)?;
     // The first way there starts from an unwound transmission, which no model speaks of; then
@@ -180,12 +182,12 @@ pub fn models(
 /// A fault; bad input where the rig has no probes.
 pub fn windup(
     station: &mut Station,
-    setup: &Setup,
+    rig: &Rig,
     at: AxisName,
     model: Model,
     seed: u64,
-) -> Result<Identified, ExperimentError> {
-    let scale = scale(setup, at.axis)?;
+) -> Result<Identified, Ended> {
+    let scale = scale(rig, at.axis)?;
     let um = 1e6 * scale.metres_per_radian;
     let range = range(at.axis) / scale.metres_per_radian;
     let speed = 0.25 * range;
@@ -289,4 +291,28 @@ fn random_turns(seed: u64) -> Vec<f64> {
     let mut turns = vec![0.0, 1.0, 0.0];
     turns.extend((0..12).map(|_| rng.random::<f64>()));
     turns
+}
+
+/// Identify the windup of an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct IdentifyWindup {
+    /// The axis.
+    pub at: AxisName,
+    /// The model that is asked for.
+    pub model: Model,
+    /// What random reversals are drawn by.
+    pub seed: u64,
+}
+
+impl Job for IdentifyWindup {
+    type Output = Identified;
+
+    fn run(&self, work: &mut Work<'_>) -> Result<Identified, Ended> {
+        let rig = work.rig();
+        windup(&mut work.station()?, rig, self.at, self.model, self.seed)
+    }
+
+    fn order(&self) -> Order {
+        Order::IdentifyWindup(*self)
+    }
 }

@@ -1,6 +1,5 @@
 //! The ways to align a device, by the names that a user gives them.
 
-use crate::align::TOLERANCE_XY_UM;
 use pigtail_control::procedure::{self, FiberReport};
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::Station;
@@ -18,8 +17,11 @@ use strum::VariantArray;
     strum::EnumString,
     strum::IntoStaticStr,
     strum::VariantArray,
+    serde::Serialize,
+    serde::Deserialize,
 )]
 #[strum(serialize_all = "kebab-case")]
+#[serde(rename_all = "kebab-case")]
 pub enum Procedure {
     /// Raster, nine-point climb and stepwise approach, one fiber after the other
     Thesis,
@@ -29,6 +31,9 @@ pub enum Procedure {
     /// Without any micro: columns of the macro, then pulses by light alone, to 0.2 um
     MacroOnly,
 }
+
+/// Tolerance of an aligned fiber in x and y (thesis 3.1), micrometres.
+pub const TOLERANCE_XY_UM: f64 = 0.1;
 
 /// See [`Procedure::tolerance_xy_um`]: that of the thesis (3.1) needs a micro.
 const MACRO_TOLERANCE_XY_UM: f64 = 0.2;

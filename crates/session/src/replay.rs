@@ -1,19 +1,22 @@
 //! A recorded run, through the same control again.
 
-use crate::align::{self, About};
+use crate::align::Align;
+use crate::job::{Ended, Job, Order};
 use crate::procedure::Procedure;
-use crate::rig::Setup;
+use crate::records::About;
+use crate::rig::Rig;
+use crate::session::Session;
 use anyhow::Result;
 use pigtail_control::station::Unobserved;
 use pigtail_hal::Error;
 use pigtail_machines::Replay;
 use pigtail_machines::record::{DIFFERS, ENDS, Reader};
+use pigtail_numerics::rounded;
 use serde::Serialize;
 use std::path::Path;
 use strum::VariantArray;
 
-/// The file of a run's record.
-pub const RECORD: &str = "exchanges.pigtail";
+pub use crate::records::RECORD;
 
 /// What a replay prints as JSON.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -32,8 +35,12 @@ pub struct Document {
     pub left: u64,
     /// Whether the record ends before its run did, as that of a killed one.
     pub cut: bool,
-    /// What control says of the fibers, in the replay.
+    /// What was run.
+    pub job: serde_json::Value,
+    /// What control says of the fibers, in the replay of an alignment.
     pub outcomes: Vec<(&'static str, &'static str)>,
+    /// How a job ended that came to no result, in the replay.
+    pub ended: Option<String>,
     /// The version that recorded it.
     pub recorded_by: String,
     /// The version that replayed it.
@@ -44,7 +51,7 @@ pub struct Document {
 ///
 /// # Errors
 ///
-/// When the record cannot be read, or what was kept with it is not what an alignment keeps.
+/// When the record cannot be read, or what was kept with it is not what a run keeps.
 pub fn replay(path: &Path) -> Result<Document> {
     let name = path.display().to_string();
     let reader = Reader::open(path)?;
@@ -52,27 +59,24 @@ pub fn replay(path: &Path) -> Result<Document> {
         Error::new(
             &name,
             "",
-            format!(
-                "does not say what was run ({error}); accepted is what `pigtail align` recorded"
-            ),
+            format!("does not say what was run ({error}); accepted is what `pigtail` recorded"),
         )
     })?;
-    let procedure = about.procedure.parse::<Procedure>().map_err(|_| {
-        let known: Vec<_> = Procedure::VARIANTS.iter().map(|p| p.name()).collect();
-        Error::new(
-            &name,
-            "procedure",
-            format!("is \"{}\"; accepted is one of {known:?}", about.procedure),
-        )
-    })?;
-    let setup = Setup::from_sources(&about.rig, &about.recipe, about.sources)?;
-    let mut machine = Replay::new(setup.spec.clone(), reader);
-    let reports = align::run(&mut machine, &setup, procedure, &mut Unobserved);
+    let order = match about.order {
+        Some(order) => order,
+        None => Order::Align(Align {
+            procedure: procedure(&name, &about.procedure)?,
+        }),
+    };
+    let rig = Rig::from_sources(&about.rig, &about.recipe, about.sources)?;
+    let mut machine = Replay::new(rig.spec.clone(), reader);
+    let mut outcomes = Vec::new();
+    let ended = again(&rig, &mut machine, &order, &mut outcomes).err();
     let (exchanges, seconds) = (machine.cycles(), machine.time());
     // A replay that came to the record's end has said all that there is to say of a cut one.
-    let ended = machine.fault().is_some_and(|fault| fault.rule == ENDS);
+    let over = machine.fault().is_some_and(|fault| fault.rule == ENDS);
     let left = machine.left()?;
-    let cut = machine.is_cut() || ended;
+    let cut = machine.is_cut() || over;
     let difference = machine
         .fault()
         .filter(|fault| fault.rule == DIFFERS)
@@ -81,15 +85,60 @@ pub fn replay(path: &Path) -> Result<Document> {
         record: name,
         same: difference.is_none() && left == 0,
         exchanges,
-        seconds: pigtail_numerics::rounded(seconds, 1e-6),
+        seconds: rounded(seconds, 1e-6),
         difference,
         left,
         cut,
-        outcomes: reports
-            .iter()
-            .map(|report| (report.port, report.outcome.name()))
-            .collect(),
+        job: serde_json::to_value(&order)?,
+        outcomes,
+        ended: ended.map(|ended| ended.to_string()),
         recorded_by: about.version,
         version: env!("CARGO_PKG_VERSION"),
     })
+}
+
+/// The procedure of a record of before there were other jobs.
+fn procedure(record: &str, procedure: &str) -> Result<Procedure, Error> {
+    procedure.parse().map_err(|_| {
+        let known: Vec<_> = Procedure::VARIANTS.iter().map(|p| p.name()).collect();
+        let message = format!("is \"{procedure}\"; accepted is one of {known:?}");
+        Error::new(record, "procedure", message)
+    })
+}
+
+fn again(
+    rig: &Rig,
+    machine: &mut Replay,
+    order: &Order,
+    outcomes: &mut Vec<(&'static str, &'static str)>,
+) -> Result<(), Ended> {
+    fn run<J: Job>(rig: &Rig, machine: &mut Replay, job: &J) -> Result<J::Output, Ended> {
+        Session::open(rig, machine).run(job, &mut Unobserved)
+    }
+    match order {
+        Order::Align(job) => {
+            let aligned = run(rig, machine, job)?;
+            let said = aligned.fibers.iter();
+            outcomes.extend(said.map(|fiber| (fiber.port, fiber.outcome.name())));
+        }
+        Order::Step(job) => drop(run(rig, machine, job)?),
+        Order::Sine(job) => drop(run(rig, machine, job)?),
+        Order::Resolution(job) => drop(run(rig, machine, job)?),
+        Order::Frequency(job) => drop(run(rig, machine, job)?),
+        Order::Tune(job) => drop(run(rig, machine, job)?),
+        Order::IdentifyWindup(job) => drop(run(rig, machine, job)?),
+        Order::IdentifyPiezos(job) => drop(run(rig, machine, job)?),
+        Order::Impulse(job) => drop(run(rig, machine, job)?),
+        Order::FirstLight(job) => {
+            run(rig, machine, job)?;
+        }
+        Order::Follow(job) => {
+            run(rig, machine, job)?;
+        }
+        Order::Other => {
+            let message = "is of something that cannot be run again from a record; accepted is a job of its own";
+            return Err(Error::new("record", "job", message).into());
+        }
+    }
+    Ok(())
 }

@@ -1,12 +1,11 @@
 //! Finding and loading a rig and a recipe, with the hash of everything that was read.
 
-use crate::faults::Faults;
+#[cfg(feature = "twin")]
 use crate::own::Own;
 use pigtail_control::calibration::Calibration;
 use pigtail_control::recipe::Recipe;
 use pigtail_hal::digest::hash;
 use pigtail_hal::{Axis, Error, Spec};
-use pigtail_twin::Plant;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use toml_edit::{Item, TableLike};
@@ -44,25 +43,20 @@ const DEFAULT_RECIPE: &str = include_str!("../../../recipes/y-branch.toml");
 /// The name of the default recipe.
 pub const DEFAULT_RECIPE_NAME: &str = "y-branch";
 
-/// A rig and a recipe, read and checked.
+/// What is known of a machine beforehand, datasheet and belief, and what is to be done on it: read and
+/// checked. It knows of no truth; see [`Setup`](crate::setup::Setup) for a rig with a twin.
 #[derive(Debug, Clone)]
-pub struct Setup {
+pub struct Rig {
     /// The rig as the user named it.
-    pub rig: String,
+    pub name: String,
     /// The recipe as the user named it.
     pub recipe_name: String,
     /// The datasheet.
     pub spec: Spec,
-    /// The truth, for the twin.
-    pub plant: Plant,
     /// The belief, for control.
     pub calibration: Calibration,
     /// What is to be done.
     pub recipe: Recipe,
-    /// The scenario by which the truth was changed.
-    pub scenario: String,
-    /// What breaks while a twin of this setup runs.
-    pub faults: Faults,
     /// The calibration's file; `None` for the one that is compiled in.
     pub calibration_file: Option<PathBuf>,
     /// Name and SHA-256 of each file that was read, in the order of reading.
@@ -78,9 +72,28 @@ pub struct Source {
     pub name: String,
     /// The text.
     pub text: String,
+    /// What it is of a rig. What was kept before this was said has it from its place.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub role: Option<Role>,
 }
 
-/// A file that a setup is made of.
+/// What a file is of a rig.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Role {
+    /// `machine.toml`, the datasheet.
+    Machine,
+    /// `plant.toml`, the truth; only a rig with a twin has it.
+    Plant,
+    /// `calibration.toml`, the belief.
+    Calibration,
+    /// Weights of a model, beside the calibration.
+    Weights,
+    /// The recipe.
+    Recipe,
+}
+
+/// A file that a rig is made of.
 enum Wanted<'a> {
     /// One of the rig's three.
     Rig(usize),
@@ -90,7 +103,19 @@ enum Wanted<'a> {
     Recipe,
 }
 
-impl Setup {
+impl Wanted<'_> {
+    fn role(&self) -> Role {
+        match self {
+            Self::Rig(0) => Role::Machine,
+            Self::Rig(1) => Role::Plant,
+            Self::Rig(_) => Role::Calibration,
+            Self::Weights(_) => Role::Weights,
+            Self::Recipe => Role::Recipe,
+        }
+    }
+}
+
+impl Rig {
     /// Loads the rig and the recipe that the user named: a folder and a file, or the bare names
     /// of those that are compiled in.
     ///
@@ -99,7 +124,7 @@ impl Setup {
     /// The first mistake found, with file, key, value and what would be accepted.
     pub fn load(rig: &str, recipe: &str) -> Result<Self, Error> {
         let setup = Self::read(rig, recipe, |wanted| match wanted {
-            Wanted::Rig(index) => rig_file(rig, index).map(Some),
+            Wanted::Rig(index) => rig_file(rig, index),
             Wanted::Weights(file) => rig_folder(rig)
                 .map(|folder| read_file(&folder.join(file)))
                 .transpose(),
@@ -115,22 +140,37 @@ impl Setup {
     ///
     /// # Errors
     ///
-    /// When they are not those of a setup.
+    /// When they are not those of a rig.
     pub fn from_sources(rig: &str, recipe: &str, sources: Vec<Source>) -> Result<Self, Error> {
-        let mut sources = sources.into_iter();
         let all = sources.len();
-        // A calibration without weights that were read has none to be read here.
-        let weights = all > 4;
-        Self::read(rig, recipe, |wanted| match wanted {
-            Wanted::Weights(_) if !weights => Ok(None),
-            _ => match sources.next() {
-                Some(source) => Ok(Some(source)),
-                None => Err(Error::new(
+        let last = all.saturating_sub(1);
+        let placed = |(place, source): (usize, Source)| {
+            let role = source.role.unwrap_or(match place {
+                0 => Role::Machine,
+                1 => Role::Plant,
+                2 => Role::Calibration,
+                _ if place == last => Role::Recipe,
+                _ => Role::Weights,
+            });
+            Source {
+                role: Some(role),
+                ..source
+            }
+        };
+        let mut sources: Vec<Source> = sources.into_iter().enumerate().map(placed).collect();
+        Self::read(rig, recipe, |wanted| {
+            let role = wanted.role();
+            let place = sources.iter().position(|source| source.role == Some(role));
+            match (place, role) {
+                (Some(place), _) => Ok(Some(sources.remove(place))),
+                // A calibration without weights that were read has none to be read here.
+                (None, Role::Weights | Role::Plant) => Ok(None),
+                (None, _) => Err(Error::new(
                     rig,
                     "",
                     format!("{all} files were kept; accepted is all that was read"),
                 )),
-            },
+            }
         })
     }
 
@@ -140,12 +180,13 @@ impl Setup {
     /// # Errors
     ///
     /// As [`Self::load`]; and where the axes and the rig make no machine together.
+    #[cfg(feature = "twin")]
     pub fn load_with(rig: &str, recipe: &str, own: &Own, bench: bool) -> Result<Self, Error> {
         if own.is_empty() {
             return Self::load(rig, recipe);
         }
         let files = rig_files(rig, own, bench)?;
-        let mut setup = Self::read(rig, recipe, |wanted| match wanted {
+        let mut loaded = Self::read(rig, recipe, |wanted| match wanted {
             Wanted::Rig(index) => Ok(Some(files[index].clone())),
             Wanted::Weights(file) => rig_folder(rig)
                 .map(|folder| read_file(&folder.join(file)))
@@ -158,8 +199,8 @@ impl Setup {
             }
             error
         })?;
-        setup.rig = format!("{rig} with {}", own.names());
-        Ok(setup)
+        loaded.name = format!("{rig} with {}", own.names());
+        Ok(loaded)
     }
 
     fn read(
@@ -169,18 +210,20 @@ impl Setup {
     ) -> Result<Self, Error> {
         let mut sources = Vec::new();
         let mut read = |wanted: Wanted| {
-            let source = file(wanted)?;
+            let role = wanted.role();
+            let mut source = file(wanted)?;
+            if let Some(source) = &mut source {
+                source.role = Some(role);
+            }
             sources.extend(source.clone());
             Ok::<_, Error>(source)
         };
-        let mut needed = |wanted: Wanted| {
-            read(wanted)?.ok_or_else(|| Error::new(rig, "", "is not whole".to_owned()))
-        };
-        let machine = needed(Wanted::Rig(0))?;
+        let missing = || Error::new(rig, "", "is not whole".to_owned());
+        let machine = read(Wanted::Rig(0))?.ok_or_else(missing)?;
         let spec = Spec::parse(&machine.name, &machine.text)?;
-        let plant = needed(Wanted::Rig(1))?;
-        let plant = Plant::parse(&plant.name, &plant.text)?;
-        let calibration = needed(Wanted::Rig(2))?;
+        // The truth is nobody's business here: it is kept for whoever draws a twin.
+        read(Wanted::Rig(1))?;
+        let calibration = read(Wanted::Rig(2))?.ok_or_else(missing)?;
         let mut calibration = Calibration::parse(&calibration.name, &calibration.text, &spec)?;
         for belief in calibration.hysteresis.beliefs() {
             let Some(file) = &belief.weights else {
@@ -202,15 +245,12 @@ impl Setup {
             .ok_or_else(|| Error::new(recipe, "", "is not there".to_owned()))?;
         let parsed = Recipe::parse(&source.name, &source.text, &spec, &calibration)?;
         Ok(Self {
-            rig: rig.to_owned(),
+            name: rig.to_owned(),
             recipe_name: recipe.to_owned(),
             spec,
-            plant,
             calibration_file: None,
             calibration,
             recipe: parsed,
-            scenario: "nominal".to_owned(),
-            faults: Faults::None,
             hashes: sources
                 .iter()
                 .map(|source| (source.name.clone(), hash(&source.text)))
@@ -227,11 +267,12 @@ impl Setup {
     /// When it is not TOML, has other tables than `plant` and `calibration`, or makes no rig of them.
     pub fn measured(&self) -> Result<Self, Error> {
         let (file, built_in) = MEASURED;
-        let source = match rig_folder(&self.rig).map(|folder| folder.join(file)) {
+        let source = match rig_folder(&self.name).map(|folder| folder.join(file)) {
             Some(path) if path.is_file() => read_file(&path)?,
-            None if self.rig == DEFAULT_RIG_NAME => Source {
-                name: format!("rigs/{}/{file} (built in)", self.rig),
+            None if self.name == DEFAULT_RIG_NAME => Source {
+                name: format!("rigs/{}/{file} (built in)", self.name),
                 text: built_in.to_owned(),
+                role: None,
             },
             _ => return Ok(self.clone()),
         };
@@ -243,36 +284,42 @@ impl Setup {
         };
         let mut sources = self.sources.clone();
         for (table, changes) in document(&source)?.iter() {
-            let of = [("plant", 1), ("calibration", 2)];
+            let of = [("plant", Role::Plant), ("calibration", Role::Calibration)];
             let changed = of.iter().find(|(name, _)| *name == table);
-            let (Some((_, index)), Some(changes)) = (changed, changes.as_table_like()) else {
+            let changed = changed.and_then(|(_, role)| {
+                let place = sources.iter().position(|s| s.role == Some(*role));
+                place.zip(changes.as_table_like())
+            });
+            let Some((index, changes)) = changed else {
                 let message = "is no table of this file; accepted is plant or calibration";
                 return Err(Error::new(&source.name, table, message));
             };
-            let mut whole = document(&sources[*index])?;
+            let mut whole = document(&sources[index])?;
             put(whole.as_table_mut(), changes);
-            sources[*index] = Source {
-                name: format!("{} with {}", sources[*index].name, source.name),
-                text: whole.to_string(),
-            };
+            sources[index].name += &format!(" with {}", source.name);
+            sources[index].text = whole.to_string();
         }
-        let mut setup = Self::from_sources(&self.rig, &self.recipe_name, sources)?;
-        setup.hashes.clone_from(&self.hashes);
-        setup.hashes.push((source.name, hash(&source.text)));
-        Ok(setup)
+        let mut rig = Self::from_sources(&self.name, &self.recipe_name, sources)?;
+        rig.hashes.clone_from(&self.hashes);
+        rig.hashes.push((source.name, hash(&source.text)));
+        Ok(rig)
     }
 
     /// The weights of models beside the calibration: names of files, and their texts.
     pub fn weights(&self) -> impl Iterator<Item = (&str, &str)> {
-        let end = self.sources.len().saturating_sub(1);
         self.sources
-            .get(3..end)
-            .unwrap_or_default()
             .iter()
+            .filter(|source| source.role == Some(Role::Weights))
             .map(|source| {
                 let name = Path::new(&source.name).file_name().and_then(|n| n.to_str());
                 (name.unwrap_or(&source.name), source.text.as_str())
             })
+    }
+
+    /// The truth that a twin of this rig is drawn around; `None` on a rig without one.
+    pub fn truth(&self) -> Option<&Source> {
+        let truth = |source: &&Source| source.role == Some(Role::Plant);
+        self.sources.iter().find(truth)
     }
 
     /// Range of an axis in encoder counts.
@@ -378,32 +425,49 @@ fn rig_folder(rig: &str) -> Option<PathBuf> {
 ///
 /// # Errors
 ///
-/// As [`Setup::load_with`].
+/// As [`Rig::load_with`]; when the rig has no truth.
+#[cfg(feature = "twin")]
 pub fn rig_files(rig: &str, own: &Own, bench: bool) -> Result<[Source; 3], Error> {
-    let mut files = [rig_file(rig, 0)?, rig_file(rig, 1)?, rig_file(rig, 2)?];
+    let file = |index| rig_file(rig, index)?.ok_or_else(|| no_twin(rig));
+    let mut files = [file(0)?, file(1)?, file(2)?];
     own.put(&mut files, bench)?;
     Ok(files)
 }
 
-fn rig_file(rig: &str, index: usize) -> Result<Source, Error> {
+/// One of the rig's three files; `None` for the truth of a rig that has no twin.
+fn rig_file(rig: &str, index: usize) -> Result<Option<Source>, Error> {
     let (file, built_in) = DEFAULT_RIG[index];
     let Some(folder) = rig_folder(rig) else {
         if rig == DEFAULT_RIG_NAME {
-            return Ok(Source {
+            return Ok(Some(Source {
                 name: format!("rigs/{rig}/{file} (built in)"),
                 text: built_in.to_owned(),
-            });
+                role: None,
+            }));
         }
         return Err(Error::new(
             rig,
             "",
             format!(
-                "no such rig; accepted is a folder with machine.toml, plant.toml and \
-                 calibration.toml, the name of one below `rigs`, or `{DEFAULT_RIG_NAME}`"
+                "no such rig; accepted is a folder with machine.toml and calibration.toml (and \
+                 plant.toml, if it has a twin), the name of one below `rigs`, or `{DEFAULT_RIG_NAME}`"
             ),
         ));
     };
-    read_file(&folder.join(file))
+    let path = folder.join(file);
+    if index == 1 && !path.exists() {
+        return Ok(None);
+    }
+    read_file(&path).map(Some)
+}
+
+/// The error of asking for a twin of a rig that has none.
+pub fn no_twin(rig: &str) -> Error {
+    Error::new(
+        format!("{rig}/{}", FILES[1]),
+        "",
+        "is not there: this rig has no twin to run on; accepted is a rig with a plant.toml, or a machine",
+    )
 }
 
 fn recipe_file(recipe: &str) -> Result<Source, Error> {
@@ -416,6 +480,7 @@ fn recipe_file(recipe: &str) -> Result<Source, Error> {
         Ok(Source {
             name: format!("recipes/{recipe}.toml (built in)"),
             text: DEFAULT_RECIPE.to_owned(),
+            role: None,
         })
     } else if Path::new(recipe).is_dir() {
         Err(Error::new(
@@ -438,7 +503,11 @@ fn recipe_file(recipe: &str) -> Result<Source, Error> {
 fn read_file(path: &Path) -> Result<Source, Error> {
     let name = path.display().to_string();
     match std::fs::read_to_string(path) {
-        Ok(text) => Ok(Source { name, text }),
+        Ok(text) => Ok(Source {
+            name,
+            text,
+            role: None,
+        }),
         Err(error) => Err(Error::new(name, "", format!("cannot be read: {error}"))),
     }
 }

@@ -1,7 +1,7 @@
 //! What can be wrong with a device, its fixture and its light: changes to the truth that a
 //! procedure has to live with, or to say that it cannot.
 
-use crate::rig::Setup;
+use crate::setup::Setup;
 use pigtail_hal::digest::hash;
 
 /// A change to the rig's `plant.toml` as it was read; control is told nothing of it.
@@ -78,14 +78,14 @@ impl Scenario {
                 ] {
                     *half *= 2.0;
                 }
-                setup.spec.vision.accuracy_x *= 2.0;
+                setup.rig.spec.vision.accuracy_x *= 2.0;
             }
             Self::Stray => plant.light.stray = 0.1,
             Self::Dead => plant.device.transmission[1] = 0.0,
         }
         let name = format!("scenario {}", self.name());
         let same = hash(&name);
-        setup.hashes.push((name, same));
+        setup.rig.hashes.push((name, same));
         self.name().clone_into(&mut setup.scenario);
     }
 }
@@ -104,8 +104,8 @@ mod tests {
             scenario.apply(&mut setup);
             let same = scenario == Scenario::Nominal;
             assert_eq!(setup.plant == nominal.plant, same, "{}", scenario.name());
-            assert_eq!(setup.hashes == nominal.hashes, same);
-            assert_eq!(setup.calibration, nominal.calibration);
+            assert_eq!(setup.rig.hashes == nominal.rig.hashes, same);
+            assert_eq!(setup.rig.calibration, nominal.rig.calibration);
         }
     }
 }

@@ -1,17 +1,16 @@
-//! Tuning one axis of a twin through the boundary, and the document that says how it went.
+//! Tuning one axis, and the document that says how it went.
 
-use crate::align::AlignError;
-use crate::rig::Setup;
+use crate::job::{Ended, Job, Order, Work};
+use crate::rig::Rig;
 use pigtail_control::calibration::AxisGains;
 use pigtail_control::characterize::{StepResponse, Trace, step_response};
-use pigtail_control::station::{Station, Unobserved};
+use pigtail_control::station::Station;
 use pigtail_control::tune::{Experiment, Gains, Search, random_neighbourhood, simplex};
-use pigtail_hal::{Axis, AxisName, Fault};
+use pigtail_hal::{Axis, AxisName};
 use pigtail_numerics::rounded;
-use pigtail_twin::Twin;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 use std::fmt::{self, Display, Formatter};
 
@@ -27,6 +26,7 @@ use std::fmt::{self, Display, Formatter};
     strum::IntoStaticStr,
     strum::VariantArray,
     Serialize,
+    serde::Deserialize,
 )]
 #[strum(serialize_all = "kebab-case")]
 #[serde(rename_all = "lowercase")]
@@ -47,9 +47,9 @@ impl Method {
     }
 }
 
-/// What is to be tuned, and how.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Plan {
+/// Tune an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Tune {
     /// The axis.
     pub at: AxisName,
     /// The search.
@@ -58,6 +58,8 @@ pub struct Plan {
     pub trials: u32,
     /// The larger step, counts.
     pub step: i64,
+    /// What random trials are drawn by; the seed of the machine in its document.
+    pub seed: u64,
 }
 
 /// The step with which an axis is tuned if none is given: 700 um of the five-bar, 81 um of z.
@@ -69,20 +71,23 @@ pub fn usual_step(axis: Axis) -> i64 {
 }
 
 /// The same way in counts of the rig's own encoders: an encoder of another axis has others.
-pub fn step_of(setup: &Setup, axis: Axis) -> i64 {
+pub fn step_of(rig: &Rig, axis: Axis) -> i64 {
     let way = match axis {
         // Radians of a joint, and metres.
         Axis::A | Axis::B => 400.0 * TAU / (2000.0 * 80.0),
         Axis::Z => 1300.0 * 0.635e-3 / (2048.0 * 5.0),
     };
-    let drive = setup.spec.drive(axis);
+    let drive = rig.spec.drive(axis);
     let turn = match axis {
         Axis::A | Axis::B => TAU,
-        Axis::Z => setup.calibration.geometry.z.lead,
+        Axis::Z => rig.calibration.geometry.z.lead,
     };
     let count = turn / drive.gear_ratio / f64::from(drive.counts_per_turn);
     ((way / count).round() as i64).max(20)
 }
+
+/// So many unsafe trials are borne: where there are more, the starts themselves are not to be trusted.
+const MOST_UNSAFE: u32 = 20;
 
 /// How long a response is watched, seconds.
 const WINDOW: f64 = 0.15;
@@ -112,6 +117,8 @@ pub struct Document {
     pub overshoot_percent: f64,
     /// What the datasheet asks for, if anything.
     pub specified: Option<SpecifiedRow>,
+    /// Trials that the guard stopped: they count as infinitely bad.
+    pub unsafe_trials: u32,
     /// Machine time of all starts together, seconds.
     pub seconds_machine: f64,
     /// The searches from their starts.
@@ -208,28 +215,25 @@ pub struct Tuned {
     pub after: Trace,
 }
 
-/// Tunes an axis of the twin that `seed` draws. `observe` is told of each trial: the start it
-/// belongs to, its number and the best cost so far.
-///
-/// # Errors
-///
-/// When the plant cannot be built, or the machine has a fault.
-///
-/// # Panics
-///
-/// Never: the search with the least cost is among those that may be chosen.
-pub fn tune(
-    setup: &Setup,
-    plan: &Plan,
-    seed: u64,
-    observe: &mut dyn FnMut(usize, u32, f64),
-) -> Result<Tuned, AlignError> {
-    let mut twin = Twin::new(setup.spec.clone(), &setup.plant, seed)?;
-    let mut unobserved = Unobserved;
-    let mut station = Station::new(&mut twin, &setup.calibration, &mut unobserved)?;
+impl Job for Tune {
+    type Output = Tuned;
+
+    /// Gains that the guard stops are a result of the search, not its end: the machine is cleared and brought
+    /// back to where it stood. The observer is told of each trial.
+    fn run(&self, work: &mut Work<'_>) -> Result<Tuned, Ended> {
+        let rig = work.rig();
+        tune(&mut work.station()?, rig, self)
+    }
+
+    fn order(&self) -> Order {
+        Order::Tune(*self)
+    }
+}
+
+fn tune(station: &mut Station, rig: &Rig, plan: &Tune) -> Result<Tuned, Ended> {
     let believed: &AxisGains = match plan.at.axis {
-        Axis::A | Axis::B => &setup.calibration.gains.five_bar,
-        Axis::Z => &setup.calibration.gains.z,
+        Axis::A | Axis::B => &rig.calibration.gains.five_bar,
+        Axis::Z => &rig.calibration.gains.z,
     };
     let safe = [believed.kp, believed.ki, believed.kd];
     let experiment = Experiment {
@@ -238,24 +242,36 @@ pub fn tune(
         window: WINDOW,
         safe,
         integral_limit: believed.integral_limit,
-        specified: setup.spec.drive(plan.at.axis).step,
+        specified: rig.spec.drive(plan.at.axis).step,
     };
-    let before = experiment.response(&mut station, safe)?;
+    let before = experiment.response(station, safe)?;
     let mut searches = Vec::with_capacity(STARTS.len());
+    let mut unsafe_trials = 0;
     for (i, factors) in STARTS.iter().enumerate() {
         let start: Gains = std::array::from_fn(|k| safe[k] * factors[k]);
         let (mut trial, mut best) = (0, f64::INFINITY);
-        let mut cost = |gains: Gains| -> Result<f64, Fault> {
-            let cost = experiment.cost(&mut station, gains)?;
+        let mut cost = |gains: Gains| -> Result<f64, Ended> {
+            let cost = match experiment.cost(station, gains) {
+                Ok(cost) => cost,
+                Err(fault) => {
+                    unsafe_trials += 1;
+                    if unsafe_trials > MOST_UNSAFE {
+                        return Err(fault.into());
+                    }
+                    station.set_pid(plan.at, experiment.pid(station, safe));
+                    station.recover(fault)?;
+                    f64::INFINITY
+                }
+            };
             trial += 1;
             best = f64::min(best, cost);
-            observe(i, trial, best);
+            station.tell_trial(i, trial, best);
             Ok(cost)
         };
         searches.push(match plan.method {
             Method::Simplex => simplex(start, plan.trials, 1.6, &mut cost)?,
             Method::Random => {
-                let mut rng = Pcg64Mcg::seed_from_u64(seed ^ (i as u64 + 1));
+                let mut rng = Pcg64Mcg::seed_from_u64(plan.seed ^ (i as u64 + 1));
                 random_neighbourhood(start, plan.trials, 1.6, &mut rng, &mut cost)?
             }
         });
@@ -270,7 +286,7 @@ pub fn tune(
     for search in &searches {
         for found in search.path.iter().filter(|p| p.cost <= 1.02 * least) {
             let gains = GainsRow::new(found.gains);
-            let trace = experiment.response(&mut station, gains.gains())?;
+            let trace = experiment.response(station, gains.gains())?;
             let response = step_response(&trace, plan.step as f64);
             near.push(Chosen {
                 search,
@@ -307,9 +323,10 @@ pub fn tune(
             settling_ms: rounded(s.settling * 1e3, 1e-3),
             met: kept(&chosen),
         }),
+        unsafe_trials,
         seconds_machine: rounded(station.time(), 1e-4),
         starts: searches.iter().map(start_row).collect(),
-        seed,
+        seed: plan.seed,
         calibration: String::new(),
         report: String::new(),
     };

@@ -229,7 +229,7 @@ impl Run {
     /// # Errors
     ///
     /// When that cannot be done.
-    pub fn finish(self, outcome: &str) -> Result<()> {
+    pub fn finish(&self, outcome: &str) -> Result<()> {
         self.end(State::Complete, outcome)
     }
 

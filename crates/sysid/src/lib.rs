@@ -1,16 +1,28 @@
-//! Models of an axis from a record of it that somebody brings: servo, friction, transmission,
-//! resonance.
+//! Afterwards: models of an axis and of light from what somebody has measured. No machine is in reach.
 //!
-//! Everything here is of columns of numbers, not of a machine: nothing moves. Each identification says
-//! how sure it is of what it found, and where the record cannot tell, it says so instead of giving a
-//! number that looks like one.
+//! In go columns of numbers in SI units (what reads them from files is the room `records`), out come
+//! parameters, each with how sure it is; where a record cannot tell, it says so instead of giving a number
+//! that looks like one.
 //!
-//! - [`timeline`]: an even grid, gaps, jitter, missing samples; [`signal`]: filters and derivatives;
-//! - [`regression`]: linear least squares, weighted, with instruments; [`curve`]: nonlinear ones;
+//! - [`timeline`]: an even grid, gaps, jitter, missing samples;
 //! - [`servo`]: inertia and friction by the inverse dynamic model, and the closed loop replayed;
 //! - [`friction`]: laws of friction against displacement;
 //! - [`windup`]: a transmission from encoders on both of its sides;
-//! - [`resonance`]: modes from a frequency response.
+//! - [`resonance`]: modes from a frequency response;
+//! - [`map`]: search and peak on a power map that was measured elsewhere.
+//!
+//! Start with [`servo`], or with [`map`]:
+//!
+//! ```
+//! use pigtail_sysid::map::{Reading, Scan, examine};
+//!
+//! // A spot of 4 um at (3, -2) um on a grid of 1 um.
+//! let spot = |x: f64, y: f64| (-((x - 3e-6).powi(2) + (y + 2e-6).powi(2)) / 8e-12).exp();
+//! let grid = (-12..=12).flat_map(|i| (-12..=12).map(move |j| (1e-6 * f64::from(i), 1e-6 * f64::from(j))));
+//! let readings = grid.map(|(x, y)| Reading { x, y, power: spot(x, y) }).collect();
+//! let scan = Scan::new(readings).expect("readings over an area");
+//! assert!(examine(&scan).is_ok());
+//! ```
 
 pub mod friction;
 pub mod map;

@@ -3,6 +3,23 @@
 //! Its parameters come from a [`Plant`] and a seed; control never sees either. What really is, as
 //! opposed to what is measured, is answered by [`Twin::truth`], which is not part of
 //! [`Machine`], so that no code that holds a `&mut dyn Machine` can ask.
+//!
+//! In go a datasheet, a [`Plant`] and a seed; out comes a machine whose truth can be asked for. Start with
+//! [`plant`], what a specimen is drawn around; then `joints` and `light`, what moves and what is seen of it.
+//!
+//! ```
+//! use pigtail_hal::{Command, Machine, Spec};
+//! use pigtail_twin::{Plant, Twin};
+//!
+//! # let rig = concat!(env!("CARGO_MANIFEST_DIR"), "/../../rigs/afpm/");
+//! # let read = |file: &str| std::fs::read_to_string(format!("{rig}{file}")).expect("the shipped rig");
+//! let spec = Spec::parse("machine.toml", &read("machine.toml"))?;
+//! let plant = Plant::parse("plant.toml", &read("plant.toml"))?;
+//! let mut twin = Twin::new(spec, &plant, 7)?;
+//! let measured = twin.exchange(&Command::IDLE)?;
+//! assert!(measured.time > 0.0 && twin.truth().input.is_none());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 mod broken;
 mod drive;

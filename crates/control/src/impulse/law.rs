@@ -6,7 +6,7 @@ use crate::outcome::{Halt, Outcome};
 use crate::station::Station;
 
 /// What the loop is to do.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Settings {
     /// `k_c` of (4.10): share of the error that a pulse is to take away. The loop is stable between 0
     /// and 2 (4.12).

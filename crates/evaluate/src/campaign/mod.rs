@@ -8,14 +8,13 @@ mod rows;
 mod store;
 mod summary;
 
+use crate::align::{self, align};
 use anyhow::Result;
 use pigtail_control::station::Unobserved;
 use pigtail_hal::Error;
-use pigtail_session::align::{self, align};
+use pigtail_session::job::Ended;
 use pigtail_session::procedure::Procedure;
-use pigtail_session::rig::Setup;
-use pigtail_twin::Twin;
-use pigtail_twin::TwinError;
+use pigtail_session::setup::Setup;
 pub use rows::{ROWS_PER_DEVICE, columns, push};
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -39,7 +38,7 @@ pub struct Device {
     pub document: align::Document,
 }
 
-fn device(setup: &Setup, procedure: Procedure, seed: u64) -> Result<Device, TwinError> {
+fn device(setup: &Setup, procedure: Procedure, seed: u64) -> Result<Device, Ended> {
     // A panic is a mistake of the program, which a campaign is there to find: it is counted, and
     // costs no other device.
     let document = catch_unwind(AssertUnwindSafe(|| {
@@ -66,9 +65,7 @@ impl Drop for StopOnPanic<'_> {
 ///
 /// When the plant makes no machine.
 pub fn check(setup: &Setup, seed: u64) -> Result<(), Error> {
-    Twin::new(setup.spec.clone(), &setup.plant, seed)
-        .map(|_| ())
-        .map_err(|error| Error::new(&setup.rig, "plant.toml", error.to_string()))
+    setup.twin(seed).map(|_| ())
 }
 
 /// Runs the devices of a campaign that are not done yet, on so many threads, until all are or
@@ -122,12 +119,8 @@ pub fn run(
                     Ok(device) => device,
                     Err(error) => {
                         store.append(&table)?;
-                        return Err(Error::new(
-                            &setup.rig,
-                            "plant.toml",
-                            format!("device {due}, seed {}: {error}", seed + due),
-                        )
-                        .into());
+                        let device = format!("device {due}, seed {}", seed + due);
+                        return Err(anyhow::Error::new(error).context(device));
                     }
                 };
                 watch(&device);

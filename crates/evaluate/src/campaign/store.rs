@@ -13,8 +13,8 @@ use anyhow::{Context, Result};
 use pigtail_hal::Error;
 use pigtail_session::faults::Faults;
 use pigtail_session::procedure::Procedure;
-use pigtail_session::rig::Setup;
 use pigtail_session::scenario::Scenario;
+use pigtail_session::setup::Setup;
 use pigtail_store::ledger::{self, Beginning, Devices, End, Entry, LOCK, Ledger, State};
 use pigtail_store::rows::{Column, Rows, Table, merge};
 use pigtail_store::runs::{Run, rfc3339};
@@ -68,14 +68,14 @@ impl Plan {
     pub fn new(setup: &Setup, procedure: Procedure, seed: u64, devices: u64) -> Self {
         Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
-            rig: setup.rig.clone(),
-            recipe: setup.recipe_name.clone(),
+            rig: setup.rig.name.clone(),
+            recipe: setup.rig.recipe_name.clone(),
             procedure: procedure.name().to_owned(),
             scenario: setup.scenario.clone(),
             faults: setup.faults.to_string(),
             seed,
             devices,
-            configuration: setup.hashes.clone(),
+            configuration: setup.rig.hashes.clone(),
         }
     }
 
@@ -220,7 +220,7 @@ impl Store {
     pub fn begin(runs: &Path, setup: &Setup, plan: Plan) -> Result<Self> {
         let procedure = plan.procedure()?;
         check_room(runs, plan.devices)?;
-        let run = Run::begin(runs, "campaign", plan.seed, &setup.hashes)?;
+        let run = Run::begin(runs, "campaign", plan.seed, &setup.rig.hashes)?;
         let folder = run.path("");
         run.devices(&devices(setup, procedure, plan.seed, plan.devices))?;
         run.write_json(PLAN, &plan)?;

@@ -7,10 +7,8 @@ use pigtail_control::station::Station;
 use pigtail_hal::pulse::HARMONICS;
 use pigtail_hal::{AxisName, Command, Error, Machine, Pulse};
 use pigtail_numerics::rounded;
-use pigtail_session::align::AlignError;
-use pigtail_session::characterize::{ExperimentError, on_twin};
-use pigtail_session::rig::Setup;
-use pigtail_twin::Twin;
+use pigtail_session::job::Ended;
+use pigtail_session::setup::{Setup, unfit};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
@@ -39,7 +37,7 @@ const FINE_RATE: f64 = 50e3;
 /// For how long, seconds.
 const LOOK: f64 = 0.02;
 
-type Experiment<T> = Result<T, ExperimentError>;
+type Experiment<T> = Result<T, Ended>;
 
 /// One point of a curve.
 pub(super) struct Point {
@@ -68,7 +66,7 @@ impl Bench<'_> {
         &self,
         experiment: impl FnOnce(&mut Station) -> Experiment<T>,
     ) -> Experiment<T> {
-        on_twin(self.setup, self.seed, experiment)
+        self.setup.experiment(self.seed, experiment)
     }
 
     /// That the amplifier plays fixed harmonics, in units, with all of the curve's `a_1`.
@@ -81,13 +79,13 @@ impl Bench<'_> {
             .scaled(a2 * self.unit)
             .pulse(MAP[0] * self.unit, true);
         highest
-            .check(self.setup.spec.drive(self.at.axis))
+            .check(self.setup.rig.spec.drive(self.at.axis))
             .map_err(|why| Error::new("--a2", "", format!("with a1 of {} fsm: {why}", MAP[0])))
     }
 
     /// Greatest voltage of a pulse's harmonic that leaves room for another of the map's `a_1`.
     pub(super) fn limit(&self) -> f64 {
-        let drive = self.setup.spec.drive(self.at.axis);
+        let drive = self.setup.rig.spec.drive(self.at.axis);
         let volts = drive.pulse.map_or(0.0, |pulse| pulse.voltage);
         let (mut low, mut high) = (0.0, volts);
         for _ in 0..30 {
@@ -225,7 +223,7 @@ impl Bench<'_> {
                 .collect()
         };
         let (columns, rows) = (grid(MAP[0], CELLS[0]), grid(MAP[1], CELLS[1]));
-        let drive = self.setup.spec.drive(self.at.axis);
+        let drive = self.setup.rig.spec.drive(self.at.axis);
         let nm = rows
             .par_iter()
             .map(|a2| {
@@ -265,7 +263,7 @@ impl Bench<'_> {
         let steps: Vec<f64> = (0..SPREAD_POINTS)
             .map(|k| MAP[0] * k as f64 / (SPREAD_POINTS - 1) as f64)
             .collect();
-        let count = self.setup.spec.drive(self.at.axis).count();
+        let count = self.setup.rig.spec.drive(self.at.axis).count();
         let all = (0..machines)
             .into_par_iter()
             .map(|k| {
@@ -276,11 +274,11 @@ impl Bench<'_> {
                 joint.load_friction = joint
                     .load_friction
                     .times((1.0 + FRICTION * draw).max(0.1))
-                    .map_err(|invalid| AlignError::Twin(invalid.into()))?;
+                    .map_err(unfit)?;
                 joint.unrest.jolt = STATE * count;
                 let mut moved = Vec::with_capacity(steps.len());
                 joint.unrest.history = k as u64 + 1;
-                on_twin(&setup, self.seed, |station| {
+                setup.experiment(self.seed, |station| {
                     impulses.begin(station)?;
                     for a1 in &steps {
                         let pulse = shape.pulse(a1 * self.unit, true);
@@ -315,11 +313,13 @@ impl Bench<'_> {
 
     /// The truth about one pulse, looked at in far shorter cycles.
     pub(super) fn trace(&self, pulse: &Pulse) -> Experiment<Trace> {
-        let mut spec = self.setup.spec.clone();
+        let mut spec = self.setup.rig.spec.clone();
         let factor = (FINE_RATE / spec.servo.rate).ceil().max(1.0);
         spec.servo.rate *= factor;
         let ratio = 1.0 / spec.drive(self.at.axis).gear_ratio;
-        let mut twin = Twin::new(spec, &self.setup.plant, self.seed).map_err(AlignError::Twin)?;
+        let mut fine = self.setup.clone();
+        fine.rig.spec = spec;
+        let mut twin = fine.twin(self.seed)?;
         let mut command = Command::IDLE;
         command.pulses[self.at.side.index()][self.at.axis.index()] = Some(*pulse);
         let home = twin.output(self.at).unwrap_or(0.0);

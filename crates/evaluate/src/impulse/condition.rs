@@ -3,8 +3,8 @@
 
 use super::response::joint_plant;
 use pigtail_hal::AxisName;
-use pigtail_session::align::AlignError;
-use pigtail_session::rig::Setup;
+use pigtail_session::job::Ended;
+use pigtail_session::setup::{Setup, unfit};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
@@ -64,7 +64,7 @@ impl Condition {
     /// # Errors
     ///
     /// When the plant makes no machine.
-    pub fn applied(self, setup: &Setup, at: AxisName, seed: u64) -> Result<Setup, AlignError> {
+    pub fn applied(self, setup: &Setup, at: AxisName, seed: u64) -> Result<Setup, Ended> {
         let mut setup = setup.clone();
         if self == Self::Quiet {
             return Ok(setup);
@@ -72,7 +72,7 @@ impl Condition {
         setup.plant.probe.noise = NOISE;
         // Drawn here, around a mean, instead of within bounds with the specimen.
         setup.plant.variation.friction = 0.0;
-        let count = setup.spec.drive(at.axis).count();
+        let count = setup.rig.spec.drive(at.axis).count();
         let mut rng = Pcg64Mcg::seed_from_u64(seed);
         let level = match self {
             Self::High => 1.3,
@@ -85,9 +85,7 @@ impl Condition {
         };
         let joint = joint_plant(&mut setup, at.axis);
         let scaled = |friction: pigtail_twin::plant::FrictionPlant, by: f64| {
-            friction
-                .times(by)
-                .map_err(|invalid| AlignError::Twin(invalid.into()))
+            friction.times(by).map_err(unfit)
         };
         joint.load_friction = scaled(joint.load_friction, factor())?;
         joint.motor_friction = scaled(joint.motor_friction, factor())?;

@@ -3,14 +3,15 @@
 
 use super::condition::Condition;
 use super::response::{can_play, measured};
-use super::run::{Estimator, Task, believed, run_as, summary};
+use super::run::{Task, run_as, summary};
 use super::shapes::{Effort, Judged, Study, study};
 use super::waveform::Family;
 use pigtail_control::impulse::belief::ImpulseBelief;
 use pigtail_hal::{Axis, AxisName};
 use pigtail_numerics::rounded;
-use pigtail_session::characterize::ExperimentError;
-use pigtail_session::rig::Setup;
+use pigtail_session::impulse::{Estimator, believed};
+use pigtail_session::job::Ended;
+use pigtail_session::setup::Setup;
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -106,9 +107,9 @@ pub fn contest(
     seed: u64,
     effort: &Effort,
     runs: u64,
-) -> Result<(Document, Study), ExperimentError> {
+) -> Result<(Document, Study), Ended> {
     can_play(setup, at.axis)?;
-    let belief = believed(setup, at)?;
+    let belief = believed(&setup.rig, at)?;
     let study = study(setup, at, seed, effort)?;
     let mut task = Task::usual(
         at,
@@ -128,7 +129,7 @@ pub fn contest(
             };
             Ok(row(judged, &study, loops))
         })
-        .collect::<Result<Vec<Row>, ExperimentError>>()?;
+        .collect::<Result<Vec<Row>, Ended>>()?;
     let document = Document {
         axis: at.to_string(),
         seed,
@@ -163,7 +164,7 @@ fn loops(
     seed: u64,
     shape: &ImpulseBelief,
     runs: u64,
-) -> Result<Loops, ExperimentError> {
+) -> Result<Loops, Ended> {
     let belief = measured(setup, task.at, seed, shape)?;
     let of = |estimator| {
         let task = Task { estimator, ..*task };
@@ -171,10 +172,10 @@ fn loops(
             .into_par_iter()
             .map(|k| {
                 let seed = seed.wrapping_add(LOOPS_FROM).wrapping_add(k);
-                run_as(setup, &task, &belief, seed)
+                run_as(setup, &task, Some(belief.clone()), seed)
             })
-            .collect::<Result<Vec<_>, ExperimentError>>()?;
-        Ok::<_, ExperimentError>(summary(&task, &documents))
+            .collect::<Result<Vec<_>, Ended>>()?;
+        Ok::<_, Ended>(summary(&task, &documents))
     };
     let (row, fixed) = (of(Estimator::Recursive)?, of(Estimator::Curve)?);
     Ok(Loops {

@@ -11,8 +11,9 @@ use pigtail_control::impulse::{Impulses, Relax, Shape};
 use pigtail_hal::pulse::HARMONICS;
 use pigtail_hal::{Axis, AxisName, Error, Pulse};
 use pigtail_numerics::rounded;
-use pigtail_session::characterize::{ExperimentError, no_probe, on_twin};
-use pigtail_session::rig::Setup;
+use pigtail_session::characterize::no_probe;
+use pigtail_session::job::Ended;
+use pigtail_session::setup::Setup;
 use pigtail_twin::plant::JointPlant;
 use serde::Serialize;
 
@@ -167,14 +168,6 @@ pub struct Found {
     pub scatter: f64,
 }
 
-/// The table of a calibration that speaks of an axis.
-pub fn kind_of(at: AxisName) -> &'static str {
-    match at.axis {
-        Axis::A | Axis::B => "five_bar",
-        Axis::Z => "z",
-    }
-}
-
 /// Points of the curve that a calibration keeps.
 const KEPT: usize = 26;
 
@@ -224,7 +217,7 @@ impl Found {
     }
 }
 
-type Experiment<T> = Result<T, ExperimentError>;
+type Experiment<T> = Result<T, Ended>;
 
 /// What is fixed of the pulses that an axis is characterized by.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -269,7 +262,7 @@ pub fn response(
     let wanted = form.fixed;
     let form = form.proportions();
     can_play_form(setup, at.axis, &form)?;
-    let unit = on_twin(setup, seed, |station| Ok(break_away(station, at, REST)?))?;
+    let unit = setup.experiment(seed, |station| Ok(break_away(station, at, REST)?))?;
     let bench = Bench {
         setup,
         at,
@@ -294,7 +287,7 @@ pub fn response(
                 "no second harmonic of up to {most:.2} V removes the dead zone of {at}; accepted is an \
                  amplifier that plays higher pulses"
             );
-            let file = format!("{}/machine.toml", setup.rig);
+            let file = format!("{}/machine.toml", setup.rig.name);
             Error::new(file, "drive.pulse.voltage", message)
         })?;
         Ok((impulses, form.scaled(a2)))
@@ -358,7 +351,7 @@ pub fn response(
         trace: bench.trace(&quoted(&shape))?,
         spread,
     };
-    let arm = setup.spec.probe.as_ref().map(|probe| probe.arm);
+    let arm = setup.rig.spec.probe.as_ref().map(|probe| probe.arm);
     let found = Found {
         unit,
         arm: arm.filter(|_| at.axis != Axis::Z),
@@ -453,25 +446,29 @@ pub fn can_play(setup: &Setup, axis: Axis) -> Result<(), Error> {
 }
 
 fn can_play_form(setup: &Setup, axis: Axis, form: &Shape) -> Result<(), Error> {
-    if setup.spec.probe.is_none() {
-        return Err(no_probe(setup));
+    if setup.rig.spec.probe.is_none() {
+        return Err(no_probe(&setup.rig));
     }
     let key = match axis {
         Axis::A | Axis::B => "five_bar.drive.pulse",
         Axis::Z => "z_stage.drive.pulse",
     };
-    if setup.spec.drive(axis).pulse.is_none() {
+    if setup.rig.spec.drive(axis).pulse.is_none() {
         return Err(Error::new(
-            format!("{}/machine.toml", setup.rig),
+            format!("{}/machine.toml", setup.rig.name),
             key,
             "is not there: the amplifier plays no pulses; accepted is one that does, with `voltage` \
              and `bandwidth`",
         ));
     }
     let shortest = form.scaled(1e-3).pulse(1e-3, true);
-    shortest
-        .check(setup.spec.drive(axis))
-        .map_err(|why| Error::new(format!("{}/machine.toml", setup.rig), key, why.to_string()))
+    shortest.check(setup.rig.spec.drive(axis)).map_err(|why| {
+        Error::new(
+            format!("{}/machine.toml", setup.rig.name),
+            key,
+            why.to_string(),
+        )
+    })
 }
 
 /// The friction of an axis's kind in a plant.

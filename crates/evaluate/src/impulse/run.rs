@@ -1,65 +1,22 @@
 //! A loop of pulses on a twin, and what the truth says of it (thesis 4.3.2, 4.3.3).
 
 use super::condition::Condition;
-use super::response::{can_play, kind_of, measured};
+use super::response::{can_play, measured};
 use pigtail_control::impulse::Impulses;
 use pigtail_control::impulse::belief::ImpulseBelief;
-use pigtail_control::impulse::law::{self, Settings, Step, check_gain, readings_for, sensor_noise};
+use pigtail_control::impulse::law::{Settings, Step, check_gain};
 use pigtail_control::impulse::response::Response;
-use pigtail_control::station::{Station, Unobserved};
-use pigtail_hal::{Axis, AxisName, Command, Counts, Error, Fault, Machine, Measurement, Spec};
+use pigtail_control::station::Unobserved;
+use pigtail_hal::{Axis, AxisName, Command, Error, Fault, Machine, Measurement, Spec};
 use pigtail_numerics::rounded;
 use pigtail_numerics::statistics::Sorted;
-use pigtail_session::align::AlignError;
-use pigtail_session::characterize::ExperimentError;
-use pigtail_session::rig::Setup;
+use pigtail_session::impulse::{Approached, Estimator, Impulse, believed, kind_of, taken_over};
+use pigtail_session::job::Ended;
+use pigtail_session::setup::Setup;
 use pigtail_twin::Twin;
 use rayon::prelude::*;
 use serde::Serialize;
 use strum::VariantArray;
-
-/// How a loop knows what pulses do.
-#[derive(
-    Debug,
-    Clone,
-    Copy,
-    Default,
-    PartialEq,
-    Eq,
-    strum::EnumMessage,
-    strum::EnumString,
-    strum::IntoStaticStr,
-    strum::VariantArray,
-)]
-#[strum(serialize_all = "kebab-case")]
-pub enum Estimator {
-    /// The thesis's parabola (4.8), fixed
-    Parabola,
-    /// The measured curve, fixed
-    Curve,
-    /// The measured curve, corrected by every pulse
-    #[default]
-    Recursive,
-}
-
-impl Estimator {
-    /// Its name in options and documents.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Parabola => Response::NAMES[0],
-            Self::Curve => Response::NAMES[1],
-            Self::Recursive => Response::NAMES[2],
-        }
-    }
-
-    fn response(self, belief: &ImpulseBelief, noise: f64) -> Response {
-        match self {
-            Self::Parabola => Response::parabola(belief),
-            Self::Curve => Response::curve(belief),
-            Self::Recursive => Response::recursive(belief, noise),
-        }
-    }
-}
 
 /// What is asked of a loop.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -177,27 +134,6 @@ impl Machine for Watched {
     }
 }
 
-/// What is believed of the pulses of an axis.
-///
-/// # Errors
-///
-/// When the rig's calibration has nothing of it.
-pub fn believed(setup: &Setup, at: AxisName) -> Result<&ImpulseBelief, Error> {
-    let beliefs = &setup.calibration.impulse;
-    let belief = match at.axis {
-        Axis::A | Axis::B => &beliefs.five_bar,
-        Axis::Z => &beliefs.z,
-    };
-    belief.as_ref().ok_or_else(|| {
-        let key = format!("impulse.{}", kind_of(at));
-        let message = format!(
-            "is not there: no one has measured what pulses do; accepted is what `pigtail characterize \
-             {at} impulse` writes"
-        );
-        Error::new(format!("{}/calibration.toml", setup.rig), key, message)
-    })
-}
-
 /// Whether a task can be done on a rig.
 ///
 /// # Errors
@@ -205,17 +141,17 @@ pub fn believed(setup: &Setup, at: AxisName) -> Result<&ImpulseBelief, Error> {
 /// Which option or key is wrong, and what would be accepted.
 pub fn check(setup: &Setup, task: &Task) -> Result<(), Error> {
     can_play(setup, task.at.axis)?;
-    let belief = believed(setup, task.at)?;
+    let belief = believed(&setup.rig, task.at)?;
     check_gain(task.settings.gain)
         .map_err(|outcome| Error::new("--gain", "", outcome.to_string()))?;
-    let drive = setup.spec.drive(task.at.axis);
+    let drive = setup.rig.spec.drive(task.at.axis);
     let most = belief.curve.last().map_or([0.0; 2], |last| *last);
     belief
         .shape()
         .pulse(most[0], true)
         .check(drive)
         .map_err(|why| {
-            let file = format!("{}/calibration.toml", setup.rig);
+            let file = format!("{}/calibration.toml", setup.rig.name);
             Error::new(
                 file,
                 format!("impulse.{}", kind_of(task.at)),
@@ -235,46 +171,13 @@ pub fn check(setup: &Setup, task: &Task) -> Result<(), Error> {
     Ok(())
 }
 
-/// An axis that has been taken from its servo: how to play pulses on it, and the noise of a reading of
-/// its sensor, metres.
-fn taken_over(
-    station: &mut Station,
-    belief: &ImpulseBelief,
-    task: &Task,
-) -> Result<(Impulses, f64), ExperimentError> {
-    /// The servo has moved the axis about before: its transmission is wound up.
-    const COUNTS: i64 = 60;
-    /// It comes to rest.
-    const SECONDS: f64 = 0.15;
-    let Counts(home) = station.encoder(task.at);
-    for counts in [home + COUNTS, home] {
-        station.reference(task.at, Counts(counts));
-        station.run(SECONDS)?;
-    }
-    let impulses = Impulses {
-        rest: task.rest.unwrap_or(belief.rest),
-        ..belief.impulses(task.at, 25)
-    };
-    impulses.begin(station)?;
-    let noise = sensor_noise(station, &impulses)?;
-    let readings = readings_for(noise, task.settings.tolerance);
-    Ok((
-        Impulses {
-            readings,
-            ..impulses
-        },
-        noise,
-    ))
-}
-
 /// Runs a loop on the twin that `seed` draws, under the task's condition.
 ///
 /// # Errors
 ///
 /// Bad input; a fault.
-pub fn run(setup: &Setup, task: &Task, seed: u64) -> Result<Document, ExperimentError> {
-    let belief = believed(setup, task.at)?;
-    run_as(setup, task, belief, seed)
+pub fn run(setup: &Setup, task: &Task, seed: u64) -> Result<Document, Ended> {
+    run_as(setup, task, None, seed)
 }
 
 /// The same by another belief than the rig's.
@@ -285,33 +188,36 @@ pub fn run(setup: &Setup, task: &Task, seed: u64) -> Result<Document, Experiment
 pub fn run_as(
     setup: &Setup,
     task: &Task,
-    belief: &ImpulseBelief,
+    belief: Option<ImpulseBelief>,
     seed: u64,
-) -> Result<Document, ExperimentError> {
+) -> Result<Document, Ended> {
+    let unit = match &belief {
+        Some(belief) => belief.unit,
+        None => believed(&setup.rig, task.at)?.unit,
+    };
     let changed = task.condition.applied(setup, task.at, seed)?;
-    let twin = Twin::new(changed.spec.clone(), &changed.plant, seed).map_err(AlignError::Twin)?;
-    let mut watched = Watched {
+    let twin = changed.twin(seed)?;
+    let watched = Watched {
         twin,
         at: task.at,
         seen: Vec::new(),
     };
-    let mut unobserved = Unobserved;
-    let mut station = Station::new(&mut watched, &changed.calibration, &mut unobserved)?;
-    let (impulses, noise) = taken_over(&mut station, belief, task)?;
-    let start = impulses.measure(&mut station)?;
-    let begun = station.time();
-    let target = start + task.target;
-    let deviation = (2.0 / f64::from(impulses.readings)).sqrt() * noise;
-    let mut response = task.estimator.response(belief, deviation);
-    let done = law::drive(
-        &mut station,
-        &impulses,
-        &belief.shape(),
-        &mut response,
-        (target, noise),
-        &task.settings,
-    )?;
-    station.stop();
+    let job = Impulse {
+        at: task.at,
+        target: task.target,
+        estimator: task.estimator,
+        settings: task.settings,
+        rest: task.rest,
+        belief,
+    };
+    let (session, approached) = changed.perform(watched, &job, seed, &mut Unobserved)?;
+    let Approached {
+        target,
+        begun,
+        driven: done,
+        estimator,
+    } = approached?;
+    let watched = session.machine();
     let nm = |metres: f64| rounded(metres * 1e9, 1e-2);
     let true_error = |time: f64| {
         let k = watched.seen.partition_point(|(t, _)| *t < time - 1e-9);
@@ -331,7 +237,7 @@ pub fn run_as(
         time_s: rounded(step.time - begun, 1e-4),
         measured_nm: nm(step.error),
         error_nm: nm(error),
-        a1_fsm: step.pulse.map(|volts| rounded(volts / belief.unit, 1e-4)),
+        a1_fsm: step.pulse.map(|volts| rounded(volts / unit, 1e-4)),
         expected_nm: nm(step.expected),
     };
     Ok(Document {
@@ -344,7 +250,7 @@ pub fn run_as(
             .steps
             .get(first)
             .map(|step| rounded(step.time - begun, 1e-4)),
-        estimator: response.name(),
+        estimator,
         condition: task.condition.name(),
         gain: task.settings.gain,
         tolerance_nm: nm(task.settings.tolerance),
@@ -380,44 +286,38 @@ pub struct Resolution {
 /// # Errors
 ///
 /// A fault.
-pub fn resolution(
-    setup: &Setup,
-    task: &Task,
-    step: f64,
-    seed: u64,
-) -> Result<Resolution, ExperimentError> {
+pub fn resolution(setup: &Setup, task: &Task, step: f64, seed: u64) -> Result<Resolution, Ended> {
     const PULSES: usize = 40;
     /// Pulses from which the amplitude is found, on the machine.
     const TRIED: u32 = 12;
-    let belief = believed(setup, task.at)?;
+    let belief = believed(&setup.rig, task.at)?;
     let changed = task.condition.applied(setup, task.at, seed)?;
-    let mut twin =
-        Twin::new(changed.spec.clone(), &changed.plant, seed).map_err(AlignError::Twin)?;
-    let mut unobserved = Unobserved;
-    let mut station = Station::new(&mut twin, &changed.calibration, &mut unobserved)?;
-    let (impulses, noise) = taken_over(&mut station, belief, task)?;
-    let impulses = Impulses {
-        readings: 100,
-        ..impulses
-    };
-    let deviation = (2.0 / f64::from(impulses.readings)).sqrt() * noise;
-    let mut response = Response::recursive(belief, deviation);
-    for _ in 0..TRIED {
-        let a1 = response.choose(step, 1.0, true).a1;
-        let moved = impulses.respond(&mut station, belief.shape().pulse(a1, true))?;
-        response.learn(a1, true, moved.net);
-    }
-    let pulse = belief
-        .shape()
-        .pulse(response.choose(step, 1.0, true).a1, true);
-    let start = impulses.measure(&mut station)?;
-    let mut position = vec![0.0];
-    for _ in 0..PULSES {
-        impulses.play(&mut station, pulse)?;
-        impulses.relax(&mut station)?;
-        position.push(impulses.measure(&mut station)? - start);
-    }
-    station.stop();
+    let position = changed.experiment(seed, |station| {
+        let tolerance = task.settings.tolerance;
+        let (impulses, noise) = taken_over(station, belief, task.at, task.rest, tolerance)?;
+        let impulses = Impulses {
+            readings: 100,
+            ..impulses
+        };
+        let deviation = (2.0 / f64::from(impulses.readings)).sqrt() * noise;
+        let mut response = Response::recursive(belief, deviation);
+        for _ in 0..TRIED {
+            let a1 = response.choose(step, 1.0, true).a1;
+            let moved = impulses.respond(station, belief.shape().pulse(a1, true))?;
+            response.learn(a1, true, moved.net);
+        }
+        let pulse = belief
+            .shape()
+            .pulse(response.choose(step, 1.0, true).a1, true);
+        let start = impulses.measure(station)?;
+        let mut position = vec![0.0];
+        for _ in 0..PULSES {
+            impulses.play(station, pulse)?;
+            impulses.relax(station)?;
+            position.push(impulses.measure(station)? - start);
+        }
+        Ok(position)
+    })?;
     let steps: Vec<f64> = position.windows(2).map(|pair| pair[1] - pair[0]).collect();
     let n = steps.len() as f64;
     let mean = steps.iter().sum::<f64>() / n;
@@ -500,12 +400,7 @@ fn share(values: Vec<f64>, unit: f64) -> Option<Share> {
 /// # Errors
 ///
 /// As [`run`].
-pub fn runs(
-    setup: &Setup,
-    task: &Task,
-    seed: u64,
-    count: u64,
-) -> Result<Vec<Document>, ExperimentError> {
+pub fn runs(setup: &Setup, task: &Task, seed: u64, count: u64) -> Result<Vec<Document>, Ended> {
     (0..count)
         .into_par_iter()
         .map(|k| run(setup, task, seed.wrapping_add(k)))
@@ -551,7 +446,7 @@ pub fn compare(
     task: &Task,
     seed: u64,
     count: u64,
-) -> Result<Vec<CampaignRow>, ExperimentError> {
+) -> Result<Vec<CampaignRow>, Ended> {
     let mut rows = Vec::new();
     for &condition in Condition::VARIANTS {
         for &estimator in Estimator::VARIANTS {
@@ -575,9 +470,9 @@ pub const GAINS: [f64; 5] = [0.5, 1.0, 1.5, 1.9, 2.1];
 /// # Errors
 ///
 /// As [`run`].
-pub fn stability(setup: &Setup, at: AxisName, seed: u64) -> Result<Vec<Document>, ExperimentError> {
+pub fn stability(setup: &Setup, at: AxisName, seed: u64) -> Result<Vec<Document>, Ended> {
     const PULSES: u32 = 40;
-    let belief = measured(setup, at, seed, believed(setup, at)?)?;
+    let belief = measured(setup, at, seed, believed(&setup.rig, at)?)?;
     let target = 0.5 * belief.curve.last().map_or(0.0, |last| last[1]);
     GAINS
         .par_iter()
@@ -588,7 +483,7 @@ pub fn stability(setup: &Setup, at: AxisName, seed: u64) -> Result<Vec<Document>
             task.settings.gain = gain;
             task.settings.pulses = PULSES;
             task.settings.stop = false;
-            run_as(setup, &task, &belief, seed)
+            run_as(setup, &task, Some(belief.clone()), seed)
         })
         .collect()
 }

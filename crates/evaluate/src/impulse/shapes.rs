@@ -14,10 +14,10 @@ use pigtail_model::Invalid;
 use pigtail_model::friction::Mode;
 use pigtail_model::joint::{Joint, JointParameters, JointState};
 use pigtail_numerics::statistics::Sorted;
-use pigtail_session::align::AlignError;
-use pigtail_session::characterize::{ExperimentError, no_probe};
-use pigtail_session::rig::Setup;
-use pigtail_twin::TwinError;
+use pigtail_session::characterize::no_probe;
+use pigtail_session::job::Ended;
+use pigtail_session::setup::Setup;
+use pigtail_session::setup::unfit;
 use pigtail_twin::plant::{JointPlant, LoadLaw};
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
@@ -176,12 +176,7 @@ const SEARCHES: [Search; 5] = [
 /// # Errors
 ///
 /// A rig without probes, or whose plant has a law of load friction that the study does not know.
-pub fn study(
-    setup: &Setup,
-    at: AxisName,
-    seed: u64,
-    effort: &Effort,
-) -> Result<Study, ExperimentError> {
+pub fn study(setup: &Setup, at: AxisName, seed: u64, effort: &Effort) -> Result<Study, Ended> {
     let nominal = Bench::nominal(setup, at.axis)?;
     let unit = nominal.unit;
     let thesis = Waveform {
@@ -193,6 +188,7 @@ pub fn study(
     let most = nominal.middle.play(&thesis.with(THESIS_MOST * unit)).moved;
     let compared = COMPARED.map(|share| share * most);
     let bandwidth = setup
+        .rig
         .spec
         .drive(at.axis)
         .pulse
@@ -382,7 +378,7 @@ struct Bench {
 }
 
 impl Bench {
-    fn nominal(setup: &Setup, axis: Axis) -> Result<Self, ExperimentError> {
+    fn nominal(setup: &Setup, axis: Axis) -> Result<Self, Ended> {
         let mut copy = setup.clone();
         let plant = *joint_plant(&mut copy, axis);
         if plant.friction != LoadLaw::CoulombPresliding {
@@ -392,20 +388,21 @@ impl Bench {
             };
             let message = "the study of shapes does not know this law; accepted is \
                            \"coulomb-presliding\"";
-            return Err(Error::new(format!("{}/plant.toml", setup.rig), key, message).into());
+            return Err(Error::new(format!("{}/plant.toml", setup.rig.name), key, message).into());
         }
         let arm = match axis {
             Axis::A | Axis::B => {
                 setup
+                    .rig
                     .spec
                     .probe
                     .as_ref()
-                    .ok_or_else(|| no_probe(setup))?
+                    .ok_or_else(|| no_probe(&setup.rig))?
                     .arm
             }
             Axis::Z => setup.plant.z_stage.lead / TAU,
         };
-        let drive = setup.spec.drive(axis);
+        let drive = setup.rig.spec.drive(axis);
         let ratio = 1.0 / drive.gear_ratio;
         let parameters = plant.nominal(ratio).map_err(bad)?;
         Ok(Self {
@@ -458,7 +455,7 @@ impl Bench {
     }
 
     /// So many machines, each in both directions.
-    fn drawn(&self, count: usize, seed: u64) -> Result<Vec<Machine>, ExperimentError> {
+    fn drawn(&self, count: usize, seed: u64) -> Result<Vec<Machine>, Ended> {
         let mut rng = Pcg64Mcg::seed_from_u64(seed);
         let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
         let mut machines = Vec::with_capacity(2 * count);
@@ -587,8 +584,8 @@ fn falls(moved: &[f64]) -> f64 {
     })
 }
 
-fn bad(invalid: Invalid) -> ExperimentError {
-    AlignError::Twin(TwinError::from(invalid)).into()
+fn bad(invalid: Invalid) -> Ended {
+    unfit(invalid)
 }
 
 #[cfg(test)]

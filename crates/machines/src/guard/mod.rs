@@ -126,6 +126,9 @@ pub struct Guard<M> {
     outputs: Outputs,
     last: Option<(Command, Measurement)>,
     fault: Option<Fault>,
+    /// Whether it only notes what it would stop for.
+    passive: bool,
+    noted: Option<Fault>,
 }
 
 /// The datasheet's limits as the guard compares with them.
@@ -176,6 +179,16 @@ impl Broken {
             limit,
         }
     }
+
+    fn at(self, time: f64) -> Fault {
+        Fault {
+            rule: self.rule.into(),
+            axis: self.axis,
+            value: self.value,
+            limit: self.limit,
+            time,
+        }
+    }
 }
 
 impl<M: Machine> Guard<M> {
@@ -193,7 +206,24 @@ impl<M: Machine> Guard<M> {
             machine,
             last: None,
             fault: None,
+            passive: false,
+            noted: None,
         }
+    }
+
+    /// The same, but it stops nothing: it only notes the first rule that was broken. To be told what a
+    /// guard would have changed.
+    #[must_use]
+    pub fn passive(self) -> Self {
+        Self {
+            passive: true,
+            ..self
+        }
+    }
+
+    /// The first broken rule for which a passive guard would have stopped the machine.
+    pub fn noted(&self) -> Option<&Fault> {
+        self.noted.as_ref()
     }
 
     /// The machine that is watched.
@@ -201,17 +231,9 @@ impl<M: Machine> Guard<M> {
         &self.machine
     }
 
-    /// The fault that stopped the machine, cleared by a person who has looked at it: commands are
-    /// taken again. What was believed of the tips is not: they are seen anew.
-    pub fn clear(&mut self) -> Option<Fault> {
-        let fault = self.fault.take()?;
-        self.keepout.forget();
-        self.light.forget();
-        self.piezos = Piezos::new(self.machine.spec());
-        self.stalls = Stalls::new(self.machine.spec());
-        self.outputs = Outputs::new(self.machine.spec());
-        self.last = None;
-        Some(fault)
+    /// The machine that is watched, for whoever knows what it is.
+    pub fn inner_mut(&mut self) -> &mut M {
+        &mut self.machine
     }
 
     /// What is wrong with a command.
@@ -415,17 +437,21 @@ impl<M: Machine> Guard<M> {
         Ok(())
     }
 
-    /// Stops the machine for a broken rule.
+    /// What becomes of a broken rule.
     #[cold]
+    fn answer(&mut self, broken: Broken) -> Result<(), Fault> {
+        if !self.passive {
+            return Err(self.trip(broken));
+        }
+        let time = self.last.map_or(0.0, |(_, measured)| measured.time);
+        self.noted.get_or_insert(broken.at(time));
+        Ok(())
+    }
+
+    /// Stops the machine for a broken rule.
     fn trip(&mut self, broken: Broken) -> Fault {
         let time = self.last.map_or(0.0, |(_, measured)| measured.time);
-        let fault = Fault {
-            rule: broken.rule.into(),
-            axis: broken.axis,
-            value: broken.value,
-            limit: broken.limit,
-            time,
-        };
+        let fault = broken.at(time);
         self.retreat(&fault);
         self.fault = Some(fault.clone());
         fault
@@ -514,7 +540,7 @@ impl<M: Machine> Machine for Guard<M> {
             return Err(fault.clone());
         }
         if let Err(broken) = self.check_command(command) {
-            return Err(self.trip(broken));
+            self.answer(broken)?;
         }
         let measured = match self.machine.exchange(command) {
             Ok(measured) => measured,
@@ -534,7 +560,7 @@ impl<M: Machine> Machine for Guard<M> {
         self.last = Some((*command, measured));
         match checked {
             Ok(()) => Ok(measured),
-            Err(broken) => Err(self.trip(broken)),
+            Err(broken) => self.answer(broken).map(|()| measured),
         }
     }
 
@@ -543,5 +569,18 @@ impl<M: Machine> Machine for Guard<M> {
         // It has gone on meanwhile, unwatched.
         self.last = None;
         self.keepout.forget();
+    }
+
+    /// What was believed of the tips goes with the fault: they are seen anew.
+    fn clear(&mut self) -> Option<Fault> {
+        let fault = self.fault.take()?;
+        self.machine.clear();
+        self.keepout.forget();
+        self.light.forget();
+        self.piezos = Piezos::new(self.machine.spec());
+        self.stalls = Stalls::new(self.machine.spec());
+        self.outputs = Outputs::new(self.machine.spec());
+        self.last = None;
+        Some(fault)
     }
 }

@@ -57,6 +57,26 @@ pub struct Written {
     pub sha256: [u8; 32],
 }
 
+impl<M> Recorder<M> {
+    /// A machine of which nothing is recorded.
+    pub fn idle(machine: M) -> Self {
+        Self {
+            machine,
+            block: Block::default(),
+            most: 0,
+            time: 0.0,
+            fault: None,
+            writer: None,
+            path: PathBuf::new(),
+        }
+    }
+
+    /// The machine that is recorded.
+    pub fn inner(&self) -> &M {
+        &self.machine
+    }
+}
+
 impl<M: Machine> Recorder<M> {
     /// Records a machine to a new file; `about` is kept with the record.
     ///
@@ -64,6 +84,17 @@ impl<M: Machine> Recorder<M> {
     ///
     /// When the file cannot be written.
     pub fn new(machine: M, path: &Path, about: &[u8]) -> Result<Self, RecordError> {
+        let mut recorder = Self::idle(machine);
+        recorder.begin(path, about)?;
+        Ok(recorder)
+    }
+
+    /// Records what comes from now on to a new file; `about` is kept with the record.
+    ///
+    /// # Errors
+    ///
+    /// When the file cannot be written.
+    pub fn begin(&mut self, path: &Path, about: &[u8]) -> Result<(), RecordError> {
         let failed = |error: io::Error| RecordError::Unwritable {
             path: path.to_owned(),
             error,
@@ -75,31 +106,21 @@ impl<M: Machine> Recorder<M> {
         };
         file.write_all(MAGIC).map_err(failed)?;
         write(&mut file, about).map_err(failed)?;
-        let most = (BLOCK * machine.spec().servo.rate).ceil() as usize;
-        Ok(Self {
-            machine,
-            block: Block::default(),
-            most,
-            time: 0.0,
-            fault: None,
-            writer: Some(Writer::new(file)),
-            path: path.to_owned(),
-        })
+        self.most = (BLOCK * self.machine.spec().servo.rate).ceil() as usize;
+        self.writer = Some(Writer::new(file));
+        path.clone_into(&mut self.path);
+        Ok(())
     }
 
-    /// Hands over what is left. It is written, and the record closed, while the caller does
-    /// something else.
-    ///
-    /// # Panics
-    ///
-    /// Never: only its end takes the writer.
-    pub fn finish(mut self) -> Closing {
+    /// Ends the record and hands over what is left of it, which is written, and the record closed, while
+    /// the caller does something else. The machine goes on, and nothing of it is recorded any more; `None`
+    /// where nothing was.
+    pub fn finish(&mut self) -> Option<Closing> {
         let block = std::mem::take(&mut self.block);
-        let writer = self.writer.take().expect("only its end takes it");
-        Closing {
-            thread: Some(writer.close(block)),
+        Some(Closing {
+            thread: Some(self.writer.take()?.close(block)),
             path: self.path.clone(),
-        }
+        })
     }
 
     /// Hands the block over. Waits where the disk is slower than the machine.
@@ -129,6 +150,11 @@ impl<M: Machine> Recorder<M> {
 }
 
 impl Closing {
+    /// The record's file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Waits until all of the record is on the disk.
     ///
     /// # Errors
@@ -241,6 +267,9 @@ impl<M: Machine> Machine for Recorder<M> {
             return Err(fault.clone());
         }
         let answer = self.machine.exchange(command);
+        if self.writer.is_none() {
+            return answer;
+        }
         match &answer {
             Ok(measured) => {
                 self.time = measured.time;
@@ -263,6 +292,10 @@ impl<M: Machine> Machine for Recorder<M> {
 
     fn stop(&mut self) {
         self.machine.stop();
+    }
+
+    fn clear(&mut self) -> Option<Fault> {
+        self.machine.clear().inspect(|_| self.fault = None)
     }
 }
 

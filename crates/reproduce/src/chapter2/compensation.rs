@@ -1,7 +1,7 @@
 //! Figs. 2.16 to 2.23: compensation of windup.
 
 use super::super::picture::{Picture, Points, thin};
-use super::super::{Bench, Figure, ReproduceError};
+use super::super::{Bench, Figure};
 use super::FIVE_BAR;
 use pigtail_control::contour::{Contour, ContourSample};
 use pigtail_control::identify::{Path, WindupRecord, backlash, scan};
@@ -10,9 +10,9 @@ use pigtail_evaluate::contour::{Plan, trace};
 use pigtail_hal::{Error, Side};
 use pigtail_model::fivebar::FiveBar;
 use pigtail_model::windup::{Reversal, ReversalState, Windup};
-use pigtail_session::characterize::on_twin;
 use pigtail_session::identify::{Models, models, range, scale};
-use pigtail_session::rig::Setup;
+use pigtail_session::job::Ended;
+use pigtail_session::setup::Setup;
 
 /// The preload of the thesis's preloaded figures, relative to the output's static friction: greater than
 /// that, as it found to be most effective (2.4.2).
@@ -25,7 +25,7 @@ const COUPLING: f64 = 0.03;
 
 /// Fig. 2.16: the estimate through a partial reversal.
 #[expect(clippy::unnecessary_wraps, reason = "the others may fail")]
-pub(super) fn equivalent_reversal(_: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn equivalent_reversal(_: &Bench) -> Result<Vec<Figure>, Ended> {
     // The thesis's own maximum, and a way as in its figures.
     let model = Reversal {
         maximum: 50e-6,
@@ -100,10 +100,10 @@ struct Joint<'s> {
 }
 
 impl<'s> Joint<'s> {
-    fn identify(setup: &'s Setup, seed: u64) -> Result<Self, ReproduceError> {
-        let scale = scale(setup, FIVE_BAR.axis)?;
+    fn identify(setup: &'s Setup, seed: u64) -> Result<Self, Ended> {
+        let scale = scale(&setup.rig, FIVE_BAR.axis)?;
         let range = range(FIVE_BAR.axis) / scale.metres_per_radian;
-        let models = on_twin(setup, seed, |station| {
+        let models = setup.experiment(seed, |station| {
             models(station, FIVE_BAR, &scale, range, 0.25 * range)
         })?;
         Ok(Self {
@@ -117,11 +117,11 @@ impl<'s> Joint<'s> {
 
     /// A scan through turns of which the first three are two full ways, and the gap over the rest,
     /// micrometres.
-    fn scan(&self, turns: &[f64], model: &Windup) -> Result<Scanned, ReproduceError> {
-        let scale = scale(self.setup, FIVE_BAR.axis)?;
+    fn scan(&self, turns: &[f64], model: &Windup) -> Result<Scanned, Ended> {
+        let scale = scale(&self.setup.rig, FIVE_BAR.axis)?;
         let path = path(self.range, turns);
         let lead = turns[..3].windows(2).map(|w| (w[1] - w[0]).abs());
-        let record = on_twin(self.setup, self.seed, |station| {
+        let record = self.setup.experiment(self.seed, |station| {
             Ok(scan(station, FIVE_BAR, &scale, &path, model)?)
         })?;
         let skip = (lead.sum::<f64>() * self.range / path.speed / record.period) as usize;
@@ -132,7 +132,7 @@ impl<'s> Joint<'s> {
         })
     }
 
-    fn both(&self, turns: &[f64]) -> Result<[Scanned; 2], ReproduceError> {
+    fn both(&self, turns: &[f64]) -> Result<[Scanned; 2], Ended> {
         Ok([
             self.scan(turns, &Windup::None)?,
             self.scan(turns, &Windup::Reversal(self.models.reversal.model))?,
@@ -154,7 +154,7 @@ const FULL: [f64; 5] = [0.0, 1.0, 0.0, 1.0, 0.0];
 const SMALL: [f64; 5] = [0.0, 1.0, 0.375, 0.625, 0.375];
 const REPEATED: [f64; 9] = [0.0, 1.0, 0.375, 0.625, 0.375, 0.625, 0.375, 0.625, 0.375];
 
-pub(super) fn scans(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn scans(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let plain = Joint::identify(&bench.machine, bench.seed)?;
     let mut setup = bench.machine.clone();
     let joint = &mut setup.plant.five_bar.joint;
@@ -243,8 +243,8 @@ pub(super) fn scans(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
 
 /// The output's friction with links that rub on each other, relative to the load's alone: of each bearing
 /// what it comes to at the joint, by virtual work, at home.
-fn output_friction(setup: &Setup) -> Result<f64, ReproduceError> {
-    let geometry = &setup.calibration.geometry.five_bar;
+fn output_friction(setup: &Setup) -> Result<f64, Ended> {
+    let geometry = &setup.rig.calibration.geometry.five_bar;
     let [x, y] = geometry.home;
     let at_joint = FiveBar::new(geometry.base, geometry.proximal, geometry.distal)
         .ok()
@@ -255,7 +255,7 @@ fn output_friction(setup: &Setup) -> Result<f64, ReproduceError> {
     Ok(1.0 + COUPLING * at_joint / load)
 }
 
-pub(super) fn squares(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn squares(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     // The output's friction is what a preload has to be greater than, and that between the links is
     // part of it.
     let preload = PRELOAD * output_friction(&bench.machine)?;
@@ -364,7 +364,7 @@ struct Squares {
 }
 
 impl Squares {
-    fn trace(bench: &Bench, plan: &Plan) -> Result<Self, ReproduceError> {
+    fn trace(bench: &Bench, plan: &Plan) -> Result<Self, Ended> {
         let (_, traced) = trace(&bench.machine, plan, bench.seed)?;
         let mut all = Self {
             most: [f64::NAN; 3],

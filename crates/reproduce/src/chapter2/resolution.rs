@@ -1,25 +1,27 @@
 //! Figs. 2.24 to 2.26: resolution under PID control.
 
 use super::super::picture::{Content, Picture, Points};
-use super::super::{Bench, Figure, ReproduceError};
+use super::super::{Bench, Figure};
 use super::{FIVE_BAR, Z};
 use pigtail_control::characterize::Increments;
 use pigtail_hal::{Axis, AxisName};
 use pigtail_model::fivebar::FiveBar;
-use pigtail_session::characterize::{ResolutionRow, on_twin, resolution};
-use pigtail_session::rig::Setup;
+use pigtail_session::characterize::{ResolutionRow, resolution};
+use pigtail_session::job::Ended;
+
+use pigtail_session::setup::Setup;
 
 /// The step sizes of a resolution test, as `pigtail characterize AXIS resolution` takes them.
-fn test(bench: &Bench, at: AxisName) -> Result<Vec<(ResolutionRow, Increments)>, ReproduceError> {
+fn test(bench: &Bench, at: AxisName) -> Result<Vec<(ResolutionRow, Increments)>, Ended> {
     let setup = &bench.machine;
     let steps = bench.count(1000, 300);
-    Ok(on_twin(setup, bench.seed, |station| {
-        resolution(station, setup, at, steps)
+    Ok(setup.experiment(bench.seed, |station| {
+        resolution(station, &setup.rig, at, steps)
     })?)
 }
 
 /// The resolution of an axis under PID control, micrometres; `None` where no step size is consistent.
-pub(crate) fn pid(bench: &Bench, at: AxisName) -> Result<Option<f64>, ReproduceError> {
+pub(crate) fn pid(bench: &Bench, at: AxisName) -> Result<Option<f64>, Ended> {
     let tests = test(bench, at)?;
     Ok(tests.last().and_then(|(row, _)| row.resolution_um))
 }
@@ -52,7 +54,7 @@ fn pictures(figure: Figure, test: &Increments, most: f64) -> Figure {
         )
 }
 
-pub(super) fn z_stage(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn z_stage(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let tests = test(bench, Z)?;
     let mut one = Figure::new(
         "2.24",
@@ -97,11 +99,11 @@ const MOST: f64 = 1.75;
 /// micrometres, and the share of such counts that is less than [`MOST`].
 fn count_at_endpoint(setup: &Setup) -> Option<(f64, f64, f64)> {
     const CELLS: i32 = 50;
-    let geometry = &setup.calibration.geometry.five_bar;
+    let geometry = &setup.rig.calibration.geometry.five_bar;
     let links = FiveBar::new(geometry.base, geometry.proximal, geometry.distal).ok()?;
-    let drive = setup.spec.drive(Axis::A);
+    let drive = setup.rig.spec.drive(Axis::A);
     let count = drive.count() / drive.gear_ratio;
-    let cell = setup.spec.five_bar.workspace / f64::from(CELLS);
+    let cell = setup.rig.spec.five_bar.workspace / f64::from(CELLS);
     let [home_x, home_y] = geometry.home;
     let (mut least, mut most) = (f64::INFINITY, 0.0_f64);
     let (mut all, mut below) = (0.0, 0.0);
@@ -125,7 +127,7 @@ fn count_at_endpoint(setup: &Setup) -> Option<(f64, f64, f64)> {
     Some((least, most, below / all))
 }
 
-pub(super) fn five_bar(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn five_bar(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let tests = test(bench, FIVE_BAR)?;
     let (least, most, share) =
         count_at_endpoint(&bench.machine).unwrap_or((f64::NAN, f64::NAN, f64::NAN));

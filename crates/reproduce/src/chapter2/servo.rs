@@ -1,13 +1,16 @@
 //! Figs. 2.3 to 2.7: gains, steps and sines.
 
 use super::super::picture::{Picture, Points, thin};
-use super::super::{Bench, Figure, ReproduceError};
+use super::super::{Bench, Figure};
 use super::{FIVE_BAR, Z};
 use pigtail_control::characterize::Trace;
 use pigtail_control::tune::{Experiment, Gains, Search};
 use pigtail_hal::{Axis, AxisName};
-use pigtail_session::characterize::{follow_sine, frequency, metres_per_count, on_twin, step};
-use pigtail_session::tune::{Method, Plan, Tuned, tune, usual_step};
+use pigtail_session::characterize::{follow_sine, frequency, metres_per_count, step};
+use pigtail_session::job::Ended;
+
+use pigtail_control::station::Unobserved;
+use pigtail_session::tune::{Method, Tune, Tuned, usual_step};
 
 /// Trials of each start: half as many again as the thesis ever needed, so that they can be too few.
 const TRIALS: u32 = 150;
@@ -19,18 +22,19 @@ const NEAR: f64 = 1.1;
 const WINDOW: f64 = 0.15;
 
 /// Gains of an axis by the thesis's search.
-fn tuned(bench: &Bench, at: AxisName) -> Result<Tuned, ReproduceError> {
-    let plan = Plan {
+fn tuned(bench: &Bench, at: AxisName) -> Result<Tuned, Ended> {
+    let plan = Tune {
         at,
         method: Method::Random,
         trials: bench.count(TRIALS, 60),
         step: usual_step(at.axis),
+        seed: bench.seed,
     };
     // By the thesis's cost alone: what the datasheet asks for is what is printed.
     let mut machine = bench.machine.clone();
-    machine.spec.five_bar.drive.step = None;
-    machine.spec.z_stage.drive.step = None;
-    Ok(tune(&machine, &plan, bench.seed, &mut |_, _, _| {})?)
+    machine.rig.spec.five_bar.drive.step = None;
+    machine.rig.spec.z_stage.drive.step = None;
+    machine.run(&plan, bench.seed, &mut Unobserved)
 }
 
 fn least(searches: &[Search]) -> f64 {
@@ -58,11 +62,11 @@ fn detuned(
     at: AxisName,
     tuned: &Tuned,
     which: usize,
-) -> Result<([f64; 3], Trace), ReproduceError> {
+) -> Result<([f64; 3], Trace), Ended> {
     let setup = &bench.machine;
     let believed = match at.axis {
-        Axis::A | Axis::B => &setup.calibration.gains.five_bar,
-        Axis::Z => &setup.calibration.gains.z,
+        Axis::A | Axis::B => &setup.rig.calibration.gains.five_bar,
+        Axis::Z => &setup.rig.calibration.gains.z,
     };
     let experiment = Experiment {
         at,
@@ -79,7 +83,7 @@ fn detuned(
     let with = |share: f64, gains: Gains| -> Gains {
         std::array::from_fn(|k| gains[k] * if k == which { share } else { 1.0 })
     };
-    Ok(on_twin(setup, bench.seed, |station| {
+    Ok(setup.experiment(bench.seed, |station| {
         let mut costs = [0.0; 3];
         for optimum in &optima {
             for (sum, share) in costs.iter_mut().zip([1.0, 0.8, 0.0]) {
@@ -95,14 +99,14 @@ fn detuned(
 fn believed_step(
     bench: &Bench,
     at: AxisName,
-) -> Result<(pigtail_session::characterize::StepDocument, Trace), ReproduceError> {
+) -> Result<(pigtail_session::characterize::StepDocument, Trace), Ended> {
     let size = usual_step(at.axis);
-    Ok(on_twin(&bench.machine, bench.seed, |station| {
-        step(station, at, size)
-    })?)
+    Ok(bench
+        .machine
+        .experiment(bench.seed, |station| step(station, at, size))?)
 }
 
-pub(super) fn five_bar_gains(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn five_bar_gains(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let found = tuned(bench, FIVE_BAR)?;
     Ok(vec![
         figure_2_3(bench, &found),
@@ -172,7 +176,7 @@ fn figure_2_3(bench: &Bench, tuned: &Tuned) -> Figure {
 }
 
 /// Fig. 2.4 or 2.5.
-fn step_figure(bench: &Bench, at: AxisName, tuned: &Tuned) -> Result<Figure, ReproduceError> {
+fn step_figure(bench: &Bench, at: AxisName, tuned: &Tuned) -> Result<Figure, Ended> {
     let (id, title, names, which, gain) = match at.axis {
         Axis::A | Axis::B => (
             "2.4",
@@ -241,7 +245,7 @@ fn step_figure(bench: &Bench, at: AxisName, tuned: &Tuned) -> Result<Figure, Rep
         )))
 }
 
-pub(super) fn z_gains(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn z_gains(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let found = tuned(bench, Z)?;
     Ok(vec![step_figure(bench, Z, &found)?])
 }
@@ -253,18 +257,18 @@ fn sine_figure(
     hertz: f64,
     figure: Figure,
     [gain, lag]: [&'static str; 2],
-) -> Result<Figure, ReproduceError> {
+) -> Result<Figure, Ended> {
     let setup = &bench.machine;
     let amplitude = (usual_step(at.axis) / 4) as f64;
-    let (d, trace) = on_twin(setup, bench.seed, |station| {
-        follow_sine(station, setup, at, hertz, amplitude)
+    let (d, trace) = setup.experiment(bench.seed, |station| {
+        follow_sine(station, &setup.rig, at, hertz, amplitude)
     })?;
     let until = 2e3 / hertz;
     let mut curves = vec![
         ("desired", response(&trace, &trace.reference, until)),
         ("actual", response(&trace, &trace.encoder, until)),
     ];
-    if let Ok(scale) = metres_per_count(setup, at.axis) {
+    if let Ok(scale) = metres_per_count(&setup.rig, at.axis) {
         let counts: Vec<f64> = trace.output.iter().map(|m| m / scale).collect();
         curves.push(("output", response(&trace, &counts, until)));
     }
@@ -286,15 +290,15 @@ fn sine_figure(
 
 /// The frequency at which the gain at the encoder has fallen by 3 dB, for sines of an amplitude,
 /// hertz.
-fn bandwidth(bench: &Bench, at: AxisName, amplitude: f64) -> Result<f64, ReproduceError> {
+fn bandwidth(bench: &Bench, at: AxisName, amplitude: f64) -> Result<f64, Ended> {
     const STEP: f64 = 5.0;
     const HIGHEST: u32 = 60;
     let setup = &bench.machine;
     let mut last = 1.0;
     for k in 2..HIGHEST {
         let hertz = STEP * f64::from(k);
-        let (d, _) = on_twin(setup, bench.seed, |station| {
-            follow_sine(station, setup, at, hertz, amplitude)
+        let (d, _) = setup.experiment(bench.seed, |station| {
+            follow_sine(station, &setup.rig, at, hertz, amplitude)
         })?;
         let down = std::f64::consts::FRAC_1_SQRT_2;
         if d.encoder_gain < down {
@@ -305,12 +309,12 @@ fn bandwidth(bench: &Bench, at: AxisName, amplitude: f64) -> Result<f64, Reprodu
     Ok(f64::INFINITY)
 }
 
-pub(super) fn five_bar_sine(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn five_bar_sine(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let setup = &bench.machine;
     let amplitude = (usual_step(FIVE_BAR.axis) / 4) as f64;
     let noise = 0.2 * amplitude;
-    let (small, _) = on_twin(setup, bench.seed, |station| {
-        frequency(station, setup, FIVE_BAR, noise, bench.seed)
+    let (small, _) = setup.experiment(bench.seed, |station| {
+        frequency(station, &setup.rig, FIVE_BAR, noise, bench.seed)
     })?;
     let small = small.bandwidth_hz.unwrap_or(f64::INFINITY);
     let bandwidth = bandwidth(bench, FIVE_BAR, amplitude)?;
@@ -318,16 +322,16 @@ pub(super) fn five_bar_sine(bench: &Bench) -> Result<Vec<Figure>, ReproduceError
     let figure = sine_figure(bench, FIVE_BAR, 10.0, figure, ["2.6-gain", "2.6-lag"])?;
     Ok(vec![figure.noted(
         "2.6-sampling",
-        setup.spec.servo.rate / bandwidth,
+        setup.rig.spec.servo.rate / bandwidth,
         format!(
             "Bandwidth {bandwidth:.0} Hz for sines as large as this one; for {noise:.0} counts, where the \
              motor's voltage is no limit, it is {small:.0} Hz, 1/{:.0} of the servo's.",
-            setup.spec.servo.rate / small
+            setup.rig.spec.servo.rate / small
         ),
     )])
 }
 
-pub(super) fn z_sine(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn z_sine(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let figure = Figure::new("2.7", "Sinusoidal response of z-stage");
     Ok(vec![sine_figure(
         bench,

@@ -1,17 +1,17 @@
 //! Figs. 2.8 to 2.15: windup, what it depends on, and its function.
 
 use super::super::picture::{Picture, Points, thin};
-use super::super::{Bench, Figure, ReproduceError};
+use super::super::{Bench, Figure};
 use super::{FIVE_BAR, Z};
 use pigtail_control::identify::{Path, WindupRecord, scan};
 use pigtail_evaluate::loops::{Loop, middle_windup, windup};
 use pigtail_model::windup::{Reversal, ReversalState, Windup};
-use pigtail_session::characterize::on_twin;
 use pigtail_session::identify::{range, scale};
+use pigtail_session::job::Ended;
 use pigtail_twin::plant::LoadLaw;
 
 /// The machine of a case: load friction and preload relative to the rig's friction.
-fn case(loops: &[Loop], load_friction: f64, preload: f64) -> Result<&Loop, ReproduceError> {
+fn case(loops: &[Loop], load_friction: f64, preload: f64) -> Result<&Loop, Ended> {
     loops
         .iter()
         .find(|l| {
@@ -100,7 +100,7 @@ fn departure(record: &WindupRecord) -> f64 {
         .fold(0.0, f64::max)
 }
 
-pub(super) fn measured(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn measured(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let (_, loops) = windup(&bench.machine, FIVE_BAR, bench.seed)?;
     Ok(vec![
         figure_2_8(&loops)?,
@@ -116,7 +116,7 @@ fn input_output_picture<'a>(loops: impl IntoIterator<Item = (&'a str, &'a Loop)>
     Picture::curves("input, um", "output, um", curves)
 }
 
-fn figure_2_8(loops: &[Loop]) -> Result<Figure, ReproduceError> {
+fn figure_2_8(loops: &[Loop]) -> Result<Figure, Ended> {
     let l = case(loops, 1.0, 0.0)?;
     Ok(
         Figure::new("2.8", "Illustration of five-bar transmission windup")
@@ -131,7 +131,7 @@ fn figure_2_8(loops: &[Loop]) -> Result<Figure, ReproduceError> {
     )
 }
 
-fn figure_2_10(loops: &[Loop]) -> Result<Figure, ReproduceError> {
+fn figure_2_10(loops: &[Loop]) -> Result<Figure, Ended> {
     let (with, without) = (case(loops, 1.0, 0.0)?, case(loops, 0.0, 0.0)?);
     Ok(
         Figure::new("2.10", "Five-bar response without frictional loading")
@@ -152,7 +152,7 @@ fn figure_2_10(loops: &[Loop]) -> Result<Figure, ReproduceError> {
     )
 }
 
-fn figure_2_13(loops: &[Loop]) -> Result<Figure, ReproduceError> {
+fn figure_2_13(loops: &[Loop]) -> Result<Figure, Ended> {
     let all = [
         ("none", case(loops, 1.0, 0.0)?),
         ("1.2 x friction", case(loops, 1.0, 1.2)?),
@@ -171,16 +171,16 @@ fn figure_2_13(loops: &[Loop]) -> Result<Figure, ReproduceError> {
         .noted("2.13-levels", um[2] / um[1], format!("{:.1} um.", um[2])))
 }
 
-fn figure_2_14(bench: &Bench, loops: &[Loop]) -> Result<Figure, ReproduceError> {
+fn figure_2_14(bench: &Bench, loops: &[Loop]) -> Result<Figure, Ended> {
     let l = case(loops, 1.0, 0.0)?;
     let setup = &bench.machine;
-    let scale = scale(setup, FIVE_BAR.axis)?;
+    let scale = scale(&setup.rig, FIVE_BAR.axis)?;
     let way = 0.5 * range(FIVE_BAR.axis) / scale.metres_per_radian;
     let path = Path {
         turns: [0.0, 1.0, 0.0, 1.0, 0.0].map(|t| t * way).to_vec(),
         speed: 0.5 * way,
     };
-    let record = on_twin(setup, bench.seed, |station| {
+    let record = setup.experiment(bench.seed, |station| {
         Ok(scan(station, FIVE_BAR, &scale, &path, &Windup::None)?)
     })?;
     let half = l.um_per_radian * middle_windup(&record);
@@ -248,7 +248,7 @@ fn least_largest(near: &Reversal, record: &WindupRecord) -> f64 {
     least
 }
 
-fn figure_2_15(bench: &Bench, loops: &[Loop]) -> Result<Figure, ReproduceError> {
+fn figure_2_15(bench: &Bench, loops: &[Loop]) -> Result<Figure, Ended> {
     let l = case(loops, 1.0, 0.0)?;
     let setup = &bench.machine;
     let Some(fit) = &l.fit else {
@@ -270,13 +270,13 @@ fn figure_2_15(bench: &Bench, loops: &[Loop]) -> Result<Figure, ReproduceError> 
         };
         left(&model, &l.record)
     });
-    let scale = scale(setup, FIVE_BAR.axis)?;
+    let scale = scale(&setup.rig, FIVE_BAR.axis)?;
     let way = range(FIVE_BAR.axis) / scale.metres_per_radian;
     let path = Path {
         turns: [0.0, 1.0, 0.0, 1.0, 0.0].map(|t| t * way).to_vec(),
         speed: 0.5 * way,
     };
-    let faster = on_twin(setup, bench.seed, |station| {
+    let faster = setup.experiment(bench.seed, |station| {
         Ok(scan(station, FIVE_BAR, &scale, &path, &Windup::None)?)
     })?;
     let laws: Vec<String> = [LoadLaw::MaxwellSlip, LoadLaw::LuGre]
@@ -328,12 +328,12 @@ fn figure_2_15(bench: &Bench, loops: &[Loop]) -> Result<Figure, ReproduceError> 
     )
 }
 
-pub(super) fn simulated(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn simulated(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let (_, loops) = windup(&bench.nominal, FIVE_BAR, bench.seed)?;
     Ok(vec![figure_2_9(&loops)?, figure_2_12(&loops)?])
 }
 
-fn figure_2_9(loops: &[Loop]) -> Result<Figure, ReproduceError> {
+fn figure_2_9(loops: &[Loop]) -> Result<Figure, Ended> {
     let all = [
         ("all of the friction", case(loops, 1.0, 0.0)?),
         ("half", case(loops, 0.5, 0.0)?),
@@ -354,7 +354,7 @@ fn figure_2_9(loops: &[Loop]) -> Result<Figure, ReproduceError> {
     )
 }
 
-fn figure_2_12(loops: &[Loop]) -> Result<Figure, ReproduceError> {
+fn figure_2_12(loops: &[Loop]) -> Result<Figure, Ended> {
     let all = [
         ("none", case(loops, 1.0, 0.0)?),
         ("0.6 x friction", case(loops, 1.0, 0.6)?),
@@ -380,17 +380,17 @@ fn figure_2_12(loops: &[Loop]) -> Result<Figure, ReproduceError> {
 /// the faster it goes: this one was chosen for this figure, which is no prediction.
 const Z_SPEED: f64 = 15e-6;
 
-pub(super) fn z_stage(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn z_stage(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let setup = &bench.machine;
-    let scale = scale(setup, Z.axis)?;
+    let scale = scale(&setup.rig, Z.axis)?;
     let um = 1e6 * scale.metres_per_radian;
     let way = range(Z.axis) / scale.metres_per_radian;
-    let at = |speed: f64| -> Result<WindupRecord, ReproduceError> {
+    let at = |speed: f64| -> Result<WindupRecord, Ended> {
         let path = Path {
             turns: [0.0, 1.0, 0.0, 1.0, 0.0].map(|t| t * way).to_vec(),
             speed: speed / scale.metres_per_radian,
         };
-        Ok(on_twin(setup, bench.seed, |station| {
+        Ok(setup.experiment(bench.seed, |station| {
             Ok(scan(station, Z, &scale, &path, &Windup::None)?)
         })?)
     };

@@ -1,15 +1,17 @@
 //! Fig. 3.4, the sensing fiber on its way, and the times of 3.4.
 
 use super::super::picture::{Content, Picture, Points, thin};
-use super::super::{BUDGET, Bench, Figure, ReproduceError};
+use super::super::{BUDGET, Bench, Figure};
 use super::THESIS_STEP;
 use pigtail_control::methods::{Method, Space};
-use pigtail_control::station::{Observer, Sample, Station, Unobserved};
+use pigtail_control::station::{Observer, Sample, Unobserved};
+use pigtail_evaluate::align::{Document, Offset, align};
 use pigtail_evaluate::plan::search_row;
 use pigtail_hal::{Channel, Command, Fault, Machine, Measurement, Spec};
-use pigtail_session::align::{AlignError, Document, Offset, align};
+use pigtail_session::align::Align;
+use pigtail_session::job::Ended;
 use pigtail_session::procedure::Procedure;
-use pigtail_session::rig::Setup;
+use pigtail_session::setup::Setup;
 use pigtail_twin::Twin;
 use rayon::prelude::*;
 use std::cell::Cell;
@@ -57,11 +59,11 @@ impl Observer for Heights<'_> {
 }
 
 /// A device by the thesis's procedure: the way of its sensing fiber, and how long it took.
-fn sensing(bench: &Bench, seed: u64) -> Result<(Points, f64), ReproduceError> {
+fn sensing(bench: &Bench, seed: u64) -> Result<(Points, f64), Ended> {
     let setup = &bench.machine;
     let height = Cell::new(0.0);
-    let twin = Twin::new(setup.spec.clone(), &setup.plant, seed).map_err(AlignError::from)?;
-    let mut watched = Watched {
+    let twin = setup.twin(seed)?;
+    let watched = Watched {
         twin,
         height: &height,
     };
@@ -70,10 +72,11 @@ fn sensing(bench: &Bench, seed: u64) -> Result<(Points, f64), ReproduceError> {
         looking: false,
         rise: Vec::new(),
     };
-    let mut station =
-        Station::new(&mut watched, &setup.calibration, &mut heights).map_err(AlignError::from)?;
-    let reports = Procedure::Thesis.run(&mut station, &setup.recipe);
-    station.stop();
+    let job = Align {
+        procedure: Procedure::Thesis,
+    };
+    let (_, aligned) = setup.perform(watched, &job, seed, &mut heights)?;
+    let reports = aligned?.fibers;
     let seconds = reports
         .iter()
         .flat_map(|r| &r.phases)
@@ -87,25 +90,21 @@ fn sensing(bench: &Bench, seed: u64) -> Result<(Points, f64), ReproduceError> {
 /// a pattern is followed aside while light leaves at the exit angle.
 fn brisk(bench: &Bench) -> Setup {
     let mut setup = bench.machine.clone();
-    let rate = THESIS_STEP / (9.0 * setup.recipe.climb.dwell + setup.recipe.climb.pause);
-    setup.recipe.approach.speed = 0.75 * rate / setup.recipe.ports.exit_angle.tan();
+    let rate = THESIS_STEP / (9.0 * setup.rig.recipe.climb.dwell + setup.rig.recipe.climb.pause);
+    setup.rig.recipe.approach.speed = 0.75 * rate / setup.rig.recipe.ports.exit_angle.tan();
     setup
 }
 
 /// A device aligned on a machine that did not stop.
-pub(super) fn aligned(
-    setup: &Setup,
-    procedure: Procedure,
-    seed: u64,
-) -> Result<Document, ReproduceError> {
+pub(super) fn aligned(setup: &Setup, procedure: Procedure, seed: u64) -> Result<Document, Ended> {
     let document = align(setup, procedure, seed, &mut Unobserved)?;
     match document.fault {
-        Some(fault) => Err(AlignError::Fault(fault).into()),
+        Some(fault) => Err(Ended::Fault(fault).into()),
         None => Ok(document),
     }
 }
 
-pub(super) fn devices(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn devices(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let setup = &bench.machine;
     let devices: u64 = bench.count(24, 6);
     let seed = |k: u64| bench.seed.wrapping_add(k);
@@ -114,7 +113,7 @@ pub(super) fn devices(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
         (0..devices)
             .into_par_iter()
             .map(|k| aligned(setup, procedure, seed(k)))
-            .collect::<Result<Vec<_>, ReproduceError>>()
+            .collect::<Result<Vec<_>, Ended>>()
     };
     let thesis = many(setup, Procedure::Thesis)?;
     let fast = many(setup, Procedure::Fast)?;
@@ -122,27 +121,27 @@ pub(super) fn devices(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
     let ways = (0..devices)
         .into_par_iter()
         .map(|k| sensing(bench, seed(k)))
-        .collect::<Result<Vec<_>, ReproduceError>>()?;
+        .collect::<Result<Vec<_>, Ended>>()?;
     let half = half_area(bench)?;
     let times = Times {
         thesis: thesis.iter().collect(),
         fast: fast.iter().collect(),
         brisk: brisk_done.iter().collect(),
-        brisk_speed: brisk.recipe.approach.speed,
+        brisk_speed: brisk.rig.recipe.approach.speed,
         half,
     };
     Ok(vec![figure_3_4(&ways), budget(bench, &times)])
 }
 
 /// Time of method 3 on the twin over that of half the area.
-fn half_area(bench: &Bench) -> Result<f64, ReproduceError> {
+fn half_area(bench: &Bench) -> Result<f64, Ended> {
     let setup = &bench.machine;
-    let whole = Space::new(Method::Multimode, &setup.recipe);
+    let whole = Space::new(Method::Multimode, &setup.rig.recipe);
     let half = Space {
         y: 0.5 * whole.y,
         ..whole
     };
-    let seconds = |space: &Space| -> Result<f64, ReproduceError> {
+    let seconds = |space: &Space| -> Result<f64, Ended> {
         let row = search_row(setup, space, bench.seed)?;
         Ok(row.measured_seconds.unwrap_or(f64::NAN))
     };
@@ -235,8 +234,8 @@ fn budget(bench: &Bench, times: &Times) -> Figure {
         .iter()
         .map(|(name, phases)| format!("{name} {:.2} s", mean(thesis, phases)))
         .collect();
-    let rate = bench.machine.spec.photodiode.rate;
-    let three = Space::new(Method::Multimode, &bench.machine.recipe);
+    let rate = bench.machine.rig.spec.photodiode.rate;
+    let three = Space::new(Method::Multimode, &bench.machine.rig.recipe);
     let faster = Space {
         frequency: three.fastest(5.0 * rate),
         ..three
@@ -264,7 +263,7 @@ fn budget(bench: &Bench, times: &Times) -> Figure {
                 "At {:.1} um/s, three quarters of what the climb can follow; at the recipe's {:.1} um/s it \
                  takes {:.1} s. {} of {} fibers aligned.",
                 1e6 * times.brisk_speed,
-                1e6 * bench.machine.recipe.approach.speed,
+                1e6 * bench.machine.rig.recipe.approach.speed,
                 mean(thesis, &["approach", "final"]),
                 within(&times.brisk),
                 3 * times.brisk.len(),

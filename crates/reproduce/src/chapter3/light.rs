@@ -1,11 +1,11 @@
 //! Fig. 3.2: the light around the peak.
 
 use super::super::picture::{Content, Picture, Points};
-use super::super::{Bench, Figure, ReproduceError};
+use super::super::{Bench, Figure};
 use pigtail_control::maximization::{self, Around};
 use pigtail_model::optics::{Coupler, GaussianMode, Misalignment};
-use pigtail_session::align::AlignError;
-use pigtail_session::characterize::on_twin;
+use pigtail_session::job::Ended;
+use pigtail_session::setup::unfit;
 
 /// A Gaussian `c exp(-(a x^2 + b y^2))` through the light around a peak at which it stands: its `R^2`.
 fn gaussian(around: &[Around]) -> f64 {
@@ -45,7 +45,7 @@ fn gaussian(around: &[Around]) -> f64 {
 
 /// The loss of a fiber that is off by all of the accuracies of 3.1 and tilted as far as the fixture lets
 /// it, at the recipe's gap; and of one that is not.
-fn losses(bench: &Bench) -> Result<[f64; 2], ReproduceError> {
+fn losses(bench: &Bench) -> Result<[f64; 2], Ended> {
     let plant = &bench.nominal.plant;
     let [radius_x, radius_y] = plant.device.mode_radius;
     let fiber = plant.fiber.mode_radius;
@@ -57,9 +57,9 @@ fn losses(bench: &Bench) -> Result<[f64; 2], ReproduceError> {
         },
         plant.light.wavelength,
     )
-    .map_err(|invalid| AlignError::Twin(invalid.into()))?;
+    .map_err(unfit)?;
     let tilt = plant.misplacement.tilt;
-    let gap = bench.machine.recipe.approach.gap;
+    let gap = bench.machine.rig.recipe.approach.gap;
     let off = Misalignment {
         x: 0.1e-6,
         y: 0.1e-6,
@@ -74,12 +74,17 @@ fn losses(bench: &Bench) -> Result<[f64; 2], ReproduceError> {
     Ok([off, there].map(|at| 1.0 - coupler.efficiency(&at)))
 }
 
-pub(super) fn profile(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn profile(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     const HALF: f64 = 7.5e-6;
     let lines = bench.count(31, 16);
     let setup = &bench.machine;
-    let around = on_twin(setup, bench.seed, |station| {
-        Ok(maximization::profile(station, &setup.recipe, HALF, lines)?)
+    let around = setup.experiment(bench.seed, |station| {
+        Ok(maximization::profile(
+            station,
+            &setup.rig.recipe,
+            HALF,
+            lines,
+        )?)
     })?;
     let peak = around[0].light;
     let cell = 2.0 * HALF / (lines - 1) as f64;
@@ -112,7 +117,7 @@ pub(super) fn profile(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
         .map(|p| (um(p.x), p.light / peak))
         .collect();
     let [loss, least] = losses(bench)?;
-    let gap = setup.recipe.approach.gap;
+    let gap = setup.rig.recipe.approach.gap;
     Ok(vec![
         Figure::new(
             "3.2",

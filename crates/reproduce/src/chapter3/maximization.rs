@@ -1,22 +1,23 @@
 //! Fig. 3.5: staying at the peak.
 
 use super::super::picture::{Picture, Points, thin};
-use super::super::{Bench, Figure, ReproduceError};
+use super::super::{Bench, Figure};
 use super::THESIS_STEP;
 use super::alignment::{aligned, mean};
 use pigtail_control::maximization::{Disturbance, Means};
 use pigtail_control::recipe::Climb;
 use pigtail_evaluate::maximize::{MACRO, PIEZOS, rejection, tracking};
+use pigtail_session::job::Ended;
 use pigtail_session::procedure::Procedure;
 use rayon::prelude::*;
 
-pub(super) fn peak(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn peak(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let setup = &bench.machine;
     let climb = Climb {
         step: THESIS_STEP,
         dwell: 4e-3,
         pause: 4e-3,
-        ..setup.recipe.climb
+        ..setup.rig.recipe.climb
     };
     let means = Means::NinePoint(climb);
     let (tracked, (macro_moves, piezos_creep)) = rayon::join(
@@ -36,7 +37,7 @@ pub(super) fn peak(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
             let seed = bench.seed.wrapping_add(k);
             aligned(setup, Procedure::Thesis, seed)
         })
-        .collect::<Result<Vec<_>, ReproduceError>>()?;
+        .collect::<Result<Vec<_>, Ended>>()?;
     let xy = mean(&done.iter().collect::<Vec<_>>(), &["climb"]);
     let named = curves
         .iter()

@@ -1,15 +1,16 @@
 //! Fig. 3.3: the three searches for first light.
 
 use super::super::picture::{Content, Picture, Points};
-use super::super::{Bench, Figure, ReproduceError};
+use super::super::{Bench, Figure};
 use pigtail_control::methods::{Method, Space};
 use pigtail_evaluate::plan::search_row;
+use pigtail_session::job::Ended;
 use rayon::prelude::*;
 
-pub(super) fn methods(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn methods(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let setup = &bench.machine;
-    let rate = setup.spec.photodiode.rate;
-    let fine = |method| Space::new(method, &setup.recipe);
+    let rate = setup.rig.spec.photodiode.rate;
+    let fine = |method| Space::new(method, &setup.rig.recipe);
     let coarse = |space: Space| Space {
         mesh: 2.0 * space.mesh,
         ..space

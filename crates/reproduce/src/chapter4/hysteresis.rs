@@ -1,7 +1,7 @@
 //! Figs. 4.3 to 4.10: the piezos' hysteresis and the networks that undo it.
 
 use super::super::picture::{Content, Picture, Points, thin};
-use super::super::{Bench, Figure, ReproduceError};
+use super::super::{Bench, Figure};
 use pigtail_control::compensation::hysteresis::{
     FORWARD, Model, Network, Rbf, Record, Sample, Spectrum, UNITS,
 };
@@ -9,9 +9,10 @@ use pigtail_control::piezo;
 use pigtail_evaluate::hysteresis::{Followed, Identified, identify_and_scan};
 use pigtail_hal::Side;
 use pigtail_records::hysteresis::Kind;
+use pigtail_session::job::Ended;
 use rayon::prelude::*;
 
-pub(super) fn piezos(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn piezos(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     // The greatest difference that is left depends on the light's noise.
     let times: u64 = bench.count(4, 2);
     let all = (0..times)
@@ -25,7 +26,7 @@ pub(super) fn piezos(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
                 seed,
             )?)
         })
-        .collect::<Result<Vec<_>, ReproduceError>>()?;
+        .collect::<Result<Vec<_>, Ended>>()?;
     let found = &all[0];
     let first = &found.micro.piezos[0];
     let mut figures = vec![

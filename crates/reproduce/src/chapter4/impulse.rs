@@ -2,7 +2,7 @@
 
 use super::super::chapter2::{FIVE_BAR, Z, pid_resolution};
 use super::super::picture::{Content, Picture, Points, thin};
-use super::super::{Bench, Figure, ReproduceError};
+use super::super::{Bench, Figure};
 use pigtail_control::impulse::Shape;
 use pigtail_control::impulse::experiment::{MOVES, parabola};
 use pigtail_evaluate::impulse::condition::Condition;
@@ -10,11 +10,13 @@ use pigtail_evaluate::impulse::response::{
     Document, Form, MACHINES, PERIOD, Trace, response, single,
 };
 use pigtail_evaluate::impulse::run::{
-    Document as Run, Estimator, Resolution, Task, believed, resolution, runs, stability,
+    Document as Run, Resolution, Task, resolution, runs, stability,
 };
 use pigtail_hal::{Axis, AxisName};
 use pigtail_numerics::statistics::Sorted;
-use pigtail_session::rig::Setup;
+use pigtail_session::impulse::{Estimator, believed};
+use pigtail_session::job::Ended;
+use pigtail_session::setup::Setup;
 use rayon::prelude::*;
 
 /// The voltage at which an axis's motor breaks away by its plant, volts: `R/k_m f_sm`. A simulation
@@ -28,7 +30,7 @@ fn fsm(setup: &Setup, axis: Axis) -> f64 {
 }
 
 #[expect(clippy::unnecessary_wraps, reason = "the others may fail")]
-pub(super) fn input(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn input(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let unit = fsm(&bench.nominal, Axis::Z);
     let pulse = Shape::second_harmonic(0.0, PERIOD).pulse(4.0 * unit, true);
     let points: Points = (0..=100)
@@ -56,7 +58,7 @@ fn over_time(trace: &Trace, until: f64, of: &dyn Fn(usize) -> f64) -> Points {
 }
 
 /// Figs. 4.13 to 4.16, simulated.
-pub(super) fn single_pulse(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn single_pulse(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let setup = &bench.nominal;
     let unit = fsm(setup, Axis::Z);
     let pulse = Shape::second_harmonic(12.5 * unit, PERIOD).pulse(1.5 * unit, true);
@@ -193,7 +195,7 @@ fn curve(d: &Document) -> Picture {
 }
 
 /// Figs. 4.17 to 4.19, simulated.
-pub(super) fn z_response(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn z_response(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let machines = bench.count(MACHINES, 60);
     let (d, figures, _) = response(&bench.nominal, Z, &Form::THESIS, machines, bench.seed)?;
     let spread = &figures.spread;
@@ -266,7 +268,7 @@ fn positions(run: &Run, unit: f64) -> Points {
 }
 
 /// Fig. 4.20, simulated.
-pub(super) fn z_control(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn z_control(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     const PULSES: u32 = 20;
     const LAST: usize = 10;
     /// A tolerance beside which the noise of one reading is nothing, metres.
@@ -343,7 +345,7 @@ pub(super) fn z_control(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
     ])
 }
 
-pub(super) fn five_bar_response(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn five_bar_response(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     // Courses of noise: what a dead zone is told by is near the probe's noise.
     let courses: u64 = bench.count(3, 1);
     let all = (0..courses)
@@ -353,7 +355,7 @@ pub(super) fn five_bar_response(bench: &Bench) -> Result<Vec<Figure>, ReproduceE
             // Of the spread over machines nothing is shown.
             Ok(response(&bench.machine, FIVE_BAR, &Form::THESIS, 1, seed)?.0)
         })
-        .collect::<Result<Vec<Document>, ReproduceError>>()?;
+        .collect::<Result<Vec<Document>, Ended>>()?;
     let d = &all[0];
     let second = Sorted::new(all.iter().map(|d| d.a2_fsm).collect());
     let found: Vec<String> = all.iter().map(|d| d.a2_fsm.to_string()).collect();
@@ -384,7 +386,7 @@ fn thesis_task(at: AxisName, target: f64) -> Task {
 
 /// How alike pulses of the five-bar are with a rest after each, rms over their mean: over some courses of
 /// noise. A measurement takes 40 ms besides.
-fn spread(bench: &Bench, rest: f64) -> Result<f64, ReproduceError> {
+fn spread(bench: &Bench, rest: f64) -> Result<f64, Ended> {
     const COURSES: u64 = 8;
     let mut task = thesis_task(FIVE_BAR, 0.0);
     task.rest = Some(rest);
@@ -395,14 +397,14 @@ fn spread(bench: &Bench, rest: f64) -> Result<f64, ReproduceError> {
             let done = resolution(&bench.machine, &task, 0.15e-6, seed)?;
             Ok(done.deviation_nm / done.mean_nm.abs())
         })
-        .collect::<Result<Vec<f64>, ReproduceError>>()?;
+        .collect::<Result<Vec<f64>, Ended>>()?;
     Ok(all.iter().sum::<f64>() / COURSES as f64)
 }
 
-pub(super) fn five_bar_control(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn five_bar_control(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     const STARTS: [f64; 4] = [-2e-6, -1e-6, 1e-6, 2e-6];
     let setup = &bench.machine;
-    believed(setup, FIVE_BAR)?;
+    believed(&setup.rig, FIVE_BAR)?;
     let done = STARTS
         .par_iter()
         .map(|target| {
@@ -412,7 +414,7 @@ pub(super) fn five_bar_control(bench: &Bench) -> Result<Vec<Figure>, ReproduceEr
                 setup, &task, bench.seed,
             )?)
         })
-        .collect::<Result<Vec<Run>, ReproduceError>>()?;
+        .collect::<Result<Vec<Run>, Ended>>()?;
     let settling = done
         .iter()
         .map(|run| run.settled_s.unwrap_or(f64::INFINITY))
@@ -421,8 +423,8 @@ pub(super) fn five_bar_control(bench: &Bench) -> Result<Vec<Figure>, ReproduceEr
         .iter()
         .map(|run| 1e-3 * run.error_nm.abs())
         .fold(0.0, f64::max);
-    let drive = setup.spec.drive(FIVE_BAR.axis);
-    let arm = setup.spec.probe.as_ref().map_or(f64::NAN, |p| p.arm);
+    let drive = setup.rig.spec.drive(FIVE_BAR.axis);
+    let arm = setup.rig.spec.probe.as_ref().map_or(f64::NAN, |p| p.arm);
     let count = 1e6 * drive.count() / drive.gear_ratio * arm;
     let (slow, fast) = (spread(bench, 0.25)?, spread(bench, 0.01)?);
     let curves = done.iter().map(|run| {
@@ -502,7 +504,7 @@ fn resolution_pictures(figure: Figure, done: &Resolution, most: f64) -> Figure {
         )
 }
 
-pub(super) fn five_bar_resolution(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn five_bar_resolution(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let setup = &bench.machine;
     let done = resolution(setup, &thesis_task(FIVE_BAR, 0.0), 0.15e-6, bench.seed)?;
     let greatest = 1e-3 * done.greatest_nm;
@@ -525,10 +527,10 @@ pub(super) fn five_bar_resolution(bench: &Bench) -> Result<Vec<Figure>, Reproduc
 
 /// The trajectory of a pulse of an axis that displaces it by so much, metres: of the shape that is
 /// believed, with the amplitude found by halving.
-fn moving_by(bench: &Bench, at: AxisName, wanted: f64) -> Result<Trace, ReproduceError> {
+fn moving_by(bench: &Bench, at: AxisName, wanted: f64) -> Result<Trace, Ended> {
     const HALVINGS: u32 = 16;
     let setup = &bench.machine;
-    let belief = believed(setup, at)?;
+    let belief = believed(&setup.rig, at)?;
     let shape = belief.shape();
     let played = |a1: f64| single(setup, at, bench.seed, &shape.pulse(a1, true));
     let (mut low, mut high) = (0.0, belief.curve.last().map_or(0.0, |last| last[0]));
@@ -545,13 +547,13 @@ fn moving_by(bench: &Bench, at: AxisName, wanted: f64) -> Result<Trace, Reproduc
 }
 
 /// Figs. 4.12 and 4.24.
-pub(super) fn z_resolution(bench: &Bench) -> Result<Vec<Figure>, ReproduceError> {
+pub(super) fn z_resolution(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     const STEPS: [f64; 4] = [20e-9, 15e-9, 10e-9, 5e-9];
     let setup = &bench.machine;
     let all = STEPS
         .par_iter()
         .map(|step| Ok(resolution(setup, &thesis_task(Z, 0.0), *step, bench.seed)?))
-        .collect::<Result<Vec<Resolution>, ReproduceError>>()?;
+        .collect::<Result<Vec<Resolution>, Ended>>()?;
     let least = all
         .iter()
         .filter(|done| stuck(done) < 0.01)

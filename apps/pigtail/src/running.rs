@@ -1,0 +1,51 @@
+//! A run of a job on a twin: what every command that makes one does before and after.
+
+use crate::{Failure, stop};
+use anyhow::Result;
+use pigtail_session::job::Ended;
+use pigtail_session::records::Records;
+use pigtail_session::setup::Setup;
+use pigtail_store::runs::Run;
+use std::path::Path;
+use std::sync::Arc;
+
+/// Begins a run: from now on Ctrl-C stops the machine, and what jobs exchange with it is recorded, if wanted.
+pub(crate) fn begin(
+    setup: &mut Setup,
+    runs: &Path,
+    kind: &str,
+    seed: u64,
+    recorded: bool,
+) -> Result<Run, Failure> {
+    let run = Run::begin(runs, kind, seed, &setup.rig.hashes)?;
+    setup.options.stop = stop::on_signal()?;
+    setup.records = recorded.then(|| Arc::new(Records::new(run.partial_path(""))));
+    Ok(run)
+}
+
+/// Waits until all records are on the disk.
+pub(crate) fn close_records(run: &Run, setup: &Setup) -> Result<()> {
+    if let Some(records) = &setup.records {
+        for (file, written) in records.wait()? {
+            run.wrote(&file, written.bytes, &written.sha256);
+        }
+    }
+    Ok(())
+}
+
+/// What a run that did not come to its end leaves, and what it is to the user: a fault and an honest negative
+/// their evidence, bad input nothing.
+pub(crate) fn stopped(run: &Run, setup: &Setup, ended: Ended) -> Failure {
+    let kept = close_records(run, setup).and_then(|()| match &ended {
+        Ended::Fault(fault) => run.fault(fault),
+        Ended::Outcome(outcome) => run.finish(outcome.name()),
+        Ended::Input(_) | Ended::Unrecorded(_) => {
+            run.abandon();
+            Ok(())
+        }
+    });
+    if let Err(why) = kept {
+        eprintln!("error: what there is of the run stays where it is: {why:#}");
+    }
+    ended.into()
+}

@@ -1,0 +1,189 @@
+//! A rig with the truth that a twin of it is drawn around, and what is kept of what runs on it.
+
+use crate::faults::Faults;
+use crate::job::{Ended, Job};
+use crate::own::Own;
+use crate::records::{About, Records};
+use crate::rig::{Rig, Source, no_twin};
+use crate::session::{Options, Session};
+use pigtail_control::station::{Observer, Station};
+use pigtail_hal::{Error, Machine};
+use pigtail_twin::faults::Injection;
+use pigtail_twin::{Plant, Twin, TwinError};
+use std::sync::Arc;
+
+/// A rig and its truth: all that it takes to draw twins, and to run jobs on them.
+#[derive(Debug, Clone)]
+pub struct Setup {
+    /// What control may know.
+    pub rig: Rig,
+    /// The truth, for twins alone.
+    pub plant: Plant,
+    /// The scenario by which the truth was changed.
+    pub scenario: String,
+    /// What breaks while a twin of this setup runs.
+    pub faults: Faults,
+    /// How machines are treated.
+    pub options: Options,
+    /// Where exchanges are recorded, if anywhere.
+    pub records: Option<Arc<Records>>,
+}
+
+/// The error of a change to the truth that makes no machine.
+pub fn unfit(error: impl Into<TwinError>) -> Ended {
+    Error::new("plant.toml", "", error.into().to_string()).into()
+}
+
+impl Setup {
+    /// Loads a rig that has a twin, and a recipe; see [`Rig::load`].
+    ///
+    /// # Errors
+    ///
+    /// The first mistake found, with file, key, value and what would be accepted; a rig without a twin.
+    pub fn load(rig: &str, recipe: &str) -> Result<Self, Error> {
+        Self::of(Rig::load(rig, recipe)?)
+    }
+
+    /// The same with axes of a person's own; see [`Rig::load_with`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::load`].
+    pub fn load_with(rig: &str, recipe: &str, own: &Own, bench: bool) -> Result<Self, Error> {
+        Self::of(Rig::load_with(rig, recipe, own, bench)?)
+    }
+
+    /// Sets up again what was read before; see [`Rig::from_sources`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::load`].
+    pub fn from_sources(rig: &str, recipe: &str, sources: Vec<Source>) -> Result<Self, Error> {
+        Self::of(Rig::from_sources(rig, recipe, sources)?)
+    }
+
+    /// A rig with the truth that was read with it.
+    ///
+    /// # Errors
+    ///
+    /// When it has none, or it is no plant.
+    pub fn of(rig: Rig) -> Result<Self, Error> {
+        let truth = rig.truth().ok_or_else(|| no_twin(&rig.name))?;
+        Ok(Self {
+            plant: Plant::parse(&truth.name, &truth.text)?,
+            rig,
+            scenario: "nominal".to_owned(),
+            faults: Faults::None,
+            options: Options::default(),
+            records: None,
+        })
+    }
+
+    /// The same rig with what its `measured.toml` changes; see [`Rig::measured`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Rig::measured`].
+    pub fn measured(&self) -> Result<Self, Error> {
+        Ok(Self {
+            options: self.options.clone(),
+            ..Self::of(self.rig.measured()?)?
+        })
+    }
+
+    /// The twin that a seed draws.
+    ///
+    /// # Errors
+    ///
+    /// When the plant makes no machine.
+    pub fn twin(&self, seed: u64) -> Result<Twin, Error> {
+        Twin::new(self.rig.spec.clone(), &self.plant, seed).map_err(|error| self.no_machine(&error))
+    }
+
+    /// The twin that a seed draws and what will break on it, were its work to take about so many seconds.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::twin`].
+    pub fn broken_twin(&self, seed: u64, seconds: f64) -> Result<(Twin, Vec<Injection>), Error> {
+        let mut twin = self.twin(seed)?;
+        let injected = self.faults.of(seed, seconds);
+        twin.inject(&injected);
+        Ok((twin, injected))
+    }
+
+    /// The error of a plant that makes no machine.
+    pub fn no_machine(&self, error: &TwinError) -> Error {
+        let file = self.rig.truth().map_or(&self.rig.name, |truth| &truth.name);
+        Error::new(file, "", error.to_string())
+    }
+
+    /// Opens the twin that a seed draws, treated as the options say and not recorded.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::twin`].
+    pub fn session(&self, seed: u64) -> Result<Session<'_, Twin>, Error> {
+        Ok(Session::open_with(
+            &self.rig,
+            self.twin(seed)?,
+            &self.options,
+        ))
+    }
+
+    /// Runs a job on the twin that a seed draws, recorded if anything is.
+    ///
+    /// # Errors
+    ///
+    /// The way in which it ended without its result.
+    pub fn run<J: Job>(
+        &self,
+        job: &J,
+        seed: u64,
+        observer: &mut dyn Observer,
+    ) -> Result<J::Output, Ended> {
+        self.perform(self.twin(seed)?, job, seed, observer)?.1
+    }
+
+    /// Runs a job on a machine of this rig that is at hand, recorded if anything is; the machine stays there
+    /// to be asked.
+    ///
+    /// # Errors
+    ///
+    /// When it cannot be recorded.
+    pub fn perform<J: Job, M: Machine>(
+        &self,
+        machine: M,
+        job: &J,
+        seed: u64,
+        observer: &mut dyn Observer,
+    ) -> Result<(Session<'_, M>, Result<J::Output, Ended>), Ended> {
+        let options = Options {
+            longest: job.longest().min(self.options.longest),
+            ..self.options.clone()
+        };
+        let mut session = Session::open_with(&self.rig, machine, &options);
+        if let Some(records) = &self.records {
+            let about = About::of(self, job.order(), seed).to_bytes();
+            session.record(&records.take(job.label()), &about)?;
+        }
+        let result = session.run(job, observer);
+        if let Some((records, closing)) = self.records.as_ref().zip(session.close_record()) {
+            records.keep(closing);
+        }
+        Ok((session, result))
+    }
+
+    /// Runs an experiment that is nobody's job on the twin that a seed draws.
+    ///
+    /// # Errors
+    ///
+    /// The way in which it ended without its result.
+    pub fn experiment<T>(
+        &self,
+        seed: u64,
+        experiment: impl FnOnce(&mut Station) -> Result<T, Ended>,
+    ) -> Result<T, Ended> {
+        self.session(seed)?.experiment(experiment)
+    }
+}
