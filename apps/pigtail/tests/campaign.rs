@@ -2,7 +2,7 @@
 
 use pigtail_control::station::Unobserved;
 use pigtail_evaluate::campaign::{self, Device, Document, Plan, Store, summarize};
-use pigtail_hal::Fault;
+use pigtail_hal::{Fault, Rule};
 use pigtail_session::align::align;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
@@ -188,7 +188,7 @@ fn push(table: &mut Table, seed: u64, document: pigtail_session::align::Document
 /// The same as far as the machine came before it stopped.
 fn stopped(mut document: pigtail_session::align::Document) -> pigtail_session::align::Document {
     document.fault = Some(Fault {
-        rule: "command is a number".into(),
+        rule: Rule::CommandNumber,
         axis: "left.z".to_owned(),
         value: "NaN V".to_owned(),
         limit: "-24 V to 24 V".to_owned(),

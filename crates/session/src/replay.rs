@@ -5,9 +5,9 @@ use crate::procedure::Procedure;
 use crate::rig::Setup;
 use anyhow::Result;
 use pigtail_control::station::Unobserved;
-use pigtail_hal::Error;
+use pigtail_hal::{Error, Rule};
 use pigtail_machines::Replay;
-use pigtail_machines::record::{DIFFERS, ENDS, Reader};
+use pigtail_machines::record::Reader;
 use serde::Serialize;
 use std::path::Path;
 use strum::VariantArray;
@@ -70,12 +70,14 @@ pub fn replay(path: &Path) -> Result<Document> {
     let reports = align::run(&mut machine, &setup, procedure, &mut Unobserved);
     let (exchanges, seconds) = (machine.cycles(), machine.time());
     // A replay that came to the record's end has said all that there is to say of a cut one.
-    let ended = machine.fault().is_some_and(|fault| fault.rule == ENDS);
+    let ended = machine
+        .fault()
+        .is_some_and(|fault| fault.rule == Rule::ReplayEnds);
     let left = machine.left()?;
     let cut = machine.is_cut() || ended;
     let difference = machine
         .fault()
-        .filter(|fault| fault.rule == DIFFERS)
+        .filter(|fault| fault.rule == Rule::ReplayDiffers)
         .map(ToString::to_string);
     Ok(Document {
         record: name,

@@ -23,7 +23,7 @@ use manipulator::Manipulator;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::{AXES, CHANNELS, HolderSpec, MICRO_AXES, OUTPUTS, SIDES};
 use pigtail_hal::{
-    Axis, AxisName, Command, Fault, FiberHandling, Machine, Measurement, Side, Spec,
+    Axis, AxisName, Command, Fault, FiberHandling, Machine, Measurement, Rule, Side, Spec,
 };
 use pigtail_model::Invalid;
 use pigtail_model::frames::{Chip, Point};
@@ -191,9 +191,9 @@ impl Twin {
         self.cycle as f64 / self.spec.servo.rate
     }
 
-    fn refuse(&mut self, rule: &'static str, axis: String, value: String, limit: String) -> Fault {
+    fn refuse(&mut self, rule: Rule, axis: String, value: String, limit: String) -> Fault {
         let fault = Fault {
-            rule: rule.into(),
+            rule,
             axis,
             value,
             limit,
@@ -205,7 +205,7 @@ impl Twin {
 
     fn taken_apart(&mut self, side: Side) -> Fault {
         self.refuse(
-            "five-bar stays assembled",
+            Rule::FiveBarAssembly,
             format!("{}.a", side.name()),
             "a position beyond the mechanism's reach".to_owned(),
             format!("a workspace of {} m", self.spec.five_bar.workspace),
@@ -219,7 +219,7 @@ impl Twin {
                 if !volts.is_finite() {
                     let axis = format!("{}.{}", side.name(), axis.name());
                     return Err(self.refuse(
-                        "command is a number",
+                        Rule::CommandNumber,
                         axis,
                         format!("{volts} V"),
                         "a finite voltage".to_owned(),
@@ -235,7 +235,7 @@ impl Twin {
             for (i, Volts(volts)) in command.micro[side.index()].into_iter().enumerate() {
                 if !volts.is_finite() {
                     return Err(self.refuse(
-                        "command is a number",
+                        Rule::CommandNumber,
                         format!("{}.micro{}", side.name(), i + 1),
                         format!("{volts} V"),
                         "a finite voltage".to_owned(),
@@ -257,7 +257,7 @@ impl Twin {
             FiberHandling::Load(port) => {
                 if self.held[i].is_some() {
                     return Err(self.refuse(
-                        "holder is empty",
+                        Rule::HolderEmpty,
                         side.name().to_owned(),
                         "a holder that carries a fiber".to_owned(),
                         "an empty one".to_owned(),
@@ -268,7 +268,7 @@ impl Twin {
                     .position(|f| f.port == usize::from(port));
                 let Some(place) = place else {
                     return Err(self.refuse(
-                        "fiber is in the tray",
+                        Rule::TrayFiber,
                         side.name().to_owned(),
                         format!("fiber {port}"),
                         format!(
@@ -283,7 +283,7 @@ impl Twin {
             FiberHandling::Attach => {
                 let Some(held) = self.held[i].take() else {
                     return Err(self.refuse(
-                        "holder carries a fiber",
+                        Rule::HolderFiber,
                         side.name().to_owned(),
                         "an empty holder".to_owned(),
                         "a fiber".to_owned(),

@@ -156,7 +156,7 @@ pub fn push(table: &mut Table, procedure: Procedure, device: &Device) {
             .map(Cell::Number),
         );
         row.push(Cell::Text(injected.as_deref()));
-        row.push(Cell::Text(document.fault.as_ref().map(|f| &*f.rule)));
+        row.push(Cell::Text(document.fault.as_ref().map(|f| f.rule.text())));
         table.add(row);
     }
 }

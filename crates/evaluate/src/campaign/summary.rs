@@ -3,7 +3,7 @@
 use super::rows::ROWS_PER_DEVICE;
 use super::store::Store;
 use anyhow::Result;
-use pigtail_machines::OVERDUE;
+use pigtail_hal::Rule;
 use pigtail_numerics::rounded;
 use pigtail_numerics::statistics::{CONFIDENCE, Percentiles, Sorted, wilson};
 use pigtail_session::procedure::Procedure;
@@ -253,7 +253,7 @@ impl Ends {
                 text[..end].to_owned()
             }),
             tripped: rule.is_some(),
-            hung: rule == Some(OVERDUE),
+            hung: rule == Some(Rule::Deadline.text()),
             collided: collided == Some(true),
             panicked: false,
             wrong: false,
@@ -413,7 +413,11 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<Document> {
         },
         collisions: collided.count,
         panics: ends.panics,
-        hangs: ends.tripped.get(OVERDUE).copied().unwrap_or(0),
+        hangs: ends
+            .tripped
+            .get(Rule::Deadline.text())
+            .copied()
+            .unwrap_or(0),
         false_aligned: wrong.count,
         tripped: ends.tripped,
         faults: plan.faults.clone(),
