@@ -1,5 +1,6 @@
 //! Campaigns: the same rows whatever happens on the way, and a summary that hides nothing.
 
+use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::station::Unobserved;
 use pigtail_evaluate::campaign::{self, Device, Document, Plan, Store, summarize};
 use pigtail_hal::{Fault, Rule};
@@ -194,12 +195,11 @@ fn stopped(mut document: pigtail_session::align::Document) -> pigtail_session::a
         limit: "-24 V to 24 V".to_owned(),
         time: 1.0,
     });
-    for (fiber, outcome) in
-        document
-            .fibers
-            .iter_mut()
-            .zip(["fault", "not_attempted", "not_attempted"])
-    {
+    for (fiber, outcome) in document.fibers.iter_mut().zip([
+        OutcomeCode::Fault,
+        OutcomeCode::NotAttempted,
+        OutcomeCode::NotAttempted,
+    ]) {
         fiber.outcome = outcome;
         fiber.offset_um = None;
         fiber.within_tolerance = None;

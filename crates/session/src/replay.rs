@@ -4,6 +4,7 @@ use crate::align::{self, About};
 use crate::procedure::Procedure;
 use crate::rig::Setup;
 use anyhow::Result;
+use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::station::Unobserved;
 use pigtail_hal::{Error, Rule};
 use pigtail_machines::Replay;
@@ -33,7 +34,7 @@ pub struct Document {
     /// Whether the record ends before its run did, as that of a killed one.
     pub cut: bool,
     /// What control says of the fibers, in the replay.
-    pub outcomes: Vec<(&'static str, &'static str)>,
+    pub outcomes: Vec<(&'static str, OutcomeCode)>,
     /// The version that recorded it.
     pub recorded_by: String,
     /// The version that replayed it.
@@ -89,7 +90,7 @@ pub fn replay(path: &Path) -> Result<Document> {
         cut,
         outcomes: reports
             .iter()
-            .map(|report| (report.port, report.outcome.name()))
+            .map(|report| (report.port, report.outcome.code()))
             .collect(),
         recorded_by: about.version,
         version: env!("CARGO_PKG_VERSION"),

@@ -3,6 +3,7 @@
 use super::rows::ROWS_PER_DEVICE;
 use super::store::Store;
 use anyhow::Result;
+use pigtail_control::outcome::OutcomeCode;
 use pigtail_hal::Rule;
 use pigtail_numerics::rounded;
 use pigtail_numerics::statistics::{CONFIDENCE, Percentiles, Sorted, wilson};
@@ -212,11 +213,11 @@ impl Document {
 
 /// Why a fiber counts as failed; `None` where it is aligned.
 fn cause(outcome: &str, within_tolerance: Option<bool>, collision: Option<bool>) -> Option<&str> {
-    match outcome {
-        "aligned" if within_tolerance != Some(true) => Some("wrong_aligned"),
+    match OutcomeCode::from_name(outcome) {
+        Some(OutcomeCode::Aligned) if within_tolerance != Some(true) => Some("wrong_aligned"),
         _ if collision == Some(true) => Some("collision"),
-        "aligned" => None,
-        other => Some(other),
+        Some(OutcomeCode::Aligned) => None,
+        _ => Some(outcome),
     }
 }
 
@@ -263,7 +264,7 @@ impl Ends {
 
     fn fiber(&mut self, outcome: &str, cause: Option<&str>) {
         if let Some(device) = &mut self.device {
-            device.panicked |= outcome == "panic";
+            device.panicked |= outcome == OutcomeCode::Panic.name();
             device.wrong |= cause == Some("wrong_aligned");
             device.failed |= cause.is_some();
         }
