@@ -9,6 +9,7 @@ use crate::running;
 use crate::scan::{self, MapArguments};
 use crate::{DONE, FAULT, Failure, NEGATIVE};
 use clap::Args;
+use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::station::{Observer, Sample};
 use pigtail_evaluate::align::{Document, align};
 use pigtail_evaluate::entry;
@@ -186,7 +187,7 @@ fn print_table(out: &mut impl Write, document: &Document) -> io::Result<()> {
     for fiber in document
         .fibers
         .iter()
-        .filter(|fiber| fiber.outcome != "aligned")
+        .filter(|fiber| fiber.outcome != OutcomeCode::Aligned)
     {
         writeln!(out, "{}: {}", fiber.port, fiber.detail)?;
     }
@@ -212,7 +213,7 @@ fn rows(document: &Document) -> Vec<Vec<String>> {
     };
     let mut rows = vec![header];
     rows.extend(document.fibers.iter().map(|fiber| {
-        let mut row = vec![fiber.port.to_owned(), fiber.verdict().to_owned()];
+        let mut row = vec![fiber.port.to_owned(), fiber.verdict().to_string()];
         row.extend(names.iter().map(|name| number(fiber.seconds_in(name), 2)));
         let offset = fiber.offset_um;
         row.push(number(Some(fiber.seconds), 2));

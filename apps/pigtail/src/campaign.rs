@@ -7,6 +7,7 @@ use crate::{DONE, Failure, NEGATIVE};
 use anyhow::{Result, anyhow};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use pigtail_control::outcome::OutcomeCode;
 use pigtail_evaluate::align::TOLERANCE_Z_UM;
 use pigtail_evaluate::campaign::{self, Device, Document, Plan, Store, summarize};
 use pigtail_hal::Error;
@@ -263,7 +264,7 @@ impl Progress {
     fn device(&self, device: &Device, counts: &mut (u64, u64)) {
         let (failed, wrong) = counts;
         for fiber in &device.document.fibers {
-            let aligned = fiber.outcome == "aligned";
+            let aligned = fiber.outcome == OutcomeCode::Aligned;
             *failed += u64::from(!aligned);
             *wrong += u64::from(aligned && fiber.within_tolerance != Some(true));
         }

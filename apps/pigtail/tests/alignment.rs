@@ -1,5 +1,6 @@
 //! Whole alignments, scored against the truth.
 
+use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::station::Unobserved;
 use pigtail_evaluate::align::{Document, align};
 use pigtail_session::procedure::Procedure;
@@ -72,8 +73,8 @@ fn a_dark_laser_is_an_honest_no_light() {
     let mut setup = setup();
     setup.plant.light.full = 1e-9;
     let document = run(&setup, 5);
-    assert_eq!(document.fibers[0].outcome, "no_light");
-    assert_eq!(document.fibers[1].outcome, "not_attempted");
+    assert_eq!(document.fibers[0].outcome, OutcomeCode::NoLight);
+    assert_eq!(document.fibers[1].outcome, OutcomeCode::NotAttempted);
     assert!(!document.is_success() && !document.collision);
     assert_eq!(document.fibers[0].offset_um, None);
 }
@@ -84,7 +85,7 @@ fn a_port_far_from_where_it_should_be_is_not_found_and_nothing_is_broken() {
     setup.plant.device.input[1] += 500e-6;
     let document = run(&setup, 5);
     let input = &document.fibers[0];
-    assert_eq!(input.outcome, "no_light", "{}", input.detail);
+    assert_eq!(input.outcome, OutcomeCode::NoLight, "{}", input.detail);
     // Three searches of 100 x 305 um, for the sensing fiber was moved twice.
     assert!(input.detail.contains("99 um x 305 um"), "{}", input.detail);
     assert!(!document.collision);
@@ -98,8 +99,8 @@ fn a_dead_output_does_not_keep_the_other_from_being_aligned() {
     setup.rig.recipe.ports.outputs.swap(0, 1);
     setup.plant.device.outputs.swap(0, 1);
     let document = run(&setup, 11);
-    let outcomes: Vec<&str> = document.fibers.iter().map(|fiber| fiber.outcome).collect();
-    assert_eq!(outcomes, ["aligned", "aligned", "no_light"]);
+    let outcomes = document.fibers.iter().map(|fiber| fiber.outcome.name());
+    assert!(outcomes.eq(["aligned", "aligned", "no_light"]));
 }
 
 /// A thousand devices. Run with `cargo test --release -- --ignored --nocapture`; last seen, on seeds from

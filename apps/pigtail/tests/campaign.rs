@@ -1,9 +1,10 @@
 //! Campaigns: the same rows whatever happens on the way, and a summary that hides nothing.
 
+use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::station::Unobserved;
 use pigtail_evaluate::align::align;
 use pigtail_evaluate::campaign::{self, Device, Document, Plan, Store, summarize};
-use pigtail_hal::Fault;
+use pigtail_hal::{Fault, Rule};
 use pigtail_session::procedure::Procedure;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
 use pigtail_session::setup::Setup;
@@ -189,18 +190,17 @@ fn push(table: &mut Table, seed: u64, document: pigtail_evaluate::align::Documen
 /// The same as far as the machine came before it stopped.
 fn stopped(mut document: pigtail_evaluate::align::Document) -> pigtail_evaluate::align::Document {
     document.fault = Some(Fault {
-        rule: "command is a number".into(),
+        rule: Rule::CommandNumber,
         axis: "left.z".to_owned(),
         value: "NaN V".to_owned(),
         limit: "-24 V to 24 V".to_owned(),
         time: 1.0,
     });
-    for (fiber, outcome) in
-        document
-            .fibers
-            .iter_mut()
-            .zip(["fault", "not_attempted", "not_attempted"])
-    {
+    for (fiber, outcome) in document.fibers.iter_mut().zip([
+        OutcomeCode::Fault,
+        OutcomeCode::NotAttempted,
+        OutcomeCode::NotAttempted,
+    ]) {
         fiber.outcome = outcome;
         fiber.offset_um = None;
         fiber.within_tolerance = None;

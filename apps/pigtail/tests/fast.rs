@@ -1,6 +1,7 @@
 //! The fast procedure, scored against the truth, on machines that nothing was tuned with.
 
 use pigtail_control::calibration::{Hystereses, Windups};
+use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::station::Unobserved;
 use pigtail_evaluate::align::{Document, align};
 use pigtail_session::procedure::Procedure;
@@ -50,12 +51,12 @@ fn is_honest(spoil: impl Fn(&mut Setup), seeds: std::ops::Range<u64>) -> Vec<&'s
         let document = run(&setup, seed);
         assert!(!document.collision, "seed {seed}: {document:#?}");
         for fiber in &document.fibers {
-            let believed = fiber.outcome == "aligned";
+            let believed = fiber.outcome == OutcomeCode::Aligned;
             assert!(
                 !believed || fiber.within_tolerance == Some(true),
                 "seed {seed}: {fiber:#?}"
             );
-            outcomes.push(fiber.outcome);
+            outcomes.push(fiber.outcome.name());
         }
     }
     outcomes

@@ -1,5 +1,6 @@
 //! Alignment with the macro alone, by light and pulses, scored against the truth.
 
+use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::station::{Observer, Sample, Unobserved};
 use pigtail_evaluate::align::align;
 use pigtail_session::procedure::Procedure;
@@ -46,7 +47,7 @@ fn a_rig_without_probes_aligns_just_the_same() {
         Setup::load(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME).expect("the default rig is there");
     setup.rig.spec.probe = None;
     let document = align(&setup, Procedure::MacroOnly, 511, &mut Unobserved).expect("no fault");
-    assert_eq!(document.fibers[0].outcome, "aligned");
+    assert_eq!(document.fibers[0].outcome, OutcomeCode::Aligned);
 }
 
 #[test]
@@ -56,7 +57,7 @@ fn without_what_it_needs_to_know_of_pulses_it_says_so() {
     setup.rig.calibration.impulse.five_bar = None;
     let document = align(&setup, Procedure::MacroOnly, 510, &mut Unobserved).expect("no fault");
     let input = &document.fibers[0];
-    assert_eq!(input.outcome, "out_of_reach");
+    assert_eq!(input.outcome, OutcomeCode::OutOfReach);
     assert!(
         input.detail.contains("characterize fivebar impulse"),
         "{}",

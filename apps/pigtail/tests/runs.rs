@@ -1,7 +1,7 @@
 //! The store of runs: what was done is found again, whatever happened on the way, and what was
 //! changed is told.
 
-use pigtail_hal::Fault;
+use pigtail_hal::{Fault, Rule};
 use pigtail_store::runs::Run;
 use rusqlite::Connection;
 use serde_json::Value;
@@ -625,7 +625,7 @@ fn a_fault_keeps_its_evidence_and_bad_input_leaves_nothing() {
         .expect("it is entered");
     assert_eq!(listed(folder.path())[0]["state"], "running");
     let fault = Fault {
-        rule: "speed".into(),
+        rule: Rule::EndpointSpeed,
         axis: "left.z".to_owned(),
         value: "7 mm/s".to_owned(),
         limit: "5 mm/s".to_owned(),

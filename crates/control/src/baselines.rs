@@ -97,9 +97,9 @@ fn first_light_of_input(job: &mut Job, station: &mut Station) -> Result<Found, H
             if evidence.is_some() {
                 job.arrive(station, Side::Right, top.shifted(aside, 0.0, 0.0))?;
             }
-            match spirals(job, station)? {
+            match spirals(job, station) {
                 Ok(found) => return Ok(found),
-                Err(seen) => evidence = Some(seen.after(evidence)),
+                Err(halt) => evidence = Some(halt.no_light()?.after(evidence)),
             }
         }
         Err(no_light(evidence))
@@ -117,9 +117,7 @@ fn first_light_of_output(
         station.handle_fiber(Side::Right, FiberHandling::Load(index as u8))?;
     }
     coarse(job, station)?;
-    job.phase(station, "search", |job, station| {
-        spirals(job, station)?.map_err(|seen| no_light(Some(seen)))
-    })
+    job.phase(station, "search", |job, station| spirals(job, station))
 }
 
 /// To where the light should be, by vision and design.
@@ -133,7 +131,7 @@ fn coarse(job: &mut Job, station: &mut Station) -> Result<(), Halt> {
 
 /// Spirals of the micro, the first where the macro stands, the next above and below it in turns until
 /// the recipe's height is covered; then the same to either side.
-fn spirals(job: &Job, station: &mut Station) -> Result<Result<Found, SearchEvidence>, Halt> {
+fn spirals(job: &Job, station: &mut Station) -> Result<Found, Halt> {
     let raster = &job.recipe.raster;
     let side = job.side;
     let searcher = Searcher::measure(station, side, job.channel, raster.significance, 0.5)?;
@@ -157,18 +155,18 @@ fn spirals(job: &Job, station: &mut Station) -> Result<Result<Found, SearchEvide
             let (hit, mut seen) = spiral(&searcher, station, radius, raster.mesh)?;
             if let Some(hit) = hit {
                 if let Some(found) = job.confirm(station, &searcher, &hit)? {
-                    return Ok(Ok(found));
+                    return Ok(found);
                 }
                 seen.dismissed = 1;
             }
             let seen = seen.after(all);
             if seen.dismissed >= MOST_DISMISSED {
-                return Ok(Err(seen));
+                return Err(no_light(Some(seen)));
             }
             all = Some(seen);
         }
     }
-    all.map(Err).ok_or_else(|| no_light(None))
+    Err(no_light(all))
 }
 
 /// One spiral of Archimedes from the micro's middle outward, at a light sample every `mesh`. Ends soon

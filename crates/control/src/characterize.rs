@@ -1,6 +1,6 @@
 //! Experiments on one axis (thesis 2.3.2, 2.5): step, sine, frequency response, resolution.
 
-use crate::outcome::{Halt, Outcome};
+use crate::outcome::{Halt, Lack, Outcome};
 use crate::station::Station;
 use pigtail_hal::quantity::Counts;
 use pigtail_hal::{AxisName, Fault};
@@ -313,7 +313,7 @@ impl Increments {
 ///
 /// # Errors
 ///
-/// A fault; [`Outcome::OutOfReach`] on a rig without probes.
+/// A fault; [`Outcome::Lacking`] on a rig without probes.
 pub fn increments(
     station: &mut Station,
     at: AxisName,
@@ -332,9 +332,7 @@ pub fn increments(
         let mut sum = 0.0;
         for _ in 0..AVERAGED {
             station.cycle()?;
-            sum += station.probe(at).ok_or_else(|| {
-                Outcome::OutOfReach(format!("{at} has no probe at its output on this rig"))
-            })?;
+            sum += station.probe(at).ok_or(Outcome::Lacking(Lack::Probe(at)))?;
         }
         let now = sum / f64::from(AVERAGED);
         if let Some(before) = before.replace(now)

@@ -1,7 +1,7 @@
 //! Closed contours in the plane of a five-bar: how truly both joints together keep to a path
 //! (thesis 2.4.5, Figs. 2.21-2.23).
 
-use crate::outcome::{Halt, Outcome};
+use crate::outcome::{Halt, Lack, Outcome};
 use crate::station::Station;
 use crate::trajectory::Arc;
 use pigtail_hal::Side;
@@ -30,7 +30,8 @@ pub struct ContourSample {
 ///
 /// # Errors
 ///
-/// A fault; [`Outcome::OutOfReach`] when it leaves the workspace, or on a rig without probes.
+/// A fault; [`Outcome::Refused`] when it leaves the workspace; [`Outcome::Lacking`] on a rig without
+/// probes.
 pub fn follow(
     station: &mut Station,
     side: Side,
@@ -51,9 +52,9 @@ pub fn follow(
             while station.moving(side) {
                 station.cycle()?;
                 if lap == laps {
-                    let measured = station.probed_endpoint(side).ok_or_else(|| {
-                        Outcome::OutOfReach("the rig has no probes at its outputs".to_owned())
-                    })?;
+                    let measured = station
+                        .probed_endpoint(side)
+                        .ok_or(Outcome::Lacking(Lack::Probes))?;
                     let wanted = station.wanted(side);
                     samples.push(ContourSample { wanted, measured });
                 }

@@ -1,7 +1,7 @@
 //! Identification of windup on the machine (thesis 2.4.1, 2.4.3).
 
 use crate::characterize::{Trace, record};
-use crate::outcome::{Halt, Outcome};
+use crate::outcome::{Halt, Lack, Outcome};
 use crate::station::Station;
 use nalgebra::{SMatrix, SVector};
 use pigtail_hal::AxisName;
@@ -93,7 +93,7 @@ impl Path {
 ///
 /// # Errors
 ///
-/// A fault; [`Outcome::OutOfReach`] on a rig without probes.
+/// A fault; [`Outcome::Lacking`] on a rig without probes.
 pub fn scan(
     station: &mut Station,
     at: AxisName,
@@ -109,8 +109,7 @@ pub fn scan(
     };
     let trace: Trace = record(station, at, path.duration(), reference, |_| true)?;
     if trace.output.is_empty() {
-        let what = format!("{at} has no probe at its output on this rig");
-        return Err(Outcome::OutOfReach(what).into());
+        return Err(Outcome::Lacking(Lack::Probe(at)).into());
     }
     Ok(WindupRecord {
         period: trace.period,

@@ -84,8 +84,8 @@ impl Means {
 ///
 /// # Errors
 ///
-/// The machine's fault; why a fiber could not be brought to its peak; [`Outcome::OutOfReach`] where
-/// the peak left the micro's range; [`Outcome::Unsure`] where the trial was to begin before the fiber
+/// The machine's fault; why a fiber could not be brought to its peak; [`Outcome::MicroRange`] where
+/// the peak left the micro's range; [`Outcome::TooLate`] where the trial was to begin before the fiber
 /// was there.
 pub fn follow(station: &mut Station, recipe: &Recipe, trial: &Trial) -> Result<Followed, Halt> {
     light_guides(station, recipe, recipe.last.accuracy)?;
@@ -102,12 +102,11 @@ pub fn follow(station: &mut Station, recipe: &Recipe, trial: &Trial) -> Result<F
     };
     let left = trial.begin - station.time() - if away == 0.0 { 0.0 } else { AWAY } - LOOK;
     if left < 0.0 {
-        let message = format!(
-            "the fiber was at its peak only after {:.1} s, too late for a trial from {:.1} s on",
-            station.time(),
-            trial.begin
-        );
-        return Err(Outcome::OutOfReach(message).into());
+        return Err(Outcome::TooLate {
+            time: station.time(),
+            begin: trial.begin,
+        }
+        .into());
     }
     station.run(left)?;
     let before = station.level(CHANNEL, LOOK)?.mean - dark.mean;
@@ -185,7 +184,7 @@ pub struct Around {
 ///
 /// # Errors
 ///
-/// The machine's fault; why a fiber could not be brought to its peak; [`Outcome::OutOfReach`] where the
+/// The machine's fault; why a fiber could not be brought to its peak; [`Outcome::ProfileRange`] where the
 /// square leaves the micro's range.
 pub fn profile(
     station: &mut Station,
@@ -209,8 +208,7 @@ pub fn profile(
         .map(|(x, y)| (x0 + x, y0 + y))
         .find(|(x, y)| !station.kinematics(SIDE).micro_reaches(*x, *y))
     {
-        let message = format!("the light around the peak: the micro does not reach {x}, {y} m");
-        return Err(Outcome::OutOfReach(message).into());
+        return Err(Outcome::ProfileRange { x, y }.into());
     }
     let mut look = |x: f64, y: f64, rest: f64| -> Result<Around, Halt> {
         station.move_micro(SIDE, x0 + x, y0 + y);

@@ -8,7 +8,7 @@
 use crate::beam::{Beam, Peak, Reading};
 use crate::impulse::belief::ImpulseBelief;
 use crate::impulse::response::Response;
-use crate::outcome::{Halt, Outcome, SearchEvidence};
+use crate::outcome::{Halt, Lack, Outcome, SearchEvidence};
 use crate::procedure::{FiberReport, Job, each_fiber, look, lost, no_light, outward};
 use crate::recipe::Recipe;
 use crate::search::Searcher;
@@ -137,9 +137,9 @@ fn held_and_nudged(job: &mut Job, station: &mut Station, index: usize) -> Result
             if let Some(top) = top {
                 job.arrive(station, Side::Right, top.shifted(*aside, 0.0, 0.0))?;
             }
-            match search(job, station, start)? {
+            match search(job, station, start) {
                 Ok(found) => return Ok(found),
-                Err(seen) => evidence = Some(seen.after(evidence)),
+                Err(halt) => evidence = Some(halt.no_light()?.after(evidence)),
             }
         }
         Err(no_light(evidence))
@@ -188,7 +188,7 @@ fn search(
     job: &mut Job,
     station: &mut Station,
     start: Point<Macro>,
-) -> Result<Result<(Searcher, Point<Macro>), SearchEvidence>, Halt> {
+) -> Result<(Searcher, Point<Macro>), Halt> {
     let (side, recipe) = (job.side, job.recipe);
     let raster = &recipe.raster;
     station.move_micro(side, 0.0, 0.0);
@@ -220,11 +220,11 @@ fn search(
         job.arrive(station, side, below)?;
         let above = below.shifted(0.0, 2.0 * AROUND, 0.0);
         match brightest(station, &searcher, above, SLOW, &mut evidence)? {
-            Some(again) => return Ok(Ok((searcher, Point::new(low.x, again.y, low.z)))),
+            Some(again) => return Ok((searcher, Point::new(low.x, again.y, low.z))),
             None => evidence.dismissed += 1,
         }
     }
-    Ok(Err(evidence))
+    Err(no_light(Some(evidence)))
 }
 
 /// The brightest place on a line to `end`, if it is bright at all; stops soon after.
@@ -311,27 +311,16 @@ struct Nudger {
 impl Nudger {
     fn new(station: &Station, job: &Job, searcher: &Searcher) -> Result<Self, Outcome> {
         let side = job.side;
-        let belief = station.five_bar_pulses().ok_or_else(|| {
-            Outcome::OutOfReach(
-                "the calibration does not say what pulses do to a five-bar, which `pigtail \
-                 characterize fivebar impulse` measures"
-                    .to_owned(),
-            )
-        })?;
+        let belief = station
+            .five_bar_pulses()
+            .ok_or(Outcome::Lacking(Lack::Pulses))?;
         let probe = station.spec().probe.as_ref();
         let arm = belief.arm.or(probe.map(|probe| probe.arm));
-        let arm = arm.ok_or_else(|| {
-            Outcome::OutOfReach(
-                "neither calibration (`impulse.five_bar.arm`) nor datasheet (`probe.arm`) says where \
-                 pulses were measured"
-                    .to_owned(),
-            )
-        })?;
+        let arm = arm.ok_or(Outcome::Lacking(Lack::PulseArm))?;
         let kinematics = station.kinematics(side);
-        let unreachable = |_| Outcome::OutOfReach("the five-bar has no reach here".to_owned());
         let here = kinematics
             .outputs_at(station.wanted(side))
-            .map_err(unreachable)?;
+            .map_err(Outcome::Immobile)?;
         let mut columns = [[0.0; 2]; 2];
         for (joint, column) in columns.iter_mut().enumerate() {
             let small = 1e-5;
@@ -341,7 +330,8 @@ impl Nudger {
                 kinematics.endpoint_at(outputs)
             };
             let (low, high) = (moved(-1.0), moved(1.0));
-            let (low, high) = (low.map_err(unreachable)?, high.map_err(unreachable)?);
+            let low = low.map_err(Outcome::Immobile)?;
+            let high = high.map_err(Outcome::Immobile)?;
             let per_metre = 1.0 / (2.0 * small * arm);
             *column = [(high.x - low.x) * per_metre, (high.y - low.y) * per_metre];
         }

@@ -257,7 +257,7 @@ impl<'r> Orbit<'r> {
     ///
     /// # Errors
     ///
-    /// [`Outcome::OutOfReach`] where the micro does not reach it.
+    /// [`Outcome::MicroRange`] where the micro does not reach it.
     pub fn go_to(&mut self, station: &Station, peak: &Peak, gap: f64) -> Result<f64, Outcome> {
         let (x, y) = (peak.x - self.centre.0, peak.y - self.centre.1);
         let way = x.hypot(y);
@@ -266,12 +266,11 @@ impl<'r> Orbit<'r> {
         let at = self.place(gap);
         let kinematics = station.kinematics(self.watch.side);
         if !kinematics.micro_reaches(at.0 + x, at.1 + y) {
-            return Err(Outcome::OutOfReach(format!(
-                "the {} micro was to go to {:.1}, {:.1} um from its centre",
-                self.watch.side.name(),
-                (at.0 + x) * 1e6,
-                (at.1 + y) * 1e6
-            )));
+            return Err(Outcome::MicroRange {
+                side: self.watch.side,
+                x: at.0 + x,
+                y: at.1 + y,
+            });
         }
         self.shift(station, (x, y));
         Ok(way)
@@ -425,42 +424,46 @@ impl<'r> Orbit<'r> {
     /// Goes around a small circle, from which the light at its middle can be told: whether the peak is
     /// where it was `foreseen`, which a piezo that has given way meanwhile would not be at. Then
     /// goes to the peak by both, each as far as it is sure, and comes to rest there. Returns the light
-    /// that must be there, volts, at `gap`, or why the peak is not believed to be there.
+    /// that must be there, volts, at `gap`.
     ///
     /// # Errors
     ///
-    /// The machine's fault; [`Outcome::OutOfReach`] where the micro does not reach the peak.
+    /// The machine's fault; [`Outcome::MicroRange`] where the micro does not reach the peak;
+    /// [`Outcome::LightLost`], [`Outcome::Unsure`] or [`Outcome::Misshapen`] where the peak is not
+    /// believed to be there.
     pub fn confirm(
         &mut self,
         station: &mut Station,
         gap: f64,
         foreseen: &Peak,
         phase: &'static str,
-    ) -> Result<Result<f64, Outcome>, Halt> {
+    ) -> Result<f64, Halt> {
         let radius = self.small(foreseen, gap);
         let small = radius * radius;
         self.shrink(station, gap, radius)?;
         self.turn(station, gap)?;
         let Some(seen) = self.peak() else {
-            return Ok(Err(Outcome::LightLost {
+            return Err(Outcome::LightLost {
                 phase,
                 level: 0.0,
                 expected: foreseen.full * self.beam.share(gap),
-            }));
+            }
+            .into());
         };
         let (dx, dy) = (seen.x - foreseen.x, seen.y - foreseen.y);
         let deviation = seen.deviation.hypot(foreseen.deviation);
         let (way, near) = (dx.hypot(dy), MOVED.0 + MOVED.1 * deviation);
         if way > near {
-            return Ok(Err(Outcome::Unsure {
+            return Err(Outcome::Unsure {
                 deviation: way,
                 accuracy: near,
-            }));
+            }
+            .into());
         }
         let accepted = SMALL_MISFIT * small;
         let misfit = self.misfit(&seen, gap, 1.0);
         if misfit > accepted {
-            return Ok(Err(Outcome::Misshapen { misfit, accepted }));
+            return Err(Outcome::Misshapen { misfit, accepted }.into());
         }
         let share = (foreseen.deviation / deviation).powi(2);
         let peak = Peak {
@@ -473,13 +476,13 @@ impl<'r> Orbit<'r> {
         // Not a moment longer: to wait until the micro has come to rest makes offsets larger by a third.
         let misfit = self.misfit(&seen, gap, SHRINK);
         if misfit > accepted {
-            return Ok(Err(Outcome::Misshapen { misfit, accepted }));
+            return Err(Outcome::Misshapen { misfit, accepted }.into());
         }
         // Fiber and guide are not quite as designed: by how much the peak is wider than believed, two
         // circles tell.
         let wide = self.shape.radius * self.shape.radius;
         let wider = (seen.full / foreseen.full).powf(small / (wide - small));
-        Ok(Ok(seen.full * wider * self.beam.share(gap)))
+        Ok(seen.full * wider * self.beam.share(gap))
     }
 
     /// Goes on the circle to another radius, in widths of the peak, and with nought to rest.

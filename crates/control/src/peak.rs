@@ -76,7 +76,7 @@ impl<'r> NinePoint<'r> {
     ///
     /// # Errors
     ///
-    /// A fault, or [`Outcome::OutOfReach`] when the micro has come to the end of its range.
+    /// A fault, or [`Outcome::MicroRange`] when the micro has come to the end of its range.
     pub fn step(&mut self, station: &mut Station) -> Result<(), Halt> {
         let light = self.pattern(station)?;
         self.shift(station, PATTERN[brightest(&light)])?;
@@ -102,12 +102,11 @@ impl<'r> NinePoint<'r> {
             .iter()
             .any(|(dx, dy)| !kinematics.micro_reaches(x + dx, y + dy))
         {
-            return Err(Outcome::OutOfReach(format!(
-                "the {} micro was to go to {:.1}, {:.1} um from its centre",
-                self.side.name(),
-                x * 1e6,
-                y * 1e6
-            )));
+            return Err(Outcome::MicroRange {
+                side: self.side,
+                x,
+                y,
+            });
         }
         station.move_micro(self.side, x, y);
         self.centre = (x, y);

@@ -268,9 +268,9 @@ impl<'r> Job<'r> {
                     station.move_micro(Side::Left, 0.0, 0.0);
                     job.arrive(station, Side::Left, lowest.shifted(area, -between, 0.0))?;
                 }
-                match job.find_light(station)? {
+                match job.find_light(station) {
                     Ok(found) => return Ok(found),
-                    Err(seen) => evidence = Some(seen.after(evidence)),
+                    Err(halt) => evidence = Some(halt.no_light()?.after(evidence)),
                 }
             }
             Err(no_light(evidence))
@@ -318,9 +318,9 @@ impl<'r> Job<'r> {
                     station.move_micro(Side::Right, 0.0, 0.0);
                     job.arrive(station, Side::Right, lowest.shifted(area, -between, 0.0))?;
                 }
-                match job.find_light(station)? {
+                match job.find_light(station) {
                     Ok(found) => return Ok(found),
-                    Err(seen) => evidence = Some(seen.after(evidence)),
+                    Err(halt) => evidence = Some(halt.no_light()?.after(evidence)),
                 }
             }
             Err(no_light(evidence))
@@ -492,11 +492,10 @@ impl<'r> Job<'r> {
                 return station.line(side, here.shifted(0.0, 0.0, way), None);
             }
         }
-        Err(Outcome::OutOfReach(format!(
-            "vision does not see the {} tip arrive within {} um",
-            side.name(),
-            coarse.tolerance * 1e6
-        ))
+        Err(Outcome::TipAstray {
+            side,
+            tolerance: coarse.tolerance,
+        }
         .into())
     }
 
@@ -519,22 +518,20 @@ impl<'r> Job<'r> {
         self.place(station, side, Tip::Sensing, start, recipe.raster.gap)?;
         let core = station.spec().sensing_fiber.core;
         let height = recipe.sensing.below + recipe.raster.y + recipe.raster.overscan + core;
-        match edge_from_below(
+        edge_from_below(
             station,
             &recipe.sensing,
             &dark,
             recipe.raster.significance,
             height,
-        )? {
-            Ok(()) => Ok(station.wanted(side)),
-            Err(evidence) => Err(Outcome::NoLight(evidence).into()),
-        }
+        )?;
+        Ok(station.wanted(side))
     }
 
     /// The raster from where the fiber stands, with the macro brought to what it found. A hit
     /// that does not bear a second look was a fluctuation of the scattered light, and the raster
     /// goes on above it.
-    fn find_light(&self, station: &mut Station) -> Result<Result<Found, SearchEvidence>, Halt> {
+    fn find_light(&self, station: &mut Station) -> Result<Found, Halt> {
         let raster = &self.recipe.raster;
         let searcher =
             Searcher::measure(station, self.side, self.channel, raster.significance, 0.5)?;
@@ -546,10 +543,10 @@ impl<'r> Job<'r> {
             let seen = sweep.evidence.following(evidence);
             let hit = match sweep.hit {
                 Some(hit) if seen.dismissed < MOST_DISMISSED => hit,
-                _ => return Ok(Err(seen)),
+                _ => return Err(no_light(Some(seen))),
             };
             if let Some(found) = self.confirm(station, &searcher, &hit)? {
-                return Ok(Ok(found));
+                return Ok(found);
             }
             evidence = Some(SearchEvidence {
                 dismissed: seen.dismissed + 1,
@@ -637,8 +634,7 @@ pub(crate) fn look(
             Tip::Sensing => Some(frame.sensing),
         };
         let Some(fix) = fix else {
-            let what = format!("vision sees no fiber in the {} holder", side.name());
-            return Err(Outcome::OutOfReach(what).into());
+            return Err(Outcome::FiberUnseen { side }.into());
         };
         x += fix.x;
         z += fix.z;
@@ -657,10 +653,9 @@ pub(crate) fn outward(side: Side) -> f64 {
 
 /// No search has found light, whatever was searched.
 pub(crate) fn no_light(evidence: Option<SearchEvidence>) -> Halt {
-    evidence.map_or_else(
-        || Outcome::OutOfReach("there was nothing to search".to_owned()).into(),
-        |seen| Outcome::NoLight(seen).into(),
-    )
+    evidence
+        .map_or(Outcome::NothingSearched, Outcome::NoLight)
+        .into()
 }
 
 pub(crate) fn lost(phase: &'static str, level: f64, expected: f64) -> Halt {

@@ -1,6 +1,6 @@
 //! Finding light where none is known to be (thesis 3.2).
 
-use crate::outcome::{Halt, SearchEvidence};
+use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::recipe::{Raster, Sensing};
 use crate::station::{Level, Station};
 use pigtail_hal::{Channel, Side};
@@ -74,7 +74,7 @@ impl Searcher {
     ///
     /// # Errors
     ///
-    /// A fault, or [`Outcome::OutOfReach`](crate::outcome::Outcome::OutOfReach).
+    /// A fault, or [`Outcome::Refused`].
     pub fn raster(&self, station: &mut Station, raster: &Raster, top: f64) -> Result<Sweep, Halt> {
         let amplitude = (0.5 * raster.x).min(station.kinematics(self.side).micro_range_x());
         let start = station.wanted(self.side);
@@ -208,14 +208,14 @@ impl Searcher {
 ///
 /// # Errors
 ///
-/// A fault, or [`Outcome::OutOfReach`](crate::outcome::Outcome::OutOfReach).
+/// A fault; [`Outcome::Refused`]; [`Outcome::NoLight`] where there is no edge on the way.
 pub fn edge_from_below(
     station: &mut Station,
     sensing: &Sensing,
     dark: &Level,
     significance: f64,
     height: f64,
-) -> Result<Result<(), SearchEvidence>, Halt> {
+) -> Result<(), Halt> {
     const SAMPLES: usize = 5;
     let (side, channel) = (Side::Right, Channel::Sensing);
     let start = station.wanted(side);
@@ -235,10 +235,10 @@ pub fn edge_from_below(
         let share = (level - dark.mean) / (brightest - dark.mean);
         if brightest > threshold && share < sensing.threshold {
             station.halt(side);
-            return Ok(Ok(()));
+            return Ok(());
         }
     }
-    Ok(Err(SearchEvidence {
+    Err(Outcome::NoLight(SearchEvidence {
         phase: "search for the chip's top",
         samples,
         width: 0.0,
@@ -246,7 +246,8 @@ pub fn edge_from_below(
         brightest,
         dismissed: 0,
         threshold,
-    }))
+    })
+    .into())
 }
 
 /// Moves the sensing fiber, with the micro that carries it, across to the middle of the light

@@ -372,7 +372,7 @@ impl<'a> Station<'a> {
     ///
     /// # Errors
     ///
-    /// [`Outcome::OutOfReach`] when it would break a limit; the endpoint then stays as it is.
+    /// [`Outcome::Refused`] when it would break a limit; the endpoint then stays as it is.
     pub fn start_line(
         &mut self,
         side: Side,
@@ -410,9 +410,7 @@ impl<'a> Station<'a> {
             motion.check(&arm.kinematics, period)?;
             Ok(motion)
         };
-        let motion = checked(path.into()).map_err(|refused| {
-            Outcome::OutOfReach(format!("the {} endpoint {refused}", side.name()))
-        })?;
+        let motion = checked(path.into()).map_err(|why| Outcome::Refused { side, why })?;
         arm.motion = Some(Started {
             motion,
             at: self.measurement.time,
@@ -448,7 +446,7 @@ impl<'a> Station<'a> {
     ///
     /// # Errors
     ///
-    /// A fault, or [`Outcome::OutOfReach`].
+    /// A fault, [`Outcome::Refused`], or [`Outcome::NotArrived`].
     pub fn line(&mut self, side: Side, to: Point<Macro>, speed: Option<f64>) -> Result<(), Halt> {
         self.start_line(side, to, speed)?;
         while self.moving(side) {
@@ -473,11 +471,7 @@ impl<'a> Station<'a> {
             let at = AxisName { side, axis };
             let counts = self.following_error(at).abs();
             if counts > LOST_COUNTS {
-                return Err(Outcome::NotArrived {
-                    axis: at.to_string(),
-                    counts,
-                }
-                .into());
+                return Err(Outcome::NotArrived { axis: at, counts }.into());
             }
         }
         Ok(())
@@ -540,7 +534,7 @@ impl<'a> Station<'a> {
     pub fn pulse(&mut self, at: AxisName, pulse: Pulse) -> Result<(), Outcome> {
         pulse
             .check(self.spec().drive(at.axis))
-            .map_err(|why| Outcome::OutOfReach(format!("{at} cannot play {why}")))?;
+            .map_err(|why| Outcome::Unplayable { at, why })?;
         self.command.pulses[at.side.index()][at.axis.index()] = Some(pulse);
         Ok(())
     }

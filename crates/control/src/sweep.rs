@@ -97,7 +97,7 @@ pub fn reach(station: &Station, side: Side, width: f64) -> f64 {
 ///
 /// # Errors
 ///
-/// A fault, or [`Outcome::OutOfReach`](crate::outcome::Outcome::OutOfReach).
+/// A fault, or [`Outcome::Refused`](crate::outcome::Outcome::Refused).
 pub fn first_light(
     station: &mut Station,
     watch: &Watch,

@@ -169,9 +169,10 @@ fn what_breaks_a_limit_is_refused_before_it_starts() {
                 Path::Line(_) => station.start_line(Side::Left, path.end(), speed),
                 Path::Arc(arc) => station.start_arc(Side::Left, arc, speed),
             };
-            let Err(Outcome::OutOfReach(why)) = started else {
+            let Err(outcome @ Outcome::Refused { .. }) = started else {
                 panic!("{path:?} started: {started:?}");
             };
+            let why = outcome.to_string();
             for part in parts {
                 assert!(why.contains(part), "no \"{part}\" in: {why}");
             }

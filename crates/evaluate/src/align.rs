@@ -1,6 +1,6 @@
 //! One device aligned on a twin, and the document that holds what control says against the truth.
 
-use pigtail_control::outcome::Outcome;
+use pigtail_control::outcome::{Outcome, OutcomeCode};
 use pigtail_control::procedure::{FiberReport, PORTS};
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::{Observer, Station};
@@ -56,7 +56,7 @@ pub struct FiberRow {
     /// The port.
     pub port: &'static str,
     /// What control says of it.
-    pub outcome: &'static str,
+    pub outcome: OutcomeCode,
     /// The same in a sentence, with the evidence.
     pub detail: String,
     /// Its phases in order.
@@ -240,7 +240,7 @@ pub fn panicked(
     let detail = text(panic).unwrap_or_else(|| "the program failed".to_owned());
     let fiber = |port| FiberRow {
         port,
-        outcome: "panic",
+        outcome: OutcomeCode::Panic,
         detail: detail.clone(),
         phases: Vec::new(),
         seconds: 0.0,
@@ -273,11 +273,7 @@ pub fn panicked(
 impl Document {
     /// Whether every fiber is aligned, by control's word and in truth, and nothing was touched.
     pub fn is_success(&self) -> bool {
-        !self.collision
-            && self
-                .fibers
-                .iter()
-                .all(|fiber| fiber.outcome == "aligned" && fiber.within_tolerance == Some(true))
+        !self.collision && self.fibers.iter().all(FiberRow::is_good)
     }
 }
 
@@ -287,7 +283,7 @@ impl Document {
         let lost = self
             .fibers
             .iter()
-            .find(|fiber| fiber.verdict() != "aligned");
+            .find(|fiber| fiber.verdict() != Verdict::Ended(OutcomeCode::Aligned));
         match lost {
             _ if self.collision => "touched the chip".to_owned(),
             Some(fiber) => format!("{}: {}", fiber.port, fiber.verdict()),
@@ -307,13 +303,43 @@ impl Document {
     }
 }
 
+/// How a fiber ended, beside the truth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// As control says.
+    Ended(OutcomeCode),
+    /// Control believes it aligned, and it is not.
+    BelievedAligned,
+}
+
+impl Verdict {
+    /// The words for it.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Ended(outcome) => outcome.name(),
+            Self::BelievedAligned => "believed aligned",
+        }
+    }
+}
+
+impl std::fmt::Display for Verdict {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.name())
+    }
+}
+
 impl FiberRow {
     /// The outcome, beside the truth.
-    pub fn verdict(&self) -> &'static str {
+    pub fn verdict(&self) -> Verdict {
         match self.within_tolerance {
-            Some(false) => "believed aligned",
-            _ => self.outcome,
+            Some(false) => Verdict::BelievedAligned,
+            _ => Verdict::Ended(self.outcome),
         }
+    }
+
+    /// Whether it is aligned, by control's word and in truth.
+    pub fn is_good(&self) -> bool {
+        self.outcome == OutcomeCode::Aligned && self.within_tolerance == Some(true)
     }
 
     /// Machine time of a phase, seconds, if it was entered.
@@ -334,7 +360,7 @@ fn row(
     let offset = truth.map(|t| (t.x, t.y, t.gap - wanted_gap));
     FiberRow {
         port: report.port,
-        outcome: report.outcome.name(),
+        outcome: report.outcome.code(),
         detail: report.outcome.to_string(),
         phases: report
             .phases

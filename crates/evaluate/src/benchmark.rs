@@ -10,6 +10,7 @@
 
 use crate::align::{self, TOLERANCE_Z_UM};
 use crate::align::{Judged, Way, align_in};
+use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::procedure::{FiberReport, PORTS};
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::{Station, Unobserved};
@@ -212,39 +213,65 @@ fn attached(all: &[Judged], of: impl Fn(align::Offset) -> f64) -> impl Iterator<
 }
 
 /// What a fiber is counted as.
-fn verdict(outcome: &str, within: Option<bool>, collision: bool) -> &'static str {
-    match outcome {
-        "aligned" if within != Some(true) => "wrong",
-        _ if collision => "touched",
-        "aligned" => "right",
-        "fault" => "fault",
-        _ => "lost",
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Verdict {
+    Right,
+    /// Believed to be aligned, and it is not.
+    Wrong,
+    /// Something touched the chip.
+    Touched,
+    /// The machine stopped.
+    Fault,
+    Lost,
+}
+
+impl Verdict {
+    /// That of a fiber with this outcome; `None` is one of which nothing is reported.
+    fn of(outcome: Option<OutcomeCode>, within: Option<bool>, collision: bool) -> Self {
+        match outcome {
+            Some(OutcomeCode::Aligned) if within != Some(true) => Self::Wrong,
+            _ if collision => Self::Touched,
+            Some(OutcomeCode::Aligned) => Self::Right,
+            Some(OutcomeCode::Fault) => Self::Fault,
+            _ => Self::Lost,
+        }
+    }
+
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Right => "right",
+            Self::Wrong => "wrong",
+            Self::Touched => "touched",
+            Self::Fault => "fault",
+            Self::Lost => "lost",
+        }
     }
 }
 
 fn row(algorithm: &Algorithm, all: &[Judged], spent: &Sorted, offsets: &Sorted) -> Row {
-    let mut counts = BTreeMap::<&str, u64>::new();
+    let mut counts = BTreeMap::<Verdict, u64>::new();
     let mut outcomes = BTreeMap::new();
     let mut replay = BTreeMap::<&str, Vec<u64>>::new();
     for Judged { document, .. } in all {
         for k in 0..PORTS.len() {
-            let (outcome, within) = document.fibers.get(k).map_or(("no_report", None), |fiber| {
-                (fiber.outcome, fiber.within_tolerance)
-            });
-            let verdict = verdict(outcome, within, document.collision);
+            let fiber = document.fibers.get(k);
+            let outcome = fiber.map(|fiber| fiber.outcome);
+            let within = fiber.and_then(|fiber| fiber.within_tolerance);
+            let verdict = Verdict::of(outcome, within, document.collision);
             *counts.entry(verdict).or_default() += 1;
+            let outcome = outcome.map_or("no_report", OutcomeCode::name);
             *outcomes.entry(outcome).or_default() += 1;
-            if verdict != "right" {
-                let seeds = replay.entry(verdict).or_default();
+            if verdict != Verdict::Right {
+                let seeds = replay.entry(verdict.name()).or_default();
                 if seeds.len() < SEEDS && seeds.last() != Some(&document.seed) {
                     seeds.push(document.seed);
                 }
             }
         }
     }
-    let count = |verdict| counts.get(verdict).copied().unwrap_or(0);
+    let count = |verdict| counts.get(&verdict).copied().unwrap_or(0);
     let fibers = (all.len() * PORTS.len()) as u64;
-    let (right, wrong) = (count("right"), count("wrong"));
+    let (right, wrong) = (count(Verdict::Right), count(Verdict::Wrong));
     let per_right = |sum: f64, digit| (right > 0).then(|| rounded(sum / right as f64, digit));
     Row {
         name: algorithm.name,
@@ -253,9 +280,9 @@ fn row(algorithm: &Algorithm, all: &[Judged], spent: &Sorted, offsets: &Sorted) 
         right_confidence: wilson(right, fibers),
         wrong,
         wrong_confidence: wilson(wrong, fibers),
-        touched: count("touched"),
-        faults: count("fault"),
-        lost: count("lost"),
+        touched: count(Verdict::Touched),
+        faults: count(Verdict::Fault),
+        lost: count(Verdict::Lost),
         outcomes,
         seconds_per_right_fiber: per_right(all.iter().map(|a| a.machine_seconds).sum(), 1e-4),
         seconds_per_fiber: spent.percentiles(),
@@ -268,22 +295,42 @@ fn row(algorithm: &Algorithm, all: &[Judged], spent: &Sorted, offsets: &Sorted) 
 
 #[cfg(test)]
 mod tests {
-    use super::verdict;
+    use super::{OutcomeCode, Verdict};
 
     #[test]
     fn no_fiber_that_is_wrong_or_touched_counts_as_right() {
         for (outcome, within, collision, counted) in [
-            ("aligned", Some(true), false, "right"),
-            ("aligned", Some(false), false, "wrong"),
-            ("aligned", None, false, "wrong"),
-            ("aligned", Some(false), true, "wrong"),
-            ("aligned", Some(true), true, "touched"),
-            ("no_light", None, true, "touched"),
-            ("no_light", None, false, "lost"),
-            ("no_report", None, false, "lost"),
-            ("fault", None, false, "fault"),
+            (
+                Some(OutcomeCode::Aligned),
+                Some(true),
+                false,
+                Verdict::Right,
+            ),
+            (
+                Some(OutcomeCode::Aligned),
+                Some(false),
+                false,
+                Verdict::Wrong,
+            ),
+            (Some(OutcomeCode::Aligned), None, false, Verdict::Wrong),
+            (
+                Some(OutcomeCode::Aligned),
+                Some(false),
+                true,
+                Verdict::Wrong,
+            ),
+            (
+                Some(OutcomeCode::Aligned),
+                Some(true),
+                true,
+                Verdict::Touched,
+            ),
+            (Some(OutcomeCode::NoLight), None, true, Verdict::Touched),
+            (Some(OutcomeCode::NoLight), None, false, Verdict::Lost),
+            (None, None, false, Verdict::Lost),
+            (Some(OutcomeCode::Fault), None, false, Verdict::Fault),
         ] {
-            assert_eq!(verdict(outcome, within, collision), counted);
+            assert_eq!(Verdict::of(outcome, within, collision), counted);
         }
     }
 }

@@ -25,7 +25,7 @@ pub fn aligned(document: &Document) -> Aligned {
             .iter()
             .map(|fiber| AlignedFiber {
                 port: fiber.port.to_owned(),
-                outcome: fiber.outcome.to_owned(),
+                outcome: fiber.outcome.to_string(),
                 detail: fiber.detail.clone(),
                 seconds: fiber.seconds,
                 offset_um: fiber.offset_um.map(|o| [o.x, o.y, o.z]),

@@ -40,7 +40,7 @@ pub mod spec;
 
 pub use command::{Command, FiberHandling};
 pub use config::Error;
-pub use fault::Fault;
+pub use fault::{Fault, Rule};
 pub use machine::Machine;
 pub use measurement::{LightSample, Measurement, TipFix, VisionFrame};
 pub use pulse::{Pulse, Unplayable};

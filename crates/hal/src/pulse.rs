@@ -1,5 +1,6 @@
 //! A short waveform that an amplifier plays out by itself, inside servo cycles.
 
+use crate::fault::Rule;
 use crate::quantity::Volts;
 use crate::spec::DriveSpec;
 use std::f64::consts::PI;
@@ -24,7 +25,7 @@ pub struct Pulse {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Unplayable {
     /// The rule that it breaks.
-    pub rule: &'static str,
+    pub rule: Rule,
     /// The offending value with its unit.
     pub value: String,
     /// What would have been accepted, with its unit.
@@ -110,7 +111,7 @@ impl Pulse {
         let refuse = |rule, value: String, limit: String| Err(Unplayable { rule, value, limit });
         let Some(spec) = &drive.pulse else {
             return refuse(
-                "amplifier plays pulses",
+                Rule::PulseSupport,
                 "a pulse".to_owned(),
                 "an axis whose datasheet has `drive.pulse`".to_owned(),
             );
@@ -118,7 +119,7 @@ impl Pulse {
         let finite = self.amplitudes.iter().all(|Volts(a)| a.is_finite());
         if !finite || !self.period.is_finite() || self.period <= 0.0 {
             return refuse(
-                "command is a number",
+                Rule::CommandNumber,
                 format!(
                     "a pulse of {:?} V in {} s",
                     self.amplitudes.map(|v| v.0),
@@ -131,7 +132,7 @@ impl Pulse {
         if frequency > spec.bandwidth * ROUNDING {
             let shortest = 1e3 * self.period * frequency / spec.bandwidth;
             return refuse(
-                "pulse is within the amplifier's bandwidth",
+                Rule::PulseBandwidth,
                 format!("a period of {:.4} ms", 1e3 * self.period),
                 format!(
                     "at least {shortest:.4} ms, for {} Hz of bandwidth",
@@ -147,7 +148,7 @@ impl Pulse {
         let peak = self.peak();
         if peak > spec.voltage * ROUNDING {
             return refuse(
-                "pulse is within the amplifier's voltage",
+                Rule::PulseVoltage,
                 format!("a peak of {peak:.3} V"),
                 format!("at most {} V", spec.voltage),
             );
@@ -220,7 +221,7 @@ mod tests {
         assert!(high.limit.contains("10 V"), "{high}");
         for bad in [f64::NAN, f64::INFINITY] {
             let rule = refused(Pulse::impulse(bad, 0.0, 1e-3), &drive()).rule;
-            assert_eq!(rule, "command is a number");
+            assert_eq!(rule, Rule::CommandNumber);
             assert!(Pulse::impulse(1.0, 0.0, bad).check(&drive()).is_err());
         }
         assert!(Pulse::impulse(1.0, 0.0, 0.0).check(&drive()).is_err());

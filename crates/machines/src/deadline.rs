@@ -1,9 +1,6 @@
 //! A machine that stops when its time is over: for work that must not go on for ever.
 
-use pigtail_hal::{Command, Fault, Machine, Measurement, Spec};
-
-/// The rule by which it stops.
-pub const OVERDUE: &str = "work ends in time";
+use pigtail_hal::{Command, Fault, Machine, Measurement, Rule, Spec};
 
 /// A machine that works until a time.
 #[derive(Debug, Clone)]
@@ -48,7 +45,7 @@ impl<M: Machine> Machine for Deadline<M> {
         if self.time > self.seconds {
             self.machine.stop();
             let fault = Fault {
-                rule: OVERDUE.into(),
+                rule: Rule::Deadline,
                 axis: "machine".to_owned(),
                 value: format!("{:.0} s", self.time),
                 limit: format!("{:.0} s", self.seconds),

@@ -23,7 +23,7 @@ mod pace;
 mod panel;
 pub mod record;
 
-pub use deadline::{Deadline, OVERDUE};
+pub use deadline::Deadline;
 pub use guard::Guard;
 pub use pace::Pace;
 pub use panel::Panel;

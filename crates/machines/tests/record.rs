@@ -4,8 +4,8 @@ mod common;
 
 use common::{centred, guarded, spec, twin};
 use pigtail_hal::quantity::Volts;
-use pigtail_hal::{Command, FiberHandling, Machine, Measurement};
-use pigtail_machines::record::{DIFFERS, ENDS, Reader};
+use pigtail_hal::{Command, FiberHandling, Machine, Measurement, Rule};
+use pigtail_machines::record::Reader;
 use pigtail_machines::{Recorder, Replay};
 use std::path::Path;
 
@@ -58,7 +58,7 @@ fn it_answers_as_it_did_and_ends_where_it_did() {
     }
     assert_eq!(machine.cycles(), 2000);
     let fault = machine.exchange(&commands()[0]).expect_err("the end");
-    assert_eq!(fault.rule, ENDS);
+    assert_eq!(fault.rule, Rule::ReplayEnds);
     assert!(!machine.is_cut());
     assert_eq!(machine.left().expect("a whole record"), 0);
 }
@@ -89,7 +89,10 @@ fn the_first_command_that_differs_in_a_bit_is_named() {
             .iter()
             .find_map(|command| machine.exchange(command).err())
             .expect("a difference");
-        assert_eq!((&*fault.rule, fault.axis.as_str()), (DIFFERS, axis));
+        assert_eq!(
+            (&fault.rule, fault.axis.as_str()),
+            (&Rule::ReplayDiffers, axis)
+        );
         assert!(fault.value.contains("in command 1234"), "{fault}");
         assert_eq!(machine.cycles(), 1233);
     }
@@ -160,5 +163,5 @@ fn a_probe_that_says_nothing_sensible_is_told() {
     }
     let mut machine = pigtail_machines::Guard::new(Blind(twin(1)), common::geometry());
     let fault = machine.exchange(&centred(&twin(1))).expect_err("a fault");
-    assert_eq!(fault.rule, "output follows its motor");
+    assert_eq!(fault.rule, Rule::OutputFollowing);
 }

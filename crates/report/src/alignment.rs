@@ -59,8 +59,7 @@ pub fn alignment(setup: &Setup, document: &Document, record: &Record) -> Result<
 }
 
 fn verdict(document: &Document) -> String {
-    let good = |f: &&FiberRow| f.outcome == "aligned" && f.within_tolerance == Some(true);
-    let aligned = document.fibers.iter().filter(good).count();
+    let aligned = document.fibers.iter().filter(|f| f.is_good()).count();
     let of = document.fibers.len();
     let class = if document.is_success() { "good" } else { "bad" };
     let mut text = format!(
@@ -96,11 +95,7 @@ fn table(document: &Document) -> String {
         value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"))
     };
     for fiber in &document.fibers {
-        let class = if fiber.outcome == "aligned" && fiber.within_tolerance == Some(true) {
-            "good"
-        } else {
-            "bad"
-        };
+        let class = if fiber.is_good() { "good" } else { "bad" };
         let _ = write!(
             html,
             "<tr><td>{}</td><td class=\"{class}\">{}</td>",

@@ -7,10 +7,11 @@ use crate::records::About;
 use crate::rig::Rig;
 use crate::session::Session;
 use anyhow::Result;
+use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::station::Unobserved;
-use pigtail_hal::Error;
+use pigtail_hal::{Error, Rule};
 use pigtail_machines::Replay;
-use pigtail_machines::record::{DIFFERS, ENDS, Reader};
+use pigtail_machines::record::Reader;
 use pigtail_numerics::rounded;
 use serde::Serialize;
 use std::path::Path;
@@ -38,7 +39,7 @@ pub struct Document {
     /// What was run.
     pub job: serde_json::Value,
     /// What control says of the fibers, in the replay of an alignment.
-    pub outcomes: Vec<(&'static str, &'static str)>,
+    pub outcomes: Vec<(&'static str, OutcomeCode)>,
     /// How a job ended that came to no result, in the replay.
     pub ended: Option<String>,
     /// The version that recorded it.
@@ -74,12 +75,14 @@ pub fn replay(path: &Path) -> Result<Document> {
     let ended = again(&rig, &mut machine, &order, &mut outcomes).err();
     let (exchanges, seconds) = (machine.cycles(), machine.time());
     // A replay that came to the record's end has said all that there is to say of a cut one.
-    let over = machine.fault().is_some_and(|fault| fault.rule == ENDS);
+    let over = machine
+        .fault()
+        .is_some_and(|fault| fault.rule == Rule::ReplayEnds);
     let left = machine.left()?;
     let cut = machine.is_cut() || over;
     let difference = machine
         .fault()
-        .filter(|fault| fault.rule == DIFFERS)
+        .filter(|fault| fault.rule == Rule::ReplayDiffers)
         .map(ToString::to_string);
     Ok(Document {
         record: name,
@@ -110,7 +113,7 @@ fn again(
     rig: &Rig,
     machine: &mut Replay,
     order: &Order,
-    outcomes: &mut Vec<(&'static str, &'static str)>,
+    outcomes: &mut Vec<(&'static str, OutcomeCode)>,
 ) -> Result<(), Ended> {
     fn run<J: Job>(rig: &Rig, machine: &mut Replay, job: &J) -> Result<J::Output, Ended> {
         Session::open(rig, machine).run(job, &mut Unobserved)
@@ -119,7 +122,7 @@ fn again(
         Order::Align(job) => {
             let aligned = run(rig, machine, job)?;
             let said = aligned.fibers.iter();
-            outcomes.extend(said.map(|fiber| (fiber.port, fiber.outcome.name())));
+            outcomes.extend(said.map(|fiber| (fiber.port, fiber.outcome.code())));
         }
         Order::Step(job) => drop(run(rig, machine, job)?),
         Order::Sine(job) => drop(run(rig, machine, job)?),

@@ -6,7 +6,7 @@ use pigtail_control::calibration::AxisGains;
 use pigtail_control::characterize::{StepResponse, Trace, step_response};
 use pigtail_control::station::Station;
 use pigtail_control::tune::{Experiment, Gains, Search, random_neighbourhood, simplex};
-use pigtail_hal::{Axis, AxisName};
+use pigtail_hal::{Axis, AxisName, Rule};
 use pigtail_numerics::rounded;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
@@ -88,6 +88,16 @@ pub fn step_of(rig: &Rig, axis: Axis) -> i64 {
 
 /// So many unsafe trials are borne: where there are more, the starts themselves are not to be trusted.
 const MOST_UNSAFE: u32 = 20;
+
+/// The rules that gains can break. Whatever else stops the machine is no result of a trial.
+const PROVOKED: [Rule; 6] = [
+    Rule::ServoFollowing,
+    Rule::EncoderSpeed,
+    Rule::OutputFollowing,
+    Rule::EndpointSpeed,
+    Rule::Workspace,
+    Rule::MotorStall,
+];
 
 /// How long a response is watched, seconds.
 const WINDOW: f64 = 0.15;
@@ -255,7 +265,7 @@ fn tune(station: &mut Station, rig: &Rig, plan: &Tune) -> Result<Tuned, Ended> {
                 Ok(cost) => cost,
                 Err(fault) => {
                     unsafe_trials += 1;
-                    if unsafe_trials > MOST_UNSAFE {
+                    if unsafe_trials > MOST_UNSAFE || !PROVOKED.contains(&fault.rule) {
                         return Err(fault.into());
                     }
                     station.set_pid(plan.at, experiment.pid(station, safe));

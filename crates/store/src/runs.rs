@@ -241,7 +241,7 @@ impl Run {
     pub fn fault(&self, fault: &Fault) -> Result<()> {
         self.evidence.set(true);
         self.entry().fault(fault)?;
-        self.end(State::Fault, &fault.rule)
+        self.end(State::Fault, fault.rule.text())
     }
 
     /// Leaves nothing behind, as nothing ran.

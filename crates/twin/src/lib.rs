@@ -40,7 +40,7 @@ use manipulator::Manipulator;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::{AXES, CHANNELS, HolderSpec, MICRO_AXES, OUTPUTS, SIDES};
 use pigtail_hal::{
-    Axis, AxisName, Command, Fault, FiberHandling, Machine, Measurement, Side, Spec,
+    Axis, AxisName, Command, Fault, FiberHandling, Machine, Measurement, Rule, Side, Spec,
 };
 use pigtail_model::Invalid;
 use pigtail_model::frames::{Chip, Point};
@@ -208,9 +208,9 @@ impl Twin {
         self.cycle as f64 / self.spec.servo.rate
     }
 
-    fn refuse(&mut self, rule: &'static str, axis: String, value: String, limit: String) -> Fault {
+    fn refuse(&mut self, rule: Rule, axis: String, value: String, limit: String) -> Fault {
         let fault = Fault {
-            rule: rule.into(),
+            rule,
             axis,
             value,
             limit,
@@ -222,7 +222,7 @@ impl Twin {
 
     fn taken_apart(&mut self, side: Side) -> Fault {
         self.refuse(
-            "five-bar stays assembled",
+            Rule::FiveBarAssembly,
             format!("{}.a", side.name()),
             "a position beyond the mechanism's reach".to_owned(),
             format!("a workspace of {} m", self.spec.five_bar.workspace),
@@ -236,7 +236,7 @@ impl Twin {
                 if !volts.is_finite() {
                     let axis = format!("{}.{}", side.name(), axis.name());
                     return Err(self.refuse(
-                        "command is a number",
+                        Rule::CommandNumber,
                         axis,
                         format!("{volts} V"),
                         "a finite voltage".to_owned(),
@@ -252,7 +252,7 @@ impl Twin {
             for (i, Volts(volts)) in command.micro[side.index()].into_iter().enumerate() {
                 if !volts.is_finite() {
                     return Err(self.refuse(
-                        "command is a number",
+                        Rule::CommandNumber,
                         format!("{}.micro{}", side.name(), i + 1),
                         format!("{volts} V"),
                         "a finite voltage".to_owned(),
@@ -274,7 +274,7 @@ impl Twin {
             FiberHandling::Load(port) => {
                 if self.held[i].is_some() {
                     return Err(self.refuse(
-                        "holder is empty",
+                        Rule::HolderEmpty,
                         side.name().to_owned(),
                         "a holder that carries a fiber".to_owned(),
                         "an empty one".to_owned(),
@@ -285,7 +285,7 @@ impl Twin {
                     .position(|f| f.port == usize::from(port));
                 let Some(place) = place else {
                     return Err(self.refuse(
-                        "fiber is in the tray",
+                        Rule::TrayFiber,
                         side.name().to_owned(),
                         format!("fiber {port}"),
                         format!(
@@ -300,7 +300,7 @@ impl Twin {
             FiberHandling::Attach => {
                 let Some(held) = self.held[i].take() else {
                     return Err(self.refuse(
-                        "holder carries a fiber",
+                        Rule::HolderFiber,
                         side.name().to_owned(),
                         "an empty holder".to_owned(),
                         "a fiber".to_owned(),

@@ -510,7 +510,7 @@ impl Shared<'_> {
                 }
                 .into());
             }
-            let confirmed = orbit.confirm(station, gap, &peak, "final")?;
+            let confirmed = orbit.confirm(station, gap, &peak, "final");
             // Meanwhile vision may have come to know better.
             let way = aim.gap(station) - self.recipe.approach.gap;
             let far = way.abs() > LATE * self.fast.gap_tolerance;
@@ -527,7 +527,11 @@ impl Shared<'_> {
                     level,
                     expected,
                 },
-                Err(outcome) => outcome,
+                // Other turns bring no peak nearer that the micro does not reach.
+                Err(halt @ (Halt::Fault(_) | Halt::Outcome(Outcome::MicroRange { .. }))) => {
+                    return Err(halt);
+                }
+                Err(Halt::Outcome(doubt)) => doubt,
             };
             if attempt == ATTEMPTS {
                 return Err(why.into());

@@ -107,8 +107,7 @@ fn until_seen(station: &mut Station, aim: &Aim, sure: f64) -> Result<(), Halt> {
             Some(seen) if seen.sigma[0] <= sure => return Ok(()),
             Some(_) if station.time() > begin + PATIENCE => return Ok(()),
             None if station.time() > begin + PATIENCE => {
-                let what = format!("vision sees no fiber in the {} holder", aim.side.name());
-                return Err(Outcome::OutOfReach(what).into());
+                return Err(Outcome::FiberUnseen { side: aim.side }.into());
             }
             _ => station.cycle()?,
         }

@@ -20,8 +20,8 @@ const DITHER: f64 = 4.5;
 ///
 /// # Errors
 ///
-/// A fault; [`Outcome::OutOfReach`] where the whole voltage does not move it, or without a sensor at
-/// the output.
+/// A fault; [`Outcome::NoBreakAway`] where the whole voltage does not move it; [`Outcome::Lacking`]
+/// without a sensor at the output.
 pub fn break_away(station: &mut Station, at: AxisName, rest: f64) -> Result<f64, Halt> {
     // At first no more is known than the encoder tells, whose count may be much of a windup; what
     // that finds is enough for a dither.
@@ -58,8 +58,7 @@ fn break_away_from(
         while station.encoder(at) == start {
             volts += step;
             if volts > limit {
-                let what = format!("{at} does not break away at {limit} V");
-                return Err(Outcome::OutOfReach(what).into());
+                return Err(Outcome::NoBreakAway { at, limit }.into());
             }
             station.hold_voltage(at, Volts(sign * volts));
             station.cycle()?;

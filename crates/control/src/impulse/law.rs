@@ -65,7 +65,7 @@ const MOST_READINGS: u32 = 1000;
 ///
 /// # Errors
 ///
-/// A fault, or [`Outcome::OutOfReach`] without a sensor.
+/// A fault, or [`Outcome::Lacking`] without a sensor.
 pub fn sensor_noise(station: &mut Station, impulses: &Impulses) -> Result<f64, Halt> {
     let single = Impulses {
         readings: 1,
@@ -92,7 +92,7 @@ pub fn readings_for(noise: f64, tolerance: f64) -> u32 {
 ///
 /// # Errors
 ///
-/// A fault, or [`Outcome::OutOfReach`] for a pulse that the amplifier cannot play.
+/// A fault, or [`Outcome::Unplayable`] for a pulse that the amplifier cannot play.
 pub fn drive(
     station: &mut Station,
     impulses: &Impulses,
@@ -142,12 +142,10 @@ pub fn drive(
 ///
 /// # Errors
 ///
-/// [`Outcome::OutOfReach`] where it is not between 0 and 2: the loop would not be stable.
+/// [`Outcome::UnstableGain`] where it is not between 0 and 2: the loop would not be stable.
 pub fn check_gain(gain: f64) -> Result<(), Outcome> {
     if gain > 0.0 && gain < 2.0 {
         return Ok(());
     }
-    Err(Outcome::OutOfReach(format!(
-        "a gain of {gain} makes no stable loop (4.12); accepted is one above 0 and below 2"
-    )))
+    Err(Outcome::UnstableGain(gain))
 }

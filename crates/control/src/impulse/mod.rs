@@ -16,7 +16,7 @@ pub mod experiment;
 pub mod law;
 pub mod response;
 
-use crate::outcome::{Halt, Outcome};
+use crate::outcome::{Halt, Lack, Outcome};
 use crate::station::Station;
 use pigtail_hal::pulse::HARMONICS;
 use pigtail_hal::quantity::{Counts, Volts};
@@ -127,7 +127,7 @@ impl Impulses {
     ///
     /// # Errors
     ///
-    /// A fault, or [`Outcome::OutOfReach`] on a rig without a sensor at the output.
+    /// A fault, or [`Outcome::Lacking`] on a rig without a sensor at the output.
     pub fn begin(&self, station: &mut Station) -> Result<(), Halt> {
         station.hold_voltage(self.at, Volts(0.0));
         station.run(self.rest)?;
@@ -146,12 +146,9 @@ impl Impulses {
         let mut sum = 0.0;
         for _ in 0..self.readings.max(1) {
             station.cycle()?;
-            sum += station.probe(self.at).ok_or_else(|| {
-                Outcome::OutOfReach(format!(
-                    "{} has no sensor at its output on this rig, which impulse control needs",
-                    self.at
-                ))
-            })?;
+            sum += station
+                .probe(self.at)
+                .ok_or(Outcome::Lacking(Lack::Sensor(self.at)))?;
         }
         Ok(sum / f64::from(self.readings.max(1)))
     }
@@ -160,7 +157,7 @@ impl Impulses {
     ///
     /// # Errors
     ///
-    /// A fault, or [`Outcome::OutOfReach`] for a pulse that the amplifier cannot play.
+    /// A fault, or [`Outcome::Unplayable`] for a pulse that the amplifier cannot play.
     pub fn play(&self, station: &mut Station, pulse: Pulse) -> Result<(), Halt> {
         station.pulse(self.at, pulse)?;
         station.run(pulse.period + self.rest)?;
@@ -241,9 +238,8 @@ fn counts_from_output(station: &Station, at: AxisName, output: f64) -> Result<Co
     let angle = match at.axis {
         Axis::A | Axis::B => {
             let probe = spec.probe.as_ref();
-            let arm = probe.map(|probe| probe.arm).ok_or_else(|| {
-                Outcome::OutOfReach(format!("{at} has no sensor at its output on this rig"))
-            })?;
+            let arm = probe.map(|probe| probe.arm);
+            let arm = arm.ok_or(Outcome::Lacking(Lack::Sensor(at)))?;
             output / arm
         }
         Axis::Z => station.kinematics(at.side).screw_angle(output),

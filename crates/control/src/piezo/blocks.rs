@@ -78,7 +78,7 @@ impl Blocks {
             *w /= most;
         }
         Record::weighted(self.time.clone(), self.driven().collect(), way, weight)
-            .map_err(|invalid| Outcome::OutOfReach(format!("the record of a piezo: {invalid}")))
+            .map_err(|why| Outcome::NoModel { piezo: None, why })
     }
 
     /// The driven piezo's voltage.
@@ -130,8 +130,10 @@ fn pieces(series: &Series, over: Range<usize>, piezo: usize) -> Vec<Range<usize>
 
 /// The model that remembers, from such a record, and the lag if it is known.
 pub(super) fn fitted(record: &Record, piezo: usize, lag: Option<f64>) -> Result<Memory, Outcome> {
-    fit_memory(record, record.len(), lag, Creep::Logarithmic)
-        .map_err(|invalid| Outcome::OutOfReach(format!("piezo {}: {invalid}", piezo + 1)))
+    fit_memory(record, record.len(), lag, Creep::Logarithmic).map_err(|why| Outcome::NoModel {
+        piezo: Some(piezo),
+        why,
+    })
 }
 
 /// What the light tells of a piezo.
@@ -149,7 +151,10 @@ impl Told {
     /// Both models, of which one is learned already. The thesis's networks know neither speed nor inner
     /// loops: they get the curves they are for.
     pub(super) fn learned(self, piezo: usize, memory: &Memory) -> Result<Identified, Outcome> {
-        let of = |invalid: Invalid| Outcome::OutOfReach(format!("piezo {}: {invalid}", piezo + 1));
+        let of = |why: Invalid| Outcome::NoModel {
+            piezo: Some(piezo),
+            why,
+        };
         let ways = together(&self.record, &self.slow).map_err(of)?;
         let rbf = Rbf::train(&ways).map_err(of)?;
         Ok(Identified {

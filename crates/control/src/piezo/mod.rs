@@ -161,7 +161,7 @@ fn parabola(points: &[(f64, f64, f64)]) -> Option<[f64; 3]> {
 }
 
 /// A Gaussian through points of place and light: its top's logarithm, centre and width.
-fn gaussian(points: &[(f64, f64)], what: &str) -> Result<Flank, Outcome> {
+fn gaussian(points: &[(f64, f64)], place: &'static str) -> Result<Flank, Outcome> {
     // Errors of a logarithm are those of the light over the light.
     let logs: Vec<_> = points.iter().map(|(x, i)| (*x, i.ln(), i * i)).collect();
     match parabola(&logs) {
@@ -170,7 +170,7 @@ fn gaussian(points: &[(f64, f64)], what: &str) -> Result<Flank, Outcome> {
             centre: -0.5 * c1 / c2,
             width: (-1.0 / c2).sqrt(),
         }),
-        _ => Err(no_beam(what)),
+        _ => Err(no_beam(place)),
     }
 }
 
@@ -180,8 +180,8 @@ fn share_in_x(station: &Station, piezo: usize) -> f64 {
     [cos, -sin][piezo]
 }
 
-fn no_beam(what: &str) -> Outcome {
-    Outcome::OutOfReach(format!("the light {what} is not that of a beam"))
+fn no_beam(place: &'static str) -> Outcome {
+    Outcome::NoBeam { place }
 }
 
 /// Identifies both piezos of a side's micro.

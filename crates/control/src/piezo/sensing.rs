@@ -86,19 +86,16 @@ pub(super) fn identify(station: &mut Station, recipe: &Recipe) -> Result<Micro, 
         Ok(Model::Memory(fitted(&told.record, i, None)?))
     };
     let models = [alone(0)?, alone(1)?];
-    let mut piezos = Vec::with_capacity(MICRO_AXES);
     let mut ratio = 0.0;
-    for piezo in 0..MICRO_AXES {
+    let mut beside = |piezo: usize| -> Result<Identified, Halt> {
         let other = Some(&models[1 - piezo]);
         let told = tell(station, piezo, (&series, &driven[piezo]), other)?;
         let memory = fitted(&told.record, piezo, None)?;
         let found = told.learned(piezo, &memory)?;
         ratio += ratio_of(station, piezo, &found, &up, up_x, &beam) / MICRO_AXES as f64;
-        piezos.push(found);
-    }
-    let piezos = piezos
-        .try_into()
-        .map_err(|_| Outcome::OutOfReach("a micro has two piezos".to_owned()))?;
+        Ok(found)
+    };
+    let piezos = [beside(0)?, beside(1)?];
     Ok(Micro { piezos, ratio })
 }
 

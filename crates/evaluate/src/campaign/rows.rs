@@ -1,6 +1,7 @@
 //! The rows of a campaign: one a fiber, in columns that say their unit.
 
 use super::Device;
+use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::procedure::PORTS;
 use pigtail_session::procedure::Procedure;
 use pigtail_store::rows::{Cell, Column, Kind, Table};
@@ -125,8 +126,8 @@ pub fn push(table: &mut Table, procedure: Procedure, device: &Device) {
         let mut row = vec![
             Cell::Whole(device.seed),
             Cell::Text(Some(fiber.port)),
-            Cell::Text(Some(fiber.outcome)),
-            Cell::Text((fiber.outcome != "aligned").then_some(&fiber.detail)),
+            Cell::Text(Some(fiber.outcome.name())),
+            Cell::Text((fiber.outcome != OutcomeCode::Aligned).then_some(&fiber.detail)),
             Cell::Flag(fiber.within_tolerance),
             Cell::Flag(Some(document.collision)),
             Cell::Number(attempted.then_some(fiber.seconds)),
@@ -156,7 +157,7 @@ pub fn push(table: &mut Table, procedure: Procedure, device: &Device) {
             .map(Cell::Number),
         );
         row.push(Cell::Text(injected.as_deref()));
-        row.push(Cell::Text(document.fault.as_ref().map(|f| &*f.rule)));
+        row.push(Cell::Text(document.fault.as_ref().map(|f| f.rule.text())));
         table.add(row);
     }
 }

@@ -3,7 +3,8 @@
 use super::rows::ROWS_PER_DEVICE;
 use super::store::Store;
 use anyhow::Result;
-use pigtail_machines::OVERDUE;
+use pigtail_control::outcome::OutcomeCode;
+use pigtail_hal::Rule;
 use pigtail_numerics::rounded;
 use pigtail_numerics::statistics::{CONFIDENCE, Percentiles, Sorted, wilson};
 use pigtail_session::procedure::Procedure;
@@ -212,11 +213,11 @@ impl Document {
 
 /// Why a fiber counts as failed; `None` where it is aligned.
 fn cause(outcome: &str, within_tolerance: Option<bool>, collision: Option<bool>) -> Option<&str> {
-    match outcome {
-        "aligned" if within_tolerance != Some(true) => Some("wrong_aligned"),
+    match OutcomeCode::from_name(outcome) {
+        Some(OutcomeCode::Aligned) if within_tolerance != Some(true) => Some("wrong_aligned"),
         _ if collision == Some(true) => Some("collision"),
-        "aligned" => None,
-        other => Some(other),
+        Some(OutcomeCode::Aligned) => None,
+        _ => Some(outcome),
     }
 }
 
@@ -253,7 +254,7 @@ impl Ends {
                 text[..end].to_owned()
             }),
             tripped: rule.is_some(),
-            hung: rule == Some(OVERDUE),
+            hung: rule == Some(Rule::Deadline.text()),
             collided: collided == Some(true),
             panicked: false,
             wrong: false,
@@ -263,7 +264,7 @@ impl Ends {
 
     fn fiber(&mut self, outcome: &str, cause: Option<&str>) {
         if let Some(device) = &mut self.device {
-            device.panicked |= outcome == "panic";
+            device.panicked |= outcome == OutcomeCode::Panic.name();
             device.wrong |= cause == Some("wrong_aligned");
             device.failed |= cause.is_some();
         }
@@ -413,7 +414,11 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<Document> {
         },
         collisions: collided.count,
         panics: ends.panics,
-        hangs: ends.tripped.get(OVERDUE).copied().unwrap_or(0),
+        hangs: ends
+            .tripped
+            .get(Rule::Deadline.text())
+            .copied()
+            .unwrap_or(0),
         false_aligned: wrong.count,
         tripped: ends.tripped,
         faults: plan.faults.clone(),

@@ -4,7 +4,7 @@ use super::Broken;
 use super::keepout::Keepout;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::{CHANNELS, SIDES};
-use pigtail_hal::{Channel, Command, Measurement, Spec};
+use pigtail_hal::{Channel, Command, Measurement, Rule, Spec};
 
 /// Light counts as such from this share of a photodiode's range on.
 const BRIGHT: f64 = 0.02;
@@ -66,7 +66,7 @@ impl LightWatch {
             let (was, is) = (volts[i].0 - self.dark[i], light.volts[i].0 - self.dark[i]);
             if was > self.bright && is < LEFT * was && still(keepout) {
                 return Err(Broken::new(
-                    "light does not go out by itself",
+                    Rule::LightLoss,
                     channel.name(),
                     format!(
                         "{:.3} V became {:.3} V while nothing moved",

@@ -16,7 +16,7 @@ use light::LightWatch;
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, SIDES};
 use pigtail_hal::{
-    Axis, AxisName, Command, Fault, FiberHandling, Machine, Measurement, Side, Spec,
+    Axis, AxisName, Command, Fault, FiberHandling, Machine, Measurement, Rule, Side, Spec,
 };
 use pigtail_model::fivebar::{FiveBar, JointAngle, Unreachable};
 use pigtail_model::frames::{Chip, Placement, Point};
@@ -164,14 +164,14 @@ const APART: f64 = 1e-3;
 
 /// A broken rule; the time is the guard's to say.
 struct Broken {
-    rule: &'static str,
+    rule: Rule,
     axis: String,
     value: String,
     limit: String,
 }
 
 impl Broken {
-    fn new(rule: &'static str, axis: impl Into<String>, value: String, limit: String) -> Self {
+    fn new(rule: Rule, axis: impl Into<String>, value: String, limit: String) -> Self {
         Self {
             rule,
             axis: axis.into(),
@@ -182,7 +182,7 @@ impl Broken {
 
     fn at(self, time: f64) -> Fault {
         Fault {
-            rule: self.rule.into(),
+            rule: self.rule,
             axis: self.axis,
             value: self.value,
             limit: self.limit,
@@ -280,7 +280,7 @@ impl<M: Machine> Guard<M> {
     ) -> Result<(), Broken> {
         if measured.stop {
             return Err(Broken::new(
-                "nobody asks to stop",
+                Rule::StopRequest,
                 "machine",
                 "stop was pressed".to_owned(),
                 "a machine that nobody stops".to_owned(),
@@ -305,7 +305,7 @@ impl<M: Machine> Guard<M> {
         let near = self.keepout.nearest();
         if near.clearance < self.limits.clearance {
             return Err(Broken::new(
-                "distance from the chip",
+                Rule::ChipDistance,
                 near.what,
                 format!(
                     "{:.1} um by vision and encoders, were it stopped now",
@@ -332,7 +332,7 @@ impl<M: Machine> Guard<M> {
                 let named = || AxisName { side, axis }.to_string();
                 if (now - then).abs() > limits.jump[k] {
                     return Err(Broken::new(
-                        "encoder counts no faster than the motor turns",
+                        Rule::EncoderSpeed,
                         named(),
                         format!("{} counts in a cycle", now - then),
                         format!("at most {}", limits.jump[k]),
@@ -358,7 +358,7 @@ impl<M: Machine> Guard<M> {
                 if away > most {
                     let um = 1e6 * limits.metres_per_count[k];
                     return Err(Broken::new(
-                        "axis follows its servo",
+                        Rule::ServoFollowing,
                         named(),
                         format!("{:.0} um away", away as f64 * um),
                         format!("at most {:.0} um at this speed", most as f64 * um),
@@ -394,7 +394,7 @@ impl<M: Machine> Guard<M> {
             let [across, along] = limits.reach;
             if !(whole[i] && at.x.abs() <= across && at.y.abs() <= across && at.z.abs() <= along) {
                 return Err(Broken::new(
-                    "endpoint within its workspace",
+                    Rule::Workspace,
                     side.name(),
                     format!(
                         "x {:.2}, y {:.2}, z {:.2} mm from home",
@@ -417,7 +417,7 @@ impl<M: Machine> Guard<M> {
                 if way > most {
                     let speed = |way: f64| way / (WHILE as f64 * limits.period) * 1e3;
                     return Err(Broken::new(
-                        "endpoint within its speed",
+                        Rule::EndpointSpeed,
                         format!("{}, {what}", side.name()),
                         format!("{:.1} mm/s", speed(way)),
                         format!("at most {:.1} mm/s", speed(most)),
@@ -428,7 +428,7 @@ impl<M: Machine> Guard<M> {
         let apart = self.keepout.between_holders();
         if apart < APART {
             return Err(Broken::new(
-                "holders stay apart",
+                Rule::HolderDistance,
                 "left and right",
                 format!("{:.2} mm", apart * 1e3),
                 format!("at least {:.2} mm", APART * 1e3),
@@ -471,9 +471,9 @@ fn voltage(
         return Ok(());
     }
     let rule = if volts.is_finite() {
-        "voltage within the limit"
+        Rule::VoltageLimit
     } else {
-        "command is a number"
+        Rule::CommandNumber
     };
     let accepted = format!("{low} V to {high} V");
     Err(Broken::new(rule, name(), format!("{volts} V"), accepted))
@@ -481,7 +481,7 @@ fn voltage(
 
 fn surprised(Surprise { what, by, accepted }: Surprise) -> Broken {
     Broken::new(
-        "vision agrees with the encoders",
+        Rule::VisionAgreement,
         what,
         format!("{:.1} um from where they have it", by * 1e6),
         format!("at most {:.1} um", accepted * 1e6),

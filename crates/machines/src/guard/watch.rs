@@ -3,7 +3,7 @@
 use super::Broken;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::{AXES, CHANNELS, MICRO_AXES, SIDES};
-use pigtail_hal::{Axis, AxisName, Channel, Measurement, Side, Spec, VisionFrame};
+use pigtail_hal::{Axis, AxisName, Channel, Measurement, Rule, Side, Spec, VisionFrame};
 
 /// A sensor is late after so many of its own periods.
 const LATE: f64 = 4.0;
@@ -56,7 +56,7 @@ impl Sensors {
         // A time that is no number is not in time.
         if !in_time {
             return Err(Broken::new(
-                "servo keeps its time",
+                Rule::ServoTiming,
                 "machine",
                 format!("{:.3} ms since the last cycle", step * 1e3),
                 format!("{:.3} ms", self.period * 1e3),
@@ -73,7 +73,7 @@ impl Sensors {
                 self.fulls[i] += 1;
                 if self.fulls[i] > self.most_full {
                     return Err(Broken::new(
-                        "photodiode within its range",
+                        Rule::PhotodiodeRange,
                         channel.name(),
                         format!("{volts:.3} V"),
                         format!("less than {:.3} V", self.full),
@@ -87,7 +87,7 @@ impl Sensors {
         ] {
             if now.time - heard > patience {
                 return Err(Broken::new(
-                    "sensors are heard of",
+                    Rule::SensorSilence,
                     what,
                     format!("nothing for {:.1} ms", (now.time - heard) * 1e3),
                     format!("at most {:.1} ms", patience * 1e3),
@@ -107,7 +107,7 @@ impl Sensors {
         self.last_frame = Some(*frame);
         if self.alike >= ALIKE {
             return Err(Broken::new(
-                "vision is alive",
+                Rule::VisionFrozen,
                 "vision",
                 format!("{} frames alike to the last digit", self.alike + 1),
                 "frames that differ by their noise".to_owned(),
@@ -160,7 +160,7 @@ impl Stalls {
             return Ok(());
         }
         Err(Broken::new(
-            "motor turns under voltage",
+            Rule::MotorStall,
             at.to_string(),
             format!("no count, at {volts:.1} V"),
             format!("counts above {start} V"),
@@ -218,7 +218,7 @@ impl Outputs {
                     continue;
                 }
                 return Err(Broken::new(
-                    "output follows its motor",
+                    Rule::OutputFollowing,
                     AxisName { side, axis }.to_string(),
                     format!("{:.1} um from where its motor has it", by * 1e6),
                     format!("at most {:.1} um at this speed", accepted * 1e6),
@@ -289,7 +289,7 @@ impl Piezos {
                 s.ends[SWINGS - 1] = self.cycle;
                 if self.cycle - s.ends[0] <= self.within {
                     return Err(Broken::new(
-                        "piezo does not run away",
+                        Rule::PiezoRunaway,
                         format!("{}.micro{}", side.name(), i + 1),
                         format!("{SWINGS} swings within {:.0} ms", WITHIN * 1e3),
                         format!("fewer, of {:.1} V or more", self.swing),

@@ -4,7 +4,9 @@ use pigtail_hal::measurement::TipFix;
 use pigtail_hal::pulse::HARMONICS;
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, CHANNELS, MICRO_AXES, SIDES};
-use pigtail_hal::{Command, Fault, FiberHandling, LightSample, Measurement, Pulse, VisionFrame};
+use pigtail_hal::{
+    Command, Fault, FiberHandling, LightSample, Measurement, Pulse, Rule, VisionFrame,
+};
 
 /// One exchange: what was said, and what came back.
 #[derive(Debug, Clone, PartialEq)]
@@ -360,7 +362,7 @@ impl Seldom {
             Self::Fault(fault) => {
                 out.push(4);
                 number(out, fault.time);
-                for text in [&*fault.rule, &fault.axis, &fault.value, &fault.limit] {
+                for text in [fault.rule.text(), &fault.axis, &fault.value, &fault.limit] {
                     out.extend((text.len() as u32).to_le_bytes());
                     out.extend(text.as_bytes());
                 }
@@ -428,7 +430,7 @@ impl Seldom {
             4 => {
                 let time = from.f64()?;
                 Self::Fault(Fault {
-                    rule: from.text()?.into(),
+                    rule: Rule::from_text(&from.text()?),
                     axis: from.text()?,
                     value: from.text()?,
                     limit: from.text()?,
@@ -565,7 +567,7 @@ mod tests {
         };
         block.push(&command, &measured);
         let fault = Fault {
-            rule: "a rule".into(),
+            rule: Rule::Other("a rule".to_owned()),
             axis: "left.z".to_owned(),
             value: "5 um".to_owned(),
             limit: "at most 4 um".to_owned(),

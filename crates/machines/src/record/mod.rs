@@ -13,7 +13,7 @@ mod replay;
 
 pub use reader::{Reader, RecordError};
 pub use recorder::{Closing, Recorder, Written};
-pub use replay::{DIFFERS, ENDS, Replay};
+pub use replay::Replay;
 
 /// What every record begins with.
 const MAGIC: &[u8; 8] = b"PIGTAIL1";

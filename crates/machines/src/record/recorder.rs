@@ -2,7 +2,7 @@
 
 use super::format::Block;
 use super::{MAGIC, RecordError};
-use pigtail_hal::{Command, Fault, Machine, Measurement, Spec};
+use pigtail_hal::{Command, Fault, Machine, Measurement, Rule, Spec};
 use sha2::{Digest, Sha256};
 use std::fs::File;
 use std::io::{self, Write};
@@ -140,7 +140,7 @@ impl<M: Machine> Recorder<M> {
             .clone()
             .unwrap_or_else(|| "its thread has ended".to_owned());
         self.fault = Some(Fault {
-            rule: "record can be written".into(),
+            rule: Rule::RecordWritable,
             axis: self.path.display().to_string(),
             value: why,
             limit: "a disk with room".to_owned(),

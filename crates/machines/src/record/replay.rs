@@ -3,12 +3,7 @@
 use super::format::Exchange;
 use super::{Reader, RecordError};
 use pigtail_hal::spec::{AXES, MICRO_AXES};
-use pigtail_hal::{Axis, AxisName, Command, Fault, Machine, Measurement, Side, Spec};
-
-/// The rule that a command breaks which is another than the recorded one.
-pub const DIFFERS: &str = "commands are as recorded";
-/// The rule that a command breaks which comes after the record's end.
-pub const ENDS: &str = "the record goes on";
+use pigtail_hal::{Axis, AxisName, Command, Fault, Machine, Measurement, Rule, Side, Spec};
 
 /// A record that is replayed. The first command that differs from the recorded one in any bit is a
 /// [`Fault`] that names it.
@@ -71,9 +66,9 @@ impl Replay {
         Ok(left)
     }
 
-    fn refuse(&mut self, rule: &'static str, axis: &str, value: String, limit: String) -> Fault {
+    fn refuse(&mut self, rule: Rule, axis: &str, value: String, limit: String) -> Fault {
         let fault = Fault {
-            rule: rule.into(),
+            rule,
             axis: axis.to_owned(),
             value,
             limit,
@@ -102,7 +97,7 @@ impl Machine for Replay {
             Ok(None) => {
                 let cycles = self.cycles;
                 return Err(self.refuse(
-                    ENDS,
+                    Rule::ReplayEnds,
                     "record",
                     format!("command {} is asked for", cycles + 1),
                     format!("{cycles} that were recorded"),
@@ -110,7 +105,7 @@ impl Machine for Replay {
             }
             Err(error) => {
                 let fault = self.refuse(
-                    ENDS,
+                    Rule::ReplayEnds,
                     "record",
                     error.to_string(),
                     "a whole record".to_owned(),
@@ -122,7 +117,7 @@ impl Machine for Replay {
         if let Some((what, is, was)) = difference(command, &recorded) {
             let cycle = self.cycles + 1;
             return Err(self.refuse(
-                DIFFERS,
+                Rule::ReplayDiffers,
                 &what,
                 format!("{is} in command {cycle}"),
                 format!("{was} as recorded"),

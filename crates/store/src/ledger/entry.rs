@@ -273,7 +273,7 @@ impl Entry {
                  SELECT ?1, count(*), ?2, ?3, ?4, ?5, ?6 FROM faults WHERE run = ?1",
                 params![
                     run,
-                    fault.rule,
+                    fault.rule.text(),
                     fault.axis,
                     fault.value,
                     fault.limit,
