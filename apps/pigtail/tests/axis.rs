@@ -38,12 +38,39 @@ fn tuned(setup: &Setup, name: &str, method: Method, seed: u64) -> Tuned {
     setup.run(&plan, seed, &mut Unobserved).expect("no fault")
 }
 
-/// Thesis 2.3.2: rise 11 and 14 ms, settling 42 and 37 ms, in at most 100 trials. The datasheet asks for
-/// 12 and 42, 15 and 38.
+/// Thesis 2.3.2: rise 11 and 14 ms, settling 42 and 37 ms. The datasheet asks for 12 and 42, 15 and 38.
+fn is_tuned(name: &str, seed: u64, tuned: &pigtail_session::tune::Document) {
+    let (rise, settling) = match name {
+        "fivebar" => (12.0, 42.0),
+        _ => (15.0, 38.0),
+    };
+    assert!(tuned.specified.expect("a datasheet that asks").met);
+    assert!(tuned.rise_ms <= rise, "{name} {seed}: {} ms", tuned.rise_ms);
+    assert!(
+        tuned.settling_ms <= settling,
+        "{name} {seed}: {} ms",
+        tuned.settling_ms
+    );
+    assert!(tuned.trials <= 50);
+}
+
+#[test]
+fn a_machine_is_tuned_to_the_thesis_s_figures() {
+    for name in ["fivebar", "z"] {
+        is_tuned(
+            name,
+            600,
+            &tuned(&setup(), name, Method::Simplex, 600).document,
+        );
+    }
+}
+
+/// In half of the trials that the thesis allows.
 ///
 /// The rise is nearly the amplifier's: at full voltage from start to end the nominal five-bar joint
 /// needs 10.6 ms from 10 to 90 %. By the ITAE alone one of these machines, seed 619, rises in 12.15 ms.
 #[test]
+#[ignore = "long: twenty machines"]
 fn twenty_machines_are_tuned_to_the_thesis_s_figures() {
     let setup = setup();
     let least = |d: &pigtail_session::tune::Document| {
@@ -52,17 +79,10 @@ fn twenty_machines_are_tuned_to_the_thesis_s_figures() {
             .map(|s| s.cost)
             .fold(f64::INFINITY, f64::min)
     };
-    for (name, rise, settling) in [("fivebar", 12.0, 42.0), ("z", 15.0, 38.0)] {
+    for name in ["fivebar", "z"] {
         let costs = (600..620).into_par_iter().map(|seed| {
             let fast = tuned(&setup, name, Method::Simplex, seed).document;
-            assert!(fast.specified.expect("a datasheet that asks").met);
-            assert!(fast.rise_ms <= rise, "{name} {seed}: {} ms", fast.rise_ms);
-            assert!(
-                fast.settling_ms <= settling,
-                "{name} {seed}: {} ms",
-                fast.settling_ms
-            );
-            assert!(fast.trials <= 50);
+            is_tuned(name, seed, &fast);
             let slow = tuned(&setup, name, Method::Random, seed).document;
             [least(&fast), least(&slow)]
         });
@@ -161,10 +181,9 @@ fn a_frequency_response_starts_at_one_and_falls() {
 
 /// Windup on machines drawn around the plant, each identified by itself, over the full range, a
 /// quarter of it, repeatedly and with random reversals.
-#[test]
-fn windup_is_compensated_twentyfold_on_every_machine() {
+fn windup_is_compensated_twentyfold(seeds: std::ops::Range<u64>) {
     let setup = setup();
-    let all = (730..750).into_par_iter().map(|seed| {
+    let all = seeds.into_par_iter().map(|seed| {
         let identified = setup
             .experiment(seed, |station| {
                 windup(station, &setup.rig, axis("fivebar"), Model::Memory, seed)
@@ -192,6 +211,17 @@ fn windup_is_compensated_twentyfold_on_every_machine() {
     eprintln!("worst {worst:.1}; with (2.20) {thesis:.1}, at most {left:.1} um are left");
     assert!(worst > 20.0, "{worst}");
     assert!(thesis > 7.0 && left < 15.0, "{thesis} {left}");
+}
+
+#[test]
+fn windup_is_compensated_twentyfold_on_a_machine() {
+    windup_is_compensated_twentyfold(730..731);
+}
+
+#[test]
+#[ignore = "long: twenty machines"]
+fn windup_is_compensated_twentyfold_on_every_machine() {
+    windup_is_compensated_twentyfold(730..750);
 }
 
 struct Folder(TempDir);

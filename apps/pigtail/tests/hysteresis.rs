@@ -1,22 +1,12 @@
-//! `pigtail identify hysteresis --data` and `pigtail predict`: on a measured record, where it is
-//! there, and on records that are none.
+//! `pigtail identify hysteresis` and `pigtail predict`: on the machine, and on records that are none. A measured
+//! record is in `measured`.
 
 use assert_cmd::Command;
 use serde_json::Value;
 use std::fmt::Write as _;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use tempfile::TempDir;
-
-fn measured() -> Option<PathBuf> {
-    let folder =
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/piezo_picma_p885");
-    if folder.join("nested_loops.csv").exists() {
-        return Some(folder);
-    }
-    eprintln!("skipped: no measured record in {}", folder.display());
-    None
-}
 
 fn pigtail(folder: &Path, arguments: &[&str]) -> (Option<i32>, String, String) {
     let output = Command::new(env!("CARGO_BIN_EXE_pigtail"))
@@ -36,73 +26,6 @@ fn json(folder: &Path, arguments: &[&str]) -> Value {
     let (code, out, error) = pigtail(folder, arguments);
     assert_eq!(code, Some(0), "{error}");
     serde_json::from_str(&out).expect("one JSON document")
-}
-
-/// The published operator's error after inversion is 0.58 um; 1 % of the range is wanted.
-#[test]
-fn fitted_on_the_full_loop_the_model_tells_the_nested_ones() {
-    let Some(data) = measured() else { return };
-    let folder = TempDir::new().expect("a folder");
-    let path = |name: &str| data.join(name).display().to_string();
-    let fitted = json(
-        folder.path(),
-        &[
-            "identify",
-            "hysteresis",
-            "--data",
-            &path("model_1hz_fullscale.csv"),
-            "--input",
-            "u_V",
-            "--output",
-            "disp_um",
-            "--time",
-            "t_s",
-            "--json",
-        ],
-    );
-    for key in [
-        "model",
-        "rms_um",
-        "max_um",
-        "range_um",
-        "percent_of_range",
-        "uncompensated_percent",
-        "improvement",
-        "functions",
-    ] {
-        assert!(!fitted[key].is_null(), "{key}");
-    }
-    let model = fitted["model_file"].as_str().expect("a path");
-    let told = json(
-        folder.path(),
-        &[
-            "predict",
-            "--model",
-            model,
-            "--data",
-            &path("nested_loops.csv"),
-            "--json",
-        ],
-    );
-    let rms = told["rms_um"].as_f64().expect("a number");
-    assert!(rms <= 0.41, "{rms} um");
-    let inverse = json(
-        folder.path(),
-        &[
-            "predict",
-            "--model",
-            model,
-            "--data",
-            &path("nested_loops.csv"),
-            "--inverse",
-            "--json",
-        ],
-    );
-    let rms = inverse["rms_um"].as_f64().expect("a number");
-    assert!(rms <= 0.41, "{rms} um");
-    let report = fitted["report"].as_str().expect("a path");
-    let html = fs::read_to_string(folder.path().join(report)).expect("a report");
-    assert_eq!(html.matches("<svg").count(), 3);
 }
 
 /// A loop with some hysteresis, one row changed.

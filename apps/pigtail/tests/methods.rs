@@ -134,18 +134,30 @@ fn what_no_method_can_do_is_refused() {
     }
 }
 
-#[test]
-fn method_3_finds_light_and_covers_in_its_time() {
+/// On how many of these machines the third method finds light, in its time.
+fn method_3_finds(seeds: std::ops::Range<u64>) -> u32 {
     let (setup, space) = (setup(), space(Method::Multimode, 5e-6));
     let mut found = 0;
-    for seed in 0..20 {
+    for seed in seeds {
         let document = cover(&setup, &space, seed);
         let seconds = document.measured_seconds.expect("a search");
         assert!(near(seconds, 5.0, 0.05), "seed {seed}: {seconds} s");
         found += u32::from(document.found);
     }
+    found
+}
+
+#[test]
+#[ignore = "long: twenty machines"]
+fn method_3_finds_light_on_most_machines() {
     // The areas are the formula's, without the margins of a procedure.
+    let found = method_3_finds(0..20);
     assert!(found >= 15, "{found} of 20");
+}
+
+#[test]
+fn method_3_finds_light_and_covers_in_its_time() {
+    assert!(method_3_finds(0..2) > 0);
     let output = pigtail(&["align", "--method", "multimode", "--json"]);
     assert_eq!(output.status.code(), Some(0));
     let document: Value = serde_json::from_slice(&output.stdout).expect("one JSON document");
@@ -203,6 +215,7 @@ fn the_same_seed_finds_the_same_and_a_dark_device_nothing() {
 
 /// Every method and mesh has its row; method 2 runs on a rig whose photodiodes are fast enough.
 #[test]
+#[ignore = "long: seven searches in full"]
 fn a_plan_has_all_methods_measured() {
     let setup = small();
     let document = plan(&setup, 0, 1, &mut |_| ()).expect("no fault");

@@ -146,6 +146,7 @@ fn the_twin_of_an_axis_along_a_line_moves_as_the_axis_does() {
 
 /// `tune`, `characterize` and `align` take what was identified, of an axis of either kind.
 #[test]
+#[ignore = "long: everything on two axes of one's own"]
 fn an_identified_axis_is_tuned_characterized_and_aligned_with() {
     let cases = [
         ("z", SLIDING, sliding(71), &SLED_OPTIONS[..]),

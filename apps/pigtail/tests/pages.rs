@@ -426,9 +426,9 @@ fn the_page_of_files_is_what_is_read() {
             "rigs/afpm/plant.toml",
             "Plant",
             &[
-                "crates/machines/src/twin/plant.rs",
-                "crates/machines/src/twin/plant/joint.rs",
-                "crates/machines/src/twin/unrest.rs",
+                "crates/twin/src/plant.rs",
+                "crates/twin/src/plant/joint.rs",
+                "crates/twin/src/unrest.rs",
             ],
         ),
         (

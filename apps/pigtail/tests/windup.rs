@@ -17,6 +17,7 @@ fn setup() -> Setup {
 /// half with a preload above the load's friction. Friction varies by a tenth from machine to
 /// machine.
 #[test]
+#[ignore = "long: fourteen machines"]
 fn windup_goes_with_load_friction_and_against_preload() {
     let at = "fivebar".parse().expect("an axis");
     for seed in 760..762 {
@@ -65,6 +66,7 @@ fn square(coupling: f64) -> Plan {
 }
 
 #[test]
+#[ignore = "long: two machines"]
 fn a_square_is_square_with_compensation() {
     for seed in 770..772 {
         let (d, _) = trace(&setup(), &square(0.0), seed).expect("no fault");
@@ -76,6 +78,7 @@ fn a_square_is_square_with_compensation() {
 /// Figs. 2.21-2.23: 120 um, 30 um, and less with a preload. What the bearings between the links
 /// couple is in no joint's model of windup.
 #[test]
+#[ignore = "long: two machines"]
 fn friction_between_the_links_spoils_what_compensation_gains() {
     for seed in 773..775 {
         let (d, _) = trace(&setup(), &square(0.03), seed).expect("no fault");

@@ -3,7 +3,6 @@
 
 mod group;
 mod maxwell;
-mod oracle;
 mod parameters;
 
 use parameters::{Pid, five_bar, joint, round_up, z_stage};
