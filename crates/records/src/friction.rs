@@ -339,7 +339,7 @@ fn shown(first: &Read, record: &Record, found: &Identified) -> Shown {
                 .zip(&l.known)
                 .map(|(name, k)| {
                     format!(
-                        "{} {} &plusmn; {} {}",
+                        "{} {} ± {} {}",
                         name.replace('_', " "),
                         short(k.value),
                         short(k.std_correlated),
@@ -352,7 +352,7 @@ fn shown(first: &Read, record: &Record, found: &Identified) -> Shown {
                 l.law.parameters().len().to_string(),
                 short(l.relative_error_percent),
                 short(l.validation_error_percent),
-                parameters.join("<br>"),
+                parameters.join("\n"),
             ]
         })
         .collect();

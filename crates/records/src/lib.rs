@@ -198,7 +198,7 @@ pub struct Rows {
     pub title: String,
     /// The first row.
     pub header: Vec<String>,
-    /// The rest.
+    /// The rest: texts, some of more lines than one.
     pub rows: Vec<Vec<String>>,
 }
 

@@ -340,20 +340,14 @@ fn shown(found: &Identified, best: &Variant, replay: Option<&Replay>, kind: Kind
             let name = p.name.replace('_', " ");
             p.known.map_or(format!("{name} not known"), |k| {
                 format!(
-                    "{name} {} &plusmn; {} {}",
+                    "{name} {} ± {} {}",
                     short(k.value),
                     short(k.std),
                     unit(p.name, kind)
                 )
             })
         };
-        row.push(
-            v.parameters
-                .iter()
-                .map(text)
-                .collect::<Vec<_>>()
-                .join("<br>"),
-        );
+        row.push(v.parameters.iter().map(text).collect::<Vec<_>>().join("\n"));
         row
     };
     let tables = [Friction::Symmetric, Friction::Asymmetric]

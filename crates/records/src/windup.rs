@@ -306,7 +306,7 @@ fn shown(first: &Read, found: &Identified, (scale, unit): (f64, &str)) -> Shown 
                 .iter()
                 .map(|(name, k)| {
                     format!(
-                        "{} {} &plusmn; {} {}",
+                        "{} {} ± {} {}",
                         name.replace('_', " "),
                         short(k.value),
                         short(k.std_correlated),
@@ -319,7 +319,7 @@ fn shown(first: &Read, found: &Identified, (scale, unit): (f64, &str)) -> Shown 
                 String::new(),
                 short(scale * m.residual),
                 short(scale * m.held_back),
-                parameters.join("<br>"),
+                parameters.join("\n"),
             ]
         })
         .collect();

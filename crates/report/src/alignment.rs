@@ -1,8 +1,9 @@
 //! The report of one alignment.
 
 use super::figure::{Axes, HALF, WHOLE, coloured, curves, envelope, over_time, range_of};
-use super::html::{escape, figure, page};
+use super::html::{configuration, figure, fixed, number, page, th, verdict};
 use anyhow::Result;
+use maud::{Markup, html};
 use pigtail_control::kinematics::Kinematics;
 use pigtail_control::procedure::PORTS;
 use pigtail_control::station::Sample;
@@ -10,7 +11,6 @@ use pigtail_evaluate::align::{Document, FiberRow};
 use pigtail_hal::{Channel, Side};
 use pigtail_session::samples::{PhaseRecord, Record};
 use pigtail_session::setup::Setup;
-use std::fmt::Write as _;
 
 /// Phases in which a fiber looks for light or follows it.
 const SEARCHING: [&str; 6] = ["raster", "search", "climb", "centre", "approach", "final"];
@@ -25,99 +25,71 @@ const POINTS: usize = 5000;
 ///
 /// When a figure cannot be drawn.
 pub fn alignment(setup: &Setup, document: &Document, record: &Record) -> Result<String> {
-    let mut body = String::new();
     let title = format!(
         "{} on {}, seed {}",
         document.recipe, document.rig, document.seed
     );
-    let _ = writeln!(body, "<h1>{}</h1>", escape(&title));
-    let _ = writeln!(body, "<p>{}</p>", verdict(document));
-    body.push_str(&table(document));
-    body.push_str(
-        "<p class=\"soft\">Offsets are the truth, from the twin: x and y from the peak of the \
-         coupling at the fiber's gap, z from the gap that was wanted. Control never sees them. \
-         All pictures show what control saw: encoders, commanded micro displacement, \
-         photodiodes.</p>\n",
-    );
-    for (index, fiber) in document.fibers.iter().enumerate() {
-        body.push_str(&section(setup, record, index, fiber)?);
-    }
-    body.push_str("<details><summary>Configuration</summary>\n<table>\n");
-    for (file, hash) in &setup.rig.hashes {
-        let _ = writeln!(
-            body,
-            "<tr><td>{}</td><td><code>{hash}</code></td></tr>",
-            escape(file)
-        );
-    }
-    let _ = writeln!(
-        body,
-        "</table>\n<p>pigtail {}</p></details>",
-        document.version
-    );
+    let body = html! {
+        (summary(document))
+        (table(document))
+        p.soft {
+            "Offsets are the truth, from the twin: x and y from the peak of the coupling at the fiber's \
+             gap, z from the gap that was wanted. Control never sees them. All pictures show what control \
+             saw: encoders, commanded micro displacement, photodiodes."
+        }
+        @for (index, fiber) in document.fibers.iter().enumerate() {
+            (section(setup, record, index, fiber)?)
+        }
+        (configuration(&setup.rig.hashes, document.version))
+    };
     Ok(page(&title, &body))
 }
 
-fn verdict(document: &Document) -> String {
+fn summary(document: &Document) -> Markup {
     let aligned = document.fibers.iter().filter(|f| f.is_good()).count();
-    let of = document.fibers.len();
-    let class = if document.is_success() { "good" } else { "bad" };
-    let mut text = format!(
-        "<span class=\"{class}\">{aligned} of {of} fibers aligned</span>, {:.2} s of machine time \
-         a fiber, by the {} procedure.",
-        document.seconds_per_fiber, document.procedure
-    );
-    if document.collision {
-        text.push_str(" <span class=\"bad\">A fiber hit the chip: nothing here counts.</span>");
+    let wrong = |f: &FiberRow| f.within_tolerance == Some(false);
+    html! {
+        p {
+            span class=(verdict(document.is_success())) {
+                (aligned) " of " (document.fibers.len()) " fibers aligned"
+            }
+            ", " (fixed(document.seconds_per_fiber, 2)) " s of machine time a fiber, by the "
+            (document.procedure) " procedure."
+            @if document.collision {
+                " " span.bad { "A fiber hit the chip: nothing here counts." }
+            }
+            @if document.fibers.iter().any(wrong) {
+                " " span.bad { "One that control believes aligned is not." }
+            }
+        }
     }
-    if document
-        .fibers
-        .iter()
-        .any(|f| f.within_tolerance == Some(false))
-    {
-        text.push_str(" <span class=\"bad\">One that control believes aligned is not.</span>");
-    }
-    text
 }
 
-fn table(document: &Document) -> String {
+fn table(document: &Document) -> Markup {
     let names = document.phase_names();
-    let mut html =
-        String::from("<div class=\"scroll\"><table>\n<tr><th>fiber</th><th>outcome</th>");
-    for name in &names {
-        let _ = write!(html, "<th>{name}<small>s</small></th>");
+    html! {
+        div.scroll { table {
+            tr {
+                th { "fiber" }
+                th { "outcome" }
+                @for name in &names { (th(name, "s")) }
+                (th("in all", "s")) (th("x", "um")) (th("y", "um")) (th("z", "um")) (th("loss", "dB"))
+            }
+            @for fiber in &document.fibers {
+                @let offset = fiber.offset_um;
+                tr {
+                    td { (fiber.port) }
+                    td class=(verdict(fiber.is_good())) { (fiber.verdict()) }
+                    @for name in &names { td { (number(fiber.seconds_in(name), 2)) } }
+                    td { (fixed(fiber.seconds, 2)) }
+                    td { (number(offset.map(|o| o.x), 3)) }
+                    td { (number(offset.map(|o| o.y), 3)) }
+                    td { (number(offset.map(|o| o.z), 2)) }
+                    td { (number(fiber.coupling_loss_db, 2)) }
+                }
+            }
+        } }
     }
-    html.push_str(
-        "<th>in all<small>s</small></th><th>x<small>um</small></th><th>y<small>um</small></th>\
-         <th>z<small>um</small></th><th>loss<small>dB</small></th></tr>\n",
-    );
-    let number = |value: Option<f64>, digits: usize| {
-        value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"))
-    };
-    for fiber in &document.fibers {
-        let class = if fiber.is_good() { "good" } else { "bad" };
-        let _ = write!(
-            html,
-            "<tr><td>{}</td><td class=\"{class}\">{}</td>",
-            fiber.port,
-            fiber.verdict()
-        );
-        for name in &names {
-            let _ = write!(html, "<td>{}</td>", number(fiber.seconds_in(name), 2));
-        }
-        let o = fiber.offset_um;
-        let _ = writeln!(
-            html,
-            "<td>{:.2}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
-            fiber.seconds,
-            number(o.map(|o| o.x), 3),
-            number(o.map(|o| o.y), 3),
-            number(o.map(|o| o.z), 2),
-            number(fiber.coupling_loss_db, 2),
-        );
-    }
-    html.push_str("</table></div>\n");
-    html
 }
 
 /// One light sample of a fiber, as the pictures need it.
@@ -165,58 +137,50 @@ fn seen(setup: &Setup, record: &Record, index: usize, port: &str) -> Vec<Seen> {
         .collect()
 }
 
-fn section(setup: &Setup, record: &Record, index: usize, fiber: &FiberRow) -> Result<String> {
-    let mut html = format!("<h2>{}</h2>\n", fiber.port);
+fn section(setup: &Setup, record: &Record, index: usize, fiber: &FiberRow) -> Result<Markup> {
     debug_assert_eq!(fiber.port, PORTS[index]);
-    let _ = writeln!(html, "<p>{}</p>", escape(&sentence(fiber)));
     let seen = seen(setup, record, index, fiber.port);
     let searching: Vec<&Seen> = seen
         .iter()
         .filter(|s| SEARCHING.contains(&s.phase))
         .collect();
-    if seen.is_empty() {
-        return Ok(html);
-    }
-    if let Some(last) = searching.last() {
-        html.push_str("<div class=\"pair\">\n");
-        let end = (last.x, last.y);
-        html.push_str(&figure(
-            &path(&searching, end, 20.0)?,
-            "The search from first to last: where the tip was, as control believes (encoders and \
-             commanded micro displacement, from the port's place by design), coloured by the light \
-             (square root, from dark to bright). The cross is where it ended.",
-        ));
-        let close: Vec<&Seen> = searching
-            .iter()
-            .copied()
-            .filter(|s| !BLIND.contains(&s.phase))
-            .collect();
-        if !close.is_empty() {
-            html.push_str(&figure(
-                &path(&close, end, 2.0)?,
-                "The same from first light on: uphill, then along as the peak walks with the gap, \
-                 then around the last centre.",
-            ));
+    let those = |of: &dyn Fn(&str) -> bool| -> Vec<&Seen> {
+        searching.iter().copied().filter(|s| of(s.phase)).collect()
+    };
+    let close = those(&|phase| !BLIND.contains(&phase));
+    let approach = those(&|phase| phase == "approach");
+    Ok(html! {
+        h2 { (fiber.port) }
+        p { (sentence(fiber)) }
+        @if let Some(last) = searching.last() {
+            @let end = (last.x, last.y);
+            div.pair {
+                (figure(
+                    &path(&searching, end, 20.0)?,
+                    "The search from first to last: where the tip was, as control believes (encoders and \
+                     commanded micro displacement, from the port's place by design), coloured by the light \
+                     (square root, from dark to bright). The cross is where it ended."
+                ))
+                @if !close.is_empty() {
+                    (figure(
+                        &path(&close, end, 2.0)?,
+                        "The same from first light on: uphill, then along as the peak walks with the gap, \
+                         then around the last centre."
+                    ))
+                }
+            }
         }
-        html.push_str("</div>\n");
-    }
-    html.push_str(&figure(
-        &light(&seen)?,
-        "Light of the photodiode that is followed, with the phases.",
-    ));
-    let approach: Vec<&Seen> = searching
-        .iter()
-        .copied()
-        .filter(|s| s.phase == "approach")
-        .collect();
-    if approach.len() > 1 {
-        html.push_str(&figure(
-            &along_z(&approach, setup.rig.recipe.approach.gap * 1e6)?,
-            "The endpoint against z on approach: light leaves the angled facet at an angle, so the \
-             peak walks across the chip as the gap closes, and the tip with it.",
-        ));
-    }
-    Ok(html)
+        @if !seen.is_empty() {
+            (figure(&light(&seen)?, "Light of the photodiode that is followed, with the phases."))
+        }
+        @if approach.len() > 1 {
+            (figure(
+                &along_z(&approach, setup.rig.recipe.approach.gap * 1e6)?,
+                "The endpoint against z on approach: light leaves the angled facet at an angle, so the \
+                 peak walks across the chip as the gap closes, and the tip with it."
+            ))
+        }
+    })
 }
 
 fn sentence(fiber: &FiberRow) -> String {
@@ -232,7 +196,7 @@ fn sentence(fiber: &FiberRow) -> String {
     }
 }
 
-fn path(seen: &[&Seen], end: (f64, f64), least: f64) -> Result<String> {
+fn path(seen: &[&Seen], end: (f64, f64), least: f64) -> Result<Markup> {
     let x = range_of(seen.iter().map(|s| s.x), least);
     let y = range_of(seen.iter().map(|s| s.y), least);
     // One scale on both axes: the figure's plot area is wider than high.
@@ -265,7 +229,7 @@ fn path(seen: &[&Seen], end: (f64, f64), least: f64) -> Result<String> {
     coloured(&axes, &points, end)
 }
 
-fn light(seen: &[Seen]) -> Result<String> {
+fn light(seen: &[Seen]) -> Result<Markup> {
     let start = seen[0].time;
     let mut phases: Vec<(&str, f64, f64)> = Vec::new();
     for s in seen {
@@ -290,7 +254,7 @@ fn light(seen: &[Seen]) -> Result<String> {
     over_time(&axes, &envelope(&curve, WHOLE as usize), &phases)
 }
 
-fn along_z(approach: &[&Seen], final_gap: f64) -> Result<String> {
+fn along_z(approach: &[&Seen], final_gap: f64) -> Result<Markup> {
     let end = approach.last().map_or(0.0, |s| s.z);
     let every = approach.len().div_ceil(1000);
     let against = |value: fn(&Seen) -> f64| -> Vec<(f64, f64)> {

@@ -1,16 +1,11 @@
 //! Reports of experiments on one axis.
 
 use super::figure::{Axes, HALF, WHOLE, bars, curves, range_of};
-use super::html::{escape, figure, page};
+use super::html::{figure, fixed, page};
 use anyhow::Result;
+use maud::{Markup, html};
 use pigtail_control::characterize::{FrequencyResponse, Increments, Trace};
 use pigtail_session::characterize::{FrequencyDocument, ResolutionRow, SineDocument, StepDocument};
-
-use std::fmt::Write as _;
-
-fn head(title: &str, text: &str) -> String {
-    format!("<h1>{}</h1>\n<p>{}</p>\n", escape(title), escape(text))
-}
 
 fn over_time(trace: &Trace, series: &[f64], until: f64) -> Vec<(f64, f64)> {
     series
@@ -29,37 +24,30 @@ fn over_time(trace: &Trace, series: &[f64], until: f64) -> Vec<(f64, f64)> {
 pub fn step(d: &StepDocument, trace: &Trace) -> Result<String> {
     const UNTIL: f64 = 0.08;
     let title = format!("Step of {} counts, {}", d.step, d.axis);
-    let mut body = head(
-        &title,
-        &format!(
-            "Rise {:.1} ms (10 to 90 %), settling {:.1} ms (until the encoder stays within one \
-             count), overshoot {:.1} %.",
-            d.rise_ms, d.settling_ms, d.overshoot_percent
-        ),
+    let text = format!(
+        "Rise {:.1} ms (10 to 90 %), settling {:.1} ms (until the encoder stays within one count), \
+         overshoot {:.1} %.",
+        d.rise_ms, d.settling_ms, d.overshoot_percent
     );
-    let encoder = over_time(trace, &trace.encoder, UNTIL);
-    let axes = Axes {
-        width: WHOLE,
-        x: (0.0..UNTIL * 1e3, "time, ms"),
-        y: (
-            range_of(encoder.iter().map(|p| p.1).chain([0.0]), 1.0),
-            "encoder, counts",
-        ),
+    let plot = |name: &str, unit: &str, values: &[f64], origin: Option<f64>| {
+        let curve = over_time(trace, values, UNTIL);
+        let axes = Axes {
+            width: WHOLE,
+            x: (0.0..UNTIL * 1e3, "time, ms"),
+            y: (
+                range_of(curve.iter().map(|p| p.1).chain(origin), 1.0),
+                &format!("{name}, {unit}"),
+            ),
+        };
+        curves(&axes, &[(name, curve)])
     };
-    body.push_str(&figure(
-        &curves(&axes, &[("encoder", encoder)])?,
-        "The motor's encoder.",
-    ));
-    let voltage = over_time(trace, &trace.voltage, UNTIL);
-    let axes = Axes {
-        width: WHOLE,
-        x: (0.0..UNTIL * 1e3, "time, ms"),
-        y: (range_of(voltage.iter().map(|p| p.1), 1.0), "voltage, V"),
+    let encoder = plot("encoder", "counts", &trace.encoder, Some(0.0))?;
+    let voltage = plot("voltage", "V", &trace.voltage, None)?;
+    let body = html! {
+        p { (text) }
+        (figure(&encoder, "The motor's encoder."))
+        (figure(&voltage, "The motor's voltage."))
     };
-    body.push_str(&figure(
-        &curves(&axes, &[("voltage", voltage)])?,
-        "The motor's voltage.",
-    ));
     Ok(page(&title, &body))
 }
 
@@ -70,15 +58,6 @@ pub fn step(d: &StepDocument, trace: &Trace) -> Result<String> {
 /// When a figure cannot be drawn.
 pub fn sine(d: &SineDocument, trace: &Trace, scale: Option<f64>) -> Result<String> {
     let title = format!("Sine of {} Hz, {}", d.frequency_hz, d.axis);
-    let mut text = format!(
-        "Gain {:.4} and phase {:.2} degrees at the encoder",
-        d.encoder_gain, d.encoder_phase_deg
-    );
-    if let (Some(gain), Some(phase)) = (d.output_gain, d.output_phase_deg) {
-        let _ = write!(text, ", {gain:.4} and {phase:.2} degrees at the output");
-    }
-    text.push('.');
-    let mut body = head(&title, &text);
     let until = 2.0 / d.frequency_hz;
     let mut series = vec![
         ("reference", over_time(trace, &trace.reference, until)),
@@ -96,10 +75,20 @@ pub fn sine(d: &SineDocument, trace: &Trace, scale: Option<f64>) -> Result<Strin
         x: (0.0..until * 1e3, "time, ms"),
         y: (range_of(values, 1.0), "position, counts"),
     };
-    body.push_str(&figure(
-        &curves(&axes, &series)?,
-        "Two periods. What the output lacks at each reversal is the windup of the transmission.",
-    ));
+    let body = html! {
+        p {
+            "Gain " (fixed(d.encoder_gain, 4)) " and phase " (fixed(d.encoder_phase_deg, 2))
+            " degrees at the encoder"
+            @if let (Some(gain), Some(phase)) = (d.output_gain, d.output_phase_deg) {
+                ", " (fixed(gain, 4)) " and " (fixed(phase, 2)) " degrees at the output"
+            }
+            "."
+        }
+        (figure(
+            &curves(&axes, &series)?,
+            "Two periods. What the output lacks at each reversal is the windup of the transmission."
+        ))
+    };
     Ok(page(&title, &body))
 }
 
@@ -110,53 +99,61 @@ pub fn sine(d: &SineDocument, trace: &Trace, scale: Option<f64>) -> Result<Strin
 /// When a figure cannot be drawn.
 pub fn resolution(rows: &[(ResolutionRow, Increments)]) -> Result<String> {
     let axis = rows.first().map_or("", |(row, _)| row.axis.as_str());
-    let title = format!("Resolution of {axis}");
-    let mut body = head(
-        &title,
-        "Steps in one direction and how far the output moved in each. Consistent: at most 1 % of \
-         the steps move it by less than half the mean.",
-    );
-    for (row, test) in rows {
-        let _ = writeln!(
-            body,
-            "<h2>{} count{} a step</h2>\n<p>Mean {:.4} um, standard deviation {:.4} um, largest \
-             {:.4} um; {:.1} % of the steps stuck.{}</p>",
-            row.counts_per_step,
-            if row.counts_per_step == 1 { "" } else { "s" },
-            row.mean_um,
-            row.std_um,
-            row.max_um,
-            100.0 * row.stuck_share,
-            row.resolution_um.map_or_else(String::new, |r| format!(
-                " Consistent: the resolution is {r:.3} um."
-            ))
-        );
-        let um: Vec<f64> = test.increments.iter().map(|metres| metres * 1e6).collect();
-        let range = range_of(um.iter().copied().chain([0.0]), 0.01);
-        body.push_str("<div class=\"pair\">\n");
-        body.push_str(&figure(
-            &bars(HALF, &um, &range, 60, "increment, um", "steps")?,
-            "How many steps moved the output how far.",
-        ));
-        let mut position = 0.0;
-        let mut stairs = Vec::new();
-        for (k, d) in um.iter().take(30).enumerate() {
-            stairs.push((k as f64, position));
-            position += d;
-            stairs.push((k as f64, position));
+    let body = html! {
+        p {
+            "Steps in one direction and how far the output moved in each. Consistent: at most 1 % of the \
+             steps move it by less than half the mean."
         }
-        let axes = Axes {
-            width: HALF,
-            x: (0.0..30.0, "step"),
-            y: (range_of(stairs.iter().map(|p| p.1), 0.01), "output, um"),
-        };
-        body.push_str(&figure(
-            &curves(&axes, &[("output", stairs)])?,
-            "The output over the first thirty of them.",
-        ));
-        body.push_str("</div>\n");
+        @for (row, test) in rows {
+            (steps(row, test)?)
+        }
+    };
+    Ok(page(&format!("Resolution of {axis}"), &body))
+}
+
+/// Steps of one size.
+fn steps(row: &ResolutionRow, test: &Increments) -> Result<Markup> {
+    let um: Vec<f64> = test.increments.iter().map(|metres| metres * 1e6).collect();
+    let range = range_of(um.iter().copied().chain([0.0]), 0.01);
+    let mut position = 0.0;
+    let mut stairs = Vec::new();
+    for (k, d) in um.iter().take(30).enumerate() {
+        stairs.push((k as f64, position));
+        position += d;
+        stairs.push((k as f64, position));
     }
-    Ok(page(&title, &body))
+    let axes = Axes {
+        width: HALF,
+        x: (0.0..30.0, "step"),
+        y: (range_of(stairs.iter().map(|p| p.1), 0.01), "output, um"),
+    };
+    let plural = if row.counts_per_step == 1 { "" } else { "s" };
+    let text = format!(
+        "Mean {:.4} um, standard deviation {:.4} um, largest {:.4} um; {:.1} % of the steps stuck.",
+        row.mean_um,
+        row.std_um,
+        row.max_um,
+        100.0 * row.stuck_share
+    );
+    Ok(html! {
+        h2 { (row.counts_per_step) " count" (plural) " a step" }
+        p {
+            (text)
+            @if let Some(resolution) = row.resolution_um {
+                " Consistent: the resolution is " (fixed(resolution, 3)) " um."
+            }
+        }
+        div.pair {
+            (figure(
+                &bars(HALF, &um, &range, 60, "increment, um", "steps")?,
+                "How many steps moved the output how far."
+            ))
+            (figure(
+                &curves(&axes, &[("output", stairs)])?,
+                "The output over the first thirty of them."
+            ))
+        }
+    })
 }
 
 /// A number of a frequency response at one of its frequencies.
@@ -170,46 +167,47 @@ type Value = fn(&FrequencyResponse, usize) -> f64;
 pub fn frequency(d: &FrequencyDocument, responses: &[FrequencyResponse; 2]) -> Result<String> {
     let title = format!("Frequency response of {}", d.axis);
     let hertz = |f: Option<f64>| f.map_or_else(|| "-".to_owned(), |f| format!("{f:.1} Hz"));
-    let mut body = head(
-        &title,
-        &format!(
-            "Bandwidth (-3 dB) {} at the encoder, {} at the output. The response is that to a \
-             random reference of this size; an axis with friction answers differently to others, \
-             and the coherence says how much of it is not linear.",
-            hertz(d.bandwidth_hz),
-            hertz(d.output_bandwidth_hz)
-        ),
+    let text = format!(
+        "Bandwidth (-3 dB) {} at the encoder, {} at the output. The response is that to a random \
+         reference of this size; an axis with friction answers differently to others, and the coherence \
+         says how much of it is not linear.",
+        hertz(d.bandwidth_hz),
+        hertz(d.output_bandwidth_hz)
     );
-    let named = ["encoder", "output"];
     let plots: [(&str, Value); 3] = [
         ("gain, dB", |r, k| 20.0 * r.gain[k].max(1e-6).log10()),
         ("phase, degrees", |r, k| r.phase[k].to_degrees()),
         ("coherence", |r, k| r.coherence[k]),
     ];
-    for (name, value) in plots {
-        let series: Vec<(&str, Vec<(f64, f64)>)> = named
-            .iter()
-            .zip(responses)
-            .filter(|(_, r)| !r.frequency.is_empty())
-            .map(|(n, r)| {
-                (
-                    *n,
-                    (0..r.frequency.len())
-                        .map(|k| (r.frequency[k].log10(), value(r, k)))
-                        .collect(),
-                )
-            })
-            .collect();
-        let all = || series.iter().flat_map(|(_, points)| points.iter());
-        let axes = Axes {
-            width: WHOLE,
-            x: (
-                range_of(all().map(|p| p.0), 0.1),
-                "log10 of the frequency in hertz",
-            ),
-            y: (range_of(all().map(|p| p.1), 0.1), name),
-        };
-        body.push_str(&figure(&curves(&axes, &series)?, ""));
-    }
+    let body = html! {
+        p { (text) }
+        @for (name, value) in plots {
+            (figure(&over_frequency(responses, name, value)?, ""))
+        }
+    };
     Ok(page(&title, &body))
+}
+
+fn over_frequency(responses: &[FrequencyResponse; 2], name: &str, value: Value) -> Result<Markup> {
+    let series: Vec<(&str, Vec<(f64, f64)>)> = ["encoder", "output"]
+        .into_iter()
+        .zip(responses)
+        .filter(|(_, r)| !r.frequency.is_empty())
+        .map(|(name, r)| {
+            let points = (0..r.frequency.len())
+                .map(|k| (r.frequency[k].log10(), value(r, k)))
+                .collect();
+            (name, points)
+        })
+        .collect();
+    let all = || series.iter().flat_map(|(_, points)| points.iter());
+    let axes = Axes {
+        width: WHOLE,
+        x: (
+            range_of(all().map(|p| p.0), 0.1),
+            "log10 of the frequency in hertz",
+        ),
+        y: (range_of(all().map(|p| p.1), 0.1), name),
+    };
+    curves(&axes, &series)
 }

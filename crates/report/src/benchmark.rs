@@ -2,12 +2,12 @@
 
 use super::campaign::percent;
 use super::figure::{Axes, CURVES, GRID, INK, SOFT, WHOLE, draw};
-use super::html::{escape, figure, page};
+use super::html::{self, figure, number, page};
 use anyhow::Result;
+use maud::{Markup, html};
 use pigtail_evaluate::benchmark::{Document, Measured};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
-use std::fmt::Write as _;
 
 /// Room for names at the left, SVG units.
 const NAMES: i32 = 190;
@@ -30,9 +30,6 @@ pub fn table(document: &Document) -> Vec<Vec<String>> {
         "p99 xy\num",
         "p99 z\num",
     ];
-    let number = |value: Option<f64>, digits: usize| {
-        value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"))
-    };
     let mut rows = vec![header.map(str::to_owned).to_vec()];
     rows.extend(document.algorithms.iter().map(|row| {
         vec![
@@ -68,95 +65,97 @@ pub fn benchmark(measured: &Measured) -> Result<String> {
         document.seed,
         document.scenario
     );
-    let mut body = format!(
-        "<h1>{}</h1>\n<div class=\"scroll\"><table>\n",
-        escape(&title)
-    );
-    for (k, row) in table(document).iter().enumerate() {
-        body.push_str("<tr>");
-        for cell in row {
-            let _ = match cell.split_once('\n') {
-                Some((name, unit)) => write!(body, "<th>{name}<small>{unit}</small></th>"),
-                None if k == 0 => write!(body, "<th>{cell}</th>"),
-                None => write!(body, "<td>{}</td>", escape(cell)),
-            };
-        }
-        body.push_str("</tr>\n");
-    }
-    let _ = writeln!(
-        body,
-        "</table></div>\n<p class=\"soft\">Right: said to be aligned, and by the twin's truth within \
-         {} um in x and y and {} um in z. Wrong: said to be, and is not. Touched: something hit the \
-         chip. Fault: the guard or the machine stopped it. Lost: all others. Seconds a right fiber and \
-         readings: all that was spent, over the right fibers.</p>",
-        document.tolerance_xy_um, document.tolerance_z_um
-    );
     let names: Vec<&str> = document.algorithms.iter().map(|row| row.name).collect();
-    body.push_str("<h2>What came of the fibers</h2>\n");
-    body.push_str(&figure(
-        &shares(document)?,
-        "Share of the fibers of each algorithm: right, lost, then wrong, touched and fault together.",
-    ));
-    body.push_str("<h2>Seconds</h2>\n");
-    body.push_str(&figure(
-        &boxes(&names, &measured.seconds, "machine time of a device over its three fibers, s", None)?,
-        "Each device is a dot. The box holds the middle half, its line is the median; whiskers end at \
-         1 % and 99 %.",
-    ));
-    body.push_str("<h2>Offsets</h2>\n");
-    body.push_str(&figure(
-        &boxes(
-            &names,
-            &measured.offsets,
-            "offset across, the greater of x and y, um",
-            Some(document.tolerance_xy_um),
-        )?,
-        "The truth about each attached fiber, whatever was said of it. The red line is the tolerance.",
-    ));
-    body.push_str(
-        "<h2>Entries</h2>\n<div class=\"scroll\"><table>\n<tr><th>algorithm</th><th>what it \
-                   does</th><th>right, 95 %</th><th>wrong, 95 %</th></tr>\n",
-    );
-    for row in &document.algorithms {
-        let between = |[low, high]: [f64; 2]| format!("{} to {}", percent(low), percent(high));
-        let _ = writeln!(
-            body,
-            "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
-            escape(row.name),
-            escape(row.about),
-            between(row.right_confidence),
-            between(row.wrong_confidence)
-        );
-    }
-    body.push_str("</table></div>\n");
-    body.push_str(&replays(document));
+    let body = html! {
+        @if let Some((header, rows)) = table(document).split_first() { (html::table(header, rows)) }
+        p.soft {
+            "Right: said to be aligned, and by the twin's truth within " (document.tolerance_xy_um)
+            " um in x and y and " (document.tolerance_z_um) " um in z. Wrong: said to be, and is not. \
+             Touched: something hit the chip. Fault: the guard or the machine stopped it. Lost: all others. \
+             Seconds a right fiber and readings: all that was spent, over the right fibers."
+        }
+        h2 { "What came of the fibers" }
+        (figure(
+            &shares(document)?,
+            "Share of the fibers of each algorithm: right, lost, then wrong, touched and fault together."
+        ))
+        h2 { "Seconds" }
+        (figure(
+            &boxes(
+                &names,
+                &measured.seconds,
+                "machine time of a device over its three fibers, s",
+                None
+            )?,
+            "Each device is a dot. The box holds the middle half, its line is the median; whiskers end at \
+             1 % and 99 %."
+        ))
+        h2 { "Offsets" }
+        (figure(
+            &boxes(
+                &names,
+                &measured.offsets,
+                "offset across, the greater of x and y, um",
+                Some(document.tolerance_xy_um)
+            )?,
+            "The truth about each attached fiber, whatever was said of it. The red line is the tolerance."
+        ))
+        (entries(document))
+        (replays(document))
+    };
     Ok(page(&title, &body))
 }
 
-fn replays(document: &Document) -> String {
-    let mut html = String::new();
-    for row in &document.algorithms {
-        for (cause, seeds) in &row.replay {
-            let Some(first) = seeds.first() else { continue };
-            let all: Vec<String> = seeds.iter().take(8).map(u64::to_string).collect();
-            let _ = writeln!(
-                html,
-                "<tr><td>{}</td><td>{cause}</td><td>{}</td><td><code>pigtail benchmark --algorithm {} \
-                 --scenario {} --devices 1 --seed {first} --json</code></td></tr>",
-                escape(row.name),
-                all.join(", "),
-                escape(row.name),
-                escape(&document.scenario)
-            );
-        }
+fn entries(document: &Document) -> Markup {
+    let between = |[low, high]: [f64; 2]| format!("{} to {}", percent(low), percent(high));
+    html! {
+        h2 { "Entries" }
+        div.scroll { table {
+            tr { th { "algorithm" } th { "what it does" } th { "right, 95 %" } th { "wrong, 95 %" } }
+            @for row in &document.algorithms {
+                tr {
+                    td { (row.name) }
+                    td { (row.about) }
+                    td { (between(row.right_confidence)) }
+                    td { (between(row.wrong_confidence)) }
+                }
+            }
+        } }
     }
-    if html.is_empty() {
-        return html;
+}
+
+/// How to see again what was not right.
+fn replays(document: &Document) -> Markup {
+    let causes = || {
+        let rows = document.algorithms.iter();
+        rows.flat_map(|row| {
+            row.replay
+                .iter()
+                .map(move |(cause, seeds)| (row, cause, seeds))
+        })
+        .filter_map(|(row, cause, seeds)| Some((row.name, cause, seeds.first()?, seeds)))
+    };
+    if causes().next().is_none() {
+        return Markup::default();
     }
-    format!(
-        "<h2>Not right</h2>\n<div class=\"scroll\"><table>\n<tr><th>algorithm</th><th>counted as</th>\
-         <th>seeds, the first</th><th>replay</th></tr>\n{html}</table></div>\n"
-    )
+    html! {
+        h2 { "Not right" }
+        div.scroll { table {
+            tr { th { "algorithm" } th { "counted as" } th { "seeds, the first" } th { "replay" } }
+            @for (name, cause, first, seeds) in causes() {
+                @let shown: Vec<String> = seeds.iter().take(8).map(u64::to_string).collect();
+                tr {
+                    td { (name) }
+                    td { (cause) }
+                    td { (shown.join(", ")) }
+                    td { code {
+                        "pigtail benchmark --algorithm " (name) " --scenario " (document.scenario)
+                        " --devices 1 --seed " (first) " --json"
+                    } }
+                }
+            }
+        } }
+    }
 }
 
 /// Where the row of an algorithm is, from 0 (bottom) up.
@@ -172,7 +171,7 @@ fn name_at(root: &super::figure::Root, name: &str, y: i32) -> Result<()> {
 }
 
 /// Shares of the fibers as bars that add up to all of them.
-fn shares(document: &Document) -> Result<String> {
+fn shares(document: &Document) -> Result<Markup> {
     let rows = document.algorithms.len();
     let axes = Axes {
         width: WHOLE,
@@ -211,7 +210,7 @@ fn shares(document: &Document) -> Result<String> {
 }
 
 /// A box an algorithm, and its values as dots, on a logarithmic axis.
-fn boxes(names: &[&str], values: &[Vec<f64>], x: &str, limit: Option<f64>) -> Result<String> {
+fn boxes(names: &[&str], values: &[Vec<f64>], x: &str, limit: Option<f64>) -> Result<Markup> {
     // What is exactly nothing has no logarithm.
     let log = |value: f64| value.max(1e-4).log10();
     let all = values.iter().flatten().copied().chain(limit).map(log);

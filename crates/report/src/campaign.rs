@@ -2,13 +2,13 @@
 
 use super::figure::{HALF, WHOLE};
 use super::histogram::histogram;
-use super::html::{escape, figure, page};
+use super::html::{configuration, figure, number, page, verdict};
 use anyhow::Result;
+use maud::{Markup, html};
 use pigtail_evaluate::align::TOLERANCE_Z_UM;
 use pigtail_evaluate::campaign::{Document, Store};
 use pigtail_numerics::statistics::Percentiles;
 use pigtail_session::procedure::Procedure;
-use std::fmt::Write as _;
 
 /// Seeds shown of each cause.
 const SEEDS: usize = 5;
@@ -23,33 +23,24 @@ pub fn campaign(store: &Store, document: &Document) -> Result<String> {
         "{} devices, {} on {}, seed {}",
         document.devices, document.recipe, document.rig, document.seed
     );
-    let mut body = format!("<h1>{}</h1>\n", escape(&title));
-    body.push_str(&verdict(document));
-    body.push_str(&measures(document));
-    body.push_str(
-        "<p class=\"soft\">Each device has its own machine, chip and fixture, drawn around \
-         <code>plant.toml</code>. Times are machine time of every fiber that was attempted; \
-         offsets and losses are the truth about every fiber that was attached, offsets in the \
-         table without sign. Percentiles are values that really came: p99 is the least that 99 % \
-         do not exceed.</p>\n",
-    );
-    body.push_str(&faults(document));
-    body.push_str(&failures(document));
-    body.push_str(&figures(store, document)?);
-    body.push_str(&phases(document));
-    body.push_str("<details><summary>Configuration</summary>\n<table>\n");
-    for (file, hash) in &store.plan().configuration {
-        let _ = writeln!(
-            body,
-            "<tr><td>{}</td><td><code>{hash}</code></td></tr>",
-            escape(file)
-        );
-    }
-    let _ = writeln!(
-        body,
-        "</table>\n<p>pigtail {}, rows of SHA-256 <code>{}</code></p></details>",
-        document.version, document.rows_sha256
-    );
+    let body = html! {
+        (summary(document))
+        (measures(document))
+        p.soft {
+            "Each device has its own machine, chip and fixture, drawn around " code { "plant.toml" }
+            ". Times are machine time of every fiber that was attempted; offsets and losses are the truth \
+             about every fiber that was attached, offsets in the table without sign. Percentiles are \
+             values that really came: p99 is the least that 99 % do not exceed."
+        }
+        (faults(document))
+        (failures(document))
+        (figures(store, document)?)
+        (phases(document))
+        (configuration(
+            &store.plan().configuration,
+            html! { (document.version) ", rows of SHA-256 " code { (document.rows_sha256) } }
+        ))
+    };
     Ok(page(&title, &body))
 }
 
@@ -73,164 +64,144 @@ fn share(part: u64, of: u64) -> String {
     percent(part as f64 / of.max(1) as f64)
 }
 
-fn verdict(document: &Document) -> String {
-    let class = |good: bool| if good { "good" } else { "bad" };
+fn summary(document: &Document) -> Markup {
     let sure = &document.confidence;
+    let level = format!("{:.0} % confidence", 100.0 * sure.level);
     let between = |[low, high]: [f64; 2]| format!("{} to {}", percent(low), percent(high));
-    let mut html = String::new();
-    if !document.complete {
-        let _ = writeln!(
-            html,
-            "<p class=\"bad\">Interrupted: {} of {} devices are done.</p>",
-            document.devices, document.devices_planned
-        );
+    let across = Procedure::tolerance_of(&document.procedure);
+    html! {
+        @if !document.complete {
+            p.bad {
+                "Interrupted: " (document.devices) " of " (document.devices_planned) " devices are done."
+            }
+        }
+        p {
+            span class=(verdict(document.aligned == document.fibers)) {
+                (document.aligned) " of " (document.fibers) " fibers aligned"
+            }
+            " by the " (document.procedure) " procedure: " (share(document.aligned, document.fibers))
+            " (" (level) ": " (between(sure.fibers_aligned)) "). All fibers of "
+            (document.devices_aligned) " of " (document.devices) " devices: "
+            (share(document.devices_aligned, document.devices))
+            " (" (between(sure.devices_aligned)) ")."
+        }
+        p {
+            span class=(verdict(document.wrong.count == 0)) {
+                (document.wrong.count) " wrongly believed aligned"
+            }
+            ": control says so, and the fiber is farther than " (across) ", " (across) " or "
+            (TOLERANCE_Z_UM) " um from where it should be (" (level) ": at most "
+            (percent(sure.fibers_wrong[1])) "). "
+            span class=(verdict(document.collided.count == 0)) {
+                (document.collided.count) " devices were touched."
+            }
+        }
     }
-    let _ = writeln!(
-        html,
-        "<p><span class=\"{}\">{} of {} fibers aligned</span> by the {} procedure: {} \
-         ({:.0} % confidence: {}). All fibers of {} of {} devices: {} ({}).</p>",
-        class(document.aligned == document.fibers),
-        document.aligned,
-        document.fibers,
-        document.procedure,
-        share(document.aligned, document.fibers),
-        100.0 * sure.level,
-        between(sure.fibers_aligned),
-        document.devices_aligned,
-        document.devices,
-        share(document.devices_aligned, document.devices),
-        between(sure.devices_aligned),
-    );
-    let _ = writeln!(
-        html,
-        "<p><span class=\"{}\">{} wrongly believed aligned</span>: control says so, and the fiber is \
-         farther than {}, {} or {} um from where it should be ({:.0} % confidence: at most {}). \
-         <span class=\"{}\">{} devices were touched.</span></p>",
-        class(document.wrong.count == 0),
-        document.wrong.count,
-        Procedure::tolerance_of(&document.procedure),
-        Procedure::tolerance_of(&document.procedure),
-        TOLERANCE_Z_UM,
-        100.0 * sure.level,
-        percent(sure.fibers_wrong[1]),
-        class(document.collided.count == 0),
-        document.collided.count
-    );
-    html
 }
 
-fn row(html: &mut String, name: &str, unit: &str, of: &Percentiles, digits: usize) {
-    let _ = write!(html, "<tr><td>{name}</td><td>{unit}</td>");
-    for value in [of.mean, of.p50, of.p90, of.p99, of.p999, of.max] {
-        let text = value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"));
-        let _ = write!(html, "<td>{text}</td>");
+/// A table of percentiles: a row a name, with its unit and digits behind the point.
+fn percentiles(rows: &[(&str, &str, &Percentiles, usize)]) -> Markup {
+    html! {
+        div.scroll { table {
+            tr {
+                @for name in ["", "unit", "mean", "p50", "p90", "p99", "p99.9", "greatest"] {
+                    th { (name) }
+                }
+            }
+            @for (name, unit, of, digits) in rows {
+                tr {
+                    td { (name) }
+                    td { (unit) }
+                    @for value in [of.mean, of.p50, of.p90, of.p99, of.p999, of.max] {
+                        td { (number(value, *digits)) }
+                    }
+                }
+            }
+        } }
     }
-    html.push_str("</tr>\n");
 }
 
-const HEADER: &str = "<div class=\"scroll\"><table>\n<tr><th></th><th>unit</th><th>mean</th><th>p50</th>\
-                      <th>p90</th><th>p99</th><th>p99.9</th><th>greatest</th></tr>\n";
-
-fn measures(document: &Document) -> String {
-    let mut html = String::from(HEADER);
-    let o = &document.offset_um;
-    row(
-        &mut html,
-        "time a fiber",
-        "s",
-        &document.seconds_per_fiber,
-        2,
-    );
-    for (name, of) in [
-        ("offset in x", &o.x),
-        ("offset in y", &o.y),
-        ("offset in z", &o.z),
-    ] {
-        row(&mut html, name, "um", of, 3);
-    }
-    row(
-        &mut html,
-        "coupling loss",
-        "dB",
-        &document.coupling_loss_db,
-        3,
-    );
-    html.push_str("</table></div>\n");
-    html
+fn measures(document: &Document) -> Markup {
+    let offset = &document.offset_um;
+    percentiles(&[
+        ("time a fiber", "s", &document.seconds_per_fiber, 2),
+        ("offset in x", "um", &offset.x, 3),
+        ("offset in y", "um", &offset.y, 3),
+        ("offset in z", "um", &offset.z, 3),
+        ("coupling loss", "dB", &document.coupling_loss_db, 3),
+    ])
 }
 
 /// How devices ended on which something was broken on purpose.
-fn faults(document: &Document) -> String {
+fn faults(document: &Document) -> Markup {
     if document.by_fault.is_empty() {
-        return String::new();
+        return Markup::default();
     }
-    let mut html = String::from(
-        "<h2>What was broken</h2>\n<p>One thing broke on each device, at a time drawn from those of an \
-         alignment: one that breaks when all is done is one of the aligned. Stopped: by the guard. \
-         Wrong: believed aligned. Failed: the program itself.</p>\n<div class=\"scroll\"><table>\n\
-         <tr><th>broken</th><th>devices</th><th>stopped</th><th>given up</th><th>aligned</th>\
-         <th>wrong</th><th>touched</th><th>failed</th></tr>\n",
-    );
-    for (name, of) in &document.by_fault {
-        let _ = write!(html, "<tr><td>{}</td>", escape(name));
-        for count in [of.devices, of.tripped, of.given_up, of.aligned] {
-            let _ = write!(html, "<td>{count}</td>");
+    html! {
+        h2 { "What was broken" }
+        p {
+            "One thing broke on each device, at a time drawn from those of an alignment: one that breaks \
+             when all is done is one of the aligned. Stopped: by the guard. Wrong: believed aligned. \
+             Failed: the program itself."
         }
-        for count in [of.false_aligned, of.collisions, of.broken] {
-            let class = if count == 0 { "good" } else { "bad" };
-            let _ = write!(html, "<td class=\"{class}\">{count}</td>");
-        }
-        html.push_str("</tr>\n");
+        div.scroll { table {
+            tr {
+                th { "broken" } th { "devices" } th { "stopped" } th { "given up" } th { "aligned" }
+                th { "wrong" } th { "touched" } th { "failed" }
+            }
+            @for (name, of) in &document.by_fault {
+                tr {
+                    td { (name) }
+                    @for count in [of.devices, of.tripped, of.given_up, of.aligned] {
+                        td { (count) }
+                    }
+                    @for count in [of.false_aligned, of.collisions, of.broken] {
+                        td class=(verdict(count == 0)) { (count) }
+                    }
+                }
+            }
+        } }
+        div.scroll { table {
+            tr { th { "rule that stopped the machine" } th { "devices" } }
+            @for (rule, count) in &document.tripped {
+                tr { td { (rule) } td { (count) } }
+            }
+        } }
     }
-    html.push_str(
-        "</table></div>\n<div class=\"scroll\"><table>\n<tr><th>rule that stopped the machine</th>\
-         <th>devices</th></tr>\n",
-    );
-    for (rule, count) in &document.tripped {
-        let _ = writeln!(html, "<tr><td>{}</td><td>{count}</td></tr>", escape(rule));
-    }
-    html.push_str("</table></div>\n");
-    html
 }
 
-fn failures(document: &Document) -> String {
+fn failures(document: &Document) -> Markup {
     if document.failed.is_empty() {
-        return String::new();
+        return Markup::default();
     }
-    let mut html = String::from(
-        "<h2>Not aligned</h2>\n<div class=\"scroll\"><table>\n<tr><th>cause</th><th>replay</th>\
-         <th>fibers</th><th>share</th></tr>\n",
-    );
-    for (cause, count) in &document.failed {
-        let seeds = document.replay.get(cause).map_or(&[][..], Vec::as_slice);
-        let shown: Vec<_> = seeds.iter().take(SEEDS).map(u64::to_string).collect();
-        let more = if (*count as usize) > shown.len() {
-            " ..."
-        } else {
-            ""
-        };
-        let _ = writeln!(
-            html,
-            "<tr><td class=\"bad\">{}</td><td><code>{}</code> {}{more}</td><td>{count}</td>\
-             <td>{}</td></tr>",
-            escape(cause),
-            escape(&document.replay_command()),
-            shown.join(", "),
-            share(*count, document.fibers)
-        );
+    html! {
+        h2 { "Not aligned" }
+        div.scroll { table {
+            tr { th { "cause" } th { "replay" } th { "fibers" } th { "share" } }
+            @for (cause, count) in &document.failed {
+                @let seeds = document.replay.get(cause).map_or(&[][..], Vec::as_slice);
+                @let shown: Vec<_> = seeds.iter().take(SEEDS).map(u64::to_string).collect();
+                tr {
+                    td.bad { (cause) }
+                    td {
+                        code { (document.replay_command()) } " " (shown.join(", "))
+                        @if (*count as usize) > shown.len() { " ..." }
+                    }
+                    td { (count) }
+                    td { (share(*count, document.fibers)) }
+                }
+            }
+        } }
     }
-    html.push_str("</table></div>\n");
-    html
 }
 
-fn figures(store: &Store, document: &Document) -> Result<String> {
+fn figures(store: &Store, document: &Document) -> Result<Markup> {
     let rows = store.rows()?;
-    let mut html = String::from("<h2>How often</h2>\n");
     // A figure of nothing shows nothing.
     let shown = |column: &str, width, axis: &str, marks: &[(&str, f64, bool)], caption: &str| {
         let values = rows.numbers(column)?;
         Ok::<_, anyhow::Error>(if values.is_empty() {
-            String::new()
+            Markup::default()
         } else {
             figure(&histogram(width, &values, axis, marks)?, caption)
         })
@@ -241,52 +212,53 @@ fn figures(store: &Store, document: &Document) -> Result<String> {
             .filter_map(|(name, value)| Some((name, value?, false)))
             .collect()
     };
-    html.push_str(&shown(
-        "seconds",
-        WHOLE,
-        "machine time of a fiber, s",
-        &named(&document.seconds_per_fiber),
-        "Machine time of each fiber. The height is logarithmic, so that one fiber among thousands \
-         is seen.",
-    )?);
-    html.push_str("<div class=\"pair\">\n");
-    for (axis, limit, caption) in [
-        (
-            "x",
-            Procedure::tolerance_of(&document.procedure),
-            "Offset across the chip, from the peak of the coupling at the fiber's gap.",
-        ),
-        (
-            "y",
-            Procedure::tolerance_of(&document.procedure),
-            "Offset up from the chip.",
-        ),
-        ("z", TOLERANCE_Z_UM, "Gap beyond the wanted one."),
-    ] {
-        html.push_str(&shown(
+    let offset = |axis: &str, limit: f64, caption: &str| {
+        shown(
             &format!("offset_{axis}_um"),
             HALF,
             &format!("offset in {axis}, um"),
             &[("tolerance", -limit, true), ("tolerance", limit, true)],
             &format!("{caption} Tolerance: {limit} um either way."),
-        )?);
-    }
-    html.push_str(&shown(
-        "coupling_loss_db",
-        HALF,
-        "coupling loss, dB",
-        &named(&document.coupling_loss_db),
-        "Loss at the interface of an attached fiber.",
-    )?);
-    html.push_str("</div>\n");
-    Ok(html)
+        )
+    };
+    let across = Procedure::tolerance_of(&document.procedure);
+    Ok(html! {
+        h2 { "How often" }
+        (shown(
+            "seconds",
+            WHOLE,
+            "machine time of a fiber, s",
+            &named(&document.seconds_per_fiber),
+            "Machine time of each fiber. The height is logarithmic, so that one fiber among thousands is \
+             seen."
+        )?)
+        div.pair {
+            (offset(
+                "x",
+                across,
+                "Offset across the chip, from the peak of the coupling at the fiber's gap."
+            )?)
+            (offset("y", across, "Offset up from the chip.")?)
+            (offset("z", TOLERANCE_Z_UM, "Gap beyond the wanted one.")?)
+            (shown(
+                "coupling_loss_db",
+                HALF,
+                "coupling loss, dB",
+                &named(&document.coupling_loss_db),
+                "Loss at the interface of an attached fiber."
+            )?)
+        }
+    })
 }
 
-fn phases(document: &Document) -> String {
-    let mut html = format!("<h2>Where the time goes</h2>\n{HEADER}");
-    for phase in &document.phases {
-        row(&mut html, phase.name, "s", &phase.seconds, 2);
+fn phases(document: &Document) -> Markup {
+    let rows: Vec<_> = document
+        .phases
+        .iter()
+        .map(|phase| (phase.name, "s", &phase.seconds, 2))
+        .collect();
+    html! {
+        h2 { "Where the time goes" }
+        (percentiles(&rows))
     }
-    html.push_str("</table></div>\n");
-    html
 }

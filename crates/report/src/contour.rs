@@ -1,10 +1,10 @@
 //! The report of a contour.
 
 use super::figure::{Axes, HALF, curves, range_of};
-use super::html::{escape, figure, page};
+use super::html::{figure, fixed, page, th};
 use anyhow::Result;
+use maud::{Markup, html};
 use pigtail_evaluate::contour::{Document, Traced};
-use std::fmt::Write as _;
 
 /// Points of a curve: more would show no more.
 const POINTS: usize = 1500;
@@ -24,65 +24,74 @@ pub fn contour(d: &Document, traced: &[Traced]) -> Result<String> {
         "{name} of {:.0} um, {} five-bar, seed {}",
         d.size_um, d.side, d.seed
     );
-    let mut body = format!("<h1>{}</h1>\n", escape(&title));
-    let _ = writeln!(
-        body,
-        "<p>At {:.0} um/s, with a friction of {} N m in each bearing between the links. The endpoint \
-         as the probes at both joints see it; distances are from where it was wanted, but for a displacement of the whole.</p>",
-        d.speed_um_s, d.coupling_nm
-    );
-    body.push_str(
-        "<div class=\"scroll\"><table>\n<tr><th>model</th><th>preload</th>\
-         <th>greatest<small>um</small></th><th>rms<small>um</small></th>\
-         <th>shift in x, y<small>um</small></th></tr>\n",
-    );
-    for row in &d.rows {
-        let _ = writeln!(
-            body,
-            "<tr><td>{}</td><td>{}</td><td>{:.2}</td><td>{:.2}</td><td>{:.2}, {:.2}</td></tr>",
-            row.compensation, row.preload, row.max_um, row.rms_um, row.shift_um[0], row.shift_um[1]
-        );
-    }
-    body.push_str("</table></div>\n<div class=\"pair\">\n");
-    for (row, samples) in traced {
-        let every = samples.len().div_ceil(POINTS).max(1);
-        let thin = |of: &dyn Fn(usize) -> (f64, f64)| -> Vec<(f64, f64)> {
-            (0..samples.len()).step_by(every).map(of).collect()
-        };
-        let um = |x: f64, y: f64| (1e6 * x, 1e6 * y);
-        let series = [
-            (
-                "measured",
-                thin(&|k| um(samples[k].measured.x, samples[k].measured.y)),
-            ),
-            (
-                "wanted",
-                thin(&|k| um(samples[k].wanted.x, samples[k].wanted.y)),
-            ),
-        ];
-        let all = || series.iter().flat_map(|(_, points)| points.iter());
-        let axes = Axes {
-            width: HALF,
-            x: (range_of(all().map(|p| p.0), 0.1), "x, um"),
-            y: (range_of(all().map(|p| p.1), 0.1), "y, um"),
-        };
-        let preload = if row.preload > 0.0 {
-            format!(", preload of {} x static friction", row.preload)
-        } else {
-            String::new()
-        };
-        let number = match (row.compensation, row.preload > 0.0) {
-            ("none", false) => " (thesis, Fig. 2.21)",
-            ("reversal", false) => " (Fig. 2.22)",
-            ("reversal", true) => " (Fig. 2.23)",
-            _ => "",
-        };
-        let text = format!(
-            "Compensation: {}{preload}{number}. Greatest error {:.1} um.",
-            row.compensation, row.max_um
-        );
-        body.push_str(&figure(&curves(&axes, &series)?, &escape(&text)));
-    }
-    body.push_str("</div>\n");
+    let body = html! {
+        p {
+            "At " (fixed(d.speed_um_s, 0)) " um/s, with a friction of " (d.coupling_nm)
+            " N m in each bearing between the links. The endpoint as the probes at both joints see it; \
+             distances are from where it was wanted, but for a displacement of the whole."
+        }
+        div.scroll { table {
+            tr {
+                th { "model" } th { "preload" }
+                (th("greatest", "um")) (th("rms", "um")) (th("shift in x, y", "um"))
+            }
+            @for row in &d.rows {
+                tr {
+                    td { (row.compensation) }
+                    td { (row.preload) }
+                    td { (fixed(row.max_um, 2)) }
+                    td { (fixed(row.rms_um, 2)) }
+                    td { (fixed(row.shift_um[0], 2)) ", " (fixed(row.shift_um[1], 2)) }
+                }
+            }
+        } }
+        div.pair {
+            @for traced in traced { (figure(&path(traced)?, caption(traced))) }
+        }
+    };
     Ok(page(&title, &body))
+}
+
+/// Where the endpoint was, and where it was wanted.
+fn path((_, samples): &Traced) -> Result<Markup> {
+    let every = samples.len().div_ceil(POINTS).max(1);
+    let thin = |of: &dyn Fn(usize) -> (f64, f64)| -> Vec<(f64, f64)> {
+        (0..samples.len()).step_by(every).map(of).collect()
+    };
+    let um = |x: f64, y: f64| (1e6 * x, 1e6 * y);
+    let series = [
+        (
+            "measured",
+            thin(&|k| um(samples[k].measured.x, samples[k].measured.y)),
+        ),
+        (
+            "wanted",
+            thin(&|k| um(samples[k].wanted.x, samples[k].wanted.y)),
+        ),
+    ];
+    let all = || series.iter().flat_map(|(_, points)| points.iter());
+    let axes = Axes {
+        width: HALF,
+        x: (range_of(all().map(|p| p.0), 0.1), "x, um"),
+        y: (range_of(all().map(|p| p.1), 0.1), "y, um"),
+    };
+    curves(&axes, &series)
+}
+
+fn caption((row, _): &Traced) -> String {
+    let preload = if row.preload > 0.0 {
+        format!(", preload of {} x static friction", row.preload)
+    } else {
+        String::new()
+    };
+    let number = match (row.compensation, row.preload > 0.0) {
+        ("none", false) => " (thesis, Fig. 2.21)",
+        ("reversal", false) => " (Fig. 2.22)",
+        ("reversal", true) => " (Fig. 2.23)",
+        _ => "",
+    };
+    format!(
+        "Compensation: {}{preload}{number}. Greatest error {:.1} um.",
+        row.compensation, row.max_um
+    )
 }

@@ -1,6 +1,7 @@
 //! Figures as SVG.
 
 use anyhow::Result;
+use maud::{Markup, PreEscaped};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use std::ops::Range;
@@ -34,7 +35,7 @@ pub(super) fn coloured(
     axes: &Axes,
     points: &[(f64, f64, f64)],
     cross: (f64, f64),
-) -> Result<String> {
+) -> Result<Markup> {
     let mut order: Vec<_> = points.iter().copied().filter(|p| p.2.is_finite()).collect();
     order.sort_by(|a, b| a.2.total_cmp(&b.2));
     draw(axes, |root| {
@@ -57,7 +58,7 @@ pub(super) fn coloured(
 }
 
 /// Points coloured by their third number, from 0 (dark) to 1 (bright); bright ones on top.
-pub(super) fn dots(axes: &Axes, points: &[(f64, f64, f64)]) -> Result<String> {
+pub(super) fn dots(axes: &Axes, points: &[(f64, f64, f64)]) -> Result<Markup> {
     let mut order: Vec<_> = points.iter().copied().filter(|p| p.2.is_finite()).collect();
     order.sort_by(|a, b| a.2.total_cmp(&b.2));
     draw(axes, |root| {
@@ -76,7 +77,7 @@ pub(super) fn cells(
     axes: &Axes,
     points: &[(f64, f64, f64)],
     (width, height): (f64, f64),
-) -> Result<String> {
+) -> Result<Markup> {
     draw(axes, |root| {
         let mut chart = chart(axes, root)?;
         mesh(axes, &mut chart)?;
@@ -93,7 +94,7 @@ pub(super) fn over_time(
     axes: &Axes,
     curve: &[(f64, f64)],
     phases: &[(&str, f64, f64)],
-) -> Result<String> {
+) -> Result<Markup> {
     draw(axes, |root| {
         let mut chart = chart(axes, root)?;
         let (bottom, top) = (axes.y.0.start, axes.y.0.end);
@@ -122,7 +123,7 @@ pub(super) fn over_time(
 }
 
 /// Named curves in one plot.
-pub(super) fn curves(axes: &Axes, curves: &[(&str, Vec<(f64, f64)>)]) -> Result<String> {
+pub(super) fn curves(axes: &Axes, curves: &[(&str, Vec<(f64, f64)>)]) -> Result<Markup> {
     draw(axes, |root| {
         let mut chart = chart(axes, root)?;
         mesh(axes, &mut chart)?;
@@ -151,7 +152,7 @@ pub(super) fn curves(axes: &Axes, curves: &[(&str, Vec<(f64, f64)>)]) -> Result<
 }
 
 /// A cloud of points.
-pub(super) fn points(axes: &Axes, points: &[(f64, f64)]) -> Result<String> {
+pub(super) fn points(axes: &Axes, points: &[(f64, f64)]) -> Result<Markup> {
     draw(axes, |root| {
         let mut chart = chart(axes, root)?;
         mesh(axes, &mut chart)?;
@@ -169,7 +170,7 @@ pub(super) fn bars(
     count: usize,
     x: &str,
     y: &str,
-) -> Result<String> {
+) -> Result<Markup> {
     let size = (range.end - range.start) / count as f64;
     let mut heights = vec![0.0; count];
     for value in values {
@@ -225,14 +226,15 @@ type Chart<'a, 'b> = ChartContext<
     Cartesian2d<plotters::coord::types::RangedCoordf64, plotters::coord::types::RangedCoordf64>,
 >;
 
-pub(super) fn draw(axes: &Axes, content: impl FnOnce(&Root) -> Result<()>) -> Result<String> {
+/// Draws a figure. Its texts are escaped as it is drawn, so that it may stand in a page as it is.
+pub(super) fn draw(axes: &Axes, content: impl FnOnce(&Root) -> Result<()>) -> Result<Markup> {
     let mut svg = String::new();
     {
         let root = SVGBackend::with_string(&mut svg, (axes.width, HEIGHT)).into_drawing_area();
         content(&root)?;
         root.present()?;
     }
-    Ok(svg)
+    Ok(PreEscaped(svg))
 }
 
 pub(super) fn chart<'a, 'b>(axes: &Axes, root: &'b Root<'a>) -> Result<Chart<'a, 'b>> {

@@ -2,6 +2,7 @@
 
 use super::figure::{Axes, CURVES, GRID, INK, SOFT, chart, draw};
 use anyhow::Result;
+use maud::Markup;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use std::ops::Range;
@@ -18,7 +19,7 @@ pub(super) fn histogram(
     values: &[f64],
     x: &str,
     marks: &[(&str, f64, bool)],
-) -> Result<String> {
+) -> Result<Markup> {
     let limits = marks.iter().filter(|mark| mark.2).map(|mark| mark.1);
     let range = range_of(values.iter().copied().chain(limits));
     let size = (range.end - range.start) / BARS as f64;

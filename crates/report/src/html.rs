@@ -1,31 +1,100 @@
-//! The frame around a report's figures.
+//! The frame around a report's figures, and what its tables share.
+//!
+//! Pages are written with `maud`: text that is spliced in is escaped, and only [`Markup`] is taken as it
+//! is, which is either written here or a figure, whose texts the drawing library has escaped.
 
-/// Replaces what HTML would take for markup.
-pub(super) fn escape(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
-}
+use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
 
-/// A whole page.
-pub(super) fn page(title: &str, body: &str) -> String {
+/// A whole page below its title.
+pub(super) fn page(title: &str, body: &Markup) -> String {
     page_with_style(title, "", body)
 }
 
-/// A whole page with a style of its own.
-pub(super) fn page_with_style(title: &str, style: &str, body: &str) -> String {
-    format!(
-        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <title>{}</title>\n<style>{STYLE}{style}</style>\n</head>\n<body>\n{body}</body>\n</html>\n",
-        escape(title)
-    )
+/// A whole page below its title, with a style of its own.
+pub(super) fn page_with_style(title: &str, style: &'static str, body: &Markup) -> String {
+    let page = html! {
+        (DOCTYPE)
+        html lang="en" {
+            head {
+                meta charset="utf-8";
+                meta name="viewport" content="width=device-width, initial-scale=1";
+                title { (title) }
+                style { (PreEscaped(STYLE)) (PreEscaped(style)) }
+            }
+            body {
+                h1 { (title) }
+                (body)
+            }
+        }
+    };
+    page.into_string()
 }
 
 /// A figure with what it shows and what to see in it.
-pub(super) fn figure(svg: &str, caption: &str) -> String {
-    format!("<figure>\n{svg}\n<figcaption>{caption}</figcaption>\n</figure>\n")
+pub(super) fn figure(svg: &Markup, caption: impl Render) -> Markup {
+    html! { figure { (svg) figcaption { (caption) } } }
+}
+
+/// A cell of a table's header: a name, and below it the unit.
+pub(super) fn th(name: impl Render, unit: &str) -> Markup {
+    html! { th { (name) small { (unit) } } }
+}
+
+/// A table of texts; in its header a unit follows its name on a line of its own.
+pub(super) fn table(header: &[String], rows: &[Vec<String>]) -> Markup {
+    html! {
+        div.scroll { table {
+            tr {
+                @for cell in header {
+                    @if let Some((name, unit)) = cell.split_once('\n') { (th(name, unit)) }
+                    @else { th { (cell) } }
+                }
+            }
+            @for row in rows {
+                tr { @for cell in row { td { (lines(cell)) } } }
+            }
+        } }
+    }
+}
+
+/// A text of some lines.
+fn lines(text: &str) -> Markup {
+    html! {
+        @for (k, line) in text.lines().enumerate() {
+            @if k > 0 { br; }
+            (line)
+        }
+    }
+}
+
+/// The files that a run was made with, and their hashes; `version` says with which program.
+pub(super) fn configuration(files: &[(String, String)], version: impl Render) -> Markup {
+    html! {
+        details {
+            summary { "Configuration" }
+            table {
+                @for (file, hash) in files {
+                    tr { td { (file) } td { code { (hash) } } }
+                }
+            }
+            p { "pigtail " (version) }
+        }
+    }
+}
+
+/// A number with so many digits behind the point.
+pub(super) fn fixed(value: f64, digits: usize) -> String {
+    format!("{value:.digits$}")
+}
+
+/// A number with so many digits behind the point, where there is one.
+pub(super) fn number(value: Option<f64>, digits: usize) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| fixed(value, digits))
+}
+
+/// How a result is shown that is as it should be, or is not.
+pub(super) fn verdict(good: bool) -> &'static str {
+    if good { "good" } else { "bad" }
 }
 
 const STYLE: &str = "
@@ -57,3 +126,34 @@ details { margin-top: 2rem; }
 code { font-size: .85em; overflow-wrap: anywhere; }
 @media print { body { max-width: none; } h2 { break-before: page; } }
 ";
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn texts_of_others_are_escaped() {
+        let name = "<b> & \"c\"";
+        let escaped = "&lt;b&gt; &amp; &quot;c&quot;";
+        let cell = [format!("{name}\nsecond line")];
+        let files = [(name.to_owned(), "hash".to_owned())];
+        let body = html! {
+            (figure(&html! { svg {} }, name))
+            (table(&[name.to_owned()], &[cell.to_vec()]))
+            (th(name, name))
+            (configuration(&files, name))
+        };
+        let page = page(name, &body);
+        assert!(!page.contains(name), "{page}");
+        // Two for the title, one each for caption, header, cell, file and program, two for the unit.
+        assert_eq!(page.matches(escaped).count(), 9, "{page}");
+        assert!(page.contains("<br>second line"), "{page}");
+    }
+
+    #[test]
+    fn a_unit_stands_below_its_name() {
+        let header = ["time\ns".to_owned(), "name".to_owned()];
+        let table = table(&header, &[]).into_string();
+        assert!(table.contains("<th>time<small>s</small></th><th>name</th>"));
+    }
+}

@@ -1,10 +1,10 @@
 //! The report of what pulses do to an axis.
 
 use super::figure::{Axes, HALF, WHOLE, cells, curves, range_of};
-use super::html::{escape, figure, page};
+use super::html::{figure, fixed, number, page, th};
 use anyhow::Result;
+use maud::{Markup, html};
 use pigtail_evaluate::impulse::response::{Document, Figures};
-use std::fmt::Write as _;
 
 /// The report of the response to pulses as one HTML text.
 ///
@@ -13,28 +13,27 @@ use std::fmt::Write as _;
 /// When a figure cannot be drawn.
 pub fn response(d: &Document, f: &Figures) -> Result<String> {
     let title = format!("Response of {} to pulses, seed {}", d.axis, d.seed);
-    let mut body = format!("<h1>{}</h1>\n", escape(&title));
-    let _ = writeln!(
-        body,
-        "<p>The motor breaks away at {:.4} V, the unit fsm of all amplitudes here. Pulses (4.7) last \
-         {:.2} ms; between them the transmission is brought back to zero torque by {}. With a \
-         second harmonic of {:.2} fsm there is a dead zone of {:.2} fsm in a<sub>1</sub>, and the \
-         displacement follows the parabola (4.8) with b = {:.2} nm, R<sup>2</sup> = {:.3}; at a<sub>1</sub> = {} fsm it is {:.1} nm.</p>",
-        d.fsm_v,
-        d.period_ms,
-        in_words(d.relax),
-        d.a2_fsm,
-        d.dead_zone_fsm,
-        d.b_nm,
-        d.r2,
-        d.displacement_nm.a1,
-        d.displacement_nm.value
-    );
-    single(&mut body, d, f)?;
-    over_both(&mut body, d)?;
-    curve(&mut body, d, f)?;
-    in_a_row(&mut body, d)?;
+    let body = html! {
+        p {
+            "The motor breaks away at " (fixed(d.fsm_v, 4)) " V, the unit fsm of all amplitudes here. \
+             Pulses (4.7) last " (fixed(d.period_ms, 2)) " ms; between them the transmission is brought \
+             back to zero torque by " (in_words(d.relax)) ". With a second harmonic of "
+            (fixed(d.a2_fsm, 2)) " fsm there is a dead zone of " (fixed(d.dead_zone_fsm, 2)) " fsm in "
+            (a(1)) ", and the displacement follows the parabola (4.8) with b = " (fixed(d.b_nm, 2))
+            " nm, R" sup { "2" } " = " (fixed(d.r2, 3)) "; at " (a(1)) " = " (d.displacement_nm.a1)
+            " fsm it is " (fixed(d.displacement_nm.value, 1)) " nm."
+        }
+        (single(d, f)?)
+        (over_both(d)?)
+        (curve(d, f)?)
+        (in_a_row(d)?)
+    };
     Ok(page(&title, &body))
+}
+
+/// The amplitude of a pulse's harmonic.
+pub(super) fn a(harmonic: u8) -> Markup {
+    html! { "a" sub { (harmonic) } }
 }
 
 /// Below this, nanometres, a displacement in the map is the probe's noise.
@@ -44,22 +43,7 @@ const NOISE: f64 = 4.0;
 type Plot<'a> = (&'a str, &'a str, f64, Vec<(&'a str, Vec<(f64, f64)>)>);
 
 /// Figs. 4.13 to 4.16.
-fn single(body: &mut String, d: &Document, f: &Figures) -> Result<()> {
-    let _ = writeln!(
-        body,
-        "<h2>A single pulse</h2>\n<p>a<sub>1</sub> = {} fsm, a<sub>2</sub> = {} fsm{}. These four are the \
-         truth, from the twin: no encoder sees them.</p>\n<div class=\"pair\">",
-        d.displacement_nm.a1,
-        d.a2_fsm,
-        if (d.a3_fsm, d.a4_fsm) == (0.0, 0.0) {
-            String::new()
-        } else {
-            format!(
-                ", a<sub>3</sub> = {}, a<sub>4</sub> = {} fsm",
-                d.a3_fsm, d.a4_fsm
-            )
-        }
-    );
+fn single(d: &Document, f: &Figures) -> Result<Markup> {
     let t = &f.trace;
     let ms = |k: usize| 1e3 * t.time[k];
     let series = |of: &dyn Fn(usize) -> f64, until: f64| -> Vec<(f64, f64)> {
@@ -106,7 +90,7 @@ fn single(body: &mut String, d: &Document, f: &Figures) -> Result<()> {
             vec![("output", series(&|k| 1e9 * t.output[k], 20.0))],
         ),
     ];
-    for (caption, y, until, named) in plots {
+    let draw = |y: &str, until: f64, named: &[(&str, Vec<(f64, f64)>)]| {
         let values = named
             .iter()
             .flat_map(|(_, points)| points.iter().map(|p| p.1));
@@ -115,18 +99,31 @@ fn single(body: &mut String, d: &Document, f: &Figures) -> Result<()> {
             x: (0.0..until, "time, ms"),
             y: (range_of(values, 1e-6), y),
         };
-        body.push_str(&figure(&curves(&axes, &named)?, caption));
-    }
-    body.push_str("</div>\n");
-    Ok(())
+        curves(&axes, named)
+    };
+    Ok(html! {
+        h2 { "A single pulse" }
+        p {
+            (a(1)) " = " (d.displacement_nm.a1) " fsm, " (a(2)) " = " (d.a2_fsm) " fsm"
+            @if (d.a3_fsm, d.a4_fsm) != (0.0, 0.0) {
+                ", " (a(3)) " = " (d.a3_fsm) ", " (a(4)) " = " (d.a4_fsm) " fsm"
+            }
+            ". These four are the truth, from the twin: no encoder sees them."
+        }
+        div.pair {
+            @for (caption, y, until, named) in &plots {
+                (figure(&draw(y, *until, named)?, caption))
+            }
+        }
+    })
 }
 
 /// Fig. 4.17.
-fn over_both(body: &mut String, d: &Document) -> Result<()> {
-    body.push_str("<h2>Over both amplitudes</h2>\n");
+fn over_both(d: &Document) -> Result<Markup> {
+    let heading = html! { h2 { "Over both amplitudes" } };
     let (a1, a2) = (&d.map.a1_fsm, &d.map.a2_fsm);
     let (Some(right), Some(top)) = (a1.last(), a2.last()) else {
-        return Ok(());
+        return Ok(heading);
     };
     let reached = d.map.nm.iter().flatten().flatten();
     let highest = reached.clone().fold(1.0, |h: f64, v| h.max(*v));
@@ -149,30 +146,32 @@ fn over_both(body: &mut String, d: &Document) -> Result<()> {
         y: (0.0..*top, "second harmonic a2, fsm"),
     };
     let size = (right / a1.len() as f64, top / a2.len() as f64);
-    body.push_str(&figure(
-        &cells(&axes, &points, size)?,
-        &format!(
-            "Displacement from none (dark, the dead zone) to {highest:.0} nm (bright), by its square \
-             root (Fig. 4.17). White is beyond the amplifier's voltage."
-        ),
-    ));
-    body.push_str(
-        "<div class=\"scroll\"><table>\n<tr><th>a<sub>2</sub><small>fsm</small></th>\
-         <th>dead zone in a<sub>1</sub><small>fsm</small></th></tr>\n",
-    );
-    for row in &d.dead_zones {
-        let zone = row
-            .dead_zone_fsm
-            .map_or_else(|| "above 5".to_owned(), |zone| format!("{zone:.2}"));
-        let _ = writeln!(body, "<tr><td>{:.2}</td><td>{zone}</td></tr>", row.a2_fsm);
-    }
-    body.push_str("</table></div>\n");
-    Ok(())
+    Ok(html! {
+        (heading)
+        (figure(
+            &cells(&axes, &points, size)?,
+            format!(
+                "Displacement from none (dark, the dead zone) to {highest:.0} nm (bright), by its square \
+                 root (Fig. 4.17). White is beyond the amplifier's voltage."
+            )
+        ))
+        div.scroll { table {
+            tr { (th(a(2), "fsm")) (th(html! { "dead zone in " (a(1)) }, "fsm")) }
+            @for row in &d.dead_zones {
+                tr {
+                    td { (fixed(row.a2_fsm, 2)) }
+                    td {
+                        @if let Some(zone) = row.dead_zone_fsm { (fixed(zone, 2)) }
+                        @else { "above 5" }
+                    }
+                }
+            }
+        } }
+    })
 }
 
 /// Figs. 4.18 and 4.19, or 4.21.
-fn curve(body: &mut String, d: &Document, f: &Figures) -> Result<()> {
-    body.push_str("<h2>Without dead zone</h2>\n<div class=\"pair\">\n");
+fn curve(d: &Document, f: &Figures) -> Result<Markup> {
     let measured: Vec<(f64, f64)> = d.curve.iter().map(|r| (r.a1_fsm, r.nm)).collect();
     let parabola: Vec<(f64, f64)> = d
         .curve
@@ -182,36 +181,36 @@ fn curve(body: &mut String, d: &Document, f: &Figures) -> Result<()> {
     let spread = |of: fn(&pigtail_evaluate::impulse::response::Spread) -> f64| -> Vec<(f64, f64)> {
         f.spread.iter().map(|s| (s.a1, of(s))).collect()
     };
-    let plots = [
-        (
-            format!(
-                "Measured, and the parabola (4.8) (Figs. 4.18, 4.21). R<sup>2</sup> = {:.3}.",
-                d.r2
-            ),
-            vec![("measured", measured), ("b a1^2", parabola)],
-        ),
-        (
-            "Over machines whose load friction differs by 10 % (one standard deviation) and whose \
-             motor is displaced by a tenth of a count: percentiles (Fig. 4.19)."
-                .to_owned(),
-            vec![
-                ("90 %", spread(|s| s.p90)),
-                ("50 %", spread(|s| s.p50)),
-                ("10 %", spread(|s| s.p10)),
-            ],
-        ),
-    ];
-    for (caption, named) in plots {
+    let draw = |named: &[(&str, Vec<(f64, f64)>)]| {
         let all = || named.iter().flat_map(|(_, points)| points.iter());
         let axes = Axes {
             width: HALF,
             x: (range_of(all().map(|p| p.0), 0.1), "first harmonic a1, fsm"),
             y: (range_of(all().map(|p| p.1), 1.0), "displacement, nm"),
         };
-        body.push_str(&figure(&curves(&axes, &named)?, &caption));
-    }
-    body.push_str("</div>\n");
-    Ok(())
+        curves(&axes, named)
+    };
+    Ok(html! {
+        h2 { "Without dead zone" }
+        div.pair {
+            (figure(
+                &draw(&[("measured", measured), ("b a1^2", parabola)])?,
+                html! {
+                    "Measured, and the parabola (4.8) (Figs. 4.18, 4.21). R" sup { "2" } " = "
+                    (fixed(d.r2, 3)) "."
+                }
+            ))
+            (figure(
+                &draw(&[
+                    ("90 %", spread(|s| s.p90)),
+                    ("50 %", spread(|s| s.p50)),
+                    ("10 %", spread(|s| s.p10)),
+                ])?,
+                "Over machines whose load friction differs by 10 % (one standard deviation) and whose \
+                 motor is displaced by a tenth of a count: percentiles (Fig. 4.19)."
+            ))
+        }
+    })
 }
 
 /// A way to relax in words.
@@ -223,11 +222,7 @@ fn in_words(relax: &str) -> &str {
 }
 
 /// The same pulse again and again.
-fn in_a_row(body: &mut String, d: &Document) -> Result<()> {
-    body.push_str(
-        "<h2>The same pulse in a row</h2>\n<p>A pulse leaves the transmission wound up. Unless that is \
-         brought back, the next one moves the output by something else.</p>\n",
-    );
+fn in_a_row(d: &Document) -> Result<Markup> {
     let named: Vec<(&str, Vec<(f64, f64)>)> = d
         .rows
         .iter()
@@ -245,27 +240,27 @@ fn in_a_row(body: &mut String, d: &Document) -> Result<()> {
         x: (range_of(all().map(|p| p.0), 1.0), "pulse"),
         y: (range_of(all().map(|p| p.1), 1.0), "displacement, nm"),
     };
-    body.push_str(&figure(
-        &curves(&axes, &named)?,
-        "Displacement by each of them, by how the transmission is brought back to zero torque between \
-         them.",
-    ));
-    body.push_str(
-        "<div class=\"scroll\"><table>\n<tr><th>relaxed by</th><th>displacements<small>nm</small></th>\
-         <th>spread over mean</th></tr>\n",
-    );
-    for row in &d.rows {
-        let list: Vec<String> = row.nm.iter().map(|nm| format!("{nm:.0}")).collect();
-        let spread = row
-            .unevenness
-            .map_or_else(|| "-".to_owned(), |u| format!("{u:.3}"));
-        let _ = writeln!(
-            body,
-            "<tr><td>{}</td><td>{}</td><td>{spread}</td></tr>",
-            in_words(row.relax),
-            list.join(", ")
-        );
-    }
-    body.push_str("</table></div>\n");
-    Ok(())
+    Ok(html! {
+        h2 { "The same pulse in a row" }
+        p {
+            "A pulse leaves the transmission wound up. Unless that is brought back, the next one moves the \
+             output by something else."
+        }
+        (figure(
+            &curves(&axes, &named)?,
+            "Displacement by each of them, by how the transmission is brought back to zero torque between \
+             them."
+        ))
+        div.scroll { table {
+            tr { th { "relaxed by" } (th("displacements", "nm")) th { "spread over mean" } }
+            @for row in &d.rows {
+                @let moved: Vec<String> = row.nm.iter().map(|nm| fixed(*nm, 0)).collect();
+                tr {
+                    td { (in_words(row.relax)) }
+                    td { (moved.join(", ")) }
+                    td { (number(row.unevenness, 3)) }
+                }
+            }
+        } }
+    })
 }

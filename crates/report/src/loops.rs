@@ -1,11 +1,11 @@
 //! The report of windup loops on machines that differ.
 
 use super::figure::{Axes, HALF, WHOLE, curves, range_of};
-use super::html::{escape, figure, page};
+use super::html::{figure, fixed, number, page, th};
 use anyhow::Result;
+use maud::{Markup, html};
 use pigtail_evaluate::loops::{Document, Loop};
 use pigtail_model::windup::{Windup, WindupState};
-use std::fmt::Write as _;
 
 /// Points of a curve: more would show no more.
 const POINTS: usize = 2000;
@@ -17,33 +17,6 @@ const POINTS: usize = 2000;
 /// When a figure cannot be drawn.
 pub fn loops(d: &Document, loops: &[Loop]) -> Result<String> {
     let title = format!("Windup of {}, seed {}", d.axis, d.seed);
-    let mut body = format!("<h1>{}</h1>\n", escape(&title));
-    let _ = writeln!(
-        body,
-        "<p>Forward and back over {:.0} um, on the same specimen but for what is varied. Input is \
-         the motor's encoder behind the gear, output what the probe sees.</p>",
-        d.range_um
-    );
-    body.push_str(
-        "<div class=\"scroll\"><table>\n<tr><th>figure</th><th>machine</th>\
-         <th>windup<small>um</small></th><th>W_max<small>um</small></th><th>Q<small>um</small></th>\
-         <th>(2.20) leaves<small>um rms</small></th><th>at most<small>um</small></th></tr>\n",
-    );
-    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2}"));
-    for case in &d.cases {
-        let _ = writeln!(
-            body,
-            "<tr><td>{}</td><td>{}</td><td>{:.2}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
-            case.figure,
-            escape(&case.name),
-            case.windup_um,
-            number(case.w_max_um),
-            number(case.q_um),
-            number(case.residual_um),
-            number(case.largest_residual_um)
-        );
-    }
-    body.push_str("</table></div>\n");
     let of = |figures: &[&str]| -> Vec<&Loop> {
         loops
             .iter()
@@ -51,51 +24,75 @@ pub fn loops(d: &Document, loops: &[Loop]) -> Result<String> {
             .collect()
     };
     let plain = of(&["2.8", "2.11"]);
-    let number = plain.first().map_or("", |l| l.case.figure);
-    body.push_str(&figure(
-        &over_input(&plain, WHOLE)?,
-        &format!("Output against input as the machine is (thesis, Fig. {number})."),
-    ));
-    body.push_str("<div class=\"pair\">\n");
-    for (figures, text) in [
-        (
-            ["2.8", "2.9"],
-            "The more load friction, the more windup (Fig. 2.9).",
-        ),
-        (["2.10", "2.10"], "Without load friction (Fig. 2.10)."),
-        (
-            ["2.8", "2.12, 2.13"],
-            "A preload stiffens the transmission (Figs. 2.12, 2.13).",
-        ),
-    ] {
-        let mut chosen = of(&figures);
-        if figures[0] == "2.8" {
-            chosen = plain.iter().copied().chain(of(&figures[1..])).collect();
-        }
-        body.push_str(&figure(&over_input(&chosen, HALF)?, text));
-    }
-    body.push_str("</div>\n");
+    let and_plain =
+        |figure: &str| -> Vec<&Loop> { plain.iter().copied().chain(of(&[figure])).collect() };
+    let first = plain.first().map_or("", |l| l.case.figure);
     let laws = of(&["2.14, 2.15"]);
-    if !laws.is_empty() {
-        body.push_str("<h2>Laws of load friction</h2>\n");
-        if let Some(nearest) = d.laws() {
-            let _ = writeln!(body, "<p>{}.</p>", escape(&nearest));
+    let body = html! {
+        p {
+            "Forward and back over " (fixed(d.range_um, 0)) " um, on the same specimen but for what is \
+             varied. Input is the motor's encoder behind the gear, output what the probe sees."
         }
-        body.push_str("<div class=\"pair\">\n");
-        for l in laws {
-            let text = format!(
-                "Windup against output under {}, beside (2.20) (Figs. 2.14, 2.15).",
-                l.case.name
-            );
-            body.push_str(&figure(&over_output(l)?, &text));
+        (table(d))
+        (figure(
+            &over_input(&plain, WHOLE)?,
+            format!("Output against input as the machine is (thesis, Fig. {first}).")
+        ))
+        div.pair {
+            (figure(
+                &over_input(&and_plain("2.9"), HALF)?,
+                "The more load friction, the more windup (Fig. 2.9)."
+            ))
+            (figure(&over_input(&of(&["2.10"]), HALF)?, "Without load friction (Fig. 2.10)."))
+            (figure(
+                &over_input(&and_plain("2.12, 2.13"), HALF)?,
+                "A preload stiffens the transmission (Figs. 2.12, 2.13)."
+            ))
         }
-        body.push_str("</div>\n");
-    }
+        @if !laws.is_empty() {
+            h2 { "Laws of load friction" }
+            @if let Some(nearest) = d.laws() { p { (nearest) "." } }
+            div.pair {
+                @for l in laws {
+                    (figure(
+                        &over_output(l)?,
+                        format!(
+                            "Windup against output under {}, beside (2.20) (Figs. 2.14, 2.15).",
+                            l.case.name
+                        )
+                    ))
+                }
+            }
+        }
+    };
     Ok(page(&title, &body))
 }
 
+fn table(d: &Document) -> Markup {
+    html! {
+        div.scroll { table {
+            tr {
+                th { "figure" } th { "machine" }
+                (th("windup", "um")) (th("W_max", "um")) (th("Q", "um"))
+                (th("(2.20) leaves", "um rms")) (th("at most", "um"))
+            }
+            @for case in &d.cases {
+                tr {
+                    td { (case.figure) }
+                    td { (case.name) }
+                    td { (fixed(case.windup_um, 2)) }
+                    td { (number(case.w_max_um, 2)) }
+                    td { (number(case.q_um, 2)) }
+                    td { (number(case.residual_um, 2)) }
+                    td { (number(case.largest_residual_um, 2)) }
+                }
+            }
+        } }
+    }
+}
+
 /// Output against input, from the first turn on.
-fn over_input(loops: &[&Loop], width: u32) -> Result<String> {
+fn over_input(loops: &[&Loop], width: u32) -> Result<Markup> {
     let series: Vec<(&str, Vec<(f64, f64)>)> = loops
         .iter()
         .map(|l| {
@@ -119,7 +116,7 @@ fn over_input(loops: &[&Loop], width: u32) -> Result<String> {
 }
 
 /// Windup against output beside what (2.20) makes of it.
-fn over_output(l: &Loop) -> Result<String> {
+fn over_output(l: &Loop) -> Result<Markup> {
     let um = l.um_per_radian;
     let from = l.record.input.len() / 4;
     let every = (l.record.input.len() - from).div_ceil(POINTS);

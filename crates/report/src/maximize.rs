@@ -1,10 +1,10 @@
 //! The report of light throughput maximization.
 
 use super::figure::{Axes, WHOLE, curves, envelope};
-use super::html::{escape, figure, page};
+use super::html::{self, figure, fixed, number, page};
 use anyhow::Result;
+use maud::{Markup, html};
 use pigtail_evaluate::maximize::{CIRCLES, Document, Measured, Tracking};
-use std::fmt::Write as _;
 
 /// A table for a terminal or a page: a title, a header and rows.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -17,9 +17,6 @@ pub struct Table {
 
 /// The tables of a document.
 pub fn tables(document: &Document) -> Vec<Table> {
-    let number = |value: Option<f64>, digits: usize| {
-        value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"))
-    };
     let header = |names: &[&str]| names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>();
     let mut tracking = vec![header(&[
         "means",
@@ -94,60 +91,42 @@ pub fn tables(document: &Document) -> Vec<Table> {
 pub fn maximize(measured: &Measured) -> Result<String> {
     let document = &measured.document;
     let title = format!("Maximization on {}, seed {}", document.rig, document.seed);
-    let mut body = format!("<h1>{}</h1>\n", escape(&title));
-    let pictures = [lag(&document.tracking)?, light(measured)?];
-    for (k, table) in tables(document).iter().enumerate() {
-        let _ = writeln!(body, "<h2>{}</h2>", table.title);
-        html(&mut body, &table.rows);
-        if k == 0 {
-            body.push_str(&figure(
-                &pictures[0],
-                "How far the fiber trails a peak that drifts, in truth, against the drift's speed as \
-                 a share of what the means should follow (circles: of what was tried). Curves end where it no \
-                 longer trails steadily.",
-            ));
-            body.push_str(&figure(
-                &pictures[1],
-                "Light while the peak drifts, nine-point patterns of the first row following it: every \
-                 pattern looks around, so the light is never steady; beyond a step a pattern it is \
-                 lost.",
-            ));
+    let pictures = html! {
+        (figure(
+            &lag(&document.tracking)?,
+            "How far the fiber trails a peak that drifts, in truth, against the drift's speed as a share \
+             of what the means should follow (circles: of what was tried). Curves end where it no longer \
+             trails steadily."
+        ))
+        (figure(
+            &light(measured)?,
+            "Light while the peak drifts, nine-point patterns of the first row following it: every pattern \
+             looks around, so the light is never steady; beyond a step a pattern it is lost."
+        ))
+    };
+    let body = html! {
+        @for (k, table) in tables(document).iter().enumerate() {
+            h2 { (table.title) }
+            @if let Some((header, rows)) = table.rows.split_first() { (html::table(header, rows)) }
+            @if k == 0 { (pictures) }
         }
-    }
-    if let Some(a) = document.approach {
-        let _ = writeln!(
-            body,
-            "<h2>The way in z</h2>\n<p>The gap closed by {:.1} um in {:.2} s; meanwhile the peak walked \
-             {:.2} um aside, for light leaves the inclined facet at an angle ({:.2} um by design), at \
-             {:.2} um/s, and the climb went with it.</p>",
-            a.way_um, a.seconds, a.walk_um, a.expected_um, a.walk_um_s
-        );
-    }
-    let _ = writeln!(
-        body,
-        "<p class=\"soft\">Times are means over {} devices, inputs and outputs together.</p>",
-        document.devices
-    );
+        @if let Some(a) = document.approach {
+            h2 { "The way in z" }
+            p {
+                "The gap closed by " (fixed(a.way_um, 1)) " um in " (fixed(a.seconds, 2))
+                " s; meanwhile the peak walked " (fixed(a.walk_um, 2))
+                " um aside, for light leaves the inclined facet at an angle (" (fixed(a.expected_um, 2))
+                " um by design), at " (fixed(a.walk_um_s, 2)) " um/s, and the climb went with it."
+            }
+        }
+        p.soft {
+            "Times are means over " (document.devices) " devices, inputs and outputs together."
+        }
+    };
     Ok(page(&title, &body))
 }
 
-fn html(body: &mut String, rows: &[Vec<String>]) {
-    body.push_str("<div class=\"scroll\"><table>\n");
-    for (k, row) in rows.iter().enumerate() {
-        body.push_str("<tr>");
-        for cell in row {
-            let _ = match cell.split_once('\n') {
-                Some((name, unit)) => write!(body, "<th>{name}<small>{unit}</small></th>"),
-                None if k == 0 => write!(body, "<th>{cell}</th>"),
-                None => write!(body, "<td>{}</td>", escape(cell)),
-            };
-        }
-        body.push_str("</tr>\n");
-    }
-    body.push_str("</table></div>\n");
-}
-
-fn lag(tracking: &[Tracking]) -> Result<String> {
+fn lag(tracking: &[Tracking]) -> Result<Markup> {
     let named: Vec<(String, Vec<(f64, f64)>)> = tracking
         .iter()
         .map(|t| {
@@ -181,7 +160,7 @@ fn lag(tracking: &[Tracking]) -> Result<String> {
     curves(&axes, &all)
 }
 
-fn light(measured: &Measured) -> Result<String> {
+fn light(measured: &Measured) -> Result<Markup> {
     let all: Vec<(&str, Vec<(f64, f64)>)> = measured
         .curves
         .iter()

@@ -1,12 +1,12 @@
 //! The report of a micro manipulator's identified piezos.
 
 use super::figure::{Axes, HALF, WHOLE, coloured, curves, envelope, range_of};
-use super::html::{escape, figure, page};
+use super::html::{figure, fixed, page, th};
 use super::hysteresis::{Curve, plot};
 use anyhow::Result;
+use maud::{Markup, html};
 use pigtail_control::compensation::hysteresis::{FORWARD, Model, Network, Rbf, Spectrum, UNITS};
 use pigtail_evaluate::hysteresis::Identified;
-use std::fmt::Write as _;
 
 /// The report of identified micros as one HTML text.
 ///
@@ -16,59 +16,54 @@ use std::fmt::Write as _;
 pub fn micros(found: &[Identified]) -> Result<String> {
     let seed = found.first().map_or(0, |found| found.document.seed);
     let title = format!("Hysteresis of the piezos, seed {seed}");
-    let mut body = format!("<h1>{}</h1>\n", escape(&title));
-    for found in found {
-        body.push_str(&micro(found)?);
-    }
+    let body = html! {
+        @for found in found { (micro(found)?) }
+    };
     Ok(page(&title, &body))
 }
 
 /// What was found of one micro.
-fn micro(found: &Identified) -> Result<String> {
+fn micro(found: &Identified) -> Result<Markup> {
     let d = &found.document;
-    let mut body = format!("<h1>The {} micro</h1>\n", d.side);
-    let _ = writeln!(
-        body,
-        "<p>Forward and back over {:.0} um the ways part by {:.2} % of the range without compensation \
-         and by {:.2} % with the model <b>{}</b> of {} functions. The scale errs by {:+.2} % without \
-         and by {:+.2} % with it. Errors are by the truth, and those that the best straight line \
-         leaves.</p>",
-        d.range_um,
-        d.uncompensated_opening_percent,
-        d.opening_percent,
-        d.model,
-        d.functions,
-        d.uncompensated_gain_error_percent,
-        d.gain_error_percent
-    );
-    body.push_str(
-        "<div class=\"scroll\"><table>\n<tr><th>path</th><th></th><th>none<small>um rms</small></th>\
-         <th>rbf<small>um rms</small></th><th>times<small>better</small></th>\
-         <th>memory<small>um rms</small></th><th>times<small>better</small></th></tr>\n",
-    );
-    for p in &d.paths {
-        let _ = writeln!(
-            body,
-            "<tr><td>{}</td><td></td><td>{:.3}</td><td>{:.3}</td><td>{:.1}</td><td>{:.3}</td>\
-             <td>{:.1}</td></tr>",
-            p.name,
-            p.uncompensated_um,
-            p.rbf_um,
-            p.rbf_improvement,
-            p.memory_um,
-            p.memory_improvement
-        );
-    }
-    body.push_str("</table></div>\n");
-    body.push_str(&light_and_curves(found)?);
-    body.push_str(&networks(found)?);
-    body.push_str(&compensated(found)?);
-    Ok(body)
+    Ok(html! {
+        h1 { "The " (d.side) " micro" }
+        p {
+            "Forward and back over " (fixed(d.range_um, 0)) " um the ways part by "
+            (fixed(d.uncompensated_opening_percent, 2)) " % of the range without compensation and by "
+            (fixed(d.opening_percent, 2)) " % with the model " b { (d.model) } " of " (d.functions)
+            " functions. The scale errs by " (signed(d.uncompensated_gain_error_percent))
+            " % without and by " (signed(d.gain_error_percent)) " % with it. Errors are by the truth, and \
+             those that the best straight line leaves."
+        }
+        div.scroll { table {
+            tr {
+                th { "path" } th {}
+                (th("none", "um rms")) (th("rbf", "um rms")) (th("times", "better"))
+                (th("memory", "um rms")) (th("times", "better"))
+            }
+            @for p in &d.paths {
+                tr {
+                    td { (p.name) } td {}
+                    td { (fixed(p.uncompensated_um, 3)) }
+                    td { (fixed(p.rbf_um, 3)) }
+                    td { (fixed(p.rbf_improvement, 1)) }
+                    td { (fixed(p.memory_um, 3)) }
+                    td { (fixed(p.memory_improvement, 1)) }
+                }
+            }
+        } }
+        (light_and_curves(found)?)
+        (networks(found)?)
+        (compensated(found)?)
+    })
+}
+
+fn signed(value: f64) -> String {
+    format!("{value:+.2}")
 }
 
 /// Figs. 4.3, 4.4 and 4.6.
-fn light_and_curves(found: &Identified) -> Result<String> {
-    let mut body = "<h2>What was measured</h2>\n".to_owned();
+fn light_and_curves(found: &Identified) -> Result<Markup> {
     let piezo = &found.micro.piezos[0];
     let series = &piezo.series;
     // The first whole cycle: down to the bottom, forward, and back.
@@ -88,65 +83,63 @@ fn light_and_curves(found: &Identified) -> Result<String> {
         .skip_while(|s| !s.rising)
         .skip(1)
         .collect();
-    if let Some(up) = ways.iter().position(|s| s.rising) {
+    let first = ways.iter().position(|s| s.rising).map(|up| {
         let time = |k: usize| piezo.record.time[k];
         let (f, b) = (ways[up], ways[up + 1]);
-        let pair = [
+        [
             ("forward", light((time(f.start), time(f.end)))),
             ("back", light((time(b.start), time(b.end)))),
-        ];
-        body.push_str(&figure(
-            &plot(WHOLE, "voltage, V", "light, V", &pair)?,
-            "Light against the voltage of the first piezo, forward and back (thesis, Fig. 4.3).",
-        ));
-    }
-    body.push_str("<div class=\"pair\">\n");
+        ]
+    });
     let r = &piezo.ways;
     let loops: Vec<(f64, f64)> = (0..r.len())
         .filter(|k| r.weight[*k] > 0.0)
         .map(|k| (r.input[k], 1e6 * r.output[k]))
         .collect();
-    body.push_str(&figure(
-        &plot(
-            HALF,
-            "voltage, V",
-            "displacement, um",
-            &[("measured", loops)],
-        )?,
-        "Displacement against voltage: full ways, and the ways back from turning voltages across the \
-         range (Fig. 4.4).",
-    ));
-    if let Model::Rbf(rbf) = &piezo.rbf
-        && let Some(spectrum) = Spectrum::of(&piezo.ways, &rbf.input, &rbf.output)
-    {
-        let power = spectrum.power.iter().take_while(|p| p.0 <= 2.5);
-        body.push_str(&figure(
-            &plot(
-                HALF,
-                "frequency, 1/V",
-                "log10 of power",
-                &[("", power.map(|(f, p)| (*f, p.max(1e-12).log10())).collect())],
-            )?,
-            &format!(
-                "Power of the displacement over a way to the middle and back, against frequency \
-                 along the voltage (Fig. 4.6). Beyond {:.2} a volt less than half a percent of the \
-                 range is left: functions are 1/(2f) = {:.2} V apart, {} of them.",
-                spectrum.highest(),
-                spectrum.spacing(),
-                rbf.forward.functions()
-            ),
-        ));
-    }
-    body.push_str("</div>\n");
-    Ok(body)
+    Ok(html! {
+        h2 { "What was measured" }
+        @if let Some(pair) = first {
+            (figure(
+                &plot(WHOLE, "voltage, V", "light, V", &pair)?,
+                "Light against the voltage of the first piezo, forward and back (thesis, Fig. 4.3)."
+            ))
+        }
+        div.pair {
+            (figure(
+                &plot(HALF, "voltage, V", "displacement, um", &[("measured", loops)])?,
+                "Displacement against voltage: full ways, and the ways back from turning voltages across \
+                 the range (Fig. 4.4)."
+            ))
+            @if let Model::Rbf(rbf) = &piezo.rbf {
+                @if let Some(spectrum) = Spectrum::of(&piezo.ways, &rbf.input, &rbf.output) {
+                    (power(&spectrum, rbf)?)
+                }
+            }
+        }
+    })
+}
+
+fn power(spectrum: &Spectrum, rbf: &Rbf) -> Result<Markup> {
+    let power = spectrum.power.iter().take_while(|p| p.0 <= 2.5);
+    let curve = power.map(|(f, p)| (*f, p.max(1e-12).log10())).collect();
+    Ok(figure(
+        &plot(HALF, "frequency, 1/V", "log10 of power", &[("", curve)])?,
+        format!(
+            "Power of the displacement over a way to the middle and back, against frequency along the \
+             voltage (Fig. 4.6). Beyond {:.2} a volt less than half a percent of the range is left: \
+             functions are 1/(2f) = {:.2} V apart, {} of them.",
+            spectrum.highest(),
+            spectrum.spacing(),
+            rbf.forward.functions()
+        ),
+    ))
 }
 
 /// Figs. 4.7 to 4.9.
-fn networks(found: &Identified) -> Result<String> {
-    let mut body = "<h2>The networks of the first piezo</h2>\n".to_owned();
+fn networks(found: &Identified) -> Result<Markup> {
     let piezo = &found.micro.piezos[0];
     let Model::Rbf(rbf) = &piezo.rbf else {
-        return Ok(String::new());
+        return Ok(Markup::default());
     };
     let samples = Rbf::samples(&piezo.ways, &rbf.input, &rbf.output);
     let every = samples.len().div_ceil(1500);
@@ -161,58 +154,56 @@ fn networks(found: &Identified) -> Result<String> {
         x: (FORWARD - 1.0..UNITS + 1.0, "turning point v1, V"),
         y: (-0.5..UNITS + 0.5, "voltage vx, V"),
     };
-    body.push_str(&figure(
-        &coloured(&axes, &points, (FORWARD, 0.0))?,
-        &format!(
-            "Centres (bright) and training data (dark) (Fig. 4.7): the way forward at v1 = {FORWARD}, \
-             ways back below their turning points. Width {:.2} forward and {:.2} inverse, tuned from \
-             {:.2} by (4.6).",
-            rbf.forward.width(),
-            rbf.inverse.width(),
-            Network::rule(rbf.forward.spacing())
-        ),
-    ));
-    body.push_str("<div class=\"pair\">\n");
-    for (network, x, y, text) in [
-        (
-            &rbf.forward,
-            "voltage vx, V",
-            "x, units",
-            "x = f(v1, vx) (Fig. 4.8): along the way forward and three ways back.",
-        ),
-        (
-            &rbf.inverse,
-            "x, units",
-            "voltage vx, V",
-            "vx = g(v1, x) (Fig. 4.9): the same for the inverse.",
-        ),
-    ] {
-        let curve = |turn: f64, to: f64| -> Vec<(f64, f64)> {
-            (0..=100)
-                .map(|k| to * f64::from(k) / 100.0)
-                .map(|at| (at, network.value([turn, at])))
-                .collect()
-        };
-        let series: [Curve; 3] = [
-            ("forward", curve(FORWARD, UNITS)),
-            ("back from 10 V", curve(10.0, UNITS)),
-            ("back from 5 V", curve(5.0, 5.0)),
-        ];
-        let all = || series.iter().flat_map(|(_, points)| points.iter());
-        let axes = Axes {
-            width: HALF,
-            x: (range_of(all().map(|p| p.0), 0.1), x),
-            y: (range_of(all().map(|p| p.1), 0.1), y),
-        };
-        body.push_str(&figure(&curves(&axes, &series)?, text));
-    }
-    body.push_str("</div>\n");
-    Ok(body)
+    Ok(html! {
+        h2 { "The networks of the first piezo" }
+        (figure(
+            &coloured(&axes, &points, (FORWARD, 0.0))?,
+            format!(
+                "Centres (bright) and training data (dark) (Fig. 4.7): the way forward at v1 = {FORWARD}, \
+                 ways back below their turning points. Width {:.2} forward and {:.2} inverse, tuned from \
+                 {:.2} by (4.6).",
+                rbf.forward.width(),
+                rbf.inverse.width(),
+                Network::rule(rbf.forward.spacing())
+            )
+        ))
+        div.pair {
+            (figure(
+                &ways(&rbf.forward, "voltage vx, V", "x, units")?,
+                "x = f(v1, vx) (Fig. 4.8): along the way forward and three ways back."
+            ))
+            (figure(
+                &ways(&rbf.inverse, "x, units", "voltage vx, V")?,
+                "vx = g(v1, x) (Fig. 4.9): the same for the inverse."
+            ))
+        }
+    })
+}
+
+/// What a network makes of the way forward and of ways back.
+fn ways(network: &Network, x: &str, y: &str) -> Result<Markup> {
+    let curve = |turn: f64, to: f64| -> Vec<(f64, f64)> {
+        (0..=100)
+            .map(|k| to * f64::from(k) / 100.0)
+            .map(|at| (at, network.value([turn, at])))
+            .collect()
+    };
+    let series: [Curve; 3] = [
+        ("forward", curve(FORWARD, UNITS)),
+        ("back from 10 V", curve(10.0, UNITS)),
+        ("back from 5 V", curve(5.0, 5.0)),
+    ];
+    let all = || series.iter().flat_map(|(_, points)| points.iter());
+    let axes = Axes {
+        width: HALF,
+        x: (range_of(all().map(|p| p.0), 0.1), x),
+        y: (range_of(all().map(|p| p.1), 0.1), y),
+    };
+    curves(&axes, &series)
 }
 
 /// Fig. 4.10, and the same without.
-fn compensated(found: &Identified) -> Result<String> {
-    let mut body = "<h2>With and without compensation</h2>\n<div class=\"pair\">\n".to_owned();
+fn compensated(found: &Identified) -> Result<Markup> {
     let errors = |i: usize| -> Vec<(f64, f64)> {
         let scan = &found.scans[i];
         let (errors, _) = scan.errors(found.from, 1);
@@ -229,14 +220,14 @@ fn compensated(found: &Identified) -> Result<String> {
         ("rbf", errors(1)),
         ("memory", errors(2)),
     ];
-    body.push_str(&figure(
-        &plot(HALF, x, y, &all)?,
-        "Error over forward and back scans, by the truth (Fig. 4.10).",
-    ));
-    body.push_str(&figure(
-        &plot(HALF, x, y, &all[1..])?,
-        "The same, of the models alone.",
-    ));
-    body.push_str("</div>\n");
-    Ok(body)
+    Ok(html! {
+        h2 { "With and without compensation" }
+        div.pair {
+            (figure(
+                &plot(HALF, x, y, &all)?,
+                "Error over forward and back scans, by the truth (Fig. 4.10)."
+            ))
+            (figure(&plot(HALF, x, y, &all[1..])?, "The same, of the models alone."))
+        }
+    })
 }

@@ -1,11 +1,11 @@
 //! The reports of models from a person's own records.
 
 use super::figure::{Axes, HALF, WHOLE, bars, curves, envelope, points, range_of};
-use super::html::{escape, figure, page};
+use super::html::{self, figure, page, th, verdict};
 use anyhow::Result;
+use maud::{Markup, html};
 use pigtail_numerics::signal::{autocorrelation, quantile};
-use pigtail_records::{Answer, Shown, capital, short};
-use std::fmt::Write as _;
+use pigtail_records::{Answer, Figure, Shown, capital, short};
 
 /// Columns of a curve over time, and points of a cloud: more would show no more.
 const COLUMNS: usize = 900;
@@ -45,94 +45,73 @@ fn readable(values: &[f64], unit: &str) -> (f64, String) {
 ///
 /// When a figure cannot be drawn.
 pub fn record(title: &str, answer: &Answer, shown: Option<&Shown>) -> Result<String> {
-    let mut body = format!("<h1>{}</h1>\n", escape(title));
-    let class = if answer.is_whole() { "good" } else { "bad" };
-    let _ = writeln!(
-        body,
-        "<p class=\"{class}\">{}</p>",
-        escape(&capital(&answer.verdict))
-    );
     let percent = |e: Option<f64>| e.map_or("-".to_owned(), |e| format!("{} %", short(e)));
-    let _ = writeln!(
-        body,
-        "<p>Relative error {} on the record, {} on what it was not fitted to; condition {}.</p>",
-        percent(answer.relative_error_percent),
-        percent(answer.validation_error_percent),
-        answer.condition.map_or("-".to_owned(), short)
-    );
-    for remark in &answer.remarks {
-        let _ = writeln!(body, "<p class=\"soft\">{}</p>", escape(remark));
-    }
-    parameters(&mut body, answer);
-    let Some(shown) = shown else {
-        return Ok(page(title, &body));
-    };
-    account(&mut body, shown)?;
-    for extra in &shown.figures {
-        let series: Vec<(&str, Vec<(f64, f64)>)> = extra
-            .curves
-            .iter()
-            .map(|(name, points)| (name.as_str(), envelope(points, COLUMNS)))
-            .collect();
-        let all = || series.iter().flat_map(|(_, points)| points.iter());
-        let axes = Axes {
-            width: WHOLE,
-            x: (range_of(all().map(|p| p.0), 1e-9), &extra.x),
-            y: (range_of(all().map(|p| p.1), 1e-9), &extra.y),
-        };
-        body.push_str(&figure(&curves(&axes, &series)?, &escape(&extra.caption)));
-    }
-    for table in &shown.tables {
-        let _ = writeln!(body, "<h2>{}</h2>", escape(&table.title));
-        body.push_str("<div class=\"scroll\"><table>\n<tr>");
-        for cell in &table.header {
-            let _ = write!(body, "<th>{}</th>", escape(cell));
+    let body = html! {
+        p class=(verdict(answer.is_whole())) { (capital(&answer.verdict)) }
+        p {
+            "Relative error " (percent(answer.relative_error_percent)) " on the record, "
+            (percent(answer.validation_error_percent)) " on what it was not fitted to; condition "
+            (answer.condition.map_or("-".to_owned(), short)) "."
         }
-        body.push_str("</tr>\n");
-        for row in &table.rows {
-            body.push_str("<tr>");
-            for cell in row {
-                let _ = write!(body, "<td>{cell}</td>");
+        @for remark in &answer.remarks { p.soft { (remark) } }
+        (parameters(answer))
+        @if let Some(shown) = shown {
+            (account(shown)?)
+            @for extra in &shown.figures { (figure(&other(extra)?, &extra.caption)) }
+            @for table in &shown.tables {
+                h2 { (table.title) }
+                (html::table(&table.header, &table.rows))
             }
-            body.push_str("</tr>\n");
         }
-        body.push_str("</table></div>\n");
-    }
+    };
     Ok(page(title, &body))
 }
 
-fn parameters(body: &mut String, answer: &Answer) {
-    body.push_str(
-        "<div class=\"scroll\"><table>\n<tr><th>parameter</th><th></th><th>value</th>\
-         <th>standard deviation<small>if what is left were white</small></th>\
-         <th>standard deviation<small>as it is correlated</small></th></tr>\n",
-    );
-    for (parameter, unit) in &answer.parameters {
-        let name = parameter.name.replace('_', " ");
-        let cells = parameter.known.map_or_else(
-            || "<td class=\"bad\">not known</td><td></td><td></td>".to_owned(),
-            |k| {
-                format!(
-                    "<td>{}</td><td>{}</td><td>{}</td>",
-                    short(k.value),
-                    short(k.std),
-                    short(k.std_correlated)
-                )
-            },
-        );
-        let _ = writeln!(
-            body,
-            "<tr><td>{name}</td><td>{}</td>{cells}</tr>",
-            escape(unit)
-        );
-    }
-    body.push_str("</table></div>\n");
+/// A figure that one kind of record brings along.
+fn other(extra: &Figure) -> Result<Markup> {
+    let series: Vec<(&str, Vec<(f64, f64)>)> = extra
+        .curves
+        .iter()
+        .map(|(name, points)| (name.as_str(), envelope(points, COLUMNS)))
+        .collect();
+    let all = || series.iter().flat_map(|(_, points)| points.iter());
+    let axes = Axes {
+        width: WHOLE,
+        x: (range_of(all().map(|p| p.0), 1e-9), &extra.x),
+        y: (range_of(all().map(|p| p.1), 1e-9), &extra.y),
+    };
+    curves(&axes, &series)
 }
 
-fn account(body: &mut String, shown: &Shown) -> Result<()> {
+fn parameters(answer: &Answer) -> Markup {
+    html! {
+        div.scroll { table {
+            tr {
+                th { "parameter" } th {} th { "value" }
+                (th("standard deviation", "if what is left were white"))
+                (th("standard deviation", "as it is correlated"))
+            }
+            @for (parameter, unit) in &answer.parameters {
+                tr {
+                    td { (parameter.name.replace('_', " ")) }
+                    td { (unit) }
+                    @if let Some(known) = parameter.known {
+                        td { (short(known.value)) }
+                        td { (short(known.std)) }
+                        td { (short(known.std_correlated)) }
+                    } @else {
+                        td.bad { "not known" } td {} td {}
+                    }
+                }
+            }
+        } }
+    }
+}
+
+fn account(shown: &Shown) -> Result<Markup> {
     let a = &shown.account;
     if a.time.is_empty() {
-        return Ok(());
+        return Ok(Markup::default());
     }
     let (what, unit) = shown.quantity;
     let left = a.left();
@@ -162,15 +141,6 @@ fn account(body: &mut String, shown: &Shown) -> Result<()> {
         ("measured", over(&a.measured, scale)),
         ("modelled", over(&a.modelled, scale)),
     ];
-    body.push_str(&figure(
-        &plot(&both, &y)?,
-        &format!("The {what} in the record and by the model."),
-    ));
-    body.push_str(&figure(
-        &plot(&[("residual", over(&left, fine))], &y_left)?,
-        "Measured less modelled, over time.",
-    ));
-    body.push_str("<div class=\"pair\">\n");
     let every = left.len().div_ceil(POINTS).max(1);
     let cloud = |x: &[f64], factor: f64, label: &str| {
         let cloud: Vec<(f64, f64)> = (0..left.len())
@@ -184,14 +154,6 @@ fn account(body: &mut String, shown: &Shown) -> Result<()> {
         };
         points(&axes, &cloud)
     };
-    body.push_str(&figure(
-        &cloud(&a.position, px, &format!("position, {pname}"))?,
-        "The residual against position.",
-    ));
-    body.push_str(&figure(
-        &cloud(&a.velocity, vx, &format!("velocity, {vname}"))?,
-        "The residual against velocity.",
-    ));
     let scaled: Vec<f64> = left.iter().map(|l| fine * l).collect();
     let (low, high) = (quantile(&scaled, 0.001), quantile(&scaled, 0.999));
     let range = range_of([low, high].into_iter(), 1e-9);
@@ -200,10 +162,6 @@ fn account(body: &mut String, shown: &Shown) -> Result<()> {
         .copied()
         .filter(|v| range.contains(v))
         .collect();
-    body.push_str(&figure(
-        &bars(HALF, &inside, &range, 60, &y_left, "samples")?,
-        "Histogram of the residual, without its furthest thousandths.",
-    ));
     let correlation: Vec<(f64, f64)> = autocorrelation(&left, LAGS)
         .into_iter()
         .enumerate()
@@ -223,10 +181,32 @@ fn account(body: &mut String, shown: &Shown) -> Result<()> {
         ("of the residual", correlation),
         ("95 % of white noise", vec![(0.0, edge), (last, edge)]),
     ];
-    body.push_str(&figure(
-        &curves(&axes, &series)?,
-        "Autocorrelation of the residual: white noise would fall to the line at once.",
-    ));
-    body.push_str("</div>\n");
-    Ok(())
+    Ok(html! {
+        (figure(
+            &plot(&both, &y)?,
+            format!("The {what} in the record and by the model.")
+        ))
+        (figure(
+            &plot(&[("residual", over(&left, fine))], &y_left)?,
+            "Measured less modelled, over time."
+        ))
+        div.pair {
+            (figure(
+                &cloud(&a.position, px, &format!("position, {pname}"))?,
+                "The residual against position."
+            ))
+            (figure(
+                &cloud(&a.velocity, vx, &format!("velocity, {vname}"))?,
+                "The residual against velocity."
+            ))
+            (figure(
+                &bars(HALF, &inside, &range, 60, &y_left, "samples")?,
+                "Histogram of the residual, without its furthest thousandths."
+            ))
+            (figure(
+                &curves(&axes, &series)?,
+                "Autocorrelation of the residual: white noise would fall to the line at once."
+            ))
+        }
+    })
 }

@@ -1,12 +1,12 @@
 //! The report of search and peak on a measured map.
 
 use super::figure::{Axes, CURVES, HALF, INK, WHOLE, chart, draw, mesh};
-use super::html::{escape, figure, page};
+use super::html::{figure, fixed, page, th, verdict};
 use anyhow::Result;
-use pigtail_records::map::{Document, Peak, Trial};
+use maud::{Markup, html};
+use pigtail_records::map::{Document, Trial};
 use pigtail_sysid::map::{Reading, Scan, Shape};
 use plotters::prelude::*;
-use std::fmt::Write as _;
 use std::ops::Range;
 
 /// Most readings that a picture shows one by one.
@@ -20,55 +20,49 @@ const POINTS: usize = 12_000;
 pub fn scan(scan: &Scan, trial: &Trial) -> Result<String> {
     let document = &trial.document;
     let title = format!("Search and peak on {}", document.map);
-    let mut body = format!("<h1>{}</h1>\n", escape(&title));
-    let (class, text) = if document.outcome == "aligned" {
-        ("good", "peak found".to_owned())
-    } else {
-        ("bad", format!("{}: {}", document.outcome, document.detail))
-    };
-    let _ = writeln!(
-        body,
-        "<p><span class=\"{class}\">{}</span>; {} of the map's {} readings were taken{}.</p>",
-        escape(&text),
-        document.readings_used,
-        document.readings,
-        document
-            .readings_to_first_light
-            .map_or_else(String::new, |n| format!(
-                ", {n} of them until there was light"
-            ))
-    );
-    body.push_str(&table(document));
-    for note in notes(document) {
-        let _ = writeln!(body, "<p>{}</p>", escape(&note));
-    }
-    body.push_str("<div class=\"pair\">\n");
+    let aligned = document.outcome == "aligned";
     let whole = trial.examined.as_ref().ok().map(|all| all.peak);
-    body.push_str(&figure(
-        &map(scan, whole.as_ref())?,
-        "The map as it was measured, from dark to bright, with the ellipse at 1/e of the peak's \
-         height by all of its readings.",
-    ));
-    let empty = Vec::new();
     let looked = trial.looked.as_ref();
-    let taken = looked.map_or(&empty, |l| &l.taken);
-    if !taken.is_empty() {
-        body.push_str(&figure(
-            &way(scan, taken, looked.and_then(|l| l.peak).as_ref())?,
-            "The readings that were taken, in order along the line: from the start outward, and \
-             after first light where a reading tells most about the peak's place. The ellipse is \
-             theirs.",
-        ));
-    }
-    body.push_str("</div>\n");
-    if let Some(shape) = looked.and_then(|l| l.peak) {
-        body.push_str(&figure(
-            &profile(scan, taken, &shape)?,
-            "Readings against their distance from the peak, in radii of its ellipse in their \
-             direction: all of the map, and those that were taken (large). The curve is the shape \
-             fitted to the latter.",
-        ));
-    }
+    let taken = looked.map_or(&[][..], |l| &l.taken);
+    let peak = looked.and_then(|l| l.peak);
+    let body = html! {
+        p {
+            span class=(verdict(aligned)) {
+                @if aligned { "peak found" }
+                @else { (document.outcome) ": " (document.detail) }
+            }
+            "; " (document.readings_used) " of the map's " (document.readings) " readings were taken"
+            @if let Some(n) = document.readings_to_first_light {
+                ", " (n) " of them until there was light"
+            }
+            "."
+        }
+        (table(document))
+        @for note in notes(document) { p { (note) } }
+        div.pair {
+            (figure(
+                &map(scan, whole.as_ref())?,
+                "The map as it was measured, from dark to bright, with the ellipse at 1/e of the peak's \
+                 height by all of its readings."
+            ))
+            @if !taken.is_empty() {
+                (figure(
+                    &way(scan, taken, peak.as_ref())?,
+                    "The readings that were taken, in order along the line: from the start outward, and \
+                     after first light where a reading tells most about the peak's place. The ellipse is \
+                     theirs."
+                ))
+            }
+        }
+        @if let Some(shape) = peak {
+            (figure(
+                &profile(scan, taken, &shape)?,
+                "Readings against their distance from the peak, in radii of its ellipse in their \
+                 direction: all of the map, and those that were taken (large). The curve is the shape \
+                 fitted to the latter."
+            ))
+        }
+    };
     Ok(page(&title, &body))
 }
 
@@ -111,38 +105,44 @@ pub fn notes(document: &Document) -> Vec<String> {
     notes
 }
 
-fn table(document: &Document) -> String {
-    let mut html = format!(
-        "<div class=\"scroll\"><table>\n<tr><th>by</th><th></th><th>readings</th><th>x<small>um</small></th>\
-         <th>y<small>um</small></th><th>known to<small>um</small></th><th>width x<small>um</small></th>\
-         <th>width y<small>um</small></th><th>radius x<small>um</small></th><th>radius \
-         y<small>um</small></th><th>power<small>{0}</small></th><th>dark<small>{0}</small></th></tr>\n",
-        document.power_unit
-    );
-    let mut row = |name: &str, readings: usize, peak: &Option<Peak>| {
-        let Some(p) = peak else { return };
-        let _ = writeln!(
-            html,
-            "<tr><td>{name}</td><td></td><td>{readings}</td><td>{:.3}</td><td>{:.3}</td><td>{:.3}</td>\
-             <td>{:.3}</td><td>{:.3}</td><td>{:.3}</td><td>{:.3}</td><td>{}</td><td>{}</td></tr>",
-            p.x_um,
-            p.y_um,
-            p.deviation_um,
-            p.widths_um.x,
-            p.widths_um.y,
-            p.radii_um.x,
-            p.radii_um.y,
-            p.power,
-            p.background
-        );
-    };
-    row("search", document.readings_used, &document.peak);
-    row("whole map", document.readings, &document.whole_map);
-    html.push_str(
-        "</table></div>\n<p class=\"soft\">Widths are full ones at half of the height, radii are at \
-         1/e of it; both along x and y through the peak.</p>\n",
-    );
-    html
+fn table(document: &Document) -> Markup {
+    let rows = [
+        ("search", document.readings_used, &document.peak),
+        ("whole map", document.readings, &document.whole_map),
+    ];
+    html! {
+        div.scroll { table {
+            tr {
+                th { "by" } th {} th { "readings" }
+                (th("x", "um")) (th("y", "um")) (th("known to", "um"))
+                (th("width x", "um")) (th("width y", "um")) (th("radius x", "um")) (th("radius y", "um"))
+                (th("power", document.power_unit)) (th("dark", document.power_unit))
+            }
+            @for (name, readings, peak) in rows {
+                @if let Some(p) = peak {
+                    tr {
+                        td { (name) } td {} td { (readings) }
+                        @for um in [
+                            p.x_um,
+                            p.y_um,
+                            p.deviation_um,
+                            p.widths_um.x,
+                            p.widths_um.y,
+                            p.radii_um.x,
+                            p.radii_um.y,
+                        ] {
+                            td { (fixed(um, 3)) }
+                        }
+                        td { (p.power) } td { (p.background) }
+                    }
+                }
+            }
+        } }
+        p.soft {
+            "Widths are full ones at half of the height, radii are at 1/e of it; both along x and y through \
+             the peak."
+        }
+    }
 }
 
 /// Axes of one scale around a scan, half a spacing beyond its readings.
@@ -187,7 +187,7 @@ fn ellipse(shape: &Shape) -> Vec<(f64, f64)> {
 
 const RED: RGBColor = RGBColor(200, 30, 30);
 
-fn map(scan: &Scan, peak: Option<&Shape>) -> Result<String> {
+fn map(scan: &Scan, peak: Option<&Shape>) -> Result<Markup> {
     let axes = area(scan);
     let readings = scan.readings();
     let bright = scale(readings);
@@ -214,7 +214,7 @@ fn map(scan: &Scan, peak: Option<&Shape>) -> Result<String> {
     })
 }
 
-fn way(scan: &Scan, taken: &[usize], peak: Option<&Shape>) -> Result<String> {
+fn way(scan: &Scan, taken: &[usize], peak: Option<&Shape>) -> Result<Markup> {
     let axes = area(scan);
     let readings = scan.readings();
     let bright = scale(readings);
@@ -244,7 +244,7 @@ fn way(scan: &Scan, taken: &[usize], peak: Option<&Shape>) -> Result<String> {
 }
 
 /// Readings against their distance from the peak in radii.
-fn profile(scan: &Scan, taken: &[usize], shape: &Shape) -> Result<String> {
+fn profile(scan: &Scan, taken: &[usize], shape: &Shape) -> Result<Markup> {
     const FAR: f64 = 4.0;
     let readings = scan.readings();
     let at = |r: &Reading| (-shape.share(r.x, r.y).ln()).sqrt();

@@ -1,13 +1,13 @@
 //! The report of the reproduced thesis: a section a chapter, every figure with its claims.
 
 use super::figure::{Axes, HALF, bars, cells, curves, dots, range_of};
-use super::html::{escape, figure, page_with_style};
+use super::html::{figure, fixed, page_with_style, verdict};
 use anyhow::Result;
+use maud::{Markup, html};
 use pigtail_reproduce::claims::{Claim, Kind};
 use pigtail_reproduce::errata::Erratum;
 use pigtail_reproduce::picture::{Content, Picture};
 use pigtail_reproduce::{Document, Figure, Reproduction, chapter};
-use std::fmt::Write as _;
 use std::ops::Range;
 
 /// Chapters and what they are about.
@@ -58,216 +58,184 @@ dl.tolerances dt { font-weight: 600; } dl.tolerances dd { margin: 0 0 .4rem 1rem
 pub fn thesis(made: &Reproduction) -> Result<String> {
     let d = &made.document;
     let title = format!("The thesis on the twin, rig {}, seed {}", d.rig, d.seed);
-    let mut body = format!("<h1>{}</h1>\n", escape(&title));
-    summary(&mut body, d);
-    contents(&mut body, made);
-    failures(&mut body, d);
-    for (number, name) in CHAPTERS {
-        let figures: Vec<&Figure> = made
-            .figures
+    let of = |number: &str| -> Vec<&Figure> {
+        made.figures
             .iter()
             .filter(|f| chapter(f.id) == number)
-            .collect();
-        if figures.is_empty() {
-            continue;
+            .collect()
+    };
+    let chapters: Vec<Chapter> = CHAPTERS
+        .into_iter()
+        .map(|(number, name)| (number, name, of(number)))
+        .filter(|(.., figures)| !figures.is_empty())
+        .collect();
+    let failed: Vec<&Claim> = d.claims.iter().filter(|c| !c.holds).collect();
+    let body = html! {
+        (summary(d))
+        (contents(&chapters))
+        @if !failed.is_empty() {
+            h2 { "What does not hold" }
+            (table(&failed, true))
         }
-        let _ = writeln!(body, "<h2 id=\"chapter{number}\">{number}. {name}</h2>");
-        for f in figures {
-            one(&mut body, f, &d.claims)?;
+        @for (number, name, figures) in &chapters {
+            h2 id={ "chapter" (number) } { (number) ". " (name) }
+            @for f in figures { (one(f, &d.claims)?) }
         }
-    }
-    errata(&mut body, &made.errata);
+        (errata(&made.errata))
+    };
     Ok(page_with_style(&title, STYLE, &body))
 }
 
-fn summary(body: &mut String, d: &Document) {
-    let calibrated = d.of - d.of_predicted;
-    let calibrated_held = d.held - d.predicted;
-    let _ = writeln!(
-        body,
-        "<p><b>{} of {} claims hold</b>: {} of {} predictions, and {} of {} for which numbers of \
-         the rig's plant or of an experiment were chosen and which therefore prove nothing (marked &loz;). {}Took {:.0} s.</p>\n\
-         <p>{} Measured is what encoders, probes and photodiodes tell, by the control code of a real run. \
-         No other number was fitted to the figure with which it is compared.</p>",
-        d.held,
-        d.of,
-        d.predicted,
-        d.of_predicted,
-        calibrated_held,
-        calibrated,
-        if d.quick {
-            "A quick run: fewer steps, devices and runs. "
-        } else {
-            ""
-        },
-        d.seconds,
-        if d.specimen {
-            "The machine is a specimen that the seed drew; what the thesis simulated is simulated on the \
-             one in the middle."
-        } else {
-            "The machine is the thesis's, in the middle of its make: the rig's plant for what was simulated, \
-             with what its measured.toml changes for what was measured; the \
-             seed drew device, fixture and noise."
+/// A chapter's number, what it is about, and its figures.
+type Chapter<'a> = (&'static str, &'static str, Vec<&'a Figure>);
+
+fn summary(d: &Document) -> Markup {
+    html! {
+        p {
+            b { (d.held) " of " (d.of) " claims hold" }
+            ": " (d.predicted) " of " (d.of_predicted) " predictions, and " (d.held - d.predicted) " of "
+            (d.of - d.of_predicted) " for which numbers of the rig's plant or of an experiment were chosen \
+            and which therefore prove nothing (marked ◊). "
+            @if d.quick { "A quick run: fewer steps, devices and runs. " }
+            "Took " (fixed(d.seconds, 0)) " s."
         }
-    );
-    body.push_str(
-        "<details><summary>How near a result must come</summary>\n<p>Chosen before any result, by the \
-         kind of the claim.</p>\n<dl class=\"tolerances\">\n",
-    );
-    for kind in Kind::ALL {
-        let _ = writeln!(
-            body,
-            "<dt>{}</dt><dd>{}</dd>",
-            kind.tolerance(),
-            escape(kind.reason())
-        );
+        p {
+            @if d.specimen {
+                "The machine is a specimen that the seed drew; what the thesis simulated is simulated on \
+                 the one in the middle."
+            } @else {
+                "The machine is the thesis's, in the middle of its make: the rig's plant for what was \
+                 simulated, with what its measured.toml changes for what was measured; the seed drew \
+                 device, fixture and noise."
+            }
+            " Measured is what encoders, probes and photodiodes tell, by the control code of a real run. \
+             No other number was fitted to the figure with which it is compared."
+        }
+        details {
+            summary { "How near a result must come" }
+            p { "Chosen before any result, by the kind of the claim." }
+            dl.tolerances {
+                @for kind in Kind::ALL {
+                    dt { (kind.tolerance()) } dd { (kind.reason()) }
+                }
+            }
+        }
     }
-    body.push_str("</dl></details>\n");
 }
 
-fn contents(body: &mut String, made: &Reproduction) {
-    body.push_str("<nav>\n");
-    for (number, name) in CHAPTERS {
-        let figures = || made.figures.iter().filter(|f| chapter(f.id) == number);
-        if figures().next().is_none() {
-            continue;
+fn contents(chapters: &[Chapter]) -> Markup {
+    html! {
+        nav {
+            @for (number, name, figures) in chapters {
+                p {
+                    a href={ "#chapter" (number) } { (number) ". " (name) }
+                    br;
+                    @for f in figures {
+                        a href={ "#f" (f.id) } title=(f.title) { (f.id) } " "
+                    }
+                }
+            }
+            p { a href="#errata" { "Slips in the thesis" } }
         }
-        let _ = write!(
-            body,
-            "<p><a href=\"#chapter{number}\">{number}. {name}</a><br>"
-        );
-        for f in figures() {
-            let _ = write!(
-                body,
-                "<a href=\"#f{0}\" title=\"{1}\">{0}</a> ",
-                f.id,
-                escape(f.title)
-            );
-        }
-        body.push_str("</p>\n");
     }
-    body.push_str("<p><a href=\"#errata\">Slips in the thesis</a></p>\n</nav>\n");
 }
 
 fn label(id: &str) -> &'static str {
     if id.contains('.') { "Fig. " } else { "" }
 }
 
-fn failures(body: &mut String, d: &Document) {
-    let failed: Vec<&Claim> = d.claims.iter().filter(|c| !c.holds).collect();
-    if failed.is_empty() {
-        return;
-    }
-    body.push_str("<h2>What does not hold</h2>\n");
-    table(body, failed.into_iter(), true);
+/// The figure to which a claim belongs.
+fn figure_of(claim: &Claim) -> &str {
+    claim.id.split('-').next().unwrap_or(claim.id)
 }
 
 /// A figure: pictures, what to say of them, claims.
-fn one(body: &mut String, f: &Figure, claims: &[Claim]) -> Result<()> {
-    let _ = writeln!(
-        body,
-        "<h3 id=\"f{0}\">{1}{0} {2}</h3>",
-        f.id,
-        label(f.id),
-        escape(f.title)
-    );
-    let of: Vec<&Claim> = claims
-        .iter()
-        .filter(|c| c.id.split('-').next() == Some(f.id))
-        .collect();
-    if !f.pictures.is_empty() {
-        body.push_str("<div class=\"pair\">\n");
-        for picture in &f.pictures {
-            body.push_str(&figure(&svg(picture)?, &escape(&picture.caption)));
+fn one(f: &Figure, claims: &[Claim]) -> Result<Markup> {
+    let claims: Vec<&Claim> = claims.iter().filter(|c| figure_of(c) == f.id).collect();
+    Ok(html! {
+        h3 id={ "f" (f.id) } { (label(f.id)) (f.id) " " (f.title) }
+        @if !f.pictures.is_empty() {
+            div.pair {
+                @for picture in &f.pictures { (figure(&svg(picture)?, &picture.caption)) }
+            }
         }
-        body.push_str("</div>\n");
-    }
-    if !f.remark.is_empty() {
-        let _ = writeln!(body, "<p>{}</p>", escape(&f.remark));
-    }
-    if !of.is_empty() {
-        table(body, of.into_iter(), false);
-    }
-    Ok(())
+        @if !f.remark.is_empty() { p { (f.remark) } }
+        @if !claims.is_empty() { (table(&claims, false)) }
+    })
 }
 
 /// Claims beside results; `linked` where they do not stand below their figure.
-fn table<'a>(body: &mut String, claims: impl Iterator<Item = &'a Claim>, linked: bool) {
-    body.push_str(
-        "<table class=\"claims\"><thead><tr><th>claim</th><th class=\"number\">thesis</th>\
-         <th class=\"number\">ours</th><th class=\"tolerance\">tolerance</th><th class=\"mark\"></th></tr></thead>\n<tbody>\n",
-    );
-    for c in claims {
-        let unit = if c.unit.is_empty() {
-            String::new()
-        } else {
-            format!(" {}", c.unit)
-        };
-        let sign = match c.kind {
-            "below" => "&lt; ",
-            "above" => "&gt; ",
-            _ => "",
-        };
-        let ours = c
-            .ours
-            .map_or_else(|| "-".to_owned(), |v| format!("{v}{unit}"));
-        let (class, mark) = if c.holds {
-            ("good", "holds")
-        } else if c.explained {
-            ("bad", "fails, explained")
-        } else {
-            ("bad", "fails")
-        };
-        let calibrated = if c.calibrated { " &loz;" } else { "" };
-        let note = if c.note.is_empty() {
-            String::new()
-        } else {
-            format!(" <span class=\"soft\">{}</span>", escape(&c.note))
-        };
-        let figure = if linked {
-            let id = c.id.split('-').next().unwrap_or(c.id);
-            format!("<a href=\"#f{id}\">{}{id}</a>: ", label(id))
-        } else {
-            String::new()
-        };
-        let _ = writeln!(
-            body,
-            "<tr><td>{figure}{}{calibrated}{note}<q>{} ({})</q></td>\
-             <td class=\"number\" data-of=\"thesis\">{sign}{}{unit}</td>\
-             <td class=\"number\" data-of=\"ours\">{ours}</td><td data-of=\"tolerance\">{}</td>\
-             <td class=\"{class} mark\">{mark}</td></tr>",
-            escape(c.quantity),
-            escape(c.quote),
-            c.section,
-            c.thesis,
-            c.tolerance
-        );
+fn table(claims: &[&Claim], linked: bool) -> Markup {
+    html! {
+        table.claims {
+            thead { tr {
+                th { "claim" }
+                th.number { "thesis" }
+                th.number { "ours" }
+                th.tolerance { "tolerance" }
+                th.mark {}
+            } }
+            tbody {
+                @for c in claims { (row(c, linked)) }
+            }
+        }
     }
-    body.push_str("</tbody></table>\n");
 }
 
-fn errata(body: &mut String, errata: &[Erratum]) {
-    body.push_str(
-        "<h2 id=\"errata\">Slips in the thesis</h2>\n<p>Found by working through it.</p>\n",
-    );
-    for e in errata {
-        let computed = if e.computed.is_empty() {
-            String::new()
+fn row(c: &Claim, linked: bool) -> Markup {
+    let sign = match c.kind {
+        "below" => "< ",
+        "above" => "> ",
+        _ => "",
+    };
+    let with_unit = |value: f64| {
+        if c.unit.is_empty() {
+            value.to_string()
         } else {
-            format!("<p class=\"soft\">Computed: {}</p>\n", escape(&e.computed))
-        };
-        let _ = writeln!(
-            body,
-            "<h3>{}</h3>\n<p>Printed: <i>{}</i></p>\n<p>{}</p>\n{computed}",
-            escape(&e.title),
-            escape(&e.printed),
-            escape(&e.argument)
-        );
+            format!("{value} {}", c.unit)
+        }
+    };
+    let ours = c.ours.map_or_else(|| "-".to_owned(), with_unit);
+    let mark = match (c.holds, c.explained) {
+        (true, _) => "holds",
+        (false, true) => "fails, explained",
+        (false, false) => "fails",
+    };
+    html! {
+        tr {
+            td {
+                @if linked {
+                    @let id = figure_of(c);
+                    a href={ "#f" (id) } { (label(id)) (id) } ": "
+                }
+                (c.quantity)
+                @if c.calibrated { " ◊" }
+                @if !c.note.is_empty() { " " span.soft { (c.note) } }
+                q { (c.quote) " (" (c.section) ")" }
+            }
+            td.number data-of="thesis" { (sign) (with_unit(c.thesis)) }
+            td.number data-of="ours" { (ours) }
+            td data-of="tolerance" { (c.tolerance) }
+            td.mark.(verdict(c.holds)) { (mark) }
+        }
+    }
+}
+
+fn errata(errata: &[Erratum]) -> Markup {
+    html! {
+        h2 #errata { "Slips in the thesis" }
+        p { "Found by working through it." }
+        @for e in errata {
+            h3 { (e.title) }
+            p { "Printed: " i { (e.printed) } }
+            p { (e.argument) }
+            @if !e.computed.is_empty() { p.soft { "Computed: " (e.computed) } }
+        }
     }
 }
 
 /// A picture as SVG.
-pub(crate) fn svg(picture: &Picture) -> Result<String> {
+pub(crate) fn svg(picture: &Picture) -> Result<Markup> {
     let all: Vec<(f64, f64)> = match &picture.content {
         Content::Curves(curves) => curves.iter().flat_map(|(_, p)| p.iter().copied()).collect(),
         Content::Bars(values, _) => values.iter().map(|v| (*v, 0.0)).collect(),

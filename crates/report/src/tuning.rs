@@ -1,12 +1,12 @@
 //! The report of a tuned axis.
 
 use super::figure::{Axes, HALF, WHOLE, curves, range_of};
-use super::html::{escape, figure, page};
+use super::html::{figure, page};
 use anyhow::Result;
+use maud::{Markup, html};
 use pigtail_control::characterize::Trace;
 use pigtail_control::tune::{Gains, Search};
 use pigtail_session::tune::Tuned;
-use std::fmt::Write as _;
 
 /// The report of a tuned axis as one HTML text.
 ///
@@ -16,38 +16,37 @@ use std::fmt::Write as _;
 pub fn tuning(tuned: &Tuned) -> Result<String> {
     let d = &tuned.document;
     let title = format!("Tuning of {}, seed {}", d.axis, d.seed);
-    let mut body = format!("<h1>{}</h1>\n", escape(&title));
-    let _ = writeln!(
-        body,
-        "<p>Gains kp {} V/count, ki {} V/(count s), kd {} V s/count: rise {:.1} ms (10 to 90 %), \
-         settling {:.1} ms (within one count), overshoot {:.1} %, cost {:.2} ms².</p>",
+    let found = format!(
+        "Gains kp {} V/count, ki {} V/(count s), kd {} V s/count: rise {:.1} ms (10 to 90 %), settling \
+         {:.1} ms (within one count), overshoot {:.1} %, cost {:.2} ms².",
         d.gains.kp, d.gains.ki, d.gains.kd, d.rise_ms, d.settling_ms, d.overshoot_percent, d.cost
     );
-    if let Some(specified) = d.specified {
-        let _ = writeln!(body, "<p>Specified: {specified}.</p>");
-    }
-    body.push_str(&figure(
-        &responses(tuned)?,
-        "The larger step under the gains that were believed and under those found, in counts of \
-         the motor's encoder.",
-    ));
-    body.push_str("<div class=\"pair\">\n");
-    for (k, name) in [(0, "kp"), (2, "kd")] {
-        body.push_str(&figure(
-            &paths(&tuned.searches, k, name)?,
-            "Successful trials of the searches from three starts (thesis, Fig. 2.3). The valley \
-             is flat: costs agree better than gains.",
-        ));
-    }
-    body.push_str("</div>\n");
-    body.push_str(&figure(
-        &costs(&tuned.searches)?,
-        "Best cost so far: ITAE over the size of the step, averaged over two sizes.",
-    ));
+    let body = html! {
+        p { (found) }
+        @if let Some(specified) = &d.specified { p { "Specified: " (specified) "." } }
+        (figure(
+            &responses(tuned)?,
+            "The larger step under the gains that were believed and under those found, in counts of the \
+             motor's encoder."
+        ))
+        div.pair {
+            @for (k, name) in [(0, "kp"), (2, "kd")] {
+                (figure(
+                    &paths(&tuned.searches, k, name)?,
+                    "Successful trials of the searches from three starts (thesis, Fig. 2.3). The valley \
+                     is flat: costs agree better than gains."
+                ))
+            }
+        }
+        (figure(
+            &costs(&tuned.searches)?,
+            "Best cost so far: ITAE over the size of the step, averaged over two sizes."
+        ))
+    };
     Ok(page(&title, &body))
 }
 
-fn responses(tuned: &Tuned) -> Result<String> {
+fn responses(tuned: &Tuned) -> Result<Markup> {
     let curve = |trace: &Trace| -> Vec<(f64, f64)> {
         let at = |k: usize| (k + 1) as f64 * trace.period * 1e3;
         std::iter::once((0.0, 0.0))
@@ -69,7 +68,7 @@ fn responses(tuned: &Tuned) -> Result<String> {
 
 const NAMES: [&str; 3] = ["start 1", "start 2", "start 3"];
 
-fn paths(searches: &[Search], k: usize, name: &str) -> Result<String> {
+fn paths(searches: &[Search], k: usize, name: &str) -> Result<Markup> {
     let logs = |gains: Gains| (gains[1].log10(), gains[k].log10());
     let named: Vec<(&str, Vec<(f64, f64)>)> = searches
         .iter()
@@ -86,7 +85,7 @@ fn paths(searches: &[Search], k: usize, name: &str) -> Result<String> {
     curves(&axes, &named)
 }
 
-fn costs(searches: &[Search]) -> Result<String> {
+fn costs(searches: &[Search]) -> Result<Markup> {
     let named: Vec<(&str, Vec<(f64, f64)>)> = searches
         .iter()
         .zip(NAMES)

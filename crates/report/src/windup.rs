@@ -1,12 +1,12 @@
 //! The report of an identified windup.
 
 use super::figure::{Axes, HALF, WHOLE, curves, range_of};
-use super::html::{escape, figure, page};
+use super::html::{figure, fixed, page, th};
 use anyhow::Result;
+use maud::{Markup, html};
 use pigtail_control::identify::WindupRecord;
 use pigtail_model::windup::{Windup, WindupState};
 use pigtail_session::identify::Identified;
-use std::fmt::Write as _;
 
 /// Points of a curve: more would show no more.
 const POINTS: usize = 3000;
@@ -19,44 +19,47 @@ const POINTS: usize = 3000;
 pub fn windup(identified: &Identified) -> Result<String> {
     let d = &identified.document;
     let title = format!("Windup of {}, seed {}", d.axis, d.seed);
-    let mut body = format!("<h1>{}</h1>\n", escape(&title));
-    let _ = writeln!(
-        body,
-        "<p>W_max {:.3} um, Q {:.3} um. Over the full range of {:.0} um the forward and the backward \
-         path lie {:.2} um apart without compensation and {:.2} um with it: {:.1} times better.</p>",
+    let text = format!(
+        "W_max {:.3} um, Q {:.3} um. Over the full range of {:.0} um the forward and the backward path lie \
+         {:.2} um apart without compensation and {:.2} um with it: {:.1} times better.",
         d.w_max_um, d.q_um, d.range_um, d.uncompensated_um, d.compensated_um, d.factor
     );
-    body.push_str(
-        "<div class=\"scroll\"><table>\n<tr><th>scan</th><th>none<small>um</small></th>\
-         <th>reversal<small>um</small></th><th>memory<small>um</small></th></tr>\n",
-    );
-    for row in &d.scans {
-        let [none, reversal, memory] = row.peak_to_peak_um;
-        let _ = writeln!(
-            body,
-            "<tr><td>{}</td><td>{:.2}</td><td>{:.2}</td><td>{:.2}</td></tr>\n\
-             <tr><td>peak to peak</td><td>{none:.2}</td><td>{reversal:.2}</td><td>{memory:.2}</td></tr>",
-            row.name, row.uncompensated_um, row.reversal_um, row.memory_um
-        );
-    }
-    body.push_str("</table></div>\n");
-    body.push_str(&figure(
-        &loops(identified)?,
-        "Windup against output over the identification scan (thesis, Figs. 2.14, 2.15): measured, \
-         and by both models.",
-    ));
-    body.push_str("<div class=\"pair\">\n");
-    for (record, text) in identified.before_and_after.iter().zip([
+    let row = |name: &str, values: [f64; 3]| {
+        html! {
+            tr {
+                td { (name) }
+                @for um in values { td { (fixed(um, 2)) } }
+            }
+        }
+    };
+    let texts = [
         "Without compensation: where the output was against where it was wanted (Fig. 2.8).",
         "With the model that remembers (Fig. 2.17).",
-    ]) {
-        body.push_str(&figure(&errors(record, identified.um_per_radian)?, text));
-    }
-    body.push_str("</div>\n");
+    ];
+    let body = html! {
+        p { (text) }
+        div.scroll { table {
+            tr { th { "scan" } (th("none", "um")) (th("reversal", "um")) (th("memory", "um")) }
+            @for scan in &d.scans {
+                (row(scan.name, [scan.uncompensated_um, scan.reversal_um, scan.memory_um]))
+                (row("peak to peak", scan.peak_to_peak_um))
+            }
+        } }
+        (figure(
+            &loops(identified)?,
+            "Windup against output over the identification scan (thesis, Figs. 2.14, 2.15): measured, and \
+             by both models."
+        ))
+        div.pair {
+            @for (record, text) in identified.before_and_after.iter().zip(texts) {
+                (figure(&errors(record, identified.um_per_radian)?, text))
+            }
+        }
+    };
     Ok(page(&title, &body))
 }
 
-fn loops(identified: &Identified) -> Result<String> {
+fn loops(identified: &Identified) -> Result<Markup> {
     let (record, um) = (&identified.record, identified.um_per_radian);
     let every = record.output.len().div_ceil(POINTS);
     let thin = |w: &dyn Fn(usize) -> f64| -> Vec<(f64, f64)> {
@@ -92,7 +95,7 @@ fn loops(identified: &Identified) -> Result<String> {
     curves(&axes, &series)
 }
 
-fn errors(record: &WindupRecord, um: f64) -> Result<String> {
+fn errors(record: &WindupRecord, um: f64) -> Result<Markup> {
     let every = record.output.len().div_ceil(POINTS);
     let points: Vec<(f64, f64)> = (0..record.output.len())
         .step_by(every)
