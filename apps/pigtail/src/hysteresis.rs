@@ -7,9 +7,9 @@ use clap::Args;
 use pigtail_evaluate::hysteresis::{self as machine, MachineDocument, MicrosDocument};
 use pigtail_hal::Error;
 use pigtail_hal::digest::hash;
+use pigtail_records::columns::LengthUnit;
 use pigtail_records::hysteresis::{
-    Columns, Document, Inverted, Kind, Micros, ModelFile, Table, Unit, fit, tell, voltages,
-    voltages_of,
+    Columns, Document, Inverted, Kind, Micros, ModelFile, Table, fit, tell, voltages, voltages_of,
 };
 use pigtail_report as report;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, Setup};
@@ -55,8 +55,8 @@ pub(crate) struct IdentifyArguments {
     #[arg(long, value_name = "COLUMN", requires = "data")]
     time: Option<String>,
     /// Unit of displacement in it
-    #[arg(long, value_parser = choice::<Unit>(), default_value = "um", requires = "data")]
-    unit: Unit,
+    #[arg(long, value_parser = choice::<LengthUnit>(), default_value = "um", requires = "data")]
+    unit: LengthUnit,
     /// Which model
     #[arg(long, value_parser = choice::<Kind>(), default_value = "memory")]
     model: Kind,
@@ -103,8 +103,8 @@ pub(crate) struct PredictArguments {
     #[arg(long, value_name = "COLUMN")]
     time: Option<String>,
     /// Unit of displacement in it; that of the model's record if not given
-    #[arg(long, value_parser = choice::<Unit>())]
-    unit: Option<Unit>,
+    #[arg(long, value_parser = choice::<LengthUnit>())]
+    unit: Option<LengthUnit>,
     /// Tell the voltage for the displacement
     #[arg(long)]
     inverse: bool,
@@ -342,7 +342,7 @@ fn path_alone(
     file: &ModelFile,
     table: &Table,
     columns: &Columns,
-    unit: Unit,
+    unit: LengthUnit,
     hashes: &[(String, String)],
 ) -> Result<u8, Failure> {
     let wanted = table.column(&columns.output)?;

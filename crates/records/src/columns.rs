@@ -1,66 +1,56 @@
 //! Columns of a CSV file that a person brings, in SI units.
 
 use pigtail_hal::Error;
+use pigtail_hal::quantity::{
+    ANGLE, Dimension, FORCE, FREQUENCY, LENGTH, LEVEL, RATIO, TIME, TORQUE, VOLTAGE,
+};
+use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// What a column may be of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Dimension {
-    /// Seconds.
-    Time,
-    /// Metres.
-    Length,
-    /// Radians.
-    Angle,
-    /// Volts.
-    Voltage,
-    /// Newtons.
-    Force,
-    /// Newton metres.
-    Torque,
-    /// Hertz.
-    Frequency,
-    /// A magnitude without a unit of its own, as a ratio.
-    Ratio,
-    /// A magnitude in decibels.
-    Decibel,
+/// What a column may be of, each in any of its units.
+const DIMENSIONS: [Dimension; 9] = [
+    TIME, LENGTH, ANGLE, VOLTAGE, FORCE, TORQUE, FREQUENCY, RATIO, LEVEL,
+];
+
+/// A unit of places in a file.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    strum::EnumMessage,
+    strum::EnumString,
+    strum::IntoStaticStr,
+    strum::VariantArray,
+    Serialize,
+    Deserialize,
+)]
+#[strum(serialize_all = "kebab-case")]
+#[serde(rename_all = "lowercase")]
+pub enum LengthUnit {
+    /// Nanometres
+    Nm,
+    /// Micrometres
+    Um,
+    /// Millimetres
+    Mm,
+    /// Metres
+    M,
 }
 
-/// Units by the name that a file gives them, what they are of, and their size in SI units.
-const UNITS: [(&str, Dimension, f64); 31] = [
-    ("s", Dimension::Time, 1.0),
-    ("ms", Dimension::Time, 1e-3),
-    ("us", Dimension::Time, 1e-6),
-    ("min", Dimension::Time, 60.0),
-    ("m", Dimension::Length, 1.0),
-    ("mm", Dimension::Length, 1e-3),
-    ("um", Dimension::Length, 1e-6),
-    ("nm", Dimension::Length, 1e-9),
-    ("rad", Dimension::Angle, 1.0),
-    ("mrad", Dimension::Angle, 1e-3),
-    ("urad", Dimension::Angle, 1e-6),
-    ("deg", Dimension::Angle, std::f64::consts::PI / 180.0),
-    ("arcsec", Dimension::Angle, std::f64::consts::PI / 648_000.0),
-    ("turn", Dimension::Angle, std::f64::consts::TAU),
-    ("V", Dimension::Voltage, 1.0),
-    ("mV", Dimension::Voltage, 1e-3),
-    ("N", Dimension::Force, 1.0),
-    ("kN", Dimension::Force, 1e3),
-    ("mN", Dimension::Force, 1e-3),
-    ("uN", Dimension::Force, 1e-6),
-    ("N m", Dimension::Torque, 1.0),
-    ("Nm", Dimension::Torque, 1.0),
-    ("mNm", Dimension::Torque, 1e-3),
-    ("uNm", Dimension::Torque, 1e-6),
-    ("Hz", Dimension::Frequency, 1.0),
-    ("kHz", Dimension::Frequency, 1e3),
-    ("rad/s", Dimension::Frequency, 0.5 / std::f64::consts::PI),
-    ("1", Dimension::Ratio, 1.0),
-    ("ratio", Dimension::Ratio, 1.0),
-    ("dB", Dimension::Decibel, 1.0),
-    ("db", Dimension::Decibel, 1.0),
-];
+impl LengthUnit {
+    /// Metres in one.
+    pub fn metres(self) -> f64 {
+        LENGTH.unit(self.into()).map_or(1.0, |(_, metres)| metres)
+    }
+
+    /// Micrometres in one.
+    pub fn micrometres(self) -> f64 {
+        1e6 * self.metres()
+    }
+}
 
 /// A column as it is named on a command line: `NAME` or `NAME:UNIT`.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -127,14 +117,21 @@ const MISSING: f64 = 0.2;
 /// Names under which a column of time is found where none is named.
 const TIMES: [&str; 7] = ["t_s", "time_s", "t", "time", "Time", "t_ms", "time_ms"];
 
-/// The unit with which a column's name ends.
-fn of_name(name: &str) -> Option<&'static (&'static str, Dimension, f64)> {
+/// A unit by its name, of one of these dimensions.
+fn unit_of(dimensions: &[Dimension], name: &str) -> Option<(Dimension, &'static str)> {
+    dimensions
+        .iter()
+        .find_map(|dimension| Some((*dimension, dimension.unit(name)?.0)))
+}
+
+/// What a column's name ends with.
+fn of_name(name: &str) -> Option<(Dimension, &'static str)> {
     let bracketed = name
         .strip_suffix([']', ')'])
         .and_then(|rest| rest.rsplit_once(['[', '(']))
         .map(|(_, unit)| unit);
     let suffix = bracketed.or_else(|| name.rsplit_once('_').map(|(_, unit)| unit))?;
-    UNITS.iter().find(|u| u.0 == suffix.trim())
+    unit_of(&DIMENSIONS, suffix.trim())
 }
 
 /// The names in a file's first line.
@@ -242,10 +239,7 @@ pub fn read(path: &Path, wanted: &[Wanted]) -> Result<Vec<Column>, Error> {
     }
     let sizes: Vec<f64> = columns
         .iter()
-        .map(|c: &Column| {
-            let unit = UNITS.iter().find(|u| u.0 == c.unit);
-            unit.map_or(1.0, |u| u.2)
-        })
+        .map(|c: &Column| c.dimension.unit(c.unit).map_or(1.0, |(_, size)| size))
         .collect();
     let mut row = csv::ByteRecord::new();
     while reader
@@ -316,20 +310,14 @@ fn locate(file: &str, names: &[String], want: &Wanted) -> Result<(usize, Column)
     };
     let name = &names[place];
     let accepted = || {
-        UNITS
-            .iter()
-            .filter(|u| want.of.contains(&u.1))
-            .map(|u| u.0)
-            .collect::<Vec<_>>()
-            .join(", ")
+        let units = want.of.iter().flat_map(|dimension| dimension.units);
+        let names: Vec<&str> = units.map(|(unit, _)| *unit).collect();
+        names.join(", ")
     };
     let suffix = of_name(name);
-    let (unit, by) = match (given, suffix) {
+    let (dimension, unit, by) = match (given, suffix) {
         (Some(given), _) => {
-            let unit = UNITS
-                .iter()
-                .find(|u| u.0 == given && want.of.contains(&u.1));
-            let Some(unit) = unit else {
+            let Some((dimension, unit)) = unit_of(want.of, given) else {
                 let message = format!(
                     "{} cannot be in \"{given}\"; accepted is {}",
                     want.option,
@@ -337,41 +325,36 @@ fn locate(file: &str, names: &[String], want: &Wanted) -> Result<(usize, Column)
                 );
                 return Err(Error::new(file, name, message));
             };
-            if let Some(own) = suffix.filter(|own| own.0 != unit.0 && want.of.contains(&own.1)) {
+            if let Some((_, own)) = suffix.filter(|(of, own)| *own != unit && want.of.contains(of))
+            {
                 let message = format!(
-                    "is said to be in {given}, but its name says {}; accepted is one of both: give the unit \
-                     that its name has, or rename the column",
-                    own.0
+                    "is said to be in {given}, but its name says {own}; accepted is one of both: give the unit \
+                     that its name has, or rename the column"
                 );
                 return Err(Error::new(file, name, message));
             }
-            (unit, By::Option)
+            (dimension, unit, By::Option)
         }
-        (None, Some(unit)) if want.of.contains(&unit.1) => (unit, By::Name),
+        (None, Some((dimension, unit))) if want.of.contains(&dimension) => {
+            (dimension, unit, By::Name)
+        }
         // A magnitude may be of anything over anything.
-        (None, Some(_)) if want.of.contains(&Dimension::Ratio) => {
-            let usual = UNITS.iter().find(|u| u.1 == Dimension::Ratio);
-            (usual.unwrap_or(&UNITS[0]), By::Name)
-        }
-        (None, Some(unit)) => {
+        (None, Some(_)) if want.of.contains(&RATIO) => (RATIO, RATIO.si(), By::Name),
+        (None, Some((_, unit))) => {
             let message = format!(
-                "its name says {}, which is no unit for {}; accepted is a column in {}, or its unit as \
+                "its name says {unit}, which is no unit for {}; accepted is a column in {}, or its unit as \
                  \"{name}:UNIT\"",
-                unit.0,
                 want.option,
                 accepted()
             );
             return Err(Error::new(file, name, message));
         }
-        (None, None) => {
-            let usual = UNITS.iter().find(|u| u.1 == want.of[0]);
-            (usual.unwrap_or(&UNITS[0]), By::Nothing)
-        }
+        (None, None) => (want.of[0], want.of[0].si(), By::Nothing),
     };
     let column = Column {
         name: name.clone(),
-        unit: unit.0,
-        dimension: unit.1,
+        unit,
+        dimension,
         values: Vec::new(),
         by,
     };
@@ -440,7 +423,7 @@ mod tests {
 
     #[test]
     fn units_come_from_the_option_or_the_name_and_must_agree() {
-        const LENGTHS: &[Dimension] = &[Dimension::Length, Dimension::Angle];
+        const LENGTHS: &[Dimension] = &[LENGTH, ANGLE];
         let of = |header: &str, named: &str| read_one(&format!("{header}\n2\n"), named, LENGTHS);
         let value = |c: Result<Column, Error>| c.expect("a column").values[0];
         assert!((value(of("x_mm", "x_mm")) - 2e-3).abs() < 1e-15);
@@ -453,8 +436,18 @@ mod tests {
     }
 
     #[test]
+    fn a_unit_of_places_is_one_of_length() {
+        use strum::VariantArray;
+        for unit in LengthUnit::VARIANTS {
+            assert!(LENGTH.unit(unit.into()).is_some(), "{unit:?}");
+        }
+        assert_eq!(LengthUnit::Nm.micrometres(), 1e-3);
+        assert_eq!(LengthUnit::Mm.micrometres(), 1e3);
+    }
+
+    #[test]
     fn missing_values_are_none_and_words_are_refused() {
-        let of = |rows: &str| read_one(&format!("x\n{rows}"), "x", &[Dimension::Length]);
+        let of = |rows: &str| read_one(&format!("x\n{rows}"), "x", &[LENGTH]);
         let column = of("1\nNaN\n3\n4\n5\n6\n").expect("a column");
         assert!(column.values[1].is_nan() && column.values.len() == 6);
         let error = of("1\ntwo\n").expect_err("no number");

@@ -1,6 +1,7 @@
 //! Search and peak on a power map that a person brings, and the document that tells what came of
 //! it.
 
+use crate::columns::LengthUnit;
 use crate::hysteresis::Table;
 use pigtail_hal::Error;
 use pigtail_numerics::rounded;
@@ -23,43 +24,6 @@ pub struct Columns {
     pub inverted: bool,
 }
 
-/// A unit of places.
-#[derive(
-    Debug,
-    Clone,
-    Copy,
-    PartialEq,
-    Eq,
-    strum::EnumMessage,
-    strum::EnumString,
-    strum::IntoStaticStr,
-    strum::VariantArray,
-    Serialize,
-)]
-#[strum(serialize_all = "kebab-case")]
-#[serde(rename_all = "lowercase")]
-pub enum LengthUnit {
-    /// Nanometres
-    Nm,
-    /// Micrometres
-    Um,
-    /// Millimetres
-    Mm,
-    /// Metres
-    M,
-}
-
-impl LengthUnit {
-    fn metres(self) -> f64 {
-        match self {
-            Self::Nm => 1e-9,
-            Self::Um => 1e-6,
-            Self::Mm => 1e-3,
-            Self::M => 1.0,
-        }
-    }
-}
-
 /// A unit of light: one that is linear, or a level.
 #[derive(
     Debug,
@@ -71,7 +35,6 @@ impl LengthUnit {
     strum::EnumString,
     strum::IntoStaticStr,
     strum::VariantArray,
-    Serialize,
 )]
 #[strum(serialize_all = "kebab-case")]
 pub enum PowerUnit {
@@ -80,30 +43,24 @@ pub enum PowerUnit {
     V,
     /// Millivolts of one
     #[strum(serialize = "mV")]
-    #[serde(rename = "mV")]
     MilliV,
     /// Watts
     #[strum(serialize = "W")]
     W,
     /// Milliwatts
     #[strum(serialize = "mW")]
-    #[serde(rename = "mW")]
     MilliW,
     /// Microwatts
     #[strum(serialize = "uW")]
-    #[serde(rename = "uW")]
     MicroW,
     /// Nanowatts
     #[strum(serialize = "nW")]
-    #[serde(rename = "nW")]
     NanoW,
     /// Numbers of a converter
     #[strum(serialize = "counts")]
-    #[serde(rename = "counts")]
     Counts,
     /// Decibels above a milliwatt; taken as milliwatts
     #[strum(serialize = "dBm")]
-    #[serde(rename = "dBm")]
     DBm,
 }
 
@@ -120,13 +77,8 @@ impl PowerUnit {
     /// The unit of that scale.
     pub fn linear_name(self) -> &'static str {
         match self {
-            Self::V => "V",
-            Self::MilliV => "mV",
-            Self::W => "W",
-            Self::MilliW | Self::DBm => "mW",
-            Self::MicroW => "uW",
-            Self::NanoW => "nW",
-            Self::Counts => "counts",
+            Self::DBm => Self::MilliW.into(),
+            linear => linear.into(),
         }
     }
 }
