@@ -5,11 +5,10 @@ use crate::common::Common;
 use crate::{DONE, Failure, stopped};
 use clap::Args;
 use pigtail_evaluate::hysteresis::{self as machine, MachineDocument, MicrosDocument};
-use pigtail_hal::Error;
 use pigtail_hal::digest::hash;
 use pigtail_records::columns::LengthUnit;
 use pigtail_records::hysteresis::{
-    Columns, Document, Inverted, Kind, Micros, ModelFile, Table, fit, tell, voltages, voltages_of,
+    Columns, Data, Document, Inverted, Kind, Micros, ModelFile, fit, tell, voltages, voltages_of,
 };
 use pigtail_report as report;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, Setup};
@@ -130,18 +129,18 @@ pub(crate) fn identify(arguments: &IdentifyArguments) -> Result<u8, Failure> {
     else {
         return on_machine(arguments);
     };
-    let table = Table::read(data)?;
+    let read = Data::open(data)?;
     let columns = Columns {
         input: input.clone(),
         output: output.clone(),
         time: arguments.time.clone(),
     };
-    let (record, columns) = table.record(&columns, arguments.unit.micrometres())?;
+    let (record, columns) = read.record(&columns, arguments.unit.micrometres())?;
     let mut tried =
-        fit(record, arguments.model).map_err(|invalid| table.explain(&invalid, &columns))?;
+        fit(record, arguments.model).map_err(|invalid| read.explain(&invalid, &columns))?;
     let seed = arguments.common.seed;
-    let read = [hash_of(data)];
-    let run = Run::begin(&arguments.common.runs, KIND, seed, &read)?;
+    let hashes = [hash_of(data)];
+    let run = Run::begin(&arguments.common.runs, KIND, seed, &hashes)?;
     tried.document.model_file = run.path("model.json").display().to_string();
     tried.document.report = run.path("report.html").display().to_string();
     let file = ModelFile {
@@ -278,10 +277,10 @@ fn machine_account(document: &MicrosDocument) -> String {
 
 pub(crate) fn predict(arguments: &PredictArguments) -> Result<u8, Failure> {
     let file = ModelFile::read(&arguments.model)?;
-    let table = Table::read(&arguments.data)?;
+    let data = Data::open(&arguments.data)?;
     let named = |given: &Option<String>, known: &str| given.as_deref().unwrap_or(known).to_owned();
     // A column of time that only the model's record had is not missed here.
-    let known_time = file.columns.time.clone().filter(|name| table.has(name));
+    let known_time = file.columns.time.clone().filter(|name| data.has(name));
     let columns = Columns {
         input: named(&arguments.input, &file.columns.input),
         output: named(&arguments.output, &file.columns.output),
@@ -289,11 +288,11 @@ pub(crate) fn predict(arguments: &PredictArguments) -> Result<u8, Failure> {
     };
     let unit = arguments.unit.unwrap_or(file.unit);
     let hashes = [hash_of(&arguments.model), hash_of(&arguments.data)];
-    let compare = arguments.input.is_some() || table.has(&columns.input);
+    let compare = arguments.input.is_some() || data.has(&columns.input);
     if arguments.inverse && !compare {
-        return path_alone(arguments, &file, &table, &columns, unit, &hashes);
+        return path_alone(arguments, &file, &data, &columns, unit, &hashes);
     }
-    let (record, _) = table.record(&columns, unit.micrometres())?;
+    let (record, _) = data.record(&columns, unit.micrometres())?;
     let (mut tried, inverted) = if arguments.inverse {
         let (tried, inverted) = voltages_of(&file.model, record);
         (tried, Some(inverted))
@@ -340,18 +339,12 @@ fn voltages_csv(inverted: &Inverted) -> String {
 fn path_alone(
     arguments: &PredictArguments,
     file: &ModelFile,
-    table: &Table,
+    data: &Data,
     columns: &Columns,
     unit: LengthUnit,
     hashes: &[(String, String)],
 ) -> Result<u8, Failure> {
-    let wanted = table.column(&columns.output)?;
-    let wanted: Vec<f64> = wanted.iter().map(|x| unit.micrometres() * x).collect();
-    if wanted.is_empty() {
-        let message = "has no rows; accepted is a path of at least one point";
-        return Err(Error::new(arguments.data.display().to_string(), "", message).into());
-    }
-    let (time, _) = table.time(columns.time.as_deref())?;
+    let (time, wanted) = data.path(columns, unit.micrometres())?;
     let inverted = voltages(&file.model, time, wanted);
     let run = Run::begin(&arguments.runs, "predict", 0, hashes)?;
     run.write("predicted.csv", voltages_csv(&inverted))?;

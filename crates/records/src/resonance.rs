@@ -76,7 +76,8 @@ struct Response {
 impl Roles {
     /// The columns by their names, or by their usual names.
     fn choose(&self, path: &Path) -> Result<Chosen, Error> {
-        let there = columns::names(path)?;
+        let table = columns::Table::open(path)?;
+        let there = table.names();
         let usual = |given: &Option<Named>, names: &[&str]| {
             given.clone().or_else(|| {
                 let found = names.iter().find(|n| there.iter().any(|t| t == *n));

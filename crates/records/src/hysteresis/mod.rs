@@ -2,8 +2,7 @@
 
 mod data;
 
-pub(crate) use data::explain_csv;
-pub use data::{Columns, Table};
+pub use data::{Columns, Data};
 
 use crate::columns::LengthUnit;
 use pigtail_control::compensation::hysteresis::{
