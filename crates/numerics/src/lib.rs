@@ -1,12 +1,14 @@
 //! What two rooms would otherwise write twice: least squares, filters, statistics, one-dimensional search.
 //!
 //! - [`regression`]: linear least squares, weighted and with instruments, with what is known of its uncertainty;
-//! - [`nonlinear`]: Levenberg and Marquardt's method with a Jacobian by differences;
+//! - [`normal`]: the same for a few unknowns, many times, and Levenberg and Marquardt's method upon it;
+//! - [`nonlinear`]: that method with a Jacobian by differences;
 //! - [`signal`]: filters without delay, derivatives, decimation, quantiles;
 //! - [`golden`]: golden section; [`statistics`]: percentiles, Wilson's interval.
 
 pub mod golden;
 pub mod nonlinear;
+pub mod normal;
 pub mod regression;
 pub mod signal;
 pub mod statistics;
