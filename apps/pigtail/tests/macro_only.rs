@@ -1,6 +1,7 @@
 //! Alignment with the macro alone, by light and pulses, scored against the truth.
 
 use pigtail_control::station::{Observer, Sample, Unobserved};
+use pigtail_model::frames::Displacement;
 use pigtail_session::align::align;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Setup};
@@ -14,7 +15,7 @@ impl Observer for Micros {
     fn phase(&mut self, _: &str, _: &'static str, _: f64) {}
 
     fn sample(&mut self, sample: &Sample) {
-        self.moved |= sample.micro != [(0.0, 0.0); 2];
+        self.moved |= sample.micro != [Displacement::ZERO; 2];
     }
 }
 
