@@ -16,6 +16,7 @@ use pigtail_control::procedure::FiberReport;
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::Station;
 use pigtail_evaluate::benchmark::{ALGORITHMS, Algorithm, run};
+use pigtail_model::frames::Displacement;
 use pigtail_report::benchmark_table;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
 use pigtail_session::setup::Setup;
@@ -42,7 +43,7 @@ fn my_lines(station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
 
 /// Looks at five points of a line and goes to where a parabola through them is highest.
 fn line(station: &mut Station, spot: &Spot, span: f64, along: (f64, f64)) -> Result<(), Halt> {
-    let (x, y) = station.micro(spot.side);
+    let Displacement { x, y } = station.micro(spot.side);
     let mut light = [0.0; 5];
     for (k, volts) in light.iter_mut().enumerate() {
         let way = span * (k as f64 / 2.0 - 1.0);

@@ -6,11 +6,10 @@ use crate::running::{self, stopped};
 use crate::{DONE, Failure};
 use clap::Args;
 use pigtail_evaluate::hysteresis::{self as machine, MachineDocument, MicrosDocument};
-use pigtail_hal::Error;
 use pigtail_hal::digest::hash;
+use pigtail_records::columns::LengthUnit;
 use pigtail_records::hysteresis::{
-    Columns, Document, Inverted, Kind, Micros, ModelFile, Table, Unit, fit, tell, voltages,
-    voltages_of,
+    Columns, Data, Document, Inverted, Kind, Micros, ModelFile, fit, tell, voltages, voltages_of,
 };
 use pigtail_report as report;
 use pigtail_session::rig::DEFAULT_RECIPE_NAME;
@@ -57,8 +56,8 @@ pub(crate) struct IdentifyArguments {
     #[arg(long, value_name = "COLUMN", requires = "data")]
     time: Option<String>,
     /// Unit of displacement in it
-    #[arg(long, value_parser = choice::<Unit>(), default_value = "um", requires = "data")]
-    unit: Unit,
+    #[arg(long, value_parser = choice::<LengthUnit>(), default_value = "um", requires = "data")]
+    unit: LengthUnit,
     /// Which model
     #[arg(long, value_parser = choice::<Kind>(), default_value = "memory")]
     model: Kind,
@@ -105,8 +104,8 @@ pub(crate) struct PredictArguments {
     #[arg(long, value_name = "COLUMN")]
     time: Option<String>,
     /// Unit of displacement in it; that of the model's record if not given
-    #[arg(long, value_parser = choice::<Unit>())]
-    unit: Option<Unit>,
+    #[arg(long, value_parser = choice::<LengthUnit>())]
+    unit: Option<LengthUnit>,
     /// Tell the voltage for the displacement
     #[arg(long)]
     inverse: bool,
@@ -132,18 +131,18 @@ pub(crate) fn identify(arguments: &IdentifyArguments) -> Result<u8, Failure> {
     else {
         return on_machine(arguments);
     };
-    let table = Table::read(data)?;
+    let read = Data::open(data)?;
     let columns = Columns {
         input: input.clone(),
         output: output.clone(),
         time: arguments.time.clone(),
     };
-    let (record, columns) = table.record(&columns, arguments.unit.micrometres())?;
+    let (record, columns) = read.record(&columns, arguments.unit.micrometres())?;
     let mut tried =
-        fit(record, arguments.model).map_err(|invalid| table.explain(&invalid, &columns))?;
+        fit(record, arguments.model).map_err(|invalid| read.explain(&invalid, &columns))?;
     let seed = arguments.common.seed;
-    let read = [hash_of(data)];
-    let run = Run::begin(&arguments.common.runs, KIND, seed, &read)?;
+    let hashes = [hash_of(data)];
+    let run = Run::begin(&arguments.common.runs, KIND, seed, &hashes)?;
     tried.document.model_file = run.path("model.json").display().to_string();
     tried.document.report = run.path("report.html").display().to_string();
     let file = ModelFile {
@@ -281,10 +280,10 @@ fn machine_account(document: &MicrosDocument) -> String {
 
 pub(crate) fn predict(arguments: &PredictArguments) -> Result<u8, Failure> {
     let file = ModelFile::read(&arguments.model)?;
-    let table = Table::read(&arguments.data)?;
+    let data = Data::open(&arguments.data)?;
     let named = |given: &Option<String>, known: &str| given.as_deref().unwrap_or(known).to_owned();
     // A column of time that only the model's record had is not missed here.
-    let known_time = file.columns.time.clone().filter(|name| table.has(name));
+    let known_time = file.columns.time.clone().filter(|name| data.has(name));
     let columns = Columns {
         input: named(&arguments.input, &file.columns.input),
         output: named(&arguments.output, &file.columns.output),
@@ -292,11 +291,11 @@ pub(crate) fn predict(arguments: &PredictArguments) -> Result<u8, Failure> {
     };
     let unit = arguments.unit.unwrap_or(file.unit);
     let hashes = [hash_of(&arguments.model), hash_of(&arguments.data)];
-    let compare = arguments.input.is_some() || table.has(&columns.input);
+    let compare = arguments.input.is_some() || data.has(&columns.input);
     if arguments.inverse && !compare {
-        return path_alone(arguments, &file, &table, &columns, unit, &hashes);
+        return path_alone(arguments, &file, &data, &columns, unit, &hashes);
     }
-    let (record, _) = table.record(&columns, unit.micrometres())?;
+    let (record, _) = data.record(&columns, unit.micrometres())?;
     let (mut tried, inverted) = if arguments.inverse {
         let (tried, inverted) = voltages_of(&file.model, record);
         (tried, Some(inverted))
@@ -343,18 +342,12 @@ fn voltages_csv(inverted: &Inverted) -> String {
 fn path_alone(
     arguments: &PredictArguments,
     file: &ModelFile,
-    table: &Table,
+    data: &Data,
     columns: &Columns,
-    unit: Unit,
+    unit: LengthUnit,
     hashes: &[(String, String)],
 ) -> Result<u8, Failure> {
-    let wanted = table.column(&columns.output)?;
-    let wanted: Vec<f64> = wanted.iter().map(|x| unit.micrometres() * x).collect();
-    if wanted.is_empty() {
-        let message = "has no rows; accepted is a path of at least one point";
-        return Err(Error::new(arguments.data.display().to_string(), "", message).into());
-    }
-    let (time, _) = table.time(columns.time.as_deref())?;
+    let (time, wanted) = data.path(columns, unit.micrometres())?;
     let inverted = voltages(&file.model, time, wanted);
     let run = Run::begin(&arguments.runs, "predict", 0, hashes)?;
     run.write("predicted.csv", voltages_csv(&inverted))?;

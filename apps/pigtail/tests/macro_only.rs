@@ -3,6 +3,7 @@
 use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::station::{Observer, Sample, Unobserved};
 use pigtail_evaluate::align::align;
+use pigtail_model::frames::Displacement;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
 use pigtail_session::setup::Setup;
@@ -16,7 +17,7 @@ impl Observer for Micros {
     fn phase(&mut self, _: &str, _: &'static str, _: f64) {}
 
     fn sample(&mut self, sample: &Sample) {
-        self.moved |= sample.micro != [(0.0, 0.0); 2];
+        self.moved |= sample.micro != [Displacement::ZERO; 2];
     }
 }
 

@@ -16,6 +16,7 @@ use crate::search::{Hit, STILL_THERE, Searcher, centre_sensing};
 use crate::sight::Tip;
 use crate::station::Station;
 use pigtail_hal::{Channel, Fault, FiberHandling, Side};
+use pigtail_model::frames::Displacement;
 use std::f64::consts::TAU;
 
 /// Light of one fiber that is to be brought to its maximum by the micro.
@@ -195,8 +196,8 @@ fn spiral(
     let (mut angle, mut end) = (0.0, TAU * radius / mesh);
     while angle < end {
         let r: f64 = mesh * angle / TAU;
-        let at = (r * angle.cos(), r * angle.sin());
-        station.move_micro(side, at.0, at.1);
+        let at = Displacement::new(r * angle.cos(), r * angle.sin());
+        station.move_micro(side, at.x, at.y);
         station.cycle()?;
         angle += (speed / r.max(f64::MIN_POSITIVE)).min(TAU * FASTEST_TURN) * period;
         let Some(volts) = station.light(channel) else {
@@ -275,8 +276,6 @@ const MOST_POINTS: usize = 60;
 /// Time for the micro to arrive at a point, seconds.
 const SETTLE: f64 = 6e-3;
 
-type Place = (f64, f64);
-
 /// Nelder and Mead's simplex in x and y of the micro, with their coefficients: reflection 1, expansion
 /// 2, contraction and shrinking 1/2. Rests on its brightest point.
 ///
@@ -284,27 +283,27 @@ type Place = (f64, f64);
 ///
 /// The machine's fault.
 pub fn nelder_mead(station: &mut Station, spot: &Spot) -> Result<(), Halt> {
-    let light = |station: &mut Station, at: Place| -> Result<(Place, f64), Fault> {
-        if !station.kinematics(spot.side).micro_reaches(at.0, at.1) {
+    let light = |station: &mut Station, at: Displacement| -> Result<(Displacement, f64), Fault> {
+        if !station.kinematics(spot.side).micro_reaches(at.x, at.y) {
             return Ok((at, f64::NEG_INFINITY));
         }
-        station.move_micro(spot.side, at.0, at.1);
+        station.move_micro(spot.side, at.x, at.y);
         station.run(SETTLE)?;
         Ok((at, station.level(spot.channel, spot.average)?.mean))
     };
-    let (x, y) = station.micro(spot.side);
+    let Displacement { x, y } = station.micro(spot.side);
     let mut taken = 3;
     let mut simplex = [
-        light(station, (x, y))?,
-        light(station, (x + spot.reach, y))?,
-        light(station, (x, y + spot.reach))?,
+        light(station, Displacement::new(x, y))?,
+        light(station, Displacement::new(x + spot.reach, y))?,
+        light(station, Displacement::new(x, y + spot.reach))?,
     ];
     while taken < MOST_POINTS {
         simplex.sort_by(|a, b| b.1.total_cmp(&a.1));
         let [best, middle, worst] = simplex;
         let size = [middle, worst]
             .iter()
-            .map(|(p, _)| (p.0 - best.0.0).hypot(p.1 - best.0.1))
+            .map(|(p, _)| (*p - best.0).norm())
             .fold(0.0, f64::max);
         if size < SMALL * spot.reach {
             break;
@@ -345,12 +344,12 @@ pub fn nelder_mead(station: &mut Station, spot: &Spot) -> Result<(), Halt> {
     let best = simplex
         .iter()
         .fold(simplex[0], |best, p| if p.1 > best.1 { *p } else { best });
-    station.move_micro(spot.side, best.0.0, best.0.1);
+    station.move_micro(spot.side, best.0.x, best.0.y);
     station.run(5.0 * SETTLE)?;
     Ok(())
 }
 
 /// `a`, moved by `share` of the way to `b`.
-fn between(a: Place, b: Place, share: f64) -> Place {
-    (a.0 + share * (b.0 - a.0), a.1 + share * (b.1 - a.1))
+fn between(a: Displacement, b: Displacement, share: f64) -> Displacement {
+    a + (b - a) * share
 }

@@ -2,6 +2,7 @@
 
 use crate::recipe::Mode;
 use nalgebra::{Matrix3, Vector3};
+use pigtail_numerics::normal::{Normal, Problem, Rules, minimise};
 use std::f64::consts::PI;
 
 /// The coupling of a fiber to a guide of the same mode, by design. Only its shape is relied on.
@@ -85,65 +86,30 @@ impl Beam {
     /// it open, the peak is near the brightest of them: within about its width. `None` without
     /// readings, or where none is brighter than the noise.
     pub fn fit(&self, readings: &[Reading], noise: f64) -> Option<Peak> {
-        const ITERATIONS: usize = 12;
+        const RULES: Rules = Rules {
+            steps: 12,
+            ridge: 0.0,
+            gain: 1e-3,
+            share: 0.0,
+        };
         let brightest = readings
             .iter()
             .max_by(|a, b| a.volts.total_cmp(&b.volts))
             .filter(|r| r.volts > 2.0 * noise)?;
-        let scale = self.width(brightest.gap);
-        // Unknowns in their own units, so that the numbers are about one.
         let level = brightest.volts / self.share(brightest.gap);
-        let start = centroid(readings);
-        let mut at = Vector3::new(1.0, 0.0, 0.0);
-        let place = |at: &Vector3<f64>| (start.0 + at[1] * scale, start.1 + at[2] * scale);
-        let weight = level / noise;
-        let prior = 1.0;
-        let cost = |at: &Vector3<f64>| {
-            let (x, y) = place(at);
-            let sum: f64 = readings
-                .iter()
-                .map(|r| (at[0] * self.light(r, x, y) * weight - r.volts / noise).powi(2))
-                .sum();
-            sum + prior * (at[1] * at[1] + at[2] * at[2])
+        let scale = self.width(brightest.gap);
+        let through = Through {
+            beam: self,
+            readings,
+            noise,
+            start: centroid(readings),
+            scale,
+            weight: level / noise,
         };
-        let (mut best, mut damping) = (cost(&at), 1e-3);
-        let mut information = Matrix3::identity();
-        for _ in 0..ITERATIONS {
-            let (x, y) = place(&at);
-            let mut right = Vector3::new(0.0, -prior * at[1], -prior * at[2]);
-            information = Matrix3::from_diagonal(&Vector3::new(0.0, prior, prior));
-            for r in readings {
-                let light = self.light(r, x, y);
-                let steep = 2.0 * scale / self.width(r.gap).powi(2);
-                let row = weight
-                    * Vector3::new(
-                        light,
-                        at[0] * light * steep * (r.x - x),
-                        at[0] * light * steep * (r.y - y),
-                    );
-                information += row * row.transpose();
-                right += row * (r.volts / noise - at[0] * light * weight);
-            }
-            let mut damped = information;
-            for i in 0..3 {
-                damped[(i, i)] *= 1.0 + damping;
-            }
-            let step = damped.cholesky()?.solve(&right);
-            let next = at + step;
-            let new = cost(&next);
-            if new < best && next[0] > 0.0 {
-                let done = best - new < 1e-3;
-                (at, best) = (next, new);
-                damping = f64::max(damping * 0.1, 1e-9);
-                if done {
-                    break;
-                }
-            } else {
-                damping *= 10.0;
-            }
-        }
-        let covariance = information.try_inverse()?;
-        let (x, y) = place(&at);
+        let found = minimise(&through, Vector3::new(1.0, 0.0, 0.0), &RULES)?;
+        let at = found.at;
+        let covariance = found.information.try_inverse()?;
+        let (x, y) = through.place(&at);
         Some(Peak {
             x,
             y,
@@ -151,6 +117,69 @@ impl Beam {
             full_deviation: level * covariance[(0, 0)].sqrt(),
             deviation: scale * covariance[(1, 1)].max(covariance[(2, 2)]).sqrt(),
         })
+    }
+}
+
+/// A peak through readings. Its state is the peak's light and place in units of their own, so that the
+/// numbers are about one.
+struct Through<'a> {
+    beam: &'a Beam,
+    readings: &'a [Reading],
+    noise: f64,
+    start: (f64, f64),
+    scale: f64,
+    /// The unit of light over the noise.
+    weight: f64,
+}
+
+/// How much it counts that the peak is near the middle of the readings.
+const PRIOR: f64 = 1.0;
+
+impl Through<'_> {
+    fn place(&self, at: &Vector3<f64>) -> (f64, f64) {
+        (
+            self.start.0 + at[1] * self.scale,
+            self.start.1 + at[2] * self.scale,
+        )
+    }
+}
+
+impl Problem<3> for Through<'_> {
+    type State = Vector3<f64>;
+
+    fn cost(&self, at: &Vector3<f64>) -> f64 {
+        if at[0] <= 0.0 {
+            return f64::INFINITY;
+        }
+        let (x, y) = self.place(at);
+        let left =
+            |r: &Reading| at[0] * self.beam.light(r, x, y) * self.weight - r.volts / self.noise;
+        let sum: f64 = self.readings.iter().map(|r| left(r).powi(2)).sum();
+        sum + PRIOR * (at[1] * at[1] + at[2] * at[2])
+    }
+
+    fn equations(&self, at: &Vector3<f64>) -> Normal<3> {
+        let (x, y) = self.place(at);
+        let mut normal = Normal {
+            matrix: Matrix3::from_diagonal(&Vector3::new(0.0, PRIOR, PRIOR)),
+            right: Vector3::new(0.0, -PRIOR * at[1], -PRIOR * at[2]),
+        };
+        for r in self.readings {
+            let light = self.beam.light(r, x, y);
+            let steep = 2.0 * self.scale / self.beam.width(r.gap).powi(2);
+            let row = self.weight
+                * Vector3::new(
+                    light,
+                    at[0] * light * steep * (r.x - x),
+                    at[0] * light * steep * (r.y - y),
+                );
+            normal.add(&row, r.volts / self.noise - at[0] * light * self.weight);
+        }
+        normal
+    }
+
+    fn step(&self, at: &Vector3<f64>, by: &Vector3<f64>) -> Vector3<f64> {
+        at + by
     }
 }
 

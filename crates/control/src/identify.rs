@@ -9,6 +9,7 @@ use pigtail_model::windup::{
     ELEMENTS, Memory, MemoryState, POWERS, Reversal, Windup, WindupState, polynomial,
 };
 use pigtail_numerics::golden::least;
+use pigtail_numerics::normal::Normal;
 
 /// Input and output of a transmission over a scan, as output angles from where it began.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -347,8 +348,7 @@ impl Grid {
     /// The shape that makes the measured windup of these elements' torques.
     fn shape(&self, weights: &[f64; ELEMENTS]) -> Shape {
         const COLUMNS: usize = 1 + POWERS;
-        let mut normal = SMatrix::<f64, COLUMNS, COLUMNS>::zeros();
-        let mut right = SVector::<f64, COLUMNS>::zeros();
+        let mut normal = Normal::default();
         for (row, windup) in self.rows.iter().zip(&self.windups) {
             let torque = torque(row, weights);
             let mut power = 1.0;
@@ -357,15 +357,11 @@ impl Grid {
                 power *= torque;
                 now
             });
-            normal += powers * powers.transpose();
-            right += powers * *windup;
+            normal.add(&powers, *windup);
         }
-        normal.cholesky().map_or(Shape::LINEAR, |c| {
-            let solved = c.solve(&right);
-            Shape {
-                offset: solved[0],
-                hardening: std::array::from_fn(|i| solved[1 + i]),
-            }
+        normal.solve().map_or(Shape::LINEAR, |solved| Shape {
+            offset: solved[0],
+            hardening: std::array::from_fn(|i| solved[1 + i]),
         })
     }
 }
@@ -408,15 +404,13 @@ fn torque(row: &[f64; ELEMENTS], weights: &[f64; ELEMENTS]) -> f64 {
 /// before a load breaks away.
 fn least_squares(normal: &[[f64; ELEMENTS]; ELEMENTS], right: &[f64; ELEMENTS]) -> [f64; ELEMENTS] {
     const REGULARISATION: f64 = 1e-5;
-    let mut matrix = SMatrix::<f64, ELEMENTS, ELEMENTS>::from_fn(|i, j| normal[i][j]);
-    let ridge = REGULARISATION * matrix.trace() / ELEMENTS as f64;
-    for i in 0..ELEMENTS {
-        matrix[(i, i)] += ridge;
-    }
-    let right = SVector::<f64, ELEMENTS>::from_column_slice(right);
-    matrix
-        .cholesky()
-        .map_or([0.0; ELEMENTS], |c| c.solve(&right).into())
+    let normal = Normal::<ELEMENTS> {
+        matrix: SMatrix::from_fn(|i, j| normal[i][j]),
+        right: SVector::from_column_slice(right),
+    };
+    let ridge = REGULARISATION * normal.matrix.trace() / ELEMENTS as f64;
+    let solved = normal.solve_with_ridge(ridge);
+    solved.map_or([0.0; ELEMENTS], Into::into)
 }
 
 /// Peak-to-peak of output less wanted output over a record from sample `skip` on, radians.

@@ -12,6 +12,7 @@ use crate::procedure::{Job, light_guides};
 use crate::recipe::{Climb, Recipe};
 use crate::station::Station;
 use pigtail_hal::{Channel, FiberHandling, Side};
+use pigtail_model::frames::Displacement;
 
 /// What keeps the fiber at the peak.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -95,7 +96,7 @@ pub fn follow(station: &mut Station, recipe: &Recipe, trial: &Trial) -> Result<F
     let dark = station.level(CHANNEL, LOOK)?;
     station.laser(true);
     station.run(0.02)?;
-    let (x, y) = station.micro(SIDE);
+    let Displacement { x, y } = station.micro(SIDE);
     let away = match trial.disturbance {
         Disturbance::Piezos(away) => away,
         Disturbance::Device | Disturbance::Macro(_) => 0.0,
@@ -145,7 +146,7 @@ pub fn follow(station: &mut Station, recipe: &Recipe, trial: &Trial) -> Result<F
             let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
             let at = station.micro(SIDE);
             let shape = &recipe.fast.orbit;
-            let mut orbit = Orbit::new(watch, beam, shape, station, at, gap, (0.0, 0.0));
+            let mut orbit = Orbit::new(watch, beam, shape, station, at, gap, Displacement::ZERO);
             while station.time() < end {
                 orbit.turn(station, gap)?;
                 if let Some(peak) = orbit.peak() {
@@ -201,7 +202,7 @@ pub fn profile(
     let dark = station.level(CHANNEL, LOOK)?.mean;
     station.laser(true);
     station.run(0.02)?;
-    let (x0, y0) = station.micro(SIDE);
+    let Displacement { x: x0, y: y0 } = station.micro(SIDE);
     let corners = [(-half, -half), (half, -half), (-half, half), (half, half)];
     if let Some((x, y)) = corners
         .into_iter()

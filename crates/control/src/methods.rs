@@ -16,7 +16,7 @@ use crate::search::{Hit, Searcher};
 use crate::sight::Tip;
 use crate::station::Station;
 use pigtail_hal::{Channel, FiberHandling, Side, Spec};
-use pigtail_model::frames::{Chip, Macro, Point};
+use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 
@@ -335,7 +335,7 @@ struct Bright {
     time: f64,
     input: Hit,
     output: Point<Macro>,
-    output_micro: (f64, f64),
+    output_micro: Displacement,
 }
 
 /// A search under way.
@@ -478,11 +478,11 @@ impl Scan<'_> {
                     time: station.time(),
                     input: Hit {
                         endpoint: station.endpoint(Side::Left),
-                        micro: (input(then), 0.0),
+                        micro: Displacement::new(input(then), 0.0),
                         level,
                     },
                     output: station.endpoint(Side::Right),
-                    output_micro: (output(then), 0.0),
+                    output_micro: Displacement::new(output(then), 0.0),
                 });
             }
         }
@@ -503,7 +503,7 @@ impl Scan<'_> {
         let begin = station.time();
         let moves_output = self.space.method != Method::Multimode;
         if moves_output {
-            let (x, y) = bright.output_micro;
+            let Displacement { x, y } = bright.output_micro;
             station.move_micro(Side::Right, x, y);
         }
         let mut found = false;
@@ -531,11 +531,11 @@ impl Scan<'_> {
     /// Light where both fibers stand now, after a second look of so many seconds.
     fn light(&self, station: &Station, bright: &Bright, level: f64, looked: f64) -> Light {
         // From the middle of the area, by what control believes of its directions.
-        let from_middle = |side: Side, at: Point<Macro>, micro: (f64, f64), first: f64| {
+        let from_middle = |side: Side, at: Point<Macro>, micro: Displacement, first: f64| {
             let kinematics = station.kinematics(side);
             let middle = self.starts[side.index()].shifted(0.0, 0.5 * self.space.y - first, 0.0);
             let middle: Point<Chip> = kinematics.chip_from_macro(middle);
-            let tip = kinematics.chip_from_macro(at.shifted(micro.0, micro.1, 0.0));
+            let tip = kinematics.chip_from_macro(at.moved(micro));
             [tip.x - middle.x, tip.y - middle.y]
         };
         let (left, right) = (Side::Left, Side::Right);

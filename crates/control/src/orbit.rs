@@ -10,6 +10,7 @@ use crate::outcome::{Halt, Outcome};
 use crate::recipe::Orbit as Shape;
 use crate::station::Station;
 use pigtail_hal::{Channel, Fault, Side};
+use pigtail_model::frames::Displacement;
 use std::collections::VecDeque;
 use std::f64::consts::{PI, TAU};
 
@@ -27,7 +28,7 @@ pub struct Watch {
 }
 
 /// How the peak walks as the gap closes: metres in the manipulator's x and y for a metre of gap.
-pub type Walk = (f64, f64);
+pub type Walk = Displacement;
 
 /// A micro on its circle.
 #[derive(Debug)]
@@ -36,15 +37,15 @@ pub struct Orbit<'r> {
     beam: Beam,
     shape: &'r Shape,
     /// Where the peak is believed to be at no gap: the micro's displacement, metres.
-    centre: (f64, f64),
+    centre: Displacement,
     /// Where the circle's middle is on its way from, and since when.
-    from: ((f64, f64), f64),
+    from: (Displacement, f64),
     walk: Walk,
     /// Radius of the circle in widths of the peak.
     radius: f64,
     phase: f64,
     /// What the micro was told of late, without the walk, oldest first: position and gap.
-    told: VecDeque<((f64, f64), f64)>,
+    told: VecDeque<(Displacement, f64)>,
     /// The readings of the last turn, without the walk.
     readings: VecDeque<Reading>,
 }
@@ -99,22 +100,22 @@ const MISFIT: f64 = 0.04;
 const GLIDE: f64 = 6e-3;
 
 impl<'r> Orbit<'r> {
-    /// Begins a circle around the micro's displacement `(x, y)` at a `gap`, both in metres.
+    /// Begins a circle around the micro's displacement `at` at a `gap`, both in metres.
     pub fn new(
         watch: Watch,
         beam: Beam,
         shape: &'r Shape,
         station: &Station,
-        (x, y): (f64, f64),
+        at: Displacement,
         gap: f64,
         walk: Walk,
     ) -> Self {
-        let origin = |(x, y): (f64, f64)| (x - walk.0 * gap, y - walk.1 * gap);
+        let origin = |at: Displacement| at - walk * gap;
         Self {
             watch,
             beam,
             shape,
-            centre: origin((x, y)),
+            centre: origin(at),
             from: (origin(station.micro(watch.side)), station.time()),
             walk,
             radius: shape.radius,
@@ -140,11 +141,8 @@ impl<'r> Orbit<'r> {
     }
 
     /// The micro's displacement at the peak at a gap, as believed, metres.
-    pub fn place(&self, gap: f64) -> (f64, f64) {
-        (
-            self.centre.0 + self.walk.0 * gap,
-            self.centre.1 + self.walk.1 * gap,
-        )
+    pub fn place(&self, gap: f64) -> Displacement {
+        self.centre + self.walk * gap
     }
 
     /// Circles of another radius from now on, in widths of the peak.
@@ -153,33 +151,30 @@ impl<'r> Orbit<'r> {
     }
 
     /// Moves the circle's middle by so much, metres.
-    fn shift(&mut self, station: &Station, (x, y): (f64, f64)) {
+    fn shift(&mut self, station: &Station, by: Displacement) {
         self.from = (self.middle(station.time()), station.time());
-        self.centre = (self.centre.0 + x, self.centre.1 + y);
+        self.centre += by;
     }
 
-    /// The macro goes aside by `(x, y)` metres, and the micro the other way.
-    pub fn hand_over(&mut self, (x, y): (f64, f64)) {
-        self.centre = (self.centre.0 - x, self.centre.1 - y);
-        self.from.0 = (self.from.0.0 - x, self.from.0.1 - y);
+    /// The macro goes aside, and the micro the other way.
+    pub fn hand_over(&mut self, by: Displacement) {
+        self.centre -= by;
+        self.from.0 -= by;
         for reading in &mut self.readings {
-            (reading.x, reading.y) = (reading.x - x, reading.y - y);
+            (reading.x, reading.y) = (reading.x - by.x, reading.y - by.y);
         }
         for (at, _) in &mut self.told {
-            *at = (at.0 - x, at.1 - y);
+            *at -= by;
         }
     }
 
     /// The circle's middle at a time, without the walk.
-    fn middle(&self, time: f64) -> (f64, f64) {
+    fn middle(&self, time: f64) -> Displacement {
         let (from, since) = self.from;
         let share = ((time - since) / GLIDE).clamp(0.0, 1.0);
         // Without a jump of the speed, for the micro's resonance.
         let share = 0.5 - 0.5 * (PI * share).cos();
-        (
-            from.0 + share * (self.centre.0 - from.0),
-            from.1 + share * (self.centre.1 - from.1),
-        )
+        from + (self.centre - from) * share
     }
 
     /// One servo cycle on the circle, at a gap.
@@ -192,13 +187,9 @@ impl<'r> Orbit<'r> {
         self.phase = (self.phase + TAU * period / self.shape.period) % TAU;
         let radius = self.radius * self.beam.width(gap);
         let (sin, cos) = self.phase.sin_cos();
-        let middle = self.middle(station.time());
-        let at = (middle.0 + radius * cos, middle.1 + radius * sin);
-        station.move_micro(
-            self.watch.side,
-            at.0 + self.walk.0 * gap,
-            at.1 + self.walk.1 * gap,
-        );
+        let at = self.middle(station.time()) + Displacement::new(radius * cos, radius * sin);
+        let micro = at + self.walk * gap;
+        station.move_micro(self.watch.side, micro.x, micro.y);
         station.cycle()?;
         // What the light of this cycle answers was told a lag ago.
         let lag = (self.shape.lag / period).round() as usize;
@@ -207,11 +198,11 @@ impl<'r> Orbit<'r> {
             self.told.pop_front();
         }
         if let Some(volts) = station.light(self.watch.channel)
-            && let Some(((x, y), gap)) = self.told.front()
+            && let Some((at, gap)) = self.told.front()
         {
             self.readings.push_back(Reading {
-                x: *x,
-                y: *y,
+                x: at.x,
+                y: at.y,
                 gap: *gap,
                 volts: volts - self.watch.background,
             });
@@ -259,20 +250,19 @@ impl<'r> Orbit<'r> {
     ///
     /// [`Outcome::MicroRange`] where the micro does not reach it.
     pub fn go_to(&mut self, station: &Station, peak: &Peak, gap: f64) -> Result<f64, Outcome> {
-        let (x, y) = (peak.x - self.centre.0, peak.y - self.centre.1);
-        let way = x.hypot(y);
-        let share = (1.2 * self.beam.width(gap) / way).min(1.0);
-        let (x, y) = (share * x, share * y);
-        let at = self.place(gap);
+        let by = Displacement::new(peak.x, peak.y) - self.centre;
+        let way = by.norm();
+        let by = by * (1.2 * self.beam.width(gap) / way).min(1.0);
+        let to = self.place(gap) + by;
         let kinematics = station.kinematics(self.watch.side);
-        if !kinematics.micro_reaches(at.0 + x, at.1 + y) {
+        if !kinematics.micro_reaches(to.x, to.y) {
             return Err(Outcome::MicroRange {
                 side: self.watch.side,
-                x: at.0 + x,
-                y: at.1 + y,
+                x: to.x,
+                y: to.y,
             });
         }
-        self.shift(station, (x, y));
+        self.shift(station, by);
         Ok(way)
     }
 
@@ -315,7 +305,7 @@ impl<'r> Orbit<'r> {
             if turn >= least && last < accuracy && peak.deviation < accuracy {
                 return Ok(peak);
             }
-            let far = (self.centre.0 - start.0).hypot(self.centre.1 - start.1);
+            let far = (self.centre - start).norm();
             if far > FAR * self.beam.width(gap) {
                 return Err(lost(peak.full * self.beam.share(gap)).into());
             }
@@ -361,12 +351,12 @@ impl<'r> Orbit<'r> {
                 }
                 continue;
             };
-            let way = (peak.x - self.centre.0).hypot(peak.y - self.centre.1);
+            let way = (Displacement::new(peak.x, peak.y) - self.centre).norm();
             if way > NEAR * self.beam.width(gap) {
                 // Not there yet: what was seen from there does not count.
                 seen.clear();
                 self.go_to(station, &peak, gap)?;
-                let far = (self.centre.0 - start.0).hypot(self.centre.1 - start.1);
+                let far = (self.centre - start).norm();
                 if far > NEARBY * self.beam.width(gap) {
                     return Err(lost(peak.full * self.beam.share(gap)).into());
                 }

@@ -4,18 +4,19 @@ use crate::outcome::{Halt, Outcome};
 use crate::recipe::Climb;
 use crate::station::Station;
 use pigtail_hal::{Channel, Fault, Side};
+use pigtail_model::frames::Displacement;
 
 /// The nine points in steps from the centre, each a neighbour of the one before (Fig. 3.5).
-const PATTERN: [(f64, f64); 9] = [
-    (0.0, 0.0),
-    (1.0, 0.0),
-    (1.0, 1.0),
-    (0.0, 1.0),
-    (-1.0, 1.0),
-    (-1.0, 0.0),
-    (-1.0, -1.0),
-    (0.0, -1.0),
-    (1.0, -1.0),
+const PATTERN: [Displacement; 9] = [
+    Displacement::new(0.0, 0.0),
+    Displacement::new(1.0, 0.0),
+    Displacement::new(1.0, 1.0),
+    Displacement::new(0.0, 1.0),
+    Displacement::new(-1.0, 1.0),
+    Displacement::new(-1.0, 0.0),
+    Displacement::new(-1.0, -1.0),
+    Displacement::new(0.0, -1.0),
+    Displacement::new(1.0, -1.0),
 ];
 
 /// Patterns whose centres are averaged to judge whether a climb still gets anywhere.
@@ -34,7 +35,7 @@ pub struct NinePoint<'r> {
     side: Side,
     channel: Channel,
     /// The micro's displacement at the brightest point so far, metres.
-    centre: (f64, f64),
+    centre: Displacement,
 }
 
 impl<'r> NinePoint<'r> {
@@ -55,9 +56,9 @@ impl<'r> NinePoint<'r> {
             .round()
             .max(1.0) as u64;
         let mut light = [0.0; 9];
-        for ((dx, dy), light) in PATTERN.iter().zip(&mut light) {
-            let step = self.climb.step;
-            station.move_micro(self.side, centre.0 + dx * step, centre.1 + dy * step);
+        for (way, light) in PATTERN.iter().zip(&mut light) {
+            let at = centre + *way * self.climb.step;
+            station.move_micro(self.side, at.x, at.y);
             let mut last = None;
             for _ in 0..cycles {
                 station.cycle()?;
@@ -85,11 +86,8 @@ impl<'r> NinePoint<'r> {
     }
 
     /// Moves the centre by so many steps.
-    fn shift(&mut self, station: &mut Station, (dx, dy): (f64, f64)) -> Result<(), Outcome> {
-        let (x, y) = (
-            self.centre.0 + dx * self.climb.step,
-            self.centre.1 + dy * self.climb.step,
-        );
+    fn shift(&mut self, station: &mut Station, steps: Displacement) -> Result<(), Outcome> {
+        let to = self.centre + steps * self.climb.step;
         let reach = 1.5 * self.climb.step;
         let corners = [
             (reach, reach),
@@ -100,16 +98,16 @@ impl<'r> NinePoint<'r> {
         let kinematics = station.kinematics(self.side);
         if corners
             .iter()
-            .any(|(dx, dy)| !kinematics.micro_reaches(x + dx, y + dy))
+            .any(|(dx, dy)| !kinematics.micro_reaches(to.x + dx, to.y + dy))
         {
             return Err(Outcome::MicroRange {
                 side: self.side,
-                x,
-                y,
+                x: to.x,
+                y: to.y,
             });
         }
-        station.move_micro(self.side, x, y);
-        self.centre = (x, y);
+        station.move_micro(self.side, to.x, to.y);
+        self.centre = to;
         Ok(())
     }
 
@@ -121,21 +119,17 @@ impl<'r> NinePoint<'r> {
     /// As [`Self::step`].
     pub fn climb(&mut self, station: &mut Station) -> Result<(), Halt> {
         let end = station.time() + self.climb.timeout;
-        let mut centres: Vec<(f64, f64)> = Vec::with_capacity(256);
-        let mean = |points: &[(f64, f64)]| {
-            let n = points.len() as f64;
-            let sum = points
-                .iter()
-                .fold((0.0, 0.0), |s, p| (s.0 + p.0, s.1 + p.1));
-            (sum.0 / n, sum.1 / n)
+        let mut centres: Vec<Displacement> = Vec::with_capacity(256);
+        let mean = |points: &[Displacement]| {
+            let sum = points.iter().fold(Displacement::ZERO, |sum, p| sum + *p);
+            sum / points.len() as f64
         };
         while station.time() < end {
             self.step(station)?;
             centres.push(self.centre);
             if centres.len() >= 2 * WINDOW {
                 let (older, newer) = centres[centres.len() - 2 * WINDOW..].split_at(WINDOW);
-                let (a, b) = (mean(older), mean(newer));
-                if (a.0 - b.0).hypot(a.1 - b.1) < self.climb.step {
+                if (mean(older) - mean(newer)).norm() < self.climb.step {
                     break;
                 }
             }
@@ -180,10 +174,10 @@ impl<'r> NinePoint<'r> {
             let fit = Paraboloid::fit(&mean);
             let deviation = self.climb.step * fit.deviation(variance / f64::from(count));
             // In steps. Without a vertex the deviation would be infinite.
-            let (x, y) = fit.vertex().unwrap_or((0.0, 0.0));
+            let vertex = fit.vertex().unwrap_or_default();
             if deviation < accuracy {
-                self.shift(station, (x, y))?;
-                if x.hypot(y) < NEAR || late {
+                self.shift(station, vertex)?;
+                if vertex.norm() < NEAR || late {
                     break;
                 }
                 // A piezo without a model makes two thirds of so long a way: look once more.
@@ -193,7 +187,7 @@ impl<'r> NinePoint<'r> {
             if count >= RESTART * patterns {
                 // Averaged for so long the place has moved on, for piezos creep: what is left of
                 // the averages is a better centre to begin again from.
-                self.shift(station, (x, y))?;
+                self.shift(station, vertex)?;
                 (mean, count, squares) = ([0.0; 9], 0, 0.0);
             }
             if late {
@@ -228,7 +222,7 @@ impl Paraboloid {
     /// Least squares through the nine values; the points' symmetry makes the terms independent.
     fn fit(values: &[f64; 9]) -> Self {
         let (mut gx, mut gy, mut hx, mut hy, mut m) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for ((x, y), f) in PATTERN.iter().zip(values) {
+        for (Displacement { x, y }, f) in PATTERN.iter().zip(values) {
             gx += x * f / 6.0;
             gy += y * f / 6.0;
             hx += (x * x - 2.0 / 3.0) * f;
@@ -239,7 +233,7 @@ impl Paraboloid {
     }
 
     /// Its maximum, at most one step away in either direction; `None` where it has none.
-    fn vertex(&self) -> Option<(f64, f64)> {
+    fn vertex(&self) -> Option<Displacement> {
         let Self { gx, gy, hx, hy, m } = *self;
         let determinant = hx * hy - m * m;
         if hx >= 0.0 || hy >= 0.0 || determinant <= 0.0 {
@@ -247,13 +241,13 @@ impl Paraboloid {
         }
         let x = (m * gy - hy * gx) / determinant;
         let y = (m * gx - hx * gy) / determinant;
-        Some((x.clamp(-1.0, 1.0), y.clamp(-1.0, 1.0)))
+        Some(Displacement::new(x.clamp(-1.0, 1.0), y.clamp(-1.0, 1.0)))
     }
 
     /// Standard deviation of the vertex in the worse direction, steps, for a `variance` of each
     /// value; infinite where there is no vertex.
     fn deviation(&self, variance: f64) -> f64 {
-        let Some((x, y)) = self.vertex() else {
+        let Some(Displacement { x, y }) = self.vertex() else {
             return f64::INFINITY;
         };
         // The slopes have a variance of 1/6 of a value's, the curvatures of 2: the vertex is
@@ -272,21 +266,21 @@ mod tests {
     #[test]
     fn the_vertex_of_a_paraboloid_is_found_exactly() {
         let (x0, y0) = (0.31, -0.74);
-        let values = PATTERN.map(|(x, y)| {
+        let values = PATTERN.map(|Displacement { x, y }| {
             5.0 - 1.3 * (x - x0).powi(2) - 0.7 * (y - y0).powi(2) + 0.4 * (x - x0) * (y - y0)
         });
-        let (x, y) = Paraboloid::fit(&values).vertex().unwrap();
+        let Displacement { x, y } = Paraboloid::fit(&values).vertex().unwrap();
         assert!((x - x0).abs() < 1e-12 && (y - y0).abs() < 1e-12, "{x} {y}");
     }
 
     #[test]
     fn a_slope_has_no_vertex_and_a_far_one_is_bounded() {
         assert_eq!(
-            Paraboloid::fit(&PATTERN.map(|(x, y)| x + 2.0 * y)).vertex(),
+            Paraboloid::fit(&PATTERN.map(|Displacement { x, y }| x + 2.0 * y)).vertex(),
             None
         );
-        let far = PATTERN.map(|(x, y)| -(x - 5.0).powi(2) - y * y);
-        let (x, y) = Paraboloid::fit(&far).vertex().unwrap();
+        let far = PATTERN.map(|Displacement { x, y }| -(x - 5.0).powi(2) - y * y);
+        let Displacement { x, y } = Paraboloid::fit(&far).vertex().unwrap();
         assert!(x >= 1.0 && y.abs() < 1e-12, "{x} {y}");
     }
 
@@ -306,10 +300,11 @@ mod tests {
         let sigma = 0.02;
         let (n, mut squares, mut predicted) = (2000, 0.0, 0.0);
         for _ in 0..n {
-            let values = PATTERN
-                .map(|(x, y)| -(x - 0.3_f64).powi(2) - (y + 0.2_f64).powi(2) + sigma * noise());
+            let values = PATTERN.map(|Displacement { x, y }| {
+                -(x - 0.3_f64).powi(2) - (y + 0.2_f64).powi(2) + sigma * noise()
+            });
             let fit = Paraboloid::fit(&values);
-            squares += (fit.vertex().unwrap().0 - 0.3).powi(2);
+            squares += (fit.vertex().unwrap().x - 0.3).powi(2);
             predicted += fit.deviation(sigma * sigma);
         }
         let measured = (squares / f64::from(n)).sqrt();

@@ -591,8 +591,7 @@ impl<'r> Job<'r> {
         around: f64,
     ) -> Result<(), Halt> {
         station.move_micro(self.side, 0.0, 0.0);
-        let (x, y) = hit.micro;
-        self.arrive(station, self.side, hit.endpoint.shifted(x, y, 0.0))?;
+        self.arrive(station, self.side, hit.endpoint.moved(hit.micro))?;
         self.regain(station, searcher, hit.level, around)
     }
 
@@ -612,7 +611,7 @@ impl<'r> Job<'r> {
                 .micro_raster(station, around * mesh, 0.4 * mesh)?
                 .hit
         {
-            station.move_micro(self.side, again.micro.0, again.micro.1);
+            station.move_micro(self.side, again.micro.x, again.micro.y);
             station.run(0.02)?;
         }
         Ok(())

@@ -4,7 +4,7 @@ use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::recipe::{Raster, Sensing};
 use crate::station::{Level, Station};
 use pigtail_hal::{Channel, Side};
-use pigtail_model::frames::{Macro, Point};
+use pigtail_model::frames::{Displacement, Macro, Point};
 use std::f64::consts::TAU;
 
 /// Where a search saw its brightest light.
@@ -13,7 +13,7 @@ pub struct Hit {
     /// The macro's endpoint by its encoders.
     pub endpoint: Point<Macro>,
     /// The micro's displacement, metres.
-    pub micro: (f64, f64),
+    pub micro: Displacement,
     /// The light above the background, volts.
     pub level: f64,
 }
@@ -107,7 +107,7 @@ impl Searcher {
     pub fn contrast(&self, station: &mut Station, mesh: f64) -> Result<f64, Halt> {
         const SECONDS: f64 = 0.1;
         const LOOKS: u32 = 2;
-        let (x, y) = station.micro(self.side);
+        let Displacement { x, y } = station.micro(self.side);
         let aside = if x > 0.0 {
             x - 4.0 * mesh
         } else {
@@ -184,7 +184,7 @@ impl Searcher {
                 }
                 hit = Some(Hit {
                     endpoint: station.endpoint(self.side),
-                    micro: (x, y),
+                    micro: Displacement::new(x, y),
                     level,
                 });
             }

@@ -7,7 +7,7 @@
 use pigtail_hal::measurement::TipFix;
 use pigtail_hal::spec::{AXES, SIDES};
 use pigtail_hal::{Side, Spec, VisionFrame};
-use pigtail_model::frames::{Chip, Point};
+use pigtail_model::frames::{Chip, Displacement, Point};
 
 /// Something on a holder that vision can see.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -41,7 +41,7 @@ const LAG: f64 = 2e-3;
 const WHILE: usize = 8;
 
 /// A holder's outputs (radians) and its micro's displacement (metres) in one cycle.
-pub(crate) type Stand = ([f64; AXES], (f64, f64));
+pub(crate) type Stand = ([f64; AXES], Displacement);
 
 /// An estimate that remembers where the holder stood when it was made.
 #[derive(Debug, Clone, Copy)]
@@ -79,7 +79,7 @@ impl Sight {
         let cycles = (oldest * spec.servo.rate).ceil() as usize + WHILE + 1;
         Self {
             rate: spec.servo.rate,
-            recent: vec![[([0.0; AXES], (0.0, 0.0)); SIDES]; cycles],
+            recent: vec![[([0.0; AXES], Displacement::ZERO); SIDES]; cycles],
             cycle: 0,
             fibers: [None; SIDES],
             sensing: None,

@@ -15,7 +15,7 @@ use pigtail_hal::{
     Axis, AxisName, Channel, Command, Fault, FiberHandling, Machine, Measurement, Pulse, Side,
     Spec, VisionFrame,
 };
-use pigtail_model::frames::{Macro, Point};
+use pigtail_model::frames::{Displacement, Macro, Point};
 use pigtail_model::windup::{Windup, WindupState};
 use std::cell::Cell;
 
@@ -29,7 +29,7 @@ pub struct Sample {
     /// Endpoint of each macro by its encoders.
     pub endpoints: [Point<Macro>; SIDES],
     /// Displacement commanded to each micro in its manipulator's x and y, metres.
-    pub micro: [(f64, f64); SIDES],
+    pub micro: [Displacement; SIDES],
 }
 
 /// Someone who watches a run: a progress bar, a record, or nobody.
@@ -69,7 +69,7 @@ struct Arm {
     /// Where the endpoint is wanted at this moment.
     wanted: Point<Macro>,
     motion: Option<Started>,
-    micro: (f64, f64),
+    micro: Displacement,
     piezos: Option<MicroCompensation>,
     /// Voltages that an experiment gives the piezos, past every model.
     micro_volts: Option<[Volts; MICRO_AXES]>,
@@ -162,7 +162,7 @@ impl<'a> Station<'a> {
             references: [Counts(0); AXES],
             wanted: Point::ORIGIN,
             motion: None,
-            micro: (0.0, 0.0),
+            micro: Displacement::ZERO,
             piezos: calibration
                 .hysteresis
                 .of(side)
@@ -343,7 +343,7 @@ impl<'a> Station<'a> {
                 .see(frame, self.measurement.time, |side, (outputs, micro)| {
                     let kinematics = &arms[side.index()].kinematics;
                     let at = kinematics.endpoint_at(outputs).ok()?;
-                    Some(kinematics.chip_from_macro(at.shifted(micro.0, micro.1, 0.0)))
+                    Some(kinematics.chip_from_macro(at.moved(micro)))
                 });
         }
     }
@@ -581,7 +581,7 @@ impl<'a> Station<'a> {
     /// its range.
     pub fn move_micro(&mut self, side: Side, x: f64, y: f64) {
         let arm = &mut self.arms[side.index()];
-        arm.micro = (x, y);
+        arm.micro = Displacement::new(x, y);
         arm.micro_volts = None;
     }
 
@@ -591,7 +591,7 @@ impl<'a> Station<'a> {
     }
 
     /// The displacement commanded to a micro, metres.
-    pub fn micro(&self, side: Side) -> (f64, f64) {
+    pub fn micro(&self, side: Side) -> Displacement {
         self.arms[side.index()].micro
     }
 
@@ -683,7 +683,7 @@ impl Arm {
 
     /// The piezos' voltages for this cycle.
     fn piezos(&mut self) -> [Volts; MICRO_AXES] {
-        let (x, y) = self.micro;
+        let Displacement { x, y } = self.micro;
         match (&mut self.piezos, self.micro_volts) {
             (None, None) => self.kinematics.micro_volts(x, y),
             (None, Some(volts)) => volts,

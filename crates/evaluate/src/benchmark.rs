@@ -1,20 +1,17 @@
 //! Alignment algorithms on the same devices: a benchmark that anyone may enter.
 //!
-//! An algorithm is a function over a [`Station`]. It may use all that a station offers: commands out,
-//! encoders, photodiodes and vision back, datasheet and calibration. It can reach neither the twin nor
+//! An algorithm is a function over a [`Station`](pigtail_control::station::Station). It may use all that a
+//! station offers: commands out, encoders, photodiodes and vision back, datasheet and calibration. It can reach neither the twin nor
 //! its truth, which alone decides what its fibers are worth. Times and readings are counted by the
 //! machine and the station, not by the algorithm.
 //!
 //! Those that are compared by `pigtail benchmark` are in [`ALGORITHMS`]; to enter one's own there is
 //! one line to add, or none: see `examples/my_algorithm.rs`.
 
-use crate::align::{self, TOLERANCE_Z_UM};
-use crate::align::{Judged, Way, align_in};
+use crate::align::{self, Judged, TOLERANCE_Z_UM, Way, align_in};
 use pigtail_control::outcome::OutcomeCode;
-use pigtail_control::procedure::{FiberReport, PORTS};
-use pigtail_control::recipe::Recipe;
-use pigtail_control::station::{Station, Unobserved};
-use pigtail_control::{baselines, fast, nudge, procedure};
+use pigtail_control::procedure::PORTS;
+use pigtail_control::station::Unobserved;
 use pigtail_numerics::rounded;
 use pigtail_numerics::statistics::{CONFIDENCE, Percentiles, Sorted, wilson};
 use pigtail_session::job::Ended;
@@ -24,45 +21,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// An entry of the benchmark.
-#[derive(Debug, Clone, Copy)]
-pub struct Algorithm {
-    /// Its name.
-    pub name: &'static str,
-    /// What it does, in a few words.
-    pub about: &'static str,
-    /// Aligns the three fibers of a device, input first, and reports on each.
-    pub run: fn(&mut Station, &Recipe) -> Vec<FiberReport>,
-}
-
-/// All entries, in no order of merit.
-pub const ALGORITHMS: &[Algorithm] = &[
-    Algorithm {
-        name: "fast",
-        about: "vision on the way, lines at constant speed, circles through the approach",
-        run: fast::fast,
-    },
-    Algorithm {
-        name: "thesis",
-        about: "raster, nine-point climb through a slow approach, paraboloid at the end",
-        run: procedure::thesis,
-    },
-    Algorithm {
-        name: "spiral-nelder-mead",
-        about: "baseline: spiral, Nelder and Mead's simplex, stepwise approach",
-        run: baselines::spiral_nelder_mead,
-    },
-    Algorithm {
-        name: "spiral-nine-point",
-        about: "baseline: spiral, brightest of nine points, stepwise approach",
-        run: baselines::spiral_nine_point,
-    },
-    Algorithm {
-        name: "macro-only",
-        about: "without any micro: columns of the macro, then pulses; claims 0.2 um only",
-        run: nudge::macro_only,
-    },
-];
+pub use pigtail_session::procedure::{ALGORITHMS, Algorithm};
 
 /// Most seeds that are told of a cause.
 const SEEDS: usize = 20;

@@ -389,7 +389,7 @@ fn approach(setup: &Setup, seed: u64) -> Result<Option<Approach>, Ended> {
     };
     let side = Side::Right.index();
     let closed = (last.endpoints[side].z - first.endpoints[side].z).abs();
-    let x = |s: &Sample| s.micro[side].0 + s.endpoints[side].x;
+    let x = |s: &Sample| s.micro[side].x + s.endpoints[side].x;
     let walk = (x(&last) - x(&first)).abs();
     let output = done.fibers.iter().find(|f| f.port == "output1");
     let seconds = output.and_then(|f| f.seconds_in("approach")).unwrap_or(0.0);

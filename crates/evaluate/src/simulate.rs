@@ -10,6 +10,7 @@ use pigtail_model::joint::{Joint, JointParameters, JointState, Voltage};
 use pigtail_model::motor::Motor;
 use pigtail_model::pulse::{From, Pulse};
 use pigtail_model::transmission::Transmission;
+use pigtail_records::columns;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -218,33 +219,17 @@ impl Input {
     /// When the file cannot be read, a field is no finite number, or time does not increase.
     pub fn voltages(path: &Path) -> Result<Self, Error> {
         let file = path.display().to_string();
-        let text = std::fs::read_to_string(path)
-            .map_err(|error| Error::new(&file, "", format!("cannot be read: {error}")))?;
         let mut rows: Vec<(f64, f64)> = Vec::new();
-        for (i, line) in text.lines().enumerate().skip(1) {
-            let wrong = |message: String| Error {
-                file: file.clone(),
-                line: Some(i + 1),
-                key: String::new(),
-                message,
-            };
-            let fields: Vec<&str> = line.split(',').map(str::trim).collect();
-            let number = |k: usize| {
-                fields
-                    .get(k)
-                    .and_then(|field| field.parse::<f64>().ok())
-                    .filter(|v| v.is_finite())
-            };
-            let (Some(time), Some(volts)) = (number(0), number(1)) else {
-                return Err(wrong(format!(
-                    "\"{line}\" is not a row of time and voltage; accepted are two finite numbers"
-                )));
-            };
+        for (line, [time, volts]) in columns::rows(path, "time and voltage")? {
             if rows.last().is_some_and(|last| time <= last.0) || time < 0.0 {
-                return Err(wrong(format!(
+                let message = format!(
                     "time {time} s does not increase; accepted are times of zero or more, each \
                      above the one before"
-                )));
+                );
+                return Err(Error {
+                    line: Some(line),
+                    ..Error::new(file, "", message)
+                });
             }
             rows.push((time, volts));
         }

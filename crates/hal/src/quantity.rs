@@ -1,10 +1,11 @@
-//! Numbers with units: the wire types, and the quantities of configuration files.
+//! Numbers with units: the wire types, the one table of units, and the quantities of configuration files.
 //!
 //! A quantity in a file is a string of a number and a unit, `"5 um"`. It is parsed once, while
 //! loading, and is SI in `f64` from then on. Each function of this module is meant for serde's
 //! `deserialize_with`; its error names the text and what would be accepted.
 
 use serde::de::{Deserialize, Deserializer, Error};
+use std::f64::consts::{PI, TAU};
 
 /// A position in encoder counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash)]
@@ -15,7 +16,7 @@ pub struct Counts(pub i64);
 pub struct Volts(pub f64);
 
 /// A physical dimension and the units in which a file may state it.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dimension {
     /// The dimension's name with its article, as an error message says it: `a length`.
     pub name: &'static str,
@@ -35,6 +36,26 @@ pub enum Sign {
 }
 
 impl Dimension {
+    /// A unit by its name, with its factor to SI.
+    ///
+    /// ```
+    /// use pigtail_hal::quantity::LENGTH;
+    /// assert_eq!(LENGTH.unit("mm"), Some(("mm", 1e-3)));
+    /// assert_eq!(LENGTH.unit("V"), None);
+    /// ```
+    pub fn unit(&self, name: &str) -> Option<(&'static str, f64)> {
+        self.units.iter().find(|(unit, _)| *unit == name).copied()
+    }
+
+    /// The unit that is SI's own.
+    pub fn si(&self) -> &'static str {
+        let own = self
+            .units
+            .iter()
+            .find(|(_, factor)| (factor - 1.0).abs() < f64::EPSILON);
+        own.map_or("", |(unit, _)| unit)
+    }
+
     /// Parses `"5 um"` to SI.
     ///
     /// # Errors
@@ -70,7 +91,7 @@ impl Dimension {
             };
             return Err(format!("\"{text}\" {why}; {}", wanted()));
         };
-        let Some((_, factor)) = self.units.iter().find(|(name, _)| *name == unit) else {
+        let Some((_, factor)) = self.unit(unit) else {
             return Err(format!("\"{text}\" is not {}; {}", self.name, wanted()));
         };
         // Dividing by a power of ten rounds correctly where multiplying by its inverse does not.
@@ -108,7 +129,7 @@ fn check_sign(value: f64, sign: Sign) -> Result<(), &'static str> {
 
 macro_rules! dimensions {
     ($($constant:ident $any:ident $non_negative:ident $positive:ident $name:literal
-       [$($unit:literal = $factor:literal),+];)+) => { $(
+       [$($unit:literal = $factor:expr),+];)+) => { $(
         #[doc = concat!("The dimension of ", $name, ".")]
         pub const $constant: Dimension =
             Dimension { name: $name, units: &[$(($unit, $factor)),+] };
@@ -146,11 +167,12 @@ dimensions! {
     LENGTH length non_negative_length positive_length "a length"
         ["m" = 1.0, "mm" = 1e-3, "um" = 1e-6, "nm" = 1e-9];
     ANGLE angle non_negative_angle positive_angle "an angle"
-        ["deg" = 0.017_453_292_519_943_295, "rad" = 1.0, "mrad" = 1e-3];
+        ["deg" = PI / 180.0, "rad" = 1.0, "mrad" = 1e-3, "urad" = 1e-6, "arcsec" = PI / 648_000.0,
+         "turn" = TAU];
     TIME time non_negative_time positive_time "a time"
-        ["s" = 1.0, "ms" = 1e-3, "us" = 1e-6];
+        ["s" = 1.0, "min" = 60.0, "ms" = 1e-3, "us" = 1e-6];
     FREQUENCY frequency non_negative_frequency positive_frequency "a frequency"
-        ["Hz" = 1.0, "kHz" = 1e3];
+        ["Hz" = 1.0, "kHz" = 1e3, "rad/s" = 0.5 / PI];
     SPEED speed non_negative_speed positive_speed "a speed"
         ["m/s" = 1.0, "mm/s" = 1e-3, "um/s" = 1e-6];
     ACCELERATION acceleration non_negative_acceleration positive_acceleration "an acceleration"
@@ -158,13 +180,15 @@ dimensions! {
     JERK jerk non_negative_jerk positive_jerk "a jerk"
         ["m/s3" = 1.0, "mm/s3" = 1e-3];
     ROTATION rotation non_negative_rotation positive_rotation "a speed of rotation"
-        ["rpm" = 0.104_719_755_119_659_77, "rad/s" = 1.0];
+        ["rpm" = PI / 30.0, "rad/s" = 1.0];
     VOLTAGE voltage non_negative_voltage positive_voltage "a voltage"
         ["V" = 1.0, "mV" = 1e-3, "uV" = 1e-6];
     INERTIA inertia non_negative_inertia positive_inertia "a moment of inertia"
         ["kg m2" = 1.0];
+    FORCE force non_negative_force positive_force "a force"
+        ["N" = 1.0, "kN" = 1e3, "mN" = 1e-3, "uN" = 1e-6];
     TORQUE torque non_negative_torque positive_torque "a torque"
-        ["N m" = 1.0, "mN m" = 1e-3];
+        ["N m" = 1.0, "Nm" = 1.0, "mN m" = 1e-3, "mNm" = 1e-3, "uNm" = 1e-6];
     STIFFNESS stiffness non_negative_stiffness positive_stiffness "a torsional stiffness"
         ["N m/rad" = 1.0];
     HARDENING hardening non_negative_hardening positive_hardening "a cubic stiffness"
@@ -186,6 +210,18 @@ dimensions! {
     DERIVATIVE derivative non_negative_derivative positive_derivative
         "a derivative gain" ["V s/count" = 1.0];
 }
+
+/// A magnitude without a unit of its own.
+pub const RATIO: Dimension = Dimension {
+    name: "a ratio",
+    units: &[("1", 1.0), ("ratio", 1.0)],
+};
+
+/// A magnitude as a level.
+pub const LEVEL: Dimension = Dimension {
+    name: "a level",
+    units: &[("dB", 1.0), ("db", 1.0)],
+};
 
 fn read<'de, D: Deserializer<'de>>(
     dimension: &Dimension,

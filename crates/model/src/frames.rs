@@ -4,6 +4,7 @@
 //! frame is part of the type, and only a transform named for both frames leads across.
 
 use std::marker::PhantomData;
+use std::ops::{Add, AddAssign, Div, Mul, Sub, SubAssign};
 
 /// The chip: x across it, y up out of its top face, z along the waveguide, origin at the nominal
 /// input port. y = 0 is the top of the chip.
@@ -13,6 +14,74 @@ pub enum Chip {}
 /// One manipulator's endpoint: zero at home, z along its approach to the chip, y up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Macro {}
+
+/// A displacement across the light: in x and y of the frame of whoever moves, metres.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Displacement {
+    /// Along x, metres.
+    pub x: f64,
+    /// Along y, metres.
+    pub y: f64,
+}
+
+impl Displacement {
+    /// None.
+    pub const ZERO: Self = Self::new(0.0, 0.0);
+
+    /// A displacement of so many metres.
+    pub const fn new(x: f64, y: f64) -> Self {
+        Self { x, y }
+    }
+
+    /// Its length, metres.
+    pub fn norm(self) -> f64 {
+        self.x.hypot(self.y)
+    }
+}
+
+impl Add for Displacement {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self::new(self.x + other.x, self.y + other.y)
+    }
+}
+
+impl Sub for Displacement {
+    type Output = Self;
+
+    fn sub(self, other: Self) -> Self {
+        Self::new(self.x - other.x, self.y - other.y)
+    }
+}
+
+impl AddAssign for Displacement {
+    fn add_assign(&mut self, other: Self) {
+        *self = *self + other;
+    }
+}
+
+impl SubAssign for Displacement {
+    fn sub_assign(&mut self, other: Self) {
+        *self = *self - other;
+    }
+}
+
+impl Mul<f64> for Displacement {
+    type Output = Self;
+
+    fn mul(self, times: f64) -> Self {
+        Self::new(self.x * times, self.y * times)
+    }
+}
+
+impl Div<f64> for Displacement {
+    type Output = Self;
+
+    fn div(self, by: f64) -> Self {
+        Self::new(self.x / by, self.y / by)
+    }
+}
 
 /// A point stated in frame `F`, metres.
 #[derive(Debug, PartialEq)]
@@ -51,6 +120,12 @@ impl<F> Point<F> {
     #[must_use]
     pub fn shifted(self, dx: f64, dy: f64, dz: f64) -> Self {
         Self::new(self.x + dx, self.y + dy, self.z + dz)
+    }
+
+    /// The point that lies so far across.
+    #[must_use]
+    pub fn moved(self, by: Displacement) -> Self {
+        self.shifted(by.x, by.y, 0.0)
     }
 
     /// Distance to another point of the same frame, metres.
@@ -111,6 +186,14 @@ impl Placement {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn offsets_add_up() {
+        let there = Displacement::new(3.0, -4.0);
+        assert_eq!((there * 2.0 - there).norm(), 5.0);
+        let p = Point::<Chip>::ORIGIN.moved(there / 2.0 + Displacement::ZERO);
+        assert_eq!(p, Point::new(1.5, -2.0, 0.0));
+    }
 
     #[test]
     fn there_and_back() {

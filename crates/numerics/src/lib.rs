@@ -4,7 +4,7 @@
 //! what the numbers mean.
 //!
 //! - [`regression`]: linear least squares, weighted and with instruments; [`nonlinear`]: Levenberg and
-//!   Marquardt's method with a Jacobian by differences;
+//!   Marquardt's method with a Jacobian by differences; [`normal`]: both for a few unknowns, many times;
 //! - [`signal`]: filters without delay, derivatives, decimation, quantiles;
 //! - [`golden`]: golden section; [`statistics`]: percentiles, Wilson's interval.
 //!
@@ -22,6 +22,7 @@
 
 pub mod golden;
 pub mod nonlinear;
+pub mod normal;
 pub mod regression;
 pub mod signal;
 pub mod statistics;

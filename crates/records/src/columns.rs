@@ -1,66 +1,56 @@
-//! Columns of a CSV file that a person brings, in SI units.
+//! The one reader of CSV files that a person brings: columns by name, in SI units where they have one.
 
 use pigtail_hal::Error;
+use pigtail_hal::quantity::{
+    ANGLE, Dimension, FORCE, FREQUENCY, LENGTH, LEVEL, RATIO, TIME, TORQUE, VOLTAGE,
+};
+use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// What a column may be of.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Dimension {
-    /// Seconds.
-    Time,
-    /// Metres.
-    Length,
-    /// Radians.
-    Angle,
-    /// Volts.
-    Voltage,
-    /// Newtons.
-    Force,
-    /// Newton metres.
-    Torque,
-    /// Hertz.
-    Frequency,
-    /// A magnitude without a unit of its own, as a ratio.
-    Ratio,
-    /// A magnitude in decibels.
-    Decibel,
+/// What a column may be of, each in any of its units.
+const DIMENSIONS: [Dimension; 9] = [
+    TIME, LENGTH, ANGLE, VOLTAGE, FORCE, TORQUE, FREQUENCY, RATIO, LEVEL,
+];
+
+/// A unit of places in a file.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    strum::EnumMessage,
+    strum::EnumString,
+    strum::IntoStaticStr,
+    strum::VariantArray,
+    Serialize,
+    Deserialize,
+)]
+#[strum(serialize_all = "kebab-case")]
+#[serde(rename_all = "lowercase")]
+pub enum LengthUnit {
+    /// Nanometres
+    Nm,
+    /// Micrometres
+    Um,
+    /// Millimetres
+    Mm,
+    /// Metres
+    M,
 }
 
-/// Units by the name that a file gives them, what they are of, and their size in SI units.
-const UNITS: [(&str, Dimension, f64); 31] = [
-    ("s", Dimension::Time, 1.0),
-    ("ms", Dimension::Time, 1e-3),
-    ("us", Dimension::Time, 1e-6),
-    ("min", Dimension::Time, 60.0),
-    ("m", Dimension::Length, 1.0),
-    ("mm", Dimension::Length, 1e-3),
-    ("um", Dimension::Length, 1e-6),
-    ("nm", Dimension::Length, 1e-9),
-    ("rad", Dimension::Angle, 1.0),
-    ("mrad", Dimension::Angle, 1e-3),
-    ("urad", Dimension::Angle, 1e-6),
-    ("deg", Dimension::Angle, std::f64::consts::PI / 180.0),
-    ("arcsec", Dimension::Angle, std::f64::consts::PI / 648_000.0),
-    ("turn", Dimension::Angle, std::f64::consts::TAU),
-    ("V", Dimension::Voltage, 1.0),
-    ("mV", Dimension::Voltage, 1e-3),
-    ("N", Dimension::Force, 1.0),
-    ("kN", Dimension::Force, 1e3),
-    ("mN", Dimension::Force, 1e-3),
-    ("uN", Dimension::Force, 1e-6),
-    ("N m", Dimension::Torque, 1.0),
-    ("Nm", Dimension::Torque, 1.0),
-    ("mNm", Dimension::Torque, 1e-3),
-    ("uNm", Dimension::Torque, 1e-6),
-    ("Hz", Dimension::Frequency, 1.0),
-    ("kHz", Dimension::Frequency, 1e3),
-    ("rad/s", Dimension::Frequency, 0.5 / std::f64::consts::PI),
-    ("1", Dimension::Ratio, 1.0),
-    ("ratio", Dimension::Ratio, 1.0),
-    ("dB", Dimension::Decibel, 1.0),
-    ("db", Dimension::Decibel, 1.0),
-];
+impl LengthUnit {
+    /// Metres in one.
+    pub fn metres(self) -> f64 {
+        LENGTH.unit(self.into()).map_or(1.0, |(_, metres)| metres)
+    }
+
+    /// Micrometres in one.
+    pub fn micrometres(self) -> f64 {
+        1e6 * self.metres()
+    }
+}
 
 /// A column as it is named on a command line: `NAME` or `NAME:UNIT`.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -127,25 +117,197 @@ const MISSING: f64 = 0.2;
 /// Names under which a column of time is found where none is named.
 const TIMES: [&str; 7] = ["t_s", "time_s", "t", "time", "Time", "t_ms", "time_ms"];
 
-/// The unit with which a column's name ends.
-fn of_name(name: &str) -> Option<&'static (&'static str, Dimension, f64)> {
+/// A unit by its name, of one of these dimensions.
+fn unit_of(dimensions: &[Dimension], name: &str) -> Option<(Dimension, &'static str)> {
+    dimensions
+        .iter()
+        .find_map(|dimension| Some((*dimension, dimension.unit(name)?.0)))
+}
+
+/// What a column's name ends with.
+fn of_name(name: &str) -> Option<(Dimension, &'static str)> {
     let bracketed = name
         .strip_suffix([']', ')'])
         .and_then(|rest| rest.rsplit_once(['[', '(']))
         .map(|(_, unit)| unit);
     let suffix = bracketed.or_else(|| name.rsplit_once('_').map(|(_, unit)| unit))?;
-    UNITS.iter().find(|u| u.0 == suffix.trim())
+    unit_of(&DIMENSIONS, suffix.trim())
 }
 
-/// The names in a file's first line.
+/// A CSV file whose first line names its columns. Lines that begin with `#` are comments.
+#[derive(Debug, Clone)]
+pub struct Table {
+    path: PathBuf,
+    names: Vec<String>,
+}
+
+/// Whether a field may be without a number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Gaps {
+    /// It may: NaN.
+    Allowed,
+    /// Every field is a number.
+    Refused,
+}
+
+/// Numbers of some columns.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Numbers {
+    /// The line of each row.
+    pub lines: Vec<usize>,
+    /// The columns, in the order in which they were asked for.
+    pub columns: Vec<Vec<f64>>,
+}
+
+impl Table {
+    /// Reads the names of a file's columns.
+    ///
+    /// # Errors
+    ///
+    /// When it cannot be read.
+    pub fn open(path: &Path) -> Result<Self, Error> {
+        let headers = reader(path)
+            .and_then(|mut reader| reader.headers().cloned())
+            .map_err(|error| explain(path, &error))?;
+        Ok(Self {
+            path: path.to_owned(),
+            names: headers.iter().map(str::to_owned).collect(),
+        })
+    }
+
+    /// The names of its columns.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Whether there is a column of that name.
+    pub fn has(&self, name: &str) -> bool {
+        self.names.iter().any(|n| n == name)
+    }
+
+    /// Which column has that name.
+    ///
+    /// # Errors
+    ///
+    /// When none has.
+    pub fn place(&self, name: &str) -> Result<usize, Error> {
+        let place = self.names.iter().position(|n| n == name);
+        place.ok_or_else(|| {
+            let message = format!("no such column; there are {}", self.names.join(", "));
+            self.error(name, message)
+        })
+    }
+
+    /// What is wrong with a column; with the file where `name` is empty.
+    pub fn error(&self, name: impl Into<String>, message: impl Into<String>) -> Error {
+        Error::new(self.path.display().to_string(), name, message)
+    }
+
+    /// The numbers of some columns.
+    ///
+    /// # Errors
+    ///
+    /// When a row has more or fewer fields than the first line, or a field is no number.
+    pub fn numbers(&self, places: &[usize], gaps: Gaps) -> Result<Numbers, Error> {
+        let accepted = match gaps {
+            Gaps::Allowed => "a finite number, or nothing where one is missing",
+            Gaps::Refused => "a finite number",
+        };
+        let mut lines = Vec::new();
+        let mut columns = vec![Vec::new(); places.len()];
+        let reader = reader(&self.path).map_err(|error| explain(&self.path, &error))?;
+        for_each_row(&self.path, reader, |line, row| {
+            for (place, column) in places.iter().zip(&mut columns) {
+                let value = number(&row[*place], gaps).map_err(|(text, why)| Error {
+                    line: Some(line),
+                    ..self.error(
+                        &*self.names[*place],
+                        format!("\"{text}\" is {why}; accepted is {accepted}"),
+                    )
+                })?;
+                column.push(value);
+            }
+            lines.push(line);
+            Ok(())
+        })?;
+        Ok(Numbers { lines, columns })
+    }
+}
+
+fn reader(path: &Path) -> csv::Result<csv::Reader<std::fs::File>> {
+    csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .comment(Some(b'#'))
+        .from_path(path)
+}
+
+fn for_each_row(
+    path: &Path,
+    mut reader: csv::Reader<std::fs::File>,
+    mut see: impl FnMut(usize, &csv::ByteRecord) -> Result<(), Error>,
+) -> Result<(), Error> {
+    let mut row = csv::ByteRecord::new();
+    while reader
+        .read_byte_record(&mut row)
+        .map_err(|error| explain(path, &error))?
+    {
+        let line = row.position().map_or(0, |p| p.line() as usize);
+        see(line, &row)?;
+    }
+    Ok(())
+}
+
+/// The line and the first `N` fields of each row below the first line, whatever that says. `what` such
+/// a row is of, as an error message says it: `time and voltage`.
 ///
 /// # Errors
 ///
-/// When it cannot be read.
-pub fn names(path: &Path) -> Result<Vec<String>, Error> {
-    let mut reader = open(path)?;
-    let headers = reader.headers().map_err(|e| explain(path, &e))?;
-    Ok(headers.iter().map(str::to_owned).collect())
+/// When the file cannot be read, or a row does not begin with `N` numbers.
+pub fn rows<const N: usize>(path: &Path, what: &str) -> Result<Vec<(usize, [f64; N])>, Error> {
+    let reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .has_headers(false)
+        .flexible(true)
+        .from_path(path)
+        .map_err(|error| explain(path, &error))?;
+    let mut rows = Vec::new();
+    for_each_row(path, reader, |line, row| {
+        if line == 1 {
+            return Ok(());
+        }
+        let mut values = [0.0; N];
+        for (k, value) in values.iter_mut().enumerate() {
+            let field = row.get(k).unwrap_or_default();
+            *value = number(field, Gaps::Refused).map_err(|(text, why)| {
+                let message =
+                    format!("\"{text}\" is {why}; accepted is a row of {what}: {N} finite numbers");
+                Error {
+                    line: Some(line),
+                    ..Error::new(path.display().to_string(), "", message)
+                }
+            })?;
+        }
+        rows.push((line, values));
+        Ok(())
+    })?;
+    Ok(rows)
+}
+
+/// What is wrong with a CSV file.
+fn explain(path: &Path, error: &csv::Error) -> Error {
+    let line = error.position().map(|p| p.line() as usize);
+    let message = match error.kind() {
+        csv::ErrorKind::Io(error) => format!("cannot be read: {error}"),
+        csv::ErrorKind::UnequalLengths {
+            expected_len, len, ..
+        } => format!("has {len} fields; accepted are {expected_len}, as in its first line"),
+        csv::ErrorKind::Utf8 { .. } => "is no text; accepted is UTF-8".to_owned(),
+        _ => error.to_string(),
+    };
+    Error {
+        line,
+        ..Error::new(path.display().to_string(), "", message)
+    }
 }
 
 /// The column of time: the named one, or one with a usual name.
@@ -157,12 +319,13 @@ pub fn time_named(path: &Path, given: Option<&Named>) -> Result<Named, Error> {
     if let Some(given) = given {
         return Ok(given.clone());
     }
-    usual_time(path)?.ok_or_else(|| {
-        let there = names(path).unwrap_or_default().join(", ");
+    let table = Table::open(path)?;
+    usual(&table).ok_or_else(|| {
         let message = format!(
-            "no column is named as time usually is; name one with --time: there are {there}"
+            "no column is named as time usually is; name one with --time: there are {}",
+            table.names.join(", ")
         );
-        Error::new(path.display().to_string(), "--time", message)
+        table.error("--time", message)
     })
 }
 
@@ -172,9 +335,12 @@ pub fn time_named(path: &Path, given: Option<&Named>) -> Result<Named, Error> {
 ///
 /// When the file cannot be read.
 pub fn usual_time(path: &Path) -> Result<Option<Named>, Error> {
-    let names = names(path)?;
-    let usual = TIMES.iter().find(|t| names.iter().any(|n| n == *t));
-    Ok(usual.map(|t| Named::new(*t)))
+    Ok(usual(&Table::open(path)?))
+}
+
+fn usual(table: &Table) -> Option<Named> {
+    let name = TIMES.iter().find(|name| table.has(name));
+    name.map(|name| Named::new(*name))
 }
 
 /// That a column of time rises wherever it has a value.
@@ -183,32 +349,30 @@ pub fn usual_time(path: &Path) -> Result<Option<Named>, Error> {
 ///
 /// When it does not.
 pub fn rising(path: &Path, time: &Column) -> Result<(), Error> {
+    let Some((k, last)) = first_fall(&time.values) else {
+        return Ok(());
+    };
+    let message = format!(
+        "time {} s comes after {last} s in data row {}; accepted is time that rises throughout",
+        time.values[k],
+        k + 1
+    );
+    Err(Error::new(path.display().to_string(), &time.name, message))
+}
+
+/// The first time that is not later than the one before it, and that one; none is where a value is
+/// missing.
+pub(crate) fn first_fall(times: &[f64]) -> Option<(usize, f64)> {
     let mut last = f64::NEG_INFINITY;
-    for (k, value) in time.values.iter().enumerate() {
+    for (k, value) in times.iter().enumerate() {
         if *value <= last {
-            let message = format!(
-                "time {value} s comes after {last} s in data row {}; accepted is time that rises throughout",
-                k + 1
-            );
-            return Err(Error::new(path.display().to_string(), &time.name, message));
+            return Some((k, last));
         }
         if value.is_finite() {
             last = *value;
         }
     }
-    Ok(())
-}
-
-fn open(path: &Path) -> Result<csv::Reader<std::fs::File>, Error> {
-    csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .comment(Some(b'#'))
-        .from_path(path)
-        .map_err(|e| explain(path, &e))
-}
-
-fn explain(path: &Path, error: &csv::Error) -> Error {
-    crate::hysteresis::explain_csv(&path.display().to_string(), error)
+    None
 }
 
 /// Reads columns of a file.
@@ -218,56 +382,33 @@ fn explain(path: &Path, error: &csv::Error) -> Error {
 /// When the file cannot be read, a column is not there or named twice, its unit is of something else, a
 /// field is no number, or too many have no value.
 pub fn read(path: &Path, wanted: &[Wanted]) -> Result<Vec<Column>, Error> {
-    let file = path.display().to_string();
-    let mut reader = open(path)?;
-    let names: Vec<String> = reader
-        .headers()
-        .map_err(|e| explain(path, &e))?
-        .iter()
-        .map(str::to_owned)
-        .collect();
+    let table = Table::open(path)?;
     let mut places = Vec::with_capacity(wanted.len());
     let mut columns = Vec::with_capacity(wanted.len());
     for want in wanted {
-        let (place, column) = locate(&file, &names, want)?;
+        let (place, column) = locate(&table, want)?;
         if let Some(k) = places.iter().position(|p| *p == place) {
             let message = format!(
                 "is named twice, by {} and {}; accepted are different columns",
                 wanted[k].option, want.option
             );
-            return Err(Error::new(&file, &names[place], message));
+            return Err(table.error(&*table.names[place], message));
         }
         places.push(place);
         columns.push(column);
     }
-    let sizes: Vec<f64> = columns
-        .iter()
-        .map(|c: &Column| {
-            let unit = UNITS.iter().find(|u| u.0 == c.unit);
-            unit.map_or(1.0, |u| u.2)
-        })
-        .collect();
-    let mut row = csv::ByteRecord::new();
-    while reader
-        .read_byte_record(&mut row)
-        .map_err(|e| explain(path, &e))?
-    {
-        for ((place, column), size) in places.iter().zip(&mut columns).zip(&sizes) {
-            let value = number(&row[*place]).map_err(|(text, why)| Error {
-                line: row.position().map(|p| p.line() as usize),
-                ..Error::new(
-                    &file,
-                    &names[*place],
-                    format!("\"{text}\" is {why}; accepted is a finite number, or nothing where one is missing"),
-                )
-            })?;
-            column.values.push(value * size);
+    let numbers = table.numbers(&places, Gaps::Allowed)?;
+    for (column, mut values) in columns.iter_mut().zip(numbers.columns) {
+        let (_, size) = column.dimension.unit(column.unit).unwrap_or(("", 1.0));
+        for value in &mut values {
+            *value *= size;
         }
+        column.values = values;
     }
     for column in &columns {
         let rows = column.values.len();
         if rows == 0 {
-            return Err(Error::new(&file, "", "has no rows below its line of names"));
+            return Err(table.error("", "has no rows below its line of names"));
         }
         let missing = column.values.iter().filter(|v| v.is_nan()).count();
         if missing as f64 > MISSING * rows as f64 {
@@ -275,18 +416,18 @@ pub fn read(path: &Path, wanted: &[Wanted]) -> Result<Vec<Column>, Error> {
                 "{missing} of {rows} rows have no value; accepted are at most {:.0} %",
                 100.0 * MISSING
             );
-            return Err(Error::new(&file, &column.name, message));
+            return Err(table.error(&*column.name, message));
         }
     }
     Ok(columns)
 }
 
 /// A number, NaN where there is none.
-fn number(field: &[u8]) -> Result<f64, (String, &'static str)> {
+fn number(field: &[u8], gaps: Gaps) -> Result<f64, (String, &'static str)> {
     let text = std::str::from_utf8(field)
         .map_err(|_| (String::from_utf8_lossy(field).into_owned(), "no text"))?;
     let missing = ["", "nan", "na", "n/a", "null", "-"];
-    if missing.iter().any(|m| text.eq_ignore_ascii_case(m)) {
+    if gaps == Gaps::Allowed && missing.iter().any(|m| text.eq_ignore_ascii_case(m)) {
         return Ok(f64::NAN);
     }
     let value: f64 = text.parse().map_err(|_| (text.to_owned(), "no number"))?;
@@ -297,8 +438,9 @@ fn number(field: &[u8]) -> Result<f64, (String, &'static str)> {
     }
 }
 
-fn locate(file: &str, names: &[String], want: &Wanted) -> Result<(usize, Column), Error> {
+fn locate(table: &Table, want: &Wanted) -> Result<(usize, Column), Error> {
     let text = &want.named.0;
+    let names = &table.names;
     let find = |name: &str| names.iter().position(|n| n == name);
     let (place, given) = match (find(text), text.rsplit_once(':')) {
         (Some(place), _) => (place, None),
@@ -311,67 +453,56 @@ fn locate(file: &str, names: &[String], want: &Wanted) -> Result<(usize, Column)
                 want.option,
                 names.join(", ")
             );
-            return Err(Error::new(file, text, message));
+            return Err(table.error(&**text, message));
         }
     };
     let name = &names[place];
     let accepted = || {
-        UNITS
-            .iter()
-            .filter(|u| want.of.contains(&u.1))
-            .map(|u| u.0)
-            .collect::<Vec<_>>()
-            .join(", ")
+        let units = want.of.iter().flat_map(|dimension| dimension.units);
+        let names: Vec<&str> = units.map(|(unit, _)| *unit).collect();
+        names.join(", ")
     };
     let suffix = of_name(name);
-    let (unit, by) = match (given, suffix) {
+    let (dimension, unit, by) = match (given, suffix) {
         (Some(given), _) => {
-            let unit = UNITS
-                .iter()
-                .find(|u| u.0 == given && want.of.contains(&u.1));
-            let Some(unit) = unit else {
+            let Some((dimension, unit)) = unit_of(want.of, given) else {
                 let message = format!(
                     "{} cannot be in \"{given}\"; accepted is {}",
                     want.option,
                     accepted()
                 );
-                return Err(Error::new(file, name, message));
+                return Err(table.error(&**name, message));
             };
-            if let Some(own) = suffix.filter(|own| own.0 != unit.0 && want.of.contains(&own.1)) {
+            if let Some((_, own)) = suffix.filter(|(of, own)| *own != unit && want.of.contains(of))
+            {
                 let message = format!(
-                    "is said to be in {given}, but its name says {}; accepted is one of both: give the unit \
-                     that its name has, or rename the column",
-                    own.0
+                    "is said to be in {given}, but its name says {own}; accepted is one of both: give the unit \
+                     that its name has, or rename the column"
                 );
-                return Err(Error::new(file, name, message));
+                return Err(table.error(&**name, message));
             }
-            (unit, By::Option)
+            (dimension, unit, By::Option)
         }
-        (None, Some(unit)) if want.of.contains(&unit.1) => (unit, By::Name),
+        (None, Some((dimension, unit))) if want.of.contains(&dimension) => {
+            (dimension, unit, By::Name)
+        }
         // A magnitude may be of anything over anything.
-        (None, Some(_)) if want.of.contains(&Dimension::Ratio) => {
-            let usual = UNITS.iter().find(|u| u.1 == Dimension::Ratio);
-            (usual.unwrap_or(&UNITS[0]), By::Name)
-        }
-        (None, Some(unit)) => {
+        (None, Some(_)) if want.of.contains(&RATIO) => (RATIO, RATIO.si(), By::Name),
+        (None, Some((_, unit))) => {
             let message = format!(
-                "its name says {}, which is no unit for {}; accepted is a column in {}, or its unit as \
+                "its name says {unit}, which is no unit for {}; accepted is a column in {}, or its unit as \
                  \"{name}:UNIT\"",
-                unit.0,
                 want.option,
                 accepted()
             );
-            return Err(Error::new(file, name, message));
+            return Err(table.error(&**name, message));
         }
-        (None, None) => {
-            let usual = UNITS.iter().find(|u| u.1 == want.of[0]);
-            (usual.unwrap_or(&UNITS[0]), By::Nothing)
-        }
+        (None, None) => (want.of[0], want.of[0].si(), By::Nothing),
     };
     let column = Column {
         name: name.clone(),
-        unit: unit.0,
-        dimension: unit.1,
+        unit,
+        dimension,
         values: Vec::new(),
         by,
     };
@@ -440,7 +571,7 @@ mod tests {
 
     #[test]
     fn units_come_from_the_option_or_the_name_and_must_agree() {
-        const LENGTHS: &[Dimension] = &[Dimension::Length, Dimension::Angle];
+        const LENGTHS: &[Dimension] = &[LENGTH, ANGLE];
         let of = |header: &str, named: &str| read_one(&format!("{header}\n2\n"), named, LENGTHS);
         let value = |c: Result<Column, Error>| c.expect("a column").values[0];
         assert!((value(of("x_mm", "x_mm")) - 2e-3).abs() < 1e-15);
@@ -453,8 +584,18 @@ mod tests {
     }
 
     #[test]
+    fn a_unit_of_places_is_one_of_length() {
+        use strum::VariantArray;
+        for unit in LengthUnit::VARIANTS {
+            assert!(LENGTH.unit(unit.into()).is_some(), "{unit:?}");
+        }
+        assert_eq!(LengthUnit::Nm.micrometres(), 1e-3);
+        assert_eq!(LengthUnit::Mm.micrometres(), 1e3);
+    }
+
+    #[test]
     fn missing_values_are_none_and_words_are_refused() {
-        let of = |rows: &str| read_one(&format!("x\n{rows}"), "x", &[Dimension::Length]);
+        let of = |rows: &str| read_one(&format!("x\n{rows}"), "x", &[LENGTH]);
         let column = of("1\nNaN\n3\n4\n5\n6\n").expect("a column");
         assert!(column.values[1].is_nan() && column.values.len() == 6);
         let error = of("1\ntwo\n").expect_err("no number");

@@ -1,10 +1,11 @@
 //! A law of friction from a record of force against displacement.
 
-use super::columns::{self, Dimension, Named, Wanted};
+use super::columns::{self, Named, Wanted};
 use super::fragment::Kind;
 use super::part::Slides;
 use super::{Answer, Figure, Rows, Shown, short};
 use pigtail_hal::Error;
+use pigtail_hal::quantity::{ANGLE, FORCE, LENGTH, TIME, TORQUE};
 use pigtail_sysid::friction::{Fitted, Identified, Law, Record, identify};
 use pigtail_sysid::{Parameter, Unknown};
 use serde_json::json;
@@ -42,12 +43,12 @@ impl Roles {
             Wanted {
                 option: "--displacement",
                 named: &self.displacement,
-                of: &[Dimension::Length, Dimension::Angle],
+                of: &[LENGTH, ANGLE],
             },
             Wanted {
                 option: "--force",
                 named: &self.force,
-                of: &[Dimension::Force, Dimension::Torque],
+                of: &[FORCE, TORQUE],
             },
         ];
         let time = match &self.time {
@@ -58,7 +59,7 @@ impl Roles {
             list.push(Wanted {
                 option: "--time",
                 named: time,
-                of: &[Dimension::Time],
+                of: &[TIME],
             });
         }
         let read = columns::read(path, &list)?;
@@ -75,8 +76,8 @@ impl Roles {
                 &read[0].values,
                 &read[1].values,
             ),
-            turns: read[0].dimension == Dimension::Angle,
-            torque: read[1].dimension == Dimension::Torque,
+            turns: read[0].dimension == ANGLE,
+            torque: read[1].dimension == TORQUE,
             remarks,
         })
     }

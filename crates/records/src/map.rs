@@ -1,7 +1,7 @@
 //! Search and peak on a power map that a person brings, and the document that tells what came of
 //! it.
 
-use crate::hysteresis::Table;
+use crate::columns::{Gaps, LengthUnit, Table};
 use pigtail_hal::Error;
 use pigtail_numerics::rounded;
 use pigtail_sysid::map::{
@@ -23,43 +23,6 @@ pub struct Columns {
     pub inverted: bool,
 }
 
-/// A unit of places.
-#[derive(
-    Debug,
-    Clone,
-    Copy,
-    PartialEq,
-    Eq,
-    strum::EnumMessage,
-    strum::EnumString,
-    strum::IntoStaticStr,
-    strum::VariantArray,
-    Serialize,
-)]
-#[strum(serialize_all = "kebab-case")]
-#[serde(rename_all = "lowercase")]
-pub enum LengthUnit {
-    /// Nanometres
-    Nm,
-    /// Micrometres
-    Um,
-    /// Millimetres
-    Mm,
-    /// Metres
-    M,
-}
-
-impl LengthUnit {
-    fn metres(self) -> f64 {
-        match self {
-            Self::Nm => 1e-9,
-            Self::Um => 1e-6,
-            Self::Mm => 1e-3,
-            Self::M => 1.0,
-        }
-    }
-}
-
 /// A unit of light: one that is linear, or a level.
 #[derive(
     Debug,
@@ -71,7 +34,6 @@ impl LengthUnit {
     strum::EnumString,
     strum::IntoStaticStr,
     strum::VariantArray,
-    Serialize,
 )]
 #[strum(serialize_all = "kebab-case")]
 pub enum PowerUnit {
@@ -80,30 +42,24 @@ pub enum PowerUnit {
     V,
     /// Millivolts of one
     #[strum(serialize = "mV")]
-    #[serde(rename = "mV")]
     MilliV,
     /// Watts
     #[strum(serialize = "W")]
     W,
     /// Milliwatts
     #[strum(serialize = "mW")]
-    #[serde(rename = "mW")]
     MilliW,
     /// Microwatts
     #[strum(serialize = "uW")]
-    #[serde(rename = "uW")]
     MicroW,
     /// Nanowatts
     #[strum(serialize = "nW")]
-    #[serde(rename = "nW")]
     NanoW,
     /// Numbers of a converter
     #[strum(serialize = "counts")]
-    #[serde(rename = "counts")]
     Counts,
     /// Decibels above a milliwatt; taken as milliwatts
     #[strum(serialize = "dBm")]
-    #[serde(rename = "dBm")]
     DBm,
 }
 
@@ -120,13 +76,8 @@ impl PowerUnit {
     /// The unit of that scale.
     pub fn linear_name(self) -> &'static str {
         match self {
-            Self::V => "V",
-            Self::MilliV => "mV",
-            Self::W => "W",
-            Self::MilliW | Self::DBm => "mW",
-            Self::MicroW => "uW",
-            Self::NanoW => "nW",
-            Self::Counts => "counts",
+            Self::DBm => Self::MilliW.into(),
+            linear => linear.into(),
         }
     }
 }
@@ -270,16 +221,17 @@ impl Peak {
 /// When the file cannot be read, a column is missing or has a field that is no number, or nothing
 /// could be made of the readings.
 pub fn read(path: &Path, columns: &Columns) -> Result<Scan, Error> {
-    let table = Table::read(path)?;
-    let file = path.display().to_string();
+    let table = Table::open(path)?;
     let [x, y, power] = &columns.names;
     for (a, b) in [(x, y), (x, power), (y, power)] {
         if a == b {
             let message = "is named twice; accepted are three columns: x, y and power";
-            return Err(Error::new(file, a.as_str(), message));
+            return Err(table.error(a.as_str(), message));
         }
     }
-    let (xs, ys, powers) = (table.column(x)?, table.column(y)?, table.column(power)?);
+    let places = [table.place(x)?, table.place(y)?, table.place(power)?];
+    let read = table.numbers(&places, Gaps::Refused)?.columns;
+    let [xs, ys, powers] = [&read[0], &read[1], &read[2]];
     if columns.power != PowerUnit::DBm
         && !columns.inverted
         && !powers.is_empty()
@@ -290,11 +242,11 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Scan, Error> {
              --map-power-unit dBm, a photodiode of negative voltage --map-inverted",
             columns.power.linear_name()
         );
-        return Err(Error::new(file, power.as_str(), message));
+        return Err(table.error(power.as_str(), message));
     }
     let metres = columns.length.metres();
     let sign = if columns.inverted { -1.0 } else { 1.0 };
-    let readings = xs.iter().zip(&ys).zip(&powers).map(|((x, y), p)| Reading {
+    let readings = xs.iter().zip(ys).zip(powers).map(|((x, y), p)| Reading {
         x: metres * x,
         y: metres * y,
         power: sign * columns.power.linear(*p),
@@ -306,7 +258,7 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Scan, Error> {
             "power" => power.as_str(),
             _ => "",
         };
-        Error::new(&file, key, invalid.why)
+        table.error(key, invalid.why)
     })
 }
 

@@ -1,9 +1,10 @@
 //! Modes from a frequency response.
 
-use super::columns::{self, Dimension, Named, Wanted};
+use super::columns::{self, Named, Wanted};
 use super::{Answer, Figure, NOT_IDENTIFIABLE, Shown, short};
 use nalgebra::Complex;
 use pigtail_hal::Error;
+use pigtail_hal::quantity::{ANGLE, Dimension, FREQUENCY, LEVEL, RATIO};
 use pigtail_sysid::resonance::{Identified, NAMES, Record, bode, identify};
 use std::fmt::Write as _;
 use std::path::Path;
@@ -72,13 +73,11 @@ struct Response {
     remarks: Vec<String>,
 }
 
-/// Of what a column of numbers without a unit is.
-const RATIO: &[Dimension] = &[Dimension::Ratio];
-
 impl Roles {
     /// The columns by their names, or by their usual names.
     fn choose(&self, path: &Path) -> Result<Chosen, Error> {
-        let there = columns::names(path)?;
+        let table = columns::Table::open(path)?;
+        let there = table.names();
         let usual = |given: &Option<Named>, names: &[&str]| {
             given.clone().or_else(|| {
                 let found = names.iter().find(|n| there.iter().any(|t| t == *n));
@@ -125,31 +124,23 @@ impl Chosen {
     fn read(&self, path: &Path) -> Result<Response, Error> {
         let file = path.display().to_string();
         let wanted = |option, named, of| Wanted { option, named, of };
-        let mut list = vec![wanted(
-            "--frequency",
-            &self.frequency,
-            &[Dimension::Frequency][..],
-        )];
+        let mut list = vec![wanted("--frequency", &self.frequency, &[FREQUENCY][..])];
         let [first, second] = if self.polar {
             ["--magnitude", "--phase"]
         } else {
             ["--real", "--imaginary"]
         };
         let sizes: &[Dimension] = if self.polar {
-            &[Dimension::Ratio, Dimension::Decibel]
+            &[RATIO, LEVEL]
         } else {
-            RATIO
+            &[RATIO]
         };
         list.push(wanted(first, &self.first, sizes));
         if let Some(coherence) = &self.coherence {
-            list.push(wanted("--coherence", coherence, RATIO));
+            list.push(wanted("--coherence", coherence, &[RATIO]));
         }
         if let Some(named) = &self.second {
-            let of: &[Dimension] = if self.polar {
-                &[Dimension::Angle]
-            } else {
-                RATIO
-            };
+            let of: &[Dimension] = if self.polar { &[ANGLE] } else { &[RATIO] };
             list.push(wanted(second, named, of));
         }
         let mut read = columns::read(path, &list)?;
@@ -168,7 +159,7 @@ impl Chosen {
             return Err(Error::new(&file, &b.name, message));
         }
         let below = a.values.iter().any(|v| *v < 0.0);
-        if self.polar && a.dimension == Dimension::Ratio && below {
+        if self.polar && a.dimension == RATIO && below {
             let message = format!(
                 "has values below zero, which no magnitude has; accepted are ratios, or decibels as \
                  \"{}:dB\"",
@@ -188,7 +179,7 @@ impl Chosen {
             .enumerate()
             .map(|(k, a_k)| match (self.polar, a.dimension) {
                 (false, _) => Complex::new(*a_k, other(k)),
-                (true, Dimension::Decibel) => Complex::from_polar(10f64.powf(0.05 * a_k), other(k)),
+                (true, LEVEL) => Complex::from_polar(10f64.powf(0.05 * a_k), other(k)),
                 (true, _) => Complex::from_polar(*a_k, other(k)),
             })
             .collect();

@@ -1,9 +1,10 @@
 //! A servo axis from its record.
 
-use super::columns::{self, Column, Dimension, Named, Source, Wanted};
+use super::columns::{self, Column, Named, Source, Wanted};
 use super::fragment::Kind;
 use super::{Answer, Figure, NOT_IDENTIFIABLE, Rows, Shown, short};
 use pigtail_hal::Error;
+use pigtail_hal::quantity::{ANGLE, Dimension, LENGTH, TIME, VOLTAGE};
 use pigtail_sysid::servo::{
     Friction, Identified, Method, Motion, Record, Replay, Settings, Sliding, Variant, identify,
     replay,
@@ -40,7 +41,7 @@ pub struct Read {
 }
 
 /// What a position may be.
-const MOVES: &[Dimension] = &[Dimension::Length, Dimension::Angle];
+const MOVES: &[Dimension] = &[LENGTH, ANGLE];
 
 impl Roles {
     /// Reads a record.
@@ -53,9 +54,9 @@ impl Roles {
         let time = columns::time_named(path, self.time.as_ref())?;
         let wanted = |option, named, of| Wanted { option, named, of };
         let mut list = vec![
-            wanted("--time", &time, &[Dimension::Time][..]),
+            wanted("--time", &time, &[TIME][..]),
             wanted("--position", &self.position, MOVES),
-            wanted("--voltage", &self.voltage, &[Dimension::Voltage]),
+            wanted("--voltage", &self.voltage, &[VOLTAGE]),
         ];
         if let Some(reference) = &self.reference {
             list.push(wanted("--reference", reference, MOVES));
@@ -76,7 +77,7 @@ impl Roles {
             };
             Error::new(&file, &read[0].name, message)
         })?;
-        let kind = if read[1].dimension == Dimension::Angle {
+        let kind = if read[1].dimension == ANGLE {
             Kind::Rotary
         } else {
             Kind::Linear

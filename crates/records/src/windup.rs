@@ -1,9 +1,10 @@
 //! A transmission from a record of the encoders on both of its sides.
 
-use super::columns::{self, Dimension, Named, Wanted};
+use super::columns::{self, Named, Wanted};
 use super::part::Winds;
 use super::{Answer, Figure, Rows, Shown, short};
 use pigtail_hal::Error;
+use pigtail_hal::quantity::{ANGLE, Dimension, FORCE, LENGTH, TIME, TORQUE};
 use pigtail_sysid::Unknown;
 use pigtail_sysid::timeline::{Uneven, even};
 use pigtail_sysid::windup::{Fitted, Identified, Record, identify};
@@ -42,21 +43,17 @@ impl Roles {
     ///
     /// Bad input.
     pub fn read(&self, path: &Path) -> Result<Read, Error> {
-        const MOVES: &[Dimension] = &[Dimension::Angle, Dimension::Length];
+        const MOVES: &[Dimension] = &[ANGLE, LENGTH];
         let file = path.display().to_string();
         let time = columns::time_named(path, self.time.as_ref())?;
         let wanted = |option, named, of| Wanted { option, named, of };
         let mut list = vec![
-            wanted("--time", &time, &[Dimension::Time][..]),
+            wanted("--time", &time, &[TIME][..]),
             wanted("--motor", &self.motor, MOVES),
             wanted("--load", &self.load, MOVES),
         ];
         if let Some(torque) = &self.torque {
-            list.push(wanted(
-                "--torque",
-                torque,
-                &[Dimension::Torque, Dimension::Force],
-            ));
+            list.push(wanted("--torque", torque, &[TORQUE, FORCE]));
         }
         let mut read = columns::read(path, &list)?;
         if read[1].dimension != read[2].dimension {
@@ -77,9 +74,9 @@ impl Roles {
         })?;
         Ok(Read {
             record: Record::new(grid, self.torque.is_some()),
-            turns: read[1].dimension == Dimension::Angle,
+            turns: read[1].dimension == ANGLE,
             torque: match read.get(3).map(|t| t.dimension) {
-                Some(Dimension::Force) => "N",
+                Some(FORCE) => "N",
                 _ => "N m",
             },
             remarks: columns::remarks(&read),

@@ -119,8 +119,8 @@ fn seen(setup: &Setup, record: &Record, index: usize, port: &str) -> Vec<Seen> {
     let outward = if index == 0 { -1.0 } else { 1.0 };
     let kinematics = Kinematics::new(&setup.rig.spec, &setup.rig.calibration, side);
     let look = |phase: &PhaseRecord, sample: &Sample| {
-        let (dx, dy) = sample.micro[side.index()];
-        let tip = kinematics.chip_from_macro(sample.endpoints[side.index()].shifted(dx, dy, 0.0));
+        let holder = sample.endpoints[side.index()];
+        let tip = kinematics.chip_from_macro(holder.moved(sample.micro[side.index()]));
         Seen {
             time: sample.time,
             phase: phase.name,

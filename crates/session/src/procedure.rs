@@ -1,11 +1,61 @@
 //! The ways to align a device, by the names that a user gives them.
 
-use pigtail_control::procedure::{self, FiberReport};
+use pigtail_control::procedure::FiberReport;
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::Station;
+use pigtail_control::{baselines, fast, nudge, procedure};
 use strum::VariantArray;
 
-/// A way to align a device. To add one: a variant here, and its entry below.
+/// An alignment algorithm: a function over a [`Station`]. It may use all that a station offers, and
+/// reaches neither the twin nor its truth.
+#[derive(Debug, Clone, Copy)]
+pub struct Algorithm {
+    /// Its name.
+    pub name: &'static str,
+    /// What it does, in a few words.
+    pub about: &'static str,
+    /// Aligns the three fibers of a device, input first, and reports on each.
+    pub run: fn(&mut Station, &Recipe) -> Vec<FiberReport>,
+}
+
+const FAST: Algorithm = Algorithm {
+    name: "fast",
+    about: "vision on the way, lines at constant speed, circles through the approach",
+    run: fast::fast,
+};
+
+const THESIS: Algorithm = Algorithm {
+    name: "thesis",
+    about: "raster, nine-point climb through a slow approach, paraboloid at the end",
+    run: procedure::thesis,
+};
+
+const MACRO_ONLY: Algorithm = Algorithm {
+    name: "macro-only",
+    about: "without any micro: columns of the macro, then pulses; claims 0.2 um only",
+    run: nudge::macro_only,
+};
+
+/// All algorithms, in no order of merit: the procedures, and baselines to compare them with. To enter
+/// one's own there is one line to add.
+pub const ALGORITHMS: &[Algorithm] = &[
+    FAST,
+    THESIS,
+    Algorithm {
+        name: "spiral-nelder-mead",
+        about: "baseline: spiral, Nelder and Mead's simplex, stepwise approach",
+        run: baselines::spiral_nelder_mead,
+    },
+    Algorithm {
+        name: "spiral-nine-point",
+        about: "baseline: spiral, brightest of nine points, stepwise approach",
+        run: baselines::spiral_nine_point,
+    },
+    MACRO_ONLY,
+];
+
+/// A way to align devices in earnest: one of [`ALGORITHMS`]. To add one: a variant here, and its entry
+/// below.
 #[derive(
     Debug,
     Clone,
@@ -40,7 +90,7 @@ const MACRO_TOLERANCE_XY_UM: f64 = 0.2;
 
 /// What the program has to know of a procedure.
 struct Entry {
-    run: fn(&mut Station, &Recipe) -> Vec<FiberReport>,
+    algorithm: Algorithm,
     phases: &'static [&'static str],
     /// About how long a device takes, seconds.
     seconds: f64,
@@ -52,19 +102,19 @@ impl Procedure {
     fn entry(self) -> Entry {
         match self {
             Self::Thesis => Entry {
-                run: procedure::thesis,
+                algorithm: THESIS,
                 phases: &["coarse", "sensing", "raster", "climb", "approach", "final"],
                 seconds: 75.0,
                 tolerance_xy_um: TOLERANCE_XY_UM,
             },
             Self::Fast => Entry {
-                run: pigtail_control::fast::fast,
+                algorithm: FAST,
                 phases: &["coarse", "sensing", "search", "centre", "approach", "final"],
                 seconds: 3.0,
                 tolerance_xy_um: TOLERANCE_XY_UM,
             },
             Self::MacroOnly => Entry {
-                run: pigtail_control::nudge::macro_only,
+                algorithm: MACRO_ONLY,
                 phases: &["coarse", "sensing", "search", "centre", "approach", "final"],
                 seconds: 70.0,
                 tolerance_xy_um: MACRO_TOLERANCE_XY_UM,
@@ -103,6 +153,20 @@ impl Procedure {
 
     /// Aligns a device. The machine's fault is the outcome of the fiber that it happened to.
     pub fn run(self, station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
-        (self.entry().run)(station, recipe)
+        (self.entry().algorithm.run)(station, recipe)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_procedure_is_the_algorithm_of_its_name() {
+        for procedure in Procedure::VARIANTS {
+            let algorithm = procedure.entry().algorithm;
+            assert_eq!(procedure.name(), algorithm.name);
+            assert!(ALGORITHMS.iter().any(|a| a.name == algorithm.name));
+        }
     }
 }

@@ -67,8 +67,8 @@ impl Record {
                 for volts in sample.light {
                     let _ = write!(out, ",{volts:.5}");
                 }
-                for (p, (x, y)) in sample.endpoints.iter().zip(sample.micro) {
-                    for metres in [p.x, p.y, p.z, x, y] {
+                for (p, micro) in sample.endpoints.iter().zip(sample.micro) {
+                    for metres in [p.x, p.y, p.z, micro.x, micro.y] {
                         let _ = write!(out, ",{:.4}", metres * 1e6);
                     }
                 }

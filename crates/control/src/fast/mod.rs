@@ -24,7 +24,7 @@ use crate::sweep::{Spot, first_light};
 use near::{Aim, cock, lines};
 use pigtail_hal::spec::{CHANNELS, Channel};
 use pigtail_hal::{FiberHandling, Side};
-use pigtail_model::frames::{Macro, Point};
+use pigtail_model::frames::{Displacement, Macro, Point};
 
 /// One pass of a search.
 #[derive(Debug, Clone, Copy)]
@@ -341,7 +341,7 @@ impl Shared<'_> {
         let walk = aim.walk(station, self.exit());
         let gap = aim.gap(station);
         let rest = station.wanted(aim.side);
-        let at = (spot.x - rest.x, spot.y - rest.y);
+        let at = Displacement::new(spot.x - rest.x, spot.y - rest.y);
         let mut orbit = Orbit::new(watch, beam, &self.fast.orbit, station, at, gap, walk);
         // What the micro will not reach, here or at the chip, the macro must.
         self.make_room(station, aim, &mut orbit, beam.width(gap), gap)?;
@@ -393,13 +393,13 @@ impl Shared<'_> {
         const SURE: f64 = 0.93;
         let (at, end) = (orbit.place(gap), orbit.place(self.recipe.approach.gap));
         let kinematics = station.kinematics(aim.side);
-        let reached = [at, end].iter().all(|(x, y)| {
+        let reached = [at, end].iter().all(|Displacement { x, y }| {
             [(room, 0.0), (-room, 0.0), (0.0, room), (0.0, -room)]
                 .iter()
                 .all(|(dx, dy)| kinematics.micro_reaches((x + dx) / SURE, (y + dy) / SURE))
         });
         if !reached {
-            let middle = (0.5 * (at.0 + end.0), 0.5 * (at.1 + end.1));
+            let middle = (at + end) * 0.5;
             hand_over(station, orbit, aim.side, middle, gap)?;
         }
         Ok(!reached)
@@ -435,7 +435,7 @@ impl Shared<'_> {
             let reached = peak.filter(|peak| orbit.go_to(station, peak, gap).is_ok());
             let light = reached.map_or(0.0, |peak| peak.full);
             let now = orbit.place(0.0);
-            let strayed = (now.0 - start.0).hypot(now.1 - start.1);
+            let strayed = (now - start).norm();
             // Light that does not come out of the guide does not grow as the gap closes.
             if strayed > self.fast.stray || light < self.fast.accept * before {
                 station.brake(aim.side);
@@ -540,18 +540,18 @@ impl Shared<'_> {
     }
 }
 
-/// The macro goes aside by `(x, y)` metres and comes to rest there, while the micro stays in its
+/// The macro goes aside and comes to rest there, while the micro stays in its
 /// orbit.
 fn hand_over(
     station: &mut Station,
     orbit: &mut Orbit,
     side: Side,
-    (x, y): (f64, f64),
+    by: Displacement,
     gap: f64,
 ) -> Result<(), Halt> {
     /// For the servo to come to rest, seconds.
     const REST: f64 = 0.02;
-    let goal = station.wanted(side).shifted(x, y, 0.0);
+    let goal = station.wanted(side).moved(by);
     let mut before = station.endpoint(side);
     station.start_line(side, goal, None)?;
     let mut rest = REST;
@@ -561,7 +561,7 @@ fn hand_over(
         }
         orbit.cycle(station, gap)?;
         let now = station.endpoint(side);
-        orbit.hand_over((now.x - before.x, now.y - before.y));
+        orbit.hand_over(Displacement::new(now.x - before.x, now.y - before.y));
         before = now;
     }
     Ok(())

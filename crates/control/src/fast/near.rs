@@ -71,7 +71,7 @@ impl Aim {
         let k = station.kinematics(self.side);
         let a = k.macro_from_chip(self.port);
         let b = k.macro_from_chip(self.port.shifted(exit.tan(), 0.0, 0.0));
-        (b.x - a.x, b.y - a.y)
+        Walk::new(b.x - a.x, b.y - a.y)
     }
 }
 

@@ -21,12 +21,13 @@ use crate::identify::Path;
 use crate::outcome::{Halt, Outcome};
 use crate::recipe::Recipe;
 use crate::station::Station;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 use pigtail_hal::measurement::VisionFrame;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::MICRO_AXES;
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::Point;
+use pigtail_numerics::normal::Normal;
 
 /// Speed of the voltage, volts a second: slow beside the resonance, fast beside most of the creep.
 const SPEED: f64 = 2.5;
@@ -150,13 +151,12 @@ impl Micro {
 fn parabola(points: &[(f64, f64, f64)]) -> Option<[f64; 3]> {
     // In units in which the numbers are about one.
     let scale = points.iter().fold(0.0_f64, |s, p| s.max(p.0.abs()));
-    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    let mut normal = Normal::default();
     for (x, y, weight) in points {
         let row = Vector3::new(1.0, x / scale, (x / scale).powi(2));
-        normal += *weight * row * row.transpose();
-        right += *weight * *y * row;
+        normal.add_weighted(&row, *y, *weight);
     }
-    let c = normal.cholesky()?.solve(&right);
+    let c = normal.solve()?;
     Some([c[0], c[1] / scale, c[2] / (scale * scale)])
 }
 

@@ -2,9 +2,9 @@
 
 mod data;
 
-pub(crate) use data::explain_csv;
-pub use data::{Columns, Table};
+pub use data::{Columns, Data};
 
+use crate::columns::LengthUnit;
 use pigtail_control::compensation::hysteresis::{
     Creep, Errors, Invalid, Model, Range, Rbf, Record, Zero, fit_memory, invert, judge, predict,
     straight,
@@ -84,48 +84,9 @@ pub struct ModelFile {
     /// The columns it was made from; those of another record where none are named.
     pub columns: Columns,
     /// Unit of displacement in those records.
-    pub unit: Unit,
+    pub unit: LengthUnit,
     /// The model, volts to micrometres.
     pub model: Model,
-}
-
-/// Unit of a column of displacement.
-#[derive(
-    Debug,
-    Clone,
-    Copy,
-    PartialEq,
-    Eq,
-    strum::EnumMessage,
-    strum::EnumString,
-    strum::IntoStaticStr,
-    strum::VariantArray,
-    Serialize,
-    Deserialize,
-)]
-#[strum(serialize_all = "kebab-case")]
-#[serde(rename_all = "lowercase")]
-pub enum Unit {
-    /// Nanometres
-    Nm,
-    /// Micrometres
-    Um,
-    /// Millimetres
-    Mm,
-    /// Metres
-    M,
-}
-
-impl Unit {
-    /// Micrometres in one.
-    pub fn micrometres(self) -> f64 {
-        match self {
-            Self::Nm => 1e-3,
-            Self::Um => 1.0,
-            Self::Mm => 1e3,
-            Self::M => 1e6,
-        }
-    }
 }
 
 impl ModelFile {

@@ -1,6 +1,7 @@
 //! A peak of unknown width on an inclined background, and its fit to readings.
 
-use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
+use nalgebra::{SMatrix, SVector, Vector2};
+use pigtail_numerics::normal::{Normal, Problem, Rules, minimise};
 
 /// Numbers of a shape: background, height, place (2), precision (3), slope (2).
 pub(super) const NUMBERS: usize = 9;
@@ -220,83 +221,86 @@ fn scaled(slopes: &Vector, unit: f64, height: f64) -> Vector {
 /// Fits a shape by least squares (Levenberg and Marquardt) from `start`; the level of a fold too
 /// where it is `free`. `None` where nothing comes of it.
 pub(super) fn fit(data: &[Datum], start: &Shape, level: f64, free: bool) -> Option<Fit> {
-    const ITERATIONS: usize = 60;
-    // Numbers of about one: lengths in radii of the start, powers in its height.
+    const RULES: Rules = Rules {
+        steps: 60,
+        ridge: 1e-9,
+        gain: 0.0,
+        share: 1e-9,
+    };
     let (long, short, _) = start.ellipse();
     let unit = (long * short).sqrt();
     let height = start.height.abs();
     if !(unit.is_finite() && unit > 0.0 && height > 0.0) {
         return None;
     }
-    let back = Vector::from([
-        height,
-        height,
+    let through = Through {
+        data,
         unit,
-        unit,
-        1.0 / (unit * unit),
-        1.0 / (unit * unit),
-        1.0 / (unit * unit),
-        height / unit,
-        height / unit,
         height,
-    ]);
-    let squares = |shape: &Shape, level: f64| -> f64 {
-        data.iter().map(|d| d.residual(shape, level).powi(2)).sum()
+        free,
     };
-    let (mut shape, mut level) = (*start, level);
-    let (mut best, mut damping) = (squares(&shape, level), 1e-3);
-    let mut information = Matrix::zeros();
-    for _ in 0..ITERATIONS {
-        information = Matrix::zeros();
-        let mut right = Vector::zeros();
-        for d in data {
-            let residual = d.residual(&shape, level);
-            if residual == 0.0 && d.at_least {
-                continue;
-            }
-            let mut row = scaled(&(d.sign * shape.slopes(d.x, d.y)), unit, height);
-            row[LEVEL] = if free { d.share } else { 0.0 };
-            information += row * row.transpose();
-            right += row * (residual / height);
-        }
-        let mut damped = information;
-        for i in 0..N {
-            damped[(i, i)] *= 1.0 + damping;
-            damped[(i, i)] += 1e-9;
-        }
-        let step = damped.cholesky()?.solve(&right).component_mul(&back);
-        let next = shape.vector(level) + step;
-        let (new_shape, new_level) = (Shape::of(&next), next[LEVEL]);
-        let new = if new_shape.is_sound() {
-            squares(&new_shape, new_level)
-        } else {
-            f64::INFINITY
-        };
-        if new < best {
-            let done = best - new < 1e-9 * best;
-            (shape, level, best) = (new_shape, new_level, new);
-            damping = f64::max(damping * 0.1, 1e-9);
-            if done {
-                break;
-            }
-        } else {
-            damping *= 10.0;
-            if damping > 1e12 {
-                break;
-            }
-        }
-    }
+    let found = minimise(&through, (*start, level), &RULES)?;
+    let (shape, level) = found.at;
+    let mut information = found.information;
     for i in 0..N {
         information[(i, i)] += 1e-12;
     }
     Some(Fit {
         shape,
         level,
-        squares: best,
+        squares: found.cost,
         covariance: information.try_inverse()?,
         unit,
         height,
     })
+}
+
+/// A shape and the level of a fold through readings. Numbers of about one: lengths in radii of the
+/// start, powers in its height.
+struct Through<'a> {
+    data: &'a [Datum],
+    unit: f64,
+    height: f64,
+    /// Whether the level may change.
+    free: bool,
+}
+
+impl Problem<N> for Through<'_> {
+    type State = (Shape, f64);
+
+    fn cost(&self, (shape, level): &(Shape, f64)) -> f64 {
+        if !shape.is_sound() {
+            return f64::INFINITY;
+        }
+        let left = self.data.iter().map(|d| d.residual(shape, *level));
+        left.map(|l| l.powi(2)).sum()
+    }
+
+    fn equations(&self, (shape, level): &(Shape, f64)) -> Normal<N> {
+        let mut normal = Normal::default();
+        for d in self.data {
+            let residual = d.residual(shape, *level);
+            if residual == 0.0 && d.at_least {
+                continue;
+            }
+            let slopes = d.sign * shape.slopes(d.x, d.y);
+            let mut row = scaled(&slopes, self.unit, self.height);
+            row[LEVEL] = if self.free { d.share } else { 0.0 };
+            normal.add(&row, residual / self.height);
+        }
+        normal
+    }
+
+    fn step(&self, (shape, level): &(Shape, f64), by: &Vector) -> (Shape, f64) {
+        let (unit, height) = (self.unit, self.height);
+        let square = 1.0 / (unit * unit);
+        let slope = height / unit;
+        let back = Vector::from([
+            height, height, unit, unit, square, square, square, slope, slope, height,
+        ]);
+        let next = shape.vector(*level) + by.component_mul(&back);
+        (Shape::of(&next), next[LEVEL])
+    }
 }
 
 /// Sum of squares that a plane through some readings leaves: what they would be without a peak.
@@ -304,13 +308,12 @@ pub(super) fn flat_squares(data: &[Datum]) -> f64 {
     let n = data.len() as f64;
     let mean = |of: fn(&Datum) -> f64| data.iter().map(of).sum::<f64>() / n;
     let (x, y, power) = (mean(|d| d.x), mean(|d| d.y), mean(|d| d.power));
-    let (mut m, mut right) = (Matrix2::zeros(), Vector2::zeros());
+    let mut normal = Normal::default();
     for d in data {
-        let row = Vector2::new(d.x - x, d.y - y);
-        m += row * row.transpose();
-        right += row * (d.power - power);
+        normal.add(&Vector2::new(d.x - x, d.y - y), d.power - power);
     }
-    let slope = m.try_inverse().map_or(Vector2::zeros(), |m| m * right);
+    let inverse = normal.matrix.try_inverse();
+    let slope = inverse.map_or(Vector2::zeros(), |m| m * normal.right);
     let rest = |d: &Datum| d.power - power - slope.x * (d.x - x) - slope.y * (d.y - y);
     data.iter().map(|d| rest(d).powi(2)).sum()
 }
