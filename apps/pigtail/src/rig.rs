@@ -92,17 +92,16 @@ fn check(arguments: &CheckArguments) -> Result<u8, Failure> {
     let text = if arguments.json {
         serde_json::to_string(&checked).map_err(anyhow::Error::from)? + "\n"
     } else {
-        let mut text = String::new();
-        for (file, _) in checked.files {
-            text += &format!("{file}: well\n");
-        }
-        text += match twin {
-            true => "It has a twin: every command runs on it.\n",
-            false => {
-                "It has no plant.toml, and so no twin: commands that need a machine need a real one.\n"
-            }
+        let files = checked
+            .files
+            .iter()
+            .map(|(file, _)| format!("{file}: well\n"));
+        let can = if twin {
+            "It has a twin: every command runs on it.\n"
+        } else {
+            "It has no plant.toml, and so no twin: commands that need a machine need a real one.\n"
         };
-        text
+        files.chain([can.to_owned()]).collect()
     };
     crate::print(text.as_bytes())?;
     Ok(DONE)

@@ -1,6 +1,6 @@
 //! Experiments on one axis, and the documents that say what came of them.
 
-use crate::job::{Ended, Job, Order, Work};
+use crate::job::{Ended, Job, Order, STEP, Work};
 use crate::rig::Rig;
 use pigtail_control::characterize::{
     FrequencyResponse, Increments, StepResponse, Trace, frequency_response, increments, record,
@@ -8,7 +8,7 @@ use pigtail_control::characterize::{
 };
 use pigtail_control::station::Station;
 use pigtail_hal::quantity::Counts;
-use pigtail_hal::{Axis, AxisName, Error};
+use pigtail_hal::{Axis, AxisName, Error, Rule};
 use pigtail_numerics::rounded;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
@@ -339,6 +339,10 @@ impl Job for Step {
     fn order(&self) -> Order {
         Order::Step(*self)
     }
+
+    fn breaks(&self) -> &'static [Rule] {
+        STEP
+    }
 }
 
 /// The answer to a sine.
@@ -410,5 +414,10 @@ impl Job for Frequency {
 
     fn order(&self) -> Order {
         Order::Frequency(*self)
+    }
+
+    /// Shaken, an axis leaves its output behind.
+    fn breaks(&self) -> &'static [Rule] {
+        &[Rule::OutputFollowing]
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::job::{Ended, Job, Order, Work};
 use pigtail_control::methods::{Coverage, Space, cover};
+use pigtail_hal::Rule;
 use serde::{Deserialize, Serialize};
 
 /// Cover a whole space in search of first light.
@@ -22,5 +23,10 @@ impl Job for FirstLight {
 
     fn order(&self) -> Order {
         Order::FirstLight(*self)
+    }
+
+    /// The sweep of a micro's raster is as fast as a piezo that runs away, and goes far while vision looks.
+    fn breaks(&self) -> &'static [Rule] {
+        &[Rule::PiezoRunaway, Rule::VisionAgreement]
     }
 }

@@ -4,6 +4,7 @@ use crate::job::{Ended, Job, Order, Work};
 use pigtail_control::maximization::{self, Disturbance, Followed, Means, Trial};
 use pigtail_control::outcome::Halt;
 use pigtail_control::recipe::Climb;
+use pigtail_hal::Rule;
 use serde::{Deserialize, Serialize};
 
 /// Bring a fiber to its peak, disturb it, and follow the light.
@@ -97,5 +98,14 @@ impl Job for Follow {
 
     fn order(&self) -> Order {
         Order::Follow(*self)
+    }
+
+    /// A micro that is sent away to let its piezos creep takes its fiber aside at the facet, where the guard lets
+    /// it go nowhere but where its light led it.
+    fn breaks(&self) -> &'static [Rule] {
+        match self.trial.disturbance {
+            Disturbance::Piezos(_) => &[Rule::ChipDistance],
+            Disturbance::Device | Disturbance::Macro(_) => &[],
+        }
     }
 }

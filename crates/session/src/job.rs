@@ -12,7 +12,7 @@ use crate::tune::Tune;
 use pigtail_control::calibration::Calibration;
 use pigtail_control::outcome::{Halt, Outcome};
 use pigtail_control::station::{Observer, Station};
-use pigtail_hal::{Error, Fault, Machine};
+use pigtail_hal::{Error, Fault, Machine, Rule};
 use pigtail_machines::record::RecordError;
 use serde::{Deserialize, Serialize};
 
@@ -36,11 +36,24 @@ pub trait Job {
         f64::INFINITY
     }
 
+    /// Rules of the guard that it breaks on purpose, and which are left out while it runs.
+    fn breaks(&self) -> &'static [Rule] {
+        &[]
+    }
+
     /// What tells its record from those of other jobs of one run; nothing where there are none.
-    fn label(&self) -> &str {
+    fn label(&self) -> &'static str {
         ""
     }
 }
+
+/// What a step of a reference breaks: it is farther away than any motion would be behind, the servo answers it
+/// with all that it has, and a transmission gives way under that.
+pub(crate) const STEP: &[Rule] = &[
+    Rule::ServoFollowing,
+    Rule::EndpointSpeed,
+    Rule::OutputFollowing,
+];
 
 /// What a job works with: the machine behind its guard, what is believed of it, and who watches.
 pub struct Work<'w> {

@@ -25,7 +25,7 @@ impl Job for IdentifyPiezos {
         Order::IdentifyPiezos(*self)
     }
 
-    fn label(&self) -> &str {
+    fn label(&self) -> &'static str {
         self.side.name()
     }
 }

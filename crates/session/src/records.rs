@@ -90,14 +90,15 @@ impl Records {
         let number = taken.entry(label.to_owned()).or_default();
         *number += 1;
         let (stem, ending) = NAME;
-        let mut name = stem.to_owned();
-        if !label.is_empty() {
-            name += &format!("-{label}");
-        }
-        if *number > 1 {
-            name += &format!("-{number}");
-        }
-        self.folder.join(format!("{name}.{ending}"))
+        let label = match label {
+            "" => String::new(),
+            label => format!("-{label}"),
+        };
+        let number = match *number {
+            1 => String::new(),
+            number => format!("-{number}"),
+        };
+        self.folder.join(format!("{stem}{label}{number}.{ending}"))
     }
 
     /// Keeps a record that is on its way to the disk until somebody waits for it.

@@ -296,7 +296,8 @@ impl Rig {
             };
             let mut whole = document(&sources[index])?;
             put(whole.as_table_mut(), changes);
-            sources[index].name += &format!(" with {}", source.name);
+            let name = &sources[index].name;
+            sources[index].name = format!("{name} with {}", source.name);
             sources[index].text = whole.to_string();
         }
         let mut rig = Self::from_sources(&self.name, &self.recipe_name, sources)?;

@@ -1,7 +1,7 @@
 //! A machine under guard, recorded and to be stopped, and the jobs that run on it.
 
 use crate::guarded::guarded;
-use crate::job::{Ended, Job, Work};
+use crate::job::{Ended, Job, STEP, Work};
 use crate::rig::Rig;
 use pigtail_control::station::{Observer, Station, Unobserved};
 use pigtail_hal::{Fault, Machine};
@@ -90,6 +90,7 @@ impl<'r, M: Machine> Session<'r, M> {
         job: &J,
         observer: &mut dyn Observer,
     ) -> Result<J::Output, Ended> {
+        self.machine.leave_out(job.breaks());
         let mut work = Work {
             machine: &mut self.machine,
             rig: self.rig,
@@ -100,7 +101,8 @@ impl<'r, M: Machine> Session<'r, M> {
         result
     }
 
-    /// Runs an experiment that is nobody's job, unobserved, and stops the machine.
+    /// Runs an experiment that is nobody's job, unobserved, and stops the machine. It may set references as no
+    /// motion would: the guard leaves out what that breaks.
     ///
     /// # Errors
     ///
@@ -109,6 +111,7 @@ impl<'r, M: Machine> Session<'r, M> {
         &mut self,
         experiment: impl FnOnce(&mut Station) -> Result<T, Ended>,
     ) -> Result<T, Ended> {
+        self.machine.leave_out(STEP);
         let mut unobserved = Unobserved;
         let calibration = &self.rig.calibration;
         let mut station = Station::new(&mut self.machine, calibration, &mut unobserved)?;

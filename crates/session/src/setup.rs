@@ -29,6 +29,9 @@ pub struct Setup {
     pub records: Option<Arc<Records>>,
 }
 
+/// A session after its job, and what came of it.
+pub type Performed<'r, M, T> = (Session<'r, M>, Result<T, Ended>);
+
 /// The error of a change to the truth that makes no machine.
 pub fn unfit(error: impl Into<TwinError>) -> Ended {
     Error::new("plant.toml", "", error.into().to_string()).into()
@@ -157,7 +160,7 @@ impl Setup {
         job: &J,
         seed: u64,
         observer: &mut dyn Observer,
-    ) -> Result<(Session<'_, M>, Result<J::Output, Ended>), Ended> {
+    ) -> Result<Performed<'_, M, J::Output>, Ended> {
         let options = Options {
             longest: job.longest().min(self.options.longest),
             ..self.options.clone()

@@ -1,12 +1,12 @@
 //! Tuning one axis, and the document that says how it went.
 
-use crate::job::{Ended, Job, Order, Work};
+use crate::job::{Ended, Job, Order, STEP, Work};
 use crate::rig::Rig;
 use pigtail_control::calibration::AxisGains;
 use pigtail_control::characterize::{StepResponse, Trace, step_response};
 use pigtail_control::station::Station;
 use pigtail_control::tune::{Experiment, Gains, Search, random_neighbourhood, simplex};
-use pigtail_hal::{Axis, AxisName, Rule};
+use pigtail_hal::{Axis, AxisName, Fault, Rule};
 use pigtail_numerics::rounded;
 use rand::SeedableRng;
 use rand_pcg::Pcg64Mcg;
@@ -90,14 +90,7 @@ pub fn step_of(rig: &Rig, axis: Axis) -> i64 {
 const MOST_UNSAFE: u32 = 20;
 
 /// The rules that gains can break. Whatever else stops the machine is no result of a trial.
-const PROVOKED: [Rule; 6] = [
-    Rule::ServoFollowing,
-    Rule::EncoderSpeed,
-    Rule::OutputFollowing,
-    Rule::EndpointSpeed,
-    Rule::Workspace,
-    Rule::MotorStall,
-];
+const PROVOKED: [Rule; 3] = [Rule::EncoderSpeed, Rule::Workspace, Rule::MotorStall];
 
 /// How long a response is watched, seconds.
 const WINDOW: f64 = 0.15;
@@ -238,6 +231,19 @@ impl Job for Tune {
     fn order(&self) -> Order {
         Order::Tune(*self)
     }
+
+    fn breaks(&self) -> &'static [Rule] {
+        STEP
+    }
+}
+
+/// Brings a machine back that gains have stopped.
+fn recover(station: &mut Station, experiment: &Experiment, fault: Fault) -> Result<(), Ended> {
+    if !PROVOKED.contains(&fault.rule) {
+        return Err(fault.into());
+    }
+    station.set_pid(experiment.at, experiment.pid(station, experiment.safe));
+    Ok(station.recover(fault)?)
 }
 
 fn tune(station: &mut Station, rig: &Rig, plan: &Tune) -> Result<Tuned, Ended> {
@@ -265,11 +271,10 @@ fn tune(station: &mut Station, rig: &Rig, plan: &Tune) -> Result<Tuned, Ended> {
                 Ok(cost) => cost,
                 Err(fault) => {
                     unsafe_trials += 1;
-                    if unsafe_trials > MOST_UNSAFE || !PROVOKED.contains(&fault.rule) {
+                    if unsafe_trials > MOST_UNSAFE {
                         return Err(fault.into());
                     }
-                    station.set_pid(plan.at, experiment.pid(station, safe));
-                    station.recover(fault)?;
+                    recover(station, &experiment, fault)?;
                     f64::INFINITY
                 }
             };
@@ -286,6 +291,44 @@ fn tune(station: &mut Station, rig: &Rig, plan: &Tune) -> Result<Tuned, Ended> {
             }
         });
     }
+    let chosen = choose(station, &experiment, plan.step, &searches)?;
+    let document = Document {
+        axis: plan.at.to_string(),
+        search: plan.method,
+        trials: chosen.search.trials,
+        cost: rounded(chosen.cost, 1e-3),
+        gains: chosen.gains,
+        rise_ms: rounded(chosen.response.rise * 1e3, 1e-3),
+        settling_ms: rounded(chosen.response.settling * 1e3, 1e-3),
+        overshoot_percent: rounded(chosen.response.overshoot * 100.0, 1e-3),
+        specified: experiment.specified.map(|s| SpecifiedRow {
+            rise_ms: rounded(s.rise * 1e3, 1e-3),
+            settling_ms: rounded(s.settling * 1e3, 1e-3),
+            met: experiment.missed(&chosen.response, 1.0) == 0.0,
+        }),
+        unsafe_trials,
+        seconds_machine: rounded(station.time(), 1e-4),
+        starts: searches.iter().map(start_row).collect(),
+        seed: plan.seed,
+        calibration: String::new(),
+        report: String::new(),
+    };
+    let after = chosen.trace;
+    Ok(Tuned {
+        document,
+        searches,
+        before,
+        after,
+    })
+}
+
+/// The gains among equals that rise and settle first.
+fn choose<'s>(
+    station: &mut Station,
+    experiment: &Experiment,
+    step: i64,
+    searches: &'s [Search],
+) -> Result<Chosen<'s>, Ended> {
     // Costs this close cannot be told apart in so flat a valley: of those, the gains that rise
     // and settle first, and as specified if any of them do.
     let least = searches
@@ -293,11 +336,11 @@ fn tune(station: &mut Station, rig: &Rig, plan: &Tune) -> Result<Tuned, Ended> {
         .map(|s| s.best().cost)
         .fold(f64::INFINITY, f64::min);
     let mut near = Vec::new();
-    for search in &searches {
+    for search in searches {
         for found in search.path.iter().filter(|p| p.cost <= 1.02 * least) {
             let gains = GainsRow::new(found.gains);
             let trace = experiment.response(station, gains.gains())?;
-            let response = step_response(&trace, plan.step as f64);
+            let response = step_response(&trace, step as f64);
             near.push(Chosen {
                 search,
                 cost: found.cost,
@@ -315,38 +358,10 @@ fn tune(station: &mut Station, rig: &Rig, plan: &Tune) -> Result<Tuned, Ended> {
     let rise = fastest(|c| c.response.rise);
     let settling = fastest(|c| c.response.settling);
     let slowness = |c: &Chosen| c.response.rise / rise + c.response.settling / settling;
-    let chosen = near
+    Ok(near
         .into_iter()
         .min_by(|a, b| slowness(a).total_cmp(&slowness(b)))
-        .expect("the search with the least cost is among those near it");
-    let document = Document {
-        axis: plan.at.to_string(),
-        search: plan.method,
-        trials: chosen.search.trials,
-        cost: rounded(chosen.cost, 1e-3),
-        gains: chosen.gains,
-        rise_ms: rounded(chosen.response.rise * 1e3, 1e-3),
-        settling_ms: rounded(chosen.response.settling * 1e3, 1e-3),
-        overshoot_percent: rounded(chosen.response.overshoot * 100.0, 1e-3),
-        specified: experiment.specified.map(|s| SpecifiedRow {
-            rise_ms: rounded(s.rise * 1e3, 1e-3),
-            settling_ms: rounded(s.settling * 1e3, 1e-3),
-            met: kept(&chosen),
-        }),
-        unsafe_trials,
-        seconds_machine: rounded(station.time(), 1e-4),
-        starts: searches.iter().map(start_row).collect(),
-        seed: plan.seed,
-        calibration: String::new(),
-        report: String::new(),
-    };
-    let after = chosen.trace;
-    Ok(Tuned {
-        document,
-        searches,
-        before,
-        after,
-    })
+        .expect("the search with the least cost is among those near it"))
 }
 
 /// Gains among those that may be chosen.

@@ -15,9 +15,9 @@ use pigtail_session::setup::Setup;
 fn test(bench: &Bench, at: AxisName) -> Result<Vec<(ResolutionRow, Increments)>, Ended> {
     let setup = &bench.machine;
     let steps = bench.count(1000, 300);
-    Ok(setup.experiment(bench.seed, |station| {
+    setup.experiment(bench.seed, |station| {
         resolution(station, &setup.rig, at, steps)
-    })?)
+    })
 }
 
 /// The resolution of an axis under PID control, micrometres; `None` where no step size is consistent.

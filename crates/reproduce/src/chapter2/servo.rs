@@ -83,7 +83,7 @@ fn detuned(
     let with = |share: f64, gains: Gains| -> Gains {
         std::array::from_fn(|k| gains[k] * if k == which { share } else { 1.0 })
     };
-    Ok(setup.experiment(bench.seed, |station| {
+    setup.experiment(bench.seed, |station| {
         let mut costs = [0.0; 3];
         for optimum in &optima {
             for (sum, share) in costs.iter_mut().zip([1.0, 0.8, 0.0]) {
@@ -92,7 +92,7 @@ fn detuned(
         }
         let best = optima.first().map_or(experiment.safe, |best| best.gains);
         Ok((costs, experiment.response(station, with(0.8, best))?))
-    })?)
+    })
 }
 
 /// The step under the gains that are believed: what rise and settling were calibrated to.
@@ -101,9 +101,9 @@ fn believed_step(
     at: AxisName,
 ) -> Result<(pigtail_session::characterize::StepDocument, Trace), Ended> {
     let size = usual_step(at.axis);
-    Ok(bench
+    bench
         .machine
-        .experiment(bench.seed, |station| step(station, at, size))?)
+        .experiment(bench.seed, |station| step(station, at, size))
 }
 
 pub(super) fn five_bar_gains(bench: &Bench) -> Result<Vec<Figure>, Ended> {

@@ -390,9 +390,9 @@ pub(super) fn z_stage(bench: &Bench) -> Result<Vec<Figure>, Ended> {
             turns: [0.0, 1.0, 0.0, 1.0, 0.0].map(|t| t * way).to_vec(),
             speed: speed / scale.metres_per_radian,
         };
-        Ok(setup.experiment(bench.seed, |station| {
+        setup.experiment(bench.seed, |station| {
             Ok(scan(station, Z, &scale, &path, &Windup::None)?)
-        })?)
+        })
     };
     let (record, slow) = (at(Z_SPEED)?, at(Z_SPEED / 3.0)?);
     let windup = um * middle_windup(&record);

@@ -99,7 +99,7 @@ fn brisk(bench: &Bench) -> Setup {
 pub(super) fn aligned(setup: &Setup, procedure: Procedure, seed: u64) -> Result<Document, Ended> {
     let document = align(setup, procedure, seed, &mut Unobserved)?;
     match document.fault {
-        Some(fault) => Err(Ended::Fault(fault).into()),
+        Some(fault) => Err(Ended::Fault(fault)),
         None => Ok(document),
     }
 }

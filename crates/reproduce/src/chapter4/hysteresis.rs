@@ -19,12 +19,7 @@ pub(super) fn piezos(bench: &Bench) -> Result<Vec<Figure>, Ended> {
         .into_par_iter()
         .map(|k| {
             let seed = bench.seed.wrapping_add(k);
-            Ok(identify_and_scan(
-                &bench.machine,
-                Kind::Rbf,
-                Side::Right,
-                seed,
-            )?)
+            identify_and_scan(&bench.machine, Kind::Rbf, Side::Right, seed)
         })
         .collect::<Result<Vec<_>, Ended>>()?;
     let found = &all[0];

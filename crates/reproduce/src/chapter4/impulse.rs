@@ -410,9 +410,7 @@ pub(super) fn five_bar_control(bench: &Bench) -> Result<Vec<Figure>, Ended> {
         .map(|target| {
             let mut task = thesis_task(FIVE_BAR, *target);
             task.settings.pulses = 16;
-            Ok(pigtail_evaluate::impulse::run::run(
-                setup, &task, bench.seed,
-            )?)
+            pigtail_evaluate::impulse::run::run(setup, &task, bench.seed)
         })
         .collect::<Result<Vec<Run>, Ended>>()?;
     let settling = done
@@ -543,7 +541,7 @@ fn moving_by(bench: &Bench, at: AxisName, wanted: f64) -> Result<Trace, Ended> {
             high = middle;
         }
     }
-    Ok(played(high)?)
+    played(high)
 }
 
 /// Figs. 4.12 and 4.24.
@@ -552,7 +550,7 @@ pub(super) fn z_resolution(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let setup = &bench.machine;
     let all = STEPS
         .par_iter()
-        .map(|step| Ok(resolution(setup, &thesis_task(Z, 0.0), *step, bench.seed)?))
+        .map(|step| resolution(setup, &thesis_task(Z, 0.0), *step, bench.seed))
         .collect::<Result<Vec<Resolution>, Ended>>()?;
     let least = all
         .iter()
