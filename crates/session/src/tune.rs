@@ -1,6 +1,6 @@
 //! Tuning one axis, and the document that says how it went.
 
-use crate::job::{Ended, Job, Order, STEP, Work};
+use crate::job::{Ended, Job, Order, Work};
 use crate::rig::Rig;
 use pigtail_control::calibration::AxisGains;
 use pigtail_control::characterize::{StepResponse, Trace, step_response};
@@ -90,7 +90,7 @@ pub fn step_of(rig: &Rig, axis: Axis) -> i64 {
 const MOST_UNSAFE: u32 = 20;
 
 /// The rules that gains can break. Whatever else stops the machine is no result of a trial.
-const PROVOKED: [Rule; 3] = [Rule::EncoderSpeed, Rule::Workspace, Rule::MotorStall];
+const PROVOKED: [Rule; 2] = [Rule::EncoderSpeed, Rule::Workspace];
 
 /// How long a response is watched, seconds.
 const WINDOW: f64 = 0.15;
@@ -232,8 +232,14 @@ impl Job for Tune {
         Order::Tune(*self)
     }
 
+    /// As a step; and under gains that ring a load that still swings holds its motor at full voltage.
     fn breaks(&self) -> &'static [Rule] {
-        STEP
+        &[
+            Rule::ServoFollowing,
+            Rule::EndpointSpeed,
+            Rule::OutputFollowing,
+            Rule::MotorStall,
+        ]
     }
 }
 
