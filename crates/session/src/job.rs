@@ -53,6 +53,7 @@ pub(crate) const STEP: &[Rule] = &[
     Rule::ServoFollowing,
     Rule::EndpointSpeed,
     Rule::OutputFollowing,
+    Rule::MotorStall,
 ];
 
 /// What a job works with: the machine behind its guard, what is believed of it, and who watches.

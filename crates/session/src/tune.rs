@@ -1,6 +1,6 @@
 //! Tuning one axis, and the document that says how it went.
 
-use crate::job::{Ended, Job, Order, Work};
+use crate::job::{Ended, Job, Order, STEP, Work};
 use crate::rig::Rig;
 use pigtail_control::calibration::AxisGains;
 use pigtail_control::characterize::{StepResponse, Trace, step_response};
@@ -232,14 +232,8 @@ impl Job for Tune {
         Order::Tune(*self)
     }
 
-    /// As a step; and under gains that ring a load that still swings holds its motor at full voltage.
     fn breaks(&self) -> &'static [Rule] {
-        &[
-            Rule::ServoFollowing,
-            Rule::EndpointSpeed,
-            Rule::OutputFollowing,
-            Rule::MotorStall,
-        ]
+        STEP
     }
 }
 
