@@ -11,10 +11,10 @@
 //! use std::sync::Arc;
 //!
 //! /// A machine that a button stops, and that stops by itself after a minute of its time.
-//! fn tame(machine: impl Machine) -> impl Machine {
+//! fn tame(machine: Box<dyn Machine>) -> impl Machine {
 //!     Panel::new(Deadline::new(machine, 60.0), Arc::default())
 //! }
-//! # let _ = tame::<Box<dyn Machine>>;
+//! # let _ = tame;
 //! ```
 
 mod deadline;
