@@ -22,11 +22,6 @@ impl<M> Panel<M> {
     pub fn inner(&self) -> &M {
         &self.machine
     }
-
-    /// The machine behind it, for whoever has done with the rest.
-    pub fn into_inner(self) -> M {
-        self.machine
-    }
 }
 
 impl<M: Machine> Machine for Panel<M> {

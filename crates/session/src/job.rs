@@ -9,7 +9,6 @@ use crate::impulse::Impulse;
 use crate::piezos::IdentifyPiezos;
 use crate::rig::Rig;
 use crate::tune::Tune;
-use pigtail_control::calibration::Calibration;
 use pigtail_control::outcome::{Halt, Outcome};
 use pigtail_control::station::{Observer, Station};
 use pigtail_hal::{Error, Fault, Machine, Rule};
@@ -76,15 +75,6 @@ impl<'w> Work<'w> {
     /// When the machine has a fault.
     pub fn station(&mut self) -> Result<Station<'_>, Fault> {
         Station::new(self.machine, &self.rig.calibration, self.observer)
-    }
-
-    /// The same by another belief than the rig's.
-    ///
-    /// # Errors
-    ///
-    /// When the machine has a fault.
-    pub fn station_by(&mut self, calibration: &Calibration) -> Result<Station<'_>, Fault> {
-        Station::new(self.machine, calibration, self.observer)
     }
 }
 
