@@ -11,7 +11,7 @@ use crate::{DONE, FAULT, Failure, NEGATIVE};
 use clap::Args;
 use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::station::{Observer, Sample};
-use pigtail_evaluate::align::{Document, align};
+use pigtail_evaluate::align::{AlignmentDocument, align};
 use pigtail_evaluate::entry;
 use pigtail_report as report;
 use pigtail_session::faults::Faults;
@@ -182,7 +182,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     })
 }
 
-fn print_table(out: &mut impl Write, document: &Document) -> io::Result<()> {
+fn print_table(out: &mut impl Write, document: &AlignmentDocument) -> io::Result<()> {
     write_table(out, &rows(document))?;
     for fiber in document
         .fibers
@@ -203,7 +203,7 @@ fn print_table(out: &mut impl Write, document: &Document) -> io::Result<()> {
 }
 
 /// The header and a row a fiber.
-fn rows(document: &Document) -> Vec<Vec<String>> {
+fn rows(document: &AlignmentDocument) -> Vec<Vec<String>> {
     let names = document.phase_names();
     let mut header = vec!["fiber".to_owned(), "outcome".to_owned()];
     header.extend(names.iter().map(|name| format!("{name}\ns")));

@@ -6,7 +6,7 @@ use crate::running::{self, stopped};
 use crate::{DONE, Failure};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use pigtail_evaluate::benchmark::{ALGORITHMS, Algorithm, Document, run as compare};
+use pigtail_evaluate::benchmark::{ALGORITHMS, Algorithm, BenchmarkDocument, run as compare};
 use pigtail_report as report;
 use pigtail_session::rig::DEFAULT_RECIPE_NAME;
 use pigtail_session::scenario::Scenario;
@@ -82,7 +82,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     Ok(DONE)
 }
 
-fn print(out: &mut impl Write, document: &Document) -> io::Result<()> {
+fn print(out: &mut impl Write, document: &BenchmarkDocument) -> io::Result<()> {
     write_table(out, &report::benchmark_table(document))?;
     writeln!(
         out,

@@ -9,7 +9,7 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use pigtail_control::outcome::OutcomeCode;
 use pigtail_evaluate::align::TOLERANCE_Z_UM;
-use pigtail_evaluate::campaign::{self, Device, Document, Plan, Store, summarize};
+use pigtail_evaluate::campaign::{self, CampaignDocument, Device, Plan, Store, summarize};
 use pigtail_hal::Error;
 use pigtail_report as report;
 use pigtail_session::faults::Faults;
@@ -276,7 +276,11 @@ impl Progress {
     }
 }
 
-fn print_summary(out: &mut impl Write, document: &Document, devices_now: u64) -> io::Result<()> {
+fn print_summary(
+    out: &mut impl Write,
+    document: &CampaignDocument,
+    devices_now: u64,
+) -> io::Result<()> {
     let percent = report::percent;
     let sure = &document.confidence;
     writeln!(
@@ -378,7 +382,7 @@ fn print_summary(out: &mut impl Write, document: &Document, devices_now: u64) ->
 }
 
 /// How devices ended on which something was broken on purpose.
-fn print_faults(out: &mut impl Write, document: &Document) -> io::Result<()> {
+fn print_faults(out: &mut impl Write, document: &CampaignDocument) -> io::Result<()> {
     let number = |n: u64| n.to_string();
     let header = [
         "broken", "devices", "stopped", "gave up", "aligned", "false", "touched", "failed",

@@ -5,7 +5,7 @@ use crate::running::{self, stopped};
 use crate::{DONE, Failure};
 use clap::{Args, ValueEnum};
 use pigtail_control::station::Unobserved;
-use pigtail_evaluate::impulse::contest::{Document as Contest, contest};
+use pigtail_evaluate::impulse::contest::{ShapesDocument, contest};
 use pigtail_evaluate::impulse::response::{Form, MACHINES, response};
 use pigtail_evaluate::impulse::shapes::Effort;
 use pigtail_evaluate::loops::windup;
@@ -357,7 +357,7 @@ fn shapes(arguments: &Arguments, setup: &Setup) -> Experiment {
         }))
 }
 
-fn shapes_table(d: &Contest) -> Vec<Vec<String>> {
+fn shapes_table(d: &ShapesDocument) -> Vec<Vec<String>> {
     let header = [
         "shape",
         "a2\nfsm",

@@ -9,7 +9,8 @@ use pigtail_evaluate::hysteresis::{self as machine, MachineDocument, MicrosDocum
 use pigtail_hal::digest::hash;
 use pigtail_records::columns::LengthUnit;
 use pigtail_records::hysteresis::{
-    Columns, Data, Document, Inverted, Kind, Micros, ModelFile, fit, tell, voltages, voltages_of,
+    Columns, Data, HysteresisDocument, Inverted, Kind, Micros, ModelFile, fit, tell, voltages,
+    voltages_of,
 };
 use pigtail_report as report;
 use pigtail_session::rig::DEFAULT_RECIPE_NAME;
@@ -313,9 +314,9 @@ pub(crate) fn predict(arguments: &PredictArguments) -> Result<u8, Failure> {
     } else {
         let mut csv = "t_s,input_V,output_um,predicted_um\n".to_owned();
         let r = &tried.record;
-        for (k, told) in tried.told.iter().enumerate() {
+        for (k, prediction) in tried.prediction.iter().enumerate() {
             let (t, v, x) = (r.time[k], r.input[k], r.output[k]);
-            let _ = writeln!(csv, "{t},{v},{x},{told:.6}");
+            let _ = writeln!(csv, "{t},{v},{x},{prediction:.6}");
         }
         run.write("predicted.csv", csv)?;
         run.write("report.html", report::tried(&title, &tried)?)?;
@@ -380,7 +381,7 @@ fn path_alone(
     Ok(DONE)
 }
 
-fn tell_about(document: &Document, json: bool) -> Result<u8, Failure> {
+fn tell_about(document: &HysteresisDocument, json: bool) -> Result<u8, Failure> {
     let text = if json {
         let json = serde_json::to_string(document).map_err(anyhow::Error::from)?;
         format!("{json}\n")
@@ -392,7 +393,7 @@ fn tell_about(document: &Document, json: bool) -> Result<u8, Failure> {
 }
 
 /// What a person wants to know of it.
-fn account(d: &Document) -> String {
+fn account(d: &HysteresisDocument) -> String {
     let mut text = String::new();
     let percent = |um: f64| 100.0 * um / d.range_um;
     let _ = writeln!(

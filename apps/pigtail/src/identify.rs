@@ -8,7 +8,7 @@ use clap::{Args, Subcommand};
 use pigtail_control::station::Unobserved;
 use pigtail_hal::{Axis, AxisName};
 use pigtail_report as report;
-use pigtail_session::identify::{Document, Identified, IdentifyWindup, Model};
+use pigtail_session::identify::{Identified, IdentifyWindup, Model, WindupDocument};
 use pigtail_session::rig::DEFAULT_RECIPE_NAME;
 use pigtail_session::setup::Setup;
 use pigtail_store::runs::Run;
@@ -154,7 +154,7 @@ fn table(identified: &Identified, at: AxisName, run: &Run) -> Vec<(&'static str,
 }
 
 /// What a person wants to know of it.
-fn account(d: &Document) -> String {
+fn account(d: &WindupDocument) -> String {
     let mut text = String::new();
     let _ = writeln!(
         text,

@@ -7,7 +7,7 @@ use crate::{DONE, Failure, NEGATIVE};
 use clap::Args;
 use pigtail_evaluate::impulse::condition::Condition;
 use pigtail_evaluate::impulse::run::{
-    Campaign, CampaignRow, Document, Task, check, compare, resolution, run as run_one, runs,
+    Campaign, CampaignRow, PulseDocument, Task, check, compare, resolution, run as run_one, runs,
     stability, summary, tolerance,
 };
 use pigtail_hal::{Axis, AxisName, Error};
@@ -224,12 +224,12 @@ fn single(arguments: &Arguments, setup: &Setup, task: &Task) -> Experiment {
 #[derive(serde::Serialize)]
 struct Single<'a> {
     #[serde(flatten)]
-    document: &'a Document,
+    document: &'a PulseDocument,
     resolution: &'a pigtail_evaluate::impulse::run::Resolution,
     /// From four sides.
-    from: &'a [Document],
+    from: &'a [PulseDocument],
     /// With each gain, on a machine whose response is known.
-    gains: &'a [Document],
+    gains: &'a [PulseDocument],
 }
 
 fn campaign(arguments: &Arguments, setup: &Setup, task: &Task, count: u64) -> Experiment {

@@ -5,7 +5,7 @@ use crate::running::{self, stopped};
 use crate::{DONE, Failure};
 use clap::Args;
 use pigtail_control::recipe::Climb;
-use pigtail_evaluate::maximize::{Asked, Document, maximize};
+use pigtail_evaluate::maximize::{Asked, MaximizationDocument, maximize};
 use pigtail_hal::quantity::{Dimension, LENGTH, Sign, TIME};
 use pigtail_report as report;
 use pigtail_session::rig::DEFAULT_RECIPE_NAME;
@@ -94,7 +94,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     Ok(DONE)
 }
 
-fn print(out: &mut impl Write, document: &Document) -> io::Result<()> {
+fn print(out: &mut impl Write, document: &MaximizationDocument) -> io::Result<()> {
     for table in report::maximize_tables(document) {
         writeln!(out, "{}", table.title)?;
         write_table(out, &table.rows)?;

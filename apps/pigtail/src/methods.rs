@@ -6,7 +6,7 @@ use crate::{DONE, Failure, NEGATIVE};
 use clap::Args;
 use pigtail_control::methods::Space;
 use pigtail_control::station::Unobserved;
-use pigtail_evaluate::methods::{Document, Method, check, run as search};
+use pigtail_evaluate::methods::{Method, SearchDocument, check, run as search};
 use pigtail_hal::quantity::{FREQUENCY, LENGTH};
 use pigtail_session::setup::Setup;
 use std::io::{self, Write};
@@ -70,7 +70,7 @@ pub(crate) fn duration_or_dash(seconds: Option<f64>) -> String {
     seconds.map_or_else(|| "-".to_owned(), duration)
 }
 
-fn print_table(out: &mut impl Write, document: &Document) -> io::Result<()> {
+fn print_table(out: &mut impl Write, document: &SearchDocument) -> io::Result<()> {
     let header = [
         "method",
         "mesh\num",

@@ -5,7 +5,7 @@ use crate::methods::{duration, duration_or_dash};
 use crate::{DONE, Failure};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
-use pigtail_evaluate::plan::{Document, plan, rows};
+use pigtail_evaluate::plan::{PlanDocument, plan, rows};
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
 use pigtail_session::setup::Setup;
 use std::io::{self, Write};
@@ -65,7 +65,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     Ok(DONE)
 }
 
-fn print_tables(out: &mut impl Write, document: &Document) -> io::Result<()> {
+fn print_tables(out: &mut impl Write, document: &PlanDocument) -> io::Result<()> {
     let header = [
         "first light",
         "mesh\num",

@@ -6,7 +6,7 @@ use crate::{DONE, Failure, NEGATIVE};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use pigtail_report as report;
-use pigtail_reproduce::{Bench, Document, experiments, reproduce, select};
+use pigtail_reproduce::{Bench, ReproductionDocument, experiments, reproduce, select};
 use pigtail_session::rig::DEFAULT_RECIPE_NAME;
 use pigtail_session::setup::Setup;
 use pigtail_store::runs::Run;
@@ -95,7 +95,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 }
 
 /// What a person wants to know of it.
-fn account(d: &Document) -> String {
+fn account(d: &ReproductionDocument) -> String {
     let mut text = String::new();
     let number = |value: f64| format!("{value}");
     for claim in &d.claims {

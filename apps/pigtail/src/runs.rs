@@ -6,10 +6,10 @@ use crate::{DONE, Failure, NEGATIVE};
 use clap::{Args, Subcommand};
 use pigtail_hal::Error;
 use pigtail_session::replay::RECORD;
-use pigtail_store::ledger::export::{Format, Rows, export};
-use pigtail_store::ledger::query::{Fiber, Listed, Shown, folders};
-use pigtail_store::ledger::verify::{Verified, without_store};
-use pigtail_store::ledger::{FILE, Ledger, State};
+use pigtail_store::database::export::{Format, Rows, export};
+use pigtail_store::database::query::{Fiber, Listed, Shown, folders};
+use pigtail_store::database::verify::{Verified, without_store};
+use pigtail_store::database::{Database, FILE, State};
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -238,7 +238,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 
 /// A folder of runs.
 struct Folder {
-    ledger: Option<Ledger>,
+    database: Option<Database>,
     known: Vec<Listed>,
     /// Names of those that the store knows nothing of.
     others: Vec<String>,
@@ -247,17 +247,17 @@ struct Folder {
 impl Folder {
     fn open(runs: &Path) -> Result<Self, Error> {
         let mut others = folders(runs)?;
-        let Some(ledger) = Ledger::open(runs)? else {
+        let Some(database) = Database::open(runs)? else {
             return Ok(Self {
-                ledger: None,
+                database: None,
                 known: Vec::new(),
                 others,
             });
         };
-        let known = ledger.runs_listed()?;
+        let known = database.runs_listed()?;
         others.retain(|name| !known.iter().any(|run| run.run == *name));
         Ok(Self {
-            ledger: Some(ledger),
+            database: Some(database),
             known,
             others,
         })
@@ -377,10 +377,12 @@ fn unknown(name: &str, runs: &Path, others: &[String]) -> Failure {
 }
 
 fn show(arguments: &ShowArguments, runs: &Path) -> Result<u8, Failure> {
-    let Folder { ledger, others, .. } = Folder::open(runs)?;
+    let Folder {
+        database, others, ..
+    } = Folder::open(runs)?;
     let name = name_of(&arguments.run);
-    let shown = match &ledger {
-        Some(ledger) => ledger.shown(&name)?,
+    let shown = match &database {
+        Some(database) => database.shown(&name)?,
         None => None,
     };
     let shown = shown.ok_or_else(|| unknown(&name, runs, &others))?;
@@ -527,9 +529,11 @@ fn write_rows(arguments: &ExportArguments, runs: &Path) -> Result<u8, Failure> {
         (None, None, None) => unreachable!("one of them is required"),
     };
     let Folder {
-        ledger, mut known, ..
+        database,
+        mut known,
+        ..
     } = Folder::open(runs)?;
-    let Some(ledger) = ledger else {
+    let Some(database) = database else {
         let message = format!(
             "has no store of runs ({FILE}); accepted is a folder in which a run was made since there is \
              one"
@@ -537,7 +541,7 @@ fn write_rows(arguments: &ExportArguments, runs: &Path) -> Result<u8, Failure> {
         return Err(Error::new(runs.display().to_string(), "", message).into());
     };
     known.retain(|run| arguments.filter.takes(run));
-    let rows = export(&ledger, &known, arguments.rows, format, file)?;
+    let rows = export(&database, &known, arguments.rows, format, file)?;
     let text = format!("{rows} rows written to {}\n", file.display());
     crate::print(text.as_bytes())?;
     Ok(DONE)
@@ -545,8 +549,8 @@ fn write_rows(arguments: &ExportArguments, runs: &Path) -> Result<u8, Failure> {
 
 fn verify(arguments: &VerifyArguments, runs: &Path) -> Result<u8, Failure> {
     let only = arguments.run.as_deref().map(name_of);
-    let verified = match Ledger::open(runs)? {
-        Some(ledger) => ledger.verify(only.as_deref())?,
+    let verified = match Database::open(runs)? {
+        Some(database) => database.verify(only.as_deref())?,
         None => without_store(runs)?,
     };
     if let Some(name) = &only

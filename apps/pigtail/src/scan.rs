@@ -8,7 +8,7 @@ use pigtail_hal::Error;
 use pigtail_hal::digest::hash;
 use pigtail_hal::quantity::{LENGTH, Sign};
 use pigtail_records::columns::LengthUnit;
-use pigtail_records::map::{Columns, Document, Peak, PowerUnit, read, try_on};
+use pigtail_records::map::{Columns, MapDocument, Peak, PowerUnit, read, try_on};
 use pigtail_report as report;
 use pigtail_store::runs::Run;
 use std::fs;
@@ -137,7 +137,7 @@ fn sentence(text: &str) -> String {
     })
 }
 
-fn print_table(out: &mut impl Write, document: &Document) -> io::Result<()> {
+fn print_table(out: &mut impl Write, document: &MapDocument) -> io::Result<()> {
     let unit = document.power_unit;
     let header = [
         "by".to_owned(),

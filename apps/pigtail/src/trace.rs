@@ -6,7 +6,7 @@ use crate::{DONE, Failure};
 use clap::{Args, ValueEnum};
 use pigtail_control::contour::Contour;
 use pigtail_control::trajectory::Shape;
-use pigtail_evaluate::contour::{Document, Plan, trace};
+use pigtail_evaluate::contour::{ContourDocument, Plan, trace};
 use pigtail_hal::quantity::{LENGTH, SPEED, Sign, TORQUE};
 use pigtail_hal::{Error, Side};
 use pigtail_report as report;
@@ -154,7 +154,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 }
 
 /// What a person wants to know of it.
-fn account(d: &Document) -> String {
+fn account(d: &ContourDocument) -> String {
     let mut text = format!(
         "{} of {:.0} um at {:.0} um/s, {} five-bar, {} N m in each bearing between the links\n\
          Distance from where the endpoint was wanted, um:\n  {:12} {:>8} {:>9} {:>8} {:>16}\n",

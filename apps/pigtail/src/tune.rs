@@ -12,7 +12,7 @@ use pigtail_report as report;
 use pigtail_session::own::Own;
 use pigtail_session::rig::DEFAULT_RECIPE_NAME;
 use pigtail_session::setup::Setup;
-use pigtail_session::tune::{Document, Method, Tune, step_of};
+use pigtail_session::tune::{Method, Tune, TuningDocument, step_of};
 use pigtail_store::runs::Run;
 use std::fmt::Write as _;
 
@@ -172,7 +172,7 @@ fn beside(
 }
 
 /// What a person wants to know of it.
-fn account(document: &Document) -> String {
+fn account(document: &TuningDocument) -> String {
     let mut text = String::new();
     let g = document.gains;
     let _ = writeln!(

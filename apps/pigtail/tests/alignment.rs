@@ -2,7 +2,7 @@
 
 use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::station::Unobserved;
-use pigtail_evaluate::align::{Document, align};
+use pigtail_evaluate::align::{AlignmentDocument, align};
 use pigtail_session::procedure::Procedure;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
 use pigtail_session::samples::Record;
@@ -12,7 +12,7 @@ fn setup() -> Setup {
     Setup::load(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME).expect("the default rig is well")
 }
 
-fn run(setup: &Setup, seed: u64) -> Document {
+fn run(setup: &Setup, seed: u64) -> AlignmentDocument {
     align(setup, Procedure::Thesis, seed, &mut Unobserved).expect("no fault")
 }
 
@@ -33,7 +33,7 @@ fn twenty_devices_are_aligned_in_about_the_thesis_s_time() {
 #[test]
 fn the_same_seed_gives_the_same_bytes_watched_or_not() {
     let setup = setup();
-    let text = |document: &Document| serde_json::to_string(document).expect("JSON");
+    let text = |document: &AlignmentDocument| serde_json::to_string(document).expect("JSON");
     let first = run(&setup, 42);
     let mut record = Record::default();
     let watched = align(&setup, Procedure::Thesis, 42, &mut record).expect("no fault");

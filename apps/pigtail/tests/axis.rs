@@ -39,7 +39,7 @@ fn tuned(setup: &Setup, name: &str, method: Method, seed: u64) -> Tuned {
 }
 
 /// Thesis 2.3.2: rise 11 and 14 ms, settling 42 and 37 ms. The datasheet asks for 12 and 42, 15 and 38.
-fn is_tuned(name: &str, seed: u64, tuned: &pigtail_session::tune::Document) {
+fn is_tuned(name: &str, seed: u64, tuned: &pigtail_session::tune::TuningDocument) {
     let (rise, settling) = match name {
         "fivebar" => (12.0, 42.0),
         _ => (15.0, 38.0),
@@ -73,7 +73,7 @@ fn a_machine_is_tuned_to_the_thesis_s_figures() {
 #[ignore = "long: twenty machines"]
 fn twenty_machines_are_tuned_to_the_thesis_s_figures() {
     let setup = setup();
-    let least = |d: &pigtail_session::tune::Document| {
+    let least = |d: &pigtail_session::tune::TuningDocument| {
         d.starts
             .iter()
             .map(|s| s.cost)

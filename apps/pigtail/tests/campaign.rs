@@ -3,7 +3,7 @@
 use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::station::Unobserved;
 use pigtail_evaluate::align::align;
-use pigtail_evaluate::campaign::{self, Device, Document, Plan, Store, summarize};
+use pigtail_evaluate::campaign::{self, CampaignDocument, Device, Plan, Store, summarize};
 use pigtail_hal::{Fault, Rule};
 use pigtail_session::procedure::Procedure;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
@@ -112,7 +112,7 @@ fn an_interrupted_campaign_goes_on_to_the_same_bytes() {
     );
 }
 
-fn summary_of(store: &Store) -> Document {
+fn summary_of(store: &Store) -> CampaignDocument {
     store.collect().expect("whole parts");
     let document = summarize(store, 0.0).expect("rows");
     store.finish(&document, "").expect("a summary");
@@ -183,16 +183,18 @@ fn damaged_rows_and_another_campaign_are_refused() {
 }
 
 /// Some device's alignment, to be put into tables.
-fn known(setup: &Setup) -> pigtail_evaluate::align::Document {
+fn known(setup: &Setup) -> pigtail_evaluate::align::AlignmentDocument {
     align(setup, Procedure::Thesis, 3, &mut Unobserved).expect("no fault")
 }
 
-fn push(table: &mut Table, seed: u64, document: pigtail_evaluate::align::Document) {
+fn push(table: &mut Table, seed: u64, document: pigtail_evaluate::align::AlignmentDocument) {
     campaign::push(table, Procedure::Thesis, &Device { seed, document });
 }
 
 /// The same as far as the machine came before it stopped.
-fn stopped(mut document: pigtail_evaluate::align::Document) -> pigtail_evaluate::align::Document {
+fn stopped(
+    mut document: pigtail_evaluate::align::AlignmentDocument,
+) -> pigtail_evaluate::align::AlignmentDocument {
     document.fault = Some(Fault {
         rule: Rule::CommandNumber,
         axis: "left.z".to_owned(),

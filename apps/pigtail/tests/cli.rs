@@ -184,7 +184,12 @@ fn what_no_machine_and_no_device_could_be_is_refused() {
             "recipe.toml",
             "period = \"24 ms\"",
             "period = \"1 us\"",
-            &["rig/recipe.toml", "fast.orbit.period", "1e-6", "1.2e-2"][..],
+            &[
+                "rig/recipe.toml",
+                "fast.conical_scan.period",
+                "1e-6",
+                "1.2e-2",
+            ][..],
         ),
         (
             "recipe.toml",

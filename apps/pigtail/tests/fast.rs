@@ -3,7 +3,7 @@
 use pigtail_control::calibration::{Hystereses, Windups};
 use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::station::Unobserved;
-use pigtail_evaluate::align::{Document, align};
+use pigtail_evaluate::align::{AlignmentDocument, align};
 use pigtail_session::procedure::Procedure;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
 use pigtail_session::scenario::Scenario;
@@ -13,7 +13,7 @@ fn setup() -> Setup {
     Setup::load(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME).expect("the default rig is well")
 }
 
-fn run(setup: &Setup, seed: u64) -> Document {
+fn run(setup: &Setup, seed: u64) -> AlignmentDocument {
     align(setup, Procedure::Fast, seed, &mut Unobserved).expect("no fault")
 }
 

@@ -3,7 +3,7 @@
 use pigtail_control::impulse::Shape;
 use pigtail_evaluate::impulse::condition::Condition;
 use pigtail_evaluate::impulse::contest::contest;
-use pigtail_evaluate::impulse::response::{Document, Form, MACHINES, response};
+use pigtail_evaluate::impulse::response::{Form, MACHINES, ResponseDocument, response};
 use pigtail_evaluate::impulse::run::{
     GAINS, Task, check, resolution, run, runs, stability, summary,
 };
@@ -30,7 +30,7 @@ fn axis(name: &str) -> AxisName {
     name.parse().expect("an axis")
 }
 
-fn of(setup: &Setup, name: &str, seed: u64) -> Document {
+fn of(setup: &Setup, name: &str, seed: u64) -> ResponseDocument {
     /// Enough for a tenth of them to lie below and above.
     const FEW: usize = 20;
     response(setup, axis(name), &Form::THESIS, FEW, seed)

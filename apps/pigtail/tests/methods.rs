@@ -2,7 +2,7 @@
 
 use pigtail_control::methods::{Method, Space};
 use pigtail_control::station::Unobserved;
-use pigtail_evaluate::methods::{Document, check, run};
+use pigtail_evaluate::methods::{SearchDocument, check, run};
 use pigtail_evaluate::plan::plan;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
 use pigtail_session::setup::Setup;
@@ -20,7 +20,7 @@ fn space(method: Method, mesh: f64) -> Space {
     }
 }
 
-fn cover(setup: &Setup, space: &Space, seed: u64) -> Document {
+fn cover(setup: &Setup, space: &Space, seed: u64) -> SearchDocument {
     check(setup, space).expect("the machine can");
     run(setup, space, seed, &mut Unobserved).expect("no fault")
 }
@@ -197,7 +197,7 @@ fn method_1_covers_a_small_area_in_its_time_and_finds_light_there() {
 fn the_same_seed_finds_the_same_and_a_dark_device_nothing() {
     let mut setup = setup();
     let space = space(Method::Multimode, 10e-6);
-    let bare = |setup: &Setup| Document {
+    let bare = |setup: &Setup| SearchDocument {
         wall_seconds: 0.0,
         ..cover(setup, &space, 4)
     };

@@ -13,8 +13,8 @@ use crate::procedure::{
 };
 use crate::recipe::Recipe;
 use crate::search::{Hit, STILL_THERE, Searcher, centre_sensing};
-use crate::sight::Tip;
 use crate::station::Station;
+use crate::tip_estimator::Tip;
 use pigtail_hal::{Channel, Fault, FiberHandling, Side};
 use pigtail_model::frames::Displacement;
 use std::f64::consts::TAU;

@@ -251,7 +251,7 @@ mod tests {
             })
         };
         let (x, y, sigma) = (0.5e-6, 0.2e-6, 5e-3);
-        let (mut squares, mut told, n) = (0.0, 0.0, 400);
+        let (mut squares, mut prediction, n) = (0.0, 0.0, 400);
         for _ in 0..n {
             let mut readings = circle(&beam, 1.4e-6, 5e-6, x, y, 2.0);
             for r in &mut readings {
@@ -259,10 +259,13 @@ mod tests {
             }
             let peak = beam.fit(&readings, sigma).unwrap();
             squares += (peak.x - x).powi(2);
-            told += peak.deviation;
+            prediction += peak.deviation;
         }
-        let (measured, told) = ((squares / f64::from(n)).sqrt(), told / f64::from(n));
-        assert!((0.6..1.2).contains(&(measured / told)), "{measured} {told}");
+        let (measured, prediction) = ((squares / f64::from(n)).sqrt(), prediction / f64::from(n));
+        assert!(
+            (0.6..1.2).contains(&(measured / prediction)),
+            "{measured} {prediction}"
+        );
     }
 
     #[test]

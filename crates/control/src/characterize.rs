@@ -4,8 +4,7 @@ use crate::outcome::{Halt, Lack, Outcome};
 use crate::station::Station;
 use pigtail_hal::quantity::Counts;
 use pigtail_hal::{AxisName, Fault};
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex;
+use pigtail_numerics::fourier::{Complex64, Forward};
 use std::f64::consts::TAU;
 
 /// What an axis did in each servo cycle of an experiment.
@@ -214,18 +213,18 @@ pub fn frequency_response(
     window: usize,
     highest: f64,
 ) -> FrequencyResponse {
-    let fft = FftPlanner::new().plan_fft_forward(window);
+    let fft = Forward::new(window);
     let hann: Vec<f64> = (0..window)
         .map(|k| 0.5 - 0.5 * (TAU * k as f64 / window as f64).cos())
         .collect();
     let bins = ((highest * window as f64 * period) as usize).min(window / 2);
-    let mut spectra = vec![(0.0, 0.0, Complex::new(0.0, 0.0)); bins + 1];
+    let mut spectra = vec![(0.0, 0.0, Complex64::new(0.0, 0.0)); bins + 1];
     let transform = |part: &[f64]| {
         let mean = part.iter().sum::<f64>() / window as f64;
-        let mut buffer: Vec<Complex<f64>> = part
+        let mut buffer: Vec<Complex64> = part
             .iter()
             .zip(&hann)
-            .map(|(v, w)| Complex::new((v - mean) * w, 0.0))
+            .map(|(v, w)| Complex64::new((v - mean) * w, 0.0))
             .collect();
         fft.process(&mut buffer);
         buffer
@@ -400,8 +399,8 @@ mod tests {
         }
         let r = frequency_response(&input, &output, period, 4096, 200.0);
         for (k, f) in r.frequency.iter().enumerate().step_by(20) {
-            let z = Complex::from_polar(1.0, -TAU * f * period);
-            let exact = (1.0 - decay) / (Complex::new(1.0, 0.0) - decay * z) * z;
+            let z = Complex64::from_polar(1.0, -TAU * f * period);
+            let exact = (1.0 - decay) / (Complex64::new(1.0, 0.0) - decay * z) * z;
             assert!(
                 (r.gain[k] / exact.norm() - 1.0).abs() < 0.03,
                 "{f} Hz: {}",

@@ -8,8 +8,8 @@
 //! 2. [`procedure`], the thesis's, [`fast`], [`nudge`], without a micro, and [`baselines`], what these
 //!    have to beat: straight-line functions over a [`Station`](station::Station);
 //! 3. [`search`] and [`sweep`]: finding light, and [`methods`], the ways to do so that the thesis
-//!    compares; [`peak`] and [`orbit`]: getting to its maximum, the
-//!    latter by what is known of the [`beam`]; [`sight`]: where vision sees the tips;
+//!    compares; [`peak`] and [`conical_scan`]: getting to its maximum, the
+//!    latter by what is known of the [`beam`]; [`tip_estimator`]: where vision sees the tips;
 //! 4. [`trajectory`], paths and the profiles along them, and [`kinematics`]: from a wanted motion
 //!    to encoder counts;
 //! 5. [`servo`]: from counts to volts, every cycle;
@@ -19,8 +19,7 @@
 //!
 //! Beside these stand the experiments: [`characterize`], [`identify`] and [`tune`] on one axis,
 //! [`maximization`] on a fiber at its peak, [`contour`] on both joints of a five-bar, [`piezo`] on the
-//! micro. Apart from any machine are [`scan`], search and peak on readings that were taken elsewhere,
-//! and [`record`], models of what somebody else's machine wrote down.
+//! micro. What works on somebody else's records, apart from any machine, is the room `sysid`.
 //!
 //! There are no clocks, no threads and no files here: time comes from the machine.
 //!
@@ -57,13 +56,13 @@ pub mod compensation;
 pub mod contour;
 pub mod fast;
 
+pub mod conical_scan;
 pub mod identify;
 pub mod impulse;
 pub mod kinematics;
 pub mod maximization;
 pub mod methods;
 pub mod nudge;
-pub mod orbit;
 pub mod outcome;
 pub mod peak;
 pub mod piezo;
@@ -72,8 +71,8 @@ pub mod recipe;
 
 pub mod search;
 pub mod servo;
-pub mod sight;
 pub mod station;
 pub mod sweep;
+pub mod tip_estimator;
 pub mod trajectory;
 pub mod tune;

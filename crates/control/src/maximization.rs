@@ -5,7 +5,7 @@
 //! it is made to, and the circles of the fast procedure too.
 
 use crate::beam::Beam;
-use crate::orbit::{Orbit, Watch};
+use crate::conical_scan::{ConicalScan, Watch};
 use crate::outcome::{Halt, Outcome};
 use crate::peak::NinePoint;
 use crate::procedure::{Job, light_guides};
@@ -145,15 +145,16 @@ pub fn follow(station: &mut Station, recipe: &Recipe, trial: &Trial) -> Result<F
             let gap = recipe.approach.gap;
             let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
             let at = station.micro(SIDE);
-            let shape = &recipe.fast.orbit;
-            let mut orbit = Orbit::new(watch, beam, shape, station, at, gap, Displacement::ZERO);
+            let shape = &recipe.fast.conical_scan;
+            let mut scan =
+                ConicalScan::new(watch, beam, shape, station, at, gap, Displacement::ZERO);
             while station.time() < end {
-                orbit.turn(station, gap)?;
-                if let Some(peak) = orbit.peak() {
-                    orbit.go_to(station, &peak, gap)?;
+                scan.turn(station, gap)?;
+                if let Some(peak) = scan.peak() {
+                    scan.go_to(station, &peak, gap)?;
                 }
             }
-            orbit.shrink(station, gap, 0.0)?;
+            scan.shrink(station, gap, 0.0)?;
         }
     }
     // The look is short: the peak goes on moving.

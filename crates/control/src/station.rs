@@ -7,7 +7,7 @@ use crate::impulse::belief::ImpulseBelief;
 use crate::kinematics::Kinematics;
 use crate::outcome::{Halt, Outcome};
 use crate::servo::{Pid, PidState};
-use crate::sight::{Seen, Sight, Tip};
+use crate::tip_estimator::{Seen, Tip, TipEstimator};
 use crate::trajectory::{Arc, Limits, Line, Motion, Path, Rates, Refused, Shape};
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, CHANNELS, MICRO_AXES, SIDES};
@@ -96,7 +96,7 @@ pub struct Station<'a> {
     shape: Shape,
     command: Command,
     measurement: Measurement,
-    sight: Sight,
+    tips: TipEstimator,
     /// What is believed of pulses on a five-bar.
     five_bar_pulses: Option<ImpulseBelief>,
     /// Light samples that somebody has looked at, and the time of the last of them.
@@ -176,7 +176,7 @@ impl<'a> Station<'a> {
         }
         let measurement = machine.exchange(&command)?;
         Ok(Self {
-            sight: Sight::new(&spec),
+            tips: TipEstimator::new(&spec),
             five_bar_pulses: calibration.impulse.five_bar.clone(),
             readings: Cell::new((0, f64::NEG_INFINITY)),
             limits: Limits {
@@ -314,7 +314,7 @@ impl<'a> Station<'a> {
     pub fn handle_fiber(&mut self, side: Side, handling: FiberHandling) -> Result<(), Fault> {
         self.command.fiber[side.index()] = Some(handling);
         self.arms[side.index()].loaded = matches!(handling, FiberHandling::Load(_));
-        self.sight.forget(side, self.measurement.time);
+        self.tips.forget(side, self.measurement.time);
         self.cycle()
     }
 
@@ -325,7 +325,7 @@ impl<'a> Station<'a> {
 
     /// Where a tip stands from its holder, by all frames so far; `None` before the first.
     pub fn seen(&self, side: Side, tip: Tip) -> Option<Seen> {
-        self.sight.seen(side, tip)
+        self.tips.seen(side, tip)
     }
 
     /// Notes where the holders are, and compares a frame with where they were when it was exposed.
@@ -336,10 +336,10 @@ impl<'a> Station<'a> {
             let input = |i: usize| arm.kinematics.input(i, encoders[i]) - arm.windup[i];
             (std::array::from_fn(input), arm.micro)
         });
-        self.sight.note(outputs);
+        self.tips.note(outputs);
         if let Some(frame) = &self.measurement.vision {
             let arms = &self.arms;
-            self.sight
+            self.tips
                 .see(frame, self.measurement.time, |side, (outputs, micro)| {
                     let kinematics = &arms[side.index()].kinematics;
                     let at = kinematics.endpoint_at(outputs).ok()?;

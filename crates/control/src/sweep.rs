@@ -4,7 +4,7 @@
 //! creeps upward: lines side by side, all in one direction, so that hysteresis shifts them alike.
 //! The macro never turns, so that its transmissions stay wound up.
 
-use crate::orbit::Watch;
+use crate::conical_scan::Watch;
 use crate::outcome::{Halt, SearchEvidence};
 use crate::recipe::Sweep;
 use crate::station::Station;
@@ -116,7 +116,7 @@ pub fn first_light(
     let end = Point::new(start.x, top, start.z);
     station.start_line(side, end, Some(spacing / line))?;
     let begin = station.time();
-    let mut told: VecDeque<(f64, bool)> = VecDeque::with_capacity(lag + 2);
+    let mut commanded: VecDeque<(f64, bool)> = VecDeque::with_capacity(lag + 2);
     let mut spot: Option<Spot> = None;
     let (mut samples, mut brightest, mut after) = (0, f64::NEG_INFINITY, 0);
     let (mut wander, mut best) = (0.0, threshold);
@@ -125,11 +125,12 @@ pub fn first_light(
         let at = across(sweep, reach, station.time() - begin);
         station.move_micro(side, at.0, 0.0);
         station.cycle()?;
-        told.push_back(at);
-        if told.len() > lag + 1 {
-            told.pop_front();
+        commanded.push_back(at);
+        if commanded.len() > lag + 1 {
+            commanded.pop_front();
         }
-        let (Some(volts), Some(&(told_x, slow))) = (station.light(watch.channel), told.front())
+        let (Some(volts), Some(&(commanded_x, slow))) =
+            (station.light(watch.channel), commanded.front())
         else {
             continue;
         };
@@ -139,7 +140,7 @@ pub fn first_light(
         if !slow {
             recent.clear();
         }
-        recent.push_back((level, told_x));
+        recent.push_back((level, commanded_x));
         if recent.len() > widest {
             recent.pop_front();
         }

@@ -21,7 +21,7 @@ pub const TOLERANCE_Z_UM: f64 = 2.0;
 /// What a run prints as JSON and keeps as `summary.json`. Keys are a contract: more may come,
 /// none changes its name or meaning.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Document {
+pub struct AlignmentDocument {
     /// The rig as it was named.
     pub rig: String,
     /// The recipe as it was named.
@@ -103,7 +103,7 @@ pub fn align(
     procedure: Procedure,
     seed: u64,
     observer: &mut dyn Observer,
-) -> Result<Document, Ended> {
+) -> Result<AlignmentDocument, Ended> {
     let (twin, injected) = setup.broken_twin(seed, procedure.seconds())?;
     let job = Align { procedure };
     let (session, aligned) = setup.perform(twin, &job, seed, observer)?;
@@ -136,7 +136,7 @@ fn of(procedure: Procedure) -> Way {
 /// What came of a device that was aligned by any way.
 pub(crate) struct Judged {
     /// The document.
-    pub(crate) document: Document,
+    pub(crate) document: AlignmentDocument,
     /// Machine time by the machine, from power-on until the last fiber was done, seconds.
     pub(crate) machine_seconds: f64,
     /// Light samples that control looked at.
@@ -188,7 +188,7 @@ fn document(
     injected: &[Injection],
     twin: &Twin,
     reports: &[FiberReport],
-) -> Document {
+) -> AlignmentDocument {
     let truth = twin.truth();
     let truths = std::iter::once(truth.input).chain(truth.outputs);
     let fibers: Vec<FiberRow> = reports
@@ -204,7 +204,7 @@ fn document(
         .filter(|r| r.outcome != Outcome::NotAttempted)
         .count();
     let seconds: f64 = reports.iter().map(FiberReport::seconds).sum();
-    Document {
+    AlignmentDocument {
         rig: setup.rig.name.clone(),
         recipe: setup.rig.recipe_name.clone(),
         procedure: way.name,
@@ -232,7 +232,7 @@ pub fn panicked(
     procedure: Procedure,
     seed: u64,
     panic: &(dyn std::any::Any + Send),
-) -> Document {
+) -> AlignmentDocument {
     let text = |panic: &(dyn std::any::Any + Send)| {
         let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
         text.or_else(|| panic.downcast_ref::<String>().cloned())
@@ -248,7 +248,7 @@ pub fn panicked(
         coupling_loss_db: None,
         within_tolerance: None,
     };
-    Document {
+    AlignmentDocument {
         rig: setup.rig.name.clone(),
         recipe: setup.rig.recipe_name.clone(),
         procedure: procedure.name(),
@@ -270,14 +270,14 @@ pub fn panicked(
     }
 }
 
-impl Document {
+impl AlignmentDocument {
     /// Whether every fiber is aligned, by control's word and in truth, and nothing was touched.
     pub fn is_success(&self) -> bool {
         !self.collision && self.fibers.iter().all(FiberRow::is_good)
     }
 }
 
-impl Document {
+impl AlignmentDocument {
     /// How it ended, in a few words.
     pub fn outcome(&self) -> String {
         let lost = self

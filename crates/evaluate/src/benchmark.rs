@@ -29,7 +29,7 @@ const SEEDS: usize = 20;
 /// What `benchmark` prints as JSON. Keys are a contract: more may come, none changes its name or
 /// meaning. The same seed gives the same bytes, `report` apart.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Document {
+pub struct BenchmarkDocument {
     /// The rig as it was named.
     pub rig: String,
     /// The recipe as it was named.
@@ -100,7 +100,7 @@ pub struct Row {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Measured {
     /// The document.
-    pub document: Document,
+    pub document: BenchmarkDocument,
     /// Machine time of each device over its three fibers, seconds; a list an algorithm, in order.
     pub seconds: Vec<Vec<f64>>,
     /// Offsets across of each attached fiber, micrometres, as in [`Row::offset_xy_um`], in order.
@@ -142,7 +142,7 @@ pub fn run(
         offsets.push(off.values().to_vec());
     }
     Ok(Measured {
-        document: Document {
+        document: BenchmarkDocument {
             rig: setup.rig.name.clone(),
             recipe: setup.rig.recipe_name.clone(),
             scenario: setup.scenario.clone(),

@@ -32,7 +32,7 @@ pub struct Plan {
 
 /// What `trace` prints as JSON.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Document {
+pub struct ContourDocument {
     /// `square` or `circle`.
     pub path: &'static str,
     /// Whose endpoint.
@@ -84,7 +84,11 @@ const LAPS: u32 = 3;
 /// # Errors
 ///
 /// A fault; bad input where the contour leaves the workspace or the rig has no probes.
-pub fn trace(setup: &Setup, plan: &Plan, seed: u64) -> Result<(Document, Vec<Traced>), Ended> {
+pub fn trace(
+    setup: &Setup,
+    plan: &Plan,
+    seed: u64,
+) -> Result<(ContourDocument, Vec<Traced>), Ended> {
     let mut traced = Vec::new();
     let mut setup = setup.clone();
     if let Some(friction) = plan.coupling {
@@ -139,7 +143,7 @@ pub fn trace(setup: &Setup, plan: &Plan, seed: u64) -> Result<(Document, Vec<Tra
         }
     }
     let most = |k: usize| traced[k].0.max_um;
-    let document = Document {
+    let document = ContourDocument {
         path: match plan.contour {
             Contour::Square => "square",
             Contour::Circle => "circle",

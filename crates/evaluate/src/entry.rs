@@ -1,9 +1,9 @@
 //! What the store of runs is told of devices.
 
-use crate::align::Document;
+use crate::align::AlignmentDocument;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::setup::Setup;
-use pigtail_store::ledger::{Aligned, AlignedFiber, Devices};
+use pigtail_store::database::{Aligned, AlignedFiber, Devices};
 
 /// So many devices from a seed on, of a rig and a recipe.
 pub fn devices(setup: &Setup, procedure: Procedure, seed: u64, count: u64) -> Devices<'_> {
@@ -18,7 +18,7 @@ pub fn devices(setup: &Setup, procedure: Procedure, seed: u64, count: u64) -> De
 }
 
 /// How the fibers of a device ended.
-pub fn aligned(document: &Document) -> Aligned {
+pub fn aligned(document: &AlignmentDocument) -> Aligned {
     Aligned {
         fibers: document
             .fibers

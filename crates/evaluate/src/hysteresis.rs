@@ -394,12 +394,14 @@ fn identify_along(
     let model = models[chosen].clone();
     let residual_um = std::array::from_fn(|i| {
         let found = &micro.piezos[i];
-        let told =
+        let prediction =
             pigtail_control::compensation::hysteresis::predict(&model.piezos[i], &found.record);
         let over = found.record.known_from()..found.record.len();
         let measured = over.filter(|k| found.record.weight[*k] > 0.0);
-        let left: Vec<f64> = measured.map(|k| told[k] - found.record.output[k]).collect();
-        um(rms(&left))
+        let residuals: Vec<f64> = measured
+            .map(|k| prediction[k] - found.record.output[k])
+            .collect();
+        um(rms(&residuals))
     });
     let document = MachineDocument {
         side: side.name(),

@@ -14,7 +14,7 @@ use serde::Serialize;
 
 /// What `characterize AXIS windup` prints as JSON.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Document {
+pub struct LoopsDocument {
     /// The axis.
     pub axis: String,
     /// Range of the scan, forward and back, micrometres at the output.
@@ -50,7 +50,7 @@ pub struct Case {
     pub largest_residual_um: Option<f64>,
 }
 
-impl Document {
+impl LoopsDocument {
     /// Which law of load friction gives the curve (2.20) that the thesis measured, and which the straight
     /// transition of its model, by what (2.20) leaves of each as a share of `W_max`. `None` where nothing
     /// winds up.
@@ -193,7 +193,7 @@ pub fn middle_windup(record: &WindupRecord) -> f64 {
 /// # Errors
 ///
 /// A fault; bad input where the rig has no probes.
-pub fn windup(setup: &Setup, at: AxisName, seed: u64) -> Result<(Document, Vec<Loop>), Ended> {
+pub fn windup(setup: &Setup, at: AxisName, seed: u64) -> Result<(LoopsDocument, Vec<Loop>), Ended> {
     let joint = |setup: &Setup| match at.axis {
         Axis::A | Axis::B => setup.plant.five_bar.joint,
         Axis::Z => setup.plant.z_stage.joint,
@@ -268,7 +268,7 @@ pub fn windup(setup: &Setup, at: AxisName, seed: u64) -> Result<(Document, Vec<L
             um_per_radian: um,
         });
     }
-    let document = Document {
+    let document = LoopsDocument {
         axis: at.to_string(),
         range_um: rounded(um * range, 1e-4),
         seed,

@@ -1,7 +1,7 @@
 //! Light throughput maximization (thesis 3.3), measured: how fast a peak may move, what of other
 //! motion is rejected, what the way in z takes, and the times of 3.4.
 
-use crate::align::{Document as Alignment, align};
+use crate::align::{AlignmentDocument, align};
 use pigtail_control::maximization::{Disturbance, Followed, Means, Trial};
 use pigtail_control::recipe::Climb;
 use pigtail_control::station::{Observer, Sample, Unobserved};
@@ -18,7 +18,7 @@ use std::thread;
 /// What `pigtail maximize` prints as JSON. Keys are a contract: more may come, none changes its name
 /// or meaning. The same seed gives the same values.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Document {
+pub struct MaximizationDocument {
     /// The rig as it was named.
     pub rig: String,
     /// The seed of machine, device, fixture and noise.
@@ -131,7 +131,7 @@ pub type Curve = (String, Vec<(f64, f64)>);
 #[derive(Debug, Clone)]
 pub struct Measured {
     /// What is printed.
-    pub document: Document,
+    pub document: MaximizationDocument,
     /// Light over time while the peak drifts, nine-point patterns following it.
     pub curves: Vec<Curve>,
 }
@@ -412,7 +412,7 @@ fn timing(setup: &Setup, asked: &Asked) -> Result<Vec<Timing>, Ended> {
         ("z maximization", Some("< 10"), &["approach"]),
         ("last maximization", None, &["final"]),
     ];
-    let many = |procedure: Procedure| -> Result<Vec<Alignment>, Ended> {
+    let many = |procedure: Procedure| -> Result<Vec<AlignmentDocument>, Ended> {
         (0..asked.devices)
             .map(|k| {
                 let seed = asked.seed.wrapping_add(k);
@@ -428,7 +428,7 @@ fn timing(setup: &Setup, asked: &Asked) -> Result<Vec<Timing>, Ended> {
         thesis.unwrap_or_else(|p| std::panic::resume_unwind(p))?,
         fast?,
     );
-    let mean = |all: &[Alignment], phases: &[&str]| {
+    let mean = |all: &[AlignmentDocument], phases: &[&str]| {
         let fibers = || all.iter().flat_map(|d| &d.fibers);
         let seconds: f64 = fibers()
             .flat_map(|f| phases.iter().filter_map(|phase| f.seconds_in(phase)))
@@ -497,7 +497,7 @@ pub fn maximize(setup: &Setup, asked: &Asked) -> Result<Measured, Ended> {
         .into_par_iter()
         .map(|(disturbance, means)| rejection(setup, seed, disturbance, means))
         .collect();
-    let document = Document {
+    let document = MaximizationDocument {
         rig: setup.rig.name.clone(),
         seed,
         tracking: rows,

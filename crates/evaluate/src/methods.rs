@@ -46,7 +46,7 @@ impl From<Method> for methods::Method {
 /// What `align --method` prints as JSON, and a row of `plan`. Keys are a contract: more may come,
 /// none changes its name or meaning. The same seed gives the same values, `wall_seconds` apart.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Document {
+pub struct SearchDocument {
     /// The rig as it was named.
     pub rig: String,
     /// The recipe as it was named.
@@ -145,7 +145,7 @@ pub fn run(
     space: &Space,
     seed: u64,
     observer: &mut dyn Observer,
-) -> Result<Document, Ended> {
+) -> Result<SearchDocument, Ended> {
     let start = Instant::now();
     let job = FirstLight { space: *space };
     let (coverage, detail) = match setup.run(&job, seed, observer) {
@@ -170,7 +170,7 @@ fn document(
     coverage: Option<&Coverage>,
     detail: String,
     start: Instant,
-) -> Document {
+) -> SearchDocument {
     let rate = setup.rig.spec.photodiode.rate;
     let seconds = |value: f64| rounded(value, 1e-4);
     let volts = |value: f64| rounded(value, 1e-6);
@@ -181,7 +181,7 @@ fn document(
         1.0
     };
     let found = coverage.and_then(|c| c.found);
-    Document {
+    SearchDocument {
         rig: setup.rig.name.clone(),
         recipe: setup.rig.recipe_name.clone(),
         method: space.method.name(),

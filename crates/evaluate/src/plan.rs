@@ -2,7 +2,7 @@
 //! (3.3)-(3.5) beside their times on the twin, and the whole procedures.
 
 use crate::align::align;
-use crate::methods::{Document as Search, check, run};
+use crate::methods::{SearchDocument, check, run};
 use pigtail_control::methods::{Method, Space};
 use pigtail_control::station::Unobserved;
 use pigtail_hal::Spec;
@@ -17,7 +17,7 @@ use strum::VariantArray;
 /// What `plan` prints as JSON. Keys are a contract: more may come, none changes its name or
 /// meaning. The same seed gives the same values, every `wall_seconds` apart.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Document {
+pub struct PlanDocument {
     /// The rig as it was named.
     pub rig: String,
     /// The recipe as it was named.
@@ -94,7 +94,7 @@ pub fn plan(
     seed: u64,
     devices: u64,
     step: &mut dyn FnMut(&str),
-) -> Result<Document, Ended> {
+) -> Result<PlanDocument, Ended> {
     let start = Instant::now();
     let mut searches = Vec::new();
     for space in spaces(setup) {
@@ -106,7 +106,7 @@ pub fn plan(
         step(procedure.name());
         procedures.push(procedure_row(setup, procedure, seed, devices)?);
     }
-    Ok(Document {
+    Ok(PlanDocument {
         rig: setup.rig.name.clone(),
         recipe: setup.rig.recipe_name.clone(),
         seed,
@@ -178,7 +178,7 @@ pub fn search_row(setup: &Setup, space: &Space, seed: u64) -> Result<SearchRow, 
             space.fastest(rate)
         ));
     }
-    let search: Option<Search> = match check(setup, space) {
+    let search: Option<SearchDocument> = match check(setup, space) {
         Ok(()) => Some(run(setup, space, seed, &mut Unobserved)?),
         Err(error) => {
             notes.push(error.message);

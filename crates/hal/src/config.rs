@@ -1,7 +1,10 @@
 //! Reading a TOML text so that a mistake in it is explained.
 
 use serde::de::DeserializeOwned;
+use serde_path_to_error::{Path, Segment, Track};
 use std::fmt::Write as _;
+use toml::Spanned;
+use toml::de::DeTable;
 
 /// Bad input, found while loading: which file, which key, what is wrong and what is accepted.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -51,21 +54,61 @@ impl Error {
 ///
 /// When the text is not TOML, or a key is unknown, missing or out of its range.
 pub fn parse<T: DeserializeOwned>(file: &str, text: &str) -> Result<T, Error> {
-    let not_toml = |error: toml::de::Error, key: String| Error {
+    let not_toml = |error: &toml::de::Error| Error {
         file: file.to_owned(),
         line: error.span().map(|span| line_of(text, span.start)),
-        key,
+        key: String::new(),
         message: error.message().to_owned(),
     };
-    let deserializer =
-        toml::Deserializer::parse(text).map_err(|error| not_toml(error, String::new()))?;
-    serde_path_to_error::deserialize(deserializer).map_err(|error| {
-        let key = match error.path().to_string() {
+    let table = DeTable::parse(text).map_err(|error| not_toml(&error))?;
+    let mut track = Track::new();
+    let tracked =
+        serde_path_to_error::Deserializer::new(toml::Deserializer::from(table), &mut track);
+    // Erased, so that what a type accepts is compiled once for it, and what TOML is once for all types:
+    // otherwise each type brings its own copy of both.
+    let mut erased = <dyn erased_serde::Deserializer>::erase(tracked);
+    let read = erased_serde::deserialize(&mut erased);
+    drop(erased);
+    read.map_err(|error| explain(file, text, &track.path(), &error.to_string()))
+}
+
+/// What is wrong at `path` of a text that is TOML.
+fn explain(file: &str, text: &str, path: &Path, message: &str) -> Error {
+    Error {
+        file: file.to_owned(),
+        line: DeTable::parse(text)
+            .ok()
+            .map(|table| line_of(text, start_of(&table, path))),
+        key: match path.to_string() {
             whole if whole == "." => String::new(),
             path => path,
+        },
+        message: message.trim_end().to_owned(),
+    }
+}
+
+/// Where in a text the value at `path` starts; what lacks there starts where its table does.
+fn start_of(table: &Spanned<DeTable>, path: &Path) -> usize {
+    let mut start = table.span().start;
+    let mut keys = path.iter();
+    let Some(Segment::Map { key }) = keys.next() else {
+        return start;
+    };
+    let Some(mut value) = table.get_ref().get(key.as_str()) else {
+        return start;
+    };
+    loop {
+        start = value.span().start;
+        let inner = match keys.next() {
+            Some(Segment::Map { key }) => value.get_ref().get(key.as_str()),
+            Some(Segment::Seq { index }) => value.get_ref().get(*index),
+            _ => None,
         };
-        not_toml(error.into_inner(), key)
-    })
+        match inner {
+            Some(inner) => value = inner,
+            None => return start,
+        }
+    }
 }
 
 fn line_of(text: &str, byte: usize) -> usize {

@@ -8,7 +8,7 @@ use nalgebra::{DMatrix, DVector, Dyn, Owned};
 const STEP: f64 = 1e-5;
 
 struct Problem<'a, F> {
-    left: &'a F,
+    residuals: &'a F,
     parameters: DVector<f64>,
 }
 
@@ -26,25 +26,26 @@ impl<F: Fn(&[f64]) -> Vec<f64>> LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'
     }
 
     fn residuals(&self) -> Option<DVector<f64>> {
-        let left = (self.left)(self.parameters.as_slice());
-        left.iter()
+        let residuals = (self.residuals)(self.parameters.as_slice());
+        residuals
+            .iter()
             .all(|l| l.is_finite())
-            .then(|| DVector::from_vec(left))
+            .then(|| DVector::from_vec(residuals))
     }
 
     fn jacobian(&self) -> Option<DMatrix<f64>> {
-        let slopes = jacobian(self.left, self.parameters.as_slice());
+        let slopes = jacobian(self.residuals, self.parameters.as_slice());
         slopes.iter().all(|s| s.is_finite()).then_some(slopes)
     }
 }
 
-fn jacobian(left: &impl Fn(&[f64]) -> Vec<f64>, at: &[f64]) -> DMatrix<f64> {
+fn jacobian(residuals: &impl Fn(&[f64]) -> Vec<f64>, at: &[f64]) -> DMatrix<f64> {
     let mut columns = Vec::with_capacity(at.len());
     for j in 0..at.len() {
         let shifted = |by: f64| {
             let mut moved = at.to_vec();
             moved[j] += by;
-            left(&moved)
+            residuals(&moved)
         };
         let (a, b) = (shifted(STEP), shifted(-STEP));
         let slopes: Vec<f64> = a
@@ -57,12 +58,12 @@ fn jacobian(left: &impl Fn(&[f64]) -> Vec<f64>, at: &[f64]) -> DMatrix<f64> {
     DMatrix::from_columns(&columns)
 }
 
-/// Parameters of order one that make `left` (what a model leaves) least, and that least square.
+/// Parameters of order one that make `residuals` (what a model leaves) least, and that least square.
 ///
 /// `None` where the model leaves nothing finite from `start` on.
-pub fn minimise(left: impl Fn(&[f64]) -> Vec<f64>, start: &[f64]) -> Option<(Vec<f64>, f64)> {
+pub fn minimise(residuals: impl Fn(&[f64]) -> Vec<f64>, start: &[f64]) -> Option<(Vec<f64>, f64)> {
     let problem = Problem {
-        left: &left,
+        residuals: &residuals,
         parameters: DVector::from_column_slice(start),
     };
     let (problem, report) = LevenbergMarquardt::new()
@@ -78,8 +79,8 @@ pub fn minimise(left: impl Fn(&[f64]) -> Vec<f64>, start: &[f64]) -> Option<(Vec
 
 /// How sure parameters at a minimum are: the linear problem there. Its values are the step that is
 /// left, which is nearly nothing.
-pub fn uncertainty(left: impl Fn(&[f64]) -> Vec<f64>, at: &[f64]) -> Option<Solution> {
-    regression::least_squares(&jacobian(&left, at), &left(at))
+pub fn uncertainty(residuals: impl Fn(&[f64]) -> Vec<f64>, at: &[f64]) -> Option<Solution> {
+    regression::least_squares(&jacobian(&residuals, at), &residuals(at))
 }
 
 #[cfg(test)]
@@ -97,17 +98,17 @@ mod tests {
                 )
             })
             .collect();
-        let left = |p: &[f64]| -> Vec<f64> {
+        let residuals = |p: &[f64]| -> Vec<f64> {
             data.iter()
                 .map(|(t, y)| y - p[0] * (-p[1].exp() * t).exp())
                 .collect()
         };
-        let (p, _) = minimise(left, &[1.0, 0.0]).unwrap();
+        let (p, _) = minimise(residuals, &[1.0, 0.0]).unwrap();
         assert!(
             (p[0] - 2.0).abs() < 5e-3 && (p[1].exp() - 0.7).abs() < 5e-3,
             "{p:?}"
         );
-        let sure = uncertainty(left, &p).unwrap();
+        let sure = uncertainty(residuals, &p).unwrap();
         assert!(sure.std[0] > 1e-4 && sure.std[0] < 5e-3, "{:?}", sure.std);
         assert!(sure.values.iter().all(|step| step.abs() < 1e-5));
     }

@@ -153,8 +153,8 @@ mod tests {
         type State = Vector2<f64>;
 
         fn cost(&self, p: &Vector2<f64>) -> f64 {
-            let left = |(t, y): &(f64, f64)| (y - p[0] * (-p[1] * t).exp()).powi(2);
-            self.0.iter().map(left).sum()
+            let residuals = |(t, y): &(f64, f64)| (y - p[0] * (-p[1] * t).exp()).powi(2);
+            self.0.iter().map(residuals).sum()
         }
 
         fn equations(&self, p: &Vector2<f64>) -> Normal<2> {

@@ -19,7 +19,7 @@ pub struct Solution {
     /// Norm of what is left over the norm of `y`, per cent.
     pub relative_error_percent: f64,
     /// `y - X p`.
-    pub left: Vec<f64>,
+    pub residuals: Vec<f64>,
 }
 
 /// Columns side by side.
@@ -55,7 +55,7 @@ pub fn robust(x: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
     const ROUNDS: usize = 20;
     let mut solution = least_squares(x, y)?;
     for _ in 0..ROUNDS {
-        let sizes: Vec<f64> = solution.left.iter().map(|l| l.abs()).collect();
+        let sizes: Vec<f64> = solution.residuals.iter().map(|l| l.abs()).collect();
         // 1.4826 times the median is the standard deviation of a normal distribution.
         let edge = 1.345 * 1.4826 * crate::signal::quantile(&sizes, 0.5);
         if edge <= 0.0 {
@@ -111,18 +111,18 @@ fn solve(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
         std_correlated: Vec::new(),
         condition,
         relative_error_percent: 0.0,
-        left: Vec::new(),
+        residuals: Vec::new(),
     };
     judge(x, y, &mut solution);
     let freedom = (n - p) as f64;
-    let variance = solution.left.iter().map(|l| l * l).sum::<f64>() / freedom;
+    let variance = solution.residuals.iter().map(|l| l * l).sum::<f64>() / freedom;
     let bread = ztx.try_inverse()?;
     let spread = |middle: &DMatrix<f64>| -> Vec<f64> {
         let covariance = &bread * middle * bread.transpose();
         (0..p).map(|j| covariance[(j, j)].max(0.0).sqrt()).collect()
     };
     solution.std = spread(&(z.transpose() * z * variance));
-    solution.std_correlated = spread(&correlated(z, &solution.left));
+    solution.std_correlated = spread(&correlated(z, &solution.residuals));
     // A few batches may by chance look surer than white noise would be.
     for (std, white) in solution.std_correlated.iter_mut().zip(&solution.std) {
         *std = std.max(*white);
@@ -132,7 +132,7 @@ fn solve(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
 
 /// `Z' E[e e'] Z` from the sums of `z e` over batches of neighbours: correlation within a batch is in
 /// them, whatever its shape.
-fn correlated(z: &DMatrix<f64>, left: &[f64]) -> DMatrix<f64> {
+fn correlated(z: &DMatrix<f64>, residuals: &[f64]) -> DMatrix<f64> {
     let (n, p) = z.shape();
     let length = (2.0 * (n as f64).sqrt()).round().clamp(1.0, 400.0) as usize;
     let mut sum = DMatrix::zeros(p, p);
@@ -140,7 +140,7 @@ fn correlated(z: &DMatrix<f64>, left: &[f64]) -> DMatrix<f64> {
     while start < n {
         let end = (start + length).min(n);
         let batch = DVector::from_fn(p, |j, _| {
-            (start..end).map(|i| z[(i, j)] * left[i]).sum::<f64>()
+            (start..end).map(|i| z[(i, j)] * residuals[i]).sum::<f64>()
         });
         sum += &batch * batch.transpose();
         start = end;
@@ -158,14 +158,18 @@ pub fn over(x: &DMatrix<f64>, y: &[f64], keep: impl Fn(usize) -> bool) -> Option
 }
 
 fn judge(x: &DMatrix<f64>, y: &[f64], solution: &mut Solution) {
-    let told = x * DVector::from_column_slice(&solution.values);
-    solution.left = y.iter().zip(told.iter()).map(|(y, t)| y - t).collect();
-    solution.relative_error_percent = relative(&solution.left, y);
+    let prediction = x * DVector::from_column_slice(&solution.values);
+    solution.residuals = y
+        .iter()
+        .zip(prediction.iter())
+        .map(|(y, t)| y - t)
+        .collect();
+    solution.relative_error_percent = relative(&solution.residuals, y);
 }
 
 /// Norm of what is left over the norm of what was measured, per cent.
-pub fn relative(left: &[f64], measured: &[f64]) -> f64 {
-    100.0 * rms(left.iter().copied()) / rms(measured.iter().copied()).max(f64::MIN_POSITIVE)
+pub fn relative(residuals: &[f64], measured: &[f64]) -> f64 {
+    100.0 * rms(residuals.iter().copied()) / rms(measured.iter().copied()).max(f64::MIN_POSITIVE)
 }
 
 /// How much of a column no other column tells: `1 - R^2` of its regression on the others, 1 for one
@@ -190,9 +194,9 @@ pub fn tolerance(x: &DMatrix<f64>, column: usize) -> f64 {
     let Ok(solved) = normal.svd(true, true).solve(&right, 1e-12) else {
         return 0.0;
     };
-    let told = scaled * solved;
-    let left = rms(own.iter().zip(told.iter()).map(|(a, b)| a - b));
-    (left / power).powi(2)
+    let prediction = scaled * solved;
+    let residuals = rms(own.iter().zip(prediction.iter()).map(|(a, b)| a - b));
+    (residuals / power).powi(2)
 }
 
 #[cfg(test)]
@@ -212,7 +216,7 @@ mod tests {
         let a = noise(n, 1);
         let one = vec![1.0; n];
         let x = matrix(&[&a, &one]);
-        let (mut squares, mut told) = (0.0, 0.0);
+        let (mut squares, mut prediction) = (0.0, 0.0);
         for seed in 0..200 {
             let e = noise(n, 100 + seed);
             let y: Vec<f64> = a
@@ -222,11 +226,11 @@ mod tests {
                 .collect();
             let solution = least_squares(&x, &y).unwrap();
             squares += (solution.values[0] - 2.0).powi(2) / 200.0;
-            told += solution.std[0] / 200.0;
+            prediction += solution.std[0] / 200.0;
         }
         assert!(
-            (squares.sqrt() / told - 1.0).abs() < 0.15,
-            "{} {told}",
+            (squares.sqrt() / prediction - 1.0).abs() < 0.15,
+            "{} {prediction}",
             squares.sqrt()
         );
     }

@@ -188,8 +188,8 @@ mod tests {
         let wave: Vec<f64> = (0..4000)
             .map(|k| (PI * frequency * f64::from(k)).sin())
             .collect();
-        let left = filter.both_ways(&wave);
-        (rms(left[1000..3000].iter().copied()) / rms(wave[1000..3000].iter().copied())).sqrt()
+        let passed = filter.both_ways(&wave);
+        (rms(passed[1000..3000].iter().copied()) / rms(wave[1000..3000].iter().copied())).sqrt()
     }
 
     #[test]

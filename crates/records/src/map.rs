@@ -85,7 +85,7 @@ impl PowerUnit {
 /// What `align --map` prints as JSON. Keys are a contract: more may come, none changes its name or
 /// meaning.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Document {
+pub struct MapDocument {
     /// The file of the map.
     pub map: String,
     /// `aligned`; `side_peak` where the search ended on a lesser peak than the highest; `unsure`
@@ -266,7 +266,7 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Scan, Error> {
 #[derive(Debug, Clone)]
 pub struct Trial {
     /// What is printed.
-    pub document: Document,
+    pub document: MapDocument,
     /// The whole map, where it has a peak.
     pub examined: Result<Examined, Refusal>,
     /// The search, where there was something to search for.
@@ -294,7 +294,7 @@ pub fn try_on(
     };
     let all = examined.as_ref().ok();
     let peak = |looked: &Looked| looked.peak.map(|shape| Peak::of(&shape, looked.deviation));
-    let document = Document {
+    let document = MapDocument {
         map: map.to_owned(),
         outcome,
         detail,

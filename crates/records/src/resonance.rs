@@ -272,7 +272,7 @@ fn answer(found: &Identified, remarks: Vec<String>) -> Answer {
 
 fn shown(found: &Identified) -> Shown {
     let [magnitude, phase] = bode(&found.record.frequency, &found.record.response);
-    let [told_magnitude, told_phase] = bode(&found.record.frequency, &found.told);
+    let [predicted_magnitude, predicted_phase] = bode(&found.record.frequency, &found.prediction);
     let pair = |measured, told| {
         vec![
             ("measured".to_owned(), measured),
@@ -283,7 +283,7 @@ fn shown(found: &Identified) -> Shown {
         .record
         .frequency
         .iter()
-        .zip(found.record.response.iter().zip(&found.told))
+        .zip(found.record.response.iter().zip(&found.prediction))
         .map(|(f, (h, t))| (*f, 100.0 * (h - t).norm() / h.norm().max(1e-300)))
         .collect();
     let figure = |y: &str, curves, caption: &str| Figure {
@@ -294,7 +294,7 @@ fn shown(found: &Identified) -> Shown {
     };
     let phases = figure(
         "phase, deg",
-        pair(phase, told_phase),
+        pair(phase, predicted_phase),
         "Phase, measured and by the modes.",
     );
     let phases = found.record.is_phased().then_some(phases);
@@ -302,7 +302,7 @@ fn shown(found: &Identified) -> Shown {
         figures: [
             Some(figure(
                 "magnitude, dB",
-                pair(magnitude, told_magnitude),
+                pair(magnitude, predicted_magnitude),
                 "Magnitude, measured and by the modes.",
             )),
             phases,

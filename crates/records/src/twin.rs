@@ -48,8 +48,8 @@ pub fn twin(
     let set = Settings::new(fragment.axis.force_per_volt);
     let axis = fragment.axis.axis();
     let names = parameters(fragment);
-    let told = replay(&read.record, &axis, &law.1, &controller.controller(), &set);
-    let Some(told) = told else {
+    let prediction = replay(&read.record, &axis, &law.1, &controller.controller(), &set);
+    let Some(prediction) = prediction else {
         let plain: Vec<_> = names.iter().map(|(p, u)| (p.name, u.clone())).collect();
         let mut answer = Answer::nothing(
             &plain,
@@ -60,26 +60,26 @@ pub fn twin(
     };
     let mut answer = Answer {
         parameters: names,
-        relative_error_percent: Some(told.velocity_error_percent),
+        relative_error_percent: Some(prediction.velocity_error_percent),
         verdict: format!(
             "with {} friction the twin's velocity is {} % off the record's, its voltage {} %, its position {} %",
             law.0,
-            short(told.velocity_error_percent),
-            short(told.force_error_percent),
-            short(told.position_error_percent)
+            short(prediction.velocity_error_percent),
+            short(prediction.force_error_percent),
+            short(prediction.position_error_percent)
         ),
         remarks: read.remarks,
         ..Answer::default()
     };
     for (key, value) in [
-        ("velocity_error_percent", told.velocity_error_percent),
-        ("force_error_percent", told.force_error_percent),
-        ("position_error_percent", told.position_error_percent),
+        ("velocity_error_percent", prediction.velocity_error_percent),
+        ("force_error_percent", prediction.force_error_percent),
+        ("position_error_percent", prediction.position_error_percent),
     ] {
         answer.more.insert(key.to_owned(), value.into());
     }
     answer.more.insert("friction".to_owned(), law.0.into());
-    let shown = shown(&told, fragment.axis.kind);
+    let shown = shown(&prediction, fragment.axis.kind);
     Ok((answer, Some(shown)))
 }
 
@@ -110,17 +110,17 @@ fn parameters(fragment: &Fragment) -> Vec<(Parameter, String)> {
     .collect()
 }
 
-fn shown(told: &Replay, kind: Kind) -> Shown {
+fn shown(prediction: &Replay, kind: Kind) -> Shown {
     let (position, scale, unit) = match kind {
         Kind::Linear => ("m", 1e3, "mm"),
         Kind::Rotary => ("rad", 1f64.to_degrees(), "deg"),
     };
     let over = |values: &[f64], scale: f64| -> Vec<(f64, f64)> {
         let scaled = values.iter().map(|v| scale * v);
-        told.time.iter().copied().zip(scaled).collect()
+        prediction.time.iter().copied().zip(scaled).collect()
     };
     let lag = |of: &[f64]| -> Vec<f64> {
-        let pairs = told.position[0].iter().zip(of);
+        let pairs = prediction.position[0].iter().zip(of);
         pairs.map(|(r, q)| r - q).collect()
     };
     let both = |measured, twin| vec![("record".to_owned(), measured), ("twin".to_owned(), twin)];
@@ -132,11 +132,11 @@ fn shown(told: &Replay, kind: Kind) -> Shown {
     };
     Shown {
         account: Account {
-            time: told.time.clone(),
-            measured: told.voltage[0].clone(),
-            modelled: told.voltage[1].clone(),
-            position: told.position[1].clone(),
-            velocity: told.velocity[0].clone(),
+            time: prediction.time.clone(),
+            measured: prediction.voltage[0].clone(),
+            modelled: prediction.voltage[1].clone(),
+            position: prediction.position[1].clone(),
+            velocity: prediction.velocity[0].clone(),
         },
         quantity: ("voltage", "V"),
         position,
@@ -144,24 +144,24 @@ fn shown(told: &Replay, kind: Kind) -> Shown {
             figure(
                 format!("position, {unit}"),
                 both(
-                    over(&told.position[1], scale),
-                    over(&told.position[2], scale),
+                    over(&prediction.position[1], scale),
+                    over(&prediction.position[2], scale),
                 ),
                 "Position under the same reference.",
             ),
             figure(
                 format!("reference less position, {unit}"),
                 both(
-                    over(&lag(&told.position[1]), scale),
-                    over(&lag(&told.position[2]), scale),
+                    over(&lag(&prediction.position[1]), scale),
+                    over(&lag(&prediction.position[2]), scale),
                 ),
                 "How far each lags behind the reference.",
             ),
             figure(
                 format!("velocity, {unit}/s"),
                 both(
-                    over(&told.velocity[0], scale),
-                    over(&told.velocity[1], scale),
+                    over(&prediction.velocity[0], scale),
+                    over(&prediction.velocity[1], scale),
                 ),
                 "Velocity, both positions filtered alike.",
             ),

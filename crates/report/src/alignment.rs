@@ -7,7 +7,7 @@ use maud::{Markup, html};
 use pigtail_control::kinematics::Kinematics;
 use pigtail_control::procedure::PORTS;
 use pigtail_control::station::Sample;
-use pigtail_evaluate::align::{Document, FiberRow};
+use pigtail_evaluate::align::{AlignmentDocument, FiberRow};
 use pigtail_hal::{Channel, Side};
 use pigtail_session::samples::{PhaseRecord, Record};
 use pigtail_session::setup::Setup;
@@ -24,7 +24,7 @@ const POINTS: usize = 5000;
 /// # Errors
 ///
 /// When a figure cannot be drawn.
-pub fn alignment(setup: &Setup, document: &Document, record: &Record) -> Result<String> {
+pub fn alignment(setup: &Setup, document: &AlignmentDocument, record: &Record) -> Result<String> {
     let title = format!(
         "{} on {}, seed {}",
         document.recipe, document.rig, document.seed
@@ -45,7 +45,7 @@ pub fn alignment(setup: &Setup, document: &Document, record: &Record) -> Result<
     Ok(page(&title, &body))
 }
 
-fn summary(document: &Document) -> Markup {
+fn summary(document: &AlignmentDocument) -> Markup {
     let aligned = document.fibers.iter().filter(|f| f.is_good()).count();
     let wrong = |f: &FiberRow| f.within_tolerance == Some(false);
     html! {
@@ -65,7 +65,7 @@ fn summary(document: &Document) -> Markup {
     }
 }
 
-fn table(document: &Document) -> Markup {
+fn table(document: &AlignmentDocument) -> Markup {
     let names = document.phase_names();
     html! {
         div.scroll { table {

@@ -5,7 +5,7 @@ use super::figure::{Axes, CURVES, GRID, INK, SOFT, WHOLE, draw};
 use super::html::{self, figure, number, page};
 use anyhow::Result;
 use maud::{Markup, html};
-use pigtail_evaluate::benchmark::{Document, Measured};
+use pigtail_evaluate::benchmark::{BenchmarkDocument, Measured};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
@@ -14,7 +14,7 @@ const NAMES: i32 = 190;
 const BAD: RGBColor = RGBColor(179, 38, 30);
 
 /// The header, units below names, and a row an algorithm.
-pub fn table(document: &Document) -> Vec<Vec<String>> {
+pub fn table(document: &BenchmarkDocument) -> Vec<Vec<String>> {
     let header = [
         "algorithm",
         "right",
@@ -106,7 +106,7 @@ pub fn benchmark(measured: &Measured) -> Result<String> {
     Ok(page(&title, &body))
 }
 
-fn entries(document: &Document) -> Markup {
+fn entries(document: &BenchmarkDocument) -> Markup {
     let between = |[low, high]: [f64; 2]| format!("{} to {}", percent(low), percent(high));
     html! {
         h2 { "Entries" }
@@ -125,7 +125,7 @@ fn entries(document: &Document) -> Markup {
 }
 
 /// How to see again what was not right.
-fn replays(document: &Document) -> Markup {
+fn replays(document: &BenchmarkDocument) -> Markup {
     let causes = || {
         let rows = document.algorithms.iter();
         rows.flat_map(|row| {
@@ -171,7 +171,7 @@ fn name_at(root: &super::figure::Root, name: &str, y: i32) -> Result<()> {
 }
 
 /// Shares of the fibers as bars that add up to all of them.
-fn shares(document: &Document) -> Result<Markup> {
+fn shares(document: &BenchmarkDocument) -> Result<Markup> {
     let rows = document.algorithms.len();
     let axes = Axes {
         width: WHOLE,

@@ -6,7 +6,7 @@ use super::html::{configuration, figure, number, page, verdict};
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_evaluate::align::TOLERANCE_Z_UM;
-use pigtail_evaluate::campaign::{Document, Store};
+use pigtail_evaluate::campaign::{CampaignDocument, Store};
 use pigtail_numerics::statistics::Percentiles;
 use pigtail_session::procedure::Procedure;
 
@@ -18,7 +18,7 @@ const SEEDS: usize = 5;
 /// # Errors
 ///
 /// When the rows cannot be read or a figure cannot be drawn.
-pub fn campaign(store: &Store, document: &Document) -> Result<String> {
+pub fn campaign(store: &Store, document: &CampaignDocument) -> Result<String> {
     let title = format!(
         "{} devices, {} on {}, seed {}",
         document.devices, document.recipe, document.rig, document.seed
@@ -64,7 +64,7 @@ fn share(part: u64, of: u64) -> String {
     percent(part as f64 / of.max(1) as f64)
 }
 
-fn summary(document: &Document) -> Markup {
+fn summary(document: &CampaignDocument) -> Markup {
     let sure = &document.confidence;
     let level = format!("{:.0} % confidence", 100.0 * sure.level);
     let between = |[low, high]: [f64; 2]| format!("{} to {}", percent(low), percent(high));
@@ -121,7 +121,7 @@ fn percentiles(rows: &[(&str, &str, &Percentiles, usize)]) -> Markup {
     }
 }
 
-fn measures(document: &Document) -> Markup {
+fn measures(document: &CampaignDocument) -> Markup {
     let offset = &document.offset_um;
     percentiles(&[
         ("time a fiber", "s", &document.seconds_per_fiber, 2),
@@ -133,7 +133,7 @@ fn measures(document: &Document) -> Markup {
 }
 
 /// How devices ended on which something was broken on purpose.
-fn faults(document: &Document) -> Markup {
+fn faults(document: &CampaignDocument) -> Markup {
     if document.by_fault.is_empty() {
         return Markup::default();
     }
@@ -170,7 +170,7 @@ fn faults(document: &Document) -> Markup {
     }
 }
 
-fn failures(document: &Document) -> Markup {
+fn failures(document: &CampaignDocument) -> Markup {
     if document.failed.is_empty() {
         return Markup::default();
     }
@@ -195,7 +195,7 @@ fn failures(document: &Document) -> Markup {
     }
 }
 
-fn figures(store: &Store, document: &Document) -> Result<Markup> {
+fn figures(store: &Store, document: &CampaignDocument) -> Result<Markup> {
     let rows = store.rows()?;
     // A figure of nothing shows nothing.
     let shown = |column: &str, width, axis: &str, marks: &[(&str, f64, bool)], caption: &str| {
@@ -251,7 +251,7 @@ fn figures(store: &Store, document: &Document) -> Result<Markup> {
     })
 }
 
-fn phases(document: &Document) -> Markup {
+fn phases(document: &CampaignDocument) -> Markup {
     let rows: Vec<_> = document
         .phases
         .iter()

@@ -4,7 +4,7 @@ use super::figure::{Axes, HALF, curves, range_of};
 use super::html::{figure, fixed, page, th};
 use anyhow::Result;
 use maud::{Markup, html};
-use pigtail_evaluate::contour::{Document, Traced};
+use pigtail_evaluate::contour::{ContourDocument, Traced};
 
 /// Points of a curve: more would show no more.
 const POINTS: usize = 1500;
@@ -14,7 +14,7 @@ const POINTS: usize = 1500;
 /// # Errors
 ///
 /// When a figure cannot be drawn.
-pub fn contour(d: &Document, traced: &[Traced]) -> Result<String> {
+pub fn contour(d: &ContourDocument, traced: &[Traced]) -> Result<String> {
     let name = if d.path == "square" {
         "Square"
     } else {

@@ -37,7 +37,7 @@ pub fn tried(title: &str, tried: &Tried) -> Result<String> {
     };
     let loops = [
         ("measured", thin(&|k| (r.input[k], r.output[k]))),
-        (model, thin(&|k| (r.input[k], tried.told[k]))),
+        (model, thin(&|k| (r.input[k], tried.prediction[k]))),
     ];
     let what = if tried.document.fitted.is_some() {
         "the part held back"
@@ -45,9 +45,9 @@ pub fn tried(title: &str, tried: &Tried) -> Result<String> {
         "what was judged"
     };
     let from = judged.start.min(r.known_from());
-    let errors = |told: &[f64]| -> Vec<(f64, f64)> {
+    let errors = |prediction: &[f64]| -> Vec<(f64, f64)> {
         let all: Vec<_> = (0..r.len())
-            .map(|k| (r.time[k], told[k] - r.output[k]))
+            .map(|k| (r.time[k], prediction[k] - r.output[k]))
             .collect();
         let mut points = envelope(&all, 600);
         points.retain(|p| p.0 >= r.time[from]);
@@ -55,9 +55,12 @@ pub fn tried(title: &str, tried: &Tried) -> Result<String> {
     };
     let over_time = [
         ("straight line", errors(&straight(r, judged.clone()))),
-        (model, errors(&tried.told)),
+        (model, errors(&tried.prediction)),
     ];
-    let own = [(model, thin(&|k| (r.output[k], tried.told[k] - r.output[k])))];
+    let own = [(
+        model,
+        thin(&|k| (r.output[k], tried.prediction[k] - r.output[k])),
+    )];
     let body = html! {
         (head(tried))
         (figure(

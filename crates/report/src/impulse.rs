@@ -4,14 +4,14 @@ use super::figure::{Axes, HALF, WHOLE, cells, curves, range_of};
 use super::html::{figure, fixed, number, page, th};
 use anyhow::Result;
 use maud::{Markup, html};
-use pigtail_evaluate::impulse::response::{Document, Figures};
+use pigtail_evaluate::impulse::response::{Figures, ResponseDocument};
 
 /// The report of the response to pulses as one HTML text.
 ///
 /// # Errors
 ///
 /// When a figure cannot be drawn.
-pub fn response(d: &Document, f: &Figures) -> Result<String> {
+pub fn response(d: &ResponseDocument, f: &Figures) -> Result<String> {
     let title = format!("Response of {} to pulses, seed {}", d.axis, d.seed);
     let body = html! {
         p {
@@ -43,7 +43,7 @@ const NOISE: f64 = 4.0;
 type Plot<'a> = (&'a str, &'a str, f64, Vec<(&'a str, Vec<(f64, f64)>)>);
 
 /// Figs. 4.13 to 4.16.
-fn single(d: &Document, f: &Figures) -> Result<Markup> {
+fn single(d: &ResponseDocument, f: &Figures) -> Result<Markup> {
     let t = &f.trace;
     let ms = |k: usize| 1e3 * t.time[k];
     let series = |of: &dyn Fn(usize) -> f64, until: f64| -> Vec<(f64, f64)> {
@@ -119,7 +119,7 @@ fn single(d: &Document, f: &Figures) -> Result<Markup> {
 }
 
 /// Fig. 4.17.
-fn over_both(d: &Document) -> Result<Markup> {
+fn over_both(d: &ResponseDocument) -> Result<Markup> {
     let heading = html! { h2 { "Over both amplitudes" } };
     let (a1, a2) = (&d.map.a1_fsm, &d.map.a2_fsm);
     let (Some(right), Some(top)) = (a1.last(), a2.last()) else {
@@ -171,7 +171,7 @@ fn over_both(d: &Document) -> Result<Markup> {
 }
 
 /// Figs. 4.18 and 4.19, or 4.21.
-fn curve(d: &Document, f: &Figures) -> Result<Markup> {
+fn curve(d: &ResponseDocument, f: &Figures) -> Result<Markup> {
     let measured: Vec<(f64, f64)> = d.curve.iter().map(|r| (r.a1_fsm, r.nm)).collect();
     let parabola: Vec<(f64, f64)> = d
         .curve
@@ -222,7 +222,7 @@ fn in_words(relax: &str) -> &str {
 }
 
 /// The same pulse again and again.
-fn in_a_row(d: &Document) -> Result<Markup> {
+fn in_a_row(d: &ResponseDocument) -> Result<Markup> {
     let named: Vec<(&str, Vec<(f64, f64)>)> = d
         .rows
         .iter()

@@ -4,7 +4,7 @@ use super::figure::{Axes, HALF, WHOLE, curves, range_of};
 use super::html::{figure, fixed, number, page, th};
 use anyhow::Result;
 use maud::{Markup, html};
-use pigtail_evaluate::loops::{Document, Loop};
+use pigtail_evaluate::loops::{Loop, LoopsDocument};
 use pigtail_model::windup::{Windup, WindupState};
 
 /// Points of a curve: more would show no more.
@@ -15,7 +15,7 @@ const POINTS: usize = 2000;
 /// # Errors
 ///
 /// When a figure cannot be drawn.
-pub fn loops(d: &Document, loops: &[Loop]) -> Result<String> {
+pub fn loops(d: &LoopsDocument, loops: &[Loop]) -> Result<String> {
     let title = format!("Windup of {}, seed {}", d.axis, d.seed);
     let of = |figures: &[&str]| -> Vec<&Loop> {
         loops
@@ -68,7 +68,7 @@ pub fn loops(d: &Document, loops: &[Loop]) -> Result<String> {
     Ok(page(&title, &body))
 }
 
-fn table(d: &Document) -> Markup {
+fn table(d: &LoopsDocument) -> Markup {
     html! {
         div.scroll { table {
             tr {

@@ -4,7 +4,7 @@ use super::figure::{Axes, WHOLE, curves, envelope};
 use super::html::{self, figure, fixed, number, page};
 use anyhow::Result;
 use maud::{Markup, html};
-use pigtail_evaluate::maximize::{CIRCLES, Document, Measured, Tracking};
+use pigtail_evaluate::maximize::{CIRCLES, MaximizationDocument, Measured, Tracking};
 
 /// A table for a terminal or a page: a title, a header and rows.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -16,7 +16,7 @@ pub struct Table {
 }
 
 /// The tables of a document.
-pub fn tables(document: &Document) -> Vec<Table> {
+pub fn tables(document: &MaximizationDocument) -> Vec<Table> {
     let header = |names: &[&str]| names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>();
     let mut tracking = vec![header(&[
         "means",

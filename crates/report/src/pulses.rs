@@ -5,7 +5,7 @@ use super::html::{figure, fixed, number, page, th};
 use super::impulse::a;
 use anyhow::Result;
 use maud::{Markup, html};
-use pigtail_evaluate::impulse::run::{Campaign, Document, Resolution};
+use pigtail_evaluate::impulse::run::{Campaign, PulseDocument, Resolution};
 
 /// The report of one loop as one HTML text: from four `sides`, with each of some `gains`, and `steps`
 /// without a loop.
@@ -14,9 +14,9 @@ use pigtail_evaluate::impulse::run::{Campaign, Document, Resolution};
 ///
 /// When a figure cannot be drawn.
 pub fn pulses(
-    d: &Document,
-    sides: &[Document],
-    gains: &[Document],
+    d: &PulseDocument,
+    sides: &[PulseDocument],
+    gains: &[PulseDocument],
     steps: &Resolution,
 ) -> Result<String> {
     let title = format!("{} by pulses, {} nm, seed {}", d.axis, d.target_nm, d.seed);
@@ -64,8 +64,8 @@ fn gain() -> Markup {
     html! { "k" sub { "c" } }
 }
 
-fn from_sides(sides: &[Document]) -> Result<Markup> {
-    let section = |half: &[Document]| {
+fn from_sides(sides: &[PulseDocument]) -> Result<Markup> {
+    let section = |half: &[PulseDocument]| {
         let named: Vec<(String, Vec<(f64, f64)>)> = half
             .iter()
             .map(|d| (format!("{} nm", d.target_nm), over_time(d)))
@@ -93,8 +93,8 @@ fn from_sides(sides: &[Document]) -> Result<Markup> {
     })
 }
 
-fn by_gain(gains: &[Document]) -> Result<Markup> {
-    let section = |half: &[Document]| {
+fn by_gain(gains: &[PulseDocument]) -> Result<Markup> {
+    let section = |half: &[PulseDocument]| {
         let named: Vec<(String, Vec<(f64, f64)>)> = half
             .iter()
             .map(|d| (format!("k_c = {}", d.gain), truth(d)))
@@ -167,17 +167,17 @@ fn without_loop(steps: &Resolution) -> Result<Markup> {
     })
 }
 
-fn measured(d: &Document) -> Vec<(f64, f64)> {
+fn measured(d: &PulseDocument) -> Vec<(f64, f64)> {
     let steps = d.steps.iter().enumerate();
     steps.map(|(k, s)| (k as f64, s.measured_nm)).collect()
 }
 
-fn truth(d: &Document) -> Vec<(f64, f64)> {
+fn truth(d: &PulseDocument) -> Vec<(f64, f64)> {
     let steps = d.steps.iter().enumerate();
     steps.map(|(k, s)| (k as f64, s.error_nm)).collect()
 }
 
-fn over_time(d: &Document) -> Vec<(f64, f64)> {
+fn over_time(d: &PulseDocument) -> Vec<(f64, f64)> {
     d.steps.iter().map(|s| (s.time_s, s.error_nm)).collect()
 }
 
@@ -210,7 +210,7 @@ fn plot(
 /// # Errors
 ///
 /// When a figure cannot be drawn.
-pub fn pulse_campaign(c: &Campaign, documents: &[Document]) -> Result<String> {
+pub fn pulse_campaign(c: &Campaign, documents: &[PulseDocument]) -> Result<String> {
     let title = format!(
         "{} by pulses, {} nm, {} runs from seed {}",
         c.axis, c.target_nm, c.row.runs, c.seed

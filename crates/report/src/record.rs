@@ -114,9 +114,9 @@ fn account(shown: &Shown) -> Result<Markup> {
         return Ok(Markup::default());
     }
     let (what, unit) = shown.quantity;
-    let left = a.left();
+    let residuals = a.residuals();
     let (scale, name) = readable(&a.measured, unit);
-    let (fine, fine_name) = readable(&left, unit);
+    let (fine, fine_name) = readable(&residuals, unit);
     let (px, pname) = readable(&a.position, shown.position);
     let (vx, vname) = readable(&a.velocity, &format!("{}/s", shown.position));
     let over = |values: &[f64], factor: f64| -> Vec<(f64, f64)> {
@@ -127,7 +127,7 @@ fn account(shown: &Shown) -> Result<Markup> {
         )
     };
     let y = format!("{what}, {name}");
-    let y_left = format!("residual, {fine_name}");
+    let y_residual = format!("residual, {fine_name}");
     let plot = |series: &[(&str, Vec<(f64, f64)>)], y: &str| {
         let all = || series.iter().flat_map(|(_, points)| points.iter());
         let axes = Axes {
@@ -141,20 +141,20 @@ fn account(shown: &Shown) -> Result<Markup> {
         ("measured", over(&a.measured, scale)),
         ("modelled", over(&a.modelled, scale)),
     ];
-    let every = left.len().div_ceil(POINTS).max(1);
+    let every = residuals.len().div_ceil(POINTS).max(1);
     let cloud = |x: &[f64], factor: f64, label: &str| {
-        let cloud: Vec<(f64, f64)> = (0..left.len())
+        let cloud: Vec<(f64, f64)> = (0..residuals.len())
             .step_by(every)
-            .map(|k| (factor * x[k], fine * left[k]))
+            .map(|k| (factor * x[k], fine * residuals[k]))
             .collect();
         let axes = Axes {
             width: HALF,
             x: (range_of(cloud.iter().map(|p| p.0), 1e-9), label),
-            y: (range_of(cloud.iter().map(|p| p.1), 1e-9), &y_left),
+            y: (range_of(cloud.iter().map(|p| p.1), 1e-9), &y_residual),
         };
         points(&axes, &cloud)
     };
-    let scaled: Vec<f64> = left.iter().map(|l| fine * l).collect();
+    let scaled: Vec<f64> = residuals.iter().map(|l| fine * l).collect();
     let (low, high) = (quantile(&scaled, 0.001), quantile(&scaled, 0.999));
     let range = range_of([low, high].into_iter(), 1e-9);
     let inside: Vec<f64> = scaled
@@ -162,12 +162,12 @@ fn account(shown: &Shown) -> Result<Markup> {
         .copied()
         .filter(|v| range.contains(v))
         .collect();
-    let correlation: Vec<(f64, f64)> = autocorrelation(&left, LAGS)
+    let correlation: Vec<(f64, f64)> = autocorrelation(&residuals, LAGS)
         .into_iter()
         .enumerate()
         .map(|(lag, c)| (lag as f64, c))
         .collect();
-    let edge = 1.96 / (left.len() as f64).sqrt();
+    let edge = 1.96 / (residuals.len() as f64).sqrt();
     let last = correlation.len().saturating_sub(1) as f64;
     let axes = Axes {
         width: HALF,
@@ -187,7 +187,7 @@ fn account(shown: &Shown) -> Result<Markup> {
             format!("The {what} in the record and by the model.")
         ))
         (figure(
-            &plot(&[("residual", over(&left, fine))], &y_left)?,
+            &plot(&[("residual", over(&residuals, fine))], &y_residual)?,
             "Measured less modelled, over time."
         ))
         div.pair {
@@ -200,7 +200,7 @@ fn account(shown: &Shown) -> Result<Markup> {
                 "The residual against velocity."
             ))
             (figure(
-                &bars(HALF, &inside, &range, 60, &y_left, "samples")?,
+                &bars(HALF, &inside, &range, 60, &y_residual, "samples")?,
                 "Histogram of the residual, without its furthest thousandths."
             ))
             (figure(

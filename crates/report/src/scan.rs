@@ -4,7 +4,7 @@ use super::figure::{Axes, CURVES, HALF, INK, WHOLE, chart, draw, mesh};
 use super::html::{figure, fixed, page, th, verdict};
 use anyhow::Result;
 use maud::{Markup, html};
-use pigtail_records::map::{Document, Trial};
+use pigtail_records::map::{MapDocument, Trial};
 use pigtail_sysid::map::{Reading, Scan, Shape};
 use plotters::prelude::*;
 use std::ops::Range;
@@ -67,7 +67,7 @@ pub fn scan(scan: &Scan, trial: &Trial) -> Result<String> {
 }
 
 /// What a person should know of the readings.
-pub fn notes(document: &Document) -> Vec<String> {
+pub fn notes(document: &MapDocument) -> Vec<String> {
     let mut notes = Vec::new();
     let level = document.fold_level.map_or_else(String::new, |level| {
         format!("{level} {}", document.power_unit)
@@ -105,7 +105,7 @@ pub fn notes(document: &Document) -> Vec<String> {
     notes
 }
 
-fn table(document: &Document) -> Markup {
+fn table(document: &MapDocument) -> Markup {
     let rows = [
         ("search", document.readings_used, &document.peak),
         ("whole map", document.readings, &document.whole_map),

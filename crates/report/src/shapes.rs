@@ -5,7 +5,7 @@ use super::html::{figure, fixed, number, page, th};
 use super::impulse::a;
 use anyhow::Result;
 use maud::{Markup, html};
-use pigtail_evaluate::impulse::contest::Document;
+use pigtail_evaluate::impulse::contest::ShapesDocument;
 use pigtail_evaluate::impulse::shapes::{Judged, Study};
 use pigtail_evaluate::impulse::waveform::Family;
 
@@ -14,7 +14,7 @@ use pigtail_evaluate::impulse::waveform::Family;
 /// # Errors
 ///
 /// When a figure cannot be drawn.
-pub fn shapes(d: &Document, study: &Study) -> Result<String> {
+pub fn shapes(d: &ShapesDocument, study: &Study) -> Result<String> {
     let title = format!("Shapes of pulses on {}, seed {}", d.axis, d.seed);
     let sines = |judged: &&Judged| judged.wave.family == Family::Sines;
     let (ours, others): (Vec<&Judged>, Vec<&Judged>) = study.shapes.iter().partition(sines);
@@ -71,7 +71,7 @@ fn over_time(judged: &Judged, unit: f64) -> Vec<(f64, f64)> {
 }
 
 /// What each shape is and does.
-fn merits(d: &Document) -> Markup {
+fn merits(d: &ShapesDocument) -> Markup {
     let [low, middle, high] = d.at_nm;
     let three =
         |[a, b, c]: [f64; 3], digits| [a, b, c].map(|value| fixed(value, digits)).join(", ");
@@ -103,7 +103,7 @@ fn merits(d: &Document) -> Markup {
 }
 
 /// How well each shape closes a loop.
-fn loops(d: &Document) -> Markup {
+fn loops(d: &ShapesDocument) -> Markup {
     html! {
         h2 { "Loops of " (fixed(d.target_nm, 0)) " nm" }
         p {

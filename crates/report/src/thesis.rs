@@ -7,7 +7,7 @@ use maud::{Markup, html};
 use pigtail_reproduce::claims::{Claim, Kind};
 use pigtail_reproduce::errata::Erratum;
 use pigtail_reproduce::picture::{Content, Picture};
-use pigtail_reproduce::{Document, Figure, Reproduction, chapter};
+use pigtail_reproduce::{Figure, Reproduction, ReproductionDocument, chapter};
 use std::ops::Range;
 
 /// Chapters and what they are about.
@@ -89,7 +89,7 @@ pub fn thesis(made: &Reproduction) -> Result<String> {
 /// A chapter's number, what it is about, and its figures.
 type Chapter<'a> = (&'static str, &'static str, Vec<&'a Figure>);
 
-fn summary(d: &Document) -> Markup {
+fn summary(d: &ReproductionDocument) -> Markup {
     html! {
         p {
             b { (d.held) " of " (d.of) " claims hold" }

@@ -12,7 +12,7 @@
 //! fixture, noise and the searches' luck; where it is asked for, a specimen of the machine too, on which
 //! then all is measured. What was simulated stays in the middle: a simulation knows its parameters.
 //!
-//! In goes a [`Bench`], out come figures and a [`Document`] of claims. Start with [`claims`].
+//! In goes a [`Bench`], out come figures and a [`ReproductionDocument`] of claims. Start with [`claims`].
 //!
 //! ```
 //! use pigtail_reproduce::{experiments, select};
@@ -267,7 +267,7 @@ fn ranges(all: &[&str]) -> String {
 /// What `reproduce` prints as JSON and keeps as `summary.json`. Keys are a contract: more may come,
 /// none changes its name or meaning. The same seed gives the same bytes, `seconds` apart.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Document {
+pub struct ReproductionDocument {
     /// The claims of the figures that were made, in the order of the thesis.
     pub claims: Vec<Claim>,
     /// Those that hold.
@@ -292,7 +292,7 @@ pub struct Document {
     pub version: &'static str,
 }
 
-impl Document {
+impl ReproductionDocument {
     /// Whether every claim holds but for those whose failing is explained.
     pub fn is_as_known(&self) -> bool {
         self.claims.iter().all(|c| c.holds || c.explained)
@@ -303,7 +303,7 @@ impl Document {
 #[derive(Debug, Clone)]
 pub struct Reproduction {
     /// What is printed.
-    pub document: Document,
+    pub document: ReproductionDocument,
     /// The figures, in the order of the thesis.
     pub figures: Vec<Figure>,
     /// The thesis's slips, with what was computed to check them.
@@ -360,7 +360,7 @@ pub fn reproduce(
         .flat_map(|figure| figure.claims(bench.specimen))
         .collect();
     let count = |keep: fn(&Claim) -> bool| claims.iter().filter(|c| keep(c)).count();
-    let document = Document {
+    let document = ReproductionDocument {
         held: count(|c| c.holds),
         of: claims.len(),
         predicted: count(|c| c.holds && !c.calibrated),

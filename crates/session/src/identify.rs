@@ -37,7 +37,7 @@ pub enum Model {
 
 /// What `identify windup` prints as JSON and keeps as `summary.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Document {
+pub struct WindupDocument {
     /// The axis.
     pub axis: String,
     /// The model that was fitted and tried.
@@ -88,7 +88,7 @@ pub struct ScanRow {
 #[derive(Debug, Clone)]
 pub struct Identified {
     /// What to print.
-    pub document: Document,
+    pub document: WindupDocument,
     /// The scan from which it was identified.
     pub record: WindupRecord,
     /// The first scan without and with compensation.
@@ -258,7 +258,7 @@ pub fn windup(
         .iter()
         .map(|row| row.peak_to_peak_um[0] / row.peak_to_peak_um[column])
         .fold(f64::INFINITY, f64::min);
-    let document = Document {
+    let document = WindupDocument {
         axis: at.to_string(),
         model,
         w_max_um: rounded(um * reversal.model.maximum, 1e-4),

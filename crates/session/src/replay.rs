@@ -21,7 +21,7 @@ pub use crate::records::RECORD;
 
 /// What a replay prints as JSON.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Document {
+pub struct ReplayDocument {
     /// The record.
     pub record: String,
     /// Whether control gave every command again, to the last bit.
@@ -53,7 +53,7 @@ pub struct Document {
 /// # Errors
 ///
 /// When the record cannot be read, or what was kept with it is not what a run keeps.
-pub fn replay(path: &Path) -> Result<Document> {
+pub fn replay(path: &Path) -> Result<ReplayDocument> {
     let name = path.display().to_string();
     let reader = Reader::open(path)?;
     let about: About = serde_json::from_slice(reader.about()).map_err(|error| {
@@ -84,7 +84,7 @@ pub fn replay(path: &Path) -> Result<Document> {
         .fault()
         .filter(|fault| fault.rule == Rule::ReplayDiffers)
         .map(ToString::to_string);
-    Ok(Document {
+    Ok(ReplayDocument {
         record: name,
         same: difference.is_none() && left == 0,
         exchanges,

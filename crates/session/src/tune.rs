@@ -100,7 +100,7 @@ const STARTS: [Gains; 3] = [[0.4, 0.3, 0.5], [2.0, 0.3, 0.6], [0.6, 2.0, 2.0]];
 
 /// What `tune` prints as JSON and keeps as `summary.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Document {
+pub struct TuningDocument {
     /// The axis as it was named.
     pub axis: String,
     /// The search.
@@ -209,7 +209,7 @@ pub struct StartRow {
 #[derive(Debug, Clone)]
 pub struct Tuned {
     /// What to print.
-    pub document: Document,
+    pub document: TuningDocument,
     /// The path of each start.
     pub searches: Vec<Search>,
     /// The response under the believed gains.
@@ -292,7 +292,7 @@ fn tune(station: &mut Station, rig: &Rig, plan: &Tune) -> Result<Tuned, Ended> {
         });
     }
     let chosen = choose(station, &experiment, plan.step, &searches)?;
-    let document = Document {
+    let document = TuningDocument {
         axis: plan.at.to_string(),
         search: plan.method,
         trials: chosen.search.trials,

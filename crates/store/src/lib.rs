@@ -2,7 +2,7 @@
 //!
 //! In goes what a run is about, phase by phase, and its files; out come lists, rows for other programs, and
 //! whether a run is still what was written. It knows nothing of machines. Start with [`runs::Run`], a run
-//! while it is being written; then [`ledger`], the run database, and [`rows`], tables as Parquet and CSV.
+//! while it is being written; then [`database`], the run database, and [`rows`], tables as Parquet and CSV.
 //!
 //! ```
 //! use pigtail_store::rows::{Cell, Column, Kind, Table};
@@ -18,6 +18,6 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-pub mod ledger;
+pub mod database;
 pub mod rows;
 pub mod runs;

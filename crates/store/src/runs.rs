@@ -1,6 +1,8 @@
 //! The folder of a run and its entry in the store: complete, or what there is of it.
 
-use crate::ledger::{self, Aligned, Beginning, Devices, End, Entry, FileHash, LOCK, Ledger, State};
+use crate::database::{
+    self, Aligned, Beginning, Database, Devices, End, Entry, FileHash, LOCK, State,
+};
 use anyhow::{Context, Result};
 use pigtail_hal::digest::{hash, hex};
 use pigtail_hal::{Error, Fault};
@@ -81,14 +83,14 @@ impl Run {
             )
         };
         fs::create_dir_all(runs).with_context(failed)?;
-        let mut ledger = Ledger::open_or_create(runs)?;
+        let mut database = Database::open_or_create(runs)?;
         for n in 1.. {
             let name = if n == 1 {
                 stem.clone()
             } else {
                 format!("{stem}-{n}")
             };
-            let (partial, folder) = (ledger::partial_folder(runs, &name), runs.join(&name));
+            let (partial, folder) = (database::partial_folder(runs, &name), runs.join(&name));
             // Whoever makes the partial folder owns the name: runs may start side by side.
             match fs::create_dir(&partial) {
                 Ok(()) => {}
@@ -96,7 +98,7 @@ impl Run {
                 Err(error) => return Err(error).with_context(failed),
             }
             let entered = if folder.exists() {
-                Ok(Err(ledger))
+                Ok(Err(database))
             } else {
                 hold(&partial).with_context(failed).and_then(|lock| {
                     let beginning = Beginning {
@@ -106,7 +108,7 @@ impl Run {
                         started: &rfc3339(&started),
                         configuration,
                     };
-                    Ok(Entry::begin(ledger, &beginning)?.map(|entry| (entry, lock)))
+                    Ok(Entry::begin(database, &beginning)?.map(|entry| (entry, lock)))
                 })
             };
             match entered {
@@ -126,7 +128,7 @@ impl Run {
                     });
                 }
                 Ok(Err(same)) => {
-                    ledger = same;
+                    database = same;
                     fs::remove_dir_all(&partial).with_context(failed)?;
                 }
                 Err(error) => {
@@ -251,7 +253,7 @@ impl Run {
 
     fn end(&self, state: State, outcome: &str) -> Result<()> {
         self.write_origin()?;
-        let files = ledger::hash_all(&self.partial, &self.known.borrow())
+        let files = database::hash_all(&self.partial, &self.known.borrow())
             .with_context(|| format!("{}: cannot be read", self.partial.display()))?;
         let end = End {
             state,

@@ -93,13 +93,13 @@ pub struct Account {
 
 impl Account {
     /// Measured less modelled.
-    pub fn left(&self) -> Vec<f64> {
+    pub fn residuals(&self) -> Vec<f64> {
         let pairs = self.measured.iter().zip(&self.modelled);
         pairs.map(|(a, b)| a - b).collect()
     }
 
     /// Norm of what is left over the norm of what was measured, per cent.
     pub fn relative_error_percent(&self) -> f64 {
-        pigtail_numerics::regression::relative(&self.left(), &self.measured)
+        pigtail_numerics::regression::relative(&self.residuals(), &self.measured)
     }
 }

@@ -1,27 +1,27 @@
 //! The fast procedure: what the thesis does in 20 seconds a fiber, on the same machine.
 //!
 //! Nothing stands still for a look: vision's frames are put together on the way
-//! ([`sight`](crate::sight)), both manipulators move at once, and the dark is measured meanwhile.
+//! ([`tip_estimator`](crate::tip_estimator)), both manipulators move at once, and the dark is measured meanwhile.
 //! The sensing fiber stands back, where the guided light has spread as wide as its core, and looks
 //! over the chip's top, where no scattered light comes: it need not stand exactly. Lines at
 //! constant speed find first light ([`sweep`](crate::sweep)), circles follow it to the peak and
-//! through the approach ([`orbit`](crate::orbit)), the walk of the peak fed forward.
+//! through the approach ([`conical_scan`](crate::conical_scan)), the walk of the peak fed forward.
 //!
 //! Where this does not come to a good end a fiber is tried again, and at last by the thesis's own
 //! procedure.
 
-mod near;
+mod approach_moves;
 mod seen;
 
 use crate::beam::Beam;
-use crate::orbit::{Orbit, Watch};
+use crate::conical_scan::{ConicalScan, Watch};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::procedure::{FiberReport, Job, each_fiber};
 use crate::recipe::{Fast, Recipe, Sweep};
-use crate::sight::Tip;
 use crate::station::{Level, Station};
 use crate::sweep::{Spot, first_light};
-use near::{Aim, cock, lines};
+use crate::tip_estimator::Tip;
+use approach_moves::{Aim, cock, lines};
 use pigtail_hal::spec::{CHANNELS, Channel};
 use pigtail_hal::{FiberHandling, Side};
 use pigtail_model::frames::{Displacement, Macro, Point};
@@ -239,7 +239,7 @@ impl Shared<'_> {
         look: &Look,
     ) -> Result<(), Halt> {
         let (mut dismissed, mut begun): (usize, Option<(Watch, Point<Macro>)>) = (0, None);
-        let (mut orbit, before) = loop {
+        let (mut scan, before) = loop {
             let (watch, spot) = job.phase(station, "search", |job, station| {
                 let (watch, start) = match begun {
                     None => {
@@ -279,16 +279,16 @@ impl Shared<'_> {
         job.phase(station, "approach", |_, station| {
             let beam = Beam::new(&self.recipe.mode, self.exit());
             let level = before * beam.share(aim.gap(station));
-            let doubtful = level < DOUBTFUL * self.fast.significance * orbit.noise();
+            let doubtful = level < DOUBTFUL * self.fast.significance * scan.noise();
             if doubtful {
                 // What is no peak may stand far aside, where the inclined facet is nearer.
-                self.approach(station, aim, &mut orbit, before, self.fast.doubtful_gap)?;
+                self.approach(station, aim, &mut scan, before, self.fast.doubtful_gap)?;
             }
-            self.approach(station, aim, &mut orbit, before, self.recipe.approach.gap)
+            self.approach(station, aim, &mut scan, before, self.recipe.approach.gap)
         })?;
         job.phase(station, "final", |job, station| {
-            let last = self.finish(station, aim, &mut orbit, before)?;
-            job.attach(station, last, orbit.background())
+            let last = self.finish(station, aim, &mut scan, before)?;
+            job.attach(station, last, scan.background())
         })
     }
 
@@ -336,34 +336,35 @@ impl Shared<'_> {
         aim: &Aim,
         watch: Watch,
         spot: Spot,
-    ) -> Result<(Orbit<'s>, f64), Halt> {
+    ) -> Result<(ConicalScan<'s>, f64), Halt> {
         let beam = Beam::new(&self.recipe.mode, self.exit());
         let walk = aim.walk(station, self.exit());
         let gap = aim.gap(station);
         let rest = station.wanted(aim.side);
         let at = Displacement::new(spot.x - rest.x, spot.y - rest.y);
-        let mut orbit = Orbit::new(watch, beam, &self.fast.orbit, station, at, gap, walk);
+        let mut scan =
+            ConicalScan::new(watch, beam, &self.fast.conical_scan, station, at, gap, walk);
         // What the micro will not reach, here or at the chip, the macro must.
-        self.make_room(station, aim, &mut orbit, beam.width(gap), gap)?;
+        self.make_room(station, aim, &mut scan, beam.width(gap), gap)?;
         let coarse = 0.15 * beam.width(gap);
-        let mut peak = match orbit.centre(station, gap, coarse, "centre", 1) {
+        let mut peak = match scan.centre(station, gap, coarse, "centre", 1) {
             Ok(peak) => peak,
             Err(Halt::Outcome(Outcome::LightLost { .. })) => {
                 // Once around farther out.
-                orbit.set_radius(1.5);
-                orbit.turn(station, gap)?;
-                let peak = orbit.peak();
-                orbit.set_radius(self.fast.orbit.radius);
+                scan.set_radius(1.5);
+                scan.turn(station, gap)?;
+                let peak = scan.peak();
+                scan.set_radius(self.fast.conical_scan.radius);
                 if let Some(peak) = peak {
-                    orbit.go_to(station, &peak, gap)?;
+                    scan.go_to(station, &peak, gap)?;
                 }
-                orbit.centre(station, gap, coarse, "centre", 1)?
+                scan.centre(station, gap, coarse, "centre", 1)?
             }
             Err(halt) => return Err(halt),
         };
         let margin = 0.5 * beam.width(gap);
-        if self.make_room(station, aim, &mut orbit, margin, gap)? {
-            peak = orbit.centre(station, gap, coarse, "centre", 1)?;
+        if self.make_room(station, aim, &mut scan, margin, gap)? {
+            peak = scan.centre(station, gap, coarse, "centre", 1)?;
         }
         // A peak is brighter than what was seen of it in passing; a fluctuation is gone by now.
         let level = peak.full * beam.share(gap);
@@ -376,7 +377,7 @@ impl Shared<'_> {
             }
             .into());
         }
-        Ok((orbit, peak.full))
+        Ok((scan, peak.full))
     }
 
     /// Hands over to the macro what the micro would not reach, here or at the chip, with a circle
@@ -385,13 +386,13 @@ impl Shared<'_> {
         &self,
         station: &mut Station,
         aim: &Aim,
-        orbit: &mut Orbit,
+        scan: &mut ConicalScan,
         room: f64,
         gap: f64,
     ) -> Result<bool, Halt> {
         /// Share of its range that a micro can be relied on to have.
         const SURE: f64 = 0.93;
-        let (at, end) = (orbit.place(gap), orbit.place(self.recipe.approach.gap));
+        let (at, end) = (scan.place(gap), scan.place(self.recipe.approach.gap));
         let kinematics = station.kinematics(aim.side);
         let reached = [at, end].iter().all(|Displacement { x, y }| {
             [(room, 0.0), (-room, 0.0), (0.0, room), (0.0, -room)]
@@ -400,7 +401,7 @@ impl Shared<'_> {
         });
         if !reached {
             let middle = (at + end) * 0.5;
-            hand_over(station, orbit, aim.side, middle, gap)?;
+            hand_over(station, scan, aim.side, middle, gap)?;
         }
         Ok(!reached)
     }
@@ -411,19 +412,19 @@ impl Shared<'_> {
         &self,
         station: &mut Station,
         aim: &Aim,
-        orbit: &mut Orbit,
+        scan: &mut ConicalScan,
         before: f64,
         gap: f64,
     ) -> Result<(), Halt> {
         let way = aim.gap(station) - gap;
         let end = station.wanted(aim.side).shifted(0.0, 0.0, way);
         station.start_line(aim.side, end, None)?;
-        let turn = (self.fast.orbit.period / station.spec().period()).round() as u64;
-        let start = orbit.place(0.0);
+        let turn = (self.fast.conical_scan.period / station.spec().period()).round() as u64;
+        let start = scan.place(0.0);
         let (mut cycles, mut after) = (0, 0);
         while after < turn {
             let gap = aim.gap(station);
-            orbit.cycle(station, gap)?;
+            scan.cycle(station, gap)?;
             cycles += 1;
             after += u64::from(!station.moving(aim.side));
             if cycles % turn != 0 {
@@ -431,10 +432,10 @@ impl Shared<'_> {
             }
             // A peak that the micro does not reach is lost too: whatever happens, the macro is
             // stopped before anyone tries again.
-            let peak = orbit.peak();
-            let reached = peak.filter(|peak| orbit.go_to(station, peak, gap).is_ok());
+            let peak = scan.peak();
+            let reached = peak.filter(|peak| scan.go_to(station, peak, gap).is_ok());
             let light = reached.map_or(0.0, |peak| peak.full);
-            let now = orbit.place(0.0);
+            let now = scan.place(0.0);
             let strayed = (now - start).norm();
             // Light that does not come out of the guide does not grow as the gap closes.
             if strayed > self.fast.stray || light < self.fast.accept * before {
@@ -454,7 +455,12 @@ impl Shared<'_> {
     }
 
     /// Stays on the circle until vision knows the gap well.
-    fn know_gap(&self, station: &mut Station, aim: &Aim, orbit: &mut Orbit) -> Result<(), Halt> {
+    fn know_gap(
+        &self,
+        station: &mut Station,
+        aim: &Aim,
+        scan: &mut ConicalScan,
+    ) -> Result<(), Halt> {
         let sure = SURE_OF_GAP * self.fast.gap_tolerance;
         let unsure = |station: &Station| {
             let seen = station.seen(aim.side, aim.tip);
@@ -463,23 +469,28 @@ impl Shared<'_> {
         let end = station.time() + MOST_LOOKING;
         while unsure(station) && station.time() < end {
             let gap = aim.gap(station);
-            orbit.turn(station, gap)?;
-            if let Some(peak) = orbit.peak() {
-                orbit.go_to(station, &peak, gap)?;
+            scan.turn(station, gap)?;
+            if let Some(peak) = scan.peak() {
+                scan.go_to(station, &peak, gap)?;
             }
         }
         Ok(())
     }
 
     /// Goes on the circle to the gap that is wanted, if that is farther than the tolerance.
-    fn correct_gap(&self, station: &mut Station, aim: &Aim, orbit: &mut Orbit) -> Result<(), Halt> {
+    fn correct_gap(
+        &self,
+        station: &mut Station,
+        aim: &Aim,
+        scan: &mut ConicalScan,
+    ) -> Result<(), Halt> {
         let way = aim.gap(station) - self.recipe.approach.gap;
         if way.abs() > self.fast.gap_tolerance {
             let end = station.wanted(aim.side).shifted(0.0, 0.0, way);
             station.start_line(aim.side, end, None)?;
             while station.moving(aim.side) {
                 let gap = aim.gap(station);
-                orbit.cycle(station, gap)?;
+                scan.cycle(station, gap)?;
             }
         }
         Ok(())
@@ -490,7 +501,7 @@ impl Shared<'_> {
         &self,
         station: &mut Station,
         aim: &Aim,
-        orbit: &mut Orbit,
+        scan: &mut ConicalScan,
         before: f64,
     ) -> Result<Level, Halt> {
         let beam = Beam::new(&self.recipe.mode, self.exit());
@@ -498,11 +509,11 @@ impl Shared<'_> {
         let mut attempt = 0;
         loop {
             attempt += 1;
-            orbit.set_radius(self.fast.orbit.radius);
-            self.know_gap(station, aim, orbit)?;
-            self.correct_gap(station, aim, orbit)?;
+            scan.set_radius(self.fast.conical_scan.radius);
+            self.know_gap(station, aim, scan)?;
+            self.correct_gap(station, aim, scan)?;
             let gap = aim.gap(station);
-            let peak = orbit.settle(station, gap, accuracy, "final")?;
+            let peak = scan.settle(station, gap, accuracy, "final")?;
             if peak.full < self.fast.accept * before {
                 return Err(Outcome::FalseLight {
                     before,
@@ -510,7 +521,7 @@ impl Shared<'_> {
                 }
                 .into());
             }
-            let confirmed = orbit.confirm(station, gap, &peak, "final");
+            let confirmed = scan.confirm(station, gap, &peak, "final");
             // Meanwhile vision may have come to know better.
             let way = aim.gap(station) - self.recipe.approach.gap;
             let far = way.abs() > LATE * self.fast.gap_tolerance;
@@ -518,8 +529,8 @@ impl Shared<'_> {
             let why = match confirmed {
                 Ok(level) if level > 0.9 * expected && (!far || attempt == ATTEMPTS) => {
                     return Ok(Level {
-                        mean: level + orbit.background(),
-                        sigma: orbit.noise(),
+                        mean: level + scan.background(),
+                        sigma: scan.noise(),
                     });
                 }
                 Ok(level) => Outcome::LightLost {
@@ -541,10 +552,10 @@ impl Shared<'_> {
 }
 
 /// The macro goes aside and comes to rest there, while the micro stays in its
-/// orbit.
+/// scan.
 fn hand_over(
     station: &mut Station,
-    orbit: &mut Orbit,
+    scan: &mut ConicalScan,
     side: Side,
     by: Displacement,
     gap: f64,
@@ -559,9 +570,9 @@ fn hand_over(
         if !station.moving(side) {
             rest -= station.spec().period();
         }
-        orbit.cycle(station, gap)?;
+        scan.cycle(station, gap)?;
         let now = station.endpoint(side);
-        orbit.hand_over(Displacement::new(now.x - before.x, now.y - before.y));
+        scan.hand_over(Displacement::new(now.x - before.x, now.y - before.y));
         before = now;
     }
     Ok(())

@@ -137,7 +137,7 @@ pub(super) fn fitted(record: &Record, piezo: usize, lag: Option<f64>) -> Result<
 }
 
 /// What the light tells of a piezo.
-pub(super) struct Told {
+pub(super) struct Observed {
     /// The light while it was driven.
     pub(super) series: Series,
     pub(super) flank: Flank,
@@ -147,7 +147,7 @@ pub(super) struct Told {
     pub(super) slow: Vec<Range<usize>>,
 }
 
-impl Told {
+impl Observed {
     /// Both models, of which one is learned already. The thesis's networks know neither speed nor inner
     /// loops: they get the curves they are for.
     pub(super) fn learned(self, piezo: usize, memory: &Memory) -> Result<Identified, Outcome> {

@@ -10,7 +10,7 @@
 //! the camera: a model that is first learned from its frames. Light then tells the displacement, the
 //! model is learned from that, and tells better where each beam stands; and so on.
 
-use super::blocks::{Blocks, Told, fitted};
+use super::blocks::{Blocks, Observed, fitted};
 use super::{
     BLOCK, DARK, Flank, Identified, Micro, STILL, Series, Watch, gaussian, no_beam, ratio, resting,
     share_in_x, ways,
@@ -310,24 +310,24 @@ fn by_camera(blocks: &Blocks, piezo: usize, share: f64) -> Result<Vec<f64>, Outc
         }
     }
     let slope = up / down;
-    let mut told: Vec<f64> = volts.iter().map(|v| slope * v).collect();
+    let mut prediction: Vec<f64> = volts.iter().map(|v| slope * v).collect();
     for _ in 0..ROUNDS {
-        let mut at = vec![None; told.len()];
+        let mut at = vec![None; prediction.len()];
         for place in &seen {
             let n = place.len().max(1) as f64;
-            let offset = place.iter().map(|(k, x)| x - told[*k]).sum::<f64>() / n;
+            let offset = place.iter().map(|(k, x)| x - prediction[*k]).sum::<f64>() / n;
             for (k, x) in place {
                 at[*k] = Some((x - offset, 1.0));
             }
         }
-        let record = blocks.record(|k| at[k], &told)?;
-        told = predict(&Model::Memory(fitted(&record, piezo, Some(0.0))?), &record);
+        let record = blocks.record(|k| at[k], &prediction)?;
+        prediction = predict(&Model::Memory(fitted(&record, piezo, Some(0.0))?), &record);
     }
-    Ok(told)
+    Ok(prediction)
 }
 
 /// The beams at all places, all of one width, from light and what a model tells of displacement.
-fn flanks(blocks: &Blocks, told: &[f64]) -> Result<Vec<Flank>, Outcome> {
+fn flanks(blocks: &Blocks, prediction: &[f64]) -> Result<Vec<Flank>, Outcome> {
     /// So many metres are about one.
     const UNIT: f64 = 1e-5;
     let n = blocks.places.len();
@@ -337,7 +337,7 @@ fn flanks(blocks: &Blocks, told: &[f64]) -> Result<Vec<Flank>, Outcome> {
         let least = LEAST * brightest(blocks, place);
         for k in place.clone().filter(|k| blocks.light[*k] > least) {
             let light = blocks.light[k];
-            let x = told[k] / UNIT;
+            let x = prediction[k] / UNIT;
             // ln I = a_i + b_i x + c x^2; errors of a logarithm are those of the light over it.
             let row = [(2 * i, 1.0), (2 * i + 1, x), (2 * n, x * x)];
             for (p, a) in row {
@@ -373,12 +373,12 @@ fn brightest(blocks: &Blocks, place: &Range<usize>) -> f64 {
 }
 
 /// The displacement by light, and how much it counts; `None` where light does not tell.
-fn by_light(flank: &Flank, light: f64, least: f64, told: f64) -> Option<(f64, f64)> {
+fn by_light(flank: &Flank, light: f64, least: f64, prediction: f64) -> Option<(f64, f64)> {
     if light < least {
         return None;
     }
     let widths = (flank.top - light.ln()).max(0.0).sqrt();
-    let side = (told - flank.centre).signum();
+    let side = (prediction - flank.centre).signum();
     // An error of the light makes one of the displacement that grows as the slope falls.
     (widths > CLEAR).then(|| {
         let slope = 2.0 * light * widths;
@@ -391,12 +391,12 @@ fn learn(station: &Station, piezo: usize, log: &Log) -> Result<Identified, Halt>
     let share = share_in_x(station, piezo);
     let places: Vec<Range<usize>> = log.places.iter().map(|(place, _)| place.clone()).collect();
     let blocks = Blocks::new(&log.series, &places, piezo);
-    let mut told = by_camera(&blocks, piezo, share)?;
+    let mut prediction = by_camera(&blocks, piezo, share)?;
     // Looked for once: the light's way to the record stays what it is.
     let mut lag = None;
     let mut found = None;
     for _ in 0..ROUNDS {
-        let beams = flanks(&blocks, &told)?;
+        let beams = flanks(&blocks, &prediction)?;
         let least: Vec<f64> = blocks
             .places
             .iter()
@@ -404,12 +404,12 @@ fn learn(station: &Station, piezo: usize, log: &Log) -> Result<Identified, Halt>
             .collect();
         let known = |k: usize| {
             let i = blocks.place(k)?;
-            by_light(&beams[i], blocks.light[k], least[i], told[k])
+            by_light(&beams[i], blocks.light[k], least[i], prediction[k])
         };
-        let record = blocks.record(known, &told)?;
+        let record = blocks.record(known, &prediction)?;
         let memory = fitted(&record, piezo, lag)?;
         lag = Some(memory.lag);
-        told = predict(&Model::Memory(memory), &record);
+        prediction = predict(&Model::Memory(memory), &record);
         found = Some((beams, record, memory));
     }
     let (beams, record, memory) = found.ok_or_else(|| no_beam("along a piezo"))?;
@@ -421,13 +421,13 @@ fn learn(station: &Station, piezo: usize, log: &Log) -> Result<Identified, Halt>
         .collect();
     // The light of the place before the last, where nothing but the program happens, is shown.
     let shown = 1;
-    let told = Told {
+    let observed = Observed {
         series: log.series.part(log.places[shown].0.clone()),
         flank: beams[shown],
         record,
         slow,
     };
-    Ok(told.learned(piezo, &memory)?)
+    Ok(observed.learned(piezo, &memory)?)
 }
 
 #[cfg(test)]

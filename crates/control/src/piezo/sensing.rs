@@ -5,7 +5,7 @@
 //! that Gaussian, and clear of the chip's top, where no scattered light comes. A piezo that moves
 //! it moves it up or down the flank.
 
-use super::blocks::{Blocks, Told, fitted};
+use super::blocks::{Blocks, Observed, fitted};
 use super::{
     BLOCK, DARK, Flank, Identified, Micro, Series, Watch, gaussian, no_beam, resting, share_in_x,
     ways,
@@ -82,16 +82,16 @@ pub(super) fn identify(station: &mut Station, recipe: &Recipe) -> Result<Micro, 
     }
     // First as if the other piezo stood still, then as its model says.
     let alone = |i: usize| -> Result<Model, Halt> {
-        let told = tell(station, i, (&series, &driven[i]), None)?;
-        Ok(Model::Memory(fitted(&told.record, i, None)?))
+        let observed = tell(station, i, (&series, &driven[i]), None)?;
+        Ok(Model::Memory(fitted(&observed.record, i, None)?))
     };
     let models = [alone(0)?, alone(1)?];
     let mut ratio = 0.0;
     let mut beside = |piezo: usize| -> Result<Identified, Halt> {
         let other = Some(&models[1 - piezo]);
-        let told = tell(station, piezo, (&series, &driven[piezo]), other)?;
-        let memory = fitted(&told.record, piezo, None)?;
-        let found = told.learned(piezo, &memory)?;
+        let observed = tell(station, piezo, (&series, &driven[piezo]), other)?;
+        let memory = fitted(&observed.record, piezo, None)?;
+        let found = observed.learned(piezo, &memory)?;
         ratio += ratio_of(station, piezo, &found, &up, up_x, &beam) / MICRO_AXES as f64;
         Ok(found)
     };
@@ -247,7 +247,7 @@ fn tell(
     piezo: usize,
     (series, driven): (&Series, &Driven),
     other: Option<&Model>,
-) -> Result<Told, Halt> {
+) -> Result<Observed, Halt> {
     let part = series.part(driven.over.clone());
     let flank = flank_of(&part, share_in_x(station, piezo))?;
     let blocks = Blocks::new(series, std::slice::from_ref(&driven.over), piezo);
@@ -279,7 +279,7 @@ fn tell(
         / n;
     let straight: Vec<f64> = blocks.driven().map(|volts| offset + gain * volts).collect();
     let slow = place.start..blocks.time.partition_point(|t| *t < driven.slow);
-    Ok(Told {
+    Ok(Observed {
         series: part,
         flank,
         record: blocks.record(known, &straight)?,

@@ -74,8 +74,9 @@ pub struct Fast {
     pub sensing: OverTop,
     /// Lines of the search.
     pub sweep: Sweep,
-    /// Circles around the peak.
-    pub orbit: Orbit,
+    /// Circles around the peak: the conical scan, or dither. Recipes of old call it `orbit`.
+    #[serde(alias = "orbit")]
+    pub conical_scan: ConicalScan,
 }
 
 impl Default for Fast {
@@ -96,7 +97,7 @@ impl Default for Fast {
             accept: 0.5,
             sensing: OverTop::default(),
             sweep: Sweep::default(),
-            orbit: Orbit::default(),
+            conical_scan: ConicalScan::default(),
         }
     }
 }
@@ -162,7 +163,7 @@ impl Default for Sweep {
 /// Circles around the peak.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct Orbit {
+pub struct ConicalScan {
     /// Time of a turn, seconds.
     #[serde(deserialize_with = "quantity::positive_time")]
     pub period: f64,
@@ -176,7 +177,7 @@ pub struct Orbit {
     pub turns: u32,
 }
 
-impl Default for Orbit {
+impl Default for ConicalScan {
     fn default() -> Self {
         Self {
             period: 24e-3,
@@ -244,10 +245,25 @@ impl Fast {
             ("fast.sweep.speed", self.sweep.speed, 1e-4, 0.1),
             ("fast.sweep.flyback", self.sweep.flyback, spec.period(), 1.0),
             ("fast.sweep.lag", self.sweep.lag, 0.0, 0.1),
-            ("fast.orbit.period", self.orbit.period, 6.0 * sample, 10.0),
-            ("fast.orbit.radius", self.orbit.radius, 0.05, 2.0),
-            ("fast.orbit.lag", self.orbit.lag, 0.0, 0.1),
-            ("fast.orbit.turns", f64::from(self.orbit.turns), 1.0, 1000.0),
+            (
+                "fast.conical_scan.period",
+                self.conical_scan.period,
+                6.0 * sample,
+                10.0,
+            ),
+            (
+                "fast.conical_scan.radius",
+                self.conical_scan.radius,
+                0.05,
+                2.0,
+            ),
+            ("fast.conical_scan.lag", self.conical_scan.lag, 0.0, 0.1),
+            (
+                "fast.conical_scan.turns",
+                f64::from(self.conical_scan.turns),
+                1.0,
+                1000.0,
+            ),
             ("mode.radius", recipe.mode.radius, 1e-7, 1e-4),
             ("mode.wavelength", recipe.mode.wavelength, 1e-7, 2e-5),
         ] {

@@ -22,7 +22,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
 pub use store::{Plan, Store};
-pub use summary::{Cause, Document, summarize};
+pub use summary::{CampaignDocument, Cause, summarize};
 
 /// Devices whose rows are kept together...
 const PART: u64 = 256;
@@ -35,7 +35,7 @@ pub struct Device {
     /// Its seed.
     pub seed: u64,
     /// What aligning it gave.
-    pub document: align::Document,
+    pub document: align::AlignmentDocument,
 }
 
 fn device(setup: &Setup, procedure: Procedure, seed: u64) -> Result<Device, Ended> {

@@ -6,7 +6,7 @@
 //! itself or by Ctrl-C, its parts become one file, `rows.parquet`; they go when nothing is left to
 //! be done.
 
-use super::Document;
+use super::CampaignDocument;
 use super::rows::{ROWS_PER_DEVICE, columns};
 use crate::entry::devices;
 use anyhow::{Context, Result};
@@ -15,7 +15,7 @@ use pigtail_session::faults::Faults;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::scenario::Scenario;
 use pigtail_session::setup::Setup;
-use pigtail_store::ledger::{self, Beginning, Devices, End, Entry, LOCK, Ledger, State};
+use pigtail_store::database::{self, Beginning, Database, Devices, End, Entry, LOCK, State};
 use pigtail_store::rows::{Column, Rows, Table, merge};
 use pigtail_store::runs::{Run, rfc3339};
 use serde::{Deserialize, Serialize};
@@ -287,7 +287,7 @@ impl Store {
             started: &rfc3339(&jiff::Zoned::now()),
             configuration: &plan.configuration,
         };
-        let entry = Entry::resume(Ledger::open_or_create(runs)?, &beginning)?;
+        let entry = Entry::resume(Database::open_or_create(runs)?, &beginning)?;
         entry.devices(&Devices {
             seed: plan.seed,
             count: plan.devices,
@@ -400,7 +400,7 @@ impl Store {
     /// # Errors
     ///
     /// When it cannot be written.
-    pub fn finish(&self, summary: &Document, report: &str) -> Result<()> {
+    pub fn finish(&self, summary: &CampaignDocument, report: &str) -> Result<()> {
         let json = serde_json::to_string_pretty(summary)? + "\n";
         for (name, text) in [(SUMMARY, json.as_str()), ("report.html", report)] {
             let path = self.folder.join(name);
@@ -419,11 +419,11 @@ impl Store {
     }
 
     /// Enters in the store of runs how far it came, and the files that there are.
-    fn enter_end(&self, summary: &Document) -> Result<()> {
+    fn enter_end(&self, summary: &CampaignDocument) -> Result<()> {
         let Some(entry) = &self.entry else {
             return Ok(());
         };
-        let files = ledger::hash_all(&self.folder, &[])
+        let files = database::hash_all(&self.folder, &[])
             .with_context(|| format!("{}: cannot be read", self.folder.display()))?;
         let end = End {
             state: if summary.complete {

@@ -21,7 +21,7 @@ const SEEDS: usize = 20;
 /// What a campaign prints as JSON and keeps as `summary.json`. Keys are a contract: more may come,
 /// none changes its name or meaning.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Document {
+pub struct CampaignDocument {
     /// Devices that are done.
     pub devices: u64,
     /// Their fibers.
@@ -181,7 +181,7 @@ pub struct Confidence {
     pub fibers_wrong: [f64; 2],
 }
 
-impl Document {
+impl CampaignDocument {
     /// The command that does one device of this campaign again, but for its seed.
     pub fn replay_command(&self) -> String {
         let options = [
@@ -351,7 +351,7 @@ impl Counts {
 /// # Errors
 ///
 /// When the rows cannot be read.
-pub fn summarize(store: &Store, wall_seconds: f64) -> Result<Document> {
+pub fn summarize(store: &Store, wall_seconds: f64) -> Result<CampaignDocument> {
     let rows = store.rows()?;
     let plan = store.plan();
     let Counts {
@@ -381,7 +381,7 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<Document> {
         }
     }
     let devices = fibers / ROWS_PER_DEVICE;
-    Ok(Document {
+    Ok(CampaignDocument {
         devices,
         fibers,
         aligned,

@@ -23,7 +23,7 @@ const TARGETS: [f64; 2] = [1.5e-6, 1e-7];
 /// What `characterize AXIS impulse --shapes` prints. Amplitudes are in units of the motor's static
 /// friction, as a voltage (fsm). Keys are a contract.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Document {
+pub struct ShapesDocument {
     /// The axis.
     pub axis: String,
     /// The seed of the search; the machines that judge, and those of the loops, are others.
@@ -107,7 +107,7 @@ pub fn contest(
     seed: u64,
     effort: &Effort,
     runs: u64,
-) -> Result<(Document, Study), Ended> {
+) -> Result<(ShapesDocument, Study), Ended> {
     can_play(setup, at.axis)?;
     let belief = believed(&setup.rig, at)?;
     let study = study(setup, at, seed, effort)?;
@@ -130,7 +130,7 @@ pub fn contest(
             Ok(row(judged, &study, loops))
         })
         .collect::<Result<Vec<Row>, Ended>>()?;
-    let document = Document {
+    let document = ShapesDocument {
         axis: at.to_string(),
         seed,
         peak_fsm: rounded(study.peak / study.unit, 1e-3),

@@ -29,7 +29,7 @@ const QUOTED: f64 = 1.5;
 /// What `characterize AXIS impulse` prints. Amplitudes are in units of the voltage at which the
 /// motor breaks away, which the thesis calls fsm. Keys are a contract.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Document {
+pub struct ResponseDocument {
     /// The axis.
     pub axis: String,
     /// The seed of the specimen.
@@ -258,7 +258,7 @@ pub fn response(
     form: &Form,
     machines: usize,
     seed: u64,
-) -> Experiment<(Document, Figures, Found)> {
+) -> Experiment<(ResponseDocument, Figures, Found)> {
     let wanted = form.fixed;
     let form = form.proportions();
     can_play_form(setup, at.axis, &form)?;
@@ -312,7 +312,7 @@ pub fn response(
     let map = bench.map(relax)?;
     let nm = |metres: f64| rounded(metres * 1e9, 1e-3);
     let fsm = |volts: f64| rounded(volts / unit, 1e-3);
-    let document = Document {
+    let document = ResponseDocument {
         axis: at.to_string(),
         seed,
         fsm_v: rounded(unit, 1e-4),

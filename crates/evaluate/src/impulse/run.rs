@@ -64,7 +64,7 @@ pub fn tolerance(axis: Axis) -> f64 {
 
 /// What `pigtail impulse` prints. Keys are a contract.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Document {
+pub struct PulseDocument {
     /// The axis.
     pub axis: String,
     /// The seed.
@@ -176,7 +176,7 @@ pub fn check(setup: &Setup, task: &Task) -> Result<(), Error> {
 /// # Errors
 ///
 /// Bad input; a fault.
-pub fn run(setup: &Setup, task: &Task, seed: u64) -> Result<Document, Ended> {
+pub fn run(setup: &Setup, task: &Task, seed: u64) -> Result<PulseDocument, Ended> {
     run_as(setup, task, None, seed)
 }
 
@@ -190,7 +190,7 @@ pub fn run_as(
     task: &Task,
     belief: Option<ImpulseBelief>,
     seed: u64,
-) -> Result<Document, Ended> {
+) -> Result<PulseDocument, Ended> {
     let unit = match &belief {
         Some(belief) => belief.unit,
         None => believed(&setup.rig, task.at)?.unit,
@@ -240,7 +240,7 @@ pub fn run_as(
         a1_fsm: step.pulse.map(|volts| rounded(volts / unit, 1e-4)),
         expected_nm: nm(step.expected),
     };
-    Ok(Document {
+    Ok(PulseDocument {
         axis: task.at.to_string(),
         seed,
         target_nm: nm(task.target),
@@ -400,7 +400,12 @@ fn share(values: Vec<f64>, unit: f64) -> Option<Share> {
 /// # Errors
 ///
 /// As [`run`].
-pub fn runs(setup: &Setup, task: &Task, seed: u64, count: u64) -> Result<Vec<Document>, Ended> {
+pub fn runs(
+    setup: &Setup,
+    task: &Task,
+    seed: u64,
+    count: u64,
+) -> Result<Vec<PulseDocument>, Ended> {
     (0..count)
         .into_par_iter()
         .map(|k| run(setup, task, seed.wrapping_add(k)))
@@ -408,7 +413,7 @@ pub fn runs(setup: &Setup, task: &Task, seed: u64, count: u64) -> Result<Vec<Doc
 }
 
 /// What runs have in common.
-pub fn summary(task: &Task, documents: &[Document]) -> CampaignRow {
+pub fn summary(task: &Task, documents: &[PulseDocument]) -> CampaignRow {
     let n = documents.len().max(1) as f64;
     let percent = |below: f64| {
         let good = documents
@@ -470,7 +475,7 @@ pub const GAINS: [f64; 5] = [0.5, 1.0, 1.5, 1.9, 2.1];
 /// # Errors
 ///
 /// As [`run`].
-pub fn stability(setup: &Setup, at: AxisName, seed: u64) -> Result<Vec<Document>, Ended> {
+pub fn stability(setup: &Setup, at: AxisName, seed: u64) -> Result<Vec<PulseDocument>, Ended> {
     const PULSES: u32 = 40;
     let belief = measured(setup, at, seed, believed(&setup.rig, at)?)?;
     let target = 0.5 * belief.curve.last().map_or(0.0, |last| last[1]);

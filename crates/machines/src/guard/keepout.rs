@@ -290,9 +290,9 @@ impl Keepout {
         let holder = *self.stand(side, back);
         let earlier = self.nominal(tip, back + WHILE);
         // A piezo that was told to go farther a moment ago is still on its way.
-        let told = self.stand(side, back + self.settle).micro;
+        let commanded = self.stand(side, back + self.settle).micro;
         let x_probed = self.probed_x(tip, &holder).map(|x| fix.x - x);
-        let arriving = (holder.micro[0] - told[0]).hypot(holder.micro[1] - told[1]);
+        let arriving = (holder.micro[0] - commanded[0]).hypot(holder.micro[1] - commanded[1]);
         let lag = |way: f64| LAG * way.abs() * self.rate / WHILE as f64;
         let seen = [fix.x - stood.x, fix.z - stood.z];
         let belief = match tip {

@@ -143,7 +143,7 @@ impl Part {
 ///
 /// Errors are of displacement; a percentage is root mean square over range.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Document {
+pub struct HysteresisDocument {
     /// The model.
     pub model: &'static str,
     /// Root mean square of its errors: on the part held back, or on the whole of another record.
@@ -184,7 +184,7 @@ pub struct Document {
     pub report: String,
 }
 
-impl Document {
+impl HysteresisDocument {
     fn new(model: &Model, part: &Part, range: f64, samples: usize) -> Self {
         let percent = |um: f64| rounded(100.0 * um / range, 1e-6);
         Self {
@@ -216,11 +216,11 @@ impl Document {
 #[derive(Debug, Clone)]
 pub struct Tried {
     /// What to print.
-    pub document: Document,
+    pub document: HysteresisDocument,
     /// The record, volts and micrometres.
     pub record: Record,
     /// The displacement that the model tells, at every sample of the record; in the record's zero.
-    pub told: Vec<f64>,
+    pub prediction: Vec<f64>,
     /// What was judged.
     pub judged: ops::Range<usize>,
     /// The model.
@@ -238,21 +238,25 @@ pub fn fit(record: Record, kind: Kind) -> Result<Tried, Invalid> {
         Kind::Memory => Model::Memory(fit_memory(&record, to, None, Creep::Any)?),
         Kind::Rbf => Model::Rbf(Rbf::train(&record.before(to)?)?),
     };
-    let told = predict(&model, &record);
+    let prediction = predict(&model, &record);
     let from = record.known_from().min(to / 2);
     let part = |over: ops::Range<usize>| {
-        let errors = |told: &[f64]| judge(told, &record.output, over.clone(), Zero::Known);
-        Part::new(&errors(&told), &errors(&straight(&record, over.clone())))
+        let errors =
+            |prediction: &[f64]| judge(prediction, &record.output, over.clone(), Zero::Known);
+        Part::new(
+            &errors(&prediction),
+            &errors(&straight(&record, over.clone())),
+        )
     };
     let (fitted, held_back) = (part(from..to), part(to..record.len()));
     let range = Range::of(&record.output[from..]).width();
-    let mut document = Document::new(&model, &held_back, range, record.len() - to);
+    let mut document = HysteresisDocument::new(&model, &held_back, range, record.len() - to);
     document.fitted = Some(fitted);
     document.held_back = Some(held_back);
     Ok(Tried {
         document,
         judged: to..record.len(),
-        told,
+        prediction,
         model,
         record,
     })
@@ -260,21 +264,21 @@ pub fn fit(record: Record, kind: Kind) -> Result<Tried, Invalid> {
 
 /// Lets a model tell another record.
 pub fn tell(model: &Model, record: Record) -> Tried {
-    let mut told = predict(model, &record);
+    let mut prediction = predict(model, &record);
     let over = record.known_from().min(record.len() / 2)..record.len();
-    let errors = judge(&told, &record.output, over.clone(), Zero::Arbitrary);
-    for x in &mut told {
+    let errors = judge(&prediction, &record.output, over.clone(), Zero::Arbitrary);
+    for x in &mut prediction {
         *x -= errors.offset;
     }
     let line = straight(&record, over.clone());
     let line = judge(&line, &record.output, over.clone(), Zero::Known);
     let range = Range::of(&record.output[over.clone()]).width();
     let part = Part::new(&errors, &line);
-    let mut document = Document::new(model, &part, range, over.len());
+    let mut document = HysteresisDocument::new(model, &part, range, over.len());
     document.offset_um = Some(rounded(errors.offset, 1e-6));
     Tried {
         document,
-        told,
+        prediction,
         judged: over,
         model: model.clone(),
         record,
@@ -343,7 +347,7 @@ pub fn voltages_of(model: &Model, record: Record) -> (Tried, Inverted) {
         };
         let part = Part::new(&in_um(&errors), &in_um(&line));
         let range = tried.document.range_um;
-        let mut document = Document::new(model, &part, range, over.len());
+        let mut document = HysteresisDocument::new(model, &part, range, over.len());
         document.offset_um = tried.document.offset_um;
         document.rms_v = Some(rounded(errors.rms, 1e-6));
         tried.document = document;

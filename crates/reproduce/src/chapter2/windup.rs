@@ -198,7 +198,7 @@ fn figure_2_14(bench: &Bench, loops: &[Loop]) -> Result<Figure, Ended> {
 }
 
 /// What (2.20) tells along a record's outputs, radians, from the second way on.
-fn told(model: &Reversal, record: &WindupRecord) -> Vec<f64> {
+fn prediction(model: &Reversal, record: &WindupRecord) -> Vec<f64> {
     let mut state = ReversalState::default();
     record
         .output
@@ -209,10 +209,10 @@ fn told(model: &Reversal, record: &WindupRecord) -> Vec<f64> {
 
 /// Root mean square of what (2.20) leaves, but for a constant, over the last three ways.
 fn left(model: &Reversal, record: &WindupRecord) -> f64 {
-    let told = told(model, record);
+    let prediction = prediction(model, record);
     let from = record.input.len() / 4;
-    let errors: Vec<f64> = (from..told.len())
-        .map(|k| record.input[k] - record.output[k] - told[k])
+    let errors: Vec<f64> = (from..prediction.len())
+        .map(|k| record.input[k] - record.output[k] - prediction[k])
         .collect();
     let n = errors.len() as f64;
     let mean = errors.iter().sum::<f64>() / n;
@@ -258,10 +258,12 @@ fn figure_2_15(bench: &Bench, loops: &[Loop]) -> Result<Figure, Ended> {
         ));
     };
     let um = l.um_per_radian;
-    let told = told(&fit.model, &l.record);
+    let prediction = prediction(&fit.model, &l.record);
     let half = l.record.input.len() / 2;
-    let estimate =
-        thin((half..told.len()).map(|k| (um * l.record.output[k], um * (told[k] + fit.offset))));
+    let estimate = thin(
+        (half..prediction.len())
+            .map(|k| (um * l.record.output[k], um * (prediction[k] + fit.offset))),
+    );
     let best = left(&fit.model, &l.record);
     let off = [0.8, 1.2].map(|by| {
         let model = Reversal {

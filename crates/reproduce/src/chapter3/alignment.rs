@@ -5,7 +5,7 @@ use super::super::{BUDGET, Bench, Figure};
 use super::THESIS_STEP;
 use pigtail_control::methods::{Method, Space};
 use pigtail_control::station::{Observer, Sample, Unobserved};
-use pigtail_evaluate::align::{Document, Offset, align};
+use pigtail_evaluate::align::{AlignmentDocument, Offset, align};
 use pigtail_evaluate::plan::search_row;
 use pigtail_hal::{Channel, Command, Fault, Machine, Measurement, Spec};
 use pigtail_session::align::Align;
@@ -96,7 +96,11 @@ fn brisk(bench: &Bench) -> Setup {
 }
 
 /// A device aligned on a machine that did not stop.
-pub(super) fn aligned(setup: &Setup, procedure: Procedure, seed: u64) -> Result<Document, Ended> {
+pub(super) fn aligned(
+    setup: &Setup,
+    procedure: Procedure,
+    seed: u64,
+) -> Result<AlignmentDocument, Ended> {
     let document = align(setup, procedure, seed, &mut Unobserved)?;
     match document.fault {
         Some(fault) => Err(Ended::Fault(fault)),
@@ -150,16 +154,16 @@ fn half_area(bench: &Bench) -> Result<f64, Ended> {
 
 /// What was measured of whole alignments.
 struct Times<'a> {
-    thesis: Vec<&'a Document>,
-    fast: Vec<&'a Document>,
+    thesis: Vec<&'a AlignmentDocument>,
+    fast: Vec<&'a AlignmentDocument>,
     /// With a higher speed in z, m/s.
-    brisk: Vec<&'a Document>,
+    brisk: Vec<&'a AlignmentDocument>,
     brisk_speed: f64,
     half: f64,
 }
 
 /// Mean seconds a fiber in some phases.
-pub(super) fn mean(documents: &[&Document], phases: &[&str]) -> f64 {
+pub(super) fn mean(documents: &[&AlignmentDocument], phases: &[&str]) -> f64 {
     let fibers = || documents.iter().flat_map(|d| &d.fibers);
     let seconds: f64 = fibers()
         .flat_map(|f| phases.iter().filter_map(|phase| f.seconds_in(phase)))
@@ -240,7 +244,7 @@ fn budget(bench: &Bench, times: &Times) -> Figure {
         frequency: three.fastest(5.0 * rate),
         ..three
     };
-    let within = |documents: &[&Document]| {
+    let within = |documents: &[&AlignmentDocument]| {
         let all = documents.iter().flat_map(|d| &d.fibers);
         all.filter(|f| f.within_tolerance == Some(true)).count()
     };

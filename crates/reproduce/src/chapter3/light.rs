@@ -15,8 +15,8 @@ fn gaussian(around: &[Around]) -> f64 {
         around
             .iter()
             .map(|p| {
-                let told = c * (-a * p.x * p.x * 1e12 - b * p.y * p.y * 1e12).exp();
-                (p.light - told).powi(2)
+                let prediction = c * (-a * p.x * p.x * 1e12 - b * p.y * p.y * 1e12).exp();
+                (p.light - prediction).powi(2)
             })
             .sum()
     };

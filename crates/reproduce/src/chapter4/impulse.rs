@@ -7,10 +7,10 @@ use pigtail_control::impulse::Shape;
 use pigtail_control::impulse::experiment::{MOVES, parabola};
 use pigtail_evaluate::impulse::condition::Condition;
 use pigtail_evaluate::impulse::response::{
-    Document, Form, MACHINES, PERIOD, Trace, response, single,
+    Form, MACHINES, PERIOD, ResponseDocument, Trace, response, single,
 };
 use pigtail_evaluate::impulse::run::{
-    Document as Run, Resolution, Task, resolution, runs, stability,
+    PulseDocument as Run, Resolution, Task, resolution, runs, stability,
 };
 use pigtail_hal::{Axis, AxisName};
 use pigtail_numerics::statistics::Sorted;
@@ -134,7 +134,7 @@ pub(super) fn single_pulse(bench: &Bench) -> Result<Vec<Figure>, Ended> {
 }
 
 /// The dead zone at a share of the second harmonic that leaves none; 5 fsm where nothing moves.
-fn dead_zone(d: &Document, share: f64) -> f64 {
+fn dead_zone(d: &ResponseDocument, share: f64) -> f64 {
     let wanted = share * d.a2_fsm;
     d.dead_zones
         .iter()
@@ -148,7 +148,7 @@ fn dead_zone(d: &Document, share: f64) -> f64 {
 }
 
 /// Fig. 4.17 or the first of 4.21.
-fn map(d: &Document) -> Picture {
+fn map(d: &ResponseDocument) -> Picture {
     /// Below this, nanometres, it is the probe's noise.
     const NOISE: f64 = 4.0;
     let (columns, rows) = (&d.map.a1_fsm, &d.map.a2_fsm);
@@ -175,9 +175,9 @@ fn map(d: &Document) -> Picture {
 }
 
 /// Fig. 4.18 or the second of 4.21.
-fn curve(d: &Document) -> Picture {
+fn curve(d: &ResponseDocument) -> Picture {
     let measured: Points = d.curve.iter().map(|row| (row.a1_fsm, row.nm)).collect();
-    let told: Points = d
+    let prediction: Points = d
         .curve
         .iter()
         .map(|row| (row.a1_fsm, d.b_nm * row.a1_fsm.powi(2)))
@@ -185,7 +185,7 @@ fn curve(d: &Document) -> Picture {
     Picture::curves(
         "a1 / fsm",
         "displacement, nm",
-        [("measured", measured), ("(4.8)", told)],
+        [("measured", measured), ("(4.8)", prediction)],
     )
     .x(0.0, 5.0)
     .caption(format!(
@@ -355,7 +355,7 @@ pub(super) fn five_bar_response(bench: &Bench) -> Result<Vec<Figure>, Ended> {
             // Of the spread over machines nothing is shown.
             Ok(response(&bench.machine, FIVE_BAR, &Form::THESIS, 1, seed)?.0)
         })
-        .collect::<Result<Vec<Document>, Ended>>()?;
+        .collect::<Result<Vec<ResponseDocument>, Ended>>()?;
     let d = &all[0];
     let second = Sorted::new(all.iter().map(|d| d.a2_fsm).collect());
     let found: Vec<String> = all.iter().map(|d| d.a2_fsm.to_string()).collect();

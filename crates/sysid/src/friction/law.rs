@@ -167,7 +167,7 @@ impl Law {
 
     /// The force at every sample, newtons or newton metres. Where a stretch begins, the contact is taken
     /// to be in the state that the measured force says.
-    pub fn tell(self, p: &[f64], samples: &[Sample]) -> Vec<f64> {
+    pub fn predict(self, p: &[f64], samples: &[Sample]) -> Vec<f64> {
         let offset = self.offset(p);
         let mut state = State::default();
         let mut last: Option<&Sample> = None;
@@ -260,9 +260,9 @@ impl State {
                 // What is missing to the level falls by l' = -(s_0 / f_c) l^n along one direction.
                 let (level, sign) = (p[0], way.signum());
                 let missing = (1.0 - sign * self.contact / level).max(0.0);
-                let left = decayed(missing, p[1] * way.abs() / level, p[2]);
+                let residuals = decayed(missing, p[1] * way.abs() / level, p[2]);
                 if way != 0.0 {
-                    self.contact = (sign * level * (1.0 - left)).clamp(-level, level);
+                    self.contact = (sign * level * (1.0 - residuals)).clamp(-level, level);
                 }
             }
             Law::LuGre | Law::LuGreViscous => {

@@ -338,7 +338,7 @@ impl Identified {
         Account {
             time: s.iter().map(|s| s.time).collect(),
             measured: s.iter().map(|s| s.force).collect(),
-            modelled: best.law.tell(&best.values, s),
+            modelled: best.law.predict(&best.values, s),
             position: s.iter().map(|s| s.displacement).collect(),
             velocity: (0..s.len()).map(speed).collect(),
         }
@@ -356,8 +356,8 @@ fn told(chosen: &Fitted, unknown: &[Unknown]) -> Vec<Parameter> {
         .collect()
 }
 
-fn left(law: Law, parameters: &[f64], samples: &[Sample], from: usize) -> Vec<f64> {
-    law.tell(parameters, samples)
+fn residuals(law: Law, parameters: &[f64], samples: &[Sample], from: usize) -> Vec<f64> {
+    law.predict(parameters, samples)
         .iter()
         .zip(samples)
         .skip(from)
@@ -367,7 +367,7 @@ fn left(law: Law, parameters: &[f64], samples: &[Sample], from: usize) -> Vec<f6
 
 fn error(law: Law, parameters: &[f64], samples: &[Sample], from: usize) -> f64 {
     let measured: Vec<f64> = samples[from..].iter().map(|s| s.force).collect();
-    relative(&left(law, parameters, samples, from), &measured)
+    relative(&residuals(law, parameters, samples, from), &measured)
 }
 
 /// The parameters that fit best, from several ways over which the level may be reached, or from `near`.
@@ -386,8 +386,8 @@ fn fit(law: Law, record: &Record, samples: &[Sample], near: Option<&[f64]>) -> O
             return vec![f64::NAN; samples.len()];
         }
         let parameters = law.decoded(coded, force);
-        let left = left(law, &parameters, samples, 0);
-        left.into_iter().map(|l| l / force).collect()
+        let residuals = residuals(law, &parameters, samples, 0);
+        residuals.into_iter().map(|l| l / force).collect()
     };
     let squares = |coded: &[f64]| -> f64 { scaled(coded).iter().map(|l| l * l).sum() };
     let mut starts: Vec<(f64, Vec<f64>)> = if let Some(near) = near {
@@ -422,7 +422,7 @@ fn sure(law: Law, record: &Record, parameters: &[f64]) -> Option<(Vec<Known>, f6
     let force = record.largest_force();
     let coded = law.coded(parameters, force);
     let solution = uncertainty(
-        |c| left(law, &law.decoded(c, force), &record.samples, 0),
+        |c| residuals(law, &law.decoded(c, force), &record.samples, 0),
         &coded,
     )?;
     let known = (0..parameters.len())
@@ -470,7 +470,7 @@ mod tests {
             has_time: true,
             remarks: Vec::new(),
         };
-        let told = law.tell(parameters, &record.samples);
+        let told = law.predict(parameters, &record.samples);
         for (k, (s, f)) in record.samples.iter_mut().zip(told).enumerate() {
             s.force = f + 0.01 * ((k * 7919 % 1000) as f64 / 500.0 - 1.0);
         }
@@ -531,7 +531,7 @@ mod tests {
                 ..Sample::default()
             })
             .collect();
-        let force = law.tell(&[2.0, 1.5e-5, 0.0], &samples);
+        let force = law.predict(&[2.0, 1.5e-5, 0.0], &samples);
         let refused = |time: &[f64], x: &[f64], f: &[f64]| {
             Record::new(Some(time), x, f)
                 .and_then(|r| identify(&r, None, 4))

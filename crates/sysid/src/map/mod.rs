@@ -1,8 +1,8 @@
 //! Search and peak on a scan that somebody has measured: power at places in a plane.
 //!
 //! No machine and no belief about the optics stands behind such a scan, so neither the width of
-//! the light nor its noise is known beforehand; what [`sweep`](crate::sweep) and
-//! [`orbit`](crate::orbit) take from a recipe has to come from the readings themselves.
+//! the light nor its noise is known beforehand; what the sweep and the conical scan of a station take
+//! from a recipe has to come from the readings themselves.
 //!
 //! 1. [`Scan::new`]: readings that something can be made of;
 //! 2. [`examine`]: the whole scan. Is there light, did the photodiode or its converter fold it, is

@@ -95,16 +95,16 @@ fn a_coarse_noisy_scan_has_its_peak_and_widths() {
 
 #[test]
 fn the_deviation_is_that_of_repeated_scans() {
-    let (mut squares, mut told) = (0.0, 0.0);
+    let (mut squares, mut prediction) = (0.0, 0.0);
     for seed in 0..200 {
         let scan = noisy(15, 2.0, 0.02, 7 * seed, peak(13.0, 16.0, 4.0, 4.0), plain);
         let all = examine(&scan).unwrap();
         squares += (all.peak.x * 1e6 - 13.0).powi(2) / 200.0;
-        told += (all.deviation * 1e6).powi(2) / 200.0;
+        prediction += (all.deviation * 1e6).powi(2) / 200.0;
     }
     assert!(
-        (0.8..1.2).contains(&(squares / told).sqrt()),
-        "{squares} {told}"
+        (0.8..1.2).contains(&(squares / prediction).sqrt()),
+        "{squares} {prediction}"
     );
 }
 

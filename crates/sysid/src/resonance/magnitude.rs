@@ -10,7 +10,7 @@
 //! whose poles are the same (H. W. Bode, *Network Analysis and Feedback Amplifier Design*, 1945). Modes are
 //! looked for in it, and settle on the logarithm of the magnitude, in which that phase has no part.
 
-use super::{Identified, Record, modes_of, pruned, search, told_modes};
+use super::{Identified, Record, modes_of, pruned, search, stated_modes};
 use crate::{Parameter, Unknown};
 use nalgebra::{Complex, DVector};
 use pigtail_numerics::nonlinear::{minimise, uncertainty};
@@ -124,14 +124,14 @@ impl Logarithms<'_> {
         coded.push(0.0);
         let linear = all[2 * self.modes..].iter().zip(&self.scale);
         let values: Vec<f64> = linear.map(|(v, s)| v * s).collect();
-        let told = self.record.columns(&coded) * DVector::from_vec(values);
+        let prediction = self.record.columns(&coded) * DVector::from_vec(values);
         let n = self.record.frequency.len();
         (0..n)
-            .map(|i| told[i].hypot(told[n + i]) / self.record.weight[i].max(1e-300))
+            .map(|i| prediction[i].hypot(prediction[n + i]) / self.record.weight[i].max(1e-300))
             .collect()
     }
 
-    fn left(&self, all: &[f64]) -> Vec<f64> {
+    fn residuals(&self, all: &[f64]) -> Vec<f64> {
         let bad = all.iter().any(|c| c.is_nan() || c.abs() > 1e6)
             || all[..2 * self.modes].iter().any(|c| c.abs() >= 60.0);
         if bad {
@@ -141,10 +141,10 @@ impl Logarithms<'_> {
             .iter()
             .zip(&self.record.response)
             .zip(&self.record.weight)
-            .map(|((told, h), w)| {
+            .map(|((prediction, h), w)| {
                 let size = h.norm();
                 // A zero of the model is as wrong as it gets.
-                (w * size) * (size / told.max(1e-9 * size)).ln()
+                (w * size) * (size / prediction.max(1e-9 * size)).ln()
             })
             .collect()
     }
@@ -159,16 +159,20 @@ impl Logarithms<'_> {
                 .collect()
         };
         let sizes: Vec<f64> = self.record.response.iter().map(|h| h.norm()).collect();
-        let (told, measured) = (weighted(&self.magnitude(all)), weighted(&sizes));
-        let left: Vec<f64> = measured.iter().zip(&told).map(|(a, b)| a - b).collect();
-        pigtail_numerics::regression::relative(&left, &measured)
+        let (prediction, measured) = (weighted(&self.magnitude(all)), weighted(&sizes));
+        let residuals: Vec<f64> = measured
+            .iter()
+            .zip(&prediction)
+            .map(|(a, b)| a - b)
+            .collect();
+        pigtail_numerics::regression::relative(&residuals, &measured)
     }
 }
 
 /// Modes settled on a record's logarithms, from those of `coded`.
 fn fit<'a>(record: &'a Record, coded: &[f64]) -> Option<(Logarithms<'a>, Vec<f64>)> {
     let (own, start) = Logarithms::of(record, coded)?;
-    let (all, _) = minimise(|c| own.left(c), &start)?;
+    let (all, _) = minimise(|c| own.residuals(c), &start)?;
     Some((own, all))
 }
 
@@ -198,8 +202,8 @@ pub(super) fn identify(record: &Record) -> Result<Identified, Unknown> {
     let modes = (coded.len() - 1) / 2;
     let (own, all) = fit(&phased, &coded).ok_or_else(failed)?;
     let depend = || Unknown::all("its modes depend on each other");
-    let solution = uncertainty(|c| own.left(c), &all).ok_or_else(depend)?;
-    let (parameters, mut unknown) = told_modes(&phased, &all, modes, &solution);
+    let solution = uncertainty(|c| own.residuals(c), &all).ok_or_else(depend)?;
+    let (parameters, mut unknown) = stated_modes(&phased, &all, modes, &solution);
     unknown.push(Unknown {
         parameters: vec!["delay"],
         because: "it has no phase: a delay leaves no trace in magnitude".to_owned(),
@@ -226,7 +230,7 @@ pub(super) fn identify(record: &Record) -> Result<Identified, Unknown> {
         relative_error_percent: own.error(&all),
         validation_error_percent: held_back,
         condition: least_squares(&x, &target).map_or(f64::INFINITY, |s| s.condition),
-        told: own
+        prediction: own
             .magnitude(&all)
             .into_iter()
             .map(|m| Complex::new(m, 0.0))
@@ -254,8 +258,8 @@ mod tests {
             .collect();
         let sizes: Vec<f64> = response.iter().map(|h| h.norm()).collect();
         let record = Record::of_magnitude(&frequency, &sizes, None).unwrap();
-        let told = least_phase(&record);
-        for (f, h) in told.frequency.iter().zip(&told.response) {
+        let prediction = least_phase(&record);
+        for (f, h) in prediction.frequency.iter().zip(&prediction.response) {
             let k = (f / 0.1).round() as usize - 1;
             let off = (h / response[k]).arg();
             assert!(off.abs() < 0.05, "{f} Hz: {off} rad");

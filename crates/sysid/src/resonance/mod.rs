@@ -75,7 +75,7 @@ pub struct Identified {
     /// Condition number of the linear problem at the parameters.
     pub condition: f64,
     /// The response that the model tells.
-    pub told: Vec<Complex<f64>>,
+    pub prediction: Vec<Complex<f64>>,
     /// The response it was fitted to: thinned, if there were very many points.
     pub record: Record,
     /// Number of modes.
@@ -236,12 +236,13 @@ impl Record {
     }
 
     /// What is left with the best linear part; NaN where there is none.
-    fn left(&self, coded: &[f64]) -> Vec<f64> {
+    fn residuals(&self, coded: &[f64]) -> Vec<f64> {
         let bad = || vec![f64::NAN; 2 * self.frequency.len()];
         if coded.iter().any(|c| c.is_nan() || c.abs() >= 60.0) {
             return bad();
         }
-        self.linear(coded).map_or_else(bad, |(_, left)| left)
+        self.linear(coded)
+            .map_or_else(bad, |(_, residuals)| residuals)
     }
 
     fn linear(&self, coded: &[f64]) -> Option<(Vec<f64>, Vec<f64>)> {
@@ -255,17 +256,21 @@ impl Record {
             normal[(j, j)] += 1e-12;
         }
         let solved = normal.cholesky()?.solve(&scaled.tr_mul(&y));
-        let left = &y - scaled * &solved;
+        let residuals = &y - scaled * &solved;
         let values = solved.iter().zip(&scale).map(|(v, s)| v / s).collect();
-        Some((values, left.as_slice().to_vec()))
+        Some((values, residuals.as_slice().to_vec()))
     }
 
     /// Relative error of a linear part found elsewhere.
     fn error(&self, coded: &[f64], values: &[f64]) -> f64 {
-        let told = self.columns(coded) * nalgebra::DVector::from_column_slice(values);
+        let prediction = self.columns(coded) * nalgebra::DVector::from_column_slice(values);
         let target = self.target();
-        let left: Vec<f64> = target.iter().zip(told.iter()).map(|(a, b)| a - b).collect();
-        pigtail_numerics::regression::relative(&left, &target)
+        let residuals: Vec<f64> = target
+            .iter()
+            .zip(prediction.iter())
+            .map(|(a, b)| a - b)
+            .collect();
+        pigtail_numerics::regression::relative(&residuals, &target)
     }
 
     /// Delay by the median slope of the phase, in units of the inverse of the highest angular frequency.
@@ -280,8 +285,8 @@ impl Record {
     }
 }
 
-fn squares(left: &[f64]) -> f64 {
-    left.iter().map(|l| l * l).sum()
+fn squares(residuals: &[f64]) -> f64 {
+    residuals.iter().map(|l| l * l).sum()
 }
 
 /// Adds a mode where it helps most, and lets all of them settle.
@@ -304,7 +309,7 @@ fn extend(record: &Record, coded: &[f64]) -> Option<Vec<f64>> {
             let mut with = coded.to_vec();
             let at = with.len() - 1;
             with.splice(at..at, [(TAU * place).ln(), zeta.ln()]);
-            tries.push((squares(&record.left(&with)), with));
+            tries.push((squares(&record.residuals(&with)), with));
         }
     }
     tries.retain(|t| t.0.is_finite());
@@ -312,7 +317,7 @@ fn extend(record: &Record, coded: &[f64]) -> Option<Vec<f64>> {
     let best = tries
         .into_iter()
         .take(2)
-        .filter_map(|(_, start)| minimise(|c| record.left(c), &start))
+        .filter_map(|(_, start)| minimise(|c| record.residuals(c), &start))
         .min_by(|a, b| a.1.total_cmp(&b.1))?;
     Some(best.0)
 }
@@ -350,7 +355,7 @@ fn search_from(record: &Record, delay: f64) -> Found {
             .map_or(f64::INFINITY, |(values, _)| odd.error(coded, &values))
     };
     let mut coded = vec![delay];
-    if let Some((settled, _)) = minimise(|c| even.left(c), &coded) {
+    if let Some((settled, _)) = minimise(|c| even.residuals(c), &coded) {
         coded = settled;
     }
     let mut error = judged(&coded);
@@ -396,7 +401,7 @@ fn pruned(
 }
 
 /// Frequency and damping of each mode in rising order, and what is not known of them.
-fn told_modes(
+fn stated_modes(
     record: &Record,
     coded: &[f64],
     modes: usize,
@@ -462,15 +467,15 @@ pub fn identify(record: &Record) -> Result<Identified, Unknown> {
     let every = record.frequency.len().div_ceil(2 * ENOUGH);
     let (even, odd) = (record.points(0, 2 * every), record.points(every, 2 * every));
     let (coded, error) = pruned(found.coded, |coded| {
-        let (settled, _) = minimise(|c| even.left(c), coded)?;
+        let (settled, _) = minimise(|c| even.residuals(c), coded)?;
         let (values, _) = even.linear(&settled)?;
         Some(odd.error(&settled, &values)).filter(|e| e.is_finite())
     })
     .ok_or_else(|| Unknown::all("the fit to its points failed"))?;
     let modes = (coded.len() - 1) / 2;
-    let (coded, _) = minimise(|c| record.left(c), &coded)
+    let (coded, _) = minimise(|c| record.residuals(c), &coded)
         .ok_or_else(|| Unknown::all("the fit to all of its points failed"))?;
-    let solution = uncertainty(|c| record.left(c), &coded)
+    let solution = uncertainty(|c| record.residuals(c), &coded)
         .ok_or_else(|| Unknown::all("its modes depend on each other"))?;
     let (values, _) = record
         .linear(&coded)
@@ -478,10 +483,10 @@ pub fn identify(record: &Record) -> Result<Identified, Unknown> {
     let x = record.columns(&coded);
     let product = &x * nalgebra::DVector::from_column_slice(&values);
     let n = record.frequency.len();
-    let told = (0..n)
+    let prediction = (0..n)
         .map(|i| Complex::new(product[i], product[n + i]) / record.weight[i].max(1e-300))
         .collect();
-    let (mut parameters, mut unknown) = told_modes(record, &coded, modes, &solution);
+    let (mut parameters, mut unknown) = stated_modes(record, &coded, modes, &solution);
     let top = TAU * record.highest();
     let delay = Known {
         value: coded[2 * modes] / top,
@@ -514,7 +519,7 @@ pub fn identify(record: &Record) -> Result<Identified, Unknown> {
         relative_error_percent: record.error(&coded, &values),
         validation_error_percent: error,
         condition,
-        told,
+        prediction,
         record: record.clone(),
         modes,
     })

@@ -76,7 +76,7 @@ pub(super) fn whole(
     saturation(&volts, remarks)?;
     if !record.has_reference {
         remarks.push(format!(
-            "no reference: a motion faster than {} Hz that sampling folded onto a slow one cannot be told from \
+            "no reference: a motion faster than {} Hz that sampling folded onto a slow one cannot be prediction from \
              the slow one",
             0.5 / period
         ));
@@ -218,8 +218,8 @@ fn aliasing(record: &Record, set: &Settings) -> Result<(), Unknown> {
                 .map(|c| c.iter().sum::<f64>() / factor as f64)
                 .collect();
             for w in averaged.windows(5) {
-                let told = (4.0 * (w[1] + w[3]) - (w[0] + w[4])) / 6.0;
-                misses.push(w[2] - told);
+                let prediction = (4.0 * (w[1] + w[3]) - (w[0] + w[4])) / 6.0;
+                misses.push(w[2] - prediction);
                 steps.push(0.5 * (w[3] - w[1]));
             }
         }
@@ -477,7 +477,7 @@ pub(super) fn together(
     let samples = found.value / period;
     if samples.abs() > super::LATEST {
         return Err(Unknown::all(format!(
-            "its voltage and its position are not of the same moments: with the voltage {:.0} samples {} it is told \
+            "its voltage and its position are not of the same moments: with the voltage {:.0} samples {} it is prediction \
              better",
             samples.abs(),
             if samples > 0.0 { "later" } else { "earlier" }

@@ -354,11 +354,11 @@ impl Identified {
     /// Force measured beside the one that a variant tells.
     pub fn account(&self, variant: &Variant) -> Account {
         let x = self.columns.matrix(variant.friction, variant.method);
-        let told = x * nalgebra::DVector::from_column_slice(&variant.values);
+        let prediction = x * nalgebra::DVector::from_column_slice(&variant.values);
         Account {
             time: self.columns.time.clone(),
             measured: self.columns.force.clone(),
-            modelled: told.iter().copied().collect(),
+            modelled: prediction.iter().copied().collect(),
             position: self.columns.position.clone(),
             velocity: self.columns.velocity.clone(),
         }
@@ -526,9 +526,13 @@ fn variants(
             let period = record.even.period;
             let mut found = variant(friction, method, &solution, period, unknown);
             let judged = |x: &DMatrix<f64>, force: &[f64], values: &[f64]| {
-                let told = x * nalgebra::DVector::from_column_slice(values);
-                let left: Vec<f64> = force.iter().zip(told.iter()).map(|(a, b)| a - b).collect();
-                relative(&left, force)
+                let prediction = x * nalgebra::DVector::from_column_slice(values);
+                let residuals: Vec<f64> = force
+                    .iter()
+                    .zip(prediction.iter())
+                    .map(|(a, b)| a - b)
+                    .collect();
+                relative(&residuals, force)
             };
             found.validation_error_percent = if let Some(second) = second {
                 (second.force.len() > 10).then(|| {
@@ -629,7 +633,7 @@ fn instruments(
         if stretch.columns[POSITION].len() < LEAST + set.skip {
             continue;
         }
-        let told = replay::stretch(
+        let prediction = replay::stretch(
             stretch,
             record.even.period,
             axis,
@@ -639,8 +643,8 @@ fn instruments(
         equations.extend(
             stretch.start,
             record.even.period,
-            &told.position,
-            &told.voltage,
+            &prediction.position,
+            &prediction.voltage,
             set,
         );
     }

@@ -91,7 +91,7 @@ fn stop_after(v: f64, pull: f64, decay: f64) -> Option<f64> {
 
 /// A stretch replayed.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub(super) struct Told {
+pub(super) struct Prediction {
     pub(super) position: Vec<f64>,
     pub(super) voltage: Vec<f64>,
 }
@@ -103,14 +103,14 @@ pub(super) fn stretch(
     axis: &Axis,
     law: &Sliding,
     controller: &Controller,
-) -> Option<Told> {
+) -> Option<Prediction> {
     let (measured, reference) = (&stretch.columns[POSITION], &stretch.columns[REFERENCE]);
     let n = measured.len();
     let span = 5.min(n - 1);
     let velocity = (measured[span] - measured[0]) / (span as f64 * period);
     let mut moving = Moving::new(axis, law, measured[0], velocity);
     let mut state = controller.at(measured[0], velocity, period);
-    let mut told = Told {
+    let mut prediction = Prediction {
         position: Vec::with_capacity(n),
         voltage: Vec::with_capacity(n),
     };
@@ -118,14 +118,14 @@ pub(super) fn stretch(
     for r in reference {
         let seen = moving.output();
         let voltage = controller.voltage(&mut state, *r, seen, period);
-        told.position.push(seen);
-        told.voltage.push(voltage);
+        prediction.position.push(seen);
+        prediction.voltage.push(voltage);
         moving.advance(voltage, period);
         if seen.is_nan() || seen.abs() > reach {
             return None;
         }
     }
-    Some(told)
+    Some(prediction)
 }
 
 /// A record's reference in closed loop, beside the record.
@@ -162,7 +162,7 @@ pub(super) fn whole(
         if n < super::LEAST + set.skip {
             continue;
         }
-        let told = stretch(part, period, axis, law, controller)?;
+        let prediction = stretch(part, period, axis, law, controller)?;
         let skip = set.skip..n;
         let velocity = |q: &[f64]| derivative(&filter.both_ways(q), period);
         replay
@@ -171,21 +171,21 @@ pub(super) fn whole(
         for (all, own) in replay.position.iter_mut().zip([
             &part.columns[REFERENCE],
             &part.columns[POSITION],
-            &told.position,
+            &prediction.position,
         ]) {
             all.extend_from_slice(&own[skip.clone()]);
         }
         for (all, own) in replay
             .velocity
             .iter_mut()
-            .zip([&part.columns[POSITION], &told.position])
+            .zip([&part.columns[POSITION], &prediction.position])
         {
             all.extend_from_slice(&velocity(own)[skip.clone()]);
         }
         for (all, own) in replay
             .voltage
             .iter_mut()
-            .zip([&part.columns[VOLTAGE], &told.voltage])
+            .zip([&part.columns[VOLTAGE], &prediction.voltage])
         {
             all.extend_from_slice(&own[skip.clone()]);
         }

@@ -251,12 +251,12 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
             known: (!unknown.iter().any(|u| u.covers(name))).then_some(*known),
         })
         .collect();
-    let left = signals.left(chosen.parts, chosen.way, &chosen.values);
+    let residuals = signals.residuals(chosen.parts, chosen.way, &chosen.values);
     let account = Account {
         modelled: signals
             .windup
             .iter()
-            .zip(&left)
+            .zip(&residuals)
             .map(|(w, l)| w - l)
             .collect(),
         measured: signals.windup,
@@ -302,9 +302,9 @@ fn all_models(
         let Some(best) = models.iter().position(|m| m.held_back <= AS_GOOD * least) else {
             return Err(Unknown::all("no model could be fitted to it"));
         };
-        let told = models[best].parameters.iter().find(|p| p.0 == "time_skew");
+        let prediction = models[best].parameters.iter().find(|p| p.0 == "time_skew");
         round += 1;
-        match told.filter(|_| round < ROUNDS) {
+        match prediction.filter(|_| round < ROUNDS) {
             Some((_, known))
                 if (known.value - *skew).abs() > 0.5 * known.std && known.value.abs() < bound =>
             {
@@ -349,12 +349,12 @@ fn fit(
         let (from, to) = (fold * n / FOLDS, (fold + 1) * n / FOLDS);
         let rows: Vec<usize> = (0..from).chain(to..n).collect();
         let part = signals.fit(parts, way, &rows)?;
-        let left = signals.left(parts, way, &part.values);
-        squares += left[from..to].iter().map(|l| l * l).sum::<f64>();
+        let residuals = signals.residuals(parts, way, &part.values);
+        squares += residuals[from..to].iter().map(|l| l * l).sum::<f64>();
         others.push(part.values);
     }
     let held_back = match second {
-        Some(second) => rms(second.left(parts, way, &whole.values)),
+        Some(second) => rms(second.residuals(parts, way, &whole.values)),
         None => (squares / n as f64).sqrt(),
     };
     let names = signals.columns(parts, way);
@@ -401,7 +401,7 @@ fn fit(
         parts,
         parameters,
         elements,
-        residual: rms(whole.left.iter().copied()),
+        residual: rms(whole.residuals.iter().copied()),
         held_back,
         condition: whole.condition,
         values: whole.values,

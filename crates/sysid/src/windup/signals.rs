@@ -201,12 +201,12 @@ impl Signals {
         least_squares(&matrix(&views), &pick(&self.windup))
     }
 
-    pub(super) fn left(&self, parts: Parts, way: f64, values: &[f64]) -> Vec<f64> {
+    pub(super) fn residuals(&self, parts: Parts, way: f64, values: &[f64]) -> Vec<f64> {
         let columns = self.columns(parts, way);
         (0..self.time.len())
             .map(|k| {
-                let told: f64 = columns.iter().zip(values).map(|((_, c), v)| c[k] * v).sum();
-                self.windup[k] - told
+                let prediction: f64 = columns.iter().zip(values).map(|((_, c), v)| c[k] * v).sum();
+                self.windup[k] - prediction
             })
             .collect()
     }
@@ -218,7 +218,7 @@ impl Signals {
         }
         let squares = |way: f64| {
             self.fit(parts, way, rows)
-                .map_or(f64::INFINITY, |s| s.left.iter().map(|l| l * l).sum())
+                .map_or(f64::INFINITY, |s| s.residuals.iter().map(|l| l * l).sum())
         };
         let coarse = (0..14)
             .map(|k| 0.003 * SPACING.powi(k) * self.range)
@@ -247,7 +247,7 @@ impl Signals {
             .collect();
         let mut columns: Vec<&[f64]> = names.iter().map(|(_, c)| &c[..]).collect();
         columns.push(&slope);
-        least_squares(&matrix(&columns), &whole.left)
+        least_squares(&matrix(&columns), &whole.residuals)
     }
 }
 

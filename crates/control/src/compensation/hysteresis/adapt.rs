@@ -65,7 +65,7 @@ pub struct Adaptive {
     squares: [f64; 2],
     forgetting: f64,
     /// What the model told last, a share of the range.
-    told: f64,
+    prediction: f64,
 }
 
 /// Bounds of the gain that is learned, beside the model's.
@@ -102,7 +102,7 @@ impl Adaptive {
             straight: line,
             squares: [0.0; 2],
             forgetting,
-            told: 0.0,
+            prediction: 0.0,
         })
     }
 
@@ -121,14 +121,14 @@ impl Adaptive {
         let share = self.output.to_share(wanted);
         if self.trusts_model() {
             let [offset, gain] = self.corrected.coefficients;
-            self.told = (share - offset) / gain;
-            let asked = self.output.of_share(self.told);
+            self.prediction = (share - offset) / gain;
+            let asked = self.output.of_share(self.prediction);
             let mut before = self.state;
             let volts = self.model.voltage(&mut self.state, asked, period, limits);
             // At the end of the voltages the model tells less than it was asked for.
-            self.told = self
-                .output
-                .to_share(self.model.displacement(&mut before, volts, period));
+            self.prediction =
+                self.output
+                    .to_share(self.model.displacement(&mut before, volts, period));
             volts
         } else {
             let [offset, gain] = self.straight.coefficients;
@@ -136,8 +136,8 @@ impl Adaptive {
                 .input
                 .of_share((share - offset) / gain)
                 .clamp(limits.low, limits.high);
-            let told = self.model.displacement(&mut self.state, volts, period);
-            self.told = self.output.to_share(told);
+            let prediction = self.model.displacement(&mut self.state, volts, period);
+            self.prediction = self.output.to_share(prediction);
             volts
         }
     }
@@ -145,11 +145,14 @@ impl Adaptive {
     /// Takes in where the piezo was seen to be under the last voltage.
     pub fn learn(&mut self, volts: f64, measured: f64) {
         let (u, x) = (self.input.to_share(volts), self.output.to_share(measured));
-        let errors = [x - self.corrected.at(self.told), x - self.straight.at(u)];
+        let errors = [
+            x - self.corrected.at(self.prediction),
+            x - self.straight.at(u),
+        ];
         for (square, error) in self.squares.iter_mut().zip(errors) {
             *square = self.forgetting * *square + (1.0 - self.forgetting) * error * error;
         }
-        self.corrected.learn(self.told, x);
+        self.corrected.learn(self.prediction, x);
         self.straight.learn(u, x);
     }
 }

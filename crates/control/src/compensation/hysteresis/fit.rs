@@ -57,7 +57,7 @@ pub fn fit_memory(
         let Ok((_, model)) = solve(record, to, degree, lag, creep, ROUNDS) else {
             continue;
         };
-        let told = super::predict(&super::Model::Memory(model), record);
+        let prediction = super::predict(&super::Model::Memory(model), record);
         let known = record.known_from();
         let rest = to.max(known)..record.len();
         let over = if rest.len() > 10 {
@@ -72,8 +72,8 @@ pub fn fit_memory(
                 .map(|k| column[k])
                 .collect()
         };
-        let (told, measured) = (counts(&told), counts(&record.output));
-        let error = super::judge(&told, &measured, 0..measured.len(), Zero::Known).rms;
+        let (prediction, measured) = (counts(&prediction), counts(&record.output));
+        let error = super::judge(&prediction, &measured, 0..measured.len(), Zero::Known).rms;
         if best.is_none_or(|(least, _)| error < (1.0 - WORTH) * least) {
             best = Some((error, model));
         }

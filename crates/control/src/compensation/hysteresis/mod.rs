@@ -287,9 +287,14 @@ pub enum Zero {
     Arbitrary,
 }
 
-/// How far `told` is from what was `measured`, over some of the samples.
-pub fn judge(told: &[f64], measured: &[f64], over: std::ops::Range<usize>, zero: Zero) -> Errors {
-    let pairs = || told[over.clone()].iter().zip(&measured[over.clone()]);
+/// How far `prediction` is from what was `measured`, over some of the samples.
+pub fn judge(
+    prediction: &[f64],
+    measured: &[f64],
+    over: std::ops::Range<usize>,
+    zero: Zero,
+) -> Errors {
+    let pairs = || prediction[over.clone()].iter().zip(&measured[over.clone()]);
     let n = over.len().max(1) as f64;
     let offset = match zero {
         Zero::Known => 0.0,

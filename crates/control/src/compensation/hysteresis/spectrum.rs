@@ -3,8 +3,7 @@
 
 use super::rbf::UNITS;
 use super::{Range, Record};
-use rustfft::FftPlanner;
-use rustfft::num_complex::Complex;
+use pigtail_numerics::fourier::{Complex64, Forward};
 
 /// What may be left out, root mean square, as a share of the range: half of the hundredth to which
 /// networks are to approximate.
@@ -39,13 +38,11 @@ impl Spectrum {
                 let off = |turn: usize| (volts(turn) - 0.5 * UNITS).abs();
                 off(a.1).total_cmp(&off(b.1))
             })?;
-        let mut values: Vec<Complex<f64>> = (0..POINTS)
+        let mut values: Vec<Complex64> = (0..POINTS)
             .map(|k| start + k * (end - start) / POINTS)
-            .map(|k| Complex::new(output.to_units(record.output[k], UNITS), 0.0))
+            .map(|k| Complex64::new(output.to_units(record.output[k], UNITS), 0.0))
             .collect();
-        FftPlanner::new()
-            .plan_fft_forward(POINTS)
-            .process(&mut values);
+        Forward::new(POINTS).process(&mut values);
         let way = 2.0 * (volts(turn) - volts(start));
         let power = (1..POINTS / 2)
             .map(|k| {

@@ -165,9 +165,9 @@ fn a_model_with_memory_is_recovered_from_its_own_data() {
     };
     let record = record_of(&truth, &rich_path(), 0.01);
     let found = fit_memory(&record, record.len(), Some(0.0), Creep::Any).unwrap();
-    let told = predict(&Model::Memory(found), &record);
+    let prediction = predict(&Model::Memory(found), &record);
     let over = record.known_from()..record.len();
-    let errors = judge(&told, &record.output, over.clone(), Zero::Known);
+    let errors = judge(&prediction, &record.output, over.clone(), Zero::Known);
     let line = straight(&record, over.clone());
     let line = judge(&line, &record.output, over, Zero::Known);
     assert!(

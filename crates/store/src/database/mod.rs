@@ -6,7 +6,7 @@
 //! the database keeps a log of its own (WAL), and who has to wait waits. When a run ends, the hash
 //! of each of its files is entered, and at last a seal, a hash over all that the store says of it.
 //!
-//! - [`Ledger`]: the database; `entry`: one run in it, while it is being written;
+//! - [`Database`]: the database; `entry`: one run in it, while it is being written;
 //! - `schema`: the tables;
 //! - [`query`]: what is read back; [`verify`]: whether it is still what was written;
 //!   [`export`]: its rows for other programs.
@@ -40,14 +40,14 @@ const PATIENCE: Duration = Duration::from_secs(30);
 
 /// The database of a folder of runs.
 #[derive(Debug)]
-pub struct Ledger {
+pub struct Database {
     connection: Connection,
     runs: PathBuf,
     /// Held as long as the connection: only an exclusive holder may remove the database.
     guard: Option<File>,
 }
 
-impl Ledger {
+impl Database {
     /// Opens the store of a folder of runs, for writing and reading; `None` where it has none.
     ///
     /// # Errors
@@ -62,7 +62,7 @@ impl Ledger {
     ///
     /// # Errors
     ///
-    /// As [`Ledger::open`], and when none can be made.
+    /// As [`Database::open`], and when none can be made.
     pub fn open_or_create(runs: &Path) -> Result<Self, Error> {
         let path = runs.join(FILE);
         let guard = guard(runs);
@@ -93,13 +93,13 @@ impl Ledger {
             _ => {}
         }
         let connection = connect(&path).map_err(|error| explain(&path, &error))?;
-        let ledger = Self {
+        let database = Self {
             connection,
             runs: runs.to_owned(),
             guard,
         };
-        ledger.check()?;
-        Ok(Some(ledger))
+        database.check()?;
+        Ok(Some(database))
     }
 
     /// Whether this is a store that this program understands; an older one is made one of today.

@@ -1,7 +1,7 @@
 //! Whether runs are still what was written.
 
 use super::query::{files as files_of, folders};
-use super::{Ledger, damaged, files, schema};
+use super::{Database, damaged, files, schema};
 use pigtail_hal::Error;
 use rusqlite::Connection;
 use serde::Serialize;
@@ -54,7 +54,7 @@ struct Sealed {
     files: Vec<files::FileHash>,
 }
 
-impl Ledger {
+impl Database {
     /// Hashes all that the store says and all files again, of one run or of all.
     ///
     /// # Errors

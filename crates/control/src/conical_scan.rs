@@ -7,7 +7,7 @@
 
 use crate::beam::{Beam, Peak, Reading};
 use crate::outcome::{Halt, Outcome};
-use crate::recipe::Orbit as Shape;
+use crate::recipe::ConicalScan as Shape;
 use crate::station::Station;
 use pigtail_hal::{Channel, Fault, Side};
 use pigtail_model::frames::Displacement;
@@ -32,7 +32,7 @@ pub type Walk = Displacement;
 
 /// A micro on its circle.
 #[derive(Debug)]
-pub struct Orbit<'r> {
+pub struct ConicalScan<'r> {
     watch: Watch,
     beam: Beam,
     shape: &'r Shape,
@@ -45,7 +45,7 @@ pub struct Orbit<'r> {
     radius: f64,
     phase: f64,
     /// What the micro was told of late, without the walk, oldest first: position and gap.
-    told: VecDeque<(Displacement, f64)>,
+    commanded: VecDeque<(Displacement, f64)>,
     /// The readings of the last turn, without the walk.
     readings: VecDeque<Reading>,
 }
@@ -99,7 +99,7 @@ const MISFIT: f64 = 0.04;
 /// Seconds in which the circle's middle goes over to a new place.
 const GLIDE: f64 = 6e-3;
 
-impl<'r> Orbit<'r> {
+impl<'r> ConicalScan<'r> {
     /// Begins a circle around the micro's displacement `at` at a `gap`, both in metres.
     pub fn new(
         watch: Watch,
@@ -120,7 +120,7 @@ impl<'r> Orbit<'r> {
             walk,
             radius: shape.radius,
             phase: 0.0,
-            told: VecDeque::with_capacity(64),
+            commanded: VecDeque::with_capacity(64),
             readings: VecDeque::with_capacity(64),
         }
     }
@@ -163,7 +163,7 @@ impl<'r> Orbit<'r> {
         for reading in &mut self.readings {
             (reading.x, reading.y) = (reading.x - by.x, reading.y - by.y);
         }
-        for (at, _) in &mut self.told {
+        for (at, _) in &mut self.commanded {
             *at -= by;
         }
     }
@@ -193,12 +193,12 @@ impl<'r> Orbit<'r> {
         station.cycle()?;
         // What the light of this cycle answers was told a lag ago.
         let lag = (self.shape.lag / period).round() as usize;
-        self.told.push_back((at, gap));
-        if self.told.len() > lag + 1 {
-            self.told.pop_front();
+        self.commanded.push_back((at, gap));
+        if self.commanded.len() > lag + 1 {
+            self.commanded.pop_front();
         }
         if let Some(volts) = station.light(self.watch.channel)
-            && let Some((at, gap)) = self.told.front()
+            && let Some((at, gap)) = self.commanded.front()
         {
             self.readings.push_back(Reading {
                 x: at.x,

@@ -1,6 +1,6 @@
 //! One run in the store, from its beginning to its end.
 
-use super::{FileHash, Ledger, schema};
+use super::{Database, FileHash, schema};
 use pigtail_hal::{Error, Fault};
 use pigtail_numerics::rounded;
 use rusqlite::{Connection, ErrorCode, params};
@@ -117,7 +117,7 @@ pub struct End<'a> {
 /// A run in the store, while it is being written.
 #[derive(Debug)]
 pub struct Entry {
-    ledger: Ledger,
+    database: Database,
     run: i64,
     name: String,
 }
@@ -128,18 +128,25 @@ impl Entry {
     /// # Errors
     ///
     /// When it cannot be written.
-    pub fn begin(ledger: Ledger, beginning: &Beginning) -> Result<Result<Self, Ledger>, Error> {
-        let entered = ledger.write(|store| match enter(store, beginning) {
+    pub fn begin(
+        database: Database,
+        beginning: &Beginning,
+    ) -> Result<Result<Self, Database>, Error> {
+        let entered = database.write(|store| match enter(store, beginning) {
             Err(error) if error.sqlite_error_code() == Some(ErrorCode::ConstraintViolation) => {
                 Ok(None)
             }
             other => other.map(Some),
         })?;
         let Some(run) = entered else {
-            return Ok(Err(ledger));
+            return Ok(Err(database));
         };
         let name = beginning.name.to_owned();
-        Ok(Ok(Self { ledger, run, name }))
+        Ok(Ok(Self {
+            database,
+            run,
+            name,
+        }))
     }
 
     /// Takes up a run again that had ended early, or enters one that began before there was a store.
@@ -147,8 +154,8 @@ impl Entry {
     /// # Errors
     ///
     /// When it cannot be written.
-    pub fn resume(ledger: Ledger, beginning: &Beginning) -> Result<Self, Error> {
-        let run = ledger.write(|store| {
+    pub fn resume(database: Database, beginning: &Beginning) -> Result<Self, Error> {
+        let run = database.write(|store| {
             let name = [beginning.name];
             let known = store.query_row("SELECT id FROM runs WHERE name = ?1", name, |r| r.get(0));
             match known {
@@ -165,7 +172,11 @@ impl Entry {
             }
         })?;
         let name = beginning.name.to_owned();
-        Ok(Self { ledger, run, name })
+        Ok(Self {
+            database,
+            run,
+            name,
+        })
     }
 
     /// Enters the devices that it is about.
@@ -175,7 +186,7 @@ impl Entry {
     /// When they cannot be written.
     pub fn devices(&self, devices: &Devices) -> Result<(), Error> {
         let run = self.run;
-        self.ledger.write(|store| {
+        self.database.write(|store| {
             store.execute("DELETE FROM devices WHERE run = ?1", [run])?;
             store.execute(
                 "INSERT INTO devices (run, ordinal, seed, count, rig, recipe, procedure, scenario)
@@ -202,7 +213,7 @@ impl Entry {
     /// When it cannot be written.
     pub fn phase(&self, port: &str, name: &str, start: f64, seconds: f64) -> Result<(), Error> {
         let run = self.run;
-        self.ledger.write(|store| {
+        self.database.write(|store| {
             store.execute(
                 "INSERT INTO phases (run, ordinal, port, name, start_s, seconds)
                  SELECT ?1, count(*), ?2, ?3, ?4, ?5 FROM phases WHERE run = ?1",
@@ -225,7 +236,7 @@ impl Entry {
     /// When it cannot be written.
     pub fn aligned(&self, aligned: &Aligned) -> Result<(), Error> {
         let run = self.run;
-        self.ledger.write(|store| {
+        self.database.write(|store| {
             for (ordinal, fiber) in aligned.fibers.iter().enumerate() {
                 enter_fiber(store, run, ordinal, fiber)?;
             }
@@ -250,7 +261,7 @@ impl Entry {
     /// When it cannot be written.
     pub fn calibrated(&self, file: &str, table: &str, sha256: &str) -> Result<(), Error> {
         let run = self.run;
-        self.ledger.write(|store| {
+        self.database.write(|store| {
             store.execute(
                 "INSERT INTO calibrations (run, ordinal, file, entry, sha256)
                  SELECT ?1, count(*), ?2, ?3, ?4 FROM calibrations WHERE run = ?1",
@@ -267,7 +278,7 @@ impl Entry {
     /// When it cannot be written.
     pub fn fault(&self, fault: &Fault) -> Result<(), Error> {
         let run = self.run;
-        self.ledger.write(|store| {
+        self.database.write(|store| {
             store.execute(
                 "INSERT INTO faults (run, ordinal, rule, axis, value, accepted, time_s)
                  SELECT ?1, count(*), ?2, ?3, ?4, ?5, ?6 FROM faults WHERE run = ?1",
@@ -298,7 +309,7 @@ impl Entry {
     ) -> anyhow::Result<()> {
         let (run, name) = (self.run, &self.name);
         let mut failed = None;
-        let ended = self.ledger.write(|store| {
+        let ended = self.database.write(|store| {
             store.execute(
                 "UPDATE runs SET state = ?2, outcome = ?3, finished = ?4,
                  wall_seconds = coalesce(wall_seconds, 0) + ?5 WHERE id = ?1",
@@ -339,9 +350,9 @@ impl Entry {
     /// When it cannot be written.
     pub fn abandon(self) -> Result<(), Error> {
         let run = self.run;
-        self.ledger
+        self.database
             .write(|store| store.execute("DELETE FROM runs WHERE id = ?1", [run]))?;
-        self.ledger.remove_if_unused();
+        self.database.remove_if_unused();
         Ok(())
     }
 }

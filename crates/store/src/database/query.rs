@@ -1,6 +1,6 @@
 //! What the store says of the runs.
 
-use super::{FILE, FileHash, LOCK, Ledger, State, is_held, partial_folder};
+use super::{Database, FILE, FileHash, LOCK, State, is_held, partial_folder};
 use pigtail_hal::Error;
 use rusqlite::{Connection, OptionalExtension, Row};
 use serde::Serialize;
@@ -176,7 +176,7 @@ fn listed(row: &Row) -> rusqlite::Result<(i64, Listed)> {
     Ok((row.get("id")?, listed))
 }
 
-impl Ledger {
+impl Database {
     /// All runs, in the order in which they began.
     ///
     /// # Errors

@@ -62,7 +62,7 @@ struct Offset {
 
 /// The estimates of all tips, and where the holders were of late.
 #[derive(Debug, Clone)]
-pub(crate) struct Sight {
+pub(crate) struct TipEstimator {
     rate: f64,
     recent: Vec<[Stand; SIDES]>,
     cycle: usize,
@@ -72,7 +72,7 @@ pub(crate) struct Sight {
     since: [f64; SIDES],
 }
 
-impl Sight {
+impl TipEstimator {
     pub(crate) fn new(spec: &Spec) -> Self {
         // A frame arrives one period after its exposure at the latest.
         let oldest = spec.vision.latency.max(1.0 / spec.vision.rate);

@@ -1,6 +1,6 @@
 //! The store's rows for other programs: a row a fiber, or a row a phase, as CSV or Parquet.
 
-use super::Ledger;
+use super::Database;
 use super::query::{Fiber, Listed, Shown};
 use crate::rows::{Cell, Column, Kind, Table};
 use anyhow::{Context, Result};
@@ -43,7 +43,7 @@ pub enum Format {
 ///
 /// When the store cannot be read or the file not written.
 pub fn export(
-    ledger: &Ledger,
+    database: &Database,
     runs: &[Listed],
     rows: Rows,
     format: Format,
@@ -52,7 +52,7 @@ pub fn export(
     let mut shown = Vec::new();
     for run in runs {
         // One that was abandoned meanwhile has no rows.
-        shown.extend(ledger.shown(&run.run)?);
+        shown.extend(database.shown(&run.run)?);
     }
     let table = table(&shown, rows);
     let content = match format {

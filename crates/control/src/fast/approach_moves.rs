@@ -2,12 +2,12 @@
 
 use super::seen::{Dark, top_below};
 use super::{Look, Shared};
-use crate::orbit::Walk;
+use crate::conical_scan::Walk;
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::procedure::outward;
-use crate::sight::{Seen, Tip};
 use crate::station::Station;
 use crate::sweep::reach;
+use crate::tip_estimator::{Seen, Tip};
 use pigtail_hal::spec::Channel;
 use pigtail_hal::{FiberHandling, Side};
 use pigtail_model::frames::{Chip, Macro, Point};
