@@ -104,17 +104,16 @@ pub fn align(
     seed: u64,
     observer: &mut dyn Observer,
 ) -> Result<AlignmentDocument, Ended> {
-    let (twin, injected) = setup.broken_twin(seed, procedure.seconds())?;
+    let (mut twin, injected) = setup.broken_twin(seed, procedure.seconds())?;
     let job = Align { procedure };
-    let (session, aligned) = setup.perform(twin, &job, seed, observer)?;
-    let twin = session.machine();
+    let aligned = setup.perform(&mut twin, &job, seed, observer)?;
     Ok(document(
         setup,
         &of(procedure),
         seed,
         &injected,
-        twin,
-        &aligned?.fibers,
+        &twin,
+        &aligned.fibers,
     ))
 }
 
@@ -172,10 +171,10 @@ pub(crate) fn align_in(
     observer: &mut dyn Observer,
 ) -> Result<Judged, Ended> {
     let job = Own(Cell::new(Some(control)));
-    let (session, aligned) = setup.perform(setup.twin(seed)?, &job, seed, observer)?;
-    let aligned = aligned?;
+    let mut twin = setup.twin(seed)?;
+    let aligned = setup.perform(&mut twin, &job, seed, observer)?;
     Ok(Judged {
-        document: document(setup, way, seed, &[], session.machine(), &aligned.fibers),
+        document: document(setup, way, seed, &[], &twin, &aligned.fibers),
         machine_seconds: aligned.machine_seconds,
         readings: aligned.readings,
     })

@@ -278,15 +278,15 @@ fn follow(
     seed: u64,
     path: &[(f64, f64)],
 ) -> Result<Followed, Ended> {
-    let watched = Watched {
+    let mut watched = Watched {
         twin: setup.twin(seed)?,
         side,
         seen: Vec::with_capacity(path.len() + 1),
     };
     let mut rig = setup.rig.clone();
     rig.calibration = calibration.clone();
-    let mut session = Session::open_with(&rig, watched, &setup.options);
-    let (sin, cos) = rig.spec.micro.angle.sin_cos();
+        let (sin, cos) = rig.spec.micro.angle.sin_cos();
+    let mut session = Session::open_with(&rig, &mut watched, &setup.options);
     session.experiment(|station| {
         for (p, q) in path {
             station.move_micro(side, cos * p - sin * q, sin * p + cos * q);
@@ -294,7 +294,8 @@ fn follow(
         }
         Ok(())
     })?;
-    let seen = &session.machine().seen;
+    drop(session);
+    let seen = &watched.seen;
     Ok(Followed {
         wanted: path.iter().map(|at| at.0).collect(),
         was: seen[1..].iter().map(|(x, y)| cos * x + sin * y).collect(),

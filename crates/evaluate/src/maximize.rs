@@ -223,9 +223,8 @@ fn run(setup: &Setup, seed: u64, drift: f64, trial: &Trial) -> Result<Tried, End
         light: Vec::new(),
     };
     let job = Follow { trial: *trial };
-    let twin = drifting.twin(seed)?;
-    let (session, seen) = drifting.perform(twin, &job, seed, &mut watcher)?;
-    let (seen, twin) = (seen?, session.machine());
+    let mut twin = drifting.twin(seed)?;
+    let seen = drifting.perform(&mut twin, &job, seed, &mut watcher)?;
     let off = twin.truth().outputs[0].map(|fiber| fiber.x.hypot(fiber.y));
     Ok(Tried {
         seen,

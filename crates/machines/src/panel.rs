@@ -29,10 +29,13 @@ impl<M: Machine> Machine for Panel<M> {
         self.machine.spec()
     }
 
+    #[inline]
     fn exchange(&mut self, command: &Command) -> Result<Measurement, Fault> {
-        let mut measured = self.machine.exchange(command)?;
-        measured.stop |= self.pressed.load(Ordering::Relaxed);
-        Ok(measured)
+        let mut answer = self.machine.exchange(command);
+        if let Ok(measured) = &mut answer {
+            measured.stop |= self.pressed.load(Ordering::Relaxed);
+        }
+        answer
     }
 
     fn stop(&mut self) {

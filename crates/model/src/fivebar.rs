@@ -94,6 +94,7 @@ impl FiveBar {
     ///
     /// When the point is out of reach, or the mechanism would be singular there or in another
     /// working mode.
+    #[inline]
     pub fn inverse(&self, x: f64, y: f64) -> Result<[JointAngle; 2], Unreachable> {
         // Beyond the x axis the same elbows belong to the mirrored working mode.
         if y <= 0.0 {
@@ -152,6 +153,7 @@ impl FiveBar {
     /// # Errors
     ///
     /// When the distal links cannot meet, or lie in one line.
+    #[inline]
     pub fn forward(&self, angles: [JointAngle; 2]) -> Result<(f64, f64), Unreachable> {
         let [(ax, ay), (bx, by)] = self.elbows(angles);
         let (dx, dy) = (bx - ax, by - ay);

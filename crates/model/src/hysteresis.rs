@@ -166,6 +166,7 @@ impl Hysteresis {
     }
 
     /// The displacement at the next voltage, both -1 to +1 over their range.
+    #[inline]
     pub fn advance(&self, state: &mut HysteresisState, input: f64) -> f64 {
         if input == state.input {
             return state.output;
@@ -233,6 +234,7 @@ impl Creep {
     }
 
     /// Advances `state` by one period under what is applied at once; what comes of it.
+    #[inline]
     pub fn advance(&self, state: &mut CreepState, applied: f64) -> f64 {
         let mut sum = 0.0;
         for (z, rate) in state.0.iter_mut().zip(&self.rates) {

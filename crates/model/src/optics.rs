@@ -108,6 +108,7 @@ impl Coupler {
     }
 
     /// Share of the source's power that enters the receiver, 0 to 1.
+    #[inline]
     pub fn efficiency(&self, at: &Misalignment) -> f64 {
         let (kx, ex) = self.x.log_and_root(at.x, at.z, at.tilt_x);
         let (ky, ey) = self.y.log_and_root(at.y, at.z, at.tilt_y);

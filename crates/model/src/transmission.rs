@@ -68,6 +68,7 @@ impl Transmission {
 
     /// Torque (2.6) on the load in N m for a twist `r q_m - q_l` in radians; positive twist
     /// drives the load forward.
+    #[inline]
     pub fn torque(&self, twist: f64) -> f64 {
         let hardening = twist.clamp(-self.bend, self.bend);
         hardening * (self.linear + self.cubic * hardening * hardening)

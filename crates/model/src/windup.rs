@@ -48,6 +48,7 @@ impl Reversal {
     }
 
     /// The windup at the next output, radians.
+    #[inline]
     pub fn next(&self, state: &mut ReversalState, output: f64) -> f64 {
         let step = output - state.last;
         if step != 0.0 {
@@ -117,6 +118,7 @@ impl MemoryState {
 
 impl Memory {
     /// The windup at the next output, radians.
+    #[inline]
     pub fn next(&self, state: &mut MemoryState, output: f64) -> f64 {
         let step = output - state.last;
         state.last = output;
@@ -170,6 +172,7 @@ pub struct WindupState {
 
 impl Windup {
     /// The windup at the next wanted output, radians: what (2.22) adds to it.
+    #[inline]
     pub fn next(&self, state: &mut WindupState, output: f64) -> f64 {
         match self {
             Self::None => 0.0,

@@ -22,9 +22,9 @@
 //! use pigtail_session::{Session, Setup, align::Align};
 //!
 //! let setup = Setup::load("afpm", "y-branch")?;
-//! let mut session = Session::open(&setup.rig, setup.twin(7)?);
-//! let aligned = session.run(&Align::default(), &mut Unobserved)?;
-//! let truth = session.machine().truth();
+//! let mut twin = setup.twin(7)?;
+//! let aligned = Session::open(&setup.rig, &mut twin).run(&Align::default(), &mut Unobserved)?;
+//! let truth = twin.truth();
 //! for (fiber, truth) in aligned.fibers.iter().zip([truth.input].into_iter().chain(truth.outputs)) {
 //!     let offset = truth.map(|fiber| 1e6 * fiber.x.hypot(fiber.y));
 //!     println!("{}: {}, {offset:.3?} um off", fiber.port, fiber.outcome);
@@ -56,8 +56,8 @@
 //! }
 //!
 //! let rig = Rig::load("afpm", "y-branch")?;
-//! let mine = Mine(Setup::of(rig.clone())?.twin(7)?);
-//! let mut session = Session::open(&rig, mine);
+//! let mut mine = Mine(Setup::of(rig.clone())?.twin(7)?);
+//! let mut session = Session::open(&rig, &mut mine);
 //! for fiber in session.run(&Align::default(), &mut Unobserved)?.fibers {
 //!     println!("{}: {} after {:.2} s", fiber.port, fiber.outcome, fiber.seconds());
 //! }

@@ -13,7 +13,7 @@ use std::sync::atomic::AtomicBool;
 
 /// What stands around a machine: control > guard > recorder > stop button > pace > deadline > machine. The
 /// record holds what the guard let through and what it did to stop.
-type Watched<M> = Guard<Recorder<Panel<Pace<Deadline<M>>>>>;
+type Watched<'m> = Guard<Recorder<Panel<Pace<Deadline<&'m mut dyn Machine>>>>>;
 
 /// How a session treats its machine, beside guarding it.
 #[derive(Debug, Clone)]
@@ -40,21 +40,21 @@ impl Default for Options {
     }
 }
 
-/// A machine that jobs run on. It is always guarded, and can be recorded and stopped.
-#[derive(Debug)]
-pub struct Session<'r, M: Machine> {
-    rig: &'r Rig,
-    machine: Watched<M>,
+/// A machine that jobs run on. It is always guarded, and can be recorded and stopped. Whoever lent it has it
+/// back when the session is gone, and may ask it what else it knows.
+pub struct Session<'m> {
+    rig: &'m Rig,
+    machine: Watched<'m>,
 }
 
-impl<'r, M: Machine> Session<'r, M> {
+impl<'m> Session<'m> {
     /// Opens a machine that stands at home: a twin, a replay, or one's own.
-    pub fn open(rig: &'r Rig, machine: M) -> Self {
+    pub fn open(rig: &'m Rig, machine: &'m mut dyn Machine) -> Self {
         Self::open_with(rig, machine, &Options::default())
     }
 
     /// The same, treated as the options say.
-    pub fn open_with(rig: &'r Rig, machine: M, options: &Options) -> Self {
+    pub fn open_with(rig: &'m Rig, machine: &'m mut dyn Machine, options: &Options) -> Self {
         let timed = Deadline::new(machine, options.longest);
         let paced = if options.real_time {
             Pace::new(timed)
@@ -118,11 +118,6 @@ impl<'r, M: Machine> Session<'r, M> {
         let result = experiment(&mut station);
         station.stop();
         result
-    }
-
-    /// The machine: what else there is to know of it is its own matter.
-    pub fn machine(&self) -> &M {
-        self.machine.inner().inner().inner().inner().inner()
     }
 
     /// The first rule for which a guard that only watches would have stopped the machine.

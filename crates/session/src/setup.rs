@@ -29,9 +29,6 @@ pub struct Setup {
     pub records: Option<Arc<Records>>,
 }
 
-/// A session after its job, and what came of it.
-pub type Performed<'r, M, T> = (Session<'r, M>, Result<T, Ended>);
-
 /// The error of a change to the truth that makes no machine.
 pub fn unfit(error: impl Into<TwinError>) -> Ended {
     Error::new("plant.toml", "", error.into().to_string()).into()
@@ -121,19 +118,6 @@ impl Setup {
         Error::new(file, "", error.to_string())
     }
 
-    /// Opens the twin that a seed draws, treated as the options say and not recorded.
-    ///
-    /// # Errors
-    ///
-    /// As [`Self::twin`].
-    pub fn session(&self, seed: u64) -> Result<Session<'_, Twin>, Error> {
-        Ok(Session::open_with(
-            &self.rig,
-            self.twin(seed)?,
-            &self.options,
-        ))
-    }
-
     /// Runs a job on the twin that a seed draws, recorded if anything is.
     ///
     /// # Errors
@@ -145,22 +129,21 @@ impl Setup {
         seed: u64,
         observer: &mut dyn Observer,
     ) -> Result<J::Output, Ended> {
-        self.perform(self.twin(seed)?, job, seed, observer)?.1
+        self.perform(&mut self.twin(seed)?, job, seed, observer)
     }
 
-    /// Runs a job on a machine of this rig that is at hand, recorded if anything is; the machine stays there
-    /// to be asked.
+    /// Runs a job on a machine of this rig that is at hand, recorded if anything is.
     ///
     /// # Errors
     ///
-    /// When it cannot be recorded.
-    pub fn perform<J: Job, M: Machine>(
+    /// The way in which it ended without its result.
+    pub fn perform<J: Job>(
         &self,
-        machine: M,
+        machine: &mut dyn Machine,
         job: &J,
         seed: u64,
         observer: &mut dyn Observer,
-    ) -> Result<Performed<'_, M, J::Output>, Ended> {
+    ) -> Result<J::Output, Ended> {
         let options = Options {
             longest: job.longest().min(self.options.longest),
             ..self.options.clone()
@@ -174,7 +157,7 @@ impl Setup {
         if let Some((records, closing)) = self.records.as_ref().zip(session.close_record()) {
             records.keep(closing);
         }
-        Ok((session, result))
+        result
     }
 
     /// Runs an experiment that is nobody's job on the twin that a seed draws.
@@ -187,6 +170,7 @@ impl Setup {
         seed: u64,
         experiment: impl FnOnce(&mut Station) -> Result<T, Ended>,
     ) -> Result<T, Ended> {
-        self.session(seed)?.experiment(experiment)
+        let mut twin = self.twin(seed)?;
+        Session::open_with(&self.rig, &mut twin, &self.options).experiment(experiment)
     }
 }

@@ -197,7 +197,7 @@ pub fn run_as(
     };
     let changed = task.condition.applied(setup, task.at, seed)?;
     let twin = changed.twin(seed)?;
-    let watched = Watched {
+    let mut watched = Watched {
         twin,
         at: task.at,
         seen: Vec::new(),
@@ -210,14 +210,13 @@ pub fn run_as(
         rest: task.rest,
         belief,
     };
-    let (session, approached) = changed.perform(watched, &job, seed, &mut Unobserved)?;
+    let approached = changed.perform(&mut watched, &job, seed, &mut Unobserved)?;
     let Approached {
         target,
         begun,
         driven: done,
         estimator,
-    } = approached?;
-    let watched = session.machine();
+    } = approached;
     let nm = |metres: f64| rounded(metres * 1e9, 1e-2);
     let true_error = |time: f64| {
         let k = watched.seen.partition_point(|(t, _)| *t < time - 1e-9);

@@ -262,14 +262,15 @@ impl<M: Machine> Machine for Recorder<M> {
         self.machine.spec()
     }
 
+    #[inline]
     fn exchange(&mut self, command: &Command) -> Result<Measurement, Fault> {
         if let Some(fault) = &self.fault {
             return Err(fault.clone());
         }
-        let answer = self.machine.exchange(command);
         if self.writer.is_none() {
-            return answer;
+            return self.machine.exchange(command);
         }
+        let answer = self.machine.exchange(command);
         match &answer {
             Ok(measured) => {
                 self.time = measured.time;

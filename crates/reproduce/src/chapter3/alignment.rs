@@ -63,7 +63,7 @@ fn sensing(bench: &Bench, seed: u64) -> Result<(Points, f64), Ended> {
     let setup = &bench.machine;
     let height = Cell::new(0.0);
     let twin = setup.twin(seed)?;
-    let watched = Watched {
+    let mut watched = Watched {
         twin,
         height: &height,
     };
@@ -75,8 +75,8 @@ fn sensing(bench: &Bench, seed: u64) -> Result<(Points, f64), Ended> {
     let job = Align {
         procedure: Procedure::Thesis,
     };
-    let (_, aligned) = setup.perform(watched, &job, seed, &mut heights)?;
-    let reports = aligned?.fibers;
+    let aligned = setup.perform(&mut watched, &job, seed, &mut heights)?;
+    let reports = aligned.fibers;
     let seconds = reports
         .iter()
         .flat_map(|r| &r.phases)
