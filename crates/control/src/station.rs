@@ -230,8 +230,9 @@ impl<'a> Station<'a> {
         self.observer.trial(start, trial, best);
     }
 
-    /// Takes the machine into its hands again after a fault that an experiment provoked: clears it, holds
-    /// every axis where it stands, and brings both endpoints back to where they were wanted, slowly.
+    /// Takes the machine into its hands again after a fault that an experiment provoked: clears it, lets every
+    /// axis come to rest where it stands, and brings all back to their references, slowly and each by itself:
+    /// a path need not be possible from where they were left.
     ///
     /// # Errors
     ///
@@ -240,7 +241,7 @@ impl<'a> Station<'a> {
         if self.machine.clear().is_none() {
             return Err(fault.into());
         }
-        let wanted = Side::ALL.map(|side| self.wanted(side));
+        let to = Side::ALL.map(|side| self.arms[side.index()].references);
         // What was measured last is of before it stopped: the first command drives nothing.
         self.command.motors = Command::IDLE.motors;
         self.command.references = Command::IDLE.references;
@@ -250,11 +251,24 @@ impl<'a> Station<'a> {
             for axis in Axis::ALL {
                 self.close_loop(AxisName { side, axis });
             }
-            self.arms[side.index()].wanted = self.endpoint(side);
         }
         self.run(RECOVERY_SECONDS)?;
-        for (side, wanted) in Side::ALL.into_iter().zip(wanted) {
-            self.line(side, wanted, Some(RECOVERY_SPEED))?;
+        let from = self.measurement.encoders;
+        let far = Side::ALL.map(|side| self.endpoint(side).distance(self.wanted(side)));
+        let seconds = far[0].max(far[1]) / RECOVERY_SPEED;
+        let cycles = (seconds / self.spec().period()).ceil().max(1.0);
+        for k in 1..=cycles as u64 {
+            let share = k as f64 / cycles;
+            for (arm, (from, to)) in self.arms.iter_mut().zip(from.iter().zip(&to)) {
+                arm.references = std::array::from_fn(|i| {
+                    let way = (to[i].0 - from[i].0) as f64;
+                    Counts(from[i].0 + (share * way).round() as i64)
+                });
+            }
+            self.cycle()?;
+        }
+        for side in Side::ALL {
+            self.settle(side)?;
         }
         Ok(())
     }

@@ -285,7 +285,7 @@ fn follow(
     };
     let mut rig = setup.rig.clone();
     rig.calibration = calibration.clone();
-        let (sin, cos) = rig.spec.micro.angle.sin_cos();
+    let (sin, cos) = rig.spec.micro.angle.sin_cos();
     let mut session = Session::open_with(&rig, &mut watched, &setup.options);
     session.experiment(|station| {
         for (p, q) in path {

@@ -124,6 +124,9 @@ pub struct Guard<M> {
     piezos: Piezos,
     stalls: Stalls,
     outputs: Outputs,
+    /// How far out of its workspace an endpoint may be, metres: nowhere, but that one which a fault left out
+    /// there has to come back.
+    beyond: [f64; SIDES],
     last: Option<(Command, Measurement)>,
     fault: Option<Fault>,
     /// Whether it only notes what it would stop for.
@@ -163,6 +166,8 @@ const OVERSHOOT: f64 = 0.02;
 const FOLLOWING: f64 = 5e-3;
 /// Holders keep at least this from each other, metres.
 const APART: f64 = 1e-3;
+/// How far an endpoint may swing on its way back into its workspace, metres.
+const SWING: f64 = 0.5e-3;
 
 /// A broken rule; the time is the guard's to say.
 struct Broken {
@@ -206,6 +211,7 @@ impl<M: Machine> Guard<M> {
             stalls: Stalls::new(&spec),
             outputs: Outputs::new(&spec),
             machine,
+            beyond: [0.0; SIDES],
             last: None,
             fault: None,
             passive: false,
@@ -407,13 +413,21 @@ impl<M: Machine> Guard<M> {
         self.outputs.check(probes, &encoders, &speeds)
     }
 
-    fn check_places(&self, whole: [bool; SIDES]) -> Result<(), Broken> {
+    fn check_places(&mut self, whole: [bool; SIDES]) -> Result<(), Broken> {
         let limits = &self.limits;
         for side in Side::ALL {
             let i = side.index();
             let at = self.keepout.stand(i, 0).endpoint;
             let [across, along] = limits.reach;
-            if !(whole[i] && at.x.abs() <= across && at.y.abs() <= across && at.z.abs() <= along) {
+            let out = (at.x.abs() - across)
+                .max(at.y.abs() - across)
+                .max(at.z.abs() - along)
+                .max(0.0);
+            // What came back a little may not go out again.
+            let beyond = self.beyond[i].min(if out > 0.0 { out + SWING } else { 0.0 });
+            self.beyond[i] = beyond;
+            let known = whole[i] && (at.x + at.y + at.z).is_finite();
+            if !(known && out <= beyond) {
                 return Err(Broken::new(
                     Rule::Workspace,
                     side.name(),
@@ -601,6 +615,7 @@ impl<M: Machine> Machine for Guard<M> {
         self.piezos = Piezos::new(self.machine.spec());
         self.stalls = Stalls::new(self.machine.spec());
         self.outputs = Outputs::new(self.machine.spec());
+        self.beyond = [f64::INFINITY; SIDES];
         self.last = None;
         Some(fault)
     }
