@@ -83,7 +83,13 @@ fn explain(file: &str, text: &str, path: &Path, message: &str) -> Error {
             whole if whole == "." => String::new(),
             path => path,
         },
-        message: message.trim_end().to_owned(),
+        // Below its message an error of TOML lists the tables around it, which the key says already.
+        message: message
+            .split("\nin `")
+            .next()
+            .unwrap_or_default()
+            .trim_end()
+            .to_owned(),
     }
 }
 
@@ -142,6 +148,7 @@ mod tests {
         for part in ["plant.toml", "-3 mV", "zero or more"] {
             assert!(text.contains(part), "{text}");
         }
+        assert_eq!(text.lines().count(), 1, "{text}");
     }
 
     #[test]
