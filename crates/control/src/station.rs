@@ -1,8 +1,10 @@
 //! The station owns the machine's time: every cycle it turns wanted motion into one command,
 //! exchanges it for a measurement, and lets the procedure look at what came back.
 
-use crate::calibration::{Calibration, WindupBelief};
-use crate::compensation::micro::MicroCompensation;
+mod arm;
+
+use self::arm::{Arm, Started};
+use crate::calibration::Calibration;
 use crate::impulse::belief::ImpulseBelief;
 use crate::kinematics::Kinematics;
 use crate::outcome::{Halt, Outcome};
@@ -10,7 +12,7 @@ use crate::servo::{Pid, PidState};
 use crate::tip_estimator::{Seen, Tip, TipEstimator};
 use crate::trajectory::{Arc, Limits, Line, Motion, Path, Rates, Refused, Shape};
 use pigtail_hal::quantity::{Counts, Volts};
-use pigtail_hal::spec::{AXES, CHANNELS, MICRO_AXES, SIDES};
+use pigtail_hal::spec::{CHANNELS, MICRO_AXES, SIDES};
 use pigtail_hal::{
     Axis, AxisName, Channel, Command, Fault, FiberHandling, Machine, Measurement, Pulse, Side,
     Spec, VisionFrame,
@@ -18,6 +20,7 @@ use pigtail_hal::{
 use pigtail_model::frames::{Displacement, Macro, Point};
 use pigtail_model::windup::{Windup, WindupState};
 use std::cell::Cell;
+use std::f64::consts::TAU;
 
 /// What an observer is told with every light sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,40 +56,6 @@ impl Observer for Unobserved {
     fn sample(&mut self, _: &Sample) {}
 }
 
-/// One manipulator as the station drives it.
-#[derive(Debug, Clone)]
-struct Arm {
-    kinematics: Kinematics,
-    windups: [Windup; AXES],
-    windup_states: [WindupState; AXES],
-    /// What the transmissions hold back by these at this moment, radians of the outputs.
-    windup: [f64; AXES],
-    /// Voltages that an experiment holds on the motors, past the servo.
-    held: [Option<Volts>; AXES],
-    pids: [Pid; AXES],
-    states: [PidState; AXES],
-    references: [Counts; AXES],
-    /// Where the endpoint is wanted at this moment.
-    wanted: Point<Macro>,
-    motion: Option<Started>,
-    micro: Displacement,
-    piezos: Option<MicroCompensation>,
-    /// Voltages that an experiment gives the piezos, past every model.
-    micro_volts: Option<[Volts; MICRO_AXES]>,
-    /// Whether the holder carries a fiber.
-    loaded: bool,
-}
-
-/// A motion that is being followed.
-#[derive(Debug, Clone, Copy)]
-struct Started {
-    motion: Motion,
-    /// Machine time at its start, seconds; later by all that it has waited.
-    at: f64,
-    /// By what share it passes more slowly than planned, since z does not follow.
-    slower: f64,
-}
-
 /// A machine under control.
 pub struct Station<'a> {
     machine: &'a mut dyn Machine,
@@ -119,12 +88,10 @@ const ARRIVED_SECONDS: f64 = 0.02;
 const SETTLE_SECONDS: f64 = 0.3;
 /// ...unless it is so many counts away that something else must hold it.
 const LOST_COUNTS: i64 = 10;
-/// How long the machine is left to come to rest when it is taken up again, and how fast it is brought back
-/// then, m/s.
+/// How long the machine is left to come to rest when it is taken up again.
 const RECOVERY_SECONDS: f64 = 0.3;
-const RECOVERY_SPEED: f64 = 1e-3;
-/// An axis so many counts behind its reference cannot follow it: amplifiers saturate far earlier.
-const BEHIND_COUNTS: i64 = 100;
+/// How fast it is brought back then, as a share of the motors' highest speed.
+const RECOVERY_PACE: f64 = 0.02;
 
 impl<'a> Station<'a> {
     /// Takes control of a machine that stands at home.
@@ -138,38 +105,7 @@ impl<'a> Station<'a> {
         observer: &'a mut dyn Observer,
     ) -> Result<Self, Fault> {
         let spec = machine.spec().clone();
-        let period = spec.period();
-        let arms = Side::ALL.map(|side| Arm {
-            kinematics: Kinematics::new(&spec, calibration, side),
-            windups: Axis::ALL.map(|axis| {
-                let belief = match axis {
-                    Axis::A | Axis::B => &calibration.windup.five_bar,
-                    Axis::Z => &calibration.windup.z,
-                };
-                belief.as_ref().map_or(Windup::None, WindupBelief::windup)
-            }),
-            windup_states: [WindupState::default(); AXES],
-            windup: [0.0; AXES],
-            held: [None; AXES],
-            pids: Axis::ALL.map(|axis| {
-                let gains = match axis {
-                    Axis::A | Axis::B => &calibration.gains.five_bar,
-                    Axis::Z => &calibration.gains.z,
-                };
-                Pid::new(gains, spec.drive(axis).voltage, period)
-            }),
-            states: [PidState::default(); AXES],
-            references: [Counts(0); AXES],
-            wanted: Point::ORIGIN,
-            motion: None,
-            micro: Displacement::ZERO,
-            piezos: calibration
-                .hysteresis
-                .of(side)
-                .map(|model| MicroCompensation::new(model, &spec)),
-            micro_volts: None,
-            loaded: false,
-        });
+        let arms = Side::ALL.map(|side| Arm::new(&spec, calibration, side));
         let mut command = Command::IDLE;
         for (micro, arm) in command.micro.iter_mut().zip(&arms) {
             *micro = arm.kinematics.micro_volts(0.0, 0.0);
@@ -254,9 +190,18 @@ impl<'a> Station<'a> {
         }
         self.run(RECOVERY_SECONDS)?;
         let from = self.measurement.encoders;
-        let far = Side::ALL.map(|side| self.endpoint(side).distance(self.wanted(side)));
-        let seconds = far[0].max(far[1]) / RECOVERY_SPEED;
-        let cycles = (seconds / self.spec().period()).ceil().max(1.0);
+        let period = self.spec().period();
+        // Of the axis that takes the most cycles: by the encoders alone, which are right even where no
+        // endpoint belongs to them.
+        let mut cycles = 1.0_f64;
+        for axis in Axis::ALL {
+            let (i, drive) = (axis.index(), self.spec().drive(axis));
+            let counts_per_radian = f64::from(drive.counts_per_turn) / TAU;
+            let pace = RECOVERY_PACE * drive.speed * counts_per_radian * period;
+            for (from, to) in from.iter().zip(&to) {
+                cycles = cycles.max(((to[i].0 - from[i].0).abs() as f64 / pace).ceil());
+            }
+        }
         for k in 1..=cycles as u64 {
             let share = k as f64 / cycles;
             for (arm, (from, to)) in self.arms.iter_mut().zip(from.iter().zip(&to)) {
@@ -677,72 +622,6 @@ impl<'a> Station<'a> {
             if let Some(frame) = self.measurement.vision.filter(|frame| frame.time > since) {
                 return Ok(frame);
             }
-        }
-    }
-}
-
-impl Arm {
-    /// The motors' voltages for this cycle.
-    fn servo(&mut self, measured: &[Counts; AXES]) -> [Volts; AXES] {
-        std::array::from_fn(|i| match self.held[i] {
-            Some(volts) => volts,
-            None => self.pids[i].voltage(&mut self.states[i], self.references[i], measured[i]),
-        })
-    }
-
-    /// What the servo holds the axes to in this cycle.
-    fn servo_references(&self) -> [Option<Counts>; AXES] {
-        std::array::from_fn(|i| self.held[i].is_none().then_some(self.references[i]))
-    }
-
-    /// The piezos' voltages for this cycle.
-    fn piezos(&mut self) -> [Volts; MICRO_AXES] {
-        let Displacement { x, y } = self.micro;
-        match (&mut self.piezos, self.micro_volts) {
-            (None, None) => self.kinematics.micro_volts(x, y),
-            (None, Some(volts)) => volts,
-            (Some(model), None) => model.next(x, y),
-            (Some(model), Some(volts)) => {
-                model.follow(volts);
-                volts
-            }
-        }
-    }
-
-    /// Lets a motion pass more slowly while z stays far behind it: its motor gives all it can, and what
-    /// the datasheet promises is more. The joints' motors have more in hand than their endpoint needs.
-    fn wait(&mut self, measured: &[Counts; AXES], z: Rates, period: f64) {
-        let Some(started) = &mut self.motion else {
-            return;
-        };
-        let axis = Axis::Z.index();
-        let behind = (self.references[axis].0 - measured[axis].0).abs() - BEHIND_COUNTS;
-        let wanted = (behind as f64 / (2 * BEHIND_COUNTS) as f64).clamp(0.0, 1.0);
-        // No faster than z could slow down from its full speed by itself.
-        let step = z.acceleration * period / z.speed;
-        started.slower += (wanted - started.slower).clamp(-step, step);
-        started.at += started.slower * period;
-    }
-
-    /// Sets the references for this moment.
-    fn follow(&mut self, time: f64) {
-        let Some(Started { motion, at, .. }) = &self.motion else {
-            return;
-        };
-        let elapsed = time - at;
-        self.wanted = motion.at(elapsed);
-        let over = elapsed >= motion.duration();
-        // The motion lies inside the workspace, which was checked to be reachable; were it not,
-        // holding is the answer.
-        if let Ok(outputs) = self.kinematics.outputs_at(self.wanted) {
-            for (i, output) in outputs.into_iter().enumerate() {
-                // (2.22): the input that is needed for this output.
-                self.windup[i] = self.windups[i].next(&mut self.windup_states[i], output);
-                self.references[i] = self.kinematics.counts(i, output + self.windup[i]);
-            }
-        }
-        if over {
-            self.motion = None;
         }
     }
 }

@@ -21,11 +21,6 @@ impl<M> Deadline<M> {
             fault: None,
         }
     }
-
-    /// The machine behind it.
-    pub fn inner(&self) -> &M {
-        &self.machine
-    }
 }
 
 impl<M: Machine> Deadline<M> {

@@ -30,11 +30,6 @@ impl<M> Pace<M> {
             since: None,
         }
     }
-
-    /// The machine behind it.
-    pub fn inner(&self) -> &M {
-        &self.machine
-    }
 }
 
 impl<M: Machine> Machine for Pace<M> {

@@ -17,11 +17,6 @@ impl<M> Panel<M> {
     pub fn new(machine: M, pressed: Arc<AtomicBool>) -> Self {
         Self { machine, pressed }
     }
-
-    /// The machine behind it.
-    pub fn inner(&self) -> &M {
-        &self.machine
-    }
 }
 
 impl<M: Machine> Machine for Panel<M> {

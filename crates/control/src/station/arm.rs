@@ -1,0 +1,151 @@
+//! One manipulator as the station drives it: its motion, its servo, its models.
+
+use crate::calibration::{Calibration, WindupBelief};
+use crate::compensation::micro::MicroCompensation;
+use crate::kinematics::Kinematics;
+use crate::servo::{Pid, PidState};
+use crate::trajectory::{Motion, Rates};
+use pigtail_hal::quantity::{Counts, Volts};
+use pigtail_hal::spec::{AXES, MICRO_AXES};
+use pigtail_hal::{Axis, Side, Spec};
+use pigtail_model::frames::{Displacement, Macro, Point};
+use pigtail_model::windup::{Windup, WindupState};
+
+/// An axis so many counts behind its reference cannot follow it: amplifiers saturate far earlier.
+const BEHIND_COUNTS: i64 = 100;
+
+/// One manipulator as the station drives it.
+#[derive(Debug, Clone)]
+pub(super) struct Arm {
+    pub(super) kinematics: Kinematics,
+    pub(super) windups: [Windup; AXES],
+    pub(super) windup_states: [WindupState; AXES],
+    /// What the transmissions hold back by these at this moment, radians of the outputs.
+    pub(super) windup: [f64; AXES],
+    /// Voltages that an experiment holds on the motors, past the servo.
+    pub(super) held: [Option<Volts>; AXES],
+    pub(super) pids: [Pid; AXES],
+    pub(super) states: [PidState; AXES],
+    pub(super) references: [Counts; AXES],
+    /// Where the endpoint is wanted at this moment.
+    pub(super) wanted: Point<Macro>,
+    pub(super) motion: Option<Started>,
+    pub(super) micro: Displacement,
+    pub(super) piezos: Option<MicroCompensation>,
+    /// Voltages that an experiment gives the piezos, past every model.
+    pub(super) micro_volts: Option<[Volts; MICRO_AXES]>,
+    /// Whether the holder carries a fiber.
+    pub(super) loaded: bool,
+}
+
+/// A motion that is being followed.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Started {
+    pub(super) motion: Motion,
+    /// Machine time at its start, seconds; later by all that it has waited.
+    pub(super) at: f64,
+    /// By what share it passes more slowly than planned, since z does not follow.
+    pub(super) slower: f64,
+}
+
+impl Arm {
+    /// A manipulator at home, as the calibration believes it to be.
+    pub(super) fn new(spec: &Spec, calibration: &Calibration, side: Side) -> Self {
+        let period = spec.period();
+        Self {
+            kinematics: Kinematics::new(spec, calibration, side),
+            windups: Axis::ALL.map(|axis| {
+                let belief = match axis {
+                    Axis::A | Axis::B => &calibration.windup.five_bar,
+                    Axis::Z => &calibration.windup.z,
+                };
+                belief.as_ref().map_or(Windup::None, WindupBelief::windup)
+            }),
+            windup_states: [WindupState::default(); AXES],
+            windup: [0.0; AXES],
+            held: [None; AXES],
+            pids: Axis::ALL.map(|axis| {
+                let gains = match axis {
+                    Axis::A | Axis::B => &calibration.gains.five_bar,
+                    Axis::Z => &calibration.gains.z,
+                };
+                Pid::new(gains, spec.drive(axis).voltage, period)
+            }),
+            states: [PidState::default(); AXES],
+            references: [Counts(0); AXES],
+            wanted: Point::ORIGIN,
+            motion: None,
+            micro: Displacement::ZERO,
+            piezos: calibration
+                .hysteresis
+                .of(side)
+                .map(|model| MicroCompensation::new(model, spec)),
+            micro_volts: None,
+            loaded: false,
+        }
+    }
+
+    /// The motors' voltages for this cycle.
+    pub(super) fn servo(&mut self, measured: &[Counts; AXES]) -> [Volts; AXES] {
+        std::array::from_fn(|i| match self.held[i] {
+            Some(volts) => volts,
+            None => self.pids[i].voltage(&mut self.states[i], self.references[i], measured[i]),
+        })
+    }
+
+    /// What the servo holds the axes to in this cycle.
+    pub(super) fn servo_references(&self) -> [Option<Counts>; AXES] {
+        std::array::from_fn(|i| self.held[i].is_none().then_some(self.references[i]))
+    }
+
+    /// The piezos' voltages for this cycle.
+    pub(super) fn piezos(&mut self) -> [Volts; MICRO_AXES] {
+        let Displacement { x, y } = self.micro;
+        match (&mut self.piezos, self.micro_volts) {
+            (None, None) => self.kinematics.micro_volts(x, y),
+            (None, Some(volts)) => volts,
+            (Some(model), None) => model.next(x, y),
+            (Some(model), Some(volts)) => {
+                model.follow(volts);
+                volts
+            }
+        }
+    }
+
+    /// Lets a motion pass more slowly while z stays far behind it: its motor gives all it can, and what
+    /// the datasheet promises is more. The joints' motors have more in hand than their endpoint needs.
+    pub(super) fn wait(&mut self, measured: &[Counts; AXES], z: Rates, period: f64) {
+        let Some(started) = &mut self.motion else {
+            return;
+        };
+        let axis = Axis::Z.index();
+        let behind = (self.references[axis].0 - measured[axis].0).abs() - BEHIND_COUNTS;
+        let wanted = (behind as f64 / (2 * BEHIND_COUNTS) as f64).clamp(0.0, 1.0);
+        // No faster than z could slow down from its full speed by itself.
+        let step = z.acceleration * period / z.speed;
+        started.slower += (wanted - started.slower).clamp(-step, step);
+        started.at += started.slower * period;
+    }
+
+    /// Sets the references for this moment.
+    pub(super) fn follow(&mut self, time: f64) {
+        let Some(Started { motion, at, .. }) = &self.motion else {
+            return;
+        };
+        let elapsed = time - at;
+        self.wanted = motion.at(elapsed);
+        let over = elapsed >= motion.duration();
+        // The motion lies inside the workspace, which was checked to be reachable; were it not,
+        // holding is the answer.
+        if let Ok(outputs) = self.kinematics.outputs_at(self.wanted) {
+            for (i, output) in outputs.into_iter().enumerate() {
+                // (2.22): the input that is needed for this output.
+                self.windup[i] = self.windups[i].next(&mut self.windup_states[i], output);
+                self.references[i] = self.kinematics.counts(i, output + self.windup[i]);
+            }
+        }
+        if over {
+            self.motion = None;
+        }
+    }
+}
