@@ -6,7 +6,8 @@
 //! - [`regression`]: linear least squares, weighted and with instruments; [`nonlinear`]: Levenberg and
 //!   Marquardt's method with a Jacobian by differences; [`normal`]: both for a few unknowns, many times;
 //! - [`signal`]: filters without delay, derivatives, decimation, quantiles; [`fourier`]: the transform;
-//! - [`golden`]: golden section; [`statistics`]: percentiles, Wilson's interval.
+//! - [`golden`]: golden section; [`bisection`]: where a condition begins to hold;
+//!   [`statistics`]: percentiles, Wilson's interval.
 //!
 //! Start with [`regression`].
 //!
@@ -20,6 +21,7 @@
 //! assert!((solution.values[1] - 1.0).abs() < 1e-12);
 //! ```
 
+pub mod bisection;
 pub mod fourier;
 pub mod golden;
 pub mod nonlinear;

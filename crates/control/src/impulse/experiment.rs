@@ -6,6 +6,7 @@ use crate::outcome::{Halt, Outcome};
 use crate::station::Station;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::{AxisName, Pulse};
+use pigtail_numerics::bisection::try_onset;
 
 /// A pulse that displaces the output by less, metres, does not move it.
 pub const MOVES: f64 = 0.3e-9;
@@ -187,15 +188,7 @@ fn least(most: f64, mut holds: impl FnMut(f64) -> Result<bool, Halt>) -> Result<
     if holds(0.0)? {
         return Ok(Some(0.0));
     }
-    let (mut low, mut high) = (0.0, most);
-    for _ in 0..HALVINGS {
-        let middle = 0.5 * (low + high);
-        if holds(middle)? {
-            high = middle;
-        } else {
-            low = middle;
-        }
-    }
+    let (low, high) = try_onset((0.0, most), HALVINGS, holds)?;
     Ok(Some(0.5 * (low + high)))
 }
 

@@ -6,6 +6,7 @@ use pigtail_control::impulse::{Impulses, Moved, Relax, Shape};
 use pigtail_control::station::Station;
 use pigtail_hal::pulse::HARMONICS;
 use pigtail_hal::{AxisName, Command, Error, Machine, Pulse};
+use pigtail_numerics::bisection::onset;
 use pigtail_numerics::rounded;
 use pigtail_session::job::Ended;
 use pigtail_session::setup::{Setup, unfit};
@@ -87,17 +88,11 @@ impl Bench<'_> {
     pub(super) fn limit(&self) -> f64 {
         let drive = self.setup.rig.spec.drive(self.at.axis);
         let volts = drive.pulse.map_or(0.0, |pulse| pulse.voltage);
-        let (mut low, mut high) = (0.0, volts);
-        for _ in 0..30 {
-            let middle = 0.5 * (low + high);
-            let pulse = self.form.scaled(middle).pulse(MAP[0] * self.unit, true);
-            if pulse.peak() <= volts {
-                low = middle;
-            } else {
-                high = middle;
-            }
-        }
-        low
+        let beyond = |harmonic: f64| {
+            let pulse = self.form.scaled(harmonic).pulse(MAP[0] * self.unit, true);
+            pulse.peak() > volts
+        };
+        onset((0.0, volts), 30, beyond).0
     }
 
     pub(super) fn impulses(&self, relax: Relax, readings: u32) -> Impulses {

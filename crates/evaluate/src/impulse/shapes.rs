@@ -13,6 +13,7 @@ use pigtail_hal::{Axis, AxisName, Error};
 use pigtail_model::Invalid;
 use pigtail_model::friction::Mode;
 use pigtail_model::joint::{Joint, JointParameters, JointState};
+use pigtail_numerics::bisection::onset;
 use pigtail_numerics::statistics::Sorted;
 use pigtail_session::characterize::no_probe;
 use pigtail_session::job::Ended;
@@ -421,37 +422,23 @@ impl Bench {
         /// Of any that Fig. 4.17 shows.
         const MOST: f64 = 20.0;
         const HALVINGS: u32 = 12;
-        let (mut low, mut high) = (0.0, MOST * self.unit);
-        for _ in 0..HALVINGS {
-            let middle = 0.5 * (low + high);
+        let moves = |a2: f64| {
             let wave = Waveform {
                 family: Family::Sines,
-                amplitudes: [0.0, middle, 0.0, 0.0],
+                amplitudes: [0.0, a2, 0.0, 0.0],
                 period: THESIS_PERIOD,
             };
-            if self.middle.play(&wave).moved > MOVES {
-                high = middle;
-            } else {
-                low = middle;
-            }
-        }
-        high
+            self.middle.play(&wave).moved > MOVES
+        };
+        onset((0.0, MOST * self.unit), HALVINGS, moves).1
     }
 
     /// The `a_1` that moves the nominal joint by `wanted` metres, or the highest at a peak, volts.
     fn extent(&self, wave: &Waveform, peak: f64, wanted: f64) -> f64 {
         const HALVINGS: u32 = 16;
         let most = wave.most(peak).unwrap_or(0.0);
-        let (mut low, mut high) = (0.0, most);
-        for _ in 0..HALVINGS {
-            let middle = 0.5 * (low + high);
-            if self.middle.play(&wave.with(middle)).moved > wanted {
-                high = middle;
-            } else {
-                low = middle;
-            }
-        }
-        high
+        let far = |a1: f64| self.middle.play(&wave.with(a1)).moved > wanted;
+        onset((0.0, most), HALVINGS, far).1
     }
 
     /// So many machines, each in both directions.
@@ -562,16 +549,7 @@ impl Machine {
         if moves(0.0) {
             return 0.0;
         }
-        let (mut low, mut high) = (0.0, most);
-        for _ in 0..HALVINGS {
-            let middle = 0.5 * (low + high);
-            if moves(middle) {
-                high = middle;
-            } else {
-                low = middle;
-            }
-        }
-        high
+        onset((0.0, most), HALVINGS, moves).1
     }
 }
 

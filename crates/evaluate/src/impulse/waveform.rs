@@ -4,6 +4,7 @@ use pigtail_hal::Pulse;
 use pigtail_hal::pulse::HARMONICS;
 use pigtail_hal::quantity::Volts;
 use pigtail_model::joint::{Joint, JointState, Voltage};
+use pigtail_numerics::bisection::onset;
 use std::f64::consts::TAU;
 
 /// How a pulse goes over its length.
@@ -62,16 +63,8 @@ impl Waveform {
             return None;
         }
         // Each family's first part alone peaks at a_1, and the second takes from it at most its own.
-        let (mut low, mut high) = (0.0, 4.0 * volts);
-        for _ in 0..HALVINGS {
-            let middle = 0.5 * (low + high);
-            if self.with(middle).peak() <= volts {
-                low = middle;
-            } else {
-                high = middle;
-            }
-        }
-        Some(low)
+        let beyond = |a1: f64| self.with(a1).peak() > volts;
+        Some(onset((0.0, 4.0 * volts), HALVINGS, beyond).0)
     }
 
     /// The voltage `time` seconds after its start, volts.

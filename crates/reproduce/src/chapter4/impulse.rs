@@ -13,6 +13,7 @@ use pigtail_evaluate::impulse::run::{
     PulseDocument as Run, Resolution, Task, resolution, runs, stability,
 };
 use pigtail_hal::{Axis, AxisName};
+use pigtail_numerics::bisection::try_onset;
 use pigtail_numerics::statistics::Sorted;
 use pigtail_session::impulse::{Estimator, believed};
 use pigtail_session::job::Ended;
@@ -531,17 +532,12 @@ fn moving_by(bench: &Bench, at: AxisName, wanted: f64) -> Result<Trace, Ended> {
     let belief = believed(&setup.rig, at)?;
     let shape = belief.shape();
     let played = |a1: f64| single(setup, at, bench.seed, &shape.pulse(a1, true));
-    let (mut low, mut high) = (0.0, belief.curve.last().map_or(0.0, |last| last[0]));
-    for _ in 0..HALVINGS {
-        let middle = 0.5 * (low + high);
-        let moved = played(middle)?.output.last().copied().unwrap_or(0.0);
-        if moved < wanted {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    played(high)
+    let most = belief.curve.last().map_or(0.0, |last| last[0]);
+    let (_, enough) = try_onset((0.0, most), HALVINGS, |a1| {
+        let moved = played(a1)?.output.last().copied();
+        Ok::<_, Ended>(moved.unwrap_or(0.0) >= wanted)
+    })?;
+    played(enough)
 }
 
 /// Figs. 4.12 and 4.24.
