@@ -11,6 +11,7 @@ use crate::recipe::ConicalScan as Shape;
 use crate::station::Station;
 use pigtail_hal::{Channel, Fault, Side};
 use pigtail_model::frames::Displacement;
+use pigtail_numerics::line::Line;
 use std::collections::VecDeque;
 use std::f64::consts::{PI, TAU};
 
@@ -507,25 +508,19 @@ struct Ahead {
 impl Ahead {
     /// By the straight line through a coordinate of peaks that are a turn apart. A few peaks may
     /// happen to lie well: they scatter by `noise` (metres) at least.
-    fn of(peaks: &[Peak], coordinate: impl Fn(&Peak) -> f64, noise: f64) -> Self {
+    fn of(peaks: &[Peak], coordinate: impl Fn(&Peak) -> f64 + Clone, noise: f64) -> Self {
         let n = peaks.len() as f64;
-        let middle = 0.5 * (n - 1.0);
-        let mean = peaks.iter().map(&coordinate).sum::<f64>() / n;
-        let spread: f64 = (0..peaks.len()).map(|k| (k as f64 - middle).powi(2)).sum();
-        let slope = (0..peaks.len())
-            .map(|k| (k as f64 - middle) * (coordinate(&peaks[k]) - mean))
-            .sum::<f64>()
-            / spread;
-        let squares: f64 = (0..peaks.len())
-            .map(|k| (coordinate(&peaks[k]) - mean - slope * (k as f64 - middle)).powi(2))
-            .sum();
-        let lever = middle + AHEAD;
+        let turns = peaks.iter().map(coordinate).enumerate();
+        let points = turns.map(|(k, at)| (k as f64, at));
+        let line = Line::through(points.clone());
+        let squares: f64 = points.map(|(k, at)| line.left(k, at).powi(2)).sum();
+        let lever = line.x + AHEAD;
         let each = (squares / (n - 2.0)).max(noise * noise);
-        let variance = each * (1.0 / n + lever * lever / spread);
+        let variance = each * (1.0 / n + lever * lever / line.spread);
         Self {
-            at: mean + slope * lever,
+            at: line.y + line.slope * lever,
             deviation: variance.sqrt(),
-            slope,
+            slope: line.slope,
         }
     }
 }

@@ -9,6 +9,7 @@ use pigtail_model::windup::{
     ELEMENTS, Memory, MemoryState, POWERS, Reversal, Windup, WindupState, polynomial,
 };
 use pigtail_numerics::golden::least;
+use pigtail_numerics::line::Line;
 use pigtail_numerics::normal::Normal;
 
 /// Input and output of a transmission over a scan, as output angles from where it began.
@@ -184,23 +185,11 @@ pub fn fit_reversal(record: &WindupRecord, full: std::ops::Range<usize>) -> Fit<
     };
     let solve = |way: f64| {
         let shape = shape_of(way);
-        let (mut n, mut s, mut ss, mut w, mut sw) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for (s_k, (_, w_k)) in shape.iter().zip(&data).skip(skip) {
-            n += 1.0;
-            s += s_k;
-            ss += s_k * s_k;
-            w += w_k;
-            sw += s_k * w_k;
-        }
-        let maximum = (n * sw - s * w) / (n * ss - s * s);
-        let offset = (w - maximum * s) / n;
-        let squares: f64 = shape
-            .iter()
-            .zip(&data)
-            .skip(skip)
-            .map(|(s_k, (_, w_k))| (w_k - offset - maximum * s_k).powi(2))
-            .sum();
-        (maximum, offset, squares)
+        let points = shape.into_iter().zip(&data).skip(skip);
+        let points = points.map(|(shape, (_, windup))| (shape, *windup));
+        let line = Line::through(points.clone());
+        let squares: f64 = points.map(|(s, w)| line.left(s, w).powi(2)).sum();
+        (line.slope, line.at(0.0), squares)
     };
     let range = data
         .iter()
@@ -257,9 +246,9 @@ struct Grid {
     /// Windup over its maximum at each sample.
     windups: Vec<f64>,
     /// Deflection over its way of each element at each sample.
-    rows: Vec<[f64; ELEMENTS]>,
+    rows: Vec<SVector<f64, ELEMENTS>>,
     /// Sums of products of the rows' columns.
-    normal: [[f64; ELEMENTS]; ELEMENTS],
+    normal: SMatrix<f64, ELEMENTS, ELEMENTS>,
     maximum: f64,
 }
 
@@ -273,21 +262,13 @@ impl Grid {
             hardening: [0.0; POWERS],
         };
         let mut state = MemoryState::default();
-        let mut rows = Vec::with_capacity(data.len());
+        let mut rows: Vec<SVector<f64, ELEMENTS>> = Vec::with_capacity(data.len());
         for (output, _) in data {
             elements.next(&mut state, *output);
-            rows.push(std::array::from_fn(|i| state.deflections()[i] / ways[i]));
+            rows.push(SVector::from_fn(|i, _| state.deflections()[i] / ways[i]));
         }
         rows.drain(..skip);
-        let mut normal = [[0.0; ELEMENTS]; ELEMENTS];
-        for row in &rows {
-            let row: &[f64; ELEMENTS] = row;
-            for (sums, a) in normal.iter_mut().zip(row) {
-                for (sum, b) in sums.iter_mut().zip(row) {
-                    *sum += a * b;
-                }
-            }
-        }
+        let normal = rows.iter().map(|row| row * row.transpose()).sum();
         let maximum = first.model.maximum;
         let windups = data[skip..]
             .iter()
@@ -309,7 +290,7 @@ impl Grid {
     fn best(&self) -> (Memory, f64, f64) {
         const ROUNDS: usize = 12;
         let mut shape = Shape::LINEAR;
-        let mut weights = [0.0; ELEMENTS];
+        let mut weights = SVector::zeros();
         for _ in 0..ROUNDS {
             weights = self.weights(&shape);
             shape = self.shape(&weights);
@@ -318,7 +299,7 @@ impl Grid {
             .rows
             .iter()
             .zip(&self.windups)
-            .map(|(row, windup)| (windup - shape.windup(torque(row, &weights))).powi(2))
+            .map(|(row, windup)| (windup - shape.windup(row.dot(&weights))).powi(2))
             .sum();
         let total = weights.iter().sum::<f64>().max(f64::MIN_POSITIVE);
         let mut power = self.maximum;
@@ -333,24 +314,26 @@ impl Grid {
         (model, self.maximum * shape.offset, squares)
     }
 
-    /// The elements' torques that wind a transmission of this shape up as was measured.
-    fn weights(&self, shape: &Shape) -> [f64; ELEMENTS] {
-        let mut right = [0.0; ELEMENTS];
-        for (row, windup) in self.rows.iter().zip(&self.windups) {
-            let torque = shape.torque(*windup);
-            for (sum, a) in right.iter_mut().zip(row) {
-                *sum += a * torque;
-            }
-        }
-        least_squares(&self.normal, &right)
+    /// The elements' torques that wind a transmission of this shape up as was measured, with so much
+    /// regularisation that neighbouring elements do not fight. Shares may be negative: the torque then rises
+    /// above what sliding needs, as it does before a load breaks away.
+    fn weights(&self, shape: &Shape) -> SVector<f64, ELEMENTS> {
+        const REGULARISATION: f64 = 1e-5;
+        let torques = self.windups.iter().map(|windup| shape.torque(*windup));
+        let normal = Normal {
+            matrix: self.normal,
+            right: self.rows.iter().zip(torques).map(|(row, t)| row * t).sum(),
+        };
+        let ridge = REGULARISATION * normal.matrix.trace() / ELEMENTS as f64;
+        normal.solve_with_ridge(ridge).unwrap_or_default()
     }
 
     /// The shape that makes the measured windup of these elements' torques.
-    fn shape(&self, weights: &[f64; ELEMENTS]) -> Shape {
+    fn shape(&self, weights: &SVector<f64, ELEMENTS>) -> Shape {
         const COLUMNS: usize = 1 + POWERS;
         let mut normal = Normal::default();
         for (row, windup) in self.rows.iter().zip(&self.windups) {
-            let torque = torque(row, weights);
+            let torque = row.dot(weights);
             let mut power = 1.0;
             let powers = SVector::<f64, COLUMNS>::from_fn(|_, _| {
                 let now = power;
@@ -393,24 +376,6 @@ impl Shape {
         }
         torque
     }
-}
-
-fn torque(row: &[f64; ELEMENTS], weights: &[f64; ELEMENTS]) -> f64 {
-    row.iter().zip(weights).map(|(a, w)| a * w).sum()
-}
-
-/// Least squares from the normal equations, with so much regularisation that neighbouring elements
-/// do not fight. Shares may be negative: the torque then rises above what sliding needs, as it does
-/// before a load breaks away.
-fn least_squares(normal: &[[f64; ELEMENTS]; ELEMENTS], right: &[f64; ELEMENTS]) -> [f64; ELEMENTS] {
-    const REGULARISATION: f64 = 1e-5;
-    let normal = Normal::<ELEMENTS> {
-        matrix: SMatrix::from_fn(|i, j| normal[i][j]),
-        right: SVector::from_column_slice(right),
-    };
-    let ridge = REGULARISATION * normal.matrix.trace() / ELEMENTS as f64;
-    let solved = normal.solve_with_ridge(ridge);
-    solved.map_or([0.0; ELEMENTS], Into::into)
 }
 
 /// Peak-to-peak of output less wanted output over a record from sample `skip` on, radians.

@@ -6,6 +6,7 @@ use pigtail_control::identify::Path;
 use pigtail_control::piezo::Micro;
 use pigtail_control::station::Unobserved;
 use pigtail_hal::{Command, Fault, Machine, Measurement, Side, Spec};
+use pigtail_numerics::line::Line;
 use pigtail_numerics::rounded;
 use pigtail_records::hysteresis::Kind;
 use pigtail_session::job::Ended;
@@ -169,21 +170,15 @@ impl Followed {
     /// rests has no slope.
     pub fn errors(&self, from: usize, every: usize) -> (Vec<f64>, f64) {
         let (wanted, was) = self.judged(from, every);
-        let n = wanted.len() as f64;
-        let mean = |column: &[f64]| column.iter().sum::<f64>() / n;
-        let (a, b) = (mean(&wanted), mean(&was));
-        let (mut up, mut down) = (0.0, 0.0);
-        for (w, x) in wanted.iter().zip(&was) {
-            up += (w - a) * (x - b);
-            down += (w - a) * (w - a);
-        }
-        let slope = if down > 0.0 { up / down } else { 1.0 };
-        let errors = wanted
-            .iter()
-            .zip(&was)
-            .map(|(w, x)| x - b - slope * (w - a))
-            .collect();
-        (errors, slope - 1.0)
+        let points = wanted.into_iter().zip(was);
+        let line = Line::through(points.clone());
+        let errors = points.map(|(w, x)| line.left(w, x)).collect();
+        let off = if line.spread > 0.0 {
+            line.slope - 1.0
+        } else {
+            0.0
+        };
+        (errors, off)
     }
 }
 

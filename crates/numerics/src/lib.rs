@@ -6,8 +6,8 @@
 //! - [`regression`]: linear least squares, weighted and with instruments; [`nonlinear`]: Levenberg and
 //!   Marquardt's method with a Jacobian by differences; [`normal`]: both for a few unknowns, many times;
 //! - [`signal`]: filters without delay, derivatives, decimation, quantiles; [`fourier`]: the transform;
-//! - [`golden`]: golden section; [`bisection`]: where a condition begins to hold;
-//!   [`statistics`]: percentiles, Wilson's interval.
+//! - [`line`]: the straight line through points; [`golden`]: golden section; [`bisection`]: where a condition
+//!   begins to hold; [`statistics`]: percentiles, Wilson's interval.
 //!
 //! Start with [`regression`].
 //!
@@ -24,6 +24,7 @@
 pub mod bisection;
 pub mod fourier;
 pub mod golden;
+pub mod line;
 pub mod nonlinear;
 pub mod normal;
 pub mod regression;

@@ -6,6 +6,7 @@ use super::{FIVE_BAR, Z};
 use pigtail_control::identify::{Path, WindupRecord, scan};
 use pigtail_evaluate::loops::{Loop, middle_windup, windup};
 use pigtail_model::windup::{Reversal, ReversalState, Windup};
+use pigtail_numerics::line::Line;
 use pigtail_session::identify::{range, scale};
 use pigtail_session::job::Ended;
 use pigtail_twin::plant::LoadLaw;
@@ -87,16 +88,9 @@ fn departure(record: &WindupRecord) -> f64 {
         .map(|(_, output, w)| (*output, first - w))
         .take_while(|p| p.1 < 0.95 * whole)
         .collect();
-    let n = part.len() as f64;
-    let (mx, my) = part
-        .iter()
-        .fold((0.0, 0.0), |(x, y), p| (x + p.0 / n, y + p.1 / n));
-    let (up, down) = part.iter().fold((0.0, 0.0), |(u, d), p| {
-        (u + (p.0 - mx) * (p.1 - my), d + (p.0 - mx).powi(2))
-    });
-    let slope = up / down;
+    let line = Line::through(part.iter().copied());
     part.iter()
-        .map(|p| (p.1 - my - slope * (p.0 - mx)).abs() / whole)
+        .map(|(x, y)| line.left(*x, *y).abs() / whole)
         .fold(0.0, f64::max)
 }
 

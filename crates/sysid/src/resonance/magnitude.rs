@@ -13,6 +13,7 @@
 use super::{Identified, Record, modes_of, pruned, search, stated_modes};
 use crate::{Parameter, Unknown};
 use nalgebra::{Complex, DVector};
+use pigtail_numerics::line::Line;
 use pigtail_numerics::nonlinear::{minimise, uncertainty};
 use pigtail_numerics::regression::least_squares;
 use std::f64::consts::PI;
@@ -48,14 +49,7 @@ fn bode(u: f64) -> f64 {
 
 /// Slope of the logarithm of magnitude over that of frequency through some points.
 fn slope(x: &[f64], y: &[f64]) -> f64 {
-    let n = x.len() as f64;
-    let (mx, my) = (x.iter().sum::<f64>() / n, y.iter().sum::<f64>() / n);
-    let (mut xx, mut xy) = (0.0, 0.0);
-    for (a, b) in x.iter().zip(y) {
-        xx += (a - mx) * (a - mx);
-        xy += (a - mx) * (b - my);
-    }
-    if xx > 0.0 { xy / xx } else { 0.0 }
+    Line::through(x.iter().copied().zip(y.iter().copied())).slope
 }
 
 /// The response of least phase that has a record's magnitude.

@@ -1,6 +1,7 @@
 //! What was measured of a piezo: voltage and displacement over time.
 
 use super::{Invalid, Range};
+use pigtail_numerics::line::Line;
 
 /// Voltage and displacement of a piezo over time. Whoever makes one is told what is wrong with the
 /// data.
@@ -90,14 +91,8 @@ impl Record {
             let accepted = "a way forward and back at least: there is no hysteresis in one way";
             return Err(Invalid::new("input", value, accepted));
         }
-        let mean = |column: &[f64]| column.iter().sum::<f64>() / n as f64;
-        let (u, x) = (mean(&input), mean(&output));
-        let together: f64 = input
-            .iter()
-            .zip(&output)
-            .map(|(a, b)| (a - u) * (b - x))
-            .sum();
-        if together <= 0.0 {
+        let points = input.iter().copied().zip(output.iter().copied());
+        if Line::through(points).slope <= 0.0 {
             let value = "falls where the input rises";
             return Err(Invalid::new(
                 "output",
