@@ -7,6 +7,7 @@ use clap::Args;
 use pigtail_hal::Error;
 use pigtail_hal::digest::hash;
 use pigtail_hal::quantity::{LENGTH, Sign};
+use pigtail_model::frames::Displacement;
 use pigtail_records::columns::LengthUnit;
 use pigtail_records::map::{Columns, MapDocument, Peak, PowerUnit, read, try_on};
 use pigtail_report as report;
@@ -42,20 +43,21 @@ pub(crate) struct MapArguments {
     map_inverted: bool,
     /// Where the search begins, such as "5 um,-3 um"; the map's middle where not given
     #[arg(long, value_name = "X,Y", requires = "map", value_parser = place, allow_hyphen_values = true)]
-    map_start: Option<(f64, f64)>,
+    map_start: Option<Displacement>,
     /// How well the peak's place is to be known (a standard deviation), such as "0.1 um"; a fiftieth
     /// of its radius where not given
     #[arg(long, value_name = "LENGTH", requires = "map", value_parser = quantity(LENGTH))]
     map_accuracy: Option<f64>,
 }
 
-fn place(text: &str) -> Result<(f64, f64), String> {
+fn place(text: &str) -> Result<Displacement, String> {
     let Some((x, y)) = text.split_once(',') else {
         return Err(format!(
             "\"{text}\" is no place; accepted are two lengths, such as \"5 um,-3 um\""
         ));
     };
-    Ok((LENGTH.parse(x, Sign::Any)?, LENGTH.parse(y, Sign::Any)?))
+    let parse = |text| LENGTH.parse(text, Sign::Any);
+    Ok(Displacement::new(parse(x)?, parse(y)?))
 }
 
 impl MapArguments {
@@ -83,15 +85,14 @@ pub(crate) fn run(map: &Path, arguments: &MapArguments, common: &Common) -> Resu
     };
     let scan = read(map, &columns)?;
     let file = map.display().to_string();
-    let outside = |(x, y): &(f64, f64)| !scan.contains(*x, *y);
-    if arguments.map_start.as_ref().is_some_and(outside) {
-        let ((x, y), (w, h)) = (scan.middle(), scan.half());
+    if arguments.map_start.is_some_and(|at| !scan.contains(at)) {
+        let (low, high) = (scan.middle() - scan.half(), scan.middle() + scan.half());
         let message = format!(
             "lies outside of the map; accepted is x from {:.3} to {:.3} um, y from {:.3} to {:.3} um",
-            (x - w) * 1e6,
-            (x + w) * 1e6,
-            (y - h) * 1e6,
-            (y + h) * 1e6
+            low.x * 1e6,
+            high.x * 1e6,
+            low.y * 1e6,
+            high.y * 1e6
         );
         return Err(Error::new("--map-start", "", message).into());
     }

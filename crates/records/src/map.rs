@@ -3,6 +3,7 @@
 
 use crate::columns::{Gaps, LengthUnit, Table};
 use pigtail_hal::Error;
+use pigtail_model::frames::Displacement;
 use pigtail_numerics::rounded;
 use pigtail_sysid::map::{
     Examined, Look, Looked, Reading, Refusal, Scan, Shape, examine, look as take,
@@ -192,8 +193,8 @@ impl Peak {
         // exp(-(w/2r)^2) = 1/2.
         let full = 2.0 * std::f64::consts::LN_2.sqrt();
         Self {
-            x_um: um(shape.x),
-            y_um: um(shape.y),
+            x_um: um(shape.at.x),
+            y_um: um(shape.at.y),
             deviation_um: um(deviation),
             power: digits(shape.background + shape.height),
             background: digits(shape.background),
@@ -247,8 +248,7 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Scan, Error> {
     let metres = columns.length.metres();
     let sign = if columns.inverted { -1.0 } else { 1.0 };
     let readings = xs.iter().zip(ys).zip(powers).map(|((x, y), p)| Reading {
-        x: metres * x,
-        y: metres * y,
+        at: Displacement::new(metres * x, metres * y),
         power: sign * columns.power.linear(*p),
     });
     Scan::new(readings.collect()).map_err(|invalid| {
@@ -278,7 +278,7 @@ pub fn try_on(
     map: &str,
     scan: &Scan,
     columns: &Columns,
-    start: Option<(f64, f64)>,
+    start: Option<Displacement>,
     accuracy: Option<f64>,
 ) -> Trial {
     let examined = examine(scan);
@@ -330,7 +330,7 @@ fn verdict(all: &Examined, looked: &Looked, accuracy: Option<f64>) -> (&'static 
             format!("{n} readings, one by one from the start outward, did not come to tell a peak"),
         );
     };
-    let off = (found.x - all.peak.x).hypot(found.y - all.peak.y);
+    let off = (found.at - all.peak.at).norm();
     let (_, short, _) = all.peak.ellipse();
     if off > 0.25 * short && off > 4.0 * looked.deviation.hypot(all.deviation) {
         return (

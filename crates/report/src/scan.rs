@@ -4,6 +4,7 @@ use super::figure::{Axes, CURVES, HALF, INK, WHOLE, chart, draw, mesh};
 use super::html::{figure, fixed, page, th, verdict};
 use anyhow::Result;
 use maud::{Markup, html};
+use pigtail_model::frames::Displacement;
 use pigtail_records::map::{MapDocument, Trial};
 use pigtail_sysid::map::{Reading, Scan, Shape};
 use plotters::prelude::*;
@@ -147,9 +148,9 @@ fn table(document: &MapDocument) -> Markup {
 
 /// Axes of one scale around a scan, half a spacing beyond its readings.
 fn area(scan: &Scan) -> Axes<'static> {
-    let (x, y) = scan.middle();
+    let Displacement { x, y } = scan.middle();
     let room = 0.6 * scan.spacing();
-    let (w, h) = (scan.half().0 + room, scan.half().1 + room);
+    let (w, h) = (scan.half().x + room, scan.half().y + room);
     // The plot area of a half figure is wider than high.
     let aspect = 460.0 / 358.0;
     let half = h.max(w / aspect) * 1e6;
@@ -178,8 +179,8 @@ fn ellipse(shape: &Shape) -> Vec<(f64, f64)> {
             let (s, c) = (f64::from(k) * 5.0_f64.to_radians()).sin_cos();
             let (u, v) = (long * c, short * s);
             (
-                (shape.x + u * cos - v * sin) * 1e6,
-                (shape.y + u * sin + v * cos) * 1e6,
+                (shape.at.x + u * cos - v * sin) * 1e6,
+                (shape.at.y + u * sin + v * cos) * 1e6,
             )
         })
         .collect()
@@ -197,7 +198,7 @@ fn map(scan: &Scan, peak: Option<&Shape>) -> Result<Markup> {
         let mut chart = chart(&axes, root)?;
         mesh(&axes, &mut chart)?;
         chart.draw_series(readings.iter().step_by(every).map(|r| {
-            let (x, y) = (r.x * 1e6, r.y * 1e6);
+            let (x, y) = (r.at.x * 1e6, r.at.y * 1e6);
             let colour = ViridisRGB.get_color(0.93 * bright(r.power));
             Rectangle::new(
                 [(x - half, y - half), (x + half, y + half)],
@@ -220,7 +221,7 @@ fn way(scan: &Scan, taken: &[usize], peak: Option<&Shape>) -> Result<Markup> {
     let bright = scale(readings);
     let places: Vec<(f64, f64)> = taken
         .iter()
-        .map(|k| (readings[*k].x * 1e6, readings[*k].y * 1e6))
+        .map(|k| (readings[*k].at.x * 1e6, readings[*k].at.y * 1e6))
         .collect();
     draw(&axes, |root| {
         let mut chart = chart(&axes, root)?;
@@ -247,7 +248,7 @@ fn way(scan: &Scan, taken: &[usize], peak: Option<&Shape>) -> Result<Markup> {
 fn profile(scan: &Scan, taken: &[usize], shape: &Shape) -> Result<Markup> {
     const FAR: f64 = 4.0;
     let readings = scan.readings();
-    let at = |r: &Reading| (-shape.share(r.x, r.y).ln()).sqrt();
+    let at = |r: &Reading| (-shape.share(r.at).ln()).sqrt();
     let every = readings.len().div_ceil(POINTS);
     let all: Vec<(f64, f64)> = readings
         .iter()

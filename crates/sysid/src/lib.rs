@@ -14,12 +14,15 @@
 //! Start with [`servo`], or with [`map`]:
 //!
 //! ```
+//! use pigtail_model::frames::Displacement;
 //! use pigtail_sysid::map::{Reading, Scan, examine};
 //!
 //! // A spot of 4 um at (3, -2) um on a grid of 1 um.
-//! let spot = |x: f64, y: f64| (-((x - 3e-6).powi(2) + (y + 2e-6).powi(2)) / 8e-12).exp();
-//! let grid = (-12..=12).flat_map(|i| (-12..=12).map(move |j| (1e-6 * f64::from(i), 1e-6 * f64::from(j))));
-//! let readings = grid.map(|(x, y)| Reading { x, y, power: spot(x, y) }).collect();
+//! let peak = Displacement::new(3e-6, -2e-6);
+//! let spot = |at: Displacement| (-(at - peak).norm().powi(2) / 8e-12).exp();
+//! let grid = (-12..=12).flat_map(|i| (-12..=12).map(move |j| (f64::from(i), f64::from(j))));
+//! let places = grid.map(|(x, y)| Displacement::new(x, y) * 1e-6);
+//! let readings = places.map(|at| Reading { at, power: spot(at) }).collect();
 //! let scan = Scan::new(readings).expect("readings over an area");
 //! assert!(examine(&scan).is_ok());
 //! ```

@@ -62,7 +62,7 @@ pub fn examine(scan: &Scan) -> Result<Examined, Refusal> {
         && let Err((Refusal::TooCoarse { seen, .. }, Some(shape))) = &last
         && *seen <= ALONE
     {
-        data.retain(|(_, d)| shape.share(d.x, d.y) <= SEES);
+        data.retain(|(_, d)| shape.share(d.at) <= SEES);
         last = attempt(scan, &data);
     }
     last.or(first).map_err(|(refusal, _)| refusal)
@@ -130,9 +130,8 @@ fn sample(scan: &Scan, data: &[Datum], whole: &Spread) -> Vec<Datum> {
     let Some(top) = data.iter().max_by(by) else {
         return Vec::new();
     };
-    let (near, far): (Vec<Datum>, Vec<Datum>) = data
-        .iter()
-        .partition(|d| (d.x - top.x).hypot(d.y - top.y) < reach);
+    let (near, far): (Vec<Datum>, Vec<Datum>) =
+        data.iter().partition(|d| (d.at - top.at).norm() < reach);
     let mut some = Vec::new();
     for part in [near, far] {
         // An odd stride comes to all columns of most grids.
@@ -151,7 +150,7 @@ fn check(
     whole: &Spread,
 ) -> Result<(), Refusal> {
     let shape = &found.shape;
-    let at = (shape.x, shape.y);
+    let at = shape.at;
     let gained = (whole.squares - found.squares) / (noise * noise).max(f64::MIN_POSITIVE);
     if gained < SIGNIFICANT || found.squares >= whole.squares {
         let brightest = (whole.top - whole.median) / noise;
@@ -168,11 +167,11 @@ fn check(
     }
     let seen = all
         .iter()
-        .filter(|(_, d)| !d.at_least && shape.share(d.x, d.y) > SEES)
+        .filter(|(_, d)| !d.at_least && shape.share(d.at) > SEES)
         .count();
     let (long, short, _) = shape.ellipse();
     let radius = (long * short).sqrt();
-    if !scan.contains(shape.x, shape.y) {
+    if !scan.contains(shape.at) {
         return Err(Refusal::AtEdge { at });
     }
     if seen < SEEN {
@@ -194,7 +193,7 @@ fn leave_out(all: &mut Vec<(usize, Datum)>, found: &Fit) -> bool {
         if d.at_least {
             return 0.0;
         }
-        let model = d.sign * found.shape.power(d.x, d.y) + d.share * found.level;
+        let model = d.sign * found.shape.power(d.at) + d.share * found.level;
         (d.power - model).abs()
     };
     let mut sizes: Vec<f64> = all.iter().map(|(_, d)| off(d)).collect();

@@ -7,6 +7,7 @@
 
 use super::Scan;
 use super::shape::{Datum, Fit, Shape, fit, flat_squares};
+use pigtail_model::frames::Displacement;
 
 /// What became of the power between the light and the file.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -157,7 +158,7 @@ impl Folding {
     /// Readings as this folds the light of a shape.
     pub(super) fn data(self, plain: &[Datum], shape: &Shape) -> Vec<Datum> {
         let folded = |d: &Datum| {
-            let power = shape.power(d.x, d.y);
+            let power = shape.power(d.at);
             let (sign, share, at_least) = match self {
                 Self::Clipped(level) => (1.0, 0.0, d.power >= level),
                 Self::Wrapped(span) => (
@@ -190,7 +191,7 @@ pub(super) fn explain(
     let mut plain: Option<Fit> = None;
     for start in starts(scan, data, spread) {
         // A peak that hides between the readings explains nothing.
-        let sees = |f: &Fit| data.iter().any(|d| f.shape.share(d.x, d.y) > SEES);
+        let sees = |f: &Fit| data.iter().any(|d| f.shape.share(d.at) > SEES);
         let found = fit(data, &start, 0.0, false).filter(sees);
         better(&mut plain, found.as_ref());
     }
@@ -248,7 +249,7 @@ pub(super) fn leaves_noise(data: &[Datum], found: &Fit, noise: f64) -> bool {
 pub(super) fn left_over(data: &[Datum], found: &Fit, share: f64) -> f64 {
     let squares = data
         .iter()
-        .filter(|d| !d.at_least && found.shape.share(d.x, d.y) >= share)
+        .filter(|d| !d.at_least && found.shape.share(d.at) >= share)
         .map(|d| d.residual(&found.shape, found.level).powi(2));
     let (sum, n) = squares.fold((0.0, 0.0), |(sum, n), square| (sum + square, n + 1.0));
     if n > 0.0 { sum / n } else { 0.0 }
@@ -262,8 +263,8 @@ pub(super) fn noise_of(data: &[Datum], spacing: f64) -> f64 {
     const LESSER: f64 = 0.3;
     /// A standard normal number is less than this in size as often as that.
     const QUANTILE: f64 = 0.385;
-    let nearest = |x: f64, y: f64, not: usize| {
-        let away = |d: &Datum| (d.x - x).hypot(d.y - y);
+    let nearest = |place: Displacement, not: usize| {
+        let away = |d: &Datum| (d.at - place).norm();
         (0..data.len())
             .filter(|k| *k != not)
             .map(|k| (k, away(&data[k])))
@@ -273,9 +274,9 @@ pub(super) fn noise_of(data: &[Datum], spacing: f64) -> f64 {
         .step_by(data.len().div_ceil(LOOKS) | 1)
         .filter_map(|k| {
             let d = &data[k];
-            let (one, _) = nearest(d.x, d.y, k)?;
+            let (one, _) = nearest(d.at, k)?;
             let a = &data[one];
-            let (other, away) = nearest(2.0 * d.x - a.x, 2.0 * d.y - a.y, k)?;
+            let (other, away) = nearest(d.at * 2.0 - a.at, k)?;
             let opposite = other != one && away < 0.3 * spacing;
             opposite.then(|| (a.power - 2.0 * d.power + data[other].power).abs())
         })
@@ -305,45 +306,37 @@ fn starts(scan: &Scan, data: &[Datum], spread: &Spread) -> Vec<Shape> {
         return Vec::new();
     };
     let (middle, radius) = moments(data, spread.median);
-    let large = scan.half.0.min(scan.half.1);
+    let large = scan.half.x.min(scan.half.y);
     let close = 1.5 * scan.spacing();
     let (up, down) = (spread.top - spread.median, spread.bottom - spread.median);
     let mut starts = Vec::new();
     for size in [close, radius, large] {
-        for place in [(top.x, top.y), middle] {
+        for place in [top.at, middle] {
             starts.push(Shape::round(spread.median, up, place, size));
         }
-        starts.push(Shape::round(
-            spread.median,
-            down,
-            (bottom.x, bottom.y),
-            size,
-        ));
+        starts.push(Shape::round(spread.median, down, bottom.at, size));
     }
-    starts.push(Shape::round(
-        spread.bottom,
-        spread.range(),
-        (top.x, top.y),
-        large,
-    ));
+    starts.push(Shape::round(spread.bottom, spread.range(), top.at, large));
     starts
 }
 
 /// The middle of what is off a level, and its root mean square radius, metres.
-fn moments(data: &[Datum], level: f64) -> ((f64, f64), f64) {
-    let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
+fn moments(data: &[Datum], level: f64) -> (Displacement, f64) {
+    let (mut sum, mut weighted) = (0.0, Displacement::ZERO);
     let weight = |d: &Datum| (d.power - level).powi(2);
     for d in data {
         sum += weight(d);
-        x += weight(d) * d.x;
-        y += weight(d) * d.y;
+        weighted += d.at * weight(d);
     }
-    let (x, y) = (x / sum, y / sum);
+    let middle = weighted / sum;
     let square: f64 = data
         .iter()
-        .map(|d| weight(d) * ((d.x - x).powi(2) + (d.y - y).powi(2)))
+        .map(|d| {
+            let off = d.at - middle;
+            weight(d) * (off.x.powi(2) + off.y.powi(2))
+        })
         .sum();
-    ((x, y), (square / sum).sqrt())
+    (middle, (square / sum).sqrt())
 }
 
 /// The best shape behind a way of folding: which readings are folded, and what shape they then
@@ -387,7 +380,7 @@ fn unfold(
         };
         if plausible
             && found.shape.height > 0.0
-            && scan.contains(found.shape.x, found.shape.y)
+            && scan.contains(found.shape.at)
             && folded.iter().any(|d| d.share != 0.0)
             && leaves_noise(&folded, &found, noise)
             && best.as_ref().is_none_or(|b| found.squares < b.0.squares)
@@ -408,17 +401,17 @@ fn likely(scan: &Scan, data: &[Datum], spread: &Spread, fold: Folding) -> Vec<Sh
         Folding::MirroredUp(level) => 2.0 * level - border,
         _ => border,
     };
-    let ((x, y), radius) = moments(data, border);
+    let (middle, radius) = moments(data, border);
     let mut tried = Vec::new();
     for (i, j) in (-PLACES..=PLACES).flat_map(|i| (-PLACES..=PLACES).map(move |j| (i, j))) {
         let step = 0.35 * radius;
-        let place = (x + step * f64::from(i), y + step * f64::from(j));
+        let place = middle + Displacement::new(f64::from(i), f64::from(j)) * step;
         for size in [0.3, 0.45, 0.65, 0.9, 1.3] {
             for height in [0.9, 1.1, 1.35, 1.7, 2.2, 3.0] {
                 let height = height * spread.range();
                 let shape = Shape::round(background, height, place, size * radius);
                 let off =
-                    |d: &Datum| (d.power - fold.folded(shape.power(d.x, d.y), spread.bottom)).abs();
+                    |d: &Datum| (d.power - fold.folded(shape.power(d.at), spread.bottom)).abs();
                 // Not squares: what is folded otherwise than it should be is far off at once.
                 tried.push((data.iter().map(off).sum::<f64>(), shape));
             }
@@ -435,9 +428,8 @@ fn likely(scan: &Scan, data: &[Datum], spread: &Spread, fold: Folding) -> Vec<Sh
 /// The median power along the border of the area.
 fn border(scan: &Scan, data: &[Datum]) -> f64 {
     let out = |d: &&Datum| {
-        let x = (d.x - scan.middle.0).abs() / scan.half.0;
-        let y = (d.y - scan.middle.1).abs() / scan.half.1;
-        x.max(y) > 0.85
+        let from = d.at - scan.middle;
+        (from.x.abs() / scan.half.x).max(from.y.abs() / scan.half.y) > 0.85
     };
     let mut powers: Vec<f64> = data.iter().filter(out).map(|d| d.power).collect();
     if powers.is_empty() {

@@ -3,13 +3,14 @@
 use super::examine::unfolded;
 use super::shape::{Datum, Fit, NUMBERS, Shape, fit, flat_squares};
 use super::{Examined, Reading, Scan};
+use pigtail_model::frames::Displacement;
 use std::collections::HashMap;
 
 /// How a look is to go.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Look {
-    /// Where the light is likeliest, metres: the search goes outward from there.
-    pub start: (f64, f64),
+    /// Where the light is likeliest: the search goes outward from there.
+    pub start: Displacement,
     /// Standard deviation of the peak's place at which it is known well enough, metres; a fiftieth
     /// of the peak's short radius where `None`.
     pub accuracy: Option<f64>,
@@ -95,15 +96,12 @@ struct Looker<'s> {
 }
 
 impl<'s> Looker<'s> {
-    fn new(scan: &'s Scan, readings: Vec<(usize, Reading)>, start: (f64, f64)) -> Self {
+    fn new(scan: &'s Scan, readings: Vec<(usize, Reading)>, start: Displacement) -> Self {
         let n = readings.len();
-        let away = |k: &usize| {
-            let r = &readings[*k].1;
-            (r.x - start.0).hypot(r.y - start.1)
-        };
+        let away = |k: &usize| (readings[*k].1.at - start).norm();
         let mut outward: Vec<usize> = (0..n).collect();
         outward.sort_by(|a, b| away(a).total_cmp(&away(b)));
-        let stride = FIRST_STRIDE * 2.0 * scan.half.0.min(scan.half.1);
+        let stride = FIRST_STRIDE * 2.0 * scan.half.x.min(scan.half.y);
         Self {
             scan,
             readings,
@@ -207,7 +205,7 @@ impl<'s> Looker<'s> {
             let variance = found.squares / (data.len() - NUMBERS) as f64;
             let shape = found.shape;
             shape.height > 0.0
-                && self.scan.contains(shape.x, shape.y)
+                && self.scan.contains(shape.at)
                 && flat - found.squares > 40.0 * variance
         })
     }
@@ -222,8 +220,7 @@ impl<'s> Looker<'s> {
         for size in [0.5, 1.0, 2.0, 4.0] {
             for background in [median, bottom] {
                 let height = top.power - background;
-                let place = (top.x, top.y);
-                let start = Shape::round(background, height, place, size * self.stride);
+                let start = Shape::round(background, height, top.at, size * self.stride);
                 if let Some(found) = fit(&data, &start, 0.0, false)
                     && found.shape.height > 0.0
                     && best.is_none_or(|best| found.squares < best.squares)
@@ -242,7 +239,7 @@ impl<'s> Looker<'s> {
         let mut step = self.stride;
         let mut centre = light;
         loop {
-            let Reading { x, y, .. } = *self.at(centre);
+            let middle = self.at(centre).at;
             for (dx, dy) in [
                 (1, 0),
                 (-1, 0),
@@ -253,7 +250,7 @@ impl<'s> Looker<'s> {
                 (1, -1),
                 (-1, 1),
             ] {
-                let place = (x + step * f64::from(dx), y + step * f64::from(dy));
+                let place = middle + Displacement::new(f64::from(dx), f64::from(dy)) * step;
                 if let Some(k) = self.nearest(place, 0.6 * step) {
                     self.take(k);
                 }
@@ -275,7 +272,7 @@ impl<'s> Looker<'s> {
     }
 
     fn is_inside(&self, found: &Fit) -> bool {
-        self.scan.contains(found.shape.x, found.shape.y)
+        self.scan.contains(found.shape.at)
     }
 
     fn is_known(&self, found: &Fit) -> bool {
@@ -291,8 +288,8 @@ impl<'s> Looker<'s> {
             .taken
             .iter()
             .map(|&k| self.at(k))
-            .filter(|r| found.shape.share(r.x, r.y) < 0.02)
-            .map(|r| (r.power - found.shape.background(r.x, r.y)).powi(2))
+            .filter(|r| found.shape.share(r.at) < 0.02)
+            .map(|r| (r.power - found.shape.background(r.at)).powi(2))
             .collect();
         let free = self.taken.len().saturating_sub(NUMBERS) as f64;
         let (before, weight) = if dark.is_empty() {
@@ -316,11 +313,11 @@ impl<'s> Looker<'s> {
             }
             let left: Vec<usize> = (0..self.readings.len())
                 .filter(|&k| !self.is_taken[k])
-                .filter(|&k| found.shape.share(self.at(k).x, self.at(k).y) > 0.01)
+                .filter(|&k| found.shape.share(self.at(k).at) > 0.01)
                 .collect();
             let widths = (PLACE / WIDTH).powi(2);
             let every = left.len().div_ceil(WEIGHED).max(1);
-            let gain = |k: &usize| found.gain(self.at(*k).x, self.at(*k).y, widths);
+            let gain = |k: &usize| found.gain(self.at(*k).at, widths);
             let weighed = left.iter().step_by(every).map(|k| (*k, gain(k)));
             let mut next: Vec<(usize, f64)> = weighed.collect();
             if next.is_empty() {
@@ -344,10 +341,10 @@ impl<'s> Looker<'s> {
     }
 
     /// The untaken reading nearest to a place, if within a distance of it.
-    fn nearest(&self, (x, y): (f64, f64), within: f64) -> Option<usize> {
+    fn nearest(&self, place: Displacement, within: f64) -> Option<usize> {
         (0..self.readings.len())
             .filter(|&k| !self.is_taken[k])
-            .map(|k| (k, (self.at(k).x - x).hypot(self.at(k).y - y)))
+            .map(|k| (k, (self.at(k).at - place).norm()))
             .filter(|(_, away)| *away <= within)
             .min_by(|a, b| a.1.total_cmp(&b.1))
             .map(|(k, _)| k)
@@ -357,7 +354,7 @@ impl<'s> Looker<'s> {
 /// Readings in squares, so that those nearby are soon found.
 struct Cells {
     size: f64,
-    cells: HashMap<(i64, i64), Vec<(f64, f64)>>,
+    cells: HashMap<(i64, i64), Vec<Displacement>>,
 }
 
 impl Cells {
@@ -370,13 +367,13 @@ impl Cells {
 
     fn cell(&self, r: &Reading) -> (i64, i64) {
         (
-            (r.x / self.size).floor() as i64,
-            (r.y / self.size).floor() as i64,
+            (r.at.x / self.size).floor() as i64,
+            (r.at.y / self.size).floor() as i64,
         )
     }
 
     fn add(&mut self, r: &Reading) {
-        self.cells.entry(self.cell(r)).or_default().push((r.x, r.y));
+        self.cells.entry(self.cell(r)).or_default().push(r.at);
     }
 
     /// Whether one is nearer than a square's side.
@@ -388,6 +385,6 @@ impl Cells {
             .flat_map(|di| (-1..=1).map(move |dj| (i + di, j + dj)))
             .filter_map(|cell| self.cells.get(&cell))
             .flatten()
-            .any(|(x, y)| (x - r.x).hypot(y - r.y) < near)
+            .any(|at| (*at - r.at).norm() < near)
     }
 }

@@ -20,13 +20,13 @@ pub use fold::Fold;
 pub use look::{Look, Looked, look};
 pub use shape::Shape;
 
+use pigtail_model::frames::Displacement;
+
 /// Power at a place.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reading {
-    /// Across, metres.
-    pub x: f64,
-    /// Up, metres.
-    pub y: f64,
+    /// The place: across and up.
+    pub at: Displacement,
     /// Power, in whatever linear unit.
     pub power: f64,
 }
@@ -38,8 +38,8 @@ const FEWEST: usize = 16;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scan {
     readings: Vec<Reading>,
-    middle: (f64, f64),
-    half: (f64, f64),
+    middle: Displacement,
+    half: Displacement,
 }
 
 /// Why nothing can be made of some readings.
@@ -63,7 +63,7 @@ impl Scan {
         if readings.len() < FEWEST {
             return refuse("", "has too few readings; accepted are 16 or more");
         }
-        let finite = |r: &Reading| r.x.is_finite() && r.y.is_finite() && r.power.is_finite();
+        let finite = |r: &Reading| r.at.x.is_finite() && r.at.y.is_finite() && r.power.is_finite();
         if !readings.iter().all(finite) {
             return refuse("", "holds what is not finite; accepted are finite numbers");
         }
@@ -74,22 +74,21 @@ impl Scan {
                 values().fold(f64::NEG_INFINITY, f64::max),
             )
         };
-        let (x, y, power) = (range(|r| r.x), range(|r| r.y), range(|r| r.power));
-        let half = |range: (f64, f64)| 0.5 * (range.1 - range.0);
+        let (x, y, power) = (range(|r| r.at.x), range(|r| r.at.y), range(|r| r.power));
         if power.1 <= power.0 {
             let why = "is the same everywhere; accepted is a scan with light in it";
             return refuse("power", why);
         }
-        let middle = (0.5 * (x.0 + x.1), 0.5 * (y.0 + y.1));
+        let (low, high) = (Displacement::new(x.0, y.0), Displacement::new(x.1, y.1));
         let scan = Self {
-            middle,
-            half: (half(x), half(y)),
+            middle: (low + high) * 0.5,
+            half: (high - low) * 0.5,
             readings,
         };
-        if half(x) <= 0.0 {
+        if scan.half.x <= 0.0 {
             return refuse("x", "never changes; accepted is a scan of an area");
         }
-        if half(y) <= 0.0 {
+        if scan.half.y <= 0.0 {
             return refuse("y", "never changes; accepted is a scan of an area");
         }
         if scan.is_line() {
@@ -103,7 +102,7 @@ impl Scan {
     fn is_line(&self) -> bool {
         let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
         for r in &self.readings {
-            let (x, y) = (r.x - self.middle.0, r.y - self.middle.1);
+            let Displacement { x, y } = r.at - self.middle;
             xx += x * x;
             xy += x * y;
             yy += y * y;
@@ -118,19 +117,19 @@ impl Scan {
         &self.readings
     }
 
-    /// The middle of the area, metres.
-    pub fn middle(&self) -> (f64, f64) {
+    /// The middle of the area.
+    pub fn middle(&self) -> Displacement {
         self.middle
     }
 
-    /// Half of the area's width and height, metres.
-    pub fn half(&self) -> (f64, f64) {
+    /// Half of the area's width and height.
+    pub fn half(&self) -> Displacement {
         self.half
     }
 
     /// The distance of neighbours, were the readings spread evenly, metres.
     pub fn spacing(&self) -> f64 {
-        let (w, h) = (2.0 * self.half.0, 2.0 * self.half.1);
+        let (w, h) = (2.0 * self.half.x, 2.0 * self.half.y);
         // Readings stand at the area's edges too: n by m of them divide it into (n-1) (m-1).
         let n = self.readings.len() as f64;
         let sides = 0.5 * (w + h);
@@ -140,8 +139,9 @@ impl Scan {
     }
 
     /// Whether a place lies within the scan's area.
-    pub fn contains(&self, x: f64, y: f64) -> bool {
-        (x - self.middle.0).abs() <= self.half.0 && (y - self.middle.1).abs() <= self.half.1
+    pub fn contains(&self, at: Displacement) -> bool {
+        let from = at - self.middle;
+        from.x.abs() <= self.half.x && from.y.abs() <= self.half.y
     }
 }
 
@@ -155,8 +155,8 @@ pub enum Refusal {
     },
     /// The light has a minimum.
     Dark {
-        /// Where it is, metres.
-        at: (f64, f64),
+        /// Where it is.
+        at: Displacement,
     },
     /// No one peak has such a shape, folded or not.
     Shapeless {
@@ -174,8 +174,8 @@ pub enum Refusal {
     },
     /// The light still rises where the scan ends.
     AtEdge {
-        /// Where the peak seems to be, metres.
-        at: (f64, f64),
+        /// Where the peak seems to be.
+        at: Displacement,
     },
 }
 
@@ -200,7 +200,9 @@ impl std::fmt::Display for Refusal {
                 "nothing has the shape of a peak; the brightest reading is {brightest:.1} \
                  times the noise above the background"
             ),
-            Self::Dark { at: (x, y) } => write!(
+            Self::Dark {
+                at: Displacement { x, y },
+            } => write!(
                 f,
                 "the light has a minimum at {:.3}, {:.3} um and no peak",
                 x * 1e6,
@@ -224,7 +226,9 @@ impl std::fmt::Display for Refusal {
                 radius * 1e6,
                 radius * 0.8e6
             ),
-            Self::AtEdge { at: (x, y) } => write!(
+            Self::AtEdge {
+                at: Displacement { x, y },
+            } => write!(
                 f,
                 "the light still rises where the scan ends: the peak seems to be at {:.3}, {:.3} um",
                 x * 1e6,

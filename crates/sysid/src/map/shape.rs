@@ -1,6 +1,7 @@
 //! A peak of unknown width on an inclined background, and its fit to readings.
 
 use nalgebra::{SMatrix, SVector, Vector2};
+use pigtail_model::frames::Displacement;
 use pigtail_numerics::normal::{Normal, Problem, Rules, minimise};
 
 /// Numbers of a shape: background, height, place (2), precision (3), slope (2).
@@ -21,44 +22,42 @@ pub struct Shape {
     pub slope: [f64; 2],
     /// Power of the peak above it, A.
     pub height: f64,
-    /// Across, metres.
-    pub x: f64,
-    /// Up, metres.
-    pub y: f64,
+    /// The peak's place.
+    pub at: Displacement,
     /// a, h, d; 1/m^2.
     pub precision: [f64; 3],
 }
 
 impl Shape {
     /// A round peak.
-    pub(super) fn round(background: f64, height: f64, (x, y): (f64, f64), radius: f64) -> Self {
+    pub(super) fn round(background: f64, height: f64, at: Displacement, radius: f64) -> Self {
         let a = 1.0 / (radius * radius);
         Self {
             background,
             slope: [0.0; 2],
             height,
-            x,
-            y,
+            at,
             precision: [a, 0.0, a],
         }
     }
 
     /// The share of its height that a peak has at a place.
-    pub fn share(&self, x: f64, y: f64) -> f64 {
-        let (u, v) = (x - self.x, y - self.y);
+    pub fn share(&self, place: Displacement) -> f64 {
+        let Displacement { x: u, y: v } = place - self.at;
         let [a, h, d] = self.precision;
         (-(a * u * u + 2.0 * h * u * v + d * v * v)).exp()
     }
 
     /// The power beside the light at a place.
-    pub fn background(&self, x: f64, y: f64) -> f64 {
+    pub fn background(&self, place: Displacement) -> f64 {
         let [s, t] = self.slope;
-        self.background + s * (x - self.x) + t * (y - self.y)
+        let Displacement { x: u, y: v } = place - self.at;
+        self.background + s * u + t * v
     }
 
     /// The power at a place.
-    pub fn power(&self, x: f64, y: f64) -> f64 {
-        self.background(x, y) + self.height * self.share(x, y)
+    pub fn power(&self, place: Displacement) -> f64 {
+        self.background(place) + self.height * self.share(place)
     }
 
     /// Radii at 1/e of the height along x and y through the peak, metres.
@@ -85,13 +84,8 @@ impl Shape {
 
     fn vector(&self, level: f64) -> Vector {
         let ([a, h, d], [s, t]) = (self.precision, self.slope);
-        let Self {
-            background: b,
-            height,
-            x,
-            y,
-            ..
-        } = *self;
+        let (b, height) = (self.background, self.height);
+        let Displacement { x, y } = self.at;
         Vector::from([b, height, x, y, a, h, d, s, t, level])
     }
 
@@ -99,18 +93,17 @@ impl Shape {
         Self {
             background: v[0],
             height: v[1],
-            x: v[2],
-            y: v[3],
+            at: Displacement::new(v[2], v[3]),
             precision: [v[4], v[5], v[6]],
             slope: [v[7], v[8]],
         }
     }
 
     /// How the power at a place changes with each number of the shape.
-    fn slopes(&self, x: f64, y: f64) -> Vector {
-        let (u, v) = (x - self.x, y - self.y);
+    fn slopes(&self, place: Displacement) -> Vector {
+        let Displacement { x: u, y: v } = place - self.at;
         let [a, h, d] = self.precision;
-        let share = self.share(x, y);
+        let share = self.share(place);
         let light = self.height * share;
         Vector::from([
             1.0,
@@ -130,8 +123,7 @@ impl Shape {
 /// A reading as a fit takes it: `power = sign * (power of the shape) + share * level`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Datum {
-    pub(super) x: f64,
-    pub(super) y: f64,
+    pub(super) at: Displacement,
     pub(super) power: f64,
     pub(super) sign: f64,
     pub(super) share: f64,
@@ -142,8 +134,7 @@ pub(super) struct Datum {
 impl Datum {
     pub(super) fn plain(reading: &super::Reading) -> Self {
         Self {
-            x: reading.x,
-            y: reading.y,
+            at: reading.at,
             power: reading.power,
             sign: 1.0,
             share: 0.0,
@@ -153,7 +144,7 @@ impl Datum {
 
     /// What a shape leaves of it.
     pub(super) fn residual(&self, shape: &Shape, level: f64) -> f64 {
-        let model = self.sign * shape.power(self.x, self.y) + self.share * level;
+        let model = self.sign * shape.power(self.at) + self.share * level;
         if self.at_least && model >= self.power {
             0.0
         } else {
@@ -199,8 +190,8 @@ impl Fit {
     /// By how much the variances of the place, in radii, and of the radii, as shares of them, would
     /// fall together with one more reading (Fisher information, Sherman and Morrison); those of the
     /// radii count `widths` times.
-    pub(super) fn gain(&self, x: f64, y: f64, widths: f64) -> f64 {
-        let row = scaled(&self.shape.slopes(x, y), self.unit, self.height);
+    pub(super) fn gain(&self, place: Displacement, widths: f64) -> f64 {
+        let row = scaled(&self.shape.slopes(place), self.unit, self.height);
         let [a, _, d] = self.shape.precision.map(|p| p * self.unit * self.unit);
         let c = self.covariance * row;
         let place = a * c[2] * c[2] + d * c[3] * c[3];
@@ -283,7 +274,7 @@ impl Problem<N> for Through<'_> {
             if residual == 0.0 && d.at_least {
                 continue;
             }
-            let slopes = d.sign * shape.slopes(d.x, d.y);
+            let slopes = d.sign * shape.slopes(d.at);
             let mut row = scaled(&slopes, self.unit, self.height);
             row[LEVEL] = if self.free { d.share } else { 0.0 };
             normal.add(&row, residual / self.height);
@@ -307,14 +298,14 @@ impl Problem<N> for Through<'_> {
 pub(super) fn flat_squares(data: &[Datum]) -> f64 {
     let n = data.len() as f64;
     let mean = |of: fn(&Datum) -> f64| data.iter().map(of).sum::<f64>() / n;
-    let (x, y, power) = (mean(|d| d.x), mean(|d| d.y), mean(|d| d.power));
+    let (x, y, power) = (mean(|d| d.at.x), mean(|d| d.at.y), mean(|d| d.power));
     let mut normal = Normal::default();
     for d in data {
-        normal.add(&Vector2::new(d.x - x, d.y - y), d.power - power);
+        normal.add(&Vector2::new(d.at.x - x, d.at.y - y), d.power - power);
     }
     let inverse = normal.matrix.try_inverse();
     let slope = inverse.map_or(Vector2::zeros(), |m| m * normal.right);
-    let rest = |d: &Datum| d.power - power - slope.x * (d.x - x) - slope.y * (d.y - y);
+    let rest = |d: &Datum| d.power - power - slope.x * (d.at.x - x) - slope.y * (d.at.y - y);
     data.iter().map(|d| rest(d).powi(2)).sum()
 }
 
@@ -325,11 +316,10 @@ mod tests {
     fn grid(shape: &Shape) -> Vec<Datum> {
         (0..225)
             .map(|k| {
-                let (x, y) = (f64::from(k % 15) * 1e-6, f64::from(k / 15) * 1e-6);
+                let at = Displacement::new(f64::from(k % 15) * 1e-6, f64::from(k / 15) * 1e-6);
                 Datum {
-                    x,
-                    y,
-                    power: shape.power(x, y),
+                    at,
+                    power: shape.power(at),
                     sign: 1.0,
                     share: 0.0,
                     at_least: false,
@@ -346,8 +336,7 @@ mod tests {
             background: 0.3,
             slope: [2e4, -1e4],
             height: 2.0,
-            x: 6.3e-6,
-            y: 8.1e-6,
+            at: Displacement::new(6.3e-6, 8.1e-6),
             precision: [
                 p * cos * cos + q * sin * sin,
                 (p - q) * sin * cos,
@@ -359,9 +348,9 @@ mod tests {
     #[test]
     fn a_tilted_peak_without_noise_is_found_exactly() {
         let truth = tilted();
-        let start = Shape::round(0.0, 1.0, (7e-6, 7e-6), 3e-6);
+        let start = Shape::round(0.0, 1.0, Displacement::new(7e-6, 7e-6), 3e-6);
         let found = fit(&grid(&truth), &start, 0.0, false).unwrap().shape;
-        assert!((found.x - truth.x).hypot(found.y - truth.y) < 1e-11);
+        assert!((found.at - truth.at).norm() < 1e-11);
         assert!((found.height - 2.0).abs() < 1e-5 && (found.background - 0.3).abs() < 1e-5);
         let (long, short, angle) = found.ellipse();
         assert!((long - 4e-6).abs() < 1e-10 && (short - 2e-6).abs() < 1e-10);
@@ -371,15 +360,15 @@ mod tests {
     #[test]
     fn slopes_are_those_of_small_differences() {
         let shape = tilted();
-        let (x, y) = (8e-6, 5e-6);
+        let place = Displacement::new(8e-6, 5e-6);
         let at = shape.vector(0.0);
-        let slopes = shape.slopes(x, y);
+        let slopes = shape.slopes(place);
         for i in 0..NUMBERS {
             let step = 1e-5 * at[i].abs().max(1e-7);
             let moved = |sign: f64| {
                 let mut v = at;
                 v[i] += sign * step;
-                Shape::of(&v).power(x, y)
+                Shape::of(&v).power(place)
             };
             let slope = (moved(1.0) - moved(-1.0)) / (2.0 * step);
             assert!((slope / slopes[i] - 1.0).abs() < 1e-5, "{i}");
@@ -390,15 +379,14 @@ mod tests {
     fn a_reading_more_gains_what_is_foretold() {
         let shape = tilted();
         let data = grid(&shape);
-        let start = Shape::round(0.0, 1.0, (7e-6, 7e-6), 3e-6);
+        let start = Shape::round(0.0, 1.0, Displacement::new(7e-6, 7e-6), 3e-6);
         let of = |data: &[Datum]| fit(data, &start, 0.0, false).unwrap();
         let before = of(&data);
-        let (x, y) = (7.4e-6, 9.3e-6);
+        let at = Displacement::new(7.4e-6, 9.3e-6);
         let mut more = data.clone();
         more.push(Datum {
-            x,
-            y,
-            power: shape.power(x, y),
+            at,
+            power: shape.power(at),
             ..data[0]
         });
         let after = of(&more);
@@ -412,6 +400,6 @@ mod tests {
             place + 0.25 * 0.5 * (c[(4, 4)] / (a * a) + c[(6, 6)] / (d * d))
         };
         let gain = sum(&before) - sum(&after);
-        assert!((gain / before.gain(x, y, 0.5) - 1.0).abs() < 1e-3, "{gain}");
+        assert!((gain / before.gain(at, 0.5) - 1.0).abs() < 1e-3, "{gain}");
     }
 }

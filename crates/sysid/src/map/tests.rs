@@ -32,8 +32,7 @@ fn noisy(
         for i in 0..n {
             let (x, y) = (f64::from(i) * um, f64::from(j) * um);
             readings.push(Reading {
-                x: x * 1e-6,
-                y: y * 1e-6,
+                at: Displacement::new(x * 1e-6, y * 1e-6),
                 power: fold(light(x, y) + sigma * noise.next()),
             });
         }
@@ -62,7 +61,7 @@ type Instrument = fn(f64) -> f64;
 
 /// Distance of a shape from a place in micrometres, micrometres.
 fn off(shape: &Shape, x: f64, y: f64) -> f64 {
-    (shape.x * 1e6 - x).hypot(shape.y * 1e6 - y)
+    (shape.at * 1e6 - Displacement::new(x, y)).norm()
 }
 
 #[test]
@@ -99,7 +98,7 @@ fn the_deviation_is_that_of_repeated_scans() {
     for seed in 0..200 {
         let scan = noisy(15, 2.0, 0.02, 7 * seed, peak(13.0, 16.0, 4.0, 4.0), plain);
         let all = examine(&scan).unwrap();
-        squares += (all.peak.x * 1e6 - 13.0).powi(2) / 200.0;
+        squares += (all.peak.at.x * 1e6 - 13.0).powi(2) / 200.0;
         prediction += (all.deviation * 1e6).powi(2) / 200.0;
     }
     assert!(
@@ -189,8 +188,7 @@ fn a_fine_scan_is_not_read_whole() {
 fn spacing_is_that_of_a_grid() {
     let readings = (0..15 * 9)
         .map(|k| Reading {
-            x: 2e-6 * f64::from(k % 15),
-            y: 2e-6 * f64::from(k / 15),
+            at: Displacement::new(2e-6 * f64::from(k % 15), 2e-6 * f64::from(k / 15)),
             power: f64::from(k),
         })
         .collect();
@@ -200,7 +198,10 @@ fn spacing_is_that_of_a_grid() {
 
 #[test]
 fn what_is_no_scan_is_refused() {
-    let reading = |x: f64, y: f64, power: f64| Reading { x, y, power };
+    let reading = |x: f64, y: f64, power: f64| Reading {
+        at: Displacement::new(x, y),
+        power,
+    };
     let made = |of: fn(f64) -> (f64, f64, f64)| {
         let all = (0..20).map(|k| of(f64::from(k)));
         Scan::new(all.map(|(x, y, p)| reading(x, y, p)).collect()).unwrap_err()
