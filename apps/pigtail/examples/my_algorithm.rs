@@ -34,20 +34,30 @@ const MINE: Algorithm = Algorithm {
 fn my_lines(station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
     with_climb(station, recipe, |station, _, spot| {
         for span in [1.0, 1.0, 0.5] {
-            line(station, spot, span * spot.reach, (1.0, 0.0))?;
-            line(station, spot, span * spot.reach, (0.0, 1.0))?;
+            line(
+                station,
+                spot,
+                span * spot.reach,
+                Displacement::new(1.0, 0.0),
+            )?;
+            line(
+                station,
+                spot,
+                span * spot.reach,
+                Displacement::new(0.0, 1.0),
+            )?;
         }
         Ok(())
     })
 }
 
 /// Looks at five points of a line and goes to where a parabola through them is highest.
-fn line(station: &mut Station, spot: &Spot, span: f64, along: (f64, f64)) -> Result<(), Halt> {
-    let Displacement { x, y } = station.micro(spot.side);
+fn line(station: &mut Station, spot: &Spot, span: f64, along: Displacement) -> Result<(), Halt> {
+    let here = station.micro(spot.side);
     let mut light = [0.0; 5];
     for (k, volts) in light.iter_mut().enumerate() {
         let way = span * (k as f64 / 2.0 - 1.0);
-        station.move_micro(spot.side, x + way * along.0, y + way * along.1);
+        station.move_micro(spot.side, here + along * way);
         station.run(6e-3)?;
         *volts = station.level(spot.channel, spot.average)?.mean;
     }
@@ -60,7 +70,7 @@ fn line(station: &mut Station, spot: &Spot, span: f64, along: (f64, f64)) -> Res
         slope.signum()
     };
     let way = vertex * span;
-    station.move_micro(spot.side, x + way * along.0, y + way * along.1);
+    station.move_micro(spot.side, here + along * way);
     station.run(20e-3)?;
     Ok(())
 }

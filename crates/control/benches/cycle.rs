@@ -10,7 +10,7 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use pigtail_control::station::{Station, Unobserved};
 use pigtail_control::trajectory::{Arc, Path, Shape};
 use pigtail_hal::Side;
-use pigtail_model::frames::Point;
+use pigtail_model::frames::{Displacement, Point};
 use std::f64::consts::TAU;
 use std::hint::black_box;
 
@@ -41,8 +41,8 @@ fn cycle(c: &mut Criterion) {
                 for _ in 0..CYCLES {
                     k = k.wrapping_add(1);
                     let way = 1e-8 * f64::from(k % 1000);
-                    station.move_micro(Side::Left, way, -way);
-                    station.move_micro(Side::Right, -way, way);
+                    station.move_micro(Side::Left, Displacement::new(way, -way));
+                    station.move_micro(Side::Right, Displacement::new(-way, way));
                     station.cycle().expect("no fault");
                 }
                 black_box(station.time())

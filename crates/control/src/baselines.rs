@@ -150,7 +150,7 @@ fn spirals(job: &Job, station: &mut Station) -> Result<Found, Halt> {
     for aside in [0.0, 0.5 * next, -0.5 * next] {
         for height in &heights {
             if all.is_some() {
-                station.move_micro(side, 0.0, 0.0);
+                station.move_micro(side, Displacement::ZERO);
                 job.arrive(station, side, middle.shifted(aside, *height, 0.0))?;
             }
             let (hit, mut seen) = spiral(&searcher, station, radius, raster.mesh)?;
@@ -196,8 +196,8 @@ fn spiral(
     let (mut angle, mut end) = (0.0, TAU * radius / mesh);
     while angle < end {
         let r: f64 = mesh * angle / TAU;
-        let at = Displacement::new(r * angle.cos(), r * angle.sin());
-        station.move_micro(side, at.x, at.y);
+        let at = Displacement::polar(r, angle);
+        station.move_micro(side, at);
         station.cycle()?;
         angle += (speed / r.max(f64::MIN_POSITIVE)).min(TAU * FASTEST_TURN) * period;
         let Some(volts) = station.light(channel) else {
@@ -284,19 +284,19 @@ const SETTLE: f64 = 6e-3;
 /// The machine's fault.
 pub fn nelder_mead(station: &mut Station, spot: &Spot) -> Result<(), Halt> {
     let light = |station: &mut Station, at: Displacement| -> Result<(Displacement, f64), Fault> {
-        if !station.kinematics(spot.side).micro_reaches(at.x, at.y) {
+        if !station.kinematics(spot.side).micro_reaches(at) {
             return Ok((at, f64::NEG_INFINITY));
         }
-        station.move_micro(spot.side, at.x, at.y);
+        station.move_micro(spot.side, at);
         station.run(SETTLE)?;
         Ok((at, station.level(spot.channel, spot.average)?.mean))
     };
-    let Displacement { x, y } = station.micro(spot.side);
+    let here = station.micro(spot.side);
     let mut taken = 3;
     let mut simplex = [
-        light(station, Displacement::new(x, y))?,
-        light(station, Displacement::new(x + spot.reach, y))?,
-        light(station, Displacement::new(x, y + spot.reach))?,
+        light(station, here)?,
+        light(station, here + Displacement::new(spot.reach, 0.0))?,
+        light(station, here + Displacement::new(0.0, spot.reach))?,
     ];
     while taken < MOST_POINTS {
         simplex.sort_by(|a, b| b.1.total_cmp(&a.1));
@@ -344,7 +344,7 @@ pub fn nelder_mead(station: &mut Station, spot: &Spot) -> Result<(), Halt> {
     let best = simplex
         .iter()
         .fold(simplex[0], |best, p| if p.1 > best.1 { *p } else { best });
-    station.move_micro(spot.side, best.0.x, best.0.y);
+    station.move_micro(spot.side, best.0);
     station.run(5.0 * SETTLE)?;
     Ok(())
 }

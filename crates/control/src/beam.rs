@@ -2,6 +2,7 @@
 
 use crate::recipe::Mode;
 use nalgebra::{Matrix3, Vector3};
+use pigtail_model::frames::Displacement;
 use pigtail_numerics::normal::{Normal, Problem, Rules, minimise};
 use std::f64::consts::PI;
 
@@ -19,10 +20,8 @@ pub struct Beam {
 /// A reading of the light, and where the fiber was.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reading {
-    /// Across, metres.
-    pub x: f64,
-    /// Up, metres.
-    pub y: f64,
+    /// Its place across.
+    pub at: Displacement,
     /// The gap between facet and tip, metres.
     pub gap: f64,
     /// Light above the background, volts.
@@ -32,10 +31,8 @@ pub struct Reading {
 /// A peak through some readings.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Peak {
-    /// Across, metres.
-    pub x: f64,
-    /// Up, metres.
-    pub y: f64,
+    /// Its place across.
+    pub at: Displacement,
     /// Light of a fiber at the peak and without a gap, volts.
     pub full: f64,
     /// Standard deviation of `full` by the noise of the readings, volts.
@@ -67,17 +64,17 @@ impl Beam {
     }
 
     /// The light that a reading would be, for a peak.
-    fn light(&self, r: &Reading, x: f64, y: f64) -> f64 {
+    fn light(&self, r: &Reading, peak: Displacement) -> f64 {
         let share = self.share(r.gap);
-        let (dx, dy) = (r.x - x, r.y - y);
-        share * (-(dx * dx + dy * dy) * share / (self.radius * self.radius)).exp()
+        let off = r.at - peak;
+        share * (-(off.x * off.x + off.y * off.y) * share / (self.radius * self.radius)).exp()
     }
 
     /// Sum of squares of what a peak leaves of readings, square volts.
     pub fn misfit(&self, readings: &[Reading], peak: &Peak) -> f64 {
         readings
             .iter()
-            .map(|r| (peak.full * self.light(r, peak.x, peak.y) - r.volts).powi(2))
+            .map(|r| (peak.full * self.light(r, peak.at) - r.volts).powi(2))
             .sum()
     }
 
@@ -109,10 +106,8 @@ impl Beam {
         let found = minimise(&through, Vector3::new(1.0, 0.0, 0.0), &RULES)?;
         let at = found.at;
         let covariance = found.information.try_inverse()?;
-        let (x, y) = through.place(&at);
         Some(Peak {
-            x,
-            y,
+            at: through.place(&at),
             full: at[0] * level,
             full_deviation: level * covariance[(0, 0)].sqrt(),
             deviation: scale * covariance[(1, 1)].max(covariance[(2, 2)]).sqrt(),
@@ -126,7 +121,7 @@ struct Through<'a> {
     beam: &'a Beam,
     readings: &'a [Reading],
     noise: f64,
-    start: (f64, f64),
+    start: Displacement,
     scale: f64,
     /// The unit of light over the noise.
     weight: f64,
@@ -136,11 +131,8 @@ struct Through<'a> {
 const PRIOR: f64 = 1.0;
 
 impl Through<'_> {
-    fn place(&self, at: &Vector3<f64>) -> (f64, f64) {
-        (
-            self.start.0 + at[1] * self.scale,
-            self.start.1 + at[2] * self.scale,
-        )
+    fn place(&self, at: &Vector3<f64>) -> Displacement {
+        self.start + Displacement::new(at[1], at[2]) * self.scale
     }
 }
 
@@ -151,27 +143,27 @@ impl Problem<3> for Through<'_> {
         if at[0] <= 0.0 {
             return f64::INFINITY;
         }
-        let (x, y) = self.place(at);
+        let peak = self.place(at);
         let left =
-            |r: &Reading| at[0] * self.beam.light(r, x, y) * self.weight - r.volts / self.noise;
+            |r: &Reading| at[0] * self.beam.light(r, peak) * self.weight - r.volts / self.noise;
         let sum: f64 = self.readings.iter().map(|r| left(r).powi(2)).sum();
         sum + PRIOR * (at[1] * at[1] + at[2] * at[2])
     }
 
     fn equations(&self, at: &Vector3<f64>) -> Normal<3> {
-        let (x, y) = self.place(at);
+        let peak = self.place(at);
         let mut normal = Normal {
             matrix: Matrix3::from_diagonal(&Vector3::new(0.0, PRIOR, PRIOR)),
             right: Vector3::new(0.0, -PRIOR * at[1], -PRIOR * at[2]),
         };
         for r in self.readings {
-            let light = self.beam.light(r, x, y);
+            let (light, off) = (self.beam.light(r, peak), r.at - peak);
             let steep = 2.0 * self.scale / self.beam.width(r.gap).powi(2);
             let row = self.weight
                 * Vector3::new(
                     light,
-                    at[0] * light * steep * (r.x - x),
-                    at[0] * light * steep * (r.y - y),
+                    at[0] * light * steep * off.x,
+                    at[0] * light * steep * off.y,
                 );
             normal.add(&row, r.volts / self.noise - at[0] * light * self.weight);
         }
@@ -184,15 +176,14 @@ impl Problem<3> for Through<'_> {
 }
 
 /// The middle of readings, the bright ones more.
-fn centroid(readings: &[Reading]) -> (f64, f64) {
-    let (mut sum, mut x, mut y) = (0.0, 0.0, 0.0);
+fn centroid(readings: &[Reading]) -> Displacement {
+    let (mut sum, mut weighted) = (0.0, Displacement::ZERO);
     for r in readings {
         let weight = r.volts.max(0.0).powi(2);
         sum += weight;
-        x += weight * r.x;
-        y += weight * r.y;
+        weighted += r.at * weight;
     }
-    (x / sum, y / sum)
+    weighted / sum
 }
 
 #[cfg(test)]
@@ -208,17 +199,15 @@ mod tests {
     }
 
     /// Readings on a circle around the origin, of a peak elsewhere.
-    fn circle(beam: &Beam, radius: f64, gap: f64, x: f64, y: f64, full: f64) -> Vec<Reading> {
+    fn circle(beam: &Beam, radius: f64, gap: f64, peak: Displacement, full: f64) -> Vec<Reading> {
         (0..12)
             .map(|k| {
-                let (sin, cos) = (std::f64::consts::TAU * f64::from(k) / 12.0).sin_cos();
                 let mut reading = Reading {
-                    x: radius * cos,
-                    y: radius * sin,
+                    at: Displacement::polar(radius, std::f64::consts::TAU * f64::from(k) / 12.0),
                     gap,
                     volts: 0.0,
                 };
-                reading.volts = full * beam.light(&reading, x, y);
+                reading.volts = full * beam.light(&reading, peak);
                 reading
             })
             .collect()
@@ -228,11 +217,12 @@ mod tests {
     fn the_peak_of_readings_without_noise_is_found_where_it_is() {
         let beam = beam();
         for (gap, x, y) in [(5e-6, 0.7e-6, -1.1e-6), (80e-6, -6e-6, 4e-6)] {
+            let at = Displacement::new(x, y);
             let radius = 0.55 * beam.width(gap);
             let peak = beam
-                .fit(&circle(&beam, radius, gap, x, y, 3.0), 5e-3)
+                .fit(&circle(&beam, radius, gap, at, 3.0), 5e-3)
                 .unwrap();
-            let miss = (peak.x - x).hypot(peak.y - y);
+            let miss = (peak.at - at).norm();
             assert!(miss < 5e-9, "{miss}");
             assert!((peak.full - 3.0).abs() < 0.01, "{}", peak.full);
         }
@@ -250,15 +240,15 @@ mod tests {
                 sum + (state >> 33) as f64 / f64::from(1_u32 << 31)
             })
         };
-        let (x, y, sigma) = (0.5e-6, 0.2e-6, 5e-3);
+        let (at, sigma) = (Displacement::new(0.5e-6, 0.2e-6), 5e-3);
         let (mut squares, mut prediction, n) = (0.0, 0.0, 400);
         for _ in 0..n {
-            let mut readings = circle(&beam, 1.4e-6, 5e-6, x, y, 2.0);
+            let mut readings = circle(&beam, 1.4e-6, 5e-6, at, 2.0);
             for r in &mut readings {
                 r.volts += sigma * noise();
             }
             let peak = beam.fit(&readings, sigma).unwrap();
-            squares += (peak.x - x).powi(2);
+            squares += (peak.at.x - at.x).powi(2);
             prediction += peak.deviation;
         }
         let (measured, prediction) = ((squares / f64::from(n)).sqrt(), prediction / f64::from(n));
@@ -273,7 +263,7 @@ mod tests {
         let beam = beam();
         assert_eq!(beam.fit(&[], 5e-3), None);
         assert_eq!(
-            beam.fit(&circle(&beam, 1e-6, 5e-6, 0.0, 0.0, 0.0), 5e-3),
+            beam.fit(&circle(&beam, 1e-6, 5e-6, Displacement::ZERO, 0.0), 5e-3),
             None
         );
     }

@@ -162,7 +162,7 @@ impl<'r> ConicalScan<'r> {
         self.centre -= by;
         self.from.0 -= by;
         for reading in &mut self.readings {
-            (reading.x, reading.y) = (reading.x - by.x, reading.y - by.y);
+            reading.at -= by;
         }
         for (at, _) in &mut self.commanded {
             *at -= by;
@@ -187,10 +187,9 @@ impl<'r> ConicalScan<'r> {
         let period = station.spec().period();
         self.phase = (self.phase + TAU * period / self.shape.period) % TAU;
         let radius = self.radius * self.beam.width(gap);
-        let (sin, cos) = self.phase.sin_cos();
-        let at = self.middle(station.time()) + Displacement::new(radius * cos, radius * sin);
+        let at = self.middle(station.time()) + Displacement::polar(radius, self.phase);
         let micro = at + self.walk * gap;
-        station.move_micro(self.watch.side, micro.x, micro.y);
+        station.move_micro(self.watch.side, micro);
         station.cycle()?;
         // What the light of this cycle answers was told a lag ago.
         let lag = (self.shape.lag / period).round() as usize;
@@ -202,8 +201,7 @@ impl<'r> ConicalScan<'r> {
             && let Some((at, gap)) = self.commanded.front()
         {
             self.readings.push_back(Reading {
-                x: at.x,
-                y: at.y,
+                at: *at,
                 gap: *gap,
                 volts: volts - self.watch.background,
             });
@@ -251,12 +249,12 @@ impl<'r> ConicalScan<'r> {
     ///
     /// [`Outcome::MicroRange`] where the micro does not reach it.
     pub fn go_to(&mut self, station: &Station, peak: &Peak, gap: f64) -> Result<f64, Outcome> {
-        let by = Displacement::new(peak.x, peak.y) - self.centre;
+        let by = peak.at - self.centre;
         let way = by.norm();
         let by = by * (1.2 * self.beam.width(gap) / way).min(1.0);
         let to = self.place(gap) + by;
         let kinematics = station.kinematics(self.watch.side);
-        if !kinematics.micro_reaches(to.x, to.y) {
+        if !kinematics.micro_reaches(to) {
             return Err(Outcome::MicroRange {
                 side: self.watch.side,
                 x: to.x,
@@ -352,7 +350,7 @@ impl<'r> ConicalScan<'r> {
                 }
                 continue;
             };
-            let way = (Displacement::new(peak.x, peak.y) - self.centre).norm();
+            let way = (peak.at - self.centre).norm();
             if way > NEAR * self.beam.width(gap) {
                 // Not there yet: what was seen from there does not count.
                 seen.clear();
@@ -371,9 +369,10 @@ impl<'r> ConicalScan<'r> {
             // A peak is that of the middle of its turn; the circle is left a turn later.
             let noise = peak.deviation;
             let last = peak;
-            let x = Ahead::of(&seen, |peak| peak.x, noise);
-            let y = Ahead::of(&seen, |peak| peak.y, noise);
-            (peak.x, peak.y, peak.deviation) = (x.at, y.at, x.deviation.max(y.deviation));
+            let x = Ahead::of(&seen, |peak| peak.at.x, noise);
+            let y = Ahead::of(&seen, |peak| peak.at.y, noise);
+            peak.at = Displacement::new(x.at, y.at);
+            peak.deviation = x.deviation.max(y.deviation);
             let slope = x.slope.hypot(y.slope);
             self.go_to(station, &peak, gap)?;
             deviation = peak.deviation;
@@ -441,9 +440,9 @@ impl<'r> ConicalScan<'r> {
             }
             .into());
         };
-        let (dx, dy) = (seen.x - foreseen.x, seen.y - foreseen.y);
+        let by = seen.at - foreseen.at;
         let deviation = seen.deviation.hypot(foreseen.deviation);
-        let (way, near) = (dx.hypot(dy), MOVED.0 + MOVED.1 * deviation);
+        let (way, near) = (by.norm(), MOVED.0 + MOVED.1 * deviation);
         if way > near {
             return Err(Outcome::Unsure {
                 deviation: way,
@@ -458,8 +457,7 @@ impl<'r> ConicalScan<'r> {
         }
         let share = (foreseen.deviation / deviation).powi(2);
         let peak = Peak {
-            x: foreseen.x + share * dx,
-            y: foreseen.y + share * dy,
+            at: foreseen.at + by * share,
             ..seen
         };
         self.go_to(station, &peak, gap)?;
@@ -531,8 +529,7 @@ mod tests {
 
     fn peak(x: f64) -> Peak {
         Peak {
-            x,
-            y: 0.0,
+            at: Displacement::new(x, 0.0),
             full: 1.0,
             full_deviation: 0.0,
             deviation: 0.0,
@@ -542,7 +539,7 @@ mod tests {
     #[test]
     fn a_steady_creep_is_foreseen() {
         let peaks = [0.0, 10e-9, 20e-9, 30e-9].map(peak);
-        let ahead = Ahead::of(&peaks, |peak| peak.x, 0.0);
+        let ahead = Ahead::of(&peaks, |peak| peak.at.x, 0.0);
         let expected = 30e-9 + AHEAD * 10e-9;
         assert!((ahead.at - expected).abs() < 1e-15, "{}", ahead.at);
         assert!(ahead.deviation < 1e-15, "{}", ahead.deviation);
@@ -551,7 +548,7 @@ mod tests {
 
     #[test]
     fn three_peaks_that_happen_to_lie_well_are_not_believed_more_than_their_noise() {
-        let Ahead { deviation, .. } = Ahead::of(&[0.0; 3].map(peak), |peak| peak.x, 10e-9);
+        let Ahead { deviation, .. } = Ahead::of(&[0.0; 3].map(peak), |peak| peak.at.x, 10e-9);
         assert!(deviation > 10e-9, "{deviation}");
     }
 }

@@ -6,7 +6,7 @@ use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, MICRO_AXES};
 use pigtail_hal::{Axis, Side, Spec};
 use pigtail_model::fivebar::{FiveBar, JointAngle, Unreachable};
-use pigtail_model::frames::{Chip, Macro, Placement, Point};
+use pigtail_model::frames::{Chip, Displacement, Macro, Placement, Point};
 use pigtail_model::leadscrew::LeadScrew;
 
 /// The believed kinematics of one manipulator.
@@ -169,10 +169,10 @@ impl Kinematics {
         across: f64,
         along: f64,
     ) -> [f64; AXES] {
-        let [x, y] = self.home;
+        let home = Displacement::new(self.home[0], self.home[1]);
         let [a, b] = self
             .five_bar
-            .most_rate((x + low.x, y + low.y), (x + high.x, y + high.y));
+            .most_rate(home + low.across(), home + high.across());
         let outputs = [a * across, b * across, self.screw.angle(along)];
         std::array::from_fn(|i| self.gear_ratios[i] * outputs[i])
     }
@@ -246,20 +246,20 @@ impl Kinematics {
         self.placement.macro_from_chip(p)
     }
 
-    /// Piezo inputs that displace the tip by `(x, y)` metres in the manipulator's frame, held
-    /// within the range.
-    pub fn micro_volts(&self, x: f64, y: f64) -> [Volts; MICRO_AXES] {
+    /// Piezo inputs that displace the tip so far in the manipulator's frame, held within the range.
+    pub fn micro_volts(&self, by: Displacement) -> [Volts; MICRO_AXES] {
         let m = &self.micro;
-        let (p, q) = (m.cos * x + m.sin * y, m.cos * y - m.sin * x);
-        [p, q].map(|d| Volts(m.centre + d.clamp(-m.half_range, m.half_range) * m.volts_per_metre))
+        let along = by.turned(-m.sin, m.cos);
+        [along.x, along.y]
+            .map(|d| Volts(m.centre + d.clamp(-m.half_range, m.half_range) * m.volts_per_metre))
     }
 
-    /// Whether the micro can displace the tip by `(x, y)` metres, as far as is known of its piezos.
-    pub fn micro_reaches(&self, x: f64, y: f64) -> bool {
+    /// Whether the micro can displace the tip so far, as far as is known of its piezos.
+    pub fn micro_reaches(&self, by: Displacement) -> bool {
         let m = &self.micro;
-        let (p, q) = (m.cos * x + m.sin * y, m.cos * y - m.sin * x);
+        let along = by.turned(-m.sin, m.cos);
         let within = |d: f64, range: &Range| d >= range.low && d <= range.high;
-        within(p, &m.ranges[0]) && within(q, &m.ranges[1])
+        within(along.x, &m.ranges[0]) && within(along.y, &m.ranges[1])
     }
 
     /// How far the micro reaches to either side along x alone by the datasheet, metres.

@@ -7,7 +7,7 @@
 use crate::beam::Beam;
 use crate::conical_scan::{ConicalScan, Watch};
 use crate::outcome::{Halt, Outcome};
-use crate::peak::NinePoint;
+use crate::peak::{NinePoint, corners};
 use crate::procedure::{Job, light_guides};
 use crate::recipe::{Climb, Recipe};
 use crate::station::Station;
@@ -96,7 +96,7 @@ pub fn follow(station: &mut Station, recipe: &Recipe, trial: &Trial) -> Result<F
     let dark = station.level(CHANNEL, LOOK)?;
     station.laser(true);
     station.run(0.02)?;
-    let Displacement { x, y } = station.micro(SIDE);
+    let here = station.micro(SIDE);
     let away = match trial.disturbance {
         Disturbance::Piezos(away) => away,
         Disturbance::Device | Disturbance::Macro(_) => 0.0,
@@ -113,10 +113,10 @@ pub fn follow(station: &mut Station, recipe: &Recipe, trial: &Trial) -> Result<F
     let before = station.level(CHANNEL, LOOK)?.mean - dark.mean;
     if away != 0.0 {
         // To the side where there is more room.
-        let sign = if x > 0.0 { -1.0 } else { 1.0 };
-        station.move_micro(SIDE, x + sign * away, y);
+        let sign = if here.x > 0.0 { -1.0 } else { 1.0 };
+        station.move_micro(SIDE, here + Displacement::new(sign * away, 0.0));
         station.run(AWAY)?;
-        station.move_micro(SIDE, x, y);
+        station.move_micro(SIDE, here);
         station.run(0.02)?;
     }
     if let Disturbance::Macro(speed) = trial.disturbance {
@@ -203,17 +203,16 @@ pub fn profile(
     let dark = station.level(CHANNEL, LOOK)?.mean;
     station.laser(true);
     station.run(0.02)?;
-    let Displacement { x: x0, y: y0 } = station.micro(SIDE);
-    let corners = [(-half, -half), (half, -half), (-half, half), (half, half)];
-    if let Some((x, y)) = corners
+    let here = station.micro(SIDE);
+    if let Some(Displacement { x, y }) = corners(half)
+        .map(|corner| here + corner)
         .into_iter()
-        .map(|(x, y)| (x0 + x, y0 + y))
-        .find(|(x, y)| !station.kinematics(SIDE).micro_reaches(*x, *y))
+        .find(|at| !station.kinematics(SIDE).micro_reaches(*at))
     {
         return Err(Outcome::ProfileRange { x, y }.into());
     }
     let mut look = |x: f64, y: f64, rest: f64| -> Result<Around, Halt> {
-        station.move_micro(SIDE, x0 + x, y0 + y);
+        station.move_micro(SIDE, here + Displacement::new(x, y));
         station.run(rest)?;
         let light = station.level(CHANNEL, DWELL)?.mean - dark;
         Ok(Around { x, y, light })

@@ -323,7 +323,7 @@ pub fn cover(station: &mut Station, recipe: &Recipe, space: &Space) -> Result<Co
     };
     scan.run(station)?;
     for side in Side::ALL {
-        station.move_micro(side, 0.0, 0.0);
+        station.move_micro(side, Displacement::ZERO);
     }
     Ok(scan.coverage)
 }
@@ -416,7 +416,7 @@ impl Scan<'_> {
     /// it goes on upward at once.
     fn back(&self, station: &mut Station) -> Result<(), Halt> {
         let start = self.starts[0];
-        station.move_micro(Side::Left, 0.0, 0.0);
+        station.move_micro(Side::Left, Displacement::ZERO);
         for to in [start.shifted(0.0, -self.recipe.coarse.run_up, 0.0), start] {
             station.start_line(Side::Left, to, None)?;
             while station.moving(Side::Left) {
@@ -437,18 +437,19 @@ impl Scan<'_> {
         let lines = self.space.points().0 as f64;
         let periods = if micro { lines + 1.0 } else { 1.0 };
         let amplitude = self.amplitude;
+        let across = |x: f64| Displacement::new(x, 0.0);
         let output = move |elapsed: f64| {
             if !micro {
-                return x;
+                return across(x);
             }
             let phase = (elapsed.max(0.0) * frequency) % periods;
-            if phase < 1.0 {
+            across(if phase < 1.0 {
                 amplitude * (PI * phase).cos()
             } else {
                 amplitude * (2.0 * (phase - 1.0) / lines - 1.0)
-            }
+            })
         };
-        let input = move |elapsed: f64| amplitude * (TAU * frequency * elapsed).sin();
+        let input = move |elapsed: f64| across(amplitude * (TAU * frequency * elapsed).sin());
         let lag = self.recipe.fast.sweep.lag;
         station.start_line(
             Side::Left,
@@ -459,9 +460,9 @@ impl Scan<'_> {
         let mut bright: Option<Bright> = None;
         while station.moving(Side::Left) {
             let elapsed = station.time() - begin;
-            station.move_micro(Side::Left, input(elapsed), 0.0);
+            station.move_micro(Side::Left, input(elapsed));
             if self.space.method != Method::Multimode {
-                station.move_micro(Side::Right, output(elapsed), 0.0);
+                station.move_micro(Side::Right, output(elapsed));
             }
             station.cycle()?;
             let Some(volts) = station.light(self.searcher.channel) else {
@@ -478,11 +479,11 @@ impl Scan<'_> {
                     time: station.time(),
                     input: Hit {
                         endpoint: station.endpoint(Side::Left),
-                        micro: Displacement::new(input(then), 0.0),
+                        micro: input(then),
                         level,
                     },
                     output: station.endpoint(Side::Right),
-                    output_micro: Displacement::new(output(then), 0.0),
+                    output_micro: output(then),
                 });
             }
         }
@@ -503,8 +504,7 @@ impl Scan<'_> {
         let begin = station.time();
         let moves_output = self.space.method != Method::Multimode;
         if moves_output {
-            let Displacement { x, y } = bright.output_micro;
-            station.move_micro(Side::Right, x, y);
+            station.move_micro(Side::Right, bright.output_micro);
         }
         let mut found = false;
         for around in AROUND {

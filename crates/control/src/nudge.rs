@@ -16,7 +16,7 @@ use crate::station::Station;
 use crate::tip_estimator::Tip;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::{Axis, AxisName, Channel, FiberHandling, Side};
-use pigtail_model::frames::{Macro, Point};
+use pigtail_model::frames::{Displacement, Macro, Point};
 
 /// The joints that pulses move.
 const JOINTS: [Axis; 2] = [Axis::A, Axis::B];
@@ -191,7 +191,7 @@ fn search(
 ) -> Result<(Searcher, Point<Macro>), Halt> {
     let (side, recipe) = (job.side, job.recipe);
     let raster = &recipe.raster;
-    station.move_micro(side, 0.0, 0.0);
+    station.move_micro(side, Displacement::ZERO);
     let searcher = Searcher::measure(station, side, job.channel, raster.significance, 0.5)?;
     let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
     let pitch = PITCH * beam.width(raster.gap);
@@ -297,9 +297,9 @@ struct Nudger {
     response: Response,
     /// Displacement of the endpoint in x and y for one of a joint's output, metres for a metre along
     /// its probe's arm: columns for the joints.
-    columns: [[f64; 2]; 2],
-    /// Where the fiber is believed to be, metres from where it was let go.
-    at: (f64, f64),
+    columns: [Displacement; 2],
+    /// Where the fiber is believed to be, from where it was let go.
+    at: Displacement,
     /// By what share more than believed pulses move each joint forward, and less backward: what the
     /// transmissions carry pushes one way.
     lean: [f64; 2],
@@ -321,7 +321,7 @@ impl Nudger {
         let here = kinematics
             .outputs_at(station.wanted(side))
             .map_err(Outcome::Immobile)?;
-        let mut columns = [[0.0; 2]; 2];
+        let mut columns = [Displacement::ZERO; 2];
         for (joint, column) in columns.iter_mut().enumerate() {
             let small = 1e-5;
             let moved = |sign: f64| {
@@ -333,7 +333,7 @@ impl Nudger {
             let low = low.map_err(Outcome::Immobile)?;
             let high = high.map_err(Outcome::Immobile)?;
             let per_metre = 1.0 / (2.0 * small * arm);
-            *column = [(high.x - low.x) * per_metre, (high.y - low.y) * per_metre];
+            *column = (high.across() - low.across()) * per_metre;
         }
         let recipe = job.recipe;
         let step = station.spec().photodiode.step();
@@ -346,7 +346,7 @@ impl Nudger {
             response: Response::curve(&belief),
             belief,
             columns,
-            at: (0.0, 0.0),
+            at: Displacement::ZERO,
             lean: [0.0; 2],
             way: [0.0; 2],
             readings: Vec::with_capacity(RECENT + 1),
@@ -367,8 +367,8 @@ impl Nudger {
     }
 
     /// Moves the fiber by pulses on both joints.
-    fn nudge(&mut self, station: &mut Station, dx: f64, dy: f64) -> Result<(), Halt> {
-        let mut left = self.joints(dx, dy);
+    fn nudge(&mut self, station: &mut Station, by: Displacement) -> Result<(), Halt> {
+        let mut left = self.joints(by);
         let most = self.belief.curve.last().map_or(0.0, |last| last[1]);
         // Less than that is not worth a pulse.
         let least = 0.01 * most;
@@ -394,28 +394,24 @@ impl Nudger {
             station.run(self.belief.period + self.belief.rest)?;
         }
         // What was left out was not gone.
-        let ([[ax, ay], [bx, by]], [a, b]) = (self.columns, left);
-        self.at.0 += dx - ax * a - bx * b;
-        self.at.1 += dy - ay * a - by * b;
+        let [a, b] = self.columns;
+        self.at += by - a * left[0] - b * left[1];
         Ok(())
     }
 
     /// Ways of the joints along their arms for one of the endpoint, metres.
-    fn joints(&self, dx: f64, dy: f64) -> [f64; 2] {
-        let [[ax, ay], [bx, by]] = self.columns;
-        let determinant = ax * by - bx * ay;
-        [
-            (by * dx - bx * dy) / determinant,
-            (ax * dy - ay * dx) / determinant,
-        ]
+    fn joints(&self, by: Displacement) -> [f64; 2] {
+        let [a, b] = self.columns;
+        let determinant = a.cross(b);
+        [by.cross(b) / determinant, a.cross(by) / determinant]
     }
 
-    /// Learns from a peak that has run away by `(dx, dy)` metres while pulses went back and forth:
-    /// it is they who did not.
-    fn learn(&mut self, dx: f64, dy: f64) {
+    /// Learns from a peak that has run away so far while pulses went back and forth: it is they who did
+    /// not.
+    fn learn(&mut self, by: Displacement) {
         const SHARE: f64 = 0.3;
         const MOST: f64 = 0.4;
-        let away = self.joints(dx, dy);
+        let away = self.joints(by);
         for ((lean, way), away) in self.lean.iter_mut().zip(self.way).zip(away) {
             if way > 0.0 {
                 *lean = (*lean - SHARE * away / way).clamp(-MOST, MOST);
@@ -429,12 +425,11 @@ impl Nudger {
         let aside = -step * job.recipe.ports.exit_angle.tan();
         let from = kinematics.macro_from_chip(job.port);
         let to = kinematics.macro_from_chip(job.port.shifted(aside, 0.0, 0.0));
-        let (dx, dy) = (to.x - from.x, to.y - from.y);
-        self.nudge(station, dx, dy)?;
+        let by = to.across() - from.across();
+        self.nudge(station, by)?;
         // In the light's frame nothing has moved.
         for reading in &mut self.readings {
-            reading.x += dx;
-            reading.y += dy;
+            reading.at += by;
         }
         Ok(())
     }
@@ -445,8 +440,7 @@ impl Nudger {
             self.readings.remove(0);
         }
         self.readings.push(Reading {
-            x: self.at.0,
-            y: self.at.1,
+            at: self.at,
             gap,
             volts,
         });
@@ -463,8 +457,7 @@ impl Nudger {
             if self.square(station, gap, pitch, enough, &mut best)? {
                 return Ok(());
             }
-            let (x, y) = best.1;
-            self.nudge(station, x - self.at.0, y - self.at.1)?;
+            self.nudge(station, best.1 - self.at)?;
         }
         Err(lost("centre", best.0, enough))
     }
@@ -477,21 +470,21 @@ impl Nudger {
         gap: f64,
         pitch: f64,
         enough: f64,
-        best: &mut (f64, (f64, f64)),
+        best: &mut (f64, Displacement),
     ) -> Result<bool, Halt> {
         const TURNS: i32 = 9;
         for turn in 0..TURNS {
             let sign = if turn % 4 < 2 { pitch } else { -pitch };
-            let (dx, dy) = if turn % 2 == 0 {
-                (sign, 0.0)
+            let by = if turn % 2 == 0 {
+                Displacement::new(sign, 0.0)
             } else {
-                (0.0, sign)
+                Displacement::new(0.0, sign)
             };
             for _ in 0..=turn / 2 {
                 if best.0 > enough {
                     return Ok(true);
                 }
-                self.nudge(station, dx, dy)?;
+                self.nudge(station, by)?;
                 let volts = self.read(station, gap, LOOK)?;
                 if volts > best.0 {
                     *best = (volts, self.at);
@@ -516,24 +509,23 @@ impl Nudger {
             // Triangles, turned by a third of a third each time.
             for corner in 0..3 {
                 let angle = std::f64::consts::TAU * (f64::from(corner) + f64::from(k) / 3.0) / 3.0;
-                let (sin, cos) = angle.sin_cos();
-                let (x, y) = (centre.0 + radius * cos, centre.1 + radius * sin);
-                self.nudge(station, x - self.at.0, y - self.at.1)?;
+                let to = centre + Displacement::polar(radius, angle);
+                self.nudge(station, to - self.at)?;
                 brightest = brightest.max(self.read(station, gap, care.seconds)?);
             }
             let Some(peak) = self.fit(noise) else {
                 return Err(lost("centre", 0.0, self.noise));
             };
             if let Some(before) = before.replace(peak) {
-                self.learn(peak.x - before.x, peak.y - before.y);
+                self.learn(peak.at - before.at);
             }
             self.way = [0.0; 2];
-            self.nudge(station, peak.x - self.at.0, peak.y - self.at.1)?;
+            self.nudge(station, peak.at - self.at)?;
             let volts = self.read(station, gap, care.seconds)?;
             // Light fluctuates: what was brighter long ago may never come again.
             brightest = FADE * brightest.max(volts / FADE);
             last = volts;
-            let moved = (peak.x - centre.0).hypot(peak.y - centre.1);
+            let moved = (peak.at - centre).norm();
             if k + 1 >= care.least && moved < care.near && volts > care.bright * brightest {
                 return Ok(());
             }

@@ -19,6 +19,12 @@ const PATTERN: [Displacement; 9] = [
     Displacement::new(1.0, -1.0),
 ];
 
+/// The corners of a square around its middle, `half` metres from it in x and in y.
+pub(crate) fn corners(half: f64) -> [Displacement; 4] {
+    [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)]
+        .map(|(x, y)| Displacement::new(x, y) * half)
+}
+
 /// Patterns whose centres are averaged to judge whether a climb still gets anywhere.
 const WINDOW: usize = 10;
 
@@ -58,7 +64,7 @@ impl<'r> NinePoint<'r> {
         let mut light = [0.0; 9];
         for (way, light) in PATTERN.iter().zip(&mut light) {
             let at = centre + *way * self.climb.step;
-            station.move_micro(self.side, at.x, at.y);
+            station.move_micro(self.side, at);
             let mut last = None;
             for _ in 0..cycles {
                 station.cycle()?;
@@ -89,16 +95,10 @@ impl<'r> NinePoint<'r> {
     fn shift(&mut self, station: &mut Station, steps: Displacement) -> Result<(), Outcome> {
         let to = self.centre + steps * self.climb.step;
         let reach = 1.5 * self.climb.step;
-        let corners = [
-            (reach, reach),
-            (reach, -reach),
-            (-reach, reach),
-            (-reach, -reach),
-        ];
         let kinematics = station.kinematics(self.side);
-        if corners
+        if corners(reach)
             .iter()
-            .any(|(dx, dy)| !kinematics.micro_reaches(to.x + dx, to.y + dy))
+            .any(|corner| !kinematics.micro_reaches(to + *corner))
         {
             return Err(Outcome::MicroRange {
                 side: self.side,
@@ -106,7 +106,7 @@ impl<'r> NinePoint<'r> {
                 y: to.y,
             });
         }
-        station.move_micro(self.side, to.x, to.y);
+        station.move_micro(self.side, to);
         self.centre = to;
         Ok(())
     }

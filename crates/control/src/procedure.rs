@@ -8,7 +8,7 @@ use crate::station::{Level, Station};
 use crate::tip_estimator::Tip;
 use pigtail_hal::spec::OUTPUTS;
 use pigtail_hal::{Channel, Fault, FiberHandling, Side};
-use pigtail_model::frames::{Chip, Macro, Point};
+use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 
 /// For how long light is looked at once a fiber is attached, seconds.
 const ATTACHED_LOOK: f64 = 0.008;
@@ -265,7 +265,7 @@ impl<'r> Job<'r> {
             ] {
                 if evidence.is_some() {
                     job.arrive(station, Side::Right, top.shifted(sensing, 0.0, 0.0))?;
-                    station.move_micro(Side::Left, 0.0, 0.0);
+                    station.move_micro(Side::Left, Displacement::ZERO);
                     job.arrive(station, Side::Left, lowest.shifted(area, -between, 0.0))?;
                 }
                 match job.find_light(station) {
@@ -315,7 +315,7 @@ impl<'r> Job<'r> {
             let mut evidence: Option<SearchEvidence> = None;
             for area in [0.0, aside, -aside] {
                 if evidence.is_some() {
-                    station.move_micro(Side::Right, 0.0, 0.0);
+                    station.move_micro(Side::Right, Displacement::ZERO);
                     job.arrive(station, Side::Right, lowest.shifted(area, -between, 0.0))?;
                 }
                 match job.find_light(station) {
@@ -473,7 +473,7 @@ impl<'r> Job<'r> {
         };
         // Back before sideways: the holder may still stand at the chip.
         self.withdraw(station, side)?;
-        station.move_micro(side, 0.0, 0.0);
+        station.move_micro(side, Displacement::ZERO);
         let clear = at_gap(station, coarse.clearance);
         self.arrive(station, side, clear)?;
         let far = at_gap(station, coarse.far);
@@ -552,7 +552,7 @@ impl<'r> Job<'r> {
                 dismissed: seen.dismissed + 1,
                 ..seen
             });
-            station.move_micro(self.side, 0.0, 0.0);
+            station.move_micro(self.side, Displacement::ZERO);
             let here = Point::new(start.x, hit.endpoint.y, start.z);
             self.arrive(station, self.side, here)?;
         }
@@ -590,7 +590,7 @@ impl<'r> Job<'r> {
         hit: &Hit,
         around: f64,
     ) -> Result<(), Halt> {
-        station.move_micro(self.side, 0.0, 0.0);
+        station.move_micro(self.side, Displacement::ZERO);
         self.arrive(station, self.side, hit.endpoint.moved(hit.micro))?;
         self.regain(station, searcher, hit.level, around)
     }
@@ -611,7 +611,7 @@ impl<'r> Job<'r> {
                 .micro_raster(station, around * mesh, 0.4 * mesh)?
                 .hit
         {
-            station.move_micro(self.side, again.micro.x, again.micro.y);
+            station.move_micro(self.side, again.micro);
             station.run(0.02)?;
         }
         Ok(())

@@ -82,10 +82,8 @@ impl Searcher {
         station.start_line(self.side, end, Some(raster.mesh * raster.frequency))?;
         let begin = station.time();
         let sweep = |time: f64| {
-            (
-                amplitude * (TAU * raster.frequency * (time - begin)).sin(),
-                0.0,
-            )
+            let phase = TAU * raster.frequency * (time - begin);
+            Displacement::new(amplitude * phase.sin(), 0.0)
         };
         // Light is followed for two more periods, so that the spot's brightest line is seen.
         let follow = 2.0 / raster.frequency;
@@ -107,22 +105,19 @@ impl Searcher {
     pub fn contrast(&self, station: &mut Station, mesh: f64) -> Result<f64, Halt> {
         const SECONDS: f64 = 0.1;
         const LOOKS: u32 = 2;
-        let Displacement { x, y } = station.micro(self.side);
-        let aside = if x > 0.0 {
-            x - 4.0 * mesh
-        } else {
-            x + 4.0 * mesh
-        };
+        let here = station.micro(self.side);
+        let way = if here.x > 0.0 { -4.0 } else { 4.0 };
+        let aside = here + Displacement::new(way * mesh, 0.0);
         let mut contrast = 0.0;
         for _ in 0..LOOKS {
-            for (x, sign) in [(x, 1.0), (aside, -1.0)] {
-                station.move_micro(self.side, x, y);
+            for (at, sign) in [(here, 1.0), (aside, -1.0)] {
+                station.move_micro(self.side, at);
                 station.run(0.01)?;
                 let level = station.level(self.channel, SECONDS)?.mean;
                 contrast += sign * level / f64::from(LOOKS);
             }
         }
-        station.move_micro(self.side, x, y);
+        station.move_micro(self.side, here);
         station.run(0.01)?;
         Ok(contrast)
     }
@@ -144,7 +139,7 @@ impl Searcher {
         let duration = 2.0 * reach / (spacing * FREQUENCY);
         let path = |time: f64| {
             let elapsed = time - begin;
-            (
+            Displacement::new(
                 reach * (TAU * FREQUENCY * elapsed).sin(),
                 reach * (2.0 * elapsed / duration - 1.0),
             )
@@ -161,7 +156,7 @@ impl Searcher {
     fn watch(
         &self,
         station: &mut Station,
-        path: impl Fn(f64) -> (f64, f64),
+        path: impl Fn(f64) -> Displacement,
         follow: f64,
         going: impl Fn(&Station) -> bool,
     ) -> Result<Sweep, Halt> {
@@ -169,8 +164,8 @@ impl Searcher {
         let mut end = f64::INFINITY;
         let (mut samples, mut brightest) = (0, f64::NEG_INFINITY);
         while going(station) && station.time() < end {
-            let (x, y) = path(station.time());
-            station.move_micro(self.side, x, y);
+            let micro = path(station.time());
+            station.move_micro(self.side, micro);
             station.cycle()?;
             let Some(volts) = station.light(self.channel) else {
                 continue;
@@ -184,7 +179,7 @@ impl Searcher {
                 }
                 hit = Some(Hit {
                     endpoint: station.endpoint(self.side),
-                    micro: Displacement::new(x, y),
+                    micro,
                     level,
                 });
             }
@@ -262,13 +257,14 @@ pub fn centre_sensing(station: &mut Station) -> Result<(), Halt> {
     const WINDOW: usize = 15;
     let (side, channel) = (Side::Right, Channel::Sensing);
     let reach = 0.95 * station.kinematics(side).micro_range_x();
-    station.move_micro(side, -reach, 0.0);
+    let across = |x: f64| Displacement::new(x, 0.0);
+    station.move_micro(side, across(-reach));
     station.run(0.02)?;
     let begin = station.time();
     let mut seen: Vec<(f64, f64)> = Vec::with_capacity(1024);
     while station.time() < begin + SECONDS {
         let x = reach * (2.0 * (station.time() - begin) / SECONDS - 1.0);
-        station.move_micro(side, x, 0.0);
+        station.move_micro(side, across(x));
         station.cycle()?;
         if let Some(volts) = station.light(channel) {
             seen.push((x, volts));
@@ -290,7 +286,7 @@ pub fn centre_sensing(station: &mut Station) -> Result<(), Halt> {
         });
     let bright = smooth.iter().filter(|s| s.1 > 0.5 * (low + high));
     let (sum, n) = bright.fold((0.0, 0.0), |(sum, n), s| (sum + s.0, n + 1.0));
-    station.move_micro(side, if n > 0.0 { sum / n } else { 0.0 }, 0.0);
+    station.move_micro(side, across(if n > 0.0 { sum / n } else { 0.0 }));
     station.run(0.02)?;
     Ok(())
 }

@@ -108,7 +108,7 @@ impl<'a> Station<'a> {
         let arms = Side::ALL.map(|side| Arm::new(&spec, calibration, side));
         let mut command = Command::IDLE;
         for (micro, arm) in command.micro.iter_mut().zip(&arms) {
-            *micro = arm.kinematics.micro_volts(0.0, 0.0);
+            *micro = arm.kinematics.micro_volts(Displacement::ZERO);
         }
         let measurement = machine.exchange(&command)?;
         Ok(Self {
@@ -536,11 +536,10 @@ impl<'a> Station<'a> {
             .ok()
     }
 
-    /// Displaces a tip by `(x, y)` metres in its manipulator's frame with the micro, held within
-    /// its range.
-    pub fn move_micro(&mut self, side: Side, x: f64, y: f64) {
+    /// Displaces a tip so far in its manipulator's frame with the micro, held within its range.
+    pub fn move_micro(&mut self, side: Side, to: Displacement) {
         let arm = &mut self.arms[side.index()];
-        arm.micro = Displacement::new(x, y);
+        arm.micro = to;
         arm.micro_volts = None;
     }
 

@@ -9,17 +9,15 @@ use crate::outcome::{Halt, SearchEvidence};
 use crate::recipe::Sweep;
 use crate::station::Station;
 use pigtail_hal::Side;
-use pigtail_model::frames::Point;
+use pigtail_model::frames::{Displacement, Point};
 use std::collections::VecDeque;
 use std::f64::consts::PI;
 
 /// The light that a sweep ended at.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spot {
-    /// Across, in the manipulator's frame: where macro and micro were together, metres.
-    pub x: f64,
-    /// Up, metres.
-    pub y: f64,
+    /// In the manipulator's frame: where macro and micro were together.
+    pub at: Displacement,
     /// Light above the background, volts.
     pub level: f64,
     /// The background by then, volts.
@@ -123,7 +121,7 @@ pub fn first_light(
     let mut recent: VecDeque<(f64, f64)> = VecDeque::with_capacity(widest + 1);
     while station.moving(side) {
         let at = across(sweep, reach, station.time() - begin);
-        station.move_micro(side, at.0, 0.0);
+        station.move_micro(side, Displacement::new(at.0, 0.0));
         station.cycle()?;
         commanded.push_back(at);
         if commanded.len() > lag + 1 {
@@ -151,10 +149,10 @@ pub fn first_light(
         }
         let (stands_out, x, level) = (seen.stands_out, seen.x, seen.level);
         if stands_out > best && slow {
-            let macro_at = station.endpoint(side);
+            let mut at = station.endpoint(side).across();
+            at.x += x;
             spot = Some(Spot {
-                x: macro_at.x + x,
-                y: macro_at.y,
+                at,
                 level,
                 background: watch.background + wander,
             });

@@ -6,7 +6,7 @@ use common::{Obedient, calibration, spec};
 use pigtail_control::station::{Observer, Sample, Station};
 use pigtail_control::trajectory::{Arc, Shape};
 use pigtail_hal::Side;
-use pigtail_model::frames::Point;
+use pigtail_model::frames::{Displacement, Point};
 
 struct Counting(usize);
 
@@ -41,8 +41,8 @@ fn a_cycle_of_both_manipulators_allocates_nothing() {
             let info = allocation_counter::measure(|| {
                 while station.moving(Side::Left) || station.moving(Side::Right) {
                     let way = 1e-8 * f64::from(cycles % 1000);
-                    station.move_micro(Side::Left, way, -way);
-                    station.move_micro(Side::Right, -way, way);
+                    station.move_micro(Side::Left, Displacement::new(way, -way));
+                    station.move_micro(Side::Right, Displacement::new(-way, way));
                     station.cycle().expect("no fault");
                     cycles += 1;
                 }

@@ -6,6 +6,7 @@ use pigtail_control::identify::Path;
 use pigtail_control::piezo::Micro;
 use pigtail_control::station::Unobserved;
 use pigtail_hal::{Command, Fault, Machine, Measurement, Side, Spec};
+use pigtail_model::frames::Displacement;
 use pigtail_numerics::line::Line;
 use pigtail_numerics::rounded;
 use pigtail_records::hysteresis::Kind;
@@ -117,7 +118,7 @@ struct Watched {
     /// The side of the tip that is watched.
     side: Side,
     /// The tip's displacement in x and y, metres.
-    seen: Vec<(f64, f64)>,
+    seen: Vec<Displacement>,
 }
 
 impl Machine for Watched {
@@ -186,21 +187,21 @@ impl Followed {
 struct Trial {
     name: &'static str,
     /// Displacement along each piezo, metres, cycle by cycle.
-    path: Vec<(f64, f64)>,
+    path: Vec<Displacement>,
     /// The cycle from which on it is judged.
     from: usize,
     /// Every how many cycles: points at which a tip rests are judged at their end.
     every: usize,
 }
 
-fn along(turns: &[f64], period: f64) -> Vec<(f64, f64)> {
+fn along(turns: &[f64], period: f64) -> Vec<Displacement> {
     let path = Path {
         turns: turns.iter().map(|t| HALF * t).collect(),
         speed: SPEED,
     };
     let cycles = (path.duration() / period) as usize;
     (0..cycles)
-        .map(|k| (path.at(k as f64 * period), 0.0))
+        .map(|k| Displacement::new(path.at(k as f64 * period), 0.0))
         .collect()
 }
 
@@ -235,7 +236,7 @@ fn trials(period: f64, seed: u64) -> Vec<Trial> {
     for centre in centres {
         for (a, b) in nine {
             let at = |k: i32| step * f64::from(centre + k);
-            climb.extend(std::iter::repeat_n((at(a), at(b)), dwell));
+            climb.extend(std::iter::repeat_n(Displacement::new(at(a), at(b)), dwell));
         }
     }
     let mut hold = with(&[0.7]);
@@ -271,7 +272,7 @@ fn follow(
     calibration: &Calibration,
     side: Side,
     seed: u64,
-    path: &[(f64, f64)],
+    path: &[Displacement],
 ) -> Result<Followed, Ended> {
     let mut watched = Watched {
         twin: setup.twin(seed)?,
@@ -283,8 +284,8 @@ fn follow(
     let (sin, cos) = rig.spec.micro.angle.sin_cos();
     let mut session = Session::open_with(&rig, &mut watched, &setup.options);
     session.experiment(|station| {
-        for (p, q) in path {
-            station.move_micro(side, cos * p - sin * q, sin * p + cos * q);
+        for along in path {
+            station.move_micro(side, along.turned(sin, cos));
             station.cycle()?;
         }
         Ok(())
@@ -292,8 +293,8 @@ fn follow(
     drop(session);
     let seen = &watched.seen;
     Ok(Followed {
-        wanted: path.iter().map(|at| at.0).collect(),
-        was: seen[1..].iter().map(|(x, y)| cos * x + sin * y).collect(),
+        wanted: path.iter().map(|at| at.x).collect(),
+        was: seen[1..].iter().map(|at| at.turned(-sin, cos).x).collect(),
     })
 }
 

@@ -8,6 +8,7 @@
 //! right), the endpoint above the line through the elbows.
 
 use crate::Invalid;
+use crate::frames::Displacement;
 
 /// An output angle of a five-bar joint, radians from the x axis. Not to be mistaken for a motor
 /// angle, which is the gear ratio times as large and counted from home.
@@ -103,10 +104,10 @@ impl FiveBar {
         let a = self.leg(x, y, -1.0)?;
         let b = self.leg(x, y, 1.0)?;
         let angles = [JointAngle(a), JointAngle(b)];
-        let [u, v] = self.distals(x, y, angles);
+        let [u, v] = self.distals(Displacement::new(x, y), angles);
         // The endpoint lies above the line through the elbows exactly when the distal links
         // cross in this sense.
-        if u.0 * v.1 - u.1 * v.0 < SINGULAR * self.distal * self.distal {
+        if u.cross(v) < SINGULAR * self.distal * self.distal {
             return Err(Unreachable::Singular { x, y });
         }
         Ok(angles)
@@ -132,18 +133,15 @@ impl FiveBar {
     }
 
     /// Vectors from the elbows of A and B to the endpoint.
-    fn distals(&self, x: f64, y: f64, angles: [JointAngle; 2]) -> [(f64, f64); 2] {
-        let [a, b] = self.elbows(angles);
-        [(x - a.0, y - a.1), (x - b.0, y - b.1)]
+    fn distals(&self, tip: Displacement, angles: [JointAngle; 2]) -> [Displacement; 2] {
+        self.elbows(angles).map(|elbow| tip - elbow)
     }
 
-    fn elbows(&self, [a, b]: [JointAngle; 2]) -> [(f64, f64); 2] {
+    fn elbows(&self, [a, b]: [JointAngle; 2]) -> [Displacement; 2] {
         let elbow = |angle: f64, outward: f64| {
-            let (sin, cos) = angle.sin_cos();
-            (
-                self.base_x(outward) + self.proximal * cos,
-                self.proximal * sin,
-            )
+            let mut elbow = Displacement::polar(self.proximal, angle);
+            elbow.x += self.base_x(outward);
+            elbow
         };
         [elbow(a.0, -1.0), elbow(b.0, 1.0)]
     }
@@ -155,9 +153,9 @@ impl FiveBar {
     /// When the distal links cannot meet, or lie in one line.
     #[inline]
     pub fn forward(&self, angles: [JointAngle; 2]) -> Result<(f64, f64), Unreachable> {
-        let [(ax, ay), (bx, by)] = self.elbows(angles);
-        let (dx, dy) = (bx - ax, by - ay);
-        let square = dx * dx + dy * dy;
+        let [a, b] = self.elbows(angles);
+        let apart = b - a;
+        let square = apart.x * apart.x + apart.y * apart.y;
         let height_square = self.distal * self.distal - 0.25 * square;
         if !(height_square > 0.0 && square > 0.0) {
             return Err(Unreachable::NotAssembled {
@@ -166,7 +164,10 @@ impl FiveBar {
             });
         }
         let scale = (height_square / square).sqrt();
-        Ok((0.5 * (ax + bx) - scale * dy, 0.5 * (ay + by) + scale * dx))
+        Ok((
+            0.5 * (a.x + b.x) - scale * apart.y,
+            0.5 * (a.y + b.y) + scale * apart.x,
+        ))
     }
 
     /// Length of the proximal links, metres: about how far the endpoint goes for a radian of a joint.
@@ -182,22 +183,24 @@ impl FiveBar {
     /// As [`Self::forward`].
     pub fn bearings(&self, angles: [JointAngle; 2]) -> Result<BearingAngles, Unreachable> {
         let (x, y) = self.forward(angles)?;
-        let links = self.distals(x, y, angles);
+        let links = self.distals(Displacement::new(x, y), angles);
         let [[xa, xb], [ya, yb]] = self.jacobian(angles)?;
+        let rates = [Displacement::new(xa, ya), Displacement::new(xb, yb)];
         let [JointAngle(a), JointAngle(b)] = angles;
-        let directions = links.map(|(dx, dy)| dy.atan2(dx));
+        let directions = links.map(|link| link.y.atan2(link.x));
         // A distal link turns as its ends move apart across it: (u x u') / |u|^2.
         let square = self.distal * self.distal;
-        let turn = |(ux, uy): (f64, f64), (vx, vy): (f64, f64)| (ux * vy - uy * vx) / square;
-        let elbow = |angle: f64| (-self.proximal * angle.sin(), self.proximal * angle.cos());
-        let (ea, eb) = (elbow(a), elbow(b));
+        let turn = |link: Displacement, rate: Displacement| link.cross(rate) / square;
+        let elbow = |angle: f64| {
+            Displacement::new(-self.proximal * angle.sin(), self.proximal * angle.cos())
+        };
         let of_a = [
-            turn(links[0], (xa - ea.0, ya - ea.1)),
-            turn(links[0], (xb, yb)),
+            turn(links[0], rates[0] - elbow(a)),
+            turn(links[0], rates[1]),
         ];
         let of_b = [
-            turn(links[1], (xa, ya)),
-            turn(links[1], (xb - eb.0, yb - eb.1)),
+            turn(links[1], rates[0]),
+            turn(links[1], rates[1] - elbow(b)),
         ];
         Ok((
             [
@@ -221,24 +224,24 @@ impl FiveBar {
     /// As [`Self::forward`].
     pub fn jacobian(&self, angles: [JointAngle; 2]) -> Result<[[f64; 2]; 2], Unreachable> {
         let (x, y) = self.forward(angles)?;
-        let [u, v] = self.distals(x, y, angles);
-        let cross = u.0 * v.1 - u.1 * v.0;
+        let [u, v] = self.distals(Displacement::new(x, y), angles);
+        let cross = u.cross(v);
         if cross.abs() < SINGULAR * self.distal * self.distal {
             return Err(Unreachable::Singular { x, y });
         }
         // Each distal link keeps its length: u . p' = u . (elbow A)', v . p' = v . (elbow B)'.
-        let elbow_rate = |angle: JointAngle, link: (f64, f64)| {
-            self.proximal * (link.1 * angle.0.cos() - link.0 * angle.0.sin())
+        let elbow_rate = |angle: JointAngle, link: Displacement| {
+            self.proximal * (link.y * angle.0.cos() - link.x * angle.0.sin())
         };
         let (ra, rb) = (elbow_rate(angles[0], u), elbow_rate(angles[1], v));
         Ok([
-            [ra * v.1 / cross, -rb * u.1 / cross],
-            [-ra * v.0 / cross, rb * u.0 / cross],
+            [ra * v.y / cross, -rb * u.y / cross],
+            [-ra * v.x / cross, rb * u.x / cross],
         ])
     }
 
     /// Most that the joints `[A, B]` turn for a way of the endpoint, anywhere in the box between
-    /// `low` and `high`, `(x, y)` in metres: radians a metre, infinite where a leg is stretched
+    /// `low` and `high`: radians a metre, infinite where a leg is stretched
     /// or folded within the box or does not reach all of it.
     ///
     /// The distal link keeps its length, so with `d` the angle between the links of a leg
@@ -248,12 +251,12 @@ impl FiveBar {
     /// ```
     ///
     /// and over a range of reaches `sin d` is least at one of its ends.
-    pub fn most_rate(&self, low: (f64, f64), high: (f64, f64)) -> [f64; 2] {
+    pub fn most_rate(&self, low: Displacement, high: Displacement) -> [f64; 2] {
         [-1.0, 1.0].map(|outward| {
             let base = self.base_x(outward);
             let near = |low: f64, high: f64| low.max(-high).max(0.0);
             let far = |low: f64, high: f64| low.abs().max(high.abs());
-            let (x, y) = ((low.0 - base, high.0 - base), (low.1, high.1));
+            let (x, y) = ((low.x - base, high.x - base), (low.y, high.y));
             let least_sine = [
                 near(x.0, x.1).hypot(near(y.0, y.1)),
                 far(x.0, x.1).hypot(far(y.0, y.1)),

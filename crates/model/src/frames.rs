@@ -15,7 +15,8 @@ pub enum Chip {}
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Macro {}
 
-/// A displacement across the light: in x and y of the frame of whoever moves, metres.
+/// A displacement across the light, or a place across it as one from an origin: in x and y of the frame of
+/// whoever moves, metres.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Displacement {
     /// Along x, metres.
@@ -33,9 +34,27 @@ impl Displacement {
         Self { x, y }
     }
 
+    /// A displacement of so many metres at an angle from the x axis, radians.
+    pub fn polar(length: f64, angle: f64) -> Self {
+        let (sin, cos) = angle.sin_cos();
+        Self::new(length * cos, length * sin)
+    }
+
     /// Its length, metres.
     pub fn norm(self) -> f64 {
         self.x.hypot(self.y)
+    }
+
+    /// The z component of its vector product with another, square metres: positive where the other lies to
+    /// its left.
+    pub fn cross(self, other: Self) -> f64 {
+        self.x * other.y - self.y * other.x
+    }
+
+    /// The same turned by an angle of this sine and cosine; with the sine's sign changed, turned back.
+    #[must_use]
+    pub fn turned(self, sin: f64, cos: f64) -> Self {
+        Self::new(cos * self.x - sin * self.y, sin * self.x + cos * self.y)
     }
 }
 
@@ -122,6 +141,11 @@ impl<F> Point<F> {
         Self::new(self.x + dx, self.y + dy, self.z + dz)
     }
 
+    /// Its place across.
+    pub fn across(self) -> Displacement {
+        Displacement::new(self.x, self.y)
+    }
+
     /// The point that lies so far across.
     #[must_use]
     pub fn moved(self, by: Displacement) -> Self {
@@ -191,6 +215,8 @@ mod tests {
     fn offsets_add_up() {
         let there = Displacement::new(3.0, -4.0);
         assert_eq!((there * 2.0 - there).norm(), 5.0);
+        assert_eq!(there.turned(1.0, 0.0), Displacement::new(4.0, 3.0));
+        assert_eq!(there.cross(there.turned(1.0, 0.0)), 25.0);
         let p = Point::<Chip>::ORIGIN.moved(there / 2.0 + Displacement::ZERO);
         assert_eq!(p, Point::new(1.5, -2.0, 0.0));
     }

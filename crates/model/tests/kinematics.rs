@@ -1,6 +1,7 @@
 //! The five-bar over its whole workspace, and at its edges.
 
 use pigtail_model::fivebar::{FiveBar, JointAngle, Unreachable};
+use pigtail_model::frames::Displacement;
 use proptest::prelude::*;
 
 fn five_bar() -> FiveBar {
@@ -56,8 +57,8 @@ proptest! {
         let [[a, b], [c, d]] = mechanism.jacobian(mechanism.inverse(x, y).unwrap()).unwrap();
         let determinant = a * d - b * c;
         let slopes = [(d / determinant).hypot(b / determinant), (c / determinant).hypot(a / determinant)];
-        let bounds = mechanism.most_rate((x - left, y - below), (x + right, y + above));
-        let points = mechanism.most_rate((x, y), (x, y));
+        let bounds = mechanism.most_rate(Displacement::new(x - left, y - below), Displacement::new(x + right, y + above));
+        let points = mechanism.most_rate(Displacement::new(x, y), Displacement::new(x, y));
         for i in 0..2 {
             prop_assert!(slopes[i] <= bounds[i] * (1.0 + 1e-9), "{} {}", slopes[i], bounds[i]);
             prop_assert!((slopes[i] / points[i] - 1.0).abs() < 1e-9, "{} {}", slopes[i], points[i]);
@@ -142,8 +143,12 @@ fn out_of_reach_and_singular_are_told_apart() {
 
 #[test]
 fn a_box_that_a_leg_does_not_reach_has_no_bound() {
-    let [a, b] = five_bar().most_rate((0.0, 0.08), (0.09, 0.09));
+    let most = |low: [f64; 2], high: [f64; 2]| {
+        let [low, high] = [low, high].map(|[x, y]| Displacement::new(x, y));
+        five_bar().most_rate(low, high)
+    };
+    let [a, b] = most([0.0, 0.08], [0.09, 0.09]);
     assert!(a.is_infinite() && b.is_finite(), "{a} {b}");
-    let [a, b] = five_bar().most_rate((-0.02, 0.0), (-0.02, 0.09));
+    let [a, b] = most([-0.02, 0.0], [-0.02, 0.09]);
     assert!(a.is_infinite() && b.is_finite(), "{a} {b}");
 }

@@ -43,7 +43,7 @@ use pigtail_hal::{
     Axis, AxisName, Command, Fault, FiberHandling, Machine, Measurement, Rule, Side, Spec,
 };
 use pigtail_model::Invalid;
-use pigtail_model::frames::{Chip, Point};
+use pigtail_model::frames::{Chip, Displacement, Point};
 pub use plant::Plant;
 use plant::uniform;
 use rand::{Rng, SeedableRng};
@@ -433,7 +433,7 @@ impl Twin {
 
     /// How far the micro really displaces the tip of a manipulator, in its x and y, metres; noise
     /// apart. Not part of [`Machine`].
-    pub fn micro_displacement(&self, side: Side) -> (f64, f64) {
+    pub fn micro_displacement(&self, side: Side) -> Displacement {
         self.manipulators[side.index()].micro.displacement()
     }
 
@@ -469,10 +469,10 @@ impl Twin {
         let fiber = |side: Side, port: usize| {
             let fixed = self.attached[side.index()][port].as_ref()?;
             let at = self.light.port(side, port);
-            let (x, y) = self.light.peak(at, fixed.tip, fixed.fiber.tilt);
+            let peak = self.light.peak(at, fixed.tip, fixed.fiber.tilt);
             Some(FiberTruth {
-                x: fixed.tip.x - x,
-                y: fixed.tip.y - y,
+                x: fixed.tip.x - peak.x,
+                y: fixed.tip.y - peak.y,
                 gap: at.gap(fixed.tip),
                 coupling: fixed.coupling,
             })

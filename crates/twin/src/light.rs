@@ -3,7 +3,7 @@
 use super::plant::{Plant, uniform};
 use pigtail_hal::spec::{CHANNELS, Channel, OUTPUTS, Side, Spec};
 use pigtail_model::Invalid;
-use pigtail_model::frames::{Chip, Point};
+use pigtail_model::frames::{Chip, Displacement, Point};
 use pigtail_model::optics::{
     Coupler, GaussianMode, Misalignment, core_capture, disc_below_edge, exit_angle,
 };
@@ -216,11 +216,10 @@ impl LightPath {
     }
 
     /// The lateral position at which the coupling to `port` peaks for a fiber of this tilt at the
-    /// gap of `tip`, chip frame x and y, metres.
-    pub(super) fn peak(&self, port: &Port, tip: Point<Chip>, tilt: [f64; 2]) -> (f64, f64) {
+    /// gap of `tip`, chip frame.
+    pub(super) fn peak(&self, port: &Port, tip: Point<Chip>, tilt: [f64; 2]) -> Displacement {
         let exit = port.sin_exit / port.cos_exit;
-        let start = (port.position.x + exit * port.gap(tip), port.position.y);
-        let (mut x, mut y) = start;
+        let (mut x, mut y) = (port.position.x + exit * port.gap(tip), port.position.y);
         // The two directions are separable but for the small rotation of the beam's frame.
         for _ in 0..3 {
             x = maximum(x, 10e-6, |x| {
@@ -230,7 +229,7 @@ impl LightPath {
                 self.coupling(port, Point::new(x, y, tip.z), tilt)
             });
         }
-        (x, y)
+        Displacement::new(x, y)
     }
 }
 

@@ -122,11 +122,8 @@ impl Manipulator {
         if outputs != self.endpoint.0 {
             self.endpoint = (outputs, self.endpoint_at(outputs)?);
         }
-        let (x, y) = self.micro.advance(micro, rng);
-        Some(
-            self.placement
-                .chip_from_macro(self.endpoint.1.shifted(x, y, 0.0)),
-        )
+        let by = self.micro.advance(micro, rng);
+        Some(self.placement.chip_from_macro(self.endpoint.1.moved(by)))
     }
 
     fn endpoint_at(&self, [a, b, z]: [f64; AXES]) -> Option<Point<Macro>> {

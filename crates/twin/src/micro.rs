@@ -6,6 +6,7 @@ use pigtail_hal::Spec;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::MICRO_AXES;
 use pigtail_model::Invalid;
+use pigtail_model::frames::Displacement;
 use pigtail_model::hysteresis::{Creep, CreepState, Hysteresis, HysteresisState};
 use pigtail_model::piezo::{Resonance, ResonanceState};
 use rand::Rng;
@@ -77,7 +78,11 @@ impl Micro {
     }
 
     /// One cycle under these inputs; the displacement in the manipulator's x and y, metres.
-    pub(super) fn advance(&mut self, volts: [Volts; MICRO_AXES], rng: &mut impl Rng) -> (f64, f64) {
+    pub(super) fn advance(
+        &mut self,
+        volts: [Volts; MICRO_AXES],
+        rng: &mut impl Rng,
+    ) -> Displacement {
         let [u, v] = std::array::from_fn(|i| {
             let Volts(volts) = volts[i];
             let held = (volts.clamp(0.0, self.limit) / self.step).round() * self.step;
@@ -88,7 +93,7 @@ impl Micro {
             self.resonance.advance(&mut self.states[i], input);
             self.states[i].position + self.noise * normal(rng)
         });
-        (self.cos * p - self.sin * q, self.sin * p + self.cos * q)
+        Displacement::new(p, q).turned(self.sin, self.cos)
     }
 
     /// A piezo gives no more than a share of its stroke.
@@ -99,8 +104,8 @@ impl Micro {
     }
 
     /// The displacement in the manipulator's x and y without noise, metres.
-    pub(super) fn displacement(&self) -> (f64, f64) {
+    pub(super) fn displacement(&self) -> Displacement {
         let [p, q] = self.states.map(|state| state.position);
-        (self.cos * p - self.sin * q, self.sin * p + self.cos * q)
+        Displacement::new(p, q).turned(self.sin, self.cos)
     }
 }

@@ -5,6 +5,7 @@ use super::hysteresis::{Invalid, Model, Range, State};
 use pigtail_hal::Spec;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::MICRO_AXES;
+use pigtail_model::frames::Displacement;
 use serde::{Deserialize, Serialize};
 
 /// What is believed of a micro manipulator's piezos.
@@ -94,11 +95,12 @@ impl MicroCompensation {
         }
     }
 
-    /// The voltages of the next cycle for a tip that is wanted at `(x, y)` metres from its centre
-    /// in the manipulator's frame, held within the range.
-    pub fn next(&mut self, x: f64, y: f64) -> [Volts; MICRO_AXES] {
-        let y = y / self.model.ratio;
-        let wanted = [self.cos * x + self.sin * y, self.cos * y - self.sin * x];
+    /// The voltages of the next cycle for a tip that is wanted so far from its centre in the
+    /// manipulator's frame, held within the range.
+    pub fn next(&mut self, to: Displacement) -> [Volts; MICRO_AXES] {
+        let uncoupled = Displacement::new(to.x, to.y / self.model.ratio);
+        let along = uncoupled.turned(-self.sin, self.cos);
+        let wanted = [along.x, along.y];
         std::array::from_fn(|i| {
             let d = wanted[i].clamp(-self.half_range, self.half_range) + self.zeros[i];
             let state = &mut self.states[i];

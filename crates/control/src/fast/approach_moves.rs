@@ -10,7 +10,7 @@ use crate::sweep::reach;
 use crate::tip_estimator::{Seen, Tip};
 use pigtail_hal::spec::Channel;
 use pigtail_hal::{FiberHandling, Side};
-use pigtail_model::frames::{Chip, Macro, Point};
+use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 
 /// Longest wait for vision to see a tip well, seconds.
 const PATIENCE: f64 = 1.0;
@@ -71,7 +71,7 @@ impl Aim {
         let k = station.kinematics(self.side);
         let a = k.macro_from_chip(self.port);
         let b = k.macro_from_chip(self.port.shifted(exit.tan(), 0.0, 0.0));
-        Walk::new(b.x - a.x, b.y - a.y)
+        b.across() - a.across()
     }
 }
 
@@ -94,7 +94,7 @@ pub(super) fn lines(
 /// Sends the micro to where its lines begin.
 pub(super) fn cock(station: &mut Station, side: Side, width: f64) {
     let start = -reach(station, side, width);
-    station.move_micro(side, start, 0.0);
+    station.move_micro(side, Displacement::new(start, 0.0));
 }
 
 /// Waits until a tip is seen as well as `sure` metres across; goes on without where that takes too

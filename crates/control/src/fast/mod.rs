@@ -171,14 +171,14 @@ impl Shared<'_> {
         };
         for (attempt, pass) in passes.iter().enumerate() {
             let aside = pass.sensing * fast.sensing.sidestep;
-            station.move_micro(Side::Right, aside, 0.0);
+            station.move_micro(Side::Right, Displacement::new(aside, 0.0));
             let look = self.look(pass, fast.input_gap, fast.input_spacing, attempt > 0);
             let result = self.attempt(job, station, &aim, &look);
             if !again(&result) {
                 return result;
             }
         }
-        station.move_micro(Side::Right, 0.0, 0.0);
+        station.move_micro(Side::Right, Displacement::ZERO);
         job.align_input(station)
     }
 
@@ -341,7 +341,7 @@ impl Shared<'_> {
         let walk = aim.walk(station, self.exit());
         let gap = aim.gap(station);
         let rest = station.wanted(aim.side);
-        let at = Displacement::new(spot.x - rest.x, spot.y - rest.y);
+        let at = spot.at - rest.across();
         let mut scan =
             ConicalScan::new(watch, beam, &self.fast.conical_scan, station, at, gap, walk);
         // What the micro will not reach, here or at the chip, the macro must.
@@ -394,10 +394,11 @@ impl Shared<'_> {
         const SURE: f64 = 0.93;
         let (at, end) = (scan.place(gap), scan.place(self.recipe.approach.gap));
         let kinematics = station.kinematics(aim.side);
-        let reached = [at, end].iter().all(|Displacement { x, y }| {
-            [(room, 0.0), (-room, 0.0), (0.0, room), (0.0, -room)]
-                .iter()
-                .all(|(dx, dy)| kinematics.micro_reaches((x + dx) / SURE, (y + dy) / SURE))
+        let around = [(room, 0.0), (-room, 0.0), (0.0, room), (0.0, -room)]
+            .map(|(x, y)| Displacement::new(x, y));
+        let reached = [at, end].iter().all(|at| {
+            let reaches = |by: &Displacement| kinematics.micro_reaches((*at + *by) / SURE);
+            around.iter().all(reaches)
         });
         if !reached {
             let middle = (at + end) * 0.5;
@@ -572,7 +573,7 @@ fn hand_over(
         }
         scan.cycle(station, gap)?;
         let now = station.endpoint(side);
-        scan.hand_over(Displacement::new(now.x - before.x, now.y - before.y));
+        scan.hand_over(now.across() - before.across());
         before = now;
     }
     Ok(())

@@ -25,7 +25,7 @@ use nalgebra::{DMatrix, DVector};
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::MICRO_AXES;
 use pigtail_hal::{Channel, Side};
-use pigtail_model::frames::{Displacement, Macro, Point};
+use pigtail_model::frames::{Macro, Point};
 use std::ops::Range;
 
 pub(super) const SIDE: Side = Side::Left;
@@ -82,7 +82,7 @@ pub(super) fn identify(station: &mut Station, recipe: &Recipe) -> Result<Micro, 
 
     // Back from the guide, and to the side as its light goes; the micro in its middle.
     let middle = Volts(0.5 * station.spec().micro.voltage);
-    let Displacement { x, y } = station.micro(SIDE);
+    let micro = station.micro(SIDE);
     let back = GAP - recipe.approach.gap;
     let here = station
         .kinematics(SIDE)
@@ -92,10 +92,7 @@ pub(super) fn identify(station: &mut Station, recipe: &Recipe) -> Result<Micro, 
         0.0,
         outward(SIDE) * back,
     );
-    let base = station
-        .kinematics(SIDE)
-        .macro_from_chip(there)
-        .shifted(x, y, 0.0);
+    let base = station.kinematics(SIDE).macro_from_chip(there).moved(micro);
     let far = station.wanted(SIDE);
     station.line(SIDE, Point::new(far.x, far.y, base.z), None)?;
     station.micro_volts(SIDE, [middle; MICRO_AXES]);

@@ -6,7 +6,7 @@ use crate::compensation::micro::{MicroCompensation, MicroModel};
 use crate::outcome::{Halt, Outcome};
 use crate::station::Station;
 use pigtail_hal::spec::MICRO_AXES;
-use pigtail_model::frames::{Macro, Point};
+use pigtail_model::frames::{Displacement, Macro, Point};
 
 /// Speed of the macro over the beam, m/s.
 const CLIMB: f64 = 100e-6;
@@ -31,42 +31,39 @@ pub(super) fn straight_up(
     arrive(station, base)?;
     // Where the beam stands: at the last place, from which the macro comes back.
     let reach = 0.9 * station.kinematics(SIDE).micro_range_x();
-    let mut sweep = |station: &mut Station, path: &[(f64, f64)]| -> Result<Vec<_>, Halt> {
+    let mut sweep = |station: &mut Station, path: &[Displacement]| -> Result<Vec<_>, Halt> {
         let mut seen = Vec::with_capacity(path.len());
-        for (x, y) in path {
-            station.micro_volts(SIDE, micro.next(*x, *y));
+        for at in path {
+            station.micro_volts(SIDE, micro.next(*at));
             station.cycle()?;
             if let Some(light) = station.light(watch.channel) {
-                seen.push((*x, *y, light - watch.dark));
+                seen.push((*at, light - watch.dark));
             }
         }
         Ok(seen)
     };
-    let line = |from: (f64, f64), to: (f64, f64), seconds: f64| -> Vec<(f64, f64)> {
+    let line = |from: Displacement, to: Displacement, seconds: f64| -> Vec<Displacement> {
         let n = (seconds / spec.period()) as usize;
-        let at = |k: usize| {
-            let part = k as f64 / n as f64;
-            let between = |a: f64, b: f64| a + part * (b - a);
-            (between(from.0, to.0), between(from.1, to.1))
-        };
+        let at = |k: usize| from + (to - from) * (k as f64 / n as f64);
         (0..=n).map(at).collect()
     };
     // A few lines across find its height, and a line up its x.
-    let mut best = (0.0, 0.0, 0.0);
-    let mut here = (0.0, 0.0);
+    let mut best = (Displacement::ZERO, 0.0);
+    let mut here = Displacement::ZERO;
     for k in -3..=3 {
         let y = 6e-6 * f64::from(k);
-        sweep(station, &line(here, (-reach, y), 0.2))?;
-        let seen = sweep(station, &line((-reach, y), (reach, y), 1.0))?;
-        here = (reach, y);
+        let [left, right] = [-reach, reach].map(|x| Displacement::new(x, y));
+        sweep(station, &line(here, left, 0.2))?;
+        let seen = sweep(station, &line(left, right, 1.0))?;
+        here = right;
         for window in seen.windows(BLOCK) {
-            let light = window.iter().map(|p| p.2).sum::<f64>() / BLOCK as f64;
-            if light > best.2 {
-                best = (window[BLOCK / 2].0, y, light);
+            let light = window.iter().map(|p| p.1).sum::<f64>() / BLOCK as f64;
+            if light > best.1 {
+                best = (Displacement::new(window[BLOCK / 2].0.x, y), light);
             }
         }
     }
-    let (x, middle, _) = best;
+    let (middle, _) = best;
     let over = |points: Vec<(f64, f64)>| -> Result<Flank, Outcome> {
         let smooth: Vec<(f64, f64)> = points
             .windows(BLOCK)
@@ -88,16 +85,16 @@ pub(super) fn straight_up(
             .collect();
         gaussian(&bright, "straight up")
     };
-    let high = |y: f64| y.clamp(-reach, reach);
-    let (low, top_y) = (high(middle - 25e-6), high(middle + 25e-6));
-    sweep(station, &line(here, (x, low), 0.2))?;
+    let high = |y: f64| Displacement::new(middle.x, y.clamp(-reach, reach));
+    let (low, top) = (high(middle.y - 25e-6), high(middle.y + 25e-6));
+    sweep(station, &line(here, low, 0.2))?;
     let mut by_micro = 0.0;
     for _ in 0..CLIMBS {
-        let up = sweep(station, &line((x, low), (x, top_y), 0.5))?;
-        by_micro += over(up.iter().map(|p| (p.1, p.2)).collect())?.width / CLIMBS as f64;
-        sweep(station, &line((x, top_y), (x, low), 0.5))?;
+        let up = sweep(station, &line(low, top, 0.5))?;
+        by_micro += over(up.iter().map(|p| (p.0.y, p.1)).collect())?.width / CLIMBS as f64;
+        sweep(station, &line(top, low, 0.5))?;
     }
-    sweep(station, &line((x, low), (x, middle), 0.2))?;
+    sweep(station, &line(low, middle, 0.2))?;
     // The micro rests; the macro goes over the beam from below.
     let mut by_macro = 0.0;
     for k in 0..CLIMBS {

@@ -100,11 +100,10 @@ impl Arm {
 
     /// The piezos' voltages for this cycle.
     pub(super) fn piezos(&mut self) -> [Volts; MICRO_AXES] {
-        let Displacement { x, y } = self.micro;
         match (&mut self.piezos, self.micro_volts) {
-            (None, None) => self.kinematics.micro_volts(x, y),
+            (None, None) => self.kinematics.micro_volts(self.micro),
             (None, Some(volts)) => volts,
-            (Some(model), None) => model.next(x, y),
+            (Some(model), None) => model.next(self.micro),
             (Some(model), Some(volts)) => {
                 model.follow(volts);
                 volts

@@ -1,7 +1,7 @@
 //! Where a motion goes, whatever its speed: straight lines and arcs.
 
 use super::profile::{Progress, Rates};
-use pigtail_model::frames::{Macro, Point};
+use pigtail_model::frames::{Displacement, Macro, Point};
 use std::f64::consts::{FRAC_PI_2, SQRT_2, TAU};
 
 /// Limits of an endpoint's motion.
@@ -48,7 +48,7 @@ pub struct Arc {
     from: Point<Macro>,
     to: Point<Macro>,
     /// From the start to the centre, metres in x and y.
-    inward: [f64; 2],
+    inward: Displacement,
     /// Angle from start to end, radians, counterclockwise seen against z.
     angle: f64,
     radius: f64,
@@ -129,10 +129,9 @@ impl Arc {
     /// From `from` about the centre `[x, y]` (metres) by `angle` (radians, counterclockwise seen
     /// against z, of any number of turns), rising evenly by `rise` metres along z.
     pub fn about(from: Point<Macro>, centre: [f64; 2], angle: f64, rise: f64) -> Self {
-        let inward = [centre[0] - from.x, centre[1] - from.y];
+        let inward = Displacement::new(centre[0], centre[1]) - from.across();
         let mut arc = Self::with(from, inward, angle, rise);
-        let (dx, dy) = arc.turned(angle);
-        arc.to = from.shifted(dx, dy, rise);
+        arc.to = arc.turned(angle, rise);
         arc
     }
 
@@ -147,25 +146,24 @@ impl Arc {
         via: Point<Macro>,
         to: Point<Macro>,
     ) -> Result<Self, Straight> {
-        let (bx, by) = (via.x - from.x, via.y - from.y);
-        let (dx, dy) = (to.x - via.x, to.y - via.y);
+        let (b, d) = (via.across() - from.across(), to.across() - via.across());
         // Along an arc a chord's direction turns by half of the arc.
-        let half = (bx * dy - by * dx).atan2(bx * dx + by * dy);
+        let half = b.cross(d).atan2(b.x * d.x + b.y * d.y);
         let (sin, cos) = half.sin_cos();
-        if !bx.hypot(by).is_finite() || sin.is_nan() || sin.abs() < 1e-9 {
+        if !b.norm().is_finite() || sin.is_nan() || sin.abs() < 1e-9 {
             return Err(Straight);
         }
         // The centre lies beside the middle of the chord from end to end, so that the arc ends
         // where it should however little the points tell of its radius.
-        let (cx, cy) = (0.5 * (to.x - from.x), 0.5 * (to.y - from.y));
-        let inward = [cx - cy * cos / sin, cy + cx * cos / sin];
+        let c = (to.across() - from.across()) * 0.5;
+        let inward = Displacement::new(c.x - c.y * cos / sin, c.y + c.x * cos / sin);
         let mut arc = Self::with(from, inward, 2.0 * half, to.z - from.z);
         arc.to = to;
         Ok(arc)
     }
 
-    fn with(from: Point<Macro>, inward: [f64; 2], angle: f64, rise: f64) -> Self {
-        let radius = inward[0].hypot(inward[1]);
+    fn with(from: Point<Macro>, inward: Displacement, angle: f64, rise: f64) -> Self {
+        let radius = inward.norm();
         let length = (radius * angle).hypot(rise);
         Self {
             from,
@@ -178,19 +176,19 @@ impl Arc {
         }
     }
 
-    /// Displacement in x and y after turning by `angle` from the start. The start itself is exact,
+    /// The point after turning by `angle` from the start and rising so far. The start itself is exact,
     /// and a short way along a large circle is not lost in the radius.
-    fn turned(&self, angle: f64) -> (f64, f64) {
+    fn turned(&self, angle: f64, rise: f64) -> Point<Macro> {
         let (sin, cos) = (0.5 * angle).sin_cos();
         let (along, inward) = (2.0 * sin * cos, 2.0 * sin * sin);
-        let [x, y] = self.inward;
-        (along * y + inward * x, inward * y - along * x)
+        let Displacement { x, y } = self.inward;
+        let (dx, dy) = (along * y + inward * x, inward * y - along * x);
+        self.from.shifted(dx, dy, rise)
     }
 
     fn at(&self, way: f64) -> Point<Macro> {
         let share = way * self.scale;
-        let (dx, dy) = self.turned(share * self.angle);
-        self.from.shifted(dx, dy, share * (self.to.z - self.from.z))
+        self.turned(share * self.angle, share * (self.to.z - self.from.z))
     }
 
     /// Share of the way that leads through the x-y plane, and share along z.
@@ -258,7 +256,7 @@ impl Arc {
     /// Corners of the box around it: its ends, and where it turns back in x or y.
     fn bounds(&self) -> [Point<Macro>; 2] {
         let [mut low, mut high] = box_around(self.from, self.to);
-        let [x, y] = self.inward;
+        let Displacement { x, y } = self.inward;
         let start = (-y).atan2(-x);
         let (cx, cy) = (self.from.x + x, self.from.y + y);
         for quarter in 0..4_u8 {

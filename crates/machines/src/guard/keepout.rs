@@ -7,7 +7,7 @@ use pigtail_hal::measurement::TipFix;
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{HolderSpec, MICRO_AXES, SIDES};
 use pigtail_hal::{Axis, Measurement, Side, Spec, VisionFrame};
-use pigtail_model::frames::{Chip, Macro, Point};
+use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 
 /// By how much of a way lead and links may be wrong: what was seen from afar is known as much worse.
 const SCALE: f64 = 2e-3;
@@ -40,14 +40,18 @@ enum Tip {
 /// What is believed of a tip.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Belief {
-    /// From where its holder should have it, along the chip's z: metres and square metres.
-    z: (f64, f64),
+    /// From where its holder should have it, along the chip's z, metres.
+    z: f64,
+    /// How little that is known, square metres.
+    z_variance: f64,
     /// Where it would stand by encoders alone when it was last seen, metres.
     stood: Point<Chip>,
     /// Where its holder stood then.
     holder: Stand,
-    /// How far beside that it was seen, and how much of it may be a piezo that was on its way, metres.
-    x: (f64, f64),
+    /// How far beside that it was seen, metres.
+    x: f64,
+    /// How much of it may be a piezo that was on its way, metres.
+    arriving: f64,
     /// How far beside where the probes have it, metres; `None` on a rig without probes.
     x_probed: Option<f64>,
 }
@@ -83,8 +87,8 @@ pub(super) struct Stand {
     probed: Option<[f64; 2]>,
     /// The whole way that it has gone in x and in y, to and fro, metres.
     gone: [f64; 2],
-    /// What its micro was told to add to that in x and y, metres.
-    micro: [f64; 2],
+    /// What its micro was told to add to that.
+    micro: Displacement,
     /// Where the tip of a fiber without fault would be, chip's frame, metres.
     pub(super) tip: Point<Chip>,
 }
@@ -96,7 +100,7 @@ pub(super) struct Keepout {
     metres_per_count_z: f64,
     radians_per_count: f64,
     /// Displacement of the tip in x and y for a volt on each piezo, metres, and the middle, volts.
-    micro: [[[f64; 2]; MICRO_AXES]; SIDES],
+    micro: [[Displacement; MICRO_AXES]; SIDES],
     middle: f64,
     rate: f64,
     /// From a probe to its joint, metres; one without probes.
@@ -137,7 +141,7 @@ impl Keepout {
             endpoint: home,
             probed: None,
             gone: [0.0; 2],
-            micro: [0.0; 2],
+            micro: Displacement::ZERO,
             tip: geometry.arms[side].placement.chip_from_macro(home),
         });
         let (sin, cos) = spec.micro.angle.sin_cos();
@@ -150,7 +154,10 @@ impl Keepout {
             radians_per_count: joint.count() / joint.gear_ratio,
             micro: std::array::from_fn(|side| {
                 let gain = geometry.arms[side].micro_gain;
-                [[cos * gain, sin * gain], [-sin * gain, cos * gain]]
+                [
+                    Displacement::new(cos * gain, sin * gain),
+                    Displacement::new(-sin * gain, cos * gain),
+                ]
             }),
             middle: 0.5 * spec.micro.voltage,
             rate: spec.servo.rate,
@@ -202,11 +209,8 @@ impl Keepout {
 
     /// How far an endpoint has moved within so many cycles, metres: across and along.
     pub(super) fn moved(&self, side: usize, back: usize) -> (f64, f64) {
-        let (now, then) = (
-            self.stand(side, 0).endpoint,
-            self.stand(side, back).endpoint,
-        );
-        ((now.x - then.x).hypot(now.y - then.y), now.z - then.z)
+        let [now, then] = [0, back].map(|back| self.stand(side, back).endpoint);
+        ((now.across() - then.across()).norm(), now.z - then.z)
     }
 
     /// Notes where everything is in this cycle. `false` for a side whose joints no mechanism has.
@@ -240,14 +244,11 @@ impl Keepout {
                 }
             }
             endpoint.z = z as f64 * self.metres_per_count_z;
-            let mut added = [0.0; 2];
+            let mut added = Displacement::ZERO;
             for (gain, Volts(volts)) in self.micro[i].iter().zip(micro[i]) {
-                added[0] += gain[0] * (volts - self.middle);
-                added[1] += gain[1] * (volts - self.middle);
+                added += *gain * (volts - self.middle);
             }
-            let tip = arm
-                .placement
-                .chip_from_macro(endpoint.shifted(added[0], added[1], 0.0));
+            let tip = arm.placement.chip_from_macro(endpoint.moved(added));
             self.recent[self.at][i] = Stand {
                 time: measured.time,
                 endpoint,
@@ -292,7 +293,7 @@ impl Keepout {
         // A piezo that was told to go farther a moment ago is still on its way.
         let commanded = self.stand(side, back + self.settle).micro;
         let x_probed = self.probed_x(tip, &holder).map(|x| fix.x - x);
-        let arriving = (holder.micro[0] - commanded[0]).hypot(holder.micro[1] - commanded[1]);
+        let arriving = (holder.micro - commanded).norm();
         let lag = |way: f64| LAG * way.abs() * self.rate / WHILE as f64;
         let seen = [fix.x - stood.x, fix.z - stood.z];
         let belief = match tip {
@@ -311,15 +312,17 @@ impl Keepout {
         let Some(before) = belief else {
             surprise("z", seen[1], self.placement + self.accuracy[1])?;
             return Ok(Belief {
-                z: (seen[1], noise),
+                z: seen[1],
+                z_variance: noise,
                 stood,
                 holder,
-                x: (seen[0], arriving),
+                x: seen[0],
+                arriving,
                 x_probed,
             });
         };
-        let variance = before.z.1 + (SCALE * (stood.z - before.stood.z)).powi(2);
-        let by = seen[1] - before.z.0;
+        let variance = before.z_variance + (SCALE * (stood.z - before.stood.z)).powi(2);
+        let by = seen[1] - before.z;
         surprise("z", by, sigmas * (variance + noise).sqrt() + metres)?;
         let (by_x, hidden) = if let (Some(now), Some(then)) = (x_probed, before.x_probed) {
             // Outputs that are seen hide nothing, and lag behind nothing.
@@ -327,19 +330,18 @@ impl Keepout {
         } else {
             let hidden = self.hidden(&holder, &before.holder);
             let lag = 2.0 * lag(stood.x - earlier.x);
-            (seen[0] - before.x.0, hidden + lag)
+            (seen[0] - before.x, hidden + lag)
         };
-        let late = arriving + before.x.1;
+        let late = arriving + before.arriving;
         surprise("x", by_x, sigmas * fix.sigma + 4.0 * metres + hidden + late)?;
         let share = variance / (variance + noise);
         Ok(Belief {
-            z: (
-                before.z.0 + share * by,
-                ((1.0 - share) * variance).max(noise.min(variance) * 0.02),
-            ),
+            z: before.z + share * by,
+            z_variance: ((1.0 - share) * variance).max(noise.min(variance) * 0.02),
             stood,
             holder,
-            x: (seen[0], arriving),
+            x: seen[0],
+            arriving,
             x_probed,
         })
     }
@@ -348,8 +350,7 @@ impl Keepout {
     fn probed_x(&self, tip: Tip, stand: &Stand) -> Option<f64> {
         let arm = &self.geometry.arms[tip.side().index()];
         let (x, y) = arm.across(stand.probed?).ok()?;
-        let [added_x, added_y] = stand.micro;
-        let at = Point::new(x + added_x, y + added_y, stand.endpoint.z);
+        let at = Point::new(x, y, stand.endpoint.z).moved(stand.micro);
         Some(arm.placement.chip_from_macro(at).x)
     }
 
@@ -357,7 +358,7 @@ impl Keepout {
     /// metres.
     fn hidden(&self, now: &Stand, then: &Stand) -> f64 {
         let way = (now.gone[0] - then.gone[0]) + CROSS * (now.gone[1] - then.gone[1]);
-        let micro = (now.micro[0] - then.micro[0]).hypot(now.micro[1] - then.micro[1]);
+        let micro = (now.micro - then.micro).norm();
         self.windup.min(way) + HYSTERESIS * micro
     }
 
@@ -445,22 +446,15 @@ impl Keepout {
 
     fn clearance(&self, tip: Tip, belief: Option<&Belief>, facet: &Facet) -> f64 {
         let at = self.nominal(tip, 0);
-        let Some(Belief {
-            z,
-            stood,
-            holder,
-            x,
-            ..
-        }) = belief
-        else {
+        let Some(belief) = belief else {
             let aside = self.placement + self.windup;
             return facet.clearance(at.x, at.z, aside) - self.placement;
         };
-        let drift = SCALE * (at.z - stood.z);
-        let unsure = SIGMAS * (z.1 + drift * drift).sqrt();
-        let hidden = self.hidden(self.stand(tip.side().index(), 0), holder);
-        let aside = self.accuracy[0] + hidden + x.1;
-        let (x, z) = (at.x + x.0, at.z + z.0);
+        let drift = SCALE * (at.z - belief.stood.z);
+        let unsure = SIGMAS * (belief.z_variance + drift * drift).sqrt();
+        let hidden = self.hidden(self.stand(tip.side().index(), 0), &belief.holder);
+        let aside = self.accuracy[0] + hidden + belief.arriving;
+        let (x, z) = (at.x + belief.x, at.z + belief.z);
         // Before a port: a tip that comes near to the chip is led there by its light, which says
         // better where it stands than vision can.
         let in_light = match tip {
