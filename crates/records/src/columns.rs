@@ -4,6 +4,7 @@ use pigtail_hal::Error;
 use pigtail_hal::quantity::{
     ANGLE, Dimension, FORCE, FREQUENCY, LENGTH, LEVEL, RATIO, TIME, TORQUE, VOLTAGE,
 };
+use pigtail_sysid::timeline::{Even, Uneven, even};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
@@ -358,6 +359,22 @@ pub fn rising(path: &Path, time: &Column) -> Result<(), Error> {
         k + 1
     );
     Err(Error::new(path.display().to_string(), &time.name, message))
+}
+
+/// Columns, of which the first is time, on an even grid; `least` is how many samples are wanted.
+///
+/// # Errors
+///
+/// When time does not rise, or next to nothing is there.
+pub(crate) fn on_even_grid(path: &Path, read: &[Column], least: usize) -> Result<Even, Error> {
+    let columns: Vec<&[f64]> = read[1..].iter().map(|c| &c.values[..]).collect();
+    even(&read[0].values, &columns).map_err(|uneven| {
+        let message = match uneven {
+            Uneven::Falls { .. } => format!("{uneven}; accepted is time that rises throughout"),
+            Uneven::TooShort(_) => format!("{uneven}; accepted are at least {least}"),
+        };
+        Error::new(path.display().to_string(), &read[0].name, message)
+    })
 }
 
 /// The first time that is not later than the one before it, and that one; none is where a value is

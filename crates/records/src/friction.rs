@@ -3,7 +3,7 @@
 use super::columns::{self, Named, Wanted};
 use super::fragment::Kind;
 use super::part::Slides;
-use super::{Answer, Figure, Rows, Shown, short};
+use super::{Answer, Figure, Rows, Shown, parameters_json, short, shown_of, told, with_units};
 use pigtail_hal::Error;
 use pigtail_hal::quantity::{ANGLE, FORCE, LENGTH, TIME, TORQUE};
 use pigtail_sysid::friction::{Fitted, Identified, Law, Record, identify};
@@ -111,20 +111,12 @@ pub struct Found {
 
 /// Identifies friction; `law` is reported if given, else the best one.
 pub fn friction(first: &Read, second: Option<&Read>, most: usize, law: Option<Law>) -> Found {
-    let names: Vec<_> = law
-        .unwrap_or(Law::Presliding)
-        .parameters()
-        .iter()
-        .map(|n| (*n, first.unit(n)))
-        .collect();
-    let refused = |unknown: Unknown| {
-        let mut answer = Answer::nothing(&names, unknown);
-        answer.remarks.clone_from(&first.remarks);
-        Found {
-            answer,
-            shown: None,
-            fragment: None,
-        }
+    let unit = |name: &str| first.unit(name);
+    let names = law.unwrap_or(Law::Presliding).parameters();
+    let refused = |unknown: Unknown| Found {
+        answer: Answer::nothing(names.iter().map(|n| (*n, unit(n))), unknown, &first.remarks),
+        shown: None,
+        fragment: None,
     };
     let record = match &first.record {
         Ok(record) => record,
@@ -150,11 +142,7 @@ pub fn friction(first: &Read, second: Option<&Read>, most: usize, law: Option<La
     };
     let best = &found.laws[found.best];
     let mut answer = Answer {
-        parameters: found
-            .parameters
-            .iter()
-            .map(|p| (p.clone(), first.unit(p.name)))
-            .collect(),
+        parameters: with_units(&found.parameters, unit),
         relative_error_percent: Some(best.relative_error_percent),
         validation_error_percent: Some(best.validation_error_percent),
         condition: Some(best.condition),
@@ -204,20 +192,16 @@ fn laws(first: &Read, found: &Identified) -> serde_json::Value {
         .iter()
         .map(|l| {
             let parameters = l.law.parameters().iter().zip(&l.known);
-            let whole = Answer {
-                parameters: parameters
-                    .map(|(name, known)| {
-                        let known =
-                            (!found.unknown.iter().any(|u| u.covers(name))).then_some(*known);
-                        (Parameter { name, known }, first.unit(name))
-                    })
-                    .collect(),
-                unknown: found.unknown.clone(),
-                ..Answer::default()
-            };
+            let parameters: Vec<_> = parameters
+                .map(|(name, known)| {
+                    let hidden = found.unknown.iter().any(|u| u.covers(name));
+                    let known = (!hidden).then_some(*known);
+                    (Parameter { name, known }, first.unit(name))
+                })
+                .collect();
             json!({
                 "law": l.law.name(),
-                "parameters": whole.json()["parameters"],
+                "parameters": parameters_json(&parameters, &found.unknown),
                 "relative_error_percent": l.relative_error_percent,
                 "validation_error_percent": l.validation_error_percent,
                 "condition": l.condition,
@@ -307,11 +291,9 @@ fn shown(first: &Read, record: &Record, found: &Identified) -> Shown {
     };
     let force = if first.torque { "N m" } else { "N" };
     let from = found.held_back_from.min(account.time.len());
-    let every = (account.time.len() - from).div_ceil(4000).max(1);
     let origin = account.position.first().copied().unwrap_or(0.0);
     let points = |values: &[f64]| -> Vec<(f64, f64)> {
-        (from..account.time.len())
-            .step_by(every)
+        shown_of(from..account.time.len())
             .map(|k| (scale * (account.position[k] - origin), values[k]))
             .collect()
     };
@@ -338,15 +320,7 @@ fn shown(first: &Read, record: &Record, found: &Identified) -> Shown {
                 .parameters()
                 .iter()
                 .zip(&l.known)
-                .map(|(name, k)| {
-                    format!(
-                        "{} {} ± {} {}",
-                        name.replace('_', " "),
-                        short(k.value),
-                        short(k.std_correlated),
-                        first.unit(name)
-                    )
-                })
+                .map(|(name, k)| told(name, k.value, k.std_correlated, &first.unit(name)))
                 .collect();
             vec![
                 l.law.name().to_owned(),

@@ -53,17 +53,19 @@ pub const NOT_IDENTIFIABLE: &str = "not identifiable from this record";
 
 impl Answer {
     /// The answer where nothing can be known: the parameters by name and unit, without values.
-    pub fn nothing(names: &[(&'static str, String)], unknown: Unknown) -> Self {
+    pub fn nothing(
+        names: impl IntoIterator<Item = (&'static str, String)>,
+        unknown: Unknown,
+        remarks: &[String],
+    ) -> Self {
+        let names = names.into_iter();
         Self {
             parameters: names
-                .iter()
-                .map(|(name, unit)| {
-                    let parameter = Parameter { name, known: None };
-                    (parameter, unit.clone())
-                })
+                .map(|(name, unit)| (Parameter { name, known: None }, unit))
                 .collect(),
             verdict: format!("{NOT_IDENTIFIABLE}, because {}", unknown.because),
             unknown: vec![unknown],
+            remarks: remarks.to_vec(),
             ..Self::default()
         }
     }
@@ -92,28 +94,8 @@ impl Answer {
 
     /// As JSON.
     pub fn json(&self) -> Value {
-        let mut parameters = Map::new();
-        for (parameter, unit) in &self.parameters {
-            let value = if let Some(known) = parameter.known {
-                json!({
-                    "value": known.value,
-                    "std": known.std,
-                    "unit": unit,
-                    "std_correlated": known.std_correlated,
-                })
-            } else {
-                let why = self.unknown.iter().find(|u| u.covers(parameter.name));
-                json!({
-                    "value": null,
-                    "std": null,
-                    "unit": unit,
-                    "because": why.map(|u| &u.because),
-                })
-            };
-            parameters.insert(parameter.name.to_owned(), value);
-        }
         let mut document = json!({
-            "parameters": parameters,
+            "parameters": parameters_json(&self.parameters, &self.unknown),
             "relative_error_percent": self.relative_error_percent,
             "validation_error_percent": self.validation_error_percent,
             "condition": self.condition,
@@ -151,6 +133,48 @@ impl Answer {
         }
         text
     }
+}
+
+/// Parameters, each with its unit.
+fn with_units(parameters: &[Parameter], unit: impl Fn(&str) -> String) -> Vec<(Parameter, String)> {
+    let with_unit = |p: &Parameter| (p.clone(), unit(p.name));
+    parameters.iter().map(with_unit).collect()
+}
+
+/// Parameters with their units as JSON; of those that are not known, why.
+fn parameters_json(parameters: &[(Parameter, String)], unknown: &[Unknown]) -> Map<String, Value> {
+    let value = |(parameter, unit): &(Parameter, String)| {
+        let value = if let Some(known) = parameter.known {
+            json!({
+                "value": known.value,
+                "std": known.std,
+                "unit": unit,
+                "std_correlated": known.std_correlated,
+            })
+        } else {
+            let why = unknown.iter().find(|u| u.covers(parameter.name));
+            json!({
+                "value": null,
+                "std": null,
+                "unit": unit,
+                "because": why.map(|u| &u.because),
+            })
+        };
+        (parameter.name.to_owned(), value)
+    };
+    parameters.iter().map(value).collect()
+}
+
+/// A parameter in a table: its value, plus or minus a standard deviation.
+fn told(name: &str, value: f64, std: f64, unit: &str) -> String {
+    let name = name.replace('_', " ");
+    format!("{name} {} ± {} {unit}", short(value), short(std))
+}
+
+/// Those of some samples that a figure shows: more than some thousand points look no different.
+fn shown_of(samples: std::ops::Range<usize>) -> impl Iterator<Item = usize> {
+    let every = samples.len().div_ceil(4000).max(1);
+    samples.step_by(every)
 }
 
 /// A number with five significant digits; a dash for none.

@@ -1,7 +1,7 @@
 //! Modes from a frequency response.
 
 use super::columns::{self, Named, Wanted};
-use super::{Answer, Figure, NOT_IDENTIFIABLE, Shown, short};
+use super::{Answer, Figure, NOT_IDENTIFIABLE, Shown, short, with_units};
 use nalgebra::Complex;
 use pigtail_hal::Error;
 use pigtail_hal::quantity::{ANGLE, Dimension, FREQUENCY, LEVEL, RATIO};
@@ -199,11 +199,7 @@ impl Chosen {
 ///
 /// Bad input.
 pub fn resonance(roles: &Roles, path: &Path) -> Result<(Answer, Option<Shown>), Error> {
-    let names = [
-        ("frequency_1", "Hz".to_owned()),
-        ("damping_1", "1".to_owned()),
-        ("delay", "s".to_owned()),
-    ];
+    let names = ["frequency_1", "damping_1", "delay"];
     let read = roles.choose(path)?.read(path)?;
     let weight = read.weight.as_deref();
     let record = if read.phased {
@@ -215,27 +211,28 @@ pub fn resonance(roles: &Roles, path: &Path) -> Result<(Answer, Option<Shown>), 
     let found = record.and_then(|record| identify(&record));
     Ok(match found {
         Ok(found) => (answer(&found, read.remarks), Some(shown(&found))),
-        Err(unknown) => (Answer::nothing(&names, unknown), None),
+        Err(unknown) => (
+            Answer::nothing(names.map(|n| (n, unit(n))), unknown, &[]),
+            None,
+        ),
     })
 }
 
+/// Unit of a parameter.
+fn unit(name: &str) -> String {
+    if name.starts_with("frequency") {
+        "Hz"
+    } else if name == "delay" {
+        "s"
+    } else {
+        "1"
+    }
+    .to_owned()
+}
+
 fn answer(found: &Identified, remarks: Vec<String>) -> Answer {
-    let unit = |name: &str| {
-        if name.starts_with("frequency") {
-            "Hz"
-        } else if name == "delay" {
-            "s"
-        } else {
-            "1"
-        }
-        .to_owned()
-    };
     let mut answer = Answer {
-        parameters: found
-            .parameters
-            .iter()
-            .map(|p| (p.clone(), unit(p.name)))
-            .collect(),
+        parameters: with_units(&found.parameters, unit),
         relative_error_percent: Some(found.relative_error_percent),
         validation_error_percent: Some(found.validation_error_percent),
         condition: Some(found.condition),

@@ -1,15 +1,16 @@
 //! A servo axis from its record.
 
-use super::columns::{self, Column, Named, Source, Wanted};
+use super::columns::{self, Named, Source, Wanted};
 use super::fragment::Kind;
-use super::{Answer, Figure, NOT_IDENTIFIABLE, Rows, Shown, short};
+use super::{
+    Answer, Figure, NOT_IDENTIFIABLE, Rows, Shown, parameters_json, short, told, with_units,
+};
 use pigtail_hal::Error;
 use pigtail_hal::quantity::{ANGLE, Dimension, LENGTH, TIME, VOLTAGE};
 use pigtail_sysid::servo::{
-    Friction, Identified, Method, Motion, Record, Replay, Settings, Sliding, Variant, identify,
-    replay,
+    Friction, Identified, LEAST, Method, Motion, Record, Replay, Settings, Sliding, Variant,
+    identify, replay,
 };
-use pigtail_sysid::timeline::{Uneven, even};
 use pigtail_sysid::{Account, Unknown};
 use serde_json::{Value, json};
 use std::path::Path;
@@ -69,14 +70,7 @@ impl Roles {
             );
             return Err(Error::new(&file, &reference.name, message));
         }
-        let values: Vec<&[f64]> = read[1..].iter().map(|c: &Column| &c.values[..]).collect();
-        let grid = even(&read[0].values, &values).map_err(|uneven| {
-            let message = match uneven {
-                Uneven::Falls { .. } => format!("{uneven}; accepted is time that rises throughout"),
-                Uneven::TooShort(_) => format!("{uneven}; accepted are at least 100"),
-            };
-            Error::new(&file, &read[0].name, message)
-        })?;
+        let grid = columns::on_even_grid(path, &read, LEAST)?;
         let kind = if read[1].dimension == ANGLE {
             Kind::Rotary
         } else {
@@ -158,19 +152,12 @@ pub fn servo(
     set: &Settings,
     (friction, method): (Friction, Method),
 ) -> Servo {
-    let names: Vec<_> = friction
-        .names()
-        .iter()
-        .map(|n| (*n, unit(n, first.kind)))
-        .collect();
-    let refused = |unknown: Unknown| {
-        let mut answer = Answer::nothing(&names, unknown);
-        answer.remarks.clone_from(&first.remarks);
-        Servo {
-            answer,
-            shown: None,
-            best: None,
-        }
+    let unit = |name: &str| unit(name, first.kind);
+    let names = friction.names().iter().map(|n| (*n, unit(n)));
+    let refused = |unknown: Unknown| Servo {
+        answer: Answer::nothing(names.clone(), unknown, &first.remarks),
+        shown: None,
+        best: None,
     };
     let found = match identify(&first.record, second.map(|s| &s.record), set) {
         Ok(found) => found,
@@ -185,11 +172,7 @@ pub fn servo(
     };
     let best = found.variants[found.best].clone();
     let mut answer = Answer {
-        parameters: asked
-            .parameters
-            .iter()
-            .map(|p| (p.clone(), unit(p.name, first.kind)))
-            .collect(),
+        parameters: with_units(&asked.parameters, unit),
         relative_error_percent: Some(asked.relative_error_percent),
         validation_error_percent: asked.validation_error_percent,
         condition: Some(asked.condition),
@@ -307,19 +290,11 @@ fn variants(found: &Identified, kind: Kind) -> Value {
         .variants
         .iter()
         .map(|v| {
-            let answer = Answer {
-                parameters: v
-                    .parameters
-                    .iter()
-                    .map(|p| (p.clone(), unit(p.name, kind)))
-                    .collect(),
-                unknown: found.unknown.clone(),
-                ..Answer::default()
-            };
+            let parameters = with_units(&v.parameters, |name| unit(name, kind));
             json!({
                 "friction": friction_name(v.friction),
                 "method": method_name(v.method),
-                "parameters": answer.json()["parameters"],
+                "parameters": parameters_json(&parameters, &found.unknown),
                 "relative_error_percent": v.relative_error_percent,
                 "validation_error_percent": v.validation_error_percent,
                 "condition": v.condition,
@@ -338,15 +313,10 @@ fn shown(found: &Identified, best: &Variant, replay: Option<&Replay>, kind: Kind
             short(v.condition),
         ];
         let text = |p: &pigtail_sysid::Parameter| {
-            let name = p.name.replace('_', " ");
-            p.known.map_or(format!("{name} not known"), |k| {
-                format!(
-                    "{name} {} ± {} {}",
-                    short(k.value),
-                    short(k.std),
-                    unit(p.name, kind)
-                )
-            })
+            p.known.map_or_else(
+                || format!("{} not known", p.name.replace('_', " ")),
+                |k| told(p.name, k.value, k.std, &unit(p.name, kind)),
+            )
         };
         row.push(v.parameters.iter().map(text).collect::<Vec<_>>().join("\n"));
         row

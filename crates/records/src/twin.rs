@@ -50,12 +50,9 @@ pub fn twin(
     let names = parameters(fragment);
     let prediction = replay(&read.record, &axis, &law.1, &controller.controller(), &set);
     let Some(prediction) = prediction else {
-        let plain: Vec<_> = names.iter().map(|(p, u)| (p.name, u.clone())).collect();
-        let mut answer = Answer::nothing(
-            &plain,
-            Unknown::all("the closed loop runs away from it, or it is too short to be replayed"),
-        );
-        answer.remarks = read.remarks;
+        let names = names.into_iter().map(|(p, unit)| (p.name, unit));
+        let why = "the closed loop runs away from it, or it is too short to be replayed";
+        let answer = Answer::nothing(names, Unknown::all(why), &read.remarks);
         return Ok((answer, None));
     };
     let mut answer = Answer {

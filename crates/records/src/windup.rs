@@ -2,12 +2,11 @@
 
 use super::columns::{self, Named, Wanted};
 use super::part::Winds;
-use super::{Answer, Figure, Rows, Shown, short};
+use super::{Answer, Figure, Rows, Shown, short, shown_of, told, with_units};
 use pigtail_hal::Error;
 use pigtail_hal::quantity::{ANGLE, Dimension, FORCE, LENGTH, TIME, TORQUE};
 use pigtail_sysid::Unknown;
-use pigtail_sysid::timeline::{Uneven, even};
-use pigtail_sysid::windup::{Fitted, Identified, Record, identify};
+use pigtail_sysid::windup::{Fitted, Identified, LEAST, Record, identify};
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -67,13 +66,11 @@ impl Roles {
         for value in &mut read[1].values {
             *value *= self.ratio;
         }
-        let values: Vec<&[f64]> = read[1..].iter().map(|c| &c.values[..]).collect();
-        let grid = even(&read[0].values, &values).map_err(|uneven: Uneven| {
-            let message = format!("{uneven}; accepted is time that rises throughout");
-            Error::new(&file, &read[0].name, message)
-        })?;
         Ok(Read {
-            record: Record::new(grid, self.torque.is_some()),
+            record: Record::new(
+                columns::on_even_grid(path, &read, LEAST)?,
+                self.torque.is_some(),
+            ),
             turns: read[1].dimension == ANGLE,
             torque: match read.get(3).map(|t| t.dimension) {
                 Some(FORCE) => "N",
@@ -128,11 +125,7 @@ pub fn windup(first: &Read, second: Option<&Read>) -> Found {
         (1e6, "um")
     };
     let mut answer = Answer {
-        parameters: found
-            .parameters
-            .iter()
-            .map(|p| (p.clone(), first.unit(p.name)))
-            .collect(),
+        parameters: with_units(&found.parameters, |name| first.unit(name)),
         relative_error_percent: Some(100.0 * best.residual / found.raw),
         validation_error_percent: Some(100.0 * best.held_back / found.raw),
         condition: Some(best.condition),
@@ -195,11 +188,8 @@ pub fn windup(first: &Read, second: Option<&Read>) -> Found {
 
 fn refused(first: &Read, unknown: Unknown) -> Found {
     let names = ["time_skew", "w_max", "q", "compliance"];
-    let names: Vec<_> = names.iter().map(|n| (*n, first.unit(n))).collect();
-    let mut answer = Answer::nothing(&names, unknown);
-    answer.remarks.clone_from(&first.remarks);
     Found {
-        answer,
+        answer: Answer::nothing(names.map(|n| (n, first.unit(n))), unknown, &first.remarks),
         shown: None,
         model: None,
     }
@@ -301,15 +291,7 @@ fn shown(first: &Read, found: &Identified, (scale, unit): (f64, &str)) -> Shown 
             let parameters: Vec<String> = m
                 .parameters
                 .iter()
-                .map(|(name, k)| {
-                    format!(
-                        "{} {} ± {} {}",
-                        name.replace('_', " "),
-                        short(k.value),
-                        short(k.std_correlated),
-                        first.unit(name)
-                    )
-                })
+                .map(|(name, k)| told(name, k.value, k.std_correlated, &first.unit(name)))
                 .collect();
             vec![
                 m.name.to_owned(),
@@ -327,10 +309,8 @@ fn shown(first: &Read, found: &Identified, (scale, unit): (f64, &str)) -> Shown 
         format!("held back, {unit}"),
         String::new(),
     ];
-    let every = account.time.len().div_ceil(4000).max(1);
     let loops = |values: &[f64]| -> Vec<(f64, f64)> {
-        (0..account.time.len())
-            .step_by(every)
+        shown_of(0..account.time.len())
             .map(|k| (scale * account.position[k], scale * values[k]))
             .collect()
     };

@@ -254,7 +254,7 @@ fn sign(v: f64) -> f64 {
 }
 
 /// Fewest samples of a stretch, beside those that are left out.
-const LEAST: usize = 100;
+pub const LEAST: usize = 100;
 
 /// Share of the highest speed below which an axis may stick.
 const SLOW: f64 = 0.1;

@@ -27,7 +27,7 @@ const LOAD: usize = 1;
 const TORQUE: usize = 2;
 
 /// Fewest samples.
-const LEAST: usize = 200;
+pub const LEAST: usize = 200;
 
 /// A record of both sides of a transmission on an even grid.
 #[derive(Debug, Clone, PartialEq)]
