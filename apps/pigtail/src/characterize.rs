@@ -81,6 +81,10 @@ pub(crate) struct Arguments {
     /// With impulse: length of the pulses, milliseconds; 1 if not given
     #[arg(long, value_name = "MS", value_parser = crate::positive)]
     period_ms: Option<f64>,
+    /// With impulse: record the exchanges with every machine, some 0.2 GB, so that they can be replayed; what
+    /// works on fewer machines is always recorded
+    #[arg(long, conflicts_with = "shapes")]
+    record: bool,
 }
 
 /// Parses a harmonic.
@@ -182,8 +186,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     check_pulses(arguments)?;
     let (runs, seed) = (&arguments.common.runs, arguments.common.seed);
-    // What takes many machines is no experiment on one that could be recorded.
-    let recorded = !matches!(arguments.what, What::Windup | What::Impulse);
+    let recorded = arguments.what != What::Impulse || arguments.record;
     let kind = format!("characterize {at}");
     let run = running::begin(&mut setup, runs, &kind, seed, recorded)?;
     let done = match arguments.what {

@@ -43,6 +43,9 @@ pub(crate) struct Arguments {
     /// Devices over which times are averaged
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=1000))]
     devices: u64,
+    /// Record the exchanges with every machine, some 0.8 GB, so that the trials can be replayed
+    #[arg(long)]
+    record: bool,
 }
 
 /// A parser of quantities up to some SI value.
@@ -77,9 +80,16 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         seed: common.seed,
         devices: arguments.devices,
     };
-    let run = running::begin(&mut setup, &common.runs, "maximize", common.seed, false)?;
+    let run = running::begin(
+        &mut setup,
+        &common.runs,
+        "maximize",
+        common.seed,
+        arguments.record,
+    )?;
     let mut measured = maximize(&setup, &asked).map_err(|ended| stopped(&run, &setup, ended))?;
     measured.document.report = run.path("report.html").display().to_string();
+    running::close_records(&run, &setup)?;
     run.write_json("summary.json", &measured.document)?;
     run.write("report.html", report::maximize(&measured)?)?;
     run.finish("done")?;

@@ -5,11 +5,13 @@ use crate::common::{fits, write_table};
 use crate::{DONE, Failure, NEGATIVE};
 use clap::{Args, Subcommand};
 use pigtail_hal::Error;
-use pigtail_session::replay::RECORD;
+use pigtail_session::records::{RECORD, records_in};
+use pigtail_session::replay::ReplayDocument;
 use pigtail_store::database::export::{Format, Rows, export};
 use pigtail_store::database::query::{Fiber, Listed, Shown, folders};
 use pigtail_store::database::verify::{Verified, without_store};
 use pigtail_store::database::{Database, FILE, State};
+use serde::Serialize;
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -41,7 +43,8 @@ enum What {
 ///
 /// The machine's answers come from the record; what control says to them must be what it said then, bit
 /// for bit. The first difference is named. A record that was cut short, as by a kill, is replayed to its
-/// end. Exit codes: 0 the same, 1 a difference, 2 no record that can be read.
+/// end. A run that worked on several machines has a record of each: all of them are replayed, or the one that
+/// is named. Exit codes: 0 the same, 1 a difference, 2 no record that can be read.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -55,48 +58,80 @@ struct ReplayArguments {
     json: bool,
 }
 
-/// The record of a run, wherever it is.
-fn record_of(run: &Path, runs: &Path) -> PathBuf {
+/// The records of a run, wherever it is: one for each machine that it worked on.
+fn records_of(run: &Path, runs: &Path) -> Vec<PathBuf> {
     if run.is_file() {
-        return run.to_owned();
+        return vec![run.to_owned()];
     }
     let name = run.file_name().unwrap_or_default().to_string_lossy();
     [
-        run.join(RECORD),
-        runs.join(run).join(RECORD),
-        runs.join(format!(".{name}.partial")).join(RECORD),
+        run.to_owned(),
+        runs.join(run),
+        runs.join(format!(".{name}.partial")),
     ]
-    .into_iter()
-    .find(|path| path.is_file())
-    .unwrap_or_else(|| runs.join(run).join(RECORD))
+    .iter()
+    .map(|folder| records_in(folder))
+    .find(|records| !records.is_empty())
+    // What is not there is an error of whoever reads it.
+    .unwrap_or_else(|| vec![runs.join(run).join(RECORD)])
+}
+
+/// What a replay of a run prints as JSON that worked on several machines.
+#[derive(Serialize)]
+struct ReplaysDocument {
+    /// Whether all of them are the same.
+    same: bool,
+    /// Each record.
+    records: Vec<ReplayDocument>,
 }
 
 fn replay(arguments: &ReplayArguments, runs: &Path) -> Result<u8, Failure> {
-    let document = pigtail_session::replay::replay(&record_of(&arguments.run, runs))?;
-    let text = if arguments.json {
-        let json = serde_json::to_string(&document).map_err(anyhow::Error::from)?;
-        format!("{json}\n")
-    } else {
-        let said = format!(
-            "{} exchanges, {:.3} s of machine time",
-            document.exchanges, document.seconds
-        );
-        let end = if document.cut {
-            "; the record ends before its run did"
-        } else {
-            ""
-        };
-        match &document.difference {
-            Some(difference) => format!("not the same after {said}: {difference}\n"),
-            None if document.left > 0 => format!(
-                "not the same: control ends after {said}, and {} more were recorded\n",
-                document.left
-            ),
-            None => format!("the same commands to the last bit: {said}{end}\n"),
+    let records = records_of(&arguments.run, runs);
+    let several = records.len() > 1;
+    let mut documents = Vec::with_capacity(records.len());
+    for record in &records {
+        let document = pigtail_session::replay::replay(record)?;
+        if !arguments.json {
+            let name = record.file_name().filter(|_| several);
+            let name = name.map_or_else(String::new, |n| format!("{}: ", n.to_string_lossy()));
+            crate::print(format!("{name}{}\n", told(&document)).as_bytes())?;
         }
+        documents.push(document);
+    }
+    let same = documents.iter().all(|document| document.same);
+    if arguments.json {
+        let json = match documents.pop() {
+            Some(document) if !several => serde_json::to_string(&document),
+            last => {
+                documents.extend(last);
+                let records = documents;
+                serde_json::to_string(&ReplaysDocument { same, records })
+            }
+        };
+        crate::print(format!("{}\n", json.map_err(anyhow::Error::from)?).as_bytes())?;
+    }
+    Ok(if same { DONE } else { NEGATIVE })
+}
+
+/// What came of a replay, in a line.
+fn told(document: &ReplayDocument) -> String {
+    let said = format!(
+        "{} exchanges, {:.3} s of machine time",
+        document.exchanges, document.seconds
+    );
+    let end = if document.cut {
+        "; the record ends before its run did"
+    } else {
+        ""
     };
-    crate::print(text.as_bytes())?;
-    Ok(if document.same { DONE } else { NEGATIVE })
+    match &document.difference {
+        Some(difference) => format!("not the same after {said}: {difference}"),
+        None if document.left > 0 => format!(
+            "not the same: control ends after {said}, and {} more were recorded",
+            document.left
+        ),
+        None => format!("the same commands to the last bit: {said}{end}"),
+    }
 }
 
 /// List the runs, the newest last

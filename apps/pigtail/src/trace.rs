@@ -136,9 +136,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         return Err(Error::new("--coupling", "", message).into());
     }
     let seed = arguments.common.seed;
-    let run = running::begin(&mut setup, &arguments.common.runs, "trace", seed, false)?;
+    let run = running::begin(&mut setup, &arguments.common.runs, "trace", seed, true)?;
     let (document, traced) =
         trace(&setup, &plan, seed).map_err(|error| stopped(&run, &setup, error))?;
+    running::close_records(&run, &setup)?;
     run.write_json("summary.json", &document)?;
     run.write("report.html", report::contour(&document, &traced)?)?;
     let text = if arguments.common.json {

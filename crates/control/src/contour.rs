@@ -6,9 +6,11 @@ use crate::station::Station;
 use crate::trajectory::Arc;
 use pigtail_hal::Side;
 use pigtail_model::frames::{Macro, Point};
+use serde::{Deserialize, Serialize};
 
 /// A contour around home.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Contour {
     /// With its sides along x and y.
     Square,

@@ -11,6 +11,7 @@ use pigtail_model::windup::{
 use pigtail_numerics::golden::least;
 use pigtail_numerics::line::Line;
 use pigtail_numerics::normal::Normal;
+use serde::{Deserialize, Serialize};
 
 /// Input and output of a transmission over a scan, as output angles from where it began.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -38,7 +39,7 @@ pub struct Scale {
 }
 
 /// A path through turning points at constant speed.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Path {
     /// Turning points, in the unit of the path, from zero.
     pub turns: Vec<f64>,

@@ -1,13 +1,16 @@
 //! A contour followed by both joints of a five-bar, with and without compensation and preload
 //! (thesis 2.4.5, Figs. 2.21-2.23).
 
-use pigtail_control::contour::{Contour, ContourErrors, ContourSample, errors, follow};
+use pigtail_control::contour::{Contour, ContourErrors, ContourSample, errors};
+use pigtail_control::identify::Path;
+use pigtail_control::station::Unobserved;
 use pigtail_control::trajectory::Shape;
-use pigtail_hal::{Axis, AxisName, Side};
+use pigtail_hal::{AxisName, Side};
 use pigtail_model::windup::Windup;
 use pigtail_numerics::rounded;
-use pigtail_session::identify::{models, range, scale};
-use pigtail_session::job::Ended;
+use pigtail_session::contour::{FollowContour, JOINTS};
+use pigtail_session::identify::{Models, ScanWindup, range, scale};
+use pigtail_session::job::{Ended, Labelled};
 use pigtail_session::setup::Setup;
 use serde::Serialize;
 
@@ -94,39 +97,49 @@ pub fn trace(
     if let Some(friction) = plan.coupling {
         setup.plant.five_bar.bearings.friction = friction;
     }
-    for preload in [0.0, plan.preload] {
+    for (machine, preload) in [("free", 0.0), ("preloaded", plan.preload)] {
         if preload > 0.0 {
             let joint = &mut setup.plant.five_bar.joint;
             joint.preload = preload * joint.load_friction.static_level();
         }
-        let joints = [Axis::A, Axis::B].map(|axis| AxisName {
-            side: plan.side,
-            axis,
-        });
-        let mut fitted = Vec::with_capacity(joints.len());
-        for at in joints {
+        let mut fitted = Vec::with_capacity(JOINTS.len());
+        for axis in JOINTS {
+            let at = AxisName {
+                side: plan.side,
+                axis,
+            };
+            let range = range(axis) / scale(&setup.rig, axis)?.metres_per_radian;
+            let speed = 0.25 * range;
             // A machine afresh for each: what one joint leaves behind is not the other's.
-            let found = setup.experiment(seed, |station| {
-                let scale = scale(&setup.rig, at.axis)?;
-                let range = range(at.axis) / scale.metres_per_radian;
-                models(station, at, &scale, range, 0.25 * range)
-            })?;
-            fitted.push((at, found));
+            let job = Labelled {
+                label: format!("{machine}-{}", axis.name()),
+                job: ScanWindup {
+                    at,
+                    path: Path::identification(range, speed),
+                },
+            };
+            let record = setup.run(&job, seed, &mut Unobserved)?;
+            fitted.push(Models::fit(record, range, speed));
         }
         for compensation in ["none", "reversal", "memory"] {
-            let samples = setup.experiment(seed, |station| {
-                for (at, found) in &fitted {
-                    let model = match compensation {
-                        "reversal" => Windup::Reversal(found.reversal.model),
-                        "memory" => Windup::Memory(found.memory.model),
-                        _ => Windup::None,
-                    };
-                    station.set_windup(*at, model);
-                }
-                station.set_shape(plan.shape);
-                let (size, speed) = (plan.size, plan.speed);
-                Ok(follow(station, plan.side, plan.contour, size, speed, LAPS)?)
-            })?;
+            let windup = |found: &Models| match compensation {
+                "reversal" => Windup::Reversal(found.reversal.model),
+                "memory" => Windup::Memory(found.memory.model),
+                _ => Windup::None,
+            };
+            let job = Labelled {
+                label: format!("{machine}-{compensation}"),
+                job: FollowContour {
+                    side: plan.side,
+                    contour: plan.contour,
+                    size: plan.size,
+                    speed: plan.speed,
+                    shape: plan.shape,
+                    laps: LAPS,
+                    windup: [windup(&fitted[0]), windup(&fitted[1])],
+                },
+            };
+            let samples = setup.run(&job, seed, &mut Unobserved)?;
             let ContourErrors {
                 shift: [x, y],
                 greatest,

@@ -1,13 +1,13 @@
 //! Windup loops of an axis on machines that differ in load friction, preload and law of friction
 //! (thesis 2.4.1, 2.4.2): the same specimen each time but for what is varied.
 
-use pigtail_control::identify::{Fit, Path, WindupRecord, fit_reversal, scan};
+use pigtail_control::identify::{Fit, Path, WindupRecord, fit_reversal};
+use pigtail_control::station::Unobserved;
 use pigtail_hal::{Axis, AxisName};
 use pigtail_model::windup::Reversal;
-use pigtail_model::windup::Windup;
 use pigtail_numerics::rounded;
-use pigtail_session::identify::{range, scale};
-use pigtail_session::job::Ended;
+use pigtail_session::identify::{ScanWindup, range, scale};
+use pigtail_session::job::{Ended, Labelled};
 use pigtail_session::setup::{Setup, unfit};
 use pigtail_twin::plant::{JointPlant, LoadLaw};
 use serde::Serialize;
@@ -232,9 +232,14 @@ pub fn windup(setup: &Setup, at: AxisName, seed: u64) -> Result<(LoopsDocument, 
         change.apply(joint)?;
         let law = joint.friction;
         let preload = joint.preload / joint.load_friction.static_level().max(f64::MIN_POSITIVE);
-        let record = setup.experiment(seed, |station| {
-            Ok(scan(station, at, &scale, &path, &Windup::None)?)
-        })?;
+        let job = Labelled {
+            label: format!("machine-{}", loops.len() + 1),
+            job: ScanWindup {
+                at,
+                path: path.clone(),
+            },
+        };
+        let record = setup.run(&job, seed, &mut Unobserved)?;
         let lead = record.input.len() / 4;
         let windup = middle_windup(&record);
         // With less than a count from side to side there is nothing to fit.

@@ -8,7 +8,7 @@ use pigtail_control::station::{Observer, Sample, Unobserved};
 use pigtail_hal::{Channel, Side};
 use pigtail_numerics::rounded;
 use pigtail_session::follow::Follow;
-use pigtail_session::job::Ended;
+use pigtail_session::job::{Ended, Labelled};
 use pigtail_session::procedure::Procedure;
 use pigtail_session::setup::Setup;
 use rayon::prelude::*;
@@ -214,7 +214,7 @@ fn mean(curve: &[(f64, f64)], from: f64, to: f64) -> f64 {
     sum / f64::max(n, 1.0)
 }
 
-fn run(setup: &Setup, seed: u64, drift: f64, trial: &Trial) -> Result<Tried, Ended> {
+fn run(setup: &Setup, seed: u64, drift: f64, trial: &Trial, label: String) -> Result<Tried, Ended> {
     let mut drifting = setup.clone();
     drifting.plant.device.drift = drift;
     drifting.plant.device.drift_from = trial.begin;
@@ -222,7 +222,10 @@ fn run(setup: &Setup, seed: u64, drift: f64, trial: &Trial) -> Result<Tried, End
         from: trial.begin,
         light: Vec::new(),
     };
-    let job = Follow { trial: *trial };
+    let job = Labelled {
+        label,
+        job: Follow { trial: *trial },
+    };
     let mut twin = drifting.twin(seed)?;
     let seen = drifting.perform(&mut twin, &job, seed, &mut watcher)?;
     let off = twin.truth().outputs[0].map(|fiber| fiber.x.hypot(fiber.y));
@@ -242,6 +245,7 @@ fn drift(
     seed: u64,
     means: Means,
     speed: f64,
+    label: String,
 ) -> Result<(Drift, Vec<(f64, f64)>), Ended> {
     let seconds = (WAY / speed).min(LONGEST);
     let trial = Trial {
@@ -250,7 +254,7 @@ fn drift(
         begin: BEGIN,
         seconds,
     };
-    let tried = run(setup, seed, speed, &trial)?;
+    let tried = run(setup, seed, speed, &trial, label)?;
     let share = tried.percent();
     let light = tried.percents();
     let part = |from: f64, to: f64| mean(&light, from * seconds, to * seconds);
@@ -265,20 +269,27 @@ fn drift(
     Ok((row, light))
 }
 
-/// Tries drifts around what `means` should follow, and then closer around the limit.
+/// Tries drifts around what `means` should follow, and then closer around the limit. Records of the trials
+/// are called after the `series`.
 ///
 /// # Errors
 ///
 /// As [`rejection`].
-pub fn tracking(setup: &Setup, seed: u64, means: Means) -> Result<(Tracking, Vec<Curve>), Ended> {
+pub fn tracking(
+    setup: &Setup,
+    seed: u64,
+    means: Means,
+    series: &str,
+) -> Result<(Tracking, Vec<Curve>), Ended> {
     const SHARES: [f64; 8] = [0.1, 0.25, 0.5, 0.7, 0.85, 1.0, 1.2, 1.6];
     const CLOSER: u32 = 4;
     const DRAWN: [f64; 4] = [0.25, 0.7, 1.0, 1.2];
     let about = means.limit().unwrap_or(CIRCLES);
     let mut curves = Vec::new();
     let mut trials = Vec::new();
+    let label = |trials: &[Drift]| format!("drift-{series}-{}", trials.len() + 1);
     for share in SHARES {
-        let (row, light) = drift(setup, seed, means, share * about)?;
+        let (row, light) = drift(setup, seed, means, share * about, label(&trials))?;
         if DRAWN.contains(&share) && matches!(means, Means::NinePoint(_)) {
             curves.push((format!("{} um/s", rounded(row.speed_um_s, 0.01)), light));
         }
@@ -296,7 +307,8 @@ pub fn tracking(setup: &Setup, seed: u64, means: Means) -> Result<(Tracking, Vec
         let (followed, Some(lost)) = limit(&trials) else {
             break;
         };
-        let (row, _) = drift(setup, seed, means, 0.5e-6 * (followed + lost))?;
+        let speed = 0.5e-6 * (followed + lost);
+        let (row, _) = drift(setup, seed, means, speed, label(&trials))?;
         trials.push(row);
         trials.sort_by(|a, b| a.speed_um_s.total_cmp(&b.speed_um_s));
     }
@@ -349,7 +361,8 @@ pub fn rejection(
         begin: BEGIN,
         seconds,
     };
-    let tried = run(setup, seed, 0.0, &trial)?;
+    let label = format!("{kind}-{}", name(means));
+    let tried = run(setup, seed, 0.0, &trial, label)?;
     Ok(Rejection {
         disturbance: kind,
         means: name(means),
@@ -411,6 +424,11 @@ fn timing(setup: &Setup, asked: &Asked) -> Result<Vec<Timing>, Ended> {
         ("z maximization", Some("< 10"), &["approach"]),
         ("last maximization", None, &["final"]),
     ];
+    // Each is what `align` does with its seed, and records.
+    let setup = &Setup {
+        records: None,
+        ..setup.clone()
+    };
     let many = |procedure: Procedure| -> Result<Vec<AlignmentDocument>, Ended> {
         (0..asked.devices)
             .map(|k| {
@@ -463,15 +481,15 @@ pub fn maximize(setup: &Setup, asked: &Asked) -> Result<Measured, Ended> {
     let seed = asked.seed;
     let climb = Means::NinePoint(asked.climb);
     let of_recipe = Means::NinePoint(setup.rig.recipe.climb);
-    let mut means = vec![climb];
+    let mut means = vec![(climb, name(climb))];
     if of_recipe != climb {
-        means.push(of_recipe);
+        means.push((of_recipe, "recipe"));
     }
-    means.push(Means::Circles);
+    means.push((Means::Circles, name(Means::Circles)));
     let tracked: Vec<_> = thread::scope(|scope| {
         let begun: Vec<_> = means
             .iter()
-            .map(|means| scope.spawn(|| tracking(setup, seed, *means)))
+            .map(|(means, series)| scope.spawn(|| tracking(setup, seed, *means, series)))
             .collect();
         begun
             .into_iter()

@@ -3,6 +3,7 @@
 use crate::fault::Rule;
 use crate::quantity::Volts;
 use crate::spec::DriveSpec;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 /// Harmonics that an amplifier knows.
@@ -13,7 +14,7 @@ pub const HARMONICS: usize = 4;
 /// ```text
 /// u(t) = a_1 sin(pi t/T) + a_2 sin(2 pi t/T) + a_3 sin(3 pi t/T) + a_4 sin(4 pi t/T),  0 <= t <= T
 /// ```
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Pulse {
     /// Amplitudes `a_1` to `a_4`; positive ones of odd harmonics push forward.
     pub amplitudes: [Volts; HARMONICS],

@@ -4,7 +4,8 @@
 //! loading, and is SI in `f64` from then on. Each function of this module is meant for serde's
 //! `deserialize_with`; its error names the text and what would be accepted.
 
-use serde::de::{Deserialize, Deserializer, Error};
+use serde::de::{Deserializer, Error};
+use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 
 /// A position in encoder counts.
@@ -12,7 +13,7 @@ use std::f64::consts::{PI, TAU};
 pub struct Counts(pub i64);
 
 /// A voltage on a wire, in volts.
-#[derive(Debug, Clone, Copy, PartialEq, PartialOrd, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, PartialOrd, Default, Serialize, Deserialize)]
 pub struct Volts(pub f64);
 
 /// A physical dimension and the units in which a file may state it.

@@ -12,8 +12,10 @@
 //!   static hardening. It stays right after partial windup, where the thesis's jump to the
 //!   opposite main curve errs by up to half of the maximum windup.
 
+use serde::{Deserialize, Serialize};
+
 /// The thesis's windup function (2.20).
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Reversal {
     /// Maximum windup `W_max`, radians of the output.
     pub maximum: f64,
@@ -92,7 +94,7 @@ pub const POWERS: usize = 5;
 /// ```
 ///
 /// The even powers are those of a preload: with one, winding up further and unwinding are not alike.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Memory {
     /// Way after which each element slips, `r_i`, radians of the output, rising.
     pub ways: [f64; ELEMENTS],
@@ -152,7 +154,8 @@ pub fn polynomial(hardening: &[f64; POWERS], x: f64) -> f64 {
     clippy::large_enum_variant,
     reason = "there are six of them, and the servo loop must not follow a pointer for each"
 )]
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Windup {
     /// No compensation.
     #[default]

@@ -149,30 +149,50 @@ pub struct Models {
     pub memory: Fit<Memory>,
 }
 
-/// Scans an axis over `range` at `speed` (radians of the output, and a second) and fits both models.
-///
-/// # Errors
-///
-/// A fault.
-pub fn models(
-    station: &mut Station,
-    at: AxisName,
-    scale: &Scale,
-    range: f64,
-    speed: f64,
-) -> Result<Models, Ended> {
-    let path = Path::identification(range, speed);
-    let record = scan(station, at, scale, &path, &Windup::None)?;
-    // The first way there starts from an unwound transmission, which no model speaks of; then
-    // come four that wind it up fully.
-    let lead = (range / speed / record.period) as usize;
-    let reversal = fit_reversal(&record, lead..5 * lead);
-    let memory = fit_memory(&record, lead, &reversal);
-    Ok(Models {
-        record,
-        reversal,
-        memory,
-    })
+impl Models {
+    /// Fits both models to a scan along [`Path::identification`] over `range` at `speed` (radians of the
+    /// output, and a second).
+    pub fn fit(record: WindupRecord, range: f64, speed: f64) -> Self {
+        // The first way there starts from an unwound transmission, which no model speaks of; then
+        // come four that wind it up fully.
+        let lead = (range / speed / record.period) as usize;
+        let reversal = fit_reversal(&record, lead..5 * lead);
+        let memory = fit_memory(&record, lead, &reversal);
+        Self {
+            record,
+            reversal,
+            memory,
+        }
+    }
+}
+
+/// Drive an axis along a path of its output, and note input and output.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ScanWindup {
+    /// The axis.
+    pub at: AxisName,
+    /// The path, radians of the output.
+    pub path: Path,
+}
+
+impl Job for ScanWindup {
+    type Output = WindupRecord;
+
+    fn run(&self, work: &mut Work<'_>) -> Result<WindupRecord, Ended> {
+        let scale = scale(work.rig(), self.at.axis)?;
+        let mut station = work.station()?;
+        Ok(scan(
+            &mut station,
+            self.at,
+            &scale,
+            &self.path,
+            &Windup::None,
+        )?)
+    }
+
+    fn order(&self) -> Order {
+        Order::ScanWindup(self.clone())
+    }
 }
 
 /// Identifies the windup of an axis and tries the compensation, all on the same machine.
@@ -191,11 +211,13 @@ pub fn windup(
     let um = 1e6 * scale.metres_per_radian;
     let range = range(at.axis) / scale.metres_per_radian;
     let speed = 0.25 * range;
+    let path = Path::identification(range, speed);
+    let record = scan(station, at, &scale, &path, &Windup::None)?;
     let Models {
         record,
         reversal,
         memory,
-    } = models(station, at, &scale, range, speed)?;
+    } = Models::fit(record, range, speed);
     let tried_models = [
         Windup::None,
         Windup::Reversal(reversal.model),

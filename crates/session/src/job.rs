@@ -2,11 +2,13 @@
 
 use crate::align::Align;
 use crate::characterize::{Frequency, Resolution, Sine, Step};
+use crate::contour::FollowContour;
 use crate::first_light::FirstLight;
 use crate::follow::Follow;
-use crate::identify::IdentifyWindup;
+use crate::identify::{IdentifyWindup, ScanWindup};
 use crate::impulse::Impulse;
 use crate::piezos::IdentifyPiezos;
+use crate::pulses::{BreakAway, LeastPulse, PlayPulses};
 use crate::rig::Rig;
 use crate::tune::Tune;
 use pigtail_control::outcome::{Halt, Outcome};
@@ -14,6 +16,7 @@ use pigtail_control::station::{Observer, Station};
 use pigtail_hal::{Error, Fault, Machine, Rule};
 use pigtail_machines::record::RecordError;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// Something to be done on a machine.
 pub trait Job {
@@ -41,8 +44,41 @@ pub trait Job {
     }
 
     /// What tells its record from those of other jobs of one run; nothing where there are none.
-    fn label(&self) -> &'static str {
-        ""
+    fn label(&self) -> Cow<'static, str> {
+        Cow::Borrowed("")
+    }
+}
+
+/// A job that is told from others of its kind in one run.
+#[derive(Debug)]
+pub struct Labelled<J> {
+    /// What tells it: small letters, digits and dashes.
+    pub label: String,
+    /// The job.
+    pub job: J,
+}
+
+impl<J: Job> Job for Labelled<J> {
+    type Output = J::Output;
+
+    fn run(&self, work: &mut Work<'_>) -> Result<J::Output, Ended> {
+        self.job.run(work)
+    }
+
+    fn order(&self) -> Order {
+        self.job.order()
+    }
+
+    fn longest(&self) -> f64 {
+        self.job.longest()
+    }
+
+    fn breaks(&self) -> &'static [Rule] {
+        self.job.breaks()
+    }
+
+    fn label(&self) -> Cow<'static, str> {
+        Cow::Owned(self.label.clone())
     }
 }
 
@@ -139,6 +175,16 @@ pub enum Order {
     FirstLight(FirstLight),
     /// Follow a peak.
     Follow(Follow),
+    /// Follow a contour.
+    FollowContour(Box<FollowContour>),
+    /// Drive an axis along a path.
+    ScanWindup(ScanWindup),
+    /// Find where a motor breaks away.
+    BreakAway(BreakAway),
+    /// Play pulses.
+    PlayPulses(PlayPulses),
+    /// Find the least pulse that moves an axis.
+    LeastPulse(LeastPulse),
     /// Something that nobody can do again from what was kept: it is recorded all the same.
     Other,
 }

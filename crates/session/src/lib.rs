@@ -9,7 +9,7 @@
 //!
 //! Read in this order: [`rig`]; [`session`], what stands around a machine; [`job`], what runs in it; then
 //! the jobs: [`align`], [`tune`], [`characterize`], [`identify`], [`piezos`], [`impulse`],
-//! [`first_light`], [`follow`]. [`setup`] is a rig with a truth that twins are drawn around;
+//! [`pulses`], [`contour`], [`first_light`], [`follow`]. [`setup`] is a rig with a truth that twins are drawn around;
 //! [`scenario`] and [`faults`] change that truth.
 //!
 //! # Ten lines
@@ -66,6 +66,7 @@
 
 pub mod align;
 pub mod characterize;
+pub mod contour;
 #[cfg(feature = "twin")]
 pub mod faults;
 pub mod first_light;
@@ -78,6 +79,7 @@ pub mod job;
 pub mod own;
 pub mod piezos;
 pub mod procedure;
+pub mod pulses;
 pub mod records;
 pub mod replay;
 pub mod rig;

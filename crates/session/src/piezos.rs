@@ -4,6 +4,7 @@ use crate::job::{Ended, Job, Order, Work};
 use pigtail_control::piezo::{self, Micro};
 use pigtail_hal::Side;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 
 /// Identify the piezos of a side's micro.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -25,7 +26,7 @@ impl Job for IdentifyPiezos {
         Order::IdentifyPiezos(*self)
     }
 
-    fn label(&self) -> &'static str {
-        self.side.name()
+    fn label(&self) -> Cow<'static, str> {
+        Cow::Borrowed(self.side.name())
     }
 }

@@ -7,7 +7,7 @@ use crate::setup::Setup;
 use pigtail_machines::record::{Closing, RecordError, Written};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 /// The stem and the ending of a record's name.
@@ -15,6 +15,24 @@ const NAME: (&str, &str) = ("exchanges", "pigtail");
 
 /// The record of the one machine of a run that has one.
 pub const RECORD: &str = "exchanges.pigtail";
+
+/// The records in a folder, by name; none where there is no such folder.
+pub fn records_in(folder: &Path) -> Vec<PathBuf> {
+    let (stem, ending) = NAME;
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    let mut records: Vec<PathBuf> = entries
+        .map(|entry| entry.path())
+        .filter(|path| {
+            let name = path.file_name().and_then(|name| name.to_str());
+            name.is_some_and(|name| name.starts_with(stem))
+                && path
+                    .extension()
+                    .is_some_and(|extension| extension == ending)
+        })
+        .collect();
+    records.sort();
+    records
+}
 
 /// What a record says of its run: all that it takes to run the same control again.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

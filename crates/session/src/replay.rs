@@ -17,8 +17,6 @@ use serde::Serialize;
 use std::path::Path;
 use strum::VariantArray;
 
-pub use crate::records::RECORD;
-
 /// What a replay prints as JSON.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ReplayDocument {
@@ -118,30 +116,34 @@ fn again(
     fn run<J: Job>(rig: &Rig, machine: &mut Replay, job: &J) -> Result<J::Output, Ended> {
         Session::open(rig, machine).run(job, &mut Unobserved)
     }
+    fn done<J: Job>(rig: &Rig, machine: &mut Replay, job: &J) -> Result<(), Ended> {
+        run(rig, machine, job).map(drop)
+    }
     match order {
         Order::Align(job) => {
             let aligned = run(rig, machine, job)?;
             let said = aligned.fibers.iter();
             outcomes.extend(said.map(|fiber| (fiber.port, fiber.outcome.code())));
+            Ok(())
         }
-        Order::Step(job) => drop(run(rig, machine, job)?),
-        Order::Sine(job) => drop(run(rig, machine, job)?),
-        Order::Resolution(job) => drop(run(rig, machine, job)?),
-        Order::Frequency(job) => drop(run(rig, machine, job)?),
-        Order::Tune(job) => drop(run(rig, machine, job)?),
-        Order::IdentifyWindup(job) => drop(run(rig, machine, job)?),
-        Order::IdentifyPiezos(job) => drop(run(rig, machine, job)?),
-        Order::Impulse(job) => drop(run(rig, machine, job)?),
-        Order::FirstLight(job) => {
-            run(rig, machine, job)?;
-        }
-        Order::Follow(job) => {
-            run(rig, machine, job)?;
-        }
+        Order::Step(job) => done(rig, machine, job),
+        Order::Sine(job) => done(rig, machine, job),
+        Order::Resolution(job) => done(rig, machine, job),
+        Order::Frequency(job) => done(rig, machine, job),
+        Order::Tune(job) => done(rig, machine, job),
+        Order::IdentifyWindup(job) => done(rig, machine, job),
+        Order::IdentifyPiezos(job) => done(rig, machine, job),
+        Order::Impulse(job) => done(rig, machine, job),
+        Order::FirstLight(job) => done(rig, machine, job),
+        Order::Follow(job) => done(rig, machine, job),
+        Order::FollowContour(job) => done(rig, machine, job.as_ref()),
+        Order::ScanWindup(job) => done(rig, machine, job),
+        Order::BreakAway(job) => done(rig, machine, job),
+        Order::PlayPulses(job) => done(rig, machine, job),
+        Order::LeastPulse(job) => done(rig, machine, job),
         Order::Other => {
             let message = "is of something that cannot be run again from a record; accepted is a job of its own";
-            return Err(Error::new("record", "job", message).into());
+            Err(Error::new("record", "job", message).into())
         }
     }
-    Ok(())
 }

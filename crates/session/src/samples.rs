@@ -1,6 +1,7 @@
 //! What was seen on the way: every phase and every light sample.
 
 use pigtail_control::station::{Observer, Sample};
+use pigtail_hal::{Channel, Side};
 use std::fmt::Write as _;
 
 /// A phase of a fiber's alignment, and the samples that fall into it.
@@ -56,11 +57,16 @@ impl Record {
     /// the endpoint by its encoders and the displacement commanded to its micro.
     pub fn csv(&self) -> String {
         let mut out = String::with_capacity(150 * (self.samples.len() + 1));
-        out.push_str(
-            "time_s,fiber,phase,output1_V,output2_V,sensing_V,\
-             left_x_um,left_y_um,left_z_um,left_micro_x_um,left_micro_y_um,\
-             right_x_um,right_y_um,right_z_um,right_micro_x_um,right_micro_y_um\n",
-        );
+        out.push_str("time_s,fiber,phase");
+        for channel in Channel::ALL {
+            let _ = write!(out, ",{}_V", channel.name());
+        }
+        for side in Side::ALL {
+            for way in ["x", "y", "z", "micro_x", "micro_y"] {
+                let _ = write!(out, ",{}_{way}_um", side.name());
+            }
+        }
+        out.push('\n');
         for (phase, samples) in self.phases() {
             for sample in samples {
                 let _ = write!(out, "{:.4},{},{}", sample.time, phase.port, phase.name);

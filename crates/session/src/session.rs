@@ -4,7 +4,7 @@ use crate::guarded::guarded;
 use crate::job::{Ended, Job, STEP, Work};
 use crate::rig::Rig;
 use pigtail_control::station::{Observer, Station, Unobserved};
-use pigtail_hal::{Fault, Machine};
+use pigtail_hal::Machine;
 use pigtail_machines::record::{Closing, RecordError};
 use pigtail_machines::{Deadline, Guard, Pace, Panel, Recorder};
 use std::path::Path;
@@ -25,8 +25,6 @@ pub struct Options {
     pub real_time: bool,
     /// Work that takes longer hangs, seconds of machine time.
     pub longest: f64,
-    /// Whether the guard only notes what it would have stopped.
-    pub passive: bool,
 }
 
 impl Default for Options {
@@ -35,7 +33,6 @@ impl Default for Options {
             stop: Arc::default(),
             real_time: false,
             longest: f64::INFINITY,
-            passive: false,
         }
     }
 }
@@ -62,13 +59,10 @@ impl<'m> Session<'m> {
             Pace::free(timed)
         };
         let panel = Panel::new(paced, Arc::clone(&options.stop));
-        let guard = guarded(Recorder::idle(panel), rig);
-        let machine = if options.passive {
-            guard.passive()
-        } else {
-            guard
-        };
-        Self { rig, machine }
+        Self {
+            rig,
+            machine: guarded(Recorder::idle(panel), rig),
+        }
     }
 
     /// Records every exchange from now on to a new file; `about` is kept with it.
@@ -118,11 +112,6 @@ impl<'m> Session<'m> {
         let result = experiment(&mut station);
         station.stop();
         result
-    }
-
-    /// The first rule for which a guard that only watches would have stopped the machine.
-    pub fn noted(&self) -> Option<&Fault> {
-        self.machine.noted()
     }
 
     /// Ends the record, if there is one; it goes on to the disk meanwhile.

@@ -151,7 +151,7 @@ impl Setup {
         let mut session = Session::open_with(&self.rig, machine, &options);
         if let Some(records) = &self.records {
             let about = About::of(self, job.order(), seed).to_bytes();
-            session.record(&records.take(job.label()), &about)?;
+            session.record(&records.take(&job.label()), &about)?;
         }
         let result = session.run(job, observer);
         if let Some((records, closing)) = self.records.as_ref().zip(session.close_record()) {

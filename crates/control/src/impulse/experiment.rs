@@ -4,8 +4,8 @@
 use super::{Impulses, Moved, Relax, Shape};
 use crate::outcome::{Halt, Outcome};
 use crate::station::Station;
+use pigtail_hal::AxisName;
 use pigtail_hal::quantity::Volts;
-use pigtail_hal::{AxisName, Pulse};
 use pigtail_numerics::bisection::try_onset;
 
 /// A pulse that displaces the output by less, metres, does not move it.
@@ -81,22 +81,6 @@ pub fn ways_to_relax(unit: f64) -> [Relax; 3] {
             amplitude: DITHER * unit,
         },
     ]
-}
-
-/// The same pulse so many times in a row.
-///
-/// # Errors
-///
-/// As [`Impulses::respond`].
-pub fn repeat(
-    station: &mut Station,
-    impulses: &Impulses,
-    pulse: Pulse,
-    times: u32,
-) -> Result<Vec<Moved>, Halt> {
-    (0..times)
-        .map(|_| impulses.respond(station, pulse))
-        .collect()
 }
 
 /// Spread of repeated displacements relative to their mean: what relaxing is judged by. Infinite

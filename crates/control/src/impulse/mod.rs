@@ -21,9 +21,10 @@ use crate::station::Station;
 use pigtail_hal::pulse::HARMONICS;
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::{Axis, AxisName, Pulse};
+use serde::{Deserialize, Serialize};
 
 /// A family of pulses: the amplitude `a_1` is chosen anew for each, the rest stays.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Shape {
     /// The amplitudes `a_2`, `a_3`, `a_4` for a pulse forward, volts.
     pub fixed: [f64; HARMONICS - 1],
@@ -61,7 +62,8 @@ impl Shape {
 }
 
 /// How a transmission is brought back to zero torque between pulses.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Relax {
     /// Once, at the start, as by [`Self::Servo`]; after that it is left as the pulses leave it. For
     /// transmissions that wind up over so many counts that what pulses add does not matter.
@@ -101,7 +103,7 @@ const SERVO_SECONDS: f64 = 0.1;
 const STILL: u32 = 4;
 
 /// An axis under impulse control.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Impulses {
     /// The axis.
     pub at: AxisName,

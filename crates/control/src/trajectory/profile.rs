@@ -3,6 +3,8 @@
 //! From rest to rest both profiles are closed forms, exact at the end and without a search; a
 //! library that plans between any two states of motion solves a harder problem than there is here.
 
+use serde::{Deserialize, Serialize};
+
 /// Speed and its derivatives by time: limits of a motion, or what a motion has.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rates {
@@ -35,7 +37,8 @@ impl Progress {
 }
 
 /// The choice of a profile.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Shape {
     /// Limited in speed and acceleration, as in the thesis.
     #[default]

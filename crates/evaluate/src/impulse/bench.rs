@@ -1,14 +1,15 @@
 //! An axis on the bench: the single experiments by which pulses are characterized.
 
 use super::response::{DeadZone, Map, REST, Row, Spread, Trace, joint_plant};
-use pigtail_control::impulse::experiment::{dead_zone, repeat, unevenness, ways_to_relax};
+use pigtail_control::impulse::experiment::{unevenness, ways_to_relax};
 use pigtail_control::impulse::{Impulses, Moved, Relax, Shape};
-use pigtail_control::station::Station;
+use pigtail_control::station::Unobserved;
 use pigtail_hal::pulse::HARMONICS;
 use pigtail_hal::{AxisName, Command, Error, Machine, Pulse};
 use pigtail_numerics::bisection::onset;
 use pigtail_numerics::rounded;
-use pigtail_session::job::Ended;
+use pigtail_session::job::{Ended, Job, Labelled};
+use pigtail_session::pulses::{Amplitude, LeastPulse, PlayPulses};
 use pigtail_session::setup::{Setup, unfit};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -40,6 +41,20 @@ const LOOK: f64 = 0.02;
 
 type Experiment<T> = Result<T, Ended>;
 
+/// Whether a pulse with this number, of those played back and forth in turn, goes forward.
+fn is_forward(number: u32) -> bool {
+    number.is_multiple_of(2)
+}
+
+/// How far the pulse with this number went its way, metres.
+fn ahead(number: u32, moved: &Moved) -> f64 {
+    if is_forward(number) {
+        moved.displacement
+    } else {
+        -moved.displacement
+    }
+}
+
 /// One point of a curve.
 pub(super) struct Point {
     /// Amplitude, volts.
@@ -63,11 +78,25 @@ pub(super) struct Bench<'s> {
 }
 
 impl Bench<'_> {
-    pub(super) fn on<T>(
+    /// Runs an experiment on a twin afresh.
+    pub(super) fn on<J: Job>(&self, label: String, job: J) -> Experiment<J::Output> {
+        let job = Labelled { label, job };
+        self.setup.run(&job, self.seed, &mut Unobserved)
+    }
+
+    /// Plays pulses, which are numbered through: those with even numbers forward, the others backward.
+    fn in_turn(
         &self,
-        experiment: impl FnOnce(&mut Station) -> Experiment<T>,
-    ) -> Experiment<T> {
-        self.setup.experiment(self.seed, experiment)
+        label: String,
+        impulses: &Impulses,
+        pulses: u32,
+        pulse: impl Fn(bool) -> Pulse,
+    ) -> Experiment<Vec<Moved>> {
+        let job = PlayPulses {
+            impulses: *impulses,
+            pulses: (0..pulses).map(|k| pulse(is_forward(k))).collect(),
+        };
+        self.on(label, job)
     }
 
     /// That the amplifier plays fixed harmonics, in units, with all of the curve's `a_1`.
@@ -105,22 +134,22 @@ impl Bench<'_> {
     }
 
     /// The same pulse in a row, with each way to relax.
-    fn rows(&self, ways: &[Relax], pulse: Pulse) -> Experiment<Vec<Vec<Moved>>> {
+    fn rows(&self, label: &str, ways: &[Relax], pulse: Pulse) -> Experiment<Vec<Vec<Moved>>> {
         ways.par_iter()
             .map(|relax| {
-                self.on(|station| {
-                    let impulses = self.impulses(*relax, READINGS);
-                    impulses.begin(station)?;
-                    Ok(repeat(station, &impulses, pulse, ROW)?)
-                })
+                let job = PlayPulses {
+                    impulses: self.impulses(*relax, READINGS),
+                    pulses: vec![pulse; ROW as usize],
+                };
+                self.on(format!("{label}-{}", relax.name()), job)
             })
             .collect()
     }
 
     /// The way to relax that leaves pulses in a row most even, and what each way leaves.
-    pub(super) fn relaxations(&self, pulse: Pulse) -> Experiment<(Relax, Vec<Row>)> {
+    pub(super) fn relaxations(&self, label: &str, pulse: Pulse) -> Experiment<(Relax, Vec<Row>)> {
         let ways = ways_to_relax(self.unit);
-        let all = self.rows(&ways, pulse)?;
+        let all = self.rows(label, &ways, pulse)?;
         let best =
             (0..ways.len()).min_by(|&a, &b| unevenness(&all[a]).total_cmp(&unevenness(&all[b])));
         let rows = ways.iter().zip(&all).map(|(relax, row)| Row {
@@ -133,15 +162,43 @@ impl Bench<'_> {
         Ok((best.map_or(Relax::Start, |i| ways[i]), rows.collect()))
     }
 
+    /// Pulses with the least second harmonic, of up to `most` volts, that leaves no dead zone.
+    pub(super) fn without_dead_zone(
+        &self,
+        relax: Relax,
+        most: f64,
+    ) -> Experiment<(Impulses, Shape)> {
+        let impulses = self.impulses(relax, READINGS);
+        let job = LeastPulse {
+            impulses,
+            shape: self.form,
+            of: Amplitude::Second,
+            most,
+        };
+        let a2 = self.on(format!("second-harmonic-{}", relax.name()), job)?;
+        let a2 = a2.ok_or_else(|| {
+            let message = format!(
+                "no second harmonic of up to {most:.2} V removes the dead zone of {}; accepted is an \
+                 amplifier that plays higher pulses",
+                self.at
+            );
+            let file = format!("{}/machine.toml", self.setup.rig.name);
+            Error::new(file, "drive.pulse.voltage", message)
+        })?;
+        Ok((impulses, self.form.scaled(a2)))
+    }
+
     pub(super) fn dead_zones(&self, impulses: &Impulses, a2: f64) -> Experiment<Vec<DeadZone>> {
         [0.0, 0.25, 0.5, 0.75, 1.0]
             .par_iter()
             .map(|share| {
-                let shape = self.form.scaled(share * a2);
-                let found = self.on(|station| {
-                    impulses.begin(station)?;
-                    Ok(dead_zone(station, impulses, &shape, MAP[0] * self.unit)?)
-                })?;
+                let job = LeastPulse {
+                    impulses: *impulses,
+                    shape: self.form.scaled(share * a2),
+                    of: Amplitude::First,
+                    most: MAP[0] * self.unit,
+                };
+                let found = self.on(format!("dead-zone-{}", 100.0 * share), job)?;
                 Ok(DeadZone {
                     a2_fsm: rounded(share * a2 / self.unit, 1e-3),
                     dead_zone_fsm: found.map(|a1| rounded(a1 / self.unit, 1e-3)),
@@ -161,25 +218,22 @@ impl Bench<'_> {
             .into_par_iter()
             .map(|k| {
                 let a1 = most * k as f64 / (POINTS - 1) as f64;
-                self.on(|station| {
-                    impulses.begin(station)?;
-                    let (mut displacement, mut net, mut squares) = (0.0, 0.0, 0.0);
-                    for k in 0..PULSES {
-                        let forward = k % 2 == 0;
-                        let sign = if forward { 1.0 } else { -1.0 };
-                        let moved = impulses.respond(station, shape.pulse(a1, forward))?;
-                        displacement += sign * moved.displacement / f64::from(PULSES);
-                        net += sign * moved.net / f64::from(PULSES);
-                        squares += moved.net.powi(2) / f64::from(PULSES);
-                    }
-                    let variance = (squares - net * net).max(0.0);
-                    let point = Point {
-                        a1,
-                        displacement,
-                        net,
-                    };
-                    Ok((point, variance))
-                })
+                let label = format!("curve-{}", k + 1);
+                let moved = self.in_turn(label, impulses, PULSES, |f| shape.pulse(a1, f))?;
+                let (mut displacement, mut net, mut squares) = (0.0, 0.0, 0.0);
+                for (k, moved) in (0..).zip(moved) {
+                    let sign = if is_forward(k) { 1.0 } else { -1.0 };
+                    displacement += sign * moved.displacement / f64::from(PULSES);
+                    net += sign * moved.net / f64::from(PULSES);
+                    squares += moved.net.powi(2) / f64::from(PULSES);
+                }
+                let variance = (squares - net * net).max(0.0);
+                let point = Point {
+                    a1,
+                    displacement,
+                    net,
+                };
+                Ok((point, variance))
             })
             .collect::<Experiment<Vec<(Point, f64)>>>()?;
         let variance = points.iter().map(|(_, v)| v).sum::<f64>() / POINTS as f64;
@@ -195,18 +249,12 @@ impl Bench<'_> {
         shape: &Shape,
         a1: f64,
     ) -> Experiment<f64> {
-        self.on(|station| {
-            impulses.begin(station)?;
-            let mut sum = 0.0;
-            for k in 0..PULSES {
-                let forward = k % 2 == 0;
-                let moved = impulses
-                    .respond(station, shape.pulse(a1, forward))?
-                    .displacement;
-                sum += if forward { moved } else { -moved };
-            }
-            Ok(sum / f64::from(PULSES))
-        })
+        let label = "displacement".to_owned();
+        let moved = self.in_turn(label, impulses, PULSES, |f| shape.pulse(a1, f))?;
+        let sum = (0..)
+            .zip(moved)
+            .fold(0.0, |sum, (k, moved)| sum + ahead(k, &moved));
+        Ok(sum / f64::from(PULSES))
     }
 
     /// Displacement over both amplitudes.
@@ -221,24 +269,26 @@ impl Bench<'_> {
         let drive = self.setup.rig.spec.drive(self.at.axis);
         let nm = rows
             .par_iter()
-            .map(|a2| {
+            .enumerate()
+            .map(|(row, a2)| {
                 let shape = self.form.scaled(a2 * self.unit);
-                self.on(|station| {
-                    impulses.begin(station)?;
-                    let mut row = Vec::with_capacity(columns.len());
-                    for (k, a1) in columns.iter().enumerate() {
-                        let forward = k % 2 == 0;
-                        let pulse = shape.pulse(a1 * self.unit, forward);
-                        if pulse.check(drive).is_err() {
-                            row.push(None);
-                            continue;
-                        }
-                        let moved = impulses.respond(station, pulse)?.displacement;
-                        let ahead = if forward { moved } else { -moved };
-                        row.push(Some(rounded(ahead * 1e9, 1e-2)));
-                    }
-                    Ok(row)
-                })
+                let pulses = columns.iter().zip(0..);
+                let pulses = pulses.map(|(a1, k)| shape.pulse(a1 * self.unit, is_forward(k)));
+                let playable: Vec<_> = pulses
+                    .map(|p| p.check(drive).is_ok().then_some(p))
+                    .collect();
+                let job = PlayPulses {
+                    impulses,
+                    pulses: playable.iter().flatten().copied().collect(),
+                };
+                let mut moved = self.on(format!("map-{}", row + 1), job)?.into_iter();
+                let nm = |(pulse, k): (&Option<Pulse>, u32)| {
+                    pulse
+                        .as_ref()
+                        .and_then(|_| moved.next())
+                        .map(|m| rounded(ahead(k, &m) * 1e9, 1e-2))
+                };
+                Ok(playable.iter().zip(0..).map(nm).collect())
             })
             .collect::<Experiment<Vec<_>>>()?;
         Ok(Map {
@@ -271,17 +321,19 @@ impl Bench<'_> {
                     .times((1.0 + FRICTION * draw).max(0.1))
                     .map_err(unfit)?;
                 joint.unrest.jolt = STATE * count;
-                let mut moved = Vec::with_capacity(steps.len());
                 joint.unrest.history = k as u64 + 1;
-                setup.experiment(self.seed, |station| {
-                    impulses.begin(station)?;
-                    for a1 in &steps {
-                        let pulse = shape.pulse(a1 * self.unit, true);
-                        moved.push(impulses.respond(station, pulse)?.displacement);
-                    }
-                    Ok(())
-                })?;
-                Ok(moved)
+                let machine = Bench {
+                    setup: &setup,
+                    form: self.form,
+                    ..*self
+                };
+                let pulses = steps.iter().map(|a1| shape.pulse(a1 * self.unit, true));
+                let job = PlayPulses {
+                    impulses: *impulses,
+                    pulses: pulses.collect(),
+                };
+                let moved = machine.on(format!("spread-{}", k + 1), job)?;
+                Ok(moved.iter().map(|m| m.displacement).collect())
             })
             .collect::<Experiment<Vec<Vec<f64>>>>()?;
         Ok(steps

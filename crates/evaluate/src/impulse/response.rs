@@ -6,13 +6,15 @@
 
 use super::bench::{Bench, MAP, Point, READINGS};
 use pigtail_control::impulse::belief::ImpulseBelief;
-use pigtail_control::impulse::experiment::{break_away, parabola, without_dead_zone};
+use pigtail_control::impulse::experiment::parabola;
 use pigtail_control::impulse::{Impulses, Relax, Shape};
+use pigtail_control::station::Unobserved;
 use pigtail_hal::pulse::HARMONICS;
 use pigtail_hal::{Axis, AxisName, Error, Pulse};
 use pigtail_numerics::rounded;
 use pigtail_session::characterize::no_probe;
-use pigtail_session::job::Ended;
+use pigtail_session::job::{Ended, Labelled};
+use pigtail_session::pulses::BreakAway;
 use pigtail_session::setup::Setup;
 use pigtail_twin::plant::JointPlant;
 use serde::Serialize;
@@ -262,7 +264,11 @@ pub fn response(
     let wanted = form.fixed;
     let form = form.proportions();
     can_play_form(setup, at.axis, &form)?;
-    let unit = setup.experiment(seed, |station| Ok(break_away(station, at, REST)?))?;
+    let job = Labelled {
+        label: "break-away".to_owned(),
+        job: BreakAway { at, rest: REST },
+    };
+    let unit = setup.run(&job, seed, &mut Unobserved)?;
     let bench = Bench {
         setup,
         at,
@@ -273,32 +279,17 @@ pub fn response(
     bench.check(wanted)?;
     let limit = bench.limit();
     let most = (MAP[1] * unit).min(limit);
-    let search = |relax: Relax| -> Experiment<(Impulses, Shape)> {
-        let impulses = bench.impulses(relax, READINGS);
-        if let Some([a2, ..]) = wanted {
-            return Ok((impulses, form.scaled(a2 * unit)));
-        }
-        let a2 = bench.on(|station| {
-            impulses.begin(station)?;
-            Ok(without_dead_zone(station, &impulses, &form, most)?)
-        })?;
-        let a2 = a2.ok_or_else(|| {
-            let message = format!(
-                "no second harmonic of up to {most:.2} V removes the dead zone of {at}; accepted is an \
-                 amplifier that plays higher pulses"
-            );
-            let file = format!("{}/machine.toml", setup.rig.name);
-            Error::new(file, "drive.pulse.voltage", message)
-        })?;
-        Ok((impulses, form.scaled(a2)))
+    let search = |relax: Relax| match wanted {
+        Some([a2, ..]) => Ok((bench.impulses(relax, READINGS), form.scaled(a2 * unit))),
+        None => bench.without_dead_zone(relax, most),
     };
     let quoted = |shape: &Shape| shape.pulse(QUOTED * unit, true);
     // How to relax is first judged by pulses of the first harmonic, which move any axis that pulses
     // can move, and once more by the pulses that are to be played.
     let first = form.scaled(0.0).pulse(MAP[0] * unit, true);
-    let mut relax = bench.relaxations(first)?.0;
+    let mut relax = bench.relaxations("relax-first", first)?.0;
     let (mut impulses, mut shape) = search(relax)?;
-    let (better, rows) = bench.relaxations(quoted(&shape))?;
+    let (better, rows) = bench.relaxations("relax", quoted(&shape))?;
     if better != relax {
         relax = better;
         (impulses, shape) = search(relax)?;

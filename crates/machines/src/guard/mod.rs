@@ -129,9 +129,6 @@ pub struct Guard<M> {
     beyond: [f64; SIDES],
     last: Option<(Command, Measurement)>,
     fault: Option<Fault>,
-    /// Whether it only notes what it would stop for.
-    passive: bool,
-    noted: Option<Fault>,
     /// Rules that an experiment breaks on purpose.
     exempt: &'static [Rule],
 }
@@ -214,19 +211,7 @@ impl<M: Machine> Guard<M> {
             beyond: [0.0; SIDES],
             last: None,
             fault: None,
-            passive: false,
-            noted: None,
             exempt: &[],
-        }
-    }
-
-    /// The same, but it stops nothing: it only notes the first rule that was broken. To be told what a
-    /// guard would have changed.
-    #[must_use]
-    pub fn passive(self) -> Self {
-        Self {
-            passive: true,
-            ..self
         }
     }
 
@@ -238,11 +223,6 @@ impl<M: Machine> Guard<M> {
 
     fn leaves_out(&self, rule: &Rule) -> bool {
         self.exempt.contains(rule)
-    }
-
-    /// The first broken rule for which a passive guard would have stopped the machine.
-    pub fn noted(&self) -> Option<&Fault> {
-        self.noted.as_ref()
     }
 
     /// The machine that is watched.
@@ -472,18 +452,8 @@ impl<M: Machine> Guard<M> {
         Ok(())
     }
 
-    /// What becomes of a broken rule.
-    #[cold]
-    fn answer(&mut self, broken: Broken) -> Result<(), Fault> {
-        if !self.passive {
-            return Err(self.trip(broken));
-        }
-        let time = self.last.map_or(0.0, |(_, measured)| measured.time);
-        self.noted.get_or_insert(broken.at(time));
-        Ok(())
-    }
-
     /// Stops the machine for a broken rule.
+    #[cold]
     fn trip(&mut self, broken: Broken) -> Fault {
         let time = self.last.map_or(0.0, |(_, measured)| measured.time);
         let fault = broken.at(time);
@@ -575,7 +545,7 @@ impl<M: Machine> Machine for Guard<M> {
             return Err(fault.clone());
         }
         if let Err(broken) = self.check_command(command) {
-            self.answer(broken)?;
+            return Err(self.trip(broken));
         }
         let measured = match self.machine.exchange(command) {
             Ok(measured) => measured,
@@ -595,7 +565,7 @@ impl<M: Machine> Machine for Guard<M> {
         self.last = Some((*command, measured));
         match checked {
             Ok(()) => Ok(measured),
-            Err(broken) => self.answer(broken).map(|()| measured),
+            Err(broken) => Err(self.trip(broken)),
         }
     }
 

@@ -5,12 +5,13 @@ use super::super::{Bench, Figure};
 use super::FIVE_BAR;
 use pigtail_control::contour::{Contour, ContourSample};
 use pigtail_control::identify::{Path, WindupRecord, backlash, scan};
+use pigtail_control::station::Unobserved;
 use pigtail_control::trajectory::Shape;
 use pigtail_evaluate::contour::{Plan, trace};
 use pigtail_hal::{Error, Side};
 use pigtail_model::fivebar::FiveBar;
 use pigtail_model::windup::{Reversal, ReversalState, Windup};
-use pigtail_session::identify::{Models, models, range, scale};
+use pigtail_session::identify::{Models, ScanWindup, range, scale};
 use pigtail_session::job::Ended;
 use pigtail_session::setup::Setup;
 
@@ -103,9 +104,13 @@ impl<'s> Joint<'s> {
     fn identify(setup: &'s Setup, seed: u64) -> Result<Self, Ended> {
         let scale = scale(&setup.rig, FIVE_BAR.axis)?;
         let range = range(FIVE_BAR.axis) / scale.metres_per_radian;
-        let models = setup.experiment(seed, |station| {
-            models(station, FIVE_BAR, &scale, range, 0.25 * range)
-        })?;
+        let speed = 0.25 * range;
+        let job = ScanWindup {
+            at: FIVE_BAR,
+            path: Path::identification(range, speed),
+        };
+        let record = setup.run(&job, seed, &mut Unobserved)?;
+        let models = Models::fit(record, range, speed);
         Ok(Self {
             setup,
             seed,

@@ -21,7 +21,7 @@ pub(super) fn peak(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     };
     let means = Means::NinePoint(climb);
     let (tracked, (macro_moves, piezos_creep)) = rayon::join(
-        || tracking(setup, bench.seed, means),
+        || tracking(setup, bench.seed, means, "nine-point"),
         || {
             rayon::join(
                 || rejection(setup, bench.seed, Disturbance::Macro(MACRO.0), means),
