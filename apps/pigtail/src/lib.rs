@@ -22,6 +22,7 @@ mod rig;
 mod running;
 mod runs;
 mod scan;
+mod schema;
 mod simulate;
 mod stop;
 mod trace;
@@ -32,6 +33,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 use pigtail_control::outcome::Outcome;
 use pigtail_hal::{Error, Fault};
 use pigtail_session::job::Ended;
+pub use schema::FileKind;
 use std::io::{self, Write};
 use std::process::ExitCode;
 
@@ -84,6 +86,7 @@ enum Command {
     Simulate(simulate::Arguments),
     Twin(twin::Arguments),
     Rig(rig::Arguments),
+    Schema(schema::Arguments),
     Reproduce(reproduce::Arguments),
     Runs(runs::Arguments),
 }
@@ -159,6 +162,7 @@ pub fn main() -> ExitCode {
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Twin(arguments) => twin::run(&arguments),
         Command::Rig(arguments) => rig::run(&arguments),
+        Command::Schema(arguments) => schema::run(&arguments),
         Command::Reproduce(arguments) => reproduce::run(&arguments),
         Command::Runs(arguments) => runs::run(&arguments),
     };

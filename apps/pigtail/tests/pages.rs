@@ -1,13 +1,20 @@
-//! The book's reference is made from the code: commands from what the program's parser knows, keys of
-//! the files from the structs that they are read into. `UPDATE_PAGES=1 cargo test -p pigtail --test
+//! The book's reference is made from the program: commands from what its parser knows, keys of the files
+//! from the JSON Schemas of the types that they are read into. `UPDATE_PAGES=1 cargo test -p pigtail --test
 //! pages` writes the pages anew.
 
 use clap::Command;
-use std::collections::BTreeMap;
+use pigtail::FileKind;
+use pigtail_control::calibration::Calibration;
+use pigtail_control::recipe::Recipe;
+use pigtail_hal::Spec;
+use pigtail_twin::plant::Plant;
+use serde::de::value::{Error, MapDeserializer};
+use serde::de::{Deserializer, Error as _, IntoDeserializer, Visitor};
+use serde::{Deserialize, forward_to_deserialize_any};
+use serde_json::Value;
 use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
-use syn::{Attribute, Expr, Field, Fields, Item, ItemEnum, ItemStruct, Lit, Meta, Type};
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
@@ -59,115 +66,106 @@ fn add_command(text: &mut String, command: &mut Command, before: &str) {
     }
 }
 
-/// What a file of sources says of the keys of a configuration file.
-#[derive(Default)]
-struct Sources {
-    structs: BTreeMap<String, ItemStruct>,
-    enums: BTreeMap<String, ItemEnum>,
-    /// `Default`s that are written out: of each struct the fields' values as they stand there.
-    defaults: BTreeMap<String, BTreeMap<String, String>>,
-    /// Functions without arguments, which give defaults.
-    functions: BTreeMap<String, String>,
+/// Asks a type for the keys of the table at a path, in the order in which they are declared: a schema knows
+/// them by name only. The answer comes as the error.
+#[derive(Clone, Copy)]
+struct Order<'p>(&'p [&'p str]);
+
+impl<'de> Deserializer<'de> for Order<'_> {
+    type Error = Error;
+
+    fn deserialize_struct<V: Visitor<'de>>(
+        self,
+        _: &'static str,
+        fields: &'static [&'static str],
+        visitor: V,
+    ) -> Result<V::Value, Error> {
+        match self.0.split_first() {
+            None => Err(Error::custom(fields.join(" "))),
+            Some((&key, rest)) => {
+                visitor.visit_map(MapDeserializer::new(std::iter::once((key, Order(rest)))))
+            }
+        }
+    }
+
+    fn deserialize_option<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
+        visitor.visit_some(self)
+    }
+
+    fn deserialize_any<V: Visitor<'de>>(self, _: V) -> Result<V::Value, Error> {
+        Err(Error::custom("no table"))
+    }
+
+    forward_to_deserialize_any! {
+        bool i8 i16 i32 i64 u8 u16 u32 u64 f32 f64 char str string bytes byte_buf unit unit_struct
+        newtype_struct seq tuple tuple_struct map enum identifier ignored_any
+    }
 }
 
-impl Sources {
-    fn new(files: &[&str]) -> Self {
-        let mut sources = Self::default();
-        for file in files {
-            let parsed = syn::parse_file(&read(file)).unwrap_or_else(|e| panic!("{file}: {e}"));
-            for item in parsed.items {
-                sources.add(item);
-            }
-        }
-        sources
-    }
+impl IntoDeserializer<'_> for Order<'_> {
+    type Deserializer = Self;
 
-    fn add(&mut self, item: Item) {
-        match item {
-            Item::Struct(item) => {
-                self.structs.insert(item.ident.to_string(), item);
-            }
-            Item::Enum(item) => {
-                self.enums.insert(item.ident.to_string(), item);
-            }
-            Item::Fn(item) if item.sig.inputs.is_empty() => {
-                if let [syn::Stmt::Expr(value, None)] = item.block.stmts.as_slice() {
-                    self.functions
-                        .insert(item.sig.ident.to_string(), expression(value));
-                }
-            }
-            Item::Impl(item) => {
-                let is_default = item
-                    .trait_
-                    .as_ref()
-                    .is_some_and(|(_, path, _)| path.is_ident("Default"));
-                let (true, Type::Path(of)) = (is_default, &*item.self_ty) else {
-                    return;
-                };
-                let Some(syn::ImplItem::Fn(function)) = item.items.first() else {
-                    return;
-                };
-                if let [syn::Stmt::Expr(Expr::Struct(values), None)] =
-                    function.block.stmts.as_slice()
-                {
-                    let fields = values.fields.iter().map(|field| {
-                        let syn::Member::Named(name) = &field.member else {
-                            panic!("a field has a name")
-                        };
-                        (name.to_string(), expression(&field.expr))
-                    });
-                    let of = of.path.segments.last().expect("a name").ident.to_string();
-                    self.defaults.insert(of, fields.collect());
-                }
-            }
-            _ => {}
-        }
+    fn into_deserializer(self) -> Self {
+        self
     }
+}
 
-    /// The tables of a struct and of those in it, `path` being where it stands in the file.
-    fn tables(&self, text: &mut String, name: &str, path: &str, shipped: &toml::Table) {
-        let item = &self.structs[name];
+fn order<T: for<'de> Deserialize<'de>>(path: &[&str]) -> Vec<String> {
+    let told = T::deserialize(Order(path))
+        .err()
+        .expect("no file")
+        .to_string();
+    told.split(' ').map(str::to_owned).collect()
+}
+
+/// A kind of file: its schema, the order of its keys, and a file of this kind that is shipped.
+struct File {
+    schema: Value,
+    order: fn(&[&str]) -> Vec<String>,
+    shipped: toml::Table,
+}
+
+impl File {
+    /// The table at a path and those in it; `how` says what is said of it where it stands.
+    fn table(&self, text: &mut String, path: &[&str], table: &Value, how: &str) {
         let title = if path.is_empty() {
             "At the top".to_owned()
         } else {
-            format!("`[{path}]`")
+            format!("`[{}]`", path.join("."))
         };
-        let _ = writeln!(text, "### {title}\n\n{}\n", doc(&item.attrs));
-        let mut inside = Vec::new();
-        let mut rows = String::new();
-        let named = if let Fields::Named(named) = &item.fields {
-            named.named.iter().collect::<Vec<_>>()
-        } else {
-            // What is made from other keys.
-            let keys = serde(&item.attrs, "try_from").expect("a struct of keys");
-            let Fields::Named(named) = &self.structs[&keys].fields else {
-                panic!("{keys} has no keys")
-            };
-            named.named.iter().collect()
+        let _ = writeln!(text, "### {title}\n\n{}{how}\n", description(table));
+        let keys = table["properties"].as_object().expect("a table has keys");
+        let order = (self.order)(path);
+        let mut named: Vec<_> = keys
+            .iter()
+            // A former name is for files of old.
+            .filter(|(_, key)| key["deprecated"] != true)
+            .collect();
+        named.sort_by_key(|(name, _)| order.iter().position(|of| of == *name).expect("declared"));
+        let required = |name: &str| {
+            let all = table["required"].as_array();
+            all.is_some_and(|all| all.iter().any(|of| of == name))
         };
-        for field in named {
-            if flag(&field.attrs, "skip") {
+        let (mut inside, mut rows) = (Vec::new(), String::new());
+        for (name, key) in named {
+            let mut here = path.to_vec();
+            here.push(name);
+            let of = self.resolved(key);
+            if of.get("properties").is_some() {
+                inside.push((here, of, how_it_stands(key, of, required(name))));
                 continue;
             }
-            let rust = field.ident.as_ref().expect("a name").to_string();
-            let key = serde(&field.attrs, "rename").unwrap_or_else(|| rust.clone());
-            let here = if path.is_empty() {
-                key.clone()
-            } else {
-                format!("{path}.{key}")
+            let default = match key.get("default") {
+                Some(default) => value(&toml::Value::try_from(default).expect("TOML")),
+                None if required(name) => "required".to_owned(),
+                None => "none".to_owned(),
             };
-            let (of, optional) = Self::type_of(&field.ty);
-            if self.structs.contains_key(&of) {
-                inside.push((of, here));
-                continue;
-            }
-            let default = self.where_left_out(item, field, &rust, optional);
-            let there = at(shipped, &here).map_or_else(|| "-".to_owned(), value);
+            let shipped = at(&self.shipped, &here).map_or_else(|| "-".to_owned(), value);
             let _ = writeln!(
                 rows,
-                "| `{key}` | {} | {} | {default} | {there} |",
-                doc(&field.attrs),
-                self.accepted(field, &of),
+                "| `{name}` | {} | {} | {default} | {shipped} |",
+                description(key).replace('|', "\\|"),
+                accepted(of),
             );
         }
         if !rows.is_empty() {
@@ -177,217 +175,98 @@ impl Sources {
                  |---|---|---|---|---|\n{rows}"
             );
         }
-        for (of, here) in inside {
-            self.tables(text, &of, &here, shipped);
+        for (here, of, how) in inside {
+            self.table(text, &here, of, &how);
         }
     }
 
-    fn where_left_out(
-        &self,
-        item: &ItemStruct,
-        field: &Field,
-        rust: &str,
-        optional: bool,
-    ) -> String {
-        let written = || {
-            let of = self.defaults.get(&item.ident.to_string())?;
-            of.get(rust).map(|value| format!("`{value}` (SI)"))
-        };
-        if flag(&item.attrs, "default") {
-            return written().expect("a struct with a default has it written out");
+    /// What a schema refers to, or itself.
+    fn resolved<'s>(&'s self, schema: &'s Value) -> &'s Value {
+        let whole = schema["allOf"].as_array().and_then(|all| all.first());
+        let whole = whole.unwrap_or(schema);
+        match whole["$ref"].as_str() {
+            Some(place) => self.schema.pointer(&place[1..]).expect("a definition"),
+            None => whole,
         }
-        match serde(&field.attrs, "default") {
-            Some(function) => match self.functions[&function].as_str() {
-                "f64 :: INFINITY" => "none".to_owned(),
-                value => format!("`{value}` (SI)"),
-            },
-            None if optional => "none".to_owned(),
-            None if flag(&field.attrs, "default") => match Self::type_of(&field.ty).0.as_str() {
-                "f64" => "`0`".to_owned(),
-                of => {
-                    let item = &self.enums[of];
-                    let variant = item
-                        .variants
-                        .iter()
-                        .find(|v| v.attrs.iter().any(|a| a.path().is_ident("default")))
-                        .expect("an enum with a default");
-                    format!("`{}`", variant_name(item, variant))
-                }
-            },
-            None => "required".to_owned(),
-        }
-    }
-
-    /// The last word of a type behind `Option` and `Box`, and whether it was optional.
-    fn type_of(ty: &Type) -> (String, bool) {
-        let Type::Path(path) = ty else {
-            return ("array".to_owned(), false);
-        };
-        let last = path.path.segments.last().expect("a name");
-        let name = last.ident.to_string();
-        if let ("Option" | "Box", syn::PathArguments::AngleBracketed(arguments)) =
-            (name.as_str(), &last.arguments)
-            && let Some(syn::GenericArgument::Type(inner)) = arguments.args.first()
-        {
-            let (of, optional) = Self::type_of(inner);
-            return (of, optional || name == "Option");
-        }
-        (name, false)
-    }
-
-    fn accepted(&self, field: &Field, of: &str) -> String {
-        if let Some(with) = serde(&field.attrs, "deserialize_with") {
-            return quantity(with.rsplit("::").next().expect("a name"));
-        }
-        if let Some(item) = self.enums.get(of) {
-            let names: Vec<String> = item
-                .variants
-                .iter()
-                .map(|v| format!("`{}`", variant_name(item, v)))
-                .collect();
-            return names.join(", ");
-        }
-        match of {
-            "String" => "text",
-            "u32" | "u64" => "a whole number of zero or more",
-            "f64" => "a number",
-            "array" => "an array of numbers",
-            "Vec" => "an array of pairs of numbers",
-            "MicroModel" => "a table that `identify hysteresis` writes",
-            other => panic!("nothing is known of the type {other}"),
-        }
-        .to_owned()
     }
 }
 
-fn variant_name(item: &ItemEnum, variant: &syn::Variant) -> String {
-    if let Some(name) = serde(&variant.attrs, "rename") {
-        return name;
+/// What is said of a table where it stands, beside what is said of all of its kind.
+fn how_it_stands(key: &Value, of: &Value, required: bool) -> String {
+    let mut how = String::new();
+    let here = description(key);
+    if !description(of).starts_with(here.trim_end_matches('.')) {
+        let _ = write!(how, " {here}");
     }
-    let name = variant.ident.to_string();
-    match serde(&item.attrs, "rename_all").as_deref() {
-        Some("lowercase") => name.to_lowercase(),
-        Some("kebab-case") => {
-            let mut kebab = String::new();
-            for letter in name.chars() {
-                if letter.is_uppercase() && !kebab.is_empty() {
-                    kebab.push('-');
-                }
-                kebab.extend(letter.to_lowercase());
+    match &key["default"] {
+        Value::Null if required => {}
+        Value::Null => how.push_str(" May be left out."),
+        default => {
+            let default = toml::Value::try_from(default).expect("TOML");
+            let _ = write!(how, " Where it is left out it is `{default}`.");
+        }
+    }
+    how
+}
+
+fn description(schema: &Value) -> &str {
+    schema["description"].as_str().unwrap_or_default()
+}
+
+/// What a key accepts, in words.
+fn accepted(schema: &Value) -> String {
+    // A quantity says it itself.
+    if let Some(title) = schema["title"].as_str() {
+        return title.to_owned();
+    }
+    if let Some(values) = schema["oneOf"].as_array() {
+        let names: Vec<_> = values.iter().map(|of| format!("`{}`", text(of))).collect();
+        return names.join(", ");
+    }
+    let bound = |key: &str| schema[key].as_f64();
+    match schema["type"].as_str().expect("a type") {
+        "string" => "text".to_owned(),
+        of @ ("number" | "integer") => {
+            let number = if of == "integer" {
+                "a whole number"
+            } else {
+                "a number"
+            };
+            match (
+                bound("exclusiveMinimum"),
+                bound("minimum"),
+                bound("maximum"),
+            ) {
+                (None, None, None) => number.to_owned(),
+                (Some(0.0), None, None) => format!("{number} above zero"),
+                (None, Some(0.0), None) => format!("{number} of zero or more"),
+                (None, Some(1.0), None) => format!("{number} of one or more"),
+                (None, Some(least), Some(most)) => format!("{number} from {least} to {most}"),
+                other => panic!("nothing is known of bounds {other:?}"),
             }
-            kebab
         }
-        _ => name,
-    }
-}
-
-/// What a function of `pigtail_hal::quantity` accepts, in its own words where it has some.
-fn quantity(function: &str) -> String {
-    match function {
-        "positive" => return "a number above zero".to_owned(),
-        "non_negative" => return "a number of zero or more".to_owned(),
-        "fraction" => return "a number from 0 to 1".to_owned(),
-        "one_or_more" => return "a number of one or more".to_owned(),
-        "lengths" => return "an array of lengths (m, mm, um, nm)".to_owned(),
-        "points" => return "an array of points, each of lengths (m, mm, um, nm)".to_owned(),
-        "angles" => return "an array of angles (deg, rad, mrad)".to_owned(),
-        _ => {}
-    }
-    let (sign, dimension) = if let Some(rest) = function.strip_prefix("optional_") {
-        (" above zero", rest)
-    } else if let Some(rest) = function.strip_prefix("positive_") {
-        (" above zero", rest)
-    } else if let Some(rest) = function.strip_prefix("non_negative_") {
-        (" of zero or more", rest)
-    } else {
-        ("", function)
-    };
-    let source = read("crates/hal/src/quantity.rs");
-    let start = format!("    {} {dimension} ", dimension.to_uppercase());
-    let at = source
-        .find(&start)
-        .unwrap_or_else(|| panic!("no dimension {dimension}"));
-    let entry = &source[at..at + source[at..].find(';').expect("an end")];
-    let (head, units) = entry.split_once('[').expect("units");
-    let name = head.split('"').nth(1).expect("a name");
-    let units: Vec<&str> = units.split('"').skip(1).step_by(2).collect();
-    format!("{name}{sign} ({})", units.join(", "))
-}
-
-fn expression(value: &Expr) -> String {
-    use quote::ToTokens;
-    match value {
-        // `Type::default()` and the like stand for a table of defaults of its own.
-        Expr::Call(_) => "its own".to_owned(),
-        other => other.to_token_stream().to_string(),
-    }
-}
-
-/// The doc comment as one line of Markdown; links to items become code.
-fn doc(attributes: &[Attribute]) -> String {
-    let mut lines = Vec::new();
-    for attribute in attributes {
-        if let Meta::NameValue(pair) = &attribute.meta
-            && pair.path.is_ident("doc")
-            && let Expr::Lit(literal) = &pair.value
-            && let Lit::Str(text) = &literal.lit
-        {
-            lines.push(text.value().trim().to_owned());
+        "array" => {
+            let count = schema["maxItems"].as_u64().map(|n| format!("{n} "));
+            let each = match (&schema["items"]["type"], &schema["items"]["maxItems"]) {
+                (Value::String(of), _) if of == "number" => "numbers",
+                (_, Value::Number(two)) if two.as_u64() == Some(2) => "pairs of numbers",
+                _ => panic!("nothing is known of an array of {}", schema["items"]),
+            };
+            format!("an array of {}{each}", count.unwrap_or_default())
         }
+        other => panic!("nothing is known of the type {other}"),
     }
-    let mut text = lines.join(" ").replace("[`", "`").replace("`]", "`");
-    // Where a link leads to is of no use outside of the code.
-    while let Some(at) = text.find("`(") {
-        let end = text[at..].find(')').expect("a link ends");
-        text.replace_range(at + 1..=at + end, "");
-    }
-    text.replace('|', "\\|")
 }
 
-/// The value of a serde attribute.
-fn serde(attributes: &[Attribute], key: &str) -> Option<String> {
-    let mut found = None;
-    each_serde(attributes, |name, value| {
-        if name == key {
-            found = value.or(found.take());
-        }
-    });
-    found
-}
-
-/// Whether a serde attribute without a value is there.
-fn flag(attributes: &[Attribute], key: &str) -> bool {
-    let mut found = false;
-    each_serde(attributes, |name, value| {
-        found |= name == key && value.is_none();
-    });
-    found
-}
-
-fn each_serde(attributes: &[Attribute], mut see: impl FnMut(&str, Option<String>)) {
-    for attribute in attributes.iter().filter(|a| a.path().is_ident("serde")) {
-        attribute
-            .parse_nested_meta(|meta| {
-                let name = meta.path.get_ident().expect("a word").to_string();
-                let value = match meta.value() {
-                    Ok(value) => Some(value.parse::<syn::LitStr>()?.value()),
-                    Err(_) => None,
-                };
-                see(&name, value);
-                Ok(())
-            })
-            .expect("a serde attribute");
-    }
+fn text(one: &Value) -> &str {
+    one["const"].as_str().expect("a name")
 }
 
 /// The value at a path of a file, if it is there.
-fn at<'t>(table: &'t toml::Table, path: &str) -> Option<&'t toml::Value> {
-    let mut keys = path.split('.');
-    let mut value = table.get(keys.next()?)?;
-    for key in keys {
-        value = value.get(key)?;
-    }
-    Some(value)
+fn at<'t>(table: &'t toml::Table, path: &[&str]) -> Option<&'t toml::Value> {
+    let (first, rest) = path.split_first()?;
+    rest.iter()
+        .try_fold(table.get(*first)?, |value, key| value.get(*key))
 }
 
 fn value(value: &toml::Value) -> String {
@@ -406,55 +285,50 @@ fn the_page_of_files_is_what_is_read() {
         "# Files\n\nA quantity is a text of a number and a unit, `\"5 um\"`. Inside all is SI. Unknown keys \
          are refused. Beside what stands here some keys are checked against each other; the error then \
          names the file, the key, the value and what would be accepted. \"Shipped\" is the value in \
-         `rigs/afpm` and in `recipes/y-branch.toml`. This page is made from the structs that the files \
-         are read into; a test fails when it is out of date.\n\n\
+         `rigs/afpm` and in `recipes/y-branch.toml`. This page is made from what \
+         the program reads the files into, as are the schemas that `pigtail schema` prints for an editor; a test \
+         fails when it is out of date.\n\n\
          A rig may have a fourth file, `measured.toml`, with the tables `plant` and `calibration`: keys of those \
          two files for the machine that `reproduce` measures on, where it is not the one of the files themselves. \
          Nothing else reads it.\n\n",
     );
-    for (file, about, shipped, root, sources) in [
+    for (name, about, shipped, kind, order) in [
         (
             "machine.toml",
             "The datasheet: everyone may read it.",
             "rigs/afpm/machine.toml",
-            "Spec",
-            &["crates/hal/src/spec.rs"][..],
+            FileKind::Machine,
+            order::<Spec> as fn(&[&str]) -> Vec<String>,
         ),
         (
             "plant.toml",
             "The truth: only the twin reads it.",
             "rigs/afpm/plant.toml",
-            "Plant",
-            &[
-                "crates/twin/src/plant.rs",
-                "crates/twin/src/plant/joint.rs",
-                "crates/twin/src/unrest.rs",
-            ],
+            FileKind::Plant,
+            order::<Plant>,
         ),
         (
             "calibration.toml",
             "The belief: only control reads it. Programs that measure write it.",
             "rigs/afpm/calibration.toml",
-            "Calibration",
-            &[
-                "crates/control/src/calibration.rs",
-                "crates/control/src/impulse/belief.rs",
-            ],
+            FileKind::Calibration,
+            order::<Calibration>,
         ),
         (
             "A recipe",
             "A device and how to align it.",
             "recipes/y-branch.toml",
-            "Recipe",
-            &[
-                "crates/control/src/recipe.rs",
-                "crates/control/src/recipe/fast.rs",
-            ],
+            FileKind::Recipe,
+            order::<Recipe>,
         ),
     ] {
-        let _ = writeln!(text, "## {file}\n\n{about}\n");
-        let values: toml::Table = read(shipped).parse().expect("TOML");
-        Sources::new(sources).tables(&mut text, root, "", &values);
+        let _ = writeln!(text, "## {name}\n\n{about}\n");
+        let file = File {
+            schema: kind.schema(),
+            order,
+            shipped: read(shipped).parse().expect("TOML"),
+        };
+        file.table(&mut text, &[], &file.schema, "");
     }
     page("files.md", &text);
 }

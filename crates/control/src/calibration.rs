@@ -4,30 +4,31 @@ use crate::compensation::micro::MicroModel;
 use crate::impulse::belief::ImpulseBeliefs;
 use pigtail_hal::{Error, Side, Spec, config, quantity};
 use pigtail_model::windup::{ELEMENTS, Memory, POWERS, Reversal, Windup};
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
 
 /// The content of a `calibration.toml`. Written by the programs that measure, never by hand in
 /// daily use; every table says when and by which run it was found.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {
-    /// The servo gains.
+    /// Servo gains of each kind of axis.
     pub gains: Gains,
     /// Dimensions and places.
     pub geometry: Geometry,
-    /// Windup of the transmissions, of the kinds of axes where it has been identified.
+    /// Windup of each kind of axis where it has been identified.
     #[serde(default)]
     pub windup: Windups,
-    /// Hysteresis of the micro manipulators' piezos, where it has been identified.
+    /// Hysteresis of each manipulator's piezos where it has been identified.
     #[serde(default)]
     pub hysteresis: Hystereses,
-    /// What pulses do, of the kinds of axes where it has been measured.
+    /// Pulses of each kind of axis where they have been measured.
     #[serde(default)]
     pub impulse: ImpulseBeliefs,
 }
 
-/// Hysteresis of each manipulator's piezos.
-#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+/// Hysteresis of each manipulator's piezos where it has been identified.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Hystereses {
     /// Of the input's manipulator.
@@ -70,18 +71,20 @@ impl Hystereses {
 }
 
 /// Hysteresis of a manipulator's piezos as it was identified.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct HysteresisBelief {
     /// Name of the model.
     pub model: String,
-    /// The file beside this one that holds its weights. Control reads no files: whoever parses a
-    /// calibration reads it, and calls [`Self::load`]. A small model may stand in `micro` instead.
+    /// The file beside this one that holds its weights. A small model may stand in `micro` instead.
+    // Control reads no files: whoever parses a calibration reads it, and calls `load`.
     pub weights: Option<String>,
     /// The model itself.
+    #[serde(default)]
+    #[schemars(schema_with = "written")]
     pub micro: Option<Box<MicroModel>>,
     /// Root mean square that the model left of the displacement, metres.
-    #[serde(deserialize_with = "quantity::non_negative_length")]
+    #[serde(with = "quantity::NonNegativeLength")]
     pub residual: f64,
     /// When it was found.
     pub date: String,
@@ -89,6 +92,11 @@ pub struct HysteresisBelief {
     pub origin: String,
     #[serde(skip)]
     loaded: Option<Box<MicroModel>>,
+}
+
+/// Nobody writes a model by hand: an editor is told no more of it than who does.
+fn written(_: &mut SchemaGenerator) -> Schema {
+    json_schema!({"type": "object", "title": "a table that `identify hysteresis` writes"})
 }
 
 impl HysteresisBelief {
@@ -114,8 +122,8 @@ impl HysteresisBelief {
     }
 }
 
-/// Windup of each kind of axis.
-#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+/// Windup of each kind of axis where it has been identified.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Windups {
     /// Of a five-bar joint.
@@ -125,25 +133,25 @@ pub struct Windups {
 }
 
 /// Windup of an axis as it was identified.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct WindupBelief {
     /// Which of the two models compensates it.
     pub model: WindupModel,
     /// `W_max` of (2.20), radians of the output.
-    #[serde(deserialize_with = "quantity::positive_angle")]
+    #[serde(with = "quantity::PositiveAngle")]
     pub w_max: f64,
     /// `Q` of (2.20), radians of the output.
-    #[serde(deserialize_with = "quantity::positive_angle")]
+    #[serde(with = "quantity::PositiveAngle")]
     pub q: f64,
     /// Hardening of [`Memory`]: the parts that go with the first to the fifth power of the torque,
     /// radians.
-    #[serde(deserialize_with = "quantity::angles")]
+    #[serde(with = "quantity::Angles::<POWERS>")]
     pub hardening: [f64; POWERS],
     /// The elements of [`Memory`]: way (radians) and share of the torque, at most 16.
     pub elements: Vec<[f64; 2]>,
     /// Root mean square that the model left of the windup, radians.
-    #[serde(deserialize_with = "quantity::non_negative_angle")]
+    #[serde(with = "quantity::NonNegativeAngle")]
     pub residual: f64,
     /// When it was found.
     pub date: String,
@@ -152,7 +160,7 @@ pub struct WindupBelief {
 }
 
 /// A model of windup.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum WindupModel {
     /// The thesis's, [`Reversal`].
@@ -205,7 +213,7 @@ impl WindupBelief {
 }
 
 /// Servo gains of each kind of axis.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Gains {
     /// Of a five-bar joint.
@@ -215,20 +223,20 @@ pub struct Gains {
 }
 
 /// Gains of the PID (2.14).
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AxisGains {
     /// Proportional, V/count.
-    #[serde(deserialize_with = "quantity::non_negative_proportional")]
+    #[serde(with = "quantity::NonNegativeProportional")]
     pub kp: f64,
     /// Integral, V/(count s).
-    #[serde(deserialize_with = "quantity::non_negative_integral")]
+    #[serde(with = "quantity::NonNegativeIntegral")]
     pub ki: f64,
     /// Derivative, V s/count.
-    #[serde(deserialize_with = "quantity::non_negative_derivative")]
+    #[serde(with = "quantity::NonNegativeDerivative")]
     pub kd: f64,
     /// Bound of the integral's part of the voltage, volts.
-    #[serde(deserialize_with = "quantity::positive_voltage")]
+    #[serde(with = "quantity::PositiveVoltage")]
     pub integral_limit: f64,
     /// When it was found.
     pub date: String,
@@ -237,36 +245,36 @@ pub struct AxisGains {
 }
 
 /// Dimensions and places.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Geometry {
-    /// The five-bars.
+    /// Links of the five-bars.
     pub five_bar: FiveBarGeometry,
-    /// The z-stages.
+    /// Screws of the z-stages.
     pub z: ZGeometry,
-    /// The micro manipulators.
+    /// Micro manipulators.
     pub micro: MicroGeometry,
-    /// Where the input's manipulator stands.
+    /// The input's manipulator.
     pub left: PlacementBelief,
-    /// Where the outputs' manipulator stands.
+    /// The outputs' manipulator.
     pub right: PlacementBelief,
 }
 
 /// Links of the five-bars.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FiveBarGeometry {
     /// Distance of the bases, metres.
-    #[serde(deserialize_with = "quantity::non_negative_length")]
+    #[serde(with = "quantity::NonNegativeLength")]
     pub base: f64,
     /// Length of the proximal links, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub proximal: f64,
     /// Length of the distal links, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub distal: f64,
     /// Endpoint at home, from the middle of the bases, metres.
-    #[serde(deserialize_with = "quantity::lengths")]
+    #[serde(with = "quantity::Lengths::<2>")]
     pub home: [f64; 2],
     /// When it was found.
     pub date: String,
@@ -275,11 +283,11 @@ pub struct FiveBarGeometry {
 }
 
 /// Screws of the z-stages.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ZGeometry {
     /// Travel for one turn of the screw, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub lead: f64,
     /// When it was found.
     pub date: String,
@@ -288,11 +296,11 @@ pub struct ZGeometry {
 }
 
 /// Micro manipulators.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MicroGeometry {
     /// Displacement of an axis per volt, metres a volt.
-    #[serde(deserialize_with = "quantity::positive_piezo_gain")]
+    #[serde(with = "quantity::PositivePiezoGain")]
     pub gain: f64,
     /// When it was found.
     pub date: String,
@@ -301,14 +309,14 @@ pub struct MicroGeometry {
 }
 
 /// Where a manipulator stands.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlacementBelief {
     /// Its endpoint at home in the chip's frame, metres.
-    #[serde(deserialize_with = "quantity::lengths")]
+    #[serde(with = "quantity::Lengths::<3>")]
     pub home: [f64; 3],
     /// Its rotation about y, radians.
-    #[serde(deserialize_with = "quantity::angle")]
+    #[serde(with = "quantity::Angle")]
     pub yaw: f64,
     /// When it was found.
     pub date: String,

@@ -8,16 +8,17 @@ pub use fast::{ConicalScan, Fast, Mode, OverTop, Sweep};
 use pigtail_hal::spec::OUTPUTS;
 use pigtail_hal::{Error, Side, Spec, config, quantity};
 use pigtail_model::frames::{Chip, Point};
+use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::PI;
 
 /// The content of a recipe file.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Recipe {
     /// The recipe's name.
     pub name: String,
-    /// Where the device's ports are by design.
+    /// The device's ports in the chip's frame, by design.
     pub ports: Ports,
     /// Placement by vision.
     pub coarse: Coarse,
@@ -42,87 +43,87 @@ pub struct Recipe {
     pub fast: Fast,
 }
 
-/// The device's ports in the chip's frame.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+/// The device's ports in the chip's frame, by design.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Ports {
     /// The input, metres.
-    #[serde(deserialize_with = "quantity::lengths")]
+    #[serde(with = "quantity::Lengths::<3>")]
     pub input: [f64; 3],
     /// The outputs, metres.
-    #[serde(deserialize_with = "quantity::points")]
+    #[serde(with = "quantity::Points::<OUTPUTS, 3>")]
     pub outputs: [[f64; 3]; OUTPUTS],
     /// Angle of the light outside the facets from the z axis towards x, by design, radians. What
     /// is really so is found by climbing.
-    #[serde(deserialize_with = "quantity::angle")]
+    #[serde(with = "quantity::Angle")]
     pub exit_angle: f64,
 }
 
 /// Placement by vision (thesis 3.2.2).
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Coarse {
     /// Gap at which a holder may move sideways, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub clearance: f64,
     /// Gap of the first look, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub far: f64,
     /// Vision frames averaged in a look.
     pub frames: u32,
     /// How near to its place across the chip a tip must be seen, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub tolerance: f64,
     /// Way from below on every arrival, which leaves the transmissions wound up alike, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub run_up: f64,
 }
 
 /// Finding the chip's top with the sensing fiber (thesis 3.2.2).
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Sensing {
     /// How far below the top it starts, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub below: f64,
     /// Speed upward, m/s.
-    #[serde(deserialize_with = "quantity::positive_speed")]
+    #[serde(with = "quantity::PositiveSpeed")]
     pub speed: f64,
     /// Share of the brightest level below which the fiber has passed the top.
-    #[serde(deserialize_with = "quantity::fraction")]
+    #[serde(with = "quantity::Fraction")]
     pub threshold: f64,
     /// How far to either side to try again when no input light is found, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub sidestep: f64,
 }
 
 /// The blind search (thesis 3.2): the micro sweeps in x, the macro creeps in y.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Raster {
     /// Width of the area, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub x: f64,
     /// Height of the area, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub y: f64,
     /// Spacing of lines and of samples on them, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub mesh: f64,
     /// Frequency of the sweep, hertz.
-    #[serde(deserialize_with = "quantity::positive_frequency")]
+    #[serde(with = "quantity::PositiveFrequency")]
     pub frequency: f64,
     /// How much further down to start, for what kinematics and compensation may err by, metres.
-    #[serde(deserialize_with = "quantity::non_negative_length")]
+    #[serde(with = "quantity::NonNegativeLength")]
     pub margin: f64,
     /// How much further up to go for what the transmissions hold back, metres.
-    #[serde(deserialize_with = "quantity::non_negative_length")]
+    #[serde(with = "quantity::NonNegativeLength")]
     pub overscan: f64,
     /// Gap between facet and tip, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub gap: f64,
     /// Standard deviations above the background that count as light.
-    #[serde(deserialize_with = "quantity::positive")]
+    #[serde(with = "quantity::Positive")]
     pub significance: f64,
 }
 
@@ -139,54 +140,54 @@ impl Raster {
 }
 
 /// The nine-point climb (thesis 3.3).
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Climb {
     /// Distance of neighbouring points, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub step: f64,
     /// Time at each point, seconds.
-    #[serde(deserialize_with = "quantity::positive_time")]
+    #[serde(with = "quantity::PositiveTime")]
     pub dwell: f64,
     /// Time between patterns, seconds.
-    #[serde(deserialize_with = "quantity::non_negative_time")]
+    #[serde(with = "quantity::NonNegativeTime")]
     pub pause: f64,
     /// Longest climb, seconds.
-    #[serde(deserialize_with = "quantity::positive_time")]
+    #[serde(with = "quantity::PositiveTime")]
     pub timeout: f64,
 }
 
 /// The way to the chip (thesis 3.3).
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Approach {
     /// Vision frames averaged to know the gap before it.
     pub frames: u32,
     /// Gap at its end, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub gap: f64,
     /// Speed, m/s.
-    #[serde(deserialize_with = "quantity::positive_speed")]
+    #[serde(with = "quantity::PositiveSpeed")]
     pub speed: f64,
 }
 
 /// The last climb.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Last {
     /// Nine-point patterns averaged around the last centre, at least.
     pub patterns: u32,
     /// How well the peak must be known, one standard deviation, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub accuracy: f64,
 }
 
 /// What counts as aligned.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Accept {
     /// Factor by which the light must have grown on approach.
-    #[serde(deserialize_with = "quantity::positive")]
+    #[serde(with = "quantity::Positive")]
     pub growth: f64,
 }
 

@@ -135,7 +135,7 @@ mod tests {
     #[derive(Debug, serde::Deserialize)]
     #[serde(deny_unknown_fields)]
     struct Noise {
-        #[serde(deserialize_with = "quantity::non_negative_voltage")]
+        #[serde(with = "quantity::NonNegativeVoltage")]
         volts: f64,
     }
 

@@ -1,12 +1,17 @@
 //! Numbers with units: the wire types, the one table of units, and the quantities of configuration files.
 //!
 //! A quantity in a file is a string of a number and a unit, `"5 um"`. It is parsed once, while
-//! loading, and is SI in `f64` from then on. Each function of this module is meant for serde's
-//! `deserialize_with`; its error names the text and what would be accepted.
+//! loading, and is SI in `f64` from then on. What a key accepts is named by a type of this module in serde's
+//! `with`: it reads the key, with an error that names the text and what would be accepted; it writes a default
+//! as a file would have it; and it is the key's part of the file's JSON Schema.
 
+use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::de::{Deserializer, Error};
+use serde::ser::Serializer;
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
 use std::f64::consts::{PI, TAU};
+use std::marker::PhantomData;
 
 /// A position in encoder counts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Hash)]
@@ -57,6 +62,66 @@ impl Dimension {
         own.map_or("", |(unit, _)| unit)
     }
 
+    /// What a key of this dimension accepts, in words: `a length above zero (m, mm, um, nm)`.
+    fn accepted(&self, sign: Sign) -> String {
+        let range = match sign {
+            Sign::Any => "",
+            Sign::NonNegative => " of zero or more",
+            Sign::Positive => " above zero",
+        };
+        format!("{}{range} ({})", self.name, self.names())
+    }
+
+    /// Its units, one after the other.
+    fn names(&self) -> String {
+        let units: Vec<_> = self.units.iter().map(|(unit, _)| *unit).collect();
+        units.join(", ")
+    }
+
+    /// An SI value as a file would have it, in the unit that makes the shortest number of it.
+    ///
+    /// ```
+    /// use pigtail_hal::quantity::{LENGTH, TIME};
+    /// assert_eq!(LENGTH.text(300e-6), "300 um");
+    /// assert_eq!(TIME.text(0.1), "100 ms");
+    /// assert_eq!(TIME.text(0.0), "0 s");
+    /// ```
+    pub fn text(&self, value: f64) -> String {
+        let own = || format!("{value} {}", self.si());
+        if value == 0.0 {
+            return own();
+        }
+        let texts = self.units.iter().map(|(unit, factor)| {
+            // Twelve digits are more than anybody writes, and hide what dividing leaves in the last one.
+            let number = format!("{:.11e}", value / factor);
+            let number = number.parse::<f64>().unwrap_or(f64::NAN);
+            (number, format!("{number} {unit}"))
+        });
+        let same = texts.filter(|(_, text)| self.parse(text, Sign::Any) == Ok(value));
+        same.min_by_key(|(number, text)| (!(1.0..1000.0).contains(&number.abs()), text.len()))
+            .map_or_else(own, |(_, text)| text)
+    }
+
+    /// The JSON Schema of a key of this dimension.
+    fn schema(&self, sign: Sign) -> Schema {
+        let number = match sign {
+            Sign::Any => r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)",
+            Sign::NonNegative => r"\+?([0-9]+\.?[0-9]*|\.[0-9]+)",
+            // A digit that is not zero, before the point or behind it.
+            Sign::Positive => r"\+?([0-9]*[1-9][0-9]*\.?[0-9]*|[0-9]*\.[0-9]*[1-9][0-9]*)",
+        };
+        let units: Vec<_> = self
+            .units
+            .iter()
+            .map(|(unit, _)| unit.replace('(', r"\(").replace(')', r"\)"))
+            .collect();
+        json_schema!({
+            "type": "string",
+            "title": self.accepted(sign),
+            "pattern": format!(r"^\s*{number}([eE][+-]?[0-9]+)? \s*({})\s*$", units.join("|")),
+        })
+    }
+
     /// Parses `"5 um"` to SI.
     ///
     /// # Errors
@@ -71,12 +136,11 @@ impl Dimension {
     /// ```
     pub fn parse(&self, text: &str, sign: Sign) -> Result<f64, String> {
         let wanted = || {
-            let units: Vec<_> = self.units.iter().map(|(unit, _)| *unit).collect();
             format!(
                 "accepted is {} with its unit ({}), such as \"1 {}\"",
                 self.name,
-                units.join(", "),
-                units[0]
+                self.names(),
+                self.units[0].0
             )
         };
         let text = text.trim();
@@ -128,6 +192,18 @@ fn check_sign(value: f64, sign: Sign) -> Result<(), &'static str> {
     }
 }
 
+/// A quantity that a key of a file may state: a dimension, and a range of values.
+pub trait Quantity {
+    /// Its dimension.
+    const DIMENSION: Dimension;
+    /// What range of values is accepted.
+    const SIGN: Sign;
+}
+
+/// A quantity for a key that may be missing.
+#[derive(Debug)]
+pub struct Optional<Q>(PhantomData<Q>);
+
 macro_rules! dimensions {
     ($($constant:ident $any:ident $non_negative:ident $positive:ident $name:literal
        [$($unit:literal = $factor:expr),+];)+) => { $(
@@ -135,80 +211,111 @@ macro_rules! dimensions {
         pub const $constant: Dimension =
             Dimension { name: $name, units: &[$(($unit, $factor)),+] };
 
-        #[doc = concat!("Deserializes ", $name, " of any sign to SI.")]
-        ///
-        /// # Errors
-        ///
-        /// When the text is no such quantity.
-        pub fn $any<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
-            read(&$constant, Sign::Any, d)
-        }
-
-        #[doc = concat!("Deserializes ", $name, " of zero or more to SI.")]
-        ///
-        /// # Errors
-        ///
-        /// When the text is no such quantity, or negative.
-        pub fn $non_negative<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
-            read(&$constant, Sign::NonNegative, d)
-        }
-
-        #[doc = concat!("Deserializes ", $name, " of more than zero to SI.")]
-        ///
-        /// # Errors
-        ///
-        /// When the text is no such quantity, or not positive.
-        pub fn $positive<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
-            read(&$constant, Sign::Positive, d)
-        }
+        quantity! { $any $constant Any concat!("Reads ", $name, " of any sign to SI.") }
+        quantity! { $non_negative $constant NonNegative concat!("Reads ", $name, " of zero or more to SI.") }
+        quantity! { $positive $constant Positive concat!("Reads ", $name, " of more than zero to SI.") }
     )+ };
 }
 
+macro_rules! quantity {
+    ($quantity:ident $dimension:ident $sign:ident $doc:expr) => {
+        #[doc = $doc]
+        #[derive(Debug)]
+        pub struct $quantity;
+
+        impl Quantity for $quantity {
+            const DIMENSION: Dimension = $dimension;
+            const SIGN: Sign = Sign::$sign;
+        }
+
+        impl $quantity {
+            /// Reads the text of a number and a unit to SI.
+            ///
+            /// # Errors
+            ///
+            /// When the text is no such quantity.
+            pub fn deserialize<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
+                read(&$dimension, Sign::$sign, d)
+            }
+
+            /// Writes an SI value as such a text.
+            ///
+            /// # Errors
+            ///
+            /// None of its own.
+            pub fn serialize<S: Serializer>(value: &f64, s: S) -> Result<S::Ok, S::Error> {
+                s.serialize_str(&$dimension.text(*value))
+            }
+        }
+
+        described! { [] $quantity, |_| $dimension.schema(Sign::$sign) }
+    };
+}
+
+/// What a key of one of these types accepts stands where the key does, not among a schema's definitions.
+macro_rules! described {
+    ([$($parameters:tt)*] $type:ty, |$generator:pat_param| $schema:expr) => {
+        impl<$($parameters)*> JsonSchema for $type {
+            fn inline_schema() -> bool {
+                true
+            }
+
+            fn schema_name() -> Cow<'static, str> {
+                stringify!($type).into()
+            }
+
+            fn json_schema($generator: &mut SchemaGenerator) -> Schema {
+                $schema
+            }
+        }
+    };
+}
+
 dimensions! {
-    LENGTH length non_negative_length positive_length "a length"
+    LENGTH Length NonNegativeLength PositiveLength "a length"
         ["m" = 1.0, "mm" = 1e-3, "um" = 1e-6, "nm" = 1e-9];
-    ANGLE angle non_negative_angle positive_angle "an angle"
+    ANGLE Angle NonNegativeAngle PositiveAngle "an angle"
         ["deg" = PI / 180.0, "rad" = 1.0, "mrad" = 1e-3, "urad" = 1e-6, "arcsec" = PI / 648_000.0,
          "turn" = TAU];
-    TIME time non_negative_time positive_time "a time"
+    TIME Time NonNegativeTime PositiveTime "a time"
         ["s" = 1.0, "min" = 60.0, "ms" = 1e-3, "us" = 1e-6];
-    FREQUENCY frequency non_negative_frequency positive_frequency "a frequency"
+    FREQUENCY Frequency NonNegativeFrequency PositiveFrequency "a frequency"
         ["Hz" = 1.0, "kHz" = 1e3, "rad/s" = 0.5 / PI];
-    SPEED speed non_negative_speed positive_speed "a speed"
+    SPEED Speed NonNegativeSpeed PositiveSpeed "a speed"
         ["m/s" = 1.0, "mm/s" = 1e-3, "um/s" = 1e-6];
-    ACCELERATION acceleration non_negative_acceleration positive_acceleration "an acceleration"
+    ACCELERATION Acceleration NonNegativeAcceleration PositiveAcceleration "an acceleration"
         ["m/s2" = 1.0, "mm/s2" = 1e-3];
-    JERK jerk non_negative_jerk positive_jerk "a jerk"
+    JERK Jerk NonNegativeJerk PositiveJerk "a jerk"
         ["m/s3" = 1.0, "mm/s3" = 1e-3];
-    ROTATION rotation non_negative_rotation positive_rotation "a speed of rotation"
+    ROTATION Rotation NonNegativeRotation PositiveRotation "a speed of rotation"
         ["rpm" = PI / 30.0, "rad/s" = 1.0];
-    VOLTAGE voltage non_negative_voltage positive_voltage "a voltage"
+    VOLTAGE Voltage NonNegativeVoltage PositiveVoltage "a voltage"
         ["V" = 1.0, "mV" = 1e-3, "uV" = 1e-6];
-    INERTIA inertia non_negative_inertia positive_inertia "a moment of inertia"
+    INERTIA Inertia NonNegativeInertia PositiveInertia "a moment of inertia"
         ["kg m2" = 1.0];
-    FORCE force non_negative_force positive_force "a force"
+    FORCE Force NonNegativeForce PositiveForce "a force"
         ["N" = 1.0, "kN" = 1e3, "mN" = 1e-3, "uN" = 1e-6];
-    TORQUE torque non_negative_torque positive_torque "a torque"
+    TORQUE Torque NonNegativeTorque PositiveTorque "a torque"
         ["N m" = 1.0, "Nm" = 1.0, "mN m" = 1e-3, "mNm" = 1e-3, "uNm" = 1e-6];
-    STIFFNESS stiffness non_negative_stiffness positive_stiffness "a torsional stiffness"
+    STIFFNESS Stiffness NonNegativeStiffness PositiveStiffness "a torsional stiffness"
         ["N m/rad" = 1.0];
-    HARDENING hardening non_negative_hardening positive_hardening "a cubic stiffness"
+    HARDENING Hardening NonNegativeHardening PositiveHardening "a cubic stiffness"
         ["N m/rad3" = 1.0];
-    DAMPING damping non_negative_damping positive_damping "a viscous friction"
+    DAMPING Damping NonNegativeDamping PositiveDamping "a viscous friction"
         ["N m s/rad" = 1.0];
-    TORQUE_CONSTANT torque_constant non_negative_torque_constant positive_torque_constant
+    TORQUE_CONSTANT TorqueConstant NonNegativeTorqueConstant PositiveTorqueConstant
         "a torque constant" ["N m/A" = 1.0];
-    BACK_EMF back_emf non_negative_back_emf positive_back_emf "a back-emf constant"
+    BACK_EMF BackEmf NonNegativeBackEmf PositiveBackEmf "a back-emf constant"
         ["V s/rad" = 1.0];
-    RESISTANCE resistance non_negative_resistance positive_resistance "a resistance"
+    RESISTANCE Resistance NonNegativeResistance PositiveResistance "a resistance"
         ["ohm" = 1.0];
-    PIEZO_GAIN piezo_gain non_negative_piezo_gain positive_piezo_gain "a displacement per volt"
+    PIEZO_GAIN PiezoGain NonNegativePiezoGain PositivePiezoGain "a displacement per volt"
         ["um/V" = 1e-6, "nm/V" = 1e-9];
-    PROPORTIONAL proportional non_negative_proportional positive_proportional
+    PROPORTIONAL Proportional NonNegativeProportional PositiveProportional
         "a proportional gain" ["V/count" = 1.0];
-    INTEGRAL integral non_negative_integral positive_integral
+    INTEGRAL Integral NonNegativeIntegral PositiveIntegral
         "an integral gain" ["V/(count s)" = 1.0];
-    DERIVATIVE derivative non_negative_derivative positive_derivative
+    DERIVATIVE Derivative NonNegativeDerivative PositiveDerivative
         "a derivative gain" ["V s/count" = 1.0];
 }
 
@@ -258,22 +365,78 @@ impl Value {
     }
 }
 
-/// Deserializes an array of lengths, such as the coordinates of a point, to metres.
-///
-/// # Errors
-///
-/// When an element is no length, or their number is not `N`.
-pub fn lengths<'de, D: Deserializer<'de>, const N: usize>(d: D) -> Result<[f64; N], D::Error> {
-    several(d, &LENGTH, "lengths")
+/// An array of `N` lengths, such as the coordinates of a point, read to metres.
+#[derive(Debug)]
+pub struct Lengths<const N: usize>;
+
+/// An array of `N` angles, read to radians.
+#[derive(Debug)]
+pub struct Angles<const N: usize>;
+
+/// `N` points, each an array of `M` lengths, read to metres.
+#[derive(Debug)]
+pub struct Points<const N: usize, const M: usize>;
+
+impl<const N: usize> Lengths<N> {
+    /// Reads as many texts of a number and a unit.
+    ///
+    /// # Errors
+    ///
+    /// When an element is no length, or their number is not `N`.
+    pub fn deserialize<'de, D: Deserializer<'de>>(d: D) -> Result<[f64; N], D::Error> {
+        several(d, &LENGTH, "lengths")
+    }
 }
 
-/// Deserializes an array of angles to radians.
-///
-/// # Errors
-///
-/// When an element is no angle, or their number is not `N`.
-pub fn angles<'de, D: Deserializer<'de>, const N: usize>(d: D) -> Result<[f64; N], D::Error> {
-    several(d, &ANGLE, "angles")
+impl<const N: usize> Angles<N> {
+    /// Reads as many texts of a number and a unit.
+    ///
+    /// # Errors
+    ///
+    /// When an element is no angle, or their number is not `N`.
+    pub fn deserialize<'de, D: Deserializer<'de>>(d: D) -> Result<[f64; N], D::Error> {
+        several(d, &ANGLE, "angles")
+    }
+}
+
+impl<const N: usize, const M: usize> Points<N, M> {
+    /// Reads as many arrays of texts of a number and a unit.
+    ///
+    /// # Errors
+    ///
+    /// When an element is no such point, or their number is not `N`.
+    pub fn deserialize<'de, D: Deserializer<'de>>(d: D) -> Result<[[f64; M]; N], D::Error> {
+        let points = Vec::<Point<M>>::deserialize(d)?;
+        let count = points.len();
+        let values: Vec<[f64; M]> = points.into_iter().map(|Point(values)| values).collect();
+        values.try_into().map_err(|_| {
+            D::Error::custom(format!(
+                "has {count} elements; accepted is an array of {N} points"
+            ))
+        })
+    }
+}
+
+described! { [const N: usize] Lengths<N>, |_| array(N, &LENGTH, "lengths") }
+described! { [const N: usize] Angles<N>, |_| array(N, &ANGLE, "angles") }
+described! { [const N: usize, const M: usize] Points<N, M>, |_| {
+    let each = format!("each of {M} lengths ({})", LENGTH.names());
+    elements(N, &format!("an array of {N} points, {each}"), &array(M, &LENGTH, "lengths"))
+} }
+
+fn array(count: usize, dimension: &Dimension, name: &str) -> Schema {
+    let title = format!("an array of {count} {name} ({})", dimension.names());
+    elements(count, &title, &dimension.schema(Sign::Any))
+}
+
+fn elements(count: usize, title: &str, each: &Schema) -> Schema {
+    json_schema!({
+        "type": "array",
+        "title": title,
+        "items": each,
+        "minItems": count,
+        "maxItems": count,
+    })
 }
 
 fn several<'de, D: Deserializer<'de>, const N: usize>(
@@ -298,31 +461,75 @@ fn several<'de, D: Deserializer<'de>, const N: usize>(
     })
 }
 
-/// Deserializes an array of points, each an array of lengths, to metres.
-///
-/// # Errors
-///
-/// When an element is no such point, or their number is not `N`.
-pub fn points<'de, D, const N: usize, const M: usize>(d: D) -> Result<[[f64; M]; N], D::Error>
-where
-    D: Deserializer<'de>,
-{
-    let points = Vec::<Lengths<M>>::deserialize(d)?;
-    let count = points.len();
-    let values: Vec<[f64; M]> = points.into_iter().map(|Lengths(values)| values).collect();
-    values.try_into().map_err(|_| {
-        D::Error::custom(format!(
-            "has {count} elements; accepted is an array of {N} points"
-        ))
-    })
+struct Point<const N: usize>([f64; N]);
+
+impl<'de, const N: usize> Deserialize<'de> for Point<N> {
+    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
+        Lengths::<N>::deserialize(d).map(Self)
+    }
 }
 
-struct Lengths<const N: usize>([f64; N]);
-
-impl<'de, const N: usize> Deserialize<'de> for Lengths<N> {
-    fn deserialize<D: Deserializer<'de>>(d: D) -> Result<Self, D::Error> {
-        lengths(d).map(Self)
+impl<Q: Quantity> Optional<Q> {
+    /// Reads the text of a number and a unit to SI.
+    ///
+    /// # Errors
+    ///
+    /// When the text is no such quantity.
+    pub fn deserialize<'de, D: Deserializer<'de>>(d: D) -> Result<Option<f64>, D::Error> {
+        read(&Q::DIMENSION, Q::SIGN, d).map(Some)
     }
+
+    /// Writes an SI value as such a text.
+    ///
+    /// # Errors
+    ///
+    /// None of its own.
+    pub fn serialize<S: Serializer>(value: &Option<f64>, s: S) -> Result<S::Ok, S::Error> {
+        value.map(|value| Q::DIMENSION.text(value)).serialize(s)
+    }
+}
+
+described! { [Q: Quantity] Optional<Q>, |_| Q::DIMENSION.schema(Q::SIGN) }
+
+macro_rules! numbers {
+    ($($(#[$doc:meta])+ $number:ident $read:ident { $($key:literal: $bound:literal),+ })+) => { $(
+        $(#[$doc])+
+        #[derive(Debug)]
+        pub struct $number;
+
+        impl $number {
+            /// Reads a plain number.
+            ///
+            /// # Errors
+            ///
+            /// When it is out of range or not finite.
+            pub fn deserialize<'de, D: Deserializer<'de>>(d: D) -> Result<f64, D::Error> {
+                $read(d)
+            }
+
+            /// Writes it as it is.
+            ///
+            /// # Errors
+            ///
+            /// None of its own.
+            pub fn serialize<S: Serializer>(value: &f64, s: S) -> Result<S::Ok, S::Error> {
+                s.serialize_f64(*value)
+            }
+        }
+
+        described! { [] $number, |_| json_schema!({"type": "number", $($key: $bound),+}) }
+    )+ };
+}
+
+numbers! {
+    /// A plain number of more than zero.
+    Positive positive { "exclusiveMinimum": 0 }
+    /// A plain number of zero or more.
+    NonNegative non_negative { "minimum": 0 }
+    /// A plain number of one or more.
+    OneOrMore one_or_more { "minimum": 1 }
+    /// A plain number from zero to one.
+    Fraction fraction { "minimum": 0, "maximum": 1 }
 }
 
 fn number<'de, D: Deserializer<'de>>(deserializer: D, sign: Sign) -> Result<f64, D::Error> {
@@ -331,41 +538,15 @@ fn number<'de, D: Deserializer<'de>>(deserializer: D, sign: Sign) -> Result<f64,
     Ok(value)
 }
 
-/// Deserializes a voltage of more than zero for a key that may be missing.
-///
-/// # Errors
-///
-/// When the text is no such quantity, or not positive.
-pub fn optional_voltage<'de, D: Deserializer<'de>>(
-    deserializer: D,
-) -> Result<Option<f64>, D::Error> {
-    read(&VOLTAGE, Sign::Positive, deserializer).map(Some)
-}
-
-/// Deserializes a plain number of more than zero.
-///
-/// # Errors
-///
-/// When it is not positive or not finite.
-pub fn positive<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+fn positive<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     number(deserializer, Sign::Positive)
 }
 
-/// Deserializes a plain number of zero or more.
-///
-/// # Errors
-///
-/// When it is negative or not finite.
-pub fn non_negative<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+fn non_negative<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     number(deserializer, Sign::NonNegative)
 }
 
-/// Deserializes a plain number of one or more.
-///
-/// # Errors
-///
-/// When it is below or not finite.
-pub fn one_or_more<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+fn one_or_more<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     let value = number(deserializer, Sign::Positive)?;
     if value < 1.0 {
         return Err(D::Error::custom(format!(
@@ -375,12 +556,7 @@ pub fn one_or_more<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D:
     Ok(value)
 }
 
-/// Deserializes a plain number from zero to one.
-///
-/// # Errors
-///
-/// When it lies outside.
-pub fn fraction<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+fn fraction<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
     let value = number(deserializer, Sign::NonNegative)?;
     if value > 1.0 {
         return Err(D::Error::custom(format!(

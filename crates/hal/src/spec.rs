@@ -1,6 +1,7 @@
 //! The datasheet of a machine: what its maker would print, and both sides may read.
 
 use crate::quantity;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
@@ -175,47 +176,47 @@ impl Channel {
 }
 
 /// The datasheet: `machine.toml`. Both manipulators are alike.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Spec {
     /// The machine's name.
     pub name: String,
     /// The servo card.
     pub servo: ServoSpec,
-    /// The two joints of each five-bar.
+    /// Both joints of a five-bar, and the limits of its endpoint.
     pub five_bar: FiveBarSpec,
     /// The linear stage of each manipulator.
     pub z_stage: ZStageSpec,
-    /// The micro manipulator at each endpoint.
+    /// One at each endpoint.
     pub micro: MicroSpec,
-    /// The light sensors.
+    /// The photodiodes with their amplifier and A/D converter.
     pub photodiode: PhotodiodeSpec,
     /// The camera above the chip.
     pub vision: VisionSpec,
-    /// The large-core fiber beside the output fiber.
+    /// The large-core multimode fiber mounted beside the output fiber.
     pub sensing_fiber: SensingFiberSpec,
-    /// Probes that measure the outputs of the axes, where the rig has them.
+    /// Probes at the outputs.
     pub probe: Option<ProbeSpec>,
-    /// The holder at each endpoint.
+    /// The holder at a manipulator's endpoint.
     #[serde(default)]
     pub holder: HolderSpec,
-    /// What stops the machine.
+    /// What a guard stops the machine at.
     #[serde(default)]
     pub guard: GuardSpec,
 }
 
 /// The holder at a manipulator's endpoint, a box behind its fiber's tip.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct HolderSpec {
     /// How far the fiber's tip stands out of it, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub tip: f64,
     /// Its width across the chip, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub width: f64,
     /// Its height, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub height: f64,
 }
 
@@ -231,37 +232,37 @@ impl Default for HolderSpec {
 
 /// What a guard stops the machine at, beyond the limits that are stated elsewhere. Every key has a
 /// default.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct GuardSpec {
     /// How many times the datasheet's speed an endpoint may have.
-    #[serde(deserialize_with = "quantity::positive")]
+    #[serde(with = "quantity::Positive")]
     pub overspeed: f64,
     /// How far an endpoint may be from where its servo wants it in x and y, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub following_xy: f64,
     /// The same in z, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub following_z: f64,
     /// Least distance of a tip from the chip by vision and encoders, three standard deviations less,
     /// metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub clearance: f64,
     /// How far a fiber's tip may stand from where its holder should have it, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub placement: f64,
     /// What a transmission may hide of a motion of the endpoint in x and y, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub windup: f64,
     /// By what time of a motion an output follows its motor where a probe watches it: what resists its
     /// speed winds the transmission up. Twice as much is accepted, seconds.
-    #[serde(deserialize_with = "quantity::non_negative_time")]
+    #[serde(with = "quantity::NonNegativeTime")]
     pub lag: f64,
     /// How long a photodiode may read the end of its range, seconds.
-    #[serde(deserialize_with = "quantity::positive_time")]
+    #[serde(with = "quantity::PositiveTime")]
     pub saturated: f64,
     /// How far z goes back when the machine stops, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub retract: f64,
 }
 
@@ -282,14 +283,14 @@ impl Default for GuardSpec {
 }
 
 /// The servo card.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ServoSpec {
     /// Servo cycles a second, hertz.
-    #[serde(deserialize_with = "quantity::positive_frequency")]
+    #[serde(with = "quantity::PositiveFrequency")]
     pub rate: f64,
     /// Amplifiers that have heard of no command for so long let go of their motors, seconds.
-    #[serde(default = "watchdog", deserialize_with = "quantity::positive_time")]
+    #[serde(default = "watchdog", with = "quantity::PositiveTime")]
     pub watchdog: f64,
 }
 
@@ -298,51 +299,51 @@ fn watchdog() -> f64 {
 }
 
 /// A geared motor driven in voltage mode.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DriveSpec {
     /// Motor turns for one turn of the output, `1/r` of the thesis.
-    #[serde(deserialize_with = "quantity::positive")]
+    #[serde(with = "quantity::Positive")]
     pub gear_ratio: f64,
     /// Encoder counts in one turn of the motor.
     pub counts_per_turn: u32,
     /// The amplifier saturates at plus and minus this voltage, volts.
-    #[serde(deserialize_with = "quantity::positive_voltage")]
+    #[serde(with = "quantity::PositiveVoltage")]
     pub voltage: f64,
     /// Highest speed of the motor, radians a second.
-    #[serde(deserialize_with = "quantity::positive_rotation")]
+    #[serde(with = "quantity::PositiveRotation")]
     pub speed: f64,
     /// The voltage at which the motor turns for certain with its axis at rest, volts. A quarter of
     /// what the amplifier gives where it is not said.
-    #[serde(default, deserialize_with = "quantity::optional_voltage")]
+    #[serde(default, with = "quantity::Optional::<quantity::PositiveVoltage>")]
     pub start: Option<f64>,
-    /// What pulses the amplifier can play out by itself, if any.
+    /// What an amplifier plays out by itself.
     pub pulse: Option<PulseSpec>,
-    /// What a tuned servo must reach, if anything.
+    /// What the response to a step must be.
     pub step: Option<StepSpec>,
 }
 
 /// What the response to a step must be, of the size that the axis is tuned with.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct StepSpec {
     /// Longest time from 10 to 90 % of the step, seconds.
-    #[serde(deserialize_with = "quantity::positive_time")]
+    #[serde(with = "quantity::PositiveTime")]
     pub rise: f64,
     /// Longest time until the encoder stays within one count, seconds.
-    #[serde(deserialize_with = "quantity::positive_time")]
+    #[serde(with = "quantity::PositiveTime")]
     pub settling: f64,
 }
 
 /// What an amplifier plays out by itself ([`Pulse`](crate::Pulse)).
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PulseSpec {
     /// Greatest magnitude of a pulse's voltage, volts. May be above what it can hold.
-    #[serde(deserialize_with = "quantity::positive_voltage")]
+    #[serde(with = "quantity::PositiveVoltage")]
     pub voltage: f64,
     /// It plays harmonics up to this frequency as they are, hertz.
-    #[serde(deserialize_with = "quantity::positive_frequency")]
+    #[serde(with = "quantity::PositiveFrequency")]
     pub bandwidth: f64,
 }
 
@@ -359,75 +360,75 @@ impl DriveSpec {
 }
 
 /// Both joints of a five-bar, and the limits of its endpoint.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FiveBarSpec {
     /// Each joint's motor, gear and amplifier.
     pub drive: DriveSpec,
     /// Edge of the square workspace around home, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub workspace: f64,
     /// Highest speed of the endpoint, metres a second.
-    #[serde(deserialize_with = "quantity::positive_speed")]
+    #[serde(with = "quantity::PositiveSpeed")]
     pub speed: f64,
     /// Highest acceleration of the endpoint, metres a second squared.
-    #[serde(deserialize_with = "quantity::positive_acceleration")]
+    #[serde(with = "quantity::PositiveAcceleration")]
     pub acceleration: f64,
     /// Highest jerk of the endpoint, metres a second cubed.
-    #[serde(deserialize_with = "quantity::positive_jerk")]
+    #[serde(with = "quantity::PositiveJerk")]
     pub jerk: f64,
 }
 
 /// A z-stage.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ZStageSpec {
     /// The motor, belt and amplifier.
     pub drive: DriveSpec,
     /// Travel, centred on home, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub travel: f64,
     /// Highest speed, metres a second.
-    #[serde(deserialize_with = "quantity::positive_speed")]
+    #[serde(with = "quantity::PositiveSpeed")]
     pub speed: f64,
     /// Highest acceleration, metres a second squared.
-    #[serde(deserialize_with = "quantity::positive_acceleration")]
+    #[serde(with = "quantity::PositiveAcceleration")]
     pub acceleration: f64,
     /// Highest jerk, metres a second cubed.
-    #[serde(deserialize_with = "quantity::positive_jerk")]
+    #[serde(with = "quantity::PositiveJerk")]
     pub jerk: f64,
 }
 
 /// A micro manipulator: two piezo axes at right angles.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MicroSpec {
     /// Range of each axis, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub range: f64,
     /// Amplifier input over that range, from zero, volts.
-    #[serde(deserialize_with = "quantity::positive_voltage")]
+    #[serde(with = "quantity::PositiveVoltage")]
     pub voltage: f64,
     /// Angle of the first axis from the manipulator's x, radians.
-    #[serde(deserialize_with = "quantity::angle")]
+    #[serde(with = "quantity::Angle")]
     pub angle: f64,
     /// Smallest step of the D/A converter at the endpoint, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub resolution: f64,
 }
 
 /// The photodiodes with their amplifier and A/D converter.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PhotodiodeSpec {
     /// Samples a second, hertz. Divides the servo rate.
-    #[serde(deserialize_with = "quantity::positive_frequency")]
+    #[serde(with = "quantity::PositiveFrequency")]
     pub rate: f64,
     /// Bandwidth of diode and amplifier, hertz.
-    #[serde(deserialize_with = "quantity::positive_frequency")]
+    #[serde(with = "quantity::PositiveFrequency")]
     pub bandwidth: f64,
     /// Range of the converter, from zero, volts.
-    #[serde(deserialize_with = "quantity::positive_voltage")]
+    #[serde(with = "quantity::PositiveVoltage")]
     pub range: f64,
     /// Resolution of the converter, bits.
     pub bits: u32,
@@ -441,46 +442,46 @@ impl PhotodiodeSpec {
 }
 
 /// The camera above the chip.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct VisionSpec {
     /// Frames a second, hertz. Divides the servo rate.
-    #[serde(deserialize_with = "quantity::positive_frequency")]
+    #[serde(with = "quantity::PositiveFrequency")]
     pub rate: f64,
     /// From exposure to the arrival of the result, seconds.
-    #[serde(deserialize_with = "quantity::non_negative_time")]
+    #[serde(with = "quantity::NonNegativeTime")]
     pub latency: f64,
     /// Standard deviation of the independent noise of one frame, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub sigma: f64,
     /// Bound of its fixed error across the chip (x), metres.
-    #[serde(deserialize_with = "quantity::non_negative_length")]
+    #[serde(with = "quantity::NonNegativeLength")]
     pub accuracy_x: f64,
     /// Bound of its fixed error along the waveguide (z), metres.
-    #[serde(deserialize_with = "quantity::non_negative_length")]
+    #[serde(with = "quantity::NonNegativeLength")]
     pub accuracy_z: f64,
 }
 
 /// The large-core multimode fiber mounted beside the output fiber (thesis 3.2.1, method 3).
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SensingFiberSpec {
     /// Core diameter, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub core: f64,
     /// From the output fiber's tip to the sensing fiber's, in the manipulator's frame, metres.
     /// Set back in z, so that it cannot touch the chip while the output fiber is brought there.
-    #[serde(deserialize_with = "quantity::lengths")]
+    #[serde(with = "quantity::Lengths::<3>")]
     pub offset: [f64; 3],
 }
 
 /// Probes at the outputs: capacitance probes beside the base links of the five-bars, an
 /// interpolating encoder on the z-stages (thesis 2.4.1, 2.5). Read every servo cycle.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ProbeSpec {
     /// Distance of a capacitance probe from its joint, metres: it measures that times the angle.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub arm: f64,
 }
 

@@ -10,28 +10,29 @@ use pigtail_model::Invalid;
 use pigtail_model::fivebar::FiveBar;
 use pigtail_model::hysteresis::{Creep, Hysteresis, HysteresisParameters};
 use rand::RngExt;
-use serde::Deserialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 
 /// The content of a `plant.toml`: a nominal specimen, and how far others lie from it.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Plant {
-    /// The five-bars.
+    /// The mechanism of a five-bar, and its two joints.
     pub five_bar: FiveBarPlant,
-    /// The z-stages.
+    /// A z-stage.
     pub z_stage: ZStagePlant,
-    /// The micro manipulators.
+    /// A micro manipulator.
     pub micro: MicroPlant,
-    /// Where the manipulators stand.
+    /// Where both manipulators stand.
     pub placement: Placements,
     /// The device to be pigtailed.
     pub device: Device,
-    /// The fibers.
+    /// A fiber.
     pub fiber: Fiber,
     /// Laser and photodiodes.
     pub light: Light,
-    /// Scattered light.
+    /// Light that misses the input guide.
     pub scatter: Scatter,
     /// Probes at the outputs of the axes.
     pub probe: Probe,
@@ -42,37 +43,37 @@ pub struct Plant {
 }
 
 /// The mechanism of a five-bar, and its two joints.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct FiveBarPlant {
     /// Distance of the bases, metres.
-    #[serde(deserialize_with = "quantity::non_negative_length")]
+    #[serde(with = "quantity::NonNegativeLength")]
     pub base: f64,
     /// Length of the proximal links, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub proximal: f64,
     /// Length of the distal links, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub distal: f64,
     /// Endpoint at home, from the middle of the bases, metres.
-    #[serde(deserialize_with = "quantity::lengths")]
+    #[serde(with = "quantity::Lengths::<2>")]
     pub home: [f64; 2],
     /// Friction in the bearings between the links, which couples the joints.
     #[serde(default)]
     pub bearings: BearingPlant,
-    /// Each joint.
+    /// Both joints are alike.
     pub joint: JointPlant,
 }
 
 /// The bearings between the links of a five-bar: two elbows and the tip.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BearingPlant {
     /// Torque at which each slides, N m; zero for none.
-    #[serde(deserialize_with = "quantity::non_negative_torque")]
+    #[serde(with = "quantity::NonNegativeTorque")]
     pub friction: f64,
     /// How far each gives way before it slides, `q_0` of an exponential, radians.
-    #[serde(deserialize_with = "quantity::positive_angle")]
+    #[serde(with = "quantity::PositiveAngle")]
     pub presliding: f64,
 }
 
@@ -86,55 +87,55 @@ impl Default for BearingPlant {
 }
 
 /// A z-stage.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ZStagePlant {
     /// Travel for one turn of the screw, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub lead: f64,
-    /// Its drive.
+    /// Of its drive.
     pub joint: JointPlant,
 }
 
 /// A micro manipulator.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MicroPlant {
     /// Displacement per volt, metres a volt.
-    #[serde(deserialize_with = "quantity::positive_piezo_gain")]
+    #[serde(with = "quantity::PositivePiezoGain")]
     pub gain: f64,
     /// First resonance, hertz.
-    #[serde(deserialize_with = "quantity::positive_frequency")]
+    #[serde(with = "quantity::PositiveFrequency")]
     pub resonance: f64,
     /// Its damping ratio.
-    #[serde(deserialize_with = "quantity::fraction")]
+    #[serde(with = "quantity::Fraction")]
     pub damping: f64,
     /// Share of one axis's displacement that appears in the other.
-    #[serde(deserialize_with = "quantity::fraction")]
+    #[serde(with = "quantity::Fraction")]
     pub coupling: f64,
     /// Largest difference between the way back and the way forward over full stroke, as a share of
     /// the range.
-    #[serde(deserialize_with = "quantity::fraction")]
+    #[serde(with = "quantity::Fraction")]
     pub hysteresis: f64,
     /// Share of half the range over which the slack of the hysteresis's plays falls off.
-    #[serde(deserialize_with = "quantity::positive")]
+    #[serde(with = "quantity::Positive")]
     pub spread: f64,
     /// How much a loop leans to one side: share of the displacement at full stroke.
-    #[serde(deserialize_with = "quantity::fraction")]
+    #[serde(with = "quantity::Fraction")]
     pub skew: f64,
     /// How much the displacement saturates: share of it at full stroke.
-    #[serde(deserialize_with = "quantity::fraction")]
+    #[serde(with = "quantity::Fraction")]
     pub saturation: f64,
     /// Creep: share of a step by which displacement goes on in a decade of time.
-    #[serde(deserialize_with = "quantity::fraction")]
+    #[serde(with = "quantity::Fraction")]
     pub creep: f64,
     /// Noise of each axis, rms, metres.
-    #[serde(deserialize_with = "quantity::non_negative_length")]
+    #[serde(with = "quantity::NonNegativeLength")]
     pub noise: f64,
 }
 
 /// Where both manipulators stand.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Placements {
     /// The input's manipulator.
@@ -144,56 +145,56 @@ pub struct Placements {
 }
 
 /// Where a manipulator stands.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PlacementPlant {
     /// Its endpoint at home in the chip's frame, metres.
-    #[serde(deserialize_with = "quantity::lengths")]
+    #[serde(with = "quantity::Lengths::<3>")]
     pub home: [f64; 3],
     /// Its rotation about y, radians.
-    #[serde(deserialize_with = "quantity::angle")]
+    #[serde(with = "quantity::Angle")]
     pub yaw: f64,
 }
 
-/// The device.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+/// The device to be pigtailed.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Device {
     /// The input port in the chip's frame, metres.
-    #[serde(deserialize_with = "quantity::lengths")]
+    #[serde(with = "quantity::Lengths::<3>")]
     pub input: [f64; 3],
     /// The output ports, metres.
-    #[serde(deserialize_with = "quantity::points")]
+    #[serde(with = "quantity::Points::<OUTPUTS, 3>")]
     pub outputs: [[f64; 3]; OUTPUTS],
     /// Radii of the guides' mode in x and y, metres.
-    #[serde(deserialize_with = "quantity::lengths")]
+    #[serde(with = "quantity::Lengths::<2>")]
     pub mode_radius: [f64; 2],
     /// Angle of both facets, radians.
-    #[serde(deserialize_with = "quantity::angle")]
+    #[serde(with = "quantity::Angle")]
     pub facet: f64,
     /// Refractive index of the guides.
-    #[serde(deserialize_with = "quantity::positive")]
+    #[serde(with = "quantity::Positive")]
     pub index: f64,
     /// Rotation of the chip about y in its fixture, radians.
-    #[serde(default, deserialize_with = "quantity::angle")]
+    #[serde(default, with = "quantity::Angle")]
     pub turn: f64,
     /// Light that each branch lets through, relative to a half without loss.
     #[serde(default = "whole")]
     pub transmission: [f64; OUTPUTS],
     /// A second, weaker lobe of the guides' mode: its share of the light at the peak.
-    #[serde(default, deserialize_with = "quantity::fraction")]
+    #[serde(default, with = "quantity::Fraction")]
     pub side_lobe: f64,
     /// How far above the mode it stands, metres.
-    #[serde(default, deserialize_with = "quantity::length")]
+    #[serde(default, with = "quantity::Length")]
     pub side_lobe_at: f64,
     /// Interference in the gap, between its brightest and its darkest, decibels.
-    #[serde(default, deserialize_with = "quantity::non_negative")]
+    #[serde(default, with = "quantity::NonNegative")]
     pub ripple_db: f64,
     /// Speed at which it drifts away in x, metres a second.
-    #[serde(default, deserialize_with = "quantity::speed")]
+    #[serde(default, with = "quantity::Speed")]
     pub drift: f64,
     /// When that begins, seconds of machine time.
-    #[serde(default, deserialize_with = "quantity::non_negative_time")]
+    #[serde(default, with = "quantity::NonNegativeTime")]
     pub drift_from: f64,
 }
 
@@ -202,122 +203,122 @@ fn whole() -> [f64; OUTPUTS] {
 }
 
 /// A fiber.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Fiber {
     /// Radius of its mode, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub mode_radius: f64,
 }
 
 /// Laser and photodiodes.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Light {
     /// Wavelength, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub wavelength: f64,
     /// Photodiode signal of one output when everything couples perfectly, volts.
-    #[serde(deserialize_with = "quantity::positive_voltage")]
+    #[serde(with = "quantity::PositiveVoltage")]
     pub full: f64,
     /// What a photodiode's amplifier gives in the dark, volts.
-    #[serde(deserialize_with = "quantity::non_negative_voltage")]
+    #[serde(with = "quantity::NonNegativeVoltage")]
     pub offset: f64,
     /// Noise of a photodiode sample, rms, volts.
-    #[serde(deserialize_with = "quantity::non_negative_voltage")]
+    #[serde(with = "quantity::NonNegativeVoltage")]
     pub noise: f64,
     /// How far the offsets wander within some seconds, rms, volts.
-    #[serde(default, deserialize_with = "quantity::non_negative_voltage")]
+    #[serde(default, with = "quantity::NonNegativeVoltage")]
     pub drift: f64,
     /// Room light on each photodiode, volts. It flickers with the mains.
-    #[serde(default, deserialize_with = "quantity::non_negative_voltage")]
+    #[serde(default, with = "quantity::NonNegativeVoltage")]
     pub stray: f64,
 }
 
 /// Probes at the outputs of the axes.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Probe {
     /// Noise of a reading, rms, metres.
-    #[serde(deserialize_with = "quantity::non_negative_length")]
+    #[serde(with = "quantity::NonNegativeLength")]
     pub noise: f64,
 }
 
 /// Light that misses the input guide.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Scatter {
     /// Share of [`Light::full`] in a sensing fiber deep below the top, nothing being coupled.
-    #[serde(deserialize_with = "quantity::non_negative")]
+    #[serde(with = "quantity::NonNegative")]
     pub level: f64,
     /// 1/e radius of its distribution around the outputs, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub spread: f64,
     /// Fluctuation, rms, relative to the level.
-    #[serde(deserialize_with = "quantity::non_negative")]
+    #[serde(with = "quantity::NonNegative")]
     pub fluctuation: f64,
     /// Bandwidth of the fluctuation, hertz.
-    #[serde(deserialize_with = "quantity::positive_frequency")]
+    #[serde(with = "quantity::PositiveFrequency")]
     pub bandwidth: f64,
 }
 
 /// Half ranges of uniform distributions of position.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Misplacement {
     /// The chip across, metres.
-    #[serde(deserialize_with = "quantity::non_negative_length")]
+    #[serde(with = "quantity::NonNegativeLength")]
     pub chip_x: f64,
     /// The chip along the guides, metres.
-    #[serde(deserialize_with = "quantity::non_negative_length")]
+    #[serde(with = "quantity::NonNegativeLength")]
     pub chip_z: f64,
     /// Each fiber in its holder, across, metres.
-    #[serde(deserialize_with = "quantity::non_negative_length")]
+    #[serde(with = "quantity::NonNegativeLength")]
     pub fiber_x: f64,
     /// Each fiber in its holder, along, metres.
-    #[serde(deserialize_with = "quantity::non_negative_length")]
+    #[serde(with = "quantity::NonNegativeLength")]
     pub fiber_z: f64,
     /// Chip and fiber together, up or down, metres.
-    #[serde(deserialize_with = "quantity::non_negative_length")]
+    #[serde(with = "quantity::NonNegativeLength")]
     pub y: f64,
     /// Tilt of each fiber about x and y, radians.
-    #[serde(deserialize_with = "quantity::non_negative_angle")]
+    #[serde(with = "quantity::NonNegativeAngle")]
     pub tilt: f64,
     /// Each manipulator's home, along each axis, metres.
-    #[serde(deserialize_with = "quantity::non_negative_length")]
+    #[serde(with = "quantity::NonNegativeLength")]
     pub home: f64,
 }
 
 /// Relative half ranges of uniform distributions of parameters, at most a half.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Variation {
     /// Of inertias.
-    #[serde(deserialize_with = "quantity::fraction")]
+    #[serde(with = "quantity::Fraction")]
     pub inertia: f64,
     /// Of friction, static, Coulomb and viscous together.
-    #[serde(deserialize_with = "quantity::fraction")]
+    #[serde(with = "quantity::Fraction")]
     pub friction: f64,
     /// Of transmissions.
-    #[serde(deserialize_with = "quantity::fraction")]
+    #[serde(with = "quantity::Fraction")]
     pub stiffness: f64,
     /// Of motor constants and resistances.
-    #[serde(deserialize_with = "quantity::fraction")]
+    #[serde(with = "quantity::Fraction")]
     pub motor: f64,
     /// Of the gains of the micro axes.
-    #[serde(deserialize_with = "quantity::fraction")]
+    #[serde(with = "quantity::Fraction")]
     pub micro_gain: f64,
     /// Of the micro axes' hysteresis: its opening, spread, skew and saturation.
-    #[serde(deserialize_with = "quantity::fraction")]
+    #[serde(with = "quantity::Fraction")]
     pub hysteresis: f64,
     /// Of their creep.
-    #[serde(deserialize_with = "quantity::fraction")]
+    #[serde(with = "quantity::Fraction")]
     pub creep: f64,
     /// Of the five-bars' links and the lead of the screws.
-    #[serde(deserialize_with = "quantity::fraction")]
+    #[serde(with = "quantity::Fraction")]
     pub links: f64,
     /// Greatest excess loss of each branch of the device.
-    #[serde(deserialize_with = "quantity::fraction")]
+    #[serde(with = "quantity::Fraction")]
     pub loss: f64,
 }
 

@@ -1,11 +1,12 @@
 //! How friction departs from what it is at first.
 
 use pigtail_hal::quantity;
+use schemars::JsonSchema;
 use serde::Deserialize;
 
 /// How a joint departs from its friction as given: in the two directions, with time, and by what
 /// happens to it at rest. Nothing of it by default.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct UnrestPlant {
     /// Share of the load's Coulomb friction that forward motion meets more, and backward motion less.
@@ -13,11 +14,11 @@ pub struct UnrestPlant {
     /// Share by which all friction has changed...
     pub drift: f64,
     /// ...in so many seconds, steadily, and stays changed.
-    #[serde(deserialize_with = "quantity::positive_time")]
+    #[serde(with = "quantity::PositiveTime")]
     pub drift_time: f64,
     /// By how much the motor of a joint that has rested for 5 ms is displaced before a pulse, rms,
     /// radians: what is not known of its internal state (thesis 4.3.1).
-    #[serde(deserialize_with = "quantity::non_negative_angle")]
+    #[serde(with = "quantity::NonNegativeAngle")]
     pub jolt: f64,
     /// Another number is another history of it, on the same specimen.
     pub history: u64,

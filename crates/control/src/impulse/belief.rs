@@ -3,10 +3,11 @@
 use super::{Impulses, Relax, Shape};
 use pigtail_hal::pulse::HARMONICS;
 use pigtail_hal::{AxisName, quantity};
-use serde::{Deserialize, Deserializer};
+use schemars::JsonSchema;
+use serde::Deserialize;
 
-/// Pulses of each kind of axis.
-#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+/// Pulses of each kind of axis where they have been measured.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ImpulseBeliefs {
     /// Of a five-bar joint.
@@ -16,33 +17,33 @@ pub struct ImpulseBeliefs {
 }
 
 /// Pulses of an axis as they were measured.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ImpulseBelief {
     /// The voltage at which the motor breaks away: the unit of the thesis's amplitudes, volts.
-    #[serde(deserialize_with = "quantity::positive_voltage")]
+    #[serde(with = "quantity::PositiveVoltage")]
     pub unit: f64,
     /// The harmonics beside the first, `a_2` to `a_4`, volts.
     pub fixed: [f64; HARMONICS - 1],
     /// Length of a pulse, seconds.
-    #[serde(deserialize_with = "quantity::positive_time")]
+    #[serde(with = "quantity::PositiveTime")]
     pub period: f64,
     /// How the transmission is brought back between pulses.
     pub relax: RelaxName,
     /// Of a dither, its first amplitude, volts.
-    #[serde(default, deserialize_with = "quantity::non_negative_voltage")]
+    #[serde(default, with = "quantity::NonNegativeVoltage")]
     pub dither: f64,
     /// Time in which the axis comes to rest, seconds.
-    #[serde(deserialize_with = "quantity::positive_time")]
+    #[serde(with = "quantity::PositiveTime")]
     pub rest: f64,
     /// Displacement of the output over the first harmonic: pairs of volts and metres, both rising.
     pub curve: Vec<[f64; 2]>,
     /// Of a five-bar joint, how far from it that displacement was measured, metres; where the datasheet's
     /// probe is if not given.
-    #[serde(default, deserialize_with = "positive_length")]
+    #[serde(default, with = "quantity::Optional::<quantity::PositiveLength>")]
     pub arm: Option<f64>,
     /// Spread of repeated displacements, rms, metres.
-    #[serde(deserialize_with = "quantity::non_negative_length")]
+    #[serde(with = "quantity::NonNegativeLength")]
     pub scatter: f64,
     /// When it was found.
     pub date: String,
@@ -50,19 +51,15 @@ pub struct ImpulseBelief {
     pub origin: String,
 }
 
-fn positive_length<'de, D: Deserializer<'de>>(value: D) -> Result<Option<f64>, D::Error> {
-    quantity::positive_length(value).map(Some)
-}
-
 /// A way to relax a transmission.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum RelaxName {
-    /// [`Relax::Start`].
+    /// Once, at the start, as by `servo` ([`Relax::Start`]).
     Start,
-    /// [`Relax::Servo`].
+    /// By the servo, to where motor and output agree ([`Relax::Servo`]).
     Servo,
-    /// [`Relax::Dither`].
+    /// By pulses back and forth that die away ([`Relax::Dither`]).
     Dither,
 }
 

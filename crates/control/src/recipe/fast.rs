@@ -2,17 +2,18 @@
 
 use super::Recipe;
 use pigtail_hal::{Spec, quantity};
-use serde::Deserialize;
+use schemars::{JsonSchema, Schema};
+use serde::{Deserialize, Serialize};
 
 /// The modes of fiber and guides, by design. What is really so only has to be alike.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Mode {
     /// Radius at which the field has fallen to 1/e, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub radius: f64,
     /// Of the laser, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub wavelength: f64,
 }
 
@@ -26,57 +27,70 @@ impl Default for Mode {
 }
 
 /// The fast procedure.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
+#[schemars(transform = with_former_names)]
 pub struct Fast {
     /// Time for which the dark is measured on the way, seconds.
-    #[serde(deserialize_with = "quantity::positive_time")]
+    #[serde(with = "quantity::PositiveTime")]
     pub dark: f64,
     /// Gap at which the input's light is searched, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub input_gap: f64,
     /// Distance of the lines of that search, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub input_spacing: f64,
     /// Gap at which an output's light is searched, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub output_gap: f64,
     /// Distance of the lines of that search, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub output_spacing: f64,
     /// Standard deviations above the background that count as light: what is none is seen soon.
-    #[serde(deserialize_with = "quantity::positive")]
+    #[serde(with = "quantity::Positive")]
     pub significance: f64,
     /// How much further up than `raster.y` and its margin to search, metres.
-    #[serde(deserialize_with = "quantity::non_negative_length")]
+    #[serde(with = "quantity::NonNegativeLength")]
     pub overscan: f64,
     /// How well the peak must be known in the end, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub accuracy: f64,
     /// By how much vision may see the last gap off before it is corrected, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub gap_tolerance: f64,
     /// By how much a tip may be seen to stand elsewhere than where its search starts, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub straight: f64,
     /// Gap at which light that may be none is looked at once more, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub doubtful_gap: f64,
     /// How far the peak may walk otherwise than expected on the approach, metres. What strays
     /// farther is none, and the chip is near.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub stray: f64,
     /// Share of the light before the approach that must be there after it, the gap taken into
     /// account.
-    #[serde(deserialize_with = "quantity::fraction")]
+    #[serde(with = "quantity::Fraction")]
     pub accept: f64,
     /// The sensing fiber over the chip's top.
     pub sensing: OverTop,
-    /// Lines of the search.
+    /// Lines of a search.
     pub sweep: Sweep,
-    /// Circles around the peak: the conical scan, or dither. Recipes of old call it `orbit`.
+    /// The conical scan, or dither. Recipes of old call it `orbit`.
     #[serde(alias = "orbit")]
     pub conical_scan: ConicalScan,
+}
+
+/// An alias is no property of a schema by itself.
+fn with_former_names(schema: &mut Schema) {
+    let keys = schema.get_mut("properties").and_then(|p| p.as_object_mut());
+    if let Some(keys) = keys
+        && let Some(mut scan) = keys.get("conical_scan").cloned()
+    {
+        scan["description"] = "The former name of `conical_scan`.".into();
+        scan["deprecated"] = true.into();
+        keys.insert("orbit".to_owned(), scan);
+    }
 }
 
 impl Default for Fast {
@@ -103,23 +117,23 @@ impl Default for Fast {
 }
 
 /// The sensing fiber over the chip's top.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct OverTop {
     /// Its gap: there the guided light is about as wide as its core, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub gap: f64,
     /// How far below the top it starts, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub below: f64,
     /// How far above the top its middle goes, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub height: f64,
     /// Speed upward, m/s.
-    #[serde(deserialize_with = "quantity::positive_speed")]
+    #[serde(with = "quantity::PositiveSpeed")]
     pub speed: f64,
     /// How far to either side to try again, metres.
-    #[serde(deserialize_with = "quantity::positive_length")]
+    #[serde(with = "quantity::PositiveLength")]
     pub sidestep: f64,
 }
 
@@ -136,17 +150,17 @@ impl Default for OverTop {
 }
 
 /// Lines of a search: across at constant speed, and back.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Sweep {
     /// Speed across, m/s.
-    #[serde(deserialize_with = "quantity::positive_speed")]
+    #[serde(with = "quantity::PositiveSpeed")]
     pub speed: f64,
     /// Time to fly back, seconds.
-    #[serde(deserialize_with = "quantity::positive_time")]
+    #[serde(with = "quantity::PositiveTime")]
     pub flyback: f64,
     /// How late micro and photodiode are, seconds.
-    #[serde(deserialize_with = "quantity::non_negative_time")]
+    #[serde(with = "quantity::NonNegativeTime")]
     pub lag: f64,
 }
 
@@ -161,17 +175,17 @@ impl Default for Sweep {
 }
 
 /// Circles around the peak.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ConicalScan {
     /// Time of a turn, seconds.
-    #[serde(deserialize_with = "quantity::positive_time")]
+    #[serde(with = "quantity::PositiveTime")]
     pub period: f64,
     /// Radius, in distances at which the light has fallen to 1/e.
-    #[serde(deserialize_with = "quantity::positive")]
+    #[serde(with = "quantity::Positive")]
     pub radius: f64,
     /// How late micro and photodiode are, seconds.
-    #[serde(deserialize_with = "quantity::non_negative_time")]
+    #[serde(with = "quantity::NonNegativeTime")]
     pub lag: f64,
     /// Most turns in one place.
     pub turns: u32,

@@ -9,45 +9,46 @@ use pigtail_model::joint::JointParameters;
 use pigtail_model::motor::Motor;
 use pigtail_model::transmission::Transmission;
 use rand::RngExt;
-use serde::Deserialize;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 /// The parameters of (2.1)-(2.13) for one joint, without the gear ratio of the datasheet.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JointPlant {
     /// `J_m`, kg m^2.
-    #[serde(deserialize_with = "quantity::positive_inertia")]
+    #[serde(with = "quantity::PositiveInertia")]
     pub motor_inertia: f64,
     /// `J_l`, kg m^2.
-    #[serde(deserialize_with = "quantity::positive_inertia")]
+    #[serde(with = "quantity::PositiveInertia")]
     pub load_inertia: f64,
     /// The law of load friction.
     #[serde(default)]
     pub friction: LoadLaw,
     /// Velocity above which `lugre` friction falls from its static to its Coulomb level, `v_s`, rad/s.
-    #[serde(default = "stribeck", deserialize_with = "quantity::positive_rotation")]
+    #[serde(default = "stribeck", with = "quantity::PositiveRotation")]
     pub stribeck: f64,
     /// `q_p` under `coulomb-presliding`, `q_0` under `maxwell-slip` and `lugre`, radians.
-    #[serde(deserialize_with = "quantity::non_negative_angle")]
+    #[serde(with = "quantity::NonNegativeAngle")]
     pub presliding: f64,
     /// Constant torque on the load by a preloading spring (thesis 2.4.2), N m.
-    #[serde(deserialize_with = "quantity::torque")]
+    #[serde(with = "quantity::Torque")]
     pub preload: f64,
     /// The motor.
     pub motor: MotorPlant,
     /// The transmission.
     pub transmission: TransmissionPlant,
-    /// Friction on the motor.
+    /// That on the motor.
     pub motor_friction: FrictionPlant,
-    /// Friction on the load.
+    /// That on the load.
     pub load_friction: FrictionPlant,
-    /// How friction departs from what it is at first.
+    /// How a joint departs from its friction as given.
     #[serde(default)]
     pub unrest: UnrestPlant,
 }
 
 /// A law of load friction.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum LoadLaw {
     /// The thesis's: a rigid hold up to the static level, presliding in front of it.
@@ -64,33 +65,33 @@ fn stribeck() -> f64 {
     0.01
 }
 
-/// A motor.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+/// The motor of a joint.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MotorPlant {
     /// `k_m`, N m/A.
-    #[serde(deserialize_with = "quantity::positive_torque_constant")]
+    #[serde(with = "quantity::PositiveTorqueConstant")]
     pub torque_constant: f64,
     /// `k_b`, V s/rad.
-    #[serde(deserialize_with = "quantity::positive_back_emf")]
+    #[serde(with = "quantity::PositiveBackEmf")]
     pub back_emf: f64,
     /// `R`, ohm.
-    #[serde(deserialize_with = "quantity::positive_resistance")]
+    #[serde(with = "quantity::PositiveResistance")]
     pub resistance: f64,
 }
 
-/// A transmission.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+/// The transmission of a joint.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TransmissionPlant {
     /// `k_s`, N m/rad.
-    #[serde(deserialize_with = "quantity::positive_stiffness")]
+    #[serde(with = "quantity::PositiveStiffness")]
     pub linear: f64,
     /// `k_h`, N m/rad^3.
-    #[serde(deserialize_with = "quantity::non_negative_hardening")]
+    #[serde(with = "quantity::NonNegativeHardening")]
     pub cubic: f64,
     /// How far its stiffness rises as it hardens, relative to `k_s`; without it (2.6), without end.
-    #[serde(default = "endless", deserialize_with = "quantity::one_or_more")]
+    #[serde(default = "endless", with = "quantity::OneOrMore")]
     pub bound: f64,
 }
 
@@ -111,21 +112,22 @@ impl TransmissionPlant {
 }
 
 /// Friction on one body.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(try_from = "FrictionKeys")]
+#[schemars(with = "FrictionKeys")]
 pub struct FrictionPlant(Friction);
 
-#[derive(Deserialize)]
+#[derive(Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 struct FrictionKeys {
     /// Torque up to which it holds what is at rest, N m; at least the Coulomb level.
-    #[serde(rename = "static", deserialize_with = "quantity::non_negative_torque")]
+    #[serde(rename = "static", with = "quantity::NonNegativeTorque")]
     fixed: f64,
     /// Torque against what moves, N m.
-    #[serde(deserialize_with = "quantity::non_negative_torque")]
+    #[serde(with = "quantity::NonNegativeTorque")]
     coulomb: f64,
     /// Torque for each rad/s, N m s/rad.
-    #[serde(deserialize_with = "quantity::non_negative_damping")]
+    #[serde(with = "quantity::NonNegativeDamping")]
     viscous: f64,
 }
 
