@@ -302,6 +302,10 @@ pub struct MicroGeometry {
     /// Displacement of an axis per volt, metres a volt.
     #[serde(with = "quantity::PositivePiezoGain")]
     pub gain: f64,
+    /// By when it has come to rest where it was told to be, seconds; the datasheet's where nobody has measured
+    /// it.
+    #[serde(default, with = "quantity::Optional::<quantity::PositiveTime>")]
+    pub settling: Option<f64>,
     /// When it was found.
     pub date: String,
     /// By which run.

@@ -79,8 +79,26 @@ const NOISY: f64 = 10.0;
 /// but for light so dim that it takes very many.
 const TOGETHER: f64 = 0.8;
 
-/// Share of a turn in which a circle becomes smaller.
+/// Share of a turn in which a circle becomes smaller...
 const SHRINK: f64 = 0.3;
+
+/// ...and in which the micro comes from it to rest: twice as slowly it rings a quarter as much.
+const COME_TO_REST: f64 = 0.6;
+
+/// Turns in which it does where the micro rings: so slow a change excites it little.
+const GENTLE: f64 = 2.0;
+
+/// How far a micro that rings may swing where the fiber is attached, metres.
+const QUIET: f64 = 20e-9;
+
+/// How far it may swing, at most, before it comes to rest, where that does not die away: then it may be noise.
+const SWINGS: f64 = 60e-9;
+
+/// Small turns, at most, until it no longer rings.
+const RINGING: u32 = 10;
+
+/// A swing that is more than this share of that of the turn before does not die away.
+const LASTING: f64 = 0.8;
 
 /// How far the small turn may find the peak from where the wide ones foresaw it, metres and standard
 /// deviations: what is farther has been moved meanwhile. Rather once too often: it costs some turns.
@@ -90,8 +108,11 @@ const MOVED: (f64, f64) = (40e-9, 3.0);
 /// it, or a piezo that does not move, which makes `1 / sqrt(8)`.
 const SMALL_MISFIT: f64 = 0.2;
 
-/// Fastest that a peak may move when all is done, metres a turn: some times what piezos creep.
-const FASTEST: f64 = 75e-9;
+/// How fast a peak moves when all is done, metres a turn: as piezos creep.
+const CREEP: f64 = 15e-9;
+
+/// Fastest that it may.
+const FASTEST: f64 = 5.0 * CREEP;
 
 /// By how much the light on the circle may differ from that of a peak, of its own: one whose modes
 /// are not as designed does by 3 % at most, a piezo that goes half of its way makes it 5 %.
@@ -219,7 +240,12 @@ impl<'r> ConicalScan<'r> {
     ///
     /// The machine's fault.
     pub fn turn(&mut self, station: &mut Station, gap: f64) -> Result<(), Fault> {
-        let cycles = (self.shape.period / station.spec().period()).round() as u64;
+        self.cycles(station, gap, self.shape.period)
+    }
+
+    /// So many seconds on the circle.
+    fn cycles(&mut self, station: &mut Station, gap: f64, seconds: f64) -> Result<(), Fault> {
+        let cycles = (seconds / station.spec().period()).round() as u64;
         for _ in 0..cycles {
             self.cycle(station, gap)?;
         }
@@ -241,6 +267,33 @@ impl<'r> ConicalScan<'r> {
         let noise = self.watch.noise * self.watch.noise * (1.0 + 4.0 * (2.0 / n).sqrt());
         let rest = (self.beam.misfit(readings, peak) / n - noise).max(0.0);
         rest.sqrt() / (peak.full * self.beam.share(gap))
+    }
+
+    /// By how much the micro swings beside its circle around a `peak`, metres: what the light of the last
+    /// turn holds beside the harmonics that a circle makes, where that is two standard deviations more than its
+    /// noise, or zero. On a circle of `r` widths `w` a swing `a` makes `r a/w` of the light, rms.
+    fn swing(&self, peak: &Peak, gap: f64) -> f64 {
+        let n = self.readings.len();
+        let volts = || self.readings.iter().map(|r| r.volts).enumerate();
+        let part = |harmonic: usize, of: fn(f64) -> f64| {
+            let angle = |k: usize| TAU * (harmonic * k) as f64 / n as f64;
+            let sum: f64 = volts().map(|(k, v)| v * of(angle(k))).sum();
+            sum * sum * 2.0 / n as f64
+        };
+        let whole: f64 = volts().map(|(_, v)| v * v).sum();
+        let mean: f64 = volts().map(|(_, v)| v).sum();
+        let circle = part(1, f64::sin) + part(1, f64::cos) + part(2, f64::sin) + part(2, f64::cos);
+        let free = n as f64 - 5.0;
+        if free < 1.0 {
+            return f64::INFINITY;
+        }
+        let left = (whole - mean * mean / n as f64 - circle) / free;
+        let noise = self.watch.noise * self.watch.noise;
+        if left < noise * (1.0 + 2.0 * (2.0 / free).sqrt()) {
+            return 0.0;
+        }
+        let light = peak.full * self.beam.share(gap);
+        (left - noise).sqrt() * self.beam.width(gap) / (self.radius * light)
     }
 
     /// Goes to a peak, at most its width at `gap` away. Returns how far it was away, metres.
@@ -430,15 +483,43 @@ impl<'r> ConicalScan<'r> {
     ) -> Result<f64, Halt> {
         let radius = self.small(foreseen, gap);
         let small = radius * radius;
-        self.shrink(station, gap, radius)?;
-        self.turn(station, gap)?;
-        let Some(seen) = self.peak() else {
-            return Err(Outcome::LightLost {
-                phase,
-                level: 0.0,
-                expected: foreseen.full * self.beam.share(gap),
+        self.shrink(station, gap, radius, SHRINK)?;
+        // The way to rest makes the micro ring as the way to this circle did, and is this much shorter.
+        let shorter = radius / (self.shape.radius - radius);
+        let (mut turns, mut before, mut rings) = (0, f64::INFINITY, false);
+        let seen = loop {
+            self.turn(station, gap)?;
+            let Some(seen) = self.peak() else {
+                return Err(Outcome::LightLost {
+                    phase,
+                    level: 0.0,
+                    expected: foreseen.full * self.beam.share(gap),
+                }
+                .into());
+            };
+            let swing = self.swing(&seen, gap);
+            rings |= swing * shorter > QUIET;
+            if swing < QUIET || !rings {
+                break seen;
             }
-            .into());
+            if swing > LASTING * before || turns == RINGING {
+                if swing > SWINGS {
+                    return Err(Outcome::Unsure {
+                        deviation: swing,
+                        accuracy: SWINGS,
+                    }
+                    .into());
+                }
+                break seen;
+            }
+            (before, turns) = (swing, turns + 1);
+            self.go_to(station, &seen, gap)?;
+        };
+        // What was foreseen was so for one turn.
+        let late = CREEP * f64::from(turns);
+        let foreseen = &Peak {
+            deviation: foreseen.deviation.hypot(late),
+            ..*foreseen
         };
         let by = seen.at - foreseen.at;
         let deviation = seen.deviation.hypot(foreseen.deviation);
@@ -456,13 +537,15 @@ impl<'r> ConicalScan<'r> {
             return Err(Outcome::Misshapen { misfit, accepted }.into());
         }
         let share = (foreseen.deviation / deviation).powi(2);
+        let last = if rings { GENTLE } else { COME_TO_REST };
         let peak = Peak {
             at: foreseen.at + by * share,
             ..seen
         };
         self.go_to(station, &peak, gap)?;
-        self.shrink(station, gap, 0.0)?;
-        // Not a moment longer: to wait until the micro has come to rest makes offsets larger by a third.
+        self.shrink(station, gap, 0.0, last)?;
+        // It comes to rest, and not a moment longer: piezos creep.
+        self.cycles(station, gap, station.micro_settling())?;
         let misfit = self.misfit(&seen, gap, SHRINK);
         if misfit > accepted {
             return Err(Outcome::Misshapen { misfit, accepted }.into());
@@ -474,14 +557,30 @@ impl<'r> ConicalScan<'r> {
         Ok(seen.full * wider * self.beam.share(gap))
     }
 
-    /// Goes on the circle to another radius, in widths of the peak, and with nought to rest.
+    /// Leaves the circle for its middle.
     ///
     /// # Errors
     ///
     /// The machine's fault.
-    pub fn shrink(&mut self, station: &mut Station, gap: f64, to: f64) -> Result<(), Fault> {
+    pub fn rest(&mut self, station: &mut Station, gap: f64) -> Result<(), Fault> {
+        self.shrink(station, gap, 0.0, SHRINK)
+    }
+
+    /// Goes on the circle to another radius, in widths of the peak, within so many turns, and with nought to
+    /// rest.
+    ///
+    /// # Errors
+    ///
+    /// The machine's fault.
+    fn shrink(
+        &mut self,
+        station: &mut Station,
+        gap: f64,
+        to: f64,
+        turns: f64,
+    ) -> Result<(), Fault> {
         let from = self.radius;
-        let cycles = (SHRINK * self.shape.period / station.spec().period()).round();
+        let cycles = (turns * self.shape.period / station.spec().period()).round();
         for k in 0..cycles as u64 {
             // Without a jump of the speed, for the micro's resonance.
             let left = 0.5 + 0.5 * (PI * (k as f64 + 1.0) / cycles).cos();

@@ -154,7 +154,7 @@ pub fn follow(station: &mut Station, recipe: &Recipe, trial: &Trial) -> Result<F
                     scan.go_to(station, &peak, gap)?;
                 }
             }
-            scan.shrink(station, gap, 0.0)?;
+            scan.rest(station, gap)?;
         }
     }
     // The look is short: the peak goes on moving.

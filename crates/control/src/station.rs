@@ -66,6 +66,8 @@ pub struct Station<'a> {
     command: Command,
     measurement: Measurement,
     tips: TipEstimator,
+    /// By when a micro has come to rest, seconds.
+    settling: f64,
     /// What is believed of pulses on a five-bar.
     five_bar_pulses: Option<ImpulseBelief>,
     /// Light samples that somebody has looked at, and the time of the last of them.
@@ -113,6 +115,11 @@ impl<'a> Station<'a> {
         let measurement = machine.exchange(&command)?;
         Ok(Self {
             tips: TipEstimator::new(&spec),
+            settling: calibration
+                .geometry
+                .micro
+                .settling
+                .unwrap_or(spec.micro.settling),
             five_bar_pulses: calibration.impulse.five_bar.clone(),
             readings: Cell::new((0, f64::NEG_INFINITY)),
             limits: Limits {
@@ -144,6 +151,11 @@ impl<'a> Station<'a> {
     /// Machine time, seconds.
     pub fn time(&self) -> f64 {
         self.measurement.time
+    }
+
+    /// By when a micro has come to rest where it was told to be, as believed, seconds.
+    pub fn micro_settling(&self) -> f64 {
+        self.settling
     }
 
     /// The believed kinematics of a manipulator.

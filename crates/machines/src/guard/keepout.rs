@@ -13,8 +13,10 @@ use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 const SCALE: f64 = 2e-3;
 /// By what time a tip may lag behind its encoders, seconds.
 const LAG: f64 = 2e-3;
-/// In what time a piezo comes to where it was told to be, seconds.
-const SETTLE: f64 = 12e-3;
+/// So many times longer than it takes to settle a piezo may be seen to swing.
+const LATE: usize = 4;
+/// Cycles from one look at where piezos were told to be to the next.
+const EVERY: usize = 4;
 /// What hysteresis may make of a way of the micro, as a share of it.
 const HYSTERESIS: f64 = 0.25;
 /// What the transmissions hide in x of a way in y, as a share of it: their windups differ.
@@ -113,7 +115,9 @@ pub(super) struct Keepout {
     /// By what deceleration a z-stage can be stopped, metres a second squared.
     brake: f64,
     /// Cycles that a piezo takes to come to where it was told to be.
-    settle: usize,
+    pub(super) settle: usize,
+    /// The square of the share of a way that a piezo may still be off, from now on every [`EVERY`] cycles.
+    late: Vec<f64>,
     recent: Vec<[Stand; SIDES]>,
     /// Whether what was before says nothing of what comes.
     anew: bool,
@@ -133,8 +137,13 @@ pub(super) struct Keepout {
 impl Keepout {
     pub(super) fn new(spec: &Spec, geometry: Geometry) -> Self {
         let oldest = spec.vision.latency.max(1.0 / spec.vision.rate);
-        let settle = (SETTLE * spec.servo.rate).ceil() as usize;
-        let cycles = (oldest * spec.servo.rate).ceil() as usize + WHILE.max(settle) + 1;
+        let settle = (spec.micro.settling * spec.servo.rate).ceil() as usize;
+        // All of it until it must have settled; one that is damped less than believed swings on.
+        let late: Vec<f64> = (0..LATE * settle)
+            .step_by(EVERY)
+            .map(|k| (-2.0 * (k as f64 / settle as f64 - 1.0).max(0.0)).exp())
+            .collect();
+        let cycles = (oldest * spec.servo.rate).ceil() as usize + WHILE.max(LATE * settle) + 1;
         let home = Point::new(0.0, 0.0, 0.0);
         let stands = std::array::from_fn(|side| Stand {
             time: 0.0,
@@ -169,6 +178,7 @@ impl Keepout {
             holder: spec.holder,
             brake: 2.0 * spec.z_stage.acceleration,
             settle,
+            late,
             recent: vec![stands; cycles],
             anew: false,
             at: 0,
@@ -205,6 +215,17 @@ impl Keepout {
     pub(super) fn stand(&self, side: usize, back: usize) -> &Stand {
         let n = self.recent.len();
         &self.recent[(self.at + n - back) % n][side]
+    }
+
+    /// How far a micro may have been from where it was told to be so many cycles ago, metres: on its way from
+    /// anywhere that it was told of late.
+    pub(super) fn arriving(&self, side: usize, back: usize) -> f64 {
+        let told = self.stand(side, back).micro;
+        let squares = (self.late.iter().zip((0..).step_by(EVERY))).map(|(share, k)| {
+            let off = told - self.stand(side, back + k).micro;
+            share * (off.x * off.x + off.y * off.y)
+        });
+        squares.fold(0.0, f64::max).sqrt()
     }
 
     /// How far an endpoint has moved within so many cycles, metres: across and along.
@@ -269,7 +290,7 @@ impl Keepout {
     /// Takes in a frame that has arrived at `now`.
     pub(super) fn see(&mut self, frame: &VisionFrame, now: f64) -> Result<(), Surprise> {
         let back = ((now - frame.time) * self.rate).round().max(0.0) as usize;
-        if back + WHILE.max(self.settle) >= self.recent.len() || frame.time <= self.begun {
+        if back + WHILE.max(LATE * self.settle) >= self.recent.len() || frame.time <= self.begun {
             return Ok(());
         }
         for side in Side::ALL {
@@ -290,10 +311,8 @@ impl Keepout {
         let stood = self.nominal(tip, back);
         let holder = *self.stand(side, back);
         let earlier = self.nominal(tip, back + WHILE);
-        // A piezo that was told to go farther a moment ago is still on its way.
-        let commanded = self.stand(side, back + self.settle).micro;
+        let arriving = self.arriving(side, back);
         let x_probed = self.probed_x(tip, &holder).map(|x| fix.x - x);
-        let arriving = (holder.micro - commanded).norm();
         let lag = |way: f64| LAG * way.abs() * self.rate / WHILE as f64;
         let seen = [fix.x - stood.x, fix.z - stood.z];
         let belief = match tip {

@@ -10,11 +10,9 @@ use pigtail_hal::{Channel, Command, Measurement, Rule, Spec};
 const BRIGHT: f64 = 0.02;
 /// It has gone out when so little of it is left...
 const LEFT: f64 = 0.1;
-/// ...while no tip has been told to be farther than this from where it is, metres: no mode is so
-/// narrow...
+/// ...while no tip has been told to be farther than this from where it is, metres, for as long as piezos take
+/// to come where they are told: no mode is so narrow.
 const STILL: f64 = 1e-6;
-/// ...for so many cycles: piezos come later than they are told.
-const REST: usize = 30;
 
 /// What the photodiodes saw last.
 #[derive(Debug, Clone)]
@@ -82,7 +80,8 @@ impl LightWatch {
 
 fn still(keepout: &Keepout) -> bool {
     (0..SIDES).all(|side| {
-        let now = keepout.stand(side, 0).tip;
-        (1..=REST).all(|back| keepout.stand(side, back).tip.distance(now) <= STILL)
+        let now = keepout.stand(side, 0).endpoint;
+        let stands = || (1..=keepout.settle).map(|back| keepout.stand(side, back).endpoint);
+        keepout.arriving(side, 0) <= STILL && stands().all(|then| then.distance(now) <= STILL)
     })
 }
