@@ -7,6 +7,7 @@ use pigtail_model::frames::{Chip, Displacement, Point};
 use pigtail_model::optics::{
     Coupler, GaussianMode, Misalignment, core_capture, disc_below_edge, exit_angle,
 };
+use pigtail_numerics::golden::least;
 use rand::RngExt;
 use std::f64::consts::PI;
 
@@ -218,32 +219,19 @@ impl LightPath {
     /// The lateral position at which the coupling to `port` peaks for a fiber of this tilt at the
     /// gap of `tip`, chip frame.
     pub(super) fn peak(&self, port: &Port, tip: Point<Chip>, tilt: [f64; 2]) -> Displacement {
+        /// How far the peak may be from where the port's ray is, metres.
+        const REACH: f64 = 10e-6;
+        /// Far below where rounding hides which of two places is the brighter, metres.
+        const ACCURATE: f64 = 1e-15;
         let exit = port.sin_exit / port.cos_exit;
         let (mut x, mut y) = (port.position.x + exit * port.gap(tip), port.position.y);
+        let around = |at: f64| (at - REACH, at + REACH);
+        let lost = |x: f64, y: f64| -self.coupling(port, Point::new(x, y, tip.z), tilt);
         // The two directions are separable but for the small rotation of the beam's frame.
         for _ in 0..3 {
-            x = maximum(x, 10e-6, |x| {
-                self.coupling(port, Point::new(x, y, tip.z), tilt)
-            });
-            y = maximum(y, 10e-6, |y| {
-                self.coupling(port, Point::new(x, y, tip.z), tilt)
-            });
+            x = least(around(x), ACCURATE, |x| lost(x, y));
+            y = least(around(y), ACCURATE, |y| lost(x, y));
         }
         Displacement::new(x, y)
     }
-}
-
-/// The maximum of a function with a single one within `reach` of `around`, by golden section.
-fn maximum(around: f64, reach: f64, f: impl Fn(f64) -> f64) -> f64 {
-    const GOLDEN: f64 = 0.618_033_988_749_894_9;
-    let (mut a, mut b) = (around - reach, around + reach);
-    for _ in 0..60 {
-        let (c, d) = (b - GOLDEN * (b - a), a + GOLDEN * (b - a));
-        if f(c) > f(d) {
-            b = d;
-        } else {
-            a = c;
-        }
-    }
-    0.5 * (a + b)
 }
