@@ -12,8 +12,8 @@
 
 use super::blocks::{Blocks, Observed, fitted};
 use super::{
-    BLOCK, DARK, Flank, Identified, Micro, STILL, Series, Watch, gaussian, no_beam, ratio, resting,
-    share_in_x, ways,
+    BLOCK, DARK, Flank, Identified, Micro, STILL, Series, Watch, gaussian_far, no_beam, ratio,
+    resting, share_in_x, ways,
 };
 use crate::compensation::hysteresis::{Model, predict};
 use crate::identify::Path;
@@ -268,9 +268,7 @@ fn centre(
     let (slow, seen) = line(station, driven, 0.25 * voltage)?;
     series.append(seen);
     let bright: Vec<(f64, f64)> = slow.into_iter().filter(|p| p.1 > 0.2 * top).collect();
-    let middle = bright.iter().map(|p| p.0).sum::<f64>() / bright.len().max(1) as f64;
-    let from: Vec<(f64, f64)> = bright.iter().map(|p| (p.0 - middle, p.1)).collect();
-    let beside = middle + gaussian(&from, "beside a piezo's way")?.centre;
+    let beside = gaussian_far(&bright, "beside a piezo's way")?.centre;
     if !(0.0..=voltage).contains(&beside) {
         return Err(no_beam("beside a piezo's way").into());
     }

@@ -174,6 +174,29 @@ fn gaussian(points: &[(f64, f64)], place: &'static str) -> Result<Flank, Outcome
     }
 }
 
+/// The same through points far from zero: about their mean place.
+fn gaussian_far(points: &[(f64, f64)], place: &'static str) -> Result<Flank, Outcome> {
+    let mean = points.iter().map(|p| p.0).sum::<f64>() / points.len().max(1) as f64;
+    let around: Vec<(f64, f64)> = points.iter().map(|p| (p.0 - mean, p.1)).collect();
+    let beam = gaussian(&around, place)?;
+    Ok(Flank {
+        centre: beam.centre + mean,
+        ..beam
+    })
+}
+
+/// Means of [`BLOCK`] neighbours of points of place and light, and the brightest of them.
+fn smoothed(points: &[(f64, f64)]) -> (Vec<(f64, f64)>, (f64, f64)) {
+    let mean = |w: &[(f64, f64)]| {
+        let sum = w.iter().fold((0.0, 0.0), |s, p| (s.0 + p.0, s.1 + p.1));
+        (sum.0 / BLOCK as f64, sum.1 / BLOCK as f64)
+    };
+    let smooth: Vec<(f64, f64)> = points.windows(BLOCK).map(mean).collect();
+    let brighter = |b: (f64, f64), p: &(f64, f64)| if p.1 > b.1 { *p } else { b };
+    let top = smooth.iter().fold((0.0, 0.0), brighter);
+    (smooth, top)
+}
+
 /// Share in x of a displacement along a piezo.
 fn share_in_x(station: &Station, piezo: usize) -> f64 {
     let (sin, cos) = station.spec().micro.angle.sin_cos();

@@ -1,7 +1,7 @@
 //! The static coupling of the left micro's axes (thesis 4.2), by how wide the beam is straight up.
 
 use super::coupling::{LEAST, SIDE, arrive};
-use super::{BLOCK, Flank, Identified, Watch, gaussian};
+use super::{BLOCK, Flank, Identified, Watch, gaussian, smoothed};
 use crate::compensation::micro::{MicroCompensation, MicroModel};
 use crate::outcome::{Halt, Outcome};
 use crate::station::Station;
@@ -64,20 +64,8 @@ pub(super) fn straight_up(
         }
     }
     let (middle, _) = best;
-    let over = |points: Vec<(f64, f64)>| -> Result<Flank, Outcome> {
-        let smooth: Vec<(f64, f64)> = points
-            .windows(BLOCK)
-            .map(|w| {
-                let sum = w.iter().fold((0.0, 0.0), |s, p| (s.0 + p.0, s.1 + p.1));
-                (sum.0 / BLOCK as f64, sum.1 / BLOCK as f64)
-            })
-            .collect();
-        let top = smooth.iter().fold(
-            (0.0, 0.0),
-            |b: (f64, f64), p| {
-                if p.1 > b.1 { *p } else { b }
-            },
-        );
+    let over = |points: &[(f64, f64)]| -> Result<Flank, Outcome> {
+        let (smooth, top) = smoothed(&points);
         let bright: Vec<(f64, f64)> = smooth
             .iter()
             .filter(|p| p.1 > LEAST * top.1)
@@ -91,7 +79,8 @@ pub(super) fn straight_up(
     let mut by_micro = 0.0;
     for _ in 0..CLIMBS {
         let up = sweep(station, &line(low, top, 0.5))?;
-        by_micro += over(up.iter().map(|p| (p.0.y, p.1)).collect())?.width / CLIMBS as f64;
+        by_micro +=
+            over(&up.iter().map(|p| (p.0.y, p.1)).collect::<Vec<_>>())?.width / CLIMBS as f64;
         sweep(station, &line(top, low, 0.5))?;
     }
     sweep(station, &line(low, middle, 0.2))?;
@@ -109,7 +98,7 @@ pub(super) fn straight_up(
                 seen.push((station.endpoint(SIDE).y, light - watch.dark));
             }
         }
-        by_macro += over(seen)?.width / CLIMBS as f64;
+        by_macro += over(&seen)?.width / CLIMBS as f64;
     }
     Ok(by_macro / by_micro)
 }

@@ -7,8 +7,8 @@
 
 use super::blocks::{Blocks, Observed, fitted};
 use super::{
-    BLOCK, DARK, Flank, Identified, Micro, Series, Watch, gaussian, no_beam, resting, share_in_x,
-    ways,
+    DARK, Flank, Identified, Micro, Series, Watch, gaussian, gaussian_far, no_beam, resting,
+    share_in_x, smoothed, ways,
 };
 use crate::compensation::hysteresis::Model;
 use crate::identify::Path;
@@ -130,17 +130,7 @@ fn flank_up(
             frames += 1.0;
         }
     }
-    let smooth: Vec<(f64, f64)> = seen
-        .windows(BLOCK)
-        .map(|w| {
-            let n = w.len() as f64;
-            let sum = w.iter().fold((0.0, 0.0), |s, p| (s.0 + p.0, s.1 + p.1));
-            (sum.0 / n, sum.1 / n)
-        })
-        .collect();
-    let brightest = smooth
-        .iter()
-        .fold((0.0, 0.0), |b, p| if p.1 > b.1 { *p } else { b });
+    let (smooth, brightest) = smoothed(&seen);
     // With its lower rim below the chip's top the core takes in scattered light too. Where the top
     // is follows from the beam, whose middle lies there.
     let clear = CLEARANCE + 0.5 * station.spec().sensing_fiber.core;
@@ -194,14 +184,8 @@ fn across_beam(station: &mut Station, watch: &Watch, log: &mut Series) -> Result
         .iter()
         .filter_map(|(time, x)| Some((*x, series.light_at(*time, 0.0)?)))
         .collect();
-    let mean = points.iter().map(|p| p.0).sum::<f64>() / points.len().max(1) as f64;
-    let around: Vec<(f64, f64)> = points.iter().map(|p| (p.0 - mean, p.1)).collect();
     log.append(series);
-    let beam = gaussian(&around, "across the guide")?;
-    Ok(Flank {
-        centre: beam.centre + mean,
-        ..beam
-    })
+    Ok(gaussian_far(&points, "across the guide")?)
 }
 
 /// What was seen of one piezo.
