@@ -14,6 +14,34 @@ const LEFT: f64 = 0.1;
 /// to come where they are told: no mode is so narrow.
 const STILL: f64 = 1e-6;
 
+/// It goes out by more than so many times what it has varied by from sample to sample...
+const VARIES: f64 = 8.0;
+/// ...on average over so many of them; before there are some of them nothing is known of that.
+const AVERAGED: (f64, u32) = (50.0, 5);
+
+/// How light varies while nothing moves.
+#[derive(Debug, Clone, Copy, Default)]
+struct Varies {
+    /// Mean square of the difference from one sample to the next, square volts.
+    square: f64,
+    samples: u32,
+}
+
+impl Varies {
+    fn note(&mut self, by: f64) {
+        let (average, _) = AVERAGED;
+        self.samples = self.samples.saturating_add(1);
+        let share = 1.0 / f64::from(self.samples).min(average);
+        self.square += share * (by * by - self.square);
+    }
+
+    /// Whether a difference is none of the usual ones.
+    fn is_new(&self, by: f64) -> bool {
+        let (_, least) = AVERAGED;
+        self.samples >= least && by > VARIES * self.square.sqrt()
+    }
+}
+
 /// What the photodiodes saw last.
 #[derive(Debug, Clone)]
 pub(super) struct LightWatch {
@@ -21,6 +49,7 @@ pub(super) struct LightWatch {
     /// The least that each photodiode has read: the dark, or what is always there, volts.
     dark: [f64; CHANNELS],
     last: Option<[Volts; CHANNELS]>,
+    varies: [Varies; CHANNELS],
 }
 
 impl LightWatch {
@@ -29,6 +58,7 @@ impl LightWatch {
             bright: BRIGHT * spec.photodiode.range,
             dark: [f64::INFINITY; CHANNELS],
             last: None,
+            varies: [Varies::default(); CHANNELS],
         }
     }
 
@@ -59,10 +89,16 @@ impl LightWatch {
         let Some(volts) = before else {
             return Ok(());
         };
+        if !still(keepout) {
+            self.varies = [Varies::default(); CHANNELS];
+            return Ok(());
+        }
         for channel in Channel::ALL {
             let i = channel.index();
             let (was, is) = (volts[i].0 - self.dark[i], light.volts[i].0 - self.dark[i]);
-            if was > self.bright && is < LEFT * was && still(keepout) {
+            let gone = was > self.bright && is < LEFT * was && self.varies[i].is_new(was - is);
+            self.varies[i].note(was - is);
+            if gone {
                 return Err(Broken::new(
                     Rule::LightLoss,
                     channel.name(),

@@ -183,6 +183,8 @@ pub(super) struct Outputs {
     lag: f64,
     /// What each probe and its encoder have differed by of late, metres.
     usual: Option<[[f64; AXES]; SIDES]>,
+    /// How fast each has been of late, m/s: what a motion made of the usual stays for as long after it.
+    fast: [[f64; AXES]; SIDES],
 }
 
 impl Outputs {
@@ -193,6 +195,7 @@ impl Outputs {
             apart: [xy, xy, APART_Z],
             lag: spec.guard.lag,
             usual: None,
+            fast: [[0.0; AXES]; SIDES],
         }
     }
 
@@ -212,7 +215,10 @@ impl Outputs {
                 let lag = self.lag * speeds[i][k];
                 let by = probes[i][k] - encoders[i][k] + lag - usual[i][k];
                 usual[i][k] += self.share * by;
-                let accepted = self.apart[k] + self.lag * speeds[i][k].abs();
+                let speed = speeds[i][k].abs();
+                let fast = &mut self.fast[i][k];
+                *fast += self.share * (speed - *fast);
+                let accepted = self.apart[k] + self.lag * speed.max(*fast);
                 // A comparison that a NaN fails too.
                 if by.abs() <= accepted {
                     continue;
