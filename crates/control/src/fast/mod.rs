@@ -71,6 +71,12 @@ const COCKED: f64 = 0.008;
 /// Light of less than so many times what counts as light is looked at once more on the approach.
 const DOUBTFUL: f64 = 2.5;
 
+/// As is light of less than so many times the scattered light around it, which fluctuates...
+const SCATTERED: f64 = 5.0;
+
+/// ...for so many turns, in which it does not by chance stay as bright as a peak would.
+const DOUBTING: u64 = 3;
+
 /// Standard deviation of the gap, in tolerances, at which the last turns begin...
 const SURE_OF_GAP: f64 = 0.7;
 
@@ -276,15 +282,26 @@ impl Shared<'_> {
                 centred => break centred?,
             }
         };
+        let dark = self.dark[job.channel.index()].mean;
         job.phase(station, "approach", |_, station| {
             let beam = Beam::new(&self.recipe.mode, self.exit());
             let level = before * beam.share(aim.gap(station));
-            let doubtful = level < DOUBTFUL * self.fast.significance * scan.noise();
-            if doubtful {
+            let scattered = scan.background() - dark;
+            let least = DOUBTFUL * self.fast.significance * scan.noise();
+            if level < least.max(SCATTERED * scattered) {
                 // What is no peak may stand far aside, where the inclined facet is nearer.
-                self.approach(station, aim, &mut scan, before, self.fast.doubtful_gap)?;
+                let first = self.fast.doubtful_gap;
+                for gap in [first, 0.5 * first] {
+                    self.approach(station, aim, &mut scan, before, (gap, DOUBTING))?;
+                }
             }
-            self.approach(station, aim, &mut scan, before, self.recipe.approach.gap)
+            self.approach(
+                station,
+                aim,
+                &mut scan,
+                before,
+                (self.recipe.approach.gap, 1),
+            )
         })?;
         job.phase(station, "final", |job, station| {
             let last = self.finish(station, aim, &mut scan, before)?;
@@ -407,15 +424,15 @@ impl Shared<'_> {
         Ok(!reached)
     }
 
-    /// Closes the gap to `gap` metres on the circle, for as long as the light is `before` volts at no gap and does not
-    /// stray.
+    /// Closes the gap to `gap` metres on the circle and stays there for some turns, for as long as the light is
+    /// `before` volts at no gap and does not stray.
     fn approach(
         &self,
         station: &mut Station,
         aim: &Aim,
         scan: &mut ConicalScan,
         before: f64,
-        gap: f64,
+        (gap, turns): (f64, u64),
     ) -> Result<(), Halt> {
         let way = aim.gap(station) - gap;
         let end = station.wanted(aim.side).shifted(0.0, 0.0, way);
@@ -423,7 +440,7 @@ impl Shared<'_> {
         let turn = (self.fast.conical_scan.period / station.spec().period()).round() as u64;
         let start = scan.place(0.0);
         let (mut cycles, mut after) = (0, 0);
-        while after < turn {
+        while after < turns * turn {
             let gap = aim.gap(station);
             scan.cycle(station, gap)?;
             cycles += 1;
