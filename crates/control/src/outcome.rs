@@ -70,6 +70,27 @@ pub enum Outcome {
         /// What was asked for, metres.
         accuracy: f64,
     },
+    /// The gap is not known well enough for a fiber to be attached.
+    #[error(
+        "unsure: by vision and encoders the gap is {:.2} um from the one that is wanted, with a bound of {:.2} um \
+         and a deviation of {:.2} um; it is farther off than {:.2} um with a probability of {probability:.1e}, \
+         accepted is {accepted:.0e}",
+        off * 1e6, bound * 1e6, sigma * 1e6, tolerance * 1e6
+    )]
+    UnsureGap {
+        /// How far it is believed to be off, metres.
+        off: f64,
+        /// Bound of vision's fixed error, metres.
+        bound: f64,
+        /// Deviation beside that, metres.
+        sigma: f64,
+        /// How far it may be off, metres.
+        tolerance: f64,
+        /// Probability that it is farther.
+        probability: f64,
+        /// The greatest that is accepted.
+        accepted: f64,
+    },
     /// An axis did not come to where it was sent.
     #[error("not arrived: {axis} stayed {counts} counts away from where it was sent")]
     NotArrived {
@@ -218,7 +239,7 @@ impl Outcome {
             Self::FalseLight { .. } => OutcomeCode::FalseLight,
             Self::Slipped { .. } => OutcomeCode::Slipped,
             Self::Misshapen { .. } => OutcomeCode::Misshapen,
-            Self::Unsure { .. } => OutcomeCode::Unsure,
+            Self::Unsure { .. } | Self::UnsureGap { .. } => OutcomeCode::Unsure,
             Self::NotArrived { .. } => OutcomeCode::NotArrived,
             Self::Refused { .. }
             | Self::MicroRange { .. }

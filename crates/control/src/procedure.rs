@@ -9,6 +9,7 @@ use crate::tip_estimator::Tip;
 use pigtail_hal::spec::OUTPUTS;
 use pigtail_hal::{Channel, Fault, FiberHandling, Side};
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
+use pigtail_numerics::statistics::outside;
 
 /// For how long light is looked at once a fiber is attached, seconds.
 const ATTACHED_LOOK: f64 = 0.008;
@@ -344,6 +345,7 @@ impl<'r> Job<'r> {
         last: Level,
         background: f64,
     ) -> Result<(), Halt> {
+        self.sure_of_gap(station)?;
         station.handle_fiber(self.side, FiberHandling::Attach)?;
         let now = station.level(self.channel, ATTACHED_LOOK)?;
         let (before, after) = (last.mean - background, now.mean - background);
@@ -353,6 +355,33 @@ impl<'r> Job<'r> {
             return Err(Outcome::Slipped { before, after }.into());
         }
         Ok(())
+    }
+
+    /// Whether the gap is all but certainly what it should be.
+    fn sure_of_gap(&self, station: &Station) -> Result<(), Outcome> {
+        /// Probability of being outside the tolerance from which on a fiber is not believed.
+        const ACCEPTED: f64 = 1e-4;
+        let Some(seen) = station.seen(self.side, Tip::Fiber) else {
+            return Ok(());
+        };
+        let kinematics = station.kinematics(self.side);
+        let holder = kinematics.chip_from_macro(station.endpoint(self.side));
+        let gap = outward(self.side) * (holder.z + seen.z - self.port.z);
+        let off = gap - self.recipe.approach.gap;
+        let (bound, sigma) = (station.spec().vision.accuracy_z, seen.sigma[1]);
+        let tolerance = self.recipe.accept.gap;
+        let probability = outside(tolerance, off, bound, sigma);
+        if probability <= ACCEPTED {
+            return Ok(());
+        }
+        Err(Outcome::UnsureGap {
+            off,
+            bound,
+            sigma,
+            tolerance,
+            probability,
+            accepted: ACCEPTED,
+        })
     }
 
     /// From first light to the peak at the chip (thesis 3.3), where something is done.

@@ -189,6 +189,16 @@ pub struct Accept {
     /// Factor by which the light must have grown on approach.
     #[serde(with = "quantity::Positive")]
     pub growth: f64,
+    /// How far the last gap may be from the one that is wanted, metres: a fiber of which that is not all but
+    /// certain is not attached.
+    #[serde(default = "Accept::usual_gap", with = "quantity::PositiveLength")]
+    pub gap: f64,
+}
+
+impl Accept {
+    const fn usual_gap() -> f64 {
+        2e-6
+    }
 }
 
 impl Recipe {

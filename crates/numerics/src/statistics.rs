@@ -2,6 +2,7 @@
 
 use crate::rounded;
 use serde::Serialize;
+use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
 /// The confidence of every interval here.
 pub const CONFIDENCE: f64 = 0.95;
@@ -96,9 +97,53 @@ pub fn wilson(hits: u64, trials: u64) -> [f64; 2] {
     [low, high]
 }
 
+/// Probability that something lies farther than `tolerance` from where it is wanted: it is believed to be `off`
+/// that, but for an error that is anywhere within a `bound`, as likely here as there, and a normal one of
+/// deviation `sigma`. All in one unit; `bound` and `sigma` are zero or more.
+///
+/// ```
+/// # use pigtail_numerics::statistics::outside;
+/// assert!((outside(2.0, 0.0, 0.0, 1.0) - 0.0455).abs() < 1e-4);
+/// // A bound that dominates is no normal deviate: nothing lies beyond it.
+/// assert_eq!(outside(2.0, 0.0, 1.9, 0.0), 0.0);
+/// ```
+pub fn outside(tolerance: f64, off: f64, bound: f64, sigma: f64) -> f64 {
+    /// A deviation or bound of less than this share of the tolerance changes nothing.
+    const NONE: f64 = 1e-9;
+    let (bound, sigma) = (bound.max(NONE * tolerance), sigma.max(NONE * tolerance));
+    let tail = |a: f64| 0.5 * libm::erfc(a * FRAC_1_SQRT_2);
+    let density = |a: f64| (-0.5 * a * a).exp() / TAU.sqrt();
+    // The tail's integral from `a` on.
+    let beyond = |a: f64| density(a) - a * tail(a);
+    let side = |off: f64| {
+        let [near, far] = [-bound, bound].map(|by| beyond((tolerance - off + by) / sigma));
+        0.5 * sigma / bound * (near - far)
+    };
+    (side(off) + side(-off)).clamp(0.0, 1.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_lies_outside_is_what_draws_say() {
+        use rand::{RngExt, SeedableRng};
+        let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(1);
+        for (off, bound, sigma) in [(0.3, 1.9, 0.2), (0.0, 2.5, 0.1), (1.5, 0.5, 0.5)] {
+            const DRAWS: u32 = 100_000;
+            let draws = (0..DRAWS).filter(|_| {
+                let even = bound * (2.0 * rng.random::<f64>() - 1.0);
+                // Twelve even draws are nearly normal.
+                let normal: f64 = (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
+                let at: f64 = off + even + sigma * normal;
+                at.abs() > 2.0
+            });
+            let share = draws.count() as f64 / f64::from(DRAWS);
+            let told = outside(2.0, off, bound, sigma);
+            assert!((share - told).abs() < 5e-3, "{share} drawn, {told} told");
+        }
+    }
 
     #[test]
     fn percentiles_are_values_that_came() {

@@ -602,8 +602,8 @@ fn again(result: &Result<(), Halt>) -> bool {
         Ok(()) | Err(Halt::Fault(_)) => false,
         Err(Halt::Outcome(outcome)) => !matches!(
             outcome,
-            // What is attached is not to be aligned any more.
-            Outcome::NotArrived { .. } | Outcome::Slipped { .. }
+            // What is attached is not to be aligned any more; what vision does not know it never will.
+            Outcome::NotArrived { .. } | Outcome::Slipped { .. } | Outcome::UnsureGap { .. }
         ),
     }
 }
