@@ -118,7 +118,7 @@ pub(super) struct Keepout {
     /// By what deceleration a z-stage can be stopped, metres a second squared.
     brake: f64,
     /// Cycles that a piezo takes to come to where it was told to be.
-    pub(super) settle: usize,
+    settle: usize,
     /// The square of the share of a way that a piezo may still be off, from now on every [`EVERY`] cycles.
     late: Vec<f64>,
     recent: Vec<[Stand; SIDES]>,
@@ -222,13 +222,27 @@ impl Keepout {
 
     /// How far a micro may have been from where it was told to be so many cycles ago, metres: on its way from
     /// anywhere that it was told of late.
-    pub(super) fn arriving(&self, side: usize, back: usize) -> f64 {
+    fn arriving(&self, side: usize, back: usize) -> f64 {
+        self.squares(side, back).fold(0.0, f64::max).sqrt()
+    }
+
+    /// Whether a tip has been within so many metres of where it is for as long as piezos may swing.
+    pub(super) fn is_still(&self, side: usize, metres: f64) -> bool {
+        let now = self.stand(side, 0).endpoint;
+        // What moves mostly shows by the first of them.
+        self.squares(side, 0)
+            .all(|square| square <= metres * metres)
+            && (1..=self.settle).all(|back| self.stand(side, back).endpoint.distance(now) <= metres)
+    }
+
+    /// Squares of how far a micro may still have been from where it was told to be so many cycles ago, by where
+    /// it was told to be at each moment before.
+    fn squares(&self, side: usize, back: usize) -> impl Iterator<Item = f64> {
         let told = self.stand(side, back).micro;
-        let squares = (self.late.iter().zip((0..).step_by(EVERY))).map(|(share, k)| {
+        (self.late.iter().zip((0..).step_by(EVERY))).map(move |(share, k)| {
             let off = told - self.stand(side, back + k).micro;
             share * (off.x * off.x + off.y * off.y)
-        });
-        squares.fold(0.0, f64::max).sqrt()
+        })
     }
 
     /// How far an endpoint has moved within so many cycles, metres: across and along.

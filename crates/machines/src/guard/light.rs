@@ -115,9 +115,5 @@ impl LightWatch {
 }
 
 fn still(keepout: &Keepout) -> bool {
-    (0..SIDES).all(|side| {
-        let now = keepout.stand(side, 0).endpoint;
-        let stands = || (1..=keepout.settle).map(|back| keepout.stand(side, back).endpoint);
-        keepout.arriving(side, 0) <= STILL && stands().all(|then| then.distance(now) <= STILL)
-    })
+    (0..SIDES).all(|side| keepout.is_still(side, STILL))
 }
