@@ -111,3 +111,66 @@ fn what_once_went_wrong_goes_well() {
     is_honest(scenario(Scenario::Uncertain), 881_124..881_125);
     is_honest(scenario(Scenario::Turn), 880_496..880_497);
 }
+
+/// A truth that labs have, and that nobody told control of.
+type Truth = (&'static str, fn(&mut Setup));
+
+/// With the belief as it ships: what is different is slower, swings on, winds up more, stands elsewhere, or
+/// comes with light that fluctuates.
+const TRUTHS: [Truth; 9] = [
+    ("a slow micro", |setup| setup.plant.micro.resonance = 100.0),
+    ("a micro that swings", |setup| {
+        setup.plant.micro.damping = 0.05
+    }),
+    ("one that swings on", |setup| {
+        setup.plant.micro.damping = 0.02
+    }),
+    ("tips that shake", |setup| setup.plant.micro.noise = 10e-9),
+    ("friction", |setup| setup.plant.variation.friction = 0.3),
+    ("links", |setup| setup.plant.variation.links = 0.005),
+    ("home", |setup| setup.plant.misplacement.home = 100e-6),
+    ("scattered light", |setup| {
+        setup.plant.scatter.fluctuation = 0.3
+    }),
+    ("several at once", |setup| {
+        setup.plant.micro.resonance = 130.0;
+        setup.plant.micro.damping = 0.1;
+        setup.plant.micro.noise = 8e-9;
+        setup.plant.variation.friction = 0.2;
+        setup.plant.variation.links = 0.003;
+        setup.plant.misplacement.home = 60e-6;
+        setup.plant.scatter.fluctuation = 0.2;
+    }),
+];
+
+/// None is wrongly believed, none touched; and so many in a hundred are aligned.
+fn other_truths(devices: u64, least: usize) {
+    for (k, (name, truth)) in TRUTHS.iter().enumerate() {
+        let from = 920_000 + 10_000 * k as u64;
+        let outcomes = is_honest(truth, from..from + devices);
+        let aligned = outcomes.iter().filter(|name| **name == "aligned").count();
+        assert!(
+            100 * aligned >= least * outcomes.len(),
+            "{name}: {aligned} of {}: {outcomes:?}",
+            outcomes.len()
+        );
+    }
+}
+
+#[test]
+fn a_machine_that_is_not_as_believed_is_not_believed_wrongly() {
+    other_truths(4, 90);
+}
+
+#[test]
+#[ignore = "long: 540 devices"]
+fn many_machines_that_are_not_as_believed_are_not_believed_wrongly() {
+    other_truths(60, 90);
+}
+
+/// Where vision's bound is as wide as the tolerance, nobody knows the gap.
+#[test]
+fn a_gap_that_vision_does_not_know_is_unsure() {
+    let outcomes = is_honest(|setup| setup.rig.spec.vision.accuracy_z = 2e-6, 5..9);
+    assert!(outcomes.contains(&"unsure"), "{outcomes:?}");
+}

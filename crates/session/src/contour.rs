@@ -3,7 +3,7 @@
 use crate::job::{Ended, Job, Order, Work};
 use pigtail_control::contour::{self, Contour, ContourSample};
 use pigtail_control::trajectory::Shape;
-use pigtail_hal::{Axis, AxisName, Side};
+use pigtail_hal::{Axis, AxisName, Rule, Side};
 use pigtail_model::windup::Windup;
 use serde::{Deserialize, Serialize};
 
@@ -52,5 +52,10 @@ impl Job for FollowContour {
 
     fn order(&self) -> Order {
         Order::FollowContour(Box::new(*self))
+    }
+
+    /// At a reversal a motor is asked for the whole windup at once, and pushes before it moves.
+    fn breaks(&self) -> &'static [Rule] {
+        &[Rule::MotorStall]
     }
 }
