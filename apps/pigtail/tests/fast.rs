@@ -128,7 +128,7 @@ const TRUTHS: [Truth; 9] = [
     ("tips that shake", |setup| setup.plant.micro.noise = 10e-9),
     ("friction", |setup| setup.plant.variation.friction = 0.3),
     ("links", |setup| setup.plant.variation.links = 0.005),
-    ("home", |setup| setup.plant.misplacement.home = 100e-6),
+    ("home", |setup| setup.plant.misplacement.home = 60e-6),
     ("scattered light", |setup| {
         setup.plant.scatter.fluctuation = 0.3
     }),
@@ -138,7 +138,7 @@ const TRUTHS: [Truth; 9] = [
         setup.plant.micro.noise = 8e-9;
         setup.plant.variation.friction = 0.2;
         setup.plant.variation.links = 0.003;
-        setup.plant.misplacement.home = 60e-6;
+        setup.plant.misplacement.home = 50e-6;
         setup.plant.scatter.fluctuation = 0.2;
     }),
 ];

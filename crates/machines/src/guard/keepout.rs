@@ -29,9 +29,6 @@ const LED: f64 = 30e-6;
 const SIGMAS: f64 = 3.0;
 /// Standard deviations, and metres beside them, by which a frame may differ from what was expected.
 const SURPRISE: (f64, f64) = (8.0, 5e-6);
-/// A tip that is first seen may be so many times farther from where its holder should have it than is allowed
-/// for while nobody sees it: home is no better known, and from now on it is seen.
-const FIRST: f64 = 2.0;
 /// Cycles over which speeds are seen.
 pub(super) const WHILE: usize = 8;
 
@@ -346,7 +343,7 @@ impl Keepout {
         let noise = fix.sigma * fix.sigma + lag(stood.z - earlier.z).powi(2);
         let (sigmas, metres) = SURPRISE;
         let Some(before) = belief else {
-            surprise("z", seen[1], FIRST * self.placement + self.accuracy[1])?;
+            surprise("z", seen[1], self.placement + self.accuracy[1])?;
             return Ok(Belief {
                 z: seen[1],
                 z_variance: noise,
@@ -371,14 +368,24 @@ impl Keepout {
         let late = arriving + before.arriving;
         surprise("x", by_x, sigmas * fix.sigma + 4.0 * metres + hidden + late)?;
         let share = variance / (variance + noise);
-        Ok(Belief {
-            z: before.z + share * by,
-            z_variance: ((1.0 - share) * variance).max(noise.min(variance) * 0.02),
-            stood,
+        let across = Belief {
             holder,
             x: seen[0],
             arriving,
             x_probed,
+            ..before
+        };
+        // What a piezo on its way may excuse is not believed: frames are compared with what was known before.
+        let across = if arriving > before.arriving.max(metres) {
+            before
+        } else {
+            across
+        };
+        Ok(Belief {
+            z: before.z + share * by,
+            z_variance: ((1.0 - share) * variance).max(noise.min(variance) * 0.02),
+            stood,
+            ..across
         })
     }
 

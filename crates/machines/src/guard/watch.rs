@@ -170,6 +170,8 @@ impl Stalls {
 
 /// How fast what a probe and an encoder differ by may change, as a time: that of a filter, seconds.
 const SLOW: f64 = 0.1;
+/// By how much of a way lead and links may be wrong: so much of a motion comes out only when it has ended.
+const SCALE: f64 = 0.01;
 /// Farthest that they may come apart within it in z, metres.
 const APART_Z: f64 = 2e-6;
 
@@ -218,7 +220,7 @@ impl Outputs {
                 let speed = speeds[i][k].abs();
                 let fast = &mut self.fast[i][k];
                 *fast += self.share * (speed - *fast);
-                let accepted = self.apart[k] + self.lag * speed.max(*fast);
+                let accepted = self.apart[k] + (self.lag * speed).max(SCALE * SLOW * *fast);
                 // A comparison that a NaN fails too.
                 if by.abs() <= accepted {
                     continue;
