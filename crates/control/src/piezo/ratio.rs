@@ -65,7 +65,7 @@ pub(super) fn straight_up(
     }
     let (middle, _) = best;
     let over = |points: &[(f64, f64)]| -> Result<Flank, Outcome> {
-        let (smooth, top) = smoothed(&points);
+        let (smooth, top) = smoothed(points);
         let bright: Vec<(f64, f64)> = smooth
             .iter()
             .filter(|p| p.1 > LEAST * top.1)
