@@ -120,17 +120,17 @@ type Truth = (&'static str, fn(&mut Setup));
 const TRUTHS: [Truth; 9] = [
     ("a slow micro", |setup| setup.plant.micro.resonance = 100.0),
     ("a micro that swings", |setup| {
-        setup.plant.micro.damping = 0.05
+        setup.plant.micro.damping = 0.05;
     }),
     ("one that swings on", |setup| {
-        setup.plant.micro.damping = 0.02
+        setup.plant.micro.damping = 0.02;
     }),
     ("tips that shake", |setup| setup.plant.micro.noise = 10e-9),
     ("friction", |setup| setup.plant.variation.friction = 0.3),
     ("links", |setup| setup.plant.variation.links = 0.005),
     ("home", |setup| setup.plant.misplacement.home = 60e-6),
     ("scattered light", |setup| {
-        setup.plant.scatter.fluctuation = 0.3
+        setup.plant.scatter.fluctuation = 0.3;
     }),
     ("several at once", |setup| {
         setup.plant.micro.resonance = 130.0;
