@@ -6,7 +6,7 @@
 //! - [`regression`]: linear least squares, weighted and with instruments; [`nonlinear`]: Levenberg and
 //!   Marquardt's method with a Jacobian by differences; [`normal`]: both for a few unknowns, many times;
 //! - [`signal`]: filters without delay, derivatives, decimation, quantiles; [`fourier`]: the transform;
-//! - [`line`]: the straight line through points; [`golden`]: golden section; [`bisection`]: where a condition
+//! - [`mod@line`]: the straight line through points; [`golden`]: golden section; [`bisection`]: where a condition
 //!   begins to hold; [`statistics`]: percentiles, Wilson's interval.
 //!
 //! Start with [`regression`].
