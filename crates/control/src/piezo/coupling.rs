@@ -21,11 +21,12 @@ use crate::outcome::{Halt, Outcome};
 use crate::procedure::{Job, outward};
 use crate::recipe::Recipe;
 use crate::station::Station;
-use nalgebra::{DMatrix, DVector};
+use nalgebra::SVector;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::MICRO_AXES;
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::{Macro, Point};
+use pigtail_numerics::normal::Normal;
 use std::ops::Range;
 
 pub(super) const SIDE: Side = Side::Left;
@@ -325,31 +326,26 @@ fn by_camera(blocks: &Blocks, piezo: usize, share: f64) -> Result<Vec<f64>, Outc
 fn flanks(blocks: &Blocks, prediction: &[f64]) -> Result<Vec<Flank>, Outcome> {
     /// So many metres are about one.
     const UNIT: f64 = 1e-5;
-    let n = blocks.places.len();
-    let mut normal = DMatrix::<f64>::zeros(2 * n + 1, 2 * n + 1);
-    let mut right = DVector::<f64>::zeros(2 * n + 1);
+    const N: usize = PLACES.len();
+    let mut normal = Normal::default();
     for (i, place) in blocks.places.iter().enumerate() {
         let least = LEAST * brightest(blocks, place);
         for k in place.clone().filter(|k| blocks.light[*k] > least) {
             let light = blocks.light[k];
             let x = prediction[k] / UNIT;
             // ln I = a_i + b_i x + c x^2; errors of a logarithm are those of the light over it.
-            let row = [(2 * i, 1.0), (2 * i + 1, x), (2 * n, x * x)];
-            for (p, a) in row {
-                for (q, b) in row {
-                    normal[(p, q)] += light * light * a * b;
-                }
-                right[p] += light * light * a * light.ln();
-            }
+            let mut row = SVector::<f64, { 2 * N + 1 }>::zeros();
+            (row[2 * i], row[2 * i + 1], row[2 * N]) = (1.0, x, x * x);
+            normal.add_weighted(&row, light.ln(), light * light);
         }
     }
     let along = || no_beam("along a piezo");
-    let c = normal.cholesky().ok_or_else(along)?.solve(&right);
-    let bend = c[2 * n];
+    let c = normal.solve().ok_or_else(along)?;
+    let bend = c[2 * N];
     if bend >= 0.0 {
         return Err(along());
     }
-    Ok((0..n)
+    Ok((0..blocks.places.len())
         .map(|i| {
             let centre = -0.5 * c[2 * i + 1] / bend;
             Flank {

@@ -21,6 +21,7 @@ use pigtail_hal::spec::MICRO_AXES;
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::{Macro, Point};
 use pigtail_numerics::golden::least;
+use pigtail_numerics::line::Line;
 use std::ops::Range;
 
 /// The manipulator that carries the sensing fiber.
@@ -291,19 +292,10 @@ fn flank_of(series: &Series, share: f64) -> Result<Flank, Outcome> {
     let highest = points.iter().fold(f64::NEG_INFINITY, |h, p| h.max(p.0));
     let solve = |top: f64| {
         let root = |log: f64| (top - log).max(0.0).sqrt();
-        let n = points.len() as f64;
-        let (mut r, mut s, mut rr, mut rs, mut ss) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for (log, x) in &points {
-            let a = root(*log);
-            r += a / n;
-            s += x / n;
-            rr += a * a / n;
-            rs += a * x / n;
-            ss += x * x / n;
-        }
-        let width = (rs - r * s) / (rr - r * r);
-        let left = ss - s * s - width * (rs - r * s);
-        (left, width, s - width * r)
+        let roots = points.iter().map(|(log, x)| (root(*log), *x));
+        let line = Line::through(roots.clone());
+        let left: f64 = roots.map(|(a, x)| line.left(a, x).powi(2)).sum();
+        (left, line.slope, line.at(0.0))
     };
     let top = least((highest + 0.001, highest + 4.0), 1e-9, |top| solve(top).0);
     let (_, width, centre) = solve(top);
