@@ -1,10 +1,11 @@
 //! `pigtail schema`.
 
+use crate::choice::choice;
 use crate::{DONE, Failure};
 use clap::Args;
 use pigtail_control::calibration::Calibration;
 use pigtail_control::recipe::Recipe;
-use pigtail_hal::{Error, Spec};
+use pigtail_hal::Spec;
 use pigtail_twin::plant::Plant;
 use schemars::generate::SchemaSettings;
 use schemars::transform::RecursiveTransform;
@@ -28,8 +29,8 @@ An editor with taplo (such as Even Better TOML of VS Code) finds it by the first
   #:schema ./machine.schema.json")]
 pub(crate) struct Arguments {
     /// The kind of file, one of those that are listed without it
-    #[arg(value_name = "FILE-KIND")]
-    kind: Option<String>,
+    #[arg(value_name = "FILE-KIND", value_parser = choice::<FileKind>())]
+    kind: Option<FileKind>,
 }
 
 /// A kind of file that people write, and that has a schema.
@@ -152,12 +153,7 @@ fn allow_parts(schema: &mut Value) {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let name = |&kind: &FileKind| -> &'static str { kind.into() };
-    let text = if let Some(wanted) = &arguments.kind {
-        let kind: FileKind = wanted.parse().map_err(|_| {
-            let names: Vec<_> = FileKind::VARIANTS.iter().map(name).collect();
-            let message = format!("is no kind of file; accepted is {}", names.join(", "));
-            Error::new(wanted, "", message)
-        })?;
+    let text = if let Some(kind) = arguments.kind {
         serde_json::to_string_pretty(&kind.schema()).map_err(anyhow::Error::from)? + "\n"
     } else {
         let lines = FileKind::VARIANTS.iter().map(|kind| {

@@ -421,7 +421,7 @@ pub struct MicroSpec {
 }
 
 impl MicroSpec {
-    /// Of a stage with a resonance of 100 Hz or more: twelve time constants at a damping of 0.7, two and a half
+    /// Of a stage with a resonance of 100 Hz or more: eleven time constants at a damping of 0.7, two and a half
     /// at 0.15.
     const fn usual_settling() -> f64 {
         25e-3
