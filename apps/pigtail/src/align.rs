@@ -20,7 +20,7 @@ use pigtail_session::procedure::Procedure;
 use pigtail_session::rig::DEFAULT_RECIPE_NAME;
 use pigtail_session::samples::Record;
 use pigtail_session::scenario::Scenario;
-use pigtail_session::setup::Setup;
+use pigtail_twin::Specimen;
 use pigtail_twin::faults::{Injection, Kind};
 use std::io::{self, Write};
 
@@ -62,6 +62,9 @@ pub(crate) struct Arguments {
     /// What is wrong with device, fixture or light
     #[arg(long, value_parser = choice::<Scenario>(), default_value = <&str>::from(Scenario::default()))]
     scenario: Scenario,
+    /// Which device on the machine of this seed, from 0
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    device: u64,
     /// Breaks something at a time: NAME[:WHERE][:SIZE]@TIME; may be given more than once, `help`
     /// lists what there is
     #[arg(long, value_name = "FAULT", value_parser = injection)]
@@ -123,7 +126,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         return scan::run(map, &arguments.map, &arguments.common);
     }
     let own = Own::read(&arguments.own.from)?;
-    let mut setup = Setup::load_with(&arguments.common.rig, &arguments.recipe, &own, false)?;
+    let common = &arguments.common;
+    let mut setup = common.setup_with(&arguments.recipe, &own, false, &[])?;
     arguments.scenario.apply(&mut setup);
     setup.faults = match &arguments.faults {
         Some(faults) => faults.clone(),
@@ -133,8 +137,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     if let Some(method) = arguments.method.method() {
         return methods::run(method, &arguments.method, &arguments.common, &setup);
     }
-    let seed = arguments.common.seed;
+    // A seed may name a device as well: that of a row of a campaign does.
+    let named = Specimen::from(arguments.common.seed);
+    let device = named.device().wrapping_add(arguments.device);
+    let seed = Specimen::of(named.machine(), device).seed();
     setup.options.real_time = arguments.real_time;
+    running::warn(&setup, arguments.procedure.believes());
     let (runs, recorded) = (&arguments.common.runs, !arguments.no_record);
     let run = running::begin(&mut setup, runs, "align", seed, recorded)?;
     run.devices(&entry::devices(&setup, arguments.procedure, seed, 1))?;
@@ -151,7 +159,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     watcher.phases.all_entered()?;
     document.report = run.path("report.html").display().to_string();
     // The record goes on to the disk meanwhile.
-    run.write_json("summary.json", &document)?;
+    let on = running::on(&setup, &document, None);
+    run.write_json("summary.json", &on)?;
     run.write("samples.csv", record.csv())?;
     run.write("report.html", report::alignment(&setup, &document, record)?)?;
     running::close_records(&run, &setup)?;
@@ -161,11 +170,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         None => run.finish(&document.outcome())?,
     }
     let mut text = Vec::new();
-    if arguments.common.json {
-        serde_json::to_writer(&mut text, &document).map_err(anyhow::Error::from)?;
+    if common.json {
+        serde_json::to_writer(&mut text, &on).map_err(anyhow::Error::from)?;
         text.push(b'\n');
     } else {
         print_table(&mut text, &document).map_err(anyhow::Error::from)?;
+        text.extend(running::line(&setup).bytes());
         if document.fault.is_some() && own.is_untuned() {
             let hint = "The gains of your axis are those to begin with: `pigtail tune` with the same --from finds \
                         better ones, and writes a calibration.toml that --from takes too.";

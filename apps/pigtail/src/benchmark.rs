@@ -8,9 +8,9 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use pigtail_evaluate::benchmark::{ALGORITHMS, Algorithm, BenchmarkDocument, run as compare};
 use pigtail_report as report;
+use pigtail_session::calibrations::Part;
 use pigtail_session::rig::DEFAULT_RECIPE_NAME;
 use pigtail_session::scenario::Scenario;
-use pigtail_session::setup::Setup;
 use std::io::{self, Write};
 
 /// Compare alignment algorithms on the same devices
@@ -47,7 +47,7 @@ pub(crate) struct Arguments {
 
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let common = &arguments.common;
-    let mut setup = Setup::load(&common.rig, &arguments.recipe)?;
+    let mut setup = common.setup(&arguments.recipe)?;
     arguments.scenario.apply(&mut setup);
     let asked = &arguments.algorithm;
     let algorithms: Vec<Algorithm> = ALGORITHMS
@@ -55,6 +55,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         .filter(|algorithm| asked.is_empty() || asked.iter().any(|name| name == algorithm.name))
         .copied()
         .collect();
+    running::warn(&setup, Part::ALIGNMENT);
     let run = running::begin(&mut setup, &common.runs, "benchmark", common.seed, false)?;
     let bar = ProgressBar::new(arguments.devices * algorithms.len() as u64);
     if let Ok(style) = ProgressStyle::with_template("benchmark [{bar:20}] {percent} % {msg}") {
@@ -68,15 +69,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         .map_err(|ended| stopped(&run, &setup, ended))?;
     bar.finish_and_clear();
     measured.document.report = run.path("report.html").display().to_string();
-    run.write_json("summary.json", &measured.document)?;
+    let on = running::on(&setup, &measured.document, None);
+    run.write_json("summary.json", &on)?;
     run.write("report.html", report::benchmark(&measured)?)?;
     run.finish("done")?;
     let mut text = Vec::new();
     if common.json {
-        serde_json::to_writer(&mut text, &measured.document).map_err(anyhow::Error::from)?;
+        serde_json::to_writer(&mut text, &on).map_err(anyhow::Error::from)?;
         text.push(b'\n');
     } else {
         print(&mut text, &measured.document).map_err(anyhow::Error::from)?;
+        text.extend(running::line(&setup).bytes());
     }
     crate::print(&text)?;
     Ok(DONE)

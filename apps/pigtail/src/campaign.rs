@@ -1,7 +1,8 @@
 //! `pigtail campaign`.
 
 use crate::choice::choice;
-use crate::common::write_table;
+use crate::common::{believed, write_table};
+use crate::running;
 use crate::stop;
 use crate::{DONE, Failure, NEGATIVE};
 use anyhow::{Result, anyhow};
@@ -13,8 +14,9 @@ use pigtail_evaluate::campaign::{self, CampaignDocument, Device, Plan, Store, su
 use pigtail_hal::Error;
 use pigtail_report as report;
 use pigtail_session::faults::Faults;
+use pigtail_session::fleet::NOMINAL;
 use pigtail_session::procedure::Procedure;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Named};
 use pigtail_session::scenario::Scenario;
 use pigtail_session::setup::Setup;
 use std::io::{self, Write};
@@ -51,6 +53,8 @@ Columns of the rows:
 Examples:
   pigtail campaign --devices 1000                 a thousand devices with seeds 0 to 999
   pigtail campaign --devices 100 --seed 500       a hundred with seeds 500 to 599
+  pigtail campaign --fleet workshop --machines 30 --devices 10
+                                                  ten on each of 30 machines such as labs have
   pigtail campaign --resume runs/20261121T024402-campaign-0
                                                   go on with one that was stopped
 
@@ -59,9 +63,16 @@ Exit codes:
   1  some fibers are not aligned, or the campaign was interrupted
   2  bad input, explained on standard error")]
 pub(crate) struct Arguments {
-    /// How many devices to align
+    /// How many devices to align; with --machines, on each of them
     #[arg(long, value_name = "N", value_parser = whole, required_unless_present = "resume")]
     devices: Option<u64>,
+    /// How many machines to align them on, one device after the other [default: one for each device]
+    #[arg(long, value_name = "M", value_parser = whole)]
+    machines: Option<u64>,
+    /// What machines and devices may be: a fleet of the rig (nominal, thesis, workshop,
+    /// harsh), or a TOML file [default: nominal]
+    #[arg(long)]
+    fleet: Option<String>,
     /// How to align [default: fast]
     #[arg(long, value_parser = choice::<Procedure>())]
     procedure: Option<Procedure>,
@@ -79,6 +90,10 @@ pub(crate) struct Arguments {
     /// A folder with the three files of a rig, or the name of one below `rigs` [default: afpm]
     #[arg(long)]
     rig: Option<String>,
+    /// A calibration in place of the rig's: the number of a version, a run that found it, or a file. With
+    /// --resume it is to be said again
+    #[arg(long, value_name = "VERSION|RUN|FILE")]
+    calibration: Option<String>,
     /// A recipe file, or the name of one below `recipes` [default: y-branch]
     #[arg(long)]
     recipe: Option<String>,
@@ -143,14 +158,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let document = summarize(&store, started.elapsed().as_secs_f64())?;
     if !store.was_whole() {
         let report = report::campaign(&store, &document)?;
-        store.finish(&document, &report).map_err(kept)?;
+        let on = running::on(&setup, &document, None);
+        store.finish(&document, &on, &report).map_err(kept)?;
     }
     let mut text = Vec::new();
     if arguments.json {
-        serde_json::to_writer(&mut text, &document).map_err(anyhow::Error::from)?;
+        let on = running::on(&setup, &document, None);
+        serde_json::to_writer(&mut text, &on).map_err(anyhow::Error::from)?;
         text.push(b'\n');
     } else {
         print_summary(&mut text, &document, store.done() - before).map_err(anyhow::Error::from)?;
+        text.extend(running::line(&setup).bytes());
     }
     crate::print(&text)?;
     if !document.complete {
@@ -183,23 +201,30 @@ fn open(arguments: &Arguments) -> Result<(Setup, Store), Failure> {
             .map_or_else(|| default.to_owned(), Clone::clone)
     };
     let begun_as = begun.as_ref();
-    let mut setup = Setup::load(
-        &named(
-            &arguments.rig,
-            begun_as.map(|plan| &plan.rig),
-            DEFAULT_RIG_NAME,
-        ),
-        &named(
-            &arguments.recipe,
-            begun_as.map(|plan| &plan.recipe),
-            DEFAULT_RECIPE_NAME,
-        ),
-    )?;
+    let rig = named(
+        &arguments.rig,
+        begun_as.map(|plan| &plan.rig),
+        DEFAULT_RIG_NAME,
+    );
+    let recipe = named(
+        &arguments.recipe,
+        begun_as.map(|plan| &plan.recipe),
+        DEFAULT_RECIPE_NAME,
+    );
+    let calibration = believed(&rig, arguments.calibration.as_deref(), &arguments.runs)?;
+    let mut setup = Setup::load_named(&Named {
+        rig: &rig,
+        recipe: &recipe,
+        calibration: calibration.as_deref(),
+        ..Named::default()
+    })?;
     let scenario = match (arguments.scenario, begun_as) {
         (Some(scenario), _) => scenario,
         (None, Some(plan)) => plan.scenario()?,
         (None, None) => Scenario::default(),
     };
+    let fleet = named(&arguments.fleet, begun_as.map(|plan| &plan.fleet), NOMINAL);
+    setup = setup.of_fleet(&fleet)?;
     scenario.apply(&mut setup);
     setup.faults = match (&arguments.faults, begun_as) {
         (Some(faults), _) => faults.clone(),
@@ -215,10 +240,19 @@ fn open(arguments: &Arguments) -> Result<(Setup, Store), Failure> {
         .seed
         .or(begun_as.map(|plan| plan.seed))
         .unwrap_or(0);
-    let devices = arguments
-        .devices
-        .or(begun_as.map(|plan| plan.devices))
-        .unwrap_or(1);
+    let (devices, each) = match (arguments.devices, arguments.machines, begun_as) {
+        (Some(each), Some(machines), _) => (machines.saturating_mul(each), each),
+        (None, Some(machines), Some(plan)) => (
+            machines.saturating_mul(plan.devices_each),
+            plan.devices_each,
+        ),
+        (Some(devices), None, Some(plan)) if plan.devices_each > 1 => {
+            (plan.machines().saturating_mul(devices), devices)
+        }
+        (Some(devices), None, _) => (devices, 1),
+        (None, _, Some(plan)) => (plan.devices, plan.devices_each),
+        (None, _, None) => (1, 1),
+    };
     if seed.checked_add(devices).is_none() {
         return Err(Error::new(
             "--seed",
@@ -231,7 +265,8 @@ fn open(arguments: &Arguments) -> Result<(Setup, Store), Failure> {
         .into());
     }
     campaign::check(&setup, seed)?;
-    let plan = Plan::new(&setup, procedure, seed, devices);
+    running::warn(&setup, procedure.believes());
+    let plan = Plan::new(&setup, procedure, seed, devices).with_devices_each(each);
     let store = match &arguments.resume {
         Some(folder) => Store::resume(folder, &plan)?,
         None => Store::begin(&arguments.runs, &setup, plan)?,
@@ -283,12 +318,21 @@ fn print_summary(
 ) -> io::Result<()> {
     let percent = report::percent;
     let sure = &document.confidence;
+    let machines = document.machines.max(1);
+    let on = match document.devices_each {
+        1 => String::new(),
+        _ => format!(" on {machines} machines"),
+    };
+    let fleet = match document.fleet.as_str() {
+        NOMINAL => String::new(),
+        fleet => format!(", fleet {fleet}"),
+    };
     writeln!(
         out,
-        "{} devices, seeds {} to {}, by the {} procedure, {}\n",
+        "{} devices{on}, seeds {} to {}, by the {} procedure, {}{fleet}\n",
         document.devices,
         document.seed,
-        document.seed + document.devices.max(1) - 1,
+        document.seed + machines - 1,
         document.procedure,
         document.scenario
     )?;
@@ -348,18 +392,7 @@ fn print_summary(
         out,
         &std::iter::once(header).chain(rows).collect::<Vec<_>>(),
     )?;
-    if !document.failed.is_empty() {
-        writeln!(
-            out,
-            "\nNot aligned, and a seed to replay with `{}`:",
-            document.replay_command()
-        )?;
-    }
-    for (cause, count) in &document.failed {
-        let seeds = document.replay.get(cause).map_or(&[][..], Vec::as_slice);
-        let shown: Vec<_> = seeds.iter().take(5).map(u64::to_string).collect();
-        writeln!(out, "  {count:5} {cause}: {}", shown.join(", "))?;
-    }
+    print_failed(out, document)?;
     writeln!(
         out,
         "\nTime is machine time a fiber; x, y and z are the truth, from the twins, without sign.\n\
@@ -379,6 +412,23 @@ fn print_summary(
     )?;
     writeln!(out, "Rows: {}", document.rows)?;
     writeln!(out, "Report: {}", document.report)
+}
+
+/// Causes of failure, and seeds to replay them.
+fn print_failed(out: &mut impl Write, document: &CampaignDocument) -> io::Result<()> {
+    if !document.failed.is_empty() {
+        writeln!(
+            out,
+            "\nNot aligned, and a seed to replay with `{}`:",
+            document.replay_command()
+        )?;
+    }
+    for (cause, count) in &document.failed {
+        let seeds = document.replay.get(cause).map_or(&[][..], Vec::as_slice);
+        let shown: Vec<_> = seeds.iter().take(5).map(u64::to_string).collect();
+        writeln!(out, "  {count:5} {cause}: {}", shown.join(", "))?;
+    }
+    Ok(())
 }
 
 /// How devices ended on which something was broken on purpose.

@@ -1,6 +1,7 @@
 //! `pigtail characterize`.
 
 use crate::common::{Common, OwnAxes, write_table};
+use crate::found::{self, WriteArguments};
 use crate::running::{self, stopped};
 use crate::{DONE, Failure};
 use clap::{Args, ValueEnum};
@@ -11,6 +12,7 @@ use pigtail_evaluate::impulse::shapes::Effort;
 use pigtail_evaluate::loops::windup;
 use pigtail_hal::{Axis, AxisName, Error};
 use pigtail_report as report;
+use pigtail_session::calibrations::Change;
 use pigtail_session::characterize::{Frequency, Resolution, Sine, Step, metres_per_count};
 use pigtail_session::impulse::kind_of;
 use pigtail_session::job::Ended;
@@ -33,7 +35,7 @@ use std::fmt::Write as _;
 ///             load friction, preload and law of friction (thesis 2.4.1, 2.4.2)
 /// impulse     what pulses of the amplifier move: one of them, the map over both harmonics, the second
 ///             harmonic that leaves no dead zone, the parabola (4.8), its spread, and how to relax the
-///             transmission between pulses (thesis 4.3.1); into the rig's calibration
+///             transmission between pulses (thesis 4.3.1); with --write into the rig's calibration
 #[derive(Debug, Args)]
 #[command(
     verbatim_doc_comment,
@@ -85,6 +87,8 @@ pub(crate) struct Arguments {
     /// works on fewer machines is always recorded
     #[arg(long, conflicts_with = "shapes")]
     record: bool,
+    #[command(flatten)]
+    write: WriteArguments,
 }
 
 /// Parses a harmonic.
@@ -116,6 +120,7 @@ fn check_pulses(arguments: &Arguments) -> Result<(), Error> {
         ("--shapes", arguments.shapes),
         ("--a2", arguments.a2.is_some()),
         ("--period-ms", arguments.period_ms.is_some()),
+        ("--write", arguments.write.is_asked()),
     ];
     let mut asked = own.iter().filter(|(_, given)| *given);
     match (asked.next(), asked.next()) {
@@ -124,7 +129,7 @@ fn check_pulses(arguments: &Arguments) -> Result<(), Error> {
             return refuse(option, message.to_owned());
         }
         (Some(("--shapes", _)), Some((option, _))) => {
-            let message = "--shapes chooses it by itself; accepted is one of both";
+            let message = "goes without --shapes, which chooses by itself; accepted is one of both";
             return refuse(option, message.to_owned());
         }
         _ => {}
@@ -165,7 +170,20 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let at = arguments.axis;
     let own = Own::read(&arguments.own.from)?;
     own.concerns(at.axis)?;
-    let mut setup = Setup::load_with(&arguments.common.rig, DEFAULT_RECIPE_NAME, &own, true)?;
+    let common = &arguments.common;
+    check_pulses(arguments)?;
+    if arguments.write.is_asked() && !own.is_empty() {
+        let message = "writes into a rig, and an axis of --from is in none; accepted is a rig that has it, such as \
+                       `pigtail rig my-rig --from` makes";
+        return Err(Error::new("--write", "", message).into());
+    }
+    arguments.write.check(&common.rig)?;
+    let replaced = format!("impulse.{}", kind_of(at));
+    let without: &[&str] = match arguments.what {
+        What::Impulse => &[&replaced],
+        _ => &[],
+    };
+    let mut setup = common.setup_with(DEFAULT_RECIPE_NAME, &own, true, without)?;
     let range = setup.rig.range_counts(at.axis);
     if let Some(size) = arguments.size.filter(|size| *size as f64 > 0.4 * range) {
         let message = format!(
@@ -184,7 +202,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         );
         return Err(Error::new("--frequency", "", message).into());
     }
-    check_pulses(arguments)?;
     let (runs, seed) = (&arguments.common.runs, arguments.common.seed);
     let recorded = arguments.what != What::Impulse || arguments.record;
     let kind = format!("characterize {at}");
@@ -201,10 +218,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     run.write("report.html", done.html)?;
     let report = run.path("report.html").display().to_string();
     run.finish("done")?;
-    let text = if arguments.common.json {
+    let text = if common.json {
         format!("{}\n", done.json)
     } else {
-        format!("{}Report: {report}\n", done.text)
+        format!("{}Report: {report}\n{}", done.text, running::line(&setup))
     };
     crate::print(text.as_bytes())?;
     Ok(DONE)
@@ -227,7 +244,8 @@ fn experiment(arguments: &Arguments, setup: &Setup) -> Experiment {
                 "{at}: step of {} counts: rise {:.1} ms, settling {:.1} ms, overshoot {:.1} %",
                 d.step, d.rise_ms, d.settling_ms, d.overshoot_percent
             );
-            report::step(&d, &trace).and_then(|html| result(&d, text, html))
+            report::step(&d, &trace)
+                .and_then(|html| result(&running::on(setup, &d, None), text, html))
         }
         What::Sine => {
             let hertz = arguments
@@ -250,7 +268,8 @@ fn experiment(arguments: &Arguments, setup: &Setup) -> Experiment {
                 let _ = writeln!(text, "  gain {gain:.4}, phase {phase:.2} deg at the output");
             }
             let scale = metres_per_count(&setup.rig, at.axis).ok();
-            report::sine(&d, &trace, scale).and_then(|html| result(&d, text, html))
+            report::sine(&d, &trace, scale)
+                .and_then(|html| result(&running::on(setup, &d, None), text, html))
         }
         What::Resolution => {
             let steps = arguments.steps;
@@ -289,24 +308,29 @@ fn experiment(arguments: &Arguments, setup: &Setup) -> Experiment {
                 hertz(d.output_bandwidth_hz),
                 d.lowest_coherence
             );
-            report::frequency(&d, &responses).and_then(|html| result(&d, text, html))
+            report::frequency(&d, &responses)
+                .and_then(|html| result(&running::on(setup, &d, None), text, html))
         }
     })
 }
 
-/// What pulses do; what was found is believed from now on.
+/// What pulses do.
 fn pulses(arguments: &Arguments, setup: &Setup, run: &Run) -> Experiment {
     let at = arguments.axis;
     let (d, figures, found) =
         response(setup, at, &form(arguments), MACHINES, arguments.common.seed)?;
     let origin = format!("characterize {at} impulse, run {}", run.name());
-    let table = format!("impulse.{}", kind_of(at));
-    let written = setup
-        .rig
-        .write_calibration(&table, &found.table(&run.date(), &origin))?;
-    if let Err(error) = run.calibrated(written.as_deref(), &table) {
-        return Ok(Err(error));
-    }
+    let change = Change {
+        table: format!("impulse.{}", kind_of(at)),
+        values: found.table(&run.date(), &origin),
+        weights: None,
+    };
+    let what = format!("characterize {at} impulse");
+    let (write, common) = (arguments.write, &arguments.common);
+    let kept = match found::keep(write, run, common, setup, &what, &[change]) {
+        Ok(kept) => kept,
+        Err(failure) => return Ok(Err(failure.into())),
+    };
     let harmonics = arguments.a2.map_or_else(
         || format!("no dead zone from a2 = {:.2} fsm on", d.a2_fsm),
         |_| {
@@ -328,15 +352,9 @@ fn pulses(arguments: &Arguments, setup: &Setup, run: &Run) -> Experiment {
         d.spread.p10,
         d.spread.p90
     );
-    let _ = writeln!(
-        text,
-        "{}",
-        written.map_or_else(
-            || "The calibration was left as it is: the rig is in no folder of its own.".to_owned(),
-            |file| format!("Written to {file}")
-        )
-    );
-    Ok(report::response(&d, &figures).and_then(|html| result(&d, text, html)))
+    text += &kept.account();
+    Ok(report::response(&d, &figures)
+        .and_then(|html| result(&running::on(setup, &d, Some(&kept)), text, html)))
 }
 
 /// Loops with each shape.
@@ -356,7 +374,11 @@ fn shapes(arguments: &Arguments, setup: &Setup) -> Experiment {
         .map_err(anyhow::Error::from)
         .and_then(|()| {
             let html = report::shapes(&d, &study)?;
-            result(&d, String::from_utf8(text)?, html)
+            result(
+                &running::on(setup, &d, None),
+                String::from_utf8(text)?,
+                html,
+            )
         }))
 }
 
@@ -430,5 +452,8 @@ fn on_variants(arguments: &Arguments, setup: &Setup) -> Experiment {
     if let Some(laws) = d.laws() {
         let _ = writeln!(text, "{laws}");
     }
-    Ok(report::loops(&d, &loops).and_then(|html| result(&d, text, html)))
+    Ok(
+        report::loops(&d, &loops)
+            .and_then(|html| result(&running::on(setup, &d, None), text, html)),
+    )
 }

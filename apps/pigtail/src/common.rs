@@ -4,10 +4,15 @@ use clap::Args;
 use comfy_table::{
     CellAlignment, ContentArrangement, ContentLineStyle, LineStyle, Table, TableStyle,
 };
+use pigtail_hal::Error;
 use pigtail_hal::quantity::{Dimension, Sign};
-use pigtail_session::rig::DEFAULT_RIG_NAME;
+use pigtail_session::calibrations::find;
+use pigtail_session::fleet::NOMINAL;
+use pigtail_session::own::Own;
+use pigtail_session::rig::{DEFAULT_RIG_NAME, Named};
+use pigtail_session::setup::Setup;
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 #[derive(Debug, Args)]
 pub(crate) struct Common {
@@ -17,12 +22,56 @@ pub(crate) struct Common {
     /// A folder with the three files of a rig, or the name of one below `rigs`
     #[arg(long, default_value = DEFAULT_RIG_NAME)]
     pub(crate) rig: String,
+    /// What machine and device may be: a fleet of the rig (nominal, thesis, workshop, harsh), or a TOML file
+    #[arg(long, default_value = NOMINAL)]
+    pub(crate) fleet: String,
+    /// A calibration in place of the rig's: the number of a version, a run that found it, or a file
+    #[arg(long, value_name = "VERSION|RUN|FILE")]
+    pub(crate) calibration: Option<String>,
     /// Print JSON instead of text
     #[arg(long)]
     pub(crate) json: bool,
     /// Where to write the run's folder
     #[arg(long, value_name = "FOLDER", default_value = "runs")]
     pub(crate) runs: PathBuf,
+}
+
+impl Common {
+    /// The rig's twin and a recipe.
+    pub(crate) fn setup(&self, recipe: &str) -> Result<Setup, Error> {
+        self.setup_with(recipe, &Own::default(), false, &[])
+    }
+
+    /// The same with axes of a person's own, on a `bench` if they are to be measured, and without tables of the
+    /// calibration that are about to be replaced.
+    pub(crate) fn setup_with(
+        &self,
+        recipe: &str,
+        own: &Own,
+        bench: bool,
+        without: &[&str],
+    ) -> Result<Setup, Error> {
+        let calibration = believed(&self.rig, self.calibration.as_deref(), &self.runs)?;
+        let named = Named {
+            rig: &self.rig,
+            recipe,
+            calibration: calibration.as_deref(),
+            without,
+        };
+        Setup::load_with(&named, own, bench)?.of_fleet(&self.fleet)
+    }
+}
+
+/// The file of the calibration that is named in place of a rig's, if any is.
+pub(crate) fn believed(
+    rig: &str,
+    calibration: Option<&str>,
+    runs: &Path,
+) -> Result<Option<PathBuf>, Error> {
+    let found = calibration
+        .map(|named| find(rig, named, runs))
+        .transpose()?;
+    Ok(found.map(|found| found.file))
 }
 
 /// Axes of a person's own in place of the rig's.

@@ -2,6 +2,7 @@
 
 use crate::choice::choice;
 use crate::common::Common;
+use crate::found::{self, FoundDocument, WriteArguments};
 use crate::running::{self, stopped};
 use crate::{DONE, Failure};
 use clap::Args;
@@ -13,8 +14,9 @@ use pigtail_records::hysteresis::{
     voltages_of,
 };
 use pigtail_report as report;
+use pigtail_session::calibrations::Change;
+use pigtail_session::own::Own;
 use pigtail_session::rig::DEFAULT_RECIPE_NAME;
-use pigtail_session::setup::Setup;
 use pigtail_store::runs::Run;
 use rayon::prelude::*;
 use std::fmt::Write as _;
@@ -26,9 +28,9 @@ use std::path::{Path, PathBuf};
 /// Without `--data`, on the machine, by light on the flank of a beam (4.1): the right micro moves the
 /// sensing fiber before a lit guide, the left one the input fiber before its own, whose light an output
 /// fiber takes up. Each piezo goes full ways, back from voltages across the range (4.4), and turns all
-/// over it. Both models are learned and tried on paths they were not fitted to; the one asked for goes
-/// into the rig's `calibration.toml`, its weights into a file beside it, and from then on every motion
-/// of that micro is compensated with it.
+/// over it, without any model that is believed so far. Both models are learned and tried on paths they were not
+/// fitted to. A `calibration.toml` with the one asked for goes into the run's folder, its weights into a file beside
+/// it, and with --write both go into the rig: from then on every motion of that micro is compensated with it.
 ///
 /// Keys of the JSON: those of the micro that gained least, and `sides` with all of them.
 ///
@@ -38,8 +40,8 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  pigtail identify hysteresis --rig rigs/afpm
-  pigtail identify hysteresis --rig rigs/afpm --side left --dry-run
+  pigtail identify hysteresis --side left
+  pigtail identify hysteresis --rig my-rig --write
   pigtail identify hysteresis --data loops.csv --input u_V --output disp_um
   pigtail identify hysteresis --data loops.csv --input u_V --output x_nm --unit nm --model rbf")]
 pub(crate) struct IdentifyArguments {
@@ -67,9 +69,8 @@ pub(crate) struct IdentifyArguments {
     side: Micros,
     #[command(flatten)]
     common: Common,
-    /// Do not write the models into the rig's calibration
-    #[arg(long, conflicts_with = "data")]
-    dry_run: bool,
+    #[command(flatten)]
+    write: WriteArguments,
 }
 
 /// Apply a model of hysteresis to another record
@@ -163,7 +164,9 @@ pub(crate) fn identify(arguments: &IdentifyArguments) -> Result<u8, Failure> {
 
 fn on_machine(arguments: &IdentifyArguments) -> Result<u8, Failure> {
     let common = &arguments.common;
-    let mut setup = Setup::load(&common.rig, DEFAULT_RECIPE_NAME)?;
+    arguments.write.check(&common.rig)?;
+    let mut setup =
+        common.setup_with(DEFAULT_RECIPE_NAME, &Own::default(), true, &["hysteresis"])?;
     let run = running::begin(&mut setup, &common.runs, KIND, common.seed, true)?;
     let sides = arguments.side.sides().par_iter();
     let found: Vec<_> = sides
@@ -174,69 +177,63 @@ fn on_machine(arguments: &IdentifyArguments) -> Result<u8, Failure> {
         .collect::<Result<Vec<_>, _>>()
         .map_err(|error| stopped(&run, &setup, error))?;
     let report = run.path("report.html").display().to_string();
-    let mut documents = Vec::with_capacity(found.len());
+    let (mut documents, mut changes) = (Vec::with_capacity(found.len()), Vec::new());
     for found in &found {
         let mut document = found.document.clone();
         document.report.clone_from(&report);
         let weights = serde_json::to_string_pretty(&found.model).map_err(anyhow::Error::from)?;
         let weights = format!("{weights}\n");
-        let file = format!("weights-{}.json", document.side);
+        let file = weights_file(&document);
         document.model_file = run.path(&file).display().to_string();
-        run.write(&file, &weights)?;
-        if !arguments.dry_run {
-            document.calibration = calibrate(&setup, &run, &document, &weights)?;
-        }
+        changes.push(change(&run, &document, weights));
         documents.push(document);
+    }
+    let kept = found::keep(arguments.write, &run, common, &setup, KIND, &changes)?;
+    for document in &mut documents {
+        document.calibration = kept.written();
     }
     run.write("report.html", report::micros(&found)?)?;
     let Some(document) = MicrosDocument::new(documents) else {
         return Err(anyhow::anyhow!("there is no micro to identify").into());
     };
-    run.write_json("summary.json", &document)?;
+    let on = running::on(&setup, &document, Some(&kept));
+    run.write_json("summary.json", &on)?;
     running::close_records(&run, &setup)?;
     run.finish("done")?;
-    let text = if common.json {
-        let json = serde_json::to_string(&document).map_err(anyhow::Error::from)?;
-        format!("{json}\n")
-    } else {
-        machine_account(&document)
-    };
+    let text = running::told(common.json, &on, &setup, || {
+        machine_account(&document, &kept)
+    })?;
     crate::print(text.as_bytes())?;
     Ok(DONE)
 }
 
-/// Writes a side's model into the rig; where to, empty when the rig has no place for it.
-fn calibrate(
-    setup: &Setup,
-    run: &Run,
-    document: &MachineDocument,
-    weights: &str,
-) -> Result<String, Failure> {
-    let file = format!("hysteresis-{}.json", document.side);
-    let table = format!("hysteresis.{}", document.side);
-    let beside = setup.rig.write_beside_calibration(&file, weights)?;
-    run.calibrated(beside.as_deref(), &table)?;
-    if beside.is_none() {
-        return Ok(String::new());
-    }
+/// A side's model as a change of the calibration.
+fn change(run: &Run, document: &MachineDocument, weights: String) -> Change {
+    let file = weights_file(document);
     let residual = document.residual_um.iter().fold(0.0, |m: f64, r| m.max(*r));
     let origin = format!("identify hysteresis, run {}", run.name());
-    let values = [
-        ("model", toml_edit::value(document.model)),
-        ("weights", toml_edit::value(file)),
-        // One that stood in the calibration itself is replaced.
-        ("micro", toml_edit::Item::None),
-        ("residual", toml_edit::value(format!("{residual:.5} um"))),
-        ("date", toml_edit::value(run.date())),
-        ("origin", toml_edit::value(origin)),
-    ];
-    let written = setup.rig.write_calibration(&table, &values)?;
-    run.calibrated(written.as_deref(), &table)?;
-    Ok(written.unwrap_or_default())
+    Change {
+        table: format!("hysteresis.{}", document.side),
+        values: vec![
+            ("model", toml_edit::value(document.model)),
+            ("weights", toml_edit::value(&file)),
+            // One that stood in the calibration itself is replaced.
+            ("micro", toml_edit::Item::None),
+            ("residual", toml_edit::value(format!("{residual:.5} um"))),
+            ("date", toml_edit::value(run.date())),
+            ("origin", toml_edit::value(origin)),
+        ],
+        weights: Some((file, weights)),
+    }
+}
+
+/// The run's file with a side's model.
+fn weights_file(document: &MachineDocument) -> String {
+    format!("weights-{}.json", document.side)
 }
 
 /// What a person wants to know of an identification on a machine.
-fn machine_account(document: &MicrosDocument) -> String {
+fn machine_account(document: &MicrosDocument, found: &FoundDocument) -> String {
     let mut text = String::new();
     for d in &document.sides {
         let _ = writeln!(
@@ -269,13 +266,8 @@ fn machine_account(document: &MicrosDocument) -> String {
             );
         }
     }
-    let d = &document.least;
-    if d.calibration.is_empty() {
-        let _ = writeln!(text, "The calibration was left as it is.");
-    } else {
-        let _ = writeln!(text, "Written to {}", d.calibration);
-    }
-    let _ = writeln!(text, "Report: {}", d.report);
+    text += &found.account();
+    let _ = writeln!(text, "Report: {}", document.least.report);
     text
 }
 

@@ -2,16 +2,17 @@
 
 use crate::choice::choice;
 use crate::common::Common;
+use crate::found::{self, FoundDocument, WriteArguments};
 use crate::running::{self, stopped};
 use crate::{DONE, Failure};
 use clap::{Args, Subcommand};
 use pigtail_control::station::Unobserved;
 use pigtail_hal::{Axis, AxisName};
 use pigtail_report as report;
-use pigtail_session::identify::{Identified, IdentifyWindup, Model, WindupDocument};
+use pigtail_session::calibrations::Change;
+use pigtail_session::identify::{IdentifyWindup, Model, WindupDocument};
+use pigtail_session::own::Own;
 use pigtail_session::rig::DEFAULT_RECIPE_NAME;
-use pigtail_session::setup::Setup;
-use pigtail_store::runs::Run;
 use std::fmt::Write as _;
 
 /// Identify what control should know of the machine
@@ -34,8 +35,8 @@ enum What {
 ///
 /// Scans the axis back and forth while a probe measures its output, fits the thesis's function
 /// (2.20) and a model that remembers every reversal that matters, and tries both on scans that they
-/// were not fitted to. The model goes into the rig's `calibration.toml`; from then on every motion
-/// of that kind of axis is compensated with it.
+/// were not fitted to. A `calibration.toml` with the model goes into the run's folder, and with --write into the
+/// rig; from then on every motion of that kind of axis is compensated with it.
 ///
 /// The gap is the largest spread of the output over the same wanted output, after two full ways: what
 /// the thesis reads off as the difference between the forward and the backward path.
@@ -49,7 +50,7 @@ enum What {
 #[command(after_help = "\
 Examples:
   pigtail identify windup fivebar
-  pigtail identify windup fivebar --model reversal --dry-run
+  pigtail identify windup fivebar --rig my-rig --write
   pigtail identify windup --data d.csv --motor mot1_deg --load se1_deg --torque torque1_Nm
   pigtail identify windup --data d.csv --motor q_m:rad --ratio 0.0125 --load q_l:rad")]
 #[command(group(clap::ArgGroup::new("from").required(true).args(["axis", "data"])))]
@@ -63,9 +64,8 @@ struct WindupArguments {
     model: Model,
     #[command(flatten)]
     common: Common,
-    /// Do not write the model into the rig's calibration
-    #[arg(long, conflicts_with = "data")]
-    dry_run: bool,
+    #[command(flatten)]
+    write: WriteArguments,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
@@ -83,7 +83,11 @@ fn run_windup(arguments: &WindupArguments) -> Result<u8, Failure> {
         let common = &arguments.common;
         return crate::records::windup(&arguments.record, common.json, &common.runs);
     };
-    let mut setup = Setup::load(&arguments.common.rig, DEFAULT_RECIPE_NAME)?;
+    let (common, write) = (&arguments.common, arguments.write);
+    write.check(&common.rig)?;
+    let kind = if at.axis == Axis::Z { "z" } else { "five_bar" };
+    let entry = format!("windup.{kind}");
+    let mut setup = common.setup_with(DEFAULT_RECIPE_NAME, &Own::default(), true, &[&entry])?;
     let (runs, seed) = (&arguments.common.runs, arguments.common.seed);
     let run = running::begin(&mut setup, runs, "identify windup", seed, true)?;
     let job = IdentifyWindup {
@@ -95,66 +99,31 @@ fn run_windup(arguments: &WindupArguments) -> Result<u8, Failure> {
         .run(&job, seed, &mut Unobserved)
         .map_err(|ended| stopped(&run, &setup, ended))?;
     identified.document.report = run.path("report.html").display().to_string();
-    if !arguments.dry_run {
-        let kind = if at.axis == Axis::Z { "z" } else { "five_bar" };
-        let values = table(&identified, at, &run);
-        let entry = format!("windup.{kind}");
-        let written = setup.rig.write_calibration(&entry, &values)?;
-        run.calibrated(written.as_deref(), &entry)?;
-        identified.document.calibration = written.unwrap_or_default();
-    }
-    run.write_json("summary.json", &identified.document)?;
-    run.write("report.html", report::windup(&identified)?)?;
-    let text = if arguments.common.json {
-        let json = serde_json::to_string(&identified.document).map_err(anyhow::Error::from)?;
-        format!("{json}\n")
-    } else {
-        account(&identified.document)
+    let change = Change {
+        table: entry,
+        values: identified.values(
+            &run.date(),
+            &format!("identify windup {at}, run {}", run.name()),
+        ),
+        weights: None,
     };
+    let what = format!("identify windup {at}");
+    let found = found::keep(write, &run, common, &setup, &what, &[change])?;
+    identified.document.calibration = found.written();
+    let document = running::on(&setup, &identified.document, Some(&found));
+    run.write_json("summary.json", &document)?;
+    run.write("report.html", report::windup(&identified)?)?;
+    let text = running::told(common.json, &document, &setup, || {
+        account(&identified.document, &found)
+    })?;
     running::close_records(&run, &setup)?;
     run.finish("done")?;
     crate::print(text.as_bytes())?;
     Ok(DONE)
 }
 
-/// The model as a table of a calibration.
-fn table(identified: &Identified, at: AxisName, run: &Run) -> Vec<(&'static str, toml_edit::Item)> {
-    let radians = |value: f64| toml_edit::value(format!("{value:.6e} rad"));
-    let model = match identified.document.model {
-        Model::Memory => "memory",
-        Model::Reversal => "reversal",
-    };
-    let hardening: toml_edit::Array = identified
-        .memory
-        .hardening
-        .iter()
-        .map(|part| format!("{part:.6e} rad"))
-        .collect();
-    let elements: toml_edit::Array = identified
-        .elements()
-        .into_iter()
-        .map(|pair| pair.into_iter().collect::<toml_edit::Array>())
-        .collect();
-    vec![
-        ("model", toml_edit::value(model)),
-        ("w_max", radians(identified.reversal.maximum)),
-        ("q", radians(identified.reversal.way)),
-        ("hardening", toml_edit::value(hardening)),
-        ("elements", toml_edit::value(elements)),
-        (
-            "residual",
-            radians(identified.document.residual_um / identified.um_per_radian),
-        ),
-        ("date", toml_edit::value(run.date())),
-        (
-            "origin",
-            toml_edit::value(format!("identify windup {at}, run {}", run.name())),
-        ),
-    ]
-}
-
 /// What a person wants to know of it.
-fn account(d: &WindupDocument) -> String {
+fn account(d: &WindupDocument, found: &FoundDocument) -> String {
     let mut text = String::new();
     let _ = writeln!(
         text,
@@ -184,11 +153,7 @@ fn account(d: &WindupDocument) -> String {
          less on every scan.",
         d.range_um, d.factor, d.worst_factor
     );
-    if d.calibration.is_empty() {
-        let _ = writeln!(text, "The calibration was left as it is.");
-    } else {
-        let _ = writeln!(text, "Written to {}", d.calibration);
-    }
+    text += &found.account();
     let _ = writeln!(text, "Report: {}", d.report);
     text
 }

@@ -1,7 +1,7 @@
 //! `pigtail impulse`.
 
 use crate::choice::choice;
-use crate::common::write_table;
+use crate::common::{believed, write_table};
 use crate::running::{self, stopped};
 use crate::{DONE, Failure, NEGATIVE};
 use clap::Args;
@@ -12,9 +12,10 @@ use pigtail_evaluate::impulse::run::{
 };
 use pigtail_hal::{Axis, AxisName, Error};
 use pigtail_report as report;
+use pigtail_session::calibrations::Part;
 use pigtail_session::impulse::Estimator;
 use pigtail_session::job::Ended;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Named};
 use pigtail_session::setup::Setup;
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -46,6 +47,9 @@ pub(crate) struct Arguments {
     /// A folder with the three files of a rig, or the name of one below `rigs`
     #[arg(long, default_value = DEFAULT_RIG_NAME)]
     rig: String,
+    /// A calibration in place of the rig's: the number of a version, a run that found it, or a file
+    #[arg(long, value_name = "VERSION|RUN|FILE")]
+    calibration: Option<String>,
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
@@ -88,7 +92,17 @@ const LONGEST_REST: f64 = 10_000.0;
 const COMPARED: u64 = 100;
 
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    let mut setup = Setup::load(&arguments.rig, DEFAULT_RECIPE_NAME)?;
+    let calibration = believed(
+        &arguments.rig,
+        arguments.calibration.as_deref(),
+        &arguments.into,
+    )?;
+    let mut setup = Setup::load_named(&Named {
+        rig: &arguments.rig,
+        recipe: DEFAULT_RECIPE_NAME,
+        calibration: calibration.as_deref(),
+        ..Named::default()
+    })?;
     let at = arguments.axis;
     let period = 1e3 * setup.rig.spec.period();
     if let Some(rest) = arguments
@@ -108,6 +122,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         .map_or_else(|| tolerance(at.axis), |nm| 1e-9 * nm);
     task.rest = arguments.rest_ms.map(|ms| 1e-3 * ms);
     check(&setup, &task)?;
+    running::warn(&setup, &[Part::Impulse]);
     let kind = format!("impulse {at}");
     let (seed, recorded) = (arguments.seed, arguments.runs.is_none());
     let run = running::begin(&mut setup, &arguments.into, &kind, seed, recorded)?;
@@ -128,7 +143,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let text = if arguments.json {
         format!("{}\n", done.json)
     } else {
-        format!("{}Report: {report}\n", done.text)
+        format!("{}Report: {report}\n{}", done.text, running::line(&setup))
     };
     crate::print(text.as_bytes())?;
     Ok(done.code)
@@ -202,22 +217,23 @@ fn single(arguments: &Arguments, setup: &Setup, task: &Task) -> Experiment {
     } else {
         NEGATIVE
     };
-    Ok(serde_json::to_string(&Single {
+    let all = Single {
         document: &document,
         resolution: &steps,
         from: &sides,
         gains: &gains,
-    })
-    .map_err(anyhow::Error::from)
-    .and_then(|json| {
-        let html = report::pulses(&document, &sides, &gains, &steps)?;
-        Ok(Done {
-            json,
-            text,
-            html,
-            code,
-        })
-    }))
+    };
+    Ok(serde_json::to_string(&running::on(setup, &all, None))
+        .map_err(anyhow::Error::from)
+        .and_then(|json| {
+            let html = report::pulses(&document, &sides, &gains, &steps)?;
+            Ok(Done {
+                json,
+                text,
+                html,
+                code,
+            })
+        }))
 }
 
 /// A run, and what its report shows beside it.
@@ -250,7 +266,7 @@ fn campaign(arguments: &Arguments, setup: &Setup, task: &Task, count: u64) -> Ex
         .map_err(anyhow::Error::from)
         .and_then(|()| {
             Ok(Done {
-                json: serde_json::to_string(&campaign)?,
+                json: serde_json::to_string(&running::on(setup, &campaign, None))?,
                 text: String::from_utf8(text)?,
                 html: report::pulse_campaign(&campaign, &documents)?,
                 code: DONE,

@@ -4,10 +4,13 @@
 
 mod align;
 mod benchmark;
+mod calibration;
 mod campaign;
 mod characterize;
 mod choice;
+mod commission;
 mod common;
+mod found;
 mod hysteresis;
 mod identify;
 mod impulse;
@@ -77,7 +80,9 @@ enum Command {
     Benchmark(benchmark::Arguments),
     Plan(plan::Arguments),
     Maximize(maximize::Arguments),
+    Commission(commission::Arguments),
     Tune(tune::Arguments),
+    Calibration(calibration::Arguments),
     Identify(identify::Arguments),
     Predict(hysteresis::PredictArguments),
     Characterize(characterize::Arguments),
@@ -153,7 +158,9 @@ pub fn main() -> ExitCode {
         Command::Benchmark(arguments) => benchmark::run(&arguments),
         Command::Plan(arguments) => plan::run(&arguments),
         Command::Maximize(arguments) => maximize::run(&arguments),
+        Command::Commission(arguments) => commission::run(&arguments),
         Command::Tune(arguments) => tune::run(&arguments),
+        Command::Calibration(arguments) => calibration::run(&arguments),
         Command::Identify(arguments) => identify::run(&arguments),
         Command::Predict(arguments) => hysteresis::predict(&arguments),
         Command::Characterize(arguments) => characterize::run(&arguments),

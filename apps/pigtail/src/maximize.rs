@@ -8,8 +8,8 @@ use pigtail_control::recipe::Climb;
 use pigtail_evaluate::maximize::{Asked, MaximizationDocument, maximize};
 use pigtail_hal::quantity::{Dimension, LENGTH, Sign, TIME};
 use pigtail_report as report;
+use pigtail_session::calibrations::Part;
 use pigtail_session::rig::DEFAULT_RECIPE_NAME;
-use pigtail_session::setup::Setup;
 use std::io::{self, Write};
 
 /// Measure light throughput maximization: how well a fiber stays at its peak (thesis 3.3)
@@ -69,7 +69,7 @@ fn quantity(
 
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let common = &arguments.common;
-    let mut setup = Setup::load(&common.rig, &arguments.recipe)?;
+    let mut setup = common.setup(&arguments.recipe)?;
     let asked = Asked {
         climb: Climb {
             step: arguments.step,
@@ -80,6 +80,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         seed: common.seed,
         devices: arguments.devices,
     };
+    running::warn(&setup, Part::ALIGNMENT);
     let run = running::begin(
         &mut setup,
         &common.runs,
@@ -90,15 +91,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let mut measured = maximize(&setup, &asked).map_err(|ended| stopped(&run, &setup, ended))?;
     measured.document.report = run.path("report.html").display().to_string();
     running::close_records(&run, &setup)?;
-    run.write_json("summary.json", &measured.document)?;
+    let on = running::on(&setup, &measured.document, None);
+    run.write_json("summary.json", &on)?;
     run.write("report.html", report::maximize(&measured)?)?;
     run.finish("done")?;
     let mut text = Vec::new();
     if common.json {
-        serde_json::to_writer(&mut text, &measured.document).map_err(anyhow::Error::from)?;
+        serde_json::to_writer(&mut text, &on).map_err(anyhow::Error::from)?;
         text.push(b'\n');
     } else {
         print(&mut text, &measured.document).map_err(anyhow::Error::from)?;
+        text.extend(running::line(&setup).bytes());
     }
     crate::print(&text)?;
     Ok(DONE)

@@ -2,12 +2,14 @@
 
 use crate::choice::choice;
 use crate::common::{Common, quantity, write_table};
+use crate::running;
 use crate::{DONE, Failure, NEGATIVE};
 use clap::Args;
 use pigtail_control::methods::Space;
 use pigtail_control::station::Unobserved;
 use pigtail_evaluate::methods::{Method, SearchDocument, check, run as search};
 use pigtail_hal::quantity::{FREQUENCY, LENGTH};
+use pigtail_session::calibrations::Part;
 use pigtail_session::setup::Setup;
 use std::io::{self, Write};
 
@@ -44,13 +46,16 @@ pub(crate) fn run(
     space.mesh = arguments.mesh.unwrap_or(space.mesh);
     space.frequency = arguments.scan_rate.unwrap_or(space.frequency);
     check(setup, &space)?;
+    running::warn(setup, Part::ALIGNMENT);
     let document = search(setup, &space, common.seed, &mut Unobserved).map_err(Failure::from)?;
     let mut text = Vec::new();
     if common.json {
-        serde_json::to_writer(&mut text, &document).map_err(anyhow::Error::from)?;
+        let on = running::on(setup, &document, None);
+        serde_json::to_writer(&mut text, &on).map_err(anyhow::Error::from)?;
         text.push(b'\n');
     } else {
         print_table(&mut text, &document).map_err(anyhow::Error::from)?;
+        text.extend(running::line(setup).bytes());
     }
     crate::print(&text)?;
     Ok(if document.found { DONE } else { NEGATIVE })

@@ -1,14 +1,16 @@
 //! `pigtail plan`.
 
-use crate::common::write_table;
+use crate::common::{believed, write_table};
 use crate::methods::{duration, duration_or_dash};
-use crate::{DONE, Failure};
+use crate::{DONE, Failure, running};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use pigtail_evaluate::plan::{PlanDocument, plan, rows};
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
+use pigtail_session::calibrations::Part;
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Named};
 use pigtail_session::setup::Setup;
 use std::io::{self, Write};
+use std::path::Path;
 
 /// Compare the ways to align: by formula, and on the rig's twin
 ///
@@ -30,6 +32,9 @@ pub(crate) struct Arguments {
     /// A folder with the three files of a rig, or the name of one below `rigs`
     #[arg(long, default_value = DEFAULT_RIG_NAME)]
     rig: String,
+    /// A calibration in place of the rig's: the number of a version, the folder of a run that found it, or a file
+    #[arg(long, value_name = "VERSION|RUN|FILE")]
+    calibration: Option<String>,
     /// A recipe file, or the name of one below `recipes`
     #[arg(long, default_value = DEFAULT_RECIPE_NAME)]
     recipe: String,
@@ -42,7 +47,15 @@ pub(crate) struct Arguments {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    let setup = Setup::load(&arguments.rig, &arguments.recipe)?;
+    let calibration = arguments.calibration.as_deref();
+    let calibration = believed(&arguments.rig, calibration, Path::new("runs"))?;
+    let setup = Setup::load_named(&Named {
+        rig: &arguments.rig,
+        recipe: &arguments.recipe,
+        calibration: calibration.as_deref(),
+        ..Named::default()
+    })?;
+    running::warn(&setup, Part::ALIGNMENT);
     let bar = ProgressBar::new(rows(&setup) as u64);
     if let Ok(style) = ProgressStyle::with_template("plan [{bar:20}] {msg}") {
         bar.set_style(style.progress_chars("=> "));
@@ -56,10 +69,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     bar.finish_and_clear();
     let mut text = Vec::new();
     if arguments.json {
-        serde_json::to_writer(&mut text, &document).map_err(anyhow::Error::from)?;
+        let on = running::on(&setup, &document, None);
+        serde_json::to_writer(&mut text, &on).map_err(anyhow::Error::from)?;
         text.push(b'\n');
     } else {
         print_tables(&mut text, &document).map_err(anyhow::Error::from)?;
+        text.extend(running::line(&setup).bytes());
     }
     crate::print(&text)?;
     Ok(DONE)

@@ -5,7 +5,7 @@ use crate::{DONE, Failure};
 use clap::{Args, Subcommand};
 use pigtail_hal::Error;
 use pigtail_session::own::Own;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, FILES, Rig, rig_files};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, FILES, Named, Rig, rig_files};
 use pigtail_session::setup::Setup;
 use serde::Serialize;
 use std::fs;
@@ -18,14 +18,16 @@ use std::path::PathBuf;
 /// The files are those of another rig, the shipped one if none is named, with the axes that --from brings: the
 /// identified plant for the twin, its drive for the datasheet, gains to begin with for control. What had been
 /// learnt of the axis that was there before (windup, pulses) is left out. Every command takes the folder as
-/// its --rig; tune and identify write what they find into it.
+/// its --rig; tune, identify and characterize write what they find into it where --write says so, as a new version
+/// of its calibration (`pigtail calibration`). Of the rig that it begins with the current calibration is taken, and no
+/// older version.
 #[derive(Debug, Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 #[command(after_help = "\
 Examples:
   pigtail rig my-rig --from runs/20260101T120000-servo-0
   pigtail rig check my-rig                 whether its files are well, and what it can do
-  pigtail tune z --rig my-rig
+  pigtail tune z --rig my-rig --write
   pigtail align --rig my-rig")]
 pub(crate) struct Arguments {
     #[command(subcommand)]
@@ -122,9 +124,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         let message = "is there already; accepted is the name of a new folder";
         return Err(Error::new(name, "", message).into());
     }
-    let files = rig_files(&arguments.rig, &own, false)?;
+    let named = Named {
+        rig: &arguments.rig,
+        recipe: DEFAULT_RECIPE_NAME,
+        ..Named::default()
+    };
+    let files = rig_files(&named, &own, false)?;
     // That it is a rig, before anything is written.
-    let setup = Setup::load_with(&arguments.rig, DEFAULT_RECIPE_NAME, &own, false)?;
+    let setup = Setup::load_with(&named, &own, false)?;
     let partial = folder.with_extension(format!("partial-{}", std::process::id()));
     let write = || -> std::io::Result<()> {
         fs::create_dir(&partial)?;

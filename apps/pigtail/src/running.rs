@@ -1,11 +1,14 @@
 //! A run of a job on a twin: what every command that makes one does before and after.
 
+use crate::found::FoundDocument;
 use crate::{Failure, stop};
 use anyhow::Result;
+use pigtail_session::calibrations::{Part, RunsOn, notes};
 use pigtail_session::job::Ended;
 use pigtail_session::records::Records;
 use pigtail_session::setup::Setup;
 use pigtail_store::runs::Run;
+use serde::Serialize;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -21,6 +24,56 @@ pub(crate) fn begin(
     setup.options.stop = stop::on_signal()?;
     setup.records = recorded.then(|| Arc::new(Records::new(run.partial_path(""))));
     Ok(run)
+}
+
+/// Says what is missing or out of date of what is believed of a rig and made use of, before anything runs.
+pub(crate) fn warn(setup: &Setup, parts: &[Part]) {
+    for note in notes(&setup.rig, parts) {
+        eprintln!("note: {note}");
+    }
+}
+
+/// A document with what it ran on, and what became of what was found.
+#[derive(Debug, Serialize)]
+struct On<'d, D: Serialize> {
+    #[serde(flatten)]
+    document: &'d D,
+    #[serde(rename = "runs_on")]
+    rig: RunsOn,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    found: Option<&'d FoundDocument>,
+}
+
+/// A document with what it ran on, as a value to be kept and printed.
+pub(crate) fn on<'d>(
+    setup: &Setup,
+    document: &'d impl Serialize,
+    found: Option<&'d FoundDocument>,
+) -> impl Serialize + 'd {
+    On {
+        document,
+        rig: RunsOn::of(&setup.rig),
+        found,
+    }
+}
+
+/// What a command prints: its document, or words and what it ran on.
+pub(crate) fn told(
+    json: bool,
+    document: &impl Serialize,
+    setup: &Setup,
+    words: impl FnOnce() -> String,
+) -> Result<String> {
+    Ok(if json {
+        serde_json::to_string(document)? + "\n"
+    } else {
+        words() + &line(setup)
+    })
+}
+
+/// What it ran on, in a line.
+pub(crate) fn line(setup: &Setup) -> String {
+    format!("Ran on {}\n", RunsOn::of(&setup.rig))
 }
 
 /// Waits until all records are on the disk.

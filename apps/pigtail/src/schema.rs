@@ -6,6 +6,7 @@ use clap::Args;
 use pigtail_control::calibration::Calibration;
 use pigtail_control::recipe::Recipe;
 use pigtail_hal::Spec;
+use pigtail_session::fleet::FleetKeys;
 use pigtail_twin::plant::Plant;
 use schemars::generate::SchemaSettings;
 use schemars::transform::RecursiveTransform;
@@ -55,6 +56,8 @@ pub enum FileKind {
     Calibration,
     /// measured.toml of a rig: keys of plant and calibration for the machine that `reproduce` measures on
     Measured,
+    /// A fleet of a rig: what its machines, and the devices on them, may be
+    Fleet,
     /// A recipe: a device and how to align it
     Recipe,
 }
@@ -71,6 +74,7 @@ impl FileKind {
                 allow_parts(&mut schema);
                 schema
             }
+            Self::Fleet => schema::<FleetKeys>(),
             Self::Recipe => schema::<Recipe>(),
         }
     }
@@ -101,9 +105,16 @@ fn schema<T: JsonSchema>() -> Value {
     settings.into_generator().into_root_schema_for::<T>().into()
 }
 
-/// TOML has no null: a key that may be missing is one that is not required, and nothing more.
+/// TOML has no null, and a quantity has an end: a key that may be missing is one that is not required, and
+/// nothing more.
 fn leave_null_out(schema: &mut Schema) {
-    if schema.get("default").is_some_and(Value::is_null) {
+    let endless = |default: &Value| {
+        default
+            .as_str()
+            .is_some_and(|text| text.starts_with("inf "))
+    };
+    let nothing = |default: &Value| default.is_null() || endless(default);
+    if schema.get("default").is_some_and(nothing) {
         schema.remove("default");
     }
     if let Some(Value::Array(types)) = schema.get_mut("type") {

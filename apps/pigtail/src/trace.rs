@@ -11,7 +11,6 @@ use pigtail_hal::quantity::{LENGTH, SPEED, Sign, TORQUE};
 use pigtail_hal::{Error, Side};
 use pigtail_report as report;
 use pigtail_session::rig::DEFAULT_RECIPE_NAME;
-use pigtail_session::setup::Setup;
 use std::fmt::Write as _;
 
 /// Follow a contour with both joints of a five-bar, with and without compensation (thesis 2.4.5)
@@ -85,7 +84,7 @@ fn torque(text: &str) -> Result<f64, String> {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
-    let mut setup = Setup::load(&arguments.common.rig, DEFAULT_RECIPE_NAME)?;
+    let mut setup = arguments.common.setup(DEFAULT_RECIPE_NAME)?;
     let plan = Plan {
         contour: match arguments.path {
             PathName::Square => Contour::Square,
@@ -140,15 +139,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let (document, traced) =
         trace(&setup, &plan, seed).map_err(|error| stopped(&run, &setup, error))?;
     running::close_records(&run, &setup)?;
-    run.write_json("summary.json", &document)?;
+    let on = running::on(&setup, &document, None);
+    run.write_json("summary.json", &on)?;
     run.write("report.html", report::contour(&document, &traced)?)?;
-    let text = if arguments.common.json {
-        let json = serde_json::to_string(&document).map_err(anyhow::Error::from)?;
-        format!("{json}\n")
-    } else {
+    let text = running::told(arguments.common.json, &on, &setup, || {
         let report = run.path("report.html").display().to_string();
         format!("{}Report: {report}\n", account(&document))
-    };
+    })?;
     run.finish("done")?;
     crate::print(text.as_bytes())?;
     Ok(DONE)

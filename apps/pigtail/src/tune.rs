@@ -2,6 +2,7 @@
 
 use crate::choice::choice;
 use crate::common::{Common, OwnAxes};
+use crate::found::{self, FoundDocument, WriteArguments};
 use crate::running::{self, stopped};
 use crate::{DONE, Failure};
 use clap::Args;
@@ -9,6 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use pigtail_control::station::{Observer, Sample};
 use pigtail_hal::{Axis, AxisName, Error};
 use pigtail_report as report;
+use pigtail_session::calibrations::Change;
 use pigtail_session::own::Own;
 use pigtail_session::rig::DEFAULT_RECIPE_NAME;
 use pigtail_session::setup::Setup;
@@ -20,14 +22,15 @@ use std::fmt::Write as _;
 ///
 /// Steps the axis by two sizes and looks for the gains with the least ITAE (integral of time times
 /// absolute error), from three starts far apart. Gains that ring or let the axis run away are cut
-/// short and count as infinitely bad. The result goes into the rig's `calibration.toml` with its
-/// date and run, and a report with the path through gain space into a folder below `runs`. With --from
-/// the axis is one of your own, and the gains go into a `calibration.toml` in that folder.
+/// short and count as infinitely bad. Where the gains that are believed do not hold the axis, it begins with
+/// the best of a few by the datasheet. A `calibration.toml` with the result goes into the run's folder below
+/// `runs`, with a report with the path through gain space, and with --write into the rig. With --from the axis is
+/// one of your own, and what goes into that folder is a fragment with its gains.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   pigtail tune fivebar                     the first joint of the left five-bar
-  pigtail tune z --seed 4 --dry-run        another machine; leave its calibration alone
+  pigtail tune z --rig my-rig --write      into the rig, as a new version of its calibration
   pigtail tune right.b --search random     the thesis's own search, 100 trials
   pigtail tune z --from plant.toml         your own axis, as identify servo wrote it")]
 pub(crate) struct Arguments {
@@ -47,9 +50,8 @@ pub(crate) struct Arguments {
     /// which are 400 and 1300 of the shipped rig
     #[arg(long, value_parser = clap::value_parser!(i64).range(20..), allow_negative_numbers = true)]
     step: Option<i64>,
-    /// Do not write the gains into the rig's calibration
-    #[arg(long)]
-    dry_run: bool,
+    #[command(flatten)]
+    write: WriteArguments,
 }
 
 /// Shows each trial.
@@ -72,7 +74,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let at = arguments.axis;
     let own = Own::read(&arguments.own.from)?;
     own.concerns(at.axis)?;
-    let mut setup = Setup::load_with(&arguments.common.rig, DEFAULT_RECIPE_NAME, &own, true)?;
+    let (common, write) = (&arguments.common, arguments.write);
+    if write.is_asked() && !own.is_empty() {
+        let message = "writes into a rig, and an axis of --from is in none; accepted is a rig that has it, such as \
+                       `pigtail rig my-rig --from` makes";
+        return Err(Error::new("--write", "", message).into());
+    }
+    write.check(&common.rig)?;
+    let mut setup = common.setup_with(DEFAULT_RECIPE_NAME, &own, true, &[])?;
     let plan = Tune {
         at,
         method: arguments.search,
@@ -107,40 +116,40 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         .map_err(|ended| stopped(&run, &setup, ended))?;
     bar.finish_and_clear();
     tuned.document.report = run.path("report.html").display().to_string();
-    if !arguments.dry_run {
+    let found = {
         let table = format!(
             "gains.{}",
             if at.axis == Axis::Z { "z" } else { "five_bar" }
         );
-        let g = tuned.document.gains;
-        let values = [
-            ("kp", toml_edit::value(format!("{} V/count", g.kp))),
-            ("ki", toml_edit::value(format!("{} V/(count s)", g.ki))),
-            ("kd", toml_edit::value(format!("{} V s/count", g.kd))),
-            ("date", toml_edit::value(run.date())),
-            (
-                "origin",
-                toml_edit::value(format!("tune {at}, run {}", run.name())),
-            ),
-        ];
-        tuned.document.calibration = if own.is_empty() {
-            let written = setup.rig.write_calibration(&table, &values)?;
-            run.calibrated(written.as_deref(), &table)?;
-            written.unwrap_or_default()
+        let origin = format!("tune {at}, run {}", run.name());
+        let values = tuned.document.gains.values(&run.date(), &origin);
+        if own.is_empty() {
+            let change = Change {
+                table,
+                values,
+                weights: None,
+            };
+            let found = found::keep(
+                write,
+                &run,
+                common,
+                &setup,
+                &format!("tune {at}"),
+                &[change],
+            )?;
+            tuned.document.calibration = found.written();
+            Some(found)
         } else {
-            beside(&run, &setup, at.axis, &values)?
-        };
-    }
-    run.write_json("summary.json", &tuned.document)?;
-    run.write("report.html", report::tuning(&tuned)?)?;
-    let text = if arguments.common.json {
-        format!(
-            "{}\n",
-            serde_json::to_string(&tuned.document).map_err(anyhow::Error::from)?
-        )
-    } else {
-        account(&tuned.document)
+            tuned.document.calibration = beside(&run, &setup, at.axis, &values)?;
+            None
+        }
     };
+    let document = running::on(&setup, &tuned.document, found.as_ref());
+    run.write_json("summary.json", &document)?;
+    run.write("report.html", report::tuning(&tuned)?)?;
+    let text = running::told(common.json, &document, &setup, || {
+        account(&tuned.document, found.as_ref())
+    })?;
     running::close_records(&run, &setup)?;
     run.finish("done")?;
     crate::print(text.as_bytes())?;
@@ -172,7 +181,7 @@ fn beside(
 }
 
 /// What a person wants to know of it.
-fn account(document: &TuningDocument) -> String {
+fn account(document: &TuningDocument, found: Option<&FoundDocument>) -> String {
     let mut text = String::new();
     let g = document.gains;
     let _ = writeln!(
@@ -204,10 +213,11 @@ fn account(document: &TuningDocument) -> String {
         );
     }
     let _ = writeln!(text, "{:.0} s of machine time", document.seconds_machine);
-    if document.calibration.is_empty() {
-        let _ = writeln!(text, "The calibration was left as it is.");
-    } else {
-        let _ = writeln!(text, "Written to {}", document.calibration);
+    match found {
+        Some(found) => text += &found.account(),
+        None => {
+            let _ = writeln!(text, "Written to {}", document.calibration);
+        }
     }
     let _ = writeln!(text, "Report: {}", document.report);
     text

@@ -279,9 +279,19 @@ fn gains_and_windup_go_into_the_calibration_and_are_used() {
     ] {
         assert!(!document[key].is_null(), "{key}");
     }
-    assert_eq!(folder.run(&["tune", "z", "--rig", "rig"]).0, Some(0));
-    assert_eq!(folder.run(&["tune", "fivebar", "--rig", "rig"]).0, Some(0));
-    let (code, out, _) = folder.run(&["identify", "windup", "fivebar", "--rig", "rig", "--json"]);
+    assert_eq!(
+        folder.run(&["tune", "z", "--rig", "rig", "--write"]).0,
+        Some(0)
+    );
+    assert_eq!(
+        folder
+            .run(&["tune", "fivebar", "--rig", "rig", "--write"])
+            .0,
+        Some(0)
+    );
+    let (code, out, _) = folder.run(&[
+        "identify", "windup", "fivebar", "--rig", "rig", "--json", "--write",
+    ]);
     assert_eq!(code, Some(0));
     let document: Value = serde_json::from_str(&out).expect("JSON");
     for key in [

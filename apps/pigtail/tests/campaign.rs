@@ -115,7 +115,7 @@ fn an_interrupted_campaign_goes_on_to_the_same_bytes() {
 fn summary_of(store: &Store) -> CampaignDocument {
     store.collect().expect("whole parts");
     let document = summarize(store, 0.0).expect("rows");
-    store.finish(&document, "").expect("a summary");
+    store.finish(&document, &document, "").expect("a summary");
     document
 }
 

@@ -89,7 +89,12 @@ fn an_output_that_is_not_there_does_not_keep_the_other_from_being_aligned() {
 #[test]
 fn three_times_the_noise_is_measured_and_lived_with() {
     let outcomes = is_honest(|setup| setup.plant.light.noise *= 3.0, 911_000..911_010);
-    assert!(outcomes.iter().all(|outcome| *outcome == "aligned"));
+    // Whether a tip shakes such light tells less well: every third input may stay unsure, and with it its device.
+    let aligned = outcomes
+        .iter()
+        .filter(|outcome| **outcome == "aligned")
+        .count();
+    assert!(aligned >= 15, "{outcomes:?}");
 }
 
 /// Without a model of the piezos the circles do not close: then the thesis's way is left.
@@ -160,7 +165,8 @@ fn other_truths(devices: u64, least: usize) {
 
 #[test]
 fn a_machine_that_is_not_as_believed_is_not_believed_wrongly() {
-    other_truths(4, 90);
+    // Twelve fibers a truth: an input that is unsure takes three of them away.
+    other_truths(4, 60);
 }
 
 #[test]
@@ -169,9 +175,34 @@ fn many_machines_that_are_not_as_believed_are_not_believed_wrongly() {
     other_truths(60, 90);
 }
 
-/// Where vision's bound is as wide as the tolerance, nobody knows the gap.
+/// Where vision's bound is as wide as the tolerance, the light tells the gap...
 #[test]
-fn a_gap_that_vision_does_not_know_is_unsure() {
+fn a_gap_that_vision_does_not_know_is_told_by_light() {
     let outcomes = is_honest(|setup| setup.rig.spec.vision.accuracy_z = 2e-6, 5..9);
+    let aligned = outcomes
+        .iter()
+        .filter(|outcome| **outcome == "aligned")
+        .count();
+    assert!(aligned >= 9, "{outcomes:?}");
+}
+
+/// ...and where that is too dim for it, nobody does.
+#[test]
+fn a_gap_that_nobody_knows_is_unsure() {
+    let dim = |setup: &mut Setup| {
+        setup.rig.spec.vision.accuracy_z = 2e-6;
+        setup.plant.light.full = 0.3;
+    };
+    let outcomes = is_honest(dim, 5..8);
     assert!(outcomes.contains(&"unsure"), "{outcomes:?}");
+}
+
+/// A tip that shakes so much that where it is attached is left to chance is not attached.
+#[test]
+fn a_tip_that_shakes_too_much_is_unsure() {
+    let outcomes = is_honest(|setup| setup.plant.micro.noise = 40e-9, 930_000..930_006);
+    assert!(
+        outcomes.iter().all(|outcome| *outcome != "aligned"),
+        "{outcomes:?}"
+    );
 }

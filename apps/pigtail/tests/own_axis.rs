@@ -197,7 +197,7 @@ fn an_identified_axis_is_tuned_characterized_and_aligned_with() {
         assert_eq!(code, Some(0), "{error}");
         let (json, code) = answer(at, &["align", "--rig", "rig", "--seed", "80"]);
         assert!([0, 1].contains(&code), "{axis}: {json}");
-        let (json, code) = answer(at, &["tune", axis, "--rig", "rig"]);
+        let (json, code) = answer(at, &["tune", axis, "--rig", "rig", "--write"]);
         assert_eq!(code, 0, "{json}");
         assert_eq!(json["calibration"], "rig/calibration.toml");
     }

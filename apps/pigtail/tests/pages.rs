@@ -7,6 +7,7 @@ use pigtail::FileKind;
 use pigtail_control::calibration::Calibration;
 use pigtail_control::recipe::Recipe;
 use pigtail_hal::Spec;
+use pigtail_session::fleet::FleetKeys;
 use pigtail_twin::plant::Plant;
 use serde::de::value::{Error, MapDeserializer};
 use serde::de::{Deserializer, Error as _, IntoDeserializer, Visitor};
@@ -245,6 +246,7 @@ fn accepted(schema: &Value) -> String {
                 other => panic!("nothing is known of bounds {other:?}"),
             }
         }
+        "object" => "tables of keys".to_owned(),
         "array" => {
             let count = schema["maxItems"].as_u64().map(|n| format!("{n} "));
             let each = match (&schema["items"]["type"], &schema["items"]["maxItems"]) {
@@ -288,7 +290,7 @@ fn the_page_of_files_is_what_is_read() {
          `rigs/afpm` and in `recipes/y-branch.toml`. This page is made from what \
          the program reads the files into, as are the schemas that `pigtail schema` prints for an editor; a test \
          fails when it is out of date.\n\n\
-         A rig may have a fourth file, `measured.toml`, with the tables `plant` and `calibration`: keys of those \
+         A rig may have a `measured.toml` too, with the tables `plant` and `calibration`: keys of those \
          two files for the machine that `reproduce` measures on, where it is not the one of the files themselves. \
          Nothing else reads it.\n\n",
     );
@@ -313,6 +315,15 @@ fn the_page_of_files_is_what_is_read() {
             "rigs/afpm/calibration.toml",
             FileKind::Calibration,
             order::<Calibration>,
+        ),
+        (
+            "A fleet",
+            "What machines of a rig, and the devices on them, may be: `fleets/NAME.toml` in its folder, or any file \
+             ([how it is written](../howto/fleets.md)). Only the twin is drawn from it; what of it is \
+             a datasheet control is told. Shipped: `workshop`.",
+            "rigs/afpm/fleets/workshop.toml",
+            FileKind::Fleet,
+            order::<FleetKeys>,
         ),
         (
             "A recipe",

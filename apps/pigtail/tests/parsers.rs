@@ -71,7 +71,12 @@ fn own(text: &str) -> Result<Setup, pigtail_hal::Error> {
     let mut file = tempfile::NamedTempFile::new().expect("a file");
     file.write_all(text.as_bytes()).expect("written");
     let own = Own::read(&[file.path().to_owned()])?;
-    Setup::load_with(DEFAULT_RIG_NAME, DEFAULT_RECIPE_NAME, &own, false)
+    let named = pigtail_session::rig::Named {
+        rig: DEFAULT_RIG_NAME,
+        recipe: DEFAULT_RECIPE_NAME,
+        ..pigtail_session::rig::Named::default()
+    };
+    Setup::load_with(&named, &own, false)
 }
 
 #[test]

@@ -132,6 +132,106 @@ fn cheap_figures_leave_one_document_and_one_report_whatever_the_threads() {
     assert!(html.contains("(2.23): the subscripts are exchanged"));
 }
 
+#[test]
+fn claims_are_counted_by_what_they_rest_on_and_on_drawn_machines_whatever_the_threads() {
+    let folder = TempDir::new().expect("a folder");
+    let names = ["2.8", "2.16", "2.26", "4.15", "--quick", "--specimens", "2"];
+    let run = |threads: &str| {
+        let arguments = [&names[..], &["--seed", "3", "--json"]].concat();
+        let output = reproduce(folder.path(), threads, &arguments);
+        assert_eq!(output.status.code(), Some(0), "{output:?}");
+        let mut d = document(&output);
+        d["seconds"] = Value::Null;
+        d
+    };
+    let d = run("1");
+    assert_eq!(d, run("2"));
+    let a = &d["accounts"];
+    let number = |value: &Value| value.as_u64().expect("a number");
+    let groups = ["predictions", "calibrated", "definitions"];
+    for (key, all) in [("hold", "held"), ("of", "of")] {
+        let sum: u64 = groups.iter().map(|group| number(&a[group][key])).sum();
+        assert_eq!(sum, number(&d[all]));
+        let sum = number(&a["predictions"][key]) + number(&a["definitions"][key]);
+        let before = if key == "of" {
+            "of_predicted"
+        } else {
+            "predicted"
+        };
+        assert_eq!(
+            sum,
+            number(&d[before]),
+            "the keys of old mean what they meant"
+        );
+        for part in ["predictions_unchanged", "calibrated_in_doubt", "changed"] {
+            assert!(a[part][key].is_u64(), "{part}");
+        }
+    }
+    assert!(a["withdrawn"].is_array());
+    let claims = d["claims"].as_array().expect("claims");
+    for claim in claims {
+        let basis = claim["basis"].as_str().expect("a basis");
+        assert_eq!(claim["fitted"].is_string(), basis == "calibrated");
+        assert_eq!(claim["by_construction"].is_string(), basis == "definition");
+        assert!(claim["in_doubt"].is_boolean() && claim["changes"].is_array());
+    }
+    let changes = a["changed_after_result"].as_array().expect("changes");
+    assert!(!changes.is_empty());
+    for change in changes {
+        for key in ["claim", "date", "commit", "what", "from", "to", "why"] {
+            assert!(change[key].is_string(), "{key}");
+        }
+        for when in ["before", "after"] {
+            let result = &change[when];
+            assert!(result["ours"].is_f64() && result["holds"].is_boolean());
+        }
+    }
+    let specimens = &d["specimens"];
+    assert_eq!(specimens["seeds"], serde_json::json!([3, 1003]));
+    assert!(specimens["ended"].as_array().expect("a list").is_empty());
+    let drawn = specimens["claims"].as_array().expect("claims");
+    assert_eq!(drawn.len(), claims.len());
+    for claim in drawn {
+        let stays = ["2.16", "2.26-least", "2.26-greatest", "4.15"];
+        let id = claim["id"].as_str().expect("an id");
+        let stays = stays.iter().any(|of| id.starts_with(of));
+        assert_eq!(claim["not_drawn"].is_string(), stays, "{id}");
+        assert_eq!(claim["held"].is_null(), stays, "{id}");
+        assert_eq!(number(&claim["of"]), if stays { 0 } else { 2 }, "{id}");
+    }
+    let tally = &specimens["accounts"];
+    let judged: u64 = groups.iter().map(|group| number(&tally[group]["of"])).sum();
+    assert_eq!(judged, drawn.iter().map(|c| number(&c["of"])).sum::<u64>());
+    // The first is the one that the same seed draws by itself.
+    let one = document(&reproduce(
+        folder.path(),
+        "1",
+        &["2.8", "--quick", "--specimen", "--seed", "3", "--json"],
+    ));
+    let windup = &one["claims"][0]["ours"];
+    assert!(windup == &drawn[0]["least"] || windup == &drawn[0]["most"]);
+}
+
+#[test]
+fn the_account_fits_a_terminal() {
+    let folder = TempDir::new().expect("a folder");
+    let names = ["2.26", "2.8", "--quick", "--specimens", "1"];
+    let output = reproduce(folder.path(), "2", &names);
+    let text = String::from_utf8(output.stdout).expect("text");
+    for line in text.lines().filter(|line| !line.starts_with("Report: ")) {
+        assert!(line.chars().count() <= 80, "{line}");
+    }
+    for part in [
+        "predictions hold",
+        "Changed after a result",
+        "one drawn machine",
+    ] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    let output = reproduce(folder.path(), "1", &["2.8", "--specimens", "0"]);
+    assert_eq!(output.status.code(), Some(2));
+}
+
 /// A copy of the rig with something else in its plant.
 fn changed(folder: &Path, from: &str, to: &str) {
     let rig = folder.join("rig");

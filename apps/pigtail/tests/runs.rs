@@ -534,7 +534,7 @@ fn the_run_that_wrote_a_calibration_is_known_to_those_that_read_it() {
     for file in ["machine.toml", "plant.toml", "calibration.toml"] {
         fs::copy(Path::new(RIG).join(file), folder.join("rig").join(file)).expect("a copy");
     }
-    done(folder, "identify windup z --rig rig");
+    done(folder, "identify windup z --rig rig --write");
     done(folder, "align --rig rig");
     let runs = listed(folder);
     assert_eq!(runs[0]["kind"], "identify windup");

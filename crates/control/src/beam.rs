@@ -51,6 +51,12 @@ impl Beam {
         }
     }
 
+    /// The gap at which the spot is so many times as wide, squared, as at the chip, and one more, metres: one
+    /// for twice the square.
+    pub fn gap_of(&self, share: f64) -> f64 {
+        2.0 * share.sqrt() * self.cos * self.rayleigh
+    }
+
     /// Share of the light that crosses a gap (metres) at the peak: `4 / (4 + (z/z_R)^2)`, with
     /// `z` along the beam.
     pub fn share(&self, gap: f64) -> f64 {
@@ -70,12 +76,15 @@ impl Beam {
         share * (-(off.x * off.x + off.y * off.y) * share / (self.radius * self.radius)).exp()
     }
 
+    /// What a peak leaves of a reading, volts.
+    pub fn left(&self, reading: &Reading, peak: &Peak) -> f64 {
+        reading.volts - peak.full * self.light(reading, peak.at)
+    }
+
     /// Sum of squares of what a peak leaves of readings, square volts.
     pub fn misfit(&self, readings: &[Reading], peak: &Peak) -> f64 {
-        readings
-            .iter()
-            .map(|r| (peak.full * self.light(r, peak.at) - r.volts).powi(2))
-            .sum()
+        let left = readings.iter().map(|r| self.left(r, peak));
+        left.map(|left| left * left).sum()
     }
 
     /// The peak of known width that fits readings best, by least squares (Levenberg and

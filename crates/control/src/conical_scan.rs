@@ -6,8 +6,10 @@
 //! What the micro lags behind is the same all around the circle.
 
 use crate::beam::{Beam, Peak, Reading};
+use crate::gap_by_light::{Spot, Width};
 use crate::outcome::{Halt, Outcome};
 use crate::recipe::ConicalScan as Shape;
+use crate::shaking::{Seen, Shaking};
 use crate::station::Station;
 use pigtail_hal::{Channel, Fault, Side};
 use pigtail_model::frames::Displacement;
@@ -26,6 +28,8 @@ pub struct Watch {
     pub background: f64,
     /// Standard deviation of a sample, volts.
     pub noise: f64,
+    /// The same in the dark, volts: without what fluctuates slowly.
+    pub still: f64,
 }
 
 /// How the peak walks as the gap closes: metres in the manipulator's x and y for a metre of gap.
@@ -49,6 +53,15 @@ pub struct ConicalScan<'r> {
     commanded: VecDeque<(Displacement, f64)>,
     /// The readings of the last turn, without the walk.
     readings: VecDeque<Reading>,
+    /// How the tip shakes.
+    shaking: Shaking,
+    /// How far the middle went at last, metres.
+    moved: f64,
+    /// Light of the last turn that found the peak, from the circle's middle.
+    around: Vec<(Displacement, f64)>,
+    /// By how much more than believed a tip has to move for the light to say so, as the two circles tell: modes may
+    /// be wider than designed.
+    wider: f64,
 }
 
 /// Standard deviations by which a peak must stand out of the noise.
@@ -118,6 +131,26 @@ const FASTEST: f64 = 5.0 * CREEP;
 /// are not as designed does by 3 % at most, a piezo that goes half of its way makes it 5 %.
 const MISFIT: f64 = 0.04;
 
+/// Radii of the circles by which the width of the spot is seen, in its width at the chip.
+const WIDTHS: [f64; 2] = [0.35, 1.2];
+
+/// Turns on either before the other has its turn...
+const TURNS_A_ROUND: u32 = 4;
+
+/// ...and how often that is repeated, at most, until the square of the width is known to this share of it.
+const MOST_ROUNDS: u32 = 16;
+const KNOWN: f64 = 4e-3;
+
+/// How far beside the peak light is watched, in its widths: there it is steepest.
+const STEEP: f64 = 0.7;
+
+/// The light at the peak is looked at for so long, seconds; beside it, it is less by this share at least.
+const TOP: f64 = 0.04;
+const LEAST_FALL: f64 = 0.02;
+
+/// So many times longer than it is believed to settle a micro may still swing.
+const FORGETS: f64 = 8.0;
+
 /// Seconds in which the circle's middle goes over to a new place.
 const GLIDE: f64 = 6e-3;
 
@@ -144,7 +177,22 @@ impl<'r> ConicalScan<'r> {
             phase: 0.0,
             commanded: VecDeque::with_capacity(64),
             readings: VecDeque::with_capacity(64),
+            shaking: Shaking::default(),
+            moved: f64::INFINITY,
+            around: Vec::with_capacity(64),
+            wider: 1.0,
         }
+    }
+
+    /// How the tip shakes, by all turns near the peak.
+    pub fn shaking(&self) -> Shaking {
+        self.shaking
+    }
+
+    /// By how much more than believed places scatter, for modes are wider than designed: what is said of them by their
+    /// deviations is to be multiplied with it.
+    pub fn wider(&self) -> f64 {
+        self.wider
     }
 
     /// The photodiode that watches.
@@ -176,6 +224,7 @@ impl<'r> ConicalScan<'r> {
     fn shift(&mut self, station: &Station, by: Displacement) {
         self.from = (self.middle(station.time()), station.time());
         self.centre += by;
+        self.moved = by.norm();
     }
 
     /// The macro goes aside, and the micro the other way.
@@ -252,6 +301,43 @@ impl<'r> ConicalScan<'r> {
         Ok(())
     }
 
+    /// How wide the spot is at a gap, by turns on two circles; `at` is the gap by encoders. Turns until it is
+    /// known well or after some seconds; `None` where there is too little light. All gaps are looked at on the
+    /// same circles, so that it does not matter how far a piezo goes on them.
+    ///
+    /// # Errors
+    ///
+    /// The machine's fault.
+    pub fn width(
+        &mut self,
+        station: &mut Station,
+        gap: f64,
+        at: f64,
+    ) -> Result<Option<Width>, Fault> {
+        let mut spot = Spot::default();
+        let mut width = None;
+        for _ in 0..MOST_ROUNDS {
+            // To and fro, so that light which rises or falls steadily counts on both alike.
+            for of_contact in [0, 1, 1, 0].map(|i| WIDTHS[i]) {
+                let radius = of_contact * self.beam.width(0.0) / self.beam.width(gap);
+                self.shrink(station, gap, radius, SHRINK)?;
+                for _ in 0..TURNS_A_ROUND {
+                    self.turn(station, gap)?;
+                    for reading in &self.readings {
+                        spot.add(reading.at - self.centre, reading.volts);
+                    }
+                }
+            }
+            width = spot.width(at, self.watch.noise);
+            if width.is_none_or(|width| width.is_known_to(KNOWN)) {
+                break;
+            }
+        }
+        self.shrink(station, gap, self.shape.radius, SHRINK)?;
+        self.turn(station, gap)?;
+        Ok(width)
+    }
+
     /// The peak by the last turn, at no gap; `None` where there is no light.
     pub fn peak(&mut self) -> Option<Peak> {
         let readings: &[Reading] = self.readings.make_contiguous();
@@ -269,12 +355,11 @@ impl<'r> ConicalScan<'r> {
         rest.sqrt() / (peak.full * self.beam.share(gap))
     }
 
-    /// By how much the micro swings beside its circle around a `peak`, metres: what the light of the last
-    /// turn holds beside the harmonics that a circle makes, where that is two standard deviations more than its
-    /// noise, or zero. On a circle of `r` widths `w` a swing `a` makes `r a/w` of the light, rms.
-    fn swing(&self, peak: &Peak, gap: f64) -> f64 {
+    /// Variance of the last turn beside the harmonics that a circle makes of something of its readings, its square,
+    /// and its degrees of freedom; none for readings too few.
+    fn left(&self, of: impl Fn(&Reading) -> f64) -> Option<(f64, f64)> {
         let n = self.readings.len();
-        let volts = || self.readings.iter().map(|r| r.volts).enumerate();
+        let volts = || self.readings.iter().map(&of).enumerate();
         let part = |harmonic: usize, of: fn(f64) -> f64| {
             let angle = |k: usize| TAU * (harmonic * k) as f64 / n as f64;
             let sum: f64 = volts().map(|(k, v)| v * of(angle(k))).sum();
@@ -284,16 +369,61 @@ impl<'r> ConicalScan<'r> {
         let mean: f64 = volts().map(|(_, v)| v).sum();
         let circle = part(1, f64::sin) + part(1, f64::cos) + part(2, f64::sin) + part(2, f64::cos);
         let free = n as f64 - 5.0;
-        if free < 1.0 {
+        (free >= 1.0).then(|| ((whole - mean * mean / n as f64 - circle) / free, free))
+    }
+
+    /// By how much the micro swings beside its circle around a `peak`, metres: what the light of the last
+    /// turn holds beside the harmonics that a circle makes, where that is two standard deviations more than its
+    /// noise, or zero. On a circle of `r` widths `w` a swing `a` makes `r a/w` of the light, rms.
+    fn swing(&self, peak: &Peak, gap: f64) -> f64 {
+        let Some((left, free)) = self.left(|reading| reading.volts) else {
             return f64::INFINITY;
-        }
-        let left = (whole - mean * mean / n as f64 - circle) / free;
+        };
         let noise = self.watch.noise * self.watch.noise;
         if left < noise * (1.0 + 2.0 * (2.0 / free).sqrt()) {
             return 0.0;
         }
         let light = peak.full * self.beam.share(gap);
         (left - noise).sqrt() * self.beam.width(gap) / (self.radius * light)
+    }
+
+    /// How the tip shakes by the last turn around a `peak`: on a circle of `r` widths `w` a place that scatters by `s` along every direction makes `2 r s/w` of the light
+    /// there, rms. `None` where the circle's middle was on its way.
+    fn shakes(&self, peak: &Peak, gap: f64) -> Option<Seen> {
+        if self.moved > QUIET {
+            return None;
+        }
+        let (left, free) = self.left(|reading| self.beam.left(reading, peak))?;
+        let r = self.radius;
+        let light = peak.full * self.beam.share(gap) * (-r * r).exp();
+        let scale = self.beam.width(gap) / (2.0 * r * light);
+        Some(Seen {
+            variance: left * scale * scale,
+            still: (self.watch.still * scale).powi(2),
+            degrees: free,
+        })
+    }
+
+    /// How much wider, squared, the spot is than believed, by the last turn of the wide circle and that of the small
+    /// one: as believed where they do not tell.
+    fn wider_by(&self, gap: f64) -> f64 {
+        /// Widths that are known worse tell nothing.
+        const KNOWN_ROUGHLY: f64 = 0.3;
+        let mut spot = Spot::default();
+        for (at, volts) in &self.around {
+            spot.add(*at, *volts);
+        }
+        for reading in &self.readings {
+            spot.add(reading.at - self.centre, reading.volts);
+        }
+        let width = spot.width(gap, self.watch.still);
+        let Some(width) = width.filter(|width| width.is_known_to(KNOWN_ROUGHLY)) else {
+            return 1.0;
+        };
+        // How steep the light is in x and in y, of how steep it is believed to be.
+        let believed = self.beam.width(gap).powi(2);
+        let [x, y] = width.squared.map(|squared| (believed / squared).powi(2));
+        (0.5 * (x + y)).sqrt().recip().max(1.0)
     }
 
     /// Goes to a peak, at most its width at `gap` away. Returns how far it was away, metres.
@@ -415,6 +545,11 @@ impl<'r> ConicalScan<'r> {
                 continue;
             }
             seen.push(peak);
+            if let Some(seen) = self.shakes(&peak, gap)
+                && !self.shaking.is_watched()
+            {
+                self.shaking.add_wide(&seen);
+            }
             if seen.len() < 3 {
                 self.go_to(station, &peak, gap)?;
                 continue;
@@ -427,6 +562,11 @@ impl<'r> ConicalScan<'r> {
             peak.at = Displacement::new(x.at, y.at);
             peak.deviation = x.deviation.max(y.deviation);
             let slope = x.slope.hypot(y.slope);
+            if !self.shaking.is_watched() {
+                let scatter = x.scatter.max(y.scatter);
+                let free = seen.len() as f64 - 2.0;
+                self.shaking.set_slow(scatter, noise * noise, free);
+            }
             self.go_to(station, &peak, gap)?;
             deviation = peak.deviation;
             // A peak that a circle's middle runs after, or that is no peak's shape, is that of a micro
@@ -439,6 +579,9 @@ impl<'r> ConicalScan<'r> {
             // The small turn to come knows the less the smaller it is.
             let small = last.deviation * self.shape.radius / self.small(&last, gap);
             let together = deviation * small / deviation.hypot(small);
+            self.around.clear();
+            self.around
+                .extend(self.readings.iter().map(|r| (r.at - self.centre, r.volts)));
             let long = seen.len() >= 2 * self.shape.turns as usize;
             if deviation < accuracy && (together < TOGETHER * accuracy || long) {
                 return Ok(peak);
@@ -458,6 +601,72 @@ impl<'r> ConicalScan<'r> {
         .into())
     }
 
+    /// Watches how the tip shakes: it is held beside the peak, in x and in y, where light is steep, for so many light
+    /// samples each. What a micro does that is sent about is none of it. Ends at the peak.
+    ///
+    /// # Errors
+    ///
+    /// The machine's fault.
+    pub fn watch_shaking(
+        &mut self,
+        station: &mut Station,
+        gap: f64,
+        samples: usize,
+    ) -> Result<(), Fault> {
+        let mut shaking = if self.shaking.is_watched() {
+            self.shaking
+        } else {
+            Shaking::watched()
+        };
+        let (width, peak) = (self.beam.width(gap), self.place(gap));
+        let rest = FORGETS * station.micro_settling();
+        let top = station.level(self.watch.channel, TOP)?.mean - self.watch.background;
+        for direction in [Displacement::new(1.0, 0.0), Displacement::new(0.0, 1.0)] {
+            self.glide_to(station, peak + direction * (STEEP * width))?;
+            station.run(rest)?;
+            let mut seen = Vec::with_capacity(samples);
+            while seen.len() < samples {
+                station.cycle()?;
+                let volts = station.light(self.watch.channel);
+                seen.extend(volts.map(|volts| (seen.len() as f64, volts - self.watch.background)));
+            }
+            // Piezos creep meanwhile.
+            let line = Line::through(seen.iter().copied());
+            let squares: f64 = seen.iter().map(|(k, v)| line.left(*k, *v).powi(2)).sum();
+            let degrees = samples as f64 - 2.0;
+            // How wide the spot is in this direction the light tells by itself; it is not much narrower than believed.
+            let aside = STEEP * width;
+            let fallen = (top / line.y).ln().clamp(LEAST_FALL, 2.0 * STEEP * STEEP);
+            let scale = aside / (2.0 * fallen * line.y);
+            if line.y > SIGNIFICANT * self.watch.noise {
+                shaking.add_wide(&Seen {
+                    variance: squares / degrees * scale * scale,
+                    still: (self.watch.still * scale).powi(2),
+                    degrees,
+                });
+                // What is slower than a turn is in it.
+                shaking.set_slow(0.0, 0.0, degrees);
+            }
+        }
+        self.glide_to(station, peak)?;
+        if shaking.is_known() {
+            self.shaking = shaking;
+        }
+        Ok(())
+    }
+
+    /// The micro goes straight to a displacement, without a jump of its speed.
+    fn glide_to(&self, station: &mut Station, to: Displacement) -> Result<(), Fault> {
+        let from = station.micro(self.watch.side);
+        let cycles = (SHRINK * self.shape.period / station.spec().period()).round();
+        for k in 0..cycles as u64 {
+            let share = 0.5 - 0.5 * (PI * (k as f64 + 1.0) / cycles).cos();
+            station.move_micro(self.watch.side, from + (to - from) * share);
+            station.cycle()?;
+        }
+        Ok(())
+    }
+
     /// Radius of the small turn around a peak, in its widths.
     fn small(&self, peak: &Peak, gap: f64) -> f64 {
         let noise = self.watch.noise / (peak.full * self.beam.share(gap));
@@ -467,7 +676,7 @@ impl<'r> ConicalScan<'r> {
     /// Goes around a small circle, from which the light at its middle can be told: whether the peak is
     /// where it was `foreseen`, which a piezo that has given way meanwhile would not be at. Then
     /// goes to the peak by both, each as far as it is sure, and comes to rest there. Returns the light
-    /// that must be there, volts, at `gap`.
+    /// that must be there, volts, at `gap`, and how well the place is known, metres.
     ///
     /// # Errors
     ///
@@ -480,7 +689,7 @@ impl<'r> ConicalScan<'r> {
         gap: f64,
         foreseen: &Peak,
         phase: &'static str,
-    ) -> Result<f64, Halt> {
+    ) -> Result<(f64, f64), Halt> {
         let radius = self.small(foreseen, gap);
         let small = radius * radius;
         self.shrink(station, gap, radius, SHRINK)?;
@@ -515,6 +724,14 @@ impl<'r> ConicalScan<'r> {
             (before, turns) = (swing, turns + 1);
             self.go_to(station, &seen, gap)?;
         };
+        // On the way to this circle and on it nothing has moved.
+        self.moved = if turns > 0 { self.moved } else { 0.0 };
+        if let Some(shakes) = self.shakes(&seen, gap)
+            && !self.shaking.is_watched()
+        {
+            self.shaking.add_small(&shakes);
+        }
+        self.wider = self.wider_by(gap);
         // What was foreseen was so for one turn.
         let late = CREEP * f64::from(turns);
         let foreseen = &Peak {
@@ -554,7 +771,8 @@ impl<'r> ConicalScan<'r> {
         // circles tell.
         let wide = self.shape.radius * self.shape.radius;
         let wider = (seen.full / foreseen.full).powf(small / (wide - small));
-        Ok(seen.full * wider * self.beam.share(gap))
+        let known = foreseen.deviation * seen.deviation / deviation;
+        Ok((seen.full * wider * self.beam.share(gap), known))
     }
 
     /// Leaves the circle for its middle.
@@ -600,6 +818,8 @@ struct Ahead {
     deviation: f64,
     /// How it moves, metres a turn.
     slope: f64,
+    /// Variance of a turn's peak about that, square metres.
+    scatter: f64,
 }
 
 impl Ahead {
@@ -612,12 +832,14 @@ impl Ahead {
         let line = Line::through(points.clone());
         let squares: f64 = points.map(|(k, at)| line.left(k, at).powi(2)).sum();
         let lever = line.x + AHEAD;
-        let each = (squares / (n - 2.0)).max(noise * noise);
+        let scatter = squares / (n - 2.0);
+        let each = scatter.max(noise * noise);
         let variance = each * (1.0 / n + lever * lever / line.spread);
         Self {
             at: line.y + line.slope * lever,
             deviation: variance.sqrt(),
             slope: line.slope,
+            scatter,
         }
     }
 }

@@ -57,6 +57,7 @@ pub mod contour;
 pub mod fast;
 
 pub mod conical_scan;
+pub mod gap_by_light;
 pub mod identify;
 pub mod impulse;
 pub mod kinematics;
@@ -71,6 +72,7 @@ pub mod recipe;
 
 pub mod search;
 pub mod servo;
+pub mod shaking;
 pub mod station;
 pub mod sweep;
 pub mod tip_estimator;

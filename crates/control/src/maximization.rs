@@ -141,6 +141,7 @@ pub fn follow(station: &mut Station, recipe: &Recipe, trial: &Trial) -> Result<F
                 channel: CHANNEL,
                 background: dark.mean,
                 noise: dark.sigma.max(station.spec().photodiode.step()),
+                still: dark.sigma,
             };
             let gap = recipe.approach.gap;
             let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);

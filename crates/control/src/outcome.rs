@@ -91,6 +91,24 @@ pub enum Outcome {
         /// The greatest that is accepted.
         accepted: f64,
     },
+    /// The tip shakes, or its peak is known, so badly that it may be attached elsewhere.
+    #[error(
+        "unsure: the peak's place is known to {:.1} nm and the tip shakes by {:.1} nm, rms; it is attached farther off \
+         than {:.0} nm with a probability of {probability:.1e}, accepted is {accepted:.0e}",
+        deviation * 1e9, shaking * 1e9, tolerance * 1e9
+    )]
+    UnsurePlace {
+        /// Standard deviation of the peak's place, metres.
+        deviation: f64,
+        /// Standard deviation of the tip about where it is held, along an axis, metres.
+        shaking: f64,
+        /// How far it may be off, metres.
+        tolerance: f64,
+        /// Probability that it is farther, in x or y.
+        probability: f64,
+        /// The greatest that is accepted.
+        accepted: f64,
+    },
     /// An axis did not come to where it was sent.
     #[error("not arrived: {axis} stayed {counts} counts away from where it was sent")]
     NotArrived {
@@ -239,7 +257,9 @@ impl Outcome {
             Self::FalseLight { .. } => OutcomeCode::FalseLight,
             Self::Slipped { .. } => OutcomeCode::Slipped,
             Self::Misshapen { .. } => OutcomeCode::Misshapen,
-            Self::Unsure { .. } | Self::UnsureGap { .. } => OutcomeCode::Unsure,
+            Self::Unsure { .. } | Self::UnsureGap { .. } | Self::UnsurePlace { .. } => {
+                OutcomeCode::Unsure
+            }
             Self::NotArrived { .. } => OutcomeCode::NotArrived,
             Self::Refused { .. }
             | Self::MicroRange { .. }

@@ -4,6 +4,7 @@ use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::peak::NinePoint;
 use crate::recipe::Recipe;
 use crate::search::{Hit, STILL_THERE, Searcher, centre_sensing, edge_from_below};
+use crate::shaking::Shaking;
 use crate::station::{Level, Station};
 use crate::tip_estimator::Tip;
 use pigtail_hal::spec::OUTPUTS;
@@ -13,6 +14,9 @@ use pigtail_numerics::statistics::outside;
 
 /// For how long light is looked at once a fiber is attached, seconds.
 const ATTACHED_LOOK: f64 = 0.008;
+
+/// Probability of being outside a tolerance from which on a fiber is not believed.
+pub(crate) const UNSURE: f64 = 1e-4;
 
 /// Share of its light that may be missing then, beside noise.
 const ATTACHED_LESS: f64 = 0.003;
@@ -66,6 +70,11 @@ pub(crate) struct Job<'r> {
     /// The photodiode that sees its light.
     pub(crate) channel: Channel,
     phases: Vec<(&'static str, f64)>,
+    /// How its tip shakes, as far as circles have told, and how much wider its spot is than believed.
+    shaking: Shaking,
+    wider: f64,
+    /// Whether it must be known.
+    asks: bool,
 }
 
 /// Aligns the input fiber and the output fibers of one device, as the thesis does.
@@ -133,6 +142,17 @@ pub(crate) struct Found {
 }
 
 impl<'r> Job<'r> {
+    /// What circles have told of how its tip shakes.
+    pub(crate) fn has_shaken(&mut self, shaking: Shaking, wider: f64) {
+        self.shaking = self.shaking.and(shaking);
+        self.wider = self.wider.max(wider);
+    }
+
+    /// No fiber is attached of which nobody has seen that it holds still.
+    pub(crate) fn ask_whether_it_shakes(&mut self) {
+        self.asks = true;
+    }
+
     /// The input fiber's way to its port.
     pub(crate) fn input(recipe: &'r Recipe) -> Self {
         let port = recipe.ports.input;
@@ -159,6 +179,9 @@ impl<'r> Job<'r> {
             port: Point::new(x, y, z),
             channel,
             phases: Vec::with_capacity(8),
+            shaking: Shaking::default(),
+            wider: 1.0,
+            asks: false,
         }
     }
 
@@ -331,6 +354,13 @@ impl<'r> Job<'r> {
     /// From first light to an attached fiber.
     fn finish(&mut self, station: &mut Station, found: &Found) -> Result<(), Halt> {
         self.maximize(station, found, |job, station, last| {
+            // The thesis did not ask whether a tip shakes; whoever falls back on its way does.
+            if job.asks || job.shaking.is_watched() {
+                let recipe = job.recipe;
+                // Its patterns know a peak no better than the tip shakes while they are drawn.
+                let known = (job.wider * recipe.last.accuracy).hypot(job.shaking.deviation());
+                job.shaking.is_sure(recipe.accept.aside, known)?;
+            }
             job.attach(station, last, found.background)
         })
     }
@@ -359,8 +389,6 @@ impl<'r> Job<'r> {
 
     /// Whether the gap is all but certainly what it should be.
     fn sure_of_gap(&self, station: &Station) -> Result<(), Outcome> {
-        /// Probability of being outside the tolerance from which on a fiber is not believed.
-        const ACCEPTED: f64 = 1e-4;
         let Some(seen) = station.seen(self.side, Tip::Fiber) else {
             return Ok(());
         };
@@ -368,10 +396,10 @@ impl<'r> Job<'r> {
         let holder = kinematics.chip_from_macro(station.endpoint(self.side));
         let gap = outward(self.side) * (holder.z + seen.z - self.port.z);
         let off = gap - self.recipe.approach.gap;
-        let (bound, sigma) = (station.spec().vision.accuracy_z, seen.sigma[1]);
+        let (bound, sigma) = (seen.bound_z, seen.sigma[1]);
         let tolerance = self.recipe.accept.gap;
         let probability = outside(tolerance, off, bound, sigma);
-        if probability <= ACCEPTED {
+        if probability <= UNSURE {
             return Ok(());
         }
         Err(Outcome::UnsureGap {
@@ -380,7 +408,7 @@ impl<'r> Job<'r> {
             sigma,
             tolerance,
             probability,
-            accepted: ACCEPTED,
+            accepted: UNSURE,
         })
     }
 

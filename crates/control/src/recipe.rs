@@ -193,11 +193,18 @@ pub struct Accept {
     /// certain is not attached.
     #[serde(default = "Accept::usual_gap", with = "quantity::PositiveLength")]
     pub gap: f64,
+    /// The same across the light, in x and in y, metres.
+    #[serde(default = "Accept::usual_aside", with = "quantity::PositiveLength")]
+    pub aside: f64,
 }
 
 impl Accept {
     const fn usual_gap() -> f64 {
         2e-6
+    }
+
+    const fn usual_aside() -> f64 {
+        0.1e-6
     }
 }
 

@@ -294,6 +294,18 @@ impl<'a> Station<'a> {
         self.arms[side.index()].loaded
     }
 
+    /// Whether the piezos of a side have a model that is believed.
+    pub fn has_piezo_model(&self, side: Side) -> bool {
+        self.arms[side.index()].piezos.is_some()
+    }
+
+    /// The light says how far the fiber of a side stands out of its holder along the chip's z, metres, known to
+    /// a standard deviation. Until the fiber is another, it is believed before vision.
+    pub fn tell_z(&mut self, side: Side, z: f64, deviation: f64) {
+        let holder = self.kinematics(side).chip_from_macro(self.endpoint(side));
+        self.tips.tell(side, z, deviation, holder);
+    }
+
     /// Where a tip stands from its holder, by all frames so far; `None` before the first.
     pub fn seen(&self, side: Side, tip: Tip) -> Option<Seen> {
         self.tips.seen(side, tip)

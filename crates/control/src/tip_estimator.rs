@@ -27,6 +27,8 @@ pub struct Seen {
     pub z: f64,
     /// Standard deviations of both without vision's fixed error, metres.
     pub sigma: [f64; 2],
+    /// Bound of the fixed error in z, metres: vision's, or none where the light has told.
+    pub bound_z: f64,
 }
 
 /// How much farther or less far than believed a holder may go, in its way, for want of knowing lead
@@ -68,23 +70,34 @@ pub(crate) struct TipEstimator {
     cycle: usize,
     fibers: [Option<Estimate>; SIDES],
     sensing: Option<Estimate>,
+    /// What the light has told of each fiber's z: metres from its holder, its standard deviation, and where the
+    /// holder stood then.
+    told: [Option<(f64, f64, Point<Chip>)>; SIDES],
+    /// Bound of vision's fixed error in z, metres.
+    bound: f64,
     /// Since when each fiber has been where it is, seconds: older frames say nothing of it.
     since: [f64; SIDES],
 }
 
 impl TipEstimator {
     pub(crate) fn new(spec: &Spec) -> Self {
-        // A frame arrives one period after its exposure at the latest.
-        let oldest = spec.vision.latency.max(1.0 / spec.vision.rate);
-        let cycles = (oldest * spec.servo.rate).ceil() as usize + WHILE + 1;
+        let cycles = (spec.vision.oldest() * spec.servo.rate).ceil() as usize + WHILE + 1;
         Self {
             rate: spec.servo.rate,
             recent: vec![[([0.0; AXES], Displacement::ZERO); SIDES]; cycles],
             cycle: 0,
             fibers: [None; SIDES],
             sensing: None,
+            told: [None; SIDES],
+            bound: spec.vision.accuracy_z,
             since: [0.0; SIDES],
         }
+    }
+
+    /// The light says where a fiber stands from its holder along the chip's z: so many metres, known to a
+    /// standard deviation, with the holder at a place. It is believed before vision.
+    pub(crate) fn tell(&mut self, side: Side, z: f64, deviation: f64, holder: Point<Chip>) {
+        self.told[side.index()] = Some((z, deviation, holder));
     }
 
     /// Notes where the holders are in this cycle.
@@ -96,6 +109,7 @@ impl TipEstimator {
     /// The fiber of a side is another one from `time` on.
     pub(crate) fn forget(&mut self, side: Side, time: f64) {
         self.fibers[side.index()] = None;
+        self.told[side.index()] = None;
         self.since[side.index()] = time;
     }
 
@@ -137,10 +151,27 @@ impl TipEstimator {
             Tip::Fiber => self.fibers[side.index()],
             Tip::Sensing => self.sensing,
         }?;
-        Some(Seen {
+        let vision = Seen {
             x: estimate.x.value,
             z: estimate.z.value,
             sigma: [estimate.x, estimate.z].map(|offset| offset.variance.sqrt()),
+            bound_z: self.bound,
+        };
+        let told = match tip {
+            Tip::Fiber => self.told[side.index()],
+            Tip::Sensing => None,
+        };
+        Some(match told {
+            None => vision,
+            Some((z, deviation, holder)) => Seen {
+                z,
+                sigma: [
+                    vision.sigma[0],
+                    deviation.hypot(SCALE * (estimate.holder.z - holder.z)),
+                ],
+                bound_z: 0.0,
+                ..vision
+            },
         })
     }
 }

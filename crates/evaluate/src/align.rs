@@ -11,7 +11,7 @@ use pigtail_session::job::{Ended, Job, Order, Work};
 use pigtail_session::procedure::Procedure;
 use pigtail_session::setup::Setup;
 use pigtail_twin::faults::Injection;
-use pigtail_twin::{FiberTruth, Twin};
+use pigtail_twin::{FiberTruth, Specimen, Twin};
 use serde::Serialize;
 use std::cell::Cell;
 
@@ -32,6 +32,12 @@ pub struct AlignmentDocument {
     pub scenario: String,
     /// The seed of machine, device, fixture and noise.
     pub seed: u64,
+    /// What machine and device may be.
+    pub fleet: String,
+    /// The seed of the machine.
+    pub machine: u64,
+    /// Which device on it, from zero.
+    pub device: u64,
     /// A row a fiber, input first.
     pub fibers: Vec<FiberRow>,
     /// Machine time over the number of fibers that were attempted, seconds.
@@ -104,11 +110,12 @@ pub fn align(
     seed: u64,
     observer: &mut dyn Observer,
 ) -> Result<AlignmentDocument, Ended> {
+    let setup = setup.at(seed)?;
     let (mut twin, injected) = setup.broken_twin(seed, procedure.seconds())?;
     let job = Align { procedure };
     let aligned = setup.perform(&mut twin, &job, seed, observer)?;
     Ok(document(
-        setup,
+        &setup,
         &of(procedure),
         seed,
         &injected,
@@ -171,10 +178,11 @@ pub(crate) fn align_in(
     observer: &mut dyn Observer,
 ) -> Result<Judged, Ended> {
     let job = Own(Cell::new(Some(control)));
+    let setup = setup.at(seed)?;
     let mut twin = setup.twin(seed)?;
     let aligned = setup.perform(&mut twin, &job, seed, observer)?;
     Ok(Judged {
-        document: document(setup, way, seed, &[], &twin, &aligned.fibers),
+        document: document(&setup, way, seed, &[], &twin, &aligned.fibers),
         machine_seconds: aligned.machine_seconds,
         readings: aligned.readings,
     })
@@ -207,8 +215,11 @@ fn document(
         rig: setup.rig.name.clone(),
         recipe: setup.rig.recipe_name.clone(),
         procedure: way.name,
-        scenario: setup.scenario.clone(),
+        scenario: setup.scenario.name().to_owned(),
         seed,
+        fleet: setup.fleet_name().to_owned(),
+        machine: Specimen::from(seed).machine(),
+        device: Specimen::from(seed).device(),
         fibers,
         seconds_per_fiber: rounded(seconds / attempted.max(1) as f64, 1e-4),
         collision: truth.smallest_gap <= 0.0,
@@ -251,8 +262,11 @@ pub fn panicked(
         rig: setup.rig.name.clone(),
         recipe: setup.rig.recipe_name.clone(),
         procedure: procedure.name(),
-        scenario: setup.scenario.clone(),
+        scenario: setup.scenario.name().to_owned(),
         seed,
+        fleet: setup.fleet_name().to_owned(),
+        machine: Specimen::from(seed).machine(),
+        device: Specimen::from(seed).device(),
         fibers: PORTS.into_iter().map(fiber).collect(),
         seconds_per_fiber: 0.0,
         collision: false,

@@ -145,7 +145,7 @@ pub fn run(
         document: BenchmarkDocument {
             rig: setup.rig.name.clone(),
             recipe: setup.rig.recipe_name.clone(),
-            scenario: setup.scenario.clone(),
+            scenario: setup.scenario.name().to_owned(),
             seed,
             devices,
             fibers: devices * PORTS.len() as u64,

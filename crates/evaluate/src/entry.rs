@@ -13,7 +13,7 @@ pub fn devices(setup: &Setup, procedure: Procedure, seed: u64, count: u64) -> De
         rig: &setup.rig.name,
         recipe: &setup.rig.recipe_name,
         procedure: procedure.name(),
-        scenario: &setup.scenario,
+        scenario: setup.scenario.name(),
     }
 }
 

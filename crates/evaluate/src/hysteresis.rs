@@ -389,17 +389,7 @@ fn identify_along(
     let range = 2.0 * HALF;
     let percent = |value: f64| rounded(100.0 * value / range, 1e-5);
     let model = models[chosen].clone();
-    let residual_um = std::array::from_fn(|i| {
-        let found = &micro.piezos[i];
-        let prediction =
-            pigtail_control::compensation::hysteresis::predict(&model.piezos[i], &found.record);
-        let over = found.record.known_from()..found.record.len();
-        let measured = over.filter(|k| found.record.weight[*k] > 0.0);
-        let residuals: Vec<f64> = measured
-            .map(|k| prediction[k] - found.record.output[k])
-            .collect();
-        um(rms(&residuals))
-    });
+    let residual_um = std::array::from_fn(|i| um(micro.piezos[i].residual(&model.piezos[i])));
     let document = MachineDocument {
         side: side.name(),
         model: model.piezos[0].name(),

@@ -72,6 +72,20 @@ pub fn parse<T: DeserializeOwned>(file: &str, text: &str) -> Result<T, Error> {
     read.map_err(|error| explain(file, text, &track.path(), &error.to_string()))
 }
 
+/// The same of a table that has been parsed; `file` is where it comes from.
+///
+/// # Errors
+///
+/// When a key is unknown, missing or out of its range.
+pub fn read<T: DeserializeOwned>(file: &str, table: toml::Table) -> Result<T, Error> {
+    let mut track = Track::new();
+    let tracked = serde_path_to_error::Deserializer::new(table, &mut track);
+    let mut erased = <dyn erased_serde::Deserializer>::erase(tracked);
+    let read = erased_serde::deserialize(&mut erased);
+    drop(erased);
+    read.map_err(|error| Error::new(file, key_of(&track.path()), first_line(&error.to_string())))
+}
+
 /// What is wrong at `path` of a text that is TOML.
 fn explain(file: &str, text: &str, path: &Path, message: &str) -> Error {
     Error {
@@ -79,18 +93,22 @@ fn explain(file: &str, text: &str, path: &Path, message: &str) -> Error {
         line: DeTable::parse(text)
             .ok()
             .map(|table| line_of(text, start_of(&table, path))),
-        key: match path.to_string() {
-            whole if whole == "." => String::new(),
-            path => path,
-        },
-        // Below its message an error of TOML lists the tables around it, which the key says already.
-        message: message
-            .split("\nin `")
-            .next()
-            .unwrap_or_default()
-            .trim_end()
-            .to_owned(),
+        key: key_of(path),
+        message: first_line(message),
     }
+}
+
+fn key_of(path: &Path) -> String {
+    match path.to_string() {
+        whole if whole == "." => String::new(),
+        path => path,
+    }
+}
+
+/// Below its message an error of TOML lists the tables around it, which the key says already.
+fn first_line(message: &str) -> String {
+    let message = message.split("\nin `").next().unwrap_or_default();
+    message.trim_end().to_owned()
 }
 
 /// Where in a text the value at `path` starts; what lacks there starts where its table does.

@@ -206,7 +206,10 @@ pub struct Optional<Q>(PhantomData<Q>);
 
 macro_rules! dimensions {
     ($($constant:ident $any:ident $non_negative:ident $positive:ident $name:literal
-       [$($unit:literal = $factor:expr),+];)+) => { $(
+       [$($unit:literal = $factor:expr),+];)+) => {
+        /// Every dimension that a file may state.
+        pub const DIMENSIONS: &[Dimension] = &[$($constant),+];
+        $(
         #[doc = concat!("The dimension of ", $name, ".")]
         pub const $constant: Dimension =
             Dimension { name: $name, units: &[$(($unit, $factor)),+] };
@@ -214,7 +217,8 @@ macro_rules! dimensions {
         quantity! { $any $constant Any concat!("Reads ", $name, " of any sign to SI.") }
         quantity! { $non_negative $constant NonNegative concat!("Reads ", $name, " of zero or more to SI.") }
         quantity! { $positive $constant Positive concat!("Reads ", $name, " of more than zero to SI.") }
-    )+ };
+        )+
+    };
 }
 
 macro_rules! quantity {
@@ -307,6 +311,8 @@ dimensions! {
         "a torque constant" ["N m/A" = 1.0];
     BACK_EMF BackEmf NonNegativeBackEmf PositiveBackEmf "a back-emf constant"
         ["V s/rad" = 1.0];
+    CURRENT Current NonNegativeCurrent PositiveCurrent "a current"
+        ["A" = 1.0, "mA" = 1e-3];
     RESISTANCE Resistance NonNegativeResistance PositiveResistance "a resistance"
         ["ohm" = 1.0];
     PIEZO_GAIN PiezoGain NonNegativePiezoGain PositivePiezoGain "a displacement per volt"
@@ -365,38 +371,44 @@ impl Value {
     }
 }
 
-/// An array of `N` lengths, such as the coordinates of a point, read to metres.
-#[derive(Debug)]
-pub struct Lengths<const N: usize>;
-
-/// An array of `N` angles, read to radians.
-#[derive(Debug)]
-pub struct Angles<const N: usize>;
-
 /// `N` points, each an array of `M` lengths, read to metres.
 #[derive(Debug)]
 pub struct Points<const N: usize, const M: usize>;
 
-impl<const N: usize> Lengths<N> {
-    /// Reads as many texts of a number and a unit.
-    ///
-    /// # Errors
-    ///
-    /// When an element is no length, or their number is not `N`.
-    pub fn deserialize<'de, D: Deserializer<'de>>(d: D) -> Result<[f64; N], D::Error> {
-        several(d, &LENGTH, "lengths")
-    }
+macro_rules! arrays {
+    ($($array:ident $dimension:ident $names:literal $doc:literal;)+) => { $(
+        #[doc = $doc]
+        #[derive(Debug)]
+        pub struct $array<const N: usize>;
+
+        impl<const N: usize> $array<N> {
+            /// Reads as many texts of a number and a unit.
+            ///
+            /// # Errors
+            ///
+            /// When an element is no such quantity, or their number is not `N`.
+            pub fn deserialize<'de, D: Deserializer<'de>>(d: D) -> Result<[f64; N], D::Error> {
+                several(d, &$dimension, $names)
+            }
+
+            /// Writes SI values as such texts.
+            ///
+            /// # Errors
+            ///
+            /// None of its own.
+            pub fn serialize<S: Serializer>(values: &[f64; N], s: S) -> Result<S::Ok, S::Error> {
+                s.collect_seq(values.iter().map(|value| $dimension.text(*value)))
+            }
+        }
+
+        described! { [const N: usize] $array<N>, |_| array(N, &$dimension, $names) }
+    )+ };
 }
 
-impl<const N: usize> Angles<N> {
-    /// Reads as many texts of a number and a unit.
-    ///
-    /// # Errors
-    ///
-    /// When an element is no angle, or their number is not `N`.
-    pub fn deserialize<'de, D: Deserializer<'de>>(d: D) -> Result<[f64; N], D::Error> {
-        several(d, &ANGLE, "angles")
-    }
+arrays! {
+    Lengths LENGTH "lengths" "An array of `N` lengths, such as the coordinates of a point, read to metres.";
+    Angles ANGLE "angles" "An array of `N` angles, read to radians.";
+    Speeds SPEED "speeds" "An array of `N` speeds, such as those along the axes, read to metres a second.";
 }
 
 impl<const N: usize, const M: usize> Points<N, M> {
@@ -417,8 +429,6 @@ impl<const N: usize, const M: usize> Points<N, M> {
     }
 }
 
-described! { [const N: usize] Lengths<N>, |_| array(N, &LENGTH, "lengths") }
-described! { [const N: usize] Angles<N>, |_| array(N, &ANGLE, "angles") }
 described! { [const N: usize, const M: usize] Points<N, M>, |_| {
     let each = format!("each of {M} lengths ({})", LENGTH.names());
     elements(N, &format!("an array of {N} points, {each}"), &array(M, &LENGTH, "lengths"))

@@ -445,6 +445,13 @@ pub struct PhotodiodeSpec {
     pub bits: u32,
 }
 
+impl VisionSpec {
+    /// How old a frame is that is still good for something, seconds: one that a busy computer has held up.
+    pub fn oldest(&self) -> f64 {
+        2.0 * self.latency.max(1.0 / self.rate)
+    }
+}
+
 impl PhotodiodeSpec {
     /// Smallest step of the converter, volts.
     pub fn step(&self) -> f64 {

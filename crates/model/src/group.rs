@@ -124,6 +124,12 @@ impl<const N: usize> States<N> {
         self.motor.angle[i]
     }
 
+    /// Velocity of a motor, rad/s.
+    #[inline]
+    pub fn motor_velocity(&self, i: usize) -> f64 {
+        self.motor.velocity[i]
+    }
+
     /// Sets the torques on the loads from outside beside the constant ones, N m.
     #[inline]
     pub fn set_load_torques(&mut self, torques: [f64; N]) {

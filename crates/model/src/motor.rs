@@ -35,6 +35,13 @@ impl Motor {
         self.gain() * self.back_emf
     }
 
+    /// The nearest voltage to `voltage` (V) at which no more than `current` (A) flows at a shaft speed of
+    /// `velocity` (rad/s).
+    pub fn within(&self, current: f64, voltage: f64, velocity: f64) -> f64 {
+        let (own, room) = (self.back_emf * velocity, self.resistance * current);
+        voltage.clamp(own - room, own + room)
+    }
+
     /// Torque (2.5) in N m at `voltage` (V) and shaft speed `velocity` (rad/s).
     pub fn torque(&self, voltage: f64, velocity: f64) -> f64 {
         self.gain() * voltage - self.damping() * velocity

@@ -16,10 +16,12 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod accounts;
 mod alignment;
 mod axis;
 mod benchmark;
 mod campaign;
+mod commission;
 mod contour;
 mod figure;
 mod histogram;
@@ -41,6 +43,7 @@ pub use alignment::alignment;
 pub use axis::{frequency, resolution, sine, step};
 pub use benchmark::{benchmark, table as benchmark_table};
 pub use campaign::{campaign, percent};
+pub use commission::commission;
 pub use contour::contour;
 pub use hysteresis::{inverted, tried};
 pub use impulse::response;

@@ -1,13 +1,14 @@
 //! The report of the reproduced thesis: a section a chapter, every figure with its claims.
 
+use super::accounts::{changes, drawn, summary};
 use super::figure::{Axes, HALF, bars, cells, curves, dots, range_of};
-use super::html::{figure, fixed, page_with_style, verdict};
+use super::html::{figure, page_with_style, verdict};
 use anyhow::Result;
 use maud::{Markup, html};
-use pigtail_reproduce::claims::{Claim, Kind};
+use pigtail_reproduce::claims::{Claim, Group};
 use pigtail_reproduce::errata::Erratum;
 use pigtail_reproduce::picture::{Content, Picture};
-use pigtail_reproduce::{Figure, Reproduction, ReproductionDocument, chapter};
+use pigtail_reproduce::{Figure, Reproduction, chapter};
 use std::ops::Range;
 
 /// Chapters and what they are about.
@@ -31,7 +32,14 @@ h3 { font-size: 1.05rem; margin: 2rem 0 .25rem; break-after: avoid; }
 .claims td.number, .claims th.number { text-align: right; white-space: nowrap; }
 .claims tr { break-inside: avoid; }
 .claims q { color: var(--soft); font-style: italic; display: block; }
+.claims .basis { display: block; font-size: .88rem; color: var(--soft); }
+.claims .basis b { color: var(--ink); font-weight: 600; }
 .mark { white-space: nowrap; }
+.accounts { margin: 1rem 0; } .accounts td:first-child { white-space: normal; max-width: 44rem; }
+.accounts .part td:first-child { padding-left: 1.6rem; } .accounts tr.all td { border-top: 1px solid var(--ink); }
+.accounts td { text-align: left; vertical-align: top; } .accounts td.number { text-align: right; white-space: nowrap; }
+.accounts b { font-size: 1.15em; }
+.claims th.when { width: 10.5em; } .claims th.what { width: 6em; } .claims th.result { width: 8.6em; }
 nav { margin: 1rem 0; line-height: 1.9; }
 nav a { color: var(--ink); margin-right: .35rem; }
 .pair figure { max-width: 36rem; }
@@ -72,15 +80,17 @@ pub fn thesis(made: &Reproduction) -> Result<String> {
     let failed: Vec<&Claim> = d.claims.iter().filter(|c| !c.holds).collect();
     let body = html! {
         (summary(d))
-        (contents(&chapters))
+        (contents(&chapters, d.accounts.changed.of > 0, d.specimens.is_some()))
         @if !failed.is_empty() {
             h2 { "What does not hold" }
             (table(&failed, true))
         }
+        @if let Some(specimens) = &d.specimens { (drawn(specimens, &d.claims)) }
         @for (number, name, figures) in &chapters {
             h2 id={ "chapter" (number) } { (number) ". " (name) }
             @for f in figures { (one(f, &d.claims)?) }
         }
+        (changes(&d.accounts))
         (errata(&made.errata))
     };
     Ok(page_with_style(&title, STYLE, &body))
@@ -89,41 +99,7 @@ pub fn thesis(made: &Reproduction) -> Result<String> {
 /// A chapter's number, what it is about, and its figures.
 type Chapter<'a> = (&'static str, &'static str, Vec<&'a Figure>);
 
-fn summary(d: &ReproductionDocument) -> Markup {
-    html! {
-        p {
-            b { (d.held) " of " (d.of) " claims hold" }
-            ": " (d.predicted) " of " (d.of_predicted) " predictions, and " (d.held - d.predicted) " of "
-            (d.of - d.of_predicted) " for which numbers of the rig's plant or of an experiment were chosen \
-            and which therefore prove nothing (marked ◊). "
-            @if d.quick { "A quick run: fewer steps, devices and runs. " }
-            "Took " (fixed(d.seconds, 0)) " s."
-        }
-        p {
-            @if d.specimen {
-                "The machine is a specimen that the seed drew; what the thesis simulated is simulated on \
-                 the one in the middle."
-            } @else {
-                "The machine is the thesis's, in the middle of its make: the rig's plant for what was \
-                 simulated, with what its measured.toml changes for what was measured; the seed drew \
-                 device, fixture and noise."
-            }
-            " Measured is what encoders, probes and photodiodes tell, by the control code of a real run. \
-             No other number was fitted to the figure with which it is compared."
-        }
-        details {
-            summary { "How near a result must come" }
-            p { "Chosen before any result, by the kind of the claim." }
-            dl.tolerances {
-                @for kind in Kind::ALL {
-                    dt { (kind.tolerance()) } dd { (kind.reason()) }
-                }
-            }
-        }
-    }
-}
-
-fn contents(chapters: &[Chapter]) -> Markup {
+fn contents(chapters: &[Chapter], changed: bool, drawn: bool) -> Markup {
     html! {
         nav {
             @for (number, name, figures) in chapters {
@@ -135,12 +111,16 @@ fn contents(chapters: &[Chapter]) -> Markup {
                     }
                 }
             }
-            p { a href="#errata" { "Slips in the thesis" } }
+            p {
+                @if changed { a href="#changed" { "Changed after a result" } " · " }
+                @if drawn { a href="#drawn" { "Drawn machines" } " · " }
+                a href="#errata" { "Slips in the thesis" }
+            }
         }
     }
 }
 
-fn label(id: &str) -> &'static str {
+pub(super) fn label(id: &str) -> &'static str {
     if id.contains('.') { "Fig. " } else { "" }
 }
 
@@ -183,11 +163,6 @@ fn table(claims: &[&Claim], linked: bool) -> Markup {
 }
 
 fn row(c: &Claim, linked: bool) -> Markup {
-    let sign = match c.kind {
-        "below" => "< ",
-        "above" => "> ",
-        _ => "",
-    };
     let with_unit = |value: f64| {
         if c.unit.is_empty() {
             value.to_string()
@@ -209,14 +184,27 @@ fn row(c: &Claim, linked: bool) -> Markup {
                     a href={ "#f" (id) } { (label(id)) (id) } ": "
                 }
                 (c.quantity)
-                @if c.calibrated { " ◊" }
                 @if !c.note.is_empty() { " " span.soft { (c.note) } }
                 q { (c.quote) " (" (c.section) ")" }
+                span.basis { (basis(c)) }
             }
-            td.number data-of="thesis" { (sign) (with_unit(c.thesis)) }
+            td.number data-of="thesis" { (c.tolerance_sign()) (with_unit(c.thesis)) }
             td.number data-of="ours" { (ours) }
             td data-of="tolerance" { (c.tolerance) }
             td.mark.(verdict(c.holds)) { (mark) }
+        }
+    }
+}
+
+/// What a claim rests on, and where it says what was changed of it.
+fn basis(c: &Claim) -> Markup {
+    html! {
+        b { (c.basis.name()) }
+        @if c.in_doubt { ", in doubt" }
+        @if let Some(why) = c.fitted.or(c.by_construction) { ": " (why) }
+        @if c.basis == Group::Prediction && c.changes.is_empty() { ", never changed" }
+        @if !c.changes.is_empty() {
+            " · " a href={ "#changed-" (c.id) } { "changed after a result was seen" }
         }
     }
 }

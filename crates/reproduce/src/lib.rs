@@ -1,7 +1,8 @@
 //! Every experiment of the thesis on the twin, through the control code of a real run, and each of
 //! its results beside the printed one.
 //!
-//! - [`claims`]: what the thesis says, and how near a result must come;
+//! - [`claims`]: what the thesis says, how near a result must come, and what each claim rests on;
+//! - [`accounts`]: claims counted by that, and [`specimens`]: the same on drawn machines;
 //! - `chapter2` to `chapter4`: a function a figure; figures that come from one experiment stand below
 //!   one [`Experiment`];
 //! - [`errata`]: where the thesis slips.
@@ -22,22 +23,25 @@
 //! assert_eq!(experiments().filter(|e| e.figures.contains(&chosen[0])).count(), 1);
 //! ```
 
+pub mod accounts;
 mod chapter2;
 mod chapter3;
 mod chapter4;
 pub mod claims;
 pub mod errata;
 pub mod picture;
+mod queue;
+pub mod specimens;
 
-use claims::Claim;
+use accounts::Accounts;
+use claims::{Claim, Statement};
 use picture::Picture;
 use pigtail_hal::Error;
 use pigtail_session::job::Ended;
 use pigtail_session::setup::Setup;
-use pigtail_twin::plant::Variation;
-use rayon::prelude::*;
+use pigtail_twin::plant::{Spread, Variation};
 use serde::Serialize;
-use std::sync::{Mutex, PoisonError};
+use specimens::SpecimensDocument;
 use std::time::Instant;
 
 /// What experiments are done on.
@@ -75,6 +79,9 @@ impl Bench {
             creep: 0.0,
             links: 0.0,
             loss: nominal.plant.variation.loss,
+            resonance: 0.0,
+            damping: 0.0,
+            spread: Spread::Uniform,
         };
         if !specimen {
             machine.plant.variation = middle.clone();
@@ -153,12 +160,15 @@ impl Figure {
         claims::all()
             .filter(|statement| statement.figure() == self.id)
             .filter(|statement| !self.left_out.contains(&statement.id))
-            .map(|statement| {
-                let found = self.results.iter().find(|r| r.0 == statement.id);
-                let note = found.map_or("Not measured.", |r| r.2.as_str());
-                Claim::new(statement, found.map(|r| r.1), note, specimen)
-            })
+            .map(|statement| self.claim(statement, specimen))
             .collect()
+    }
+
+    /// A claim beside what came of it here.
+    fn claim(&self, statement: &Statement, specimen: bool) -> Claim {
+        let found = self.results.iter().find(|r| r.0 == statement.id);
+        let note = found.map_or("Not measured.", |r| r.2.as_str());
+        Claim::new(statement, found.map(|r| r.1), note, specimen)
     }
 }
 
@@ -276,10 +286,14 @@ pub struct ReproductionDocument {
     pub of: usize,
     /// How long it took by a clock on the wall.
     pub seconds: f64,
-    /// Of those that hold, the ones by which no number of the plant was chosen.
+    /// Of those that hold, the ones for which no number was chosen: predictions and definitions.
     pub predicted: usize,
     /// All of that sort.
     pub of_predicted: usize,
+    /// The same, counted by what they rest on, and what was changed of them.
+    pub accounts: Accounts,
+    /// The claims on drawn specimens; `null` where that was not asked for.
+    pub specimens: Option<SpecimensDocument>,
     /// The rig as it was named.
     pub rig: String,
     /// The seed.
@@ -322,36 +336,21 @@ pub fn reproduce(
     done: &(dyn Fn(&[&'static str]) + Sync),
 ) -> Result<Reproduction, Ended> {
     let start = Instant::now();
-    let mut chosen: Vec<(usize, &Experiment)> = experiments()
+    let chosen: Vec<&Experiment> = experiments()
         .filter(|e| e.figures.iter().any(|id| selected.contains(id)))
-        .enumerate()
         .collect();
-    chosen.sort_by_key(|(order, e)| (std::cmp::Reverse(e.cost), *order));
-    let queue = Mutex::new(chosen.iter());
-    // One after the other from one queue, so that no long one begins last.
-    let workers = rayon::current_num_threads();
-    let mut made: Vec<(usize, Vec<Figure>)> = (0..workers)
-        .into_par_iter()
-        .with_max_len(1)
-        .map(|_| {
-            let mut made = Vec::new();
-            loop {
-                let next = queue.lock().unwrap_or_else(PoisonError::into_inner).next();
-                let Some((order, experiment)) = next else {
-                    return Ok(made);
-                };
-                made.push((*order, (experiment.run)(bench)?));
-                done(experiment.figures);
-            }
-        })
-        .collect::<Result<Vec<_>, Ended>>()?
-        .into_iter()
-        .flatten()
-        .collect();
-    made.sort_by_key(|(order, _)| *order);
+    let made = queue::work(
+        &chosen,
+        |e| e.cost,
+        |e| {
+            let made = (e.run)(bench)?;
+            done(e.figures);
+            Ok(made)
+        },
+    )?;
     let mut figures: Vec<Figure> = made
         .into_iter()
-        .flat_map(|(_, figures)| figures)
+        .flatten()
         .filter(|figure| selected.contains(&figure.id))
         .collect();
     figures.sort_by_key(|figure| place(figure.id));
@@ -365,6 +364,8 @@ pub fn reproduce(
         of: claims.len(),
         predicted: count(|c| c.holds && !c.calibrated),
         of_predicted: count(|c| !c.calibrated),
+        accounts: Accounts::new(&claims, selected),
+        specimens: None,
         claims,
         seconds: pigtail_numerics::rounded(start.elapsed().as_secs_f64(), 1e-3),
         rig: bench.machine.rig.name.clone(),

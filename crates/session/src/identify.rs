@@ -112,6 +112,34 @@ impl Identified {
     }
 }
 
+impl Identified {
+    /// The model as a table of a calibration; found on a `date`, by an `origin`.
+    pub fn values(&self, date: &str, origin: &str) -> Vec<(&'static str, toml_edit::Item)> {
+        let radians = |value: f64| format!("{value:.6e} rad");
+        let model: &str = self.document.model.into();
+        let hardening = self.memory.hardening.iter().map(|part| radians(*part));
+        let elements = self.elements().into_iter();
+        let elements = elements.map(|pair| pair.into_iter().collect::<toml_edit::Array>());
+        let residual = self.document.residual_um / self.um_per_radian;
+        vec![
+            ("model", toml_edit::value(model)),
+            ("w_max", toml_edit::value(radians(self.reversal.maximum))),
+            ("q", toml_edit::value(radians(self.reversal.way))),
+            (
+                "hardening",
+                toml_edit::value(hardening.collect::<toml_edit::Array>()),
+            ),
+            (
+                "elements",
+                toml_edit::value(elements.collect::<toml_edit::Array>()),
+            ),
+            ("residual", toml_edit::value(radians(residual))),
+            ("date", toml_edit::value(date)),
+            ("origin", toml_edit::value(origin)),
+        ]
+    }
+}
+
 /// What counts and radians of an axis are at its output.
 ///
 /// # Errors

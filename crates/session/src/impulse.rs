@@ -79,7 +79,7 @@ pub fn believed(rig: &Rig, at: AxisName) -> Result<&ImpulseBelief, Error> {
         let key = format!("impulse.{}", kind_of(at));
         let message = format!(
             "is not there: no one has measured what pulses do; accepted is what `pigtail characterize \
-             {at} impulse` writes"
+             {at} impulse --write` writes"
         );
         Error::new(format!("{}/calibration.toml", rig.name), key, message)
     })

@@ -9,8 +9,9 @@
 //!
 //! Read in this order: [`rig`]; [`session`], what stands around a machine; [`job`], what runs in it; then
 //! the jobs: [`align`], [`tune`], [`characterize`], [`identify`], [`piezos`], [`impulse`],
-//! [`pulses`], [`contour`], [`first_light`], [`follow`]. [`setup`] is a rig with a truth that twins are drawn around;
-//! [`scenario`] and [`faults`] change that truth.
+//! [`pulses`], [`contour`], [`first_light`], [`follow`]; and [`commission`], which puts them together. [`setup`] is a rig with a truth that twins are drawn around;
+//! [`fleet`] says what it may be; [`scenario`] and [`faults`] change it. [`calibrations`] keeps what was believed
+//! of a rig, version by version.
 //!
 //! # Ten lines
 //!
@@ -65,11 +66,16 @@
 //! ```
 
 pub mod align;
+pub mod calibrations;
 pub mod characterize;
+#[cfg(feature = "twin")]
+pub mod commission;
 pub mod contour;
 #[cfg(feature = "twin")]
 pub mod faults;
 pub mod first_light;
+#[cfg(feature = "twin")]
+pub mod fleet;
 pub mod follow;
 pub mod guarded;
 pub mod identify;

@@ -1,7 +1,9 @@
 //! The piezos of a micro, identified by light (thesis 4.2).
 
 use crate::job::{Ended, Job, Order, Work};
+use pigtail_control::calibration::{Calibration, Hystereses};
 use pigtail_control::piezo::{self, Micro};
+use pigtail_control::station::Station;
 use pigtail_hal::Side;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
@@ -17,9 +19,15 @@ impl Job for IdentifyPiezos {
     type Output = Micro;
 
     fn run(&self, work: &mut Work<'_>) -> Result<Micro, Ended> {
-        let recipe = &work.rig().recipe;
-        let mut station = work.station()?;
-        Ok(piezo::identify(&mut station, recipe, self.side)?)
+        let rig = work.rig();
+        // The models that are believed are about to be replaced. With a poor one, as an `rbf` is to small
+        // moves, a peak's place would not be found, and so no better one could ever be identified.
+        let calibration = Calibration {
+            hysteresis: Hystereses::default(),
+            ..rig.calibration.clone()
+        };
+        let mut station = Station::new(work.machine, &calibration, work.observer)?;
+        Ok(piezo::identify(&mut station, &rig.recipe, self.side)?)
     }
 
     fn order(&self) -> Order {

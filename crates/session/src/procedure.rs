@@ -1,5 +1,6 @@
 //! The ways to align a device, by the names that a user gives them.
 
+use crate::calibrations::Part;
 use pigtail_control::procedure::FiberReport;
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::Station;
@@ -99,6 +100,14 @@ struct Entry {
 }
 
 impl Procedure {
+    /// What of a calibration it makes use of, beside gains and geometry.
+    pub fn believes(self) -> &'static [Part] {
+        match self {
+            Self::Thesis | Self::Fast => Part::ALIGNMENT,
+            Self::MacroOnly => &[Part::Windup, Part::Impulse],
+        }
+    }
+
     fn entry(self) -> Entry {
         match self {
             Self::Thesis => Entry {

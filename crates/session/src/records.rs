@@ -70,7 +70,7 @@ impl About {
             rig: setup.rig.name.clone(),
             recipe: setup.rig.recipe_name.clone(),
             procedure: procedure.to_owned(),
-            scenario: setup.scenario.clone(),
+            scenario: setup.scenario.name().to_owned(),
             faults: setup.faults.to_string(),
             seed,
             sources: setup.rig.sources.clone(),

@@ -1,5 +1,6 @@
 //! Finding and loading a rig and a recipe, with the hash of everything that was read.
 
+use crate::calibrations::{self, Belief, newest_date};
 #[cfg(feature = "twin")]
 use crate::own::Own;
 use pigtail_control::calibration::Calibration;
@@ -34,6 +35,9 @@ const MEASURED: (&str, &str) = (
     include_str!("../../../rigs/afpm/measured.toml"),
 );
 
+/// A file of this name in a rig's folder says that it is the rig as it ships, to which nothing is ever written.
+const SHIPPED: &str = "shipped";
+
 /// The name of the default rig.
 pub const DEFAULT_RIG_NAME: &str = "afpm";
 
@@ -57,8 +61,10 @@ pub struct Rig {
     pub calibration: Calibration,
     /// What is to be done.
     pub recipe: Recipe,
-    /// The calibration's file; `None` for the one that is compiled in.
-    pub calibration_file: Option<PathBuf>,
+    /// The newest date in the calibration's file.
+    pub calibration_date: Option<String>,
+    /// The calibration that was named in place of the rig's own.
+    pub believing: Option<PathBuf>,
     /// Name and SHA-256 of each file that was read, in the order of reading.
     pub hashes: Vec<(String, String)>,
     /// What was read, in that order: all that it takes to set up the same again.
@@ -93,6 +99,20 @@ pub enum Role {
     Recipe,
 }
 
+/// What to load: a rig and a recipe, and what is to be other than in the rig's folder.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Named<'n> {
+    /// A folder, or the name of the rig that is compiled in.
+    pub rig: &'n str,
+    /// A file, or the name of the recipe that is compiled in.
+    pub recipe: &'n str,
+    /// A calibration in place of the rig's.
+    pub calibration: Option<&'n Path>,
+    /// Tables of the calibration that are not believed, as they are about to be replaced: nothing of them is
+    /// read, not even whether it is well.
+    pub without: &'n [&'n str],
+}
+
 /// A file that a rig is made of.
 enum Wanted<'a> {
     /// One of the rig's three.
@@ -123,15 +143,26 @@ impl Rig {
     ///
     /// The first mistake found, with file, key, value and what would be accepted.
     pub fn load(rig: &str, recipe: &str) -> Result<Self, Error> {
-        let setup = Self::read(rig, recipe, |wanted| match wanted {
-            Wanted::Rig(index) => rig_file(rig, index),
-            Wanted::Weights(file) => rig_folder(rig)
-                .map(|folder| read_file(&folder.join(file)))
-                .transpose(),
-            Wanted::Recipe => recipe_file(recipe).map(Some),
+        Self::load_named(&Named {
+            rig,
+            recipe,
+            ..Named::default()
+        })
+    }
+
+    /// The same, believing another calibration, or less of it.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::load`].
+    pub fn load_named(named: &Named) -> Result<Self, Error> {
+        let setup = Self::read(named, |wanted| match wanted {
+            Wanted::Rig(index) => rig_file(named, index),
+            Wanted::Weights(file) => weights(named, file),
+            Wanted::Recipe => recipe_file(named.recipe).map(Some),
         })?;
         Ok(Self {
-            calibration_file: rig_folder(rig).map(|folder| folder.join(DEFAULT_RIG[2].0)),
+            believing: named.calibration.map(Path::to_owned),
             ..setup
         })
     }
@@ -158,7 +189,12 @@ impl Rig {
             }
         };
         let mut sources: Vec<Source> = sources.into_iter().enumerate().map(placed).collect();
-        Self::read(rig, recipe, |wanted| {
+        let named = Named {
+            rig,
+            recipe,
+            ..Named::default()
+        };
+        Self::read(&named, |wanted| {
             let role = wanted.role();
             let place = sources.iter().position(|source| source.role == Some(role));
             match (place, role) {
@@ -181,17 +217,15 @@ impl Rig {
     ///
     /// As [`Self::load`]; and where the axes and the rig make no machine together.
     #[cfg(feature = "twin")]
-    pub fn load_with(rig: &str, recipe: &str, own: &Own, bench: bool) -> Result<Self, Error> {
+    pub fn load_with(named: &Named, own: &Own, bench: bool) -> Result<Self, Error> {
         if own.is_empty() {
-            return Self::load(rig, recipe);
+            return Self::load_named(named);
         }
-        let files = rig_files(rig, own, bench)?;
-        let mut loaded = Self::read(rig, recipe, |wanted| match wanted {
+        let files = rig_files(named, own, bench)?;
+        let mut loaded = Self::read(named, |wanted| match wanted {
             Wanted::Rig(index) => Ok(Some(files[index].clone())),
-            Wanted::Weights(file) => rig_folder(rig)
-                .map(|folder| read_file(&folder.join(file)))
-                .transpose(),
-            Wanted::Recipe => recipe_file(recipe).map(Some),
+            Wanted::Weights(file) => weights(named, file),
+            Wanted::Recipe => recipe_file(named.recipe).map(Some),
         })
         .map_err(|mut error| {
             if error.key.ends_with("speed") {
@@ -199,21 +233,26 @@ impl Rig {
             }
             error
         })?;
-        loaded.name = format!("{rig} with {}", own.names());
+        loaded.name = format!("{} with {}", named.rig, own.names());
         Ok(loaded)
     }
 
     fn read(
-        rig: &str,
-        recipe: &str,
+        named: &Named,
         mut file: impl FnMut(Wanted) -> Result<Option<Source>, Error>,
     ) -> Result<Self, Error> {
-        let mut sources = Vec::new();
+        let (rig, recipe) = (named.rig, named.recipe);
+        let (mut sources, mut hashes, mut date) = (Vec::new(), Vec::new(), None);
         let mut read = |wanted: Wanted| {
             let role = wanted.role();
             let mut source = file(wanted)?;
             if let Some(source) = &mut source {
                 source.role = Some(role);
+                hashes.push((source.name.clone(), hash(&source.text)));
+                if role == Role::Calibration {
+                    date = newest_date(&source.text);
+                    source.text = Belief::without(&source.text, named.without);
+                }
             }
             sources.extend(source.clone());
             Ok::<_, Error>(source)
@@ -248,13 +287,11 @@ impl Rig {
             name: rig.to_owned(),
             recipe_name: recipe.to_owned(),
             spec,
-            calibration_file: None,
+            calibration_date: date,
+            believing: None,
             calibration,
             recipe: parsed,
-            hashes: sources
-                .iter()
-                .map(|source| (source.name.clone(), hash(&source.text)))
-                .collect(),
+            hashes,
             sources,
         })
     }
@@ -276,34 +313,107 @@ impl Rig {
             },
             _ => return Ok(self.clone()),
         };
-        let document = |source: &Source| -> Result<toml_edit::DocumentMut, Error> {
-            source
-                .text
-                .parse()
-                .map_err(|e| Error::new(&source.name, "", format!("is not TOML: {e}")))
-        };
-        let mut sources = self.sources.clone();
+        let mut rig = self.clone();
         for (table, changes) in document(&source)?.iter() {
             let of = [("plant", Role::Plant), ("calibration", Role::Calibration)];
-            let changed = of.iter().find(|(name, _)| *name == table);
-            let changed = changed.and_then(|(_, role)| {
-                let place = sources.iter().position(|s| s.role == Some(*role));
-                place.zip(changes.as_table_like())
-            });
-            let Some((index, changes)) = changed else {
+            let role = of.iter().find(|(name, _)| *name == table);
+            let Some(((_, role), changes)) = role.zip(changes.as_table_like()) else {
                 let message = "is no table of this file; accepted is plant or calibration";
                 return Err(Error::new(&source.name, table, message));
             };
-            let mut whole = document(&sources[index])?;
-            put(whole.as_table_mut(), changes);
-            let name = &sources[index].name;
-            sources[index].name = format!("{name} with {}", source.name);
-            sources[index].text = whole.to_string();
+            rig = rig.changed(*role, changes, &source.name)?;
         }
-        let mut rig = Self::from_sources(&self.name, &self.recipe_name, sources)?;
         rig.hashes.clone_from(&self.hashes);
+        rig.believing.clone_from(&self.believing);
         rig.hashes.push((source.name, hash(&source.text)));
         Ok(rig)
+    }
+
+    /// The same rig with another datasheet, of its own kind; `from` is where that comes from. Hashes are those
+    /// of before.
+    ///
+    /// # Errors
+    ///
+    /// When that makes no rig.
+    #[cfg(feature = "twin")]
+    pub(crate) fn with_datasheet(
+        &self,
+        datasheet: &toml::Table,
+        from: &str,
+    ) -> Result<Self, Error> {
+        let text =
+            toml::to_string(datasheet).map_err(|error| Error::new(from, "", error.to_string()))?;
+        let mut sources = self.sources.clone();
+        if let Some(file) = sources
+            .iter_mut()
+            .find(|source| source.role == Some(Role::Machine))
+        {
+            file.name = format!("{} with {from}", file.name);
+            file.text = text;
+        }
+        let rig = Self::from_sources(&self.name, &self.recipe_name, sources)?;
+        Ok(Self {
+            hashes: self.hashes.clone(),
+            believing: self.believing.clone(),
+            ..rig
+        })
+    }
+
+    /// The same rig, believing something else. Hashes are those of before.
+    ///
+    /// # Errors
+    ///
+    /// When that is no belief about it.
+    pub fn with_belief(&self, belief: &Belief) -> Result<Self, Error> {
+        let others =
+            |source: &&Source| !matches!(source.role, Some(Role::Calibration | Role::Weights));
+        let mut sources: Vec<Source> = self.sources.iter().filter(others).cloned().collect();
+        sources.extend(belief.files().map(|(file, text)| Source {
+            name: file.to_owned(),
+            text: text.to_owned(),
+            role: Some(if file == calibrations::FILE {
+                Role::Calibration
+            } else {
+                Role::Weights
+            }),
+        }));
+        let rig = Self::from_sources(&self.name, &self.recipe_name, sources)?;
+        Ok(Self {
+            hashes: self.hashes.clone(),
+            ..rig
+        })
+    }
+
+    /// What it believes.
+    pub fn belief(&self) -> Belief {
+        let believed = |source: &&Source| source.role == Some(Role::Calibration);
+        let found = self.sources.iter().find(believed);
+        let text = found.map_or_else(String::new, |source| source.text.clone());
+        let mut belief = Belief::of(calibrations::FILE, text, |_| None);
+        belief.weights = self
+            .weights()
+            .map(|(file, text)| (file.to_owned(), text.to_owned()))
+            .collect();
+        belief
+    }
+
+    /// The datasheet as it was read.
+    #[cfg(feature = "twin")]
+    pub(crate) fn datasheet(&self) -> &Source {
+        let datasheet = |source: &&Source| source.role == Some(Role::Machine);
+        let found = self.sources.iter().find(datasheet);
+        found.expect("a rig has a datasheet")
+    }
+
+    fn changed(&self, role: Role, changes: &dyn TableLike, from: &str) -> Result<Self, Error> {
+        let mut sources = self.sources.clone();
+        if let Some(file) = sources.iter_mut().find(|source| source.role == Some(role)) {
+            let mut whole = document(file)?;
+            put(whole.as_table_mut(), changes);
+            file.name = format!("{} with {from}", file.name);
+            file.text = whole.to_string();
+        }
+        Self::from_sources(&self.name, &self.recipe_name, sources)
     }
 
     /// The weights of models beside the calibration: names of files, and their texts.
@@ -336,70 +446,13 @@ impl Rig {
         };
         turns * drive.gear_ratio * f64::from(drive.counts_per_turn)
     }
+}
 
-    /// Writes a file beside the rig's calibration, whole or not at all. Returns its name, or `None`
-    /// for the rig that is compiled in.
-    ///
-    /// # Errors
-    ///
-    /// When it cannot be written.
-    pub fn write_beside_calibration(
-        &self,
-        file: &str,
-        content: &str,
-    ) -> Result<Option<String>, Error> {
-        let Some(calibration) = &self.calibration_file else {
-            return Ok(None);
-        };
-        let path = calibration.with_file_name(file);
-        let partial = path.with_extension(format!("json.partial-{}", std::process::id()));
-        let name = path.display().to_string();
-        std::fs::write(&partial, content)
-            .and_then(|()| std::fs::rename(&partial, &path))
-            .map_err(|error| Error::new(&name, "", format!("cannot be written: {error}")))?;
-        Ok(Some(name))
-    }
-
-    /// Sets keys of a table of the rig's calibration, and leaves the rest of the file as a person
-    /// wrote it. Returns the file's name, or `None` for the rig that is compiled in.
-    ///
-    /// # Errors
-    ///
-    /// When the file cannot be read or written. It is replaced whole or not at all.
-    pub fn write_calibration(
-        &self,
-        table: &str,
-        values: &[(&str, toml_edit::Item)],
-    ) -> Result<Option<String>, Error> {
-        let Some(path) = &self.calibration_file else {
-            return Ok(None);
-        };
-        let name = path.display().to_string();
-        let failed = |what: &str, error: &dyn std::fmt::Display| {
-            Error::new(&name, table, format!("{what}: {error}"))
-        };
-        let text = std::fs::read_to_string(path).map_err(|e| failed("cannot be read", &e))?;
-        let mut document: toml_edit::DocumentMut =
-            text.parse().map_err(|e| failed("is not TOML", &e))?;
-        let mut item = document.as_item_mut();
-        for key in table.split('.') {
-            item = &mut item[key];
-            if item.is_none() {
-                // A table that only holds tables needs no header of its own.
-                let mut new = toml_edit::Table::new();
-                new.set_implicit(true);
-                *item = toml_edit::Item::Table(new);
-            }
-        }
-        for (key, value) in values {
-            item[key] = value.clone();
-        }
-        let partial = path.with_extension(format!("toml.partial-{}", std::process::id()));
-        std::fs::write(&partial, document.to_string())
-            .and_then(|()| std::fs::rename(&partial, path))
-            .map_err(|e| failed("cannot be written", &e))?;
-        Ok(Some(name))
-    }
+fn document(source: &Source) -> Result<toml_edit::DocumentMut, Error> {
+    source
+        .text
+        .parse()
+        .map_err(|e| Error::new(&source.name, "", format!("is not TOML: {e}")))
 }
 
 /// Sets keys of a table, and of the tables in it.
@@ -416,10 +469,38 @@ fn put(into: &mut dyn TableLike, changes: &dyn TableLike) {
 }
 
 /// The folder of a rig; `None` where there is none of that name.
-fn rig_folder(rig: &str) -> Option<PathBuf> {
+pub(crate) fn rig_folder(rig: &str) -> Option<PathBuf> {
     [PathBuf::from(rig), PathBuf::from("rigs").join(rig)]
         .into_iter()
         .find(|path| path.is_dir())
+}
+
+/// The file that marks a folder as the rig that ships, if there is one.
+pub(crate) fn shipped(folder: &Path) -> Option<PathBuf> {
+    Some(folder.join(SHIPPED)).filter(|marker| marker.exists())
+}
+
+/// The calibration that is named, as it stands in its files.
+///
+/// # Errors
+///
+/// When it cannot be read.
+pub fn belief(named: &Named) -> Result<Belief, Error> {
+    let missing = || Error::new(named.rig, "", "is not whole".to_owned());
+    let source = rig_file(named, 2)?.ok_or_else(missing)?;
+    Ok(Belief::of(&source.name, source.text, |file| {
+        let source = weights(named, file).ok()?;
+        source.map(|source| source.text)
+    }))
+}
+
+/// A file of weights beside the calibration that is named; `None` for the rig that is compiled in.
+fn weights(named: &Named, file: &str) -> Result<Option<Source>, Error> {
+    let path = match named.calibration {
+        Some(calibration) => Some(calibration.with_file_name(file)),
+        None => rig_folder(named.rig).map(|folder| folder.join(file)),
+    };
+    path.map(|path| read_file(&path)).transpose()
 }
 
 /// The three files of a rig, with axes of a person's own.
@@ -428,16 +509,22 @@ fn rig_folder(rig: &str) -> Option<PathBuf> {
 ///
 /// As [`Rig::load_with`]; when the rig has no truth.
 #[cfg(feature = "twin")]
-pub fn rig_files(rig: &str, own: &Own, bench: bool) -> Result<[Source; 3], Error> {
-    let file = |index| rig_file(rig, index)?.ok_or_else(|| no_twin(rig));
+pub fn rig_files(named: &Named, own: &Own, bench: bool) -> Result<[Source; 3], Error> {
+    let file = |index| rig_file(named, index)?.ok_or_else(|| no_twin(named.rig));
     let mut files = [file(0)?, file(1)?, file(2)?];
     own.put(&mut files, bench)?;
     Ok(files)
 }
 
 /// One of the rig's three files; `None` for the truth of a rig that has no twin.
-fn rig_file(rig: &str, index: usize) -> Result<Option<Source>, Error> {
+fn rig_file(named: &Named, index: usize) -> Result<Option<Source>, Error> {
+    let rig = named.rig;
     let (file, built_in) = DEFAULT_RIG[index];
+    if index == 2
+        && let Some(calibration) = named.calibration
+    {
+        return read_file(calibration).map(Some);
+    }
     let Some(folder) = rig_folder(rig) else {
         if rig == DEFAULT_RIG_NAME {
             return Ok(Some(Source {
@@ -501,7 +588,7 @@ fn recipe_file(recipe: &str) -> Result<Source, Error> {
     }
 }
 
-fn read_file(path: &Path) -> Result<Source, Error> {
+pub(crate) fn read_file(path: &Path) -> Result<Source, Error> {
     let name = path.display().to_string();
     match std::fs::read_to_string(path) {
         Ok(text) => Ok(Source {

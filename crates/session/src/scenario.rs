@@ -3,6 +3,7 @@
 
 use crate::setup::Setup;
 use pigtail_hal::digest::hash;
+use pigtail_twin::Plant;
 
 /// A change to the rig's `plant.toml` as it was read; control is told nothing of it.
 #[derive(
@@ -50,11 +51,25 @@ impl Scenario {
         self.into()
     }
 
-    /// Changes the truth.
+    /// Changes the truth of a setup.
     pub fn apply(self, setup: &mut Setup) {
-        let plant = &mut setup.plant;
+        setup.scenario = self;
+        if self == Self::Nominal {
+            return;
+        }
+        self.change(&mut setup.plant);
+        if self == Self::Uncertain {
+            setup.rig.spec.vision.accuracy_x *= 2.0;
+        }
+        let name = format!("scenario {}", self.name());
+        let same = hash(&name);
+        setup.rig.hashes.push((name, same));
+    }
+
+    /// Changes a truth.
+    pub(crate) fn change(self, plant: &mut Plant) {
         match self {
-            Self::Nominal => return,
+            Self::Nominal => {}
             Self::Noise => plant.light.noise *= 3.0,
             Self::Drift => plant.light.drift = 20e-3,
             Self::Turn => plant.device.turn += 0.5_f64.to_radians(),
@@ -78,15 +93,10 @@ impl Scenario {
                 ] {
                     *half *= 2.0;
                 }
-                setup.rig.spec.vision.accuracy_x *= 2.0;
             }
             Self::Stray => plant.light.stray = 0.1,
             Self::Dead => plant.device.transmission[1] = 0.0,
         }
-        let name = format!("scenario {}", self.name());
-        let same = hash(&name);
-        setup.rig.hashes.push((name, same));
-        self.name().clone_into(&mut setup.scenario);
     }
 }
 

@@ -1,15 +1,18 @@
 //! A rig with the truth that a twin of it is drawn around, and what is kept of what runs on it.
 
 use crate::faults::Faults;
+use crate::fleet::{Fleet, NOMINAL};
 use crate::job::{Ended, Job};
 use crate::own::Own;
 use crate::records::{About, Records};
-use crate::rig::{Rig, Source, no_twin};
+use crate::rig::{Named, Rig, Source, no_twin};
+use crate::scenario::Scenario;
 use crate::session::{Options, Session};
 use pigtail_control::station::{Observer, Station};
 use pigtail_hal::{Error, Machine};
 use pigtail_twin::faults::Injection;
 use pigtail_twin::{Plant, Twin, TwinError};
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// A rig and its truth: all that it takes to draw twins, and to run jobs on them.
@@ -19,8 +22,10 @@ pub struct Setup {
     pub rig: Rig,
     /// The truth, for twins alone.
     pub plant: Plant,
-    /// The scenario by which the truth was changed.
-    pub scenario: String,
+    /// What machines and devices may be, beside how the truth itself says that they vary.
+    pub fleet: Option<Arc<Fleet>>,
+    /// How the truth was changed.
+    pub scenario: Scenario,
     /// What breaks while a twin of this setup runs.
     pub faults: Faults,
     /// How machines are treated.
@@ -44,13 +49,22 @@ impl Setup {
         Self::of(Rig::load(rig, recipe)?)
     }
 
+    /// The same, believing another calibration, or less of it; see [`Rig::load_named`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::load`].
+    pub fn load_named(named: &Named) -> Result<Self, Error> {
+        Self::of(Rig::load_named(named)?)
+    }
+
     /// The same with axes of a person's own; see [`Rig::load_with`].
     ///
     /// # Errors
     ///
     /// As [`Self::load`].
-    pub fn load_with(rig: &str, recipe: &str, own: &Own, bench: bool) -> Result<Self, Error> {
-        Self::of(Rig::load_with(rig, recipe, own, bench)?)
+    pub fn load_with(named: &Named, own: &Own, bench: bool) -> Result<Self, Error> {
+        Self::of(Rig::load_with(named, own, bench)?)
     }
 
     /// Sets up again what was read before; see [`Rig::from_sources`].
@@ -72,7 +86,8 @@ impl Setup {
         Ok(Self {
             plant: Plant::parse(&truth.name, &truth.text)?,
             rig,
-            scenario: "nominal".to_owned(),
+            fleet: None,
+            scenario: Scenario::Nominal,
             faults: Faults::None,
             options: Options::default(),
             records: None,
@@ -91,13 +106,67 @@ impl Setup {
         })
     }
 
-    /// The twin that a seed draws.
+    /// The same rig with machines and devices of a fleet, by its name or file; see [`Fleet::load`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Fleet::load`].
+    pub fn of_fleet(self, name: &str) -> Result<Self, Error> {
+        let (fleet, rig) = Fleet::load(&self.rig, name)?;
+        Ok(Self {
+            fleet: (!fleet.is_nominal()).then(|| Arc::new(fleet)),
+            rig,
+            ..self
+        })
+    }
+
+    /// The name of the fleet.
+    pub fn fleet_name(&self) -> &str {
+        self.fleet.as_ref().map_or(NOMINAL, |fleet| &fleet.name)
+    }
+
+    /// The same setup with what control is told of the machine of a seed: some fleets have datasheets of their
+    /// own.
+    ///
+    /// # Errors
+    ///
+    /// When what was drawn is no datasheet.
+    pub fn at(&self, seed: u64) -> Result<Cow<'_, Self>, Error> {
+        let told = match &self.fleet {
+            Some(fleet) => fleet.datasheet(&self.rig, seed)?,
+            None => None,
+        };
+        Ok(match told {
+            None => Cow::Borrowed(self),
+            Some(mut rig) => {
+                if self.scenario == Scenario::Uncertain {
+                    rig.spec.vision.accuracy_x *= 2.0;
+                }
+                Cow::Owned(Self {
+                    rig,
+                    ..self.clone()
+                })
+            }
+        })
+    }
+
+    /// The twin that a seed draws, of the fleet if there is one. Where that has datasheets of its own, of the
+    /// setup that [`Self::at`] gives.
     ///
     /// # Errors
     ///
     /// When the plant makes no machine.
     pub fn twin(&self, seed: u64) -> Result<Twin, Error> {
-        Twin::new(self.rig.spec.clone(), &self.plant, seed).map_err(|error| self.no_machine(&error))
+        let drawn = match &self.fleet {
+            None => None,
+            Some(fleet) => {
+                let mut plant = fleet.draw(seed)?;
+                self.scenario.change(&mut plant);
+                Some(plant)
+            }
+        };
+        let plant = drawn.as_ref().unwrap_or(&self.plant);
+        Twin::new(self.rig.spec.clone(), plant, seed).map_err(|error| self.no_machine(&error))
     }
 
     /// The twin that a seed draws and what will break on it, were its work to take about so many seconds.
@@ -129,7 +198,8 @@ impl Setup {
         seed: u64,
         observer: &mut dyn Observer,
     ) -> Result<J::Output, Ended> {
-        self.perform(&mut self.twin(seed)?, job, seed, observer)
+        let setup = self.at(seed)?;
+        setup.perform(&mut setup.twin(seed)?, job, seed, observer)
     }
 
     /// Runs a job on a machine of this rig that is at hand, recorded if anything is.
@@ -170,7 +240,8 @@ impl Setup {
         seed: u64,
         experiment: impl FnOnce(&mut Station) -> Result<T, Ended>,
     ) -> Result<T, Ended> {
-        let mut twin = self.twin(seed)?;
-        Session::open_with(&self.rig, &mut twin, &self.options).experiment(experiment)
+        let setup = self.at(seed)?;
+        let mut twin = setup.twin(seed)?;
+        Session::open_with(&setup.rig, &mut twin, &setup.options).experiment(experiment)
     }
 }

@@ -182,6 +182,17 @@ impl GainsRow {
         }
     }
 
+    /// As keys of a table of a calibration; found on a `date`, by an `origin`.
+    pub fn values(&self, date: &str, origin: &str) -> Vec<(&'static str, toml_edit::Item)> {
+        vec![
+            ("kp", toml_edit::value(format!("{} V/count", self.kp))),
+            ("ki", toml_edit::value(format!("{} V/(count s)", self.ki))),
+            ("kd", toml_edit::value(format!("{} V s/count", self.kd))),
+            ("date", toml_edit::value(date)),
+            ("origin", toml_edit::value(origin)),
+        ]
+    }
+
     /// As the searches have them.
     pub fn gains(&self) -> Gains {
         [self.kp, self.ki, self.kd]
@@ -212,7 +223,7 @@ pub struct Tuned {
     pub document: TuningDocument,
     /// The path of each start.
     pub searches: Vec<Search>,
-    /// The response under the believed gains.
+    /// The response under the gains that it began with: those that are believed, where they hold the axis.
     pub before: Trace,
     /// The response under the gains that were found.
     pub after: Trace,
@@ -246,23 +257,78 @@ fn recover(station: &mut Station, experiment: &Experiment, fault: Fault) -> Resu
     Ok(station.recover(fault)?)
 }
 
+/// Whether gains hold the axis, by their response: it comes to rest in time. None of them may be nothing, of which a
+/// search could make no other, and a single count may not be worth all of the amplifier's `voltage`.
+fn will_do(response: &Trace, experiment: &Experiment, voltage: f64) -> bool {
+    let settling = step_response(response, experiment.step as f64).settling;
+    settling < experiment.window
+        && experiment.safe.iter().all(|gain| *gain > 0.0)
+        && experiment.safe[0] < voltage
+}
+
+/// Gains by the datasheet alone, rising: the least gives all of the amplifier's voltage for a few steps' error. The
+/// integral and the damping are such as servos of tens of milliseconds have.
+fn ladder(station: &Station, experiment: &Experiment) -> [Gains; 5] {
+    /// Per second.
+    const INTEGRAL: f64 = 100.0;
+    /// Seconds.
+    const DAMPING: f64 = 1.5e-3;
+    let whole = station.spec().drive(experiment.at.axis).voltage / experiment.step as f64;
+    [0.3, 1.0, 3.0, 10.0, 30.0].map(|factor| {
+        let kp = factor * whole;
+        [kp, INTEGRAL * kp, DAMPING * kp]
+    })
+}
+
+/// Gains to begin with where those that are believed do not hold the axis: the best of the [`ladder`]. They are safe
+/// from now on.
+fn begin_afresh(
+    station: &mut Station,
+    experiment: &mut Experiment,
+    mut unsafe_trials: u32,
+) -> Result<(Trace, u32), Ended> {
+    let ladder = ladder(station, experiment);
+    let mut best = (f64::INFINITY, ladder[0]);
+    for gains in ladder {
+        experiment.safe = best.1;
+        match experiment.cost(station, gains) {
+            Ok(cost) if cost < best.0 => best = (cost, gains),
+            Ok(_) => {}
+            Err(fault) => {
+                unsafe_trials += 1;
+                recover(station, experiment, fault)?;
+            }
+        }
+    }
+    experiment.safe = best.1;
+    Ok((experiment.response(station, best.1)?, unsafe_trials))
+}
+
 fn tune(station: &mut Station, rig: &Rig, plan: &Tune) -> Result<Tuned, Ended> {
     let believed: &AxisGains = match plan.at.axis {
         Axis::A | Axis::B => &rig.calibration.gains.five_bar,
         Axis::Z => &rig.calibration.gains.z,
     };
-    let safe = [believed.kp, believed.ki, believed.kd];
-    let experiment = Experiment {
+    let drive = rig.spec.drive(plan.at.axis);
+    let mut experiment = Experiment {
         at: plan.at,
         step: plan.step,
         window: WINDOW,
-        safe,
+        safe: [believed.kp, believed.ki, believed.kd],
         integral_limit: believed.integral_limit,
-        specified: rig.spec.drive(plan.at.axis).step,
+        specified: drive.step,
     };
-    let before = experiment.response(station, safe)?;
+    let (before, mut unsafe_trials) = match experiment.response(station, experiment.safe) {
+        Ok(before) if will_do(&before, &experiment, drive.voltage) => (before, 0),
+        Ok(_) => begin_afresh(station, &mut experiment, 0)?,
+        Err(fault) => {
+            experiment.safe = ladder(station, &experiment)[0];
+            recover(station, &experiment, fault)?;
+            begin_afresh(station, &mut experiment, 1)?
+        }
+    };
+    let safe = experiment.safe;
     let mut searches = Vec::with_capacity(STARTS.len());
-    let mut unsafe_trials = 0;
     for (i, factors) in STARTS.iter().enumerate() {
         let start: Gains = std::array::from_fn(|k| safe[k] * factors[k]);
         let (mut trial, mut best) = (0, f64::INFINITY);

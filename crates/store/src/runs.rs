@@ -347,6 +347,11 @@ fn hold(folder: &Path) -> io::Result<File> {
     Ok(lock)
 }
 
+/// This moment, as RFC 3339 has it.
+pub fn now() -> String {
+    rfc3339(&jiff::Zoned::now())
+}
+
 /// A moment as RFC 3339 has it.
 pub fn rfc3339(time: &jiff::Zoned) -> String {
     time.strftime("%Y-%m-%dT%H:%M:%S%:z").to_string()

@@ -9,6 +9,7 @@ use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, SIDES};
 use pigtail_hal::{Axis, Pulse, Spec};
 use pigtail_model::joint::JointParameters;
+use std::f64::consts::TAU;
 
 /// Steps a cycle with which a scanning five-bar joint errs by less than 1e-4 um (and by 5e-4 um after
 /// a jolt of the full voltage); a z-stage needs one.
@@ -25,6 +26,8 @@ pub(super) struct Drives {
     /// Motor angle at which each encoder was set to zero, radians.
     homes: [[f64; AXES]; SIDES],
     counts_per_radian: [f64; AXES],
+    /// Amplitude of the encoders' error of interpolation (radians), and the lines in a radian; of each axis.
+    interpolation: Option<[(f64, f64); AXES]>,
     /// What each amplifier can give, volts.
     limits: [[f64; AXES]; SIDES],
     /// How far outputs have stayed behind their motors, radians, and how much farther they will.
@@ -61,6 +64,13 @@ impl Drives {
             )?,
             homes: joints.map(|side| side.map(|p| home(&p))),
             counts_per_radian: Axis::ALL.map(|axis| 1.0 / spec.drive(axis).count()),
+            interpolation: (plant.electronics.interpolation > 0.0).then(|| {
+                let e = &plant.electronics;
+                Axis::ALL.map(|axis| {
+                    let count = spec.drive(axis).count();
+                    (e.interpolation * count, TAU / (e.counts_per_line * count))
+                })
+            }),
             limits: [Axis::ALL.map(|axis| spec.drive(axis).voltage); SIDES],
             slips: None,
         })
@@ -157,6 +167,13 @@ impl Drives {
     /// What a manipulator's encoders read.
     pub(super) fn encoders(&self, side: usize) -> [Counts; AXES] {
         let angles = self.motors(side);
-        std::array::from_fn(|i| encode(angles[i] - self.homes[side][i], self.counts_per_radian[i]))
+        std::array::from_fn(|i| {
+            let mut angle = angles[i] - self.homes[side][i];
+            if let Some(interpolation) = &self.interpolation {
+                let (amplitude, lines) = interpolation[i];
+                angle += amplitude * (lines * angle).sin();
+            }
+            encode(angle, self.counts_per_radian[i])
+        })
     }
 }

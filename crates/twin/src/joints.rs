@@ -6,6 +6,7 @@ use super::plant::{JointPlant, LoadLaw};
 use super::sensors::normal;
 use super::unrest::UnrestPlant;
 use pigtail_hal::Pulse;
+use pigtail_hal::quantity::Volts;
 use pigtail_model::Invalid;
 use pigtail_model::friction::Mode;
 use pigtail_model::group::{Group, States};
@@ -13,8 +14,9 @@ use pigtail_model::joint::{Joint, JointParameters, JointState};
 use pigtail_model::lugre::LuGre;
 use pigtail_model::presliding::{MaxwellSlip, Presliding};
 use pigtail_model::pulse::{From, Pulse as Waveform};
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use std::f64::consts::TAU;
 
 /// More integration steps in a servo cycle than this are not a stiff joint but a mistyped one.
 const MOST_STEPS: f64 = 100.0;
@@ -32,6 +34,9 @@ const RESTED: u32 = 13;
 /// Friction that drifts is changed every so many cycles.
 const DRIFT_EVERY: u64 = 100;
 
+/// Friction that differs along the travel is changed so often in a period.
+const LOOKS: f64 = 64.0;
+
 /// Joints of one kind.
 #[derive(Debug, Clone)]
 pub(super) struct Joints<const N: usize> {
@@ -44,11 +49,18 @@ pub(super) struct Joints<const N: usize> {
     rested: [u32; N],
     /// By what factor each joint's friction has changed at once.
     stiffened: [f64; N],
+    /// By what factor all friction has changed with time.
+    drifted: f64,
     unrest: UnrestPlant,
     stribeck: f64,
     /// Constant torque on each load that makes its friction differ in the two directions, N m, and
     /// what it would displace the outputs by at rest, radians.
     lean: [(f64, f64); N],
+    /// By what factor friction is higher where each joint stands, where that was last looked at (radians of
+    /// the output), and where along its period the joint's home lies (radians of the period).
+    place: [(f64, f64, f64); N],
+    /// Most that each amplifier gives, amperes.
+    current: f64,
     cycle: u64,
     period: f64,
     least: f64,
@@ -154,20 +166,30 @@ impl<const N: usize> Joints<N> {
                 },
             )
         });
+        let mut rng = Pcg64Mcg::seed_from_u64(seed ^ unrest.history.rotate_left(32));
+        let mut place = [(1.0, f64::INFINITY, 0.0); N];
+        if unrest.place != 0.0 {
+            for (_, _, phase) in &mut place {
+                *phase = TAU * rng.random::<f64>();
+            }
+        }
         Ok(Self {
             law,
             parameters,
+            place,
+            current: plant.motor.current,
             playing: [None; N],
             wake: [0; N],
             rested: [RESTED; N],
             stiffened: [1.0; N],
+            drifted: 1.0,
             unrest,
             stribeck,
             lean,
             cycle: 0,
             period,
             least,
-            rng: Pcg64Mcg::seed_from_u64(seed ^ unrest.history.rotate_left(32)),
+            rng,
         })
     }
 
@@ -176,10 +198,16 @@ impl<const N: usize> Joints<N> {
     #[inline]
     pub(super) fn advance(
         &mut self,
-        voltages: [f64; N],
+        mut voltages: [f64; N],
         mut torques: [f64; N],
         pulses: [&Option<Pulse>; N],
     ) {
+        if self.current.is_finite() {
+            for (i, voltage) in voltages.iter_mut().enumerate() {
+                let motor = &self.parameters[i].motor;
+                *voltage = motor.within(self.current, *voltage, self.motor_velocity(i));
+            }
+        }
         if !self.unrest.is_none() {
             self.stir(&mut torques);
         }
@@ -204,8 +232,10 @@ impl<const N: usize> Joints<N> {
                     let way = self.unrest.jolt * normal(&mut self.rng);
                     self.law.displace(i, way);
                 }
+                let (motor, velocity) = (&self.parameters[i].motor, self.motor_velocity(i));
+                let within = |volts: Volts| motor.within(self.current, volts.0, velocity);
                 let waveform = Waveform {
-                    amplitudes: pulse.amplitudes.map(|volts| volts.0),
+                    amplitudes: pulse.amplitudes.map(within),
                     period: pulse.period,
                 };
                 let since = 0.0;
@@ -249,23 +279,47 @@ impl<const N: usize> Joints<N> {
         if self.unrest.drift != 0.0 && self.cycle.is_multiple_of(DRIFT_EVERY) {
             let time = self.cycle as f64 * self.period;
             let share = (time / self.unrest.drift_time).min(1.0);
+            self.drifted = 1.0 + self.unrest.drift * share;
             // What is drawn from valid levels by a factor above zero is valid too.
-            let _ = self.scale_friction(1.0 + self.unrest.drift * share);
+            let _ = self.scale_friction(self.drifted);
         }
         self.cycle += 1;
+        if self.unrest.place != 0.0 {
+            self.look_where_they_are();
+        }
+    }
+
+    /// Friction is not the same everywhere.
+    fn look_where_they_are(&mut self) {
+        let mut changed = false;
+        for i in 0..N {
+            let at = self.output(i);
+            let (factor, looked_at, phase) = &mut self.place[i];
+            if (at - *looked_at).abs() >= self.unrest.place_period / LOOKS {
+                *looked_at = at;
+                let along = TAU * at / self.unrest.place_period + *phase;
+                *factor = 1.0 + self.unrest.place * along.sin();
+                changed = true;
+            }
+        }
+        if changed {
+            // What is drawn from valid levels by a factor above zero is valid too.
+            let _ = self.scale_friction(self.drifted);
+        }
     }
 
     /// All friction of a joint becomes so many times what it was drawn as.
     pub(super) fn stiffen(&mut self, i: usize, by: f64) {
         self.stiffened[i] *= by;
         // What is drawn from valid levels by a factor above zero is valid too.
-        let _ = self.scale_friction(1.0);
+        let _ = self.scale_friction(self.drifted);
     }
 
     fn scale_friction(&mut self, by: f64) -> Result<(), Invalid> {
         let mut scaled = self.parameters;
-        for (p, more) in scaled.iter_mut().zip(self.stiffened) {
-            let by = by * more;
+        let more = self.stiffened.iter().zip(&self.place);
+        for (p, (more, (there, ..))) in scaled.iter_mut().zip(more) {
+            let by = by * more * there;
             p.motor_friction = p.motor_friction.scaled(by)?;
             p.load_friction = p.load_friction.scaled(by)?;
             // The contact stays as stiff as it is.
@@ -298,6 +352,14 @@ impl<const N: usize> Joints<N> {
             Law::CoulombPresliding { states, .. } => states.motor_angle(i),
             Law::MaxwellSlip(joints) => joints[i].state.motor_angle,
             Law::LuGre(joints) => joints[i].state.motor_angle,
+        }
+    }
+
+    fn motor_velocity(&self, i: usize) -> f64 {
+        match &self.law {
+            Law::CoulombPresliding { states, .. } => states.motor_velocity(i),
+            Law::MaxwellSlip(joints) => joints[i].state.motor_velocity,
+            Law::LuGre(joints) => joints[i].state.motor_velocity,
         }
     }
 

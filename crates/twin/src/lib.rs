@@ -31,6 +31,7 @@ mod manipulator;
 mod micro;
 pub mod plant;
 mod sensors;
+mod setting;
 pub mod unrest;
 
 use broken::Broken;
@@ -45,10 +46,11 @@ use pigtail_hal::{
 use pigtail_model::Invalid;
 use pigtail_model::frames::{Chip, Displacement, Point};
 pub use plant::Plant;
-use plant::uniform;
+use plant::ThermalPlant;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use sensors::{Bias, Camera, Held, Photodiodes, normal};
+use sensors::{Bias, Camera, Held, Photodiodes, Seen, normal};
+use setting::{Floor, Late};
 
 /// A simulated machine.
 #[derive(Debug, Clone)]
@@ -77,6 +79,11 @@ pub struct Twin {
     sensing_height: f64,
     /// Speed of the device in x, and since when.
     drift: (f64, f64),
+    thermal: ThermalPlant,
+    floor: Option<Floor>,
+    /// Of the laser's power.
+    wander: Option<Fluctuation>,
+    late: Option<Late>,
     broken: Broken,
 }
 
@@ -134,45 +141,104 @@ pub enum TwinError {
     Home(#[from] pigtail_model::fivebar::Unreachable),
 }
 
+/// Which machine, and which device on it.
+///
+/// A seed names both: the seed of the machine, and the number of the device in its trillions.
+///
+/// ```
+/// # use pigtail_twin::Specimen;
+/// let fourth = Specimen::of(7, 3);
+/// assert_eq!(fourth.seed(), 3_000_000_000_007);
+/// assert_eq!(fourth.machine(), Specimen::from(7).machine());
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Specimen(u64);
+
+/// The first seed that is no machine's.
+const MACHINES: u64 = 1_000_000_000_000;
+
+impl Specimen {
+    /// A device, counted from zero, on the machine of a seed.
+    pub fn of(machine: u64, device: u64) -> Self {
+        Self(machine.wrapping_add(device.wrapping_mul(MACHINES)))
+    }
+
+    /// The seed that names both.
+    pub fn seed(self) -> u64 {
+        self.0
+    }
+
+    /// The seed of the machine: mechanics, their places, the sensing fiber.
+    pub fn machine(self) -> u64 {
+        self.0 % MACHINES
+    }
+
+    /// Which device on the machine, from zero.
+    pub fn device(self) -> u64 {
+        self.0 / MACHINES
+    }
+}
+
+impl From<u64> for Specimen {
+    fn from(seed: u64) -> Self {
+        Self(seed)
+    }
+}
+
 impl Twin {
     /// A specimen drawn around `plant`. The same seed gives the same machine, device, fixture and
-    /// noise.
+    /// noise; see [`Specimen`] for many devices on one machine.
     ///
     /// # Errors
     ///
     /// When the plant's mechanism cannot stand at its home.
     pub fn new(spec: Spec, plant: &Plant, seed: u64) -> Result<Self, TwinError> {
+        let specimen = Specimen::from(seed);
         // One stream of random numbers for each thing that is drawn, so that a change to one
         // leaves the others as they are.
-        let stream =
-            |number: u64| Pcg64Mcg::seed_from_u64(seed.wrapping_mul(16).wrapping_add(number));
+        let numbered = |seed: u64, number: u64| seed.wrapping_mul(16).wrapping_add(number);
+        let stream = |number| Pcg64Mcg::seed_from_u64(numbered(seed, number));
+        let of_machine = |number| Pcg64Mcg::seed_from_u64(numbered(specimen.machine(), number));
         // The chip's frame moves with the chip: a chip out of place is a machine out of place.
         let mut device = stream(1);
-        let chip = [plant.misplacement.chip_x, plant.misplacement.chip_z]
-            .map(|half_range| uniform(&mut device, half_range));
-        let camera = Camera::new(&spec);
-        let mut fibers = stream(2);
-        let mut held = |port| Held {
+        let m = &plant.misplacement;
+        let chip = [m.chip_x, m.chip_z].map(|width| m.offset(&mut device, width));
+        let camera = Camera::new(&spec, &plant.camera);
+        let draw = |port, rng: &mut Pcg64Mcg| Held {
             port,
-            fiber: FiberInHolder::draw(plant, &mut fibers),
-            bias: camera.draw_bias(&mut fibers),
+            fiber: FiberInHolder::draw(plant, rng),
+            bias: camera.draw_bias(rng),
         };
-        let tray = [vec![held(0)], (0..OUTPUTS).map(&mut held).collect()];
-        let (left, left_joints) = Manipulator::new(plant, &spec, Side::Left, chip, &mut stream(0))?;
-        let (right, right_joints) =
-            Manipulator::new(plant, &spec, Side::Right, chip, &mut stream(4))?;
-        let mut sensing = held(0);
+        let fibers_of = |mut rng: Pcg64Mcg| {
+            let input = vec![draw(0, &mut rng)];
+            let outputs = (0..OUTPUTS).map(|port| draw(port, &mut rng)).collect();
+            ([input, outputs], draw(0, &mut rng))
+        };
+        let (tray, _) = fibers_of(stream(2));
+        let (_, mut sensing) = fibers_of(of_machine(2));
+        let (mut left, left_joints) =
+            Manipulator::new(plant, &spec, Side::Left, chip, &mut of_machine(0))?;
+        let (mut right, right_joints) =
+            Manipulator::new(plant, &spec, Side::Right, chip, &mut of_machine(4))?;
+        if plant.micro.history > 0.0 {
+            let mut history = stream(7);
+            for manipulator in [&mut left, &mut right] {
+                manipulator.micro.wear_in(plant.micro.history, &mut history);
+            }
+        }
         let [ox, oy, oz] = spec.sensing_fiber.offset;
         let [dx, dy, dz] = right.placement.chip_direction(ox, oy, oz);
         let [x, y, z] = sensing.fiber.offset;
         sensing.fiber.offset = [x + dx, y + dy, z + dz];
         let mut noise = stream(3);
+        let period = spec.period();
+        let scatter = &plant.scatter;
         Ok(Self {
             drives: Drives::new(
                 plant,
                 &spec,
                 &[left_joints, right_joints],
-                seed.wrapping_mul(16).wrapping_add(5),
+                numbered(seed, 5),
             )?,
             manipulators: [left, right],
             light: LightPath::new(plant, &spec, &mut device)?,
@@ -180,12 +246,7 @@ impl Twin {
             held: [None; SIDES],
             attached: [[None; OUTPUTS]; SIDES],
             sensing: (sensing.fiber, sensing.bias),
-            scatter: Fluctuation::new(
-                plant.scatter.fluctuation,
-                plant.scatter.bandwidth,
-                spec.period(),
-                &mut noise,
-            ),
+            scatter: Fluctuation::new(scatter.fluctuation, scatter.bandwidth, period, &mut noise),
             photodiodes: Photodiodes::new(&spec, &plant.light),
             camera,
             probe: spec
@@ -199,6 +260,13 @@ impl Twin {
             smallest_gap: f64::INFINITY,
             sensing_height: 0.0,
             drift: (plant.device.drift, plant.device.drift_from),
+            thermal: plant.thermal,
+            floor: Floor::new(&plant.floor, period, numbered(seed, 8)),
+            wander: (plant.light.wander > 0.0).then(|| {
+                let bandwidth = 1.0 / (std::f64::consts::TAU * plant.light.wander_time);
+                Fluctuation::new(plant.light.wander, bandwidth, period, &mut stream(9))
+            }),
+            late: Late::new((plant.electronics.delay / period).round() as usize),
             broken: Broken::default(),
             spec,
         })
@@ -342,9 +410,25 @@ impl Twin {
         Some((self.light.coupling(port, tip, held.fiber.tilt), tip))
     }
 
+    /// Light at the photodiodes, volts, without what they add to it.
+    fn signals(&mut self, tips: &Tips, laser: bool) -> [f64; CHANNELS] {
+        let level = self.scatter.next(&mut self.rng);
+        if !laser {
+            return [0.0; CHANNELS];
+        }
+        let power = match &mut self.wander {
+            Some(wander) => wander.next(&mut self.rng),
+            None => 1.0,
+        };
+        let signals = self.light.signals(tips, level);
+        signals.map(|signal| power * signal)
+    }
+
     /// One cycle under a command that was found good.
     fn cycle(&mut self, command: &Command) -> Result<Measurement, Fault> {
         self.micro_volts = command.micro;
+        let arriving = self.late.as_mut().map(|late| late.arriving(command));
+        let command = arriving.as_ref().unwrap_or(command);
         let mut torques = [[0.0; AXES]; SIDES];
         for side in Side::ALL {
             let i = side.index();
@@ -357,7 +441,12 @@ impl Twin {
             .advance(&command.motors, &command.pulses, &torques);
         let mut holders = [Point::ORIGIN; SIDES];
         // The chip's frame goes with the device.
-        let drifted = self.drift.0 * (self.time() - self.drift.1).max(0.0);
+        let time = self.time();
+        let drifted = self.drift.0 * (time - self.drift.1).max(0.0);
+        let ThermalPlant { chip, left, right } = &self.thermal;
+        let warm =
+            [left, right].map(|holder| std::array::from_fn(|i| time * (holder[i] - chip[i])));
+        let shaken = self.floor.as_mut().map(Floor::next).unwrap_or_default();
         for side in Side::ALL {
             let i = side.index();
             let outputs = self.drives.outputs(i);
@@ -365,7 +454,9 @@ impl Twin {
             let Some(holder) = holder else {
                 return Err(self.taken_apart(side));
             };
-            let holder = holder.shifted(-drifted, 0.0, 0.0);
+            let [x, y, z]: [f64; 3] = warm[i];
+            let [sx, sy, sz] = shaken[i];
+            let holder = holder.shifted(x + sx - drifted, y + sy, z + sz);
             holders[i] = holder;
             if let Some(handling) = command.fiber[i] {
                 self.handle_fiber(side, holder, handling)?;
@@ -384,23 +475,26 @@ impl Twin {
             outputs: std::array::from_fn(|port| self.fiber_at(Side::Right, port, right)),
             sensing,
         };
-        let level = self.scatter.next(&mut self.rng);
-        let signals = if command.laser && !self.broken.laser_off {
-            self.light.signals(&tips, level)
-        } else {
-            [0.0; CHANNELS]
-        };
+        let signals = self.signals(&tips, command.laser && !self.broken.laser_off);
         let light = self
             .photodiodes
             .cycle(&signals, self.cycle, time, &mut self.rng);
-        let seen = std::array::from_fn(|i| {
-            self.held[i]
-                .as_ref()
-                .map(|held| (tip_of(holders[i], &held.fiber), held.bias))
+        let seen = |side: Side, tip: Point<Chip>, bias: Bias| Seen {
+            tip,
+            port: self.light.port(side, 0).position,
+            bias,
+        };
+        let fibers = Side::ALL.map(|side| {
+            let held = self.held[side.index()].as_ref()?;
+            Some(seen(
+                side,
+                tip_of(holders[side.index()], &held.fiber),
+                held.bias,
+            ))
         });
         let vision = self.camera.cycle(
-            seen,
-            (sensing, self.sensing.1),
+            fibers,
+            seen(Side::Right, sensing, self.sensing.1),
             self.cycle,
             time,
             &mut self.rng,

@@ -1,6 +1,6 @@
 //! Where the light goes: from the input fiber through the Y-branch to the photodiodes.
 
-use super::plant::{Plant, uniform};
+use super::plant::Plant;
 use pigtail_hal::spec::{CHANNELS, Channel, OUTPUTS, Side, Spec};
 use pigtail_model::Invalid;
 use pigtail_model::frames::{Chip, Displacement, Point};
@@ -25,14 +25,14 @@ impl FiberInHolder {
         let m = &plant.misplacement;
         Self {
             offset: [
-                uniform(rng, m.fiber_x),
-                uniform(rng, m.y),
-                uniform(rng, m.fiber_z),
+                m.offset(rng, m.fiber_x),
+                m.offset(rng, m.y),
+                m.offset(rng, m.fiber_z),
             ],
             // A fiber does not turn with the chip.
             tilt: [
-                uniform(rng, m.tilt) - plant.device.turn,
-                uniform(rng, m.tilt),
+                m.offset(rng, m.tilt) - plant.device.turn,
+                m.offset(rng, m.tilt),
             ],
         }
     }

@@ -3,7 +3,7 @@
 use super::TwinError;
 use super::linkage::Linkage;
 use super::micro::Micro;
-use super::plant::{Plant, factor, uniform};
+use super::plant::{PlacementPlant, Plant};
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::{AXES, MICRO_AXES};
 use pigtail_hal::{Axis, Side, Spec};
@@ -22,6 +22,8 @@ pub(super) struct Manipulator {
     home_angles: [JointAngle; 2],
     pub(super) screw: LeadScrew,
     pub(super) placement: Placement,
+    /// How it stands beside its yaw; `None` where it stands square.
+    stance: Option<Stance>,
     pub(super) micro: Micro,
     /// The endpoint without the micro's motion, for the outputs it was computed for.
     pub(super) endpoint: ([f64; AXES], Point<Macro>),
@@ -37,7 +39,7 @@ impl Manipulator {
         rng: &mut impl rand::RngExt,
     ) -> Result<(Self, [JointParameters; AXES]), TwinError> {
         let fb = &plant.five_bar;
-        let mut vary = |length: f64| length * factor(rng, plant.variation.links);
+        let mut vary = |length: f64| length * plant.variation.factor(rng, plant.variation.links);
         let five_bar = FiveBar::new(vary(fb.base), vary(fb.proximal), vary(fb.distal))?;
         let screw = LeadScrew::from_lead(vary(plant.z_stage.lead));
         let home_angles = five_bar.inverse(fb.home[0], fb.home[1])?;
@@ -77,8 +79,8 @@ impl Manipulator {
         );
         // Up and down, a wrong home is part of what nothing can see (`misplacement.y`).
         let (dx, dz) = (
-            uniform(rng, plant.misplacement.home),
-            uniform(rng, plant.misplacement.home),
+            plant.misplacement.offset(rng, plant.misplacement.home),
+            plant.misplacement.offset(rng, plant.misplacement.home),
         );
         let manipulator = Self {
             linkage,
@@ -91,6 +93,7 @@ impl Manipulator {
                 0.0,
                 dz - chip[1],
             ),
+            stance: Stance::new(stands),
             micro: Micro::new(plant, spec, rng)?,
             endpoint: ([0.0; AXES], Point::ORIGIN),
         };
@@ -123,7 +126,11 @@ impl Manipulator {
             self.endpoint = (outputs, self.endpoint_at(outputs)?);
         }
         let by = self.micro.advance(micro, rng);
-        Some(self.placement.chip_from_macro(self.endpoint.1.moved(by)))
+        let mut at = self.endpoint.1.moved(by);
+        if let Some(stance) = &self.stance {
+            at = stance.stands(at);
+        }
+        Some(self.placement.chip_from_macro(at))
     }
 
     fn endpoint_at(&self, [a, b, z]: [f64; AXES]) -> Option<Point<Macro>> {
@@ -137,5 +144,67 @@ impl Manipulator {
             y - self.home[1],
             self.screw.position(z),
         ))
+    }
+}
+
+/// A manipulator that leans: how its own frame, made of what its axes believe to be square, lies in one that
+/// is turned about y alone.
+#[derive(Debug, Clone, Copy)]
+struct Stance([[f64; 3]; 3]);
+
+impl Stance {
+    fn new(stands: &PlacementPlant) -> Option<Self> {
+        let PlacementPlant {
+            roll,
+            pitch,
+            squareness: [to_x, to_y],
+            ..
+        } = *stands;
+        if [roll, pitch, to_x, to_y] == [0.0; 4] {
+            return None;
+        }
+        let (sr, cr) = roll.sin_cos();
+        let (sp, cp) = pitch.sin_cos();
+        // First the z-stage leans, then all of it rolls about z, then pitches about x.
+        let (zx, zy) = (to_x.tan(), to_y.tan());
+        Some(Self([
+            [cr, -sr, cr * zx - sr * zy],
+            [cp * sr, cp * cr, cp * (sr * zx + cr * zy) - sp],
+            [sp * sr, sp * cr, sp * (sr * zx + cr * zy) + cp],
+        ]))
+    }
+
+    fn stands(&self, p: Point<Macro>) -> Point<Macro> {
+        let [x, y, z] = self.0.map(|[a, b, c]| a * p.x + b * p.y + c * p.z);
+        Point::new(x, y, z)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_manipulator_that_leans_moves_aside_as_it_approaches() {
+        let stands = |roll: f64, pitch: f64, squareness: [f64; 2]| PlacementPlant {
+            home: [0.0; 3],
+            yaw: 0.0,
+            roll,
+            pitch,
+            squareness,
+        };
+        assert!(Stance::new(&stands(0.0, 0.0, [0.0; 2])).is_none());
+        let ahead = |stands: &PlacementPlant| {
+            let stance = Stance::new(stands).expect("it leans");
+            stance.stands(Point::new(0.0, 0.0, 1.0))
+        };
+        let leans = ahead(&stands(0.0, 0.0, [0.01, -0.02]));
+        assert!(leans.distance(Point::new(0.01_f64.tan(), -0.02_f64.tan(), 1.0)) < 1e-12);
+        let pitches = ahead(&stands(0.0, 0.01, [0.0; 2]));
+        assert!(pitches.distance(Point::new(0.0, -0.01_f64.sin(), 0.01_f64.cos())) < 1e-12);
+        // One that rolls goes straight ahead, and sideways where it means to go up.
+        let rolls = Stance::new(&stands(0.01, 0.0, [0.0; 2])).expect("it leans");
+        assert_eq!(rolls.stands(Point::new(0.0, 0.0, 1.0)).z, 1.0);
+        assert!((rolls.stands(Point::new(0.0, 1.0, 0.0)).x + 0.01_f64.sin()).abs() < 1e-12);
     }
 }

@@ -1,6 +1,6 @@
 //! The micro manipulators: piezos behind their amplifiers.
 
-use super::plant::{Plant, factor};
+use super::plant::Plant;
 use super::sensors::normal;
 use pigtail_hal::Spec;
 use pigtail_hal::quantity::Volts;
@@ -9,14 +9,25 @@ use pigtail_model::Invalid;
 use pigtail_model::frames::Displacement;
 use pigtail_model::hysteresis::{Creep, CreepState, Hysteresis, HysteresisState};
 use pigtail_model::piezo::{Resonance, ResonanceState};
-use rand::Rng;
+use rand::{Rng, RngExt};
+
+/// No specimen is damped more.
+const MOST_DAMPING: f64 = 0.99;
+
+/// How often a piezo turned before it came to rest, and for how many cycles it was on its way to each place
+/// and stayed there.
+const TURNS: u32 = 8;
+const RAMP: u32 = 50;
+const HOLD: u32 = 250;
 
 /// A micro manipulator: two piezo axes in their own frame.
 #[derive(Debug, Clone)]
 pub(super) struct Micro {
     piezos: [Piezo; MICRO_AXES],
-    resonance: Resonance,
+    resonances: [Resonance; MICRO_AXES],
     states: [ResonanceState; MICRO_AXES],
+    /// A second resonance, and the share of the displacement that goes by it.
+    second: Option<(Resonance, [ResonanceState; MICRO_AXES], f64)>,
     /// Metres a volt of full stroke, with the coupling of the axes.
     gain: [[f64; MICRO_AXES]; MICRO_AXES],
     centre: f64,
@@ -52,20 +63,38 @@ impl Micro {
         rng: &mut impl rand::RngExt,
     ) -> Result<Self, Invalid> {
         let m = &plant.micro;
-        let mut gain = || m.gain * factor(rng, plant.variation.micro_gain);
+        let v = &plant.variation;
+        let mut gain = || m.gain * v.factor(rng, v.micro_gain);
         let (p, q) = (gain(), gain());
         let (sin, cos) = spec.micro.angle.sin_cos();
         let mut piezo = || -> Result<Piezo, Invalid> {
-            let (hysteresis, creep) = m.draw(&plant.variation, spec.period(), rng)?;
+            let (hysteresis, creep) = m.draw(v, spec.period(), rng)?;
             Ok(Piezo {
                 hysteresis,
                 creep,
                 state: Default::default(),
             })
         };
+        let piezos = [piezo()?, piezo()?];
+        let mut resonance = || {
+            let (at, damping) = (
+                m.resonance * v.factor(rng, v.resonance),
+                m.damping * v.factor(rng, v.damping),
+            );
+            Resonance::new(at, damping.min(MOST_DAMPING), spec.period())
+        };
+        let second = match m.second {
+            Some(mode) => Some((
+                Resonance::new(mode.resonance, mode.damping, spec.period())?,
+                Default::default(),
+                mode.share,
+            )),
+            None => None,
+        };
         Ok(Self {
-            piezos: [piezo()?, piezo()?],
-            resonance: Resonance::new(m.resonance, m.damping, spec.period())?,
+            piezos,
+            resonances: [resonance()?, resonance()?],
+            second,
             states: [ResonanceState::default(); MICRO_AXES],
             gain: [[p, m.coupling * q], [m.coupling * p, q]],
             centre: 0.5 * spec.micro.voltage,
@@ -90,8 +119,11 @@ impl Micro {
         });
         let [p, q] = std::array::from_fn(|i| {
             let input = self.gain[i][0] * u + self.gain[i][1] * v;
-            self.resonance.advance(&mut self.states[i], input);
-            self.states[i].position + self.noise * normal(rng)
+            self.resonances[i].advance(&mut self.states[i], input);
+            if let Some((resonance, states, _)) = &mut self.second {
+                resonance.advance(&mut states[i], input);
+            }
+            self.position(i) + self.noise * normal(rng)
         });
         Displacement::new(p, q).turned(self.sin, self.cos)
     }
@@ -105,7 +137,37 @@ impl Micro {
 
     /// The displacement in the manipulator's x and y without noise, metres.
     pub(super) fn displacement(&self) -> Displacement {
-        let [p, q] = self.states.map(|state| state.position);
-        Displacement::new(p, q).turned(self.sin, self.cos)
+        Displacement::new(self.position(0), self.position(1)).turned(self.sin, self.cos)
+    }
+
+    /// Of an axis, metres.
+    #[inline]
+    fn position(&self, axis: usize) -> f64 {
+        let first = self.states[axis].position;
+        match &self.second {
+            None => first,
+            Some((_, states, share)) => first + share * (states[axis].position - first),
+        }
+    }
+
+    /// What the piezos did before they came to rest in the middle of their range: as far as `most` of its
+    /// half, to and fro.
+    pub(super) fn wear_in(&mut self, most: f64, rng: &mut impl RngExt) {
+        for piezo in &mut self.piezos {
+            let mut from = 0.0;
+            for turn in 0..=TURNS {
+                let to = match turn {
+                    TURNS => 0.0,
+                    _ => most * (2.0 * rng.random::<f64>() - 1.0),
+                };
+                for step in 1..=RAMP {
+                    piezo.advance(from + (to - from) * f64::from(step) / f64::from(RAMP));
+                }
+                for _ in 0..HOLD {
+                    piezo.advance(to);
+                }
+                from = to;
+            }
+        }
     }
 }

@@ -1,8 +1,10 @@
 //! The truth about a machine and a device: `plant.toml`.
 
 mod joint;
+mod setting;
 
 pub use joint::{FrictionPlant, JointPlant, LoadLaw, MotorPlant, TransmissionPlant};
+pub use setting::{CameraPlant, ElectronicsPlant, FloorPlant, ThermalPlant};
 
 use pigtail_hal::spec::OUTPUTS;
 use pigtail_hal::{config, quantity};
@@ -10,6 +12,7 @@ use pigtail_model::Invalid;
 use pigtail_model::fivebar::FiveBar;
 use pigtail_model::hysteresis::{Creep, Hysteresis, HysteresisParameters};
 use rand::RngExt;
+use rand_distr::{Distribution, StandardNormal};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
@@ -40,6 +43,18 @@ pub struct Plant {
     pub misplacement: Misplacement,
     /// How far specimens differ.
     pub variation: Variation,
+    /// Vibration of each holder against the chip.
+    #[serde(default)]
+    pub floor: FloorPlant,
+    /// Parts that warm up.
+    #[serde(default)]
+    pub thermal: ThermalPlant,
+    /// The camera, where the datasheet errs about it.
+    #[serde(default)]
+    pub camera: CameraPlant,
+    /// What stands between control and the machine's parts.
+    #[serde(default)]
+    pub electronics: ElectronicsPlant,
 }
 
 /// The mechanism of a five-bar, and its two joints.
@@ -132,6 +147,28 @@ pub struct MicroPlant {
     /// Noise of each axis, rms, metres.
     #[serde(with = "quantity::NonNegativeLength")]
     pub noise: f64,
+    /// A second resonance, if there is one.
+    #[serde(default)]
+    pub second: Option<ModePlant>,
+    /// What a piezo did before: the largest of some voltages that it was driven to before it came to rest in
+    /// the middle, as a share of half its range. Zero for one that was demagnetised.
+    #[serde(default, with = "quantity::Fraction")]
+    pub history: f64,
+}
+
+/// A second resonance of a micro axis.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ModePlant {
+    /// Where it lies, hertz.
+    #[serde(with = "quantity::PositiveFrequency")]
+    pub resonance: f64,
+    /// Its damping ratio.
+    #[serde(with = "quantity::Fraction")]
+    pub damping: f64,
+    /// Share of the displacement that goes by it and not by the first.
+    #[serde(with = "quantity::Fraction")]
+    pub share: f64,
 }
 
 /// Where both manipulators stand.
@@ -154,6 +191,15 @@ pub struct PlacementPlant {
     /// Its rotation about y, radians.
     #[serde(with = "quantity::Angle")]
     pub yaw: f64,
+    /// Its rotation about its z, radians.
+    #[serde(default, with = "quantity::Angle")]
+    pub roll: f64,
+    /// Its rotation about its x, radians.
+    #[serde(default, with = "quantity::Angle")]
+    pub pitch: f64,
+    /// How far its z-stage leans from square to the plane of its five-bar, towards x and towards y, radians.
+    #[serde(default, with = "quantity::Angles::<2>")]
+    pub squareness: [f64; 2],
 }
 
 /// The device to be pigtailed.
@@ -233,6 +279,16 @@ pub struct Light {
     /// Room light on each photodiode, volts. It flickers with the mains.
     #[serde(default, with = "quantity::NonNegativeVoltage")]
     pub stray: f64,
+    /// How far the laser's power wanders, rms, relative to its mean...
+    #[serde(default, with = "quantity::NonNegative")]
+    pub wander: f64,
+    /// ...within about so long, seconds.
+    #[serde(default = "minute", with = "quantity::PositiveTime")]
+    pub wander_time: f64,
+}
+
+fn minute() -> f64 {
+    60.0
 }
 
 /// Probes at the outputs of the axes.
@@ -262,10 +318,51 @@ pub struct Scatter {
     pub bandwidth: f64,
 }
 
-/// Half ranges of uniform distributions of position.
+/// How widths of [`Misplacement`] and [`Variation`] are meant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Spread {
+    /// Half ranges of uniform distributions.
+    #[default]
+    Uniform,
+    /// Standard deviations of normal distributions, up to three of them; of the logarithm where a value is
+    /// varied by a factor.
+    Normal,
+}
+
+/// Nothing lies farther off than so many standard deviations.
+const FARTHEST: f64 = 3.0;
+
+impl Spread {
+    /// From zero, by a distribution of this width.
+    fn offset(self, rng: &mut impl RngExt, width: f64) -> f64 {
+        match self {
+            Self::Uniform => uniform(rng, width),
+            Self::Normal => loop {
+                let z: f64 = StandardNormal.sample(rng);
+                if z.abs() <= FARTHEST {
+                    break width * z;
+                }
+            },
+        }
+    }
+
+    /// From one, by a distribution of this relative width.
+    fn factor(self, rng: &mut impl RngExt, width: f64) -> f64 {
+        match self {
+            Self::Uniform => 1.0 + uniform(rng, width),
+            Self::Normal => self.offset(rng, width).exp(),
+        }
+    }
+}
+
+/// How far things lie from where they should.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Misplacement {
+    /// What the widths are.
+    #[serde(default)]
+    pub spread: Spread,
     /// The chip across, metres.
     #[serde(with = "quantity::NonNegativeLength")]
     pub chip_x: f64,
@@ -289,10 +386,13 @@ pub struct Misplacement {
     pub home: f64,
 }
 
-/// Relative half ranges of uniform distributions of parameters, at most a half.
+/// How far parameters lie from their nominal values, relative, at most a half.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Variation {
+    /// What the widths are.
+    #[serde(default)]
+    pub spread: Spread,
     /// Of inertias.
     #[serde(with = "quantity::Fraction")]
     pub inertia: f64,
@@ -320,6 +420,26 @@ pub struct Variation {
     /// Greatest excess loss of each branch of the device.
     #[serde(with = "quantity::Fraction")]
     pub loss: f64,
+    /// Of the resonances of the micro axes of one machine, among each other.
+    #[serde(default, with = "quantity::Fraction")]
+    pub resonance: f64,
+    /// Of their damping.
+    #[serde(default, with = "quantity::Fraction")]
+    pub damping: f64,
+}
+
+impl Variation {
+    /// What to multiply a parameter of this width with.
+    pub(super) fn factor(&self, rng: &mut impl RngExt, width: f64) -> f64 {
+        self.spread.factor(rng, width)
+    }
+}
+
+impl Misplacement {
+    /// How far something of this width lies off, metres or radians.
+    pub(super) fn offset(&self, rng: &mut impl RngExt, width: f64) -> f64 {
+        self.spread.offset(rng, width)
+    }
 }
 
 impl Plant {
@@ -329,11 +449,22 @@ impl Plant {
     ///
     /// When a key is missing, unknown or out of range.
     pub fn parse(file: &str, text: &str) -> Result<Self, pigtail_hal::Error> {
-        let plant: Self = config::parse(file, text)?;
-        plant
-            .check()
+        config::parse::<Self>(file, text)?.checked(file)
+    }
+
+    /// The same of what has been parsed.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::parse`].
+    pub fn of(file: &str, table: toml::Table) -> Result<Self, pigtail_hal::Error> {
+        config::read::<Self>(file, table)?.checked(file)
+    }
+
+    fn checked(self, file: &str) -> Result<Self, pigtail_hal::Error> {
+        self.check()
             .map_err(|(key, message)| pigtail_hal::Error::new(file, key, message))?;
-        Ok(plant)
+        Ok(self)
     }
 }
 
@@ -348,6 +479,13 @@ impl Plant {
             }
         }
         self.check_joints()?;
+        self.floor.check()?;
+        self.camera.check()?;
+        self.electronics.check()?;
+        if self.micro.second.is_some_and(|mode| mode.damping >= 1.0) {
+            let message = "1 is overdamped; accepted is a number from 0 to below 1".to_owned();
+            return Err(("micro.second.damping", message));
+        }
         if self.micro.damping >= 1.0 {
             let message = "1 is overdamped; accepted is a number from 0 to below 1".to_owned();
             return Err(("micro.damping", message));
@@ -402,9 +540,16 @@ impl Plant {
             ("variation.creep", v.creep),
             ("variation.links", v.links),
             ("variation.loss", v.loss),
+            ("variation.resonance", v.resonance),
+            ("variation.damping", v.damping),
         ] {
-            if value > 0.5 {
-                return Err((key, format!("{value} is too wide; accepted is 0 to 0.5")));
+            let widest = match v.spread {
+                Spread::Uniform => 0.5,
+                Spread::Normal => 1.0,
+            };
+            if value > widest {
+                let message = format!("{value} is too wide; accepted is 0 to {widest}");
+                return Err((key, message));
             }
         }
         FiveBar::new(
@@ -456,25 +601,31 @@ impl MicroPlant {
         period: f64,
         rng: &mut impl RngExt,
     ) -> Result<(Hysteresis, Creep), Invalid> {
-        let mut vary = |value: f64| value * factor(rng, variation.hysteresis);
+        let mut vary = |value: f64| value * variation.factor(rng, variation.hysteresis);
+        // As far as there are such piezos.
         let hysteresis = Hysteresis::new(&HysteresisParameters {
-            opening: vary(self.hysteresis),
-            spread: vary(self.spread),
-            skew: vary(self.skew),
-            saturation: vary(self.saturation),
+            opening: vary(self.hysteresis).min(0.2),
+            spread: vary(self.spread).clamp(0.3, 10.0),
+            skew: vary(self.skew).min(0.2),
+            saturation: vary(self.saturation).min(0.1),
         })?;
-        let creep = Creep::new(self.creep * factor(rng, variation.creep), period)?;
+        let creep = self.creep * variation.factor(rng, variation.creep);
+        let creep = Creep::new(creep.min(0.1), period)?;
         Ok((hysteresis, creep))
     }
 
-    /// That every specimen is a piezo.
+    /// That every specimen is a piezo; of normal distributions, that the middle one is.
     fn check(&self, variation: &Variation) -> Result<(), (&'static str, String)> {
-        let most = 1.0 + variation.hysteresis;
+        let (hysteresis, creep) = match variation.spread {
+            Spread::Uniform => (variation.hysteresis, variation.creep),
+            Spread::Normal => (0.0, 0.0),
+        };
+        let most = 1.0 + hysteresis;
         for (key, value, bound) in [
             ("micro.hysteresis", self.hysteresis, 0.2 / most),
             ("micro.skew", self.skew, 0.2 / most),
             ("micro.saturation", self.saturation, 0.1 / most),
-            ("micro.creep", self.creep, 0.1 / (1.0 + variation.creep)),
+            ("micro.creep", self.creep, 0.1 / (1.0 + creep)),
         ] {
             if value > bound {
                 return Err((
@@ -483,7 +634,7 @@ impl MicroPlant {
                 ));
             }
         }
-        let (least, most) = (0.3 / (1.0 - variation.hysteresis), 10.0 / most);
+        let (least, most) = (0.3 / (1.0 - hysteresis), 10.0 / most);
         if !(least..=most).contains(&self.spread) {
             let message = format!(
                 "{} is no spread; accepted is {least:.3} to {most:.3}",
@@ -493,11 +644,6 @@ impl MicroPlant {
         }
         Ok(())
     }
-}
-
-/// `1 + u` with `u` uniform in plus and minus `half_range`.
-pub(super) fn factor(rng: &mut impl RngExt, half_range: f64) -> f64 {
-    1.0 + uniform(rng, half_range)
 }
 
 /// Uniform in plus and minus `half_range`.

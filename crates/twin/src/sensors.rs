@@ -1,13 +1,14 @@
 //! What stands between the truth and a measurement: bandwidth, noise, quantisation, delay.
 
 use super::light::FiberInHolder;
-use super::plant::{Light, uniform};
+use super::plant::{CameraPlant, Light, uniform};
 use pigtail_hal::measurement::{LightSample, TipFix, VisionFrame};
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{CHANNELS, PhotodiodeSpec, SIDES, Spec, VisionSpec};
 use pigtail_model::frames::{Chip, Point};
 use rand::{Rng, RngExt};
 use rand_distr::{Distribution, StandardNormal};
+use std::collections::VecDeque;
 
 /// A draw from the standard normal distribution.
 pub(super) fn normal(rng: &mut impl Rng) -> f64 {
@@ -166,18 +167,31 @@ pub(super) struct Camera {
     every: u64,
     delay: u64,
     sigma: f64,
+    /// What the camera itself says of its noise.
+    stated: f64,
     bounds: [f64; 2],
+    /// What a metre from a port is seen too long, x and z.
+    scale: [f64; 2],
     /// How far all tips are seen from where they are, beside all that, x and z, metres.
     pub(super) shift: [f64; 2],
-    pending: Option<(u64, VisionFrame)>,
+    /// Frames on their way, the next one first.
+    pending: VecDeque<(u64, VisionFrame)>,
 }
 
 /// The fixed error of the camera for one fiber, x and z, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Bias([f64; 2]);
 
+/// A tip before the camera, and the port that it is seen against.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Seen {
+    pub(super) tip: Point<Chip>,
+    pub(super) port: Point<Chip>,
+    pub(super) bias: Bias,
+}
+
 impl Camera {
-    pub(super) fn new(spec: &Spec) -> Self {
+    pub(super) fn new(spec: &Spec, plant: &CameraPlant) -> Self {
         let VisionSpec {
             rate,
             latency,
@@ -188,12 +202,13 @@ impl Camera {
         let every = (spec.servo.rate / rate).round() as u64;
         Self {
             every,
-            // One frame is on its way at a time.
-            delay: ((latency * spec.servo.rate).round() as u64).min(every),
-            sigma,
-            bounds: [accuracy_x, accuracy_z],
-            shift: [0.0; 2],
-            pending: None,
+            delay: (latency * plant.latency * spec.servo.rate).round() as u64,
+            sigma: sigma * plant.noise,
+            stated: sigma,
+            bounds: [plant.error[0] * accuracy_x, plant.error[1] * accuracy_z],
+            scale: plant.scale,
+            shift: plant.bias,
+            pending: VecDeque::new(),
         }
     }
 
@@ -201,36 +216,40 @@ impl Camera {
         Bias(self.bounds.map(|bound| uniform(rng, bound)))
     }
 
-    fn fix(&self, tip: Point<Chip>, Bias([x, z]): Bias, rng: &mut impl Rng) -> TipFix {
+    fn fix(&self, seen: Seen, rng: &mut impl Rng) -> TipFix {
+        let Seen {
+            tip,
+            port,
+            bias: Bias([x, z]),
+        } = seen;
+        let [sx, sz] = self.scale;
         TipFix {
-            x: tip.x + x + self.shift[0] + self.sigma * normal(rng),
-            z: tip.z + z + self.shift[1] + self.sigma * normal(rng),
-            sigma: self.sigma,
+            x: tip.x + sx * (tip.x - port.x) + x + self.shift[0] + self.sigma * normal(rng),
+            z: tip.z + sz * (tip.z - port.z) + z + self.shift[1] + self.sigma * normal(rng),
+            sigma: self.stated,
         }
     }
 
     /// Exposes a frame if it is time to, and returns the one whose delay has passed.
     pub(super) fn cycle(
         &mut self,
-        fibers: [Option<(Point<Chip>, Bias)>; SIDES],
-        sensing: (Point<Chip>, Bias),
+        fibers: [Option<Seen>; SIDES],
+        sensing: Seen,
         cycle: u64,
         time: f64,
         rng: &mut impl Rng,
     ) -> Option<VisionFrame> {
-        let ready = self
-            .pending
-            .take_if(|(due, _)| *due <= cycle)
-            .map(|(_, frame)| frame);
+        let due = self.pending.front().is_some_and(|(due, _)| *due <= cycle);
+        let ready = if due { self.pending.pop_front() } else { None };
         if cycle.is_multiple_of(self.every) {
             let frame = VisionFrame {
                 time,
-                fiber: fibers.map(|seen| seen.map(|(tip, bias)| self.fix(tip, bias, rng))),
-                sensing: self.fix(sensing.0, sensing.1, rng),
+                fiber: fibers.map(|seen| seen.map(|seen| self.fix(seen, rng))),
+                sensing: self.fix(sensing, rng),
             };
-            self.pending = Some((cycle + self.delay, frame));
+            self.pending.push_back((cycle + self.delay, frame));
         }
-        ready
+        ready.map(|(_, frame)| frame)
     }
 }
 

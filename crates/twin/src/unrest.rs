@@ -11,6 +11,11 @@ use serde::Deserialize;
 pub struct UnrestPlant {
     /// Share of the load's Coulomb friction that forward motion meets more, and backward motion less.
     pub asymmetry: f64,
+    /// Share by which all friction rises and falls along the travel...
+    pub place: f64,
+    /// ...once in so much of the output's turn, radians.
+    #[serde(with = "quantity::PositiveAngle")]
+    pub place_period: f64,
     /// Share by which all friction has changed...
     pub drift: f64,
     /// ...in so many seconds, steadily, and stays changed.
@@ -28,6 +33,8 @@ impl Default for UnrestPlant {
     fn default() -> Self {
         Self {
             asymmetry: 0.0,
+            place: 0.0,
+            place_period: 0.1,
             drift: 0.0,
             drift_time: 1.0,
             jolt: 0.0,
@@ -39,12 +46,16 @@ impl Default for UnrestPlant {
 impl UnrestPlant {
     /// Whether there is nothing of it.
     pub(super) fn is_none(&self) -> bool {
-        self.asymmetry == 0.0 && self.drift == 0.0 && self.jolt == 0.0
+        self.asymmetry == 0.0 && self.place == 0.0 && self.drift == 0.0 && self.jolt == 0.0
     }
 
     /// That it leaves some friction in either direction.
     pub(super) fn check(&self) -> Result<(), String> {
-        for (key, value) in [("asymmetry", self.asymmetry), ("drift", self.drift)] {
+        for (key, value) in [
+            ("asymmetry", self.asymmetry),
+            ("place", self.place),
+            ("drift", self.drift),
+        ] {
             if !(-0.5..=0.5).contains(&value) {
                 return Err(format!(
                     "has {key} = {value}, which is too much; accepted is -0.5 to 0.5"

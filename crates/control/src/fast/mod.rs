@@ -15,8 +15,9 @@ mod seen;
 
 use crate::beam::Beam;
 use crate::conical_scan::{ConicalScan, Watch};
+use crate::gap_by_light::{Width, contact};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
-use crate::procedure::{FiberReport, Job, each_fiber};
+use crate::procedure::{FiberReport, Job, UNSURE, each_fiber, outward};
 use crate::recipe::{Fast, Recipe, Sweep};
 use crate::station::{Level, Station};
 use crate::sweep::{Spot, first_light};
@@ -25,6 +26,7 @@ use approach_moves::{Aim, cock, lines};
 use pigtail_hal::spec::{CHANNELS, Channel};
 use pigtail_hal::{FiberHandling, Side};
 use pigtail_model::frames::{Displacement, Macro, Point};
+use pigtail_numerics::statistics::outside;
 
 /// One pass of a search.
 #[derive(Debug, Clone, Copy)]
@@ -86,6 +88,20 @@ const MOST_LOOKING: f64 = 0.3;
 /// A gap that turns out to be wrong by so many tolerances when all else is done is worth doing the
 /// last turns again.
 const LATE: f64 = 1.3;
+
+/// Where the spot is looked at on the way, if the light is to say where the chip is: at gaps where its squared
+/// width is so many times that at the chip, and one more.
+const WIDER: [f64; 4] = [3.0, 1.8, 0.9, 0.3];
+
+/// What is no farther than this from such a gap is there, metres.
+const CLOSER: f64 = 2e-6;
+
+/// Standard deviations by which light and vision may differ beside vision's bound.
+const FAR_OFF: f64 = 4.0;
+
+/// Light samples for which a tip is watched that may shake too much, in x and in y, each time that the last turns have
+/// left that open.
+const WATCHED: [usize; ATTEMPTS as usize] = [40, 800, 0];
 
 /// How often the last turns are begun.
 const ATTEMPTS: u32 = 3;
@@ -185,6 +201,9 @@ impl Shared<'_> {
             }
         }
         station.move_micro(Side::Right, Displacement::ZERO);
+        if station.has_piezo_model(job.side) {
+            job.ask_whether_it_shakes();
+        }
         job.align_input(station)
     }
 
@@ -211,6 +230,9 @@ impl Shared<'_> {
                 return result;
             }
         }
+        if station.has_piezo_model(job.side) {
+            job.ask_whether_it_shakes();
+        }
         job.align_output(station, index)
     }
 
@@ -233,6 +255,7 @@ impl Shared<'_> {
             channel,
             background: dark.mean,
             noise: dark.sigma,
+            still: dark.sigma,
         }
     }
 
@@ -295,17 +318,32 @@ impl Shared<'_> {
                     self.approach(station, aim, &mut scan, before, (gap, DOUBTING))?;
                 }
             }
-            self.approach(
-                station,
-                aim,
-                &mut scan,
-                before,
-                (self.recipe.approach.gap, 1),
-            )
+            let here = (self.recipe.approach.gap, 1);
+            if self.vision_knows(station) {
+                return self.approach(station, aim, &mut scan, before, here);
+            }
+            let mut widths = Vec::new();
+            for share in WIDER {
+                let gap = beam.gap_of(share);
+                if gap < aim.gap(station) + CLOSER {
+                    self.approach(station, aim, &mut scan, before, (gap, 1))?;
+                    widths.extend(width(station, aim, &mut scan)?);
+                }
+            }
+            self.approach(station, aim, &mut scan, before, here)?;
+            widths.extend(width(station, aim, &mut scan)?);
+            tell_contact(station, aim, &widths, self.recipe.accept.gap);
+            Ok(())
         })?;
         job.phase(station, "final", |job, station| {
-            let last = self.finish(station, aim, &mut scan, before)?;
-            job.attach(station, last, scan.background())
+            let last = self.finish(station, aim, &mut scan, before);
+            // Whoever goes to the peak next should know why this did not come to an end.
+            let given_up = matches!(last, Err(Halt::Outcome(_))) && !scan.shaking().is_watched();
+            if given_up && station.has_piezo_model(job.side) {
+                scan.watch_shaking(station, aim.gap(station), WATCHED[0])?;
+            }
+            job.has_shaken(scan.shaking(), scan.wider());
+            job.attach(station, last?, scan.background())
         })
     }
 
@@ -422,6 +460,25 @@ impl Shared<'_> {
             hand_over(station, scan, aim.side, middle, gap)?;
         }
         Ok(!reached)
+    }
+
+    /// Whether a fiber would all but certainly be attached where it should be, whose place is known to so many
+    /// metres.
+    fn sure_of_place(&self, scan: &ConicalScan, known: f64) -> Result<(), Outcome> {
+        let (shaking, aside) = (scan.shaking(), self.recipe.accept.aside);
+        if shaking.is_watched() {
+            // That was seen in true measure.
+            return shaking.is_sure(aside, known * scan.wider());
+        }
+        // Where all deviations are larger by a factor, the tolerance is as much smaller.
+        shaking.is_sure(aside / scan.wider(), known)
+    }
+
+    /// Whether vision could ever know a gap well enough for a fiber to be attached.
+    fn vision_knows(&self, station: &Station) -> bool {
+        let tolerance = self.recipe.accept.gap;
+        let (off, sigma) = (0.5 * self.fast.gap_tolerance, 0.5 * self.fast.gap_tolerance);
+        outside(tolerance, off, station.spec().vision.accuracy_z, sigma) <= UNSURE
     }
 
     /// Closes the gap to `gap` metres on the circle and stays there for some turns, for as long as the light is
@@ -545,13 +602,24 @@ impl Shared<'_> {
             let far = way.abs() > LATE * self.fast.gap_tolerance;
             let expected = peak.full * beam.share(gap);
             let why = match confirmed {
-                Ok(level) if level > 0.9 * expected && (!far || attempt == ATTEMPTS) => {
-                    return Ok(Level {
-                        mean: level + scan.background(),
-                        sigma: scan.noise(),
-                    });
+                Ok((level, known)) if level > 0.9 * expected && (!far || attempt == ATTEMPTS) => {
+                    match self.sure_of_place(scan, known) {
+                        Err(unsure) => {
+                            let samples = WATCHED[attempt as usize - 1];
+                            if samples > 0 {
+                                scan.watch_shaking(station, gap, samples)?;
+                            }
+                            unsure
+                        }
+                        Ok(()) => {
+                            return Ok(Level {
+                                mean: level + scan.background(),
+                                sigma: scan.noise(),
+                            });
+                        }
+                    }
                 }
-                Ok(level) => Outcome::LightLost {
+                Ok((level, _)) => Outcome::LightLost {
                     phase: "final",
                     level,
                     expected,
@@ -567,6 +635,41 @@ impl Shared<'_> {
             }
         }
     }
+}
+
+/// Looks how wide the spot is here. The micro stands in its middle meanwhile: a piezo goes a little farther or
+/// less far elsewhere, and a percent of it is a percent of the width.
+fn width(station: &mut Station, aim: &Aim, scan: &mut ConicalScan) -> Result<Option<Width>, Halt> {
+    let gap = aim.gap(station);
+    let aside = scan.place(gap);
+    hand_over(station, scan, aim.side, aside, gap)?;
+    scan.turn(station, gap)?;
+    if let Some(peak) = scan.peak() {
+        scan.go_to(station, &peak, gap)?;
+    }
+    let at = aim.holder_gap(station);
+    Ok(scan.width(station, gap, at)?)
+}
+
+/// Believes what the widths say of where the chip is, if they say it well enough and vision does not contradict.
+fn tell_contact(station: &mut Station, aim: &Aim, widths: &[Width], tolerance: f64) {
+    let Some(seen) = station.seen(aim.side, aim.tip) else {
+        return;
+    };
+    // The encoders' gap where vision has them touch.
+    let by_vision = aim.holder_gap(station) - aim.gap(station);
+    let wide = seen.bound_z + FAR_OFF * seen.sigma[1];
+    let range = (by_vision - 2.0 * wide, by_vision + 2.0 * wide);
+    let Some(contact) = contact(widths, range) else {
+        return;
+    };
+    let differs = (contact.at - by_vision).abs() > wide + FAR_OFF * contact.deviation;
+    // What is known worse than a fiber needs it would only lead it astray, and into the chip at last.
+    if differs || outside(tolerance, 0.0, 0.0, contact.deviation) > UNSURE {
+        return;
+    }
+    let z = -outward(aim.side) * contact.at;
+    station.tell_z(aim.side, z, contact.deviation);
 }
 
 /// The macro goes aside and comes to rest there, while the micro stays in its
@@ -603,7 +706,10 @@ fn again(result: &Result<(), Halt>) -> bool {
         Err(Halt::Outcome(outcome)) => !matches!(
             outcome,
             // What is attached is not to be aligned any more; what vision does not know it never will.
-            Outcome::NotArrived { .. } | Outcome::Slipped { .. } | Outcome::UnsureGap { .. }
+            Outcome::NotArrived { .. }
+                | Outcome::Slipped { .. }
+                | Outcome::UnsureGap { .. }
+                | Outcome::UnsurePlace { .. }
         ),
     }
 }

@@ -15,7 +15,7 @@ mod coupling;
 mod ratio;
 mod sensing;
 
-use crate::compensation::hysteresis::{Model, Record};
+use crate::compensation::hysteresis::{Model, Record, predict};
 use crate::compensation::micro::MicroModel;
 use crate::identify::Path;
 use crate::outcome::{Halt, Outcome};
@@ -28,6 +28,7 @@ use pigtail_hal::spec::MICRO_AXES;
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::Point;
 use pigtail_numerics::normal::Normal;
+use pigtail_numerics::signal::rms;
 
 /// Speed of the voltage, volts a second: slow beside the resonance, fast beside most of the creep.
 const SPEED: f64 = 2.5;
@@ -127,6 +128,16 @@ pub struct Micro {
     pub piezos: [Identified; MICRO_AXES],
     /// Displacement in y for one in x.
     pub ratio: f64,
+}
+
+impl Identified {
+    /// Root mean square of what a model of the piezo leaves of what was measured, metres.
+    pub fn residual(&self, model: &Model) -> f64 {
+        let (prediction, record) = (predict(model, &self.record), &self.record);
+        let over = record.known_from()..record.len();
+        let measured = over.filter(|k| record.weight[*k] > 0.0);
+        rms(measured.map(|k| prediction[k] - record.output[k]))
+    }
 }
 
 impl Micro {

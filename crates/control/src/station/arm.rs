@@ -10,9 +10,17 @@ use pigtail_hal::spec::{AXES, MICRO_AXES};
 use pigtail_hal::{Axis, Side, Spec};
 use pigtail_model::frames::{Displacement, Macro, Point};
 use pigtail_model::windup::{Windup, WindupState};
+use std::f64::consts::TAU;
 
 /// An axis so many counts behind its reference cannot follow it: amplifiers saturate far earlier.
 const BEHIND_COUNTS: i64 = 100;
+
+/// How much faster than its output a motor may run to make up for windup, of the output's speed: what the guard
+/// takes for a speed of the axis is the motor's, and half as much again is too much for it...
+const MOST_WINDUP: f64 = 0.45;
+
+/// ...and always by this share of the axis's own speed.
+const SLOW: f64 = 0.1;
 
 /// One manipulator as the station drives it.
 #[derive(Debug, Clone)]
@@ -22,6 +30,11 @@ pub(super) struct Arm {
     pub(super) windup_states: [WindupState; AXES],
     /// What the transmissions hold back by these at this moment, radians of the outputs.
     pub(super) windup: [f64; AXES],
+    /// Where the outputs are wanted, radians, as far as they have been wanted anywhere.
+    outputs: [f64; AXES],
+    /// By how much a motor may at any time run before or after its output to make up for windup, radians of the
+    /// output a cycle.
+    slow: [f64; AXES],
     /// Voltages that an experiment holds on the motors, past the servo.
     pub(super) held: [Option<Volts>; AXES],
     pub(super) pids: [Pid; AXES],
@@ -63,6 +76,16 @@ impl Arm {
             }),
             windup_states: [WindupState::default(); AXES],
             windup: [0.0; AXES],
+            outputs: [0.0; AXES],
+            slow: Axis::ALL.map(|axis| {
+                let fast = match axis {
+                    Axis::A | Axis::B => {
+                        spec.five_bar.speed / calibration.geometry.five_bar.proximal
+                    }
+                    Axis::Z => TAU * spec.z_stage.speed / calibration.geometry.z.lead,
+                };
+                SLOW * fast * period
+            }),
             held: [None; AXES],
             pids: Axis::ALL.map(|axis| {
                 let gains = match axis {
@@ -139,7 +162,14 @@ impl Arm {
         if let Ok(outputs) = self.kinematics.outputs_at(self.wanted) {
             for (i, output) in outputs.into_iter().enumerate() {
                 // (2.22): the input that is needed for this output.
-                self.windup[i] = self.windups[i].next(&mut self.windup_states[i], output);
+                let windup = self.windups[i].next(&mut self.windup_states[i], output);
+                // Right after a reversal at speed a motor would have to run much faster than its output: no
+                // faster than its axis may.
+                let way = (output - self.outputs[i]).abs();
+                let most = (MOST_WINDUP * way).max(self.slow[i]);
+                let by = windup - self.windup[i];
+                self.windup[i] += if over { by } else { by.clamp(-most, most) };
+                self.outputs[i] = output;
                 self.references[i] = self.kinematics.counts(i, output + self.windup[i]);
             }
         }

@@ -1,7 +1,8 @@
 //! Many devices aligned, each on its own plant: what a procedure is worth.
 //!
-//! Device `i` of a campaign with seed `s` is the one that `pigtail align --seed <s + i>` aligns,
-//! so every row can be replayed and looked at. Rows come in the order of devices and do not depend
+//! Device `i` of a campaign with seed `s` is the one that `pigtail align --seed <s + i>` aligns, on a machine
+//! of its own; where machines align several, [`Plan::seed_of`] tells which. Every row can be replayed and
+//! looked at. Rows come in the order of devices and do not depend
 //! on how many threads worked on them.
 
 mod rows;
@@ -82,7 +83,8 @@ pub fn run(
     stop: &AtomicBool,
     mut watch: impl FnMut(&Device),
 ) -> Result<()> {
-    let (seed, devices) = (store.plan().seed, store.plan().devices);
+    let plan = store.plan().clone();
+    let devices = plan.devices;
     let procedure = store.procedure();
     let next = AtomicU64::new(store.done());
     // A device that was taken is finished, and they are taken in order: what is done has no gaps.
@@ -93,7 +95,7 @@ pub fn run(
             if index >= devices {
                 break;
             }
-            let result = device(setup, procedure, seed + index);
+            let result = device(setup, procedure, plan.seed_of(index));
             if results.send((index, result)).is_err() {
                 break;
             }
@@ -119,7 +121,7 @@ pub fn run(
                     Ok(device) => device,
                     Err(error) => {
                         store.append(&table)?;
-                        let device = format!("device {due}, seed {}", seed + due);
+                        let device = format!("device {due}, seed {}", plan.seed_of(due));
                         return Err(anyhow::Error::new(error).context(device));
                     }
                 };

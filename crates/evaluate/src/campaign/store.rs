@@ -18,6 +18,7 @@ use pigtail_session::setup::Setup;
 use pigtail_store::database::{self, Beginning, Database, Devices, End, Entry, LOCK, State};
 use pigtail_store::rows::{Column, Rows, Table, merge};
 use pigtail_store::runs::{Run, rfc3339};
+use pigtail_twin::Specimen;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::fs::{self, File, TryLockError};
@@ -59,24 +60,52 @@ pub struct Plan {
     pub seed: u64,
     /// Number of devices.
     pub devices: u64,
+    /// What machines and devices may be.
+    #[serde(default = "nominal")]
+    pub fleet: String,
+    /// How many devices each machine aligns; the next machine has the next seed.
+    #[serde(default = "one")]
+    pub devices_each: u64,
     /// Name and SHA-256 of every configuration that was read.
     pub configuration: Vec<(String, String)>,
 }
 
 impl Plan {
-    /// The plan of a campaign with this rig and recipe.
+    /// The plan of a campaign with this rig, recipe and fleet, each device on a machine of its own.
     pub fn new(setup: &Setup, procedure: Procedure, seed: u64, devices: u64) -> Self {
         Self {
             version: env!("CARGO_PKG_VERSION").to_owned(),
             rig: setup.rig.name.clone(),
             recipe: setup.rig.recipe_name.clone(),
             procedure: procedure.name().to_owned(),
-            scenario: setup.scenario.clone(),
+            scenario: setup.scenario.name().to_owned(),
             faults: setup.faults.to_string(),
             seed,
             devices,
+            fleet: setup.fleet_name().to_owned(),
+            devices_each: 1,
             configuration: setup.rig.hashes.clone(),
         }
+    }
+
+    /// The same with so many devices on each machine, one after the other.
+    #[must_use]
+    pub fn with_devices_each(self, devices_each: u64) -> Self {
+        Self {
+            devices_each: devices_each.max(1),
+            ..self
+        }
+    }
+
+    /// How many machines there are.
+    pub fn machines(&self) -> u64 {
+        self.devices.div_ceil(self.devices_each)
+    }
+
+    /// The seed of a device, counted from zero.
+    pub fn seed_of(&self, device: u64) -> u64 {
+        let (machine, on_it) = (device / self.devices_each, device % self.devices_each);
+        Specimen::of(self.seed + machine, on_it).seed()
     }
 
     /// Reads the plan of the campaign in `folder`.
@@ -163,11 +192,17 @@ impl Plan {
             ("procedure", &self.procedure, &other.procedure),
             ("scenario", &self.scenario, &other.scenario),
             ("faults", &self.faults, &other.faults),
+            ("fleet", &self.fleet, &other.fleet),
             ("seed", &self.seed.to_string(), &other.seed.to_string()),
             (
                 "devices",
                 &self.devices.to_string(),
                 &other.devices.to_string(),
+            ),
+            (
+                "machines",
+                &self.machines().to_string(),
+                &other.machines().to_string(),
             ),
         ] {
             if begun != now {
@@ -190,6 +225,10 @@ impl Plan {
 
 fn none() -> String {
     "none".to_owned()
+}
+
+fn one() -> u64 {
+    1
 }
 
 fn nominal() -> String {
@@ -395,13 +434,18 @@ impl Store {
         Ok(hex(&hash.finalize()))
     }
 
-    /// Writes what the campaign comes to; of a whole one, only the file of all rows stays.
+    /// Writes what the campaign comes to, the summary as a document of it; of a whole one, only the file of all rows stays.
     ///
     /// # Errors
     ///
     /// When it cannot be written.
-    pub fn finish(&self, summary: &CampaignDocument, report: &str) -> Result<()> {
-        let json = serde_json::to_string_pretty(summary)? + "\n";
+    pub fn finish(
+        &self,
+        summary: &CampaignDocument,
+        document: &impl Serialize,
+        report: &str,
+    ) -> Result<()> {
+        let json = serde_json::to_string_pretty(document)? + "\n";
         for (name, text) in [(SUMMARY, json.as_str()), ("report.html", report)] {
             let path = self.folder.join(name);
             write_whole(&path, |file| file.write_all(text.as_bytes()))

@@ -7,6 +7,7 @@ use pigtail_control::outcome::OutcomeCode;
 use pigtail_hal::Rule;
 use pigtail_numerics::rounded;
 use pigtail_numerics::statistics::{CONFIDENCE, Percentiles, Sorted, wilson};
+use pigtail_session::fleet::NOMINAL;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
 use pigtail_session::scenario::Scenario;
@@ -54,6 +55,12 @@ pub struct CampaignDocument {
     pub scenario: String,
     /// The first device's seed.
     pub seed: u64,
+    /// What machines and devices may be.
+    pub fleet: String,
+    /// Machines that had a device.
+    pub machines: u64,
+    /// How many devices each machine aligns.
+    pub devices_each: u64,
     /// Fibers that control believes aligned and that are not.
     pub wrong: Cause,
     /// Devices that a fiber or the sensing fiber touched.
@@ -190,6 +197,7 @@ impl CampaignDocument {
             ("recipe", DEFAULT_RECIPE_NAME, &self.recipe),
             ("scenario", Scenario::default().name(), &self.scenario),
             ("faults", "none", &self.faults),
+            ("fleet", NOMINAL, &self.fleet),
         ];
         let mut command = "pigtail align".to_owned();
         for (option, usual, value) in options {
@@ -405,6 +413,9 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<CampaignDocument> {
         procedure: plan.procedure.clone(),
         scenario: plan.scenario.clone(),
         seed: plan.seed,
+        fleet: plan.fleet.clone(),
+        machines: devices.div_ceil(plan.devices_each),
+        devices_each: plan.devices_each,
         confidence: Confidence {
             level: CONFIDENCE,
             method: "wilson",

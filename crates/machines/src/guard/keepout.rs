@@ -29,6 +29,11 @@ const LED: f64 = 30e-6;
 const SIGMAS: f64 = 3.0;
 /// Standard deviations, and metres beside them, by which a frame may differ from what was expected.
 const SURPRISE: (f64, f64) = (8.0, 5e-6);
+/// Cycles until a stop takes effect: what was measured at the end of one is answered in the next, and an amplifier
+/// behind a fieldbus gets that a cycle later.
+const REACTION: f64 = 2.0;
+/// Cycles over which the speed of this moment is seen.
+const AT_ONCE: usize = 4;
 /// Cycles over which speeds are seen.
 pub(super) const WHILE: usize = 8;
 
@@ -136,14 +141,14 @@ pub(super) struct Keepout {
 
 impl Keepout {
     pub(super) fn new(spec: &Spec, geometry: Geometry) -> Self {
-        let oldest = spec.vision.latency.max(1.0 / spec.vision.rate);
         let settle = (spec.micro.settling * spec.servo.rate).ceil() as usize;
         // All of it until it must have settled; one that is damped less than believed swings on.
         let late: Vec<f64> = (0..LATE * settle)
             .step_by(EVERY)
             .map(|k| (-2.0 * (k as f64 / settle as f64 - 1.0).max(0.0)).exp())
             .collect();
-        let cycles = (oldest * spec.servo.rate).ceil() as usize + WHILE.max(LATE * settle) + 1;
+        let cycles =
+            (spec.vision.oldest() * spec.servo.rate).ceil() as usize + WHILE.max(LATE * settle) + 1;
         let home = Point::new(0.0, 0.0, 0.0);
         let stands = std::array::from_fn(|side| Stand {
             time: 0.0,
@@ -425,10 +430,12 @@ impl Keepout {
         };
         for side in Side::ALL {
             let i = side.index();
-            let (_, way) = self.moved(i, WHILE);
-            // Towards the chip is forward in either manipulator's frame.
-            let speed = (way * self.rate / WHILE as f64).max(0.0);
-            let stop = 0.5 * speed * speed / self.brake;
+            // Towards the chip is forward in either manipulator's frame. A loop that swings is as fast as it is at this
+            // moment, not on average.
+            let speeds =
+                [WHILE, AT_ONCE].map(|back| self.moved(i, back).1 * self.rate / back as f64);
+            let speed = speeds[0].max(speeds[1]).max(0.0);
+            let stop = speed * REACTION / self.rate + 0.5 * speed * speed / self.brake;
             let facet = &self.geometry.facets[i];
             let carried = if self.held[i] {
                 let tip = Tip::Fiber(side);
@@ -495,9 +502,14 @@ impl Keepout {
         };
         let drift = SCALE * (at.z - belief.stood.z);
         let unsure = SIGMAS * (belief.z_variance + drift * drift).sqrt();
-        let hidden = self.hidden(self.stand(tip.side().index(), 0), &belief.holder);
+        let now = self.stand(tip.side().index(), 0);
+        // Outputs that are seen hide nothing.
+        let (x, hidden) = match self.probed_x(tip, now).zip(belief.x_probed) {
+            Some((probed, beside)) => (probed + beside, 0.0),
+            None => (at.x + belief.x, self.hidden(now, &belief.holder)),
+        };
         let aside = self.accuracy[0] + hidden + belief.arriving;
-        let (x, z) = (at.x + belief.x, at.z + belief.z);
+        let z = at.z + belief.z;
         // Before a port: a tip that comes near to the chip is led there by its light, which says
         // better where it stands than vision can.
         let in_light = match tip {

@@ -106,10 +106,11 @@ impl Facet {
     /// Distance along z from the port in whose light a tip may stand that is within `aside` of `x`,
     /// metres; `None` where there is none.
     fn gap_in_light(&self, x: f64, z: f64, aside: f64) -> Option<f64> {
-        self.ports.iter().find_map(|port| {
+        let near = self.ports.iter().filter_map(|port| {
             let gap = self.outward * (z - port.z);
             ((x - port.x - gap * self.exit).abs() <= aside).then_some(gap)
-        })
+        });
+        near.min_by(f64::total_cmp)
     }
 }
 
@@ -347,8 +348,12 @@ impl<M: Machine> Guard<M> {
                 }
                 if command.pulses[i][k].is_none() && !self.exempt.contains(&Rule::MotorStall) {
                     let volts = command.motors[i][k];
+                    let output = || {
+                        let (now, then) = (measured.probes.as_ref()?, before.probes.as_ref()?);
+                        Some((now[i][k] - then[i][k]) / limits.probe_per_count[k])
+                    };
                     self.stalls
-                        .check(AxisName { side, axis }, volts, now != then)?;
+                        .check(AxisName { side, axis }, volts, now != then, output)?;
                 }
                 let Some(Counts(wanted)) = command.references[i][k] else {
                     continue;

@@ -117,16 +117,26 @@ impl Sensors {
     }
 }
 
-/// A motor that is given its starting voltage and as much again may stand still for so long, seconds;
-/// the less, the more it is given. After a hard reversal a load that still swings holds one for 6 ms.
+/// A motor that is given its starting voltage and as much again, one way, may stand still for so long,
+/// seconds; the less, the more it is given. After a hard reversal a load that still swings holds one for
+/// 6 ms where no probe sees it swing.
 const STALLED: f64 = 10e-3;
+/// An output that goes against the voltage by so many counts in a cycle still swings: one is the least that
+/// an encoder would see.
+const SWINGS_ON: f64 = 1.0;
 
 /// Motors that are given voltage and do not turn, or whose encoders do not say so.
+///
+/// Voltage beyond what friction takes, over time, is momentum. While a motor stands, what is given forward
+/// and then back leaves it none; and while its output still goes the other way, what it is given stops
+/// the load. Neither is a motor that should have turned. One that is dead, or whose encoder is, is given
+/// more and more one way, and its output does not go the other way for long.
 #[derive(Debug, Clone)]
 pub(super) struct Stalls {
     start: [f64; AXES],
     period: f64,
-    /// What each motor was given above its starting voltage since it last turned, volt seconds.
+    /// What each motor was given beyond its starting voltage since it last turned, forward less back, volt
+    /// seconds.
     given: [[f64; AXES]; SIDES],
 }
 
@@ -139,24 +149,31 @@ impl Stalls {
         }
     }
 
-    /// A cycle in which a motor was given so much and turned or not, by its encoder.
+    /// A cycle in which a motor was given so much and turned or not, by its encoder, and its output went
+    /// so many counts, by its probe.
     #[inline]
     pub(super) fn check(
         &mut self,
         at: AxisName,
         Volts(volts): Volts,
         turned: bool,
+        output: impl FnOnce() -> Option<f64>,
     ) -> Result<(), Broken> {
         let (i, k) = (at.side.index(), at.axis.index());
         let (given, start) = (&mut self.given[i][k], self.start[k]);
         let more = volts.abs() - start;
-        // One way or the other: what was given forward is not undone by what is given back.
         if turned || more <= 0.0 {
             *given = 0.0;
             return Ok(());
         }
-        *given += more * self.period;
-        if *given <= STALLED * start {
+        if output().is_some_and(|went| went * volts.signum() <= -SWINGS_ON) {
+            return Ok(());
+        }
+        // What it had been given when the cycle began, this cycle would show: a motor that turns round within
+        // one stands where it stood.
+        let had = given.abs();
+        *given += more.copysign(volts) * self.period;
+        if had.min(given.abs()) <= STALLED * start {
             return Ok(());
         }
         Err(Broken::new(
@@ -242,7 +259,7 @@ const SWING: f64 = 0.2;
 /// So many of them...
 const SWINGS: usize = 8;
 /// ...within this time are no work that anyone gives a piezo, seconds.
-const WITHIN: f64 = 0.05;
+const WITHIN: f64 = 0.035;
 
 /// Piezos that swing to and fro: a loop around them has run away.
 #[derive(Debug, Clone)]
@@ -306,5 +323,68 @@ impl Piezos {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Watches one motor whose starting voltage is 1.2 V, in 2500 cycles a second: of each cycle its voltage,
+    /// whether it turned, and how far its output went, counts. The cycle in which it is stopped, from 1.
+    fn stopped(cycles: impl IntoIterator<Item = (f64, bool, Option<f64>)>) -> Option<usize> {
+        let mut stalls = Stalls {
+            start: [1.2; AXES],
+            period: 0.4e-3,
+            given: [[0.0; AXES]; SIDES],
+        };
+        let at = AxisName {
+            side: Side::Left,
+            axis: Axis::Z,
+        };
+        let mut cycles = cycles.into_iter().enumerate();
+        cycles.find_map(|(i, (volts, turned, output))| {
+            let checked = stalls.check(at, Volts(volts), turned, || output);
+            checked.is_err().then_some(i + 1)
+        })
+    }
+
+    #[test]
+    fn a_motor_that_is_given_voltage_one_way_and_stands_is_stopped() {
+        for output in [None, Some(0.0), Some(5.0)] {
+            // All that there is, and three times what starts it.
+            assert_eq!(stopped([(24.0, false, output); 9]), Some(3));
+            assert_eq!(stopped([(3.6, false, output); 99]), Some(14));
+            assert_eq!(
+                stopped([(-24.0, false, output.map(|went| -went)); 9]),
+                Some(3)
+            );
+            assert_eq!(stopped([(1.2, false, output); 99]), None);
+        }
+    }
+
+    #[test]
+    fn one_that_is_braked_and_driven_to_and_fro_where_it_stands_is_not() {
+        // As much forward as back.
+        let to_and_fro = [-24.0, -9.7, 24.0, 18.5, -10.0].repeat(9);
+        assert_eq!(
+            stopped(to_and_fro.into_iter().map(|volts| (volts, false, None))),
+            None
+        );
+        // A count that comes a cycle after the impulse.
+        assert_eq!(
+            stopped([17.5, 16.8, 20.0].map(|volts| (volts, volts == 20.0, Some(8.0)))),
+            None
+        );
+    }
+
+    #[test]
+    fn one_that_stops_the_swing_of_its_load_is_not_and_is_once_that_has_ended() {
+        let swings = [(15.0, false, Some(-4.0)); 20];
+        assert_eq!(stopped(swings), None);
+        // Not by the noise of a probe.
+        assert_eq!(stopped([(15.0, false, Some(-0.5)); 20]), Some(4));
+        let ends = swings.into_iter().chain([(15.0, false, Some(0.0)); 20]);
+        assert_eq!(stopped(ends), Some(24));
     }
 }

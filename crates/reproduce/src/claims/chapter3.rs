@@ -1,7 +1,27 @@
 //! Chapter 3: path planning.
 
+use super::Basis::{Calibrated, Definition, Doubtful, Prediction};
 use super::Kind::{Above, Below, Formula, Measured};
 use super::{Statement, claim};
+
+const MODES_ARE_GAUSSIAN: &str = "the twin's light is the overlap of Gaussian modes";
+const MODES: &str = "mode_radius of fiber and device in plant.toml: half of the printed core, for no mode is printed";
+const TILT: &str = "mode_radius and misplacement.tilt in plant.toml and the recipe's approach.gap: none is printed";
+const CLOSED_FORM: &str = "a formula of the thesis with its own numbers";
+const TIMETABLE: &str = "the search goes by a timetable, the formula's lines at the formula's rate; the twin adds what \
+    turning takes, 0 to 9 %";
+const SENSING: &str = "the recipe's sensing.speed, 300 um/s: the thesis prints none";
+const RASTER: &str =
+    "the recipe's sensing.speed, raster.margin and raster.overscan: none is printed";
+const BRISK: &str =
+    "the speed in z, in this experiment alone three quarters of what the climb can follow";
+const APPROACH: &str =
+    "the recipe's approach.speed, 5.5 um/s, half of all of the time: the thesis prints none";
+const LATERAL: &str = "the recipe's final.patterns and final.accuracy are set for this tolerance";
+const GAP: &str = "the recipe's approach.frames and approach.gap are set for this tolerance; machine.toml's \
+    vision.accuracy_z is 0.5 um, where the thesis prints 2 um for its vision";
+const FAST: &str =
+    "the fast procedure and the recipe's [fast], which were worked on for short times";
 
 pub(super) const CLAIMS: &[Statement] = &[
     claim(
@@ -9,6 +29,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         ("3.1", "the profile is a smooth Gaussian like function"),
         "R2 of a Gaussian through the light around the peak",
         (0.95, "", Above),
+        Definition(MODES_ARE_GAUSSIAN),
     ),
     claim(
         "3.2-radius",
@@ -18,6 +39,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "light 5 um aside over that at the peak; negligible is a twentieth",
         (0.05, "", Below),
+        Doubtful(MODES),
     ),
     claim(
         "3.2-loss",
@@ -27,19 +49,25 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "loss of a fiber that is off by all of these and tilted by the fixture's most",
         (0.11, "", Below),
-    ),
+        Doubtful(TILT),
+    )
+    .simulated(),
     claim(
         "3.3-speed",
         ("3.2", "(3.1): v = 5um / (1/500 s-1) = 2500um/s"),
         "fastest sweep at which a sample falls into each mesh",
         (2500.0, "um/s", Formula),
-    ),
+        Definition(CLOSED_FORM),
+    )
+    .computed(),
     claim(
         "3.3-rate",
         ("3.2", "(3.2): f = v / (2 pi A) = 8Hz"),
         "scan rate of that speed over 100 um",
         (8.0, "Hz", Formula),
-    ),
+        Definition(CLOSED_FORM),
+    )
+    .computed(),
     claim(
         "3.3-method1",
         (
@@ -48,7 +76,9 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "method 1 by (3.3), 5 um",
         (67.0, "min", Formula),
-    ),
+        Definition(CLOSED_FORM),
+    )
+    .computed(),
     claim(
         "3.3-method1-coarse",
         (
@@ -57,7 +87,9 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "method 1 by (3.3), 10 um",
         (8.3, "min", Formula),
-    ),
+        Definition(CLOSED_FORM),
+    )
+    .computed(),
     claim(
         "3.3-method2",
         (
@@ -66,7 +98,9 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "method 2 by (3.4), 5 um",
         (5.3, "min", Formula),
-    ),
+        Definition(CLOSED_FORM),
+    )
+    .computed(),
     claim(
         "3.3-method2-fiber",
         (
@@ -75,7 +109,9 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "a third of it",
         (1.8, "min", Formula),
-    ),
+        Definition(CLOSED_FORM),
+    )
+    .computed(),
     claim(
         "3.3-photodiode",
         (
@@ -84,7 +120,9 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "slowest photodiode for 100 Hz over 100 um at 5 um",
         (6250.0, "Hz", Formula),
-    ),
+        Definition(CLOSED_FORM),
+    )
+    .computed(),
     claim(
         "3.3-faster",
         (
@@ -93,7 +131,9 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "the same over the rate of the photodiodes",
         (12.5, "", Formula),
-    ),
+        Definition(CLOSED_FORM),
+    )
+    .computed(),
     claim(
         "3.3-method3",
         (
@@ -102,12 +142,15 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "method 3 by (3.5), 5 um",
         (5.0, "s", Formula),
-    ),
+        Definition(CLOSED_FORM),
+    )
+    .computed(),
     claim(
         "3.3-method1-twin",
         ("3.2.1", "this method takes 67 minutes"),
         "method 1 on the twin, all of its space",
         (67.0, "min", Measured),
+        Definition(TIMETABLE),
     ),
     claim(
         "3.3-method1-coarse-twin",
@@ -117,18 +160,21 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "the same at 10 um",
         (8.3, "min", Measured),
+        Definition(TIMETABLE),
     ),
     claim(
         "3.3-method2-twin",
         ("3.2.1", "the space can be covered in 5.3 minutes"),
         "method 2 on the twin with faster photodiodes",
         (5.3, "min", Measured),
+        Definition(TIMETABLE),
     ),
     claim(
         "3.3-method3-twin",
         ("3.2.1", "the time required is 5 seconds per fiber"),
         "method 3 on the twin, the whole area of a fiber",
         (5.0, "s", Measured),
+        Definition(TIMETABLE),
     ),
     claim(
         "3.3-fourth",
@@ -138,6 +184,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "method 1 on the twin at 5 um over that at 10 um, each as fast as the photodiode allows",
         (16.0, "", Measured),
+        Definition(TIMETABLE),
     ),
     claim(
         "3.3-orders",
@@ -147,6 +194,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "a fiber by method 1 on the twin over one by method 3",
         (100.0, "", Above),
+        Definition(TIMETABLE),
     ),
     claim(
         "3.4-height",
@@ -156,6 +204,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "greatest distance in y of the sensing fiber from where the output fiber was aligned",
         (50.0, "um", Below),
+        Prediction,
     ),
     claim(
         "3.4-time",
@@ -165,6 +214,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "longest time in which the sensing fiber found the top",
         (5.0, "s", Below),
+        Doubtful(SENSING),
     ),
     claim(
         "3.5-period",
@@ -174,7 +224,9 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "patterns of nine points and a pause in a second",
         (25.0, "Hz", Formula),
-    ),
+        Definition(CLOSED_FORM),
+    )
+    .computed(),
     claim(
         "3.5-closed",
         (
@@ -183,12 +235,15 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "a step a pattern",
         (2.5, "um/s", Formula),
-    ),
+        Definition(CLOSED_FORM),
+    )
+    .computed(),
     claim(
         "3.5-tracking",
         ("3.3", "a maximum tracking rate of 2.5um/s"),
         "fastest drift that was followed on the twin",
         (2.5, "um/s", Measured),
+        Prediction,
     ),
     claim(
         "3.5-macro",
@@ -198,12 +253,14 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "mean light while the macro goes 10 um over that before, the climb going on",
         (0.5, "", Above),
+        Prediction,
     ),
     claim(
         "3.5-creep",
         ("3.3", "and drifting of the piezoelectric actuators"),
         "mean light over 20 s of creep over that before, the climb going on",
         (0.5, "", Above),
+        Prediction,
     ),
     claim(
         "3.5-xy",
@@ -213,6 +270,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "mean time of the climb",
         (5.0, "s", Below),
+        Prediction,
     ),
     claim(
         "budget-coupling",
@@ -222,6 +280,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "mean time of sensing fiber and raster",
         (6.7, "s", Measured),
+        Doubtful(RASTER),
     ),
     claim(
         "budget-z",
@@ -231,18 +290,21 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "mean time of approach and final maximization",
         (10.0, "s", Below),
+        Calibrated(BRISK),
     ),
     claim(
         "budget-all",
         ("3.4", "the time required for alignment is 21.7 s/fiber"),
         "mean time a fiber, once placed",
         (21.7, "s", Measured),
+        Doubtful(APPROACH),
     ),
     claim(
         "budget-required",
         ("3.4", "This is well within the required time of 90s"),
         "longest time a fiber, placing and all",
         (90.0, "s", Below),
+        Doubtful(APPROACH),
     ),
     claim(
         "budget-lateral",
@@ -252,6 +314,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "greatest true error in x or y",
         (0.1, "um", Below),
+        Calibrated(LATERAL),
     ),
     claim(
         "budget-gap",
@@ -261,6 +324,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "greatest true error in z",
         (2.0, "um", Below),
+        Calibrated(GAP),
     ),
     claim(
         "budget-scan",
@@ -270,7 +334,9 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "(3.5) at 8 Hz over (3.5) at what a photodiode five times as fast allows",
         (5.0, "", Formula),
-    ),
+        Definition(CLOSED_FORM),
+    )
+    .computed(),
     claim(
         "budget-half",
         (
@@ -279,11 +345,13 @@ pub(super) const CLAIMS: &[Statement] = &[
         ),
         "method 3 on the twin over the same of half the height",
         (2.0, "", Measured),
+        Definition(TIMETABLE),
     ),
     claim(
         "budget-better",
         ("3.4", "the alignment time could be reduced to 3.2s"),
         "mean time a fiber by the fast procedure, once placed",
         (3.2, "s", Below),
+        Doubtful(FAST),
     ),
 ];

@@ -1,13 +1,19 @@
 //! What the thesis claims, sentence by sentence, and how near a result must come.
 //!
-//! The tolerances were chosen before any result was looked at, by the kind of claim, and have not been
-//! changed since. A claim that does not hold stays in the list; [`Statement::cause`] then says why, from
-//! an experiment.
+//! The tolerances of [`Kind`] were chosen before any result was looked at, and have not been changed since. What
+//! is measured, how, and on which machine was changed for some claims after a result was seen: [`changes`] lists
+//! that. To some a number was fitted: every claim says on which [`Basis`] it stands. A claim that does not hold
+//! stays in the list; [`Statement::cause`] then says why, from an experiment.
 
+mod basis;
+pub mod changes;
 mod chapter2;
 mod chapter3;
 mod chapter4;
 
+pub use basis::{Basis, Group, Subject};
+
+use changes::Change;
 use serde::Serialize;
 
 /// How near a result must come to what is printed, by the kind of the claim. The only place where
@@ -124,8 +130,8 @@ impl Kind {
     }
 }
 
-/// A claim of the thesis. A new one is made by `claim`, and marked as calibrated or given
-/// its [`Self::cause`] where it has one.
+/// A claim of the thesis. A new one is made by `claim`, which asks for its [`Basis`], and given its
+/// [`Self::cause`] where it has one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Statement {
     /// The figure, a dash and a name: unique.
@@ -142,8 +148,10 @@ pub struct Statement {
     pub unit: &'static str,
     /// How near a result must come.
     pub kind: Kind,
-    /// Whether the rig's plant was chosen so that this comes out: then it proves nothing.
-    pub calibrated: bool,
+    /// Whether anything was fitted to it, and what.
+    pub basis: Basis,
+    /// On what it is judged.
+    pub subject: Subject,
     /// What comes out instead, where it does not hold, and why: found by an experiment.
     pub cause: Option<(f64, &'static str)>,
     /// The same on other machines of its make, where it is not the same.
@@ -156,10 +164,26 @@ impl Statement {
         self.id.split('-').next().unwrap_or(self.id)
     }
 
-    /// The same, used to choose the numbers of the rig's plant.
-    const fn calibrated(self) -> Self {
+    /// What was changed of it after a result was seen, the oldest first.
+    pub fn changes(&self) -> impl Iterator<Item = &'static Change> {
+        let id = self.id;
+        changes::CHANGES
+            .iter()
+            .filter(move |change| change.claim == id)
+    }
+
+    /// The same, of the thesis's model.
+    const fn simulated(self) -> Self {
         Self {
-            calibrated: true,
+            subject: Subject::Model,
+            ..self
+        }
+    }
+
+    /// The same, of numbers that are no part of a machine.
+    const fn computed(self) -> Self {
+        Self {
+            subject: Subject::Numbers,
             ..self
         }
     }
@@ -194,12 +218,13 @@ impl Statement {
     }
 }
 
-/// A claim: its id, where it stands and in which words; what is measured; number, unit and kind.
+/// A claim: its id, where it stands and in which words; what is measured; number, unit and kind; what it rests on.
 const fn claim(
     id: &'static str,
     (section, quote): (&'static str, &'static str),
     quantity: &'static str,
     (thesis, unit, kind): (f64, &'static str, Kind),
+    basis: Basis,
 ) -> Statement {
     Statement {
         id,
@@ -209,7 +234,8 @@ const fn claim(
         thesis,
         unit,
         kind,
-        calibrated: false,
+        basis,
+        subject: Subject::Machine,
         cause: None,
         on_others: None,
     }
@@ -247,7 +273,7 @@ pub struct Claim {
     pub least: Option<f64>,
     /// The most accepted; `null` where there is no such bound.
     pub most: Option<f64>,
-    /// Whether the rig's plant was chosen so that this comes out.
+    /// Whether a number was set so that this comes out, or may have been.
     pub calibrated: bool,
     /// Whether it fails for a reason that was found, which is told in `note`.
     pub explained: bool,
@@ -255,6 +281,16 @@ pub struct Claim {
     pub section: &'static str,
     /// The sentence.
     pub quote: &'static str,
+    /// Whether it is a prediction, calibrated or a definition.
+    pub basis: Group,
+    /// The numbers that were set for it; `null` where none was.
+    pub fitted: Option<&'static str>,
+    /// Whether it is in doubt that they were set for it.
+    pub in_doubt: bool,
+    /// Why it cannot fail; `null` where it can.
+    pub by_construction: Option<&'static str>,
+    /// What was changed of it after a result was seen, the oldest first.
+    pub changes: Vec<Change>,
 }
 
 impl Claim {
@@ -283,16 +319,32 @@ impl Claim {
             kind: statement.kind.name(),
             least: least.map(four_digits),
             most: most.map(four_digits),
-            calibrated: statement.calibrated,
+            calibrated: statement.basis.group() == Group::Calibrated,
             explained: cause.is_some(),
             section: statement.section,
             quote: statement.quote,
+            basis: statement.basis.group(),
+            fitted: statement.basis.fitted(),
+            in_doubt: matches!(statement.basis, Basis::Doubtful(_)),
+            by_construction: statement.basis.by_construction(),
+            changes: statement.changes().copied().collect(),
+        }
+    }
+}
+
+impl Claim {
+    /// What stands before the printed number in a table: the sign of a bound.
+    pub fn tolerance_sign(&self) -> &'static str {
+        match self.kind {
+            "below" => "< ",
+            "above" => "> ",
+            _ => "",
         }
     }
 }
 
 /// Four digits: more than any of these numbers means.
-fn four_digits(value: f64) -> f64 {
+pub(crate) fn four_digits(value: f64) -> f64 {
     if value == 0.0 {
         return 0.0;
     }

@@ -1,6 +1,6 @@
 //! One joint of a `plant.toml`: motor, transmission and friction, and a specimen of them.
 
-use super::{Variation, factor};
+use super::Variation;
 use crate::unrest::UnrestPlant;
 use pigtail_hal::quantity;
 use pigtail_model::Invalid;
@@ -78,6 +78,9 @@ pub struct MotorPlant {
     /// `R`, ohm.
     #[serde(with = "quantity::PositiveResistance")]
     pub resistance: f64,
+    /// Most that its amplifier gives, amperes; without it, as much as the voltage drives.
+    #[serde(default = "endless", with = "quantity::PositiveCurrent")]
+    pub current: f64,
 }
 
 /// The transmission of a joint.
@@ -205,7 +208,7 @@ impl JointPlant {
         variation: &Variation,
         rng: &mut impl RngExt,
     ) -> Result<JointParameters, Invalid> {
-        let mut vary = |value: f64, half_range: f64| value * factor(rng, half_range);
+        let mut vary = |value: f64, width: f64| value * variation.factor(rng, width);
         let stiffness = vary(1.0, variation.stiffness);
         Ok(JointParameters {
             motor_inertia: vary(self.motor_inertia, variation.inertia),

@@ -1,0 +1,99 @@
+//! Fleets and commissioning as a user meets them.
+
+mod made;
+
+use made::{answer, number, pigtail};
+use std::fs;
+use tempfile::TempDir;
+
+#[test]
+fn the_first_steps_of_commissioning_are_told() {
+    let folder = TempDir::new().expect("a folder");
+    let (json, code) = answer(folder.path(), &["commission", "--steps", "axes,dark"]);
+    assert_eq!(code, 0, "{json}");
+    assert_eq!(json["rig"], "afpm");
+    assert_eq!(json["fleet"], "nominal");
+    assert_eq!(json["seed"], 0);
+    assert!(number(&json, "seconds_machine") > 1.0);
+    let steps = json["steps"].as_array().expect("steps");
+    let names: Vec<_> = steps.iter().map(|step| &step["name"]).collect();
+    assert_eq!(names, ["axes", "dark"]);
+    for step in steps {
+        assert!(number(step, "seconds") > 0.0);
+        assert_eq!(
+            (&step["verdict"], &step["why"]),
+            (&"passed".into(), &"".into())
+        );
+        assert!(
+            step["values"]
+                .as_object()
+                .is_some_and(|values| values.len() >= 3)
+        );
+    }
+    // No device was tried, and nothing was found that could be written.
+    assert_eq!(json["accepted"], false);
+    assert_eq!(json["calibration"], "");
+    assert!(!json["unknown"].as_array().expect("words").is_empty());
+    let report = json["report"].as_str().expect("a path");
+    let html = fs::read_to_string(folder.path().join(report)).expect("a report");
+    assert!(html.contains("axes") && html.contains("dark"));
+
+    let (code, out, _) = pigtail(folder.path(), &["commission", "--steps", "dark"]);
+    assert_eq!(code, Some(0));
+    assert!(out.contains("Not tried on devices"), "{out}");
+    let (code, _, error) = pigtail(folder.path(), &["commission", "--steps", "axis"]);
+    assert_eq!(code, Some(2));
+    assert!(
+        error.contains("axes, dark, gains, windup, piezos, acceptance"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_campaign_has_machines_and_devices_of_a_fleet() {
+    let folder = TempDir::new().expect("a folder");
+    let of_fleet = ["--fleet", "thesis", "--machines", "2", "--devices", "2"];
+    let mut arguments = vec!["campaign", "--seed", "70000"];
+    arguments.extend(of_fleet);
+    let (json, code) = answer(folder.path(), &arguments);
+    assert!([0, 1].contains(&code), "{json}");
+    assert_eq!(json["fleet"], "thesis");
+    assert_eq!(
+        (&json["machines"], &json["devices"]),
+        (&2.into(), &4.into())
+    );
+    assert_eq!(json["fibers"], 12);
+    assert_eq!(json["wrong"]["count"], 0);
+
+    // A row of it again, by machine and device.
+    let again = [
+        "align", "--fleet", "thesis", "--seed", "70001", "--device", "1",
+    ];
+    let (by_device, _) = answer(folder.path(), &again);
+    let (by_seed, _) = answer(
+        folder.path(),
+        &["align", "--fleet", "thesis", "--seed", "1000000070001"],
+    );
+    assert_eq!(by_device["seed"], 1_000_000_070_001_u64);
+    assert_eq!(by_device["fibers"], by_seed["fibers"]);
+}
+
+#[test]
+fn a_fleet_that_is_not_there_is_refused_with_those_that_are() {
+    let folder = TempDir::new().expect("a folder");
+    for command in [
+        &["align"][..],
+        &["commission"],
+        &["campaign", "--devices", "1"],
+    ] {
+        let mut arguments = command.to_vec();
+        arguments.extend(["--fleet", "nosuch"]);
+        let (code, out, error) = pigtail(folder.path(), &arguments);
+        assert_eq!((code, out.as_str()), (Some(2), ""), "{command:?}");
+        for name in ["nosuch", "nominal", "thesis", "workshop", "harsh"] {
+            assert!(error.contains(name), "no {name} in: {error}");
+        }
+        let left = fs::read_dir(folder.path()).expect("a folder").count();
+        assert_eq!(left, 0, "{command:?} leaves something behind");
+    }
+}

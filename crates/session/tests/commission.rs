@@ -1,0 +1,146 @@
+//! The first steps of commissioning: what is well passes, and what is not is said.
+
+use pigtail_control::station::Unobserved;
+use pigtail_hal::quantity::Volts;
+use pigtail_hal::{Axis, AxisName, Command, Error, Fault, Machine, Measurement, Side, Spec};
+use pigtail_session::Setup;
+use pigtail_session::commission::{
+    CommissionDocument, Machines, Plan, StepName, Verdict, commission, commission_with,
+};
+use pigtail_twin::Twin;
+
+fn setup() -> Setup {
+    Setup::load("afpm", "y-branch").expect("the shipped rig")
+}
+
+fn plan(steps: &[StepName]) -> Plan {
+    Plan {
+        steps: steps.to_vec(),
+        devices: 1,
+        date: "2026-11-23".to_owned(),
+        run: "a-test".to_owned(),
+    }
+}
+
+/// A twin of which something is connected otherwise.
+struct Connected<F> {
+    twin: Twin,
+    command: F,
+}
+
+impl<F: Fn(&mut Command)> Machine for Connected<F> {
+    fn spec(&self) -> &Spec {
+        self.twin.spec()
+    }
+
+    fn exchange(&mut self, command: &Command) -> Result<Measurement, Fault> {
+        let mut command = *command;
+        (self.command)(&mut command);
+        self.twin.exchange(&command)
+    }
+
+    fn stop(&mut self) {
+        self.twin.stop();
+    }
+}
+
+/// What comes of these steps on a machine whose commands arrive so.
+fn of_connected(
+    steps: &[StepName],
+    command: impl Fn(&mut Command) + Clone + 'static,
+) -> CommissionDocument {
+    let mut machines = |setup: &Setup, seed| -> Result<Box<dyn Machine>, Error> {
+        let twin = setup.twin(seed)?;
+        let command = command.clone();
+        Ok(Box::new(Connected { twin, command }))
+    };
+    let machines: &mut Machines<'_> = &mut machines;
+    let (setup, plan) = (setup(), plan(steps));
+    commission_with(&setup, 3, &plan, machines, &mut Unobserved, |_| ())
+        .expect("a machine that fails is no error")
+        .document
+}
+
+#[test]
+fn the_shipped_machine_moves_and_is_dark() {
+    let mut told = Vec::new();
+    // In any order: they are done in their own.
+    let plan = plan(&[StepName::Dark, StepName::Axes]);
+    let done = commission(&setup(), 3, &plan, &mut Unobserved, |step| {
+        told.push(step.name);
+    })
+    .expect("a machine");
+    assert_eq!(told, ["axes", "dark"]);
+    let document = done.document;
+    for step in &document.steps {
+        assert_eq!((step.verdict, step.why.as_str()), (Verdict::Passed, ""));
+        assert!(step.seconds > 0.0);
+    }
+    let [axes, dark] = document.steps.as_slice() else {
+        panic!("{document:?}");
+    };
+    assert_eq!(axes.values.len(), 6);
+    for (name, axis) in &axes.values {
+        let volts = ["forward_V", "backward_V"].map(|key| axis[key].as_f64().expect("volts"));
+        assert!(
+            volts.iter().all(|v| (0.3..3.0).contains(v)),
+            "{name}: {volts:?}"
+        );
+    }
+    assert_eq!(dark.values.len(), 3);
+    let level = dark.values["output1"]["mean_V"].as_f64().expect("volts");
+    assert!((level - 0.05).abs() < 1e-3, "{level}");
+    let together: f64 = document.steps.iter().map(|step| step.seconds).sum();
+    assert!((together - document.seconds_machine).abs() < 1e-3);
+    // No device was tried, and nothing was found that is to be believed.
+    assert!(!document.accepted && done.changes.is_empty());
+}
+
+#[test]
+fn a_motor_that_is_connected_the_other_way_round_is_named() {
+    for at in ["left.a", "right.z"] {
+        let AxisName { side, axis } = at.parse().expect("an axis");
+        let document = of_connected(&[StepName::Axes, StepName::Dark], move |command| {
+            let motor = &mut command.motors[side.index()][axis.index()];
+            *motor = Volts(-motor.0);
+        });
+        let [axes, dark] = document.steps.as_slice() else {
+            panic!("{document:?}");
+        };
+        assert_eq!(axes.verdict, Verdict::Failed);
+        assert!(
+            axes.why.contains(at) && axes.why.contains("the other way round"),
+            "{}",
+            axes.why
+        );
+        // The other steps are done all the same.
+        assert_eq!(dark.verdict, Verdict::Passed);
+        assert!(!document.accepted);
+    }
+}
+
+#[test]
+fn a_motor_without_its_cable_does_not_move() {
+    let (side, axis) = (Side::Right, Axis::B);
+    let document = of_connected(&[StepName::Axes], move |command| {
+        command.motors[side.index()][axis.index()] = Volts(0.0);
+    });
+    let axes = &document.steps[0];
+    assert_eq!(axes.verdict, Verdict::Failed);
+    assert!(
+        axes.why.contains("right.b") && axes.why.contains("does not move"),
+        "{}",
+        axes.why
+    );
+}
+
+#[test]
+fn light_in_the_dark_is_told() {
+    let mut setup = setup();
+    setup.plant.light.stray = 3.0;
+    let plan = plan(&[StepName::Dark]);
+    let done = commission(&setup, 3, &plan, &mut Unobserved, |_| ()).expect("a machine");
+    let dark = &done.document.steps[0];
+    assert_eq!(dark.verdict, Verdict::Failed);
+    assert!(dark.why.contains("without light"), "{}", dark.why);
+}
