@@ -2,6 +2,7 @@
 
 use crate::compensation::micro::MicroModel;
 use crate::impulse::belief::ImpulseBeliefs;
+use crate::shaking::Measured;
 use pigtail_hal::{Error, Side, Spec, config, quantity};
 use pigtail_model::windup::{ELEMENTS, Memory, POWERS, Reversal, Windup};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -22,9 +23,52 @@ pub struct Calibration {
     /// Hysteresis of each manipulator's piezos where it has been identified.
     #[serde(default)]
     pub hysteresis: Hystereses,
+    /// How far each manipulator's tips shake where it has been measured.
+    #[serde(default)]
+    pub shaking: Shakings,
     /// Pulses of each kind of axis where they have been measured.
     #[serde(default)]
     pub impulse: ImpulseBeliefs,
+}
+
+/// How far each manipulator's tips shake where it has been measured.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Shakings {
+    /// Of the input's manipulator.
+    pub left: Option<ShakingBelief>,
+    /// Of the outputs' manipulator.
+    pub right: Option<ShakingBelief>,
+}
+
+impl Shakings {
+    /// What was measured of a manipulator's tips.
+    pub fn of(&self, side: Side) -> Option<Measured> {
+        let belief = match side {
+            Side::Left => &self.left,
+            Side::Right => &self.right,
+        };
+        belief.as_ref().map(|belief| Measured {
+            deviation: belief.deviation,
+            spread: belief.spread,
+        })
+    }
+}
+
+/// How far a tip that is held is from where it is held, as it was measured.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ShakingBelief {
+    /// Standard deviation along an axis, metres.
+    #[serde(with = "quantity::PositiveLength")]
+    pub deviation: f64,
+    /// How well it is known: the standard deviation of its natural logarithm.
+    #[serde(with = "quantity::Positive")]
+    pub spread: f64,
+    /// When it was found.
+    pub date: String,
+    /// By which run.
+    pub origin: String,
 }
 
 /// Hysteresis of each manipulator's piezos where it has been identified.

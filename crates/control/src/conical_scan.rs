@@ -6,10 +6,10 @@
 //! What the micro lags behind is the same all around the circle.
 
 use crate::beam::{Beam, Peak, Reading};
-use crate::gap_by_light::{Spot, Width};
+use crate::gap_by_light::{Circles, Width};
 use crate::outcome::{Halt, Outcome};
 use crate::recipe::ConicalScan as Shape;
-use crate::shaking::{Seen, Shaking};
+use crate::shaking::{Scatter, Shaking};
 use crate::station::Station;
 use pigtail_hal::{Channel, Fault, Side};
 use pigtail_model::frames::Displacement;
@@ -30,6 +30,8 @@ pub struct Watch {
     pub noise: f64,
     /// The same in the dark, volts: without what fluctuates slowly.
     pub still: f64,
+    /// By how many degrees of freedom that is known.
+    pub still_degrees: f64,
 }
 
 /// How the peak walks as the gap closes: metres in the manipulator's x and y for a metre of gap.
@@ -59,9 +61,6 @@ pub struct ConicalScan<'r> {
     moved: f64,
     /// Light of the last turn that found the peak, from the circle's middle.
     around: Vec<(Displacement, f64)>,
-    /// By how much more than believed a tip has to move for the light to say so, as the two circles tell: modes may
-    /// be wider than designed.
-    wider: f64,
 }
 
 /// Standard deviations by which a peak must stand out of the noise.
@@ -144,6 +143,9 @@ const KNOWN: f64 = 4e-3;
 /// How far beside the peak light is watched, in its widths: there it is steepest.
 const STEEP: f64 = 0.7;
 
+/// Seconds for which a piezo creeps as good as steadily: what is slower, circles follow.
+const STRAIGHT: f64 = 0.2;
+
 /// The light at the peak is looked at for so long, seconds; beside it, it is less by this share at least.
 const TOP: f64 = 0.04;
 const LEAST_FALL: f64 = 0.02;
@@ -177,22 +179,15 @@ impl<'r> ConicalScan<'r> {
             phase: 0.0,
             commanded: VecDeque::with_capacity(64),
             readings: VecDeque::with_capacity(64),
-            shaking: Shaking::default(),
+            shaking: Shaking::new(station.measured_shaking(watch.side)),
             moved: f64::INFINITY,
             around: Vec::with_capacity(64),
-            wider: 1.0,
         }
     }
 
     /// How the tip shakes, by all turns near the peak.
     pub fn shaking(&self) -> Shaking {
         self.shaking
-    }
-
-    /// By how much more than believed places scatter, for modes are wider than designed: what is said of them by their
-    /// deviations is to be multiplied with it.
-    pub fn wider(&self) -> f64 {
-        self.wider
     }
 
     /// The photodiode that watches.
@@ -314,7 +309,7 @@ impl<'r> ConicalScan<'r> {
         gap: f64,
         at: f64,
     ) -> Result<Option<Width>, Fault> {
-        let mut spot = Spot::default();
+        let mut spot = Circles::default();
         let mut width = None;
         for _ in 0..MOST_ROUNDS {
             // To and fro, so that light which rises or falls steadily counts on both alike.
@@ -387,9 +382,9 @@ impl<'r> ConicalScan<'r> {
         (left - noise).sqrt() * self.beam.width(gap) / (self.radius * light)
     }
 
-    /// How the tip shakes by the last turn around a `peak`: on a circle of `r` widths `w` a place that scatters by `s` along every direction makes `2 r s/w` of the light
-    /// there, rms. `None` where the circle's middle was on its way.
-    fn shakes(&self, peak: &Peak, gap: f64) -> Option<Seen> {
+    /// How the tip shakes by the last turn around a `peak`: on a circle of `r` widths `w` a place that scatters by
+    /// `s` along every direction makes `2 r s/w` of the light there, rms. `None` where the circle's middle was on its way.
+    fn shakes(&self, peak: &Peak, gap: f64) -> Option<Scatter> {
         if self.moved > QUIET {
             return None;
         }
@@ -397,9 +392,10 @@ impl<'r> ConicalScan<'r> {
         let r = self.radius;
         let light = peak.full * self.beam.share(gap) * (-r * r).exp();
         let scale = self.beam.width(gap) / (2.0 * r * light);
-        Some(Seen {
+        Some(Scatter {
             variance: left * scale * scale,
             still: (self.watch.still * scale).powi(2),
+            still_degrees: self.watch.still_degrees,
             degrees: free,
         })
     }
@@ -409,7 +405,7 @@ impl<'r> ConicalScan<'r> {
     fn wider_by(&self, gap: f64) -> f64 {
         /// Widths that are known worse tell nothing.
         const KNOWN_ROUGHLY: f64 = 0.3;
-        let mut spot = Spot::default();
+        let mut spot = Circles::default();
         for (at, volts) in &self.around {
             spot.add(*at, *volts);
         }
@@ -616,7 +612,7 @@ impl<'r> ConicalScan<'r> {
         let mut shaking = if self.shaking.is_watched() {
             self.shaking
         } else {
-            Shaking::watched()
+            self.shaking.to_watch()
         };
         let (width, peak) = (self.beam.width(gap), self.place(gap));
         let rest = FORGETS * station.micro_settling();
@@ -630,18 +626,24 @@ impl<'r> ConicalScan<'r> {
                 let volts = station.light(self.watch.channel);
                 seen.extend(volts.map(|volts| (seen.len() as f64, volts - self.watch.background)));
             }
-            // Piezos creep meanwhile.
-            let line = Line::through(seen.iter().copied());
-            let squares: f64 = seen.iter().map(|(k, v)| line.left(*k, *v).powi(2)).sum();
-            let degrees = samples as f64 - 2.0;
-            // How wide the spot is in this direction the light tells by itself; it is not much narrower than believed.
-            let aside = STEEP * width;
-            let fallen = (top / line.y).ln().clamp(LEAST_FALL, 2.0 * STEEP * STEEP);
-            let scale = aside / (2.0 * fallen * line.y);
-            if line.y > SIGNIFICANT * self.watch.noise {
-                shaking.add_wide(&Seen {
+            // Piezos creep meanwhile, ever more slowly.
+            let straight = (STRAIGHT * station.spec().photodiode.rate).round() as usize;
+            for seen in seen.chunks(straight.max(4)).filter(|seen| seen.len() > 2) {
+                let line = Line::through(seen.iter().copied());
+                if line.y < SIGNIFICANT * self.watch.noise {
+                    continue;
+                }
+                let squares: f64 = seen.iter().map(|(k, v)| line.left(*k, *v).powi(2)).sum();
+                let degrees = seen.len() as f64 - 2.0;
+                // How wide the spot is in this direction the light tells by itself; it is not much narrower than
+                // believed.
+                let aside = STEEP * width;
+                let fallen = (top / line.y).ln().clamp(LEAST_FALL, 2.0 * STEEP * STEEP);
+                let scale = aside / (2.0 * fallen * line.y);
+                shaking.add_wide(&Scatter {
                     variance: squares / degrees * scale * scale,
                     still: (self.watch.still * scale).powi(2),
+                    still_degrees: self.watch.still_degrees,
                     degrees,
                 });
                 // What is slower than a turn is in it.
@@ -731,7 +733,8 @@ impl<'r> ConicalScan<'r> {
         {
             self.shaking.add_small(&shakes);
         }
-        self.wider = self.wider_by(gap);
+        let wider = self.wider_by(gap);
+        self.shaking.set_wider(wider);
         // What was foreseen was so for one turn.
         let late = CREEP * f64::from(turns);
         let foreseen = &Peak {

@@ -40,7 +40,7 @@ pub struct Contact {
 
 /// Light on circles around a peak.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Spot {
+pub struct Circles {
     /// Places from the middle of the circles (metres), and light above the background (volts).
     samples: Vec<(Displacement, f64)>,
 }
@@ -73,7 +73,7 @@ impl Width {
     }
 }
 
-impl Spot {
+impl Circles {
     /// Adds a sample.
     pub fn add(&mut self, at: Displacement, volts: f64) {
         self.samples.push((at, volts));
@@ -201,7 +201,7 @@ mod tests {
                     let z = gap - self.vertex;
                     let w = s.map(|s| s + (1.3e-6 * z / TAU).powi(2) / s);
                     let peak = 3.0 * (s[0] * s[1] / (w[0] * w[1])).sqrt();
-                    let mut spot = Spot::default();
+                    let mut spot = Circles::default();
                     for k in 0..192 {
                         let radius = if k % 24 < 12 { 0.8e-6 } else { 2.8e-6 };
                         let at = Displacement::polar(radius, TAU * f64::from(k % 12) / 12.0);
@@ -290,6 +290,6 @@ mod tests {
             width.squared[0] *= 1.0 + 0.2 * (PI * k as f64).cos();
         }
         assert_eq!(contact(&odd, (-6e-6, 5e-6)), None);
-        assert_eq!(Spot::default().width(5e-6, 5e-3), None);
+        assert_eq!(Circles::default().width(5e-6, 5e-3), None);
     }
 }

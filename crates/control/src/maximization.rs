@@ -142,6 +142,7 @@ pub fn follow(station: &mut Station, recipe: &Recipe, trial: &Trial) -> Result<F
                 background: dark.mean,
                 noise: dark.sigma.max(station.spec().photodiode.step()),
                 still: dark.sigma,
+                still_degrees: f64::INFINITY,
             };
             let gap = recipe.approach.gap;
             let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);

@@ -4,7 +4,7 @@ use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::peak::NinePoint;
 use crate::recipe::Recipe;
 use crate::search::{Hit, STILL_THERE, Searcher, centre_sensing, edge_from_below};
-use crate::shaking::Shaking;
+use crate::shaking::{Measured, Shaking};
 use crate::station::{Level, Station};
 use crate::tip_estimator::Tip;
 use pigtail_hal::spec::OUTPUTS;
@@ -33,6 +33,8 @@ pub struct FiberReport {
     pub side: Side,
     /// How it ended.
     pub outcome: Outcome,
+    /// How its tip shakes, where it was watched.
+    pub shaking: Option<Measured>,
     /// Its phases in order, seconds of machine time each.
     pub phases: Vec<(&'static str, f64)>,
 }
@@ -70,9 +72,8 @@ pub(crate) struct Job<'r> {
     /// The photodiode that sees its light.
     pub(crate) channel: Channel,
     phases: Vec<(&'static str, f64)>,
-    /// How its tip shakes, as far as circles have told, and how much wider its spot is than believed.
-    shaking: Shaking,
-    wider: f64,
+    /// How its tip shakes, as far as circles have told.
+    shaking: Option<Shaking>,
     /// Whether it must be known.
     asks: bool,
 }
@@ -143,14 +144,14 @@ pub(crate) struct Found {
 
 impl<'r> Job<'r> {
     /// What circles have told of how its tip shakes.
-    pub(crate) fn has_shaken(&mut self, shaking: Shaking, wider: f64) {
-        self.shaking = self.shaking.and(shaking);
-        self.wider = self.wider.max(wider);
+    pub(crate) fn has_shaken(&mut self, shaking: Shaking) {
+        self.shaking = Some(self.shaking.map_or(shaking, |before| before.and(shaking)));
     }
 
-    /// No fiber is attached of which nobody has seen that it holds still.
-    pub(crate) fn ask_whether_it_shakes(&mut self) {
-        self.asks = true;
+    /// No fiber is attached of which nobody has seen that it holds still; where piezos go astray by their hysteresis,
+    /// that cannot be seen.
+    pub(crate) fn ask_whether_it_shakes(&mut self, station: &Station) {
+        self.asks = station.has_piezo_model(self.side);
     }
 
     /// The input fiber's way to its port.
@@ -179,8 +180,7 @@ impl<'r> Job<'r> {
             port: Point::new(x, y, z),
             channel,
             phases: Vec::with_capacity(8),
-            shaking: Shaking::default(),
-            wider: 1.0,
+            shaking: None,
             asks: false,
         }
     }
@@ -191,6 +191,10 @@ impl<'r> Job<'r> {
             port: self.name,
             side: self.side,
             outcome,
+            shaking: self
+                .shaking
+                .filter(Shaking::is_watched)
+                .map(|shaking| shaking.measured()),
             phases: std::mem::take(&mut self.phases),
         }
     }
@@ -355,11 +359,14 @@ impl<'r> Job<'r> {
     fn finish(&mut self, station: &mut Station, found: &Found) -> Result<(), Halt> {
         self.maximize(station, found, |job, station, last| {
             // The thesis did not ask whether a tip shakes; whoever falls back on its way does.
-            if job.asks || job.shaking.is_watched() {
+            let seen = job.shaking;
+            if job.asks || seen.as_ref().is_some_and(Shaking::is_watched) {
                 let recipe = job.recipe;
+                let shaking =
+                    seen.unwrap_or_else(|| Shaking::new(station.measured_shaking(job.side)));
                 // Its patterns know a peak no better than the tip shakes while they are drawn.
-                let known = (job.wider * recipe.last.accuracy).hypot(job.shaking.deviation());
-                job.shaking.is_sure(recipe.accept.aside, known)?;
+                let known = recipe.last.accuracy.hypot(shaking.deviation());
+                shaking.is_sure(recipe.accept.aside, known)?;
             }
             job.attach(station, last, found.background)
         })

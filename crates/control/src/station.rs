@@ -9,6 +9,7 @@ use crate::impulse::belief::ImpulseBelief;
 use crate::kinematics::Kinematics;
 use crate::outcome::{Halt, Outcome};
 use crate::servo::{Pid, PidState};
+use crate::shaking::Measured;
 use crate::tip_estimator::{Seen, Tip, TipEstimator};
 use crate::trajectory::{Arc, Limits, Line, Motion, Path, Rates, Refused, Shape};
 use pigtail_hal::quantity::{Counts, Volts};
@@ -68,6 +69,8 @@ pub struct Station<'a> {
     tips: TipEstimator,
     /// By when a micro has come to rest, seconds.
     settling: f64,
+    /// What was measured of how tips shake.
+    shaking: [Option<Measured>; SIDES],
     /// What is believed of pulses on a five-bar.
     five_bar_pulses: Option<ImpulseBelief>,
     /// Light samples that somebody has looked at, and the time of the last of them.
@@ -75,7 +78,7 @@ pub struct Station<'a> {
 }
 
 /// Mean and spread of repeated light samples.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Level {
     /// Mean, volts.
     pub mean: f64,
@@ -120,6 +123,7 @@ impl<'a> Station<'a> {
                 .micro
                 .settling
                 .unwrap_or(spec.micro.settling),
+            shaking: Side::ALL.map(|side| calibration.shaking.of(side)),
             five_bar_pulses: calibration.impulse.five_bar.clone(),
             readings: Cell::new((0, f64::NEG_INFINITY)),
             limits: Limits {
@@ -156,6 +160,11 @@ impl<'a> Station<'a> {
     /// By when a micro has come to rest where it was told to be, as believed, seconds.
     pub fn micro_settling(&self) -> f64 {
         self.settling
+    }
+
+    /// What was measured of how the tips of a manipulator shake, if anything was.
+    pub fn measured_shaking(&self, side: Side) -> Option<Measured> {
+        self.shaking[side.index()]
     }
 
     /// The believed kinematics of a manipulator.

@@ -50,6 +50,8 @@ pub enum StepName {
     Windup,
     /// Hysteresis of the piezos of both micros
     Piezos,
+    /// How far the tips of both manipulators shake
+    Shaking,
     /// Devices aligned with all that was found
     Acceptance,
 }
@@ -252,6 +254,7 @@ impl Bench<'_, '_> {
             StepName::Gains => self.gains(),
             StepName::Windup => self.windup(),
             StepName::Piezos => self.piezos(),
+            StepName::Shaking => self.shaking(),
             StepName::Acceptance => self.acceptance(),
         }
     }
@@ -472,6 +475,58 @@ impl Bench<'_, '_> {
         })
     }
 
+    /// Watches the tips of a device before they are attached.
+    fn shaking(&mut self) -> Result<Found, Ended> {
+        let (recipe, believed) = (&mut self.setup.rig.recipe, &mut self.setup.rig.calibration);
+        let watch = std::mem::replace(&mut recipe.fast.watch, WATCH);
+        // What is to be found is not believed meanwhile.
+        let before = std::mem::take(&mut believed.shaking);
+        let machine = Specimen::from(self.seed).machine();
+        let device = Specimen::of(machine, DEVICES - 1).seed();
+        let aligned = self.run(&Align::default(), device);
+        self.setup.rig.recipe.fast.watch = watch;
+        self.setup.rig.calibration.shaking = before;
+        let fibers = aligned?.fibers;
+        let mut values = Map::new();
+        let mut why = String::new();
+        for side in Side::ALL {
+            let of_side = fibers.iter().filter(|fiber| fiber.side == side);
+            let watched = of_side.filter_map(|fiber| fiber.shaking);
+            let Some(found) = watched.min_by(|a, b| a.spread.total_cmp(&b.spread)) else {
+                if why.is_empty() {
+                    let ended = fibers.iter().find(|fiber| !fiber.outcome.is_aligned());
+                    let ended = ended.map_or_else(String::new, |fiber| {
+                        format!(": {}, {}", fiber.port, fiber.outcome)
+                    });
+                    why = format!("no tip of {} was watched{ended}", side.name());
+                }
+                continue;
+            };
+            values.insert(
+                side.name().to_owned(),
+                json!({
+                    "deviation_nm": rounded(1e9 * found.deviation, 1e-3),
+                    "spread": rounded(found.spread, 1e-3),
+                }),
+            );
+            let origin = self.origin(&format!("shaking, {}", side.name()));
+            self.believe(Change {
+                table: format!("shaking.{}", side.name()),
+                values: vec![
+                    (
+                        "deviation",
+                        toml_edit::value(format!("{:.2} nm", 1e9 * found.deviation)),
+                    ),
+                    ("spread", toml_edit::value(rounded(found.spread, 1e-3))),
+                    ("date", toml_edit::value(&self.plan.date)),
+                    ("origin", toml_edit::value(origin)),
+                ],
+                weights: None,
+            })?;
+        }
+        Ok(Found { values, why })
+    }
+
     fn acceptance(&mut self) -> Result<Found, Ended> {
         let machine = Specimen::from(self.seed).machine();
         let (mut aligned, mut fibers, mut why) = (0_u64, 0_u64, String::new());
@@ -506,6 +561,9 @@ impl Bench<'_, '_> {
 
 /// No photodiode reads more than this share of its range without light.
 const MOST_DARK: f64 = 0.1;
+
+/// For how long tips are watched whether they shake, in x and in y, seconds.
+const WATCH: f64 = 2.0;
 
 /// A model of windup that makes the gap less than so many times narrower is worth nothing.
 const LEAST_FACTOR: f64 = 3.0;

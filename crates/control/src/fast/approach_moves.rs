@@ -157,7 +157,7 @@ impl Shared<'_> {
                 station.laser(true);
             }
         })?;
-        while dark.samples < 2.0 {
+        while !dark.is_enough() {
             station.cycle()?;
             dark.note(station);
         }
@@ -181,7 +181,7 @@ impl Shared<'_> {
     pub(super) fn over_the_top(&mut self, station: &mut Station, aim: &Aim) -> Result<(), Halt> {
         let s = &self.fast.sensing;
         let core = 0.5 * station.spec().sensing_fiber.core;
-        let dark = self.dark[Channel::Sensing.index()];
+        let dark = self.dark[Channel::Sensing.index()].level;
         let start = station.wanted(aim.side);
         let height = s.below + self.recipe.raster.y + s.height;
         let brake = 0.5 * s.speed * s.speed / station.spec().five_bar.acceleration;

@@ -27,6 +27,7 @@ use pigtail_hal::spec::{CHANNELS, Channel};
 use pigtail_hal::{FiberHandling, Side};
 use pigtail_model::frames::{Displacement, Macro, Point};
 use pigtail_numerics::statistics::outside;
+use seen::DarkLevel;
 
 /// One pass of a search.
 #[derive(Debug, Clone, Copy)]
@@ -99,9 +100,9 @@ const CLOSER: f64 = 2e-6;
 /// Standard deviations by which light and vision may differ beside vision's bound.
 const FAR_OFF: f64 = 4.0;
 
-/// Light samples for which a tip is watched that may shake too much, in x and in y, each time that the last turns have
-/// left that open.
-const WATCHED: [usize; ATTEMPTS as usize] = [40, 800, 0];
+/// Light samples for which a tip is watched that may shake too much, in x and in y: so many at first, then as many
+/// again until that is decided, and at most.
+const WATCHED: (usize, usize) = (20, 1280);
 
 /// How often the last turns are begun.
 const ATTEMPTS: u32 = 3;
@@ -131,10 +132,7 @@ pub fn fast(station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
     let mut shared = Shared {
         recipe,
         fast: &recipe.fast,
-        dark: [Level {
-            mean: 0.0,
-            sigma: 0.0,
-        }; CHANNELS],
+        dark: [DarkLevel::default(); CHANNELS],
         fluctuation: 0.0,
     };
     each_fiber(station, recipe, |job, station, port| match port {
@@ -148,7 +146,7 @@ struct Shared<'r> {
     recipe: &'r Recipe,
     fast: &'r Fast,
     /// The photodiodes without the laser.
-    dark: [Level; CHANNELS],
+    dark: [DarkLevel; CHANNELS],
     /// Relative standard deviation of the scattered light, as the sensing fiber saw it.
     fluctuation: f64,
 }
@@ -201,9 +199,7 @@ impl Shared<'_> {
             }
         }
         station.move_micro(Side::Right, Displacement::ZERO);
-        if station.has_piezo_model(job.side) {
-            job.ask_whether_it_shakes();
-        }
+        job.ask_whether_it_shakes(station);
         job.align_input(station)
     }
 
@@ -230,9 +226,7 @@ impl Shared<'_> {
                 return result;
             }
         }
-        if station.has_piezo_model(job.side) {
-            job.ask_whether_it_shakes();
-        }
+        job.ask_whether_it_shakes(station);
         job.align_output(station, index)
     }
 
@@ -253,9 +247,10 @@ impl Shared<'_> {
         Watch {
             side,
             channel,
-            background: dark.mean,
-            noise: dark.sigma,
-            still: dark.sigma,
+            background: dark.level.mean,
+            noise: dark.level.sigma,
+            still: dark.still,
+            still_degrees: dark.degrees,
         }
     }
 
@@ -305,7 +300,7 @@ impl Shared<'_> {
                 centred => break centred?,
             }
         };
-        let dark = self.dark[job.channel.index()].mean;
+        let dark = self.dark[job.channel.index()].level.mean;
         job.phase(station, "approach", |_, station| {
             let beam = Beam::new(&self.recipe.mode, self.exit());
             let level = before * beam.share(aim.gap(station));
@@ -340,9 +335,9 @@ impl Shared<'_> {
             // Whoever goes to the peak next should know why this did not come to an end.
             let given_up = matches!(last, Err(Halt::Outcome(_))) && !scan.shaking().is_watched();
             if given_up && station.has_piezo_model(job.side) {
-                scan.watch_shaking(station, aim.gap(station), WATCHED[0])?;
+                scan.watch_shaking(station, aim.gap(station), WATCHED.0)?;
             }
-            job.has_shaken(scan.shaking(), scan.wider());
+            job.has_shaken(scan.shaking());
             job.attach(station, last?, scan.background())
         })
     }
@@ -462,18 +457,6 @@ impl Shared<'_> {
         Ok(!reached)
     }
 
-    /// Whether a fiber would all but certainly be attached where it should be, whose place is known to so many
-    /// metres.
-    fn sure_of_place(&self, scan: &ConicalScan, known: f64) -> Result<(), Outcome> {
-        let (shaking, aside) = (scan.shaking(), self.recipe.accept.aside);
-        if shaking.is_watched() {
-            // That was seen in true measure.
-            return shaking.is_sure(aside, known * scan.wider());
-        }
-        // Where all deviations are larger by a factor, the tolerance is as much smaller.
-        shaking.is_sure(aside / scan.wider(), known)
-    }
-
     /// Whether vision could ever know a gap well enough for a fiber to be attached.
     fn vision_knows(&self, station: &Station) -> bool {
         let tolerance = self.recipe.accept.gap;
@@ -581,7 +564,8 @@ impl Shared<'_> {
     ) -> Result<Level, Halt> {
         let beam = Beam::new(&self.recipe.mode, self.exit());
         let accuracy = self.fast.accuracy;
-        let mut attempt = 0;
+        let wanted = (self.fast.watch * station.spec().photodiode.rate).round() as usize;
+        let (mut attempt, mut watched) = (0, 0);
         loop {
             attempt += 1;
             scan.set_radius(self.fast.conical_scan.radius);
@@ -603,13 +587,25 @@ impl Shared<'_> {
             let expected = peak.full * beam.share(gap);
             let why = match confirmed {
                 Ok((level, known)) if level > 0.9 * expected && (!far || attempt == ATTEMPTS) => {
-                    match self.sure_of_place(scan, known) {
+                    let aside = self.recipe.accept.aside;
+                    match scan.shaking().is_sure(aside, known) {
                         Err(unsure) => {
-                            let samples = WATCHED[attempt as usize - 1];
-                            if samples > 0 {
+                            let mut samples = WATCHED.0;
+                            while watched + samples <= WATCHED.1
+                                && scan.shaking().is_sure(aside, known).is_err()
+                            {
                                 scan.watch_shaking(station, gap, samples)?;
+                                watched += samples;
+                                samples = watched;
                             }
                             unsure
+                        }
+                        Ok(()) if watched < wanted => {
+                            scan.watch_shaking(station, gap, wanted - watched)?;
+                            watched = wanted;
+                            // Piezos have crept meanwhile.
+                            attempt -= 1;
+                            continue;
                         }
                         Ok(()) => {
                             return Ok(Level {

@@ -2,15 +2,30 @@
 
 use crate::station::{Level, Station};
 use pigtail_hal::spec::{CHANNELS, Channel};
+use pigtail_numerics::line::Line;
 
-/// Sums of the photodiodes in the dark.
+/// The photodiodes in the dark.
 #[derive(Debug, Default)]
 pub(super) struct Dark {
-    /// How many.
-    pub(super) samples: f64,
-    sum: [f64; CHANNELS],
-    squares: [f64; CHANNELS],
+    seen: [Vec<f64>; CHANNELS],
 }
+
+/// What a photodiode reads in the dark.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct DarkLevel {
+    /// Mean and spread.
+    pub(super) level: Level,
+    /// Standard deviation of a sample beside what wanders slowly, volts.
+    pub(super) still: f64,
+    /// By how many degrees of freedom that is known.
+    pub(super) degrees: f64,
+}
+
+/// Samples about which what wanders slowly is as good as a straight line.
+const STRAIGHT: usize = 50;
+
+/// A mean and a spread are taken from so many, at least.
+const LEAST: usize = 4;
 
 impl Dark {
     pub(super) fn note(&mut self, station: &Station) {
@@ -18,22 +33,39 @@ impl Dark {
             let Some(volts) = station.light(channel) else {
                 return;
             };
-            let i = channel.index();
-            self.sum[i] += volts;
-            self.squares[i] += volts * volts;
+            self.seen[channel.index()].push(volts);
         }
-        self.samples += 1.0;
+    }
+
+    /// Whether that is enough for a mean and a spread.
+    pub(super) fn is_enough(&self) -> bool {
+        self.seen[0].len() >= LEAST
     }
 
     /// Mean and spread of each. A background that happens to look quiet is still read in steps of the converter.
-    pub(super) fn levels(&self, step: f64) -> [Level; CHANNELS] {
-        let n = self.samples;
+    pub(super) fn levels(&self, step: f64) -> [DarkLevel; CHANNELS] {
         std::array::from_fn(|i| {
-            let mean = self.sum[i] / n;
-            let variance = (self.squares[i] - n * mean * mean) / (n - 1.0);
-            Level {
-                mean,
-                sigma: variance.max(0.0).sqrt().max(step),
+            let seen = &self.seen[i];
+            let n = seen.len() as f64;
+            let mean = seen.iter().sum::<f64>() / n;
+            let squares: f64 = seen.iter().map(|volts| (volts - mean).powi(2)).sum();
+            let (mut left, mut degrees) = (0.0, 0.0);
+            for part in seen.chunks(STRAIGHT).filter(|part| part.len() >= LEAST) {
+                let points = part.iter().enumerate().map(|(k, volts)| (k as f64, *volts));
+                let line = Line::through(points.clone());
+                left += points
+                    .map(|(k, volts)| line.left(k, volts).powi(2))
+                    .sum::<f64>();
+                degrees += part.len() as f64 - 2.0;
+            }
+            let spread = |squares: f64, degrees: f64| (squares / degrees).sqrt().max(step);
+            DarkLevel {
+                level: Level {
+                    mean,
+                    sigma: spread(squares, n - 1.0),
+                },
+                still: spread(left, degrees),
+                degrees,
             }
         })
     }

@@ -72,6 +72,10 @@ pub struct Fast {
     /// account.
     #[serde(with = "quantity::Fraction")]
     pub accept: f64,
+    /// For how long every tip is watched before it is attached, in x and in y, whether it shakes; seconds. A tip that
+    /// may shake too much is watched anyway.
+    #[serde(with = "quantity::NonNegativeTime")]
+    pub watch: f64,
     /// The sensing fiber over the chip's top.
     pub sensing: OverTop,
     /// Lines of a search.
@@ -96,7 +100,7 @@ fn with_former_names(schema: &mut Schema) {
 impl Default for Fast {
     fn default() -> Self {
         Self {
-            dark: 0.1,
+            dark: 0.5,
             input_gap: 60e-6,
             input_spacing: 10e-6,
             output_gap: 80e-6,
@@ -109,6 +113,7 @@ impl Default for Fast {
             doubtful_gap: 25e-6,
             stray: 6e-6,
             accept: 0.5,
+            watch: 0.0,
             sensing: OverTop::default(),
             sweep: Sweep::default(),
             conical_scan: ConicalScan::default(),
@@ -239,6 +244,7 @@ impl Fast {
             ("fast.accuracy", self.accuracy, 1e-9, 1e-6),
             ("fast.gap_tolerance", self.gap_tolerance, 1e-8, 1e-5),
             ("fast.overscan", self.overscan, 0.0, 1e-3),
+            ("fast.watch", self.watch, 0.0, 100.0),
             ("fast.sensing.gap", self.sensing.gap, 1e-5, 2e-3),
             ("fast.sensing.height", self.sensing.height, 0.0, 1e-3),
             ("fast.sensing.below", self.sensing.below, 1e-5, 2e-3),
