@@ -76,6 +76,8 @@ pub(crate) struct Job<'r> {
     shaking: Option<Shaking>,
     /// Whether it must be known.
     asks: bool,
+    /// Why the circles did not believe that the micro goes where it is told, if they did not.
+    astray: Option<Outcome>,
 }
 
 /// Aligns the input fiber and the output fibers of one device, as the thesis does.
@@ -148,10 +150,24 @@ impl<'r> Job<'r> {
         self.shaking = Some(self.shaking.map_or(shaking, |before| before.and(shaking)));
     }
 
-    /// No fiber is attached of which nobody has seen that it holds still; where piezos go astray by their hysteresis,
-    /// that cannot be seen.
-    pub(crate) fn ask_whether_it_shakes(&mut self, station: &Station) {
-        self.asks = station.has_piezo_model(self.side);
+    /// What circles did not believe of the micro, whatever else may have gone wrong since.
+    pub(crate) fn goes_astray(&mut self, why: Outcome) {
+        self.astray = Some(why);
+    }
+
+    /// Whether the thesis's way may be tried after all else has failed: its patterns have no means to see that a micro
+    /// does not go where its model has it, and would believe a peak that is elsewhere.
+    ///
+    /// # Errors
+    ///
+    /// Why not.
+    pub(crate) fn may_fall_back(&mut self, station: &Station) -> Result<(), Outcome> {
+        if !station.has_piezo_model(self.side) {
+            return Ok(());
+        }
+        // Nor do they see whether a tip holds still.
+        self.asks = true;
+        self.astray.take().map_or(Ok(()), Err)
     }
 
     /// The input fiber's way to its port.
@@ -182,6 +198,7 @@ impl<'r> Job<'r> {
             phases: Vec::with_capacity(8),
             shaking: None,
             asks: false,
+            astray: None,
         }
     }
 

@@ -199,7 +199,7 @@ impl Shared<'_> {
             }
         }
         station.move_micro(Side::Right, Displacement::ZERO);
-        job.ask_whether_it_shakes(station);
+        job.may_fall_back(station)?;
         job.align_input(station)
     }
 
@@ -226,7 +226,7 @@ impl Shared<'_> {
                 return result;
             }
         }
-        job.ask_whether_it_shakes(station);
+        job.may_fall_back(station)?;
         job.align_output(station, index)
     }
 
@@ -338,6 +338,11 @@ impl Shared<'_> {
                 scan.watch_shaking(station, aim.gap(station), WATCHED.0)?;
             }
             job.has_shaken(scan.shaking());
+            if let Err(Halt::Outcome(why)) = &last
+                && scan.is_astray()
+            {
+                job.goes_astray(why.clone());
+            }
             job.attach(station, last?, scan.background())
         })
     }
