@@ -61,8 +61,6 @@ pub struct ConicalScan<'r> {
     moved: f64,
     /// Light of the last turn that found the peak, from the circle's middle.
     around: Vec<(Displacement, f64)>,
-    /// Whether the micro did not go where it was told on the circle that finds the peak.
-    astray: bool,
 }
 
 /// Standard deviations by which a peak must stand out of the noise.
@@ -184,18 +182,12 @@ impl<'r> ConicalScan<'r> {
             shaking: Shaking::new(station.measured_shaking(watch.side)),
             moved: f64::INFINITY,
             around: Vec::with_capacity(64),
-            astray: false,
         }
     }
 
     /// How the tip shakes, by all turns near the peak.
     pub fn shaking(&self) -> Shaking {
         self.shaking
-    }
-
-    /// Whether the last [`Self::settle`] ended because the micro does not go where it is told.
-    pub fn is_astray(&self) -> bool {
-        self.astray
     }
 
     /// The photodiode that watches.
@@ -591,8 +583,7 @@ impl<'r> ConicalScan<'r> {
                 return Ok(peak);
             }
         }
-        self.astray = off > MISFIT;
-        if self.astray {
+        if off > MISFIT {
             return Err(Outcome::Misshapen {
                 misfit: off,
                 accepted: MISFIT,

@@ -74,10 +74,6 @@ pub(crate) struct Job<'r> {
     phases: Vec<(&'static str, f64)>,
     /// How its tip shakes, as far as circles have told.
     shaking: Option<Shaking>,
-    /// Whether it must be known.
-    asks: bool,
-    /// Why the circles did not believe that the micro goes where it is told, if they did not.
-    astray: Option<Outcome>,
 }
 
 /// Aligns the input fiber and the output fibers of one device, as the thesis does.
@@ -150,26 +146,6 @@ impl<'r> Job<'r> {
         self.shaking = Some(self.shaking.map_or(shaking, |before| before.and(shaking)));
     }
 
-    /// What circles did not believe of the micro, whatever else may have gone wrong since.
-    pub(crate) fn goes_astray(&mut self, why: Outcome) {
-        self.astray = Some(why);
-    }
-
-    /// Whether the thesis's way may be tried after all else has failed: its patterns have no means to see that a micro
-    /// does not go where its model has it, and would believe a peak that is elsewhere.
-    ///
-    /// # Errors
-    ///
-    /// Why not.
-    pub(crate) fn may_fall_back(&mut self, station: &Station) -> Result<(), Outcome> {
-        if !station.has_piezo_model(self.side) {
-            return Ok(());
-        }
-        // Nor do they see whether a tip holds still.
-        self.asks = true;
-        self.astray.take().map_or(Ok(()), Err)
-    }
-
     /// The input fiber's way to its port.
     pub(crate) fn input(recipe: &'r Recipe) -> Self {
         let port = recipe.ports.input;
@@ -197,8 +173,6 @@ impl<'r> Job<'r> {
             channel,
             phases: Vec::with_capacity(8),
             shaking: None,
-            asks: false,
-            astray: None,
         }
     }
 
@@ -272,7 +246,7 @@ impl<'r> Job<'r> {
     }
 
     /// From the tray to first light.
-    fn find_input(&mut self, station: &mut Station) -> Result<Found, Halt> {
+    pub(crate) fn find_input(&mut self, station: &mut Station) -> Result<Found, Halt> {
         if !station.carries(Side::Left) {
             station.handle_fiber(Side::Left, FiberHandling::Load(0))?;
         }
@@ -335,7 +309,11 @@ impl<'r> Job<'r> {
     }
 
     /// From the tray to first light.
-    fn find_output(&mut self, station: &mut Station, index: usize) -> Result<Found, Halt> {
+    pub(crate) fn find_output(
+        &mut self,
+        station: &mut Station,
+        index: usize,
+    ) -> Result<Found, Halt> {
         let recipe = self.recipe;
         self.phase(station, "coarse", |job, station| {
             // Loaded only now, and away from the chip: an output fiber stands out beyond the
@@ -375,12 +353,10 @@ impl<'r> Job<'r> {
     /// From first light to an attached fiber.
     fn finish(&mut self, station: &mut Station, found: &Found) -> Result<(), Halt> {
         self.maximize(station, found, |job, station, last| {
-            // The thesis did not ask whether a tip shakes; whoever falls back on its way does.
-            let seen = job.shaking;
-            if job.asks || seen.as_ref().is_some_and(Shaking::is_watched) {
+            // The thesis did not ask whether a tip shakes; but where it was seen, it is known.
+            let watched = job.shaking.filter(Shaking::is_watched);
+            if let Some(shaking) = watched {
                 let recipe = job.recipe;
-                let shaking =
-                    seen.unwrap_or_else(|| Shaking::new(station.measured_shaking(job.side)));
                 // Its patterns know a peak no better than the tip shakes while they are drawn.
                 let known = recipe.last.accuracy.hypot(shaking.deviation());
                 shaking.is_sure(recipe.accept.aside, known)?;

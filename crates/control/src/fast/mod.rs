@@ -7,8 +7,9 @@
 //! constant speed find first light ([`sweep`](crate::sweep)), circles follow it to the peak and
 //! through the approach ([`conical_scan`](crate::conical_scan)), the walk of the peak fed forward.
 //!
-//! Where this does not come to a good end a fiber is tried again, and at last by the thesis's own
-//! procedure.
+//! Where this does not come to a good end a fiber is tried again, and at last its light is searched by the thesis's
+//! own raster. Where the piezos' hysteresis is not known, circles are none: there the thesis's own procedure has the
+//! last turn.
 
 mod approach_moves;
 mod seen;
@@ -17,7 +18,7 @@ use crate::beam::Beam;
 use crate::conical_scan::{ConicalScan, Watch};
 use crate::gap_by_light::{Width, contact};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
-use crate::procedure::{FiberReport, Job, UNSURE, each_fiber, outward};
+use crate::procedure::{FiberReport, Found, Job, UNSURE, each_fiber, outward};
 use crate::recipe::{Fast, Recipe, Sweep};
 use crate::station::{Level, Station};
 use crate::sweep::{Spot, first_light};
@@ -199,8 +200,11 @@ impl Shared<'_> {
             }
         }
         station.move_micro(Side::Right, Displacement::ZERO);
-        job.may_fall_back(station)?;
-        job.align_input(station)
+        if !station.has_piezo_model(job.side) {
+            return job.align_input(station);
+        }
+        let found = job.find_input(station)?;
+        self.from_raster(job, station, &aim, &found)
     }
 
     fn align_output(
@@ -226,8 +230,11 @@ impl Shared<'_> {
                 return result;
             }
         }
-        job.may_fall_back(station)?;
-        job.align_output(station, index)
+        if !station.has_piezo_model(job.side) {
+            return job.align_output(station, index);
+        }
+        let found = job.find_output(station, index)?;
+        self.from_raster(job, station, &aim, &found)
     }
 
     /// A pass for fibers of which light is searched at a gap by lines of a spacing, metres.
@@ -263,7 +270,7 @@ impl Shared<'_> {
         look: &Look,
     ) -> Result<(), Halt> {
         let (mut dismissed, mut begun): (usize, Option<(Watch, Point<Macro>)>) = (0, None);
-        let (mut scan, before) = loop {
+        let (scan, before) = loop {
             let (watch, spot) = job.phase(station, "search", |job, station| {
                 let (watch, start) = match begun {
                     None => {
@@ -300,6 +307,43 @@ impl Shared<'_> {
                 centred => break centred?,
             }
         };
+        self.close(job, station, aim, scan, before)
+    }
+
+    /// From light that the thesis's raster has found to an attached fiber. Its patterns would find the peak too, but
+    /// cannot say how the tip shakes, nor whether the micro goes where it is told.
+    fn from_raster(
+        &self,
+        job: &mut Job,
+        station: &mut Station,
+        aim: &Aim,
+        found: &Found,
+    ) -> Result<(), Halt> {
+        let watch = Watch {
+            background: found.background,
+            ..self.watch(job.side, job.channel)
+        };
+        let at = station.wanted(aim.side).across() + station.micro(aim.side);
+        let spot = Spot {
+            at,
+            level: found.level,
+            background: found.background,
+        };
+        let (scan, before) = job.phase(station, "centre", |_, station| {
+            self.centre(station, aim, watch, spot)
+        })?;
+        self.close(job, station, aim, scan, before)
+    }
+
+    /// From the peak at the gap of a search, where light of `before` volts at no gap was, to an attached fiber.
+    fn close(
+        &self,
+        job: &mut Job,
+        station: &mut Station,
+        aim: &Aim,
+        mut scan: ConicalScan,
+        before: f64,
+    ) -> Result<(), Halt> {
         let dark = self.dark[job.channel.index()].level.mean;
         job.phase(station, "approach", |_, station| {
             let beam = Beam::new(&self.recipe.mode, self.exit());
@@ -338,11 +382,6 @@ impl Shared<'_> {
                 scan.watch_shaking(station, aim.gap(station), WATCHED.0)?;
             }
             job.has_shaken(scan.shaking());
-            if let Err(Halt::Outcome(why)) = &last
-                && scan.is_astray()
-            {
-                job.goes_astray(why.clone());
-            }
             job.attach(station, last?, scan.background())
         })
     }
