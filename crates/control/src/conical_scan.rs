@@ -766,16 +766,17 @@ impl<'r> ConicalScan<'r> {
         self.shrink(station, gap, 0.0, last)?;
         // It comes to rest, and not a moment longer: piezos creep.
         self.cycles(station, gap, station.micro_settling())?;
-        let misfit = self.misfit(&seen, gap, SHRINK);
-        if misfit > accepted {
-            return Err(Outcome::Misshapen { misfit, accepted }.into());
-        }
         // Fiber and guide are not quite as designed: by how much the peak is wider than believed, two
         // circles tell.
         let wide = self.shape.radius * self.shape.radius;
         let wider = (seen.full / foreseen.full).powf(small / (wide - small));
+        let full = seen.full * wider;
+        let misfit = self.misfit(&Peak { full, ..seen }, gap, SHRINK);
+        if misfit > accepted {
+            return Err(Outcome::Misshapen { misfit, accepted }.into());
+        }
         let known = foreseen.deviation * seen.deviation / deviation;
-        Ok((seen.full * wider * self.beam.share(gap), known))
+        Ok((full * self.beam.share(gap), known))
     }
 
     /// Leaves the circle for its middle.
