@@ -63,6 +63,10 @@ pub struct ConicalScan<'r> {
     around: Vec<(Displacement, f64)>,
 }
 
+/// How far a circle's middle may have gone at the beginning of a turn that tells how a tip shakes, metres: a tip that
+/// shakes by 40 nm sends it there, and what a micro does on so short a way is nothing beside it.
+const SENT: f64 = 100e-9;
+
 /// Standard deviations by which a peak must stand out of the noise.
 const SIGNIFICANT: f64 = 5.0;
 
@@ -383,9 +387,10 @@ impl<'r> ConicalScan<'r> {
     }
 
     /// How the tip shakes by the last turn around a `peak`: on a circle of `r` widths `w` a place that scatters by
-    /// `s` along every direction makes `2 r s/w` of the light there, rms. `None` where the circle's middle was on its way.
+    /// `s` along every direction makes `2 r s/w` of the light there, rms. `None` where the circle's middle was on its way, and farther than
+    /// a tip that shakes sends it by itself.
     fn shakes(&self, peak: &Peak, gap: f64) -> Option<Scatter> {
-        if self.moved > QUIET {
+        if self.moved > SENT {
             return None;
         }
         let (left, free) = self.left(|reading| self.beam.left(reading, peak))?;

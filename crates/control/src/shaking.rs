@@ -221,7 +221,8 @@ impl Shaking {
         let rings = small.degrees > 0.0
             && wide.degrees > 0.0
             && wide.beyond() > RINGS * small.beyond().max(LEAST * LEAST);
-        let before = |deviation: f64| match &self.measured {
+        // Whoever has seen nothing of a tip cannot say that it still is as it was.
+        let before = |deviation: f64| match self.measured.filter(|_| self.is_known()) {
             None => USUAL.density(deviation),
             Some(measured) => {
                 (1.0 - CHANGED) * measured.density(deviation) + CHANGED * USUAL.density(deviation)
