@@ -22,7 +22,7 @@ use crate::procedure::{FiberReport, Found, Job, UNSURE, each_fiber, outward};
 use crate::recipe::{Fast, Recipe, Sweep};
 use crate::station::{Level, Station};
 use crate::sweep::{Spot, first_light};
-use crate::tip_estimator::Tip;
+use crate::tip_estimator::{STATED, Tip};
 use approach_moves::{Aim, cock, lines};
 use pigtail_hal::spec::{CHANNELS, Channel};
 use pigtail_hal::{FiberHandling, Side};
@@ -505,7 +505,8 @@ impl Shared<'_> {
     fn vision_knows(&self, station: &Station) -> bool {
         let tolerance = self.recipe.accept.gap;
         let (off, sigma) = (0.5 * self.fast.gap_tolerance, 0.5 * self.fast.gap_tolerance);
-        outside(tolerance, off, station.spec().vision.accuracy_z, sigma) <= UNSURE
+        let bound = STATED * station.spec().vision.accuracy_z;
+        outside(tolerance, off, bound, sigma) <= UNSURE
     }
 
     /// Closes the gap to `gap` metres on the circle and stays there for some turns, for as long as the light is
