@@ -37,6 +37,7 @@ fn report(port: &'static str, outcome: Outcome) -> FiberReport {
         port,
         side: Side::Left,
         outcome,
+        shaking: None,
         phases: Vec::new(),
     }
 }

@@ -12,22 +12,21 @@
 //! last turn.
 
 mod approach_moves;
+mod gap;
 mod seen;
 
 use crate::beam::Beam;
 use crate::conical_scan::{ConicalScan, Watch};
-use crate::gap_by_light::{Width, contact};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
-use crate::procedure::{FiberReport, Found, Job, UNSURE, each_fiber, outward};
+use crate::procedure::{FiberReport, Found, Job, each_fiber};
 use crate::recipe::{Fast, Recipe, Sweep};
 use crate::station::{Level, Station};
 use crate::sweep::{Spot, first_light};
-use crate::tip_estimator::{STATED, Tip};
+use crate::tip_estimator::Tip;
 use approach_moves::{Aim, cock, lines};
 use pigtail_hal::spec::{CHANNELS, Channel};
 use pigtail_hal::{FiberHandling, Side};
 use pigtail_model::frames::{Displacement, Macro, Point};
-use pigtail_numerics::statistics::outside;
 use seen::DarkLevel;
 
 /// One pass of a search.
@@ -81,25 +80,9 @@ const SCATTERED: f64 = 5.0;
 /// ...for so many turns, in which it does not by chance stay as bright as a peak would.
 const DOUBTING: u64 = 3;
 
-/// Standard deviation of the gap, in tolerances, at which the last turns begin...
-const SURE_OF_GAP: f64 = 0.7;
-
-/// ...or after so many seconds, whatever vision says.
-const MOST_LOOKING: f64 = 0.3;
-
 /// A gap that turns out to be wrong by so many tolerances when all else is done is worth doing the
 /// last turns again.
 const LATE: f64 = 1.3;
-
-/// Where the spot is looked at on the way, if the light is to say where the chip is: at gaps where its squared
-/// width is so many times that at the chip, and one more.
-const WIDER: [f64; 4] = [3.0, 1.8, 0.9, 0.3];
-
-/// What is no farther than this from such a gap is there, metres.
-const CLOSER: f64 = 2e-6;
-
-/// Standard deviations by which light and vision may differ beside vision's bound.
-const FAR_OFF: f64 = 4.0;
 
 /// Light samples for which a tip is watched that may shake too much, in x and in y: so many at first, then as many
 /// again until that is decided, and at most.
@@ -357,22 +340,7 @@ impl Shared<'_> {
                     self.approach(station, aim, &mut scan, before, (gap, DOUBTING))?;
                 }
             }
-            let here = (self.recipe.approach.gap, 1);
-            if self.vision_knows(station) {
-                return self.approach(station, aim, &mut scan, before, here);
-            }
-            let mut widths = Vec::new();
-            for share in WIDER {
-                let gap = beam.gap_of(share);
-                if gap < aim.gap(station) + CLOSER {
-                    self.approach(station, aim, &mut scan, before, (gap, 1))?;
-                    widths.extend(width(station, aim, &mut scan)?);
-                }
-            }
-            self.approach(station, aim, &mut scan, before, here)?;
-            widths.extend(width(station, aim, &mut scan)?);
-            tell_contact(station, aim, &widths, self.recipe.accept.gap);
-            Ok(())
+            self.come_close(station, aim, &mut scan, before)
         })?;
         job.phase(station, "final", |job, station| {
             let last = self.finish(station, aim, &mut scan, before);
@@ -501,14 +469,6 @@ impl Shared<'_> {
         Ok(!reached)
     }
 
-    /// Whether vision could ever know a gap well enough for a fiber to be attached.
-    fn vision_knows(&self, station: &Station) -> bool {
-        let tolerance = self.recipe.accept.gap;
-        let (off, sigma) = (0.5 * self.fast.gap_tolerance, 0.5 * self.fast.gap_tolerance);
-        let bound = STATED * station.spec().vision.accuracy_z;
-        outside(tolerance, off, bound, sigma) <= UNSURE
-    }
-
     /// Closes the gap to `gap` metres on the circle and stays there for some turns, for as long as the light is
     /// `before` volts at no gap and does not stray.
     fn approach(
@@ -552,48 +512,6 @@ impl Shared<'_> {
                     expected: before,
                 }
                 .into());
-            }
-        }
-        Ok(())
-    }
-
-    /// Stays on the circle until vision knows the gap well.
-    fn know_gap(
-        &self,
-        station: &mut Station,
-        aim: &Aim,
-        scan: &mut ConicalScan,
-    ) -> Result<(), Halt> {
-        let sure = SURE_OF_GAP * self.fast.gap_tolerance;
-        let unsure = |station: &Station| {
-            let seen = station.seen(aim.side, aim.tip);
-            seen.is_some_and(|seen| seen.sigma[1] > sure)
-        };
-        let end = station.time() + MOST_LOOKING;
-        while unsure(station) && station.time() < end {
-            let gap = aim.gap(station);
-            scan.turn(station, gap)?;
-            if let Some(peak) = scan.peak() {
-                scan.go_to(station, &peak, gap)?;
-            }
-        }
-        Ok(())
-    }
-
-    /// Goes on the circle to the gap that is wanted, if that is farther than the tolerance.
-    fn correct_gap(
-        &self,
-        station: &mut Station,
-        aim: &Aim,
-        scan: &mut ConicalScan,
-    ) -> Result<(), Halt> {
-        let way = aim.gap(station) - self.recipe.approach.gap;
-        if way.abs() > self.fast.gap_tolerance {
-            let end = station.wanted(aim.side).shifted(0.0, 0.0, way);
-            station.start_line(aim.side, end, None)?;
-            while station.moving(aim.side) {
-                let gap = aim.gap(station);
-                scan.cycle(station, gap)?;
             }
         }
         Ok(())
@@ -676,41 +594,6 @@ impl Shared<'_> {
             }
         }
     }
-}
-
-/// Looks how wide the spot is here. The micro stands in its middle meanwhile: a piezo goes a little farther or
-/// less far elsewhere, and a percent of it is a percent of the width.
-fn width(station: &mut Station, aim: &Aim, scan: &mut ConicalScan) -> Result<Option<Width>, Halt> {
-    let gap = aim.gap(station);
-    let aside = scan.place(gap);
-    hand_over(station, scan, aim.side, aside, gap)?;
-    scan.turn(station, gap)?;
-    if let Some(peak) = scan.peak() {
-        scan.go_to(station, &peak, gap)?;
-    }
-    let at = aim.holder_gap(station);
-    Ok(scan.width(station, gap, at)?)
-}
-
-/// Believes what the widths say of where the chip is, if they say it well enough and vision does not contradict.
-fn tell_contact(station: &mut Station, aim: &Aim, widths: &[Width], tolerance: f64) {
-    let Some(seen) = station.seen(aim.side, aim.tip) else {
-        return;
-    };
-    // The encoders' gap where vision has them touch.
-    let by_vision = aim.holder_gap(station) - aim.gap(station);
-    let wide = seen.bound_z + FAR_OFF * seen.sigma[1];
-    let range = (by_vision - 2.0 * wide, by_vision + 2.0 * wide);
-    let Some(contact) = contact(widths, range) else {
-        return;
-    };
-    let differs = (contact.at - by_vision).abs() > wide + FAR_OFF * contact.deviation;
-    // What is known worse than a fiber needs it would only lead it astray, and into the chip at last.
-    if differs || outside(tolerance, 0.0, 0.0, contact.deviation) > UNSURE {
-        return;
-    }
-    let z = -outward(aim.side) * contact.at;
-    station.tell_z(aim.side, z, contact.deviation);
 }
 
 /// The macro goes aside and comes to rest there, while the micro stays in its

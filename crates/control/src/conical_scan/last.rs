@@ -1,0 +1,338 @@
+//! The last turns at the chip: the peak as it will be, a look at it from near, and the way to rest.
+
+use super::{ConicalScan, NEAR, NEARBY, SHRINK, SIGNIFICANT};
+use crate::beam::Peak;
+use crate::outcome::{Halt, Outcome};
+use crate::station::Station;
+use pigtail_model::frames::Displacement;
+use pigtail_numerics::line::Line;
+
+/// From the middle of the last wide turn to that of the small one, turns. Foreseeing as far as the fiber's
+/// attaching makes offsets in x twice as large, and those in y larger by a third.
+const AHEAD: f64 = 1.3;
+
+/// Radius of the small turn in widths, of which the least is enough for light without noise: the
+/// smaller, the better the light on it tells that at its middle...
+const SMALL: (f64, f64) = (0.15, 0.3);
+
+/// ...and the more it must stand out of the noise: square of the radius for a reading's noise, of its
+/// light.
+const NOISY: f64 = 10.0;
+
+/// How well the wide turns and the small one together must know the peak, of what the wide ones must;
+/// but for light so dim that it takes very many.
+const TOGETHER: f64 = 0.8;
+
+/// ...and in which the micro comes from it to rest: twice as slowly it rings a quarter as much.
+const COME_TO_REST: f64 = 0.6;
+
+/// Turns in which it does where the micro rings: so slow a change excites it little.
+const GENTLE: f64 = 2.0;
+
+/// How far it may swing, at most, before it comes to rest, where that does not die away: then it may be noise.
+const SWINGS: f64 = 60e-9;
+
+/// Small turns, at most, until it no longer rings.
+const RINGING: u32 = 10;
+
+/// A swing that is more than this share of that of the turn before does not die away.
+const LASTING: f64 = 0.8;
+
+/// How far the small turn may find the peak from where the wide ones foresaw it, metres and standard
+/// deviations: what is farther has been moved meanwhile. Rather once too often: it costs some turns.
+const MOVED: (f64, f64) = (40e-9, 3.0);
+
+/// As [`MISFIT`], for the small turn, times its radius squared: a peak that was moved in the middle of
+/// it, or a piezo that does not move, which makes `1 / sqrt(8)`.
+const SMALL_MISFIT: f64 = 0.2;
+
+/// How fast a peak moves when all is done, metres a turn: as piezos creep.
+const CREEP: f64 = 15e-9;
+
+/// Fastest that it may.
+const FASTEST: f64 = 5.0 * CREEP;
+
+/// By how much the light on the circle may differ from that of a peak, of its own: one whose modes
+/// are not as designed does by 3 % at most, a piezo that goes half of its way makes it 5 %.
+const MISFIT: f64 = 0.04;
+
+/// How far a micro that rings may swing where the fiber is attached, metres.
+const QUIET: f64 = 20e-9;
+
+impl ConicalScan<'_> {
+    /// Turns at a steady gap until it is known to `accuracy` metres (one standard deviation, by
+    /// how the turns' peaks scatter about a straight line in time) where the peak will be in
+    /// [`Self::confirm`], and goes there. For piezos creep. The first turns only lead there.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::centre`]; [`Outcome::Misshapen`] where the light is not that of a peak.
+    pub fn settle(
+        &mut self,
+        station: &mut Station,
+        gap: f64,
+        accuracy: f64,
+        phase: &'static str,
+    ) -> Result<Peak, Halt> {
+        let start = self.centre;
+        let expected = SIGNIFICANT * self.watch.noise;
+        let lost = |level: f64| Outcome::LightLost {
+            phase,
+            level,
+            expected,
+        };
+        let (mut dark, mut deviation, mut off) = (0, f64::INFINITY, 0.0);
+        let mut seen: Vec<Peak> = Vec::with_capacity(self.shape.turns as usize);
+        for _ in 0..6 * self.shape.turns {
+            self.turn(station, gap)?;
+            let peak = self.peak();
+            let Some(mut peak) = peak.filter(|p| p.full > SIGNIFICANT * p.full_deviation) else {
+                dark += 1;
+                if dark > 1 {
+                    let level = peak.map_or(0.0, |peak| peak.full * self.beam.share(gap));
+                    return Err(lost(level).into());
+                }
+                continue;
+            };
+            let way = (peak.at - self.centre).norm();
+            if way > NEAR * self.beam.width(gap) {
+                // Not there yet: what was seen from there does not count.
+                seen.clear();
+                self.go_to(station, &peak, gap)?;
+                let far = (self.centre - start).norm();
+                if far > NEARBY * self.beam.width(gap) {
+                    return Err(lost(peak.full * self.beam.share(gap)).into());
+                }
+                continue;
+            }
+            seen.push(peak);
+            if let Some(seen) = self.shakes(&peak, gap)
+                && !self.shaking.is_watched()
+            {
+                self.shaking.add_wide(&seen);
+            }
+            if seen.len() < 3 {
+                self.go_to(station, &peak, gap)?;
+                continue;
+            }
+            // A peak is that of the middle of its turn; the circle is left a turn later.
+            let noise = peak.deviation;
+            let last = peak;
+            let x = Ahead::of(&seen, |peak| peak.at.x, noise);
+            let y = Ahead::of(&seen, |peak| peak.at.y, noise);
+            peak.at = Displacement::new(x.at, y.at);
+            peak.deviation = x.deviation.max(y.deviation);
+            let slope = x.slope.hypot(y.slope);
+            if !self.shaking.is_watched() {
+                let scatter = x.scatter.max(y.scatter);
+                let free = seen.len() as f64 - 2.0;
+                self.shaking.set_slow(scatter, noise * noise, free);
+            }
+            self.go_to(station, &peak, gap)?;
+            deviation = peak.deviation;
+            // A peak that a circle's middle runs after, or that is no peak's shape, is that of a micro
+            // which does not go where it is told.
+            off = self.misfit(&last, gap, 1.0);
+            if slope > FASTEST + SIGNIFICANT * noise || off > MISFIT {
+                seen.clear();
+                continue;
+            }
+            // The small turn to come knows the less the smaller it is.
+            let small = last.deviation * self.shape.radius / self.small(&last, gap);
+            let together = deviation * small / deviation.hypot(small);
+            self.around.clear();
+            self.around
+                .extend(self.readings.iter().map(|r| (r.at - self.centre, r.volts)));
+            let long = seen.len() >= 2 * self.shape.turns as usize;
+            if deviation < accuracy && (together < TOGETHER * accuracy || long) {
+                return Ok(peak);
+            }
+        }
+        if off > MISFIT {
+            return Err(Outcome::Misshapen {
+                misfit: off,
+                accepted: MISFIT,
+            }
+            .into());
+        }
+        Err(Outcome::Unsure {
+            deviation,
+            accuracy,
+        }
+        .into())
+    }
+
+    /// Radius of the small turn around a peak, in its widths.
+    fn small(&self, peak: &Peak, gap: f64) -> f64 {
+        let noise = self.watch.noise / (peak.full * self.beam.share(gap));
+        (NOISY * noise).sqrt().clamp(SMALL.0, SMALL.1)
+    }
+
+    /// Goes around a small circle, from which the light at its middle can be told: whether the peak is
+    /// where it was `foreseen`, which a piezo that has given way meanwhile would not be at. Then
+    /// goes to the peak by both, each as far as it is sure, and comes to rest there. Returns the light
+    /// that must be there, volts, at `gap`, and how well the place is known, metres.
+    ///
+    /// # Errors
+    ///
+    /// The machine's fault; [`Outcome::MicroRange`] where the micro does not reach the peak;
+    /// [`Outcome::LightLost`], [`Outcome::Unsure`] or [`Outcome::Misshapen`] where the peak is not
+    /// believed to be there.
+    pub fn confirm(
+        &mut self,
+        station: &mut Station,
+        gap: f64,
+        foreseen: &Peak,
+        phase: &'static str,
+    ) -> Result<(f64, f64), Halt> {
+        let radius = self.small(foreseen, gap);
+        let small = radius * radius;
+        self.shrink(station, gap, radius, SHRINK)?;
+        // The way to rest makes the micro ring as the way to this circle did, and is this much shorter.
+        let shorter = radius / (self.shape.radius - radius);
+        let (mut turns, mut before, mut rings) = (0, f64::INFINITY, false);
+        let seen = loop {
+            self.turn(station, gap)?;
+            let Some(seen) = self.peak() else {
+                return Err(Outcome::LightLost {
+                    phase,
+                    level: 0.0,
+                    expected: foreseen.full * self.beam.share(gap),
+                }
+                .into());
+            };
+            let swing = self.swing(&seen, gap);
+            rings |= swing * shorter > QUIET;
+            if swing < QUIET || !rings {
+                break seen;
+            }
+            if swing > LASTING * before || turns == RINGING {
+                if swing > SWINGS {
+                    return Err(Outcome::Unsure {
+                        deviation: swing,
+                        accuracy: SWINGS,
+                    }
+                    .into());
+                }
+                break seen;
+            }
+            (before, turns) = (swing, turns + 1);
+            self.go_to(station, &seen, gap)?;
+        };
+        // On the way to this circle and on it nothing has moved.
+        self.moved = if turns > 0 { self.moved } else { 0.0 };
+        if let Some(shakes) = self.shakes(&seen, gap)
+            && !self.shaking.is_watched()
+        {
+            self.shaking.add_small(&shakes);
+        }
+        let wider = self.wider_by(gap);
+        self.shaking.set_wider(wider);
+        // What was foreseen was so for one turn.
+        let late = CREEP * f64::from(turns);
+        let foreseen = &Peak {
+            deviation: foreseen.deviation.hypot(late),
+            ..*foreseen
+        };
+        let by = seen.at - foreseen.at;
+        let deviation = seen.deviation.hypot(foreseen.deviation);
+        let (way, near) = (by.norm(), MOVED.0 + MOVED.1 * deviation);
+        if way > near {
+            return Err(Outcome::Unsure {
+                deviation: way,
+                accuracy: near,
+            }
+            .into());
+        }
+        let accepted = SMALL_MISFIT * small;
+        let misfit = self.misfit(&seen, gap, 1.0);
+        if misfit > accepted {
+            return Err(Outcome::Misshapen { misfit, accepted }.into());
+        }
+        let share = (foreseen.deviation / deviation).powi(2);
+        let last = if rings { GENTLE } else { COME_TO_REST };
+        let peak = Peak {
+            at: foreseen.at + by * share,
+            ..seen
+        };
+        self.go_to(station, &peak, gap)?;
+        self.shrink(station, gap, 0.0, last)?;
+        // It comes to rest, and not a moment longer: piezos creep.
+        self.cycles(station, gap, station.micro_settling())?;
+        // Fiber and guide are not quite as designed: by how much the peak is wider than believed, two
+        // circles tell.
+        let wide = self.shape.radius * self.shape.radius;
+        let wider = (seen.full / foreseen.full).powf(small / (wide - small));
+        let full = seen.full * wider;
+        let misfit = self.misfit(&Peak { full, ..seen }, gap, SHRINK);
+        if misfit > accepted {
+            return Err(Outcome::Misshapen { misfit, accepted }.into());
+        }
+        let known = foreseen.deviation * seen.deviation / deviation;
+        Ok((full * self.beam.share(gap), known))
+    }
+}
+
+/// A coordinate of the peak as it will be.
+struct Ahead {
+    /// [`AHEAD`] of the last turn, metres.
+    at: f64,
+    /// Its standard deviation, metres.
+    deviation: f64,
+    /// How it moves, metres a turn.
+    slope: f64,
+    /// Variance of a turn's peak about that, square metres.
+    scatter: f64,
+}
+
+impl Ahead {
+    /// By the straight line through a coordinate of peaks that are a turn apart. A few peaks may
+    /// happen to lie well: they scatter by `noise` (metres) at least.
+    fn of(peaks: &[Peak], coordinate: impl Fn(&Peak) -> f64 + Clone, noise: f64) -> Self {
+        let n = peaks.len() as f64;
+        let turns = peaks.iter().map(coordinate).enumerate();
+        let points = turns.map(|(k, at)| (k as f64, at));
+        let line = Line::through(points.clone());
+        let squares: f64 = points.map(|(k, at)| line.left(k, at).powi(2)).sum();
+        let lever = line.x + AHEAD;
+        let scatter = squares / (n - 2.0);
+        let each = scatter.max(noise * noise);
+        let variance = each * (1.0 / n + lever * lever / line.spread);
+        Self {
+            at: line.y + line.slope * lever,
+            deviation: variance.sqrt(),
+            slope: line.slope,
+            scatter,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn peak(x: f64) -> Peak {
+        Peak {
+            at: Displacement::new(x, 0.0),
+            full: 1.0,
+            full_deviation: 0.0,
+            deviation: 0.0,
+        }
+    }
+
+    #[test]
+    fn a_steady_creep_is_foreseen() {
+        let peaks = [0.0, 10e-9, 20e-9, 30e-9].map(peak);
+        let ahead = Ahead::of(&peaks, |peak| peak.at.x, 0.0);
+        let expected = 30e-9 + AHEAD * 10e-9;
+        assert!((ahead.at - expected).abs() < 1e-15, "{}", ahead.at);
+        assert!(ahead.deviation < 1e-15, "{}", ahead.deviation);
+        assert!((ahead.slope - 10e-9).abs() < 1e-15, "{}", ahead.slope);
+    }
+
+    #[test]
+    fn three_peaks_that_happen_to_lie_well_are_not_believed_more_than_their_noise() {
+        let Ahead { deviation, .. } = Ahead::of(&[0.0; 3].map(peak), |peak| peak.at.x, 10e-9);
+        assert!(deviation > 10e-9, "{deviation}");
+    }
+}

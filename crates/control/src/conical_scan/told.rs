@@ -1,0 +1,236 @@
+//! What light on the circle tells beside where the peak is: how wide the spot is, whether the micro swings, how the
+//! tip shakes.
+
+use super::{ConicalScan, SHRINK, SIGNIFICANT};
+use crate::beam::{Peak, Reading};
+use crate::gap_by_light::{Circles, Width};
+use crate::shaking::Scatter;
+use crate::station::Station;
+use pigtail_hal::Fault;
+use pigtail_model::frames::Displacement;
+use pigtail_numerics::line::Line;
+use std::f64::consts::{PI, TAU};
+
+/// How far a circle's middle may have gone at the beginning of a turn that tells how a tip shakes, metres: a tip that
+/// shakes by 40 nm sends it there, and what a micro does on so short a way is nothing beside it.
+const SENT: f64 = 100e-9;
+
+/// Radii of the circles by which the width of the spot is seen, in its width at the chip.
+const WIDTHS: [f64; 2] = [0.35, 1.2];
+
+/// Turns on either before the other has its turn...
+const TURNS_A_ROUND: u32 = 4;
+
+/// ...and how often that is repeated, at most, until the square of the width is known to this share of it.
+const MOST_ROUNDS: u32 = 16;
+
+const KNOWN: f64 = 4e-3;
+
+/// How far beside the peak light is watched, in its widths: there it is steepest.
+const STEEP: f64 = 0.7;
+
+/// Seconds for which a piezo creeps as good as steadily: what is slower, circles follow.
+const STRAIGHT: f64 = 0.2;
+
+/// The light at the peak is looked at for so long, seconds; beside it, it is less by this share at least.
+const TOP: f64 = 0.04;
+
+const LEAST_FALL: f64 = 0.02;
+
+/// So many times longer than it is believed to settle a micro may still swing.
+const FORGETS: f64 = 8.0;
+
+impl ConicalScan<'_> {
+    /// How wide the spot is at a gap, by turns on two circles; `at` is the gap by encoders. Turns until it is
+    /// known well or after some seconds; `None` where there is too little light. All gaps are looked at on the
+    /// same circles, so that it does not matter how far a piezo goes on them.
+    ///
+    /// # Errors
+    ///
+    /// The machine's fault.
+    pub fn width(
+        &mut self,
+        station: &mut Station,
+        gap: f64,
+        at: f64,
+    ) -> Result<Option<Width>, Fault> {
+        let mut spot = Circles::default();
+        let mut width = None;
+        for _ in 0..MOST_ROUNDS {
+            // To and fro, so that light which rises or falls steadily counts on both alike.
+            for of_contact in [0, 1, 1, 0].map(|i| WIDTHS[i]) {
+                let radius = of_contact * self.beam.width(0.0) / self.beam.width(gap);
+                self.shrink(station, gap, radius, SHRINK)?;
+                for _ in 0..TURNS_A_ROUND {
+                    self.turn(station, gap)?;
+                    for reading in &self.readings {
+                        spot.add(reading.at - self.centre, reading.volts);
+                    }
+                }
+            }
+            width = spot.width(at, self.watch.noise);
+            if width.is_none_or(|width| width.is_known_to(KNOWN)) {
+                break;
+            }
+        }
+        self.shrink(station, gap, self.shape.radius, SHRINK)?;
+        self.turn(station, gap)?;
+        Ok(width)
+    }
+
+    /// By how much the light of the last `share` of a turn differs from that of `peak`, rms, beside its
+    /// noise; of its light at `gap`.
+    pub(super) fn misfit(&mut self, peak: &Peak, gap: f64, share: f64) -> f64 {
+        let readings: &[Reading] = self.readings.make_contiguous();
+        let n = (share * readings.len() as f64).round().max(2.0);
+        let readings = &readings[readings.len().saturating_sub(n as usize)..];
+        let noise = self.watch.noise * self.watch.noise * (1.0 + 4.0 * (2.0 / n).sqrt());
+        let rest = (self.beam.misfit(readings, peak) / n - noise).max(0.0);
+        rest.sqrt() / (peak.full * self.beam.share(gap))
+    }
+
+    /// Variance of the last turn beside the harmonics that a circle makes of something of its readings, its square,
+    /// and its degrees of freedom; none for readings too few.
+    pub(super) fn left(&self, of: impl Fn(&Reading) -> f64) -> Option<(f64, f64)> {
+        let n = self.readings.len();
+        let volts = || self.readings.iter().map(&of).enumerate();
+        let part = |harmonic: usize, of: fn(f64) -> f64| {
+            let angle = |k: usize| TAU * (harmonic * k) as f64 / n as f64;
+            let sum: f64 = volts().map(|(k, v)| v * of(angle(k))).sum();
+            sum * sum * 2.0 / n as f64
+        };
+        let whole: f64 = volts().map(|(_, v)| v * v).sum();
+        let mean: f64 = volts().map(|(_, v)| v).sum();
+        let circle = part(1, f64::sin) + part(1, f64::cos) + part(2, f64::sin) + part(2, f64::cos);
+        let free = n as f64 - 5.0;
+        (free >= 1.0).then(|| ((whole - mean * mean / n as f64 - circle) / free, free))
+    }
+
+    /// By how much the micro swings beside its circle around a `peak`, metres: what the light of the last
+    /// turn holds beside the harmonics that a circle makes, where that is two standard deviations more than its
+    /// noise, or zero. On a circle of `r` widths `w` a swing `a` makes `r a/w` of the light, rms.
+    pub(super) fn swing(&self, peak: &Peak, gap: f64) -> f64 {
+        let Some((left, free)) = self.left(|reading| reading.volts) else {
+            return f64::INFINITY;
+        };
+        let noise = self.watch.noise * self.watch.noise;
+        if left < noise * (1.0 + 2.0 * (2.0 / free).sqrt()) {
+            return 0.0;
+        }
+        let light = peak.full * self.beam.share(gap);
+        (left - noise).sqrt() * self.beam.width(gap) / (self.radius * light)
+    }
+
+    /// How the tip shakes by the last turn around a `peak`: on a circle of `r` widths `w` a place that scatters by
+    /// `s` along every direction makes `2 r s/w` of the light there, rms. `None` where the circle's middle was on its way, and farther than
+    /// a tip that shakes sends it by itself.
+    pub(super) fn shakes(&self, peak: &Peak, gap: f64) -> Option<Scatter> {
+        if self.moved > SENT {
+            return None;
+        }
+        let (left, free) = self.left(|reading| self.beam.left(reading, peak))?;
+        let r = self.radius;
+        let light = peak.full * self.beam.share(gap) * (-r * r).exp();
+        let scale = self.beam.width(gap) / (2.0 * r * light);
+        Some(Scatter {
+            variance: left * scale * scale,
+            still: (self.watch.still * scale).powi(2),
+            still_degrees: self.watch.still_degrees,
+            degrees: free,
+        })
+    }
+
+    /// How much wider, squared, the spot is than believed, by the last turn of the wide circle and that of the small
+    /// one: as believed where they do not tell.
+    pub(super) fn wider_by(&self, gap: f64) -> f64 {
+        /// Widths that are known worse tell nothing.
+        const KNOWN_ROUGHLY: f64 = 0.3;
+        let mut spot = Circles::default();
+        for (at, volts) in &self.around {
+            spot.add(*at, *volts);
+        }
+        for reading in &self.readings {
+            spot.add(reading.at - self.centre, reading.volts);
+        }
+        let width = spot.width(gap, self.watch.still);
+        let Some(width) = width.filter(|width| width.is_known_to(KNOWN_ROUGHLY)) else {
+            return 1.0;
+        };
+        // How steep the light is in x and in y, of how steep it is believed to be.
+        let believed = self.beam.width(gap).powi(2);
+        let [x, y] = width.squared.map(|squared| (believed / squared).powi(2));
+        (0.5 * (x + y)).sqrt().recip().max(1.0)
+    }
+
+    /// Watches how the tip shakes: it is held beside the peak, in x and in y, where light is steep, for so many light
+    /// samples each. What a micro does that is sent about is none of it. Ends at the peak.
+    ///
+    /// # Errors
+    ///
+    /// The machine's fault.
+    pub fn watch_shaking(
+        &mut self,
+        station: &mut Station,
+        gap: f64,
+        samples: usize,
+    ) -> Result<(), Fault> {
+        let mut shaking = if self.shaking.is_watched() {
+            self.shaking
+        } else {
+            self.shaking.to_watch()
+        };
+        let (width, peak) = (self.beam.width(gap), self.place(gap));
+        let rest = FORGETS * station.micro_settling();
+        let top = station.level(self.watch.channel, TOP)?.mean - self.watch.background;
+        for direction in [Displacement::new(1.0, 0.0), Displacement::new(0.0, 1.0)] {
+            self.glide_to(station, peak + direction * (STEEP * width))?;
+            station.run(rest)?;
+            let mut seen = Vec::with_capacity(samples);
+            while seen.len() < samples {
+                station.cycle()?;
+                let volts = station.light(self.watch.channel);
+                seen.extend(volts.map(|volts| (seen.len() as f64, volts - self.watch.background)));
+            }
+            // Piezos creep meanwhile, ever more slowly.
+            let straight = (STRAIGHT * station.spec().photodiode.rate).round() as usize;
+            for seen in seen.chunks(straight.max(4)).filter(|seen| seen.len() > 2) {
+                let line = Line::through(seen.iter().copied());
+                if line.y < SIGNIFICANT * self.watch.noise {
+                    continue;
+                }
+                let squares: f64 = seen.iter().map(|(k, v)| line.left(*k, *v).powi(2)).sum();
+                let degrees = seen.len() as f64 - 2.0;
+                // How wide the spot is in this direction the light tells by itself; it is not much narrower than
+                // believed.
+                let aside = STEEP * width;
+                let fallen = (top / line.y).ln().clamp(LEAST_FALL, 2.0 * STEEP * STEEP);
+                let scale = aside / (2.0 * fallen * line.y);
+                shaking.add_wide(&Scatter {
+                    variance: squares / degrees * scale * scale,
+                    still: (self.watch.still * scale).powi(2),
+                    still_degrees: self.watch.still_degrees,
+                    degrees,
+                });
+                // What is slower than a turn is in it.
+                shaking.set_slow(0.0, 0.0, degrees);
+            }
+        }
+        self.glide_to(station, peak)?;
+        if shaking.is_known() {
+            self.shaking = shaking;
+        }
+        Ok(())
+    }
+
+    /// The micro goes straight to a displacement, without a jump of its speed.
+    fn glide_to(&self, station: &mut Station, to: Displacement) -> Result<(), Fault> {
+        let from = station.micro(self.watch.side);
+        let cycles = (SHRINK * self.shape.period / station.spec().period()).round();
+        for k in 0..cycles as u64 {
+            let share = 0.5 - 0.5 * (PI * (k as f64 + 1.0) / cycles).cos();
+            station.move_micro(self.watch.side, from + (to - from) * share);
+            station.cycle()?;
+        }
+        Ok(())
+    }
+}
