@@ -187,7 +187,7 @@ impl Shared<'_> {
             return job.align_input(station);
         }
         let found = job.find_input(station)?;
-        self.from_raster(job, station, &aim, &found)
+        self.after_raster(job, station, &aim, &found)
     }
 
     fn align_output(
@@ -217,7 +217,7 @@ impl Shared<'_> {
             return job.align_output(station, index);
         }
         let found = job.find_output(station, index)?;
-        self.from_raster(job, station, &aim, &found)
+        self.after_raster(job, station, &aim, &found)
     }
 
     /// A pass for fibers of which light is searched at a gap by lines of a spacing, metres.
@@ -295,7 +295,7 @@ impl Shared<'_> {
 
     /// From light that the thesis's raster has found to an attached fiber. Its patterns would find the peak too, but
     /// cannot say how the tip shakes, nor whether the micro goes where it is told.
-    fn from_raster(
+    fn after_raster(
         &self,
         job: &mut Job,
         station: &mut Station,
@@ -496,23 +496,27 @@ impl Shared<'_> {
             // A peak that the micro does not reach is lost too: whatever happens, the macro is
             // stopped before anyone tries again.
             let peak = scan.peak();
-            let reached = peak.filter(|peak| scan.go_to(station, peak, gap).is_ok());
-            let light = reached.map_or(0.0, |peak| peak.full);
-            let now = scan.place(0.0);
-            let strayed = (now - start).norm();
+            let reached = match peak {
+                Some(peak) => scan.go_to(station, &peak, gap).map(|_| peak.full),
+                None => Ok(0.0),
+            };
+            let strayed = (scan.place(0.0) - start).norm();
             // Light that does not come out of the guide does not grow as the gap closes.
-            if strayed > self.fast.stray || light < self.fast.accept * before {
-                station.brake(aim.side);
-                while station.moving(aim.side) {
-                    station.cycle()?;
-                }
-                return Err(Outcome::LightLost {
+            let least = self.fast.accept * before;
+            let why = match reached {
+                Ok(light) if light >= least && strayed <= self.fast.stray => continue,
+                Ok(level) => Outcome::LightLost {
                     phase: "approach",
-                    level: light,
+                    level,
                     expected: before,
-                }
-                .into());
+                },
+                Err(beyond) => beyond,
+            };
+            station.brake(aim.side);
+            while station.moving(aim.side) {
+                station.cycle()?;
             }
+            return Err(why.into());
         }
         Ok(())
     }
