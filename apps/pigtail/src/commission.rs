@@ -92,7 +92,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let document = &mut done.document;
     document.calibration = kept
         .as_ref()
-        .map_or_else(String::new, FoundDocument::written);
+        .map_or_else(String::new, |kept| kept.path().to_owned());
     document.report = run.path("report.html").display().to_string();
     run.write("report.html", report::commission(document))?;
     let printed = running::on(&setup, &*document, kept.as_ref());

@@ -132,6 +132,11 @@ impl FoundDocument {
         self.written.clone().unwrap_or_default()
     }
 
+    /// The file that holds it: the rig's if that was written, else the run's.
+    pub(crate) fn path(&self) -> &str {
+        self.written.as_ref().unwrap_or(&self.file)
+    }
+
     /// What a person wants to know of it.
     pub(crate) fn account(&self) -> String {
         let mut text = match (&self.written, self.version) {

@@ -99,7 +99,8 @@ pub struct CommissionDocument {
     pub accepted: bool,
     /// What is not known of the machine, and what that costs.
     pub unknown: Vec<&'static str>,
-    /// The calibration that was found: the file that was written.
+    /// The file that holds the calibration that was found: the rig's with `--write`, else the run's; empty where
+    /// nothing was found.
     pub calibration: String,
     /// Path of the report; empty where there is none.
     pub report: String,
