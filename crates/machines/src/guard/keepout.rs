@@ -32,9 +32,9 @@ const SURPRISE: (f64, f64) = (8.0, 5e-6);
 /// Cycles until a stop takes effect: what was measured at the end of one is answered in the next, and an amplifier
 /// behind a fieldbus gets that a cycle later.
 const REACTION: f64 = 2.0;
-/// A z-stage is braked by so many times the acceleration that it is moved with. A motor may have twice that; an
-/// amplifier that limits its current leaves less of it.
-const BRAKES: f64 = 1.5;
+/// A z-stage is braked by so many times the acceleration that it is moved with, at least: it is driven back with more
+/// than half of its voltage.
+const BRAKES: f64 = 2.0;
 /// Cycles over which the speed of this moment is seen.
 const AT_ONCE: usize = 4;
 /// Cycles over which speeds are seen.

@@ -124,7 +124,14 @@ impl Way {
         let error = (self.wanted - now) / speed;
         self.integral = (self.integral + error * period / INTEGRAL).clamp(-1.0, 1.0);
         let share = GAIN * (error + self.integral);
-        // Towards the chip it is never driven, whatever a speed of a few counts seems to be.
-        Some(if now < 0.0 { share } else { share.min(0.0) })
+        Some(if now > 0.0 {
+            // Towards the chip nothing is to be gentle with: it is driven back until it no longer goes there.
+            -MOST
+        } else if now < 0.0 {
+            share
+        } else {
+            // Nor driven there, whatever a speed of a few counts seems to be.
+            share.min(0.0)
+        })
     }
 }
