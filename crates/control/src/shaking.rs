@@ -210,17 +210,22 @@ impl Shaking {
         (variance * degrees + usual * WORTH_SLOW) / (degrees + WORTH_SLOW)
     }
 
-    /// Variances of a tip (square metres) and how probable each is, after what was seen.
-    fn believed(&self) -> Vec<(f64, f64)> {
-        /// A circle that shakes so many times as much as the other, by variance, shakes by other causes: its own
-        /// resonance, which has died away on the small one.
+    /// Whether the micro swings on the circle that finds the peak by much more than on the small one: by its own
+    /// resonance.
+    pub fn rings(&self) -> bool {
+        /// By so many times as much, by variance.
         const RINGS: f64 = 6.0;
         /// A tip that shakes less than this is still, metres.
         const LEAST: f64 = 5e-9;
         let (wide, small) = (self.wide, self.small);
-        let rings = small.degrees > 0.0
+        small.degrees > 0.0
             && wide.degrees > 0.0
-            && wide.beyond() > RINGS * small.beyond().max(LEAST * LEAST);
+            && wide.beyond() > RINGS * small.beyond().max(LEAST * LEAST)
+    }
+
+    /// Variances of a tip (square metres) and how probable each is, after what was seen.
+    fn believed(&self) -> Vec<(f64, f64)> {
+        let (wide, small, rings) = (self.wide, self.small, self.rings());
         // Whoever has seen nothing of a tip cannot say that it still is as it was.
         let before = |deviation: f64| match self.measured.filter(|_| self.is_known()) {
             None => USUAL.density(deviation),

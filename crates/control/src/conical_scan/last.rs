@@ -1,5 +1,6 @@
 //! The last turns at the chip: the peak as it will be, a look at it from near, and the way to rest.
 
+use super::told::FORGETS;
 use super::{ConicalScan, NEAR, NEARBY, SHRINK, SIGNIFICANT};
 use crate::beam::Peak;
 use crate::outcome::{Halt, Outcome};
@@ -257,8 +258,9 @@ impl ConicalScan<'_> {
         };
         self.go_to(station, &peak, gap)?;
         self.shrink(station, gap, 0.0, last)?;
-        // It comes to rest, and not a moment longer: piezos creep.
-        self.cycles(station, gap, station.micro_settling())?;
+        // It comes to rest, and not a moment longer than it may swing: piezos creep.
+        let rest = if self.shaking.rings() { FORGETS } else { 1.0 };
+        self.cycles(station, gap, rest * station.micro_settling())?;
         // Fiber and guide are not quite as designed: by how much the peak is wider than believed, two
         // circles tell.
         let wide = self.shape.radius * self.shape.radius;

@@ -38,7 +38,7 @@ const TOP: f64 = 0.04;
 const LEAST_FALL: f64 = 0.02;
 
 /// So many times longer than it is believed to settle a micro may still swing.
-const FORGETS: f64 = 8.0;
+pub(super) const FORGETS: f64 = 8.0;
 
 impl ConicalScan<'_> {
     /// How wide the spot is at a gap, by turns on two circles; `at` is the gap by encoders. Turns until it is
