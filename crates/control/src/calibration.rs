@@ -51,6 +51,7 @@ impl Shakings {
         belief.as_ref().map(|belief| Measured {
             deviation: belief.deviation,
             spread: belief.spread,
+            left: belief.left,
         })
     }
 }
@@ -65,10 +66,17 @@ pub struct ShakingBelief {
     /// How well it is known: the standard deviation of its natural logarithm.
     #[serde(with = "quantity::Positive")]
     pub spread: f64,
+    /// Which share of its variance is left, at most, of the mean over as long as a bond takes.
+    #[serde(default = "all", with = "quantity::Positive")]
+    pub left: f64,
     /// When it was found.
     pub date: String,
     /// By which run.
     pub origin: String,
+}
+
+fn all() -> f64 {
+    1.0
 }
 
 /// Hysteresis of each manipulator's piezos where it has been identified.

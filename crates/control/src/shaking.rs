@@ -1,6 +1,7 @@
 //! How far a tip that is held still is from where it is held, at any moment: noise of its piezos, vibration of
-//! the table. It cannot be averaged away: a fiber is attached at one moment. Light tells of it: on a circle
-//! around the peak it scatters by more than a photodiode does in the dark.
+//! the table. A fiber is fixed where its tip was on average while its bond has set, which takes some milliseconds: what is
+//! faster averages out, what is slower does not. Light tells of both: on a circle around the peak it scatters by more than
+//! a photodiode does in the dark, sample by sample; and where the tip is held beside the peak, so do its means.
 
 use crate::outcome::Outcome;
 use crate::procedure::UNSURE;
@@ -12,6 +13,7 @@ use std::f64::consts::FRAC_1_SQRT_2;
 const USUAL: Measured = Measured {
     deviation: 8e-9,
     spread: 0.7,
+    left: 1.0,
 };
 
 /// That a tip which was measured has changed since, and is such as is usual: a loose screw, another table, a
@@ -33,6 +35,8 @@ pub struct Measured {
     pub deviation: f64,
     /// Standard deviation of its natural logarithm: how well it is known.
     pub spread: f64,
+    /// Which share of its variance is left, at most, of the mean over as long as a bond takes.
+    pub left: f64,
 }
 
 impl Measured {
@@ -104,8 +108,11 @@ pub struct Shaking {
     slow: (f64, f64),
     /// By how many degrees of freedom the photodiode's noise is known.
     still_degrees: f64,
-    /// Whether it was looked at on its own, with the circle's middle held.
+    /// Whether it was looked at on its own, with the circle's middle held: the turns are means then, each over as long as a
+    /// bond takes.
     watched: bool,
+    /// The samples of these means.
+    samples: Turns,
     /// By how much more than believed a tip has to move for its light to say so: modes may be wider than designed.
     wider: f64,
 }
@@ -120,6 +127,7 @@ impl Shaking {
             slow: (0.0, 0.0),
             still_degrees: f64::INFINITY,
             watched: false,
+            samples: Turns::default(),
             wider: 1.0,
         }
     }
@@ -127,10 +135,16 @@ impl Shaking {
     /// The same tip, with nothing seen yet, to be watched on its own.
     #[must_use]
     pub fn to_watch(&self) -> Self {
+        // Of means there is less.
+        let means = self.measured.map(|measured| Measured {
+            deviation: measured.deviation * measured.left.sqrt(),
+            left: 1.0,
+            ..measured
+        });
         Self {
             watched: true,
             wider: self.wider,
-            ..Self::new(self.measured)
+            ..Self::new(means)
         }
     }
 
@@ -149,6 +163,11 @@ impl Shaking {
     pub fn add_wide(&mut self, seen: &Scatter) {
         self.wide.add(seen);
         self.still_degrees = seen.still_degrees;
+    }
+
+    /// Samples of a tip that is watched, the means of which are added as turns.
+    pub fn add_sample(&mut self, seen: &Scatter) {
+        self.samples.add(seen);
     }
 
     /// A turn on the small circle, after which the tip comes to rest.
@@ -262,6 +281,23 @@ impl Shaking {
 
     /// What to believe of the tip from now on, of what it did while it was watched: slower and faster alike.
     pub fn measured(&self) -> Measured {
+        /// Standard deviations by which more may be left of means than it seems.
+        const SURELY: f64 = 2.0;
+        let means = self.known();
+        let samples = Self {
+            wide: self.samples,
+            ..*self
+        };
+        let known = samples.known();
+        let left = 2.0 * ((means.deviation / known.deviation).ln() + SURELY * means.spread);
+        Measured {
+            left: left.exp().min(1.0),
+            ..known
+        }
+    }
+
+    /// Deviation of what was seen.
+    fn known(&self) -> Measured {
         let believed = self.believed();
         let mean_of = |of: &dyn Fn(f64) -> f64| {
             believed
@@ -274,15 +310,17 @@ impl Shaking {
         Measured {
             deviation: logarithm.exp(),
             spread: squares.sqrt(),
+            left: 1.0,
         }
     }
 
     /// Probability that a tip whose place is known to `deviation` (metres) is farther than `tolerance` from the peak
-    /// at the moment at which it is attached, in x or in y.
+    /// while its bond sets, on average, in x or in y.
     pub fn outside(&self, tolerance: f64, deviation: f64) -> f64 {
         let always = deviation * deviation + self.slow();
+        let left = self.measured.map_or(1.0, |measured| measured.left);
         let tail = |variance: f64| {
-            let far = tolerance / (always + variance).sqrt();
+            let far = tolerance / (always + left * variance).sqrt();
             2.0 * libm::erfc(far * FRAC_1_SQRT_2)
         };
         let all: f64 = self

@@ -295,7 +295,11 @@ impl<'a> Station<'a> {
         self.command.fiber[side.index()] = Some(handling);
         self.arms[side.index()].loaded = matches!(handling, FiberHandling::Load(_));
         self.tips.forget(side, self.measurement.time);
-        self.cycle()
+        self.cycle()?;
+        match handling {
+            FiberHandling::Attach => self.run(self.spec().bond.time),
+            FiberHandling::Load(_) | FiberHandling::Unload => Ok(()),
+        }
     }
 
     /// Whether a holder carries a fiber.

@@ -200,9 +200,22 @@ pub struct Spec {
     /// The holder at a manipulator's endpoint.
     #[serde(default)]
     pub holder: HolderSpec,
+    /// What fixes a fiber to the chip.
+    #[serde(default)]
+    pub bond: BondSpec,
     /// What a guard stops the machine at.
     #[serde(default)]
     pub guard: GuardSpec,
+}
+
+/// What fixes a fiber to the chip: a weld, solder, an adhesive.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct BondSpec {
+    /// For how long a fiber has to be held until it is fixed, seconds. It is fixed where its tip was on average, so that
+    /// what shakes faster averages out. Nought: in an instant, wherever it happens to be.
+    #[serde(with = "quantity::NonNegativeTime")]
+    pub time: f64,
 }
 
 /// The holder at a manipulator's endpoint, a box behind its fiber's tip.

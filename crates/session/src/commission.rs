@@ -513,6 +513,7 @@ impl Bench<'_, '_> {
                 json!({
                     "deviation_nm": rounded(1e9 * found.deviation, 1e-3),
                     "spread": rounded(found.spread, 1e-3),
+                    "left": rounded(found.left, 1e-4),
                 }),
             );
             let origin = self.origin(&format!("shaking, {}", side.name()));
@@ -524,6 +525,7 @@ impl Bench<'_, '_> {
                         toml_edit::value(format!("{:.2} nm", 1e9 * found.deviation)),
                     ),
                     ("spread", toml_edit::value(rounded(found.spread, 1e-3))),
+                    ("left", toml_edit::value(rounded(found.left, 1e-4))),
                     ("date", toml_edit::value(&self.plan.date)),
                     ("origin", toml_edit::value(origin)),
                 ],

@@ -63,6 +63,10 @@ pub struct Twin {
     tray: [Vec<Held>; SIDES],
     held: [Option<Held>; SIDES],
     attached: [[Option<Fixed>; OUTPUTS]; SIDES],
+    /// Fibers that are held until their bond has set.
+    setting: [Option<Setting>; SIDES],
+    /// Cycles that a bond takes to set.
+    bond: u32,
     sensing: (FiberInHolder, Bias),
     scatter: Fluctuation,
     photodiodes: Photodiodes,
@@ -93,6 +97,15 @@ struct Fixed {
     tip: Point<Chip>,
     fiber: FiberInHolder,
     coupling: f64,
+}
+
+/// A bond that sets.
+#[derive(Debug, Clone, Copy)]
+struct Setting {
+    /// Sum of the places of the tip so far, metres.
+    sum: [f64; 3],
+    /// Cycles so far.
+    cycles: u32,
 }
 
 /// A slow relative fluctuation: an Ornstein-Uhlenbeck process around one.
@@ -245,6 +258,8 @@ impl Twin {
             tray,
             held: [None; SIDES],
             attached: [[None; OUTPUTS]; SIDES],
+            setting: [None; SIDES],
+            bond: ((plant.bond.time / period).round() as u32).max(1),
             sensing: (sensing.fiber, sensing.bias),
             scatter: Fluctuation::new(scatter.fluctuation, scatter.bandwidth, period, &mut noise),
             photodiodes: Photodiodes::new(&spec, &plant.light),
@@ -331,12 +346,7 @@ impl Twin {
         Ok(())
     }
 
-    fn handle_fiber(
-        &mut self,
-        side: Side,
-        holder: Point<Chip>,
-        handling: FiberHandling,
-    ) -> Result<(), Fault> {
+    fn handle_fiber(&mut self, side: Side, handling: FiberHandling) -> Result<(), Fault> {
         let i = side.index();
         match handling {
             FiberHandling::Load(port) => {
@@ -364,27 +374,52 @@ impl Twin {
                 };
                 self.held[i] = Some(self.tray[i].remove(place));
             }
-            FiberHandling::Unload => self.tray[i].extend(self.held[i].take()),
+            FiberHandling::Unload => {
+                self.setting[i] = None;
+                self.tray[i].extend(self.held[i].take());
+            }
             FiberHandling::Attach => {
-                let Some(held) = self.held[i].take() else {
+                if self.held[i].is_none() {
                     return Err(self.refuse(
                         Rule::HolderFiber,
                         side.name().to_owned(),
                         "an empty holder".to_owned(),
                         "a fiber".to_owned(),
                     ));
-                };
-                let tip = tip_of(holder, &held.fiber);
-                let port = self.light.port(side, held.port);
-                let coupling = self.light.coupling(port, tip, held.fiber.tilt);
-                self.attached[i][held.port] = Some(Fixed {
-                    tip,
-                    fiber: held.fiber,
-                    coupling,
+                }
+                self.setting[i].get_or_insert(Setting {
+                    sum: [0.0; 3],
+                    cycles: 0,
                 });
             }
         }
         Ok(())
+    }
+
+    /// A cycle of a bond that sets: when it has set, the fiber is fixed where its tip was on average.
+    fn set_bond(&mut self, side: Side, holder: Point<Chip>) {
+        let i = side.index();
+        let (Some(setting), Some(held)) = (&mut self.setting[i], &self.held[i]) else {
+            return;
+        };
+        let tip = tip_of(holder, &held.fiber);
+        for (sum, at) in setting.sum.iter_mut().zip([tip.x, tip.y, tip.z]) {
+            *sum += at;
+        }
+        setting.cycles += 1;
+        if setting.cycles < self.bond {
+            return;
+        }
+        let [x, y, z] = setting.sum.map(|sum| sum / f64::from(setting.cycles));
+        let tip = Point::new(x, y, z);
+        let port = self.light.port(side, held.port);
+        let coupling = self.light.coupling(port, tip, held.fiber.tilt);
+        self.attached[i][held.port] = Some(Fixed {
+            tip,
+            fiber: held.fiber,
+            coupling,
+        });
+        (self.setting[i], self.held[i]) = (None, None);
     }
 
     fn probes(&mut self) -> Option<[[f64; AXES]; SIDES]> {
@@ -459,8 +494,9 @@ impl Twin {
             let holder = holder.shifted(x + sx - drifted, y + sy, z + sz);
             holders[i] = holder;
             if let Some(handling) = command.fiber[i] {
-                self.handle_fiber(side, holder, handling)?;
+                self.handle_fiber(side, handling)?;
             }
+            self.set_bond(side, holder);
         }
         self.cycle += 1;
         let time = self.time();

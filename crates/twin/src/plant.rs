@@ -55,6 +55,18 @@ pub struct Plant {
     /// What stands between control and the machine's parts.
     #[serde(default)]
     pub electronics: ElectronicsPlant,
+    /// What fixes a fiber to the chip.
+    #[serde(default)]
+    pub bond: BondPlant,
+}
+
+/// What fixes a fiber to the chip: a weld, solder, an adhesive.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct BondPlant {
+    /// How long it takes to set, seconds: the fiber is fixed where its tip was meanwhile, on average.
+    #[serde(with = "quantity::NonNegativeTime")]
+    pub time: f64,
 }
 
 /// The mechanism of a five-bar, and its two joints.

@@ -163,7 +163,8 @@ impl ConicalScan<'_> {
     }
 
     /// Watches how the tip shakes: it is held beside the peak, in x and in y, where light is steep, for so many light
-    /// samples each. What a micro does that is sent about is none of it. Ends at the peak.
+    /// samples each. What a micro does that is sent about is none of it. Means over as long as a bond takes are looked at
+    /// too: a fiber is fixed where its tip was on average. Ends at the peak.
     ///
     /// # Errors
     ///
@@ -192,27 +193,23 @@ impl ConicalScan<'_> {
                 seen.extend(volts.map(|volts| (seen.len() as f64, volts - self.watch.background)));
             }
             // Piezos creep meanwhile, ever more slowly.
-            let straight = (STRAIGHT * station.spec().photodiode.rate).round() as usize;
-            for seen in seen.chunks(straight.max(4)).filter(|seen| seen.len() > 2) {
-                let line = Line::through(seen.iter().copied());
-                if line.y < SIGNIFICANT * self.watch.noise {
-                    continue;
+            let spec = station.spec();
+            let straight = (STRAIGHT * spec.photodiode.rate).round() as usize;
+            let bond = ((spec.bond.time * spec.photodiode.rate).round() as usize).max(1);
+            // How wide the spot is in this direction the light tells by itself; it is not much narrower than believed.
+            let scale = |light: f64| {
+                let fallen = (top / light).ln().clamp(LEAST_FALL, 2.0 * STEEP * STEEP);
+                STEEP * width / (2.0 * fallen * light)
+            };
+            for seen in seen.chunks(straight.max(4 * bond)) {
+                if let Some(sample) = self.scatter_of(seen, 1, scale) {
+                    shaking.add_sample(&sample);
                 }
-                let squares: f64 = seen.iter().map(|(k, v)| line.left(*k, *v).powi(2)).sum();
-                let degrees = seen.len() as f64 - 2.0;
-                // How wide the spot is in this direction the light tells by itself; it is not much narrower than
-                // believed.
-                let aside = STEEP * width;
-                let fallen = (top / line.y).ln().clamp(LEAST_FALL, 2.0 * STEEP * STEEP);
-                let scale = aside / (2.0 * fallen * line.y);
-                shaking.add_wide(&Scatter {
-                    variance: squares / degrees * scale * scale,
-                    still: (self.watch.still * scale).powi(2),
-                    still_degrees: self.watch.still_degrees,
-                    degrees,
-                });
-                // What is slower than a turn is in it.
-                shaking.set_slow(0.0, 0.0, degrees);
+                if let Some(mean) = self.scatter_of(seen, bond, scale) {
+                    shaking.add_wide(&mean);
+                    // What is slower than a turn is in it.
+                    shaking.set_slow(0.0, 0.0, mean.degrees);
+                }
             }
         }
         self.glide_to(station, peak)?;
@@ -220,6 +217,39 @@ impl ConicalScan<'_> {
             self.shaking = shaking;
         }
         Ok(())
+    }
+
+    /// What means of so many light samples each, as they were `seen` beside the peak, say of the tip's place about a straight
+    /// line in time; `scale` makes metres of volts where the light is so bright. `None` for too few or too dim ones.
+    fn scatter_of(
+        &self,
+        seen: &[(f64, f64)],
+        together: usize,
+        scale: impl Fn(f64) -> f64,
+    ) -> Option<Scatter> {
+        let n = together as f64;
+        let means = seen.chunks_exact(together).map(|each| {
+            let (times, volts) = each
+                .iter()
+                .fold((0.0, 0.0), |sum, each| (sum.0 + each.0, sum.1 + each.1));
+            (times / n, volts / n)
+        });
+        let degrees = means.len() as f64 - 2.0;
+        if degrees < 1.0 {
+            return None;
+        }
+        let line = Line::through(means.clone());
+        if line.y < SIGNIFICANT * self.watch.noise {
+            return None;
+        }
+        let squares: f64 = means.map(|(k, v)| line.left(k, v).powi(2)).sum();
+        let scale = scale(line.y);
+        Some(Scatter {
+            variance: squares / degrees * scale * scale,
+            still: (self.watch.still * scale).powi(2) / n,
+            still_degrees: self.watch.still_degrees,
+            degrees,
+        })
     }
 
     /// The micro goes straight to a displacement, without a jump of its speed.

@@ -86,7 +86,7 @@ const LATE: f64 = 1.3;
 
 /// Light samples for which a tip is watched that may shake too much, in x and in y: so many at first, then as many
 /// again until that is decided, and at most.
-const WATCHED: (usize, usize) = (20, 1280);
+const WATCHED: (usize, usize) = (40, 1280);
 
 /// How often the last turns are begun.
 const ATTEMPTS: u32 = 3;
