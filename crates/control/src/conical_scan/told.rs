@@ -40,6 +40,9 @@ const LEAST_FALL: f64 = 0.02;
 /// So many times longer than it is believed to settle a micro may still swing.
 pub(super) const FORGETS: f64 = 8.0;
 
+/// So many times that, before it is looked at for the first time.
+const GLANCE: f64 = 2.0;
+
 impl ConicalScan<'_> {
     /// How wide the spot is at a gap, by turns on two circles; `at` is the gap by encoders. Turns until it is
     /// known well or after some seconds; `None` where there is too little light. All gaps are looked at on the
@@ -181,7 +184,9 @@ impl ConicalScan<'_> {
             self.shaking.to_watch()
         };
         let (width, peak) = (self.beam.width(gap), self.place(gap));
-        let rest = FORGETS * station.micro_settling();
+        // One that still swings after a short rest is watched again, after a longer one.
+        let again = self.shaking.is_watched() || self.shaking.rings();
+        let rest = if again { FORGETS } else { GLANCE } * station.micro_settling();
         let top = station.level(self.watch.channel, TOP)?.mean - self.watch.background;
         for direction in [Displacement::new(1.0, 0.0), Displacement::new(0.0, 1.0)] {
             self.glide_to(station, peak + direction * (STEEP * width))?;
