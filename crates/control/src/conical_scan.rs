@@ -136,6 +136,11 @@ impl<'r> ConicalScan<'r> {
         self.centre + self.walk * gap
     }
 
+    /// Width of the spot at a gap, metres, as believed.
+    pub fn beam_width(&self, gap: f64) -> f64 {
+        self.beam.width(gap)
+    }
+
     /// Circles of another radius from now on, in widths of the peak.
     pub fn set_radius(&mut self, radius: f64) {
         self.radius = radius;

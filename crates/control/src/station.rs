@@ -585,6 +585,19 @@ impl<'a> Station<'a> {
         self.arms[side.index()].micro_volts = Some(volts);
     }
 
+    /// Believes from now on that the piezos of a side make so much displacement in y for one in x.
+    pub fn set_micro_ratio(&mut self, side: Side, ratio: f64) {
+        if let Some(piezos) = &mut self.arms[side.index()].piezos {
+            piezos.set_ratio(ratio);
+        }
+    }
+
+    /// The displacement in y for one in x of a side's micro, as believed; `None` without a model.
+    pub fn micro_ratio(&self, side: Side) -> Option<f64> {
+        let piezos = self.arms[side.index()].piezos.as_ref()?;
+        Some(piezos.ratio())
+    }
+
     /// The displacement commanded to a micro, metres.
     pub fn micro(&self, side: Side) -> Displacement {
         self.arms[side.index()].micro

@@ -10,14 +10,17 @@ use crate::calibrations::{Belief, Change};
 use crate::characterize::Step;
 use crate::identify::{IdentifyWindup, Model};
 use crate::job::{Ended, Job, Order, Work};
-use crate::piezos::IdentifyPiezos;
+use crate::piezos::{MeasureRatios, SeePiezos};
 use crate::setup::Setup;
 use crate::tune::{Method, Tune, step_of};
-use pigtail_control::calibration::Hystereses;
+use pigtail_control::fast::Ratio;
 use pigtail_control::outcome::Outcome;
+use pigtail_control::piezo::camera::{Seen, SeenMicro};
+use pigtail_control::procedure::FiberReport;
 use pigtail_control::shaking::Measured;
 use pigtail_control::station::{Observer, Station};
 use pigtail_hal::quantity::{Counts, Volts};
+use pigtail_hal::spec::SIDES;
 use pigtail_hal::{
     Axis, AxisName, Channel, Command, Error, Fault, Machine, Measurement, Rule, Side, Spec,
 };
@@ -429,32 +432,55 @@ impl Bench<'_, '_> {
         })
     }
 
+    /// By the camera first, then, with what that found, by the light of a device.
     fn piezos(&mut self) -> Result<Found, Ended> {
-        let mut values = Map::new();
-        for side in Side::ALL {
-            // What is to be found is not believed meanwhile, of neither side: the light comes by both.
-            let believed = self.setup.rig.calibration.hysteresis.clone();
-            self.setup.rig.calibration.hysteresis = Hystereses::default();
-            let found = self.run(&IdentifyPiezos { side }, self.seed);
-            self.setup.rig.calibration.hysteresis = believed;
-            let micro = found?;
-            let model = micro.memory();
-            let residual = micro
-                .piezos
-                .iter()
-                .map(|piezo| piezo.residual(&piezo.memory));
+        // What is to be found is not believed meanwhile.
+        let believed = std::mem::take(&mut self.setup.rig.calibration.hysteresis);
+        let found = self.piezos_found();
+        self.setup.rig.calibration.hysteresis = believed;
+        let (micros, ratios, fibers) = found?;
+        let (mut values, mut why) = (Map::new(), String::new());
+        let all = Side::ALL.into_iter().zip(&micros).zip(ratios);
+        for ((side, micro), ratio) in all {
+            let Some(ratio) = ratio else {
+                if why.is_empty() {
+                    let ended = fibers.iter().find(|fiber| !fiber.outcome.is_aligned());
+                    let ended = ended.map_or_else(String::new, |fiber| {
+                        format!(": {}, {}", fiber.port, fiber.outcome)
+                    });
+                    let name = side.name();
+                    why = format!("no light told how far {name} goes in y{ended}");
+                }
+                continue;
+            };
+            let nm =
+                |of: fn(&Seen) -> f64| micro.piezos.each_ref().map(|p| rounded(1e9 * of(p), 1e-3));
+            values.insert(
+                side.name().to_owned(),
+                json!({
+                    "residual_nm": nm(|piezo| piezo.residual),
+                    "known_nm": nm(|piezo| piezo.known),
+                    "drift_nm_s": nm(|piezo| piezo.drift),
+                    "ratio": rounded(ratio.ratio, 1e-5),
+                    "ratio_deviation": rounded(ratio.deviation, 1e-5),
+                    "scale_by_macro": rounded(ratio.scale, 1e-5),
+                }),
+            );
+            if (ratio.scale - 1.0).abs() > SCALE && why.is_empty() {
+                why = format!(
+                    "{} goes {:.1} % farther by the macro than by the camera",
+                    side.name(),
+                    100.0 * (ratio.scale - 1.0)
+                );
+                continue;
+            }
+            let model = micro.model(ratio.ratio);
+            let residual = micro.piezos.iter().map(|piezo| piezo.residual);
             let residual = residual.fold(0.0, f64::max);
             let text = serde_json::to_string_pretty(&model)
                 .map_err(|error| Error::new("weights", "", error.to_string()))?;
             let file = format!("weights-{}.json", side.name());
-            let origin = self.origin(&format!("identify hysteresis, {}", side.name()));
-            values.insert(
-                side.name().to_owned(),
-                json!({
-                    "residual_um": rounded(1e6 * residual, 1e-5),
-                    "ratio": rounded(model.ratio, 1e-5),
-                }),
-            );
+            let origin = self.origin(&format!("piezos by camera, {}", side.name()));
             self.believe(Change {
                 table: format!("hysteresis.{}", side.name()),
                 values: vec![
@@ -471,10 +497,26 @@ impl Bench<'_, '_> {
                 weights: Some((file, text + "\n")),
             })?;
         }
-        Ok(Found {
-            values,
-            why: String::new(),
-        })
+        Ok(Found { values, why })
+    }
+
+    /// What the camera saw of both micros, how far each goes in y for a displacement in x, and how the fibers ended of
+    /// the device that told.
+    #[allow(clippy::type_complexity)]
+    fn piezos_found(
+        &mut self,
+    ) -> Result<([SeenMicro; SIDES], [Option<Ratio>; SIDES], Vec<FiberReport>), Ended> {
+        /// Before light has told: as far as in x.
+        const RATIO: f64 = 1.0;
+        let micros = self.run(&SeePiezos, self.seed)?;
+        for (side, micro) in Side::ALL.into_iter().zip(&micros) {
+            let hystereses = &mut self.setup.rig.calibration.hysteresis;
+            hystereses.set(side, Some(micro.model(RATIO)));
+        }
+        let machine = Specimen::from(self.seed).machine();
+        let device = Specimen::of(machine, DEVICES - 2).seed();
+        let (ratios, fibers) = self.run(&MeasureRatios, device)?;
+        Ok((micros, ratios, fibers))
     }
 
     /// Watches the tips of a device before they are attached.
@@ -575,6 +617,9 @@ const WATCH: f64 = 2.0;
 
 /// However well it is seen, a tip shakes on another day and with another fiber by some tenth more or less: an estimate.
 const ANOTHER: f64 = 0.1;
+
+/// Camera and macro do not differ by more of a micro's way: by what a camera's scale and the links are known to.
+const SCALE: f64 = 0.03;
 
 /// A model of windup that makes the gap less than so many times narrower is worth nothing.
 const LEAST_FACTOR: f64 = 3.0;

@@ -1,10 +1,15 @@
 //! The piezos of a micro, identified by light (thesis 4.2).
 
+use crate::align::LONGEST;
 use crate::job::{Ended, Job, Order, Work};
 use pigtail_control::calibration::{Calibration, Hystereses};
+use pigtail_control::fast::{Ratio, measure_ratios};
+use pigtail_control::piezo::camera::{SeenMicro, by_camera};
 use pigtail_control::piezo::{self, Micro};
+use pigtail_control::procedure::FiberReport;
 use pigtail_control::station::Station;
 use pigtail_hal::Side;
+use pigtail_hal::spec::SIDES;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
 
@@ -36,5 +41,41 @@ impl Job for IdentifyPiezos {
 
     fn label(&self) -> Cow<'static, str> {
         Cow::Borrowed(self.side.name())
+    }
+}
+
+/// Identify the piezos of both micros by the camera alone.
+pub struct SeePiezos;
+
+impl Job for SeePiezos {
+    type Output = [SeenMicro; SIDES];
+
+    fn run(&self, work: &mut Work<'_>) -> Result<Self::Output, Ended> {
+        Ok(by_camera(&mut work.station()?)?)
+    }
+
+    fn order(&self) -> Order {
+        Order::Other
+    }
+}
+
+/// Align a device, and measure on the way how far both micros go in y for a displacement in x.
+pub struct MeasureRatios;
+
+impl Job for MeasureRatios {
+    /// Of each side, and how the fibers ended.
+    type Output = ([Option<Ratio>; SIDES], Vec<FiberReport>);
+
+    fn run(&self, work: &mut Work<'_>) -> Result<Self::Output, Ended> {
+        let recipe = &work.rig.recipe;
+        Ok(measure_ratios(&mut work.station()?, recipe))
+    }
+
+    fn order(&self) -> Order {
+        Order::Other
+    }
+
+    fn longest(&self) -> f64 {
+        LONGEST
     }
 }

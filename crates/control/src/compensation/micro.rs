@@ -95,6 +95,16 @@ impl MicroCompensation {
         }
     }
 
+    /// Displacement in y for one in x.
+    pub fn ratio(&self) -> f64 {
+        self.model.ratio
+    }
+
+    /// Another one, from now on.
+    pub fn set_ratio(&mut self, ratio: f64) {
+        self.model.ratio = ratio;
+    }
+
     /// The voltages of the next cycle for a tip that is wanted so far from its centre in the
     /// manipulator's frame, held within the range.
     pub fn next(&mut self, to: Displacement) -> [Volts; MICRO_AXES] {

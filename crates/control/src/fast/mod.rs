@@ -13,6 +13,7 @@
 
 mod approach_moves;
 mod gap;
+mod ratio;
 mod seen;
 
 use crate::beam::Beam;
@@ -27,6 +28,8 @@ use approach_moves::{Aim, cock, lines};
 use pigtail_hal::spec::{CHANNELS, Channel};
 use pigtail_hal::{FiberHandling, Side};
 use pigtail_model::frames::{Displacement, Macro, Point};
+use ratio::Ratios;
+pub use ratio::{Ratio, measure_ratios};
 use seen::DarkLevel;
 
 /// One pass of a search.
@@ -113,16 +116,7 @@ struct Look {
 
 /// Aligns the input fiber and the output fibers of one device.
 pub fn fast(station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
-    let mut shared = Shared {
-        recipe,
-        fast: &recipe.fast,
-        dark: [DarkLevel::default(); CHANNELS],
-        fluctuation: 0.0,
-    };
-    each_fiber(station, recipe, |job, station, port| match port {
-        None => shared.align_input(job, station),
-        Some(k) => shared.align_output(job, station, k),
-    })
+    Shared::new(recipe).align(station)
 }
 
 /// What the fibers of a device have in common.
@@ -133,9 +127,31 @@ struct Shared<'r> {
     dark: [DarkLevel; CHANNELS],
     /// Relative standard deviation of the scattered light, as the sensing fiber saw it.
     fluctuation: f64,
+    /// How far the micros go in y for a displacement in x, where that is to be measured on the way.
+    ratios: Option<Ratios>,
 }
 
-impl Shared<'_> {
+impl<'r> Shared<'r> {
+    fn new(recipe: &'r Recipe) -> Self {
+        Self {
+            recipe,
+            fast: &recipe.fast,
+            dark: [DarkLevel::default(); CHANNELS],
+            fluctuation: 0.0,
+            ratios: None,
+        }
+    }
+
+    fn align(&mut self, station: &mut Station) -> Vec<FiberReport> {
+        let recipe = self.recipe;
+        each_fiber(station, recipe, |job, station, port| match port {
+            None => self.align_input(job, station),
+            Some(k) => self.align_output(job, station, k),
+        })
+    }
+}
+
+impl<'r> Shared<'r> {
     fn exit(&self) -> f64 {
         self.recipe.ports.exit_angle
     }
@@ -296,7 +312,7 @@ impl Shared<'_> {
     /// From light that the thesis's raster has found to an attached fiber. Its patterns would find the peak too, but
     /// cannot say how the tip shakes, nor whether the micro goes where it is told.
     fn after_raster(
-        &self,
+        &mut self,
         job: &mut Job,
         station: &mut Station,
         aim: &Aim,
@@ -320,13 +336,20 @@ impl Shared<'_> {
 
     /// From the peak at the gap of a search, where light of `before` volts at no gap was, to an attached fiber.
     fn close(
-        &self,
+        &mut self,
         job: &mut Job,
         station: &mut Station,
         aim: &Aim,
         mut scan: ConicalScan,
         before: f64,
     ) -> Result<(), Halt> {
+        if let Some(mut ratios) = self.ratios.take() {
+            let known = job.phase(station, "ratio", |_, station| {
+                ratios.measure(station, aim, &mut scan)
+            });
+            self.ratios = Some(ratios);
+            known?;
+        }
         let dark = self.dark[job.channel.index()].level.mean;
         job.phase(station, "approach", |_, station| {
             let beam = Beam::new(&self.recipe.mode, self.exit());
@@ -392,20 +415,20 @@ impl Shared<'_> {
     }
 
     /// From first light to the peak at the gap of the search. A spot that is none is passed by.
-    fn centre<'s>(
-        &'s self,
+    fn centre(
+        &self,
         station: &mut Station,
         aim: &Aim,
         watch: Watch,
         spot: Spot,
-    ) -> Result<(ConicalScan<'s>, f64), Halt> {
+    ) -> Result<(ConicalScan<'r>, f64), Halt> {
         let beam = Beam::new(&self.recipe.mode, self.exit());
+        let shape = &self.fast.conical_scan;
         let walk = aim.walk(station, self.exit());
         let gap = aim.gap(station);
         let rest = station.wanted(aim.side);
         let at = spot.at - rest.across();
-        let mut scan =
-            ConicalScan::new(watch, beam, &self.fast.conical_scan, station, at, gap, walk);
+        let mut scan = ConicalScan::new(watch, beam, shape, station, at, gap, walk);
         // What the micro will not reach, here or at the chip, the macro must.
         self.make_room(station, aim, &mut scan, beam.width(gap), gap)?;
         let coarse = 0.15 * beam.width(gap);

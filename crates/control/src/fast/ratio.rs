@@ -1,0 +1,149 @@
+//! How far a micro goes in y for a displacement in x, which no camera sees: the macro goes aside and up by some
+//! micrometres, circles follow the peak with the micro, and what the one has gone, the other has made up for.
+
+use super::approach_moves::Aim;
+use super::{Shared, hand_over};
+use crate::conical_scan::ConicalScan;
+use crate::outcome::{Halt, Outcome};
+use crate::procedure::FiberReport;
+use crate::recipe::Recipe;
+use crate::station::Station;
+use nalgebra::SVector;
+use pigtail_hal::Side;
+use pigtail_hal::spec::SIDES;
+use pigtail_model::frames::Displacement;
+use pigtail_numerics::normal::Normal;
+
+/// How far the macro goes, metres: the farther, the better the micro's way is known, of which there are some tens.
+const WAY: f64 = 16e-6;
+
+/// How often it goes around.
+const ROUNDS: usize = 4;
+
+/// Turns at each place that count.
+const TURNS: usize = 4;
+
+/// How well they find the peak first, in its widths.
+const NEAR: f64 = 0.1;
+
+/// What was measured of a micro.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ratio {
+    /// Displacement in y for one in x.
+    pub ratio: f64,
+    /// Its standard deviation.
+    pub deviation: f64,
+    /// By how much farther it goes in x than its model says: by the macro, where the model is the camera's.
+    pub scale: f64,
+}
+
+/// What was measured so far, indexed by side.
+#[derive(Debug, Default)]
+pub(super) struct Ratios([Option<Ratio>; SIDES]);
+
+/// Aligns a device, and measures on the way how far both micros go in y for a displacement in x, indexed by side: what is
+/// found is believed at once. `None` where light was not found, which the reports tell.
+pub fn measure_ratios(
+    station: &mut Station,
+    recipe: &Recipe,
+) -> ([Option<Ratio>; SIDES], Vec<FiberReport>) {
+    let mut shared = Shared::new(recipe);
+    shared.ratios = Some(Ratios::default());
+    let reports = shared.align(station);
+    let Ratios(found) = shared.ratios.unwrap_or_default();
+    (found, reports)
+}
+
+impl Ratios {
+    /// Measures the micro of a side that circles its peak, if that has not been done.
+    pub(super) fn measure(
+        &mut self,
+        station: &mut Station,
+        aim: &Aim,
+        scan: &mut ConicalScan,
+    ) -> Result<(), Halt> {
+        let side = aim.side;
+        let Self(known) = self;
+        let known = &mut known[side.index()];
+        let Some(believed) = station.micro_ratio(side).filter(|_| known.is_none()) else {
+            return Ok(());
+        };
+        let gap = aim.gap(station);
+        let found = follow(station, side, scan, gap, believed)?;
+        *known = Some(found);
+        // The micro goes on from where it is.
+        let at = scan.place(gap);
+        let by = at.y * (1.0 - found.ratio / believed);
+        station.set_micro_ratio(side, found.ratio);
+        scan.hand_over(Displacement::new(0.0, by));
+        scan.centre(station, gap, NEAR * scan.beam_width(gap), "ratio", 1)?;
+        Ok(())
+    }
+}
+
+/// Where the macro stands, by probes at its outputs where there are some.
+fn stands(station: &Station, side: Side) -> Displacement {
+    let endpoint = station.probed_endpoint(side);
+    endpoint.unwrap_or_else(|| station.endpoint(side)).across()
+}
+
+fn follow(
+    station: &mut Station,
+    side: Side,
+    scan: &mut ConicalScan,
+    gap: f64,
+    believed: f64,
+) -> Result<Ratio, Halt> {
+    // So that the micro comes nearer to its middle.
+    let at = scan.place(gap);
+    let (x, y) = (WAY.copysign(at.x), WAY.copysign(at.y));
+    let around = [(0.0, y), (x, 0.0), (0.0, -y), (-x, 0.0)];
+    // Where the micro has its peak: a place, a drift, and what it makes up for of each way of the macro.
+    let mut normal: [Normal<4>; 2] = Default::default();
+    let mut seen: Vec<(SVector<f64, 4>, Displacement)> = Vec::with_capacity(4 * ROUNDS * TURNS);
+    let (begin, start) = (station.time(), stands(station, side));
+    for _ in 0..ROUNDS {
+        for (x, y) in around {
+            hand_over(station, scan, side, Displacement::new(x, y), gap)?;
+            scan.centre(station, gap, NEAR * scan.beam_width(gap), "ratio", 2)?;
+            for _ in 0..TURNS {
+                scan.turn(station, gap)?;
+                let Some(peak) = scan.peak() else {
+                    continue;
+                };
+                let by = (stands(station, side) - start) / WAY;
+                let row = SVector::from([1.0, station.time() - begin, by.x, by.y]);
+                normal[0].add(&row, peak.at.x / WAY);
+                normal[1].add(&row, peak.at.y / WAY);
+                seen.push((row, peak.at / WAY));
+                scan.go_to(station, &peak, gap)?;
+            }
+        }
+    }
+    let unsure = |deviation| Outcome::Unsure {
+        deviation,
+        accuracy: NEAR * scan.beam_width(gap),
+    };
+    let (Some(in_x), Some(in_y)) = (normal[0].solve(), normal[1].solve()) else {
+        return Err(unsure(f64::INFINITY).into());
+    };
+    let free = seen.len() as f64 - 4.0;
+    let squares: f64 = seen
+        .iter()
+        .map(|(row, at)| (at.y - row.dot(&in_y)).powi(2))
+        .sum();
+    let inverse = normal[1].matrix.try_inverse();
+    let deviation = inverse.map_or(f64::INFINITY, |inverse| {
+        (squares / free * inverse[(3, 3)]).sqrt()
+    });
+    let (made_up_x, made_up_y) = (-in_x[2], -in_y[3]);
+    let ratio = believed / made_up_y;
+    if !(ratio > 0.5 && ratio < 2.0 && deviation.is_finite()) {
+        return Err(unsure(WAY * deviation).into());
+    }
+    Ok(Ratio {
+        ratio,
+        deviation: ratio * deviation / made_up_y,
+        scale: 1.0 / made_up_x,
+    })
+}
