@@ -8,7 +8,7 @@
 mod last;
 mod told;
 
-use crate::beam::{Beam, Peak, Reading};
+use crate::beam::{Beam, Oblong, Peak, Reading};
 use crate::outcome::{Halt, Outcome};
 use crate::recipe::ConicalScan as Shape;
 use crate::shaking::Shaking;
@@ -56,6 +56,8 @@ pub struct ConicalScan<'r> {
     commanded: VecDeque<(Displacement, f64)>,
     /// The readings of the last turn, without the walk.
     readings: VecDeque<Reading>,
+    /// How oblong the spot is at the chip.
+    oblong: Oblong,
     /// How the tip shakes.
     shaking: Shaking,
     /// How far the middle went at last, metres.
@@ -105,6 +107,7 @@ impl<'r> ConicalScan<'r> {
             phase: 0.0,
             commanded: VecDeque::with_capacity(64),
             readings: VecDeque::with_capacity(64),
+            oblong: Oblong::default(),
             shaking: Shaking::new(station.measured_shaking(watch.side)),
             moved: f64::INFINITY,
             around: Vec::with_capacity(64),

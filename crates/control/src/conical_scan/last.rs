@@ -2,7 +2,7 @@
 
 use super::told::FORGETS;
 use super::{ConicalScan, NEAR, NEARBY, SHRINK, SIGNIFICANT};
-use crate::beam::Peak;
+use crate::beam::{Peak, Reading};
 use crate::outcome::{Halt, Outcome};
 use crate::station::Station;
 use pigtail_model::frames::Displacement;
@@ -107,6 +107,10 @@ impl ConicalScan<'_> {
                 continue;
             }
             seen.push(peak);
+            // What a micro does that does not go where it is told is oblong askew: piezos do not move in x and y.
+            let readings: &[Reading] = self.readings.make_contiguous();
+            self.beam.tell(&mut self.oblong, readings, &peak, self.watch.noise);
+            self.beam.set_oblong(&self.oblong);
             if let Some(seen) = self.shakes(&peak, gap)
                 && !self.shaking.is_watched()
             {
