@@ -109,7 +109,8 @@ impl ConicalScan<'_> {
             seen.push(peak);
             // What a micro does that does not go where it is told is oblong askew: piezos do not move in x and y.
             let readings: &[Reading] = self.readings.make_contiguous();
-            self.beam.tell(&mut self.oblong, readings, &peak, self.watch.noise);
+            self.beam
+                .tell(&mut self.oblong, readings, &peak, self.watch.noise);
             self.beam.set_oblong(&self.oblong);
             if let Some(seen) = self.shakes(&peak, gap)
                 && !self.shaking.is_watched()

@@ -32,9 +32,7 @@ const STEEP: f64 = 0.7;
 /// Seconds for which a piezo creeps as good as steadily: what is slower, circles follow.
 const STRAIGHT: f64 = 0.2;
 
-/// The light at the peak is looked at for so long, seconds; beside it, it is less by this share at least.
-const TOP: f64 = 0.04;
-
+/// Beside the peak the light is less than there by this share at least.
 const LEAST_FALL: f64 = 0.02;
 
 /// So many times longer than it is believed to settle a micro may still swing.
@@ -166,8 +164,9 @@ impl ConicalScan<'_> {
     }
 
     /// Watches how the tip shakes: it is held beside the peak, in x and in y, where light is steep, for so many light
-    /// samples each. What a micro does that is sent about is none of it. Means over as long as a bond takes are looked at
-    /// too: a fiber is fixed where its tip was on average. Ends at the peak.
+    /// samples each; and as long at the peak, where light tells what else it does. What a micro does that is sent about is
+    /// none of it. Means over as long as a bond takes are looked at too: a fiber is fixed where its tip was on average. Ends
+    /// at the peak.
     ///
     /// # Errors
     ///
@@ -187,33 +186,43 @@ impl ConicalScan<'_> {
         // One that still swings after a short rest is watched again, after a longer one.
         let again = self.shaking.is_watched() || self.shaking.rings();
         let rest = if again { FORGETS } else { GLANCE } * station.micro_settling();
-        let top = station.level(self.watch.channel, TOP)?.mean - self.watch.background;
+        let spec = station.spec();
+        let bond = ((spec.bond.time * spec.photodiode.rate).round() as usize).max(1);
+        // Piezos creep meanwhile, ever more slowly.
+        let straight = (STRAIGHT * spec.photodiode.rate).round() as usize;
+        let straight = straight.max(4 * bond);
+        let at_peak = self.look(station, samples)?;
+        let top = at_peak.iter().map(|(_, volts)| volts).sum::<f64>() / samples as f64;
         for direction in [Displacement::new(1.0, 0.0), Displacement::new(0.0, 1.0)] {
             self.glide_to(station, peak + direction * (STEEP * width))?;
             station.run(rest)?;
-            let mut seen = Vec::with_capacity(samples);
-            while seen.len() < samples {
-                station.cycle()?;
-                let volts = station.light(self.watch.channel);
-                seen.extend(volts.map(|volts| (seen.len() as f64, volts - self.watch.background)));
+            let beside = self.look(station, samples)?;
+            let light = beside.iter().map(|(_, volts)| volts).sum::<f64>() / samples as f64;
+            if light < SIGNIFICANT * self.watch.noise {
+                continue;
             }
-            // Piezos creep meanwhile, ever more slowly.
-            let spec = station.spec();
-            let straight = (STRAIGHT * spec.photodiode.rate).round() as usize;
-            let bond = ((spec.bond.time * spec.photodiode.rate).round() as usize).max(1);
             // How wide the spot is in this direction the light tells by itself; it is not much narrower than believed.
-            let scale = |light: f64| {
-                let fallen = (top / light).ln().clamp(LEAST_FALL, 2.0 * STEEP * STEEP);
-                STEEP * width / (2.0 * fallen * light)
-            };
-            for seen in seen.chunks(straight.max(4 * bond)) {
-                if let Some(sample) = self.scatter_of(seen, 1, scale) {
-                    shaking.add_sample(&sample);
+            let fallen = (top / light).ln().clamp(LEAST_FALL, 2.0 * STEEP * STEEP);
+            let scale = STEEP * width / (2.0 * fallen * light);
+            for together in [1, bond] {
+                let Some(unrest) = Unrest::of(&beside, together, straight) else {
+                    continue;
+                };
+                let still = Unrest::of(&at_peak, together, straight);
+                let still = self.still_or(still, together);
+                let seen = Scatter {
+                    variance: unrest.variance * scale * scale,
+                    still: still.variance * scale * scale,
+                    still_degrees: still.degrees,
+                    degrees: unrest.degrees,
+                };
+                if together == 1 {
+                    shaking.add_sample(&seen);
                 }
-                if let Some(mean) = self.scatter_of(seen, bond, scale) {
-                    shaking.add_wide(&mean);
+                if together == bond {
+                    shaking.add_wide(&seen);
                     // What is slower than a turn is in it.
-                    shaking.set_slow(0.0, 0.0, mean.degrees);
+                    shaking.set_slow(0.0, 0.0, seen.degrees);
                 }
             }
         }
@@ -224,37 +233,30 @@ impl ConicalScan<'_> {
         Ok(())
     }
 
-    /// What means of so many light samples each, as they were `seen` beside the peak, say of the tip's place about a straight
-    /// line in time; `scale` makes metres of volts where the light is so bright. `None` for too few or too dim ones.
-    fn scatter_of(
-        &self,
-        seen: &[(f64, f64)],
-        together: usize,
-        scale: impl Fn(f64) -> f64,
-    ) -> Option<Scatter> {
-        let n = together as f64;
-        let means = seen.chunks_exact(together).map(|each| {
-            let (times, volts) = each
-                .iter()
-                .fold((0.0, 0.0), |sum, each| (sum.0 + each.0, sum.1 + each.1));
-            (times / n, volts / n)
-        });
-        let degrees = means.len() as f64 - 2.0;
-        if degrees < 1.0 {
-            return None;
+    /// So many light samples from now on: their numbers, and the light, volts.
+    fn look(&self, station: &mut Station, samples: usize) -> Result<Vec<(f64, f64)>, Fault> {
+        let mut seen = Vec::with_capacity(samples);
+        while seen.len() < samples {
+            station.cycle()?;
+            let volts = station.light(self.watch.channel);
+            seen.extend(volts.map(|volts| (seen.len() as f64, volts - self.watch.background)));
         }
-        let line = Line::through(means.clone());
-        if line.y < SIGNIFICANT * self.watch.noise {
-            return None;
-        }
-        let squares: f64 = means.map(|(k, v)| line.left(k, v).powi(2)).sum();
-        let scale = scale(line.y);
-        Some(Scatter {
-            variance: squares / degrees * scale * scale,
-            still: (self.watch.still * scale).powi(2) / n,
-            still_degrees: self.watch.still_degrees,
-            degrees,
-        })
+        Ok(seen)
+    }
+
+    /// The light's unrest where no shaking makes any: the photodiode's in the dark, or as much as was seen at the peak
+    /// where that is more than chance makes of it. Scattered light fluctuates there as everywhere.
+    fn still_or(&self, seen: Option<Unrest>, together: usize) -> Unrest {
+        /// Standard deviations.
+        const CHANCE: f64 = 2.0;
+        let dark = Unrest {
+            variance: self.watch.still.powi(2) / together as f64,
+            degrees: self.watch.still_degrees,
+        };
+        let more = |seen: &Unrest| {
+            seen.variance > dark.variance * (1.0 + CHANCE * (2.0 / seen.degrees).sqrt())
+        };
+        seen.filter(more).unwrap_or(dark)
     }
 
     /// The micro goes straight to a displacement, without a jump of its speed.
@@ -267,5 +269,38 @@ impl ConicalScan<'_> {
             station.cycle()?;
         }
         Ok(())
+    }
+}
+
+/// How much the means of some light samples each scatter about straight lines in time.
+#[derive(Debug, Clone, Copy)]
+struct Unrest {
+    /// Variance of a mean, square volts.
+    variance: f64,
+    degrees: f64,
+}
+
+impl Unrest {
+    /// Of means of so many samples `together`, about lines through so many samples; `None` for too few.
+    fn of(seen: &[(f64, f64)], together: usize, straight: usize) -> Option<Self> {
+        let n = together as f64;
+        let (mut squares, mut degrees) = (0.0, 0.0);
+        for seen in seen.chunks(straight) {
+            let means = seen.chunks_exact(together).map(|each| {
+                let sum = |of: fn(&(f64, f64)) -> f64| each.iter().map(of).sum::<f64>() / n;
+                (sum(|each| each.0), sum(|each| each.1))
+            });
+            let free = means.len() as f64 - 2.0;
+            if free < 1.0 {
+                continue;
+            }
+            let line = Line::through(means.clone());
+            squares += means.map(|(k, v)| line.left(k, v).powi(2)).sum::<f64>();
+            degrees += free;
+        }
+        (degrees > 0.0).then(|| Self {
+            variance: squares / degrees,
+            degrees,
+        })
     }
 }
