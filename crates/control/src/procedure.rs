@@ -533,7 +533,7 @@ impl<'r> Job<'r> {
         station.move_micro(side, Displacement::ZERO);
         let clear = at_gap(station, coarse.clearance);
         self.arrive(station, side, clear)?;
-        let far = at_gap(station, coarse.far);
+        let far = at_gap(station, coarse.first_look(station.spec()));
         station.line(side, far, None)?;
         for _ in 0..4 {
             let (x, z) = look(station, side, tip, coarse.frames)?;

@@ -79,6 +79,15 @@ pub struct Coarse {
     pub run_up: f64,
 }
 
+impl Coarse {
+    /// Gap of the first look, metres: where a tip may stand farther out of its holder than usual, from farther away.
+    pub fn first_look(&self, spec: &Spec) -> f64 {
+        /// What is left where a tip stands out as far as it may, metres.
+        const LEFT: f64 = 150e-6;
+        self.far.max(spec.guard.placement + LEFT)
+    }
+}
+
 /// Finding the chip's top with the sensing fiber (thesis 3.2.2).
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]

@@ -193,6 +193,12 @@ impl GainsRow {
         ]
     }
 
+    /// All of them so many times as large.
+    #[must_use]
+    pub fn times(&self, by: f64) -> Self {
+        Self::new(self.gains().map(|gain| by * gain))
+    }
+
     /// As the searches have them.
     pub fn gains(&self) -> Gains {
         [self.kp, self.ki, self.kd]

@@ -133,7 +133,7 @@ impl Shared<'_> {
     ) -> Result<(), Halt> {
         let (recipe, fast) = (self.recipe, self.fast);
         let run_up = recipe.coarse.run_up;
-        let far = recipe.coarse.far;
+        let far = recipe.coarse.first_look(station.spec());
         let s = &fast.sensing;
         station.laser(false);
         let first = [
@@ -245,7 +245,8 @@ impl Shared<'_> {
         index: usize,
     ) -> Result<(), Halt> {
         let recipe = self.recipe;
-        let (far, run_up) = (recipe.coarse.far, recipe.coarse.run_up);
+        let far = recipe.coarse.first_look(station.spec());
+        let run_up = recipe.coarse.run_up;
         let here = station.wanted(aim.side);
         // The next fiber's place in the holder is not known yet: as far away as for any, from the
         // inclined facet where the holder stands now too.
@@ -302,12 +303,13 @@ impl Shared<'_> {
     ) -> Result<(), Halt> {
         let recipe = self.recipe;
         let here = station.wanted(aim.side);
-        let far = aim.holder(station, self.exit(), 0.0, recipe.coarse.far);
+        let first_look = recipe.coarse.first_look(station.spec());
+        let far = aim.holder(station, self.exit(), 0.0, first_look);
         let back = Point::new(here.x, here.y, here.z.min(far.z));
         lines(station, &[(aim.side, back)], |_| {})?;
         cock(station, aim.side, look.width);
         let below = -self.below() - recipe.coarse.run_up;
-        let below = aim.holder(station, self.exit(), below, recipe.coarse.far);
+        let below = aim.holder(station, self.exit(), below, first_look);
         lines(
             station,
             &[(aim.side, below.shifted(look.aside, 0.0, 0.0))],
