@@ -312,11 +312,16 @@ impl<'a> Station<'a> {
         self.arms[side.index()].piezos.is_some()
     }
 
-    /// The light says how far the fiber of a side stands out of its holder along the chip's z, metres, known to
-    /// a standard deviation. Until the fiber is another, it is believed before vision.
-    pub fn tell_z(&mut self, side: Side, z: f64, deviation: f64) {
+    /// The light says by how much farther along the chip's z the fiber of a side stands than vision alone has it,
+    /// metres, known to a standard deviation. Until the fiber is another, it is believed before vision.
+    pub fn tell_z(&mut self, side: Side, farther: f64, deviation: f64) {
         let holder = self.kinematics(side).chip_from_macro(self.endpoint(side));
-        self.tips.tell(side, z, deviation, holder);
+        self.tips.tell(side, farther, deviation, holder);
+    }
+
+    /// What the light has told of the fiber of a side is to be told anew.
+    pub fn forget_told(&mut self, side: Side) {
+        self.tips.forget_told(side);
     }
 
     /// Where a tip stands from its holder, by all frames so far; `None` before the first.

@@ -39,6 +39,10 @@ pub(crate) const STATED: f64 = 1.25;
 /// and links better. Frames from far away say as much less of where the tip is here.
 const SCALE: f64 = 2e-3;
 
+/// How far chip and holders come apart within a second, by warmth, metres; within more, as the root of it. No faster
+/// than 1 um in 20 s: frames older than some seconds say less of where the tip is now than newer ones. A choice.
+const WARMS: f64 = 70e-9;
+
 /// By what time a holder that moves may lag behind its encoders, seconds: its transmission gives way
 /// to its load. All frames on the way lag alike, so that they do not make up for each other.
 const LAG: f64 = 2e-3;
@@ -55,6 +59,8 @@ struct Estimate {
     x: Offset,
     z: Offset,
     holder: Point<Chip>,
+    /// When, seconds.
+    time: f64,
 }
 
 /// Of the tip from its holder along one axis.
@@ -74,8 +80,8 @@ pub(crate) struct TipEstimator {
     cycle: usize,
     fibers: [Option<Estimate>; SIDES],
     sensing: Option<Estimate>,
-    /// What the light has told of each fiber's z: metres from its holder, its standard deviation, and where the
-    /// holder stood then.
+    /// What the light has told of each fiber's z: by how much it is more than vision has it, metres, its standard
+    /// deviation, and where the holder stood then. What warms is seen by vision meanwhile.
     told: [Option<(f64, f64, Point<Chip>)>; SIDES],
     /// Bound of vision's fixed error in z, metres.
     bound: f64,
@@ -98,10 +104,15 @@ impl TipEstimator {
         }
     }
 
-    /// The light says where a fiber stands from its holder along the chip's z: so many metres, known to a
+    /// The light says by how much farther along the chip's z a fiber stands than vision has it, metres, known to a
     /// standard deviation, with the holder at a place. It is believed before vision.
-    pub(crate) fn tell(&mut self, side: Side, z: f64, deviation: f64, holder: Point<Chip>) {
-        self.told[side.index()] = Some((z, deviation, holder));
+    pub(crate) fn tell(&mut self, side: Side, farther: f64, deviation: f64, holder: Point<Chip>) {
+        self.told[side.index()] = Some((farther, deviation, holder));
+    }
+
+    /// What the light has told of the fiber of a side is believed no more.
+    pub(crate) fn forget_told(&mut self, side: Side) {
+        self.told[side.index()] = None;
     }
 
     /// Notes where the holders are in this cycle.
@@ -142,10 +153,10 @@ impl TipEstimator {
             if let Some(fix) = &frame.fiber[i]
                 && frame.time > self.since[i]
             {
-                update(&mut self.fibers[i], at, fix, lag);
+                update(&mut self.fibers[i], frame.time, at, fix, lag);
             }
             if side == Side::Right {
-                update(&mut self.sensing, at, &frame.sensing, lag);
+                update(&mut self.sensing, frame.time, at, &frame.sensing, lag);
             }
         }
     }
@@ -167,11 +178,13 @@ impl TipEstimator {
         };
         Some(match told {
             None => vision,
-            Some((z, deviation, holder)) => Seen {
-                z,
+            Some((farther, deviation, holder)) => Seen {
+                z: vision.z + farther,
                 sigma: [
                     vision.sigma[0],
-                    deviation.hypot(SCALE * (estimate.holder.z - holder.z)),
+                    vision.sigma[1]
+                        .hypot(deviation)
+                        .hypot(SCALE * (estimate.holder.z - holder.z)),
                 ],
                 bound_z: 0.0,
                 ..vision
@@ -180,8 +193,14 @@ impl TipEstimator {
     }
 }
 
-/// Takes a fix into an estimate; `lag` is the variance in x and z that comes of moving.
-fn update(estimate: &mut Option<Estimate>, holder: Point<Chip>, fix: &TipFix, lag: [f64; 2]) {
+/// Takes a fix of a `time` into an estimate; `lag` is the variance in x and z that comes of moving.
+fn update(
+    estimate: &mut Option<Estimate>,
+    time: f64,
+    holder: Point<Chip>,
+    fix: &TipFix,
+    lag: [f64; 2],
+) {
     let seen = [fix.x - holder.x, fix.z - holder.z];
     let noise = fix.sigma * fix.sigma;
     *estimate = Some(match estimate {
@@ -194,15 +213,17 @@ fn update(estimate: &mut Option<Estimate>, holder: Point<Chip>, fix: &TipFix, la
                 x: offset(0),
                 z: offset(1),
                 holder,
+                time,
             }
         }
         Some(before) => {
             let way = holder.distance(before.holder);
-            let drift = (SCALE * way).powi(2);
+            let drift = (SCALE * way).powi(2) + WARMS * WARMS * (time - before.time).max(0.0);
             Estimate {
                 x: before.x.update(seen[0], drift, noise, lag[0]),
                 z: before.z.update(seen[1], drift, noise, lag[1]),
                 holder,
+                time,
             }
         }
     });
@@ -238,6 +259,7 @@ mod tests {
             let error = if k % 2 == 0 { SIGMA } else { -SIGMA };
             update(
                 &mut estimate,
+                0.0,
                 here,
                 &fix(here.x + 30e-6, here.z + error),
                 [0.0; 2],
@@ -256,11 +278,11 @@ mod tests {
         let (mut estimate, lag) = (None, (LAG * 5e-3).powi(2));
         for k in 0..20 {
             let at = Point::new(0.0, 0.0, 200e-6 * f64::from(k));
-            update(&mut estimate, at, &fix(0.0, at.z - 7e-6), [0.0, lag]);
+            update(&mut estimate, 0.0, at, &fix(0.0, at.z - 7e-6), [0.0, lag]);
         }
         let here = Point::new(0.0, 0.0, 4e-3);
         for _ in 0..6 {
-            update(&mut estimate, here, &fix(0.0, here.z), [0.0; 2]);
+            update(&mut estimate, 0.0, here, &fix(0.0, here.z), [0.0; 2]);
         }
         let estimate = estimate.expect("frames");
         assert!(estimate.z.value.abs() < 0.1e-6, "{}", estimate.z.value);

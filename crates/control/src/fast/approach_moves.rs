@@ -66,14 +66,6 @@ impl Aim {
         outward(self.side) * (holder.z + z - self.port.z)
     }
 
-    /// The gap by encoders alone, of a fiber that does not stand out of its holder, metres.
-    pub(super) fn holder_gap(&self, station: &Station) -> f64 {
-        let holder = station
-            .kinematics(self.side)
-            .chip_from_macro(station.endpoint(self.side));
-        outward(self.side) * (holder.z - self.port.z)
-    }
-
     /// The walk of the peak in the manipulator's frame.
     pub(super) fn walk(&self, station: &Station, exit: f64) -> Walk {
         let k = station.kinematics(self.side);

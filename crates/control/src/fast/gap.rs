@@ -42,6 +42,7 @@ impl Shared<'_> {
         if self.vision_knows(station) {
             return self.approach(station, aim, scan, before, here);
         }
+        station.forget_told(aim.side);
         let mut widths = Vec::new();
         for share in WIDER {
             let gap = beam.gap_of(share);
@@ -117,7 +118,8 @@ fn width(station: &mut Station, aim: &Aim, scan: &mut ConicalScan) -> Result<Opt
     if let Some(peak) = scan.peak() {
         scan.go_to(station, &peak, gap)?;
     }
-    let at = aim.holder_gap(station);
+    // Of the gap by vision only what is the same at all gaps is wrong, whatever warms meanwhile.
+    let at = aim.gap(station);
     Ok(scan.width(station, gap, at)?)
 }
 
@@ -126,18 +128,19 @@ fn tell_contact(station: &mut Station, aim: &Aim, widths: &[Width], tolerance: f
     let Some(seen) = station.seen(aim.side, aim.tip) else {
         return;
     };
-    // The encoders' gap where vision has them touch.
-    let by_vision = aim.holder_gap(station) - aim.gap(station);
     let wide = seen.bound_z + FAR_OFF * seen.sigma[1];
-    let range = (by_vision - 2.0 * wide, by_vision + 2.0 * wide);
+    let range = (-2.0 * wide, 2.0 * wide);
+    // The gap by vision where they touch.
     let Some(contact) = contact(widths, range) else {
         return;
     };
-    let differs = (contact.at - by_vision).abs() > wide + FAR_OFF * contact.deviation;
+    // Frames are noisy at every gap.
+    let deviation = contact.deviation.hypot(seen.sigma[1]);
+    let differs = contact.at.abs() > wide + FAR_OFF * deviation;
     // What is known worse than a fiber needs it would only lead it astray, and into the chip at last.
-    if differs || outside(tolerance, 0.0, 0.0, contact.deviation) > UNSURE {
+    if differs || outside(tolerance, 0.0, 0.0, deviation) > UNSURE {
         return;
     }
-    let z = -outward(aim.side) * contact.at;
-    station.tell_z(aim.side, z, contact.deviation);
+    let farther = -outward(aim.side) * contact.at;
+    station.tell_z(aim.side, farther, deviation);
 }
