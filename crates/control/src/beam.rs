@@ -76,6 +76,11 @@ impl Beam {
         }
     }
 
+    /// A spot of which the square of the width is so many times that by design.
+    pub fn widen(&mut self, times: f64) {
+        self.radius *= times.sqrt();
+    }
+
     /// A spot that is as oblong as was seen.
     pub fn set_oblong(&mut self, oblong: &Oblong) {
         self.oblong = oblong.share();

@@ -58,6 +58,8 @@ pub struct ConicalScan<'r> {
     readings: VecDeque<Reading>,
     /// How oblong the spot is at the chip.
     oblong: Oblong,
+    /// By how much the square of the spot's width is more than believed, as two circles at the chip have told.
+    wider: Option<f64>,
     /// How the tip shakes.
     shaking: Shaking,
     /// How far the middle went at last, metres.
@@ -108,6 +110,7 @@ impl<'r> ConicalScan<'r> {
             commanded: VecDeque::with_capacity(64),
             readings: VecDeque::with_capacity(64),
             oblong: Oblong::default(),
+            wider: None,
             shaking: Shaking::new(station.measured_shaking(watch.side)),
             moved: f64::INFINITY,
             around: Vec::with_capacity(64),
@@ -137,6 +140,13 @@ impl<'r> ConicalScan<'r> {
     /// The micro's displacement at the peak at a gap, as believed, metres.
     pub fn place(&self, gap: f64) -> Displacement {
         self.centre + self.walk * gap
+    }
+
+    /// Believes from now on what the last two circles at the chip have told of how wide the spot is.
+    pub fn believe_width(&mut self) {
+        if let Some(times) = self.wider.take() {
+            self.beam.widen(times);
+        }
     }
 
     /// Width of the spot at a gap, metres, as believed.

@@ -232,8 +232,11 @@ impl ConicalScan<'_> {
         {
             self.shaking.add_small(&shakes);
         }
-        let wider = self.wider_by(gap);
-        self.shaking.set_wider(wider);
+        let width = self.width_here(gap);
+        let wider = width.map(|width| self.wider_by(gap, &width));
+        self.shaking
+            .set_wider(wider.map_or(1.0, |(of_steps, _)| of_steps));
+        self.wider = wider.map(|(_, squared)| squared);
         // What was foreseen was so for one turn.
         let late = CREEP * f64::from(turns);
         let foreseen = &Peak {

@@ -141,9 +141,8 @@ impl ConicalScan<'_> {
         })
     }
 
-    /// How much wider, squared, the spot is than believed, by the last turn of the wide circle and that of the small
-    /// one: as believed where they do not tell.
-    pub(super) fn wider_by(&self, gap: f64) -> f64 {
+    /// How wide the spot is, by the last turn of the wide circle and that of the small one, if these tell.
+    pub(super) fn width_here(&self, gap: f64) -> Option<Width> {
         /// Widths that are known worse tell nothing.
         const KNOWN_ROUGHLY: f64 = 0.3;
         let mut spot = Circles::default();
@@ -154,13 +153,17 @@ impl ConicalScan<'_> {
             spot.add(reading.at - self.centre, reading.volts);
         }
         let width = spot.width(gap, self.watch.still);
-        let Some(width) = width.filter(|width| width.is_known_to(KNOWN_ROUGHLY)) else {
-            return 1.0;
-        };
+        width.filter(|width| width.is_known_to(KNOWN_ROUGHLY))
+    }
+
+    /// Of such a width: how much more than believed, squared, a tip moves at most for its light to say so; and how much
+    /// wider, squared, the spot is.
+    pub(super) fn wider_by(&self, gap: f64, width: &Width) -> (f64, f64) {
         // How steep the light is in x and in y, of how steep it is believed to be.
         let believed = self.beam.width(gap).powi(2);
-        let [x, y] = width.squared.map(|squared| (believed / squared).powi(2));
-        (0.5 * (x + y)).sqrt().recip().max(1.0)
+        let [x, y] = width.squared.map(|squared| believed / squared);
+        let steep = (0.5 * (x * x + y * y)).sqrt();
+        (steep.recip().max(1.0), 2.0 / (x + y))
     }
 
     /// Watches how the tip shakes: it is held beside the peak, in x and in y, where light is steep, for so many light

@@ -605,11 +605,15 @@ impl<'r> Shared<'r> {
                         }
                     }
                 }
-                Ok((level, _)) => Outcome::LightLost {
-                    phase: "final",
-                    level,
-                    expected,
-                },
+                Ok((level, _)) => {
+                    // Or the spot is not as wide as believed: then the wide circle has told of other light than there is.
+                    scan.believe_width();
+                    Outcome::LightLost {
+                        phase: "final",
+                        level,
+                        expected,
+                    }
+                }
                 // Other turns bring no peak nearer that the micro does not reach.
                 Err(halt @ (Halt::Fault(_) | Halt::Outcome(Outcome::MicroRange { .. }))) => {
                     return Err(halt);

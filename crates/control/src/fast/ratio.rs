@@ -17,6 +17,9 @@ use pigtail_numerics::normal::Normal;
 /// How far the macro goes, metres: the farther, the better the micro's way is known, of which there are some tens.
 const WAY: f64 = 16e-6;
 
+/// ...in so many steps: what its transmissions hide of them the circles have to follow.
+const STEPS: u32 = 4;
+
 /// How often it goes around.
 const ROUNDS: usize = 4;
 
@@ -104,7 +107,13 @@ fn follow(
     let (begin, start) = (station.time(), stands(station, side));
     for _ in 0..ROUNDS {
         for (x, y) in around {
-            hand_over(station, scan, side, Displacement::new(x, y), gap)?;
+            let step = Displacement::new(x, y) / f64::from(STEPS);
+            for _ in 0..STEPS {
+                hand_over(station, scan, side, step, gap)?;
+                if let Some(peak) = scan.peak() {
+                    scan.go_to(station, &peak, gap)?;
+                }
+            }
             scan.centre(station, gap, NEAR * scan.beam_width(gap), "ratio", 2)?;
             for _ in 0..TURNS {
                 scan.turn(station, gap)?;
