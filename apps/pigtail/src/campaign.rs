@@ -10,7 +10,9 @@ use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use pigtail_control::outcome::OutcomeCode;
 use pigtail_evaluate::align::TOLERANCE_Z_UM;
-use pigtail_evaluate::campaign::{self, CampaignDocument, Device, Plan, Store, summarize};
+use pigtail_evaluate::campaign::{
+    self, CampaignDocument, Commissioned, Device, Plan, Store, summarize,
+};
 use pigtail_hal::Error;
 use pigtail_report as report;
 use pigtail_session::faults::Faults;
@@ -73,6 +75,11 @@ pub(crate) struct Arguments {
     /// harsh), or a TOML file [default: nominal]
     #[arg(long)]
     fleet: Option<String>,
+    /// Commission each machine first, as `pigtail commission` does. What is found is kept in
+    /// `commissioned/` below the runs, for the next campaign too; devices of a machine that is not
+    /// accepted are not attempted
+    #[arg(long)]
+    commissioned: bool,
     /// How to align [default: fast]
     #[arg(long, value_parser = choice::<Procedure>())]
     procedure: Option<Procedure>,
@@ -145,17 +152,31 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         .threads
         .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
     let before = store.done();
+    let commissioned = if store.plan().commissioned {
+        let kept = arguments
+            .resume
+            .as_deref()
+            .and_then(std::path::Path::parent);
+        let runs = kept.unwrap_or(&arguments.runs);
+        let seeds = store.plan().machine_seeds();
+        Some(commission(&setup, &seeds, runs, threads, &stop)?)
+    } else {
+        None
+    };
     let progress = Progress::new(store.plan().devices, before);
-    let ended = campaign::run(&mut store, &setup, threads, &stop, {
-        let mut counts = (0_u64, 0_u64);
-        let progress = &progress;
-        move |device| progress.device(device, &mut counts)
-    });
+    let mut counts = (0_u64, 0_u64);
+    let watch = |device: &Device| progress.device(device, &mut counts);
+    let ended = match &commissioned {
+        None => campaign::run(&mut store, &setup, threads, &stop, watch),
+        Some(machines) => campaign::run_commissioned(&mut store, machines, threads, &stop, watch),
+    };
     progress.bar.finish_and_clear();
     let kept = |error: anyhow::Error| anyhow!("{error:#}; {}", resumable(&store));
     ended.map_err(kept)?;
     store.collect().map_err(kept)?;
-    let document = summarize(&store, started.elapsed().as_secs_f64())?;
+    let mut document = summarize(&store, started.elapsed().as_secs_f64())?;
+    document.accepted = commissioned.as_ref().map(Commissioned::accepted);
+    let document = document;
     if !store.was_whole() {
         let report = report::campaign(&store, &document)?;
         let on = running::on(&setup, &document, None);
@@ -180,6 +201,26 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     } else {
         NEGATIVE
     })
+}
+
+/// Commissions the machines that were not before.
+fn commission(
+    setup: &Setup,
+    seeds: &[u64],
+    runs: &std::path::Path,
+    threads: usize,
+    stop: &std::sync::atomic::AtomicBool,
+) -> Result<Commissioned, Failure> {
+    let target = ProgressDrawTarget::stderr_with_hz(10);
+    let bar = ProgressBar::with_draw_target(Some(seeds.len() as u64), target);
+    if let Ok(style) =
+        ProgressStyle::with_template("{pos}/{len} machines commissioned [{wide_bar}] {eta} left")
+    {
+        bar.set_style(style.progress_chars("=> "));
+    }
+    let done = Commissioned::of(setup, seeds, runs, threads, stop, |_, _| bar.inc(1));
+    bar.finish_and_clear();
+    Ok(done?)
 }
 
 fn resumable(store: &Store) -> String {
@@ -266,7 +307,10 @@ fn open(arguments: &Arguments) -> Result<(Setup, Store), Failure> {
     }
     campaign::check(&setup, seed)?;
     running::warn(&setup, procedure.believes());
-    let plan = Plan::new(&setup, procedure, seed, devices).with_devices_each(each);
+    let commissioned = arguments.commissioned || begun_as.is_some_and(|plan| plan.commissioned);
+    let plan = Plan::new(&setup, procedure, seed, devices)
+        .with_devices_each(each)
+        .with_commissioned(commissioned);
     let store = match &arguments.resume {
         Some(folder) => Store::resume(folder, &plan)?,
         None => Store::begin(&arguments.runs, &setup, plan)?,

@@ -248,10 +248,21 @@ pub fn panicked(
         text.or_else(|| panic.downcast_ref::<String>().cloned())
     };
     let detail = text(panic).unwrap_or_else(|| "the program failed".to_owned());
+    empty(setup, procedure, seed, OutcomeCode::Panic, &detail)
+}
+
+/// The document of a device on which nothing was done, all of whose fibers ended alike.
+pub fn empty(
+    setup: &Setup,
+    procedure: Procedure,
+    seed: u64,
+    outcome: OutcomeCode,
+    detail: &str,
+) -> AlignmentDocument {
     let fiber = |port| FiberRow {
         port,
-        outcome: OutcomeCode::Panic,
-        detail: detail.clone(),
+        outcome,
+        detail: detail.to_owned(),
         phases: Vec::new(),
         seconds: 0.0,
         offset_um: None,

@@ -5,12 +5,14 @@
 //! looked at. Rows come in the order of devices and do not depend
 //! on how many threads worked on them.
 
+mod commissioned;
 mod rows;
 mod store;
 mod summary;
 
 use crate::align::{self, align};
 use anyhow::Result;
+pub use commissioned::{Commissioned, Commissioning};
 use pigtail_control::station::Unobserved;
 use pigtail_hal::Error;
 use pigtail_session::job::Ended;
@@ -81,6 +83,38 @@ pub fn run(
     setup: &Setup,
     threads: usize,
     stop: &AtomicBool,
+    watch: impl FnMut(&Device),
+) -> Result<()> {
+    run_by(
+        store,
+        &|procedure, seed| device(setup, procedure, seed),
+        threads,
+        stop,
+        watch,
+    )
+}
+
+/// The same on machines that were commissioned.
+///
+/// # Errors
+///
+/// As [`run`].
+pub fn run_commissioned(
+    store: &mut Store,
+    machines: &Commissioned,
+    threads: usize,
+    stop: &AtomicBool,
+    watch: impl FnMut(&Device),
+) -> Result<()> {
+    let device = |procedure, seed| machines.device(procedure, seed);
+    run_by(store, &device, threads, stop, watch)
+}
+
+fn run_by(
+    store: &mut Store,
+    device: &(impl Fn(Procedure, u64) -> Result<Device, Ended> + Sync),
+    threads: usize,
+    stop: &AtomicBool,
     mut watch: impl FnMut(&Device),
 ) -> Result<()> {
     let plan = store.plan().clone();
@@ -95,7 +129,7 @@ pub fn run(
             if index >= devices {
                 break;
             }
-            let result = device(setup, procedure, plan.seed_of(index));
+            let result = device(procedure, plan.seed_of(index));
             if results.send((index, result)).is_err() {
                 break;
             }

@@ -66,6 +66,9 @@ pub struct Plan {
     /// How many devices each machine aligns; the next machine has the next seed.
     #[serde(default = "one")]
     pub devices_each: u64,
+    /// Whether each machine is commissioned first.
+    #[serde(default)]
+    pub commissioned: bool,
     /// Name and SHA-256 of every configuration that was read.
     pub configuration: Vec<(String, String)>,
 }
@@ -84,6 +87,7 @@ impl Plan {
             devices,
             fleet: setup.fleet_name().to_owned(),
             devices_each: 1,
+            commissioned: false,
             configuration: setup.rig.hashes.clone(),
         }
     }
@@ -95,6 +99,23 @@ impl Plan {
             devices_each: devices_each.max(1),
             ..self
         }
+    }
+
+    /// The same on machines each of which is commissioned first, or not.
+    #[must_use]
+    pub fn with_commissioned(self, commissioned: bool) -> Self {
+        Self {
+            commissioned,
+            ..self
+        }
+    }
+
+    /// The seeds of the machines.
+    pub fn machine_seeds(&self) -> Vec<u64> {
+        let machines = 0..self.machines();
+        machines
+            .map(|machine| Specimen::of(self.seed + machine, 0).machine())
+            .collect()
     }
 
     /// How many machines there are.
@@ -203,6 +224,11 @@ impl Plan {
                 "machines",
                 &self.machines().to_string(),
                 &other.machines().to_string(),
+            ),
+            (
+                "commissioned",
+                &self.commissioned.to_string(),
+                &other.commissioned.to_string(),
             ),
         ] {
             if begun != now {

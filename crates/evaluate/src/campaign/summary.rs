@@ -61,6 +61,10 @@ pub struct CampaignDocument {
     pub machines: u64,
     /// How many devices each machine aligns.
     pub devices_each: u64,
+    /// Whether each machine was commissioned first.
+    pub commissioned: bool,
+    /// Machines that were accepted then; `null` where none was commissioned.
+    pub accepted: Option<u64>,
     /// Fibers that control believes aligned and that are not.
     pub wrong: Cause,
     /// Devices that a fiber or the sensing fiber touched.
@@ -416,6 +420,8 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<CampaignDocument> {
         fleet: plan.fleet.clone(),
         machines: devices.div_ceil(plan.devices_each),
         devices_each: plan.devices_each,
+        commissioned: plan.commissioned,
+        accepted: None,
         confidence: Confidence {
             level: CONFIDENCE,
             method: "wilson",
