@@ -14,8 +14,17 @@ use pigtail_numerics::statistics::outside;
 /// Standard deviation of the gap, in tolerances, at which the last turns begin...
 const SURE_OF_GAP: f64 = 0.7;
 
-/// ...or after so many seconds, whatever vision says.
+/// ...or after so many seconds, whatever vision says...
 const MOST_LOOKING: f64 = 0.3;
+
+/// ...or that many, where it does not come to rest about a gap that is known as vaguely as that.
+const MOST_DOUBTING: f64 = 2.0;
+
+/// What is as good as in doubt, of the probability that is accepted: the gap will not be quite right.
+const SPARE: f64 = 0.1;
+
+/// What a gap is corrected by at least where that is in doubt, in tolerances.
+const FINELY: f64 = 0.2;
 
 /// Where the spot is looked at on the way, if the light is to say where the chip is: at gaps where its squared
 /// width is so many times that at the chip, and one more.
@@ -65,6 +74,16 @@ impl Shared<'_> {
         outside(tolerance, off, bound, sigma) <= UNSURE
     }
 
+    /// Whether a fiber would not be attached at this gap, for what is known of it.
+    pub(super) fn doubts_gap(&self, station: &Station, aim: &Aim) -> bool {
+        let off = aim.gap(station) - self.recipe.approach.gap;
+        let seen = station.seen(aim.side, aim.tip);
+        seen.is_some_and(|seen| {
+            let tolerance = self.recipe.accept.gap;
+            outside(tolerance, off, seen.bound_z, seen.sigma[1]) > UNSURE
+        })
+    }
+
     /// Stays on the circle until vision knows the gap well.
     pub(super) fn know_gap(
         &self,
@@ -73,12 +92,18 @@ impl Shared<'_> {
         scan: &mut ConicalScan,
     ) -> Result<(), Halt> {
         let sure = SURE_OF_GAP * self.fast.gap_tolerance;
+        let begin = station.time();
         let unsure = |station: &Station| {
             let seen = station.seen(aim.side, aim.tip);
-            seen.is_some_and(|seen| seen.sigma[1] > sure)
+            seen.is_some_and(|seen| {
+                // Were the gap right: what is off can be corrected.
+                let doubt = outside(self.recipe.accept.gap, 0.0, seen.bound_z, seen.sigma[1]);
+                let long = doubt > SPARE * UNSURE && seen.bound_z > 0.0;
+                let most = if long { MOST_DOUBTING } else { MOST_LOOKING };
+                (long || seen.sigma[1] > sure) && station.time() < begin + most
+            })
         };
-        let end = station.time() + MOST_LOOKING;
-        while unsure(station) && station.time() < end {
+        while unsure(station) {
             let gap = aim.gap(station);
             scan.turn(station, gap)?;
             if let Some(peak) = scan.peak() {
@@ -96,7 +121,12 @@ impl Shared<'_> {
         scan: &mut ConicalScan,
     ) -> Result<(), Halt> {
         let way = aim.gap(station) - self.recipe.approach.gap;
-        if way.abs() > self.fast.gap_tolerance {
+        let tolerance = if self.doubts_gap(station, aim) {
+            FINELY * self.fast.gap_tolerance
+        } else {
+            self.fast.gap_tolerance
+        };
+        if way.abs() > tolerance {
             let end = station.wanted(aim.side).shifted(0.0, 0.0, way);
             station.start_line(aim.side, end, None)?;
             while station.moving(aim.side) {

@@ -573,7 +573,7 @@ impl<'r> Shared<'r> {
             let confirmed = scan.confirm(station, gap, &peak, "final");
             // Meanwhile vision may have come to know better.
             let way = aim.gap(station) - self.recipe.approach.gap;
-            let far = way.abs() > LATE * self.fast.gap_tolerance;
+            let far = way.abs() > LATE * self.fast.gap_tolerance || self.doubts_gap(station, aim);
             let expected = peak.full * beam.share(gap);
             let why = match confirmed {
                 Ok((level, known)) if level > 0.9 * expected && (!far || attempt == ATTEMPTS) => {
