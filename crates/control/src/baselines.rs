@@ -265,7 +265,7 @@ fn maximize(
         if after < recipe.accept.growth * before {
             return Err(Outcome::FalseLight { before, after }.into());
         }
-        job.attach(station, last, found.background)
+        job.attach(station, last, found.background, None)
     })
 }
 

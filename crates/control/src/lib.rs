@@ -50,6 +50,7 @@
 
 pub mod baselines;
 pub mod beam;
+pub mod belief;
 pub mod calibration;
 pub mod characterize;
 pub mod compensation;

@@ -178,7 +178,7 @@ fn held_and_nudged(job: &mut Job, station: &mut Station, index: usize) -> Result
         if after < recipe.accept.growth * before {
             return Err(Outcome::FalseLight { before, after }.into());
         }
-        job.attach(station, last, nudger.background)
+        job.attach(station, last, nudger.background, None)
     })
 }
 

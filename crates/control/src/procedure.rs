@@ -1,5 +1,6 @@
 //! The thesis's alignment procedure (3.2.2, 3.3): straight-line functions over a station.
 
+use crate::belief::Place;
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::peak::NinePoint;
 use crate::recipe::Recipe;
@@ -35,6 +36,8 @@ pub struct FiberReport {
     pub outcome: Outcome,
     /// How its tip shakes, where it was watched.
     pub shaking: Option<Measured>,
+    /// Where it is believed to be, where it was attached and that is known.
+    pub place: Option<Place>,
     /// Its phases in order, seconds of machine time each.
     pub phases: Vec<(&'static str, f64)>,
 }
@@ -74,6 +77,8 @@ pub(crate) struct Job<'r> {
     phases: Vec<(&'static str, f64)>,
     /// How its tip shakes, as far as circles have told.
     shaking: Option<Shaking>,
+    /// Where it is believed to be.
+    place: Option<Place>,
 }
 
 /// Aligns the input fiber and the output fibers of one device, as the thesis does.
@@ -173,6 +178,7 @@ impl<'r> Job<'r> {
             channel,
             phases: Vec::with_capacity(8),
             shaking: None,
+            place: None,
         }
     }
 
@@ -186,6 +192,7 @@ impl<'r> Job<'r> {
                 .shaking
                 .filter(Shaking::is_watched)
                 .map(|shaking| shaking.measured()),
+            place: self.place.take(),
             phases: std::mem::take(&mut self.phases),
         }
     }
@@ -361,7 +368,7 @@ impl<'r> Job<'r> {
                 let known = recipe.last.accuracy.hypot(shaking.deviation());
                 shaking.is_sure(recipe.accept.aside, known)?;
             }
-            job.attach(station, last, found.background)
+            job.attach(station, last, found.background, None)
         })
     }
 
@@ -369,13 +376,17 @@ impl<'r> Job<'r> {
     /// `last` look above the `background` (volts): what has moved since then would be believed to
     /// be good. The spread of that look is that of light which stays; a look in which something
     /// falls has a greater one.
+    ///
+    /// Where its place across is known to a standard deviation `across` (metres), that is noted with the gap.
     pub(crate) fn attach(
-        &self,
+        &mut self,
         station: &mut Station,
         last: Level,
         background: f64,
+        across: Option<f64>,
     ) -> Result<(), Halt> {
         self.sure_of_gap(station)?;
+        self.place = self.place_at(station, across);
         station.handle_fiber(self.side, FiberHandling::Attach)?;
         let now = station.level(self.channel, ATTACHED_LOOK)?;
         let (before, after) = (last.mean - background, now.mean - background);
@@ -387,16 +398,28 @@ impl<'r> Job<'r> {
         Ok(())
     }
 
-    /// Whether the gap is all but certainly what it should be.
-    fn sure_of_gap(&self, station: &Station) -> Result<(), Outcome> {
-        let Some(seen) = station.seen(self.side, Tip::Fiber) else {
-            return Ok(());
-        };
+    /// Where the fiber is believed to be, known to a standard deviation across.
+    fn place_at(&self, station: &Station, across: Option<f64>) -> Option<Place> {
+        let seen = station.seen(self.side, Tip::Fiber)?;
         let kinematics = station.kinematics(self.side);
         let holder = kinematics.chip_from_macro(station.endpoint(self.side));
         let gap = outward(self.side) * (holder.z + seen.z - self.port.z);
-        let off = gap - self.recipe.approach.gap;
-        let (bound, sigma) = (seen.bound_z, seen.sigma[1]);
+        Some(Place {
+            across: across?,
+            off: gap - self.recipe.approach.gap,
+            bound: seen.bound_z,
+            sigma: seen.sigma[1],
+        })
+    }
+
+    /// Whether the gap is all but certainly what it should be.
+    fn sure_of_gap(&self, station: &Station) -> Result<(), Outcome> {
+        let Some(place) = self.place_at(station, Some(0.0)) else {
+            return Ok(());
+        };
+        let Place {
+            off, bound, sigma, ..
+        } = place;
         let tolerance = self.recipe.accept.gap;
         let probability = outside(tolerance, off, bound, sigma);
         if probability <= UNSURE {

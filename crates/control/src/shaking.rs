@@ -331,6 +331,18 @@ impl Shaking {
         all.min(1.0)
     }
 
+    /// Standard deviation along an axis of where a tip that is known to `deviation` (metres) is while its bond sets.
+    pub fn bonded(&self, deviation: f64) -> f64 {
+        let left = self.measured.map_or(1.0, |measured| measured.left);
+        let fast: f64 = self.believed().iter().map(|(v, share)| v * share).sum();
+        let (all, known) = if self.watched {
+            (1.0, self.wider)
+        } else {
+            (self.wider, 1.0)
+        };
+        all * (left * fast + self.slow() + (known * deviation).powi(2)).sqrt()
+    }
+
     /// That such a tip is all but certainly within `tolerance`.
     ///
     /// # Errors

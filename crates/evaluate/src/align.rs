@@ -1,5 +1,6 @@
 //! One device aligned on a twin, and the document that holds what control says against the truth.
 
+use pigtail_control::belief::Place;
 use pigtail_control::outcome::{Outcome, OutcomeCode};
 use pigtail_control::procedure::{FiberReport, PORTS};
 use pigtail_control::recipe::Recipe;
@@ -75,6 +76,48 @@ pub struct FiberRow {
     pub coupling_loss_db: Option<f64>,
     /// Whether it really is where it should be; `null` unless attached.
     pub within_tolerance: Option<bool>,
+    /// What control believes of where it is; `null` unless attached by a procedure that can say so.
+    pub believed: Option<Believed>,
+}
+
+/// What control believes of an attached fiber.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Believed {
+    /// Gap beyond the wanted one, micrometres: the middle of the intervals in z; those in x and y lie around nought.
+    pub z_um: f64,
+    /// Half widths of the intervals that hold the truth with so great a probability, micrometres.
+    pub within_50_percent_um: Offset,
+    /// The same.
+    pub within_80_percent_um: Offset,
+    /// The same.
+    pub within_95_percent_um: Offset,
+    /// The same.
+    pub within_99_percent_um: Offset,
+    /// Control's own probability that the fiber is outside its tolerance.
+    pub outside: f64,
+    /// The belief itself, for whoever holds it against the truth.
+    #[serde(skip)]
+    pub place: Place,
+}
+
+impl Believed {
+    fn of(place: Place, tolerance_xy_um: f64) -> Self {
+        let within = |share| {
+            let [x, y, z] = place
+                .half_widths(share)
+                .map(|half| rounded(1e6 * half, 1e-6));
+            Offset { x, y, z }
+        };
+        Self {
+            z_um: rounded(1e6 * place.off, 1e-6),
+            within_50_percent_um: within(0.5),
+            within_80_percent_um: within(0.8),
+            within_95_percent_um: within(0.95),
+            within_99_percent_um: within(0.99),
+            outside: place.outside(1e-6 * tolerance_xy_um, 1e-6 * TOLERANCE_Z_UM),
+            place,
+        }
+    }
 }
 
 /// One phase of a fiber's alignment.
@@ -268,6 +311,7 @@ pub fn empty(
         offset_um: None,
         coupling_loss_db: None,
         within_tolerance: None,
+        believed: None,
     };
     AlignmentDocument {
         rig: setup.rig.name.clone(),
@@ -405,5 +449,6 @@ fn row(
             let [x, y, z] = [x, y, z].map(|metres| 1e6 * metres.abs());
             x <= tolerance_xy && y <= tolerance_xy && z <= TOLERANCE_Z_UM
         }),
+        believed: report.place.map(|place| Believed::of(place, tolerance_xy)),
     }
 }

@@ -373,7 +373,8 @@ impl<'r> Shared<'r> {
                 scan.watch_shaking(station, aim.gap(station), WATCHED.0)?;
             }
             job.has_shaken(scan.shaking());
-            job.attach(station, last?, scan.background())
+            let (level, across) = last?;
+            job.attach(station, level, scan.background(), Some(across))
         })
     }
 
@@ -544,14 +545,15 @@ impl<'r> Shared<'r> {
         Ok(())
     }
 
-    /// The last turns at the chip, and whether the light is what it should be. Returns it.
+    /// The last turns at the chip, and whether the light is what it should be. Returns it, and the standard deviation of
+    /// where the fiber will be across, metres.
     fn finish(
         &self,
         station: &mut Station,
         aim: &Aim,
         scan: &mut ConicalScan,
         before: f64,
-    ) -> Result<Level, Halt> {
+    ) -> Result<(Level, f64), Halt> {
         let beam = Beam::new(&self.recipe.mode, self.exit());
         let accuracy = self.fast.accuracy;
         let wanted = (self.fast.watch * station.spec().photodiode.rate).round() as usize;
@@ -598,10 +600,11 @@ impl<'r> Shared<'r> {
                             continue;
                         }
                         Ok(()) => {
-                            return Ok(Level {
+                            let level = Level {
                                 mean: level + scan.background(),
                                 sigma: scan.noise(),
-                            });
+                            };
+                            return Ok((level, scan.shaking().bonded(known)));
                         }
                     }
                 }

@@ -3,6 +3,7 @@
 use super::Device;
 use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::procedure::PORTS;
+use pigtail_numerics::rounded;
 use pigtail_session::procedure::Procedure;
 use pigtail_store::rows::{Cell, Column, Kind, Table};
 
@@ -101,6 +102,30 @@ pub fn columns(procedure: Procedure) -> Vec<Column> {
             "least distance of anything from the chip, same for a device's fibers",
         ),
     ]);
+    let level = "least share of control's own intervals that holds the truth";
+    columns.extend([
+        column(
+            "believed_x_um",
+            number,
+            false,
+            "half width of control's interval of 95 % in x, and in y; null where it has none",
+        ),
+        column(
+            "believed_z_um",
+            number,
+            false,
+            "half width of control's interval of 95 % of the gap",
+        ),
+        column("level_x", number, false, &format!("{level}, in x")),
+        column("level_y", number, false, &format!("{level}, in y")),
+        column("level_z", number, false, &format!("{level}, of the gap")),
+        column(
+            "stated_outside",
+            number,
+            false,
+            "control's own probability that the fiber is out of tolerance",
+        ),
+    ]);
     columns.extend(ends());
     columns
 }
@@ -153,6 +178,22 @@ pub fn push(table: &mut Table, procedure: Procedure, device: &Device) {
                 offset.map(|o| o.z),
                 fiber.coupling_loss_db,
                 document.smallest_gap_um,
+            ]
+            .map(Cell::Number),
+        );
+        let believed = fiber.believed.as_ref();
+        let levels = believed
+            .zip(offset)
+            .map(|(believed, o)| believed.place.levels([o.x, o.y, o.z].map(|um| 1e-6 * um)));
+        let level = |i: usize| levels.map(|levels| rounded(levels[i], 1e-9));
+        row.extend(
+            [
+                believed.map(|b| b.within_95_percent_um.x),
+                believed.map(|b| b.within_95_percent_um.z),
+                level(0),
+                level(1),
+                level(2),
+                believed.map(|b| b.outside),
             ]
             .map(Cell::Number),
         );

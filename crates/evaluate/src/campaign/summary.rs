@@ -61,6 +61,8 @@ pub struct CampaignDocument {
     pub machines: u64,
     /// How many devices each machine aligns.
     pub devices_each: u64,
+    /// How right control was about how sure it is; `null` where it says nothing of it.
+    pub sureness: Option<Sureness>,
     /// Whether each machine was commissioned first.
     pub commissioned: bool,
     /// Machines that were accepted then; `null` where none was commissioned.
@@ -99,6 +101,71 @@ pub struct CampaignDocument {
     pub version: &'static str,
     /// Path of the report.
     pub report: String,
+}
+
+/// How often the truth lies within control's own intervals, over attached fibers of which it has some.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Sureness {
+    /// Fibers with a belief.
+    pub fibers: u64,
+    /// Share of them whose truth lies within the intervals of 50 %...
+    pub within_50_percent: Shares,
+    /// ...of 80 %...
+    pub within_80_percent: Shares,
+    /// ...of 95 %...
+    pub within_95_percent: Shares,
+    /// ...and of 99 %.
+    pub within_99_percent: Shares,
+    /// Half widths of the intervals of 95 %, in the median, micrometres: x and y, z.
+    pub median_95_percent_um: [Option<f64>; 2],
+    /// Sum of control's own probabilities that a fiber is out of tolerance: so many wrong ones it expects itself.
+    pub stated_wrong: f64,
+    /// Fibers that it was not sure of, and did not attach.
+    pub unsure: u64,
+}
+
+/// Shares of fibers, by axis.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Shares {
+    /// Across the chip.
+    pub x: f64,
+    /// Up from the chip.
+    pub y: f64,
+    /// Of the gap.
+    pub z: f64,
+}
+
+impl Sureness {
+    fn of(rows: &Rows, unsure: u64) -> Result<Option<Self>> {
+        let levels = ["level_x", "level_y", "level_z"].map(|name| rows.numbers(name));
+        let [x, y, z] = levels;
+        let levels = [x?, y?, z?];
+        let fibers = levels[0].len();
+        if fibers == 0 {
+            return Ok(None);
+        }
+        let within = |share: f64| {
+            let of = |levels: &[f64]| {
+                let within = levels.iter().filter(|level| **level <= share).count();
+                rounded(within as f64 / levels.len().max(1) as f64, 1e-6)
+            };
+            let [x, y, z] = levels.each_ref().map(|levels| of(levels));
+            Shares { x, y, z }
+        };
+        let median = |name: &str| -> Result<Option<f64>> {
+            Ok(Sorted::new(rows.numbers(name)?).percentile(0.5))
+        };
+        Ok(Some(Self {
+            fibers: fibers as u64,
+            within_50_percent: within(0.5),
+            within_80_percent: within(0.8),
+            within_95_percent: within(0.95),
+            within_99_percent: within(0.99),
+            median_95_percent_um: [median("believed_x_um")?, median("believed_z_um")?],
+            stated_wrong: rounded(rows.numbers("stated_outside")?.iter().sum(), 1e-9),
+            unsure,
+        }))
+    }
 }
 
 /// A phase of an alignment.
@@ -393,7 +460,10 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<CampaignDocument> {
         }
     }
     let devices = fibers / ROWS_PER_DEVICE;
+    let unsure = failed.get(OutcomeCode::Unsure.name());
+    let sureness = Sureness::of(&rows, unsure.map_or(0, |of| of.count))?;
     Ok(CampaignDocument {
+        sureness,
         devices,
         fibers,
         aligned,
