@@ -232,6 +232,10 @@ pub fn commission_with(
     })
 }
 
+/// What the camera saw of both micros, how far each goes in y for a displacement in x, and how the fibers ended of the last
+/// device that was to tell.
+type PiezosFound = ([SeenMicro; SIDES], [Option<Ratio>; SIDES], Vec<FiberReport>);
+
 /// What a step found: values, and why that will not do, if it will not.
 struct Found {
     values: Map<String, Value>,
@@ -539,10 +543,7 @@ impl Bench<'_, '_> {
 
     /// What the camera saw of both micros, how far each goes in y for a displacement in x, and how the fibers ended of
     /// the device that told.
-    #[allow(clippy::type_complexity)]
-    fn piezos_found(
-        &mut self,
-    ) -> Result<([SeenMicro; SIDES], [Option<Ratio>; SIDES], Vec<FiberReport>), Ended> {
+    fn piezos_found(&mut self) -> Result<PiezosFound, Ended> {
         /// Before light has told: as far as in x.
         const RATIO: f64 = 1.0;
         let micros = self.run(&SeePiezos, self.seed)?;

@@ -8,6 +8,7 @@ use crate::align;
 use anyhow::{Context, Result};
 use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::station::Unobserved;
+use pigtail_hal::digest::hex;
 use pigtail_session::calibrations::{Belief, FILE};
 use pigtail_session::commission::{Plan, StepName, Verdict, commission};
 use pigtail_session::job::Ended;
@@ -21,7 +22,7 @@ use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 use strum::VariantArray;
 
 /// Devices of the acceptance test, as many as the command's own.
@@ -123,7 +124,7 @@ impl Commissioned {
         Ok(Self {
             setup: setup.clone(),
             folder,
-            machines: done.into_inner().unwrap_or_else(|e| e.into_inner()),
+            machines: done.into_inner().unwrap_or_else(PoisonError::into_inner),
             ready: Mutex::default(),
         })
     }
@@ -181,13 +182,7 @@ impl Commissioned {
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
-    mutex
-        .lock()
-        .unwrap_or_else(|poisoned| poisoned.into_inner())
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// A machine that was commissioned before.

@@ -102,32 +102,32 @@ pub fn columns(procedure: Procedure) -> Vec<Column> {
             "least distance of anything from the chip, same for a device's fibers",
         ),
     ]);
-    let level = "least share of control's own intervals that holds the truth";
-    columns.extend([
-        column(
-            "believed_x_um",
-            number,
-            false,
-            "half width of control's interval of 95 % in x, and in y; null where it has none",
-        ),
-        column(
-            "believed_z_um",
-            number,
-            false,
-            "half width of control's interval of 95 % of the gap",
-        ),
-        column("level_x", number, false, &format!("{level}, in x")),
-        column("level_y", number, false, &format!("{level}, in y")),
-        column("level_z", number, false, &format!("{level}, of the gap")),
-        column(
-            "stated_outside",
-            number,
-            false,
-            "control's own probability that the fiber is out of tolerance",
-        ),
-    ]);
+    columns.extend(beliefs());
     columns.extend(ends());
     columns
+}
+
+/// Columns of what control believes of a fiber.
+fn beliefs() -> [Column; 6] {
+    let number = |name: &str, about: &str| Column::new(name, Kind::Number, about);
+    let level = "least share of control's own intervals that holds the truth";
+    [
+        number(
+            "believed_x_um",
+            "half width of control's interval of 95 % in x, and in y; null where it has none",
+        ),
+        number(
+            "believed_z_um",
+            "half width of control's interval of 95 % of the gap",
+        ),
+        number("level_x", &format!("{level}, in x")),
+        number("level_y", &format!("{level}, in y")),
+        number("level_z", &format!("{level}, of the gap")),
+        number(
+            "stated_outside",
+            "control's own probability that the fiber is out of tolerance",
+        ),
+    ]
 }
 
 /// Columns of a device on which something broke.

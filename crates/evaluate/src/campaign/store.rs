@@ -11,6 +11,7 @@ use super::rows::{ROWS_PER_DEVICE, columns};
 use crate::entry::devices;
 use anyhow::{Context, Result};
 use pigtail_hal::Error;
+use pigtail_hal::digest::hex;
 use pigtail_session::faults::Faults;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::scenario::Scenario;
@@ -674,14 +675,6 @@ impl Write for HashWriter<'_> {
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
     }
-}
-
-fn hex(bytes: &[u8]) -> String {
-    use std::fmt::Write as _;
-    bytes.iter().fold(String::new(), |mut hex, byte| {
-        let _ = write!(hex, "{byte:02x}");
-        hex
-    })
 }
 
 fn short_hash(bytes: &[u8]) -> String {
