@@ -31,10 +31,21 @@ pub struct Oblong {
 /// direction. A choice.
 const USUAL: f64 = 0.16;
 
-/// No spot is more oblong: half of a piezo's way would be.
-const MOST: f64 = 0.45;
+/// No spot is more oblong: one that is twice as wide one way as the other.
+const MOST: f64 = 0.6;
 
 impl Oblong {
+    /// One that widths have told.
+    fn known(share: f64) -> Self {
+        /// How well they do, one standard deviation.
+        const KNOWN: f64 = 0.03;
+        let told = 1.0 / (KNOWN * KNOWN);
+        Self {
+            told,
+            sum: share * told,
+        }
+    }
+
     /// By which share the inverse square of the width is more in x, and less in y.
     pub fn share(&self) -> f64 {
         (self.sum / (self.told + 1.0 / (USUAL * USUAL))).clamp(-MOST, MOST)
@@ -76,9 +87,12 @@ impl Beam {
         }
     }
 
-    /// A spot of which the square of the width is so many times that by design.
-    pub fn widen(&mut self, times: f64) {
-        self.radius *= times.sqrt();
+    /// A spot of which the squares of the widths in x and in y are so many times those that are believed of a round one.
+    pub fn widen(&mut self, times: [f64; 2]) -> Oblong {
+        let [x, y] = times.map(f64::recip);
+        self.radius *= (0.5 * (x + y)).sqrt().recip();
+        self.oblong = ((x - y) / (x + y)).clamp(-MOST, MOST);
+        Oblong::known(self.oblong)
     }
 
     /// A spot that is as oblong as was seen.
@@ -114,6 +128,12 @@ impl Beam {
     /// Distance from the peak at which the light has fallen to 1/e, metres.
     pub fn width(&self, gap: f64) -> f64 {
         self.radius / self.share(gap).sqrt()
+    }
+
+    /// Squares of that distance in x and in y, square metres.
+    pub fn squared_widths(&self, gap: f64) -> [f64; 2] {
+        let squared = self.width(gap).powi(2);
+        [1.0 + self.oblong, 1.0 - self.oblong].map(|steep| squared / steep)
     }
 
     /// The light that a reading would be, for a peak.

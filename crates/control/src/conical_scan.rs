@@ -58,8 +58,11 @@ pub struct ConicalScan<'r> {
     readings: VecDeque<Reading>,
     /// How oblong the spot is at the chip.
     oblong: Oblong,
-    /// By how much the square of the spot's width is more than believed, as two circles at the chip have told.
-    wider: Option<f64>,
+    /// By how much the squares of the spot's widths are more than those of a round one that is as wide as believed, as two
+    /// circles at the chip have told.
+    wider: Option<[f64; 2]>,
+    /// Whether it is so much more that turns about it said too little.
+    misjudged: bool,
     /// How the tip shakes.
     shaking: Shaking,
     /// How far the middle went at last, metres.
@@ -111,6 +114,7 @@ impl<'r> ConicalScan<'r> {
             readings: VecDeque::with_capacity(64),
             oblong: Oblong::default(),
             wider: None,
+            misjudged: false,
             shaking: Shaking::new(station.measured_shaking(watch.side)),
             moved: f64::INFINITY,
             around: Vec::with_capacity(64),
@@ -142,10 +146,15 @@ impl<'r> ConicalScan<'r> {
         self.centre + self.walk * gap
     }
 
+    /// Whether the spot is so much wider than believed that the last turns said too little of where the peak is.
+    pub fn misjudges_width(&self) -> bool {
+        self.misjudged
+    }
+
     /// Believes from now on what the last two circles at the chip have told of how wide the spot is.
     pub fn believe_width(&mut self) {
         if let Some(times) = self.wider.take() {
-            self.beam.widen(times);
+            self.oblong = self.beam.widen(times);
         }
     }
 

@@ -57,6 +57,10 @@ const FASTEST: f64 = 5.0 * CREEP;
 /// are not as designed does by 3 % at most, a piezo that goes half of its way makes it 5 %.
 const MISFIT: f64 = 0.04;
 
+/// So many times as far as light seems to say a tip may move, and no farther: else the turns are made again with the width that
+/// they have told.
+const MISJUDGED: f64 = 1.5;
+
 /// How far a micro that rings may swing where the fiber is attached, metres.
 const QUIET: f64 = 20e-9;
 
@@ -236,6 +240,7 @@ impl ConicalScan<'_> {
         let wider = width.map(|width| self.wider_by(gap, &width));
         self.shaking
             .set_wider(wider.map_or(1.0, |(of_steps, _)| of_steps));
+        self.misjudged = wider.is_some_and(|(of_steps, _)| of_steps > MISJUDGED);
         self.wider = wider.map(|(_, squared)| squared);
         // What was foreseen was so for one turn.
         let late = CREEP * f64::from(turns);

@@ -156,14 +156,16 @@ impl ConicalScan<'_> {
         width.filter(|width| width.is_known_to(KNOWN_ROUGHLY))
     }
 
-    /// Of such a width: how much more than believed, squared, a tip moves at most for its light to say so; and how much
-    /// wider, squared, the spot is.
-    pub(super) fn wider_by(&self, gap: f64, width: &Width) -> (f64, f64) {
-        // How steep the light is in x and in y, of how steep it is believed to be.
-        let believed = self.beam.width(gap).powi(2);
-        let [x, y] = width.squared.map(|squared| believed / squared);
-        let steep = (0.5 * (x * x + y * y)).sqrt();
-        (steep.recip().max(1.0), 2.0 / (x + y))
+    /// Of such a width: how much more than believed, squared, a tip moves at most for its light to say so, in x or in y;
+    /// and how much wider, squared, the spot is in both than a round one that is as wide as believed.
+    pub(super) fn wider_by(&self, gap: f64, width: &Width) -> (f64, [f64; 2]) {
+        let believed = self.beam.squared_widths(gap);
+        let [x, y] = [0, 1].map(|i| width.squared[i] / believed[i]);
+        let round = self.beam.width(gap).powi(2);
+        (
+            x.max(y).max(1.0),
+            width.squared.map(|squared| squared / round),
+        )
     }
 
     /// Watches how the tip shakes: it is held beside the peak, in x and in y, where light is steep, for so many light

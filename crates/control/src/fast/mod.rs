@@ -578,7 +578,10 @@ impl<'r> Shared<'r> {
             let far = way.abs() > LATE * self.fast.gap_tolerance || self.doubts_gap(station, aim);
             let expected = peak.full * beam.share(gap);
             let why = match confirmed {
-                Ok((level, known)) if level > 0.9 * expected && (!far || attempt == ATTEMPTS) => {
+                Ok((level, known))
+                    if level > 0.9 * expected
+                        && (attempt == ATTEMPTS || !far && !scan.misjudges_width()) =>
+                {
                     let aside = self.recipe.accept.aside;
                     match scan.shaking().is_sure(aside, known) {
                         Err(unsure) => {

@@ -1,6 +1,6 @@
 //! Both micros by the camera alone: without light, wherever their tips stand, in minutes.
 //!
-//! One piezo of each micro after the other follows the program of [`ways`], on both sides at once: every frame shows
+//! One piezo of each micro after the other follows a program of turns, on both sides at once: every frame shows
 //! both tips. The camera sees x; what a displacement in x makes of y, light must tell, and the macro be the measure
 //! ([`measure_ratios`](crate::fast::measure_ratios)). A frame is ten times noisier than light, but there are thousands, and
 //! nothing has to stand where it stood: a minute's warmth is no more than a straight line, which is taken out.
