@@ -50,6 +50,9 @@ const SMALL_MISFIT: f64 = 0.2;
 /// How fast a peak moves when all is done, metres a turn: as piezos creep.
 const CREEP: f64 = 15e-9;
 
+/// Of that, what is not foreseen, on the way from the last turn to where the fiber is fixed.
+const UNFORESEEN: f64 = 0.5;
+
 /// Fastest that it may.
 const FASTEST: f64 = 5.0 * CREEP;
 
@@ -79,6 +82,7 @@ impl ConicalScan<'_> {
         accuracy: f64,
         phase: &'static str,
     ) -> Result<Peak, Halt> {
+        self.believe_lag();
         let start = self.centre;
         let expected = SIGNIFICANT * self.watch.noise;
         let lost = |level: f64| Outcome::LightLost {
@@ -284,6 +288,8 @@ impl ConicalScan<'_> {
             return Err(Outcome::Misshapen { misfit, accepted }.into());
         }
         let known = foreseen.deviation * seen.deviation / deviation;
+        // How far piezos creep until the fiber is fixed was foreseen, but for a part.
+        let known = known.hypot(UNFORESEEN * CREEP);
         Ok((full * self.beam.share(gap), known))
     }
 }
