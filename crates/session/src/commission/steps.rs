@@ -1,0 +1,429 @@
+//! The steps of commissioning: what each measures, and what it is failed for.
+
+use super::checks::{CheckAxes, Dark};
+use super::{Bench, Found};
+use crate::align::Align;
+use crate::calibrations::Change;
+use crate::characterize::Step;
+use crate::identify::{IdentifyWindup, Model};
+use crate::job::Ended;
+use crate::piezos::{MeasureRatios, SeePiezos};
+use crate::tune::{Method, Tune, step_of};
+use pigtail_control::fast::Ratio;
+use pigtail_control::outcome::Outcome;
+use pigtail_control::piezo::camera::{Seen, SeenMicro};
+use pigtail_control::procedure::FiberReport;
+use pigtail_control::shaking::Measured;
+use pigtail_hal::spec::SIDES;
+use pigtail_hal::{Axis, AxisName, Error, Side};
+use pigtail_numerics::rounded;
+use pigtail_numerics::statistics::Sorted;
+use pigtail_twin::Specimen;
+use serde_json::{Map, Value, json};
+
+/// The first device of the acceptance test: nobody's production comes so far.
+const DEVICES: u64 = 900_000;
+
+/// How the first fiber ended that was not aligned, if there is one, to go on with after what that prevented.
+fn ended(fibers: &[FiberReport]) -> String {
+    let ended = fibers.iter().find(|fiber| !fiber.outcome.is_aligned());
+    ended.map_or_else(String::new, |fiber| {
+        format!(": {}, {}", fiber.port, fiber.outcome)
+    })
+}
+
+/// No photodiode reads more than this share of its range without light.
+const MOST_DARK: f64 = 0.1;
+
+/// For how long tips are watched whether they shake, in x and in y, seconds.
+const WATCH: f64 = 2.0;
+
+/// However well it is seen, a tip shakes on another day and with another fiber by some tenth more or less: an estimate.
+const ANOTHER: f64 = 0.1;
+
+/// Camera and macro do not differ by more of a micro's way: some tens of micrometres, of which its model is known to one.
+const SCALE: f64 = 0.06;
+
+/// A model of windup that makes the gap less than so many times narrower is worth nothing.
+const LEAST_FACTOR: f64 = 3.0;
+
+/// What the camera saw of both micros, how far each goes in y for a displacement in x, and how the fibers ended of the last
+/// device that was to tell.
+type PiezosFound = ([SeenMicro; SIDES], [Option<Ratio>; SIDES], Vec<FiberReport>);
+
+impl Bench<'_, '_> {
+    pub(super) fn axes(&mut self) -> Result<Found, Ended> {
+        let moved = self.run(&CheckAxes, self.seed)?;
+        let mut values = Map::new();
+        let mut why = String::new();
+        for axis in moved {
+            let name = axis.at.to_string();
+            if why.is_empty() {
+                why = axis
+                    .wrong()
+                    .map_or_else(String::new, |wrong| format!("{name} {wrong}"));
+            }
+            values.insert(
+                name,
+                json!({
+                    "forward_V": rounded(axis.forward.volts, 1e-4),
+                    "backward_V": rounded(axis.backward.volts, 1e-4),
+                    "way_counts": [axis.forward.counts, axis.backward.counts],
+                    "way_of_output_um": axis.forward.output.map(|way| rounded(1e6 * way, 1e-4)),
+                }),
+            );
+        }
+        Ok(Found { values, why })
+    }
+
+    pub(super) fn dark(&mut self) -> Result<Found, Ended> {
+        let levels = self.run(&Dark, self.seed)?;
+        let spec = &self.setup.rig.spec.photodiode;
+        let mut why = String::new();
+        let mut values = Map::new();
+        for (name, (mean, sigma)) in levels {
+            if mean > MOST_DARK * spec.range {
+                why = format!("the photodiode {name} reads {mean:.2} V without light");
+            }
+            values.insert(
+                name.to_owned(),
+                json!({"mean_V": rounded(mean, 1e-6), "noise_V": rounded(sigma, 1e-6)}),
+            );
+        }
+        Ok(Found { values, why })
+    }
+
+    /// Tunes an axis of each kind, and steps all of them: gains that one of them does not bear are made less.
+    pub(super) fn gains(&mut self) -> Result<Found, Ended> {
+        /// How often, and by what, before it is given up.
+        const GENTLER: usize = 4;
+        const BY: f64 = 0.8;
+        let mut values = Map::new();
+        let mut why = String::new();
+        for (kind, table) in [(Axis::A, "five_bar"), (Axis::Z, "z")] {
+            let at = AxisName {
+                side: Side::Left,
+                axis: kind,
+            };
+            let method = Method::Simplex;
+            let tune = Tune {
+                at,
+                method,
+                trials: method.usual_trials(),
+                step: step_of(&self.setup.rig, kind),
+                seed: self.seed,
+            };
+            let tuned = self.run(&tune, self.seed)?.document;
+            let mut gains = tuned.gains;
+            let mut gentler = 0;
+            let wrong = loop {
+                let origin = self.origin(&format!("tune {at}"));
+                self.try_out(&Change {
+                    table: format!("gains.{table}"),
+                    values: gains.values(&self.plan.date, &origin),
+                    weights: None,
+                })?;
+                let wrong = self.step_all(kind, &mut values)?;
+                if wrong.is_none() || gentler == GENTLER {
+                    break wrong;
+                }
+                gains = gains.times(BY);
+                gentler += 1;
+            };
+            let origin = self.origin(&format!("tune {at}"));
+            self.believe(Change {
+                table: format!("gains.{table}"),
+                values: gains.values(&self.plan.date, &origin),
+                weights: None,
+            })?;
+            if let Some(wrong) = wrong.filter(|_| why.is_empty()) {
+                why = format!("{wrong} does not come to rest under the gains that were found");
+            }
+            let specified = tuned.specified.map(|specified| specified.met);
+            values.insert(
+                table.to_owned(),
+                json!({
+                    "kp_V_per_count": gains.kp,
+                    "ki_V_per_count_s": gains.ki,
+                    "kd_V_s_per_count": gains.kd,
+                    "times_gentler": gentler,
+                    "rise_ms": tuned.rise_ms,
+                    "settling_ms": tuned.settling_ms,
+                    "specified_met": specified,
+                }),
+            );
+        }
+        Ok(Found { values, why })
+    }
+
+    /// Steps all axes of a kind, and notes how they answer. One that does not come to rest, if there is one.
+    fn step_all(
+        &mut self,
+        kind: Axis,
+        values: &mut Map<String, Value>,
+    ) -> Result<Option<AxisName>, Ended> {
+        let mut wrong = None;
+        let alike = |axis: &Axis| (*axis == Axis::Z) == (kind == Axis::Z);
+        for side in Side::ALL {
+            for axis in Axis::ALL.into_iter().filter(alike) {
+                let at = AxisName { side, axis };
+                let step = Step {
+                    at,
+                    size: step_of(&self.setup.rig, axis),
+                };
+                let (response, _) = self.run(&step, self.seed)?;
+                if !response.settled {
+                    wrong = wrong.or(Some(at));
+                }
+                values.insert(
+                    at.to_string(),
+                    json!({
+                        "rise_ms": response.rise_ms,
+                        "settling_ms": response.settling_ms,
+                        "overshoot_percent": response.overshoot_percent,
+                        "settled": response.settled,
+                    }),
+                );
+            }
+        }
+        Ok(wrong)
+    }
+
+    pub(super) fn windup(&mut self) -> Result<Found, Ended> {
+        let at = AxisName {
+            side: Side::Left,
+            axis: Axis::A,
+        };
+        let job = IdentifyWindup {
+            at,
+            model: Model::Memory,
+            seed: self.seed,
+        };
+        let identified = self.run(&job, self.seed)?;
+        let d = &identified.document;
+        let mut values = Map::new();
+        values.insert(
+            at.to_string(),
+            json!({
+                "w_max_um": d.w_max_um,
+                "q_um": d.q_um,
+                "residual_um": d.residual_um,
+                "gap_without_um": d.uncompensated_um,
+                "gap_with_um": d.compensated_um,
+            }),
+        );
+        if d.factor < LEAST_FACTOR {
+            let why = format!(
+                "{at}: the model makes its gap {:.1} times narrower only",
+                d.factor
+            );
+            return Ok(Found { values, why });
+        }
+        let origin = self.origin(&format!("identify windup {at}"));
+        self.believe(Change {
+            table: "windup.five_bar".to_owned(),
+            values: identified.values(&self.plan.date, &origin),
+            weights: None,
+        })?;
+        Ok(Found {
+            values,
+            why: String::new(),
+        })
+    }
+
+    /// By the camera first, then, with what that found, by the light of a device.
+    pub(super) fn piezos(&mut self) -> Result<Found, Ended> {
+        // What is to be found is not believed meanwhile.
+        let believed = std::mem::take(&mut self.setup.rig.calibration.hysteresis);
+        let found = self.piezos_found();
+        self.setup.rig.calibration.hysteresis = believed;
+        let (micros, ratios, fibers) = found?;
+        let (mut values, mut why) = (Map::new(), String::new());
+        let all = Side::ALL.into_iter().zip(&micros).zip(ratios);
+        for ((side, micro), ratio) in all {
+            let Some(ratio) = ratio else {
+                if why.is_empty() {
+                    let name = side.name();
+                    why = format!("no light told how far {name} goes in y{}", ended(&fibers));
+                }
+                continue;
+            };
+            let nm =
+                |of: fn(&Seen) -> f64| micro.piezos.each_ref().map(|p| rounded(1e9 * of(p), 1e-3));
+            values.insert(
+                side.name().to_owned(),
+                json!({
+                    "residual_nm": nm(|piezo| piezo.residual),
+                    "known_nm": nm(|piezo| piezo.known),
+                    "drift_nm_s": nm(|piezo| piezo.drift),
+                    "ratio": rounded(ratio.ratio, 1e-5),
+                    "ratio_deviation": rounded(ratio.deviation, 1e-5),
+                    "scale_by_macro": rounded(ratio.scale, 1e-5),
+                }),
+            );
+            if (ratio.scale - 1.0).abs() > SCALE && why.is_empty() {
+                why = format!(
+                    "{} goes {:.1} % farther by the macro than by the camera",
+                    side.name(),
+                    100.0 * (ratio.scale - 1.0)
+                );
+                continue;
+            }
+            let model = micro.model(ratio.ratio);
+            let residual = micro.piezos.iter().map(|piezo| piezo.residual);
+            let residual = residual.fold(0.0, f64::max);
+            let text = serde_json::to_string_pretty(&model)
+                .map_err(|error| Error::new("weights", "", error.to_string()))?;
+            let file = format!("weights-{}.json", side.name());
+            let origin = self.origin(&format!("piezos by camera, {}", side.name()));
+            self.believe(Change {
+                table: format!("hysteresis.{}", side.name()),
+                values: vec![
+                    ("model", toml_edit::value(model.piezos[0].name())),
+                    ("weights", toml_edit::value(&file)),
+                    ("micro", toml_edit::Item::None),
+                    (
+                        "residual",
+                        toml_edit::value(format!("{:.5} um", 1e6 * residual)),
+                    ),
+                    ("date", toml_edit::value(&self.plan.date)),
+                    ("origin", toml_edit::value(origin)),
+                ],
+                weights: Some((file, text + "\n")),
+            })?;
+        }
+        Ok(Found { values, why })
+    }
+
+    /// What the camera saw of both micros, how far each goes in y for a displacement in x, and how the fibers ended of
+    /// the device that told.
+    fn piezos_found(&mut self) -> Result<PiezosFound, Ended> {
+        /// Before light has told: as far as in x.
+        const RATIO: f64 = 1.0;
+        let micros = self.run(&SeePiezos, self.seed)?;
+        for (side, micro) in Side::ALL.into_iter().zip(&micros) {
+            let hystereses = &mut self.setup.rig.calibration.hysteresis;
+            hystereses.set(side, Some(micro.model(RATIO)));
+        }
+        let (mut ratios, mut fibers) = ([None; SIDES], Vec::new());
+        for device in self.spare_devices() {
+            let (found, ended) = self.run(&MeasureRatios, device)?;
+            for (ratio, found) in ratios.iter_mut().zip(found) {
+                *ratio = ratio.or(found);
+            }
+            fibers = ended;
+            if ratios.iter().all(Option::is_some) {
+                break;
+            }
+        }
+        Ok((micros, ratios, fibers))
+    }
+
+    /// Devices that are tried one after the other, until one has told what is to be known: nobody's production, and none
+    /// of the acceptance test.
+    fn spare_devices(&self) -> impl Iterator<Item = u64> + use<> {
+        /// So many.
+        const TRIED: u64 = 3;
+        let machine = Specimen::from(self.seed).machine();
+        (1..=TRIED).map(move |k| Specimen::of(machine, DEVICES - k).seed())
+    }
+
+    /// Watches the tips of a device before they are attached.
+    pub(super) fn shaking(&mut self) -> Result<Found, Ended> {
+        let (recipe, believed) = (&mut self.setup.rig.recipe, &mut self.setup.rig.calibration);
+        let watch = std::mem::replace(&mut recipe.fast.watch, WATCH);
+        // What is to be found is not believed meanwhile.
+        let before = std::mem::take(&mut believed.shaking);
+        let fibers = self.watched();
+        self.setup.rig.recipe.fast.watch = watch;
+        self.setup.rig.calibration.shaking = before;
+        let fibers = fibers?;
+        let mut values = Map::new();
+        let mut why = String::new();
+        for side in Side::ALL {
+            let of_side = fibers.iter().filter(|fiber| fiber.side == side);
+            let watched = of_side.filter_map(|fiber| fiber.shaking);
+            let watched = watched.map(|found| Measured {
+                spread: found.spread.max(ANOTHER),
+                ..found
+            });
+            let Some(found) = watched.min_by(|a, b| a.spread.total_cmp(&b.spread)) else {
+                if why.is_empty() {
+                    why = format!("no tip of {} was watched{}", side.name(), ended(&fibers));
+                }
+                continue;
+            };
+            values.insert(
+                side.name().to_owned(),
+                json!({
+                    "deviation_nm": rounded(1e9 * found.deviation, 1e-3),
+                    "spread": rounded(found.spread, 1e-3),
+                    "left": rounded(found.left, 1e-4),
+                }),
+            );
+            let origin = self.origin(&format!("shaking, {}", side.name()));
+            self.believe(Change {
+                table: format!("shaking.{}", side.name()),
+                values: vec![
+                    (
+                        "deviation",
+                        toml_edit::value(format!("{:.2} nm", 1e9 * found.deviation)),
+                    ),
+                    ("spread", toml_edit::value(rounded(found.spread, 1e-3))),
+                    ("left", toml_edit::value(rounded(found.left, 1e-4))),
+                    ("date", toml_edit::value(&self.plan.date)),
+                    ("origin", toml_edit::value(origin)),
+                ],
+                weights: None,
+            })?;
+        }
+        Ok(Found { values, why })
+    }
+
+    /// Fibers of devices that were aligned to watch their tips, until tips of both sides were watched.
+    fn watched(&mut self) -> Result<Vec<FiberReport>, Ended> {
+        let mut fibers = Vec::new();
+        for device in self.spare_devices() {
+            fibers.extend(self.run(&Align::default(), device)?.fibers);
+            let watched = |side: Side| {
+                let mut of_side = fibers.iter().filter(|fiber| fiber.side == side);
+                of_side.any(|fiber| fiber.shaking.is_some())
+            };
+            if Side::ALL.into_iter().all(watched) {
+                break;
+            }
+        }
+        Ok(fibers)
+    }
+
+    pub(super) fn acceptance(&mut self) -> Result<Found, Ended> {
+        let machine = Specimen::from(self.seed).machine();
+        let (mut aligned, mut fibers, mut why) = (0_u64, 0_u64, String::new());
+        let mut seconds = Vec::new();
+        for k in 0..self.plan.devices {
+            let device = Specimen::of(machine, DEVICES + k).seed();
+            for fiber in self.run(&Align::default(), device)?.fibers {
+                fibers += 1;
+                if fiber.outcome == Outcome::NotAttempted {
+                    continue;
+                }
+                seconds.push(fiber.seconds());
+                if fiber.outcome.is_aligned() {
+                    aligned += 1;
+                } else if why.is_empty() {
+                    why = format!("device {}, {}: {}", k + 1, fiber.port, fiber.outcome);
+                }
+            }
+        }
+        let seconds = Sorted::new(seconds);
+        let mut values = Map::new();
+        values.insert("devices".to_owned(), json!(self.plan.devices));
+        values.insert("fibers".to_owned(), json!(fibers));
+        values.insert("aligned".to_owned(), json!(aligned));
+        for (name, share) in [("seconds_p50", 0.5), ("seconds_max", 1.0)] {
+            let value = seconds.percentile(share).map(|value| rounded(value, 1e-4));
+            values.insert(name.to_owned(), json!(value));
+        }
+        Ok(Found { values, why })
+    }
+}
