@@ -51,7 +51,7 @@ const SMALL_MISFIT: f64 = 0.2;
 const CREEP: f64 = 15e-9;
 
 /// Of that, what is not foreseen, on the way from the last turn to where the fiber is fixed.
-const UNFORESEEN: f64 = 0.5;
+const UNFORESEEN: f64 = 0.3;
 
 /// Fastest that it may.
 const FASTEST: f64 = 5.0 * CREEP;

@@ -91,6 +91,9 @@ const LATE: f64 = 1.3;
 /// again until that is decided, and at most.
 const WATCHED: (usize, usize) = (40, 1280);
 
+/// How much better a peak is to be known where that may make a fiber sure.
+const BETTER: f64 = 0.6;
+
 /// How often the last turns are begun.
 const ATTEMPTS: u32 = 3;
 
@@ -555,7 +558,7 @@ impl<'r> Shared<'r> {
         before: f64,
     ) -> Result<(Level, f64), Halt> {
         let beam = Beam::new(&self.recipe.mode, self.exit());
-        let accuracy = self.fast.accuracy;
+        let mut accuracy = self.fast.accuracy;
         let wanted = (self.fast.watch * station.spec().photodiode.rate).round() as usize;
         let (mut attempt, mut watched) = (0, 0);
         loop {
@@ -585,6 +588,10 @@ impl<'r> Shared<'r> {
                     let aside = self.recipe.accept.aside;
                     match scan.shaking().is_sure(aside, known) {
                         Err(unsure) => {
+                            // What shakes cannot be made less; the peak can be known better.
+                            if watched > 0 {
+                                accuracy *= BETTER;
+                            }
                             let mut samples = WATCHED.0;
                             while watched + samples <= WATCHED.1
                                 && scan.shaking().is_sure(aside, known).is_err()
