@@ -165,7 +165,8 @@ fn tell_contact(station: &mut Station, aim: &Aim, widths: &[Width], tolerance: f
         return;
     };
     // Frames are noisy at every gap.
-    let deviation = contact.deviation.hypot(seen.sigma[1]);
+    let noise = seen.sigma[1] / (widths.len() as f64).sqrt();
+    let deviation = contact.deviation.hypot(noise);
     let differs = contact.at.abs() > wide + FAR_OFF * deviation;
     // What is known worse than a fiber needs it would only lead it astray, and into the chip at last.
     if differs || outside(tolerance, 0.0, 0.0, deviation) > UNSURE {

@@ -197,7 +197,7 @@ impl<'r> Shared<'r> {
             station.move_micro(Side::Right, Displacement::new(aside, 0.0));
             let look = self.look(pass, fast.input_gap, fast.input_spacing, attempt > 0);
             let result = self.attempt(job, station, &aim, &look);
-            if !again(&result) {
+            if !again(&result, attempt) {
                 return result;
             }
         }
@@ -228,7 +228,7 @@ impl<'r> Shared<'r> {
         for (attempt, pass) in PASSES[..5].iter().enumerate() {
             let look = self.look(pass, fast.output_gap, fast.output_spacing, attempt > 0);
             let result = self.attempt(job, station, &aim, &look);
-            if !again(&result) {
+            if !again(&result, attempt) {
                 return result;
             }
         }
@@ -667,17 +667,16 @@ fn hand_over(
     Ok(())
 }
 
-/// Whether to try a fiber again after this.
-fn again(result: &Result<(), Halt>) -> bool {
+/// Whether to try a fiber again after this many tries, of which the last came to this.
+fn again(result: &Result<(), Halt>, before: usize) -> bool {
     match result {
         Ok(()) | Err(Halt::Fault(_)) => false,
+        // It may have been a mishap once; what shakes will shake at every try.
+        Err(Halt::Outcome(Outcome::UnsurePlace { .. })) => before == 0,
         Err(Halt::Outcome(outcome)) => !matches!(
             outcome,
             // What is attached is not to be aligned any more; what vision does not know it never will.
-            Outcome::NotArrived { .. }
-                | Outcome::Slipped { .. }
-                | Outcome::UnsureGap { .. }
-                | Outcome::UnsurePlace { .. }
+            Outcome::NotArrived { .. } | Outcome::Slipped { .. } | Outcome::UnsureGap { .. }
         ),
     }
 }
