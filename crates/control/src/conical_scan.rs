@@ -61,10 +61,6 @@ pub struct ConicalScan<'r> {
     /// By how much the squares of the spot's widths are more than those of a round one that is as wide as believed, as two
     /// circles at the chip have told.
     wider: Option<[f64; 2]>,
-    /// By what time light answers what the micro is told, seconds.
-    lag: f64,
-    /// What the turns so far tell of that.
-    answers: Answers,
     /// Whether it is so much more that turns about it said too little.
     misjudged: bool,
     /// How the tip shakes.
@@ -118,8 +114,6 @@ impl<'r> ConicalScan<'r> {
             readings: VecDeque::with_capacity(64),
             oblong: Oblong::default(),
             wider: None,
-            lag: shape.lag,
-            answers: Answers::default(),
             misjudged: false,
             shaking: Shaking::new(station.measured_shaking(watch.side)),
             moved: f64::INFINITY,
@@ -185,7 +179,6 @@ impl<'r> ConicalScan<'r> {
     pub fn hand_over(&mut self, by: Displacement) {
         self.centre -= by;
         self.from.0 -= by;
-        self.answers.shift(by);
         for reading in &mut self.readings {
             reading.at -= by;
         }
@@ -217,7 +210,7 @@ impl<'r> ConicalScan<'r> {
         station.move_micro(self.watch.side, micro);
         station.cycle()?;
         // What the light of this cycle answers was told a lag ago.
-        let lag = (self.lag / period).round() as usize;
+        let lag = (self.shape.lag / period).round() as usize;
         self.commanded.push_back((at, gap));
         while self.commanded.len() > lag + 1 {
             self.commanded.pop_front();
@@ -268,7 +261,6 @@ impl<'r> ConicalScan<'r> {
     ///
     /// [`Outcome::MicroRange`] where the micro does not reach it.
     pub fn go_to(&mut self, station: &Station, peak: &Peak, gap: f64) -> Result<f64, Outcome> {
-        self.answers.turn(self.centre, peak, gap);
         let by = peak.at - self.centre;
         let way = by.norm();
         let by = by * (1.2 * self.beam.width(gap) / way).min(1.0);
@@ -283,16 +275,6 @@ impl<'r> ConicalScan<'r> {
         }
         self.shift(station, by);
         Ok(way)
-    }
-
-    /// Believes what the turns so far have told of the micro's lag.
-    fn believe_lag(&mut self) {
-        /// No micro is later, seconds.
-        const LATEST: f64 = 5e-3;
-        if let Some(angle) = self.answers.take() {
-            let later = angle / TAU * self.shape.period;
-            self.lag = (self.lag + later).clamp(0.0, LATEST);
-        }
     }
 
     /// Turns until the peak is where the circle's middle is, to `accuracy` metres, at a steady gap;
@@ -378,56 +360,5 @@ impl<'r> ConicalScan<'r> {
         }
         self.radius = to;
         Ok(())
-    }
-}
-
-/// What turns tell of how much later than believed a micro follows. Places on a circle are then turned by an angle from where
-/// they are taken to be, and so is the way to the peak: as the circle's middle goes there, the peak seems to move aside.
-#[derive(Debug, Clone, Copy, Default)]
-struct Answers {
-    /// Of the turn before: its middle, the peak by it, and the gap.
-    last: Option<(Displacement, Displacement, f64)>,
-    /// How well they tell, one over the variance of an angle.
-    told: f64,
-    /// Ways of the middle with those of the peak, along and aside, over the variance of these.
-    along: f64,
-    aside: f64,
-}
-
-impl Answers {
-    /// A turn around a middle has seen a peak.
-    fn turn(&mut self, middle: Displacement, peak: &Peak, gap: f64) {
-        /// A gap that changes makes the peak walk, metres.
-        const SAME: f64 = 0.5e-6;
-        if let Some((before, peak_before, gap_before)) = self.last
-            && (gap - gap_before).abs() < SAME
-        {
-            let (way, by) = (middle - before, peak.at - peak_before);
-            let weight = 0.5 / peak.deviation.powi(2);
-            self.told += weight * (way.x * way.x + way.y * way.y);
-            self.along += weight * (way.x * by.x + way.y * by.y);
-            self.aside += weight * (way.x * by.y - way.y * by.x);
-        }
-        self.last = Some((middle, peak.at, gap));
-    }
-
-    /// The macro goes aside.
-    fn shift(&mut self, by: Displacement) {
-        if let Some((middle, peak, _)) = &mut self.last {
-            *middle -= by;
-            *peak -= by;
-        }
-    }
-
-    /// The angle, radians, where it is known well, and no more of it from now on.
-    fn take(&mut self) -> Option<f64> {
-        /// One standard deviation, radians.
-        const KNOWN: f64 = 0.05;
-        let known = self.told > KNOWN.powi(-2);
-        let (along, aside) = (self.along / self.told, self.aside / self.told);
-        known.then(|| {
-            *self = Self::default();
-            (-aside).atan2(1.0 - along)
-        })
     }
 }

@@ -11,7 +11,7 @@ use crate::peak::{NinePoint, corners};
 use crate::procedure::{Job, light_guides};
 use crate::recipe::{Climb, Recipe};
 use crate::station::Station;
-use pigtail_hal::{Channel, FiberHandling, Side};
+use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::Displacement;
 
 /// What keeps the fiber at the peak.
@@ -161,7 +161,7 @@ pub fn follow(station: &mut Station, recipe: &Recipe, trial: &Trial) -> Result<F
     }
     // The look is short: the peak goes on moving.
     let after = station.level(CHANNEL, 0.02)?.mean - dark.mean;
-    station.handle_fiber(SIDE, FiberHandling::Attach)?;
+    station.attach(SIDE, Channel::Sensing)?;
     station.halt(SIDE);
     Ok(Followed {
         before,

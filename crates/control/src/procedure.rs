@@ -22,6 +22,9 @@ pub(crate) const UNSURE: f64 = 1e-4;
 /// Share of its light that may be missing then, beside noise.
 const ATTACHED_LESS: f64 = 0.003;
 
+/// Standard deviations of a sample while a bond sets that are noise.
+const BONDED_NOISE: f64 = 6.0;
+
 /// Standard deviations of the difference of two looks that are noise.
 const ATTACHED_NOISE: f64 = 4.5;
 
@@ -387,9 +390,18 @@ impl<'r> Job<'r> {
     ) -> Result<(), Halt> {
         self.sure_of_gap(station)?;
         self.place = self.place_at(station, across);
-        station.handle_fiber(self.side, FiberHandling::Attach)?;
+        let least = station.attach(self.side, self.channel)? - background;
+        let before = last.mean - background;
+        // What moves while the bond sets is fixed somewhere on its way: its light at the end may be what it should be, all but.
+        if least < (1.0 - ATTACHED_LESS) * before - BONDED_NOISE * last.sigma {
+            return Err(Outcome::Slipped {
+                before,
+                after: least,
+            }
+            .into());
+        }
         let now = station.level(self.channel, ATTACHED_LOOK)?;
-        let (before, after) = (last.mean - background, now.mean - background);
+        let after = now.mean - background;
         let samples = (ATTACHED_LOOK * station.spec().photodiode.rate).max(2.0);
         let noise = last.sigma * (2.0 / samples).sqrt();
         if after < (1.0 - ATTACHED_LESS) * before - ATTACHED_NOISE * noise {

@@ -295,11 +295,25 @@ impl<'a> Station<'a> {
         self.command.fiber[side.index()] = Some(handling);
         self.arms[side.index()].loaded = matches!(handling, FiberHandling::Load(_));
         self.tips.forget(side, self.measurement.time);
-        self.cycle()?;
-        match handling {
-            FiberHandling::Attach => self.run(self.spec().bond.time),
-            FiberHandling::Load(_) | FiberHandling::Unload => Ok(()),
+        self.cycle()
+    }
+
+    /// Attaches the fiber of a side, and holds it until its bond has set. Returns the least light of a photodiode meanwhile,
+    /// volts; infinity where that has taken no sample.
+    ///
+    /// # Errors
+    ///
+    /// The machine's fault.
+    pub fn attach(&mut self, side: Side, channel: Channel) -> Result<f64, Fault> {
+        self.handle_fiber(side, FiberHandling::Attach)?;
+        let (mut least, end) = (f64::INFINITY, self.time() + self.spec().bond.time);
+        while self.time() < end {
+            self.cycle()?;
+            if let Some(light) = self.light(channel) {
+                least = least.min(light);
+            }
         }
+        Ok(least)
     }
 
     /// Whether a holder carries a fiber.

@@ -82,7 +82,6 @@ impl ConicalScan<'_> {
         accuracy: f64,
         phase: &'static str,
     ) -> Result<Peak, Halt> {
-        self.believe_lag();
         let start = self.centre;
         let expected = SIGNIFICANT * self.watch.noise;
         let lost = |level: f64| Outcome::LightLost {
