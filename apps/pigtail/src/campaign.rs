@@ -174,9 +174,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let kept = |error: anyhow::Error| anyhow!("{error:#}; {}", resumable(&store));
     ended.map_err(kept)?;
     store.collect().map_err(kept)?;
-    let mut document = summarize(&store, started.elapsed().as_secs_f64())?;
-    document.accepted = commissioned.as_ref().map(Commissioned::accepted);
-    let document = document;
+    let document = CampaignDocument {
+        accepted: commissioned.as_ref().map(Commissioned::accepted),
+        ..summarize(&store, started.elapsed().as_secs_f64())?
+    };
     if !store.was_whole() {
         let report = report::campaign(&store, &document)?;
         let on = running::on(&setup, &document, None);

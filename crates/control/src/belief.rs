@@ -1,6 +1,10 @@
 //! What control believes of a fiber that it attaches.
 
+use pigtail_numerics::bisection::onset;
 use pigtail_numerics::statistics::outside;
+
+/// Probability of being outside a tolerance from which on a fiber is not believed.
+pub(crate) const UNSURE: f64 = 1e-4;
 
 /// Where an attached fiber is believed to be, from its peak and from the gap that was wanted.
 ///
@@ -51,7 +55,12 @@ impl Place {
     /// Probability that the fiber is farther off than `aside` in x or in y, or than `along` in its gap, metres.
     pub fn outside(&self, aside: f64, along: f64) -> f64 {
         let across = 2.0 * outside(aside, 0.0, 0.0, self.across);
-        (across + outside(along, self.off, self.bound, self.sigma)).min(1.0)
+        (across + self.outside_along(along)).min(1.0)
+    }
+
+    /// Probability that its gap is farther off than a tolerance, metres.
+    pub fn outside_along(&self, tolerance: f64) -> f64 {
+        outside(tolerance, self.off, self.bound, self.sigma)
     }
 }
 
@@ -60,14 +69,8 @@ fn half_width(share: f64, bound: f64, sigma: f64) -> f64 {
     const FAR: f64 = 9.0;
     /// Halvings: to a billionth.
     const HALVINGS: u32 = 40;
-    let (mut low, mut high) = (0.0, bound + FAR * sigma);
-    for _ in 0..HALVINGS {
-        let middle = 0.5 * (low + high);
-        if 1.0 - outside(middle, 0.0, bound, sigma) < share {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    0.5 * (low + high)
+    let (_, holds) = onset((0.0, bound + FAR * sigma), HALVINGS, |half| {
+        1.0 - outside(half, 0.0, bound, sigma) >= share
+    });
+    holds
 }

@@ -10,7 +10,7 @@
 //! Its vertex is where fiber and guide touch. Neither the micro's scale, nor the modes' radii, nor the power
 //! of the laser move it: all of them are unknowns of the fit. Nor does interference in the gap, which makes
 //! the light brighter or darker and the spot no wider. Vision, whose fixed error no number of frames makes
-//! smaller, is not asked; the encoders say how far it is from one gap to the next.
+//! smaller, is not asked; vision and encoders say how far it is from one gap to the next.
 
 use nalgebra::{SVector, Vector2};
 use pigtail_model::frames::Displacement;
@@ -20,7 +20,7 @@ use pigtail_numerics::normal::Normal;
 /// Squared widths of the spot at one gap.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Width {
-    /// The gap by encoders, from wherever they count, metres.
+    /// The gap by vision and encoders, of which only what is the same at all gaps is wrong, metres.
     pub at: f64,
     /// Squares of the distances at which the light has fallen to 1/e, in x and in y, square metres of the
     /// micro's own scale.
@@ -32,7 +32,7 @@ pub struct Width {
 /// Where fiber and chip touch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
-    /// In the encoders' gap, metres.
+    /// The gap by vision and encoders there, metres.
     pub at: f64,
     /// Its standard deviation, metres.
     pub deviation: f64,
@@ -127,7 +127,7 @@ impl Circles {
     }
 }
 
-/// Where the vertex of both parabolas lies, looked for within `range` (metres of the encoders' gap). `None` where
+/// Where the vertex of both parabolas lies, looked for within `range` (metres of that gap). `None` where
 /// the widths are too few, lie at no vertex in the range, or are not those of such a spot.
 pub fn contact(widths: &[Width], range: (f64, f64)) -> Option<Contact> {
     /// Far below what it can be known to, metres.

@@ -1,5 +1,9 @@
 //! The thesis's alignment procedure (3.2.2, 3.3): straight-line functions over a station.
 
+mod attach;
+
+pub(crate) use attach::place_at;
+
 use crate::belief::Place;
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::peak::NinePoint;
@@ -11,22 +15,6 @@ use crate::tip_estimator::Tip;
 use pigtail_hal::spec::OUTPUTS;
 use pigtail_hal::{Channel, Fault, FiberHandling, Side};
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
-use pigtail_numerics::statistics::outside;
-
-/// For how long light is looked at once a fiber is attached, seconds.
-const ATTACHED_LOOK: f64 = 0.008;
-
-/// Probability of being outside a tolerance from which on a fiber is not believed.
-pub(crate) const UNSURE: f64 = 1e-4;
-
-/// Share of its light that may be missing then, beside noise.
-const ATTACHED_LESS: f64 = 0.003;
-
-/// Standard deviations of a sample while a bond sets that are noise.
-const BONDED_NOISE: f64 = 6.0;
-
-/// Standard deviations of the difference of two looks that are noise.
-const ATTACHED_NOISE: f64 = 4.5;
 
 /// How one fiber's alignment went.
 #[derive(Debug, Clone, PartialEq)]
@@ -372,78 +360,6 @@ impl<'r> Job<'r> {
                 shaking.is_sure(recipe.accept.aside, known)?;
             }
             job.attach(station, last, found.background, None)
-        })
-    }
-
-    /// Attaches the fiber where it stands, and looks whether its light is still what it was in the
-    /// `last` look above the `background` (volts): what has moved since then would be believed to
-    /// be good. The spread of that look is that of light which stays; a look in which something
-    /// falls has a greater one.
-    ///
-    /// Where its place across is known to a standard deviation `across` (metres), that is noted with the gap.
-    pub(crate) fn attach(
-        &mut self,
-        station: &mut Station,
-        last: Level,
-        background: f64,
-        across: Option<f64>,
-    ) -> Result<(), Halt> {
-        self.sure_of_gap(station)?;
-        self.place = self.place_at(station, across);
-        let least = station.attach(self.side, self.channel)? - background;
-        let before = last.mean - background;
-        // What moves while the bond sets is fixed somewhere on its way: its light at the end may be what it should be, all but.
-        if least < (1.0 - ATTACHED_LESS) * before - BONDED_NOISE * last.sigma {
-            return Err(Outcome::Slipped {
-                before,
-                after: least,
-            }
-            .into());
-        }
-        let now = station.level(self.channel, ATTACHED_LOOK)?;
-        let after = now.mean - background;
-        let samples = (ATTACHED_LOOK * station.spec().photodiode.rate).max(2.0);
-        let noise = last.sigma * (2.0 / samples).sqrt();
-        if after < (1.0 - ATTACHED_LESS) * before - ATTACHED_NOISE * noise {
-            return Err(Outcome::Slipped { before, after }.into());
-        }
-        Ok(())
-    }
-
-    /// Where the fiber is believed to be, known to a standard deviation across.
-    fn place_at(&self, station: &Station, across: Option<f64>) -> Option<Place> {
-        let seen = station.seen(self.side, Tip::Fiber)?;
-        let kinematics = station.kinematics(self.side);
-        let holder = kinematics.chip_from_macro(station.endpoint(self.side));
-        let gap = outward(self.side) * (holder.z + seen.z - self.port.z);
-        Some(Place {
-            across: across?,
-            off: gap - self.recipe.approach.gap,
-            bound: seen.bound_z,
-            sigma: seen.sigma[1],
-        })
-    }
-
-    /// Whether the gap is all but certainly what it should be.
-    fn sure_of_gap(&self, station: &Station) -> Result<(), Outcome> {
-        let Some(place) = self.place_at(station, Some(0.0)) else {
-            return Ok(());
-        };
-        let Place {
-            off, bound, sigma, ..
-        } = place;
-        let tolerance = self.recipe.accept.gap;
-        let probability = outside(tolerance, off, bound, sigma);
-        if probability <= UNSURE {
-            return Ok(());
-        }
-        Err(Outcome::UnsureGap {
-            off,
-            bound,
-            sigma,
-            tolerance,
-            probability,
-            accepted: UNSURE,
         })
     }
 

@@ -3,8 +3,8 @@
 //! faster averages out, what is slower does not. Light tells of both: on a circle around the peak it scatters by more than
 //! a photodiode does in the dark, sample by sample; and where the tip is held beside the peak, so do its means.
 
+use crate::belief::UNSURE;
 use crate::outcome::Outcome;
-use crate::procedure::UNSURE;
 use std::f64::consts::FRAC_1_SQRT_2;
 
 /// What is known of a tip before it is seen and where nobody has measured it. 95 % of the tips of amplifiers and

@@ -126,7 +126,7 @@ const UNKNOWN: [&str; 3] = [
     "settling and lag of the micros: believed as they are in the calibration; one that rings costs turns of the \
      last circle",
     "home, yaw and squareness of the stages: vision sees where tips are, at every device",
-    "mode widths: those of the recipe; others cost falls back to the slow procedure",
+    "mode widths: those of the recipe; circles tell others at every device, for some turns more",
 ];
 
 /// Commissions the twin that a seed draws. `watch` is told of each step when it has been done.

@@ -42,7 +42,7 @@ pub(super) const FORGETS: f64 = 8.0;
 const GLANCE: f64 = 2.0;
 
 impl ConicalScan<'_> {
-    /// How wide the spot is at a gap, by turns on two circles; `at` is the gap by encoders. Turns until it is
+    /// How wide the spot is at a gap, by turns on two circles; `at` is the gap that the width is noted for. Turns until it is
     /// known well or after some seconds; `None` where there is too little light. All gaps are looked at on the
     /// same circles, so that it does not matter how far a piezo goes on them.
     ///

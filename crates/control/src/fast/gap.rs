@@ -3,10 +3,11 @@
 use super::approach_moves::Aim;
 use super::{Shared, hand_over};
 use crate::beam::Beam;
+use crate::belief::UNSURE;
 use crate::conical_scan::ConicalScan;
 use crate::gap_by_light::{Width, contact};
 use crate::outcome::Halt;
-use crate::procedure::{UNSURE, outward};
+use crate::procedure::{outward, place_at};
 use crate::station::Station;
 use crate::tip_estimator::STATED;
 use pigtail_numerics::statistics::outside;
@@ -76,12 +77,9 @@ impl Shared<'_> {
 
     /// Whether a fiber would not be attached at this gap, for what is known of it.
     pub(super) fn doubts_gap(&self, station: &Station, aim: &Aim) -> bool {
-        let off = aim.gap(station) - self.recipe.approach.gap;
-        let seen = station.seen(aim.side, aim.tip);
-        seen.is_some_and(|seen| {
-            let tolerance = self.recipe.accept.gap;
-            outside(tolerance, off, seen.bound_z, seen.sigma[1]) > UNSURE
-        })
+        let wanted = self.recipe.approach.gap;
+        let place = place_at(station, aim.side, aim.port, wanted, 0.0);
+        place.is_some_and(|place| place.outside_along(self.recipe.accept.gap) > UNSURE)
     }
 
     /// Stays on the circle until vision knows the gap well.

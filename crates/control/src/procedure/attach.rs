@@ -1,0 +1,100 @@
+//! The end of every procedure: whether the gap is sure, the bond, and whether the light is still there.
+
+use super::{Job, outward};
+use crate::belief::{Place, UNSURE};
+use crate::outcome::{Halt, Outcome};
+use crate::station::{Level, Station};
+use crate::tip_estimator::Tip;
+use pigtail_hal::Side;
+use pigtail_model::frames::{Chip, Point};
+
+/// For how long light is looked at once a fiber is attached, seconds.
+const ATTACHED_LOOK: f64 = 0.008;
+
+/// Share of its light that may be missing then, beside noise.
+const ATTACHED_LESS: f64 = 0.003;
+
+/// Standard deviations of a sample while a bond sets that are noise.
+const BONDED_NOISE: f64 = 6.0;
+
+/// Standard deviations of the difference of two looks that are noise.
+const ATTACHED_NOISE: f64 = 4.5;
+
+/// Where the fiber of a side is believed to be before a port, beyond a gap that is wanted (metres), where its place across is
+/// known to a standard deviation (metres); `None` before it was seen.
+pub(crate) fn place_at(
+    station: &Station,
+    side: Side,
+    port: Point<Chip>,
+    wanted: f64,
+    across: f64,
+) -> Option<Place> {
+    let seen = station.seen(side, Tip::Fiber)?;
+    let kinematics = station.kinematics(side);
+    let holder = kinematics.chip_from_macro(station.endpoint(side));
+    Some(Place {
+        across,
+        off: outward(side) * (holder.z + seen.z - port.z) - wanted,
+        bound: seen.bound_z,
+        sigma: seen.sigma[1],
+    })
+}
+
+impl Job<'_> {
+    /// Attaches the fiber where it stands, and looks whether its light is still what it was in the
+    /// `last` look above the `background` (volts): what has moved since then would be believed to
+    /// be good. The spread of that look is that of light which stays; a look in which something
+    /// falls has a greater one.
+    ///
+    /// Where its place across is known to a standard deviation `across` (metres), that is noted with the gap.
+    pub(crate) fn attach(
+        &mut self,
+        station: &mut Station,
+        last: Level,
+        background: f64,
+        across: Option<f64>,
+    ) -> Result<(), Halt> {
+        let wanted = self.recipe.approach.gap;
+        let place = |across| place_at(station, self.side, self.port, wanted, across);
+        self.sure_of_gap(place(0.0))?;
+        self.place = across.and_then(place);
+        let least = station.attach(self.side, self.channel)? - background;
+        let before = last.mean - background;
+        // What moves while the bond sets is fixed somewhere on its way: its light at the end may be what it should be, all but.
+        if least < (1.0 - ATTACHED_LESS) * before - BONDED_NOISE * last.sigma {
+            return Err(Outcome::Slipped {
+                before,
+                after: least,
+            }
+            .into());
+        }
+        let now = station.level(self.channel, ATTACHED_LOOK)?;
+        let after = now.mean - background;
+        let samples = (ATTACHED_LOOK * station.spec().photodiode.rate).max(2.0);
+        let noise = last.sigma * (2.0 / samples).sqrt();
+        if after < (1.0 - ATTACHED_LESS) * before - ATTACHED_NOISE * noise {
+            return Err(Outcome::Slipped { before, after }.into());
+        }
+        Ok(())
+    }
+
+    /// That the gap is all but certainly what it should be.
+    fn sure_of_gap(&self, place: Option<Place>) -> Result<(), Outcome> {
+        let Some(place) = place else {
+            return Ok(());
+        };
+        let tolerance = self.recipe.accept.gap;
+        let probability = place.outside_along(tolerance);
+        if probability <= UNSURE {
+            return Ok(());
+        }
+        Err(Outcome::UnsureGap {
+            off: place.off,
+            bound: place.bound,
+            sigma: place.sigma,
+            tolerance,
+            probability,
+            accepted: UNSURE,
+        })
+    }
+}
