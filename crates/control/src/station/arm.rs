@@ -22,6 +22,12 @@ const MOST_WINDUP: f64 = 0.45;
 /// ...and always by this share of the axis's own speed.
 const SLOW: f64 = 0.1;
 
+/// A reference that stands for so many times as long as a step settles is that of an axis at rest...
+const AT_REST: f64 = 2.0;
+
+/// ...which takes so long where the datasheet does not say it, seconds.
+const SETTLING: f64 = 0.1;
+
 /// One manipulator as the station drives it.
 #[derive(Debug, Clone)]
 pub(super) struct Arm {
@@ -92,7 +98,9 @@ impl Arm {
                     Axis::A | Axis::B => &calibration.gains.five_bar,
                     Axis::Z => &calibration.gains.z,
                 };
-                Pid::new(gains, spec.drive(axis).voltage, period)
+                let drive = spec.drive(axis);
+                let settling = drive.step.map_or(SETTLING, |step| step.settling);
+                Pid::new(gains, drive.voltage, period).holding_after(AT_REST * settling)
             }),
             states: [PidState::default(); AXES],
             references: [Counts(0); AXES],
