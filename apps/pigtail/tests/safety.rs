@@ -202,10 +202,11 @@ fn a_piezo_at_the_end_of_its_range_is_not_believed() {
         let (code, out, _) = pigtail(runs.path(), &[&arguments[..], &faults].concat());
         assert_eq!(code, 1);
         let input = &json(&out)["fibers"][0];
-        // What the last of its tries found, each of which is right.
+        // What the last of its tries found, each of which is right: also that light around a piezo that stands is not that
+        // around a peak.
         let outcome = input["outcome"].as_str().expect("a name");
         assert!(
-            ["out_of_reach", "light_lost"].contains(&outcome),
+            ["out_of_reach", "light_lost", "misshapen"].contains(&outcome),
             "{seed}: {input}"
         );
     }

@@ -41,7 +41,7 @@ const SCALE: f64 = 2e-3;
 
 /// How far chip and holders come apart within a second, by warmth, metres; within more, as the root of it. No faster
 /// than 1 um in 20 s: frames older than some seconds say less of where the tip is now than newer ones. A choice.
-const WARMS: f64 = 70e-9;
+pub(crate) const WARMS: f64 = 70e-9;
 
 /// By what time a holder that moves may lag behind its encoders, seconds: its transmission gives way
 /// to its load. All frames on the way lag alike, so that they do not make up for each other.

@@ -18,11 +18,9 @@ const SENT: f64 = 100e-9;
 /// Radii of the circles by which the width of the spot is seen, in its width at the chip.
 const WIDTHS: [f64; 2] = [0.35, 1.2];
 
-/// Turns on either before the other has its turn...
-const TURNS_A_ROUND: u32 = 4;
-
-/// ...and how often that is repeated, at most, until the square of the width is known to this share of it.
-const MOST_ROUNDS: u32 = 16;
+/// How often a turn on either is repeated, to and fro, at least and at most, until the square of the width is known to
+/// this share of it.
+const ROUNDS: (u32, u32) = (4, 64);
 
 const KNOWN: f64 = 4e-3;
 
@@ -57,21 +55,22 @@ impl ConicalScan<'_> {
     ) -> Result<Option<Width>, Fault> {
         let mut spot = Circles::default();
         let mut width = None;
-        for _ in 0..MOST_ROUNDS {
+        for round in 1..=ROUNDS.1 {
+            spot.begin_round();
             // To and fro, so that light which rises or falls steadily counts on both alike.
             for of_contact in [0, 1, 1, 0].map(|i| WIDTHS[i]) {
                 let radius = of_contact * self.beam.width(0.0) / self.beam.width(gap);
                 self.shrink(station, gap, radius, SHRINK)?;
-                for _ in 0..TURNS_A_ROUND {
-                    self.turn(station, gap)?;
-                    for reading in &self.readings {
-                        spot.add(reading.at - self.centre, reading.volts);
-                    }
+                self.turn(station, gap)?;
+                for reading in &self.readings {
+                    spot.add(reading.at - self.centre, reading.volts);
                 }
             }
-            width = spot.width(at, self.watch.noise);
-            if width.is_none_or(|width| width.is_known_to(KNOWN)) {
-                break;
+            if round >= ROUNDS.0 {
+                width = spot.width(at, self.watch.noise);
+                if width.is_none_or(|width| width.is_known_to(KNOWN)) {
+                    break;
+                }
             }
         }
         self.shrink(station, gap, self.shape.radius, SHRINK)?;

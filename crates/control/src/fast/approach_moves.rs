@@ -1,6 +1,6 @@
 //! The ways to the chip, and where the tips are seen to be on them.
 
-use super::seen::{Dark, top_below};
+use super::seen::{Dark, Top, top_below};
 use super::{Look, Shared};
 use crate::conical_scan::Walk;
 use crate::outcome::{Halt, Outcome, SearchEvidence};
@@ -59,11 +59,16 @@ impl Aim {
 
     /// The gap by vision and encoders, metres.
     pub(super) fn gap(&self, station: &Station) -> f64 {
+        let (_, z) = self.offset(station);
+        self.gap_by_encoders(station) + outward(self.side) * z
+    }
+
+    /// The gap if the tip stood where the holder is, metres.
+    pub(super) fn gap_by_encoders(&self, station: &Station) -> f64 {
         let holder = station
             .kinematics(self.side)
             .chip_from_macro(station.endpoint(self.side));
-        let (_, z) = self.offset(station);
-        outward(self.side) * (holder.z + z - self.port.z)
+        outward(self.side) * (holder.z - self.port.z)
     }
 
     /// The walk of the peak in the manipulator's frame.
@@ -182,12 +187,15 @@ impl Shared<'_> {
         let end = Point::new(x, start.y + height, start.z);
         station.start_line(aim.side, end, Some(s.speed))?;
         let mut seen: Vec<(f64, f64)> = Vec::with_capacity(256);
-        let (mut brightest, mut top) = (0.0_f64, None);
+        let mut brightest = 0.0_f64;
+        let mut top: Option<Top> = None;
         while station.moving(aim.side) {
             station.cycle()?;
             let y = station.endpoint(aim.side).y;
-            if let Some(top) = top
-                && y + brake >= top + s.height
+            // Light that fluctuates may look like an edge; above one there is none.
+            if let Some(top) = &top
+                && y + brake >= top.y + s.height
+                && top.is_below(&seen, dark.sigma)
             {
                 station.brake(aim.side);
                 while station.moving(aim.side) {
@@ -200,12 +208,17 @@ impl Shared<'_> {
             };
             seen.push((y, volts - dark.mean));
             brightest = brightest.max(volts - dark.mean);
-            if top.is_none()
-                && brightest > self.fast.significance * dark.sigma
-                && let Some((edge, fluctuation)) = top_below(&seen, core)
-            {
-                (top, self.fluctuation) = (Some(edge), fluctuation);
+            match &mut top {
+                None if brightest > self.fast.significance * dark.sigma => {
+                    top = top_below(&seen, core);
+                    self.fluctuation = top.map_or(self.fluctuation, |top| top.fluctuation);
+                }
+                None => {}
+                Some(top) => top.rise(&seen),
             }
+        }
+        if top.is_some() {
+            return Ok(());
         }
         let samples = seen.len();
         Err(Outcome::NoLight(SearchEvidence {

@@ -9,7 +9,7 @@ use crate::gap_by_light::{Width, contact};
 use crate::outcome::Halt;
 use crate::procedure::{outward, place_at};
 use crate::station::Station;
-use crate::tip_estimator::STATED;
+use crate::tip_estimator::{STATED, WARMS};
 use pigtail_numerics::statistics::outside;
 
 /// Standard deviation of the gap, in tolerances, at which the last turns begin...
@@ -30,6 +30,9 @@ const FINELY: f64 = 0.2;
 /// Where the spot is looked at on the way, if the light is to say where the chip is: at gaps where its squared
 /// width is so many times that at the chip, and one more.
 const WIDER: [f64; 4] = [3.0, 1.8, 0.9, 0.3];
+
+/// Turns until the macro stands still where it went aside: it may still come nearer by a count.
+const STILL: u32 = 4;
 
 /// What is no farther than this from such a gap is there, metres.
 const CLOSER: f64 = 2e-6;
@@ -53,7 +56,7 @@ impl Shared<'_> {
             return self.approach(station, aim, scan, before, here);
         }
         station.forget_told(aim.side);
-        let mut widths = Vec::new();
+        let (mut widths, begin) = (Vec::new(), station.time());
         for share in WIDER {
             let gap = beam.gap_of(share);
             if gap < aim.gap(station) + CLOSER {
@@ -63,7 +66,7 @@ impl Shared<'_> {
         }
         self.approach(station, aim, scan, before, here)?;
         widths.extend(width(station, aim, scan)?);
-        tell_contact(station, aim, &widths, self.recipe.accept.gap);
+        tell_contact(station, aim, &widths, begin, self.recipe.accept.gap);
         Ok(())
     }
 
@@ -142,34 +145,36 @@ fn width(station: &mut Station, aim: &Aim, scan: &mut ConicalScan) -> Result<Opt
     let gap = aim.gap(station);
     let aside = scan.place(gap);
     hand_over(station, scan, aim.side, aside, gap)?;
-    scan.turn(station, gap)?;
+    for _ in 0..STILL {
+        scan.turn(station, gap)?;
+    }
     if let Some(peak) = scan.peak() {
         scan.go_to(station, &peak, gap)?;
     }
-    // Of the gap by vision only what is the same at all gaps is wrong, whatever warms meanwhile.
-    let at = aim.gap(station);
-    Ok(scan.width(station, gap, at)?)
+    Ok(scan.width(station, gap, aim.gap_by_encoders(station))?)
 }
 
-/// Believes what the widths say of where the chip is, if they say it well enough and vision does not contradict.
-fn tell_contact(station: &mut Station, aim: &Aim, widths: &[Width], tolerance: f64) {
+/// Believes what the widths say, seen since `begin` (seconds), of where the chip is, if they say it well enough and vision does
+/// not contradict.
+fn tell_contact(station: &mut Station, aim: &Aim, widths: &[Width], begin: f64, tolerance: f64) {
     let Some(seen) = station.seen(aim.side, aim.tip) else {
         return;
     };
     let wide = seen.bound_z + FAR_OFF * seen.sigma[1];
-    let range = (-2.0 * wide, 2.0 * wide);
-    // The gap by vision where they touch.
+    // What vision adds to the gap by encoders. It counts once, for all gaps alike: earlier frames have seen worse.
+    let added = aim.gap(station) - aim.gap_by_encoders(station);
+    let range = (-2.0 * wide - added, 2.0 * wide - added);
     let Some(contact) = contact(widths, range) else {
         return;
     };
-    // Frames are noisy at every gap.
-    let noise = seen.sigma[1] / (widths.len() as f64).sqrt();
-    let deviation = contact.deviation.hypot(noise);
-    let differs = contact.at.abs() > wide + FAR_OFF * deviation;
+    let at = contact.at + added;
+    // Half of what has warmed since the first of them.
+    let warmed = WARMS * (0.5 * (station.time() - begin)).sqrt();
+    let deviation = contact.deviation.hypot(seen.sigma[1]).hypot(warmed);
+    let differs = at.abs() > wide + FAR_OFF * deviation;
     // What is known worse than a fiber needs it would only lead it astray, and into the chip at last.
     if differs || outside(tolerance, 0.0, 0.0, deviation) > UNSURE {
         return;
     }
-    let farther = -outward(aim.side) * contact.at;
-    station.tell_z(aim.side, farther, deviation);
+    station.tell_z(aim.side, -outward(aim.side) * at, deviation);
 }

@@ -94,8 +94,11 @@ const WATCHED: (usize, usize) = (40, 1280);
 /// How much better a peak is to be known where that may make a fiber sure.
 const BETTER: f64 = 0.6;
 
-/// How often the last turns are begun.
+/// How often the last turns are begun...
 const ATTEMPTS: u32 = 3;
+
+/// ...and how often once more where only that is missing that the peak be known better.
+const PATIENT: u32 = 4;
 
 /// After so many bright places that were no peak a search ends.
 const MOST_DISMISSED: usize = 5;
@@ -560,7 +563,7 @@ impl<'r> Shared<'r> {
         let beam = Beam::new(&self.recipe.mode, self.exit());
         let mut accuracy = self.fast.accuracy;
         let wanted = (self.fast.watch * station.spec().photodiode.rate).round() as usize;
-        let (mut attempt, mut watched) = (0, 0);
+        let (mut attempt, mut watched, mut patience) = (0, 0, PATIENT);
         loop {
             attempt += 1;
             scan.set_radius(self.fast.conical_scan.radius);
@@ -599,6 +602,12 @@ impl<'r> Shared<'r> {
                                 scan.watch_shaking(station, gap, samples)?;
                                 watched += samples;
                                 samples = watched;
+                            }
+                            // A dim peak takes as long as it takes.
+                            let better = scan.shaking().is_sure(aside, BETTER * known).is_ok();
+                            if better && attempt == ATTEMPTS && patience > 0 {
+                                patience -= 1;
+                                attempt -= 1;
                             }
                             unsure
                         }

@@ -71,21 +71,60 @@ impl Dark {
     }
 }
 
-/// Whether a core of radius `core` has passed half of the chip's top by what it has `seen` on its
-/// way up, heights and light: where that was, and the relative standard deviation of the light
-/// before. What it sees now is beside the mean of what it saw when it was all below.
-pub(super) fn top_below(seen: &[(f64, f64)], core: f64) -> Option<(f64, f64)> {
-    const SAMPLES: usize = 3;
+/// The chip's top, as a core that rises over it sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Top {
+    /// Height at which half of the light is left, metres.
+    pub(super) y: f64,
+    /// Light below it, volts.
+    full: f64,
+    /// Relative standard deviation of that.
+    pub(super) fluctuation: f64,
+}
+
+/// Samples that are looked at together.
+const TOGETHER: usize = 3;
+
+fn mean(part: &[(f64, f64)], of: impl Fn(&(f64, f64)) -> f64) -> f64 {
+    part.iter().map(of).sum::<f64>() / part.len() as f64
+}
+
+/// The last samples of what was seen: their height and light.
+fn recent(seen: &[(f64, f64)]) -> Option<(f64, f64)> {
+    let recent = seen.get(seen.len().checked_sub(TOGETHER)?..)?;
+    Some((mean(recent, |s| s.0), mean(recent, |s| s.1)))
+}
+
+impl Top {
+    /// Half of its light has not come back since.
+    pub(super) fn rise(&mut self, seen: &[(f64, f64)]) {
+        if let Some((y, level)) = recent(seen)
+            && level > 0.5 * self.full
+        {
+            self.y = y;
+        }
+    }
+
+    /// Whether light is as good as none by now, for samples of which the noise has so large a standard deviation, volts.
+    pub(super) fn is_below(&self, seen: &[(f64, f64)], sigma: f64) -> bool {
+        /// Share of the light: of a core's disc that is all but above the edge.
+        const NONE: f64 = 0.05;
+        /// Standard deviations.
+        const NOISE: f64 = 3.0;
+        let noise = NOISE * sigma / (TOGETHER as f64).sqrt();
+        recent(seen).is_some_and(|(_, level)| level < NONE * self.full + noise)
+    }
+}
+
+/// The chip's top, where a core of radius `core` has passed half of it by what it has `seen` on its way up, heights and light.
+/// What it sees now is beside the mean of what it saw when it was all below.
+pub(super) fn top_below(seen: &[(f64, f64)], core: f64) -> Option<Top> {
     /// A short look sees about two thirds of a slow fluctuation.
     const SHORT: f64 = 0.67;
-    let recent = seen.get(seen.len().checked_sub(SAMPLES)?..)?;
-    let mean = |part: &[(f64, f64)], of: fn(&(f64, f64)) -> f64| {
-        part.iter().map(of).sum::<f64>() / part.len() as f64
-    };
-    let (y, level) = (mean(recent, |s| s.0), mean(recent, |s| s.1));
+    let (y, level) = recent(seen)?;
     let from = seen.partition_point(|s| s.0 < y - 2.5 * core);
     let to = seen.partition_point(|s| s.0 < y - core);
-    if to < from + 2 * SAMPLES {
+    if to < from + 2 * TOGETHER {
         return None;
     }
     let before = &seen[from..to];
@@ -93,9 +132,12 @@ pub(super) fn top_below(seen: &[(f64, f64)], core: f64) -> Option<(f64, f64)> {
     if level > 0.5 * full {
         return None;
     }
-    let squares = before.iter().map(|s| (s.1 - full).powi(2)).sum::<f64>();
-    let spread = (squares / before.len() as f64).sqrt();
-    Some((y, spread / (SHORT * full)))
+    let spread = mean(before, |s| (s.1 - full).powi(2)).sqrt();
+    Some(Top {
+        y,
+        full,
+        fluctuation: spread / (SHORT * full),
+    })
 }
 
 #[cfg(test)]
@@ -119,11 +161,35 @@ mod tests {
     fn the_top_is_where_half_of_the_light_is_left() {
         let core = 50e-6;
         let rise = rise(core);
-        let (y, fluctuation) = (1..=rise.len())
-            .find_map(|n| top_below(&rise[..n], core))
+        let n = (1..=rise.len())
+            .find(|n| top_below(&rise[..*n], core).is_some())
             .expect("an edge");
-        assert!(y.abs() < 6e-6, "{y}");
-        assert!(fluctuation < 0.01, "{fluctuation}");
+        let mut top = top_below(&rise[..n], core).expect("the same");
+        assert!(top.y.abs() < 6e-6, "{}", top.y);
+        assert!(top.fluctuation < 0.01, "{}", top.fluctuation);
+        assert!(!top.is_below(&rise[..n], 1e-3));
+        assert!(top.is_below(&rise, 1e-3));
+        let before = top.y;
+        top.rise(&rise[..=n]);
+        assert_eq!(top.y, before);
+    }
+
+    #[test]
+    fn light_that_comes_back_has_passed_no_top() {
+        let (core, mut rise) = (50e-6, rise(50e-6));
+        // A fluctuation, 60 um below the edge.
+        for sample in rise.iter_mut().filter(|s| (-71e-6..-54e-6).contains(&s.0)) {
+            sample.1 *= 0.4;
+        }
+        let n = (1..=rise.len())
+            .find(|n| top_below(&rise[..*n], core).is_some())
+            .expect("what looks like an edge");
+        let mut top = top_below(&rise[..n], core).expect("the same");
+        assert!(top.y < -50e-6);
+        for k in n..=rise.len() {
+            top.rise(&rise[..k]);
+        }
+        assert!(top.y.abs() < 8e-6, "{}", top.y);
     }
 
     #[test]
