@@ -29,11 +29,16 @@ pub struct Seen {
     pub sigma: [f64; 2],
     /// Bound of the fixed error in z, metres: vision's, or none where the light has told.
     pub bound_z: f64,
+    /// Standard deviation in z of where the facet itself lies, metres: none where the light has told.
+    pub facet_z: f64,
 }
 
-/// A fixed error may be so many times what the datasheet states: whoever measured it had a target, and a day, of his
-/// own. A choice.
-pub(crate) const STATED: f64 = 1.25;
+impl Seen {
+    /// Standard deviation in z beside the bound, metres.
+    pub fn sigma_z(&self) -> f64 {
+        self.sigma[1].hypot(self.facet_z)
+    }
+}
 
 /// How much farther or less far than believed a holder may go, in its way, for want of knowing lead
 /// and links better. Frames from far away say as much less of where the tip is here.
@@ -83,8 +88,9 @@ pub(crate) struct TipEstimator {
     /// What the light has told of each fiber's z: by how much it is more than vision has it, metres, its standard
     /// deviation, and where the holder stood then. What warms is seen by vision meanwhile.
     told: [Option<(f64, f64, Point<Chip>)>; SIDES],
-    /// Bound of vision's fixed error in z, metres.
+    /// Bound of vision's fixed error in z, metres, and the standard deviation of where a facet lies.
     bound: f64,
+    facet: f64,
     /// Since when each fiber has been where it is, seconds: older frames say nothing of it.
     since: [f64; SIDES],
 }
@@ -99,7 +105,8 @@ impl TipEstimator {
             fibers: [None; SIDES],
             sensing: None,
             told: [None; SIDES],
-            bound: STATED * spec.vision.accuracy_z,
+            bound: spec.vision.believed()[1],
+            facet: spec.vision.facet_z,
             since: [0.0; SIDES],
         }
     }
@@ -171,6 +178,7 @@ impl TipEstimator {
             z: estimate.z.value,
             sigma: [estimate.x, estimate.z].map(|offset| offset.variance.sqrt()),
             bound_z: self.bound,
+            facet_z: self.facet,
         };
         let told = match tip {
             Tip::Fiber => self.told[side.index()],
@@ -187,6 +195,7 @@ impl TipEstimator {
                         .hypot(SCALE * (estimate.holder.z - holder.z)),
                 ],
                 bound_z: 0.0,
+                facet_z: 0.0,
                 ..vision
             },
         })

@@ -198,6 +198,7 @@ impl Camera {
             sigma,
             accuracy_x,
             accuracy_z,
+            ..
         } = spec.vision;
         let every = (spec.servo.rate / rate).round() as u64;
         Self {

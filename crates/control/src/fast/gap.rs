@@ -9,7 +9,7 @@ use crate::gap_by_light::{Width, contact};
 use crate::outcome::Halt;
 use crate::procedure::{outward, place_at};
 use crate::station::Station;
-use crate::tip_estimator::{STATED, WARMS};
+use crate::tip_estimator::WARMS;
 use pigtail_numerics::statistics::outside;
 
 /// Standard deviation of the gap, in tolerances, at which the last turns begin...
@@ -74,8 +74,8 @@ impl Shared<'_> {
     fn vision_knows(&self, station: &Station) -> bool {
         let tolerance = self.recipe.accept.gap;
         let (off, sigma) = (0.5 * self.fast.gap_tolerance, 0.5 * self.fast.gap_tolerance);
-        let bound = STATED * station.spec().vision.accuracy_z;
-        outside(tolerance, off, bound, sigma) <= UNSURE
+        let vision = &station.spec().vision;
+        outside(tolerance, off, vision.believed()[1], sigma.hypot(vision.facet_z)) <= UNSURE
     }
 
     /// Whether a fiber would not be attached at this gap, for what is known of it.
@@ -98,7 +98,7 @@ impl Shared<'_> {
             let seen = station.seen(aim.side, aim.tip);
             seen.is_some_and(|seen| {
                 // Were the gap right: what is off can be corrected.
-                let doubt = outside(self.recipe.accept.gap, 0.0, seen.bound_z, seen.sigma[1]);
+                let doubt = outside(self.recipe.accept.gap, 0.0, seen.bound_z, seen.sigma_z());
                 let long = doubt > SPARE * UNSURE && seen.bound_z > 0.0;
                 let most = if long { MOST_DOUBTING } else { MOST_LOOKING };
                 (long || seen.sigma[1] > sure) && station.time() < begin + most
@@ -160,7 +160,7 @@ fn tell_contact(station: &mut Station, aim: &Aim, widths: &[Width], begin: f64, 
     let Some(seen) = station.seen(aim.side, aim.tip) else {
         return;
     };
-    let wide = seen.bound_z + FAR_OFF * seen.sigma[1];
+    let wide = seen.bound_z + FAR_OFF * seen.sigma_z();
     // What vision adds to the gap by encoders. It counts once, for all gaps alike: earlier frames have seen worse.
     let added = aim.gap(station) - aim.gap_by_encoders(station);
     let range = (-2.0 * wide - added, 2.0 * wide - added);

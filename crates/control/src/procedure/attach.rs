@@ -36,7 +36,7 @@ pub(crate) fn place_at(
         across,
         off: outward(side) * (holder.z + seen.z - port.z) - wanted,
         bound: seen.bound_z,
-        sigma: seen.sigma[1],
+        sigma: seen.sigma_z(),
     })
 }
 

@@ -180,7 +180,7 @@ impl Keepout {
             rate: spec.servo.rate,
             arm: spec.probe.as_ref().map_or(1.0, |probe| probe.arm),
             sensing_offset: right.placement.chip_direction(ox, oy, oz),
-            accuracy: [spec.vision.accuracy_x, spec.vision.accuracy_z],
+            accuracy: spec.vision.believed(),
             placement: spec.guard.placement,
             windup: spec.guard.windup,
             holder: spec.holder,
