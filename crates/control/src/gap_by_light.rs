@@ -157,7 +157,7 @@ impl Circles {
             let curvature = -found[i];
             let squared = scale * scale / curvature;
             let deviation = variances[i].sqrt() / curvature;
-            let deviation = deviation.max(BEST) * squared;
+            let deviation = deviation.hypot(BEST) * squared;
             (curvature > 0.0).then_some((squared, deviation))
         };
         let (x, y) = (of(2)?, of(3)?);

@@ -34,6 +34,10 @@ const WIDER: [f64; 4] = [3.0, 1.8, 0.9, 0.3];
 /// Turns until the macro stands still where it went aside: it may still come nearer by a count.
 const STILL: u32 = 4;
 
+/// How near the peak the middle of the circles is to be, in widths, after so many turns at most: the light leaves at an angle, so
+/// that on one side of the peak the gap is longer. Far beside the peak that makes the spot wider by a percent.
+const CENTRED: (f64, u32) = (0.05, 6);
+
 /// What is no farther than this from such a gap is there, metres.
 const CLOSER: f64 = 2e-6;
 
@@ -148,8 +152,14 @@ fn width(station: &mut Station, aim: &Aim, scan: &mut ConicalScan) -> Result<Opt
     for _ in 0..STILL {
         scan.turn(station, gap)?;
     }
-    if let Some(peak) = scan.peak() {
-        scan.go_to(station, &peak, gap)?;
+    for _ in 0..CENTRED.1 {
+        scan.turn(station, gap)?;
+        let Some(peak) = scan.peak() else {
+            break;
+        };
+        if scan.go_to(station, &peak, gap)? < CENTRED.0 * scan.beam_width(gap) {
+            break;
+        }
     }
     Ok(scan.width(station, gap, aim.gap_by_encoders(station))?)
 }
