@@ -61,7 +61,7 @@ const CLEAR: f64 = 10.0;
 const LEAST: usize = 24;
 
 /// Rounds that tell how much they differ, at least.
-const ROUNDS: usize = 4;
+const ROUNDS: usize = 3;
 
 /// Widths that a contact is taken from, at least: the parabolas have five unknowns.
 const GAPS: usize = 4;

@@ -154,6 +154,11 @@ impl Shaking {
         self.wider = wider;
     }
 
+    /// Standard deviation that was measured of the tip before, metres; none where it was not.
+    pub fn measured_before(&self) -> f64 {
+        self.measured.map_or(0.0, |measured| measured.deviation)
+    }
+
     /// Whether the tip was watched on its own: what is seen in passing says no more.
     pub fn is_watched(&self) -> bool {
         self.watched

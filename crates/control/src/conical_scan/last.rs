@@ -33,6 +33,9 @@ const GENTLE: f64 = 2.0;
 /// How far it may swing, at most, before it comes to rest, where that does not die away: then it may be noise.
 const SWINGS: f64 = 60e-9;
 
+/// ...or so many times as far as it is known to shake.
+const SHAKES: f64 = 2.0;
+
 /// Small turns, at most, until it no longer rings.
 const RINGING: u32 = 10;
 
@@ -220,10 +223,11 @@ impl ConicalScan<'_> {
                 break seen;
             }
             if swing > LASTING * before || turns == RINGING {
-                if swing > SWINGS {
+                let most = SWINGS.max(SHAKES * self.shaking.measured_before());
+                if swing > most {
                     return Err(Outcome::Unsure {
                         deviation: swing,
-                        accuracy: SWINGS,
+                        accuracy: most,
                     }
                     .into());
                 }

@@ -20,9 +20,9 @@ const WIDTHS: [f64; 2] = [0.35, 1.2];
 
 /// How often a turn on either is repeated, to and fro, at least and at most, until the square of the width is known to
 /// this share of it.
-const ROUNDS: (u32, u32) = (5, 64);
+const ROUNDS: (u32, u32) = (3, 64);
 
-const KNOWN: f64 = 4e-3;
+const KNOWN: f64 = 4.5e-3;
 
 /// Turns from one to the other. In whole turns, so that light is always sampled at the same places of a circle: a micro that rings
 /// there does so at every gap alike, and all widths are wrong by the same share.

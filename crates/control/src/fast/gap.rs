@@ -38,8 +38,8 @@ const STILL: u32 = 4;
 /// that on one side of the peak the gap is longer. Far beside the peak that makes the spot wider by a percent.
 const CENTRED: (f64, u32) = (0.05, 6);
 
-/// What is no farther than this from such a gap is there, metres.
-const CLOSER: f64 = 2e-6;
+/// How often all of them are looked at, until that tells where the chip is.
+const PASSES: u32 = 2;
 
 /// Standard deviations by which light and vision may differ beside vision's bound.
 const FAR_OFF: f64 = 4.0;
@@ -60,17 +60,19 @@ impl Shared<'_> {
             return self.approach(station, aim, scan, before, here);
         }
         station.forget_told(aim.side);
-        let (mut widths, begin) = (Vec::new(), station.time());
-        for share in WIDER {
-            let gap = beam.gap_of(share);
-            if gap < aim.gap(station) + CLOSER {
+        let mut widths = Vec::new();
+        for _ in 0..PASSES {
+            for share in WIDER {
+                let gap = beam.gap_of(share);
                 self.approach(station, aim, scan, before, (gap, 1))?;
                 widths.extend(width(station, aim, scan)?);
             }
+            self.approach(station, aim, scan, before, here)?;
+            widths.extend(width(station, aim, scan)?);
+            if self.tell_contact(station, aim, &widths) {
+                break;
+            }
         }
-        self.approach(station, aim, scan, before, here)?;
-        widths.extend(width(station, aim, scan)?);
-        tell_contact(station, aim, &widths, begin, self.recipe.accept.gap);
         Ok(())
     }
 
@@ -79,7 +81,12 @@ impl Shared<'_> {
         let tolerance = self.recipe.accept.gap;
         let (off, sigma) = (0.5 * self.fast.gap_tolerance, 0.5 * self.fast.gap_tolerance);
         let vision = &station.spec().vision;
-        outside(tolerance, off, vision.believed()[1], sigma.hypot(vision.facet_z)) <= UNSURE
+        outside(
+            tolerance,
+            off,
+            vision.believed()[1],
+            sigma.hypot(vision.facet_z),
+        ) <= UNSURE
     }
 
     /// Whether a fiber would not be attached at this gap, for what is known of it.
@@ -141,11 +148,71 @@ impl Shared<'_> {
         }
         Ok(())
     }
+
+    /// Believes what the widths say of where the chip is, if vision does not contradict. Whether they say it well enough for a
+    /// fiber to be attached.
+    fn tell_contact(&self, station: &mut Station, aim: &Aim, widths: &[SeenWidth]) -> bool {
+        let Some(seen) = station.seen(aim.side, aim.tip) else {
+            return false;
+        };
+        let wide = seen.bound_z + FAR_OFF * seen.sigma_z();
+        // What vision adds to the gap by encoders.
+        let added = aim.gap(station) - aim.gap_by_encoders(station);
+        let mut moved = 0.0;
+        let widths: Vec<_> = (widths.iter())
+            .map(|width| {
+                // Since then something has warmed, and vision's frames have added up: whichever is less.
+                let warmed = WARMS * (station.time() - width.time).sqrt();
+                let by_vision = width.sigma.hypot(seen.sigma[1]);
+                moved += warmed.min(by_vision).powi(2) / widths.len() as f64;
+                let by = if warmed < by_vision {
+                    0.0
+                } else {
+                    width.added - added
+                };
+                Width {
+                    at: width.width.at + by,
+                    ..width.width
+                }
+            })
+            .collect();
+        let range = (-2.0 * wide - added, 2.0 * wide - added);
+        let Some(contact) = contact(&widths, range) else {
+            return false;
+        };
+        let at = contact.at + added;
+        let deviation = contact.deviation.hypot(moved.sqrt());
+        let differs = at.abs() > wide + FAR_OFF * deviation;
+        // The gap will be a little off, and vision is to follow what warms. What is known worse than a fiber needs it would only
+        // lead it astray, and into the chip at last.
+        let off = 0.5 * self.fast.gap_tolerance;
+        let sigma = deviation.hypot(seen.sigma[1]);
+        if differs || outside(self.recipe.accept.gap, off, 0.0, sigma) > UNSURE {
+            return false;
+        }
+        station.tell_z(aim.side, -outward(aim.side) * at, deviation);
+        true
+    }
+}
+
+/// A width, and what vision said when it was seen.
+#[derive(Debug, Clone, Copy)]
+struct SeenWidth {
+    width: Width,
+    /// What vision added to the gap by encoders, metres, and how well it knew it.
+    added: f64,
+    sigma: f64,
+    /// When, seconds.
+    time: f64,
 }
 
 /// Looks how wide the spot is here. The micro stands in its middle meanwhile: a piezo goes a little farther or
 /// less far elsewhere, and a percent of it is a percent of the width.
-fn width(station: &mut Station, aim: &Aim, scan: &mut ConicalScan) -> Result<Option<Width>, Halt> {
+fn width(
+    station: &mut Station,
+    aim: &Aim,
+    scan: &mut ConicalScan,
+) -> Result<Option<SeenWidth>, Halt> {
     let gap = aim.gap(station);
     let aside = scan.place(gap);
     hand_over(station, scan, aim.side, aside, gap)?;
@@ -161,30 +228,12 @@ fn width(station: &mut Station, aim: &Aim, scan: &mut ConicalScan) -> Result<Opt
             break;
         }
     }
-    Ok(scan.width(station, gap, aim.gap_by_encoders(station))?)
-}
-
-/// Believes what the widths say, seen since `begin` (seconds), of where the chip is, if they say it well enough and vision does
-/// not contradict.
-fn tell_contact(station: &mut Station, aim: &Aim, widths: &[Width], begin: f64, tolerance: f64) {
-    let Some(seen) = station.seen(aim.side, aim.tip) else {
-        return;
-    };
-    let wide = seen.bound_z + FAR_OFF * seen.sigma_z();
-    // What vision adds to the gap by encoders. It counts once, for all gaps alike: earlier frames have seen worse.
-    let added = aim.gap(station) - aim.gap_by_encoders(station);
-    let range = (-2.0 * wide - added, 2.0 * wide - added);
-    let Some(contact) = contact(widths, range) else {
-        return;
-    };
-    let at = contact.at + added;
-    // Half of what has warmed since the first of them.
-    let warmed = WARMS * (0.5 * (station.time() - begin)).sqrt();
-    let deviation = contact.deviation.hypot(seen.sigma[1]).hypot(warmed);
-    let differs = at.abs() > wide + FAR_OFF * deviation;
-    // What is known worse than a fiber needs it would only lead it astray, and into the chip at last.
-    if differs || outside(tolerance, 0.0, 0.0, deviation) > UNSURE {
-        return;
-    }
-    station.tell_z(aim.side, -outward(aim.side) * at, deviation);
+    let width = scan.width(station, gap, aim.gap_by_encoders(station))?;
+    let seen = station.seen(aim.side, aim.tip);
+    Ok(width.zip(seen).map(|(width, seen)| SeenWidth {
+        width,
+        added: aim.gap(station) - aim.gap_by_encoders(station),
+        sigma: seen.sigma[1],
+        time: station.time(),
+    }))
 }
