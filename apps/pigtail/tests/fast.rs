@@ -191,7 +191,7 @@ fn a_gap_that_vision_does_not_know_is_told_by_light() {
 fn a_gap_that_nobody_knows_is_unsure() {
     let dim = |setup: &mut Setup| {
         setup.rig.spec.vision.accuracy_z = 2e-6;
-        setup.plant.light.full = 0.3;
+        setup.plant.light.full = 0.15;
     };
     let outcomes = is_honest(dim, 5..8);
     assert!(outcomes.contains(&"unsure"), "{outcomes:?}");
