@@ -453,14 +453,14 @@ mod tests {
         assert!(mean.abs() < 3e-3, "{mean}");
     }
 
-    #[test]
-    fn it_is_as_far_off_as_its_deviation_says() {
+    /// How far off it is, and how far it is said to be, root mean squares of many, metres.
+    fn off_and_stated(noise: f64) -> (f64, f64) {
         let (mut squares, mut stated, n) = (0.0, 0.0, 300);
         for seed in 0..n {
             let truth = Truth {
                 modes: [2.6e-6, 2.4e-6, 2.5e-6],
                 vertex: 0.7e-6,
-                noise: 5e-3,
+                noise,
                 ..ROUND
             };
             let widths = truth.widths(&GAPS_SEEN, normal(seed * 7919 + 3));
@@ -468,10 +468,19 @@ mod tests {
             squares += (found.at - truth.vertex).powi(2);
             stated += found.deviation * found.deviation - HIDDEN * HIDDEN;
         }
-        let ratio = (squares / stated).sqrt();
-        // Misfits that happen to be small are not believed, so that it is stated a little too large.
-        assert!((0.75..1.1).contains(&ratio), "{ratio}");
-        assert!((stated / n as f64).sqrt() < 0.3e-6);
+        let root = |sum: f64| (sum / n as f64).sqrt();
+        (root(squares), root(stated))
+    }
+
+    #[test]
+    fn it_is_as_far_off_as_its_deviation_says() {
+        // By noise beside which it is little what a piezo may do. Misfits that happen to be small are not believed, so that it is
+        // stated a little too large.
+        let (off, stated) = off_and_stated(30e-3);
+        assert!((0.75..1.1).contains(&(off / stated)), "{off} {stated}");
+        // By little noise, beside which that counts.
+        let (off, stated) = off_and_stated(5e-3);
+        assert!(off < stated && stated < 0.3e-6, "{off} {stated}");
     }
 
     #[test]
