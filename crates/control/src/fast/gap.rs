@@ -35,7 +35,8 @@ const WIDER: [f64; 4] = [3.0, 1.8, 0.9, 0.3];
 const STILL: u32 = 4;
 
 /// How near the peak the middle of the circles is to be, in widths, after so many turns at most: the light leaves at an angle, so
-/// that on one side of the peak the gap is longer. Far beside the peak that makes the spot wider by a percent.
+/// that on one side of the peak the gap is longer. Half a width beside it, that makes the spot wider or narrower by 1 to 5 %
+/// (squared).
 const CENTRED: (f64, u32) = (0.05, 6);
 
 /// How often all of them are looked at, until that tells where the chip is.
@@ -158,30 +159,16 @@ impl Shared<'_> {
         let wide = seen.bound_z + FAR_OFF * seen.sigma_z();
         // What vision adds to the gap by encoders.
         let added = aim.gap(station) - aim.gap_by_encoders(station);
-        let mut moved = 0.0;
-        let widths: Vec<_> = (widths.iter())
-            .map(|width| {
-                // Since then something has warmed, and vision's frames have added up: whichever is less.
-                let warmed = WARMS * (station.time() - width.time).sqrt();
-                let by_vision = width.sigma.hypot(seen.sigma[1]);
-                moved += warmed.min(by_vision).powi(2) / widths.len() as f64;
-                let by = if warmed < by_vision {
-                    0.0
-                } else {
-                    width.added - added
-                };
-                Width {
-                    at: width.width.at + by,
-                    ..width.width
-                }
-            })
-            .collect();
+        let by_now = |width: &SeenWidth| width.by_now(station.time(), added, seen.sigma[1]);
+        let (widths, variances): (Vec<_>, Vec<_>) = widths.iter().map(by_now).unzip();
+        let n = variances.len() as f64;
+        let moved = variances.iter().map(|v| v / n).sum::<f64>().sqrt();
         let range = (-2.0 * wide - added, 2.0 * wide - added);
         let Some(contact) = contact(&widths, range) else {
             return false;
         };
         let at = contact.at + added;
-        let deviation = contact.deviation.hypot(moved.sqrt());
+        let deviation = contact.deviation.hypot(moved);
         let differs = at.abs() > wide + FAR_OFF * deviation;
         // The gap will be a little off, and vision is to follow what warms. What is known worse than a fiber needs it would only
         // lead it astray, and into the chip at last.
@@ -204,6 +191,26 @@ struct SeenWidth {
     sigma: f64,
     /// When, seconds.
     time: f64,
+}
+
+impl SeenWidth {
+    /// The same where its gap is by now, when vision adds so much to the gap by encoders (metres), known to a standard deviation;
+    /// and the variance of that. Since it was seen something has warmed, and vision has moved with its noise: the one that is
+    /// less is left.
+    fn by_now(&self, now: f64, added: f64, sigma: f64) -> (Width, f64) {
+        let warmed = WARMS * (now - self.time).sqrt();
+        let noise = self.sigma.hypot(sigma);
+        let by = if warmed < noise {
+            0.0
+        } else {
+            self.added - added
+        };
+        let width = Width {
+            at: self.width.at + by,
+            ..self.width
+        };
+        (width, warmed.min(noise).powi(2))
+    }
 }
 
 /// Looks how wide the spot is here. The micro stands in its middle meanwhile: a piezo goes a little farther or
