@@ -79,6 +79,18 @@ fn a_campaign_has_machines_and_devices_of_a_fleet() {
 }
 
 #[test]
+fn a_peak_that_moves_while_a_micro_comes_to_rest_is_followed() {
+    let folder = TempDir::new().expect("a folder");
+    // A micro of 121 Hz that rings, on a macro that still creeps by 1 um/s.
+    let device = ["align", "--fleet", "workshop", "--seed", "4000000036083"];
+    let (json, _) = answer(folder.path(), &device);
+    for fiber in json["fibers"].as_array().expect("fibers") {
+        let believed = fiber["outcome"] == "aligned";
+        assert!(!believed || fiber["within_tolerance"] == true, "{fiber}");
+    }
+}
+
+#[test]
 fn a_fleet_that_is_not_there_is_refused_with_those_that_are() {
     let folder = TempDir::new().expect("a folder");
     for command in [

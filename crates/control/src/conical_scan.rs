@@ -67,6 +67,8 @@ pub struct ConicalScan<'r> {
     shaking: Shaking,
     /// How far the middle went at last, metres.
     moved: f64,
+    /// How the peak moves, metres a turn, as the last turns have seen it.
+    drift: Displacement,
     /// Light of the last turn that found the peak, from the circle's middle.
     around: Vec<(Displacement, f64)>,
 }
@@ -117,6 +119,7 @@ impl<'r> ConicalScan<'r> {
             misjudged: false,
             shaking: Shaking::new(station.measured_shaking(watch.side)),
             moved: f64::INFINITY,
+            drift: Displacement::ZERO,
             around: Vec::with_capacity(64),
         }
     }
@@ -244,6 +247,23 @@ impl<'r> ConicalScan<'r> {
     fn cycles(&mut self, station: &mut Station, gap: f64, seconds: f64) -> Result<(), Fault> {
         let cycles = (seconds / station.spec().period()).round() as u64;
         for _ in 0..cycles {
+            self.cycle(station, gap)?;
+        }
+        Ok(())
+    }
+
+    /// So many seconds on the circle, the middle of which moves as the peak did.
+    fn follow_drift(
+        &mut self,
+        station: &mut Station,
+        gap: f64,
+        seconds: f64,
+    ) -> Result<(), Fault> {
+        let period = station.spec().period();
+        let step = self.drift * (period / self.shape.period);
+        for _ in 0..(seconds / period).round() as u64 {
+            self.centre += step;
+            self.from.0 += step;
             self.cycle(station, gap)?;
         }
         Ok(())

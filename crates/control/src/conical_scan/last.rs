@@ -53,7 +53,8 @@ const SMALL_MISFIT: f64 = 0.2;
 /// How fast a peak moves when all is done, metres a turn: as piezos creep.
 const CREEP: f64 = 15e-9;
 
-/// Of that, what is not foreseen, on the way from the last turn to where the fiber is fixed.
+/// Of that, or of how fast it has been seen to move, what is not foreseen, on the way from the last turn to where the
+/// fiber is fixed.
 const UNFORESEEN: f64 = 0.3;
 
 /// Fastest that it may.
@@ -138,7 +139,8 @@ impl ConicalScan<'_> {
             let y = Ahead::of(&seen, |peak| peak.at.y, noise);
             peak.at = Displacement::new(x.at, y.at);
             peak.deviation = x.deviation.max(y.deviation);
-            let slope = x.slope.hypot(y.slope);
+            self.drift = Displacement::new(x.slope, y.slope);
+            let slope = self.drift.norm();
             if !self.shaking.is_watched() {
                 let scatter = x.scatter.max(y.scatter);
                 let free = seen.len() as f64 - 2.0;
@@ -279,8 +281,16 @@ impl ConicalScan<'_> {
         self.go_to(station, &peak, gap)?;
         self.shrink(station, gap, 0.0, last)?;
         // It comes to rest, and not a moment longer than it may swing: piezos creep.
-        let rest = if self.shaking.rings() { FORGETS } else { 1.0 };
-        self.cycles(station, gap, rest * station.micro_settling())?;
+        let settling = station.micro_settling();
+        self.cycles(station, gap, settling)?;
+        let longer = if self.shaking.rings() {
+            (FORGETS - 1.0) * settling
+        } else {
+            0.0
+        };
+        // The peak moves on meanwhile as it did from turn to turn.
+        self.follow_drift(station, gap, longer)?;
+        let later = f64::from(turns) + last - COME_TO_REST + longer / self.shape.period;
         // Fiber and guide are not quite as designed: by how much the peak is wider than believed, two
         // circles tell.
         let wide = self.shape.radius * self.shape.radius;
@@ -291,8 +301,10 @@ impl ConicalScan<'_> {
             return Err(Outcome::Misshapen { misfit, accepted }.into());
         }
         let known = foreseen.deviation * seen.deviation / deviation;
-        // How far piezos creep until the fiber is fixed was foreseen, but for a part.
-        let known = known.hypot(UNFORESEEN * CREEP);
+        // How far piezos creep, and a macro that has not come to rest, until the fiber is fixed was foreseen, but for a
+        // part.
+        let moves = CREEP.max(self.drift.norm()) * (1.0 + later);
+        let known = known.hypot(UNFORESEEN * moves);
         Ok((full * self.beam.share(gap), known))
     }
 }
