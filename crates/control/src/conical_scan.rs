@@ -253,12 +253,7 @@ impl<'r> ConicalScan<'r> {
     }
 
     /// So many seconds on the circle, the middle of which moves as the peak did.
-    fn follow_drift(
-        &mut self,
-        station: &mut Station,
-        gap: f64,
-        seconds: f64,
-    ) -> Result<(), Fault> {
+    fn follow_drift(&mut self, station: &mut Station, gap: f64, seconds: f64) -> Result<(), Fault> {
         let period = station.spec().period();
         let step = self.drift * (period / self.shape.period);
         for _ in 0..(seconds / period).round() as u64 {

@@ -12,7 +12,8 @@
 //!    plays out inside of it;
 //! 3. [`spec`]: the datasheet (`machine.toml`), which both sides may read;
 //! 4. [`fault`]: how a machine says that it has stopped;
-//! 5. [`quantity`] and [`config`]: numbers with units, and files that explain their mistakes.
+//! 5. [`bench`]: the layer above volts, poses and light;
+//! 6. [`quantity`] and [`config`]: numbers with units, and files that explain their mistakes.
 //!
 //! Inside the project all numbers are SI in `f64`; the doc of each field says the unit. Wire
 //! values have types of their own: [`Counts`] and [`Volts`].
@@ -28,6 +29,7 @@
 //! # Ok::<(), String>(())
 //! ```
 
+pub mod bench;
 pub mod command;
 pub mod config;
 pub mod digest;
@@ -38,6 +40,7 @@ pub mod pulse;
 pub mod quantity;
 pub mod spec;
 
+pub use bench::Bench;
 pub use command::{Command, FiberHandling};
 pub use config::Error;
 pub use fault::{Fault, Rule};
