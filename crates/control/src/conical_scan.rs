@@ -11,20 +11,21 @@ mod told;
 use crate::beam::{Beam, Oblong, Peak, Reading};
 use crate::outcome::{Halt, Outcome};
 use crate::recipe::ConicalScan as Shape;
-use crate::shaking::Shaking;
-use crate::station::Station;
-use pigtail_hal::{Channel, Fault, Side};
+use crate::shaking::{Measured, Shaking};
+use pigtail_hal::bench::{
+    Dither, Event, Glide, Group, GroupCaps, Law, Lead, Light, Meter, Pose, Refused, Ticket, Widens,
+};
+use pigtail_hal::{Bench, Fault, Side};
 use pigtail_model::frames::Displacement;
 use std::collections::VecDeque;
-use std::f64::consts::{PI, TAU};
 
 /// Where a fiber is to look, and with what.
 #[derive(Debug, Clone, Copy)]
 pub struct Watch {
-    /// The manipulator that moves.
-    pub side: Side,
-    /// The photodiode that watches.
-    pub channel: Channel,
+    /// The group that circles.
+    pub group: Group,
+    /// What measures its light.
+    pub meter: Meter,
     /// Its level without the fiber's light, volts.
     pub background: f64,
     /// Standard deviation of a sample, volts.
@@ -38,24 +39,63 @@ pub struct Watch {
 /// How the peak walks as the gap closes: metres in the manipulator's x and y for a metre of gap.
 pub type Walk = Displacement;
 
+/// What the gap is while circles are played.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Gap {
+    /// It stands, metres.
+    Steady(f64),
+    /// It follows a group that moves along z and would touch the chip at a place, metres.
+    Led {
+        /// The group.
+        by: Group,
+        /// Its z where the fiber would touch.
+        contact: f64,
+    },
+    /// It stands, metres, while a group goes aside that the circles stay behind.
+    Aside(f64, Group),
+}
+
+impl Gap {
+    /// What it is when the group that leads is at a pose, metres.
+    fn at(&self, leader: Option<Pose>) -> f64 {
+        match (self, leader) {
+            (Self::Steady(gap) | Self::Aside(gap, _), _) => *gap,
+            (Self::Led { contact, .. }, at) => contact - at.map_or(0.0, |at| at.z()),
+        }
+    }
+
+    /// The group that leads.
+    const fn leader(&self) -> Option<Group> {
+        match self {
+            Self::Steady(_) => None,
+            Self::Led { by, .. } | Self::Aside(_, by) => Some(*by),
+        }
+    }
+}
+
 /// A micro on its circle.
 #[derive(Debug)]
 pub struct ConicalScan<'r> {
     watch: Watch,
     beam: Beam,
     shape: &'r Shape,
+    /// Time of a turn, seconds.
+    period: f64,
+    /// By how much light is later than its place, seconds.
+    lag: f64,
     /// Where the peak is believed to be at no gap: the micro's displacement, metres.
     centre: Displacement,
-    /// Where the circle's middle is on its way from, and since when.
-    from: (Displacement, f64),
     walk: Walk,
     /// Radius of the circle in widths of the peak.
     radius: f64,
-    phase: f64,
-    /// What the micro was told of late, without the walk, oldest first: position and gap.
-    commanded: VecDeque<(Displacement, f64)>,
+    /// What is played, if anything.
+    played: Option<(Ticket, Dither)>,
+    /// From where the group counts that circles stay behind.
+    aside: Option<Pose>,
     /// The readings of the last turn, without the walk.
     readings: VecDeque<Reading>,
+    /// How many these are at most.
+    most: usize,
     /// How oblong the spot is at the chip.
     oblong: Oblong,
     /// By how much the squares of the spot's widths are more than those of a round one that is as wide as believed, as two
@@ -88,36 +128,46 @@ const NEAR: f64 = 0.15;
 /// Share of a turn in which a circle becomes smaller...
 const SHRINK: f64 = 0.3;
 
-/// Seconds in which the circle's middle goes over to a new place.
-const GLIDE: f64 = 6e-3;
+/// ...and in which its middle goes over to a new place.
+const GLIDE: f64 = 0.25;
+
+/// Light samples on a turn, at least: fewer do not tell a peak from what is around it.
+const SAMPLES: f64 = 10.0;
 
 impl<'r> ConicalScan<'r> {
-    /// Begins a circle around the micro's displacement `at` at a `gap`, both in metres.
+    /// Begins a circle around the micro's displacement `at` at a `gap`, both in metres. `before` is what was measured of
+    /// how the tip shakes.
     pub fn new(
         watch: Watch,
         beam: Beam,
         shape: &'r Shape,
-        station: &Station,
-        at: Displacement,
-        gap: f64,
+        bench: &dyn Bench,
+        (at, gap): (Displacement, f64),
         walk: Walk,
+        before: Option<Measured>,
     ) -> Self {
-        let origin = |at: Displacement| at - walk * gap;
+        let caps = bench.caps();
+        let rate = caps.channels[watch.meter.0].rate;
+        let group = &caps.groups[watch.group.0];
+        let slowest = (SAMPLES / rate).max(group.bandwidth.recip());
+        let period = shape.period.max(slowest);
         Self {
             watch,
             beam,
             shape,
-            centre: origin(at),
-            from: (origin(station.micro(watch.side)), station.time()),
+            period,
+            lag: shape.lag.unwrap_or(group.lag.0),
+            centre: at - walk * gap,
             walk,
             radius: shape.radius,
-            phase: 0.0,
-            commanded: VecDeque::with_capacity(64),
+            played: None,
+            aside: None,
             readings: VecDeque::with_capacity(64),
+            most: ((period * rate).round() as usize).max(4),
             oblong: Oblong::default(),
             wider: None,
             misjudged: false,
-            shaking: Shaking::new(station.measured_shaking(watch.side)),
+            shaking: Shaking::new(before),
             moved: f64::INFINITY,
             drift: Displacement::ZERO,
             around: Vec::with_capacity(64),
@@ -129,9 +179,14 @@ impl<'r> ConicalScan<'r> {
         self.shaking
     }
 
-    /// The photodiode that watches.
-    pub fn channel(&self) -> Channel {
-        self.watch.channel
+    /// What measures the light.
+    pub fn meter(&self) -> Meter {
+        self.watch.meter
+    }
+
+    /// Time of a turn, seconds.
+    pub fn period(&self) -> f64 {
+        self.period
     }
 
     /// Standard deviation of its samples, volts.
@@ -172,96 +227,204 @@ impl<'r> ConicalScan<'r> {
     }
 
     /// Moves the circle's middle by so much, metres.
-    fn shift(&mut self, station: &Station, by: Displacement) {
-        self.from = (self.middle(station.time()), station.time());
+    fn shift(&mut self, by: Displacement) {
         self.centre += by;
         self.moved = by.norm();
     }
 
-    /// The macro goes aside, and the micro the other way.
+    /// The macro has gone aside, and the micro the other way.
     pub fn hand_over(&mut self, by: Displacement) {
         self.centre -= by;
-        self.from.0 -= by;
         for reading in &mut self.readings {
             reading.at -= by;
         }
-        for (at, _) in &mut self.commanded {
-            *at -= by;
+    }
+
+    /// From here on the circles stay behind a group that goes aside, by [`Gap::Aside`]...
+    pub fn begin_aside(&mut self, bench: &dyn Bench, group: Group) {
+        self.aside = bench.pose(group, bench.now()).map(|estimate| estimate.pose);
+    }
+
+    /// ...until here.
+    pub fn end_aside(&mut self) {
+        self.aside = None;
+    }
+
+    fn group<'b>(&self, bench: &'b dyn Bench) -> &'b GroupCaps {
+        &bench.caps().groups[self.watch.group.0]
+    }
+
+    fn arm(&self, bench: &dyn Bench) -> Side {
+        Side::ALL[self.group(bench).arm]
+    }
+
+    /// What is to be played now: the middle goes over within so many seconds, the radius within so many.
+    fn law(&self, gap: Gap, within: (f64, f64)) -> Dither {
+        let (x, y) = (self.walk.x, self.walk.y);
+        let from = self.aside.unwrap_or(Pose::ZERO);
+        let (at, radius) = match gap {
+            Gap::Led { .. } => (self.centre, self.radius * self.beam.width(0.0)),
+            Gap::Steady(gap) | Gap::Aside(gap, _) => {
+                (self.place(gap), self.radius * self.beam.width(gap))
+            }
+        };
+        let gain = match gap {
+            Gap::Led { .. } => [[0.0, 0.0, -x], [0.0, 0.0, -y]],
+            _ => [[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]],
+        };
+        let from = match gap {
+            Gap::Led { contact, .. } => Pose::at(0.0, 0.0, contact),
+            _ => from,
+        };
+        Dither {
+            centre: Glide {
+                to: [at.x, at.y],
+                within: within.0,
+            },
+            radius: Glide {
+                to: radius,
+                within: within.1,
+            },
+            rate: self.period.recip(),
+            lead: gap.leader().map(|group| Lead { group, from, gain }),
+            widens: match gap {
+                Gap::Led { contact, .. } => Some(Widens {
+                    contact,
+                    doubles: self.beam.gap_of(1.0),
+                }),
+                _ => None,
+            },
         }
     }
 
-    /// The circle's middle at a time, without the walk.
-    fn middle(&self, time: f64) -> Displacement {
-        let (from, since) = self.from;
-        let share = ((time - since) / GLIDE).clamp(0.0, 1.0);
-        // Without a jump of the speed, for the micro's resonance.
-        let share = 0.5 - 0.5 * (PI * share).cos();
-        from + (self.centre - from) * share
-    }
-
-    /// One servo cycle on the circle, at a gap.
+    /// Has it played, where it is not yet.
     ///
     /// # Errors
     ///
-    /// The machine's fault.
-    pub fn cycle(&mut self, station: &mut Station, gap: f64) -> Result<(), Fault> {
-        let period = station.spec().period();
-        self.phase = (self.phase + TAU * period / self.shape.period) % TAU;
-        let radius = self.radius * self.beam.width(gap);
-        let at = self.middle(station.time()) + Displacement::polar(radius, self.phase);
-        let micro = at + self.walk * gap;
-        station.move_micro(self.watch.side, micro);
-        station.cycle()?;
-        // What the light of this cycle answers was told a lag ago.
-        let lag = (self.shape.lag / period).round() as usize;
-        self.commanded.push_back((at, gap));
-        while self.commanded.len() > lag + 1 {
-            self.commanded.pop_front();
-        }
-        if let Some(volts) = station.light(self.watch.channel)
-            && let Some((at, gap)) = self.commanded.front()
-        {
-            self.readings.push_back(Reading {
-                at: *at,
-                gap: *gap,
-                volts: volts - self.watch.background,
-            });
-            let turn = (self.shape.period * station.spec().photodiode.rate).round() as usize;
-            if self.readings.len() > turn.max(4) {
-                self.readings.pop_front();
-            }
-        }
+    /// Why the bench does not play it.
+    fn play(&mut self, bench: &mut dyn Bench, gap: Gap, radius: f64) -> Result<(), Halt> {
+        /// A gap that is told anew so little different, metres, is the same.
+        const SAME: f64 = 1e-9;
+        let law = self.law(gap, (GLIDE * self.period, radius));
+        let same = |played: &Dither| {
+            let (was, is) = (played, &law);
+            let leads = match (was.lead, is.lead) {
+                (Some(was), Some(is)) => {
+                    (was.from - is.from).distance() < SAME
+                        && (was.group, was.gain) == (is.group, is.gain)
+                }
+                (was, is) => was == is,
+            };
+            leads
+                && (was.centre.to, was.radius.to) == (is.centre.to, is.radius.to)
+                && was.widens.is_some() == is.widens.is_some()
+        };
+        let ticket = match &self.played {
+            Some((_, played)) if same(played) => return Ok(()),
+            Some((ticket, _)) => match bench.bend(*ticket, Law::Dither(law)) {
+                // Somebody else has moved the group meanwhile.
+                Err(Refused::Ticket(_)) => bench.play(self.watch.group, Law::Dither(law)),
+                bent => bent.map(|_| *ticket),
+            },
+            None => bench.play(self.watch.group, Law::Dither(law)),
+        };
+        let ticket = ticket.map_err(|_| Outcome::MicroRange {
+            side: self.arm(bench),
+            x: law.centre.to[0],
+            y: law.centre.to[1],
+        })?;
+        self.played = Some((ticket, law));
         Ok(())
     }
 
-    /// A whole turn at the gap that `gap` tells.
+    /// Lets time pass on the circle until something happens, or until a time; returns whether that is reached.
     ///
     /// # Errors
     ///
-    /// The machine's fault.
-    pub fn turn(&mut self, station: &mut Station, gap: f64) -> Result<(), Fault> {
-        self.cycles(station, gap, self.shape.period)
+    /// The bench's fault; [`Outcome::MicroRange`].
+    pub fn step(&mut self, bench: &mut dyn Bench, gap: Gap, by: f64) -> Result<bool, Halt> {
+        self.play(bench, gap, GLIDE * self.period)?;
+        Ok(self.pass(bench, gap, by)?)
+    }
+
+    fn pass(&mut self, bench: &mut dyn Bench, gap: Gap, by: f64) -> Result<bool, Fault> {
+        match bench.next(by)? {
+            Event::Light(light) => self.note(bench, gap, &light),
+            Event::Batch(lights) => {
+                for light in &lights {
+                    self.note(bench, gap, light);
+                }
+            }
+            Event::Time => return Ok(true),
+            Event::Done(_) | Event::Failed(..) => {}
+        }
+        Ok(false)
+    }
+
+    /// Pairs light with where the tip was.
+    fn note(&mut self, bench: &dyn Bench, gap: Gap, light: &Light) {
+        let volts = light.volts[self.watch.meter.0];
+        let then = light.time - self.lag;
+        let Some(stood) = bench.pose(self.watch.group, then) else {
+            return;
+        };
+        if volts.is_nan() {
+            return;
+        }
+        let leader = gap.leader().and_then(|group| bench.pose(group, then));
+        let leader = leader.map(|leader| leader.pose);
+        let gap_then = gap.at(leader);
+        let mut at = Displacement::new(stood.pose.x(), stood.pose.y()) - self.walk * gap_then;
+        if let (Gap::Aside(..), Some(leader), Some(from)) = (gap, leader, self.aside) {
+            at += Displacement::new(leader.x() - from.x(), leader.y() - from.y());
+        }
+        self.readings.push_back(Reading {
+            at,
+            gap: gap_then,
+            volts: volts - self.watch.background,
+        });
+        if self.readings.len() > self.most {
+            self.readings.pop_front();
+        }
+    }
+
+    /// A whole turn at a gap, metres.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::step`].
+    pub fn turn(&mut self, bench: &mut dyn Bench, gap: f64) -> Result<(), Halt> {
+        self.run(bench, Gap::Steady(gap), self.period)
     }
 
     /// So many seconds on the circle.
-    fn cycles(&mut self, station: &mut Station, gap: f64, seconds: f64) -> Result<(), Fault> {
-        let cycles = (seconds / station.spec().period()).round() as u64;
-        for _ in 0..cycles {
-            self.cycle(station, gap)?;
-        }
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::step`].
+    pub fn run(&mut self, bench: &mut dyn Bench, gap: Gap, seconds: f64) -> Result<(), Halt> {
+        self.play(bench, gap, GLIDE * self.period)?;
+        Ok(self.last_for(bench, gap, seconds)?)
+    }
+
+    /// Goes on with what is played for so many seconds.
+    fn last_for(&mut self, bench: &mut dyn Bench, gap: Gap, seconds: f64) -> Result<(), Fault> {
+        let end = bench.now() + seconds;
+        while !self.pass(bench, gap, end)? {}
         Ok(())
     }
 
-    /// So many seconds on the circle, the middle of which moves as the peak did.
-    fn follow_drift(&mut self, station: &mut Station, gap: f64, seconds: f64) -> Result<(), Fault> {
-        let period = station.spec().period();
-        let step = self.drift * (period / self.shape.period);
-        for _ in 0..(seconds / period).round() as u64 {
-            self.centre += step;
-            self.from.0 += step;
-            self.cycle(station, gap)?;
+    /// So many seconds on the circle, the middle of which moves on as the peak did.
+    fn follow_drift(&mut self, bench: &mut dyn Bench, gap: f64, seconds: f64) -> Result<(), Halt> {
+        self.centre += self.drift * (seconds / self.period);
+        let gap = Gap::Steady(gap);
+        let law = self.law(gap, (seconds, 0.0));
+        if let Some((ticket, played)) = &mut self.played
+            && bench.bend(*ticket, Law::Dither(law)).is_ok()
+        {
+            *played = law;
         }
-        Ok(())
+        Ok(self.last_for(bench, gap, seconds)?)
     }
 
     /// The peak by the last turn, at no gap; `None` where there is no light.
@@ -275,20 +438,19 @@ impl<'r> ConicalScan<'r> {
     /// # Errors
     ///
     /// [`Outcome::MicroRange`] where the micro does not reach it.
-    pub fn go_to(&mut self, station: &Station, peak: &Peak, gap: f64) -> Result<f64, Outcome> {
+    pub fn go_to(&mut self, bench: &dyn Bench, peak: &Peak, gap: f64) -> Result<f64, Outcome> {
         let by = peak.at - self.centre;
         let way = by.norm();
         let by = by * (1.2 * self.beam.width(gap) / way).min(1.0);
         let to = self.place(gap) + by;
-        let kinematics = station.kinematics(self.watch.side);
-        if !kinematics.micro_reaches(to) {
+        if !bench.reaches(self.watch.group, &Pose::at(to.x, to.y, 0.0)) {
             return Err(Outcome::MicroRange {
-                side: self.watch.side,
+                side: self.arm(bench),
                 x: to.x,
                 y: to.y,
             });
         }
-        self.shift(station, by);
+        self.shift(by);
         Ok(way)
     }
 
@@ -301,7 +463,7 @@ impl<'r> ConicalScan<'r> {
     /// [`Outcome::Unsure`] after too many turns.
     pub fn centre(
         &mut self,
-        station: &mut Station,
+        bench: &mut dyn Bench,
         gap: f64,
         accuracy: f64,
         phase: &'static str,
@@ -317,7 +479,7 @@ impl<'r> ConicalScan<'r> {
         let mut dark = 0;
         let mut last = f64::INFINITY;
         for turn in 1..=self.shape.turns {
-            self.turn(station, gap)?;
+            self.turn(bench, gap)?;
             let peak = self.peak();
             let Some(peak) = peak.filter(|p| p.full > SIGNIFICANT * p.full_deviation) else {
                 dark += 1;
@@ -327,7 +489,7 @@ impl<'r> ConicalScan<'r> {
                 }
                 continue;
             };
-            last = self.go_to(station, &peak, gap)?;
+            last = self.go_to(bench, &peak, gap)?;
             if turn >= least && last < accuracy && peak.deviation < accuracy {
                 return Ok(peak);
             }
@@ -348,8 +510,8 @@ impl<'r> ConicalScan<'r> {
     /// # Errors
     ///
     /// The machine's fault.
-    pub fn rest(&mut self, station: &mut Station, gap: f64) -> Result<(), Fault> {
-        self.shrink(station, gap, 0.0, SHRINK)
+    pub fn rest(&mut self, bench: &mut dyn Bench, gap: f64) -> Result<(), Halt> {
+        self.shrink(bench, gap, 0.0, SHRINK)
     }
 
     /// Goes on the circle to another radius, in widths of the peak, within so many turns, and with nought to
@@ -357,23 +519,11 @@ impl<'r> ConicalScan<'r> {
     ///
     /// # Errors
     ///
-    /// The machine's fault.
-    fn shrink(
-        &mut self,
-        station: &mut Station,
-        gap: f64,
-        to: f64,
-        turns: f64,
-    ) -> Result<(), Fault> {
-        let from = self.radius;
-        let cycles = (turns * self.shape.period / station.spec().period()).round();
-        for k in 0..cycles as u64 {
-            // Without a jump of the speed, for the micro's resonance.
-            let left = 0.5 + 0.5 * (PI * (k as f64 + 1.0) / cycles).cos();
-            self.radius = to + left * (from - to);
-            self.cycle(station, gap)?;
-        }
+    /// As [`Self::step`].
+    fn shrink(&mut self, bench: &mut dyn Bench, gap: f64, to: f64, turns: f64) -> Result<(), Halt> {
         self.radius = to;
-        Ok(())
+        let (gap, seconds) = (Gap::Steady(gap), turns * self.period);
+        self.play(bench, gap, seconds)?;
+        Ok(self.last_for(bench, gap, seconds)?)
     }
 }

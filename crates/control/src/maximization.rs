@@ -10,7 +10,8 @@ use crate::outcome::{Halt, Outcome};
 use crate::peak::{NinePoint, corners};
 use crate::procedure::{Job, light_guides};
 use crate::recipe::{Climb, Recipe};
-use crate::station::Station;
+use crate::station::{Station, fine};
+use pigtail_hal::bench::Meter;
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::Displacement;
 
@@ -137,8 +138,8 @@ pub fn follow(station: &mut Station, recipe: &Recipe, trial: &Trial) -> Result<F
         }
         Means::Circles => {
             let watch = Watch {
-                side: SIDE,
-                channel: CHANNEL,
+                group: fine(SIDE),
+                meter: Meter(CHANNEL.index()),
                 background: dark.mean,
                 noise: dark.sigma.max(station.spec().photodiode.step()),
                 still: dark.sigma,
@@ -148,8 +149,8 @@ pub fn follow(station: &mut Station, recipe: &Recipe, trial: &Trial) -> Result<F
             let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
             let at = station.micro(SIDE);
             let shape = &recipe.fast.conical_scan;
-            let mut scan =
-                ConicalScan::new(watch, beam, shape, station, at, gap, Displacement::ZERO);
+            let (still, before) = (Displacement::ZERO, station.measured_shaking(SIDE));
+            let mut scan = ConicalScan::new(watch, beam, shape, station, (at, gap), still, before);
             while station.time() < end {
                 scan.turn(station, gap)?;
                 if let Some(peak) = scan.peak() {

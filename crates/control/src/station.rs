@@ -2,8 +2,11 @@
 //! exchanges it for a measurement, and lets the procedure look at what came back.
 
 mod arm;
+mod bench;
 
 use self::arm::{Arm, Started};
+use self::bench::Playing;
+pub(crate) use self::bench::{coarse, fine};
 use crate::calibration::Calibration;
 use crate::impulse::belief::ImpulseBelief;
 use crate::kinematics::Kinematics;
@@ -75,6 +78,8 @@ pub struct Station<'a> {
     five_bar_pulses: Option<ImpulseBelief>,
     /// Light samples that somebody has looked at, and the time of the last of them.
     readings: Cell<(u64, f64)>,
+    /// What it plays as a bench.
+    playing: Playing,
 }
 
 /// Mean and spread of repeated light samples.
@@ -116,13 +121,15 @@ impl<'a> Station<'a> {
             *micro = arm.kinematics.micro_volts(Displacement::ZERO);
         }
         let measurement = machine.exchange(&command)?;
+        let settling = calibration
+            .geometry
+            .micro
+            .settling
+            .unwrap_or(spec.micro.settling);
         Ok(Self {
+            playing: Playing::new(&spec, settling),
             tips: TipEstimator::new(&spec),
-            settling: calibration
-                .geometry
-                .micro
-                .settling
-                .unwrap_or(spec.micro.settling),
+            settling,
             shaking: Side::ALL.map(|side| calibration.shaking.of(side)),
             five_bar_pulses: calibration.impulse.five_bar.clone(),
             readings: Cell::new((0, f64::NEG_INFINITY)),
@@ -246,6 +253,7 @@ impl<'a> Station<'a> {
     /// The machine's fault.
     pub fn cycle(&mut self) -> Result<(), Fault> {
         let (time, period) = (self.measurement.time, self.spec().period());
+        self.play_circles(time + period);
         for (i, arm) in self.arms.iter_mut().enumerate() {
             arm.wait(&self.measurement.encoders[i], self.limits.z, period);
             arm.follow(time);
@@ -292,10 +300,15 @@ impl<'a> Station<'a> {
     ///
     /// The machine's fault.
     pub fn handle_fiber(&mut self, side: Side, handling: FiberHandling) -> Result<(), Fault> {
+        self.take_up(side, handling);
+        self.cycle()
+    }
+
+    /// Handles a fiber in the next cycle.
+    fn take_up(&mut self, side: Side, handling: FiberHandling) {
         self.command.fiber[side.index()] = Some(handling);
         self.arms[side.index()].loaded = matches!(handling, FiberHandling::Load(_));
         self.tips.forget(side, self.measurement.time);
-        self.cycle()
     }
 
     /// Attaches the fiber of a side, and holds it until its bond has set. Returns the least light of a photodiode meanwhile,
@@ -594,6 +607,7 @@ impl<'a> Station<'a> {
 
     /// Displaces a tip so far in its manipulator's frame with the micro, held within its range.
     pub fn move_micro(&mut self, side: Side, to: Displacement) {
+        self.playing.circles[side.index()] = None;
         let arm = &mut self.arms[side.index()];
         arm.micro = to;
         arm.micro_volts = None;

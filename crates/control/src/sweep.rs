@@ -8,7 +8,7 @@ use crate::conical_scan::Watch;
 use crate::outcome::{Halt, SearchEvidence};
 use crate::recipe::Sweep;
 use crate::station::Station;
-use pigtail_hal::Side;
+use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::{Displacement, Point};
 use std::collections::VecDeque;
 use std::f64::consts::PI;
@@ -98,13 +98,13 @@ pub fn reach(station: &Station, side: Side, width: f64) -> f64 {
 /// A fault, or [`Outcome::Refused`](crate::outcome::Outcome::Refused).
 pub fn first_light(
     station: &mut Station,
+    (side, channel): (Side, Channel),
     watch: &Watch,
     sweep: &Sweep,
     (width, spacing): (f64, f64),
     top: f64,
     threshold: f64,
 ) -> Result<(Option<Spot>, SearchEvidence), Halt> {
-    let side = watch.side;
     let reach = reach(station, side, width);
     let lag = (sweep.lag * station.spec().servo.rate).round() as usize;
     let start = station.wanted(side);
@@ -127,8 +127,7 @@ pub fn first_light(
         if commanded.len() > lag + 1 {
             commanded.pop_front();
         }
-        let (Some(volts), Some(&(commanded_x, slow))) =
-            (station.light(watch.channel), commanded.front())
+        let (Some(volts), Some(&(commanded_x, slow))) = (station.light(channel), commanded.front())
         else {
             continue;
         };

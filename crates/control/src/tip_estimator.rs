@@ -128,6 +128,12 @@ impl TipEstimator {
         self.recent[self.cycle] = stands;
     }
 
+    /// Where the holder of a side was so many cycles ago, if that is remembered.
+    pub(crate) fn stand(&self, side: Side, ago: usize) -> Option<Stand> {
+        let n = self.recent.len();
+        (ago < n).then(|| self.recent[(self.cycle + n - ago) % n][side.index()])
+    }
+
     /// The fiber of a side is another one from `time` on.
     pub(crate) fn forget(&mut self, side: Side, time: f64) {
         self.fibers[side.index()] = None;

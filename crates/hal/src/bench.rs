@@ -192,7 +192,8 @@ pub struct GroupCaps {
     pub settling: f64,
     /// Fastest [`Law::Dither`] that it follows, hertz; zero for a group that plays none.
     pub bandwidth: f64,
-    /// From when a pose is told until the light of it is measured, seconds, and the standard deviation of that.
+    /// By how much a sample of light is later than the pose that it is of, as [`Bench::pose`] has it, seconds; and the
+    /// standard deviation of that.
     pub lag: (f64, f64),
     /// Whether what it plays may be replaced by [`Bench::bend`].
     pub bends: bool,
@@ -293,8 +294,7 @@ pub struct Dither {
     pub rate: f64,
     /// What its middle follows.
     pub lead: Option<Lead>,
-    /// Its radius grows with the travel in z of the group that leads, from the chip away: the square of it by its
-    /// own for each of so many metres, squared. `None`: it does not.
+    /// Its radius grows with the gap that the group which leads leaves. `None`: it does not.
     pub widens: Option<Widens>,
 }
 
@@ -506,6 +506,18 @@ pub trait Bench {
 
     /// Where a group stood at a time that is not long past; `None` where that is not known.
     fn pose(&self, group: Group, at: f64) -> Option<Estimate>;
+
+    /// Whether a group gets to a pose. By the ranges of its axes, where a bench does not know better: its axes may
+    /// stand askew.
+    fn reaches(&self, group: Group, pose: &Pose) -> bool {
+        let Some(group) = self.caps().groups.get(group.0) else {
+            return false;
+        };
+        group.axes.iter().zip(&pose.0).all(|(axis, at)| {
+            let (low, high) = axis.map_or((0.0, 0.0), |axis| axis.range);
+            (low..=high).contains(at)
+        })
+    }
 
     /// Stops at once and holds. Never fails.
     fn stop(&mut self);

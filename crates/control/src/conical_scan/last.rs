@@ -1,10 +1,10 @@
 //! The last turns at the chip: the peak as it will be, a look at it from near, and the way to rest.
 
 use super::told::FORGETS;
-use super::{ConicalScan, NEAR, NEARBY, SHRINK, SIGNIFICANT};
+use super::{ConicalScan, Gap, NEAR, NEARBY, SHRINK, SIGNIFICANT};
 use crate::beam::{Peak, Reading};
 use crate::outcome::{Halt, Outcome};
-use crate::station::Station;
+use pigtail_hal::Bench;
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::line::Line;
 
@@ -53,8 +53,8 @@ const SMALL_MISFIT: f64 = 0.2;
 /// How fast a peak moves when all is done, metres a turn: as piezos creep.
 const CREEP: f64 = 15e-9;
 
-/// Of that, or of how fast it has been seen to move, what is not foreseen, on the way from the last turn to where the
-/// fiber is fixed.
+/// Of that, what is not foreseen on the way from the last turn to where the fiber is fixed; and of how fast it has been seen
+/// to move, where that takes longer than a turn.
 const UNFORESEEN: f64 = 0.3;
 
 /// Fastest that it may.
@@ -81,7 +81,7 @@ impl ConicalScan<'_> {
     /// As [`Self::centre`]; [`Outcome::Misshapen`] where the light is not that of a peak.
     pub fn settle(
         &mut self,
-        station: &mut Station,
+        bench: &mut dyn Bench,
         gap: f64,
         accuracy: f64,
         phase: &'static str,
@@ -96,7 +96,7 @@ impl ConicalScan<'_> {
         let (mut dark, mut deviation, mut off) = (0, f64::INFINITY, 0.0);
         let mut seen: Vec<Peak> = Vec::with_capacity(self.shape.turns as usize);
         for _ in 0..6 * self.shape.turns {
-            self.turn(station, gap)?;
+            self.turn(bench, gap)?;
             let peak = self.peak();
             let Some(mut peak) = peak.filter(|p| p.full > SIGNIFICANT * p.full_deviation) else {
                 dark += 1;
@@ -110,7 +110,7 @@ impl ConicalScan<'_> {
             if way > NEAR * self.beam.width(gap) {
                 // Not there yet: what was seen from there does not count.
                 seen.clear();
-                self.go_to(station, &peak, gap)?;
+                self.go_to(bench, &peak, gap)?;
                 let far = (self.centre - start).norm();
                 if far > NEARBY * self.beam.width(gap) {
                     return Err(lost(peak.full * self.beam.share(gap)).into());
@@ -129,7 +129,7 @@ impl ConicalScan<'_> {
                 self.shaking.add_wide(&seen);
             }
             if seen.len() < 3 {
-                self.go_to(station, &peak, gap)?;
+                self.go_to(bench, &peak, gap)?;
                 continue;
             }
             // A peak is that of the middle of its turn; the circle is left a turn later.
@@ -146,7 +146,7 @@ impl ConicalScan<'_> {
                 let free = seen.len() as f64 - 2.0;
                 self.shaking.set_slow(scatter, noise * noise, free);
             }
-            self.go_to(station, &peak, gap)?;
+            self.go_to(bench, &peak, gap)?;
             deviation = peak.deviation;
             // A peak that a circle's middle runs after, or that is no peak's shape, is that of a micro
             // which does not go where it is told.
@@ -198,19 +198,19 @@ impl ConicalScan<'_> {
     /// believed to be there.
     pub fn confirm(
         &mut self,
-        station: &mut Station,
+        bench: &mut dyn Bench,
         gap: f64,
         foreseen: &Peak,
         phase: &'static str,
     ) -> Result<(f64, f64), Halt> {
         let radius = self.small(foreseen, gap);
         let small = radius * radius;
-        self.shrink(station, gap, radius, SHRINK)?;
+        self.shrink(bench, gap, radius, SHRINK)?;
         // The way to rest makes the micro ring as the way to this circle did, and is this much shorter.
         let shorter = radius / (self.shape.radius - radius);
         let (mut turns, mut before, mut rings) = (0, f64::INFINITY, false);
         let seen = loop {
-            self.turn(station, gap)?;
+            self.turn(bench, gap)?;
             let Some(seen) = self.peak() else {
                 return Err(Outcome::LightLost {
                     phase,
@@ -236,7 +236,7 @@ impl ConicalScan<'_> {
                 break seen;
             }
             (before, turns) = (swing, turns + 1);
-            self.go_to(station, &seen, gap)?;
+            self.go_to(bench, &seen, gap)?;
         };
         // On the way to this circle and on it nothing has moved.
         self.moved = if turns > 0 { self.moved } else { 0.0 };
@@ -278,19 +278,19 @@ impl ConicalScan<'_> {
             at: foreseen.at + by * share,
             ..seen
         };
-        self.go_to(station, &peak, gap)?;
-        self.shrink(station, gap, 0.0, last)?;
+        self.go_to(bench, &peak, gap)?;
+        self.shrink(bench, gap, 0.0, last)?;
         // It comes to rest, and not a moment longer than it may swing: piezos creep.
-        let settling = station.micro_settling();
-        self.cycles(station, gap, settling)?;
+        let settling = self.group(bench).settling;
+        self.last_for(bench, Gap::Steady(gap), settling)?;
         let longer = if self.shaking.rings() {
             (FORGETS - 1.0) * settling
         } else {
             0.0
         };
         // The peak moves on meanwhile as it did from turn to turn.
-        self.follow_drift(station, gap, longer)?;
-        let later = f64::from(turns) + last - COME_TO_REST + longer / self.shape.period;
+        self.follow_drift(bench, gap, longer)?;
+        let later = longer / self.period;
         // Fiber and guide are not quite as designed: by how much the peak is wider than believed, two
         // circles tell.
         let wide = self.shape.radius * self.shape.radius;
@@ -301,9 +301,9 @@ impl ConicalScan<'_> {
             return Err(Outcome::Misshapen { misfit, accepted }.into());
         }
         let known = foreseen.deviation * seen.deviation / deviation;
-        // How far piezos creep, and a macro that has not come to rest, until the fiber is fixed was foreseen, but for a
-        // part.
-        let moves = CREEP.max(self.drift.norm()) * (1.0 + later);
+        // How far piezos creep until the fiber is fixed was foreseen, but for a part; and as much of
+        // what moves on while a micro that rings comes to rest, such as a macro that creeps.
+        let moves = CREEP + CREEP.max(self.drift.norm()) * later;
         let known = known.hypot(UNFORESEEN * moves);
         Ok((full * self.beam.share(gap), known))
     }

@@ -1,15 +1,16 @@
 //! What light on the circle tells beside where the peak is: how wide the spot is, whether the micro swings, how the
 //! tip shakes.
 
-use super::{ConicalScan, SHRINK, SIGNIFICANT};
+use super::{ConicalScan, Gap, SHRINK, SIGNIFICANT};
 use crate::beam::{Peak, Reading};
 use crate::gap_by_light::{Circles, Width};
+use crate::outcome::Halt;
 use crate::shaking::Scatter;
-use crate::station::Station;
-use pigtail_hal::Fault;
+use pigtail_hal::bench::{Event, Light};
+use pigtail_hal::{Bench, Fault};
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::line::Line;
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::TAU;
 
 /// How far a circle's middle may have gone at the beginning of a turn that tells how a tip shakes, metres: a tip that
 /// shakes by 40 nm sends it there, and what a micro does on so short a way is nothing beside it.
@@ -53,10 +54,10 @@ impl ConicalScan<'_> {
     /// The machine's fault.
     pub fn width(
         &mut self,
-        station: &mut Station,
+        bench: &mut dyn Bench,
         gap: f64,
         at: f64,
-    ) -> Result<Option<Width>, Fault> {
+    ) -> Result<Option<Width>, Halt> {
         let mut spot = Circles::default();
         let mut width = None;
         for round in 1..=ROUNDS.1 {
@@ -64,8 +65,8 @@ impl ConicalScan<'_> {
             // To and fro, so that light which rises or falls steadily counts on both alike.
             for of_contact in [0, 1, 1, 0].map(|i| WIDTHS[i]) {
                 let radius = of_contact * self.beam.width(0.0) / self.beam.width(gap);
-                self.shrink(station, gap, radius, OVER)?;
-                self.turn(station, gap)?;
+                self.shrink(bench, gap, radius, OVER)?;
+                self.turn(bench, gap)?;
                 for reading in &self.readings {
                     spot.add(reading.at - self.centre, reading.volts);
                 }
@@ -77,8 +78,8 @@ impl ConicalScan<'_> {
                 }
             }
         }
-        self.shrink(station, gap, self.shape.radius, SHRINK)?;
-        self.turn(station, gap)?;
+        self.shrink(bench, gap, self.shape.radius, SHRINK)?;
+        self.turn(bench, gap)?;
         Ok(width)
     }
 
@@ -181,10 +182,10 @@ impl ConicalScan<'_> {
     /// The machine's fault.
     pub fn watch_shaking(
         &mut self,
-        station: &mut Station,
+        bench: &mut dyn Bench,
         gap: f64,
         samples: usize,
-    ) -> Result<(), Fault> {
+    ) -> Result<(), Halt> {
         let mut shaking = if self.shaking.is_watched() {
             self.shaking
         } else {
@@ -193,18 +194,18 @@ impl ConicalScan<'_> {
         let (width, peak) = (self.beam.width(gap), self.place(gap));
         // One that still swings after a short rest is watched again, after a longer one.
         let again = self.shaking.is_watched() || self.shaking.rings();
-        let rest = if again { FORGETS } else { GLANCE } * station.micro_settling();
-        let spec = station.spec();
-        let bond = ((spec.bond.time * spec.photodiode.rate).round() as usize).max(1);
+        let rest = if again { FORGETS } else { GLANCE } * self.group(bench).settling;
+        let rate = bench.caps().channels[self.watch.meter.0].rate;
+        let bond = ((bench.caps().bond * rate).round() as usize).max(1);
         // Piezos creep meanwhile, ever more slowly.
-        let straight = (STRAIGHT * spec.photodiode.rate).round() as usize;
+        let straight = (STRAIGHT * rate).round() as usize;
         let straight = straight.max(4 * bond);
-        let at_peak = self.look(station, samples)?;
+        let at_peak = self.look(bench, samples)?;
         let top = at_peak.iter().map(|(_, volts)| volts).sum::<f64>() / samples as f64;
         for direction in [Displacement::new(1.0, 0.0), Displacement::new(0.0, 1.0)] {
-            self.glide_to(station, peak + direction * (STEEP * width))?;
-            station.run(rest)?;
-            let beside = self.look(station, samples)?;
+            self.glide_to(bench, gap, peak + direction * (STEEP * width))?;
+            self.last_for(bench, Gap::Steady(gap), rest)?;
+            let beside = self.look(bench, samples)?;
             let light = beside.iter().map(|(_, volts)| volts).sum::<f64>() / samples as f64;
             if light < SIGNIFICANT * self.watch.noise {
                 continue;
@@ -234,7 +235,7 @@ impl ConicalScan<'_> {
                 }
             }
         }
-        self.glide_to(station, peak)?;
+        self.glide_to(bench, gap, peak)?;
         if shaking.is_known() {
             self.shaking = shaking;
         }
@@ -242,14 +243,25 @@ impl ConicalScan<'_> {
     }
 
     /// So many light samples from now on: their numbers, and the light, volts.
-    fn look(&self, station: &mut Station, samples: usize) -> Result<Vec<(f64, f64)>, Fault> {
+    fn look(&self, bench: &mut dyn Bench, samples: usize) -> Result<Vec<(f64, f64)>, Fault> {
         let mut seen = Vec::with_capacity(samples);
-        while seen.len() < samples {
-            station.cycle()?;
-            let volts = station.light(self.watch.channel);
-            seen.extend(volts.map(|volts| (seen.len() as f64, volts - self.watch.background)));
+        let mut take = |light: &Light| {
+            let volts = light.volts[self.watch.meter.0];
+            if !volts.is_nan() && seen.len() < samples {
+                seen.push((seen.len() as f64, volts - self.watch.background));
+            }
+            seen.len()
+        };
+        loop {
+            let taken = match bench.next(f64::INFINITY)? {
+                Event::Light(light) => take(&light),
+                Event::Batch(lights) => lights.iter().map(&mut take).last().unwrap_or(0),
+                Event::Time | Event::Done(_) | Event::Failed(..) => continue,
+            };
+            if taken >= samples {
+                return Ok(seen);
+            }
         }
-        Ok(seen)
     }
 
     /// The light's unrest where no shaking makes any: the photodiode's in the dark, or as much as was seen at the peak
@@ -267,16 +279,13 @@ impl ConicalScan<'_> {
         seen.filter(more).unwrap_or(dark)
     }
 
-    /// The micro goes straight to a displacement, without a jump of its speed.
-    fn glide_to(&self, station: &mut Station, to: Displacement) -> Result<(), Fault> {
-        let from = station.micro(self.watch.side);
-        let cycles = (SHRINK * self.shape.period / station.spec().period()).round();
-        for k in 0..cycles as u64 {
-            let share = 0.5 - 0.5 * (PI * (k as f64 + 1.0) / cycles).cos();
-            station.move_micro(self.watch.side, from + (to - from) * share);
-            station.cycle()?;
-        }
-        Ok(())
+    /// The micro goes straight to a displacement at a gap, without a jump of its speed, and rests there.
+    fn glide_to(&mut self, bench: &mut dyn Bench, gap: f64, to: Displacement) -> Result<(), Halt> {
+        let (centre, radius) = (self.centre, self.radius);
+        self.centre = to - self.walk * gap;
+        let glided = self.shrink(bench, gap, 0.0, SHRINK);
+        (self.centre, self.radius) = (centre, radius);
+        glided
     }
 }
 

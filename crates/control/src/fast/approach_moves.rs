@@ -2,10 +2,10 @@
 
 use super::seen::{Dark, Top, top_below};
 use super::{Look, Shared};
-use crate::conical_scan::Walk;
+use crate::conical_scan::{Gap, Walk};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::procedure::outward;
-use crate::station::Station;
+use crate::station::{Station, coarse};
 use crate::sweep::reach;
 use crate::tip_estimator::{Seen, Tip};
 use pigtail_hal::spec::Channel;
@@ -69,6 +69,14 @@ impl Aim {
             .kinematics(self.side)
             .chip_from_macro(station.endpoint(self.side));
         outward(self.side) * (holder.z - self.port.z)
+    }
+
+    /// The same for circles: how it follows the macro.
+    pub(super) fn led(&self, station: &Station) -> Gap {
+        Gap::Led {
+            by: coarse(self.side),
+            contact: station.endpoint(self.side).z + self.gap(station),
+        }
     }
 
     /// The walk of the peak in the manipulator's frame.

@@ -143,8 +143,8 @@ impl Shared<'_> {
             let end = station.wanted(aim.side).shifted(0.0, 0.0, way);
             station.start_line(aim.side, end, None)?;
             while station.moving(aim.side) {
-                let gap = aim.gap(station);
-                scan.cycle(station, gap)?;
+                let led = aim.led(station);
+                scan.step(station, led, f64::INFINITY)?;
             }
         }
         Ok(())
@@ -235,7 +235,8 @@ fn width(
             break;
         }
     }
-    let width = scan.width(station, gap, aim.gap_by_encoders(station))?;
+    let at = aim.gap_by_encoders(station);
+    let width = scan.width(station, gap, at)?;
     let seen = station.seen(aim.side, aim.tip);
     Ok(width.zip(seen).map(|(width, seen)| SeenWidth {
         width,

@@ -17,16 +17,17 @@ mod ratio;
 mod seen;
 
 use crate::beam::Beam;
-use crate::conical_scan::{ConicalScan, Watch};
+use crate::conical_scan::{ConicalScan, Gap, Watch};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::procedure::{FiberReport, Found, Job, each_fiber};
 use crate::recipe::{Fast, Recipe, Sweep};
-use crate::station::{Level, Station};
+use crate::station::{Level, Station, coarse, fine};
 use crate::sweep::{Spot, first_light};
 use crate::tip_estimator::Tip;
 use approach_moves::{Aim, cock, lines};
+use pigtail_hal::bench::{Meter, Pose};
 use pigtail_hal::spec::{CHANNELS, Channel};
-use pigtail_hal::{FiberHandling, Side};
+use pigtail_hal::{Bench, FiberHandling, Side};
 use pigtail_model::frames::{Displacement, Macro, Point};
 use ratio::Ratios;
 pub use ratio::{Ratio, measure_ratios};
@@ -257,8 +258,8 @@ impl<'r> Shared<'r> {
     fn watch(&self, side: Side, channel: Channel) -> Watch {
         let dark = self.dark[channel.index()];
         Watch {
-            side,
-            channel,
+            group: fine(side),
+            meter: Meter(channel.index()),
             background: dark.level.mean,
             noise: dark.level.sigma,
             still: dark.still,
@@ -294,7 +295,8 @@ impl<'r> Shared<'r> {
                 };
                 begun = Some((watch, start));
                 let top = start.y + 2.0 * self.below() + self.fast.overscan;
-                let spot = self.search(station, &watch, look, top, dismissed)?;
+                let eye = (job.side, job.channel);
+                let spot = self.search(station, eye, &watch, look, top, dismissed)?;
                 let watch = Watch {
                     background: spot.background,
                     ..watch
@@ -376,7 +378,8 @@ impl<'r> Shared<'r> {
             // Whoever goes to the peak next should know why this did not come to an end.
             let given_up = matches!(last, Err(Halt::Outcome(_))) && !scan.shaking().is_watched();
             if given_up && station.has_piezo_model(job.side) {
-                scan.watch_shaking(station, aim.gap(station), WATCHED.0)?;
+                let gap = aim.gap(station);
+                scan.watch_shaking(station, gap, WATCHED.0)?;
             }
             job.has_shaken(scan.shaking());
             let (level, across) = last?;
@@ -400,6 +403,7 @@ impl<'r> Shared<'r> {
     fn search(
         &self,
         station: &mut Station,
+        eye: (Side, Channel),
         watch: &Watch,
         look: &Look,
         top: f64,
@@ -411,7 +415,7 @@ impl<'r> Shared<'r> {
             speed: self.fast.sweep.speed / look.slow,
             ..self.fast.sweep
         };
-        let (spot, evidence) = first_light(station, watch, &sweep, area, top, threshold)?;
+        let (spot, evidence) = first_light(station, eye, watch, &sweep, area, top, threshold)?;
         spot.ok_or_else(|| {
             Outcome::NoLight(SearchEvidence {
                 dismissed,
@@ -435,7 +439,8 @@ impl<'r> Shared<'r> {
         let gap = aim.gap(station);
         let rest = station.wanted(aim.side);
         let at = spot.at - rest.across();
-        let mut scan = ConicalScan::new(watch, beam, shape, station, at, gap, walk);
+        let before = station.measured_shaking(aim.side);
+        let mut scan = ConicalScan::new(watch, beam, shape, station, (at, gap), walk, before);
         // What the micro will not reach, here or at the chip, the macro must.
         self.make_room(station, aim, &mut scan, beam.width(gap), gap)?;
         let coarse = 0.15 * beam.width(gap);
@@ -512,17 +517,24 @@ impl<'r> Shared<'r> {
         let way = aim.gap(station) - gap;
         let end = station.wanted(aim.side).shifted(0.0, 0.0, way);
         station.start_line(aim.side, end, None)?;
-        let turn = (self.fast.conical_scan.period / station.spec().period()).round() as u64;
+        let turn = scan.period();
         let start = scan.place(0.0);
-        let (mut cycles, mut after) = (0, 0);
-        while after < turns * turn {
-            let gap = aim.gap(station);
-            scan.cycle(station, gap)?;
-            cycles += 1;
-            after += u64::from(!station.moving(aim.side));
-            if cycles % turn != 0 {
+        let (mut next, mut end) = (station.time() + turn, f64::INFINITY);
+        loop {
+            let led = aim.led(station);
+            let by = next.min(end);
+            let over = scan.step(station, led, by)?;
+            if end.is_infinite() && !station.moving(aim.side) {
+                end = station.time() + turns as f64 * turn;
+            }
+            if !over {
                 continue;
             }
+            if by >= end {
+                return Ok(());
+            }
+            next += turn;
+            let gap = aim.gap(station);
             // A peak that the micro does not reach is lost too: whatever happens, the macro is
             // stopped before anyone tries again.
             let peak = scan.peak();
@@ -548,7 +560,6 @@ impl<'r> Shared<'r> {
             }
             return Err(why.into());
         }
-        Ok(())
     }
 
     /// The last turns at the chip, and whether the light is what it should be. Returns it, and the standard deviation of
@@ -591,12 +602,18 @@ impl<'r> Shared<'r> {
                     let aside = self.recipe.accept.aside;
                     match scan.shaking().is_sure(aside, known) {
                         Err(unsure) => {
-                            // What shakes cannot be made less; the peak can be known better.
-                            if watched > 0 {
+                            // What shakes cannot be made less; the peak can be known better. Watching does not
+                            // help where that is all that is missing.
+                            let sure = |scan: &ConicalScan, better: f64| {
+                                scan.shaking().is_sure(aside, better * known).is_ok()
+                            };
+                            let missing = |scan: &ConicalScan| sure(scan, BETTER * BETTER);
+                            if watched > 0 || missing(scan) {
                                 accuracy *= BETTER;
                             }
                             let mut samples = WATCHED.0;
                             while watched + samples <= WATCHED.1
+                                && !missing(scan)
                                 && scan.shaking().is_sure(aside, known).is_err()
                             {
                                 scan.watch_shaking(station, gap, samples)?;
@@ -604,7 +621,7 @@ impl<'r> Shared<'r> {
                                 samples = watched;
                             }
                             // A dim peak takes as long as it takes.
-                            let better = scan.shaking().is_sure(aside, BETTER * known).is_ok();
+                            let better = sure(scan, BETTER);
                             if better && attempt == ATTEMPTS && patience > 0 {
                                 patience -= 1;
                                 attempt -= 1;
@@ -661,18 +678,26 @@ fn hand_over(
     /// For the servo to come to rest, seconds.
     const REST: f64 = 0.02;
     let goal = station.wanted(side).moved(by);
-    let mut before = station.endpoint(side);
+    let before = station.endpoint(side);
     station.start_line(side, goal, None)?;
-    let mut rest = REST;
-    while station.moving(side) || rest > 0.0 {
-        if !station.moving(side) {
-            rest -= station.spec().period();
+    let place = scan.place(gap);
+    if !station.reaches(fine(side), &Pose::at(place.x, place.y, 0.0)) {
+        // Where the micro does not get to yet it need not wait.
+        while station.moving(side) {
+            station.cycle()?;
         }
-        scan.cycle(station, gap)?;
-        let now = station.endpoint(side);
-        scan.hand_over(now.across() - before.across());
-        before = now;
+        station.run(REST)?;
+        scan.hand_over(station.endpoint(side).across() - before.across());
+        return Ok(());
     }
+    scan.begin_aside(station, coarse(side));
+    let aside = Gap::Aside(gap, coarse(side));
+    while station.moving(side) {
+        scan.step(station, aside, f64::INFINITY)?;
+    }
+    scan.run(station, aside, REST)?;
+    scan.hand_over(station.endpoint(side).across() - before.across());
+    scan.end_aside();
     Ok(())
 }
 

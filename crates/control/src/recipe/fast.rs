@@ -189,9 +189,9 @@ pub struct ConicalScan {
     /// Radius, in distances at which the light has fallen to 1/e.
     #[serde(with = "quantity::Positive")]
     pub radius: f64,
-    /// How late micro and photodiode are, seconds.
-    #[serde(with = "quantity::NonNegativeTime")]
-    pub lag: f64,
+    /// How late micro and photodiode are, seconds; left out: as the machine's own belief has it.
+    #[serde(with = "quantity::Optional::<quantity::NonNegativeTime>")]
+    pub lag: Option<f64>,
     /// Most turns in one place.
     pub turns: u32,
 }
@@ -201,7 +201,7 @@ impl Default for ConicalScan {
         Self {
             period: 24e-3,
             radius: 0.55,
-            lag: 1.2e-3,
+            lag: None,
             turns: 10,
         }
     }
@@ -277,7 +277,12 @@ impl Fast {
                 0.05,
                 2.0,
             ),
-            ("fast.conical_scan.lag", self.conical_scan.lag, 0.0, 0.1),
+            (
+                "fast.conical_scan.lag",
+                self.conical_scan.lag.unwrap_or(0.0),
+                0.0,
+                0.1,
+            ),
             (
                 "fast.conical_scan.turns",
                 f64::from(self.conical_scan.turns),
