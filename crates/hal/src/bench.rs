@@ -9,6 +9,9 @@
 //!
 //! **Time** is the bench's own, in seconds. It passes in [`Bench::next`] only.
 
+mod check;
+pub mod spec;
+
 use crate::Fault;
 use serde::{Deserialize, Serialize};
 use std::fmt;

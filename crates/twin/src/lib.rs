@@ -21,6 +21,7 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+pub mod bench;
 mod broken;
 mod drive;
 pub mod faults;
@@ -36,7 +37,7 @@ pub mod unrest;
 
 use broken::Broken;
 use drive::Drives;
-use light::{FiberInHolder, LightPath, Tips};
+use light::{FiberInHolder, LightPath, Optics, Tips};
 use manipulator::Manipulator;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::{AXES, CHANNELS, HolderSpec, MICRO_AXES, OUTPUTS, SIDES};
@@ -246,6 +247,14 @@ impl Twin {
         let mut noise = stream(3);
         let period = spec.period();
         let scatter = &plant.scatter;
+        let optics = Optics {
+            device: &plant.device,
+            fiber: &plant.fiber,
+            light: &plant.light,
+            scatter,
+            loss: plant.variation.loss,
+            core: spec.sensing_fiber.core,
+        };
         Ok(Self {
             drives: Drives::new(
                 plant,
@@ -254,7 +263,7 @@ impl Twin {
                 numbered(seed, 5),
             )?,
             manipulators: [left, right],
-            light: LightPath::new(plant, &spec, &mut device)?,
+            light: LightPath::new(&optics, &mut device)?,
             tray,
             held: [None; SIDES],
             attached: [[None; OUTPUTS]; SIDES],
@@ -598,14 +607,7 @@ impl Twin {
     pub fn truth(&self) -> Truth {
         let fiber = |side: Side, port: usize| {
             let fixed = self.attached[side.index()][port].as_ref()?;
-            let at = self.light.port(side, port);
-            let peak = self.light.peak(at, fixed.tip, fixed.fiber.tilt);
-            Some(FiberTruth {
-                x: fixed.tip.x - peak.x,
-                y: fixed.tip.y - peak.y,
-                gap: at.gap(fixed.tip),
-                coupling: fixed.coupling,
-            })
+            Some(self.light.truth(side, port, fixed))
         };
         Truth {
             input: fiber(Side::Left, 0),

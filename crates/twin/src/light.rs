@@ -1,7 +1,8 @@
 //! Where the light goes: from the input fiber through the Y-branch to the photodiodes.
 
-use super::plant::Plant;
-use pigtail_hal::spec::{CHANNELS, Channel, OUTPUTS, Side, Spec};
+use super::plant::{Device, Fiber, Light, Plant, Scatter};
+use super::{FiberTruth, Fixed};
+use pigtail_hal::spec::{CHANNELS, Channel, OUTPUTS, Side};
 use pigtail_model::Invalid;
 use pigtail_model::frames::{Chip, Displacement, Point};
 use pigtail_model::optics::{
@@ -106,9 +107,26 @@ pub(super) struct Tips {
     pub(super) sensing: Point<Chip>,
 }
 
+/// What light passes through.
+pub(super) struct Optics<'p> {
+    pub(super) device: &'p Device,
+    pub(super) fiber: &'p Fiber,
+    pub(super) light: &'p Light,
+    pub(super) scatter: &'p Scatter,
+    /// Greatest excess loss of a branch.
+    pub(super) loss: f64,
+    /// Diameter of the core in which scattered light is stated, metres.
+    pub(super) core: f64,
+}
+
 impl LightPath {
-    pub(super) fn new(plant: &Plant, spec: &Spec, rng: &mut impl RngExt) -> Result<Self, Invalid> {
-        let device = &plant.device;
+    pub(super) fn new(optics: &Optics, rng: &mut impl RngExt) -> Result<Self, Invalid> {
+        let Optics {
+            device,
+            light,
+            scatter,
+            ..
+        } = *optics;
         let (sin_exit, cos_exit) = exit_angle(device.facet, device.index).sin_cos();
         let port = |[x, y, z]: [f64; 3], outward: f64| Port {
             position: Point::new(x, y, z),
@@ -118,7 +136,7 @@ impl LightPath {
             cos_exit,
         };
         let [radius_x, radius_y] = device.mode_radius;
-        let fiber = plant.fiber.mode_radius;
+        let fiber = optics.fiber.mode_radius;
         Ok(Self {
             coupler: Coupler::new(
                 GaussianMode { radius_x, radius_y },
@@ -126,22 +144,22 @@ impl LightPath {
                     radius_x: fiber,
                     radius_y: fiber,
                 },
-                plant.light.wavelength,
+                light.wavelength,
             )?,
             input: port(device.input, -1.0),
             outputs: device.outputs.map(|p| port(p, 1.0)),
             branch: device
                 .transmission
-                .map(|share| share * (1.0 - plant.variation.loss * rng.random::<f64>())),
-            full: plant.light.full,
+                .map(|share| share * (1.0 - optics.loss * rng.random::<f64>())),
+            full: light.full,
             fiber_radius: fiber,
-            core_radius: 0.5 * spec.sensing_fiber.core,
-            scatter_level: plant.scatter.level,
-            scatter_spread: plant.scatter.spread,
+            core_radius: 0.5 * optics.core,
+            scatter_level: scatter.level,
+            scatter_spread: scatter.spread,
             side_lobe: (device.side_lobe, device.side_lobe_at),
             ripple: (
                 10_f64.powf(-0.1 * device.ripple_db),
-                4.0 * PI / plant.light.wavelength,
+                4.0 * PI / light.wavelength,
             ),
         })
     }
@@ -216,9 +234,21 @@ impl LightPath {
         (-hill).exp() * disc_below_edge(tip.y - middle.y, radius)
     }
 
+    /// Where a fiber that is fixed really is.
+    pub(super) fn truth(&self, side: Side, port: usize, fixed: &Fixed) -> FiberTruth {
+        let at = self.port(side, port);
+        let peak = self.peak(at, fixed.tip, fixed.fiber.tilt);
+        FiberTruth {
+            x: fixed.tip.x - peak.x,
+            y: fixed.tip.y - peak.y,
+            gap: at.gap(fixed.tip),
+            coupling: fixed.coupling,
+        }
+    }
+
     /// The lateral position at which the coupling to `port` peaks for a fiber of this tilt at the
     /// gap of `tip`, chip frame.
-    pub(super) fn peak(&self, port: &Port, tip: Point<Chip>, tilt: [f64; 2]) -> Displacement {
+    fn peak(&self, port: &Port, tip: Point<Chip>, tilt: [f64; 2]) -> Displacement {
         /// How far the peak may be from where the port's ray is, metres.
         const REACH: f64 = 10e-6;
         /// Far below where rounding hides which of two places is the brighter, metres.

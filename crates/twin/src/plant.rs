@@ -347,7 +347,7 @@ const FARTHEST: f64 = 3.0;
 
 impl Spread {
     /// From zero, by a distribution of this width.
-    fn offset(self, rng: &mut impl RngExt, width: f64) -> f64 {
+    pub(super) fn offset(self, rng: &mut impl RngExt, width: f64) -> f64 {
         match self {
             Self::Uniform => uniform(rng, width),
             Self::Normal => loop {
@@ -483,13 +483,7 @@ impl Plant {
 impl Plant {
     /// Numbers that are good of their kind and still make no machine.
     fn check(&self) -> Result<(), (&'static str, String)> {
-        for radius in self.device.mode_radius {
-            if radius <= 0.0 {
-                let message =
-                    format!("{radius} m is not positive; accepted are lengths above zero");
-                return Err(("device.mode_radius", message));
-            }
-        }
+        self.device.check()?;
         self.check_joints()?;
         self.floor.check()?;
         self.camera.check()?;
@@ -503,44 +497,6 @@ impl Plant {
             return Err(("micro.damping", message));
         }
         self.micro.check(&self.variation)?;
-        for share in self.device.transmission {
-            if !(0.0..=1.0).contains(&share) {
-                let message = format!("{share} lets through what is not there; accepted is 0 to 1");
-                return Err(("device.transmission", message));
-            }
-        }
-        if self.device.turn.abs() > 0.1 {
-            let message = format!(
-                "{:.1} deg is no chip in its fixture; accepted is -5.7 to 5.7 deg",
-                self.device.turn.to_degrees()
-            );
-            return Err(("device.turn", message));
-        }
-        if self.device.ripple_db > 10.0 {
-            let message = format!(
-                "{} is beyond reason; accepted is 0 to 10",
-                self.device.ripple_db
-            );
-            return Err(("device.ripple_db", message));
-        }
-        if !(1.0..=5.0).contains(&self.device.index) {
-            let message = format!(
-                "{} is no guide's index; accepted is 1 to 5",
-                self.device.index
-            );
-            return Err(("device.index", message));
-        }
-        let steepest = (1.0 / self.device.index).asin().min(PI / 3.0);
-        if self.device.facet.abs() >= steepest {
-            let message = format!(
-                "light of an index of {} does not leave a facet of {:.1} deg; accepted is less than \
-                 {:.1} deg",
-                self.device.index,
-                self.device.facet.to_degrees(),
-                steepest.to_degrees()
-            );
-            return Err(("device.facet", message));
-        }
         let v = &self.variation;
         for (key, value) in [
             ("variation.inertia", v.inertia),
@@ -600,6 +556,52 @@ impl Plant {
         ];
         for (key, unrest) in unrest {
             unrest.check().map_err(|message| (key, message))?;
+        }
+        Ok(())
+    }
+}
+
+impl Device {
+    /// Numbers that are good of their kind and still make no device.
+    pub(super) fn check(&self) -> Result<(), (&'static str, String)> {
+        for radius in self.mode_radius {
+            if radius <= 0.0 {
+                let message =
+                    format!("{radius} m is not positive; accepted are lengths above zero");
+                return Err(("device.mode_radius", message));
+            }
+        }
+        for share in self.transmission {
+            if !(0.0..=1.0).contains(&share) {
+                let message = format!("{share} lets through what is not there; accepted is 0 to 1");
+                return Err(("device.transmission", message));
+            }
+        }
+        if self.turn.abs() > 0.1 {
+            let message = format!(
+                "{:.1} deg is no chip in its fixture; accepted is -5.7 to 5.7 deg",
+                self.turn.to_degrees()
+            );
+            return Err(("device.turn", message));
+        }
+        if self.ripple_db > 10.0 {
+            let message = format!("{} is beyond reason; accepted is 0 to 10", self.ripple_db);
+            return Err(("device.ripple_db", message));
+        }
+        if !(1.0..=5.0).contains(&self.index) {
+            let message = format!("{} is no guide's index; accepted is 1 to 5", self.index);
+            return Err(("device.index", message));
+        }
+        let steepest = (1.0 / self.index).asin().min(PI / 3.0);
+        if self.facet.abs() >= steepest {
+            let message = format!(
+                "light of an index of {} does not leave a facet of {:.1} deg; accepted is less than \
+                 {:.1} deg",
+                self.index,
+                self.facet.to_degrees(),
+                steepest.to_degrees()
+            );
+            return Err(("device.facet", message));
         }
         Ok(())
     }

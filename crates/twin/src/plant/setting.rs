@@ -101,7 +101,7 @@ impl Default for ElectronicsPlant {
 const LATEST: f64 = 10e-3;
 
 impl FloorPlant {
-    pub(super) fn check(&self) -> Result<(), (&'static str, String)> {
+    pub(crate) fn check(&self) -> Result<(), (&'static str, String)> {
         if self.rms.iter().any(|rms| *rms < 0.0) {
             let message = "is negative; accepted are three lengths of zero or more";
             return Err(("floor.rms", message.to_owned()));
