@@ -1,7 +1,8 @@
 //! `pigtail align`.
 
+use crate::bench;
 use crate::choice::choice;
-use crate::common::{Common, OwnAxes, write_table};
+use crate::common::{Common, OwnAxes, believed, write_table};
 use crate::methods::{self, MethodArguments};
 use crate::phases::Phases;
 use crate::progress::Progress;
@@ -14,6 +15,7 @@ use pigtail_control::station::{Observer, Sample};
 use pigtail_evaluate::align::{AlignmentDocument, align};
 use pigtail_evaluate::entry;
 use pigtail_report as report;
+use pigtail_session::bench::is_bench;
 use pigtail_session::faults::Faults;
 use pigtail_session::own::Own;
 use pigtail_session::procedure::Procedure;
@@ -39,6 +41,7 @@ use std::io::{self, Write};
 Examples:
   pigtail align                         the default rig and recipe
   pigtail align --seed 7 --json         another machine and device, as one JSON document
+  pigtail align --rig bench-piezo       a bench that is controlled by position, without a camera
   pigtail align --rig my-rig/           your own rig: machine.toml, plant.toml, calibration.toml
   pigtail align --recipe my-chip.toml   your own device
   pigtail align --from plant.toml       an axis of your own, as identify servo wrote it
@@ -127,6 +130,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     let own = Own::read(&arguments.own.from)?;
     let common = &arguments.common;
+    // A seed may name a device as well: that of a row of a campaign does.
+    let named = Specimen::from(arguments.common.seed);
+    let device = named.device().wrapping_add(arguments.device);
+    let seed = Specimen::of(named.machine(), device).seed();
+    if is_bench(&common.rig)? {
+        return on_bench(arguments, &own, seed);
+    }
     let mut setup = common.setup_with(&arguments.recipe, &own, false, &[])?;
     arguments.scenario.apply(&mut setup);
     setup.faults = match &arguments.faults {
@@ -137,10 +147,6 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     if let Some(method) = arguments.method.method() {
         return methods::run(method, &arguments.method, &arguments.common, &setup);
     }
-    // A seed may name a device as well: that of a row of a campaign does.
-    let named = Specimen::from(arguments.common.seed);
-    let device = named.device().wrapping_add(arguments.device);
-    let seed = Specimen::of(named.machine(), device).seed();
     setup.options.real_time = arguments.real_time;
     running::warn(&setup, arguments.procedure.believes());
     let (runs, recorded) = (&arguments.common.runs, !arguments.no_record);
@@ -183,13 +189,47 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         }
     }
     crate::print(&text)?;
-    Ok(if document.fault.is_some() {
+    Ok(code(&document))
+}
+
+fn code(document: &AlignmentDocument) -> u8 {
+    if document.fault.is_some() {
         FAULT
     } else if document.is_success() {
         DONE
     } else {
         NEGATIVE
-    })
+    }
+}
+
+/// The same on a rig that is controlled by position.
+fn on_bench(arguments: &Arguments, own: &Own, seed: u64) -> Result<u8, Failure> {
+    bench::refuse(&[
+        ("--from", !own.is_empty()),
+        ("--procedure", arguments.procedure != Procedure::default()),
+        ("--scenario", arguments.scenario != Scenario::default()),
+        ("--fault", !arguments.fault.is_empty()),
+        (
+            "--faults",
+            !matches!(arguments.faults, None | Some(Faults::None)),
+        ),
+        ("--method", arguments.method.method().is_some()),
+        ("--real-time", arguments.real_time),
+    ])?;
+    let common = &arguments.common;
+    let calibration = believed(&common.rig, common.calibration.as_deref(), &common.runs)?;
+    let (document, json, line) =
+        bench::run(common, &arguments.recipe, calibration.as_deref(), seed)?;
+    let mut text = Vec::new();
+    if common.json {
+        text.extend(json);
+        text.push(b'\n');
+    } else {
+        print_table(&mut text, &document).map_err(anyhow::Error::from)?;
+        text.extend(line.bytes());
+    }
+    crate::print(&text)?;
+    Ok(code(&document))
 }
 
 fn print_table(out: &mut impl Write, document: &AlignmentDocument) -> io::Result<()> {

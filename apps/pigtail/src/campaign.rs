@@ -1,5 +1,6 @@
 //! `pigtail campaign`.
 
+use crate::bench;
 use crate::choice::choice;
 use crate::common::{believed, write_table};
 use crate::running;
@@ -15,6 +16,8 @@ use pigtail_evaluate::campaign::{
 };
 use pigtail_hal::Error;
 use pigtail_report as report;
+use pigtail_session::bench::{BenchSetup, is_bench};
+use pigtail_session::calibrations::RunsOn;
 use pigtail_session::faults::Faults;
 use pigtail_session::fleet::NOMINAL;
 use pigtail_session::procedure::Procedure;
@@ -147,7 +150,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let started = Instant::now();
     // Before there is a folder that a Ctrl-C could leave behind.
     let stop = stop::on_signal()?;
-    let (setup, mut store) = open(arguments)?;
+    let (on, mut store) = open(arguments)?;
     let threads = arguments
         .threads
         .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
@@ -159,16 +162,24 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             .and_then(std::path::Path::parent);
         let runs = kept.unwrap_or(&arguments.runs);
         let seeds = store.plan().machine_seeds();
-        Some(commission(&setup, &seeds, runs, threads, &stop)?)
+        match &on {
+            On::Machines(setup) => Some(commission(setup, &seeds, runs, threads, &stop)?),
+            On::Benches(_) => None,
+        }
     } else {
         None
     };
     let progress = Progress::new(store.plan().devices, before);
     let mut counts = (0_u64, 0_u64);
     let watch = |device: &Device| progress.device(device, &mut counts);
-    let ended = match &commissioned {
-        None => campaign::run(&mut store, &setup, threads, &stop, watch),
-        Some(machines) => campaign::run_commissioned(&mut store, machines, threads, &stop, watch),
+    let ended = match (&on, &commissioned) {
+        (On::Machines(setup), None) => campaign::run(&mut store, setup, threads, &stop, watch),
+        (On::Benches(setup), None) => {
+            campaign::run_benches(&mut store, setup, threads, &stop, watch)
+        }
+        (_, Some(machines)) => {
+            campaign::run_commissioned(&mut store, machines, threads, &stop, watch)
+        }
     };
     progress.bar.finish_and_clear();
     let kept = |error: anyhow::Error| anyhow!("{error:#}; {}", resumable(&store));
@@ -180,17 +191,17 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     if !store.was_whole() {
         let report = report::campaign(&store, &document)?;
-        let on = running::on(&setup, &document, None);
+        let on = running::on_rig(on.rig(), &document, None);
         store.finish(&document, &on, &report).map_err(kept)?;
     }
     let mut text = Vec::new();
     if arguments.json {
-        let on = running::on(&setup, &document, None);
+        let on = running::on_rig(on.rig(), &document, None);
         serde_json::to_writer(&mut text, &on).map_err(anyhow::Error::from)?;
         text.push(b'\n');
     } else {
         print_summary(&mut text, &document, store.done() - before).map_err(anyhow::Error::from)?;
-        text.extend(running::line(&setup).bytes());
+        text.extend(format!("Ran on {}\n", on.rig()).bytes());
     }
     crate::print(&text)?;
     if !document.complete {
@@ -233,8 +244,73 @@ fn resumable(store: &Store) -> String {
     )
 }
 
+/// What a campaign is on.
+enum On {
+    Machines(Box<Setup>),
+    Benches(Box<BenchSetup>),
+}
+
+impl On {
+    fn rig(&self) -> RunsOn {
+        match self {
+            Self::Machines(setup) => RunsOn::of(&setup.rig),
+            Self::Benches(setup) => RunsOn::of_bench(&setup.rig),
+        }
+    }
+}
+
+/// A campaign on benches. What only machines of volts have may not be asked for.
+fn open_benches(
+    arguments: &Arguments,
+    begun: Option<&Plan>,
+    named: &Named,
+) -> Result<(On, Store), Failure> {
+    let usual = |name: &Option<String>| name.as_deref().is_none_or(|name| name == NOMINAL);
+    let faults = !matches!(arguments.faults, None | Some(Faults::None));
+    bench::refuse(&[
+        ("--machines", arguments.machines.is_some()),
+        ("--fleet", !usual(&arguments.fleet)),
+        ("--commissioned", arguments.commissioned),
+        (
+            "--scenario",
+            arguments.scenario.unwrap_or_default() != Scenario::Nominal,
+        ),
+        ("--faults", faults),
+        (
+            "--procedure",
+            arguments.procedure.unwrap_or_default() != Procedure::default(),
+        ),
+    ])?;
+    let setup = BenchSetup::load_named(named)?;
+    let seed = arguments.seed.or(begun.map(|plan| plan.seed)).unwrap_or(0);
+    let devices = arguments.devices.or(begun.map(|plan| plan.devices));
+    let devices = devices.unwrap_or(1);
+    enough_seeds(seed, devices)?;
+    setup.twin(seed)?;
+    let plan = Plan::of_benches(&setup, seed, devices);
+    let store = match &arguments.resume {
+        Some(folder) => Store::resume(folder, &plan)?,
+        None => Store::begin(&arguments.runs, plan)?,
+    };
+    Ok((On::Benches(Box::new(setup)), store))
+}
+
+fn enough_seeds(seed: u64, devices: u64) -> Result<(), Error> {
+    if seed.checked_add(devices).is_some() {
+        return Ok(());
+    }
+    Err(Error::new(
+        "--seed",
+        "",
+        format!(
+            "is {seed}, and with {devices} devices seeds would run out; accepted is at most {}",
+            u64::MAX - devices
+        ),
+    ))
+}
+
 /// The campaign to run, new or begun before. Nothing is written before all input is checked.
-fn open(arguments: &Arguments) -> Result<(Setup, Store), Failure> {
+fn open(arguments: &Arguments) -> Result<(On, Store), Failure> {
     let begun = arguments.resume.as_deref().map(Plan::read).transpose()?;
     let named = |given: &Option<String>, begun: Option<&String>, default: &str| {
         given
@@ -254,12 +330,16 @@ fn open(arguments: &Arguments) -> Result<(Setup, Store), Failure> {
         DEFAULT_RECIPE_NAME,
     );
     let calibration = believed(&rig, arguments.calibration.as_deref(), &arguments.runs)?;
-    let mut setup = Setup::load_named(&Named {
+    let names = Named {
         rig: &rig,
         recipe: &recipe,
         calibration: calibration.as_deref(),
         ..Named::default()
-    })?;
+    };
+    if is_bench(&rig)? {
+        return open_benches(arguments, begun_as, &names);
+    }
+    let mut setup = Setup::load_named(&names)?;
     let scenario = match (arguments.scenario, begun_as) {
         (Some(scenario), _) => scenario,
         (None, Some(plan)) => plan.scenario()?,
@@ -295,17 +375,7 @@ fn open(arguments: &Arguments) -> Result<(Setup, Store), Failure> {
         (None, _, Some(plan)) => (plan.devices, plan.devices_each),
         (None, _, None) => (1, 1),
     };
-    if seed.checked_add(devices).is_none() {
-        return Err(Error::new(
-            "--seed",
-            "",
-            format!(
-                "is {seed}, and with {devices} devices seeds would run out; accepted is at most {}",
-                u64::MAX - devices
-            ),
-        )
-        .into());
-    }
+    enough_seeds(seed, devices)?;
     campaign::check(&setup, seed)?;
     running::warn(&setup, procedure.believes());
     let commissioned = arguments.commissioned || begun_as.is_some_and(|plan| plan.commissioned);
@@ -314,9 +384,9 @@ fn open(arguments: &Arguments) -> Result<(Setup, Store), Failure> {
         .with_commissioned(commissioned);
     let store = match &arguments.resume {
         Some(folder) => Store::resume(folder, &plan)?,
-        None => Store::begin(&arguments.runs, &setup, plan)?,
+        None => Store::begin(&arguments.runs, plan)?,
     };
-    Ok((setup, store))
+    Ok((On::Machines(Box::new(setup)), store))
 }
 
 /// A bar with the time that is left, on a terminal; nothing elsewhere.

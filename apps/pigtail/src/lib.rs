@@ -3,6 +3,7 @@
 //! Exit codes: 0 done, 1 an honest negative, 2 bad input, 3 a fault.
 
 mod align;
+mod bench;
 mod benchmark;
 mod calibration;
 mod campaign;

@@ -4,6 +4,7 @@ use crate::common::OwnAxes;
 use crate::{DONE, Failure};
 use clap::{Args, Subcommand};
 use pigtail_hal::Error;
+use pigtail_session::bench::{BenchRig, BenchSetup, is_bench};
 use pigtail_session::own::Own;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, FILES, Named, Rig, rig_files};
 use pigtail_session::setup::Setup;
@@ -79,17 +80,33 @@ struct Checked<'a> {
 }
 
 fn check(arguments: &CheckArguments) -> Result<u8, Failure> {
-    let rig = Rig::load(&arguments.rig, &arguments.recipe)?;
-    let twin = rig.truth().is_some();
-    if twin {
-        // The truth is checked with the first machine that it makes.
-        Setup::of(rig.clone())?.twin(0)?;
-    }
+    let (rig, recipe) = (&arguments.rig, &arguments.recipe);
+    let bench = is_bench(rig)?;
+    // The truth is checked with the first machine that it makes.
+    let (twin, files) = if bench {
+        let named = Named {
+            rig,
+            recipe,
+            ..Named::default()
+        };
+        let rig = BenchRig::load_named(&named)?;
+        if rig.has_twin() {
+            BenchSetup::of(rig.clone())?.twin(0)?;
+        }
+        (rig.has_twin(), rig.hashes)
+    } else {
+        let rig = Rig::load(rig, recipe)?;
+        let twin = rig.truth().is_some();
+        if twin {
+            Setup::of(rig.clone())?.twin(0)?;
+        }
+        (twin, rig.hashes)
+    };
     let checked = Checked {
-        rig: &rig.name,
-        recipe: &rig.recipe_name,
+        rig,
+        recipe,
         twin,
-        files: &rig.hashes,
+        files: &files,
     };
     let text = if arguments.json {
         serde_json::to_string(&checked).map_err(anyhow::Error::from)? + "\n"
@@ -98,7 +115,9 @@ fn check(arguments: &CheckArguments) -> Result<u8, Failure> {
             .files
             .iter()
             .map(|(file, _)| format!("{file}: well\n"));
-        let can = if twin {
+        let can = if bench && twin {
+            "It is a bench that is controlled by position, and has a twin: align and campaign run on it.\n"
+        } else if twin {
             "It has a twin: every command runs on it.\n"
         } else {
             "It has no plant.toml, and so no twin: commands that need a machine need a real one.\n"
@@ -129,6 +148,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         recipe: DEFAULT_RECIPE_NAME,
         ..Named::default()
     };
+    if is_bench(&arguments.rig)? {
+        let message = "is controlled by position, and has no axes to be replaced; accepted is a machine of volts, or a copy \
+                       of its folder";
+        return Err(Error::new(&arguments.rig, "", message).into());
+    }
     let files = rig_files(&named, &own, false)?;
     // That it is a rig, before anything is written.
     let setup = Setup::load_with(&named, &own, false)?;

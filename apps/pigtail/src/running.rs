@@ -50,9 +50,18 @@ pub(crate) fn on<'d>(
     document: &'d impl Serialize,
     found: Option<&'d FoundDocument>,
 ) -> impl Serialize + 'd {
+    on_rig(RunsOn::of(&setup.rig), document, found)
+}
+
+/// The same of any rig.
+pub(crate) fn on_rig<'d>(
+    rig: RunsOn,
+    document: &'d impl Serialize,
+    found: Option<&'d FoundDocument>,
+) -> impl Serialize + 'd {
     On {
         document,
-        rig: RunsOn::of(&setup.rig),
+        rig,
         found,
     }
 }

@@ -25,7 +25,7 @@ fn begin(folder: &TempDir, setup: &Setup, seed: u64, devices: u64) -> Store {
 
 fn begin_by(by: Procedure, folder: &TempDir, setup: &Setup, seed: u64, devices: u64) -> Store {
     let plan = Plan::new(setup, by, seed, devices);
-    Store::begin(folder.path(), setup, plan).expect("a folder")
+    Store::begin(folder.path(), plan).expect("a folder")
 }
 
 fn run(store: &mut Store, setup: &Setup, threads: usize) {

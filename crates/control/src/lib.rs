@@ -48,6 +48,7 @@
 //! use pigtail_twin::Twin;
 //! ```
 
+pub mod align;
 pub mod baselines;
 pub mod beam;
 pub mod belief;

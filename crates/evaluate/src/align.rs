@@ -12,7 +12,7 @@ use pigtail_session::job::{Ended, Job, Order, Work};
 use pigtail_session::procedure::Procedure;
 use pigtail_session::setup::Setup;
 use pigtail_twin::faults::Injection;
-use pigtail_twin::{FiberTruth, Specimen, Twin};
+use pigtail_twin::{FiberTruth, Specimen, Truth, Twin};
 use serde::Serialize;
 use std::cell::Cell;
 
@@ -175,7 +175,7 @@ pub struct Way {
     pub tolerance_xy_um: f64,
 }
 
-fn of(procedure: Procedure) -> Way {
+pub(crate) fn of(procedure: Procedure) -> Way {
     Way {
         name: procedure.name(),
         tolerance_xy_um: procedure.tolerance_xy_um(),
@@ -231,6 +231,20 @@ pub(crate) fn align_in(
     })
 }
 
+/// What a document is of.
+pub(crate) struct Of<'a> {
+    /// The rig as it was named.
+    pub(crate) rig: &'a str,
+    /// The recipe as it was named.
+    pub(crate) recipe: &'a str,
+    /// How the truth was changed.
+    pub(crate) scenario: &'a str,
+    /// What machine and device may be.
+    pub(crate) fleet: &'a str,
+    /// The gap that is wanted, metres.
+    pub(crate) gap: f64,
+}
+
 fn document(
     setup: &Setup,
     way: &Way,
@@ -239,15 +253,30 @@ fn document(
     twin: &Twin,
     reports: &[FiberReport],
 ) -> AlignmentDocument {
-    let truth = twin.truth();
+    let of = Of {
+        rig: &setup.rig.name,
+        recipe: &setup.rig.recipe_name,
+        scenario: setup.scenario.name(),
+        fleet: setup.fleet_name(),
+        gap: setup.rig.recipe.approach.gap,
+    };
+    judged(&of, way, seed, injected, &twin.truth(), reports)
+}
+
+/// What control says of each fiber, beside the truth.
+pub(crate) fn judged(
+    of: &Of,
+    way: &Way,
+    seed: u64,
+    injected: &[Injection],
+    truth: &Truth,
+    reports: &[FiberReport],
+) -> AlignmentDocument {
     let truths = std::iter::once(truth.input).chain(truth.outputs);
     let fibers: Vec<FiberRow> = reports
         .iter()
         .zip(truths)
-        .map(|(report, truth)| {
-            let gap = setup.rig.recipe.approach.gap;
-            row(report, truth, gap, way.tolerance_xy_um)
-        })
+        .map(|(report, truth)| row(report, truth, of.gap, way.tolerance_xy_um))
         .collect();
     let attempted = reports
         .iter()
@@ -255,12 +284,12 @@ fn document(
         .count();
     let seconds: f64 = reports.iter().map(FiberReport::seconds).sum();
     AlignmentDocument {
-        rig: setup.rig.name.clone(),
-        recipe: setup.rig.recipe_name.clone(),
+        rig: of.rig.to_owned(),
+        recipe: of.recipe.to_owned(),
         procedure: way.name,
-        scenario: setup.scenario.name().to_owned(),
+        scenario: of.scenario.to_owned(),
         seed,
-        fleet: setup.fleet_name().to_owned(),
+        fleet: of.fleet.to_owned(),
         machine: Specimen::from(seed).machine(),
         device: Specimen::from(seed).device(),
         fibers,
@@ -286,12 +315,14 @@ pub fn panicked(
     seed: u64,
     panic: &(dyn std::any::Any + Send),
 ) -> AlignmentDocument {
-    let text = |panic: &(dyn std::any::Any + Send)| {
-        let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
-        text.or_else(|| panic.downcast_ref::<String>().cloned())
-    };
-    let detail = text(panic).unwrap_or_else(|| "the program failed".to_owned());
-    empty(setup, procedure, seed, OutcomeCode::Panic, &detail)
+    empty(setup, procedure, seed, OutcomeCode::Panic, &said(panic))
+}
+
+/// What a panic said.
+pub(crate) fn said(panic: &(dyn std::any::Any + Send)) -> String {
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    let text = text.or_else(|| panic.downcast_ref::<String>().cloned());
+    text.unwrap_or_else(|| "the program failed".to_owned())
 }
 
 /// The document of a device on which nothing was done, all of whose fibers ended alike.
@@ -302,17 +333,7 @@ pub fn empty(
     outcome: OutcomeCode,
     detail: &str,
 ) -> AlignmentDocument {
-    let fiber = |port| FiberRow {
-        port,
-        outcome,
-        detail: detail.to_owned(),
-        phases: Vec::new(),
-        seconds: 0.0,
-        offset_um: None,
-        coupling_loss_db: None,
-        within_tolerance: None,
-        believed: None,
-    };
+    let fiber = |port| nothing(port, outcome, detail);
     AlignmentDocument {
         rig: setup.rig.name.clone(),
         recipe: setup.rig.recipe_name.clone(),
@@ -335,6 +356,21 @@ pub fn empty(
         fault: None,
         version: env!("CARGO_PKG_VERSION"),
         report: String::new(),
+    }
+}
+
+/// The row of a fiber on which nothing was done.
+pub(crate) fn nothing(port: &'static str, outcome: OutcomeCode, detail: &str) -> FiberRow {
+    FiberRow {
+        port,
+        outcome,
+        detail: detail.to_owned(),
+        phases: Vec::new(),
+        seconds: 0.0,
+        offset_um: None,
+        coupling_loss_db: None,
+        within_tolerance: None,
+        believed: None,
     }
 }
 

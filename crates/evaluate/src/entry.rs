@@ -1,7 +1,10 @@
 //! What the store of runs is told of devices.
 
 use crate::align::AlignmentDocument;
+use crate::bench::PROCEDURE;
+use pigtail_session::bench::BenchSetup;
 use pigtail_session::procedure::Procedure;
+use pigtail_session::scenario::Scenario;
 use pigtail_session::setup::Setup;
 use pigtail_store::database::{Aligned, AlignedFiber, Devices};
 
@@ -14,6 +17,18 @@ pub fn devices(setup: &Setup, procedure: Procedure, seed: u64, count: u64) -> De
         recipe: &setup.rig.recipe_name,
         procedure: procedure.name(),
         scenario: setup.scenario.name(),
+    }
+}
+
+/// A device of a bench.
+pub fn bench(setup: &BenchSetup, seed: u64) -> Devices<'_> {
+    Devices {
+        seed,
+        count: 1,
+        rig: &setup.rig.name,
+        recipe: &setup.rig.recipe_name,
+        procedure: PROCEDURE.name(),
+        scenario: Scenario::Nominal.name(),
     }
 }
 

@@ -526,6 +526,40 @@ pub trait Bench {
     fn stop(&mut self);
 }
 
+impl<B: Bench + ?Sized> Bench for &mut B {
+    fn caps(&self) -> &Caps {
+        (**self).caps()
+    }
+
+    fn now(&self) -> f64 {
+        (**self).now()
+    }
+
+    fn play(&mut self, group: Group, law: Law) -> Result<Ticket, Refused> {
+        (**self).play(group, law)
+    }
+
+    fn bend(&mut self, ticket: Ticket, law: Law) -> Result<f64, Refused> {
+        (**self).bend(ticket, law)
+    }
+
+    fn request(&mut self, what: Request) -> Result<Ticket, Refused> {
+        (**self).request(what)
+    }
+
+    fn next(&mut self, by: f64) -> Result<Event, Fault> {
+        (**self).next(by)
+    }
+
+    fn pose(&self, group: Group, at: f64) -> Option<Estimate> {
+        (**self).pose(group, at)
+    }
+
+    fn stop(&mut self) {
+        (**self).stop();
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -135,6 +135,8 @@ rules! {
     ReplayDiffers => "replay-differs", "commands are as recorded";
     /// A replay is asked no more than what was recorded.
     ReplayEnds => "replay-ends", "the record goes on";
+    /// What a bench says has happened comes in order, in time, and was asked for.
+    EventOrder => "event-order", "events come in order and in time";
     /// Work ends within the time that it was given.
     Deadline => "deadline", "work ends in time";
 }

@@ -1,7 +1,8 @@
 //! What goes around any machine: guard, recorder and replay, stop, deadline, pace.
 //!
 //! In goes a [`Machine`](pigtail_hal::Machine), out comes another that control cannot tell from it. This crate
-//! knows neither control nor the twin; one suite of tests (`tests/conformance.rs`) is for all of them.
+//! knows neither control nor the twin; one suite of tests (`tests/conformance.rs`) is for all of them. [`bench`] has
+//! the same for benches.
 //!
 //! Start with [`Guard`]; [`record`] has the format of a record, its writer and its reader.
 //!
@@ -17,6 +18,7 @@
 //! # let _ = tame;
 //! ```
 
+pub mod bench;
 mod deadline;
 pub mod guard;
 mod pace;

@@ -45,6 +45,57 @@ pub fn alignment(setup: &Setup, document: &AlignmentDocument, record: &Record) -
     Ok(page(&title, &body))
 }
 
+/// The report of an alignment on a bench that is controlled by position.
+///
+/// # Errors
+///
+/// When a figure cannot be drawn.
+pub fn bench_alignment(
+    hashes: &[(String, String)],
+    document: &AlignmentDocument,
+    record: &Record,
+) -> Result<String> {
+    let title = format!(
+        "{} on {}, seed {}",
+        document.recipe, document.rig, document.seed
+    );
+    let light_of = |fiber: &FiberRow| -> Result<Markup> {
+        let look = |phase: &PhaseRecord, sample: &Sample| Seen {
+            time: sample.time,
+            phase: phase.name,
+            x: 0.0,
+            y: 0.0,
+            z: 0.0,
+            // One meter is read at a time.
+            volts: sample.light.iter().copied().fold(0.0, f64::max),
+        };
+        let phases = record
+            .phases()
+            .filter(|(phase, _)| phase.port == fiber.port);
+        let seen: Vec<Seen> = phases
+            .flat_map(|(phase, samples)| samples.iter().map(move |sample| look(phase, sample)))
+            .collect();
+        Ok(html! {
+            h2 { (fiber.port) }
+            p { (sentence(fiber)) }
+            @if !seen.is_empty() {
+                (figure(&light(&seen)?, "Light of the power meter, with the phases."))
+            }
+        })
+    };
+    let body = html! {
+        (summary(document))
+        (table(document))
+        p.soft {
+            "Offsets are the truth, from the twin: x and y from the peak of the coupling at the fiber's \
+             gap, z from the gap that was wanted. Control never sees them."
+        }
+        @for fiber in &document.fibers { (light_of(fiber)?) }
+        (configuration(hashes, document.version))
+    };
+    Ok(page(&title, &body))
+}
+
 fn summary(document: &AlignmentDocument) -> Markup {
     let aligned = document.fibers.iter().filter(|f| f.is_good()).count();
     let wrong = |f: &FiberRow| f.within_tolerance == Some(false);

@@ -39,7 +39,7 @@ mod thesis;
 mod tuning;
 mod windup;
 
-pub use alignment::alignment;
+pub use alignment::{alignment, bench_alignment};
 pub use axis::{frequency, resolution, sine, step};
 pub use benchmark::{benchmark, table as benchmark_table};
 pub use campaign::{campaign, percent};

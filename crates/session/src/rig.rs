@@ -5,6 +5,7 @@ use crate::calibrations::{self, Belief, newest_date};
 use crate::own::Own;
 use pigtail_control::calibration::Calibration;
 use pigtail_control::recipe::Recipe;
+use pigtail_hal::bench::spec::BenchSpec;
 use pigtail_hal::digest::hash;
 use pigtail_hal::{Axis, Error, Spec};
 use serde::{Deserialize, Serialize};
@@ -24,6 +25,39 @@ const DEFAULT_RIG: [(&str, &str); 3] = [
         include_str!("../../../rigs/afpm/calibration.toml"),
     ),
 ];
+
+/// The bench that is controlled by position, compiled in as well.
+const BENCH_RIG: [(&str, &str); 3] = [
+    (
+        "machine.toml",
+        include_str!("../../../rigs/bench-piezo/machine.toml"),
+    ),
+    (
+        "plant.toml",
+        include_str!("../../../rigs/bench-piezo/plant.toml"),
+    ),
+    (
+        "calibration.toml",
+        include_str!("../../../rigs/bench-piezo/calibration.toml"),
+    ),
+];
+
+/// The name of the bench that is compiled in.
+pub const BENCH_RIG_NAME: &str = "bench-piezo";
+
+/// The files of the rig of a name that is compiled in.
+fn built_in(rig: &str) -> Option<&'static [(&'static str, &'static str); 3]> {
+    match rig {
+        DEFAULT_RIG_NAME => Some(&DEFAULT_RIG),
+        BENCH_RIG_NAME => Some(&BENCH_RIG),
+        _ => None,
+    }
+}
+
+/// Whether a rig's files are taken from the program: it is compiled in, and there is no folder of its name.
+pub fn is_built_in(rig: &str) -> bool {
+    built_in(rig).is_some() && rig_folder(rig).is_none()
+}
 
 /// The files of a rig.
 pub const FILES: [&str; 3] = [DEFAULT_RIG[0].0, DEFAULT_RIG[1].0, DEFAULT_RIG[2].0];
@@ -259,6 +293,14 @@ impl Rig {
         };
         let missing = || Error::new(rig, "", "is not whole".to_owned());
         let machine = read(Wanted::Rig(0))?.ok_or_else(missing)?;
+        if BenchSpec::is_of(&machine.name, &machine.text)? {
+            return Err(Error::new(
+                &machine.name,
+                "kind",
+                "is \"bench\", which is controlled by position; accepted here is a machine of volts, which has no kind \
+                 (`align`, `campaign` and `rig check` take benches too)",
+            ));
+        }
         let spec = Spec::parse(&machine.name, &machine.text)?;
         // The truth is nobody's business here: it is kept for whoever draws a twin.
         read(Wanted::Rig(1))?;
@@ -517,19 +559,19 @@ pub fn rig_files(named: &Named, own: &Own, bench: bool) -> Result<[Source; 3], E
 }
 
 /// One of the rig's three files; `None` for the truth of a rig that has no twin.
-fn rig_file(named: &Named, index: usize) -> Result<Option<Source>, Error> {
+pub(crate) fn rig_file(named: &Named, index: usize) -> Result<Option<Source>, Error> {
     let rig = named.rig;
-    let (file, built_in) = DEFAULT_RIG[index];
+    let file = FILES[index];
     if index == 2
         && let Some(calibration) = named.calibration
     {
         return read_file(calibration).map(Some);
     }
     let Some(folder) = rig_folder(rig) else {
-        if rig == DEFAULT_RIG_NAME {
+        if let Some(files) = built_in(rig) {
             return Ok(Some(Source {
                 name: format!("rigs/{rig}/{file} (built in)"),
-                text: built_in.to_owned(),
+                text: files[index].1.to_owned(),
                 role: None,
             }));
         }
@@ -538,7 +580,8 @@ fn rig_file(named: &Named, index: usize) -> Result<Option<Source>, Error> {
             "",
             format!(
                 "no such rig; accepted is a folder with machine.toml and calibration.toml (and \
-                 plant.toml, if it has a twin), the name of one below `rigs`, or `{DEFAULT_RIG_NAME}`"
+                 plant.toml, if it has a twin), the name of one below `rigs`, or `{DEFAULT_RIG_NAME}` or \
+                 `{BENCH_RIG_NAME}`"
             ),
         ));
     };
@@ -558,7 +601,7 @@ pub fn no_twin(rig: &str) -> Error {
     )
 }
 
-fn recipe_file(recipe: &str) -> Result<Source, Error> {
+pub(crate) fn recipe_file(recipe: &str) -> Result<Source, Error> {
     let bare = Path::new("recipes").join(format!("{recipe}.toml"));
     if Path::new(recipe).is_file() {
         read_file(Path::new(recipe))

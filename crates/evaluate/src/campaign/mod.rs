@@ -11,10 +11,12 @@ mod store;
 mod summary;
 
 use crate::align::{self, align};
+use crate::bench;
 use anyhow::Result;
 pub use commissioned::{Commissioned, Commissioning};
 use pigtail_control::station::Unobserved;
 use pigtail_hal::Error;
+use pigtail_session::bench::BenchSetup;
 use pigtail_session::job::Ended;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::setup::Setup;
@@ -92,6 +94,22 @@ pub fn run(
         stop,
         watch,
     )
+}
+
+/// The same on benches that are controlled by position.
+///
+/// # Errors
+///
+/// As [`run`].
+pub fn run_benches(
+    store: &mut Store,
+    setup: &BenchSetup,
+    threads: usize,
+    stop: &AtomicBool,
+    watch: impl FnMut(&Device),
+) -> Result<()> {
+    let device = |_, seed| Ok(bench::device(setup, seed)?);
+    run_by(store, &device, threads, stop, watch)
 }
 
 /// The same on machines that were commissioned.

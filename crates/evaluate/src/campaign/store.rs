@@ -8,10 +8,11 @@
 
 use super::CampaignDocument;
 use super::rows::{ROWS_PER_DEVICE, columns};
-use crate::entry::devices;
+use crate::bench::PROCEDURE;
 use anyhow::{Context, Result};
 use pigtail_hal::Error;
 use pigtail_hal::digest::hex;
+use pigtail_session::bench::BenchSetup;
 use pigtail_session::faults::Faults;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::scenario::Scenario;
@@ -87,6 +88,24 @@ impl Plan {
             seed,
             devices,
             fleet: setup.fleet_name().to_owned(),
+            devices_each: 1,
+            commissioned: false,
+            configuration: setup.rig.hashes.clone(),
+        }
+    }
+
+    /// The plan of a campaign with this bench, each device on a bench of its own.
+    pub fn of_benches(setup: &BenchSetup, seed: u64, devices: u64) -> Self {
+        Self {
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            rig: setup.rig.name.clone(),
+            recipe: setup.rig.recipe_name.clone(),
+            procedure: PROCEDURE.name().to_owned(),
+            scenario: nominal(),
+            faults: none(),
+            seed,
+            devices,
+            fleet: nominal(),
             devices_each: 1,
             commissioned: false,
             configuration: setup.rig.hashes.clone(),
@@ -283,12 +302,19 @@ impl Store {
     /// # Errors
     ///
     /// When the disk has too little room, or cannot be written.
-    pub fn begin(runs: &Path, setup: &Setup, plan: Plan) -> Result<Self> {
+    pub fn begin(runs: &Path, plan: Plan) -> Result<Self> {
         let procedure = plan.procedure()?;
         check_room(runs, plan.devices)?;
-        let run = Run::begin(runs, "campaign", plan.seed, &setup.rig.hashes)?;
+        let run = Run::begin(runs, "campaign", plan.seed, &plan.configuration)?;
         let folder = run.path("");
-        run.devices(&devices(setup, procedure, plan.seed, plan.devices))?;
+        run.devices(&Devices {
+            seed: plan.seed,
+            count: plan.devices,
+            rig: &plan.rig,
+            recipe: &plan.recipe,
+            procedure: &plan.procedure,
+            scenario: &plan.scenario,
+        })?;
         run.write_json(PLAN, &plan)?;
         let (entry, lock) = run.go_on_in_place()?;
         let parts = folder.join(PARTS);

@@ -1,7 +1,8 @@
 //! What a run runs on, and what is missing or out of date of what it believes.
 
 use super::{SHORT, Versions};
-use crate::rig::{DEFAULT_RIG_NAME, Rig, Role, Source, rig_folder, shipped};
+use crate::bench::BenchRig;
+use crate::rig::{Rig, Role, Source, is_built_in, rig_folder, shipped};
 use pigtail_control::calibration::Calibration;
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
@@ -31,14 +32,13 @@ impl RunsOn {
         let place = |source: &Source| source.role == Some(Role::Calibration);
         let place = rig.sources.iter().position(place);
         let sha256 = place.and_then(|place| rig.hashes.get(place));
-        let folder = rig_folder(&rig.name);
         let versions = Versions::of(&rig.name).ok();
         // What was read: it may have been replaced meanwhile, by the run itself.
         let version = versions.as_ref().zip(sha256);
         let version = version.and_then(|(versions, (_, sha256))| versions.number_by(sha256, rig));
         Self {
             rig: rig.name.clone(),
-            built_in: folder.is_none() && rig.name == DEFAULT_RIG_NAME,
+            built_in: is_built_in(&rig.name),
             calibration: rig
                 .believing
                 .as_ref()
@@ -49,6 +49,25 @@ impl RunsOn {
             changed_since: versions
                 .filter(|_| version.is_none() && rig.believing.is_none())
                 .and_then(|versions| versions.newest()),
+        }
+    }
+}
+
+impl RunsOn {
+    /// What runs on this bench: its calibration has no versions.
+    pub fn of_bench(rig: &BenchRig) -> Self {
+        let (_, sha256) = &rig.hashes[rig.calibration];
+        Self {
+            rig: rig.name.clone(),
+            built_in: is_built_in(&rig.name),
+            calibration: rig
+                .believing
+                .as_ref()
+                .map(|file| file.display().to_string()),
+            calibration_version: None,
+            calibration_date: rig.calibration_date.clone(),
+            calibration_sha256: sha256.clone(),
+            changed_since: None,
         }
     }
 }

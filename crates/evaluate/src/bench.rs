@@ -1,0 +1,67 @@
+//! One device aligned on a bench that is controlled by position, held against the truth.
+
+use crate::align::{AlignmentDocument, Of, judged, nothing, of, said};
+use crate::campaign::Device;
+use pigtail_control::outcome::OutcomeCode;
+use pigtail_control::procedure::PORTS;
+use pigtail_control::station::{Observer, Unobserved};
+use pigtail_hal::Error;
+use pigtail_session::bench::{self, BenchSetup};
+use pigtail_session::fleet::NOMINAL;
+use pigtail_session::procedure::Procedure;
+use pigtail_session::scenario::Scenario;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+/// The procedure under whose name benches are aligned: there is one alignment for all of them.
+pub const PROCEDURE: Procedure = Procedure::Fast;
+
+fn names(setup: &BenchSetup) -> Of<'_> {
+    Of {
+        rig: &setup.rig.name,
+        recipe: &setup.rig.recipe_name,
+        scenario: Scenario::Nominal.name(),
+        fleet: NOMINAL,
+        gap: setup.rig.recipe.approach.gap,
+    }
+}
+
+/// Aligns one device on the twin that `seed` draws.
+///
+/// # Errors
+///
+/// When the plant cannot be built. A fiber that cannot be aligned is not an error, nor is a fault of the bench: the
+/// document says so.
+pub fn align(
+    setup: &BenchSetup,
+    seed: u64,
+    observer: &mut dyn Observer,
+) -> Result<AlignmentDocument, Error> {
+    let mut twin = setup.twin(seed)?;
+    let fibers = bench::align(&setup.rig, &mut twin, &setup.options, observer);
+    let truth = twin.truth();
+    Ok(judged(
+        &names(setup),
+        &of(PROCEDURE),
+        seed,
+        &[],
+        &truth,
+        &fibers,
+    ))
+}
+
+/// A device of a campaign.
+///
+/// # Errors
+///
+/// As [`align`].
+pub fn device(setup: &BenchSetup, seed: u64) -> Result<Device, Error> {
+    let run = AssertUnwindSafe(|| align(setup, seed, &mut Unobserved));
+    let document = catch_unwind(run).unwrap_or_else(|panic| {
+        let twin = setup.twin(seed)?;
+        let mut document = judged(&names(setup), &of(PROCEDURE), seed, &[], &twin.truth(), &[]);
+        let lost = |port| nothing(port, OutcomeCode::Panic, &said(&*panic));
+        document.fibers = PORTS.into_iter().map(lost).collect();
+        Ok(document)
+    })?;
+    Ok(Device { seed, document })
+}
