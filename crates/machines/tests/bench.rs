@@ -1,0 +1,530 @@
+//! One suite for every bench, and what a guard makes of one that does not keep to its word. What a pose or a sample may
+//! err by is the datasheet's.
+
+use pigtail_hal::bench::spec::BenchSpec;
+use pigtail_hal::bench::{
+    Bench, Caps, Degree, Dither, Estimate, Event, Glide, Group, Knot, Law, Lead, Light, Limits,
+    Pose, Refused, Request, Stage, Ticket,
+};
+use pigtail_hal::{Fault, Rule};
+use pigtail_machines::bench::{Guard, Plane};
+use pigtail_twin::bench::{BenchPlant, BenchTwin};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+fn twin(seed: u64) -> BenchTwin {
+    let spec = include_str!("../../../rigs/bench-piezo/machine.toml");
+    let plant = include_str!("../../../rigs/bench-piezo/plant.toml");
+    let spec = BenchSpec::parse("machine.toml", spec).expect("it ships");
+    let plant = BenchPlant::parse("plant.toml", plant).expect("it ships");
+    BenchTwin::new(spec, &plant, seed).expect("it ships")
+}
+
+/// Every bench there is: what is true of a bench is true of each of them.
+fn benches() -> Vec<(&'static str, Box<dyn Bench>)> {
+    vec![
+        ("twin", Box::new(twin(1))),
+        ("guarded twin", Box::new(Guard::new(twin(2)))),
+        (
+            "twin guarded twice",
+            Box::new(Guard::new(Guard::new(twin(3)))),
+        ),
+    ]
+}
+
+fn line(to: Pose) -> Law {
+    let limits = Limits::default();
+    Law::Line { to, limits }
+}
+
+fn circle(radius: f64, rate: f64) -> Dither {
+    Dither {
+        centre: Glide::at_once([0.0; 2]),
+        radius: Glide::at_once(radius),
+        rate,
+        lead: None,
+        widens: None,
+    }
+}
+
+/// Lets time pass until a ticket is done; the events before.
+fn until(bench: &mut dyn Bench, ticket: Ticket) -> Vec<Event> {
+    let mut events = Vec::new();
+    let by = bench.now() + 60.0;
+    loop {
+        match bench.next(by).expect("it is well") {
+            Event::Done(done) if done == ticket => return events,
+            Event::Time => panic!("ticket {ticket} is not done within a minute"),
+            event => events.push(event),
+        }
+    }
+}
+
+fn middle_of(caps: &Caps, group: usize) -> Pose {
+    let at = |i: usize| {
+        caps.groups[group].axes[i].map_or(0.0, |axis| 0.5 * (axis.range.0 + axis.range.1))
+    };
+    Pose(std::array::from_fn(at))
+}
+
+#[test]
+fn what_it_says_of_itself_is_whole() {
+    for (name, bench) in benches() {
+        let caps = bench.caps();
+        assert!(!caps.channels.is_empty() && caps.bond > 0.0, "{name}");
+        for (index, group) in caps.groups.iter().enumerate() {
+            assert!(group.arm < caps.arms.len(), "{name}");
+            assert_eq!(
+                caps.group(group.arm, group.stage),
+                Some(Group(index)),
+                "{name}"
+            );
+            for axis in group.axes.iter().flatten() {
+                assert!(axis.range.0 < axis.range.1, "{name}");
+                assert!(axis.resolution > 0.0 && axis.speed > 0.0, "{name}");
+            }
+            let now = bench.now();
+            assert!(
+                bench.pose(Group(index), now).is_some(),
+                "{name}: {}",
+                group.name
+            );
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_played_is_refused_in_words_and_nothing_moves() {
+    for (name, mut bench) in benches() {
+        let caps = bench.caps().clone();
+        let fine = caps.group(0, Stage::Fine).expect("it has one");
+        let coarse = caps.group(0, Stage::Coarse).expect("it has one");
+        let far = caps.groups[fine.0].axes[0].expect("it moves").range.1;
+        let bandwidth = caps.groups[fine.0].bandwidth;
+        let knot = |time, x| Knot {
+            time,
+            at: Pose::at(x, 0.0, 0.0),
+        };
+        let led = |group| {
+            let lead = Lead {
+                group,
+                from: Pose::ZERO,
+                gain: [[0.0; 3]; 2],
+            };
+            Law::Dither(Dither {
+                lead: Some(lead),
+                ..circle(0.1 * far, bandwidth)
+            })
+        };
+        let before = (bench.now(), bench.pose(fine, bench.now()));
+        let unknown = Group(caps.groups.len());
+        let nothing = Limits { speed: Some(0.0) };
+        for (group, law, part) in [
+            (unknown, Law::Brake, "there is no group"),
+            (fine, line(Pose::at(f64::NAN, 0.0, 0.0)), "not a number"),
+            (
+                fine,
+                line(Pose::at(0.0, f64::INFINITY, 0.0)),
+                "not a number",
+            ),
+            (fine, line(Pose::at(0.0, 0.0, 1.01 * far)), "z at"),
+            (fine, line(Pose::ZERO.with(Degree::Rx, 0.1)), "rx at"),
+            (
+                fine,
+                Law::Line {
+                    to: Pose::ZERO,
+                    limits: nothing,
+                },
+                "speed",
+            ),
+            (fine, Law::Scan(Vec::new()), "no knots"),
+            (
+                fine,
+                Law::Scan(vec![knot(0.1, 0.0), knot(0.1, far)]),
+                "increase",
+            ),
+            (
+                fine,
+                Law::Scan(vec![knot(0.0, 0.0), knot(1e-6, far)]),
+                "m/s",
+            ),
+            (fine, Law::Scan(vec![knot(f64::NAN, 0.0)]), "increase"),
+            (fine, Law::Dither(circle(2.0 * far, bandwidth)), "x at"),
+            (fine, Law::Dither(circle(-0.1 * far, bandwidth)), "radius"),
+            (
+                fine,
+                Law::Dither(circle(f64::NAN, bandwidth)),
+                "not a number",
+            ),
+            (
+                fine,
+                Law::Dither(circle(0.1 * far, 2.0 * bandwidth)),
+                "turns a second",
+            ),
+            (fine, led(unknown), "there is no group"),
+            (fine, led(fine), "lead itself"),
+            (
+                coarse,
+                Law::Dither(circle(0.1 * far, bandwidth)),
+                "lines only",
+            ),
+        ] {
+            let said = format!("{name}: {law:?}");
+            let refused = bench.play(group, law).expect_err(&said).to_string();
+            assert!(refused.contains(part), "{said}: {refused}");
+        }
+        let never = Ticket(u64::MAX);
+        assert!(
+            matches!(bench.bend(never, Law::Brake), Err(Refused::Ticket(_))),
+            "{name}"
+        );
+        let arm = caps.arms.len();
+        for request in [Request::Load { arm, port: 0 }, Request::Attach { arm }] {
+            let refused = bench.request(request).expect_err(name).to_string();
+            assert!(refused.contains("there is no arm"), "{name}: {refused}");
+        }
+        for request in [
+            Request::Attach { arm: 0 },
+            Request::Unload { arm: 0 },
+            Request::Load { arm: 0, port: 99 },
+        ] {
+            assert!(bench.request(request).is_err(), "{name}: {request:?}");
+        }
+        assert_eq!(
+            before,
+            (bench.now(), bench.pose(fine, bench.now())),
+            "{name}"
+        );
+    }
+}
+
+#[test]
+fn a_line_ends_where_it_was_told_to_as_well_as_the_datasheet_says() {
+    for (name, mut bench) in benches() {
+        let caps = bench.caps().clone();
+        for (index, group) in caps.groups.iter().enumerate() {
+            let reach = group
+                .axes
+                .iter()
+                .flatten()
+                .map(|axis| axis.range.1 - axis.range.0);
+            let some = 0.1 * reach.fold(f64::INFINITY, f64::min);
+            let to = middle_of(&caps, index) + Pose::at(some, some, some);
+            let ticket = bench.play(Group(index), line(to)).expect("it is in reach");
+            until(&mut *bench, ticket);
+            let at = bench.pose(Group(index), bench.now()).expect("it is known");
+            for (axis, off) in group.axes.iter().zip((at.pose - to).0) {
+                let Some(axis) = axis else { continue };
+                let most = 6.0 * axis.repeatability + axis.resolution;
+                assert!(off.abs() <= most, "{name}: {} is {off:e} off", group.name);
+            }
+        }
+    }
+}
+
+#[test]
+fn light_comes_in_order_and_at_its_rate() {
+    for (name, mut bench) in benches() {
+        let rate = bench.caps().channels[0].rate;
+        let channels = bench.caps().channels.len();
+        let end = bench.now() + 100.0 / rate;
+        let (mut heard, mut before) = (Vec::new(), bench.now());
+        loop {
+            let event = bench.next(end).expect("it is well");
+            assert!(bench.now() >= before && bench.now() <= end + 1e-9, "{name}");
+            before = bench.now();
+            match event {
+                Event::Light(light) => {
+                    assert_eq!(light.volts.len(), channels, "{name}");
+                    assert!(light.time <= before, "{name}");
+                    heard.push(light.time);
+                }
+                Event::Time => break,
+                event => panic!("{name}: {event:?}"),
+            }
+        }
+        assert!((before - end).abs() < 1e-9, "{name}");
+        assert!(heard.windows(2).all(|two| two[0] < two[1]), "{name}");
+        assert!((98..=101).contains(&heard.len()), "{name}: {}", heard.len());
+        // What is past is over at once.
+        assert!(bench.next(0.0).is_ok());
+        assert_eq!(bench.now(), before, "{name}");
+    }
+}
+
+#[test]
+fn groups_move_side_by_side_and_what_is_replaced_is_never_done() {
+    for (name, mut bench) in benches() {
+        let caps = bench.caps().clone();
+        let coarse: Vec<Group> = (0..caps.arms.len())
+            .filter_map(|arm| caps.group(arm, Stage::Coarse))
+            .collect();
+        let to = |x: f64| line(Pose::at(x, 0.0, 0.0));
+        let way = 0.2 * caps.groups[coarse[0].0].axes[0].expect("it moves").range.1;
+        let alone = {
+            let since = bench.now();
+            let ticket = bench.play(coarse[0], to(way)).expect("it plays");
+            until(&mut *bench, ticket);
+            bench.now() - since
+        };
+        let since = bench.now();
+        let replaced = bench.play(coarse[0], to(-way)).expect("it plays");
+        let tickets = [
+            bench.play(coarse[0], to(0.0)).expect("it plays"),
+            bench.play(coarse[1], to(way)).expect("it plays"),
+        ];
+        assert!(replaced != tickets[0] && tickets[0] != tickets[1], "{name}");
+        assert!(bench.bend(replaced, Law::Brake).is_err(), "{name}");
+        let mut left = tickets.to_vec();
+        while !left.is_empty() {
+            match bench.next(since + 60.0).expect("it is well") {
+                Event::Done(ticket) => {
+                    assert!(ticket != replaced, "{name}");
+                    left.retain(|of| *of != ticket);
+                }
+                Event::Time => panic!("{name}: {left:?} are not done"),
+                _ => {}
+            }
+        }
+        assert!(bench.now() - since < 1.3 * alone, "{name}");
+    }
+}
+
+#[test]
+fn a_stop_holds() {
+    for (name, mut bench) in benches() {
+        let fine = bench.caps().group(1, Stage::Fine).expect("it has one");
+        let of = bench.caps().groups[fine.0].clone();
+        let axis = of.axes[0].expect("it moves");
+        let law = Law::Dither(circle(0.2 * axis.range.1, of.bandwidth));
+        let ticket = bench.play(fine, law).expect("it plays");
+        let by = bench.now() + 0.1;
+        while bench.next(by).expect("it is well") != Event::Time {}
+        bench.stop();
+        let by = bench.now() + 3.0 * of.settling;
+        while bench.next(by).is_ok_and(|event| event != Event::Time) {}
+        let at = |bench: &dyn Bench, time| bench.pose(fine, time).expect("known").pose;
+        let held = at(&*bench, bench.now());
+        let by = bench.now() + 0.2;
+        while let Ok(event) = bench.next(by) {
+            assert!(event != Event::Done(ticket), "{name}");
+            if event == Event::Time {
+                break;
+            }
+        }
+        let moved = (at(&*bench, bench.now()) - held).distance();
+        assert!(moved < 12.0 * axis.repeatability, "{name}: {moved:e}");
+    }
+}
+
+/// In what way a bench does not keep to its word.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Bad {
+    Late,
+    Twice,
+    FromTheFuture,
+    Unasked,
+    Backwards,
+    Early,
+    Silent,
+    Lost,
+    Infinite,
+    Short,
+}
+
+/// A twin that does not, from a time on.
+struct Broken {
+    twin: BenchTwin,
+    bad: Bad,
+    back: bool,
+}
+
+const FROM: f64 = 0.5;
+
+impl Bench for Broken {
+    fn caps(&self) -> &Caps {
+        self.twin.caps()
+    }
+    fn now(&self) -> f64 {
+        if self.back { 0.0 } else { self.twin.now() }
+    }
+    fn play(&mut self, group: Group, law: Law) -> Result<Ticket, Refused> {
+        self.twin.play(group, law)
+    }
+    fn bend(&mut self, ticket: Ticket, law: Law) -> Result<f64, Refused> {
+        self.twin.bend(ticket, law)
+    }
+    fn request(&mut self, what: Request) -> Result<Ticket, Refused> {
+        self.twin.request(what)
+    }
+    fn next(&mut self, by: f64) -> Result<Event, Fault> {
+        loop {
+            let mut event = self.twin.next(by)?;
+            if self.twin.now() < FROM {
+                return Ok(event);
+            }
+            let Event::Light(light) = &mut event else {
+                return Ok(event);
+            };
+            match self.bad {
+                Bad::Late => light.time -= 0.6,
+                Bad::Twice => light.time = FROM - 0.02,
+                Bad::FromTheFuture => light.time += 1.0,
+                Bad::Unasked => event = Event::Done(Ticket(4711)),
+                Bad::Backwards => self.back = true,
+                Bad::Early => event = Event::Time,
+                Bad::Silent => continue,
+                Bad::Lost => {
+                    return Err(Fault {
+                        rule: Rule::SensorSilence,
+                        axis: "bench".to_owned(),
+                        value: "the connection is lost".to_owned(),
+                        limit: "one".to_owned(),
+                        time: self.twin.now(),
+                    });
+                }
+                Bad::Infinite => light.volts[0] = f64::INFINITY,
+                Bad::Short => light.volts.clear(),
+            }
+            return Ok(event);
+        }
+    }
+    fn pose(&self, group: Group, at: f64) -> Option<Estimate> {
+        self.twin.pose(group, at)
+    }
+    fn stop(&mut self) {
+        self.twin.stop();
+    }
+}
+
+#[test]
+fn a_bench_that_does_not_keep_to_its_word_is_stopped_in_words() {
+    for (bad, rule, part) in [
+        (Bad::Late, Rule::EventOrder, "light of"),
+        (Bad::Twice, Rule::EventOrder, "light of"),
+        (Bad::FromTheFuture, Rule::EventOrder, "light of"),
+        (Bad::Unasked, Rule::EventOrder, "ticket 4711"),
+        (Bad::Backwards, Rule::EventOrder, "a time of 0.000000 s"),
+        (Bad::Early, Rule::EventOrder, "nothing until"),
+        (Bad::Silent, Rule::SensorSilence, "no light for"),
+        (Bad::Lost, Rule::SensorSilence, "connection"),
+        (Bad::Infinite, Rule::SensorSilence, "inf"),
+        (Bad::Short, Rule::SensorSilence, "[]"),
+    ] {
+        let broken = Broken {
+            twin: twin(5),
+            bad,
+            back: false,
+        };
+        let mut bench = Guard::new(broken);
+        let fault = loop {
+            match bench.next(30.0) {
+                Ok(event) => assert!(event != Event::Time, "{bad:?} is not noticed"),
+                Err(fault) => break fault,
+            }
+        };
+        assert_eq!(fault.rule, rule, "{bad:?}");
+        assert!(fault.to_string().contains(part), "{bad:?}: {fault}");
+        assert!(
+            bad == Bad::Backwards || (FROM..FROM + 1.0).contains(&fault.time),
+            "{fault}"
+        );
+        // It stays stopped.
+        assert_eq!(bench.next(60.0), Err(fault), "{bad:?}");
+        let refused = bench
+            .play(Group(1), Law::Brake)
+            .expect_err("it has stopped");
+        assert!(refused.to_string().contains("has stopped"), "{refused}");
+        assert!(bench.request(Request::Laser(true)).is_err(), "{bad:?}");
+    }
+}
+
+#[test]
+fn a_bench_that_keeps_to_its_word_is_not_stopped() {
+    // Half a minute without anything to do, and with both arms at work.
+    let mut bench = Guard::new(twin(6));
+    while bench.next(15.0).expect("it is well") != Event::Time {}
+    let law = |group: usize| match group % 2 {
+        0 => line(Pose::at(0.5e-3, 0.5e-3, 0.5e-3)),
+        _ => Law::Dither(circle(5e-6, 15.0)),
+    };
+    for group in 0..4 {
+        bench.play(Group(group), law(group)).expect("it plays");
+    }
+    while bench.next(30.0).expect("it is well") != Event::Time {}
+}
+
+#[test]
+fn a_facet_that_was_taught_is_never_passed() {
+    let plane = |port, z| Plane { arm: 0, port, z };
+    let mut bench = Guard::new(twin(7)).with_planes(vec![plane(0, 1e-3)]);
+    let z = |z| line(Pose::at(0.0, 0.0, z));
+    let refused = bench
+        .play(Group(0), z(1.001e-3))
+        .expect_err("behind the facet");
+    assert!(refused.to_string().contains("facet"), "{refused}");
+    // Together they would.
+    let near = bench.play(Group(0), z(0.995e-3)).expect("before the facet");
+    let refused = bench
+        .play(Group(1), z(6e-6))
+        .expect_err("behind the facet with both");
+    assert!(refused.to_string().contains("facet"), "{refused}");
+    let knot = |time, z| Knot {
+        time,
+        at: Pose::at(0.0, 0.0, z),
+    };
+    // On the way there, if not at its end.
+    let scan = Law::Scan(vec![knot(0.0, 0.0), knot(0.1, 6e-6), knot(0.2, 0.0)]);
+    assert!(bench.play(Group(1), scan).is_err());
+    bench.play(Group(1), z(4e-6)).expect("before the facet");
+    until(&mut bench, near);
+    // The other arm has no plane.
+    bench.play(Group(2), z(1.9e-3)).expect("it is free");
+    let back = bench.play(Group(0), z(0.9e-3)).expect("away from it");
+    until(&mut bench, back);
+    bench.play(Group(1), z(9e-6)).expect("far from the facet");
+    // A motion that is bent is looked at as well.
+    let bent = bench.play(Group(0), z(0.95e-3)).expect("before the facet");
+    assert!(bench.bend(bent, z(0.995e-3)).is_err());
+    bench.bend(bent, z(0.98e-3)).expect("before the facet");
+}
+
+#[test]
+fn a_button_and_a_deadline_stop_it() {
+    let stop = Arc::new(AtomicBool::new(false));
+    let mut bench = Guard::new(twin(8)).with_stop(stop.clone());
+    assert!(bench.next(1.0).is_ok());
+    stop.store(true, Ordering::Relaxed);
+    let fault = bench.next(2.0).expect_err("it was asked to stop");
+    assert_eq!(fault.rule, Rule::StopRequest);
+    let mut bench = Guard::new(twin(8)).with_longest(2.0);
+    let fault = loop {
+        if let Err(fault) = bench.next(10.0) {
+            break fault;
+        }
+    };
+    assert_eq!(fault.rule, Rule::Deadline);
+    assert!((2.0..2.1).contains(&fault.time), "{fault}");
+}
+
+#[test]
+fn the_same_calls_give_the_same_events() {
+    let run = |seed| {
+        let mut bench = Guard::new(twin(seed));
+        bench
+            .request(Request::Load { arm: 1, port: 0 })
+            .expect("it may");
+        bench
+            .play(Group(3), Law::Dither(circle(3e-6, 5.0)))
+            .expect("it plays");
+        let mut events: Vec<Event> = Vec::new();
+        while bench.now() < 3.0 {
+            events.push(bench.next(3.0).expect("it is well"));
+        }
+        (events, bench.pose(Group(3), 3.0))
+    };
+    assert_eq!(run(9), run(9));
+    assert_ne!(run(9), run(10));
+    let light = |event: &Event| matches!(event, Event::Light(Light { .. }));
+    assert!(run(9).0.iter().filter(|event| light(event)).count() > 290);
+}
