@@ -103,3 +103,8 @@ pub use rig::Rig;
 pub use session::Session;
 #[cfg(feature = "twin")]
 pub use setup::Setup;
+
+/// The code of the book's page on benches compiles.
+#[cfg(all(doctest, feature = "twin"))]
+#[doc = include_str!("../../../book/src/howto/bench.md")]
+struct Book;
