@@ -6,7 +6,10 @@ use clap::Args;
 use pigtail_control::calibration::Calibration;
 use pigtail_control::recipe::Recipe;
 use pigtail_hal::Spec;
+use pigtail_hal::bench::spec::BenchSpec;
+use pigtail_session::bench::BenchCalibration;
 use pigtail_session::fleet::FleetKeys;
+use pigtail_twin::bench::BenchPlant;
 use pigtail_twin::plant::Plant;
 use schemars::generate::SchemaSettings;
 use schemars::transform::RecursiveTransform;
@@ -46,7 +49,7 @@ pub(crate) struct Arguments {
     strum::IntoStaticStr,
     strum::VariantArray,
 )]
-#[strum(serialize_all = "lowercase")]
+#[strum(serialize_all = "kebab-case")]
 pub enum FileKind {
     /// machine.toml of a rig: the datasheet
     Machine,
@@ -60,6 +63,12 @@ pub enum FileKind {
     Fleet,
     /// A recipe: a device and how to align it
     Recipe,
+    /// machine.toml of a bench that is controlled by position
+    BenchMachine,
+    /// plant.toml of such a bench
+    BenchPlant,
+    /// calibration.toml of such a bench
+    BenchCalibration,
 }
 
 impl FileKind {
@@ -76,6 +85,9 @@ impl FileKind {
             }
             Self::Fleet => schema::<FleetKeys>(),
             Self::Recipe => schema::<Recipe>(),
+            Self::BenchMachine => schema::<BenchSpec>(),
+            Self::BenchPlant => schema::<BenchPlant>(),
+            Self::BenchCalibration => schema::<BenchCalibration>(),
         }
     }
 }
@@ -169,7 +181,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     } else {
         let lines = FileKind::VARIANTS.iter().map(|kind| {
             let about = kind.get_documentation().unwrap_or_default();
-            format!("{:<13}{about}\n", name(kind))
+            format!("{:<19}{about}\n", name(kind))
         });
         lines.collect()
     };

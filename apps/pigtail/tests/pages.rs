@@ -7,9 +7,12 @@ use pigtail::FileKind;
 use pigtail_control::calibration::Calibration;
 use pigtail_control::recipe::Recipe;
 use pigtail_hal::Spec;
+use pigtail_hal::bench::spec::BenchSpec;
+use pigtail_session::bench::BenchCalibration;
 use pigtail_session::fleet::FleetKeys;
+use pigtail_twin::bench::BenchPlant;
 use pigtail_twin::plant::Plant;
-use serde::de::value::{Error, MapDeserializer};
+use serde::de::value::{Error, MapDeserializer, SeqDeserializer};
 use serde::de::{Deserializer, Error as _, IntoDeserializer, Visitor};
 use serde::{Deserialize, forward_to_deserialize_any};
 use serde_json::Value;
@@ -93,13 +96,17 @@ impl<'de> Deserializer<'de> for Order<'_> {
         visitor.visit_some(self)
     }
 
+    fn deserialize_seq<V: Visitor<'de>>(self, visitor: V) -> Result<V::Value, Error> {
+        visitor.visit_seq(SeqDeserializer::new(std::iter::once(self)))
+    }
+
     fn deserialize_any<V: Visitor<'de>>(self, _: V) -> Result<V::Value, Error> {
         Err(Error::custom("no table"))
     }
 
     forward_to_deserialize_any! {
         bool i8 i16 i32 i64 u8 u16 u32 u64 f32 f64 char str string bytes byte_buf unit unit_struct
-        newtype_struct seq tuple tuple_struct map enum identifier ignored_any
+        newtype_struct tuple tuple_struct map enum identifier ignored_any
     }
 }
 
@@ -154,6 +161,12 @@ impl File {
             let of = self.resolved(key);
             if of.get("properties").is_some() {
                 inside.push((here, of, how_it_stands(key, of, required(name))));
+                continue;
+            }
+            let each = self.resolved(&of["items"]);
+            if each.get("properties").is_some() {
+                let how = how_it_stands(key, each, required(name)) + " There are several.";
+                inside.push((here, each, how));
                 continue;
             }
             let default = match key.get("default") {
@@ -251,6 +264,7 @@ fn accepted(schema: &Value) -> String {
             let count = schema["maxItems"].as_u64().map(|n| format!("{n} "));
             let each = match (&schema["items"]["type"], &schema["items"]["maxItems"]) {
                 (Value::String(of), _) if of == "number" => "numbers",
+                (Value::String(of), _) if of == "string" => "texts",
                 (_, Value::Number(two)) if two.as_u64() == Some(2) => "pairs of numbers",
                 _ => panic!("nothing is known of an array of {}", schema["items"]),
             };
@@ -267,8 +281,11 @@ fn text(one: &Value) -> &str {
 /// The value at a path of a file, if it is there.
 fn at<'t>(table: &'t toml::Table, path: &[&str]) -> Option<&'t toml::Value> {
     let (first, rest) = path.split_first()?;
-    rest.iter()
-        .try_fold(table.get(*first)?, |value, key| value.get(*key))
+    rest.iter().try_fold(table.get(*first)?, |value, key| {
+        // Of several tables the first.
+        let one = value.as_array().and_then(|all| all.first());
+        one.unwrap_or(value).get(*key)
+    })
 }
 
 fn value(value: &toml::Value) -> String {
@@ -331,6 +348,28 @@ fn the_page_of_files_is_what_is_read() {
             "recipes/y-branch.toml",
             FileKind::Recipe,
             order::<Recipe>,
+        ),
+        (
+            "machine.toml of a bench",
+            "The datasheet of a bench that is controlled by position ([implement your own](../howto/bench.md)). \"Shipped\" \
+             is from here on the value in `rigs/bench-piezo`.",
+            "rigs/bench-piezo/machine.toml",
+            FileKind::BenchMachine,
+            order::<BenchSpec>,
+        ),
+        (
+            "plant.toml of a bench",
+            "Its truth: only the twin reads it.",
+            "rigs/bench-piezo/plant.toml",
+            FileKind::BenchPlant,
+            order::<BenchPlant>,
+        ),
+        (
+            "calibration.toml of a bench",
+            "The belief: poses that were taught.",
+            "rigs/bench-piezo/calibration.toml",
+            FileKind::BenchCalibration,
+            order::<BenchCalibration>,
         ),
     ] {
         let _ = writeln!(text, "## {name}\n\n{about}\n");

@@ -37,7 +37,14 @@ fn shipped() -> Vec<(PathBuf, FileKind)> {
         let toml = files.filter(|file| file.extension().is_some());
         toml.map(|file| {
             let name = file.file_stem().and_then(|name| name.to_str());
-            let kind = name.expect("a name").parse().expect("a kind");
+            let name = name.expect("a name");
+            let bench = rig.ends_with("bench-piezo");
+            let name = if bench {
+                format!("bench-{name}")
+            } else {
+                name.to_owned()
+            };
+            let kind = name.parse().expect("a kind");
             (file, kind)
         })
     });

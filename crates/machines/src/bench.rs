@@ -1,7 +1,9 @@
-//! What goes around any bench: its guard.
+//! What goes around any bench: its guard, and its [record].
 //!
 //! In goes a [`Bench`], out comes another that control cannot tell from it, and that refuses what would hurt, and
 //! stops a bench that does not keep to its word. One suite of tests (`tests/bench.rs`) is for all benches.
+
+pub mod record;
 
 use pigtail_hal::bench::{
     Bench, Caps, Estimate, Event, Group, Law, Light, Pose, Refused, Request, Ticket,

@@ -7,6 +7,7 @@ use pigtail_hal::bench::{
     Pose, Refused, Request, Stage, Ticket,
 };
 use pigtail_hal::{Fault, Rule};
+use pigtail_machines::bench::record::{Recorder, Replay};
 use pigtail_machines::bench::{Guard, Plane};
 use pigtail_twin::bench::{BenchPlant, BenchTwin};
 use std::sync::Arc;
@@ -25,6 +26,10 @@ fn benches() -> Vec<(&'static str, Box<dyn Bench>)> {
     vec![
         ("twin", Box::new(twin(1))),
         ("guarded twin", Box::new(Guard::new(twin(2)))),
+        (
+            "recorded twin",
+            Box::new(Recorder::new(Guard::new(twin(4)), std::io::sink())),
+        ),
         (
             "twin guarded twice",
             Box::new(Guard::new(Guard::new(twin(3)))),
@@ -527,4 +532,57 @@ fn the_same_calls_give_the_same_events() {
     assert_ne!(run(9), run(10));
     let light = |event: &Event| matches!(event, Event::Light(Light { .. }));
     assert!(run(9).0.iter().filter(|event| light(event)).count() > 290);
+}
+
+/// What a recorded run is repeated with, and all that it sees.
+fn work(bench: &mut dyn Bench) -> (Vec<Event>, Vec<Option<Estimate>>, Vec<String>) {
+    let (mut events, mut poses, mut refused) = (Vec::new(), Vec::new(), Vec::new());
+    let load = bench
+        .request(Request::Load { arm: 1, port: 0 })
+        .expect("it may");
+    events.extend(until(bench, load));
+    let far = bench.play(Group(3), line(Pose::at(1.0, 0.0, 0.0)));
+    refused.push(far.expect_err("it is far").to_string());
+    let ticket = bench
+        .play(Group(3), Law::Dither(circle(3e-6, 5.0)))
+        .expect("it plays");
+    for k in 1..40 {
+        events.push(bench.next(bench.now() + 0.02).expect("it is well"));
+        poses.push(bench.pose(Group(3), bench.now() - 0.01));
+        if k == 20 {
+            bench
+                .bend(ticket, Law::Dither(circle(1e-6, 5.0)))
+                .expect("it bends");
+        }
+    }
+    bench.stop();
+    (events, poses, refused)
+}
+
+#[test]
+fn a_record_is_repeated_to_the_last_bit_and_nothing_else_is() {
+    let mut recorder = Recorder::new(twin(11), Vec::new());
+    let caps = recorder.caps().clone();
+    let before = work(&mut recorder);
+    let record = recorder.finish().expect("memory");
+    let replay = || Replay::read(caps.clone(), &record[..]).expect("it was recorded");
+    let (events, poses, refused) = work(&mut replay());
+    assert_eq!((&events, &poses), (&before.0, &before.1));
+    // Why it was refused is kept in words.
+    assert_eq!(refused, before.2);
+    // Asked otherwise, or for more.
+    let mut other = replay();
+    assert!(other.play(Group(0), Law::Brake).is_err());
+    assert_eq!(
+        other.next(1.0).expect_err("it differs").rule,
+        Rule::ReplayDiffers
+    );
+    let mut more = replay();
+    work(&mut more);
+    assert_eq!(more.next(99.0).expect_err("it ends").rule, Rule::ReplayEnds);
+    // A record that was cut ends earlier; one that is none is said to be none.
+    let cut = &record[..record.len() / 2];
+    assert!(Replay::read(caps.clone(), cut).is_ok());
+    assert!(Replay::read(caps.clone(), &b"{\"begin\":0.0}\nnot\n{}\n"[..]).is_err());
+    assert!(Replay::read(caps, &b""[..]).is_err());
 }
