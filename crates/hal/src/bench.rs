@@ -555,6 +555,10 @@ impl<B: Bench + ?Sized> Bench for &mut B {
         (**self).pose(group, at)
     }
 
+    fn reaches(&self, group: Group, pose: &Pose) -> bool {
+        (**self).reaches(group, pose)
+    }
+
     fn stop(&mut self) {
         (**self).stop();
     }

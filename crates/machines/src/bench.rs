@@ -367,6 +367,10 @@ impl<B: Bench> Bench for Guard<B> {
         self.bench.pose(group, at)
     }
 
+    fn reaches(&self, group: Group, pose: &Pose) -> bool {
+        self.bench.reaches(group, pose)
+    }
+
     fn stop(&mut self) {
         self.bench.stop();
         self.moving.clear();

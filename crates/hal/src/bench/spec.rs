@@ -59,7 +59,7 @@ pub struct CoarseSpec {
     /// By when it has come to rest, seconds.
     #[serde(with = "quantity::NonNegativeTime")]
     pub settling: f64,
-    /// From when a pose is told until its light is measured, seconds.
+    /// By how much a sample of light is later than the pose that it is of, by what is measured of that, seconds.
     #[serde(with = "quantity::NonNegativeTime")]
     pub lag: f64,
     /// Standard deviation of that, seconds.
@@ -92,7 +92,7 @@ pub struct FineSpec {
     /// Fastest circle that it follows, turns a second.
     #[serde(with = "quantity::PositiveFrequency")]
     pub bandwidth: f64,
-    /// From when a pose is told until its light is measured, seconds: the loop's and the meter's share.
+    /// By how much a sample of light is later than the pose that it is of, by what is measured of that, seconds.
     #[serde(with = "quantity::NonNegativeTime")]
     pub lag: f64,
     /// Standard deviation of that, seconds.

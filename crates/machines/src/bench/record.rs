@@ -3,7 +3,7 @@
 //! A line of JSON for each exchange; numbers are read back to the last bit.
 
 use pigtail_hal::bench::{
-    Bench, Caps, Estimate, Event, Group, Law, Light, Refused, Request, Ticket,
+    Bench, Caps, Estimate, Event, Group, Law, Light, Pose, Refused, Request, Ticket,
 };
 use pigtail_hal::{Fault, Rule};
 use serde::{Deserialize, Serialize};
@@ -133,6 +133,7 @@ enum Exchange {
     /// By when, which is nothing where nobody said; what came of it; and the time then.
     Next(Option<f64>, Heard, f64),
     Pose(Group, f64, Option<Estimate>),
+    Reaches(Group, Pose, bool),
     Stop,
 }
 
@@ -231,6 +232,12 @@ impl<B: Bench, W: Write> Bench for Recorder<B, W> {
     fn pose(&self, group: Group, at: f64) -> Option<Estimate> {
         let answer = self.bench.pose(group, at);
         self.keep(&Exchange::Pose(group, at, answer));
+        answer
+    }
+
+    fn reaches(&self, group: Group, pose: &Pose) -> bool {
+        let answer = self.bench.reaches(group, pose);
+        self.keep(&Exchange::Reaches(group, *pose, answer));
         answer
     }
 
@@ -371,6 +378,15 @@ impl Bench for Replay {
             _ => None,
         };
         self.answer(&format!("a pose at {at} s"), same).flatten()
+    }
+
+    fn reaches(&self, group: Group, pose: &Pose) -> bool {
+        let same = |exchange: &Exchange| match exchange {
+            Exchange::Reaches(of, at, answer) if (of, at) == (&group, pose) => Some(*answer),
+            _ => None,
+        };
+        self.answer("whether a pose is reached", same)
+            .unwrap_or(false)
     }
 
     fn stop(&mut self) {
