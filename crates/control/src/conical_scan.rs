@@ -194,6 +194,13 @@ impl<'r> ConicalScan<'r> {
         self.watch.noise
     }
 
+    /// The noise of its samples from now on, volts, known by so many degrees of freedom.
+    pub fn set_noise(&mut self, noise: f64, degrees: f64) {
+        self.watch.noise = noise;
+        self.watch.still = noise;
+        self.watch.still_degrees = degrees;
+    }
+
     /// Its level without the fiber's light, volts.
     pub fn background(&self) -> f64 {
         self.watch.background
@@ -385,6 +392,37 @@ impl<'r> ConicalScan<'r> {
         });
         if self.readings.len() > self.most {
             self.readings.pop_front();
+        }
+    }
+
+    /// Circles until a time, or until a ticket is done; returns whether it is.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::step`]; [`Outcome::BenchFailed`] where the ticket fails.
+    pub fn circle_until(
+        &mut self,
+        bench: &mut dyn Bench,
+        gap: Gap,
+        by: f64,
+        ticket: Ticket,
+    ) -> Result<bool, Halt> {
+        self.play(bench, gap, GLIDE * self.period)?;
+        loop {
+            match bench.next(by)? {
+                Event::Light(light) => self.note(bench, gap, &light),
+                Event::Batch(lights) => {
+                    for light in &lights {
+                        self.note(bench, gap, light);
+                    }
+                }
+                Event::Time => return Ok(false),
+                Event::Done(done) if done == ticket => return Ok(true),
+                Event::Failed(failed, why) if failed == ticket => {
+                    return Err(Outcome::BenchFailed { why }.into());
+                }
+                Event::Done(_) | Event::Failed(..) => {}
+            }
         }
     }
 

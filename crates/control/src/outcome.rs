@@ -109,6 +109,15 @@ pub enum Outcome {
         /// The greatest that is accepted.
         accepted: f64,
     },
+    /// A bench did not do what it was asked for.
+    #[error("not done: {why}")]
+    BenchFailed {
+        /// Why not.
+        why: String,
+    },
+    /// Nobody has taught where a port is, and what measures its light.
+    #[error("not taught: a port's pose or its meter is missing in the bench's calibration")]
+    NotTaught,
     /// An axis did not come to where it was sent.
     #[error("not arrived: {axis} stayed {counts} counts away from where it was sent")]
     NotArrived {
@@ -260,8 +269,9 @@ impl Outcome {
             Self::Unsure { .. } | Self::UnsureGap { .. } | Self::UnsurePlace { .. } => {
                 OutcomeCode::Unsure
             }
-            Self::NotArrived { .. } => OutcomeCode::NotArrived,
-            Self::Refused { .. }
+            Self::NotArrived { .. } | Self::BenchFailed { .. } => OutcomeCode::NotArrived,
+            Self::NotTaught
+            | Self::Refused { .. }
             | Self::MicroRange { .. }
             | Self::ProfileRange { .. }
             | Self::Immobile(_)

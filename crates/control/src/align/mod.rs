@@ -1,53 +1,359 @@
-//! One alignment for every bench.
+//! Alignment on any bench, by poses and light alone: nobody has a camera here, and no sensing fiber.
+//!
+//! A person has taught where each fiber touches the chip's facet at its port's peak ([`Taught`]); chip and fiber of the day
+//! are some micrometres from there. Both fibers of a guide stand back until the light between them is as wide as that:
+//! there it is seen at once, or after some places around it ([`first_light`]). Circles find both peaks
+//! ([`conical_scan`](crate::conical_scan)) and follow them while the gap closes along the beam. A fiber is attached only where
+//! its place is sure.
 
-use crate::outcome::Outcome;
+mod fiber;
+mod first_light;
+mod observed;
+
+use crate::outcome::{Halt, Outcome};
 use crate::procedure::{FiberReport, PORTS};
 use crate::recipe::Recipe;
 use crate::station::Observer;
-use pigtail_hal::Side;
-use pigtail_hal::bench::{Bench, Meter, Pose};
+use fiber::Fiber;
+use first_light::first_light;
+use observed::Observed;
+use pigtail_hal::bench::{Event, Group, Law, Limits, Meter, Pose, Refused, Request, Ticket};
+use pigtail_hal::{Bench, Fault, Side};
 
-/// A pose that was taught: coarse group at `pose`, fine group in its middle, the fiber's tip touches the facet at the port's
-/// peak.
-#[derive(Debug, Clone, PartialEq)]
+/// A pose that was taught: with the coarse group there and the fine group in its middle the fiber's tip touches the
+/// facet at the port's peak.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Taught {
     /// The arm.
     pub arm: usize,
-    /// The port on its side.
+    /// The port of its side, counted from zero.
     pub port: usize,
-    /// The coarse group's pose.
+    /// Pose of the coarse group, in the frame of the arm.
     pub pose: Pose,
-    /// Standard deviation of the peak in x and in y, metres.
+    /// How far the peak of a device is from there, in x and in y, one standard deviation, metres.
     pub across: f64,
-    /// How far off the facet is in z at the most, metres.
+    /// How far its facet may be from there along z, at most, metres...
     pub bound_z: f64,
-    /// Standard deviation of that, metres.
+    /// ...beside a normal deviation, metres.
     pub sigma_z: f64,
 }
 
-/// What is believed of a bench that has no vision.
+/// What is believed of a bench that has no vision. Arm 0 carries the input, arm 1 the outputs.
+///
+/// The frame of arm 0 has the chip's axes, that of arm 1 is turned by half a turn about y: light that leaves the chip at
+/// the recipe's exit angle goes to positive x of the chip on both sides.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Belief {
-    /// Poses that were taught.
+    /// A pose for each port.
     pub taught: Vec<Taught>,
     /// What measures the light of each output.
     pub meters: Vec<Meter>,
 }
 
-/// Aligns the fibers of a device.
+impl Belief {
+    fn taught(&self, arm: usize, port: usize) -> Option<&Taught> {
+        let of = |taught: &&Taught| (taught.arm, taught.port) == (arm, port);
+        self.taught.iter().find(of)
+    }
+}
+
+/// Aligns the input fiber and the output fibers of one device. Its outputs come after its input, which needs the first of
+/// them to be seen.
 pub fn align(
-    _bench: &mut dyn Bench,
-    _belief: &Belief,
-    _recipe: &Recipe,
-    _observer: &mut dyn Observer,
+    bench: &mut dyn Bench,
+    belief: &Belief,
+    recipe: &Recipe,
+    observer: &mut dyn Observer,
 ) -> Vec<FiberReport> {
-    let report = |(index, port): (usize, &&'static str)| FiberReport {
-        port,
-        side: if index == 0 { Side::Left } else { Side::Right },
-        outcome: Outcome::NotAttempted,
-        shaking: None,
-        place: None,
-        phases: Vec::new(),
+    let mut bench = Observed::new(bench, observer);
+    let mut device = Device {
+        bench: &mut bench,
+        belief,
+        recipe,
+        dark: Dark::default(),
+        reports: Vec::with_capacity(1 + recipe.ports.outputs.len()),
     };
-    PORTS.iter().enumerate().map(report).collect()
+    device.align();
+    device.reports
+}
+
+/// A meter without the laser.
+#[derive(Debug, Clone, Copy, Default)]
+struct Dark {
+    /// Volts.
+    mean: f64,
+    /// Standard deviation of a sample, volts.
+    sigma: f64,
+}
+
+/// A device on its way.
+struct Device<'d, 'b> {
+    bench: &'d mut Observed<'b>,
+    belief: &'d Belief,
+    recipe: &'d Recipe,
+    dark: Dark,
+    reports: Vec<FiberReport>,
+}
+
+/// Phases of a fiber, and their times.
+type Phases = Vec<(&'static str, f64)>;
+
+impl<'d> Device<'d, '_> {
+    fn align(&mut self) {
+        let (mut phases, mut place) = (Phases::new(), None);
+        let mut output = None;
+        let input = self.input_fiber(&mut phases, &mut place, &mut output);
+        let lit = self.report(0, input, phases, place);
+        for port in 0..self.recipe.ports.outputs.len() {
+            let (mut phases, mut place) = (Phases::new(), None);
+            let result = if lit && !self.has_stopped() {
+                let here = output.take();
+                self.output_fiber(port, here, &mut phases, &mut place)
+            } else {
+                Err(Outcome::NotAttempted.into())
+            };
+            self.report(1 + port, result, phases, place);
+        }
+    }
+
+    fn has_stopped(&self) -> bool {
+        let fault = |report: &FiberReport| report.outcome.fault().is_some();
+        self.reports.iter().any(fault)
+    }
+
+    /// The input and the first output to their peaks at the last gap, and the input attached.
+    fn input_fiber(
+        &mut self,
+        phases: &mut Phases,
+        place: &mut Option<crate::belief::Place>,
+        output: &mut Option<Fiber<'d>>,
+    ) -> Result<(), Halt> {
+        let (mut left, mut right) = (self.fiber(0, 0)?, self.fiber(1, 0)?);
+        self.phase(0, phases, "coarse", |device| {
+            device.dark = device.measure_dark(left.meter)?;
+            for fiber in [&mut left, &mut right] {
+                fiber.load(device.bench)?;
+            }
+            let pair = [&mut left, &mut right];
+            Fiber::come_near(device.bench, pair)
+        })?;
+        self.phase(0, phases, "search", |device| {
+            first_light(device.bench, &device.dark, &mut [&mut left, &mut right])
+        })?;
+        self.phase(0, phases, "centre", |device| {
+            // Each narrows what the other sees.
+            for _ in 0..2 {
+                left.centre(device.bench, &device.dark, "centre")?;
+                right.centre(device.bench, &device.dark, "centre")?;
+            }
+            Ok(())
+        })?;
+        self.phase(0, phases, "approach", |device| {
+            right.approach(device.bench, &device.dark)?;
+            left.approach(device.bench, &device.dark)
+        })?;
+        self.phase(0, phases, "final", |device| {
+            right.centre(device.bench, &device.dark, "final")?;
+            *place = Some(left.finish(device.bench, &device.dark)?);
+            Ok(())
+        })?;
+        *output = Some(right);
+        Ok(())
+    }
+
+    /// An output to its port, from the tray or from where it has been seen already.
+    fn output_fiber(
+        &mut self,
+        port: usize,
+        here: Option<Fiber<'d>>,
+        phases: &mut Phases,
+        place: &mut Option<crate::belief::Place>,
+    ) -> Result<(), Halt> {
+        let mut fiber = if let Some(fiber) = here {
+            fiber
+        } else {
+            let mut fiber = self.fiber(1, port)?;
+            self.phase(1 + port, phases, "coarse", |device| {
+                fiber.load(device.bench)?;
+                Fiber::come_near(device.bench, [&mut fiber])
+            })?;
+            self.phase(1 + port, phases, "search", |device| {
+                first_light(device.bench, &device.dark, &mut [&mut fiber])
+            })?;
+            self.phase(1 + port, phases, "centre", |device| {
+                fiber.centre(device.bench, &device.dark, "centre")
+            })?;
+            self.phase(1 + port, phases, "approach", |device| {
+                fiber.approach(device.bench, &device.dark)
+            })?;
+            fiber
+        };
+        self.phase(1 + port, phases, "final", |device| {
+            *place = Some(fiber.finish(device.bench, &device.dark)?);
+            Ok(())
+        })
+    }
+
+    fn fiber(&self, arm: usize, port: usize) -> Result<Fiber<'d>, Outcome> {
+        let taught = self.belief.taught(arm, port).ok_or(Outcome::NotTaught)?;
+        // The input's light is seen behind the first output.
+        let meter = self.belief.meters.get(if arm == 0 { 0 } else { port });
+        let meter = *meter.ok_or(Outcome::NotTaught)?;
+        Fiber::new(self.bench, self.recipe, taught, meter)
+    }
+
+    /// The light without the laser.
+    fn measure_dark(&mut self, meter: Meter) -> Result<Dark, Halt> {
+        /// Samples.
+        const SAMPLES: usize = 50;
+        ask(self.bench, Request::Laser(false))?;
+        // A meter forgets the laser in some samples.
+        look(self.bench, meter, 5)?;
+        let (mean, sigma) = look(self.bench, meter, SAMPLES)?;
+        ask(self.bench, Request::Laser(true))?;
+        look(self.bench, meter, 5)?;
+        let step = self.bench.caps().channels[meter.0].resolution;
+        Ok(Dark {
+            mean,
+            sigma: sigma.max(step),
+        })
+    }
+
+    fn phase<T>(
+        &mut self,
+        port: usize,
+        phases: &mut Phases,
+        name: &'static str,
+        work: impl FnOnce(&mut Self) -> Result<T, Halt>,
+    ) -> Result<T, Halt> {
+        let start = self.bench.now();
+        self.bench.observer().phase(PORTS[port], name, start);
+        let result = work(self);
+        let end = self.bench.now();
+        phases.push((name, end - start));
+        self.bench.observer().phase_over(PORTS[port], name, end);
+        result
+    }
+
+    /// Notes how a fiber went. One that did not go well is taken back, and the machine left well. Whether it is aligned.
+    fn report(
+        &mut self,
+        port: usize,
+        result: Result<(), Halt>,
+        phases: Phases,
+        place: Option<crate::belief::Place>,
+    ) -> bool {
+        let side = Side::ALL[port.min(1)];
+        let outcome = match result {
+            Ok(()) => Outcome::Aligned,
+            Err(Halt::Fault(fault)) => Outcome::Stopped(fault),
+            Err(Halt::Outcome(Outcome::NotAttempted)) => Outcome::NotAttempted,
+            Err(Halt::Outcome(outcome)) => {
+                // Where the input fails its first output goes back too.
+                let mut arms = if port == 0 { 0..2 } else { 1..2 };
+                match arms.try_for_each(|arm| self.put_back(arm)) {
+                    Ok(()) => outcome,
+                    Err(fault) => Outcome::Stopped(fault),
+                }
+            }
+        };
+        let aligned = outcome == Outcome::Aligned;
+        self.reports.push(FiberReport {
+            port: PORTS[port],
+            side,
+            outcome,
+            shaking: None,
+            place: place.filter(|_| aligned),
+            phases,
+        });
+        aligned
+    }
+
+    /// An arm goes away from the chip, and its fiber back.
+    fn put_back(&mut self, arm: usize) -> Result<(), Fault> {
+        if let Ok(fiber) = self.fiber(arm, 0)
+            && let Err(Halt::Fault(fault)) = fiber.go_back(self.bench)
+        {
+            return Err(fault);
+        }
+        match ask(self.bench, Request::Unload { arm }) {
+            Err(Halt::Fault(fault)) => Err(fault),
+            Ok(()) | Err(Halt::Outcome(_)) => Ok(()),
+        }
+    }
+}
+
+/// Longest that anything which is asked for may take, seconds.
+const LONGEST: f64 = 120.0;
+
+/// Lets time pass until a ticket is done.
+fn until_done(bench: &mut dyn Bench, ticket: Ticket) -> Result<(), Halt> {
+    until_all_done(bench, vec![ticket])
+}
+
+/// Lets time pass until all of some tickets are done.
+fn until_all_done(bench: &mut dyn Bench, mut tickets: Vec<Ticket>) -> Result<(), Halt> {
+    let end = bench.now() + LONGEST;
+    while !tickets.is_empty() {
+        match bench.next(end)? {
+            Event::Done(done) => tickets.retain(|ticket| *ticket != done),
+            Event::Failed(failed, why) if tickets.contains(&failed) => {
+                return Err(Outcome::BenchFailed { why }.into());
+            }
+            Event::Time => {
+                let why = format!("something was not done within {LONGEST} s");
+                return Err(Outcome::BenchFailed { why }.into());
+            }
+            _ => {}
+        }
+    }
+    Ok(())
+}
+
+fn ask(bench: &mut dyn Bench, what: Request) -> Result<(), Halt> {
+    let ticket = bench.request(what).map_err(|why| refused(&why))?;
+    until_done(bench, ticket)
+}
+
+fn refused(why: &Refused) -> Outcome {
+    Outcome::BenchFailed {
+        why: why.to_string(),
+    }
+}
+
+/// A group goes straight to a pose and comes to rest.
+fn line(bench: &mut dyn Bench, group: Group, to: Pose, speed: Option<f64>) -> Result<(), Halt> {
+    let limits = Limits { speed };
+    let ticket = bench
+        .play(group, Law::Line { to, limits })
+        .map_err(|why| refused(&why))?;
+    until_done(bench, ticket)
+}
+
+/// Mean and standard deviation about a straight line in time of so many samples of light, volts.
+fn look(bench: &mut dyn Bench, meter: Meter, samples: usize) -> Result<(f64, f64), Halt> {
+    let mut seen: Vec<(f64, f64)> = Vec::with_capacity(samples);
+    let rate = bench.caps().channels[meter.0].rate;
+    let end = bench.now() + LONGEST + 10.0 * samples as f64 / rate;
+    while seen.len() < samples {
+        let lights = match bench.next(end)? {
+            Event::Light(light) => vec![light],
+            Event::Batch(lights) => lights,
+            Event::Time => {
+                let why = "its meter is silent".to_owned();
+                return Err(Outcome::BenchFailed { why }.into());
+            }
+            Event::Done(_) | Event::Failed(..) => continue,
+        };
+        let volts = lights
+            .iter()
+            .map(|light| (light.time, light.volts[meter.0]));
+        seen.extend(volts.filter(|(_, volts)| !volts.is_nan()));
+    }
+    let n = seen.len() as f64;
+    let mean = seen.iter().map(|(_, volts)| volts).sum::<f64>() / n;
+    let line = pigtail_numerics::line::Line::through(seen.iter().copied());
+    let squares: f64 = seen.iter().map(|(t, v)| line.left(*t, *v).powi(2)).sum();
+    let sigma = (squares / (n - 2.0).max(1.0)).sqrt();
+    Ok((mean, sigma))
 }

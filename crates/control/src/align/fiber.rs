@@ -1,0 +1,504 @@
+//! A fiber in the arm of a bench, from the tray to the chip.
+
+use super::{Dark, LONGEST, Taught, ask, line, look, refused, until_all_done, until_done};
+use crate::beam::Beam;
+use crate::belief::{Place, UNSURE};
+use crate::conical_scan::{ConicalScan, Gap, Watch};
+use crate::outcome::{Halt, Outcome};
+use crate::recipe::Recipe;
+use pigtail_hal::Bench;
+use pigtail_hal::bench::{
+    AxisCaps, Degree, Dither, Glide, Group, Law, Limits, Meter, Pose, Request, Stage,
+};
+use pigtail_model::frames::Displacement;
+
+/// Width of the light that is searched for, in standard deviations of where it may be.
+const WIDE: f64 = 2.5;
+
+/// Share of its range to which a fine group is used before the coarse one helps.
+const ROOM: f64 = 0.5;
+
+/// From one gap of the approach to the next.
+const NEARER: f64 = 0.6;
+
+/// Share of a gap that is closed in one turn at most: the peak is found anew meanwhile.
+const CLOSING: f64 = 0.15;
+
+/// How far below, metres, and how many gaps behind its place a fiber is before it comes there, so that whatever gives way does so
+/// in one direction.
+const RUN_UP: f64 = 40e-6;
+
+/// Gap at which fibers are loaded, metres.
+const CLEAR: f64 = 0.5e-3;
+
+/// Samples of a look at the light.
+const LOOK: usize = 12;
+
+/// Samples of a look at how steady the light at its peak is.
+const STEADY: usize = 40;
+
+/// How well circles centre at a gap, in widths.
+const NEAR: f64 = 0.1;
+
+/// How often the last turns are begun.
+const ATTEMPTS: u32 = 4;
+
+/// Samples for which a tip is watched that may shake too much, at first and at most.
+const WATCHED: (usize, usize) = (40, 640);
+
+/// Share of its light that may be missing once a fiber is attached, beside noise.
+const ATTACHED_LESS: f64 = 0.01;
+
+/// Standard deviations of the difference of two looks that are noise.
+const ATTACHED_NOISE: f64 = 4.5;
+
+/// A fiber on its way.
+pub(super) struct Fiber<'d> {
+    recipe: &'d Recipe,
+    taught: &'d Taught,
+    pub(super) meter: Meter,
+    coarse: Group,
+    fine: Group,
+    /// How the peak walks for a metre of gap, in the arm's frame.
+    walk: Displacement,
+    beam: Beam,
+    /// Gap of the search, metres.
+    back: f64,
+    /// How far the coarse group stands aside of what was taught, metres.
+    aside: Displacement,
+    /// Gap that was asked for last, metres.
+    gap: f64,
+    scan: Option<ConicalScan<'d>>,
+    /// Light at the peak at no gap when the approach began, volts.
+    before: f64,
+}
+
+impl<'d> Fiber<'d> {
+    pub(super) fn new(
+        bench: &dyn Bench,
+        recipe: &'d Recipe,
+        taught: &'d Taught,
+        meter: Meter,
+    ) -> Result<Self, Outcome> {
+        let caps = bench.caps();
+        let group = |stage| caps.group(taught.arm, stage).ok_or(Outcome::NotTaught);
+        let (coarse, fine) = (group(Stage::Coarse)?, group(Stage::Fine)?);
+        let exit = recipe.ports.exit_angle;
+        let beam = Beam::new(&recipe.mode, exit);
+        let wide = WIDE * taught.across / beam.width(0.0);
+        let back = beam.gap_of((wide * wide - 1.0).max(0.0));
+        // The frame of the second arm is turned by half a turn.
+        let walk = if taught.arm == 0 {
+            exit.tan()
+        } else {
+            -exit.tan()
+        };
+        Ok(Self {
+            recipe,
+            taught,
+            meter,
+            coarse,
+            fine,
+            walk: Displacement::new(walk, 0.0),
+            beam,
+            back: back.max(4.0 * recipe.approach.gap),
+            aside: Displacement::ZERO,
+            gap: CLEAR,
+            scan: None,
+            before: 0.0,
+        })
+    }
+
+    /// Standard deviation of where its peak is, metres.
+    pub(super) fn across(&self) -> f64 {
+        self.taught.across
+    }
+
+    /// Pose of the coarse group on the beam at a gap.
+    fn at_gap(&self, gap: f64) -> Pose {
+        let by = self.aside + self.walk * gap;
+        self.taught.pose + Pose::at(by.x, by.y, -gap)
+    }
+
+    /// The gap by the coarse group's own measure, metres.
+    fn measured_gap(&self, bench: &dyn Bench) -> f64 {
+        let pose = bench.pose(self.coarse, bench.now());
+        pose.map_or(self.gap, |at| self.taught.pose.z() - at.pose.z())
+    }
+
+    fn led(&self) -> Gap {
+        Gap::Led {
+            by: self.coarse,
+            contact: self.taught.pose.z(),
+        }
+    }
+
+    /// Away from the chip, then a new fiber.
+    pub(super) fn load(&mut self, bench: &mut dyn Bench) -> Result<(), Halt> {
+        self.go_back(bench)?;
+        let Taught { arm, port, .. } = *self.taught;
+        ask(bench, Request::Load { arm, port })
+    }
+
+    /// Away from the chip, straight back along z first.
+    pub(super) fn go_back(&self, bench: &mut dyn Bench) -> Result<(), Halt> {
+        let here = bench.pose(self.coarse, bench.now());
+        let here = here.map_or(self.at_gap(CLEAR), |at| at.pose);
+        let clear = (self.taught.pose.z() - CLEAR).min(here.z());
+        line(bench, self.coarse, here.with(Degree::Z, clear), None)
+    }
+
+    /// Some fibers together to where the search begins: from below, along the beam.
+    pub(super) fn come_near<const N: usize>(
+        bench: &mut dyn Bench,
+        fibers: [&mut Self; N],
+    ) -> Result<(), Halt> {
+        for behind in [true, false] {
+            let mut tickets = Vec::with_capacity(N);
+            for fiber in &fibers {
+                let to = if behind {
+                    fiber.at_gap(2.0 * fiber.back) + Pose::at(0.0, -RUN_UP, 0.0)
+                } else {
+                    fiber.at_gap(fiber.back)
+                };
+                let law = Law::Line {
+                    to,
+                    limits: Limits::default(),
+                };
+                tickets.push(bench.play(fiber.coarse, law).map_err(|why| refused(&why))?);
+            }
+            until_all_done(bench, tickets)?;
+        }
+        for fiber in fibers {
+            fiber.gap = fiber.back;
+        }
+        Ok(())
+    }
+
+    /// Places to look at around where it was taught, from the middle out, as far as so many standard deviations, so many
+    /// widths apart.
+    pub(super) fn places(&self, pitch: f64, far: f64) -> Vec<Displacement> {
+        let step = pitch * self.beam.width(self.back);
+        let far = far * self.taught.across;
+        let n = (far / step).ceil() as i32;
+        let grid = (-n..=n).flat_map(|j| (-n..=n).map(move |i| (f64::from(i), f64::from(j))));
+        let places = grid.map(|(i, j)| Displacement::new(i * step, j * step));
+        places.filter(|at| at.norm() <= far + 0.5 * step).collect()
+    }
+
+    /// Stands so far aside of the beam, with the fine group, or the coarse one where that does not reach.
+    pub(super) fn stand_at(&mut self, bench: &mut dyn Bench, at: Displacement) -> Result<(), Halt> {
+        let by = at - self.aside;
+        if bench.reaches(self.fine, &Pose::at(by.x, by.y, 0.0)) {
+            return self.fine_to(bench, by);
+        }
+        self.fine_to(bench, Displacement::ZERO)?;
+        self.aside = at;
+        line(bench, self.coarse, self.at_gap(self.gap), None)
+    }
+
+    /// The fine group goes somewhere and comes to rest.
+    fn fine_to(&self, bench: &mut dyn Bench, to: Displacement) -> Result<(), Halt> {
+        let now = bench.now();
+        let here = bench.pose(self.fine, now).map(|at| at.pose);
+        let here = here.map_or(Displacement::ZERO, |at| Displacement::new(at.x(), at.y()));
+        if (here - to).norm() < NEAR * self.beam.width(0.0) {
+            return Ok(());
+        }
+        let settling = bench.caps().groups[self.fine.0].settling;
+        let law = Dither {
+            centre: Glide {
+                to: [to.x, to.y],
+                within: settling,
+            },
+            radius: Glide::at_once(0.0),
+            rate: 0.0,
+            lead: None,
+            widens: None,
+        };
+        bench
+            .play(self.fine, Law::Dither(law))
+            .map_err(|why| refused(&why))?;
+        wait(bench, 2.0 * settling)
+    }
+
+    /// Circles begin where the fine group stands.
+    pub(super) fn begin_scan(&mut self, bench: &dyn Bench, dark: &Dark) {
+        let here = bench.pose(self.fine, bench.now()).map(|at| at.pose);
+        let at = here.map_or(Displacement::ZERO, |at| Displacement::new(at.x(), at.y()));
+        let watch = Watch {
+            group: self.fine,
+            meter: self.meter,
+            background: dark.mean,
+            noise: dark.sigma,
+            still: dark.sigma,
+            still_degrees: f64::INFINITY,
+        };
+        let shape = &self.recipe.fast.conical_scan;
+        let still = Displacement::ZERO;
+        // The coarse group goes along the beam: no peak walks for the fine one.
+        let start = (at, self.gap);
+        let scan = ConicalScan::new(watch, self.beam, shape, bench, start, still, None);
+        self.scan = Some(scan);
+    }
+
+    fn scan(&mut self) -> Result<&mut ConicalScan<'d>, Halt> {
+        self.scan
+            .as_mut()
+            .ok_or_else(|| Outcome::NotAttempted.into())
+    }
+
+    /// How noisy the light is where the fiber stands still: a meter's noise grows with its light.
+    fn learn_noise(
+        &mut self,
+        bench: &mut dyn Bench,
+        dark: &Dark,
+        samples: usize,
+    ) -> Result<(), Halt> {
+        let (_, sigma) = look(bench, self.meter, samples)?;
+        let degrees = samples as f64 - 2.0;
+        let noise = sigma.max(dark.sigma);
+        self.scan()?.set_noise(noise, degrees);
+        Ok(())
+    }
+
+    /// To the peak at this gap, and to rest there.
+    pub(super) fn centre(
+        &mut self,
+        bench: &mut dyn Bench,
+        dark: &Dark,
+        phase: &'static str,
+    ) -> Result<(), Halt> {
+        self.learn_noise(bench, dark, LOOK)?;
+        let gap = self.measured_gap(bench);
+        let coarse = NEAR * self.beam.width(gap);
+        for _ in 0..3 {
+            let scan = self.scan()?;
+            let peak = scan.centre(bench, gap, coarse, phase, 1);
+            scan.rest(bench, gap)?;
+            match peak {
+                Ok(peak) => {
+                    self.before = peak.full;
+                    if !self.make_room(bench)? {
+                        return Ok(());
+                    }
+                }
+                Err(Halt::Outcome(Outcome::MicroRange { .. })) => {
+                    if !self.make_room(bench)? {
+                        return Err(peak.expect_err("it was none"));
+                    }
+                }
+                Err(halt) => return Err(halt),
+            }
+        }
+        Ok(())
+    }
+
+    /// The coarse group takes over what the fine one stands aside, where that is much of its range. Whether it was so.
+    fn make_room(&mut self, bench: &mut dyn Bench) -> Result<bool, Halt> {
+        let gap = self.measured_gap(bench);
+        let place = self.scan()?.place(gap);
+        let room = |degree| {
+            let range = axis(bench, self.fine, degree).map(|axis| axis.range);
+            range.map_or(0.0, |(low, high)| ROOM * high.min(-low))
+        };
+        if place.x.abs() <= room(Degree::X) && place.y.abs() <= room(Degree::Y) {
+            return Ok(false);
+        }
+        let before = bench.pose(self.coarse, bench.now());
+        self.aside += place;
+        self.fine_to(bench, Displacement::ZERO)?;
+        line(bench, self.coarse, self.at_gap(self.gap), None)?;
+        let after = bench.pose(self.coarse, bench.now());
+        let by = before.zip(after).map_or(place, |(before, after)| {
+            let by = after.pose - before.pose;
+            Displacement::new(by.x(), by.y())
+        });
+        self.scan()?.hand_over(by);
+        Ok(true)
+    }
+
+    /// Closes the gap along the beam, from one gap to the next, on circles.
+    pub(super) fn approach(&mut self, bench: &mut dyn Bench, dark: &Dark) -> Result<(), Halt> {
+        let wanted = self.recipe.approach.gap;
+        let before = self.before;
+        let stray = self.recipe.fast.stray;
+        while self.gap > wanted {
+            let here = self.gap;
+            // One that would be left with hardly a way goes there at once.
+            self.gap = if NEARER * here < wanted / NEARER.sqrt() {
+                wanted
+            } else {
+                NEARER * here
+            };
+            let (to, led) = (self.at_gap(self.gap), self.led());
+            let period = self.scan()?.period();
+            let speed = CLOSING * self.gap / period;
+            let limits = Limits { speed: Some(speed) };
+            let law = Law::Line { to, limits };
+            let ticket = bench.play(self.coarse, law).map_err(|why| refused(&why))?;
+            let start = self.scan()?.place(0.0);
+            let mut arrived = false;
+            let end = bench.now() + LONGEST;
+            while !arrived {
+                let next = bench.now() + period;
+                arrived = self.scan()?.circle_until(bench, led, next, ticket)?;
+                let gap = self.measured_gap(bench);
+                let scan = self.scan()?;
+                let peak = scan.peak();
+                let light = match &peak {
+                    Some(peak) => scan.go_to(bench, peak, gap).map(|_| peak.full),
+                    None => Ok(0.0),
+                };
+                let strayed = (scan.place(0.0) - start).norm();
+                let least = self.recipe.fast.accept * before;
+                let why = match light {
+                    Ok(light) if light >= least && strayed <= stray && bench.now() < end => {
+                        continue;
+                    }
+                    Ok(level) => Outcome::LightLost {
+                        phase: "approach",
+                        level,
+                        expected: before,
+                    },
+                    Err(beyond) => beyond,
+                };
+                let brake = bench
+                    .play(self.coarse, Law::Brake)
+                    .map_err(|why| refused(&why))?;
+                until_done(bench, brake)?;
+                return Err(why.into());
+            }
+            let gap = self.measured_gap(bench);
+            let near = NEAR * self.beam.width(gap);
+            let scan = self.scan()?;
+            scan.centre(bench, gap, near, "approach", 1)?;
+            scan.rest(bench, gap)?;
+            self.learn_noise(bench, dark, LOOK)?;
+        }
+        Ok(())
+    }
+
+    /// The last turns at the chip, and the bond. Returns where the fiber is believed to be.
+    pub(super) fn finish(&mut self, bench: &mut dyn Bench, dark: &Dark) -> Result<Place, Halt> {
+        let gap = self.measured_gap(bench);
+        let place = self.place(bench, 0.0);
+        self.sure_of_gap(&place)?;
+        let aside = self.recipe.accept.aside;
+        let radius = self.recipe.fast.conical_scan.radius;
+        let mut accuracy = self.recipe.fast.accuracy;
+        let (mut why, mut watched) = (None, 0);
+        for _ in 0..ATTEMPTS {
+            // At its peak light does not tell how a tip shakes: what is seen there is noise.
+            let scan = self.scan()?;
+            scan.rest(bench, gap)?;
+            self.learn_noise(bench, dark, STEADY)?;
+            let scan = self.scan()?;
+            scan.set_radius(radius);
+            let last = scan.settle(bench, gap, accuracy, "final").and_then(|peak| {
+                scan.confirm(bench, gap, &peak, "final")
+                    .map(|seen| (seen, peak))
+            });
+            let ((expected, known), _) = match last {
+                Ok(last) => last,
+                Err(Halt::Outcome(doubt)) => {
+                    why = Some(doubt);
+                    continue;
+                }
+                Err(fault) => return Err(fault),
+            };
+            if scan.misjudges_width() {
+                scan.believe_width();
+                why = Some(Outcome::Unsure {
+                    deviation: known,
+                    accuracy,
+                });
+                continue;
+            }
+            if let Err(unsure) = scan.shaking().is_sure(aside, known) {
+                let mut samples = WATCHED.0;
+                while watched + samples <= WATCHED.1
+                    && scan.shaking().is_sure(aside, known).is_err()
+                {
+                    scan.watch_shaking(bench, gap, samples)?;
+                    watched += samples;
+                    samples = watched;
+                }
+                accuracy *= 0.6;
+                why = Some(unsure);
+                continue;
+            }
+            let across = scan.shaking().bonded(known);
+            let noise = scan.noise();
+            self.bond(bench, dark, expected, noise)?;
+            return Ok(Place { across, ..place });
+        }
+        Err(why.unwrap_or(Outcome::NotAttempted).into())
+    }
+
+    /// Attaches the fiber and looks whether its light, so many volts, stays.
+    fn bond(
+        &self,
+        bench: &mut dyn Bench,
+        dark: &Dark,
+        expected: f64,
+        noise: f64,
+    ) -> Result<(), Halt> {
+        ask(
+            bench,
+            Request::Attach {
+                arm: self.taught.arm,
+            },
+        )?;
+        let (after, _) = look(bench, self.meter, LOOK)?;
+        let after = after - dark.mean;
+        let beside = ATTACHED_NOISE * noise * (2.0 / LOOK as f64).sqrt();
+        if after < (1.0 - ATTACHED_LESS) * expected - beside {
+            return Err(Outcome::Slipped {
+                before: expected,
+                after,
+            }
+            .into());
+        }
+        Ok(())
+    }
+
+    /// Where the fiber is believed to be, with its place across known to a standard deviation.
+    fn place(&self, bench: &dyn Bench, across: f64) -> Place {
+        let repeats = axis(bench, self.coarse, Degree::Z);
+        let repeats = repeats.map_or(0.0, |axis| axis.repeatability);
+        Place {
+            across,
+            off: self.measured_gap(bench) - self.recipe.approach.gap,
+            bound: self.taught.bound_z,
+            sigma: self.taught.sigma_z.hypot(repeats),
+        }
+    }
+
+    fn sure_of_gap(&self, place: &Place) -> Result<(), Outcome> {
+        let tolerance = self.recipe.accept.gap;
+        let probability = place.outside_along(tolerance);
+        if probability <= UNSURE {
+            return Ok(());
+        }
+        Err(Outcome::UnsureGap {
+            off: place.off,
+            bound: place.bound,
+            sigma: place.sigma,
+            tolerance,
+            probability,
+            accepted: UNSURE,
+        })
+    }
+}
+
+fn axis(bench: &dyn Bench, group: Group, degree: Degree) -> Option<AxisCaps> {
+    bench.caps().groups[group.0].axes[degree.index()]
+}
+
+/// Lets time pass.
+fn wait(bench: &mut dyn Bench, seconds: f64) -> Result<(), Halt> {
+    let end = bench.now() + seconds;
+    while bench.next(end)? != pigtail_hal::bench::Event::Time {}
+    Ok(())
+}

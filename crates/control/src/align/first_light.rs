@@ -1,0 +1,95 @@
+//! Light between fibers of which nobody has seen any: back where it has spread, it is there at once, or around.
+
+use super::fiber::Fiber;
+use super::{Dark, look};
+use crate::outcome::{Halt, Outcome, SearchEvidence};
+use pigtail_hal::Bench;
+use pigtail_model::frames::Displacement;
+
+/// Standard deviations of a mean above the dark that are light: by chance once in ten million looks.
+const SIGNIFICANT: f64 = 6.0;
+
+/// Samples of a look.
+const SAMPLES: usize = 4;
+
+/// Distance of the places that are looked at, in widths of the light.
+const PITCH: f64 = 0.9;
+
+/// How far from where it was taught a peak is looked for, standard deviations.
+const FAR: f64 = 3.3;
+
+/// Looks at places of all fibers together, from the likeliest on, until there is light. Each fiber then stands where that
+/// was.
+pub(super) fn first_light(
+    bench: &mut dyn Bench,
+    dark: &Dark,
+    fibers: &mut [&mut Fiber],
+) -> Result<(), Halt> {
+    let grids: Vec<Vec<Displacement>> = fibers
+        .iter()
+        .map(|fiber| fiber.places(PITCH, FAR))
+        .collect();
+    let mut order = combinations(&grids);
+    let far = |at: &[usize]| -> f64 {
+        let far = at.iter().zip(&grids).zip(fibers.iter());
+        far.map(|((i, grid), fiber)| (grid[*i].norm() / fiber.across()).powi(2))
+            .sum()
+    };
+    order.sort_by(|a, b| far(a).total_cmp(&far(b)));
+    let threshold = SIGNIFICANT * dark.sigma / (SAMPLES as f64).sqrt();
+    let (mut samples, mut brightest) = (0, f64::NEG_INFINITY);
+    for at in &order {
+        for ((fiber, grid), i) in fibers.iter_mut().zip(&grids).zip(at) {
+            fiber.stand_at(bench, grid[*i])?;
+        }
+        let (mean, _) = look(bench, fibers[0].meter, SAMPLES)?;
+        samples += SAMPLES;
+        brightest = f64::max(brightest, mean);
+        if mean - dark.mean > threshold {
+            // Once more: what was chance will not be there.
+            let (again, _) = look(bench, fibers[0].meter, SAMPLES)?;
+            samples += SAMPLES;
+            if again - dark.mean > threshold {
+                for fiber in fibers {
+                    fiber.begin_scan(bench, dark);
+                }
+                return Ok(());
+            }
+        }
+    }
+    let width = 2.0 * FAR * fibers[0].across();
+    Err(Outcome::NoLight(SearchEvidence {
+        phase: "search",
+        samples,
+        width,
+        height: width,
+        brightest,
+        dismissed: 0,
+        threshold: dark.mean + threshold,
+    })
+    .into())
+}
+
+/// One place of each grid, in all ways.
+fn combinations(grids: &[Vec<Displacement>]) -> Vec<Vec<usize>> {
+    grids.iter().fold(vec![Vec::new()], |all, grid| {
+        let with = |at: &Vec<usize>| {
+            let at = at.clone();
+            (0..grid.len()).map(move |i| [at.as_slice(), &[i]].concat())
+        };
+        all.iter().flat_map(with).collect()
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_places_of_all_fibers_are_looked_at_together() {
+        let grid = |n: usize| vec![Displacement::ZERO; n];
+        let all = combinations(&[grid(2), grid(3)]);
+        assert_eq!(all.len(), 6);
+        assert!(all.contains(&vec![1, 2]) && all.contains(&vec![0, 0]));
+    }
+}
