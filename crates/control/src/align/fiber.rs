@@ -18,6 +18,9 @@ const WIDE: f64 = 2.5;
 /// Share of its range to which a fine group is used before the coarse one helps.
 const ROOM: f64 = 0.5;
 
+/// Share of its range that circles take.
+const CIRCLE: f64 = 0.3;
+
 /// From one gap of the approach to the next.
 const NEARER: f64 = 0.6;
 
@@ -248,6 +251,18 @@ impl<'d> Fiber<'d> {
             .ok_or_else(|| Outcome::NotAttempted.into())
     }
 
+    /// The same on circles that find the peak.
+    fn circling(&mut self, bench: &dyn Bench) -> Result<&mut ConicalScan<'d>, Halt> {
+        let range = self
+            .range(bench, Degree::X)
+            .min(self.range(bench, Degree::Y));
+        let most = CIRCLE * range / self.beam.width(self.gap);
+        let radius = self.recipe.fast.conical_scan.radius.min(most);
+        let scan = self.scan()?;
+        scan.set_radius(radius);
+        Ok(scan)
+    }
+
     /// How noisy the light is where the fiber stands still: a meter's noise grows with its light.
     fn learn_noise(
         &mut self,
@@ -273,18 +288,18 @@ impl<'d> Fiber<'d> {
         let gap = self.measured_gap(bench);
         let coarse = NEAR * self.beam.width(gap);
         for _ in 0..3 {
-            let scan = self.scan()?;
+            let scan = self.circling(bench)?;
             let peak = scan.centre(bench, gap, coarse, phase, 1);
             scan.rest(bench, gap)?;
             match peak {
                 Ok(peak) => {
                     self.before = peak.full;
-                    if !self.make_room(bench)? {
+                    if !self.make_room(bench, ROOM)? {
                         return Ok(());
                     }
                 }
                 Err(Halt::Outcome(Outcome::MicroRange { .. })) => {
-                    if !self.make_room(bench)? {
+                    if !self.make_room(bench, 0.0)? {
                         return Err(peak.expect_err("it was none"));
                     }
                 }
@@ -294,14 +309,18 @@ impl<'d> Fiber<'d> {
         Ok(())
     }
 
-    /// The coarse group takes over what the fine one stands aside, where that is much of its range. Whether it was so.
-    fn make_room(&mut self, bench: &mut dyn Bench) -> Result<bool, Halt> {
+    /// How far the fine group goes to either side, metres.
+    fn range(&self, bench: &dyn Bench, degree: Degree) -> f64 {
+        let range = axis(bench, self.fine, degree).map(|axis| axis.range);
+        range.map_or(0.0, |(low, high)| high.min(-low))
+    }
+
+    /// The coarse group takes over what the fine one stands aside, where that is more than a share of its range. Whether it
+    /// was so.
+    fn make_room(&mut self, bench: &mut dyn Bench, share: f64) -> Result<bool, Halt> {
         let gap = self.measured_gap(bench);
         let place = self.scan()?.place(gap);
-        let room = |degree| {
-            let range = axis(bench, self.fine, degree).map(|axis| axis.range);
-            range.map_or(0.0, |(low, high)| ROOM * high.min(-low))
-        };
+        let room = |degree| share * self.range(bench, degree);
         if place.x.abs() <= room(Degree::X) && place.y.abs() <= room(Degree::Y) {
             return Ok(false);
         }
@@ -337,7 +356,7 @@ impl<'d> Fiber<'d> {
             let limits = Limits { speed: Some(speed) };
             let law = Law::Line { to, limits };
             let ticket = bench.play(self.coarse, law).map_err(|why| refused(&why))?;
-            let start = self.scan()?.place(0.0);
+            let start = self.circling(bench)?.place(0.0);
             let mut arrived = false;
             let end = bench.now() + LONGEST;
             while !arrived {
@@ -385,7 +404,6 @@ impl<'d> Fiber<'d> {
         let place = self.place(bench, 0.0);
         self.sure_of_gap(&place)?;
         let aside = self.recipe.accept.aside;
-        let radius = self.recipe.fast.conical_scan.radius;
         let mut accuracy = self.recipe.fast.accuracy;
         let (mut why, mut watched) = (None, 0);
         for _ in 0..ATTEMPTS {
@@ -393,8 +411,7 @@ impl<'d> Fiber<'d> {
             let scan = self.scan()?;
             scan.rest(bench, gap)?;
             self.learn_noise(bench, dark, STEADY)?;
-            let scan = self.scan()?;
-            scan.set_radius(radius);
+            let scan = self.circling(bench)?;
             let last = scan.settle(bench, gap, accuracy, "final").and_then(|peak| {
                 scan.confirm(bench, gap, &peak, "final")
                     .map(|seen| (seen, peak))
