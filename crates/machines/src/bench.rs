@@ -239,7 +239,7 @@ impl<B: Bench> Guard<B> {
 
     fn heed(&mut self, event: &Event, before: f64, by: f64) -> Result<(), Fault> {
         let (now, name) = (self.bench.now(), self.name());
-        if !(now >= before - ROUNDING) {
+        if now.is_nan() || now < before - ROUNDING {
             return Err(self.halt(
                 Rule::EventOrder,
                 &name,

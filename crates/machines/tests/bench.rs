@@ -123,7 +123,6 @@ fn what_cannot_be_played_is_refused_in_words_and_nothing_moves() {
         };
         let before = (bench.now(), bench.pose(fine, bench.now()));
         let unknown = Group(caps.groups.len());
-        let nothing = Limits { speed: Some(0.0) };
         for (group, law, part) in [
             (unknown, Law::Brake, "there is no group"),
             (fine, line(Pose::at(f64::NAN, 0.0, 0.0)), "not a number"),
@@ -138,7 +137,7 @@ fn what_cannot_be_played_is_refused_in_words_and_nothing_moves() {
                 fine,
                 Law::Line {
                     to: Pose::ZERO,
-                    limits: nothing,
+                    limits: Limits { speed: Some(0.0) },
                 },
                 "speed",
             ),
