@@ -80,6 +80,8 @@ pub struct BenchTwin {
     events: VecDeque<Event>,
     /// Samples that are on their way, by the time at which they are heard of.
     heard: VecDeque<(f64, Light)>,
+    /// The output whose fiber was attached last: the meter stays at its end until another is carried.
+    attached_last: Option<usize>,
     meter: Meter,
     smallest_gap: f64,
 }
@@ -260,6 +262,7 @@ impl BenchTwin {
             busy: Vec::new(),
             events: VecDeque::new(),
             heard: VecDeque::new(),
+            attached_last: None,
             meter: Meter::default(),
             smallest_gap: f64::INFINITY,
         };
@@ -388,6 +391,9 @@ impl BenchTwin {
         let tip = Point::new(x, y, z);
         let at = self.light.port(Side::ALL[arm], port);
         let coupling = self.light.coupling(at, tip, fiber.tilt);
+        if arm == 1 {
+            self.attached_last = Some(port);
+        }
         self.attached[arm][port] = Some(Fixed {
             tip,
             fiber,
@@ -439,10 +445,18 @@ impl BenchTwin {
         }
     }
 
-    /// What leaves the output fiber that is carried, volts.
+    /// What leaves the output fiber that is carried, or was attached last, volts.
     fn signal(&self, tips: [Option<Point<Chip>>; SIDES], level: f64) -> f64 {
-        let Some((carried, tip)) = self.arms[1].carried.zip(tips[1]) else {
-            return 0.0;
+        let (port, coupling, tip) = match (self.arms[1].carried.zip(tips[1]), self.attached_last) {
+            (Some((Carried { port, fiber }, tip)), _) => {
+                let at = self.light.port(Side::Right, port);
+                (port, self.light.coupling(at, tip, fiber.tilt), tip)
+            }
+            (None, Some(port)) => match &self.attached[1][port] {
+                Some(fixed) => (port, fixed.coupling, fixed.tip),
+                None => return 0.0,
+            },
+            (None, None) => return 0.0,
         };
         let input = match (&self.attached[0][0], self.arms[0].carried, tips[0]) {
             (Some(fixed), _, _) => fixed.coupling,
@@ -452,10 +466,8 @@ impl BenchTwin {
             }
             _ => 0.0,
         };
-        let port = self.light.port(Side::Right, carried.port);
-        let coupling = self.light.coupling(port, tip, carried.fiber.tilt);
         let mut outputs = [None; OUTPUTS];
-        outputs[carried.port] = Some((coupling, tip));
+        outputs[port] = Some((coupling, tip));
         let nowhere = Point::new(0.0, 1.0, 0.0);
         let signals = self.light.signals(
             &Tips {
@@ -465,7 +477,7 @@ impl BenchTwin {
             },
             level,
         );
-        signals[pigtail_hal::Channel::of_output(carried.port).index()]
+        signals[pigtail_hal::Channel::of_output(port).index()]
     }
 
     /// What really is. Not part of [`Bench`].
