@@ -1,5 +1,6 @@
 //! What a campaign comes to, from its rows.
 
+use super::commissioned::REFUSED;
 use super::rows::ROWS_PER_DEVICE;
 use super::store::Store;
 use anyhow::Result;
@@ -491,7 +492,11 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<CampaignDocument> {
         machines: devices.div_ceil(plan.devices_each),
         devices_each: plan.devices_each,
         commissioned: plan.commissioned,
-        accepted: None,
+        accepted: if plan.commissioned {
+            Some(accepted(&rows, plan.devices_each)?)
+        } else {
+            None
+        },
         confidence: Confidence {
             level: CONFIDENCE,
             method: "wilson",
@@ -523,6 +528,23 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<CampaignDocument> {
         version: env!("CARGO_PKG_VERSION"),
         report: store.folder().join("report.html").display().to_string(),
     })
+}
+
+/// Machines that were not refused when they were commissioned.
+fn accepted(rows: &Rows, devices_each: u64) -> Result<u64> {
+    let rows_each = devices_each * ROWS_PER_DEVICE;
+    let (mut row, mut accepted) = (0_u64, 0_u64);
+    for table in rows.groups(&["detail"]) {
+        for detail in table?.texts("detail") {
+            // A machine is refused with all its devices.
+            if row.is_multiple_of(rows_each) {
+                let refused = detail.is_some_and(|why| why.starts_with(REFUSED));
+                accepted += u64::from(!refused);
+            }
+            row += 1;
+        }
+    }
+    Ok(accepted)
 }
 
 /// A column of numbers in order.
