@@ -104,7 +104,11 @@ impl Failure {
             let name = match self {
                 Self::Python(error) => return Ok(error),
                 Self::Input(error) => {
-                    fields.set_item("message", error.to_string())?;
+                    let message = match error.file.as_str() {
+                        "" => format!("{}: {}", error.key, error.message),
+                        _ => error.to_string(),
+                    };
+                    fields.set_item("message", message)?;
                     fields.set_item("file", &error.file)?;
                     fields.set_item("key", &error.key)?;
                     fields.set_item("value", value_of(&error))?;

@@ -444,12 +444,19 @@ fn driven(
     }
 }
 
+/// A file of parameters, or the parameters of a joint as JSON.
+#[derive(FromPyObject)]
+pub(crate) enum Params {
+    Json((String,)),
+    File(PathBuf),
+}
+
 /// Simulates a joint: its columns by the names of the book.
 #[pyfunction]
 #[pyo3(signature = (params, axis_name, voltages, impulse, step, triangle, duration_s, row_period_s, max_step_s, progress))]
 pub(crate) fn simulate_joint<'py>(
     py: Python<'py>,
-    params: PathBuf,
+    params: Params,
     axis_name: &str,
     voltages: Option<(Vec<f64>, Vec<f64>)>,
     impulse: Option<[f64; 3]>,
@@ -461,7 +468,10 @@ pub(crate) fn simulate_joint<'py>(
     progress: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let columns = work(py, progress, |_| {
-        let parameters = Parameters::read(&params, axis_name)?;
+        let parameters = match params {
+            Params::File(path) => Parameters::read(&path, axis_name)?,
+            Params::Json((json,)) => Parameters::of("", &json)?,
+        };
         let input = driven(voltages, impulse, step, triangle)?;
         let grid = Grid {
             duration: duration_s.unwrap_or_else(|| input.duration()),

@@ -18,11 +18,21 @@ mod runs;
 mod twin;
 mod work;
 
+use pigtail_hal::{Channel, Side};
 use pyo3::prelude::*;
+use pyo3::types::PyTuple;
 
 #[pymodule]
 fn _pigtail(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add(
+        "CHANNELS",
+        PyTuple::new(module.py(), Channel::ALL.map(Channel::name))?,
+    )?;
+    module.add(
+        "SIDES",
+        PyTuple::new(module.py(), Side::ALL.map(Side::name))?,
+    )?;
     module.add_class::<rig::Rig>()?;
     module.add_class::<rig::Belief>()?;
     module.add_class::<twin::Twin>()?;

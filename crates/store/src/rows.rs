@@ -428,6 +428,20 @@ impl Rows {
         Ok(())
     }
 
+    /// Hands each value of a column of numbers on, without its nulls; a group of rows is in memory at a time.
+    ///
+    /// # Errors
+    ///
+    /// When the file is damaged.
+    pub fn each_number(&self, name: &str, mut each: impl FnMut(f64)) -> Result<()> {
+        for table in self.groups(&[name]) {
+            if let Values::Number(values) = &table?.cells(name).values {
+                values.iter().for_each(|value| each(*value));
+            }
+        }
+        Ok(())
+    }
+
     /// All values of a column of numbers, without its nulls.
     ///
     /// # Errors
@@ -435,11 +449,7 @@ impl Rows {
     /// When the file is damaged.
     pub fn numbers(&self, name: &str) -> Result<Vec<f64>> {
         let mut all = Vec::new();
-        for table in self.groups(&[name]) {
-            if let Values::Number(values) = &table?.cells(name).values {
-                all.extend_from_slice(values);
-            }
-        }
+        self.each_number(name, |value| all.push(value))?;
         Ok(all)
     }
 }

@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     import pyarrow
     from numpy.typing import NDArray
 
-CHANNELS = ("sensing", "output1", "output2")
+CHANNELS = _pigtail.CHANNELS
 """The photodiodes, in the order of :attr:`Samples.light_v`."""
-SIDES = ("left", "right")
+SIDES = _pigtail.SIDES
 """The manipulators, in the order of all that is indexed by side."""
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -249,24 +248,21 @@ def simulate_joint(
             message = "voltages: accepted are two arrays, times and volts"
             raise InputError(message, key="voltages", value=repr(voltages)) from None
         driven = (_vector("voltages", times), _vector("voltages", volts))
-    with tempfile.TemporaryDirectory() as folder:
-        if isinstance(params, Mapping):
-            table = {str(key): number(str(key), value) for key, value in params.items()}
-            path = os.path.join(folder, "params.json")
-            with open(path, "w", encoding="utf-8") as file:
-                json.dump({axis: table}, file)
-        else:
-            path = text("params", params)
-        with shown(progress, "simulate joint") as tell:
-            return _pigtail.simulate_joint(
-                path,
-                text("axis", axis),
-                driven,
-                None if impulse is None else _numbers("impulse", impulse, 3),
-                maybe_number("step", step),
-                None if triangle is None else _numbers("triangle", triangle, 2),
-                maybe_number("duration_s", duration_s),
-                maybe_number("row_period_s", row_period_s),
-                number("max_step_s", max_step_s),
-                tell,
-            )
+    given: str | tuple[str]
+    if isinstance(params, Mapping):
+        given = (json.dumps({str(key): number(str(key), value) for key, value in params.items()}),)
+    else:
+        given = text("params", params)
+    with shown(progress, "simulate joint") as tell:
+        return _pigtail.simulate_joint(
+            given,
+            text("axis", axis),
+            driven,
+            None if impulse is None else _numbers("impulse", impulse, 3),
+            maybe_number("step", step),
+            None if triangle is None else _numbers("triangle", triangle, 2),
+            maybe_number("duration_s", duration_s),
+            maybe_number("row_period_s", row_period_s),
+            number("max_step_s", max_step_s),
+            tell,
+        )

@@ -12,6 +12,8 @@ _Floats = NDArray[np.float64]
 _Tip = tuple[float, float, float]
 
 __version__: str
+CHANNELS: tuple[str, ...]
+SIDES: tuple[str, ...]
 
 @final
 class Belief:
@@ -136,7 +138,7 @@ def commission(
     rig: Rig, seed: int, steps: Sequence[str], devices: int, progress: _Progress
 ) -> tuple[str, Belief | None]: ...
 def simulate_joint(
-    params: _Path,
+    params: _Path | tuple[str],
     axis_name: str,
     voltages: tuple[Sequence[float], Sequence[float]] | None,
     impulse: Sequence[float] | None,

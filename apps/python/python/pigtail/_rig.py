@@ -75,7 +75,7 @@ class Rig:
 
     @classmethod
     def _of(cls, rig: _pigtail.Rig) -> Rig:
-        made = cls.__new__(cls)
+        made = super().__new__(cls)
         made._rig = rig
         return made
 
@@ -134,8 +134,6 @@ class Rig:
 
 def native(rig: Any) -> _pigtail.Rig:
     """The rig that is meant: one, the name of one, or the one that is built in."""
-    if rig is None:
-        rig = Rig()
-    elif not isinstance(rig, Rig):
-        rig = Rig(text("rig", rig))
-    return rig._rig
+    if isinstance(rig, Rig):
+        return rig._rig
+    return (Rig() if rig is None else Rig(text("rig", rig)))._rig

@@ -70,7 +70,7 @@ def truth(of: Alignment | Twin) -> Truth:
         import math
 
         told = of._twin.truth()
-        fibers = []
+        fibers: list[FiberTruth | None] = []
         for port, fiber in zip(_PORTS, told["fibers"], strict=True):
             if fiber is None:
                 fibers.append(None)
