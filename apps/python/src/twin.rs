@@ -198,11 +198,6 @@ impl Twin {
         self.twin().stop();
     }
 
-    /// Takes commands again after a fault.
-    fn clear(&self) -> bool {
-        self.twin().clear().is_some()
-    }
-
     #[getter]
     fn period_s(&self) -> f64 {
         self.twin().spec().period()

@@ -183,7 +183,7 @@ class Twin:
 
         Raises:
             FaultError: When the machine has stopped. It is then safe, and answers every further command with the same
-                fault until :meth:`clear`.
+                fault: draw another twin.
         """
         if not isinstance(command, Command):
             message = f"command: is {command!r}; accepted is a pigtail.Command"
@@ -193,10 +193,6 @@ class Twin:
     def stop(self) -> None:
         """Stops at once and holds: motors without voltage, laser off, piezos as they are."""
         self._twin.stop()
-
-    def clear(self) -> bool:
-        """Takes commands again after a fault; returns whether there was one."""
-        return self._twin.clear()
 
     @property
     def period_s(self) -> float:
