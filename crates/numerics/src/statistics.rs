@@ -326,7 +326,9 @@ mod tests {
                 .collect();
             values.push(f64::NAN);
             let read = |each: &mut dyn FnMut(f64)| -> Result<(), ()> {
-                values.iter().for_each(|value| each(*value));
+                for value in &values {
+                    each(*value);
+                }
                 Ok(())
             };
             let told = Percentiles::of(read).expect("nothing fails");

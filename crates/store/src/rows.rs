@@ -436,7 +436,9 @@ impl Rows {
     pub fn each_number(&self, name: &str, mut each: impl FnMut(f64)) -> Result<()> {
         for table in self.groups(&[name]) {
             if let Values::Number(values) = &table?.cells(name).values {
-                values.iter().for_each(|value| each(*value));
+                for value in values {
+                    each(*value);
+                }
             }
         }
         Ok(())
