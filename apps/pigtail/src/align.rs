@@ -2,7 +2,7 @@
 
 use crate::bench;
 use crate::choice::choice;
-use crate::common::{Common, OwnAxes, believed, write_table};
+use crate::common::{Common, OwnAxes, believed};
 use crate::methods::{self, MethodArguments};
 use crate::phases::Phases;
 use crate::progress::Progress;
@@ -10,7 +10,6 @@ use crate::running;
 use crate::scan::{self, MapArguments};
 use crate::{DONE, FAULT, Failure, NEGATIVE};
 use clap::Args;
-use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::station::{Observer, Sample};
 use pigtail_evaluate::align::{AlignmentDocument, align};
 use pigtail_evaluate::entry;
@@ -24,7 +23,7 @@ use pigtail_session::samples::Record;
 use pigtail_session::scenario::Scenario;
 use pigtail_twin::Specimen;
 use pigtail_twin::faults::{Injection, Kind};
-use std::io::{self, Write};
+use std::io::Write;
 
 /// Align the three fibers of one device on the rig's twin
 ///
@@ -180,7 +179,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         serde_json::to_writer(&mut text, &on).map_err(anyhow::Error::from)?;
         text.push(b'\n');
     } else {
-        print_table(&mut text, &document).map_err(anyhow::Error::from)?;
+        text.extend(report::text::alignment(&document, report::text::room()).bytes());
         text.extend(running::line(&setup).bytes());
         if document.fault.is_some() && own.is_untuned() {
             let hint = "The gains of your axis are those to begin with: `pigtail tune` with the same --from finds \
@@ -225,53 +224,9 @@ fn on_bench(arguments: &Arguments, own: &Own, seed: u64) -> Result<u8, Failure> 
         text.extend(json);
         text.push(b'\n');
     } else {
-        print_table(&mut text, &document).map_err(anyhow::Error::from)?;
+        text.extend(report::text::alignment(&document, report::text::room()).bytes());
         text.extend(line.bytes());
     }
     crate::print(&text)?;
     Ok(code(&document))
-}
-
-fn print_table(out: &mut impl Write, document: &AlignmentDocument) -> io::Result<()> {
-    write_table(out, &rows(document))?;
-    for fiber in document
-        .fibers
-        .iter()
-        .filter(|fiber| fiber.outcome != OutcomeCode::Aligned)
-    {
-        writeln!(out, "{}: {}", fiber.port, fiber.detail)?;
-    }
-    if document.collision {
-        writeln!(out, "A fiber hit the chip.")?;
-    }
-    writeln!(
-        out,
-        "\n{:.2} s of machine time a fiber. Offsets are the truth, from the twin of seed {}.",
-        document.seconds_per_fiber, document.seed
-    )?;
-    writeln!(out, "Report: {}", document.report)
-}
-
-/// The header and a row a fiber.
-fn rows(document: &AlignmentDocument) -> Vec<Vec<String>> {
-    let names = document.phase_names();
-    let mut header = vec!["fiber".to_owned(), "outcome".to_owned()];
-    header.extend(names.iter().map(|name| format!("{name}\ns")));
-    header.extend(["in all\ns", "x\num", "y\num", "z\num", "loss\ndB"].map(str::to_owned));
-    let number = |value: Option<f64>, digits: usize| {
-        value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"))
-    };
-    let mut rows = vec![header];
-    rows.extend(document.fibers.iter().map(|fiber| {
-        let mut row = vec![fiber.port.to_owned(), fiber.verdict().to_string()];
-        row.extend(names.iter().map(|name| number(fiber.seconds_in(name), 2)));
-        let offset = fiber.offset_um;
-        row.push(number(Some(fiber.seconds), 2));
-        row.push(number(offset.map(|o| o.x), 3));
-        row.push(number(offset.map(|o| o.y), 3));
-        row.push(number(offset.map(|o| o.z), 2));
-        row.push(number(fiber.coupling_loss_db, 2));
-        row
-    }));
-    rows
 }

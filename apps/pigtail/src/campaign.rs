@@ -2,7 +2,7 @@
 
 use crate::bench;
 use crate::choice::choice;
-use crate::common::{believed, write_table};
+use crate::common::believed;
 use crate::running;
 use crate::stop;
 use crate::{DONE, Failure, NEGATIVE};
@@ -10,7 +10,7 @@ use anyhow::{Result, anyhow};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use pigtail_control::outcome::OutcomeCode;
-use pigtail_evaluate::align::TOLERANCE_Z_UM;
+use pigtail_evaluate::campaign::shard::{self, Shard};
 use pigtail_evaluate::campaign::{
     self, CampaignDocument, Commissioned, Device, Plan, Store, summarize,
 };
@@ -24,8 +24,10 @@ use pigtail_session::procedure::Procedure;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Named};
 use pigtail_session::scenario::Scenario;
 use pigtail_session::setup::Setup;
+use serde::Serialize;
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
 
 /// Align many devices, each on its own machine, and say how often and how well it went
@@ -62,6 +64,10 @@ Examples:
                                                   ten on each of 30 machines such as labs have
   pigtail campaign --resume runs/20261121T024402-campaign-0
                                                   go on with one that was stopped
+  pigtail campaign --devices 1000000 --shard 3/100
+                                                  the third of a hundred parts, on any machine
+  pigtail campaign --merge runs/campaign-0-1f3a5c7e9b2d
+                                                  and all of them together
 
 Exit codes:
   0  all devices are done and every fiber is aligned
@@ -69,7 +75,7 @@ Exit codes:
   2  bad input, explained on standard error")]
 pub(crate) struct Arguments {
     /// How many devices to align; with --machines, on each of them
-    #[arg(long, value_name = "N", value_parser = whole, required_unless_present = "resume")]
+    #[arg(long, value_name = "N", value_parser = whole, required_unless_present_any = ["resume", "merge"])]
     devices: Option<u64>,
     /// How many machines to align them on, one device after the other [default: one for each device]
     #[arg(long, value_name = "M", value_parser = whole)]
@@ -116,6 +122,20 @@ pub(crate) struct Arguments {
     /// with another seed, procedure, scenario, number of devices, rig or recipe is another campaign.
     #[arg(long, value_name = "RUN")]
     resume: Option<PathBuf>,
+    /// Run only the I-th of N parts of the campaign, from 1, wherever the others are run
+    ///
+    /// Leaves one Parquet file in a folder below the runs that is named after what was asked for, the same for
+    /// all its shards, and enters nothing in the store of runs. A shard that is there is not run again.
+    #[arg(long, value_name = "I/N", conflicts_with = "resume")]
+    shard: Option<Shard>,
+    /// Make one campaign of all shards in this folder, the same, byte for byte, as if it had been run in one piece
+    #[arg(
+        long,
+        value_name = "FOLDER",
+        conflicts_with_all = ["devices", "machines", "fleet", "commissioned", "procedure", "scenario", "faults",
+            "seed", "rig", "calibration", "recipe", "threads", "resume", "shard"]
+    )]
+    merge: Option<PathBuf>,
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
@@ -150,16 +170,21 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let started = Instant::now();
     // Before there is a folder that a Ctrl-C could leave behind.
     let stop = stop::on_signal()?;
-    let (on, mut store) = open(arguments)?;
+    if let Some(folder) = &arguments.merge {
+        let (store, setup) = shard::merge(folder, &arguments.runs)?;
+        let rig = RunsOn::of(&setup.rig);
+        return finish(arguments, &rig, &store, store.done(), None, started);
+    }
     let threads = arguments
         .threads
         .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from));
+    if let Some(shard) = arguments.shard {
+        return run_shard(arguments, shard, threads, &stop);
+    }
+    let (on, mut store) = open(arguments)?;
     let before = store.done();
     let commissioned = if store.plan().commissioned {
-        let kept = arguments
-            .resume
-            .as_deref()
-            .and_then(std::path::Path::parent);
+        let kept = arguments.resume.as_deref().and_then(Path::parent);
         let runs = kept.unwrap_or(&arguments.runs);
         let seeds = store.plan().machine_seeds();
         match &on {
@@ -182,31 +207,58 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         }
     };
     progress.bar.finish_and_clear();
-    let kept = |error: anyhow::Error| anyhow!("{error:#}; {}", resumable(&store));
-    ended.map_err(kept)?;
-    store.collect().map_err(kept)?;
+    ended.map_err(|error| kept(&store, &error))?;
+    finish(
+        arguments,
+        &on.rig(),
+        &store,
+        before,
+        commissioned.as_ref(),
+        started,
+    )
+}
+
+/// Says what is not lost by an error.
+fn kept(store: &Store, error: &anyhow::Error) -> anyhow::Error {
+    anyhow!("{error:#}; {}", resumable(store))
+}
+
+/// Sums up a campaign whose devices are done, as far as they are, of which some had been `before`.
+fn finish(
+    arguments: &Arguments,
+    rig: &RunsOn,
+    store: &Store,
+    before: u64,
+    commissioned: Option<&Commissioned>,
+    started: Instant,
+) -> Result<u8, Failure> {
+    store.collect().map_err(|error| kept(store, &error))?;
+    let summary = summarize(store, started.elapsed().as_secs_f64())?;
+    let accepted = commissioned.map(Commissioned::accepted);
     let document = CampaignDocument {
-        accepted: commissioned.as_ref().map(Commissioned::accepted),
-        ..summarize(&store, started.elapsed().as_secs_f64())?
+        accepted: accepted.or(summary.accepted),
+        ..summary
     };
     if !store.was_whole() {
-        let report = report::campaign(&store, &document)?;
-        let on = running::on_rig(on.rig(), &document, None);
-        store.finish(&document, &on, &report).map_err(kept)?;
+        let report = report::campaign(store, &document)?;
+        let on = running::on_rig(rig.clone(), &document, None);
+        let finished = store.finish(&document, &on, &report);
+        finished.map_err(|error| kept(store, &error))?;
     }
     let mut text = Vec::new();
     if arguments.json {
-        let on = running::on_rig(on.rig(), &document, None);
+        let on = running::on_rig(rig.clone(), &document, None);
         serde_json::to_writer(&mut text, &on).map_err(anyhow::Error::from)?;
         text.push(b'\n');
     } else {
-        print_summary(&mut text, &document, store.done() - before).map_err(anyhow::Error::from)?;
-        text.extend(format!("Ran on {}\n", on.rig()).bytes());
+        let told = report::text::campaign(&document, store.done() - before, report::text::room());
+        text.extend(told.bytes());
+        text.extend(format!("Ran on {rig}\n").bytes());
     }
     crate::print(&text)?;
     if !document.complete {
         // Nobody may be there to read it.
-        let _ = writeln!(io::stderr(), "interrupted: {}", resumable(&store));
+        let _ = writeln!(io::stderr(), "interrupted: {}", resumable(store));
     }
     Ok(if document.is_success() {
         DONE
@@ -215,13 +267,102 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     })
 }
 
+/// What a shard prints as JSON. Keys are a contract.
+#[derive(Serialize)]
+struct ShardDocument {
+    /// Which of how many.
+    shard: String,
+    /// The folder of all of them.
+    folder: String,
+    /// Its rows; `null` where it has none, or was stopped.
+    file: Option<String>,
+    /// Its devices.
+    devices: u64,
+    /// Those that were done just now.
+    done: u64,
+    /// Whether its file is there, or it needs none.
+    complete: bool,
+    /// How long this took, seconds.
+    wall_seconds: f64,
+}
+
+/// One part of a campaign.
+fn run_shard(
+    arguments: &Arguments,
+    shard: Shard,
+    threads: usize,
+    stop: &AtomicBool,
+) -> Result<u8, Failure> {
+    let started = Instant::now();
+    let (setup, plan) = planned(arguments, None)?;
+    let folder = shard::folder(&arguments.runs, &plan, &setup)?;
+    let machines = if plan.commissioned {
+        let seeds = shard.machine_seeds(&plan);
+        Some(commission(&setup, &seeds, &arguments.runs, threads, stop)?)
+    } else {
+        None
+    };
+    let range = shard.devices(&plan);
+    let progress = Progress::new(range.end - range.start, 0);
+    let mut counts = (0_u64, 0_u64);
+    let watch = |device: &Device| progress.device(device, &mut counts);
+    let ran = shard::run(
+        &folder,
+        shard,
+        &setup,
+        machines.as_ref(),
+        threads,
+        stop,
+        watch,
+    );
+    progress.bar.finish_and_clear();
+    let ran = ran?;
+    let document = ShardDocument {
+        shard: shard.to_string(),
+        folder: folder.display().to_string(),
+        complete: ran.file.is_some() || ran.devices == 0,
+        file: ran.file.map(|file| file.display().to_string()),
+        devices: ran.devices,
+        done: ran.done,
+        wall_seconds: started.elapsed().as_secs_f64(),
+    };
+    let text = if arguments.json {
+        serde_json::to_string(&document).map_err(anyhow::Error::from)? + "\n"
+    } else {
+        told(&document)
+    };
+    crate::print(text.as_bytes())?;
+    Ok(if document.complete { DONE } else { NEGATIVE })
+}
+
+/// What a person wants to know of a shard.
+fn told(document: &ShardDocument) -> String {
+    let ShardDocument {
+        shard,
+        folder,
+        devices,
+        done,
+        wall_seconds,
+        ..
+    } = document;
+    let end = match &document.file {
+        _ if *devices == 0 => "no devices are in it\n".to_owned(),
+        None => {
+            format!("interrupted after {done} of {devices} devices, and nothing is kept of it\n")
+        }
+        Some(file) if *done == 0 => format!("was there: {file}\n"),
+        Some(file) => format!("{done} devices in {wall_seconds:.1} s: {file}\n"),
+    };
+    format!("shard {shard}: {end}When all are done: pigtail campaign --merge {folder}\n")
+}
+
 /// Commissions the machines that were not before.
 fn commission(
     setup: &Setup,
     seeds: &[u64],
-    runs: &std::path::Path,
+    runs: &Path,
     threads: usize,
-    stop: &std::sync::atomic::AtomicBool,
+    stop: &AtomicBool,
 ) -> Result<Commissioned, Failure> {
     let target = ProgressDrawTarget::stderr_with_hz(10);
     let bar = ProgressBar::with_draw_target(Some(seeds.len() as u64), target);
@@ -312,40 +453,63 @@ fn enough_seeds(seed: u64, devices: u64) -> Result<(), Error> {
 /// The campaign to run, new or begun before. Nothing is written before all input is checked.
 fn open(arguments: &Arguments) -> Result<(On, Store), Failure> {
     let begun = arguments.resume.as_deref().map(Plan::read).transpose()?;
-    let named = |given: &Option<String>, begun: Option<&String>, default: &str| {
-        given
-            .as_ref()
-            .or(begun)
-            .map_or_else(|| default.to_owned(), Clone::clone)
+    let (rig, recipe) = names(arguments, begun.as_ref());
+    if is_bench(&rig)? {
+        let calibration = believed(&rig, arguments.calibration.as_deref(), &arguments.runs)?;
+        let named = Named {
+            rig: &rig,
+            recipe: &recipe,
+            calibration: calibration.as_deref(),
+            ..Named::default()
+        };
+        return open_benches(arguments, begun.as_ref(), &named);
+    }
+    let (setup, plan) = planned(arguments, begun.as_ref())?;
+    let store = match &arguments.resume {
+        Some(folder) => Store::resume(folder, &plan)?,
+        None => Store::begin(&arguments.runs, plan)?,
     };
-    let begun_as = begun.as_ref();
-    let rig = named(
-        &arguments.rig,
-        begun_as.map(|plan| &plan.rig),
-        DEFAULT_RIG_NAME,
-    );
-    let recipe = named(
-        &arguments.recipe,
-        begun_as.map(|plan| &plan.recipe),
-        DEFAULT_RECIPE_NAME,
-    );
+    Ok((On::Machines(Box::new(setup)), store))
+}
+
+/// What is named, else as it was begun, else what is usual.
+fn named(given: Option<&String>, begun: Option<&String>, default: &str) -> String {
+    given
+        .or(begun)
+        .map_or_else(|| default.to_owned(), Clone::clone)
+}
+
+/// Rig and recipe.
+fn names(arguments: &Arguments, begun_as: Option<&Plan>) -> (String, String) {
+    let rig = begun_as.map(|plan| &plan.rig);
+    let recipe = begun_as.map(|plan| &plan.recipe);
+    (
+        named(arguments.rig.as_ref(), rig, DEFAULT_RIG_NAME),
+        named(arguments.recipe.as_ref(), recipe, DEFAULT_RECIPE_NAME),
+    )
+}
+
+/// What is asked for, where it is not said as it was begun, and what it runs on.
+fn planned(arguments: &Arguments, begun_as: Option<&Plan>) -> Result<(Setup, Plan), Failure> {
+    let (rig, recipe) = names(arguments, begun_as);
     let calibration = believed(&rig, arguments.calibration.as_deref(), &arguments.runs)?;
-    let names = Named {
+    let by_name = Named {
         rig: &rig,
         recipe: &recipe,
         calibration: calibration.as_deref(),
         ..Named::default()
     };
-    if is_bench(&rig)? {
-        return open_benches(arguments, begun_as, &names);
-    }
-    let mut setup = Setup::load_named(&names)?;
+    let mut setup = Setup::load_named(&by_name)?;
     let scenario = match (arguments.scenario, begun_as) {
         (Some(scenario), _) => scenario,
         (None, Some(plan)) => plan.scenario()?,
         (None, None) => Scenario::default(),
     };
-    let fleet = named(&arguments.fleet, begun_as.map(|plan| &plan.fleet), NOMINAL);
+    let fleet = named(
+        arguments.fleet.as_ref(),
+        begun_as.map(|plan| &plan.fleet),
+        NOMINAL,
+    );
     setup = setup.of_fleet(&fleet)?;
     scenario.apply(&mut setup);
     setup.faults = match (&arguments.faults, begun_as) {
@@ -382,11 +546,7 @@ fn open(arguments: &Arguments) -> Result<(On, Store), Failure> {
     let plan = Plan::new(&setup, procedure, seed, devices)
         .with_devices_each(each)
         .with_commissioned(commissioned);
-    let store = match &arguments.resume {
-        Some(folder) => Store::resume(folder, &plan)?,
-        None => Store::begin(&arguments.runs, plan)?,
-    };
-    Ok((On::Machines(Box::new(setup)), store))
+    Ok((setup, plan))
 }
 
 /// A bar with the time that is left, on a terminal; nothing elsewhere.
@@ -424,161 +584,6 @@ impl Progress {
         }
         self.bar.inc(1);
     }
-}
-
-fn print_summary(
-    out: &mut impl Write,
-    document: &CampaignDocument,
-    devices_now: u64,
-) -> io::Result<()> {
-    let percent = report::percent;
-    let sure = &document.confidence;
-    let machines = document.machines.max(1);
-    let on = match document.devices_each {
-        1 => String::new(),
-        _ => format!(" on {machines} machines"),
-    };
-    let fleet = match document.fleet.as_str() {
-        NOMINAL => String::new(),
-        fleet => format!(", fleet {fleet}"),
-    };
-    writeln!(
-        out,
-        "{} devices{on}, seeds {} to {}, by the {} procedure, {}{fleet}\n",
-        document.devices,
-        document.seed,
-        document.seed + machines - 1,
-        document.procedure,
-        document.scenario
-    )?;
-    for (what, part, of, [low, high]) in [
-        (
-            "fibers aligned",
-            document.aligned,
-            document.fibers,
-            sure.fibers_aligned,
-        ),
-        (
-            "whole devices",
-            document.devices_aligned,
-            document.devices,
-            sure.devices_aligned,
-        ),
-        (
-            "wrongly \"aligned\"",
-            document.wrong.count,
-            document.fibers,
-            sure.fibers_wrong,
-        ),
-    ] {
-        writeln!(
-            out,
-            "{what:17}  {part} of {of}: {} (95 %: {} to {})",
-            percent(part as f64 / of.max(1) as f64),
-            percent(low),
-            percent(high)
-        )?;
-    }
-    writeln!(out)?;
-    if document.faults != "none" {
-        print_faults(out, document)?;
-    }
-    let o = &document.offset_um;
-    let header = ["", "mean", "p50", "p90", "p99", "p99.9", "max"]
-        .map(str::to_owned)
-        .to_vec();
-    let rows = [
-        ("time, s", &document.seconds_per_fiber, 2),
-        ("x, um", &o.x, 3),
-        ("y, um", &o.y, 3),
-        ("z, um", &o.z, 3),
-        ("loss, dB", &document.coupling_loss_db, 3),
-    ]
-    .into_iter()
-    .map(|(name, of, digits)| {
-        let number = |value: Option<f64>| {
-            value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
-        };
-        let mut row = vec![name.to_owned()];
-        row.extend([of.mean, of.p50, of.p90, of.p99, of.p999, of.max].map(number));
-        row
-    });
-    write_table(
-        out,
-        &std::iter::once(header).chain(rows).collect::<Vec<_>>(),
-    )?;
-    print_failed(out, document)?;
-    writeln!(
-        out,
-        "\nTime is machine time a fiber; x, y and z are the truth, from the twins, without sign.\n\
-         Tolerance: {}, {} and {} um. {}",
-        Procedure::tolerance_of(&document.procedure),
-        Procedure::tolerance_of(&document.procedure),
-        TOLERANCE_Z_UM,
-        if devices_now == 0 {
-            "Nothing was left to be done.".to_owned()
-        } else {
-            let seconds = document.wall_seconds;
-            format!(
-                "{seconds:.1} s here, {:.1} devices/s.",
-                devices_now as f64 / seconds.max(1e-3)
-            )
-        }
-    )?;
-    writeln!(out, "Rows: {}", document.rows)?;
-    writeln!(out, "Report: {}", document.report)
-}
-
-/// Causes of failure, and seeds to replay them.
-fn print_failed(out: &mut impl Write, document: &CampaignDocument) -> io::Result<()> {
-    if !document.failed.is_empty() {
-        writeln!(
-            out,
-            "\nNot aligned, and a seed to replay with `{}`:",
-            document.replay_command()
-        )?;
-    }
-    for (cause, count) in &document.failed {
-        let seeds = document.replay.get(cause).map_or(&[][..], Vec::as_slice);
-        let shown: Vec<_> = seeds.iter().take(5).map(u64::to_string).collect();
-        writeln!(out, "  {count:5} {cause}: {}", shown.join(", "))?;
-    }
-    Ok(())
-}
-
-/// How devices ended on which something was broken on purpose.
-fn print_faults(out: &mut impl Write, document: &CampaignDocument) -> io::Result<()> {
-    let number = |n: u64| n.to_string();
-    let header = [
-        "broken", "devices", "stopped", "gave up", "aligned", "false", "touched", "failed",
-    ]
-    .map(str::to_owned)
-    .to_vec();
-    let rows = document.by_fault.iter().map(|(name, of)| {
-        let mut row = vec![name.clone()];
-        row.extend(
-            [
-                of.devices,
-                of.tripped,
-                of.given_up,
-                of.aligned,
-                of.false_aligned,
-                of.collisions,
-                of.broken,
-            ]
-            .map(number),
-        );
-        row
-    });
-    write_table(
-        out,
-        &std::iter::once(header).chain(rows).collect::<Vec<_>>(),
-    )?;
-    writeln!(out, "\nRules that stopped the machine:")?;
-    for (rule, count) in &document.tripped {
-        writeln!(out, "  {count:6} {rule}")?;
-    }
-    writeln!(out)
 }
 
 // Options whose defaults come from the campaign that goes on say their own defaults in words.

@@ -1,11 +1,9 @@
 //! What the commands that run a machine have in common.
 
 use clap::Args;
-use comfy_table::{
-    CellAlignment, ContentArrangement, ContentLineStyle, LineStyle, Table, TableStyle,
-};
 use pigtail_hal::Error;
 use pigtail_hal::quantity::{Dimension, Sign};
+use pigtail_report::text;
 use pigtail_session::calibrations::find;
 use pigtail_session::fleet::NOMINAL;
 use pigtail_session::own::Own;
@@ -83,58 +81,15 @@ pub(crate) struct OwnAxes {
     pub(crate) from: Vec<PathBuf>,
 }
 
-/// Lines above and below the header and nothing else: numbers side by side need no grid.
-const STYLE: TableStyle = TableStyle::new()
-    .header_separator(LineStyle::none().fill('─').junction('─'))
-    .content_lines(ContentLineStyle::none());
-
 /// Writes a header and its rows; where the terminal is too narrow, rows become
 /// columns if that helps.
 pub(crate) fn write_table(out: &mut impl Write, rows: &[Vec<String>]) -> io::Result<()> {
-    let wide = table(rows);
-    let room = wide.width().map_or(usize::MAX, usize::from);
-    if width_of(&wide) <= room {
-        return writeln!(out, "{}", wide.trim_fmt());
-    }
-    let turned: Vec<Vec<String>> = (0..rows[0].len())
-        .map(|i| rows.iter().map(|row| row[i].replace('\n', " ")).collect())
-        .collect();
-    let narrow = table(&turned);
-    let best = if width_of(&narrow) < width_of(&wide) {
-        narrow
-    } else {
-        wide
-    };
-    writeln!(out, "{}", best.trim_fmt())
+    out.write_all(text::table(rows, text::room()).as_bytes())
 }
 
 /// Whether a table has room on the terminal as it is.
 pub(crate) fn fits(rows: &[Vec<String>]) -> bool {
-    let table = table(rows);
-    table
-        .width()
-        .is_none_or(|room| width_of(&table) <= usize::from(room))
-}
-
-fn width_of(table: &Table) -> usize {
-    table
-        .lines()
-        .map(|line| line.chars().count())
-        .max()
-        .unwrap_or(0)
-}
-
-fn table(rows: &[Vec<String>]) -> Table {
-    let mut table = Table::new();
-    table
-        .load_style(STYLE)
-        .set_content_arrangement(ContentArrangement::Disabled);
-    table.set_header(&rows[0]);
-    table.add_rows(&rows[1..]);
-    for column in table.column_iter_mut().skip(1) {
-        column.set_cell_alignment(CellAlignment::Right);
-    }
-    table
+    text::fits(rows, text::room())
 }
 
 /// A parser of quantities above zero.

@@ -3,7 +3,7 @@
 use crate::found::FoundDocument;
 use crate::{Failure, stop};
 use anyhow::Result;
-use pigtail_session::calibrations::{Part, RunsOn, notes};
+use pigtail_session::calibrations::{On, Part, RunsOn, notes};
 use pigtail_session::job::Ended;
 use pigtail_session::records::Records;
 use pigtail_session::setup::Setup;
@@ -33,17 +33,6 @@ pub(crate) fn warn(setup: &Setup, parts: &[Part]) {
     }
 }
 
-/// A document with what it ran on, and what became of what was found.
-#[derive(Debug, Serialize)]
-struct On<'d, D: Serialize> {
-    #[serde(flatten)]
-    document: &'d D,
-    #[serde(rename = "runs_on")]
-    rig: RunsOn,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    found: Option<&'d FoundDocument>,
-}
-
 /// A document with what it ran on, as a value to be kept and printed.
 pub(crate) fn on<'d>(
     setup: &Setup,
@@ -59,11 +48,7 @@ pub(crate) fn on_rig<'d>(
     document: &'d impl Serialize,
     found: Option<&'d FoundDocument>,
 ) -> impl Serialize + 'd {
-    On {
-        document,
-        rig,
-        found,
-    }
+    On::with(rig, document, found)
 }
 
 /// What a command prints: its document, or words and what it ran on.

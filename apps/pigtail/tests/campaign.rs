@@ -3,6 +3,7 @@
 use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::station::Unobserved;
 use pigtail_evaluate::align::align;
+use pigtail_evaluate::campaign::shard::{self, Shard};
 use pigtail_evaluate::campaign::{self, CampaignDocument, Device, Plan, Store, summarize};
 use pigtail_hal::{Fault, Rule};
 use pigtail_session::procedure::Procedure;
@@ -507,4 +508,93 @@ fn ctrl_c_ends_cleanly_and_the_campaign_goes_on() {
     let whole: Value = serde_json::from_slice(&output.stdout).expect("JSON");
     assert_eq!(resumed["rows_sha256"], whole["rows_sha256"]);
     assert_eq!(resumed["seconds_per_fiber"], whole["seconds_per_fiber"]);
+}
+
+/// Runs these shards of a plan, and returns the folder of them.
+fn run_shards(
+    runs: &Path,
+    setup: &Setup,
+    plan: &Plan,
+    shards: impl Iterator<Item = Shard>,
+) -> PathBuf {
+    let folder = shard::folder(runs, plan, setup).expect("a folder");
+    for shard in shards {
+        // As elsewhere: from the folder alone.
+        let (_, setup) = shard::setup(&folder).expect("what was read");
+        let never = AtomicBool::new(false);
+        let ran = shard::run(&folder, shard, &setup, None, 1, &never, |_| ()).expect("no error");
+        assert_eq!(ran.done, ran.devices);
+    }
+    folder
+}
+
+#[test]
+fn shards_in_any_order_and_number_give_the_same_bytes() {
+    let (setup, folder) = (setup(), TempDir::new().expect("a folder"));
+    let mut whole = begin_by(Procedure::Fast, &folder, &setup, 300, 12);
+    run(&mut whole, &setup, 2);
+    let bytes = end(&whole);
+    let sha256 = summary_of(&whole).rows_sha256;
+    for of in [1, 3, 5, 20] {
+        let runs = TempDir::new().expect("a folder");
+        let plan = Plan::new(&setup, Procedure::Fast, 300, 12);
+        let mut shards: Vec<_> = Shard::all(of).collect();
+        shards.reverse();
+        let of_shards = run_shards(runs.path(), &setup, &plan, shards.into_iter());
+        let (store, _) = shard::merge(&of_shards, runs.path()).expect("all are there");
+        assert!(end(&store) == bytes, "{of} shards");
+        assert_eq!(summary_of(&store).rows_sha256, sha256);
+    }
+}
+
+#[test]
+fn a_shard_that_is_there_is_not_run_again_and_one_that_was_stopped_leaves_nothing() {
+    let (setup, runs) = (setup(), TempDir::new().expect("a folder"));
+    let plan = Plan::new(&setup, Procedure::Fast, 0, 6);
+    let (first, second) = (
+        Shard::new(1, 2).expect("one"),
+        Shard::new(2, 2).expect("one"),
+    );
+    let folder = run_shards(runs.path(), &setup, &plan, [first].into_iter());
+    let never = AtomicBool::new(false);
+    let again = shard::run(&folder, first, &setup, None, 1, &never, |_| ()).expect("no error");
+    assert_eq!((again.done, again.devices), (0, 3));
+    let stop = AtomicBool::new(false);
+    let stopped = shard::run(&folder, second, &setup, None, 1, &stop, |_| {
+        stop.store(true, Ordering::Relaxed);
+    });
+    let stopped = stopped.expect("no error");
+    assert!(stopped.file.is_none() && stopped.done < 3, "{stopped:?}");
+    let left = |folder: &Path| fs::read_dir(folder).expect("there").count();
+    // The plan, what was read, and the first shard.
+    assert_eq!(left(&folder), 3);
+    let missing = shard::merge(&folder, runs.path()).expect_err("one is missing");
+    assert!(
+        format!("{missing:#}").contains("begins with device 3 of 6"),
+        "{missing:#}"
+    );
+    // Nothing was begun for what cannot be merged.
+    assert_eq!(left(runs.path()), 1);
+}
+
+#[test]
+fn a_damaged_shard_is_told() {
+    let (setup, runs) = (setup(), TempDir::new().expect("a folder"));
+    let plan = Plan::new(&setup, Procedure::Fast, 0, 4);
+    let folder = run_shards(runs.path(), &setup, &plan, Shard::all(2));
+    let files = fs::read_dir(&folder).expect("there");
+    let shard = files
+        .map(|file| file.expect("a file").path())
+        .find(|path| path.extension().is_some_and(|e| e == "parquet"))
+        .expect("a shard");
+    let mut bytes = fs::read(&shard).expect("its rows");
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&shard, bytes).expect("written");
+    let damaged = format!(
+        "{:#}",
+        shard::merge(&folder, runs.path()).expect_err("it is damaged")
+    );
+    assert!(damaged.contains("the shard is damaged"), "{damaged}");
+    assert!(damaged.contains(&shard.display().to_string()), "{damaged}");
 }

@@ -103,6 +103,18 @@ impl Parameters {
         Ok(parameters)
     }
 
+    /// The parameters of a JSON object; `from` is where it comes from.
+    ///
+    /// # Errors
+    ///
+    /// When a parameter is missing, unknown or out of range.
+    pub fn of(from: &str, json: &str) -> Result<Self, Error> {
+        let parameters: Self = serde_json::from_str(json)
+            .map_err(|error| Error::new(from, "params", error.to_string()))?;
+        parameters.check(from, "params")?;
+        Ok(parameters)
+    }
+
     fn check(&self, file: &str, axis: &str) -> Result<(), Error> {
         for (key, value) in [
             ("Nenc", self.Nenc),

@@ -29,10 +29,8 @@ impl Sorted {
     /// The percentile by nearest rank: the least value that at least this share (0 to 1) of all
     /// values does not exceed. Always a value that really came; `None` where none did.
     pub fn percentile(&self, share: f64) -> Option<f64> {
-        let count = self.0.len();
-        // A share such as 0.999 is a little off in binary: 999 of 1000 must not become 1000.
-        let rank = (share * count as f64 - 1e-9).ceil() as usize;
-        self.0.get(rank.clamp(1, count.max(1)) - 1).copied()
+        let rank = rank(share, self.0.len() as u64) as usize;
+        self.0.get(rank - 1).copied()
     }
 
     /// The mean; `None` without a value.
@@ -69,6 +67,141 @@ pub struct Percentiles {
     pub p999: Option<f64>,
     /// The greatest.
     pub max: Option<f64>,
+}
+
+impl Percentiles {
+    /// Of values that are too many to be held: `read` hands each of them, in any order, to what it is given, and is
+    /// called four times. Exactly what [`Sorted::percentiles`] gives, in a few megabytes however many there are: each
+    /// reading finds two more bytes of the values that are asked for, in the order of [`f64::total_cmp`].
+    ///
+    /// # Errors
+    ///
+    /// Those of `read`.
+    ///
+    /// ```
+    /// # use pigtail_numerics::statistics::{Percentiles, Sorted};
+    /// let values = [3.0, -1.0, f64::NAN, 2.0];
+    /// let of = Percentiles::of(|each| -> Result<(), ()> { values.iter().for_each(|v| each(*v)); Ok(()) })?;
+    /// assert_eq!(of, Sorted::new(values.to_vec()).percentiles());
+    /// # Ok::<(), ()>(())
+    /// ```
+    pub fn of<E>(mut read: impl FnMut(&mut dyn FnMut(f64)) -> Result<(), E>) -> Result<Self, E> {
+        let mut ranks: Vec<Rank> = Vec::new();
+        let mut mean = None;
+        for shift in [48, 32, 16, 0] {
+            let mut prefixes: Vec<u64> = ranks.iter().map(|rank| rank.prefix).collect();
+            prefixes.dedup();
+            if shift == 48 {
+                prefixes.push(0);
+            }
+            let mut counts = vec![vec![0_u64; 1 << 16]; prefixes.len()];
+            let mut sum = Sum::default();
+            let mut count = 0_u64;
+            read(&mut |value| {
+                if value.is_nan() {
+                    return;
+                }
+                let key = key(value);
+                let above = key.checked_shr(shift + 16).unwrap_or(0);
+                if let Some(of) = prefixes.iter().position(|prefix| *prefix == above) {
+                    counts[of][(key >> shift) as usize & 0xffff] += 1;
+                }
+                sum.add(value);
+                count += 1;
+            })?;
+            if shift == 48 {
+                if count == 0 {
+                    return Ok(Self::default());
+                }
+                mean = Some(rounded(sum.value() / count as f64, 1e-6));
+                ranks = [0.5, 0.9, 0.99, 0.999, 1.0]
+                    .map(|share| Rank {
+                        prefix: 0,
+                        left: rank(share, count) - 1,
+                    })
+                    .to_vec();
+            }
+            for rank in &mut ranks {
+                let of = prefixes.iter().position(|prefix| *prefix == rank.prefix);
+                let bins = of.map_or(&[][..], |of| &counts[of]);
+                // The bin in which it lies, and how many there are below it.
+                for (bin, count) in bins.iter().enumerate() {
+                    if rank.left < *count {
+                        rank.prefix = rank.prefix << 16 | bin as u64;
+                        break;
+                    }
+                    rank.left -= count;
+                }
+            }
+        }
+        let value = |index: usize| Some(of_key(ranks[index].prefix));
+        Ok(Self {
+            mean,
+            p50: value(0),
+            p90: value(1),
+            p99: value(2),
+            p999: value(3),
+            max: value(4),
+        })
+    }
+}
+
+/// A value that is being looked for: what is known of its key, from the highest bits on, and how many of those that
+/// begin like that come before it.
+#[derive(Debug, Clone, Copy)]
+struct Rank {
+    prefix: u64,
+    left: u64,
+}
+
+/// A number as one whose order is that of [`f64::total_cmp`].
+fn key(value: f64) -> u64 {
+    let bits = value.to_bits();
+    if bits >> 63 == 1 {
+        !bits
+    } else {
+        bits | 1 << 63
+    }
+}
+
+fn of_key(key: u64) -> f64 {
+    f64::from_bits(if key >> 63 == 1 {
+        key & !(1 << 63)
+    } else {
+        !key
+    })
+}
+
+/// A sum that loses nothing to the order of its terms (Neumaier, 1974).
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Sum {
+    sum: f64,
+    lost: f64,
+}
+
+impl Sum {
+    /// Adds a term.
+    pub fn add(&mut self, term: f64) {
+        let sum = self.sum + term;
+        self.lost += if self.sum.abs() >= term.abs() {
+            (self.sum - sum) + term
+        } else {
+            (term - sum) + self.sum
+        };
+        self.sum = sum;
+    }
+
+    /// What it comes to.
+    pub fn value(self) -> f64 {
+        self.sum + self.lost
+    }
+}
+
+/// The rank, from one, of a percentile among so many values.
+fn rank(share: f64, count: u64) -> u64 {
+    // A share such as 0.999 is a little off in binary: 999 of 1000 must not become 1000.
+    let rank = (share * count as f64 - 1e-9).ceil() as u64;
+    rank.clamp(1, count.max(1))
 }
 
 /// Wilson's score interval of a probability, from `hits` in `trials` independent trials, with a
@@ -175,6 +308,45 @@ mod tests {
         assert_eq!(Sorted::new(vec![7.0]).percentile(0.001), Some(7.0));
         assert_eq!(Sorted::default().percentile(0.5), None);
         assert_eq!(Sorted::default().percentiles(), Percentiles::default());
+    }
+
+    #[test]
+    fn percentiles_are_the_same_where_values_are_not_held() {
+        use rand::{RngExt, SeedableRng};
+        let mut rng = rand_pcg::Pcg64Mcg::seed_from_u64(7);
+        for count in [0, 1, 2, 3, 10, 999, 1000, 1001, 20_000] {
+            let mut values: Vec<f64> = (0..count)
+                .map(|k| match k % 5 {
+                    0 => -rng.random::<f64>(),
+                    1 => 1e-300 * rng.random::<f64>(),
+                    2 => 0.25,
+                    3 => 1e6 * rng.random::<f64>(),
+                    _ => -0.0,
+                })
+                .collect();
+            values.push(f64::NAN);
+            let read = |each: &mut dyn FnMut(f64)| -> Result<(), ()> {
+                for value in &values {
+                    each(*value);
+                }
+                Ok(())
+            };
+            let told = Percentiles::of(read).expect("nothing fails");
+            let held = Sorted::new(values.clone()).percentiles();
+            assert_eq!(told, held, "{count}");
+            // Zeros have a sign, and an order.
+            assert_eq!(told.p50.map(f64::to_bits), held.p50.map(f64::to_bits));
+        }
+        assert_eq!(Percentiles::of(|_| Err("lost")), Err("lost"));
+    }
+
+    #[test]
+    fn a_sum_loses_nothing() {
+        let mut sum = Sum::default();
+        for term in [1.0, 1e100, 1.0, -1e100] {
+            sum.add(term);
+        }
+        assert_eq!(sum.value(), 2.0);
     }
 
     /// Against values computed elsewhere from the same formula, to six digits.

@@ -199,12 +199,8 @@ fn figures(store: &Store, document: &CampaignDocument) -> Result<Markup> {
     let rows = store.rows()?;
     // A figure of nothing shows nothing.
     let shown = |column: &str, width, axis: &str, marks: &[(&str, f64, bool)], caption: &str| {
-        let values = rows.numbers(column)?;
-        Ok::<_, anyhow::Error>(if values.is_empty() {
-            Markup::default()
-        } else {
-            figure(&histogram(width, &values, axis, marks)?, caption)
-        })
+        let drawn = histogram(width, |each| rows.each_number(column, each), axis, marks)?;
+        Ok::<_, anyhow::Error>(drawn.map_or_else(Markup::default, |drawn| figure(&drawn, caption)))
     };
     let named = |of: &Percentiles| -> Vec<(&str, f64, bool)> {
         [("p50", of.p50), ("p99", of.p99), ("p99.9", of.p999)]

@@ -13,20 +13,26 @@ const BARS: usize = 60;
 const LIMIT: RGBColor = RGBColor(179, 38, 30);
 
 /// How often values came, on a logarithmic axis, with marked values: a name, the value, and
-/// whether it is a limit, which is shown even where no value comes near.
+/// whether it is a limit, which is shown even where no value comes near. `read` hands each value on, and is called
+/// twice; nothing is drawn of no values.
 pub(super) fn histogram(
     width: u32,
-    values: &[f64],
+    read: impl Fn(&mut dyn FnMut(f64)) -> Result<()>,
     x: &str,
     marks: &[(&str, f64, bool)],
-) -> Result<Markup> {
+) -> Result<Option<Markup>> {
+    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+    read(&mut |value| (low, high) = (low.min(value), high.max(value)))?;
+    if low > high {
+        return Ok(None);
+    }
     let limits = marks.iter().filter(|mark| mark.2).map(|mark| mark.1);
-    let range = range_of(values.iter().copied().chain(limits));
+    let range = range_of([low, high].into_iter().chain(limits));
     let size = (range.end - range.start) / BARS as f64;
     let mut counts = [0_u64; BARS];
-    for value in values {
+    read(&mut |value| {
         counts[(((value - range.start) / size) as usize).min(BARS - 1)] += 1;
-    }
+    })?;
     let most = counts.iter().copied().max().unwrap_or(0).max(1);
     // A bar of one has a height too.
     let height = |count: u64| {
@@ -102,6 +108,7 @@ pub(super) fn histogram(
         }
         Ok(())
     })
+    .map(Some)
 }
 
 /// Height of a bar of one.

@@ -3,6 +3,7 @@
 //! In goes what a run has found (documents of `session`, `evaluate`, `reproduce` and `records`), out comes
 //! text. Nothing is computed here that a reader would have to trust. Start with `alignment`, the page of
 //! `pigtail align`; `figure` draws, `html` is what all pages have in common.
+//! [`text`] says the same to a terminal.
 //!
 //! ```
 //! use pigtail_control::station::Unobserved;
@@ -35,6 +36,7 @@ mod pulses;
 mod record;
 mod scan;
 mod shapes;
+pub mod text;
 mod thesis;
 mod tuning;
 mod windup;

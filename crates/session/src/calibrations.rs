@@ -16,7 +16,7 @@ pub use belief::{Belief, Change, SHORT};
 pub(crate) use difference::newest_date;
 pub use difference::{Difference, TableRow, differences, rows};
 pub use find::{Found, find};
-pub use state::{Part, RunsOn, notes};
+pub use state::{On, Part, RunsOn, notes};
 
 use crate::rig::{FILES, Rig, rig_folder, shipped};
 use pigtail_hal::digest::hash;

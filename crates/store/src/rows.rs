@@ -14,8 +14,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-/// Rows of a group in the file of all rows: what is in memory at a time.
-const GROUP: usize = 16_384;
+/// Rows of a group in a file of many rows: what is in memory at a time.
+pub const GROUP: usize = 16_384;
 
 /// What a column holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -318,10 +318,16 @@ fn schema(columns: &[Column]) -> Result<Arc<Type>> {
     ))
 }
 
-struct Writer<W: Write + Send>(SerializedFileWriter<W>);
+/// Writes a Parquet file, group by group.
+pub struct Writer<W: Write + Send>(SerializedFileWriter<W>);
 
 impl<W: Write + Send> Writer<W> {
-    fn new(file: W, columns: &[Column]) -> Result<Self> {
+    /// Begins a file of these columns.
+    ///
+    /// # Errors
+    ///
+    /// When it cannot be written.
+    pub fn new(file: W, columns: &[Column]) -> Result<Self> {
         // What the columns mean travels with them. Nothing here may depend on the day or the
         // machine: the same rows are the same bytes.
         let about = columns
@@ -340,7 +346,12 @@ impl<W: Write + Send> Writer<W> {
         )?))
     }
 
-    fn group(&mut self, table: &Table) -> Result<()> {
+    /// Writes some rows as a group of their own.
+    ///
+    /// # Errors
+    ///
+    /// When they cannot be written.
+    pub fn group(&mut self, table: &Table) -> Result<()> {
         if table.rows > 0 {
             let mut group = self.0.next_row_group()?;
             table.write(&mut group)?;
@@ -349,9 +360,13 @@ impl<W: Write + Send> Writer<W> {
         Ok(())
     }
 
-    fn finish(self) -> Result<()> {
-        self.0.close()?;
-        Ok(())
+    /// Ends the file, which is none before, and gives back what it was written to.
+    ///
+    /// # Errors
+    ///
+    /// When it cannot be written.
+    pub fn finish(self) -> Result<W> {
+        Ok(self.0.into_inner()?)
     }
 }
 
@@ -413,6 +428,22 @@ impl Rows {
         Ok(())
     }
 
+    /// Hands each value of a column of numbers on, without its nulls; a group of rows is in memory at a time.
+    ///
+    /// # Errors
+    ///
+    /// When the file is damaged.
+    pub fn each_number(&self, name: &str, mut each: impl FnMut(f64)) -> Result<()> {
+        for table in self.groups(&[name]) {
+            if let Values::Number(values) = &table?.cells(name).values {
+                for value in values {
+                    each(*value);
+                }
+            }
+        }
+        Ok(())
+    }
+
     /// All values of a column of numbers, without its nulls.
     ///
     /// # Errors
@@ -420,11 +451,7 @@ impl Rows {
     /// When the file is damaged.
     pub fn numbers(&self, name: &str) -> Result<Vec<f64>> {
         let mut all = Vec::new();
-        for table in self.groups(&[name]) {
-            if let Values::Number(values) = &table?.cells(name).values {
-                all.extend_from_slice(values);
-            }
-        }
+        self.each_number(name, |value| all.push(value))?;
         Ok(all)
     }
 }
@@ -452,7 +479,8 @@ pub fn merge(parts: &[PathBuf], columns: &Arc<[Column]>, out: impl Write + Send)
         }
     }
     writer.group(&waiting)?;
-    writer.finish()
+    writer.finish()?;
+    Ok(())
 }
 
 impl Table {

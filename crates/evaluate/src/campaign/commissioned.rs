@@ -43,6 +43,9 @@ pub struct Commissioning {
     pub why: String,
 }
 
+/// How the evidence of a fiber begins whose machine was refused.
+pub(super) const REFUSED: &str = "the machine was refused";
+
 /// The machines of a campaign, commissioned.
 #[derive(Debug)]
 pub struct Commissioned {
@@ -147,10 +150,7 @@ impl Commissioned {
             return device(&*self.of_machine(machine)?, procedure, seed);
         }
         let why = self.machines.get(&machine).map(|m| m.why.as_str());
-        let why = format!(
-            "the machine was refused: {}",
-            why.unwrap_or("it is not known")
-        );
+        let why = format!("{REFUSED}: {}", why.unwrap_or("it is not known"));
         let document = align::empty(
             &self.setup,
             procedure,

@@ -7,6 +7,7 @@
 
 mod commissioned;
 mod rows;
+pub mod shard;
 mod store;
 mod summary;
 
@@ -22,6 +23,7 @@ use pigtail_session::procedure::Procedure;
 use pigtail_session::setup::Setup;
 pub use rows::{ROWS_PER_DEVICE, columns, push};
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc;
@@ -136,18 +138,46 @@ fn run_by(
     mut watch: impl FnMut(&Device),
 ) -> Result<()> {
     let plan = store.plan().clone();
-    let devices = plan.devices;
     let procedure = store.procedure();
-    let next = AtomicU64::new(store.done());
+    let mut table = store.table();
+    let mut since = Instant::now();
+    let left = store.done()..plan.devices;
+    let one = |seed| device(procedure, seed);
+    let ended = each(&plan, left, &one, threads, stop, |device| {
+        watch(&device);
+        rows::push(&mut table, procedure, &device);
+        if rows::devices(&table) >= PART || since.elapsed() >= PART_SECONDS {
+            store.append(&table)?;
+            table = store.table();
+            since = Instant::now();
+        }
+        Ok(())
+    });
+    // What is done is kept, however it ended.
+    store.append(&table)?;
+    ended
+}
+
+/// Does the devices of a range on so many threads and hands them on in order, until all are done or `stop` is set;
+/// those that were begun by then are finished.
+fn each(
+    plan: &Plan,
+    range: Range<u64>,
+    device: &(impl Fn(u64) -> Result<Device, Ended> + Sync),
+    threads: usize,
+    stop: &AtomicBool,
+    mut sink: impl FnMut(Device) -> Result<()>,
+) -> Result<()> {
+    let next = AtomicU64::new(range.start);
     // A device that was taken is finished, and they are taken in order: what is done has no gaps.
     let work = |results: mpsc::SyncSender<_>| {
         let _guard = StopOnPanic(stop);
         while !stop.load(Ordering::Relaxed) {
             let index = next.fetch_add(1, Ordering::Relaxed);
-            if index >= devices {
+            if index >= range.end {
                 break;
             }
-            let result = device(procedure, plan.seed_of(index));
+            let result = device(plan.seed_of(index));
             if results.send((index, result)).is_err() {
                 break;
             }
@@ -163,30 +193,16 @@ fn run_by(
         // Dropped with this block on an error, so that nobody waits to be heard.
         let results = results;
         let mut early = BTreeMap::new();
-        let mut table = store.table();
-        let mut since = Instant::now();
-        let mut due = store.done();
+        let mut due = range.start;
         for (index, result) in &results {
             early.insert(index, result);
             while let Some(result) = early.remove(&due) {
-                let device = match result {
-                    Ok(device) => device,
-                    Err(error) => {
-                        store.append(&table)?;
-                        let device = format!("device {due}, seed {}", plan.seed_of(due));
-                        return Err(anyhow::Error::new(error).context(device));
-                    }
-                };
-                watch(&device);
-                rows::push(&mut table, procedure, &device);
+                let named = || format!("device {due}, seed {}", plan.seed_of(due));
+                let device = result.map_err(|error| anyhow::Error::new(error).context(named()))?;
+                sink(device)?;
                 due += 1;
-                if rows::devices(&table) >= PART || since.elapsed() >= PART_SECONDS {
-                    store.append(&table)?;
-                    table = store.table();
-                    since = Instant::now();
-                }
             }
         }
-        store.append(&table)
+        Ok(())
     })
 }

@@ -11,10 +11,11 @@ use super::rows::{ROWS_PER_DEVICE, columns};
 use crate::bench::PROCEDURE;
 use anyhow::{Context, Result};
 use pigtail_hal::Error;
-use pigtail_hal::digest::hex;
+use pigtail_hal::digest::{self, hex};
 use pigtail_session::bench::BenchSetup;
 use pigtail_session::faults::Faults;
 use pigtail_session::procedure::Procedure;
+use pigtail_session::rig::Named;
 use pigtail_session::scenario::Scenario;
 use pigtail_session::setup::Setup;
 use pigtail_store::database::{self, Beginning, Database, Devices, End, Entry, LOCK, State};
@@ -31,7 +32,7 @@ use std::time::Instant;
 use strum::VariantArray;
 
 /// What was asked for.
-const PLAN: &str = "campaign.json";
+pub(super) const PLAN: &str = "campaign.json";
 /// All rows, once the campaign has ended.
 const ROWS: &str = "rows.parquet";
 const SUMMARY: &str = "summary.json";
@@ -219,8 +220,39 @@ impl Plan {
             .map_err(|why| Error::new(PLAN, "faults", why))
     }
 
+    /// The rig, recipe and fleet that it names, believing this calibration, or the rig's.
+    ///
+    /// # Errors
+    ///
+    /// When they cannot be read, or are others by now.
+    pub fn setup(&self, calibration: Option<&Path>) -> Result<Setup, Error> {
+        let named = Named {
+            rig: &self.rig,
+            recipe: &self.recipe,
+            calibration,
+            ..Named::default()
+        };
+        self.of(Setup::load_named(&named)?)
+    }
+
+    /// What this campaign makes of a rig and a recipe.
+    pub(super) fn of(&self, setup: Setup) -> Result<Setup, Error> {
+        let mut setup = setup.of_fleet(&self.fleet)?;
+        self.scenario()?.apply(&mut setup);
+        setup.faults = self.faults()?;
+        self.check(Path::new(PLAN), &self.again(&setup)?)?;
+        Ok(setup)
+    }
+
+    /// The same, asked for of this setup.
+    fn again(&self, setup: &Setup) -> Result<Self, Error> {
+        Ok(Self::new(setup, self.procedure()?, self.seed, self.devices)
+            .with_devices_each(self.devices_each)
+            .with_commissioned(self.commissioned))
+    }
+
     /// Whether a campaign that was begun by `self` may go on by `other`.
-    fn check(&self, folder: &Path, other: &Self) -> Result<(), Error> {
+    pub(super) fn check(&self, folder: &Path, other: &Self) -> Result<(), Error> {
         let differs = |key: &str, begun: &str, now: &str| {
             Err(Error::new(
                 folder.display().to_string(),
@@ -431,7 +463,7 @@ impl Store {
             return Ok(());
         }
         let bytes = table.to_parquet()?;
-        let name = format!("{:010}-{}.parquet", self.done, short_hash(&bytes));
+        let name = part_name(self.done, &digest::hash(&bytes));
         let path = self.folder.join(PARTS).join(name);
         fs::create_dir_all(self.folder.join(PARTS))
             .and_then(|()| write_whole(&path, |file| file.write_all(&bytes)))
@@ -439,6 +471,12 @@ impl Store {
         self.parts.push(path);
         self.done += super::rows::devices(table);
         Ok(())
+    }
+
+    /// Takes files of rows from elsewhere, which are those of all devices in order.
+    pub(super) fn adopt(&mut self, files: Vec<PathBuf>) {
+        self.parts = files;
+        self.done = self.plan.devices;
     }
 
     /// Whether there was nothing left to be done when the campaign was opened.
@@ -479,12 +517,8 @@ impl Store {
     ///
     /// When it cannot be read.
     pub fn rows_hash(&self) -> Result<String> {
-        let mut hash = Sha256::new();
         let path = self.rows_path();
-        File::open(&path)
-            .and_then(|mut file| io::copy(&mut file, &mut HashWriter(&mut hash)))
-            .with_context(|| format!("{}: cannot be read", path.display()))?;
-        Ok(hex(&hash.finalize()))
+        file_hash(&path).with_context(|| format!("{}: cannot be read", path.display()))
     }
 
     /// Writes what the campaign comes to, the summary as a document of it; of a whole one, only the file of all rows stays.
@@ -564,8 +598,7 @@ impl Store {
     }
 
     fn take_part(&mut self, path: &Path) -> Result<()> {
-        let bytes = fs::read(path)?;
-        let name = format!("{:010}-{}.parquet", self.done, short_hash(&bytes));
+        let name = part_name(self.done, &file_hash(path)?);
         let there = path
             .file_name()
             .unwrap_or_default()
@@ -690,7 +723,15 @@ fn write_whole(
     written
 }
 
+/// A hash that is written to.
 struct HashWriter<'a>(&'a mut Sha256);
+
+/// SHA-256 of a file.
+pub(super) fn file_hash(path: &Path) -> io::Result<String> {
+    let mut hash = Sha256::new();
+    io::copy(&mut File::open(path)?, &mut HashWriter(&mut hash))?;
+    Ok(hex(&hash.finalize()))
+}
 
 impl Write for HashWriter<'_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
@@ -703,6 +744,7 @@ impl Write for HashWriter<'_> {
     }
 }
 
-fn short_hash(bytes: &[u8]) -> String {
-    hex(&Sha256::digest(bytes)[..8])
+/// The name of a part or a shard: its first device, and the beginning of its hash.
+pub(super) fn part_name(first: u64, hash: &str) -> String {
+    format!("{first:010}-{}.parquet", &hash[..16])
 }

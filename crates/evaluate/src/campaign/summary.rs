@@ -1,12 +1,13 @@
 //! What a campaign comes to, from its rows.
 
+use super::commissioned::REFUSED;
 use super::rows::ROWS_PER_DEVICE;
 use super::store::Store;
 use anyhow::Result;
 use pigtail_control::outcome::OutcomeCode;
 use pigtail_hal::Rule;
 use pigtail_numerics::rounded;
-use pigtail_numerics::statistics::{CONFIDENCE, Percentiles, Sorted, wilson};
+use pigtail_numerics::statistics::{CONFIDENCE, Percentiles, Sum, wilson};
 use pigtail_session::fleet::NOMINAL;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
@@ -137,32 +138,36 @@ pub struct Shares {
 
 impl Sureness {
     fn of(rows: &Rows, unsure: u64) -> Result<Option<Self>> {
-        let levels = ["level_x", "level_y", "level_z"].map(|name| rows.numbers(name));
-        let [x, y, z] = levels;
-        let levels = [x?, y?, z?];
-        let fibers = levels[0].len();
+        const SHARES: [f64; 4] = [0.5, 0.8, 0.95, 0.99];
+        let mut within = [[0_u64; 3]; SHARES.len()];
+        let mut fibers = 0_u64;
+        for (axis, name) in ["level_x", "level_y", "level_z"].iter().enumerate() {
+            fibers = 0;
+            rows.each_number(name, |level| {
+                fibers += 1;
+                for (within, share) in within.iter_mut().zip(SHARES) {
+                    within[axis] += u64::from(level <= share);
+                }
+            })?;
+        }
         if fibers == 0 {
             return Ok(None);
         }
-        let within = |share: f64| {
-            let of = |levels: &[f64]| {
-                let within = levels.iter().filter(|level| **level <= share).count();
-                rounded(within as f64 / levels.len().max(1) as f64, 1e-6)
-            };
-            let [x, y, z] = levels.each_ref().map(|levels| of(levels));
+        let shares = within.map(|within| {
+            let [x, y, z] = within.map(|count| rounded(count as f64 / fibers as f64, 1e-6));
             Shares { x, y, z }
-        };
-        let median = |name: &str| -> Result<Option<f64>> {
-            Ok(Sorted::new(rows.numbers(name)?).percentile(0.5))
-        };
+        });
+        let median = |name: &str| -> Result<Option<f64>> { Ok(percentiles(rows, name)?.p50) };
+        let mut stated = Sum::default();
+        rows.each_number("stated_outside", |share| stated.add(share))?;
         Ok(Some(Self {
-            fibers: fibers as u64,
-            within_50_percent: within(0.5),
-            within_80_percent: within(0.8),
-            within_95_percent: within(0.95),
-            within_99_percent: within(0.99),
+            fibers,
+            within_50_percent: shares[0],
+            within_80_percent: shares[1],
+            within_95_percent: shares[2],
+            within_99_percent: shares[3],
             median_95_percent_um: [median("believed_x_um")?, median("believed_z_um")?],
-            stated_wrong: rounded(rows.numbers("stated_outside")?.iter().sum(), 1e-9),
+            stated_wrong: rounded(stated.value(), 1e-9),
             unsure,
         }))
     }
@@ -425,7 +430,7 @@ impl Counts {
     }
 }
 
-/// Sums up the rows of a campaign. One column of them is in memory at a time.
+/// Sums up the rows of a campaign. A group of them is in memory at a time, however many there are.
 ///
 /// # Errors
 ///
@@ -442,13 +447,13 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<CampaignDocument> {
         devices_aligned,
         ends,
     } = Counts::of(&rows)?;
-    let percentiles = |name: &str| Ok::<_, anyhow::Error>(sorted(store, name)?.percentiles());
-    let offset = |name: &str| {
-        let values = rows.numbers(name)?;
-        Ok::<_, anyhow::Error>(
-            Sorted::new(values.into_iter().map(f64::abs).collect()).percentiles(),
-        )
-    };
+    let percentiles = |name: &str| percentiles(&rows, name);
+    let offset =
+        |name: &str| Percentiles::of(|each| rows.each_number(name, |value| each(value.abs())));
+    let mut smallest_gap = None;
+    rows.each_number("smallest_gap_um", |gap| {
+        smallest_gap = Some(smallest_gap.map_or(gap, |least: f64| least.min(gap)));
+    })?;
     let mut phases = Vec::new();
     for phase in store.procedure().phases().iter().copied().chain(["other"]) {
         let of = percentiles(&format!("{phase}_s"))?;
@@ -491,7 +496,11 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<CampaignDocument> {
         machines: devices.div_ceil(plan.devices_each),
         devices_each: plan.devices_each,
         commissioned: plan.commissioned,
-        accepted: None,
+        accepted: if plan.commissioned {
+            Some(accepted(&rows, plan.devices_each)?)
+        } else {
+            None
+        },
         confidence: Confidence {
             level: CONFIDENCE,
             method: "wilson",
@@ -518,16 +527,33 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<CampaignDocument> {
             .map(|(cause, of)| (cause, of.seeds))
             .collect(),
         phases,
-        smallest_gap_um: sorted(store, "smallest_gap_um")?.values().first().copied(),
+        smallest_gap_um: smallest_gap,
         rows_sha256: store.rows_hash()?,
         version: env!("CARGO_PKG_VERSION"),
         report: store.folder().join("report.html").display().to_string(),
     })
 }
 
-/// A column of numbers in order.
-pub(super) fn sorted(store: &Store, name: &str) -> Result<Sorted> {
-    Ok(Sorted::new(store.rows()?.numbers(name)?))
+/// Machines that were not refused when they were commissioned.
+fn accepted(rows: &Rows, devices_each: u64) -> Result<u64> {
+    let rows_each = devices_each * ROWS_PER_DEVICE;
+    let (mut row, mut accepted) = (0_u64, 0_u64);
+    for table in rows.groups(&["detail"]) {
+        for detail in table?.texts("detail") {
+            // A machine is refused with all its devices.
+            if row.is_multiple_of(rows_each) {
+                let refused = detail.is_some_and(|why| why.starts_with(REFUSED));
+                accepted += u64::from(!refused);
+            }
+            row += 1;
+        }
+    }
+    Ok(accepted)
+}
+
+/// The percentiles of a column of numbers.
+fn percentiles(rows: &Rows, name: &str) -> Result<Percentiles> {
+    Percentiles::of(|each| rows.each_number(name, each))
 }
 
 #[cfg(test)]

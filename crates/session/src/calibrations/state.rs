@@ -72,6 +72,39 @@ impl RunsOn {
     }
 }
 
+/// A document with the rig that it ran on, and what became of what was found, if anything was. Keys are a contract.
+#[derive(Debug, Serialize)]
+pub struct On<'d, D: Serialize, F: Serialize = ()> {
+    #[serde(flatten)]
+    document: &'d D,
+    #[serde(rename = "runs_on")]
+    rig: RunsOn,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    found: Option<&'d F>,
+}
+
+impl<'d, D: Serialize> On<'d, D> {
+    /// A document of what ran on this rig.
+    pub fn new(rig: &Rig, document: &'d D) -> Self {
+        Self {
+            document,
+            rig: RunsOn::of(rig),
+            found: None,
+        }
+    }
+}
+
+impl<'d, D: Serialize, F: Serialize> On<'d, D, F> {
+    /// A document of what ran on a rig, and has found something, or nothing.
+    pub fn with(rig: RunsOn, document: &'d D, found: Option<&'d F>) -> Self {
+        Self {
+            document,
+            rig,
+            found,
+        }
+    }
+}
+
 impl Display for RunsOn {
     fn fmt(&self, f: &mut Formatter) -> fmt::Result {
         write!(f, "rig {}", self.rig)?;

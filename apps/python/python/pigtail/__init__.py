@@ -1,0 +1,67 @@
+"""Control software and a digital twin for automated fiber pigtailing.
+
+>>> import pigtail
+>>> device = pigtail.align(seed=7)
+>>> print(device)
+
+:func:`align` aligns a device on the twin that a seed draws; :func:`campaign` does it for many. :class:`Rig` names a rig
+of your own. :func:`tune`, :func:`identify`, :func:`characterize` and :func:`commission` are experiments on a machine;
+:func:`simulate_joint` is one joint alone. :class:`Twin` is a machine, cycle by cycle. :class:`Runs` is the store.
+What is true of a twin, :mod:`pigtail.sim` tells, and nothing else.
+
+Names are those of the program and the book; the last letters of a name are its unit. Long calls let go of Python's
+lock, show progress, and stop the machine on Ctrl-C.
+"""
+
+from ._align import CHANNELS, SIDES, Alignment, Believed, Fiber, Phase, PhaseStart, Samples, align
+from ._campaign import Campaign, campaign, campaign_folder, merge, run_shard
+from ._document import Document, Experiment
+from ._errors import Error, FaultError, InputError, OutcomeError
+from ._jobs import Commissioning, characterize, commission, identify, simulate_joint, tune
+from ._pigtail import __version__
+from ._progress import Progress
+from ._rig import Calibration, Rig
+from ._runs import Runs
+from ._twin import Command, Frame, Light, Measurement, Tip, Twin
+from . import sim
+
+__all__ = [
+    "CHANNELS",
+    "SIDES",
+    "Alignment",
+    "Believed",
+    "Calibration",
+    "Campaign",
+    "Command",
+    "Commissioning",
+    "Document",
+    "Error",
+    "Experiment",
+    "FaultError",
+    "Fiber",
+    "Frame",
+    "InputError",
+    "Light",
+    "Measurement",
+    "OutcomeError",
+    "Phase",
+    "PhaseStart",
+    "Progress",
+    "Rig",
+    "Runs",
+    "Samples",
+    "Tip",
+    "Twin",
+    "__version__",
+    "align",
+    "campaign",
+    "campaign_folder",
+    "characterize",
+    "commission",
+    "identify",
+    "merge",
+    "run_shard",
+    "sim",
+    "simulate_joint",
+    "tune",
+]

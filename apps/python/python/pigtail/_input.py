@@ -1,0 +1,74 @@
+"""Arguments, checked before anything runs."""
+
+from __future__ import annotations
+
+import operator
+import os
+from typing import Any
+
+from ._errors import InputError
+
+_MOST = 2**64 - 1
+
+
+def whole(name: str, value: Any, least: int = 0, most: int = _MOST) -> int:
+    """A whole number from ``least`` to ``most``."""
+    try:
+        number = operator.index(value)
+    except TypeError:
+        number = None
+    if number is None or isinstance(value, bool) or not least <= number <= most:
+        message = f"{name}: is {value!r}; accepted is a whole number from {least} to {most}"
+        raise InputError(message, key=name, value=repr(value))
+    return number
+
+
+def maybe_whole(name: str, value: Any, least: int = 0, most: int = _MOST) -> int | None:
+    """The same, or nothing."""
+    return None if value is None else whole(name, value, least, most)
+
+
+def number(name: str, value: Any) -> float:
+    """A finite number."""
+    try:
+        result = float(value)
+    except (TypeError, ValueError):
+        result = float("nan")
+    if result - result != 0.0:
+        message = f"{name}: is {value!r}; accepted is a finite number"
+        raise InputError(message, key=name, value=repr(value))
+    return result
+
+
+def maybe_number(name: str, value: Any) -> float | None:
+    """The same, or nothing."""
+    return None if value is None else number(name, value)
+
+
+def text(name: str, value: Any) -> str:
+    """A text, or a path."""
+    try:
+        result = os.fspath(value)
+    except TypeError:
+        result = None
+    if not isinstance(result, str):
+        message = f"{name}: is {value!r}; accepted is a text"
+        raise InputError(message, key=name, value=repr(value))
+    return result
+
+
+def maybe_text(name: str, value: Any) -> str | None:
+    """The same, or nothing."""
+    return None if value is None else text(name, value)
+
+
+def texts(name: str, value: Any) -> list[str]:
+    """Texts, or one."""
+    if isinstance(value, (str, os.PathLike)):
+        return [text(name, value)]
+    try:
+        items = list(value)
+    except TypeError:
+        message = f"{name}: is {value!r}; accepted are texts in a list"
+        raise InputError(message, key=name, value=repr(value)) from None
+    return [text(name, item) for item in items]

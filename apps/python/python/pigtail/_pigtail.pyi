@@ -1,0 +1,157 @@
+"""Arguments in, JSON and arrays out. What users call is in the modules beside this one."""
+
+from os import PathLike
+from typing import Any, Callable, Sequence, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Path = str | PathLike[str]
+_Progress = Callable[[int, int, str], object] | None
+_Floats = NDArray[np.float64]
+_Tip = tuple[float, float, float]
+
+__version__: str
+CHANNELS: tuple[str, ...]
+SIDES: tuple[str, ...]
+
+@final
+class Belief:
+    def files(self) -> list[tuple[str, str]]: ...
+    def write(self, folder: _Path) -> None: ...
+
+@final
+class Rig:
+    def __new__(
+        cls,
+        rig: str,
+        recipe: str,
+        fleet: str,
+        calibration: str | None,
+        scenario: str,
+        axes: Sequence[_Path],
+        runs: _Path,
+    ) -> Rig: ...
+    def with_belief(self, belief: Belief) -> Rig: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def recipe(self) -> str: ...
+    @property
+    def fleet(self) -> str: ...
+    @property
+    def scenario(self) -> str: ...
+    @property
+    def has_twin(self) -> bool: ...
+    @property
+    def rate_hz(self) -> float: ...
+    @property
+    def hashes(self) -> list[tuple[str, str]]: ...
+    def sources(self) -> list[tuple[str, str]]: ...
+    def truth(self) -> tuple[str, str] | None: ...
+    def runs_on(self) -> str: ...
+    def belief(self) -> Belief: ...
+
+@final
+class Command:
+    def __new__(
+        cls,
+        motors_v: _Floats | None,
+        micro_v: _Floats | None,
+        laser: bool,
+        fiber: Sequence[tuple[str, int] | None],
+        references_counts: _Floats | None,
+    ) -> Command: ...
+
+@final
+class Measurement:
+    @property
+    def time_s(self) -> float: ...
+    @property
+    def encoders_counts(self) -> NDArray[np.int64]: ...
+    @property
+    def light(self) -> tuple[float, _Floats] | None: ...
+    @property
+    def vision(self) -> tuple[float, list[_Tip | None], _Tip] | None: ...
+    @property
+    def probes_um(self) -> _Floats | None: ...
+    @property
+    def stop(self) -> bool: ...
+
+@final
+class Twin:
+    def __new__(cls, rig: Rig, seed: int, fault: Sequence[str]) -> Twin: ...
+    def exchange(self, command: Command) -> Measurement: ...
+    def stop(self) -> None: ...
+    @property
+    def period_s(self) -> float: ...
+    def truth(self) -> dict[str, Any]: ...
+
+@final
+class Spec:
+    def __new__(
+        cls,
+        rig: Rig,
+        procedure: str,
+        seed: int,
+        devices: int,
+        machines: int | None,
+        commissioned: bool,
+        faults: str | None,
+    ) -> Spec: ...
+    def folder(self, runs: _Path) -> str: ...
+    def run(self, runs: _Path, threads: int, progress: _Progress) -> tuple[str, str]: ...
+
+def align(
+    rig: Rig,
+    procedure: str,
+    seed: int,
+    device: int,
+    faults: str | None,
+    fault: Sequence[str],
+    progress: _Progress,
+) -> tuple[str, str, dict[str, Any]]: ...
+def tune(
+    rig: Rig,
+    axis_name: str,
+    seed: int,
+    search: str,
+    trials: int | None,
+    step: int | None,
+    progress: _Progress,
+) -> tuple[str, dict[str, _Floats], Belief | None]: ...
+def identify(
+    rig: Rig, axis_name: str, seed: int, model: str, progress: _Progress
+) -> tuple[str, dict[str, _Floats], Belief | None]: ...
+def characterize(
+    rig: Rig,
+    axis_name: str,
+    what: str,
+    seed: int,
+    size: int | None,
+    frequency_hz: float | None,
+    steps: int,
+    progress: _Progress,
+) -> tuple[str, dict[str, _Floats], Belief | None]: ...
+def commission(
+    rig: Rig, seed: int, steps: Sequence[str], devices: int, progress: _Progress
+) -> tuple[str, Belief | None]: ...
+def simulate_joint(
+    params: _Path | tuple[str],
+    axis_name: str,
+    voltages: tuple[Sequence[float], Sequence[float]] | None,
+    impulse: Sequence[float] | None,
+    step: float | None,
+    triangle: Sequence[float] | None,
+    duration_s: float | None,
+    row_period_s: float | None,
+    max_step_s: float,
+    progress: _Progress,
+) -> dict[str, _Floats]: ...
+def campaign_resume(folder: _Path, threads: int, progress: _Progress) -> tuple[str, str]: ...
+def campaign_shard(
+    folder: _Path, index: int, of: int, threads: int, progress: _Progress
+) -> tuple[str | None, int]: ...
+def campaign_merge(folder: _Path, runs: _Path, progress: _Progress) -> tuple[str, str]: ...
+def runs_list(runs: _Path) -> str: ...
+def runs_show(runs: _Path, run: str) -> str: ...

@@ -1,0 +1,54 @@
+//! What the Python package `pigtail` is made of, beneath its Python: arguments in, JSON and arrays out.
+//!
+//! The package's own interface, its types and its words are in `python/pigtail`.
+
+#![expect(
+    clippy::needless_pass_by_value,
+    clippy::too_many_arguments,
+    reason = "arguments are those of functions in Python, and owned as it hands them over"
+)]
+
+mod align;
+mod campaign;
+mod failure;
+mod input;
+mod jobs;
+mod rig;
+mod runs;
+mod twin;
+mod work;
+
+use pigtail_hal::{Channel, Side};
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+
+#[pymodule]
+fn _pigtail(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add(
+        "CHANNELS",
+        PyTuple::new(module.py(), Channel::ALL.map(Channel::name))?,
+    )?;
+    module.add(
+        "SIDES",
+        PyTuple::new(module.py(), Side::ALL.map(Side::name))?,
+    )?;
+    module.add_class::<rig::Rig>()?;
+    module.add_class::<rig::Belief>()?;
+    module.add_class::<twin::Twin>()?;
+    module.add_class::<twin::Command>()?;
+    module.add_class::<twin::Measurement>()?;
+    module.add_function(wrap_pyfunction!(align::align, module)?)?;
+    module.add_function(wrap_pyfunction!(jobs::tune, module)?)?;
+    module.add_function(wrap_pyfunction!(jobs::identify, module)?)?;
+    module.add_function(wrap_pyfunction!(jobs::characterize, module)?)?;
+    module.add_function(wrap_pyfunction!(jobs::commission, module)?)?;
+    module.add_function(wrap_pyfunction!(jobs::simulate_joint, module)?)?;
+    module.add_class::<campaign::Spec>()?;
+    module.add_function(wrap_pyfunction!(campaign::campaign_resume, module)?)?;
+    module.add_function(wrap_pyfunction!(campaign::campaign_shard, module)?)?;
+    module.add_function(wrap_pyfunction!(campaign::campaign_merge, module)?)?;
+    module.add_function(wrap_pyfunction!(runs::runs_list, module)?)?;
+    module.add_function(wrap_pyfunction!(runs::runs_show, module)?)?;
+    Ok(())
+}

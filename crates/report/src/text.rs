@@ -1,0 +1,265 @@
+//! The same documents as text: tables for a terminal, or for whoever prints a result.
+
+use crate::percent;
+use comfy_table::{
+    CellAlignment, ContentArrangement, ContentLineStyle, LineStyle, Table, TableStyle,
+};
+use pigtail_control::outcome::OutcomeCode;
+use pigtail_evaluate::align::{AlignmentDocument, TOLERANCE_Z_UM};
+use pigtail_evaluate::campaign::CampaignDocument;
+use pigtail_session::fleet::NOMINAL;
+use pigtail_session::procedure::Procedure;
+use std::fmt::Write as _;
+
+/// Lines above and below the header and nothing else: numbers side by side need no grid.
+const STYLE: TableStyle = TableStyle::new()
+    .header_separator(LineStyle::none().fill('─').junction('─'))
+    .content_lines(ContentLineStyle::none());
+
+/// A header and its rows, columns of numbers to the right, and a line end; where `room` columns of characters are
+/// too few, rows become columns if that helps. `None` is a room without end.
+pub fn table(rows: &[Vec<String>], room: Option<usize>) -> String {
+    let wide = drawn(rows);
+    if fits(rows, room) {
+        return wide.trim_fmt() + "\n";
+    }
+    let turned: Vec<Vec<String>> = (0..rows[0].len())
+        .map(|i| rows.iter().map(|row| row[i].replace('\n', " ")).collect())
+        .collect();
+    let narrow = drawn(&turned);
+    let best = if width_of(&narrow) < width_of(&wide) {
+        narrow
+    } else {
+        wide
+    };
+    best.trim_fmt() + "\n"
+}
+
+/// Whether a table has room as it is.
+pub fn fits(rows: &[Vec<String>], room: Option<usize>) -> bool {
+    room.is_none_or(|room| width_of(&drawn(rows)) <= room)
+}
+
+/// How many characters a line of the terminal at standard output has; `None` where there is no terminal.
+pub fn room() -> Option<usize> {
+    Table::new().width().map(usize::from)
+}
+
+fn width_of(table: &Table) -> usize {
+    table
+        .lines()
+        .map(|line| line.chars().count())
+        .max()
+        .unwrap_or(0)
+}
+
+fn drawn(rows: &[Vec<String>]) -> Table {
+    let mut table = Table::new();
+    table
+        .load_style(STYLE)
+        .set_content_arrangement(ContentArrangement::Disabled);
+    table.set_header(&rows[0]);
+    table.add_rows(&rows[1..]);
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    table
+}
+
+/// How a device was aligned: a row a fiber, what failed in a sentence, and the report if one was written.
+pub fn alignment(document: &AlignmentDocument, room: Option<usize>) -> String {
+    let mut text = table(&fibers(document), room);
+    for fiber in &document.fibers {
+        if fiber.outcome != OutcomeCode::Aligned {
+            let _ = writeln!(text, "{}: {}", fiber.port, fiber.detail);
+        }
+    }
+    if document.collision {
+        text += "A fiber hit the chip.\n";
+    }
+    let _ = writeln!(
+        text,
+        "\n{:.2} s of machine time a fiber. Offsets are the truth, from the twin of seed {}.",
+        document.seconds_per_fiber, document.seed
+    );
+    if !document.report.is_empty() {
+        let _ = writeln!(text, "Report: {}", document.report);
+    }
+    text
+}
+
+/// The header and a row a fiber.
+fn fibers(document: &AlignmentDocument) -> Vec<Vec<String>> {
+    let names = document.phase_names();
+    let mut header = vec!["fiber".to_owned(), "outcome".to_owned()];
+    header.extend(names.iter().map(|name| format!("{name}\ns")));
+    header.extend(["in all\ns", "x\num", "y\num", "z\num", "loss\ndB"].map(str::to_owned));
+    let number = |value: Option<f64>, digits: usize| {
+        value.map_or_else(|| "-".to_owned(), |v| format!("{v:.digits$}"))
+    };
+    let mut rows = vec![header];
+    rows.extend(document.fibers.iter().map(|fiber| {
+        let mut row = vec![fiber.port.to_owned(), fiber.verdict().to_string()];
+        row.extend(names.iter().map(|name| number(fiber.seconds_in(name), 2)));
+        let offset = fiber.offset_um;
+        row.push(number(Some(fiber.seconds), 2));
+        row.push(number(offset.map(|o| o.x), 3));
+        row.push(number(offset.map(|o| o.y), 3));
+        row.push(number(offset.map(|o| o.z), 2));
+        row.push(number(fiber.coupling_loss_db, 2));
+        row
+    }));
+    rows
+}
+
+/// What a campaign came to, of which so many devices were done just now.
+pub fn campaign(document: &CampaignDocument, devices_now: u64, room: Option<usize>) -> String {
+    let mut out = String::new();
+    let sure = &document.confidence;
+    let machines = document.machines.max(1);
+    let on = match document.devices_each {
+        1 => String::new(),
+        _ => format!(" on {machines} machines"),
+    };
+    let fleet = match document.fleet.as_str() {
+        NOMINAL => String::new(),
+        fleet => format!(", fleet {fleet}"),
+    };
+    let _ = writeln!(
+        out,
+        "{} devices{on}, seeds {} to {}, by the {} procedure, {}{fleet}\n",
+        document.devices,
+        document.seed,
+        document.seed + machines - 1,
+        document.procedure,
+        document.scenario
+    );
+    for (what, part, of, [low, high]) in [
+        (
+            "fibers aligned",
+            document.aligned,
+            document.fibers,
+            sure.fibers_aligned,
+        ),
+        (
+            "whole devices",
+            document.devices_aligned,
+            document.devices,
+            sure.devices_aligned,
+        ),
+        (
+            "wrongly \"aligned\"",
+            document.wrong.count,
+            document.fibers,
+            sure.fibers_wrong,
+        ),
+    ] {
+        let _ = writeln!(
+            out,
+            "{what:17}  {part} of {of}: {} (95 %: {} to {})",
+            percent(part as f64 / of.max(1) as f64),
+            percent(low),
+            percent(high)
+        );
+    }
+    let _ = writeln!(out);
+    if document.faults != "none" {
+        faults(&mut out, document, room);
+    }
+    let o = &document.offset_um;
+    let header = ["", "mean", "p50", "p90", "p99", "p99.9", "max"]
+        .map(str::to_owned)
+        .to_vec();
+    let rows = [
+        ("time, s", &document.seconds_per_fiber, 2),
+        ("x, um", &o.x, 3),
+        ("y, um", &o.y, 3),
+        ("z, um", &o.z, 3),
+        ("loss, dB", &document.coupling_loss_db, 3),
+    ]
+    .into_iter()
+    .map(|(name, of, digits)| {
+        let number = |value: Option<f64>| {
+            value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
+        };
+        let mut row = vec![name.to_owned()];
+        row.extend([of.mean, of.p50, of.p90, of.p99, of.p999, of.max].map(number));
+        row
+    });
+    out += &table(
+        &std::iter::once(header).chain(rows).collect::<Vec<_>>(),
+        room,
+    );
+    failed(&mut out, document);
+    let _ = writeln!(
+        out,
+        "\nTime is machine time a fiber; x, y and z are the truth, from the twins, without sign.\n\
+         Tolerance: {}, {} and {} um. {}",
+        Procedure::tolerance_of(&document.procedure),
+        Procedure::tolerance_of(&document.procedure),
+        TOLERANCE_Z_UM,
+        if devices_now == 0 {
+            "Nothing was left to be done.".to_owned()
+        } else {
+            let seconds = document.wall_seconds;
+            format!(
+                "{seconds:.1} s here, {:.1} devices/s.",
+                devices_now as f64 / seconds.max(1e-3)
+            )
+        }
+    );
+    let _ = writeln!(out, "Rows: {}", document.rows);
+    let _ = writeln!(out, "Report: {}", document.report);
+    out
+}
+
+/// Causes of failure, and seeds to replay them.
+fn failed(out: &mut String, document: &CampaignDocument) {
+    if !document.failed.is_empty() {
+        let _ = writeln!(
+            out,
+            "\nNot aligned, and a seed to replay with `{}`:",
+            document.replay_command()
+        );
+    }
+    for (cause, count) in &document.failed {
+        let seeds = document.replay.get(cause).map_or(&[][..], Vec::as_slice);
+        let shown: Vec<_> = seeds.iter().take(5).map(u64::to_string).collect();
+        let _ = writeln!(out, "  {count:5} {cause}: {}", shown.join(", "));
+    }
+}
+
+/// How devices ended on which something was broken on purpose.
+fn faults(out: &mut String, document: &CampaignDocument, room: Option<usize>) {
+    let number = |n: u64| n.to_string();
+    let header = [
+        "broken", "devices", "stopped", "gave up", "aligned", "false", "touched", "failed",
+    ]
+    .map(str::to_owned)
+    .to_vec();
+    let rows = document.by_fault.iter().map(|(name, of)| {
+        let mut row = vec![name.clone()];
+        row.extend(
+            [
+                of.devices,
+                of.tripped,
+                of.given_up,
+                of.aligned,
+                of.false_aligned,
+                of.collisions,
+                of.broken,
+            ]
+            .map(number),
+        );
+        row
+    });
+    *out += &table(
+        &std::iter::once(header).chain(rows).collect::<Vec<_>>(),
+        room,
+    );
+    let _ = writeln!(out, "\nRules that stopped the machine:");
+    for (rule, count) in &document.tripped {
+        let _ = writeln!(out, "  {count:6} {rule}");
+    }
+    let _ = writeln!(out);
+}
