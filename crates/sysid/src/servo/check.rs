@@ -4,6 +4,7 @@ use super::{
     Equations, Friction, Method, POSITION, REFERENCE, Record, Settings, VOLTAGE, tolerance,
 };
 use crate::Unknown;
+use crate::timeline::Clock;
 use pigtail_numerics::regression::least_squares;
 use pigtail_numerics::signal::{Lowpass, decimate, derivative, quantile, rms};
 
@@ -29,6 +30,9 @@ const OWN: f64 = 0.01;
 /// Least power of the acceleration over that of the noise in it.
 const ABOVE_NOISE: f64 = 10.0;
 
+/// Largest share of the acceleration's power that may be noise: it makes the inertia too small by as much.
+pub(super) const QUIET: f64 = 0.005;
+
 /// Share of the force's power that may be filtered off.
 const LOST: f64 = 0.5;
 
@@ -48,7 +52,9 @@ pub(super) fn whole(
              {FASTEST} to {SLOWEST} s: is the unit of time right?"
         )));
     }
-    if record.even.jitter > 0.25 {
+    // Samples that were taken evenly are even, however they were stamped.
+    let odd = matches!(record.even.clock, Clock::Stamps | Clock::Untold);
+    if odd && record.even.jitter > 0.35 {
         return Err(Unknown::all(format!(
             "its moments deviate by {:.0} % of a sample period from even ones: velocity would be noise",
             100.0 * record.even.jitter
@@ -426,6 +432,13 @@ pub(super) fn white(record: &Record, set: &Settings) -> f64 {
     // The median, for a reversal is no noise.
     let share = (1.0 - cutoff.max(0.5)).max(0.05);
     1.4826 * quantile(&taken, 0.5) / share.sqrt()
+}
+
+/// Share of the acceleration's power that is the position's noise.
+pub(super) fn noise_share(record: &Record, set: &Settings) -> f64 {
+    let columns = Equations::of(record, set);
+    let power = rms(columns.acceleration.iter().copied());
+    (noise(record, set).acceleration / power.max(f64::MIN_POSITIVE)).powi(2)
 }
 
 fn noise(record: &Record, set: &Settings) -> Noise {

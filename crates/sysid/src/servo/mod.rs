@@ -14,9 +14,11 @@
 //! Reference Models of EMPS*, Workshop on Nonlinear System Identification Benchmarks, 2019.
 
 mod check;
+mod clipped;
 mod controller;
 mod motion;
 mod replay;
+mod skew;
 mod sliding;
 
 pub use controller::Controller;
@@ -24,6 +26,7 @@ pub use motion::Motion;
 pub use replay::{Axis, Replay};
 pub use sliding::Sliding;
 
+use super::outliers;
 use super::timeline::Even;
 use super::{Account, Known, Parameter, Unknown};
 use nalgebra::DMatrix;
@@ -215,6 +218,42 @@ impl Equations {
         equations
     }
 
+    /// Leaves out what is not to be believed.
+    fn retain(&mut self, keep: &[bool]) {
+        let Self {
+            time,
+            force,
+            lag,
+            position,
+            acceleration,
+            velocity,
+            sign,
+            one,
+            forward,
+            backward,
+            one_way: _,
+        } = self;
+        let [f0, f1] = forward;
+        let [b0, b1] = backward;
+        for column in [
+            time,
+            force,
+            lag,
+            position,
+            acceleration,
+            velocity,
+            sign,
+            one,
+            f0,
+            f1,
+            b0,
+            b1,
+        ] {
+            let mut flags = keep.iter();
+            column.retain(|_| flags.next().copied().unwrap_or(true));
+        }
+    }
+
     fn columns(&self, friction: Friction) -> Vec<&[f64]> {
         match friction {
             // Coulomb friction and offset in one column, which stands where Coulomb friction does.
@@ -266,7 +305,7 @@ const LEAST_EQUATIONS: usize = 60;
 const LATEST: f64 = 10.0;
 
 /// Relative error beyond which a model explains nothing, per cent.
-const UNEXPLAINED: f64 = 50.0;
+const UNEXPLAINED: f64 = 100.0 / 3.0;
 
 /// By how much a variant's error may lie above the least, for a simpler one is preferred.
 const AS_GOOD: f64 = 1.01;
@@ -340,6 +379,8 @@ pub struct Identified {
     pub remarks: Vec<String>,
     /// How far its motion went.
     pub motion: Motion,
+    /// By how much later than its stamp the voltage acts, seconds, where that was taken out; zero where it was not.
+    pub skew: f64,
     columns: Equations,
 }
 
@@ -377,23 +418,43 @@ pub fn identify(
     set: &Settings,
 ) -> Result<Identified, Unknown> {
     let mut remarks = record.even.remarks();
+    let (record, second) = (
+        &cleaned(record, &mut remarks),
+        second.map(|r| cleaned(r, &mut Vec::new())),
+    );
+    let set = &quiet(record, set, &mut remarks);
     check::whole(record, set, &mut remarks)?;
-    let mut columns = Equations::of(record, set);
-    if columns.force.len() < LEAST_EQUATIONS {
-        return Err(Unknown::all(format!(
-            "it makes {} equations of {} samples; wanted are at least {LEAST_EQUATIONS}",
-            columns.force.len(),
-            record.even.samples()
-        )));
-    }
     let controller = set
         .controller
         .or_else(|| controller::fit(record).filter(|c| c.error_percent < 10.0));
+    // Voltage and position of the same moments first; everything else rests on that.
+    let skew = skew::skew(record, set)?;
+    remarks.extend(skew.remark(record.even.period));
+    let stamped = record;
+    let record = &skew.taken_out(record);
+    let second = second.map(|r| skew.taken_out(&r));
+    let mut columns = Equations::of(record, set);
+    enough(&columns, record)?;
     check::bandwidth(record, &columns, set)?;
     let mut unknown = check::excitation(record, &mut columns, set)?;
+    let keep = if columns.one_way {
+        None
+    } else {
+        clipped::clipped(record, set, &columns)?
+    };
+    if let Some((keep, level)) = &keep {
+        remarks.push(format!(
+            "the voltage is cut off in the record: where it is high the motion asks for more than is written; the \
+             equations above {level:.3} V were left out, {:.0} % of them",
+            100.0 * keep.iter().filter(|k| !**k).count() as f64 / keep.len() as f64
+        ));
+        columns.retain(keep);
+        enough(&columns, record)?;
+    }
+    let keep = keep.map(|(keep, _)| keep);
     let second = second.map(|r| Equations {
         one_way: columns.one_way,
-        ..Equations::of(r, set)
+        ..Equations::of(&r, set)
     });
     let mut variants = variants(
         record,
@@ -402,6 +463,7 @@ pub fn identify(
         &columns,
         controller.as_ref(),
         &unknown,
+        (stamped, keep.as_deref()),
     );
     let Some(first) = variants.first() else {
         return Err(Unknown::all(
@@ -445,8 +507,61 @@ pub fn identify(
         equations: columns.force.len(),
         remarks,
         motion: Motion::of(record, &columns, set),
+        skew: skew.at_start * record.even.period,
         columns,
     })
+}
+
+fn enough(columns: &Equations, record: &Record) -> Result<(), Unknown> {
+    if columns.force.len() >= LEAST_EQUATIONS {
+        return Ok(());
+    }
+    Err(Unknown::all(format!(
+        "it makes {} equations of {} samples in {} stretches; wanted are at least {LEAST_EQUATIONS}",
+        columns.force.len(),
+        record.even.samples(),
+        record.even.stretches.len()
+    )))
+}
+
+/// A record without what no motion makes.
+fn cleaned(record: &Record, remarks: &mut Vec<String>) -> Record {
+    let mut record = record.clone();
+    let position = outliers::smooth(&mut record.even, POSITION);
+    let volts = outliers::jumping(&mut record.even, VOLTAGE);
+    remarks.extend(position.remarks("position"));
+    if volts > 0 {
+        remarks.push(format!(
+            "{volts} single samples of the voltage stand apart from both their neighbours; set aside, and bridged"
+        ));
+    }
+    record
+}
+
+/// Settings under which the noise of the position is next to nothing beside the acceleration: noise in what a force
+/// is told by makes an inertia too small. Only where no cutoff was given.
+fn quiet(record: &Record, set: &Settings, remarks: &mut Vec<String>) -> Settings {
+    let period = record.even.period;
+    let usual = set.cutoff(period);
+    let mut quiet = *set;
+    if set.cutoff.is_some() || set.decimate.is_some() {
+        return quiet;
+    }
+    for halvings in 0..4 {
+        if halvings > 0 {
+            quiet.cutoff = Some(usual * 0.5_f64.powi(halvings));
+        }
+        if check::noise_share(record, &quiet) < check::QUIET {
+            break;
+        }
+    }
+    if let Some(cutoff) = quiet.cutoff {
+        remarks.push(format!(
+            "the position is noisy: filtered at {cutoff:.3} Hz instead of {usual:.3} Hz, so that its noise does not \
+             count as acceleration"
+        ));
+    }
+    quiet
 }
 
 /// Every law of friction by every method, and how each tells what it was not fitted to.
@@ -457,6 +572,7 @@ fn variants(
     columns: &Equations,
     controller: Option<&Controller>,
     unknown: &[Unknown],
+    (stamped, keep): (&Record, Option<&[bool]>),
 ) -> Vec<Variant> {
     let mut variants = Vec::new();
     for friction in [Friction::Symmetric, Friction::Asymmetric] {
@@ -475,7 +591,13 @@ fn variants(
         };
         let instruments = controller
             .filter(|_| record.has_reference && !columns.one_way && ordinary.values[0] > 0.0)
-            .and_then(|c| instruments(record, &axis(&ordinary.values), c, set))
+            .and_then(|c| instruments(stamped, &axis(&ordinary.values), c, set))
+            .map(|mut z| {
+                if let Some(keep) = keep.filter(|k| k.len() == z.force.len()) {
+                    z.retain(keep);
+                }
+                z
+            })
             .filter(|z| z.force.len() == columns.force.len());
         // What another sample of delay would change: nobody knows when within it a voltage acts.
         let later: Vec<f64> = columns
