@@ -1,6 +1,7 @@
 //! From the moments at which a record was read to samples at equal distances.
 
 use pigtail_numerics::signal::quantile;
+use std::f64::consts::TAU;
 
 /// What a record's moments turned out to be, and its columns on an even grid.
 #[derive(Debug, Clone, PartialEq)]
@@ -71,12 +72,8 @@ const BRIDGE: f64 = 5.5;
 /// Moments that deviate by less than this share of a period, rms, count as even.
 const EVEN: f64 = 0.02;
 
-/// Samples on either side of a long step by which is told whether a stamp was late or a sample is missing: a late
-/// stamp leaves those behind it where they were.
-const SIDE: usize = 12;
-
-/// A step so much longer than a period may hide a missing sample.
-const LONG: f64 = 1.3;
+/// Rows on either side by whose stamps the phase of the grid is told.
+const SIDE: usize = 40;
 
 /// Share of rows of one stamp with the row before beyond which stamps are coarser than samples.
 const SAME_STAMP: f64 = 0.1;
@@ -128,7 +125,7 @@ pub fn even(time: &[f64], columns: &[&[f64]]) -> Result<Even, Uneven> {
     let steps: Vec<f64> = kept.windows(2).map(|w| time[w[1]] - time[w[0]]).collect();
     let column = columns.first().copied().unwrap_or(time);
     let coarse = coarse(time, column, &kept, &steps, equal);
-    let period = coarse.unwrap_or_else(|| quantile(&steps, 0.5));
+    let period = coarse.unwrap_or_else(|| comb(time, &kept, quantile(&steps, 0.5)));
     if period <= 0.0 {
         let row = kept[1] + 1;
         return Err(Uneven::Falls {
@@ -307,6 +304,53 @@ fn line(points: impl Iterator<Item = (f64, f64)> + Clone) -> (f64, f64) {
     (my - slope * mx, slope)
 }
 
+/// The period of the grid that stamps lie on, near a first guess of it: where they agree best on a phase, over ever
+/// longer blocks. Rows that are missing change no phase.
+fn comb(time: &[f64], kept: &[usize], guess: f64) -> f64 {
+    const TRIED: i32 = 16;
+    let mut period = guess;
+    if kept.len() < 64 || guess <= 0.0 {
+        return guess;
+    }
+    for block in [32, 256, 2048] {
+        let agree = |period: f64| -> f64 {
+            let blocks = kept.chunks(block).filter(|b| b.len() == block);
+            let every = (kept.len() / block / 32).max(1);
+            let size = |rows: &[usize]| phase(time, rows, period).0;
+            blocks.step_by(every).map(size).sum()
+        };
+        let reach = 0.5 / block as f64;
+        let tried =
+            (-TRIED..=TRIED).map(|k| period * (1.0 + reach * f64::from(k) / f64::from(TRIED)));
+        let best = tried
+            .map(|p| (agree(p), p))
+            .max_by(|a, b| a.0.total_cmp(&b.0));
+        // Where no period is better than the guess it stays: even stamps are told to the last bit.
+        if let Some((value, better)) = best
+            && value > agree(period) * (1.0 + 1e-9)
+        {
+            period = better;
+        }
+        if kept.len() < 8 * block {
+            break;
+        }
+    }
+    period
+}
+
+/// How well stamps agree on a phase of a grid, from zero to one, and the phase as a share of its period.
+fn phase(time: &[f64], rows: &[usize], period: f64) -> (f64, f64) {
+    let first = time[rows[0]];
+    let (mut re, mut im) = (0.0, 0.0);
+    for row in rows {
+        let (sin, cos) = (TAU * ((time[*row] - first) / period).fract()).sin_cos();
+        re += cos;
+        im += sin;
+    }
+    let own = im.atan2(re) / TAU;
+    (re.hypot(im) / rows.len() as f64, own)
+}
+
 /// Stretches without a gap, as rows of `kept`, and the place of each row on the grid of its stretch.
 fn places(
     time: &[f64],
@@ -323,51 +367,64 @@ fn places(
     let mut places = vec![0_usize; kept.len()];
     let mut parts = Vec::new();
     let mut from = 0;
-    for (k, step) in steps.iter().enumerate() {
-        if *step > longest && !is_late(time, kept, from, k, period) {
-            parts.push(from..k + 1);
-            from = k + 1;
+    for k in 0..=steps.len() {
+        if k < steps.len() && steps[k] <= longest {
             continue;
         }
-        let missing = if coarse || *step < LONG * period {
-            0
+        let part = from..k + 1;
+        if coarse {
+            for (n, place) in places[part.clone()].iter_mut().enumerate() {
+                *place = n;
+            }
         } else {
-            missing(time, kept, from, k, period)
-        };
-        places[k + 1] = places[k] + 1 + missing;
+            on_grid(time, &kept[part.clone()], period, &mut places[part.clone()]);
+        }
+        parts.push(part);
+        from = k + 1;
     }
-    parts.push(from..kept.len());
     (parts, places)
 }
 
-/// By how much the rows behind a step are later, all of them, than those before it tell: in periods.
-fn beyond(time: &[f64], kept: &[usize], from: usize, k: usize, period: f64) -> f64 {
-    let off = |i: usize| time[kept[i]] - time[kept[k]] - period * (i as f64 - k as f64);
-    let middle = |mut values: Vec<f64>| {
-        values.sort_by(f64::total_cmp);
-        values[values.len() / 2]
-    };
-    let before = middle(
-        (from.max((k + 1).saturating_sub(SIDE))..=k)
-            .map(off)
-            .collect(),
-    );
-    let behind = middle((k + 1..(k + 1 + SIDE).min(kept.len())).map(off).collect());
-    (behind - before) / period
-}
-
-fn missing(time: &[f64], kept: &[usize], from: usize, k: usize, period: f64) -> usize {
-    let step = (time[kept[k + 1]] - time[kept[k]]) / period;
-    // Other samples may be missing within a side: a step never hides more than it is long.
-    beyond(time, kept, from, k, period)
-        .min(step - 1.0 + 0.45)
-        .round()
-        .max(0.0) as usize
-}
-
-/// Whether a long step is one stamp that comes late, rather than a gap.
-fn is_late(time: &[f64], kept: &[usize], from: usize, k: usize, period: f64) -> bool {
-    beyond(time, kept, from, k, period) < 0.5
+/// The place of each row on the grid: the nearest one to its stamp, by the phase that its neighbours agree on. Of two
+/// rows at one place the earlier one was late, if the place before is free, or the later one early.
+fn on_grid(time: &[f64], rows: &[usize], period: f64, places: &mut [usize]) {
+    let n = rows.len();
+    let first = time[rows[0]];
+    let mut at: Vec<i64> = Vec::with_capacity(n);
+    let mut phase_now = f64::NAN;
+    for k in 0..n {
+        if phase_now.is_nan() || k % (SIDE / 2) == 0 {
+            let near = &rows[k.saturating_sub(SIDE)..(k + SIDE).min(n)];
+            let offset = (time[near[0]] - first) / period;
+            let found = offset + phase(time, near, period).1;
+            phase_now = if phase_now.is_nan() {
+                found
+            } else {
+                // The same phase, a little on.
+                found - (found - phase_now).round()
+            };
+        }
+        at.push(((time[rows[k]] - first) / period - phase_now).round() as i64);
+    }
+    for k in 1..n {
+        if at[k] > at[k - 1] {
+            continue;
+        }
+        let free_before = k < 2 || at[k - 2] < at[k] - 1;
+        let free_behind = k + 1 >= n || at[k + 1] > at[k] + 1;
+        if free_before {
+            at[k - 1] = at[k] - 1;
+        } else if free_behind {
+            at[k] = at[k - 1] + 1;
+        }
+    }
+    // What is still at one place: the row before makes room.
+    for k in (1..n).rev() {
+        at[k - 1] = at[k - 1].min(at[k] - 1);
+    }
+    for (place, at_k) in places.iter_mut().zip(&at) {
+        *place = (at_k - at[0]) as usize;
+    }
 }
 
 /// Start and period of a stretch by its stamps: a line through them.

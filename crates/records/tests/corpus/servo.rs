@@ -98,7 +98,11 @@ fn text(rows: &Rows) -> String {
 /// What came of it: the answer's error in tolerances, or the refusal.
 #[derive(Debug)]
 enum Came {
-    Answered { worst: f64, told: String, remarks: String },
+    Answered {
+        worst: f64,
+        told: String,
+        remarks: String,
+    },
     Refused(String),
 }
 
@@ -121,7 +125,12 @@ fn run(path: &Path, truth: &Truth, reference: bool) -> Came {
         Err(error) => return Came::Refused(error.to_string()),
     };
     let set = Settings::new(truth.force_per_volt);
-    let found = servo(&read, None, &set, (Friction::Symmetric, Method::LeastSquares));
+    let found = servo(
+        &read,
+        None,
+        &set,
+        (Friction::Symmetric, Method::LeastSquares),
+    );
     if !found.answer.is_whole() {
         return Came::Refused(found.answer.verdict);
     }
@@ -136,10 +145,22 @@ fn run(path: &Path, truth: &Truth, reference: bool) -> Came {
         let known = p.known.expect("whole");
         let off = (known.value / is - 1.0).abs() / tolerance;
         worst = worst.max(off);
-        let _ = write!(told, "{} {:.4} +- {:.2}({:.2}) ", p.name, known.value, known.std, known.std_correlated);
+        let _ = write!(
+            told,
+            "{} {:.4} +- {:.2}({:.2}) ",
+            p.name, known.value, known.std, known.std_correlated
+        );
     }
-    let _ = write!(told, "err {:.2}", found.answer.relative_error_percent.unwrap_or(0.0));
-    Came::Answered { worst, told, remarks: found.answer.remarks.join(" | ") }
+    let _ = write!(
+        told,
+        "err {:.2}",
+        found.answer.relative_error_percent.unwrap_or(0.0)
+    );
+    Came::Answered {
+        worst,
+        told,
+        remarks: found.answer.remarks.join(" | "),
+    }
 }
 
 const MADE: Truth = Truth {
@@ -158,22 +179,30 @@ type Mangle = fn(&mut Rows, &mut Pcg64Mcg);
 
 const MANGLED: &[(&str, Wanted, Mangle)] = &[
     ("as it is", Wanted::Right, |_, _| {}),
-    ("1 % stamped late, to 0.8 periods", Wanted::Right, |rows, rng| {
-        let h = rows[1][0] - rows[0][0];
-        for row in rows {
-            if rng.random::<f64>() < 0.01 {
-                row[0] += 0.8 * h * rng.random::<f64>();
+    (
+        "1 % stamped late, to 0.8 periods",
+        Wanted::Right,
+        |rows, rng| {
+            let h = rows[1][0] - rows[0][0];
+            for row in rows {
+                if rng.random::<f64>() < 0.01 {
+                    row[0] += 0.8 * h * rng.random::<f64>();
+                }
             }
-        }
-    }),
-    ("5 % stamped late, to 0.95 periods", Wanted::Right, |rows, rng| {
-        let h = rows[1][0] - rows[0][0];
-        for row in rows {
-            if rng.random::<f64>() < 0.05 {
-                row[0] += 0.95 * h * rng.random::<f64>();
+        },
+    ),
+    (
+        "5 % stamped late, to 0.95 periods",
+        Wanted::Right,
+        |rows, rng| {
+            let h = rows[1][0] - rows[0][0];
+            for row in rows {
+                if rng.random::<f64>() < 0.05 {
+                    row[0] += 0.95 * h * rng.random::<f64>();
+                }
             }
-        }
-    }),
+        },
+    ),
     ("stamps jitter 0.32 periods", Wanted::Right, |rows, rng| {
         let h = rows[1][0] - rows[0][0];
         for row in rows {
@@ -186,35 +215,47 @@ const MANGLED: &[(&str, Wanted, Mangle)] = &[
             row[0] += h * rng.random_range(-0.45..0.45);
         }
     }),
-    ("stamps late by milliseconds at times, as by a busy computer", Wanted::Either, |rows, rng| {
-        let h = rows[1][0] - rows[0][0];
-        let mut until = 0.0;
-        for row in rows {
-            if rng.random::<f64>() < 0.001 {
-                until = row[0] + 4.0 * h;
+    (
+        "stamps late by milliseconds at times, as by a busy computer",
+        Wanted::Either,
+        |rows, rng| {
+            let h = rows[1][0] - rows[0][0];
+            let mut until = 0.0;
+            for row in rows {
+                if rng.random::<f64>() < 0.001 {
+                    until = row[0] + 4.0 * h;
+                }
+                if row[0] < until {
+                    row[0] = until + 0.01 * (row[0] - until + 4.0 * h);
+                }
             }
-            if row[0] < until {
-                row[0] = until + 0.01 * (row[0] - until + 4.0 * h);
-            }
-        }
-    }),
+        },
+    ),
     ("2 % of rows lost", Wanted::Right, |rows, rng| {
         rows.retain(|_| rng.random::<f64>() > 0.02);
     }),
-    ("10 % of rows lost, stamps jitter", Wanted::Right, |rows, rng| {
-        let h = rows[1][0] - rows[0][0];
-        for row in rows.iter_mut() {
-            row[0] += h * rng.random_range(-0.2..0.2);
-        }
-        rows.retain(|_| rng.random::<f64>() > 0.1);
-    }),
-    ("rows lost and no stamp shows it", Wanted::Either, |rows, rng| {
-        let h = rows[1][0] - rows[0][0];
-        rows.retain(|_| rng.random::<f64>() > 0.01);
-        for (k, row) in rows.iter_mut().enumerate() {
-            row[0] = h * k as f64;
-        }
-    }),
+    (
+        "10 % of rows lost, stamps jitter",
+        Wanted::Right,
+        |rows, rng| {
+            let h = rows[1][0] - rows[0][0];
+            for row in rows.iter_mut() {
+                row[0] += h * rng.random_range(-0.2..0.2);
+            }
+            rows.retain(|_| rng.random::<f64>() > 0.1);
+        },
+    ),
+    (
+        "rows lost and no stamp shows it",
+        Wanted::Either,
+        |rows, rng| {
+            let h = rows[1][0] - rows[0][0];
+            rows.retain(|_| rng.random::<f64>() > 0.01);
+            for (k, row) in rows.iter_mut().enumerate() {
+                row[0] = h * k as f64;
+            }
+        },
+    ),
     ("rows twice", Wanted::Right, |rows, rng| {
         let old = std::mem::take(rows);
         for row in old {
@@ -234,25 +275,33 @@ const MANGLED: &[(&str, Wanted, Mangle)] = &[
             row[0] = (row[0] / 7e-4 + 1e-6).floor() * 7e-4;
         }
     }),
-    ("voltage clipped in the record", Wanted::Either, |rows, _| {
-        let most = rows.iter().fold(0.0_f64, |m, r| m.max(r[3].abs()));
-        for row in rows {
-            row[3] = row[3].clamp(-0.6 * most, 0.6 * most);
-        }
-    }),
+    (
+        "voltage clipped in the record",
+        Wanted::Either,
+        |rows, _| {
+            let most = rows.iter().fold(0.0_f64, |m, r| m.max(r[3].abs()));
+            for row in rows {
+                row[3] = row[3].clamp(-0.6 * most, 0.6 * most);
+            }
+        },
+    ),
     ("voltage clipped on one side", Wanted::Either, |rows, _| {
         let most = rows.iter().fold(0.0_f64, |m, r| m.max(r[3].abs()));
         for row in rows {
             row[3] = row[3].min(0.5 * most);
         }
     }),
-    ("voltage nearly clipped: a plateau with noise", Wanted::Either, |rows, rng| {
-        let most = rows.iter().fold(0.0_f64, |m, r| m.max(r[3].abs()));
-        for row in rows {
-            let noise = 0.003 * most * normal(rng);
-            row[3] = row[3].clamp(-0.6 * most, 0.6 * most) + noise;
-        }
-    }),
+    (
+        "voltage nearly clipped: a plateau with noise",
+        Wanted::Either,
+        |rows, rng| {
+            let most = rows.iter().fold(0.0_f64, |m, r| m.max(r[3].abs()));
+            for row in rows {
+                let noise = 0.003 * most * normal(rng);
+                row[3] = row[3].clamp(-0.6 * most, 0.6 * most) + noise;
+            }
+        },
+    ),
     ("voltage softly clipped", Wanted::Either, |rows, _| {
         let most = rows.iter().fold(0.0_f64, |m, r| m.max(r[3].abs()));
         for row in rows {
@@ -275,88 +324,146 @@ const MANGLED: &[(&str, Wanted, Mangle)] = &[
             rows[k][2] += rng.random_range(2e-4..5e-3) * if rng.random() { 1.0 } else { -1.0 };
         }
     }),
-    ("position drops to zero for five samples", Wanted::Right, |rows, rng| {
-        for _ in 0..5 {
-            let k = rng.random_range(100..rows.len() - 100);
-            for row in &mut rows[k..k + 5] {
-                row[2] = 0.0;
+    (
+        "position drops to zero for five samples",
+        Wanted::Right,
+        |rows, rng| {
+            for _ in 0..5 {
+                let k = rng.random_range(100..rows.len() - 100);
+                for row in &mut rows[k..k + 5] {
+                    row[2] = 0.0;
+                }
             }
-        }
-    }),
-    ("position of -999 where none was read", Wanted::Right, |rows, rng| {
-        for _ in 0..30 {
-            let k = rng.random_range(100..rows.len() - 100);
-            rows[k][2] = -999.0;
-        }
-    }),
-    ("spikes of 5 V in the voltage", Wanted::Right, |rows, rng| {
-        for _ in 0..40 {
-            let k = rng.random_range(100..rows.len() - 100);
-            rows[k][3] += 5.0 * if rng.random() { 1.0 } else { -1.0 };
-        }
-    }),
+        },
+    ),
+    (
+        "position of -999 where none was read",
+        Wanted::Right,
+        |rows, rng| {
+            for _ in 0..30 {
+                let k = rng.random_range(100..rows.len() - 100);
+                rows[k][2] = -999.0;
+            }
+        },
+    ),
+    (
+        "spikes of 5 V in the voltage",
+        Wanted::Right,
+        |rows, rng| {
+            for _ in 0..40 {
+                let k = rng.random_range(100..rows.len() - 100);
+                rows[k][3] += 5.0 * if rng.random() { 1.0 } else { -1.0 };
+            }
+        },
+    ),
     ("the encoder slips by 0.3 mm", Wanted::Either, |rows, _| {
         for row in &mut rows[9000..] {
             row[2] += 3e-4;
         }
     }),
-    ("position frozen for 20 samples at times", Wanted::Either, |rows, rng| {
-        for _ in 0..20 {
-            let k = rng.random_range(100..rows.len() - 100);
-            for i in k + 1..k + 20 {
-                rows[i][2] = rows[k][2];
+    (
+        "position frozen for 20 samples at times",
+        Wanted::Either,
+        |rows, rng| {
+            for _ in 0..20 {
+                let k = rng.random_range(100..rows.len() - 100);
+                for i in k + 1..k + 20 {
+                    rows[i][2] = rows[k][2];
+                }
             }
-        }
+        },
+    ),
+    ("position a sample late", Wanted::Right, |rows, _| {
+        shift(rows, 2, 1.0)
     }),
-    ("position a sample late", Wanted::Right, |rows, _| shift(rows, 2, 1.0)),
-    ("position a sample early", Wanted::Right, |rows, _| shift(rows, 2, -1.0)),
-    ("position 3.4 samples late", Wanted::Right, |rows, _| shift(rows, 2, 3.4)),
-    ("position 8 samples early", Wanted::Either, |rows, _| shift(rows, 2, -8.0)),
-    ("position 40 samples late", Wanted::Either, |rows, _| shift(rows, 2, 40.0)),
-    ("the voltage's clock drifts by 0.02 %", Wanted::Either, |rows, _| {
-        let old = rows.clone();
-        for (k, row) in rows.iter_mut().enumerate() {
-            row[3] = between(&old, 3, k as f64 * 1.0002);
-        }
+    ("position a sample early", Wanted::Right, |rows, _| {
+        shift(rows, 2, -1.0)
     }),
+    ("position 3.4 samples late", Wanted::Right, |rows, _| {
+        shift(rows, 2, 3.4)
+    }),
+    ("position 8 samples early", Wanted::Either, |rows, _| {
+        shift(rows, 2, -8.0)
+    }),
+    ("position 40 samples late", Wanted::Either, |rows, _| {
+        shift(rows, 2, 40.0)
+    }),
+    (
+        "the voltage's clock drifts by 0.02 %",
+        Wanted::Either,
+        |rows, _| {
+            let old = rows.clone();
+            for (k, row) in rows.iter_mut().enumerate() {
+                row[3] = between(&old, 3, k as f64 * 1.0002);
+            }
+        },
+    ),
     ("voltage negated", Wanted::Refused, |rows, _| {
         rows.iter_mut().for_each(|r| r[3] = -r[3]);
     }),
     ("position negated", Wanted::Refused, |rows, _| {
         rows.iter_mut().for_each(|r| r[2] = -r[2]);
     }),
-    ("position and voltage swapped", Wanted::Refused, |rows, _| {
-        rows.iter_mut().for_each(|r| r.swap(2, 3));
-    }),
-    ("reference and position swapped", Wanted::Refused, |rows, _| {
-        rows.iter_mut().for_each(|r| r.swap(1, 2));
-    }),
-    ("reference and voltage swapped", Wanted::Refused, |rows, _| {
-        rows.iter_mut().for_each(|r| r.swap(1, 3));
-    }),
-    ("the reference in the place of the position", Wanted::Refused, |rows, _| {
-        rows.iter_mut().for_each(|r| r[2] = r[1]);
-    }),
-    ("millimetres said to be metres", Wanted::Refused, |rows, _| {
-        for r in rows {
-            r[1] *= 1e3;
-            r[2] *= 1e3;
-        }
-    }),
+    (
+        "position and voltage swapped",
+        Wanted::Refused,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r.swap(2, 3));
+        },
+    ),
+    (
+        "reference and position swapped",
+        Wanted::Refused,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r.swap(1, 2));
+        },
+    ),
+    (
+        "reference and voltage swapped",
+        Wanted::Refused,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r.swap(1, 3));
+        },
+    ),
+    (
+        "the reference in the place of the position",
+        Wanted::Refused,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r[2] = r[1]);
+        },
+    ),
+    (
+        "millimetres said to be metres",
+        Wanted::Refused,
+        |rows, _| {
+            for r in rows {
+                r[1] *= 1e3;
+                r[2] *= 1e3;
+            }
+        },
+    ),
     ("position in counts", Wanted::Refused, |rows, _| {
         for r in rows {
             r[1] = (r[1] / 1e-6).round();
             r[2] = (r[2] / 1e-6).round();
         }
     }),
-    ("position in counts, the reference not", Wanted::Refused, |rows, _| {
-        for r in rows {
-            r[2] = (r[2] / 1e-6).round();
-        }
-    }),
-    ("time in milliseconds said to be seconds", Wanted::Refused, |rows, _| {
-        rows.iter_mut().for_each(|r| r[0] *= 1e3);
-    }),
+    (
+        "position in counts, the reference not",
+        Wanted::Refused,
+        |rows, _| {
+            for r in rows {
+                r[2] = (r[2] / 1e-6).round();
+            }
+        },
+    ),
+    (
+        "time in milliseconds said to be seconds",
+        Wanted::Refused,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r[0] *= 1e3);
+        },
+    ),
     ("voltage is noise", Wanted::Refused, |rows, rng| {
         rows.iter_mut().for_each(|r| r[3] = normal(rng));
     }),
@@ -368,14 +475,20 @@ const MANGLED: &[(&str, Wanted, Mangle)] = &[
         }
     }),
     ("voltage quantised to 0.2 V", Wanted::Right, |rows, _| {
-        rows.iter_mut().for_each(|r| r[3] = (r[3] / 0.2).round() * 0.2);
+        rows.iter_mut()
+            .for_each(|r| r[3] = (r[3] / 0.2).round() * 0.2);
     }),
     ("position quantised to 20 um", Wanted::Either, |rows, _| {
-        rows.iter_mut().for_each(|r| r[2] = (r[2] / 2e-5).round() * 2e-5);
+        rows.iter_mut()
+            .for_each(|r| r[2] = (r[2] / 2e-5).round() * 2e-5);
     }),
-    ("position with 10 um of noise", Wanted::Either, |rows, rng| {
-        rows.iter_mut().for_each(|r| r[2] += 1e-5 * normal(rng));
-    }),
+    (
+        "position with 10 um of noise",
+        Wanted::Either,
+        |rows, rng| {
+            rows.iter_mut().for_each(|r| r[2] += 1e-5 * normal(rng));
+        },
+    ),
     ("half of it NaN", Wanted::Either, |rows, rng| {
         for r in rows {
             if rng.random::<f64>() < 0.15 {
@@ -390,13 +503,17 @@ const MANGLED: &[(&str, Wanted, Mangle)] = &[
     ("backwards in time", Wanted::Refused, |rows, _| {
         rows.reverse();
     }),
-    ("backwards in time, restamped", Wanted::Refused, |rows, _| {
-        let times: Vec<f64> = rows.iter().map(|r| r[0]).collect();
-        rows.reverse();
-        for (row, t) in rows.iter_mut().zip(times) {
-            row[0] = t;
-        }
-    }),
+    (
+        "backwards in time, restamped",
+        Wanted::Refused,
+        |rows, _| {
+            let times: Vec<f64> = rows.iter().map(|r| r[0]).collect();
+            rows.reverse();
+            for (row, t) in rows.iter_mut().zip(times) {
+                row[0] = t;
+            }
+        },
+    ),
     ("one way only", Wanted::Refused, |rows, _| {
         let old = std::mem::take(rows);
         let mut last = f64::MIN;
@@ -425,11 +542,20 @@ fn shift(rows: &mut Rows, column: usize, samples: f64) {
 
 fn judge(name: &str, wanted: Wanted, came: &Came, wrong: &mut Vec<String>) {
     match came {
-        Came::Answered { worst, told, remarks } => {
+        Came::Answered {
+            worst,
+            told,
+            remarks,
+        } => {
             let bad = *worst > 1.0 || wanted == Wanted::Refused;
-            eprintln!("{} {name}: {worst:.2} {told}\n        {remarks}", if bad { "WRONG  " } else { "right  " });
+            eprintln!(
+                "{} {name}: {worst:.2} {told}\n        {remarks}",
+                if bad { "WRONG  " } else { "right  " }
+            );
             if bad {
-                wrong.push(format!("{name}: answered, {worst:.2} tolerances off: {told}"));
+                wrong.push(format!(
+                    "{name}: answered, {worst:.2} tolerances off: {told}"
+                ));
             }
         }
         Came::Refused(why) => {
@@ -449,7 +575,12 @@ fn no_mangled_record_of_a_servo_is_wrong_and_looks_right() {
     for (k, (name, wanted, mangle)) in MANGLED.iter().enumerate() {
         let mut rows = good.clone();
         mangle(&mut rows, &mut Pcg64Mcg::seed_from_u64(100 + k as u64));
-        judge(name, *wanted, &answer(&text(&rows), &MADE, true), &mut wrong);
+        judge(
+            name,
+            *wanted,
+            &answer(&text(&rows), &MADE, true),
+            &mut wrong,
+        );
     }
     // Samples that were really taken at odd moments, and stamped right.
     let dense = sled(3, 20.0);
@@ -460,15 +591,25 @@ fn no_mangled_record_of_a_servo_is_wrong_and_looks_right() {
             .collect();
         let rows = read_at(&dense, &times, &times, 8);
         let name = format!("samples taken at odd moments, {share} periods");
-        judge(&name, Wanted::Right, &answer(&text(&rows), &MADE, true), &mut wrong);
+        judge(
+            &name,
+            Wanted::Right,
+            &answer(&text(&rows), &MADE, true),
+            &mut wrong,
+        );
     }
-    assert!(wrong.is_empty(), "{} wrong:\n{}", wrong.len(), wrong.join("\n"));
+    assert!(
+        wrong.is_empty(),
+        "{} wrong:\n{}",
+        wrong.len(),
+        wrong.join("\n")
+    );
 }
 
 #[test]
 fn no_mangled_measured_record_is_wrong_and_looks_right() {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR"))
-        .join("../../../shared/data/emps/emps_estimation.csv");
+    let file =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/emps/emps_estimation.csv");
     let Ok(csv) = fs::read_to_string(file) else {
         return;
     };
@@ -476,7 +617,10 @@ fn no_mangled_measured_record_is_wrong_and_looks_right() {
         .lines()
         .skip(1)
         .map(|line| {
-            let v: Vec<f64> = line.split(',').map(|f| f.parse().expect("a number")).collect();
+            let v: Vec<f64> = line
+                .split(',')
+                .map(|f| f.parse().expect("a number"))
+                .collect();
             [v[0], v[1], v[2], v[3]]
         })
         .collect();
@@ -484,7 +628,17 @@ fn no_mangled_measured_record_is_wrong_and_looks_right() {
     for (k, (name, wanted, mangle)) in MANGLED.iter().enumerate() {
         let mut rows = good.clone();
         mangle(&mut rows, &mut Pcg64Mcg::seed_from_u64(200 + k as u64));
-        judge(name, *wanted, &answer(&text(&rows), &EMPS, true), &mut wrong);
+        judge(
+            name,
+            *wanted,
+            &answer(&text(&rows), &EMPS, true),
+            &mut wrong,
+        );
     }
-    assert!(wrong.is_empty(), "{} wrong:\n{}", wrong.len(), wrong.join("\n"));
+    assert!(
+        wrong.is_empty(),
+        "{} wrong:\n{}",
+        wrong.len(),
+        wrong.join("\n")
+    );
 }

@@ -104,6 +104,16 @@ fn against_reference(record: &Record, position: &[f64], reference: &[f64]) -> Re
     if span(reference) <= 0.0 {
         return Err(Unknown::all("the reference never changes"));
     }
+    let equal = position
+        .iter()
+        .zip(reference)
+        .filter(|(q, r)| q == r)
+        .count();
+    if equal as f64 > 0.5 * position.len() as f64 {
+        return Err(Unknown::all(
+            "position and reference are the same: one of the columns is the other",
+        ));
+    }
     let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
     let (q0, r0) = (mean(position), mean(reference));
     let (mut rr, mut rq, mut qq) = (0.0, 0.0, 0.0);

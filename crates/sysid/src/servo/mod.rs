@@ -302,7 +302,7 @@ const SLOW: f64 = 0.1;
 const LEAST_EQUATIONS: usize = 60;
 
 /// Delay of the voltage beyond which it is no delay, but columns of other moments, samples.
-const LATEST: f64 = 10.0;
+const LATEST: f64 = 5.5;
 
 /// Relative error beyond which a model explains nothing, per cent.
 const UNEXPLAINED: f64 = 100.0 / 3.0;
