@@ -243,6 +243,13 @@ fn coarse(
     if (uneven as f64) < 0.25 * n as f64 && (equal as f64) < SAME_STAMP * n as f64 {
         return None;
     }
+    // Stamps of a coarse clock are few distances apart, or many at one place; those that jitter are any.
+    let mut distances: Vec<f64> = steps.iter().take(2000).copied().collect();
+    distances.sort_by(f64::total_cmp);
+    distances.dedup_by(|b, a| (*b - *a).abs() < 0.01 * usual.max(1e-12));
+    if distances.len() > 8 && (equal as f64) < SAME_STAMP * n as f64 {
+        return None;
+    }
     let long = quantile(steps, 0.99);
     let (start, period) = line(
         kept.iter()

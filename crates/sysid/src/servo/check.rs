@@ -36,6 +36,9 @@ pub(super) const QUIET: f64 = 0.005;
 /// Share of the force's power that may be filtered off.
 const LOST: f64 = 0.5;
 
+/// By so large a share ordinary and robust fits may differ in the inertia.
+const DISAGREE: f64 = 0.05;
+
 /// Largest share of the force that a parameter's standard deviation may be worth.
 const UNSURE: f64 = 0.25;
 
@@ -514,6 +517,41 @@ pub(super) fn together(
         ));
     }
     Ok(())
+}
+
+/// Where few samples decide, ordinary and robust fits come apart: an inertia is then not known, and the rest is less
+/// sure by it.
+pub(super) fn robustly(variants: &mut [super::Variant], unknown: &mut Vec<Unknown>) {
+    for friction in [Friction::Symmetric, Friction::Asymmetric] {
+        let values = |method: Method| {
+            let found = variants
+                .iter()
+                .find(|v| v.friction == friction && v.method == method);
+            found.map(|v| v.values.clone())
+        };
+        let (Some(ordinary), Some(weighted)) =
+            (values(Method::LeastSquares), values(Method::Weighted))
+        else {
+            continue;
+        };
+        for variant in variants.iter_mut().filter(|v| v.friction == friction) {
+            let off = ordinary.iter().zip(&weighted);
+            for (parameter, (a, b)) in variant.parameters.iter_mut().zip(off) {
+                if let Some(known) = &mut parameter.known {
+                    known.std_correlated = known.std_correlated.max(0.5 * (a - b).abs());
+                }
+            }
+        }
+        let (a, b) = (ordinary[0], weighted[0]);
+        if (a - b).abs() > DISAGREE * a.abs() && !unknown.iter().any(|u| u.covers("inertia")) {
+            unknown.push(Unknown {
+                parameters: vec!["inertia"],
+                because: format!(
+                    "few samples decide on it: all of them give {a:.4e}, those that agree with each other {b:.4e}"
+                ),
+            });
+        }
+    }
 }
 
 /// Parameters whose uncertainty is worth as much as a good part of the force.

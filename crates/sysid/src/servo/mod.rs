@@ -218,6 +218,17 @@ impl Equations {
         equations
     }
 
+    /// Equations that are so far from all others that they would decide alone, if they are few.
+    fn apart(&self) -> Option<Vec<bool>> {
+        let x = self.matrix(Friction::Asymmetric, Method::LeastSquares);
+        let found = robust(&x, &self.force)?;
+        let sizes: Vec<f64> = found.residuals.iter().map(|r| r.abs()).collect();
+        let far = APART * 1.4826 * quantile(&sizes, 0.5);
+        let count = sizes.iter().filter(|s| **s > far).count();
+        let few = count > 0 && count as f64 <= FEW * sizes.len() as f64;
+        few.then(|| sizes.iter().map(|s| *s <= far).collect())
+    }
+
     /// Leaves out what is not to be believed.
     fn retain(&mut self, keep: &[bool]) {
         let Self {
@@ -297,6 +308,14 @@ pub const LEAST: usize = 100;
 
 /// Share of the highest speed below which an axis may stick.
 const SLOW: f64 = 0.1;
+
+/// An equation misses by so many of the usual standard deviations where it stands apart, and so large a share of
+/// them may.
+const APART: f64 = 15.0;
+const FEW: f64 = 0.01;
+
+/// Most places where a position may jump, and the record be cut.
+const MOST_STEPS: usize = 8;
 
 /// Fewest equations.
 const LEAST_EQUATIONS: usize = 60;
@@ -419,8 +438,8 @@ pub fn identify(
 ) -> Result<Identified, Unknown> {
     let mut remarks = record.even.remarks();
     let (record, second) = (
-        &cleaned(record, &mut remarks),
-        second.map(|r| cleaned(r, &mut Vec::new())),
+        &cleaned(record, &mut remarks)?,
+        second.map(|r| cleaned(r, &mut Vec::new())).transpose()?,
     );
     let set = &quiet(record, set, &mut remarks);
     check::whole(record, set, &mut remarks)?;
@@ -451,7 +470,22 @@ pub fn identify(
         columns.retain(keep);
         enough(&columns, record)?;
     }
-    let keep = keep.map(|(keep, _)| keep);
+    let mut keep = keep.map(|(keep, _)| keep);
+    if let Some(near) = columns.apart().filter(|_| !columns.one_way) {
+        remarks.push(format!(
+            "{} of {} equations stand apart from all others, by more than {APART} standard deviations; set aside",
+            near.iter().filter(|k| !**k).count(),
+            near.len()
+        ));
+        columns.retain(&near);
+        let mut near = near.into_iter();
+        let all = keep.unwrap_or_else(|| vec![true; near.len()]);
+        keep = Some(
+            all.into_iter()
+                .map(|k| k && near.next().unwrap_or(true))
+                .collect(),
+        );
+    }
     let second = second.map(|r| Equations {
         one_way: columns.one_way,
         ..Equations::of(&r, set)
@@ -484,6 +518,7 @@ pub fn identify(
         )));
     }
     check::uncertain(first, &columns, &mut unknown);
+    check::robustly(&mut variants, &mut unknown);
     check::together(&variants, record.even.period, &mut remarks)?;
     let hidden = unknown.clone();
     for variant in &mut variants {
@@ -525,7 +560,7 @@ fn enough(columns: &Equations, record: &Record) -> Result<(), Unknown> {
 }
 
 /// A record without what no motion makes.
-fn cleaned(record: &Record, remarks: &mut Vec<String>) -> Record {
+fn cleaned(record: &Record, remarks: &mut Vec<String>) -> Result<Record, Unknown> {
     let mut record = record.clone();
     let position = outliers::smooth(&mut record.even, POSITION);
     let volts = outliers::jumping(&mut record.even, VOLTAGE);
@@ -535,7 +570,14 @@ fn cleaned(record: &Record, remarks: &mut Vec<String>) -> Record {
             "{volts} single samples of the voltage stand apart from both their neighbours; set aside, and bridged"
         ));
     }
-    record
+    if position.steps > MOST_STEPS {
+        return Err(Unknown::all(format!(
+            "its position jumps as no motion does at {} places: rows are missing that no stamp shows, or the encoder \
+             loses counts",
+            position.steps
+        )));
+    }
+    Ok(record)
 }
 
 /// Settings under which the noise of the position is next to nothing beside the acceleration: noise in what a force

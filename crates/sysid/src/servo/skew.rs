@@ -137,7 +137,11 @@ struct Estimate {
 
 /// What is left of the skew, by how the residuals of each part go with the force's rate.
 fn estimate(record: &Record, set: &Settings, so_far: &Skew, drifts: bool) -> Option<Estimate> {
-    let columns = Equations::of(&so_far.taken_out(record), set);
+    let mut columns = Equations::of(&so_far.taken_out(record), set);
+    if let Some(keep) = columns.apart() {
+        columns.retain(&keep);
+    }
+    let columns = columns;
     let n = columns.force.len();
     if n < 10 * PARTS {
         return None;
