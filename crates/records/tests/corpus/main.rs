@@ -4,6 +4,8 @@
 //! Every record has a known truth: it is made here, or is a measured one whose published figures are known
 //! (`../shared/data`, no part of this repository; where it is missing its cases are left out).
 
+#[path = "map.rs"]
+mod map;
 #[path = "servo.rs"]
 mod servo;
 

@@ -505,10 +505,18 @@ pub fn identify(
         ));
     };
     if first.values[0] <= 0.0 && !unknown.iter().any(|u| u.covers("inertia")) {
-        return Err(Unknown::all(
-            "the inertia that fits it best is negative: voltage or position has the wrong sign, or columns \
-             are swapped",
-        ));
+        if unknown.is_empty() {
+            return Err(Unknown::all(
+                "the inertia that fits it best is negative: voltage or position has the wrong sign, or columns \
+                 are swapped",
+            ));
+        }
+        unknown.push(Unknown {
+            parameters: vec!["inertia"],
+            because:
+                "it moves at constant speed, nearly: the inertia that fits it best is negative"
+                    .to_owned(),
+        });
     }
     check::driving(first, &columns)?;
     if first.relative_error_percent > UNEXPLAINED {
