@@ -62,7 +62,6 @@ impl Roles {
             );
             return Err(Error::new(&file, &read[1].name, message));
         }
-        columns::rising(path, &read[0])?;
         for value in &mut read[1].values {
             *value *= self.ratio;
         }
@@ -179,6 +178,12 @@ pub fn windup(first: &Read, second: Option<&Read>) -> Found {
     });
     more.insert("models".to_owned(), models.collect());
     let model = answer.is_whole().then(|| calibrates(&found)).flatten();
+    if answer.is_whole() && model.is_none() {
+        answer.remarks.push(format!(
+            "no fragment: {} has no windup of friction in it, which is what a calibration takes out",
+            best.name
+        ));
+    }
     Found {
         shown: Some(shown(first, &found, (scale, unit))),
         answer,
@@ -195,14 +200,11 @@ fn refused(first: &Read, unknown: Unknown) -> Found {
     }
 }
 
-/// Of the models with a windup in them the one that tells best what it was not fitted to.
+/// The model of the verdict, where it has a windup that a calibration could take out.
 fn calibrates(found: &Identified) -> Option<Fitted> {
-    found
-        .models
-        .iter()
-        .filter(|m| value(m, "w_max").is_some_and(|w| w > 0.0) || total(m) > 0.0)
-        .min_by(|a, b| a.held_back.total_cmp(&b.held_back))
-        .cloned()
+    let best = &found.models[found.best];
+    let winds = value(best, "w_max").is_some_and(|w| w > 0.0) || total(best) > 0.0;
+    winds.then(|| best.clone())
 }
 
 /// Radians of the output for a unit of the record's positions: one, or by the screw's lead (m) of an axis

@@ -8,6 +8,8 @@
 mod map;
 #[path = "servo.rs"]
 mod servo;
+#[path = "windup.rs"]
+mod windup;
 
 use rand::RngExt;
 use rand_pcg::Pcg64Mcg;

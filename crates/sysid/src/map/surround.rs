@@ -47,7 +47,7 @@ const CLIFF: f64 = 0.4;
 const CLIFFS: usize = 4;
 
 /// A ring that leaves less than so many times the squares that mirrored light leaves is as good.
-const RING: f64 = 1.5;
+const RING: f64 = 1.0;
 
 /// Neighbours that a smoothed reading is the mean of, itself among them.
 const NEIGHBOURS: usize = 5;
