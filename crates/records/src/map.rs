@@ -232,7 +232,15 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Scan, Error> {
         }
     }
     let places = [table.place(x)?, table.place(y)?, table.place(power)?];
-    let read = table.numbers(&places, Gaps::Refused)?.columns;
+    let mut read = table.numbers(&places, Gaps::Allowed)?.columns;
+    // A reading that is not there is none.
+    let whole: Vec<bool> = (0..read[0].len())
+        .map(|k| read.iter().all(|column| column[k].is_finite()))
+        .collect();
+    for column in &mut read {
+        let mut whole = whole.iter();
+        column.retain(|_| whole.next().copied().unwrap_or(true));
+    }
     let [xs, ys, powers] = [&read[0], &read[1], &read[2]];
     if columns.power != PowerUnit::DBm
         && !columns.inverted

@@ -20,6 +20,8 @@ use std::path::Path;
 pub struct Roles {
     /// Time; one with a usual name if none.
     pub time: Option<Named>,
+    /// Rows a second, hertz, where no column says when they were taken, or the column of time counts them.
+    pub rate: Option<f64>,
     /// The position's reference, where there is one.
     pub reference: Option<Named>,
     /// The position.
@@ -39,6 +41,8 @@ pub struct Read {
     pub source: Source,
     /// What had to be assumed.
     pub remarks: Vec<String>,
+    /// How the file was read, in words.
+    pub understood: String,
 }
 
 /// What a position may be.
@@ -52,7 +56,7 @@ impl Roles {
     /// Bad input.
     pub fn read(&self, path: &Path) -> Result<Read, Error> {
         let file = path.display().to_string();
-        let time = columns::time_named(path, self.time.as_ref())?;
+        let time = columns::time_named(path, self.time.as_ref(), self.rate)?;
         let wanted = |option, named, of| Wanted { option, named, of };
         let mut list = vec![
             wanted("--time", &time, &[TIME][..]),
@@ -76,7 +80,9 @@ impl Roles {
         } else {
             Kind::Linear
         };
+        let understood = columns::understood(path, &list, &read, Some(&grid))?;
         Ok(Read {
+            understood,
             record: Record::new(grid, self.reference.is_some()),
             kind,
             source: Source::new(path, &list, &read),

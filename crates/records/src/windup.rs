@@ -16,6 +16,8 @@ use std::path::Path;
 pub struct Roles {
     /// Time; one with a usual name if none.
     pub time: Option<Named>,
+    /// Rows a second, hertz, where no column says when they were taken, or the column of time counts them.
+    pub rate: Option<f64>,
     /// The motor's position.
     pub motor: Named,
     /// The load's position.
@@ -33,6 +35,7 @@ pub struct Read {
     turns: bool,
     torque: &'static str,
     remarks: Vec<String>,
+    understood: String,
 }
 
 impl Roles {
@@ -44,7 +47,7 @@ impl Roles {
     pub fn read(&self, path: &Path) -> Result<Read, Error> {
         const MOVES: &[Dimension] = &[ANGLE, LENGTH];
         let file = path.display().to_string();
-        let time = columns::time_named(path, self.time.as_ref())?;
+        let time = columns::time_named(path, self.time.as_ref(), self.rate)?;
         let wanted = |option, named, of| Wanted { option, named, of };
         let mut list = vec![
             wanted("--time", &time, &[TIME][..]),
@@ -65,11 +68,11 @@ impl Roles {
         for value in &mut read[1].values {
             *value *= self.ratio;
         }
+        let grid = columns::on_even_grid(path, &read, LEAST)?;
+        let understood = columns::understood(path, &list, &read, Some(&grid))?;
         Ok(Read {
-            record: Record::new(
-                columns::on_even_grid(path, &read, LEAST)?,
-                self.torque.is_some(),
-            ),
+            understood,
+            record: Record::new(grid, self.torque.is_some()),
             turns: read[1].dimension == ANGLE,
             torque: match read.get(3).map(|t| t.dimension) {
                 Some(FORCE) => "N",
@@ -81,6 +84,11 @@ impl Roles {
 }
 
 impl Read {
+    /// How the file was read, in words.
+    pub fn understood(&self) -> &str {
+        &self.understood
+    }
+
     fn unit(&self, name: &str) -> String {
         let (way, torque) = (self.way(), self.torque);
         match name {

@@ -116,6 +116,7 @@ fn answer(csv: &str, truth: &Truth, reference: bool) -> Came {
 fn run(path: &Path, truth: &Truth, reference: bool) -> Came {
     let roles = Roles {
         time: None,
+        rate: None,
         reference: reference.then(|| Named::new("r_m")),
         position: Named::new("q_m"),
         voltage: Named::new("u_V"),

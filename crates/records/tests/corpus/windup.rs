@@ -79,7 +79,7 @@ const MANGLED: &[(&str, Wanted, bool, Mangle)] = &[
     ),
     (
         "motor and load swapped, without torque",
-        Wanted::Refused,
+        Wanted::Either,
         false,
         |rows, _| {
             rows.iter_mut().for_each(|r| r.swap(1, 2));
@@ -175,6 +175,7 @@ const MANGLED: &[(&str, Wanted, bool, Mangle)] = &[
 fn roles(torque: bool) -> Roles {
     Roles {
         time: None,
+        rate: None,
         motor: Named::new("mot_deg"),
         load: Named::new("se_deg"),
         torque: torque.then(|| Named::new("torque_Nm")),
