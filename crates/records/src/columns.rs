@@ -8,6 +8,7 @@ use pigtail_hal::quantity::{
 use pigtail_sysid::timeline::{Even, Uneven, even};
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -686,8 +687,7 @@ fn number(
 /// Where channels have columns of time of their own, these are to say the same.
 fn own_times(table: &Table, columns: &[Column], places: &[usize]) -> Result<(), Error> {
     let names = table.names();
-    if !names.first().is_some_and(|n| n == "time_ms")
-        || !names.get(2).is_some_and(|n| n == "time_ms 2")
+    if names.first().is_none_or(|n| n != "time_ms") || names.get(2).is_none_or(|n| n != "time_ms 2")
     {
         return Ok(());
     }
@@ -815,13 +815,13 @@ pub fn understood(
             By::Nothing => ", taken so",
             By::Option | By::Name => "",
         };
-        text += &format!("; {role} is {} in {}{by}", column.name, column.unit);
+        let _ = write!(text, "; {role} is {} in {}{by}", column.name, column.unit);
     }
     if let Some(even) = even {
         let samples = even.samples();
-        text += &format!("; {samples} samples at {:.6} Hz", 1.0 / even.period);
+        let _ = write!(text, "; {samples} samples at {:.6} Hz", 1.0 / even.period);
         if even.gaps > 0 {
-            text += &format!(", {} gaps", even.gaps);
+            let _ = write!(text, ", {} gaps", even.gaps);
         }
     }
     Ok(text)

@@ -80,7 +80,7 @@ pub(crate) fn split(line: &str, delimiter: u8) -> Vec<Cow<'_, str>> {
         match c {
             '"' => quoted = !quoted,
             c if c == char::from(delimiter) && !quoted => {
-                fields.push(Cow::Owned(bare(&std::mem::take(&mut field))))
+                fields.push(Cow::Owned(bare(&std::mem::take(&mut field))));
             }
             c => field.push(c),
         }
@@ -247,153 +247,172 @@ fn is_data(fields: &[Cow<str>], decimal_comma: bool) -> bool {
         })
 }
 
-/// How a text is written; `None` where no two lines are rows of numbers and none has names.
+/// Rows of numbers among the lines of a text.
+struct Rows {
+    count: usize,
+    width: usize,
+    delimiter: u8,
+    decimal_comma: bool,
+    /// The first of them, by its place among the lines.
+    start: usize,
+}
+
+/// Ways to write columns; of two that split as many lines into as many numbers the first.
+const WAYS: [(u8, bool); 9] = [
+    (b',', false),
+    (b';', false),
+    (b'\t', false),
+    (b'|', false),
+    (b';', true),
+    (b'\t', true),
+    (b'|', true),
+    (b' ', false),
+    (b' ', true),
+];
+
+/// The longest run of lines that are rows of as many numbers each, in whatever way.
+fn rows(all: &[Line]) -> Option<Rows> {
+    let mut best: Option<Rows> = None;
+    for (delimiter, decimal_comma) in WAYS {
+        let (mut start, mut count, mut width) = (0, 0, 0);
+        for (k, line) in all.iter().enumerate().filter(|(_, line)| !line.comment) {
+            let fields = split(line.text, delimiter);
+            let data = is_data(&fields, decimal_comma);
+            if data && count > 0 && fields.len() == width {
+                count += 1;
+            } else {
+                (start, count, width) = (k, usize::from(data), fields.len());
+            }
+            // Longer runs, then more fields.
+            if count > 0
+                && best
+                    .as_ref()
+                    .is_none_or(|b| (count, width) > (b.count, b.width))
+            {
+                best = Some(Rows {
+                    count,
+                    width,
+                    delimiter,
+                    decimal_comma,
+                    start,
+                });
+            }
+        }
+    }
+    best
+}
+
+/// Names and units above rows: the line of the names, and the units of a row between.
+struct Above {
+    line: Option<usize>,
+    names: Option<Vec<String>>,
+    units: Vec<Option<String>>,
+}
+
+fn texts(row: &[Cow<str>]) -> Vec<String> {
+    row.iter().map(ToString::to_string).collect()
+}
+
+/// How a text is written; `None` where nothing in it is a row of numbers, or a line of names.
 pub(crate) fn layout(
     text: &str,
     encoding: &'static str,
     is_unit: impl Fn(&str) -> bool,
 ) -> Option<Layout> {
     let all = lines(text);
-    let mut best: Option<(usize, usize, u8, bool, usize)> = None;
-    for (delimiter, decimal_comma) in [
-        (b',', false),
-        (b';', false),
-        (b'\t', false),
-        (b'|', false),
-        (b';', true),
-        (b'\t', true),
-        (b'|', true),
-        (b' ', false),
-        (b' ', true),
-    ] {
-        let (mut start, mut count, mut width) = (0, 0, 0);
-        for (k, line) in all.iter().enumerate() {
-            if line.comment {
-                continue;
-            }
-            let fields = split(line.text, delimiter);
-            if is_data(&fields, decimal_comma) && (count == 0 || fields.len() == width) {
-                if count == 0 {
-                    (start, width) = (k, fields.len());
-                }
-                count += 1;
-            } else {
-                let fresh = is_data(&fields, decimal_comma);
-                (start, count, width) = (k, usize::from(fresh), fields.len());
-            }
-            // Longer runs, then more fields.
-            if count > 0 && best.is_none_or(|(c, w, ..)| count > c || (count == c && width > w)) {
-                best = Some((count, width, delimiter, decimal_comma, start));
-            }
-        }
-    }
-    let (delimiter, decimal_comma, width, mut start) = match best {
-        Some((_, width, delimiter, decimal_comma, start)) => {
-            (delimiter, decimal_comma, width, start)
-        }
-        None => return no_rows(&all, encoding),
+    let Some(mut found) = rows(&all) else {
+        return no_rows(&all, encoding);
     };
+    let (delimiter, decimal_comma) = (found.delimiter, found.decimal_comma);
     let fields = |k: usize| split(all[k].text, delimiter);
-    // A row with a word in it is a row: of what is above, lines of mostly numbers.
-    while let Some(above) = (0..start).rev().find(|k| !all[*k].comment) {
+    // A row with a word in it is a row: of what is above, lines of nearly only numbers.
+    while let Some(above) = (0..found.start).rev().find(|k| !all[*k].comment) {
         let row = fields(above);
         let units = row.iter().all(|f| f.is_empty() || is_unit(f));
         let words = row.iter().filter(|f| !is_value(f, decimal_comma)).count();
-        if row.len() != width || units || words > 1 || 2 * words > width {
+        if row.len() != found.width || units || words > 1 || 2 * words > found.width {
             break;
         }
-        start = above;
+        found.start = above;
     }
-    let above: Vec<usize> = (0..start).rev().filter(|k| !all[*k].comment).collect();
-    let bare = |k: usize| {
-        let mut row = fields(k);
-        while row.len() > 1 && row.len() > width && row.last().is_some_and(|f| f.is_empty()) {
-            row.pop();
-        }
-        row
-    };
-    let trailing = above.first().is_some_and(|k| {
-        let row = fields(*k);
-        row.len() + 1 == width && fields(start).last().is_some_and(|f| f.is_empty())
-    });
-    let width = width - usize::from(trailing);
-    let named =
-        |k: usize| bare(k).len() == width && bare(k).iter().any(|f| !is_value(f, decimal_comma));
-    let mut names_line = above.first().copied().filter(|k| named(*k));
-    let mut units = vec![None; width];
-    if let Some(k) = names_line {
-        let row = bare(k);
-        let of_units = row
-            .iter()
-            .all(|f| f.is_empty() || *f == "-" || is_unit(f.trim_matches(['[', ']', '(', ')'])));
-        if let Some(names) = above
-            .get(1)
-            .copied()
-            .filter(|k| of_units && bare(*k).len() == width)
-        {
-            units = row
-                .iter()
-                .map(|f| f.trim_matches(['[', ']', '(', ')']).trim().to_owned())
-                .map(|f| (!f.is_empty() && f != "-").then_some(f))
-                .collect();
-            names_line = Some(names);
-        }
-    }
-    let mut names: Option<Vec<String>> =
-        names_line.map(|k| bare(k).iter().map(|f| f.to_string()).collect());
-    let mut first_name = names_line.map(|k| all[k].number);
-    // Names in a comment, as numpy and others write them.
-    if names.is_none() {
-        let commented = all[..start]
-            .iter()
-            .rev()
-            .filter(|l| l.comment)
-            .find_map(|line| {
-                let text = line.text.trim_start().trim_start_matches(['#', '%']).trim();
-                let row = split(text, delimiter);
-                let good = row.len() == width && row.iter().any(|f| !is_value(f, decimal_comma));
-                good.then(|| {
-                    (
-                        line.number,
-                        row.iter().map(|f| f.to_string()).collect::<Vec<_>>(),
-                    )
-                })
-            });
-        if let Some((number, row)) = commented {
-            first_name = Some(number);
-            names = Some(row);
-        }
-    }
+    let start = found.start;
+    let last = (0..start).rev().find(|k| !all[*k].comment);
+    let ends_empty = fields(start).last().is_some_and(|f| f.is_empty());
+    let trailing = ends_empty && last.is_some_and(|k| fields(k).len() + 1 == found.width);
+    let width = found.width - usize::from(trailing);
+    let above = above(&all[..start], &found, width, is_unit);
+    let mut names = above.names;
     let mut period = None;
     for line in &all[..start] {
         period = period.or_else(|| told_period(line.text));
         channels(line.text, delimiter, width, &mut names);
     }
-    if let Some(table) = recorder(&all[..start], width) {
-        names = Some(table);
-    }
-    let other = above
-        .first()
-        .filter(|k| names.is_none() && all[**k].number + 1 == all[start].number)
-        .map(|k| {
-            let row = bare(*k);
-            (all[*k].number, row.len())
-        });
-    let other = other.filter(|(_, count)| *count > 1 || width > 1);
-    let names = names.unwrap_or_else(|| (1..=width).map(|k| k.to_string()).collect());
+    names = recorder(&all[..start], width).or(names);
+    let other = last
+        .filter(|k| names.is_none() && all[*k].number + 1 == all[start].number)
+        .map(|k| (all[k].number, fields(k).len()))
+        .filter(|(_, count)| *count > 1 || width > 1);
     Some(Layout {
         delimiter,
         decimal_comma,
-        names,
-        units,
+        names: names.unwrap_or_else(|| (1..=width).map(|k| k.to_string()).collect()),
+        units: above.units,
         body: all[start].at,
         first_line: all[start].number,
         period,
-        names_line: first_name,
+        names_line: above.line,
         trailing,
         other,
         encoding,
     })
+}
+
+/// What stands above rows of a width.
+fn above(lines: &[Line], rows: &Rows, width: usize, is_unit: impl Fn(&str) -> bool) -> Above {
+    let bare = |line: &Line| {
+        let mut row = texts(&split(line.text, rows.delimiter));
+        while row.len() > width && row.last().is_some_and(String::is_empty) {
+            row.pop();
+        }
+        row
+    };
+    let named =
+        |row: &[String]| row.len() == width && row.iter().any(|f| !is_value(f, rows.decimal_comma));
+    let mut found = Above {
+        line: None,
+        names: None,
+        units: vec![None; width],
+    };
+    let mut plain = lines.iter().rev().filter(|l| !l.comment);
+    if let Some(line) = plain.next().filter(|line| named(&bare(line))) {
+        let row = bare(line);
+        let inside = |f: &str| f.trim_matches(['[', ']', '(', ')']).trim().to_owned();
+        let of_units = row
+            .iter()
+            .all(|f| f.is_empty() || f == "-" || is_unit(&inside(f)));
+        let names = plain
+            .next()
+            .filter(|line| of_units && bare(line).len() == width);
+        if names.is_some() {
+            let unit = |f: &String| Some(inside(f)).filter(|f| !f.is_empty() && f != "-");
+            found.units = row.iter().map(unit).collect();
+        }
+        let line = names.unwrap_or(line);
+        found.line = Some(line.number);
+        found.names = Some(bare(line));
+        return found;
+    }
+    // Names in a comment, as numpy and others write them.
+    for line in lines.iter().rev().filter(|l| l.comment) {
+        let text = line.text.trim_start().trim_start_matches(['#', '%']).trim();
+        let row = texts(&split(text, rows.delimiter));
+        if named(&row) && !text.contains('=') {
+            found.line = Some(line.number);
+            found.names = Some(row);
+            break;
+        }
+    }
+    found
 }
 
 /// A file of names and no rows.
@@ -403,10 +422,7 @@ fn no_rows(all: &[Line], encoding: &'static str) -> Option<Layout> {
     let delimiter = [b',', b';', b'\t']
         .into_iter()
         .max_by_key(|d| (by(d), u8::from(*d == b',')))?;
-    let names: Vec<String> = split(line.text, delimiter)
-        .iter()
-        .map(|f| f.to_string())
-        .collect();
+    let names = texts(&split(line.text, delimiter));
     Some(Layout {
         delimiter,
         decimal_comma: false,
@@ -464,7 +480,7 @@ fn told_period(line: &str) -> Option<f64> {
     })
 }
 
-/// Names where each channel has a column of time of its own, as TwinCAT's scope writes them: `Name`, a name, in turns.
+/// Names where each channel has a column of time of its own, as the scope of a controller (`TwinCAT`) writes them: `Name`, a name, in turns.
 fn channels(line: &str, delimiter: u8, width: usize, names: &mut Option<Vec<String>>) {
     let row = split(line, delimiter);
     if width < 2 || row.len() < 2 || row.len() > width + 1 || !width.is_multiple_of(2) {

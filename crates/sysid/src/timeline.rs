@@ -92,36 +92,8 @@ const TOLD: f64 = 0.2;
 ///
 /// When time does not rise, or next to nothing is there.
 pub fn even(time: &[f64], columns: &[&[f64]]) -> Result<Even, Uneven> {
-    let whole = |k: &usize| columns.iter().all(|c| c[*k].is_finite()) && time[*k].is_finite();
-    let mut kept: Vec<usize> = (0..time.len()).filter(whole).collect();
-    let unusable = time.len() - kept.len();
-    let same = |a: usize, b: usize| time[a] == time[b] && columns.iter().all(|c| c[a] == c[b]);
-    kept.dedup_by(|b, a| same(*a, *b));
-    let twice = time.len() - unusable - kept.len();
-    if kept.len() < 2 {
-        return Err(Uneven::TooShort(kept.len()));
-    }
-    let mut equal = 0;
-    for w in kept.windows(2) {
-        let (before, after) = (time[w[0]], time[w[1]]);
-        equal += usize::from(after == before);
-        if after < before {
-            return Err(Uneven::Falls {
-                row: w[1] + 1,
-                before,
-                after,
-            });
-        }
-    }
-    if let Some(w) = kept.windows(2).find(|w| time[w[0]] == time[w[1]])
-        && equal < 3
-    {
-        return Err(Uneven::Falls {
-            row: w[1] + 1,
-            before: time[w[0]],
-            after: time[w[1]],
-        });
-    }
+    let (kept, twice, equal) = usable(time, columns)?;
+    let unusable = time.len() - twice - kept.len();
     let steps: Vec<f64> = kept.windows(2).map(|w| time[w[1]] - time[w[0]]).collect();
     let column = columns.first().copied().unwrap_or(time);
     let coarse = coarse(time, column, &kept, &steps, equal);
@@ -144,32 +116,30 @@ pub fn even(time: &[f64], columns: &[&[f64]]) -> Result<Even, Uneven> {
         .iter()
         .map(|part| clock_of(time, &kept, &places, part))
         .collect();
+    let rows: usize = parts.iter().map(ExactSizeIterator::len).sum();
     // Every stretch weighs as its length.
-    let weigh = |f: &dyn Fn(usize, &std::ops::Range<usize>) -> f64| -> f64 {
-        let all: f64 = parts.iter().map(|p| p.len() as f64).sum();
-        parts
-            .iter()
-            .enumerate()
-            .map(|(i, p)| f(i, p) * p.len() as f64)
-            .sum::<f64>()
-            / all
+    let step = |i: usize| {
+        if parts[i].len() > 20 {
+            clocks[i].1
+        } else {
+            period
+        }
     };
-    let own = weigh(&|i, part| if part.len() > 20 { clocks[i].1 } else { period });
-    let period = if (own / period - 1.0).abs() < 0.2 {
-        own
-    } else {
-        period
-    };
+    let own = (0..parts.len())
+        .map(|i| step(i) * parts[i].len() as f64)
+        .sum::<f64>()
+        / rows as f64;
+    let near = (own / period - 1.0).abs() < 0.2;
+    let guess = period;
+    let period = if near { own } else { period };
     let mut late = vec![0.0; kept.len()];
-    let mut squares = 0.0;
     for (part, (start, step)) in parts.iter().zip(&clocks) {
-        let step = if part.len() > 20 { *step } else { period };
+        let step = if part.len() > 20 { *step } else { guess };
         for k in part.clone() {
             late[k] = (time[kept[k]] - start - step * places[k] as f64) / period;
-            squares += late[k] * late[k];
         }
     }
-    let rows: usize = parts.iter().map(ExactSizeIterator::len).sum();
+    let squares: f64 = late.iter().map(|l| l * l).sum();
     let jitter = (squares / rows as f64).sqrt();
     let mut bridged = unusable;
     for part in &parts {
@@ -219,6 +189,32 @@ pub fn even(time: &[f64], columns: &[&[f64]]) -> Result<Even, Uneven> {
         interpolated: clock == Clock::Stamps || bridged > 0,
         clock,
     })
+}
+
+/// Rows with a value in every column, without those that are there twice, how many of these there are, and how many
+/// have the stamp of the row before.
+fn usable(time: &[f64], columns: &[&[f64]]) -> Result<(Vec<usize>, usize, usize), Uneven> {
+    let whole = |k: &usize| columns.iter().all(|c| c[*k].is_finite()) && time[*k].is_finite();
+    let mut kept: Vec<usize> = (0..time.len()).filter(whole).collect();
+    let all = kept.len();
+    let same = |a: usize, b: usize| time[a] == time[b] && columns.iter().all(|c| c[a] == c[b]);
+    kept.dedup_by(|b, a| same(*a, *b));
+    if kept.len() < 2 {
+        return Err(Uneven::TooShort(kept.len()));
+    }
+    let steps = || kept.windows(2).map(|w| (w[1], time[w[0]], time[w[1]]));
+    let equal = steps().filter(|(_, before, after)| before == after).count();
+    // A few of one stamp are no coarse clock.
+    let fault = steps().find(|(_, before, after)| after < before || (after == before && equal < 3));
+    if let Some((row, before, after)) = fault {
+        return Err(Uneven::Falls {
+            row: row + 1,
+            before,
+            after,
+        });
+    }
+    let twice = all - kept.len();
+    Ok((kept, twice, equal))
 }
 
 fn peak(values: &[f64]) -> f64 {

@@ -59,7 +59,8 @@ pub fn examine(scan: &Scan) -> Result<Examined, Refusal> {
     // One reading alone is no peak, but may hide one.
     let mut tries = 0..ALONE_TRIES;
     while tries.next().is_some()
-        && let Err((Refusal::TooCoarse { seen, .. }, Some(shape))) = &last
+        && let Err(refused) = &last
+        && let (Refusal::TooCoarse { seen, .. }, Some(shape)) = &**refused
         && *seen <= ALONE
     {
         data.retain(|(_, d)| shape.share(d.at) <= SEES);
@@ -73,7 +74,7 @@ pub fn examine(scan: &Scan) -> Result<Examined, Refusal> {
             last = attempt(scan, &data);
         }
     }
-    last.or(first).map_err(|(refusal, _)| refusal)
+    last.or(first).map_err(|refused| refused.0)
 }
 
 /// Readings that are far brighter or darker than all around them, if they are few: by their numbers, in order.
@@ -83,7 +84,7 @@ fn alone(scan: &Scan, data: &[(usize, Datum)]) -> Vec<usize> {
     let mut powers: Vec<f64> = data.iter().map(|(_, d)| d.power).collect();
     powers.sort_by(f64::total_cmp);
     let n = powers.len();
-    if n > MANY || n < NEIGHBOURS {
+    if !(NEIGHBOURS..=MANY).contains(&n) {
         return Vec::new();
     }
     let (median, usual) = (powers[n / 2], powers[n * 9 / 10] - powers[n / 10]);
@@ -118,9 +119,12 @@ fn few(readings: usize) -> usize {
     2.max(readings / 50)
 }
 
+/// Why a peak is refused, and which one.
+type Refused = Box<(Refusal, Option<Shape>)>;
+
 /// Examines some of a scan's readings. The shape that was refused, where there was one.
-fn attempt(scan: &Scan, numbered: &[(usize, Datum)]) -> Result<Examined, (Refusal, Option<Shape>)> {
-    let nothing = || (Refusal::NoLight { brightest: 0.0 }, None);
+fn attempt(scan: &Scan, numbered: &[(usize, Datum)]) -> Result<Examined, Refused> {
+    let nothing = || Box::new((Refusal::NoLight { brightest: 0.0 }, None));
     let data: Vec<Datum> = numbered.iter().map(|(_, d)| *d).collect();
     let whole = Spread::of(&data);
     let own_noise = noise_of(&data, scan.spacing());
@@ -144,7 +148,7 @@ fn attempt(scan: &Scan, numbered: &[(usize, Datum)]) -> Result<Examined, (Refusa
     let noise = (found.squares / used.saturating_sub(NUMBERS).max(1) as f64).sqrt();
     check(scan, &found, &all, (noise, own_noise), &whole)
         .and_then(|()| surround::check(scan, &found, &all, (noise, own_noise)))
-        .map_err(|why| (why, Some(found.shape)))?;
+        .map_err(|why| Box::new((why, Some(found.shape))))?;
     let plain: Vec<Datum> = all
         .iter()
         .map(|(_, d)| Datum {
@@ -160,7 +164,7 @@ fn attempt(scan: &Scan, numbered: &[(usize, Datum)]) -> Result<Examined, (Refusa
             brightest: light.map_or(found.shape.at, |d| d.at),
             share: (found.level - found.shape.height).abs() / found.level.abs(),
         };
-        return Err((refusal, Some(found.shape)));
+        return Err(Box::new((refusal, Some(found.shape))));
     }
     let mut unfolded: Vec<Option<f64>> = vec![None; scan.readings.len()];
     for (k, d) in all.iter().filter(|(_, d)| !d.at_least) {

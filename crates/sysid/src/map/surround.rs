@@ -117,7 +117,7 @@ struct Smooth {
 }
 
 impl Smooth {
-    fn new(readings: Vec<(Displacement, f64)>, spacing: f64) -> Self {
+    fn new(readings: &[(Displacement, f64)], spacing: f64) -> Self {
         let size = 1.6 * spacing;
         let mut cells: HashMap<(i64, i64), Vec<usize>> = HashMap::new();
         for (k, (at, _)) in readings.iter().enumerate() {
@@ -176,7 +176,7 @@ fn brightest(scan: &Scan, found: &Fit, all: &[(usize, Datum)], noise: f64) -> Re
     if all.iter().any(|(_, d)| d.at_least) {
         return Ok(());
     }
-    let smooth = Smooth::new(readings, scan.spacing());
+    let smooth = Smooth::new(&readings, scan.spacing());
     let by = |a: &usize, b: &usize| smooth.value[*a].total_cmp(&smooth.value[*b]);
     let all = 0..smooth.at.len();
     let (Some(top), Some(centre)) = (all.clone().max_by(by), smooth.nearest(shape.at)) else {

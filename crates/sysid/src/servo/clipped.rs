@@ -5,6 +5,7 @@
 
 use super::{Equations, Friction, Method, Record, Settings, VOLTAGE};
 use crate::Unknown;
+use nalgebra::DMatrix;
 use pigtail_numerics::regression::least_squares;
 use pigtail_numerics::signal::quantile;
 
@@ -28,6 +29,96 @@ const UNSEEN: f64 = 2.5;
 /// Least share of the equations that have to be left.
 const LEAST_LEFT: f64 = 0.3;
 
+/// Equations by how high their voltage is.
+struct Bands<'a> {
+    columns: &'a Equations,
+    x: DMatrix<f64>,
+    /// Force of a volt.
+    force: f64,
+    /// The highest voltage backward and forward, V.
+    bounds: [f64; 2],
+    /// Directions in which voltages are looked at.
+    sides: [bool; 2],
+}
+
+/// By how much more force the motion asks for than is written.
+#[derive(Clone, Copy)]
+struct Short {
+    /// As a share of the highest force.
+    by: f64,
+    /// In standard deviations.
+    sure: f64,
+    /// Whether both directions say so.
+    both: bool,
+}
+
+impl Bands<'_> {
+    /// Direction and height of an equation's voltage.
+    fn level(&self, i: usize) -> (usize, f64) {
+        let u = self.columns.force[i] / (self.force * self.columns.one[i].max(0.1));
+        let side = usize::from(u > 0.0);
+        (side, u.abs() / self.bounds[side])
+    }
+
+    fn is_below(&self, i: usize, most: f64) -> bool {
+        let (side, level) = self.level(i);
+        level < most || !self.sides[side]
+    }
+
+    /// What equations in a band lack by what those below a level tell. `None` where the band is empty.
+    fn short(&self, below: f64, band: (f64, f64)) -> Option<Short> {
+        let n = self.columns.force.len();
+        let rows: Vec<usize> = (0..n).filter(|i| self.is_below(*i, below)).collect();
+        if (rows.len() as f64) < LEAST_LEFT * n as f64 {
+            return Some(Short {
+                by: f64::INFINITY,
+                sure: 0.0,
+                both: false,
+            });
+        }
+        let force: Vec<f64> = rows.iter().map(|i| self.columns.force[*i]).collect();
+        let found = least_squares(&self.x.select_rows(&rows), &force)?;
+        let mut missing = [Vec::new(), Vec::new()];
+        for i in 0..n {
+            let (side, level) = self.level(i);
+            if self.sides[side] && level >= band.0 && level < band.1 {
+                let told: f64 = (0..self.x.ncols())
+                    .map(|j| found.values[j] * self.x[(i, j)])
+                    .sum();
+                let own = self.columns.force[i];
+                let most = self.force * self.bounds[side] * self.columns.one[i].max(0.1);
+                missing[side].push(own.signum() * (told - own) / most);
+            }
+        }
+        let all: Vec<f64> = missing.iter().flatten().copied().collect();
+        if all.len() < 10 {
+            return None;
+        }
+        let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len().max(1) as f64;
+        let by = mean(&all);
+        let spread = (all.iter().map(|m| (m - by).powi(2)).sum::<f64>() / all.len() as f64).sqrt();
+        // Neighbours are not independent.
+        let independent = (all.len() as f64 / 4.0).max(2.0);
+        let both =
+            |s: usize| !self.sides[s] || missing[s].len() < 5 || mean(&missing[s]) > 0.5 * by;
+        Some(Short {
+            by,
+            sure: by * independent.sqrt() / spread.max(1e-9),
+            both: both(0) && both(1),
+        })
+    }
+}
+
+/// Whether voltages pile up below their bound in a direction.
+fn is_piled(volts: &[f64], sign: f64, bound: f64) -> bool {
+    let within = |low: f64, high: f64| {
+        let levels = volts.iter().map(|u| sign * u / bound);
+        levels.filter(|l| *l >= low && *l < high).count() as f64
+    };
+    let top = within(1.0 - BAND, f64::INFINITY);
+    top > 30.0 && top > PILED * within(1.0 - 2.0 * BAND, 1.0 - BAND).max(3.0)
+}
+
 /// Which equations are to be believed, where a voltage was cut off; and the level of it, V. `None` where it was not.
 ///
 /// # Errors
@@ -38,10 +129,8 @@ pub(super) fn clipped(
     set: &Settings,
     columns: &Equations,
 ) -> Result<Option<(Vec<bool>, f64)>, Unknown> {
-    let volts: Vec<f64> = record
-        .even
-        .stretches
-        .iter()
+    let stretches = record.even.stretches.iter();
+    let volts: Vec<f64> = stretches
         .flat_map(|s| s.columns[VOLTAGE].iter().copied())
         .collect();
     // A share so small is spikes.
@@ -49,106 +138,48 @@ pub(super) fn clipped(
     if bounds.iter().any(|b| *b <= 0.0) {
         return Ok(None);
     }
-    let piled = |side: usize| {
-        let sign = [-1.0, 1.0][side];
-        let within = |low: f64, high: f64| {
-            let level = volts.iter().map(|u| sign * u / bounds[side]);
-            level.filter(|l| *l >= low && *l < high).count() as f64
-        };
-        let top = within(1.0 - BAND, f64::INFINITY);
-        top > 30.0 && top > PILED * within(1.0 - 2.0 * BAND, 1.0 - BAND).max(3.0)
+    let piled = [
+        is_piled(&volts, -1.0, bounds[0]),
+        is_piled(&volts, 1.0, bounds[1]),
+    ];
+    let seen = piled != [false, false];
+    let bands = Bands {
+        columns,
+        x: columns.matrix(Friction::Asymmetric, Method::LeastSquares),
+        force: set.force_per_volt,
+        bounds,
+        sides: if seen { piled } else { [true, true] },
     };
-    let piled = [piled(0), piled(1)];
-    let gain: Vec<f64> = columns.one.clone();
-    let level = |i: usize| {
-        let u = columns.force[i] / (set.force_per_volt * gain[i].max(0.1));
-        let side = usize::from(u > 0.0);
-        (side, u.abs() / bounds[side])
-    };
-    let n = columns.force.len();
-    let x = columns.matrix(Friction::Asymmetric, Method::LeastSquares);
-    // By how much more force the motion asks for than is written, and how sure that is, by what is below a level.
-    let short = |below: f64, from: f64, to: f64, sides: [bool; 2]| -> Option<(f64, f64, bool)> {
-        let kept = |i: &usize| {
-            let (side, level) = level(*i);
-            level < below || !sides[side]
-        };
-        let rows: Vec<usize> = (0..n).filter(kept).collect();
-        if (rows.len() as f64) < LEAST_LEFT * n as f64 {
-            return Some((f64::INFINITY, f64::INFINITY, false));
-        }
-        let force: Vec<f64> = rows.iter().map(|i| columns.force[*i]).collect();
-        let found = least_squares(&x.select_rows(&rows), &force)?;
-        let mut missing = [Vec::new(), Vec::new()];
-        for i in 0..n {
-            let (side, level) = level(i);
-            if sides[side] && level >= from && level < to {
-                let prediction: f64 = found
-                    .values
-                    .iter()
-                    .enumerate()
-                    .map(|(j, v)| v * x[(i, j)])
-                    .sum();
-                let sign = columns.force[i].signum();
-                let most = set.force_per_volt * bounds[side] * gain[i].max(0.1);
-                missing[side].push(sign * (prediction - columns.force[i]) / most);
-            }
-        }
-        let all: Vec<f64> = missing.iter().flatten().copied().collect();
-        if all.len() < 10 {
-            return None;
-        }
-        let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len().max(1) as f64;
-        let by = mean(&all);
-        let both =
-            (0..2).all(|s| !sides[s] || missing[s].len() < 5 || mean(&missing[s]) > 0.5 * by);
-        let spread = (all.iter().map(|m| (m - by).powi(2)).sum::<f64>() / all.len() as f64).sqrt();
-        // Neighbours are not independent.
-        let independent = (all.len() as f64 / 4.0).max(2.0);
-        Some((by, by * independent.sqrt() / spread.max(1e-9), both))
-    };
-    let sides = if piled == [false, false] {
-        [true, true]
-    } else {
-        piled
-    };
-    let wanted = if piled == [false, false] {
-        UNSEEN * SHORT
-    } else {
-        SHORT
-    };
-    let Some((by, sure, both)) = short(LEVELS[0], LEVELS[0], f64::INFINITY, sides)
-        .filter(|(by, ..)| by.is_finite())
+    let wanted = if seen { SHORT } else { UNSEEN * SHORT };
+    let most = [LEVELS[0], LEVELS[2]]
         .into_iter()
-        .chain(short(LEVELS[2], LEVELS[2], f64::INFINITY, sides).filter(|(by, ..)| by.is_finite()))
-        .max_by(|a, b| a.0.total_cmp(&b.0))
-    else {
+        .filter_map(|level| bands.short(level, (level, f64::INFINITY)))
+        .filter(|short| short.by.is_finite())
+        .max_by(|a, b| a.by.total_cmp(&b.by));
+    let Some(most) = most.filter(|s| s.by >= wanted && s.sure >= SURE && s.both) else {
         return Ok(None);
     };
-    if by < wanted || sure < SURE || !both {
-        return Ok(None);
-    }
     for below in LEVELS {
-        let enough = short(below, below - 0.12, below, sides);
-        let (left, ..) = enough.unwrap_or((0.0, 0.0, true));
+        let left = bands
+            .short(below, (below - 0.12, below))
+            .map_or(0.0, |s| s.by);
         if left.is_infinite() {
             break;
         }
         if left < 0.3 * SHORT {
-            let keep = |i: usize| {
-                let (side, level) = level(i);
-                level < below || !sides[side]
-            };
+            let keep = (0..columns.force.len())
+                .map(|i| bands.is_below(i, below))
+                .collect();
             let bound = (0..2)
-                .filter(|s| sides[*s])
+                .filter(|s| bands.sides[*s])
                 .map(|s| bounds[s])
                 .fold(0.0, f64::max);
-            return Ok(Some(((0..n).map(keep).collect(), below * bound)));
+            return Ok(Some((keep, below * bound)));
         }
     }
     Err(Unknown::all(format!(
         "its voltage is cut off: where it is high the motion asks for {:.0} % more than is written, and what is below \
          tells too little",
-        100.0 * by
+        100.0 * most.by
     )))
 }

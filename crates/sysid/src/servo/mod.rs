@@ -456,36 +456,7 @@ pub fn identify(
     enough(&columns, record)?;
     check::bandwidth(record, &columns, set)?;
     let mut unknown = check::excitation(record, &mut columns, set)?;
-    let keep = if columns.one_way {
-        None
-    } else {
-        clipped::clipped(record, set, &columns)?
-    };
-    if let Some((keep, level)) = &keep {
-        remarks.push(format!(
-            "the voltage is cut off in the record: where it is high the motion asks for more than is written; the \
-             equations above {level:.3} V were left out, {:.0} % of them",
-            100.0 * keep.iter().filter(|k| !**k).count() as f64 / keep.len() as f64
-        ));
-        columns.retain(keep);
-        enough(&columns, record)?;
-    }
-    let mut keep = keep.map(|(keep, _)| keep);
-    if let Some(near) = columns.apart().filter(|_| !columns.one_way) {
-        remarks.push(format!(
-            "{} of {} equations stand apart from all others, by more than {APART} standard deviations; set aside",
-            near.iter().filter(|k| !**k).count(),
-            near.len()
-        ));
-        columns.retain(&near);
-        let mut near = near.into_iter();
-        let all = keep.unwrap_or_else(|| vec![true; near.len()]);
-        keep = Some(
-            all.into_iter()
-                .map(|k| k && near.next().unwrap_or(true))
-                .collect(),
-        );
-    }
+    let keep = believed(&mut columns, record, set, &mut remarks)?;
     let second = second.map(|r| Equations {
         one_way: columns.one_way,
         ..Equations::of(&r, set)
@@ -528,12 +499,9 @@ pub fn identify(
     check::uncertain(first, &columns, &mut unknown);
     check::robustly(&mut variants, &mut unknown);
     check::together(&variants, record.even.period, &mut remarks)?;
-    let hidden = unknown.clone();
-    for variant in &mut variants {
-        for parameter in &mut variant.parameters {
-            if hidden.iter().any(|u| u.covers(parameter.name)) {
-                parameter.known = None;
-            }
+    for parameter in variants.iter_mut().flat_map(|v| &mut v.parameters) {
+        if unknown.iter().any(|u| u.covers(parameter.name)) {
+            parameter.known = None;
         }
     }
     let error = |v: &Variant| v.validation_error_percent.unwrap_or(f64::INFINITY);
@@ -553,6 +521,43 @@ pub fn identify(
         skew: skew.at_start * record.even.period,
         columns,
     })
+}
+
+/// Leaves out the equations that are not to be believed: which were kept, where some were not.
+fn believed(
+    columns: &mut Equations,
+    record: &Record,
+    set: &Settings,
+    remarks: &mut Vec<String>,
+) -> Result<Option<Vec<bool>>, Unknown> {
+    if columns.one_way {
+        return Ok(None);
+    }
+    let out = |keep: &[bool]| keep.iter().filter(|k| !**k).count();
+    let mut keep = None;
+    if let Some((whole, level)) = clipped::clipped(record, set, columns)? {
+        remarks.push(format!(
+            "the voltage is cut off in the record: where it is high the motion asks for more than is written; the \
+             equations above {level:.3} V were left out, {:.0} % of them",
+            100.0 * out(&whole) as f64 / whole.len() as f64
+        ));
+        columns.retain(&whole);
+        enough(columns, record)?;
+        keep = Some(whole);
+    }
+    if let Some(near) = columns.apart() {
+        remarks.push(format!(
+            "{} of {} equations stand apart from all others, by more than {APART} standard deviations; set aside",
+            out(&near),
+            near.len()
+        ));
+        columns.retain(&near);
+        let all = keep.unwrap_or_else(|| vec![true; near.len()]);
+        let mut near = near.into_iter();
+        let both = all.into_iter().map(|k| k && near.next().unwrap_or(true));
+        keep = Some(both.collect());
+    }
+    Ok(keep)
 }
 
 fn enough(columns: &Equations, record: &Record) -> Result<(), Unknown> {
@@ -641,13 +646,7 @@ fn variants(
         };
         let instruments = controller
             .filter(|_| record.has_reference && !columns.one_way && ordinary.values[0] > 0.0)
-            .and_then(|c| instruments(stamped, &axis(&ordinary.values), c, set))
-            .map(|mut z| {
-                if let Some(keep) = keep.filter(|k| k.len() == z.force.len()) {
-                    z.retain(keep);
-                }
-                z
-            })
+            .and_then(|c| instruments(stamped, &axis(&ordinary.values), c, set, keep))
             .filter(|z| z.force.len() == columns.force.len());
         // What another sample of delay would change: nobody knows when within it a voltage acts.
         let later: Vec<f64> = columns
@@ -799,6 +798,7 @@ fn instruments(
     axis: &Axis,
     controller: &Controller,
     set: &Settings,
+    keep: Option<&[bool]>,
 ) -> Option<Equations> {
     let mut equations = Equations::default();
     for stretch in &record.even.stretches {
@@ -819,6 +819,9 @@ fn instruments(
             &prediction.voltage,
             set,
         );
+    }
+    if let Some(keep) = keep.filter(|k| k.len() == equations.force.len()) {
+        equations.retain(keep);
     }
     Some(equations)
 }

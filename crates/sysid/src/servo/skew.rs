@@ -7,6 +7,7 @@ use super::{Equations, Friction, LATE, LATEST, Method, Record, SLOW, Settings, V
 use crate::Unknown;
 use pigtail_numerics::regression::{least_squares, over};
 use pigtail_numerics::signal::quantile;
+use std::fmt::Write as _;
 
 /// A skew of the voltage, samples.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -67,7 +68,7 @@ impl Skew {
             self.at_start
         );
         if self.drift != 0.0 {
-            text += &format!(", and its clock runs {:.1e} slower", self.drift);
+            let _ = write!(text, ", and its clock runs {:.1e} slower", self.drift);
         }
         Some(text + "; that was taken out")
     }

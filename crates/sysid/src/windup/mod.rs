@@ -237,46 +237,7 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
     remarks.push(
         "a windup that goes with the speed, as by viscous friction, cannot be told from the time skew".to_owned(),
     );
-    // Friction on the motor's side takes a part of a measured torque that winds nothing up, so that
-    // beside a torque (2.20) may have either sign; alone it may not, and nor may a compliance.
-    let sign = |name: &str| {
-        let known = chosen.parameters.iter().find(|(n, _)| *n == name);
-        known.is_some_and(|(_, k)| k.value < -4.0 * k.std_correlated)
-    };
-    let torque = record.has_torque && chosen.parts.compliance;
-    // What drives a load through something that gives way is ahead of it: of its friction, and of its inertia too.
-    let ahead = "the load would run ahead of its motor: the two columns may be swapped";
-    let backward: f64 = chosen.elements.iter().map(|e| e[1]).sum();
-    if !torque && (sign("w_max") || backward < -WORTH * raw) {
-        unknown.push(Unknown {
-            parameters: vec!["w_max", "q", "offset", "time_skew"],
-            because: ahead.to_owned(),
-        });
-    } else if !record.has_torque && runs_ahead(&models, &signals, raw) {
-        return Err(Unknown::all(ahead));
-    }
-    let against: Vec<f64> = models
-        .iter()
-        .filter_map(|m| with_torque(m, &signals, raw))
-        .collect();
-    let against = against.iter().sum::<f64>() / against.len().max(1) as f64;
-    let own = signals.torque.as_deref();
-    let own = own.and_then(|t| share(chosen, "compliance", t, raw));
-    let linear = own.is_some_and(|own| own < -2.0 * WORTH);
-    if record.has_torque && (torque && sign("compliance") || linear || against < -0.5 * WORTH) {
-        unknown.push(Unknown {
-            parameters: vec![
-                "compliance",
-                "cubic_compliance",
-                "inertial_compliance",
-                "w_max",
-                "q",
-                "offset",
-            ],
-            because: "it would wind up against the torque: columns may be swapped, or the torque's sign turned"
-                .to_owned(),
-        });
-    }
+    unknown.extend(passive(record, &models, chosen, &signals, raw)?);
     let parameters = chosen
         .parameters
         .iter()
@@ -308,6 +269,59 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
         remarks,
         account,
     })
+}
+
+/// What no drive does: a load that runs ahead of its motor, a transmission that winds up against its torque.
+///
+/// # Errors
+///
+/// Where nothing of the record is to be believed.
+fn passive(
+    record: &Record,
+    models: &[Fitted],
+    chosen: &Fitted,
+    signals: &Signals,
+    raw: f64,
+) -> Result<Option<Unknown>, Unknown> {
+    // Friction on the motor's side takes a part of a measured torque that winds nothing up, so that
+    // beside a torque (2.20) may have either sign; alone it may not, and nor may a compliance.
+    let sign = |name: &str| {
+        let known = chosen.parameters.iter().find(|(n, _)| *n == name);
+        known.is_some_and(|(_, k)| k.value < -4.0 * k.std_correlated)
+    };
+    let torque = record.has_torque && chosen.parts.compliance;
+    // What drives a load through something that gives way is ahead of it: of its friction, and of its inertia too.
+    let ahead = "the load would run ahead of its motor: the two columns may be swapped";
+    let backward: f64 = chosen.elements.iter().map(|e| e[1]).sum();
+    if !torque && (sign("w_max") || backward < -WORTH * raw) {
+        return Ok(Some(Unknown {
+            parameters: vec!["w_max", "q", "offset", "time_skew"],
+            because: ahead.to_owned(),
+        }));
+    }
+    if !record.has_torque && runs_ahead(models, signals, raw) {
+        return Err(Unknown::all(ahead));
+    }
+    let against: Vec<f64> = models
+        .iter()
+        .filter_map(|m| with_torque(m, signals, raw))
+        .collect();
+    let against = against.iter().sum::<f64>() / against.len().max(1) as f64;
+    let own = signals.torque.as_deref();
+    let own = own.and_then(|t| share(chosen, "compliance", t, raw));
+    let linear = own.is_some_and(|own| own < -2.0 * WORTH);
+    let turned = torque && sign("compliance") || linear || against < -0.5 * WORTH;
+    Ok((record.has_torque && turned).then(|| Unknown {
+        parameters: vec![
+            "compliance",
+            "cubic_compliance",
+            "inertial_compliance",
+            "w_max",
+            "q",
+            "offset",
+        ],
+        because: "it would wind up against the torque: columns may be swapped, or the torque's sign turned".to_owned(),
+    }))
 }
 
 /// A parameter's part of the windup, with its sign, as a share of all of it.
