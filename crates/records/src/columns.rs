@@ -282,14 +282,19 @@ impl Table {
         })?;
         if let Some((line, count)) = layout.other {
             let mut message = format!(
-                "has {count} fields, the rows below it {}; accepted are as many names as there are columns",
-                layout.names.len()
+                "has {} fields; accepted are {count}, as in {}",
+                layout.names.len(),
+                if line == 1 {
+                    "its first line".to_owned()
+                } else {
+                    format!("line {line}")
+                }
             );
             if layout.delimiter == b',' && 2 * count == layout.names.len() {
                 message += ": are there commas between the fields and in the numbers? Semicolons or tabs between them \
                             tell which is which";
             }
-            return Err(refuse(Some(line), message));
+            return Err(refuse(Some(layout.first_line), message));
         }
         Ok(Self {
             path: path.to_owned(),
@@ -673,10 +678,10 @@ fn number(
         let first = *first.get_or_insert(moment);
         return Ok((moment - first) as f64 * 1e-9);
     }
-    Err(if text.parse::<f64>().is_ok() {
-        "is not finite".to_owned()
-    } else if decimal_comma && text.contains('.') {
+    Err(if decimal_comma && text.contains('.') {
         "has a decimal point, where other numbers have a comma".to_owned()
+    } else if text.parse::<f64>().is_ok() {
+        "is not finite".to_owned()
     } else if !decimal_comma && text.contains(',') {
         "has a comma, where other numbers have none".to_owned()
     } else {

@@ -11,7 +11,7 @@ use std::fs;
 use std::path::Path;
 
 /// A record: time, reference, position, voltage.
-type Rows = Vec<[f64; 4]>;
+pub(crate) type Rows = Vec<[f64; 4]>;
 
 /// What is known of the axis that made it.
 #[derive(Clone, Copy)]
@@ -81,7 +81,7 @@ fn read_at(dense: &[[f64; 4]], moments: &[f64], stamps: &[f64], seed: u64) -> Ro
         .collect()
 }
 
-fn plain(seed: u64) -> Rows {
+pub(crate) fn plain(seed: u64) -> Rows {
     let dense = sled(seed, 20.0);
     let times: Vec<f64> = (0..20_000).map(|k| f64::from(k) * PERIOD).collect();
     read_at(&dense, &times, &times, seed + 1)
@@ -375,19 +375,19 @@ const MANGLED: &[(&str, Wanted, Mangle)] = &[
         },
     ),
     ("position a sample late", Wanted::Right, |rows, _| {
-        shift(rows, 2, 1.0)
+        shift(rows, 2, 1.0);
     }),
     ("position a sample early", Wanted::Right, |rows, _| {
-        shift(rows, 2, -1.0)
+        shift(rows, 2, -1.0);
     }),
     ("position 3.4 samples late", Wanted::Right, |rows, _| {
-        shift(rows, 2, 3.4)
+        shift(rows, 2, 3.4);
     }),
     ("position 8 samples early", Wanted::Either, |rows, _| {
-        shift(rows, 2, -8.0)
+        shift(rows, 2, -8.0);
     }),
     ("position 40 samples late", Wanted::Either, |rows, _| {
-        shift(rows, 2, 40.0)
+        shift(rows, 2, 40.0);
     }),
     (
         "the voltage's clock drifts by 0.02 %",

@@ -21,8 +21,8 @@ const PERIOD: f64 = 4e-3;
 fn made(seed: u64) -> Rows {
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
     let phase: Vec<f64> = (0..3).map(|_| rng.random_range(0.0..6.0)).collect();
-    let fine = 8;
-    let n = 4000;
+    let fine: usize = 8;
+    let n: usize = 4000;
     let place = |t: f64| {
         20.0 * (1.1 * t + phase[0]).sin()
             + 6.0 * (2.9 * t + phase[1]).sin()
@@ -227,11 +227,6 @@ fn over(good: &Rows, truth: (f64, Option<f64>), wrong: &mut Vec<String>) {
             value("w_max").map(f64::to_degrees),
             found.answer.remarks.join(" | ")
         );
-        let sign = if name.contains("swapped, without") {
-            -1.0
-        } else {
-            1.0
-        };
         let sign = if name.contains("swapped, without") {
             -1.0
         } else {

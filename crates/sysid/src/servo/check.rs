@@ -37,7 +37,7 @@ pub(super) const QUIET: f64 = 0.005;
 const LOST: f64 = 0.5;
 
 /// By so large a share ordinary and robust fits may differ in the inertia.
-const DISAGREE: f64 = 0.05;
+const DISAGREE: f64 = 0.1;
 
 /// Largest share of the force that a parameter's standard deviation may be worth.
 const UNSURE: f64 = 0.25;
