@@ -643,3 +643,63 @@ fn no_mangled_measured_record_is_wrong_and_looks_right() {
         wrong.join("\n")
     );
 }
+
+/// Share of 95 % intervals, by the deviation that takes correlation into account, that hold the truth: of inertia, viscous
+/// and Coulomb friction.
+fn coverage(kind: &str, records: u64) -> [f64; 3] {
+    let mut hits = [0.0; 3];
+    let mut all = 0.0;
+    for seed in 0..records {
+        let mut rng = Pcg64Mcg::seed_from_u64(7000 + seed);
+        let dense = sled(20_000 + seed, 12.0);
+        let times: Vec<f64> = (0..12_000).map(|k| f64::from(k) * PERIOD).collect();
+        let mut rows = read_at(&dense, &times, &times, seed);
+        match kind {
+            "jitter" => {
+                for row in &mut rows {
+                    row[0] += PERIOD * rng.random_range(-0.3..0.3);
+                }
+            }
+            "coloured" => {
+                let mut slow = 0.0;
+                for row in &mut rows {
+                    slow = 0.99 * slow + 0.02 * normal(&mut rng);
+                    row[3] += slow;
+                }
+            }
+            "skew" => shift(&mut rows, 2, 2.3),
+            _ => {}
+        }
+        let column = |c: usize| -> Vec<f64> { rows.iter().map(|r| r[c]).collect() };
+        let even = pigtail_sysid::timeline::even(&column(0), &[&column(2), &column(3), &column(1)])
+            .expect("an even grid");
+        let record = pigtail_sysid::servo::Record::new(even, true);
+        let set = Settings::new(35.0);
+        let Ok(found) = pigtail_sysid::servo::identify(&record, None, &set) else {
+            continue;
+        };
+        let Some(variant) = found.variant(Friction::Symmetric, Method::LeastSquares) else {
+            continue;
+        };
+        all += 1.0;
+        for ((hit, parameter), is) in hits.iter_mut().zip(&variant.parameters).zip(MADE.values) {
+            let held = |k: pigtail_sysid::Known| (k.value - is).abs() < 1.96 * k.std_correlated;
+            *hit += f64::from(u8::from(parameter.known.is_some_and(held)));
+        }
+    }
+    hits.map(|hit| hit / all)
+}
+
+#[test]
+#[ignore = "long: hundreds of records"]
+fn intervals_hold_the_truth() {
+    for kind in ["plain", "jitter", "coloured", "skew"] {
+        let share = coverage(kind, 200);
+        eprintln!(
+            "{kind}: inertia {:.3}, viscous {:.3}, Coulomb {:.3}",
+            share[0], share[1], share[2]
+        );
+        // 200 records tell a share of 0.95 to 0.03, two standard deviations.
+        assert!(share.iter().all(|s| *s > 0.9), "{kind}: {share:?}");
+    }
+}
