@@ -428,8 +428,9 @@ fn no_rows(all: &[Line], encoding: &'static str) -> Option<Layout> {
         decimal_comma: false,
         units: vec![None; names.len()],
         names,
+        // What is left of that line is nothing.
         body: line.at + line.text.len(),
-        first_line: line.number + 1,
+        first_line: line.number,
         period: None,
         names_line: Some(line.number),
         trailing: false,
