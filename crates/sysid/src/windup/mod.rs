@@ -190,7 +190,14 @@ const ROUNDS: usize = 3;
 /// What makes the whole record useless.
 pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, Unknown> {
     let mut remarks = record.even.remarks();
-    let record = &cleaned(record, &mut remarks)?;
+    // A motion at one speed turns round as sharply as a slip looks; it tells nothing anyway.
+    let told = Signals::new(record, 0.0);
+    let dull = told.time.len() < LEAST || !excitation(&told).is_empty();
+    let record = &if dull {
+        record.clone()
+    } else {
+        cleaned(record, &mut remarks)?
+    };
     let second = second.map(|r| cleaned(r, &mut Vec::new())).transpose()?;
     let second = second.as_ref();
     let plain = Signals::new(record, 0.0);
