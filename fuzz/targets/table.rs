@@ -33,6 +33,7 @@ fn read(path: &Path) {
         let _ = scan::read(path, &columns);
     }
     let roles = servo::Roles {
+        rate: None,
         time: None,
         reference: None,
         position: named("x"),
@@ -40,6 +41,7 @@ fn read(path: &Path) {
     };
     let _ = roles.read(path);
     let roles = friction::Roles {
+        rate: None,
         time: None,
         displacement: named("x"),
         force: named("y"),
@@ -48,6 +50,7 @@ fn read(path: &Path) {
         let _ = friction::friction(&record, None, 4, None);
     }
     let roles = windup::Roles {
+        rate: None,
         time: None,
         motor: named("x"),
         load: named("y"),

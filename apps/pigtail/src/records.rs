@@ -54,12 +54,15 @@ Examples:
 --force-per-volt 35.15
   pigtail identify servo --data log.csv --position pos:mm --voltage cmd:V --force-per-volt 12 --validate b.csv")]
 pub(crate) struct ServoArguments {
-    /// A CSV file whose first line names its columns
+    /// A file of columns; delimiter, decimal comma, encoding, names and units are told from it
     #[arg(long, value_name = "FILE")]
     data: PathBuf,
     /// Its column of time; `t_s`, `time_s`, `t` or `time` if not given
     #[arg(long, value_name = "COLUMN")]
     time: Option<Named>,
+    /// Rows a second, hertz: where no column says when they were taken, or the column of time counts them
+    #[arg(long, value_name = "HERTZ", value_parser = crate::positive)]
+    rate: Option<f64>,
     /// Its column of the position's reference
     #[arg(long, value_name = "COLUMN")]
     reference: Option<Named>,
@@ -159,6 +162,7 @@ pub(crate) fn hash_of(path: &Path) -> (String, String) {
 pub(crate) fn servo(a: &ServoArguments) -> Result<u8, Failure> {
     let roles = Roles {
         time: a.time.clone(),
+        rate: a.rate,
         reference: a.reference.clone(),
         position: a.position.clone(),
         voltage: a.voltage.clone(),
@@ -205,6 +209,10 @@ pub(crate) fn servo(a: &ServoArguments) -> Result<u8, Failure> {
         limit: a.voltage_limit,
     };
     let mut found = servo::servo(&first, second.as_ref(), &set, (friction, method));
+    found
+        .answer
+        .more
+        .insert("read".to_owned(), first.understood.clone().into());
     let whole = found.answer.is_whole();
     let best = found.best.take().filter(|_| whole);
     let source = &first.source;
@@ -259,7 +267,7 @@ Examples:
   pigtail identify friction --data d.csv --displacement position_mm --force friction_uN
   pigtail identify friction --data d.csv --displacement x:um --force f:N --law lugre")]
 pub(crate) struct FrictionArguments {
-    /// A CSV file whose first line names its columns
+    /// A file of columns; delimiter, decimal comma, encoding, names and units are told from it
     #[arg(long, value_name = "FILE")]
     data: PathBuf,
     /// Its column of displacement, a length or an angle
@@ -271,6 +279,9 @@ pub(crate) struct FrictionArguments {
     /// Its column of time; `t_s`, `time_s`, `t` or `time` if not given and there
     #[arg(long, value_name = "COLUMN")]
     time: Option<Named>,
+    /// Rows a second, hertz: where no column says when they were taken, or the column of time counts them
+    #[arg(long, value_name = "HERTZ", value_parser = crate::positive)]
+    rate: Option<f64>,
     /// A second record of the same columns, to judge by
     #[arg(long, value_name = "FILE")]
     validate: Option<PathBuf>,
@@ -316,6 +327,7 @@ impl LawChoice {
 pub(crate) fn friction(a: &FrictionArguments) -> Result<u8, Failure> {
     let roles = friction::Roles {
         time: a.time.clone(),
+        rate: a.rate,
         displacement: a.displacement.clone(),
         force: a.force.clone(),
     };
@@ -329,7 +341,11 @@ pub(crate) fn friction(a: &FrictionArguments) -> Result<u8, Failure> {
     let most = law.map_or(usize::from(a.most_parameters), |l| {
         l.parameters().len().max(usize::from(a.most_parameters))
     });
-    let found = friction::friction(&first, second.as_ref(), most, law);
+    let mut found = friction::friction(&first, second.as_ref(), most, law);
+    found
+        .answer
+        .more
+        .insert("read".to_owned(), first.understood().into());
     let fragment = found.fragment.clone();
     let mut hashes = vec![hash_of(&a.data)];
     hashes.extend(a.validate.as_deref().map(hash_of));
@@ -355,7 +371,7 @@ pub(crate) fn friction(a: &FrictionArguments) -> Result<u8, Failure> {
 /// The record of a transmission, for `pigtail identify windup`.
 #[derive(Debug, Args)]
 pub(crate) struct WindupRecordArguments {
-    /// A CSV file whose first line names its columns, instead of an axis
+    /// A file of columns, instead of an axis; delimiter, decimal comma, names and units are told from it
     #[arg(long, value_name = "FILE", requires_all = ["motor", "load"])]
     data: Option<PathBuf>,
     /// Its column of the motor's position
@@ -370,6 +386,9 @@ pub(crate) struct WindupRecordArguments {
     /// Its column of time; `t_s`, `time_s`, `t` or `time` if not given
     #[arg(long, value_name = "COLUMN", requires = "data")]
     time: Option<Named>,
+    /// Rows a second, hertz: where no column says when they were taken, or the column of time counts them
+    #[arg(long, value_name = "HERTZ", value_parser = crate::positive, requires = "data")]
+    rate: Option<f64>,
     /// Turns of the output for a turn of the motor, where the motor's column is not yet in angles of the output
     #[arg(long, value_name = "R", default_value_t = 1.0, value_parser = crate::positive, requires = "data")]
     ratio: f64,
@@ -399,6 +418,7 @@ pub(crate) fn windup(a: &WindupRecordArguments, json: bool, runs: &Path) -> Resu
     };
     let roles = windup::Roles {
         time: a.time.clone(),
+        rate: a.rate,
         motor: motor.clone(),
         load: load.clone(),
         torque: a.torque.clone(),
@@ -410,7 +430,11 @@ pub(crate) fn windup(a: &WindupRecordArguments, json: bool, runs: &Path) -> Resu
         .as_ref()
         .map(|path| roles.read(path))
         .transpose()?;
-    let found = windup::windup(&first, second.as_ref());
+    let mut found = windup::windup(&first, second.as_ref());
+    found
+        .answer
+        .more
+        .insert("read".to_owned(), first.understood().into());
     let mut hashes = vec![hash_of(data)];
     hashes.extend(a.validate.as_deref().map(hash_of));
     let title = format!("A transmission from {}", data.display());
@@ -465,7 +489,7 @@ Examples:
   pigtail identify resonance --data frf.csv
   pigtail identify resonance --data frf.csv --frequency f:Hz --magnitude gain:dB --phase arg:deg")]
 pub(crate) struct ResonanceArguments {
-    /// A CSV file whose first line names its columns
+    /// A file of columns; delimiter, decimal comma, encoding, names and units are told from it
     #[arg(long, value_name = "FILE")]
     data: PathBuf,
     /// Its column of frequency; one with a usual name if not given
@@ -569,7 +593,9 @@ pub(crate) fn finish(
 
 /// What a person wants to know of it.
 fn account(answer: &Answer) -> String {
-    let mut text = answer.lines();
+    let read = answer.more.get("read").and_then(|r| r.as_str());
+    let mut text = read.map_or_else(String::new, |read| format!("Read: {read}\n"));
+    text += &answer.lines();
     let mut errors = Vec::new();
     if let Some(e) = answer.relative_error_percent {
         errors.push(format!("relative error {} %", short(e)));

@@ -151,6 +151,7 @@ fn read(path: &Path) {
     };
     let _ = map::read(path, &columns);
     let roles = servo::Roles {
+        rate: None,
         time: None,
         reference: None,
         position: x(),
@@ -158,6 +159,7 @@ fn read(path: &Path) {
     };
     let _ = roles.read(path);
     let roles = friction::Roles {
+        rate: None,
         time: None,
         displacement: x(),
         force: y(),
@@ -166,6 +168,7 @@ fn read(path: &Path) {
         let _ = friction::friction(&record, None, 4, None);
     }
     let roles = windup::Roles {
+        rate: None,
         time: None,
         motor: x(),
         load: y(),

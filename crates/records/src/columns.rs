@@ -1,11 +1,14 @@
 //! The one reader of CSV files that a person brings: columns by name, in SI units where they have one.
 
+use crate::layout::{self, Layout};
 use pigtail_hal::Error;
 use pigtail_hal::quantity::{
     ANGLE, Dimension, FORCE, FREQUENCY, LENGTH, LEVEL, RATIO, TIME, TORQUE, VOLTAGE,
 };
 use pigtail_sysid::timeline::{Even, Uneven, even};
 use serde::{Deserialize, Serialize};
+use std::borrow::Cow;
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
@@ -53,9 +56,16 @@ impl LengthUnit {
     }
 }
 
+/// What the rows are called where they themselves count time.
+const ROWS: &str = "rows";
+
 /// A column as it is named on a command line: `NAME` or `NAME:UNIT`.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Named(String);
+#[derive(Debug, Clone, PartialEq)]
+pub struct Named {
+    name: String,
+    /// Seconds between samples: of a column that counts them, or of the rows themselves where it has no name.
+    period: Option<f64>,
+}
 
 impl FromStr for Named {
     type Err = String;
@@ -64,14 +74,31 @@ impl FromStr for Named {
         if text.trim().is_empty() {
             return Err("is empty; accepted is the name of a column".to_owned());
         }
-        Ok(Self(text.trim().to_owned()))
+        Ok(Self::new(text.trim()))
     }
 }
 
 impl Named {
     /// A column by its name alone.
     pub fn new(name: impl Into<String>) -> Self {
-        Self(name.into())
+        let name = name.into();
+        // `NAME:RATE Hz` counts samples; so do the rows where the name is `rows`.
+        let rate = name
+            .strip_suffix(" Hz")
+            .and_then(|text| text.rsplit_once(':'))
+            .and_then(|(name, rate)| Some((name, rate.trim().parse::<f64>().ok()?)))
+            .filter(|(_, rate)| *rate > 0.0 && rate.is_finite());
+        if let Some((counts, rate)) = rate {
+            return Self {
+                name: if counts == ROWS {
+                    String::new()
+                } else {
+                    counts.to_owned()
+                },
+                period: Some(1.0 / rate),
+            };
+        }
+        Self { name, period: None }
     }
 }
 
@@ -118,8 +145,65 @@ const MISSING: f64 = 0.2;
 /// Names under which a column of time is found where none is named.
 const TIMES: [&str; 7] = ["t_s", "time_s", "t", "time", "Time", "t_ms", "time_ms"];
 
+/// The same in other words and without their units.
+const USUAL: [&str; 9] = [
+    "t",
+    "time",
+    "zeit",
+    "timestamp",
+    "time stamp",
+    "datetime",
+    "elapsed",
+    "elapsed time",
+    "time_ms",
+];
+
+/// Units of columns that no command asks for.
+const OTHER_UNITS: [&str; 14] = [
+    "A", "mA", "W", "mW", "uW", "rpm", "1/min", "m/s", "mm/s", "deg/s", "rad/s", "%", "C", "bar",
+];
+
+/// What else units are called.
+const CALLED: [(&str, &[&str]); 14] = [
+    (
+        "um",
+        &[
+            "\u{b5}m",
+            "\u{3bc}m",
+            "micron",
+            "microns",
+            "micrometer",
+            "micrometre",
+        ],
+    ),
+    ("us", &["\u{b5}s", "\u{3bc}s", "usec", "microseconds"]),
+    ("uV", &["\u{b5}V", "\u{3bc}V"]),
+    ("deg", &["\u{b0}", "degree", "degrees", "Grad"]),
+    ("rad", &["radian", "radians"]),
+    ("s", &["sec", "secs", "second", "seconds", "S"]),
+    ("ms", &["msec", "milliseconds", "millisecond"]),
+    ("m", &["meter", "meters", "metre", "metres"]),
+    (
+        "mm",
+        &[
+            "millimeter",
+            "millimetre",
+            "millimeters",
+            "millimetres",
+            "MM",
+        ],
+    ),
+    ("V", &["v", "volt", "volts", "Volt", "Volts"]),
+    ("N", &["newton", "newtons", "Newton"]),
+    ("N m", &["N*m", "N.m", "N\u{b7}m", "N-m", "nm_torque"]),
+    ("Hz", &["hz", "HZ", "hertz"]),
+    ("dB", &["DB"]),
+];
+
 /// A unit by its name, of one of these dimensions.
 fn unit_of(dimensions: &[Dimension], name: &str) -> Option<(Dimension, &'static str)> {
+    let called = CALLED.iter().find(|(_, others)| others.contains(&name));
+    let name = called.map_or(name, |(unit, _)| *unit);
     dimensions
         .iter()
         .find_map(|dimension| Some((*dimension, dimension.unit(name)?.0)))
@@ -135,11 +219,13 @@ fn of_name(name: &str) -> Option<(Dimension, &'static str)> {
     unit_of(&DIMENSIONS, suffix.trim())
 }
 
-/// A CSV file whose first line names its columns. Lines that begin with `#` are comments.
+/// A file of columns: text whose fields are divided by commas, semicolons, tabs, bars or blanks, or Parquet. What
+/// stands above the rows may be anything; lines that begin with `#` or `%` are comments.
 #[derive(Debug, Clone)]
 pub struct Table {
     path: PathBuf,
-    names: Vec<String>,
+    layout: Layout,
+    text: String,
 }
 
 /// Whether a field may be without a number.
@@ -161,29 +247,115 @@ pub struct Numbers {
 }
 
 impl Table {
-    /// Reads the names of a file's columns.
+    /// Reads a file and tells how it is written.
     ///
     /// # Errors
     ///
-    /// When it cannot be read.
+    /// When it cannot be read, or is no text of columns.
     pub fn open(path: &Path) -> Result<Self, Error> {
-        let headers = reader(path)
-            .and_then(|mut reader| reader.headers().cloned())
-            .map_err(|error| explain(path, &error))?;
+        let refuse = |line, message: String| Error {
+            line,
+            ..Error::new(path.display().to_string(), "", message)
+        };
+        let bytes = std::fs::read(path)
+            .map_err(|error| refuse(None, format!("cannot be read: {error}")))?;
+        if let Some(what) = binary(&bytes) {
+            let message = format!("is {what}; accepted is text: columns of numbers");
+            return Err(refuse(None, message));
+        }
+        let (text, encoding) = layout::decode(&bytes);
+        if text.trim().is_empty() {
+            return Err(refuse(
+                None,
+                "is empty; accepted are columns of numbers".to_owned(),
+            ));
+        }
+        let is_unit =
+            |unit: &str| unit_of(&DIMENSIONS, unit).is_some() || OTHER_UNITS.contains(&unit);
+        let layout = layout::layout(&text, encoding, is_unit).ok_or_else(|| {
+            refuse(
+                None,
+                "has no rows of numbers; accepted are columns of them, divided by commas, semicolons, tabs, bars or \
+                 blanks"
+                    .to_owned(),
+            )
+        })?;
+        if let Some((line, count)) = layout.other {
+            let mut message = format!(
+                "has {} fields; accepted are {count}, as in {}",
+                layout.names.len(),
+                if line == 1 {
+                    "its first line".to_owned()
+                } else {
+                    format!("line {line}")
+                }
+            );
+            if layout.delimiter == b',' && 2 * count == layout.names.len() {
+                message += ": are there commas between the fields and in the numbers? Semicolons or tabs between them \
+                            tell which is which";
+            }
+            return Err(refuse(Some(layout.first_line), message));
+        }
         Ok(Self {
             path: path.to_owned(),
-            names: headers.iter().map(str::to_owned).collect(),
+            layout,
+            text,
         })
+    }
+
+    /// How the file is written, in words.
+    pub fn understood(&self) -> String {
+        self.layout.understood()
+    }
+
+    /// Seconds between its rows, where the lines above them say so.
+    pub fn period(&self) -> Option<f64> {
+        self.layout.period
+    }
+
+    fn rows(
+        &self,
+        mut see: impl FnMut(usize, &[Cow<str>]) -> Result<(), Error>,
+    ) -> Result<(), Error> {
+        let width = self.layout.names.len();
+        let body = self.text.get(self.layout.body..).unwrap_or_default();
+        for (k, line) in body.lines().enumerate() {
+            if line.trim().is_empty() || line.trim_start().starts_with(['#', '%']) {
+                continue;
+            }
+            let mut row = layout::split(line, self.layout.delimiter);
+            let number = self.layout.first_line + k;
+            if self.layout.trailing && row.len() == width + 1 {
+                row.pop();
+            }
+            if row.len() != width {
+                let message = format!(
+                    "has {} fields; accepted are {width}, as in {}",
+                    row.len(),
+                    match self.layout.names_line {
+                        Some(1) => "its first line".to_owned(),
+                        Some(line) => format!("line {line}"),
+                        None => "the other rows".to_owned(),
+                    }
+                );
+                return Err(Error {
+                    line: Some(number),
+                    ..self.error("", message)
+                });
+            }
+            see(number, &row)?;
+        }
+        Ok(())
     }
 
     /// The names of its columns.
     pub fn names(&self) -> &[String] {
-        &self.names
+        &self.layout.names
     }
 
     /// Whether there is a column of that name.
     pub fn has(&self, name: &str) -> bool {
-        self.names.iter().any(|n| n == name)
+        self.layout.names.iter().any(|n| n == name)
     }
 
     /// Which column has that name.
@@ -192,11 +364,17 @@ impl Table {
     ///
     /// When none has.
     pub fn place(&self, name: &str) -> Result<usize, Error> {
-        let place = self.names.iter().position(|n| n == name);
-        place.ok_or_else(|| {
-            let message = format!("no such column; there are {}", self.names.join(", "));
-            self.error(name, message)
-        })
+        let place = self.names().iter().position(|n| n == name);
+        place.ok_or_else(|| self.error(name, format!("no such column; {}", self.there_are())))
+    }
+
+    /// The names, as an error says them, and how they were read.
+    fn there_are(&self) -> String {
+        format!(
+            "there are {} (read as {})",
+            self.names().join(", "),
+            self.understood()
+        )
     }
 
     /// What is wrong with a column; with the file where `name` is empty.
@@ -216,16 +394,19 @@ impl Table {
         };
         let mut lines = Vec::new();
         let mut columns = vec![Vec::new(); places.len()];
-        let reader = reader(&self.path).map_err(|error| explain(&self.path, &error))?;
-        for_each_row(&self.path, reader, |line, row| {
-            for (place, column) in places.iter().zip(&mut columns) {
-                let value = number(&row[*place], gaps).map_err(|(text, why)| Error {
-                    line: Some(line),
-                    ..self.error(
-                        &*self.names[*place],
-                        format!("\"{text}\" is {why}; accepted is {accepted}"),
-                    )
-                })?;
+        // Of a column of moments, the first one.
+        let mut first: Vec<Option<i128>> = vec![None; places.len()];
+        self.rows(|line, row| {
+            for ((place, column), first) in places.iter().zip(&mut columns).zip(&mut first) {
+                let field = &*row[*place];
+                let value =
+                    number(field, gaps, self.layout.decimal_comma, first).map_err(|why| Error {
+                        line: Some(line),
+                        ..self.error(
+                            &*self.layout.names[*place],
+                            format!("\"{field}\" {why}; accepted is {accepted}"),
+                        )
+                    })?;
                 column.push(value);
             }
             lines.push(line);
@@ -235,58 +416,45 @@ impl Table {
     }
 }
 
-fn reader(path: &Path) -> csv::Result<csv::Reader<std::fs::File>> {
-    csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .comment(Some(b'#'))
-        .from_path(path)
-}
-
-fn for_each_row(
-    path: &Path,
-    mut reader: csv::Reader<std::fs::File>,
-    mut see: impl FnMut(usize, &csv::ByteRecord) -> Result<(), Error>,
-) -> Result<(), Error> {
-    let mut row = csv::ByteRecord::new();
-    while reader
-        .read_byte_record(&mut row)
-        .map_err(|error| explain(path, &error))?
-    {
-        let line = row.position().map_or(0, |p| p.line() as usize);
-        see(line, &row)?;
+/// What a file is that is no text.
+fn binary(bytes: &[u8]) -> Option<&'static str> {
+    match bytes {
+        [b'P', b'A', b'R', b'1', ..] => Some("a Parquet file"),
+        [b'M', b'A', b'T', b'L', b'A', b'B', b' ', ..] => Some("a MATLAB file (.mat)"),
+        [0x89, b'H', b'D', b'F', ..] => Some("an HDF5 file (.mat of version 7.3 among them)"),
+        [b'P', b'K', 3, 4, ..] => Some("a ZIP archive or a spreadsheet"),
+        [0x1f, 0x8b, ..] => Some("a compressed file (gzip)"),
+        _ => None,
     }
-    Ok(())
 }
 
-/// The line and the first `N` fields of each row below the first line, whatever that says. `what` such
-/// a row is of, as an error message says it: `time and voltage`.
+/// The line and the first `N` fields of each row. `what` such a row is of, as an error message says it:
+/// `time and voltage`.
 ///
 /// # Errors
 ///
 /// When the file cannot be read, or a row does not begin with `N` numbers.
 pub fn rows<const N: usize>(path: &Path, what: &str) -> Result<Vec<(usize, [f64; N])>, Error> {
-    let reader = csv::ReaderBuilder::new()
-        .trim(csv::Trim::All)
-        .has_headers(false)
-        .flexible(true)
-        .from_path(path)
-        .map_err(|error| explain(path, &error))?;
+    let table = Table::open(path)?;
+    let accepted = format!("accepted is a row of {what}: {N} finite numbers");
+    if table.names().len() < N {
+        return Err(table.error(
+            "",
+            format!("has {} columns; {accepted}", table.names().len()),
+        ));
+    }
     let mut rows = Vec::new();
-    for_each_row(path, reader, |line, row| {
-        if line == 1 {
-            return Ok(());
-        }
+    let mut first = [None; N];
+    table.rows(|line, row| {
         let mut values = [0.0; N];
-        for (k, value) in values.iter_mut().enumerate() {
-            let field = row.get(k).unwrap_or_default();
-            *value = number(field, Gaps::Refused).map_err(|(text, why)| {
-                let message =
-                    format!("\"{text}\" is {why}; accepted is a row of {what}: {N} finite numbers");
-                Error {
-                    line: Some(line),
-                    ..Error::new(path.display().to_string(), "", message)
-                }
-            })?;
+        for ((value, field), first) in values.iter_mut().zip(row).zip(&mut first) {
+            *value =
+                number(field, Gaps::Refused, table.layout.decimal_comma, first).map_err(|why| {
+                    Error {
+                        line: Some(line),
+                        ..table.error("", format!("\"{field}\" {why}; {accepted}"))
+                    }
+                })?;
         }
         rows.push((line, values));
         Ok(())
@@ -294,37 +462,19 @@ pub fn rows<const N: usize>(path: &Path, what: &str) -> Result<Vec<(usize, [f64;
     Ok(rows)
 }
 
-/// What is wrong with a CSV file.
-fn explain(path: &Path, error: &csv::Error) -> Error {
-    let line = error.position().map(|p| p.line() as usize);
-    let message = match error.kind() {
-        csv::ErrorKind::Io(error) => format!("cannot be read: {error}"),
-        csv::ErrorKind::UnequalLengths {
-            expected_len, len, ..
-        } => format!("has {len} fields; accepted are {expected_len}, as in its first line"),
-        csv::ErrorKind::Utf8 { .. } => "is no text; accepted is UTF-8".to_owned(),
-        _ => error.to_string(),
-    };
-    Error {
-        line,
-        ..Error::new(path.display().to_string(), "", message)
-    }
-}
-
-/// The column of time: the named one, or one with a usual name.
+/// The column of time: the named one, or one with a usual name. With a `rate` (hertz) the rows are so many a second,
+/// or the named column counts samples.
 ///
 /// # Errors
 ///
 /// When the file cannot be read, or no column was named and none has a usual name.
-pub fn time_named(path: &Path, given: Option<&Named>) -> Result<Named, Error> {
-    if let Some(given) = given {
-        return Ok(given.clone());
-    }
+pub fn time_named(path: &Path, given: Option<&Named>, rate: Option<f64>) -> Result<Named, Error> {
     let table = Table::open(path)?;
-    usual(&table).ok_or_else(|| {
+    found_time(&table, given, rate).ok_or_else(|| {
         let message = format!(
-            "no column is named as time usually is; name one with --time: there are {}",
-            table.names.join(", ")
+            "no column is named as time usually is; name one with --time, or say how many rows a second there are with \
+             --rate: {}",
+            table.there_are()
         );
         table.error("--time", message)
     })
@@ -335,13 +485,55 @@ pub fn time_named(path: &Path, given: Option<&Named>) -> Result<Named, Error> {
 /// # Errors
 ///
 /// When the file cannot be read.
-pub fn usual_time(path: &Path) -> Result<Option<Named>, Error> {
-    Ok(usual(&Table::open(path)?))
+pub fn usual_time(path: &Path, rate: Option<f64>) -> Result<Option<Named>, Error> {
+    Ok(found_time(&Table::open(path)?, None, rate))
+}
+
+fn found_time(table: &Table, given: Option<&Named>, rate: Option<f64>) -> Option<Named> {
+    let period = rate.map(f64::recip);
+    let name = given.map(|n| n.name.clone());
+    if period.is_some() {
+        return Some(Named {
+            name: name.unwrap_or_default(),
+            period,
+        });
+    }
+    given.cloned().or_else(|| usual(table)).or_else(|| {
+        let period = table.period()?;
+        Some(Named {
+            name: String::new(),
+            period: Some(period),
+        })
+    })
 }
 
 fn usual(table: &Table) -> Option<Named> {
-    let name = TIMES.iter().find(|name| table.has(name));
-    name.map(|name| Named::new(*name))
+    let exact = TIMES
+        .iter()
+        .find(|name| table.has(name))
+        .map(|n| (*n).to_owned());
+    let nearly = || {
+        // `Time [s]`, `Zeit (ms)`, `Timestamp`.
+        let bare = |name: &str| {
+            let low = name.to_lowercase();
+            let low = low
+                .split(['[', '('])
+                .next()
+                .unwrap_or_default()
+                .trim()
+                .to_owned();
+            low.strip_suffix("_s")
+                .or(low.strip_suffix("_ms"))
+                .unwrap_or(&low)
+                .to_owned()
+        };
+        table
+            .names()
+            .iter()
+            .find(|n| USUAL.contains(&&*bare(n)))
+            .cloned()
+    };
+    exact.or_else(nearly).map(Named::new)
 }
 
 /// That a column of time rises wherever it has a value.
@@ -403,25 +595,51 @@ pub fn read(path: &Path, wanted: &[Wanted]) -> Result<Vec<Column>, Error> {
     let mut places = Vec::with_capacity(wanted.len());
     let mut columns = Vec::with_capacity(wanted.len());
     for want in wanted {
+        if want.named.name.is_empty() {
+            // The rows themselves count time.
+            places.push(usize::MAX);
+            columns.push(Column {
+                name: ROWS.to_owned(),
+                unit: "s",
+                dimension: TIME,
+                values: Vec::new(),
+                by: By::Option,
+            });
+            continue;
+        }
         let (place, column) = locate(&table, want)?;
         if let Some(k) = places.iter().position(|p| *p == place) {
             let message = format!(
                 "is named twice, by {} and {}; accepted are different columns",
                 wanted[k].option, want.option
             );
-            return Err(table.error(&*table.names[place], message));
+            return Err(table.error(&*table.names()[place], message));
         }
         places.push(place);
         columns.push(column);
     }
-    let numbers = table.numbers(&places, Gaps::Allowed)?;
-    for (column, mut values) in columns.iter_mut().zip(numbers.columns) {
+    let there: Vec<usize> = places
+        .iter()
+        .copied()
+        .filter(|p| *p != usize::MAX)
+        .collect();
+    let numbers = table.numbers(&there, Gaps::Allowed)?;
+    let rows = numbers.lines.len();
+    let mut read = numbers.columns.into_iter();
+    for ((column, place), want) in columns.iter_mut().zip(&places).zip(wanted) {
+        if *place == usize::MAX {
+            let period = want.named.period.unwrap_or(1.0);
+            column.values = (0..rows).map(|k| k as f64 * period).collect();
+            continue;
+        }
+        column.values = read.next().unwrap_or_default();
         let (_, size) = column.dimension.unit(column.unit).unwrap_or(("", 1.0));
-        for value in &mut values {
+        let size = want.named.period.unwrap_or(size);
+        for value in &mut column.values {
             *value *= size;
         }
-        column.values = values;
     }
+    own_times(&table, &columns, &places)?;
     for column in &columns {
         let rows = column.values.len();
         if rows == 0 {
@@ -439,25 +657,74 @@ pub fn read(path: &Path, wanted: &[Wanted]) -> Result<Vec<Column>, Error> {
     Ok(columns)
 }
 
-/// A number, NaN where there is none.
-fn number(field: &[u8], gaps: Gaps) -> Result<f64, (String, &'static str)> {
-    let text = std::str::from_utf8(field)
-        .map_err(|_| (String::from_utf8_lossy(field).into_owned(), "no text"))?;
-    let missing = ["", "nan", "na", "n/a", "null", "-"];
-    if gaps == Gaps::Allowed && missing.iter().any(|m| text.eq_ignore_ascii_case(m)) {
+/// A number, NaN where there is none; of a moment the seconds since the first one.
+fn number(
+    text: &str,
+    gaps: Gaps,
+    decimal_comma: bool,
+    first: &mut Option<i128>,
+) -> Result<f64, String> {
+    if gaps == Gaps::Allowed && layout::is_missing(text) {
         return Ok(f64::NAN);
     }
-    let value: f64 = text.parse().map_err(|_| (text.to_owned(), "no number"))?;
-    if value.is_finite() {
-        Ok(value)
-    } else {
-        Err((text.to_owned(), "not finite"))
+    if let Some(value) = layout::number(text, decimal_comma) {
+        return if value.is_finite() {
+            Ok(value)
+        } else {
+            Err("is not finite".to_owned())
+        };
     }
+    if let Some(moment) = layout::moment(text) {
+        let first = *first.get_or_insert(moment);
+        return Ok((moment - first) as f64 * 1e-9);
+    }
+    Err(if decimal_comma && text.contains('.') {
+        "has a decimal point, where other numbers have a comma".to_owned()
+    } else if text.parse::<f64>().is_ok() {
+        "is not finite".to_owned()
+    } else if !decimal_comma && text.contains(',') {
+        "has a comma, where other numbers have none".to_owned()
+    } else {
+        "is no number".to_owned()
+    })
+}
+
+/// Where channels have columns of time of their own, these are to say the same.
+fn own_times(table: &Table, columns: &[Column], places: &[usize]) -> Result<(), Error> {
+    let names = table.names();
+    if names.first().is_none_or(|n| n != "time_ms") || names.get(2).is_none_or(|n| n != "time_ms 2")
+    {
+        return Ok(());
+    }
+    let own: Vec<usize> = places
+        .iter()
+        .filter(|p| **p != usize::MAX && **p % 2 == 1)
+        .map(|p| p - 1)
+        .collect();
+    let times = table.numbers(&own, Gaps::Allowed)?.columns;
+    for (k, column) in times.iter().enumerate().skip(1) {
+        let step = times[0]
+            .get(1)
+            .zip(times[0].first())
+            .map_or(1.0, |(b, a)| (b - a).abs());
+        let apart = column
+            .iter()
+            .zip(&times[0])
+            .find(|(a, b)| (*a - *b).abs() > 0.01 * step);
+        if apart.is_some() {
+            let message = format!(
+                "its times are others than those of {}; accepted are channels of one sample time, exported together",
+                columns.last().map_or("the others", |c| &*c.name)
+            );
+            return Err(table.error(&*names[own[k] + 1], message));
+        }
+    }
+    Ok(())
 }
 
 fn locate(table: &Table, want: &Wanted) -> Result<(usize, Column), Error> {
-    let text = &want.named.0;
-    let names = &table.names;
+    let text = &want.named.name;
+    let names = table.names();
     let find = |name: &str| names.iter().position(|n| n == name);
     let (place, given) = match (find(text), text.rsplit_once(':')) {
         (Some(place), _) => (place, None),
@@ -465,11 +732,7 @@ fn locate(table: &Table, want: &Wanted) -> Result<(usize, Column), Error> {
             (find(name).unwrap_or_default(), Some(unit.trim()))
         }
         _ => {
-            let message = format!(
-                "no such column for {}; there are {}",
-                want.option,
-                names.join(", ")
-            );
+            let message = format!("no such column for {}; {}", want.option, table.there_are());
             return Err(table.error(&**text, message));
         }
     };
@@ -479,7 +742,10 @@ fn locate(table: &Table, want: &Wanted) -> Result<(usize, Column), Error> {
         let names: Vec<&str> = units.map(|(unit, _)| *unit).collect();
         names.join(", ")
     };
-    let suffix = of_name(name);
+    let suffix = table.layout.units[place]
+        .as_deref()
+        .and_then(|unit| unit_of(&DIMENSIONS, unit))
+        .or_else(|| of_name(name));
     let (dimension, unit, by) = match (given, suffix) {
         (Some(given), _) => {
             let Some((dimension, unit)) = unit_of(want.of, given) else {
@@ -535,6 +801,37 @@ pub fn remarks(columns: &[Column]) -> Vec<String> {
         .collect()
 }
 
+/// How a file was read, in words: what stands between its fields, which columns serve as what and in which units, how
+/// many samples a second.
+///
+/// # Errors
+///
+/// When it cannot be read.
+pub fn understood(
+    path: &Path,
+    wanted: &[Wanted],
+    columns: &[Column],
+    even: Option<&Even>,
+) -> Result<String, Error> {
+    let mut text = Table::open(path)?.understood();
+    for (want, column) in wanted.iter().zip(columns) {
+        let role = want.option.trim_start_matches("--");
+        let by = match column.by {
+            By::Nothing => ", taken so",
+            By::Option | By::Name => "",
+        };
+        let _ = write!(text, "; {role} is {} in {}{by}", column.name, column.unit);
+    }
+    if let Some(even) = even {
+        let samples = even.samples();
+        let _ = write!(text, "; {samples} samples at {:.6} Hz", 1.0 / even.period);
+        if even.gaps > 0 {
+            let _ = write!(text, ", {} gaps", even.gaps);
+        }
+    }
+    Ok(text)
+}
+
 /// Where a record was and what was read of it: what a fragment keeps.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Source {
@@ -553,9 +850,13 @@ impl Source {
                 .iter()
                 .zip(columns)
                 .map(|(w, c)| {
+                    let unit = match w.named.period {
+                        Some(period) => format!("{} Hz", 1.0 / period),
+                        None => c.unit.to_owned(),
+                    };
                     (
                         w.option.trim_start_matches("--"),
-                        format!("{}:{}", c.name, c.unit),
+                        format!("{}:{unit}", c.name),
                     )
                 })
                 .collect(),

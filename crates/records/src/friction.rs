@@ -17,6 +17,8 @@ use std::path::Path;
 pub struct Roles {
     /// Time, where it is named or there.
     pub time: Option<Named>,
+    /// Rows a second, hertz, where no column says when they were taken, or the column of time counts them.
+    pub rate: Option<f64>,
     /// The displacement.
     pub displacement: Named,
     /// The force or torque.
@@ -30,6 +32,7 @@ pub struct Read {
     turns: bool,
     torque: bool,
     remarks: Vec<String>,
+    understood: String,
 }
 
 impl Roles {
@@ -52,8 +55,8 @@ impl Roles {
             },
         ];
         let time = match &self.time {
-            Some(named) => Some(named.clone()),
-            None => columns::usual_time(path)?,
+            Some(named) => Some(columns::time_named(path, Some(named), self.rate)?),
+            None => columns::usual_time(path, self.rate)?,
         };
         if let Some(time) = &time {
             list.push(Wanted {
@@ -71,6 +74,7 @@ impl Roles {
             remarks.push("no column of time: laws that need one were left out".to_owned());
         }
         Ok(Read {
+            understood: columns::understood(path, &list, &read, None)?,
             record: Record::new(
                 read.get(2).map(|t| &t.values[..]),
                 &read[0].values,
@@ -84,6 +88,11 @@ impl Roles {
 }
 
 impl Read {
+    /// How the file was read, in words.
+    pub fn understood(&self) -> &str {
+        &self.understood
+    }
+
     fn unit(&self, name: &str) -> String {
         let way = if self.turns { "rad" } else { "m" };
         let force = if self.torque { "N m" } else { "N" };

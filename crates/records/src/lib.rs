@@ -16,6 +16,7 @@ pub mod columns;
 pub mod fragment;
 pub mod friction;
 pub mod hysteresis;
+mod layout;
 pub mod map;
 pub mod part;
 pub mod resonance;

@@ -90,8 +90,8 @@ pub struct MapDocument {
     /// The file of the map.
     pub map: String,
     /// `aligned`; `side_peak` where the search ended on a lesser peak than the highest; `unsure`
-    /// where the accuracy asked for was not reached; `not_found` where the search found none
-    /// though there is one; `no_light`, `dark`, `no_single_peak`, `too_coarse` or `at_edge` where the map has
+    /// where the accuracy asked for was not reached, or a peak's place is not told; `not_found` where the search found none
+    /// though there is one; `no_light`, `dark`, `no_single_peak`, `too_coarse`, `saturated` or `at_edge` where the map has
     /// no peak that could be told.
     pub outcome: &'static str,
     /// What that means here; empty where aligned.
@@ -137,7 +137,8 @@ pub struct Peak {
     pub x_um: f64,
     /// Up.
     pub y_um: f64,
-    /// Standard deviation of the place in the worse direction, micrometres.
+    /// Standard deviation of the place in the worse direction, micrometres; of the peak by the readings used no less
+    /// than its distance from the one by all readings, where that is more than the readings explain.
     pub deviation_um: f64,
     /// Power at the peak, the background included.
     pub power: f64,
@@ -231,7 +232,15 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Scan, Error> {
         }
     }
     let places = [table.place(x)?, table.place(y)?, table.place(power)?];
-    let read = table.numbers(&places, Gaps::Refused)?.columns;
+    let mut read = table.numbers(&places, Gaps::Allowed)?.columns;
+    // A reading that is not there is none.
+    let whole: Vec<bool> = (0..read[0].len())
+        .map(|k| read.iter().all(|column| column[k].is_finite()))
+        .collect();
+    for column in &mut read {
+        let mut whole = whole.iter();
+        column.retain(|_| whole.next().copied().unwrap_or(true));
+    }
     let [xs, ys, powers] = [&read[0], &read[1], &read[2]];
     if columns.power != PowerUnit::DBm
         && !columns.inverted
@@ -293,7 +302,15 @@ pub fn try_on(
         (Ok(_), None) => ("not_found", String::new()),
     };
     let all = examined.as_ref().ok();
-    let peak = |looked: &Looked| looked.peak.map(|shape| Peak::of(&shape, looked.deviation));
+    // The search's readings alone may be surer than they are right: where all readings tell another place, its
+    // deviation is no less than the distance.
+    let peak = |looked: &Looked| {
+        looked.peak.map(|shape| {
+            let off = all.map_or(0.0, |all| (shape.at - all.peak.at).norm());
+            let own = looked.deviation.max(all.map_or(0.0, |all| all.deviation));
+            Peak::of(&shape, if off > 2.0 * own { off } else { own })
+        })
+    };
     let document = MapDocument {
         map: map.to_owned(),
         outcome,

@@ -20,6 +20,8 @@ use std::path::Path;
 pub struct Roles {
     /// Time; one with a usual name if none.
     pub time: Option<Named>,
+    /// Rows a second, hertz, where no column says when they were taken, or the column of time counts them.
+    pub rate: Option<f64>,
     /// The position's reference, where there is one.
     pub reference: Option<Named>,
     /// The position.
@@ -39,6 +41,8 @@ pub struct Read {
     pub source: Source,
     /// What had to be assumed.
     pub remarks: Vec<String>,
+    /// How the file was read, in words.
+    pub understood: String,
 }
 
 /// What a position may be.
@@ -52,7 +56,7 @@ impl Roles {
     /// Bad input.
     pub fn read(&self, path: &Path) -> Result<Read, Error> {
         let file = path.display().to_string();
-        let time = columns::time_named(path, self.time.as_ref())?;
+        let time = columns::time_named(path, self.time.as_ref(), self.rate)?;
         let wanted = |option, named, of| Wanted { option, named, of };
         let mut list = vec![
             wanted("--time", &time, &[TIME][..]),
@@ -76,7 +80,9 @@ impl Roles {
         } else {
             Kind::Linear
         };
+        let understood = columns::understood(path, &list, &read, Some(&grid))?;
         Ok(Read {
+            understood,
             record: Record::new(grid, self.reference.is_some()),
             kind,
             source: Source::new(path, &list, &read),
@@ -170,6 +176,12 @@ pub fn servo(
             method_name(method)
         )));
     };
+    // An inertia that is not known has been said to be so.
+    if !found.unknown.iter().any(|u| u.covers("inertia"))
+        && let Some(unknown) = unlikely(first.kind, asked.values[0], &found.motion)
+    {
+        return refused(unknown);
+    }
     let best = found.variants[found.best].clone();
     let mut answer = Answer {
         parameters: with_units(&asked.parameters, unit),
@@ -182,7 +194,6 @@ pub fn servo(
             .iter()
             .chain(&found.remarks)
             .cloned()
-            .chain(unlikely(first.kind, asked.values[0], &found.motion))
             .collect(),
         ..Answer::default()
     };
@@ -226,22 +237,30 @@ pub fn servo(
 }
 
 /// What no servo axis is or does: one unit that is wrong for all of a record's columns shows nowhere else.
-fn unlikely(kind: Kind, inertia: f64, motion: &Motion) -> Option<String> {
-    // Of inertia, kg or kg m^2; of stroke, m or rad; of speed, m/s or rad/s.
-    let (inertias, stroke, speed, units) = match kind {
-        Kind::Linear => (1e-6..1e4, 100.0, 100.0, ["kg", "m", "m/s"]),
-        Kind::Rotary => (1e-10..1e4, 1e6, 1e5, ["kg m^2", "rad", "rad/s"]),
+fn unlikely(kind: Kind, inertia: f64, motion: &Motion) -> Option<Unknown> {
+    // Of inertia, kg or kg m^2; of stroke, m or rad; of speed, m/s or rad/s; of acceleration, m/s^2 or rad/s^2.
+    let (inertias, most, units) = match kind {
+        Kind::Linear => (1e-6..1e4, [50.0, 20.0, 2e3], ["kg", "m", "m/s", "m/s^2"]),
+        Kind::Rotary => (
+            1e-10..1e4,
+            [1e6, 2e4, 1e7],
+            ["kg m^2", "rad", "rad/s", "rad/s^2"],
+        ),
     };
-    let ask = "are the units of position and voltage right, and --force-per-volt?";
-    if !inertias.contains(&inertia) {
-        return Some(format!("an inertia of {inertia:.3e} {}: {ask}", units[0]));
-    }
-    (motion.stroke > stroke || motion.speed > speed).then(|| {
+    let found = [motion.stroke, motion.speed, motion.acceleration];
+    let what = if !inertias.contains(&inertia) {
+        format!("an inertia of {inertia:.3e} {}", units[0])
+    } else if found.iter().zip(most).any(|(is, most)| *is > most) {
         format!(
-            "a motion over {:.3e} {} at up to {:.3e} {}: {ask}",
-            motion.stroke, units[1], motion.speed, units[2]
+            "a motion over {:.3e} {} at up to {:.3e} {} and {:.3e} {}",
+            found[0], units[1], found[1], units[2], found[2], units[3]
         )
-    })
+    } else {
+        return None;
+    };
+    Some(Unknown::all(format!(
+        "{what} is none of a servo axis: are the units of position and voltage right (as NAME:UNIT), and --force-per-volt?"
+    )))
 }
 
 /// How far a replay is from its record.
@@ -272,6 +291,7 @@ fn tell_more(
             "validation_error_percent": best.validation_error_percent,
         }),
     );
+    more.insert("time_skew_s".to_owned(), found.skew.into());
     more.insert("variants".to_owned(), variants(found, kind));
     if let Some(c) = &found.controller {
         more.insert(

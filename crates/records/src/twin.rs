@@ -36,6 +36,7 @@ pub fn twin(
     };
     let roles = Roles {
         time: column("time"),
+        rate: None,
         reference: Some(needed("reference")?),
         position: needed("position")?,
         voltage: needed("voltage")?,

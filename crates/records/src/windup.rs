@@ -16,6 +16,8 @@ use std::path::Path;
 pub struct Roles {
     /// Time; one with a usual name if none.
     pub time: Option<Named>,
+    /// Rows a second, hertz, where no column says when they were taken, or the column of time counts them.
+    pub rate: Option<f64>,
     /// The motor's position.
     pub motor: Named,
     /// The load's position.
@@ -33,6 +35,7 @@ pub struct Read {
     turns: bool,
     torque: &'static str,
     remarks: Vec<String>,
+    understood: String,
 }
 
 impl Roles {
@@ -44,7 +47,7 @@ impl Roles {
     pub fn read(&self, path: &Path) -> Result<Read, Error> {
         const MOVES: &[Dimension] = &[ANGLE, LENGTH];
         let file = path.display().to_string();
-        let time = columns::time_named(path, self.time.as_ref())?;
+        let time = columns::time_named(path, self.time.as_ref(), self.rate)?;
         let wanted = |option, named, of| Wanted { option, named, of };
         let mut list = vec![
             wanted("--time", &time, &[TIME][..]),
@@ -62,15 +65,14 @@ impl Roles {
             );
             return Err(Error::new(&file, &read[1].name, message));
         }
-        columns::rising(path, &read[0])?;
         for value in &mut read[1].values {
             *value *= self.ratio;
         }
+        let grid = columns::on_even_grid(path, &read, LEAST)?;
+        let understood = columns::understood(path, &list, &read, Some(&grid))?;
         Ok(Read {
-            record: Record::new(
-                columns::on_even_grid(path, &read, LEAST)?,
-                self.torque.is_some(),
-            ),
+            understood,
+            record: Record::new(grid, self.torque.is_some()),
             turns: read[1].dimension == ANGLE,
             torque: match read.get(3).map(|t| t.dimension) {
                 Some(FORCE) => "N",
@@ -82,6 +84,11 @@ impl Roles {
 }
 
 impl Read {
+    /// How the file was read, in words.
+    pub fn understood(&self) -> &str {
+        &self.understood
+    }
+
     fn unit(&self, name: &str) -> String {
         let (way, torque) = (self.way(), self.torque);
         match name {
@@ -179,6 +186,12 @@ pub fn windup(first: &Read, second: Option<&Read>) -> Found {
     });
     more.insert("models".to_owned(), models.collect());
     let model = answer.is_whole().then(|| calibrates(&found)).flatten();
+    if answer.is_whole() && model.is_none() {
+        answer.remarks.push(format!(
+            "no fragment: {} has no windup of friction in it, which is what a calibration takes out",
+            best.name
+        ));
+    }
     Found {
         shown: Some(shown(first, &found, (scale, unit))),
         answer,
@@ -195,14 +208,11 @@ fn refused(first: &Read, unknown: Unknown) -> Found {
     }
 }
 
-/// Of the models with a windup in them the one that tells best what it was not fitted to.
+/// The model of the verdict, where it has a windup that a calibration could take out.
 fn calibrates(found: &Identified) -> Option<Fitted> {
-    found
-        .models
-        .iter()
-        .filter(|m| value(m, "w_max").is_some_and(|w| w > 0.0) || total(m) > 0.0)
-        .min_by(|a, b| a.held_back.total_cmp(&b.held_back))
-        .cloned()
+    let best = &found.models[found.best];
+    let winds = value(best, "w_max").is_some_and(|w| w > 0.0) || total(best) > 0.0;
+    winds.then(|| best.clone())
 }
 
 /// Radians of the output for a unit of the record's positions: one, or by the screw's lead (m) of an axis

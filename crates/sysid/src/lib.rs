@@ -5,6 +5,7 @@
 //! that looks like one.
 //!
 //! - [`timeline`]: an even grid, gaps, jitter, missing samples;
+//! - [`outliers`]: samples that no motion makes;
 //! - [`servo`]: inertia and friction by the inverse dynamic model, and the closed loop replayed;
 //! - [`friction`]: laws of friction against displacement;
 //! - [`windup`]: a transmission from encoders on both of its sides;
@@ -29,6 +30,7 @@
 
 pub mod friction;
 pub mod map;
+pub mod outliers;
 pub mod resonance;
 pub mod servo;
 pub mod timeline;

@@ -1,5 +1,8 @@
 //! From the moments at which a record was read to samples at equal distances.
 
+use pigtail_numerics::signal::quantile;
+use std::f64::consts::TAU;
+
 /// What a record's moments turned out to be, and its columns on an even grid.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Even {
@@ -13,10 +16,27 @@ pub struct Even {
     pub gaps: usize,
     /// Rows that were missing and have been bridged, or had no value.
     pub bridged: usize,
+    /// Rows that say again what the row before them says; left out.
+    pub twice: usize,
     /// Whether columns had to be interpolated.
     pub interpolated: bool,
-    /// Whether samples that are stamped unevenly were taken so: else they are even and the stamps are not.
-    pub stamps_believed: bool,
+    /// Which clock the samples were taken by.
+    pub clock: Clock,
+}
+
+/// Which clock a record's samples were taken by, as their own smoothness tells.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Clock {
+    /// Even stamps: there is nothing to tell.
+    Even,
+    /// The stamps deviate and the samples were taken when they say.
+    Stamps,
+    /// The stamps deviate, the samples do not: they were taken evenly and stamped unevenly.
+    Nominal,
+    /// The stamps are coarser than the samples are apart, which were taken evenly.
+    Coarse,
+    /// The record does not tell: what the stamps are off by is lost in its noise. Taken as even.
+    Untold,
 }
 
 /// A stretch of a record without a gap.
@@ -52,111 +72,435 @@ const BRIDGE: f64 = 5.5;
 /// Moments that deviate by less than this share of a period, rms, count as even.
 const EVEN: f64 = 0.02;
 
-/// Brings columns to an even grid. Rows in which a column has no value (NaN) are left out; what is
-/// missing for at most five periods is bridged by straight lines, at longer gaps the record is cut.
+/// Rows on either side by whose stamps the phase of the grid is told.
+const SIDE: usize = 40;
+
+/// Share of rows of one stamp with the row before beyond which stamps are coarser than samples.
+const SAME_STAMP: f64 = 0.1;
+
+/// Least certainty of the share of a stamp's deviation at which its sample was taken late too, for that to be told.
+const TOLD: f64 = 0.2;
+
+/// Brings columns to an even grid. Rows in which a column has no value (NaN) are left out, rows that are there
+/// twice too; what is missing for at most five periods is bridged by straight lines, at longer gaps the record is cut.
+///
+/// A stamp that deviates may belong to a sample that was taken late, or to one that was only written down late. The
+/// first column, which moves smoothly, tells which: beside its neighbours a sample that was taken late lies off by
+/// its lateness times the speed.
 ///
 /// # Errors
 ///
 /// When time does not rise, or next to nothing is there.
 pub fn even(time: &[f64], columns: &[&[f64]]) -> Result<Even, Uneven> {
-    let whole = |k: &usize| columns.iter().all(|c| c[*k].is_finite()) && time[*k].is_finite();
-    let kept: Vec<usize> = (0..time.len()).filter(whole).collect();
-    if kept.len() < 2 {
+    let (kept, twice, equal) = usable(time, columns)?;
+    let unusable = time.len() - twice - kept.len();
+    let steps: Vec<f64> = kept.windows(2).map(|w| time[w[1]] - time[w[0]]).collect();
+    let column = columns.first().copied().unwrap_or(time);
+    let coarse = coarse(time, column, &kept, &steps, equal);
+    let period = coarse.unwrap_or_else(|| comb(time, &kept, quantile(&steps, 0.5)));
+    if period <= 0.0 {
+        let row = kept[1] + 1;
+        return Err(Uneven::Falls {
+            row,
+            before: time[kept[0]],
+            after: time[kept[1]],
+        });
+    }
+    let (mut parts, places) = places(time, &kept, &steps, period, coarse.is_some());
+    let gaps = parts.len() - 1;
+    parts.retain(|part| part.len() >= 2);
+    if parts.is_empty() {
         return Err(Uneven::TooShort(kept.len()));
     }
-    for w in kept.windows(2) {
-        if time[w[1]] <= time[w[0]] {
-            return Err(Uneven::Falls {
-                row: w[1] + 1,
-                before: time[w[0]],
-                after: time[w[1]],
-            });
+    let clocks: Vec<(f64, f64)> = parts
+        .iter()
+        .map(|part| clock_of(time, &kept, &places, part))
+        .collect();
+    let rows: usize = parts.iter().map(ExactSizeIterator::len).sum();
+    // Every stretch weighs as its length.
+    let step = |i: usize| {
+        if parts[i].len() > 20 {
+            clocks[i].1
+        } else {
+            period
         }
-    }
-    let steps: Vec<f64> = kept.windows(2).map(|w| time[w[1]] - time[w[0]]).collect();
-    let median = pigtail_numerics::signal::quantile(&steps, 0.5);
-    let singles = || steps.iter().filter(|s| **s < 1.5 * median);
-    let period = singles().sum::<f64>() / singles().count().max(1) as f64;
-    let mut even = Even {
-        period,
-        stretches: Vec::new(),
-        jitter: 0.0,
-        gaps: 0,
-        bridged: time.len() - kept.len(),
-        interpolated: false,
-        stamps_believed: true,
     };
-    // The place of each sample on the grid: a moment that is late is followed by a short step.
-    let mut places = vec![0_usize; kept.len()];
-    let (mut from, mut late, mut jitter) = (0, 0.0, 0.0);
-    let mut parts = Vec::new();
-    for (k, step) in steps.iter().enumerate() {
-        if *step > BRIDGE * period {
-            parts.push(from..k + 1);
-            from = k + 1;
-            late = 0.0;
-            even.gaps += 1;
-            continue;
-        }
-        let way = step / period + late;
-        let whole = way.round().max(1.0);
-        late = 0.9 * (way - whole);
-        jitter += (step / period - whole).powi(2);
-        places[k + 1] = places[k] + whole as usize;
-        if kept[k + 1] == kept[k] + 1 {
-            even.bridged += whole as usize - 1;
+    let own = (0..parts.len())
+        .map(|i| step(i) * parts[i].len() as f64)
+        .sum::<f64>()
+        / rows as f64;
+    let near = (own / period - 1.0).abs() < 0.2;
+    let guess = period;
+    let period = if near { own } else { period };
+    let mut late = vec![0.0; kept.len()];
+    for (part, (start, step)) in parts.iter().zip(&clocks) {
+        let step = if part.len() > 20 { *step } else { guess };
+        for k in part.clone() {
+            late[k] = (time[kept[k]] - start - step * places[k] as f64) / period;
         }
     }
-    parts.push(from..kept.len());
-    // A moment's deviation shows in two steps.
-    even.jitter = (0.5 * jitter / steps.len() as f64).sqrt();
-    even.interpolated = even.jitter > EVEN || even.bridged > 0;
-    if even.jitter > EVEN {
-        // Either the samples were taken at odd moments, or their stamps are odd: a motion is smooth on
-        // the grid that it was sampled on.
-        even.stamps_believed = {
-            let column = columns.first().copied().unwrap_or(time);
-            let (mut stamped, mut counted) = (0.0, 0.0);
-            for part in &parts {
-                let rows = &kept[part.clone()];
-                if rows.len() > 5 {
-                    stamped += roughness(&on_stamps(time, column, rows, period));
-                    counted += roughness(&on_places(column, rows, &places[part.clone()]));
-                }
+    let squares: f64 = late.iter().map(|l| l * l).sum();
+    let jitter = (squares / rows as f64).sqrt();
+    let mut bridged = unusable;
+    for part in &parts {
+        for k in part.start + 1..part.end {
+            if kept[k] == kept[k - 1] + 1 {
+                bridged += places[k] - places[k - 1] - 1;
             }
-            stamped < counted
-        };
-    }
-    for part in parts {
-        let rows = &kept[part.clone()];
-        if rows.len() < 2 {
-            continue;
         }
-        let start = time[rows[0]];
-        let columns = columns
-            .iter()
-            .map(|column| {
-                if even.jitter > EVEN && even.stamps_believed {
+    }
+    let clock = if coarse.is_some() {
+        Clock::Coarse
+    } else if jitter <= EVEN && peak(&late) <= 5.0 * EVEN {
+        Clock::Even
+    } else {
+        told(column, &kept, &places, &parts, &late)
+    };
+    let stretches = parts
+        .iter()
+        .zip(&clocks)
+        .map(|(part, (start, _))| {
+            let rows = &kept[part.clone()];
+            let believed = clock == Clock::Stamps;
+            let on = |column: &&[f64]| {
+                if believed {
                     on_stamps(time, column, rows, period)
                 } else {
                     on_places(column, rows, &places[part.clone()])
                 }
+            };
+            Stretch {
+                start: if believed || part.len() <= 20 {
+                    time[rows[0]]
+                } else {
+                    *start
+                },
+                columns: columns.iter().map(on).collect(),
+            }
+        })
+        .collect();
+    Ok(Even {
+        period,
+        stretches,
+        jitter,
+        gaps,
+        bridged,
+        twice,
+        interpolated: clock == Clock::Stamps || bridged > 0,
+        clock,
+    })
+}
+
+/// Rows with a value in every column, without those that are there twice, how many of these there are, and how many
+/// have the stamp of the row before.
+fn usable(time: &[f64], columns: &[&[f64]]) -> Result<(Vec<usize>, usize, usize), Uneven> {
+    let whole = |k: &usize| columns.iter().all(|c| c[*k].is_finite()) && time[*k].is_finite();
+    let mut kept: Vec<usize> = (0..time.len()).filter(whole).collect();
+    let all = kept.len();
+    let same = |a: usize, b: usize| time[a] == time[b] && columns.iter().all(|c| c[a] == c[b]);
+    kept.dedup_by(|b, a| same(*a, *b));
+    if kept.len() < 2 {
+        return Err(Uneven::TooShort(kept.len()));
+    }
+    let steps = || kept.windows(2).map(|w| (w[1], time[w[0]], time[w[1]]));
+    let equal = steps().filter(|(_, before, after)| before == after).count();
+    // A few of one stamp are no coarse clock.
+    let fault = steps().find(|(_, before, after)| after < before || (after == before && equal < 3));
+    if let Some((row, before, after)) = fault {
+        return Err(Uneven::Falls {
+            row: row + 1,
+            before,
+            after,
+        });
+    }
+    let twice = all - kept.len();
+    Ok((kept, twice, equal))
+}
+
+fn peak(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |m: f64, v| m.max(v.abs()))
+}
+
+/// The period of samples whose stamps are coarser than they are apart, `None` where stamps are not: one line
+/// through all of them, from which none is further than a stamp's own step.
+fn coarse(
+    time: &[f64],
+    column: &[f64],
+    kept: &[usize],
+    steps: &[f64],
+    equal: usize,
+) -> Option<f64> {
+    let n = kept.len();
+    let usual = quantile(steps, 0.5);
+    let uneven = steps
+        .iter()
+        .filter(|s| (**s - usual).abs() > 0.3 * usual)
+        .count();
+    if (uneven as f64) < 0.25 * n as f64 && (equal as f64) < SAME_STAMP * n as f64 {
+        return None;
+    }
+    // Stamps of a coarse clock are few distances apart, or many at one place; those that jitter are any.
+    let mut distances: Vec<f64> = steps.iter().take(2000).copied().collect();
+    distances.sort_by(f64::total_cmp);
+    distances.dedup_by(|b, a| (*b - *a).abs() < 0.01 * usual.max(1e-12));
+    if distances.len() > 8 && (equal as f64) < SAME_STAMP * n as f64 {
+        return None;
+    }
+    let long = quantile(steps, 0.99);
+    let (start, period) = line(
+        kept.iter()
+            .enumerate()
+            .map(|(k, row)| (k as f64, time[*row])),
+    );
+    let off = kept
+        .iter()
+        .enumerate()
+        .map(|(k, row)| time[*row] - start - period * k as f64);
+    let off = off.fold(0.0_f64, |m, o| m.max(o.abs()));
+    if n < 20 || period <= 0.0 || off > 1.2 * long {
+        return None;
+    }
+    if (equal as f64) >= SAME_STAMP * n as f64 {
+        return Some(period);
+    }
+    // Stamps of two distances, or samples of which each so many is missing: what is smooth tells.
+    let rough = |places: &dyn Fn(usize) -> f64| {
+        let mut misses: Vec<f64> = (2..n - 2)
+            .step_by((n / 20_000).max(1))
+            .map(|k| {
+                let x: Vec<f64> = (k - 2..=k + 2).map(|i| places(i) - places(k)).collect();
+                let others = [0, 1, 3, 4];
+                let (mut value, mut gain) = (column[kept[k]], 1.0);
+                for i in others {
+                    let weight: f64 = others
+                        .iter()
+                        .filter(|j| **j != i)
+                        .map(|j| -x[*j] / (x[i] - x[*j]))
+                        .product();
+                    value -= weight * column[kept[k + i - 2]];
+                    gain += weight * weight;
+                }
+                value.abs() / f64::sqrt(gain)
             })
             .collect();
-        even.stretches.push(Stretch { start, columns });
+        misses.retain(|m| m.is_finite());
+        misses.iter().map(|m| m * m).sum::<f64>()
+    };
+    (rough(&|k| k as f64) < rough(&|k| time[kept[k]])).then_some(period)
+}
+
+/// A straight line's value at zero and its slope.
+fn line(points: impl Iterator<Item = (f64, f64)> + Clone) -> (f64, f64) {
+    let (mut n, mut sx, mut sy) = (0.0, 0.0, 0.0);
+    for (x, y) in points.clone() {
+        n += 1.0;
+        sx += x;
+        sy += y;
     }
-    Ok(even)
+    let (mx, my) = (sx / n, sy / n);
+    let (mut xx, mut xy) = (0.0, 0.0);
+    for (x, y) in points {
+        xx += (x - mx) * (x - mx);
+        xy += (x - mx) * (y - my);
+    }
+    let slope = if xx > 0.0 { xy / xx } else { 0.0 };
+    (my - slope * mx, slope)
 }
 
-/// How far samples lie from the cubic through their neighbours, squared and summed.
-fn roughness(column: &[f64]) -> f64 {
-    column
-        .windows(5)
-        .map(|w| (w[2] - (4.0 * (w[1] + w[3]) - (w[0] + w[4])) / 6.0).powi(2))
-        .sum()
+/// The period of the grid that stamps lie on, near a first guess of it: where they agree best on a phase, over ever
+/// longer blocks. Rows that are missing change no phase.
+fn comb(time: &[f64], kept: &[usize], guess: f64) -> f64 {
+    const TRIED: i32 = 16;
+    let mut period = guess;
+    if kept.len() < 64 || guess <= 0.0 {
+        return guess;
+    }
+    for block in [32, 256, 2048] {
+        let agree = |period: f64| -> f64 {
+            let blocks = kept.chunks(block).filter(|b| b.len() == block);
+            let every = (kept.len() / block / 32).max(1);
+            let size = |rows: &[usize]| phase(time, rows, period).0;
+            blocks.step_by(every).map(size).sum()
+        };
+        let reach = 0.5 / block as f64;
+        let tried =
+            (-TRIED..=TRIED).map(|k| period * (1.0 + reach * f64::from(k) / f64::from(TRIED)));
+        let best = tried
+            .map(|p| (agree(p), p))
+            .max_by(|a, b| a.0.total_cmp(&b.0));
+        // Where no period is better than the guess it stays: even stamps are told to the last bit.
+        if let Some((value, better)) = best
+            && value > agree(period) * (1.0 + 1e-9)
+        {
+            period = better;
+        }
+        if kept.len() < 8 * block {
+            break;
+        }
+    }
+    period
 }
 
-/// A column on the grid, its samples taken as of their moments.
+/// How well stamps agree on a phase of a grid, from zero to one, and the phase as a share of its period.
+fn phase(time: &[f64], rows: &[usize], period: f64) -> (f64, f64) {
+    let first = time[rows[0]];
+    let (mut re, mut im) = (0.0, 0.0);
+    for row in rows {
+        let (sin, cos) = (TAU * ((time[*row] - first) / period).fract()).sin_cos();
+        re += cos;
+        im += sin;
+    }
+    let own = im.atan2(re) / TAU;
+    (re.hypot(im) / rows.len() as f64, own)
+}
+
+/// Stretches without a gap, as rows of `kept`, and the place of each row on the grid of its stretch.
+fn places(
+    time: &[f64],
+    kept: &[usize],
+    steps: &[f64],
+    period: f64,
+    coarse: bool,
+) -> (Vec<std::ops::Range<usize>>, Vec<usize>) {
+    let longest = if coarse {
+        BRIDGE * period + quantile(steps, 0.99)
+    } else {
+        BRIDGE * period
+    };
+    let mut places = vec![0_usize; kept.len()];
+    let mut parts = Vec::new();
+    let mut from = 0;
+    for k in 0..=steps.len() {
+        if k < steps.len() && steps[k] <= longest {
+            continue;
+        }
+        let part = from..k + 1;
+        if coarse {
+            for (n, place) in places[part.clone()].iter_mut().enumerate() {
+                *place = n;
+            }
+        } else {
+            on_grid(time, &kept[part.clone()], period, &mut places[part.clone()]);
+        }
+        parts.push(part);
+        from = k + 1;
+    }
+    (parts, places)
+}
+
+/// The place of each row on the grid: the nearest one to its stamp, by the phase that its neighbours agree on. Of two
+/// rows at one place the earlier one was late, if the place before is free, or the later one early.
+fn on_grid(time: &[f64], rows: &[usize], period: f64, places: &mut [usize]) {
+    let n = rows.len();
+    let first = time[rows[0]];
+    let mut at: Vec<i64> = Vec::with_capacity(n);
+    let mut phase_now = f64::NAN;
+    for k in 0..n {
+        if phase_now.is_nan() || k % (SIDE / 2) == 0 {
+            let near = &rows[k.saturating_sub(SIDE)..(k + SIDE).min(n)];
+            let offset = (time[near[0]] - first) / period;
+            let found = offset + phase(time, near, period).1;
+            phase_now = if phase_now.is_nan() {
+                found
+            } else {
+                // The same phase, a little on.
+                found - (found - phase_now).round()
+            };
+        }
+        at.push(((time[rows[k]] - first) / period - phase_now).round() as i64);
+    }
+    for k in 1..n {
+        if at[k] > at[k - 1] {
+            continue;
+        }
+        let free_before = k < 2 || at[k - 2] < at[k] - 1;
+        let free_behind = k + 1 >= n || at[k + 1] > at[k] + 1;
+        if free_before {
+            at[k - 1] = at[k] - 1;
+        } else if free_behind {
+            at[k] = at[k - 1] + 1;
+        }
+    }
+    // What is still at one place: the row before makes room.
+    for k in (1..n).rev() {
+        at[k - 1] = at[k - 1].min(at[k] - 1);
+    }
+    for (place, at_k) in places.iter_mut().zip(&at) {
+        *place = (at_k - at[0]) as usize;
+    }
+}
+
+/// Start and period of a stretch by its stamps: a line through them.
+fn clock_of(
+    time: &[f64],
+    kept: &[usize],
+    places: &[usize],
+    part: &std::ops::Range<usize>,
+) -> (f64, f64) {
+    let first = time[kept[part.start]];
+    let (start, step) = line(
+        part.clone()
+            .map(|k| (places[k] as f64, time[kept[k]] - first)),
+    );
+    // What stamps are late by, they are late by one way: most of them are right.
+    let off = |k: usize| time[kept[k]] - first - start - step * places[k] as f64;
+    let all: Vec<f64> = part.clone().map(off).collect();
+    (first + start + quantile(&all, 0.5), step)
+}
+
+/// Which clock the samples were taken by: a column's miss of the curve through its neighbours, beside what its
+/// stamp's deviation times its speed would have it miss.
+fn told(
+    column: &[f64],
+    kept: &[usize],
+    places: &[usize],
+    parts: &[std::ops::Range<usize>],
+    late: &[f64],
+) -> Clock {
+    let miss = |v: [f64; 5]| v[2] - (4.0 * (v[1] + v[3]) - (v[0] + v[4])) / 6.0;
+    let (mut pairs, mut sizes) = (Vec::new(), Vec::new());
+    for part in parts {
+        for k in part.start + 2..part.end.saturating_sub(2) {
+            if places[k + 2] - places[k - 2] != 4 {
+                continue;
+            }
+            let value = |i: usize| column[kept[i]];
+            let window = [k - 2, k - 1, k, k + 1, k + 2];
+            // Each sample's own speed, by neighbours whose deviations are known no better: first order is enough.
+            let speed = |i: usize| {
+                0.5 * (value((i + 1).min(part.end - 1))
+                    - value(i.saturating_sub(1).max(part.start)))
+            };
+            let expected = miss(window.map(|i| late[i] * speed(i)));
+            let is = miss(window.map(value));
+            pairs.push((expected, is));
+            sizes.push(is.abs());
+        }
+    }
+    // A spike tells nothing of clocks.
+    let far = 30.0 * quantile(&sizes, 0.9);
+    pairs.retain(|(_, is)| is.abs() <= far);
+    let (mut ee, mut ei) = (0.0, 0.0);
+    for (expected, is) in &pairs {
+        ee += expected * expected;
+        ei += expected * is;
+    }
+    if ee <= 0.0 || pairs.len() < 20 {
+        return Clock::Untold;
+    }
+    let share = ei / ee;
+    let left: f64 = pairs.iter().map(|(e, i)| (i - share * e).powi(2)).sum();
+    let sure = (left / pairs.len() as f64 / ee).sqrt();
+    if sure > TOLD {
+        Clock::Untold
+    } else if share > 0.5 {
+        Clock::Stamps
+    } else {
+        Clock::Nominal
+    }
+}
+
+/// A column on the grid, its samples taken as of their moments: the cubic through four of them.
 fn on_stamps(time: &[f64], column: &[f64], rows: &[usize], period: f64) -> Vec<f64> {
     let start = time[rows[0]];
     let last = time[rows[rows.len() - 1]];
@@ -168,9 +512,30 @@ fn on_stamps(time: &[f64], column: &[f64], rows: &[usize], period: f64) -> Vec<f
             while at + 2 < rows.len() && time[rows[at + 1]] < moment {
                 at += 1;
             }
-            let (a, b) = (rows[at], rows[at + 1]);
-            let share = ((moment - time[a]) / (time[b] - time[a])).clamp(0.0, 1.0);
-            column[a] + share * (column[b] - column[a])
+            let straight = |a: usize, b: usize| {
+                let share = ((moment - time[a]) / (time[b] - time[a])).clamp(0.0, 1.0);
+                column[a] + share * (column[b] - column[a])
+            };
+            let line = straight(rows[at], rows[at + 1]);
+            if at == 0 || at + 2 >= rows.len() {
+                return line;
+            }
+            let near = &rows[at - 1..at + 3];
+            let steps = near.windows(2).map(|w| time[w[1]] - time[w[0]]);
+            let (least, most) =
+                steps.fold((f64::INFINITY, 0.0_f64), |(l, m), s| (l.min(s), m.max(s)));
+            if least < 0.05 * period || most > 2.5 * period {
+                return line;
+            }
+            near.iter()
+                .map(|i| {
+                    let others = near.iter().filter(|j| *j != i);
+                    column[*i]
+                        * others
+                            .map(|j| (moment - time[*j]) / (time[*i] - time[*j]))
+                            .product::<f64>()
+                })
+                .sum()
         })
         .collect()
 }
@@ -207,17 +572,29 @@ impl Even {
             let n = self.gaps;
             remarks.push(format!("cut at {n} gaps longer than five sample periods"));
         }
-        if self.jitter > EVEN {
+        if self.twice > 0 {
             remarks.push(format!(
-                "moments deviate by {:.0} % of a sample period from even ones; {}",
-                100.0 * self.jitter,
-                if self.stamps_believed {
-                    "the samples were brought to an even grid"
-                } else {
-                    "the motion is smoother without them, so the samples were taken as even"
-                }
+                "{} rows are there twice; one of each was taken",
+                self.twice
             ));
         }
+        let taken = match self.clock {
+            Clock::Even => return remarks,
+            Clock::Stamps => {
+                "the samples were taken when they say, and were brought to an even grid"
+            }
+            Clock::Nominal => {
+                "the motion is smoother without them: the samples were taken evenly and stamped late"
+            }
+            Clock::Coarse => "the stamps are coarser than the samples, which were taken as even",
+            Clock::Untold => {
+                "that is lost in the noise of the position, and the samples were taken as even"
+            }
+        };
+        remarks.push(format!(
+            "moments deviate by {:.0} % of a sample period from even ones; {taken}",
+            100.0 * self.jitter
+        ));
         remarks
     }
 }
@@ -266,9 +643,12 @@ mod tests {
             "{}",
             even_one.jitter
         );
-        assert!(even_one.stamps_believed);
+        assert_eq!(even_one.clock, Clock::Stamps);
         let sampled_evenly: Vec<f64> = (0..2000).map(|k| (0.01 * f64::from(k)).sin()).collect();
-        assert!(!even(&time, &[&sampled_evenly]).unwrap().stamps_believed);
+        assert_eq!(
+            even(&time, &[&sampled_evenly]).unwrap().clock,
+            Clock::Nominal
+        );
         let falls = even(&[0.0, 1.0, 0.5], &[&[1.0, 1.0, 1.0]]);
         assert!(matches!(falls, Err(Uneven::Falls { row: 3, .. })));
     }

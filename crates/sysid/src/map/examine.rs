@@ -1,8 +1,8 @@
 //! What a whole scan says: is there a peak, and is it one that can be told?
 
-use super::fold::{Fold, SEES, Spread, explain, leaves_noise, left_over, noise_of};
+use super::fold::{Fold, Folding, SEES, Spread, explain, leaves_noise, left_over, noise_of};
 use super::shape::{Datum, Fit, NUMBERS, Shape, fit};
-use super::{Reading, Refusal, Scan};
+use super::{Reading, Refusal, Scan, surround};
 use std::f64::consts::PI;
 
 /// A scan with its peak.
@@ -37,8 +37,8 @@ const ENOUGH: usize = 1500;
 const SIGNIFICANT: f64 = 40.0;
 /// A peak that leaves more than noise is still one where it explains this share of the variance.
 const MOSTLY: f64 = 0.6;
-/// And where it leaves no more than this share of its height on the peak itself.
-const LIKE: f64 = 0.2;
+/// And where it leaves no more than this share of its height on the peak itself, beside the readings' own noise.
+const LIKE: f64 = 0.12;
 /// Fewest readings that must: a peak without its background is six numbers.
 const SEEN: usize = 6;
 /// So many readings may be a peak of their own by accident.
@@ -59,13 +59,59 @@ pub fn examine(scan: &Scan) -> Result<Examined, Refusal> {
     // One reading alone is no peak, but may hide one.
     let mut tries = 0..ALONE_TRIES;
     while tries.next().is_some()
-        && let Err((Refusal::TooCoarse { seen, .. }, Some(shape))) = &last
+        && let Err(refused) = &last
+        && let (Refusal::TooCoarse { seen, .. }, Some(shape)) = &**refused
         && *seen <= ALONE
     {
         data.retain(|(_, d)| shape.share(d.at) <= SEES);
         last = attempt(scan, &data);
     }
-    last.or(first).map_err(|(refusal, _)| refusal)
+    if last.is_err() {
+        let before = data.len();
+        let alone = alone(scan, &data);
+        data.retain(|(k, _)| alone.binary_search(k).is_err());
+        if data.len() < before {
+            last = attempt(scan, &data);
+        }
+    }
+    last.or(first).map_err(|refused| refused.0)
+}
+
+/// Readings that are far brighter or darker than all around them, if they are few: by their numbers, in order.
+fn alone(scan: &Scan, data: &[(usize, Datum)]) -> Vec<usize> {
+    const NEIGHBOURS: usize = 9;
+    const MANY: usize = 20_000;
+    let mut powers: Vec<f64> = data.iter().map(|(_, d)| d.power).collect();
+    powers.sort_by(f64::total_cmp);
+    let n = powers.len();
+    if !(NEIGHBOURS..=MANY).contains(&n) {
+        return Vec::new();
+    }
+    let (median, usual) = (powers[n / 2], powers[n * 9 / 10] - powers[n / 10]);
+    let far = |d: &Datum| (d.power - median).abs() > 2.0 * usual;
+    let is_alone = |(_, d): &&(usize, Datum)| {
+        let mut near: Vec<(f64, f64)> = data
+            .iter()
+            .map(|(_, o)| ((o.at - d.at).norm(), o.power))
+            .collect();
+        near.select_nth_unstable_by(NEIGHBOURS - 1, |a, b| a.0.total_cmp(&b.0));
+        let own = d.power - median;
+        let others = near[..NEIGHBOURS]
+            .iter()
+            .filter(|(away, _)| *away > 1e-3 * scan.spacing());
+        others.map(|(_, p)| (p - median) / own).fold(0.0, f64::max) < 0.5
+    };
+    let mut found: Vec<usize> = data
+        .iter()
+        .filter(|(_, d)| far(d))
+        .filter(is_alone)
+        .map(|(k, _)| *k)
+        .collect();
+    found.sort_unstable();
+    if found.len() > few(n) {
+        found.clear();
+    }
+    found
 }
 
 /// Most readings of so many that may stand apart from the others by accident.
@@ -73,9 +119,12 @@ fn few(readings: usize) -> usize {
     2.max(readings / 50)
 }
 
+/// Why a peak is refused, and which one.
+type Refused = Box<(Refusal, Option<Shape>)>;
+
 /// Examines some of a scan's readings. The shape that was refused, where there was one.
-fn attempt(scan: &Scan, numbered: &[(usize, Datum)]) -> Result<Examined, (Refusal, Option<Shape>)> {
-    let nothing = || (Refusal::NoLight { brightest: 0.0 }, None);
+fn attempt(scan: &Scan, numbered: &[(usize, Datum)]) -> Result<Examined, Refused> {
+    let nothing = || Box::new((Refusal::NoLight { brightest: 0.0 }, None));
     let data: Vec<Datum> = numbered.iter().map(|(_, d)| *d).collect();
     let whole = Spread::of(&data);
     let own_noise = noise_of(&data, scan.spacing());
@@ -98,7 +147,25 @@ fn attempt(scan: &Scan, numbered: &[(usize, Datum)]) -> Result<Examined, (Refusa
     let used = all.iter().filter(|(_, d)| !d.at_least).count();
     let noise = (found.squares / used.saturating_sub(NUMBERS).max(1) as f64).sqrt();
     check(scan, &found, &all, (noise, own_noise), &whole)
-        .map_err(|why| (why, Some(found.shape)))?;
+        .and_then(|()| surround::check(scan, &found, &all, (noise, own_noise)))
+        .map_err(|why| Box::new((why, Some(found.shape))))?;
+    let plain: Vec<Datum> = all
+        .iter()
+        .map(|(_, d)| Datum {
+            sign: 1.0,
+            share: 0.0,
+            ..*d
+        })
+        .collect();
+    if matches!(fold, Folding::MirroredDown(_)) && surround::is_ring(&found, &plain) {
+        let light = plain.iter().max_by(|a, b| a.power.total_cmp(&b.power));
+        let refusal = Refusal::OffCentre {
+            middle: found.shape.at,
+            brightest: light.map_or(found.shape.at, |d| d.at),
+            share: (found.level - found.shape.height).abs() / found.level.abs(),
+        };
+        return Err(Box::new((refusal, Some(found.shape))));
+    }
     let mut unfolded: Vec<Option<f64>> = vec![None; scan.readings.len()];
     for (k, d) in all.iter().filter(|(_, d)| !d.at_least) {
         unfolded[*k] = Some(d.sign * (d.power - d.share * found.level));
@@ -107,7 +174,9 @@ fn attempt(scan: &Scan, numbered: &[(usize, Datum)]) -> Result<Examined, (Refusa
     let is_folded = |d: &Datum| d.at_least || d.share != 0.0;
     Ok(Examined {
         peak: found.shape,
-        deviation: found.deviation(noise),
+        deviation: found
+            .deviation(noise)
+            .max(surround::apart(&found, &all, fold.is_free(), noise)),
         noise,
         explained: 1.0 - (found.squares / whole.squares).min(1.0),
         only_noise_left: leaves_noise(&kept, &found, own_noise),
@@ -158,7 +227,8 @@ fn check(
     }
     let unexplained = found.squares / whole.squares;
     let data: Vec<Datum> = all.iter().map(|(_, d)| *d).collect();
-    let unlike = left_over(&data, found, SEES).sqrt() > LIKE * shape.height.abs();
+    let own = own_noise * own_noise;
+    let unlike = left_over(&data, found, SEES) - own > (LIKE * shape.height).powi(2);
     if !leaves_noise(&data, found, own_noise) && (unexplained > 1.0 - MOSTLY || unlike) {
         return Err(Refusal::Shapeless { unexplained });
     }

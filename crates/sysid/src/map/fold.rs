@@ -198,9 +198,9 @@ pub(super) fn explain(
     let plain = plain?;
     let mut best = (plain, Folding::Plain);
     let enough = MUCH_BETTER * plain.squares;
-    let top = data.iter().filter(|d| d.power >= spread.top).count();
+    let (level, top) = bound(data, spread, &plain, scan.spacing());
     if top >= CLIPPED && top < data.len() / 2 {
-        let fold = Folding::Clipped(spread.top);
+        let fold = Folding::Clipped(level);
         let clipped = fold.data(data, &plain.shape);
         let mut found = None;
         for height in [1.0, 1.5, 2.5] {
@@ -234,6 +234,40 @@ pub(super) fn explain(
         }
     }
     Some(best)
+}
+
+/// The level at which light is cut off, and how many readings stand there: the top one where several have just that,
+/// or a plateau that is only nearly flat, of more readings than a peak has at its top.
+fn bound(data: &[Datum], spread: &Spread, plain: &Fit, spacing: f64) -> (f64, usize) {
+    const NEARLY: f64 = 0.04;
+    const TIMES: f64 = 2.5;
+    const LEAST: usize = 6;
+    let same = data.iter().filter(|d| d.power >= spread.top).count();
+    if same >= CLIPPED {
+        return (spread.top, same);
+    }
+    let level = spread.top - NEARLY * spread.range();
+    let near = data.iter().filter(|d| d.power >= level).count();
+    // What a peak without a bound has so near its top, by its flanks: from half of its height to a fifth of it.
+    let within = |low: f64, high: f64| {
+        let above = |share: f64| spread.median + share * (spread.top - spread.median);
+        let inside = data
+            .iter()
+            .filter(|d| d.power >= above(low) && d.power < above(high));
+        inside.count() as f64
+    };
+    // A Gaussian's area between two shares of its height goes with the logarithm of their ratio.
+    let flanks = within(0.2, 0.6);
+    let area = flanks / f64::ln(0.6 / 0.2);
+    let own =
+        area * -f64::ln(1.0 - NEARLY * spread.range() / (spread.top - spread.median).max(1e-300));
+    let (long, short, _) = plain.shape.ellipse();
+    let by_fit = std::f64::consts::PI * long * short * NEARLY / (spacing * spacing);
+    if near >= LEAST && near as f64 > TIMES * own.max(1.0) && near as f64 > by_fit {
+        (level, near)
+    } else {
+        (spread.top, same)
+    }
 }
 
 /// Whether a shape leaves no more than `noise`, or than a peak does that is not quite a Gaussian:

@@ -14,6 +14,7 @@ mod examine;
 mod fold;
 mod look;
 mod shape;
+mod surround;
 
 pub use examine::{Examined, examine};
 pub use fold::Fold;
@@ -177,6 +178,34 @@ pub enum Refusal {
         /// Where the peak seems to be.
         at: Displacement,
     },
+    /// It is brightest elsewhere than in the middle of the light: a ring, or a peak beside another.
+    OffCentre {
+        /// Where the middle of the light is.
+        middle: Displacement,
+        /// Where it is brightest.
+        brightest: Displacement,
+        /// The power in the middle, as a share of the brightest above the background.
+        share: f64,
+    },
+    /// There is another peak.
+    Several {
+        /// Where the other one is.
+        other: Displacement,
+        /// Its height as a share of the highest one's.
+        share: f64,
+    },
+    /// So much of the light is at the instrument's bound that its middle is not told.
+    Saturated {
+        /// The share of the readings on the light that are.
+        share: f64,
+    },
+    /// There may be a peak, but its place is not told.
+    Vague {
+        /// Standard deviation of its place, metres.
+        deviation: f64,
+        /// The short radius that it seems to have, metres.
+        radius: f64,
+    },
 }
 
 impl Refusal {
@@ -185,7 +214,11 @@ impl Refusal {
         match self {
             Self::NoLight { .. } => "no_light",
             Self::Dark { .. } => "dark",
-            Self::Shapeless { .. } => "no_single_peak",
+            Self::Shapeless { .. } | Self::OffCentre { .. } | Self::Several { .. } => {
+                "no_single_peak"
+            }
+            Self::Saturated { .. } => "saturated",
+            Self::Vague { .. } => "unsure",
             Self::TooCoarse { .. } => "too_coarse",
             Self::AtEdge { .. } => "at_edge",
         }
@@ -213,6 +246,40 @@ impl std::fmt::Display for Refusal {
                 "one peak leaves {:.0} % of the readings' variance, far more than noise: there are \
                  several, or the signal was folded in a way that nothing here explains",
                 unexplained * 100.0
+            ),
+            Self::OffCentre {
+                middle,
+                brightest,
+                share,
+            } => write!(
+                f,
+                "it is brightest at {:.3}, {:.3} um, not in the middle of the light at {:.3}, {:.3} um, which has {:.0} \
+                 % of that: a ring, several peaks, or light that was folded",
+                brightest.x * 1e6,
+                brightest.y * 1e6,
+                middle.x * 1e6,
+                middle.y * 1e6,
+                share * 100.0
+            ),
+            Self::Several { other, share } => write!(
+                f,
+                "there are several peaks: beside the highest one there is another of {:.0} % of its height at {:.3}, \
+                 {:.3} um",
+                share * 100.0,
+                other.x * 1e6,
+                other.y * 1e6
+            ),
+            Self::Saturated { share } => write!(
+                f,
+                "the light is saturated: {:.0} % of the readings on the peak stand at one level, and its middle is \
+                 not told by what is left of it; less light or less gain shows it",
+                share * 100.0
+            ),
+            Self::Vague { deviation, radius } => write!(
+                f,
+                "a peak may be there, of {:.3} um in radius, but its place is known to {:.3} um only",
+                radius * 1e6,
+                deviation * 1e6
             ),
             Self::TooCoarse {
                 seen,

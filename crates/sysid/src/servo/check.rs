@@ -4,6 +4,7 @@ use super::{
     Equations, Friction, Method, POSITION, REFERENCE, Record, Settings, VOLTAGE, tolerance,
 };
 use crate::Unknown;
+use crate::timeline::Clock;
 use pigtail_numerics::regression::least_squares;
 use pigtail_numerics::signal::{Lowpass, decimate, derivative, quantile, rms};
 
@@ -29,8 +30,14 @@ const OWN: f64 = 0.01;
 /// Least power of the acceleration over that of the noise in it.
 const ABOVE_NOISE: f64 = 10.0;
 
+/// Largest share of the acceleration's power that may be noise: it makes the inertia too small by as much.
+pub(super) const QUIET: f64 = 0.005;
+
 /// Share of the force's power that may be filtered off.
 const LOST: f64 = 0.5;
+
+/// By so large a share ordinary and robust fits may differ in the inertia.
+const DISAGREE: f64 = 0.1;
 
 /// Largest share of the force that a parameter's standard deviation may be worth.
 const UNSURE: f64 = 0.25;
@@ -48,7 +55,9 @@ pub(super) fn whole(
              {FASTEST} to {SLOWEST} s: is the unit of time right?"
         )));
     }
-    if record.even.jitter > 0.25 {
+    // Samples that were taken evenly are even, however they were stamped.
+    let odd = matches!(record.even.clock, Clock::Stamps | Clock::Untold);
+    if odd && record.even.jitter > 0.35 {
         return Err(Unknown::all(format!(
             "its moments deviate by {:.0} % of a sample period from even ones: velocity would be noise",
             100.0 * record.even.jitter
@@ -97,6 +106,16 @@ fn span(values: &[f64]) -> f64 {
 fn against_reference(record: &Record, position: &[f64], reference: &[f64]) -> Result<(), Unknown> {
     if span(reference) <= 0.0 {
         return Err(Unknown::all("the reference never changes"));
+    }
+    let equal = position
+        .iter()
+        .zip(reference)
+        .filter(|(q, r)| q == r)
+        .count();
+    if equal as f64 > 0.5 * position.len() as f64 {
+        return Err(Unknown::all(
+            "position and reference are the same: one of the columns is the other",
+        ));
     }
     let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;
     let (q0, r0) = (mean(position), mean(reference));
@@ -428,6 +447,13 @@ pub(super) fn white(record: &Record, set: &Settings) -> f64 {
     1.4826 * quantile(&taken, 0.5) / share.sqrt()
 }
 
+/// Share of the acceleration's power that is the position's noise.
+pub(super) fn noise_share(record: &Record, set: &Settings) -> f64 {
+    let columns = Equations::of(record, set);
+    let power = rms(columns.acceleration.iter().copied());
+    (noise(record, set).acceleration / power.max(f64::MIN_POSITIVE)).powi(2)
+}
+
 fn noise(record: &Record, set: &Settings) -> Noise {
     const LENGTH: usize = 1024;
     let white = white(record, set);
@@ -491,6 +517,41 @@ pub(super) fn together(
         ));
     }
     Ok(())
+}
+
+/// Where few samples decide, ordinary and robust fits come apart: an inertia is then not known, and the rest is less
+/// sure by it.
+pub(super) fn robustly(variants: &mut [super::Variant], unknown: &mut Vec<Unknown>) {
+    for friction in [Friction::Symmetric, Friction::Asymmetric] {
+        let values = |method: Method| {
+            let found = variants
+                .iter()
+                .find(|v| v.friction == friction && v.method == method);
+            found.map(|v| v.values.clone())
+        };
+        let (Some(ordinary), Some(weighted)) =
+            (values(Method::LeastSquares), values(Method::Weighted))
+        else {
+            continue;
+        };
+        for variant in variants.iter_mut().filter(|v| v.friction == friction) {
+            let off = ordinary.iter().zip(&weighted);
+            for (parameter, (a, b)) in variant.parameters.iter_mut().zip(off) {
+                if let Some(known) = &mut parameter.known {
+                    known.std_correlated = known.std_correlated.max(0.5 * (a - b).abs());
+                }
+            }
+        }
+        let (a, b) = (ordinary[0], weighted[0]);
+        if (a - b).abs() > DISAGREE * a.abs() && !unknown.iter().any(|u| u.covers("inertia")) {
+            unknown.push(Unknown {
+                parameters: vec!["inertia"],
+                because: format!(
+                    "few samples decide on it: all of them give {a:.4e}, those that agree with each other {b:.4e}"
+                ),
+            });
+        }
+    }
 }
 
 /// Parameters whose uncertainty is worth as much as a good part of the force.

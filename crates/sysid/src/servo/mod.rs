@@ -14,9 +14,11 @@
 //! Reference Models of EMPS*, Workshop on Nonlinear System Identification Benchmarks, 2019.
 
 mod check;
+mod clipped;
 mod controller;
 mod motion;
 mod replay;
+mod skew;
 mod sliding;
 
 pub use controller::Controller;
@@ -24,6 +26,7 @@ pub use motion::Motion;
 pub use replay::{Axis, Replay};
 pub use sliding::Sliding;
 
+use super::outliers;
 use super::timeline::Even;
 use super::{Account, Known, Parameter, Unknown};
 use nalgebra::DMatrix;
@@ -215,6 +218,53 @@ impl Equations {
         equations
     }
 
+    /// Equations that are so far from all others that they would decide alone, if they are few.
+    fn apart(&self) -> Option<Vec<bool>> {
+        let x = self.matrix(Friction::Asymmetric, Method::LeastSquares);
+        let found = robust(&x, &self.force)?;
+        let sizes: Vec<f64> = found.residuals.iter().map(|r| r.abs()).collect();
+        let far = APART * 1.4826 * quantile(&sizes, 0.5);
+        let count = sizes.iter().filter(|s| **s > far).count();
+        let few = count > 0 && count as f64 <= FEW * sizes.len() as f64;
+        few.then(|| sizes.iter().map(|s| *s <= far).collect())
+    }
+
+    /// Leaves out what is not to be believed.
+    fn retain(&mut self, keep: &[bool]) {
+        let Self {
+            time,
+            force,
+            lag,
+            position,
+            acceleration,
+            velocity,
+            sign,
+            one,
+            forward,
+            backward,
+            one_way: _,
+        } = self;
+        let [f0, f1] = forward;
+        let [b0, b1] = backward;
+        for column in [
+            time,
+            force,
+            lag,
+            position,
+            acceleration,
+            velocity,
+            sign,
+            one,
+            f0,
+            f1,
+            b0,
+            b1,
+        ] {
+            let mut flags = keep.iter();
+            column.retain(|_| flags.next().copied().unwrap_or(true));
+        }
+    }
+
     fn columns(&self, friction: Friction) -> Vec<&[f64]> {
         match friction {
             // Coulomb friction and offset in one column, which stands where Coulomb friction does.
@@ -259,14 +309,22 @@ pub const LEAST: usize = 100;
 /// Share of the highest speed below which an axis may stick.
 const SLOW: f64 = 0.1;
 
+/// An equation misses by so many of the usual standard deviations where it stands apart, and so large a share of
+/// them may.
+const APART: f64 = 15.0;
+const FEW: f64 = 0.01;
+
+/// Most places where a position may jump, and the record be cut.
+const MOST_STEPS: usize = 8;
+
 /// Fewest equations.
 const LEAST_EQUATIONS: usize = 60;
 
 /// Delay of the voltage beyond which it is no delay, but columns of other moments, samples.
-const LATEST: f64 = 10.0;
+const LATEST: f64 = 5.5;
 
 /// Relative error beyond which a model explains nothing, per cent.
-const UNEXPLAINED: f64 = 50.0;
+const UNEXPLAINED: f64 = 100.0 / 3.0;
 
 /// By how much a variant's error may lie above the least, for a simpler one is preferred.
 const AS_GOOD: f64 = 1.01;
@@ -340,6 +398,8 @@ pub struct Identified {
     pub remarks: Vec<String>,
     /// How far its motion went.
     pub motion: Motion,
+    /// By how much later than its stamp the voltage acts, seconds, where that was taken out; zero where it was not.
+    pub skew: f64,
     columns: Equations,
 }
 
@@ -377,23 +437,29 @@ pub fn identify(
     set: &Settings,
 ) -> Result<Identified, Unknown> {
     let mut remarks = record.even.remarks();
+    let (record, second) = (
+        &cleaned(record, &mut remarks)?,
+        second.map(|r| cleaned(r, &mut Vec::new())).transpose()?,
+    );
+    let set = &quiet(record, set, &mut remarks);
     check::whole(record, set, &mut remarks)?;
-    let mut columns = Equations::of(record, set);
-    if columns.force.len() < LEAST_EQUATIONS {
-        return Err(Unknown::all(format!(
-            "it makes {} equations of {} samples; wanted are at least {LEAST_EQUATIONS}",
-            columns.force.len(),
-            record.even.samples()
-        )));
-    }
     let controller = set
         .controller
         .or_else(|| controller::fit(record).filter(|c| c.error_percent < 10.0));
+    // Voltage and position of the same moments first; everything else rests on that.
+    let skew = skew::skew(record, set)?;
+    remarks.extend(skew.remark(record.even.period));
+    let stamped = record;
+    let record = &skew.taken_out(record);
+    let second = second.map(|r| skew.taken_out(&r));
+    let mut columns = Equations::of(record, set);
+    enough(&columns, record)?;
     check::bandwidth(record, &columns, set)?;
     let mut unknown = check::excitation(record, &mut columns, set)?;
+    let keep = believed(&mut columns, record, set, &mut remarks)?;
     let second = second.map(|r| Equations {
         one_way: columns.one_way,
-        ..Equations::of(r, set)
+        ..Equations::of(&r, set)
     });
     let mut variants = variants(
         record,
@@ -402,6 +468,7 @@ pub fn identify(
         &columns,
         controller.as_ref(),
         &unknown,
+        (stamped, keep.as_deref()),
     );
     let Some(first) = variants.first() else {
         return Err(Unknown::all(
@@ -409,10 +476,18 @@ pub fn identify(
         ));
     };
     if first.values[0] <= 0.0 && !unknown.iter().any(|u| u.covers("inertia")) {
-        return Err(Unknown::all(
-            "the inertia that fits it best is negative: voltage or position has the wrong sign, or columns \
-             are swapped",
-        ));
+        if unknown.is_empty() {
+            return Err(Unknown::all(
+                "the inertia that fits it best is negative: voltage or position has the wrong sign, or columns \
+                 are swapped",
+            ));
+        }
+        unknown.push(Unknown {
+            parameters: vec!["inertia"],
+            because:
+                "it moves at constant speed, nearly: the inertia that fits it best is negative"
+                    .to_owned(),
+        });
     }
     check::driving(first, &columns)?;
     if first.relative_error_percent > UNEXPLAINED {
@@ -422,13 +497,11 @@ pub fn identify(
         )));
     }
     check::uncertain(first, &columns, &mut unknown);
+    check::robustly(&mut variants, &mut unknown);
     check::together(&variants, record.even.period, &mut remarks)?;
-    let hidden = unknown.clone();
-    for variant in &mut variants {
-        for parameter in &mut variant.parameters {
-            if hidden.iter().any(|u| u.covers(parameter.name)) {
-                parameter.known = None;
-            }
+    for parameter in variants.iter_mut().flat_map(|v| &mut v.parameters) {
+        if unknown.iter().any(|u| u.covers(parameter.name)) {
+            parameter.known = None;
         }
     }
     let error = |v: &Variant| v.validation_error_percent.unwrap_or(f64::INFINITY);
@@ -445,8 +518,105 @@ pub fn identify(
         equations: columns.force.len(),
         remarks,
         motion: Motion::of(record, &columns, set),
+        skew: skew.at_start * record.even.period,
         columns,
     })
+}
+
+/// Leaves out the equations that are not to be believed: which were kept, where some were not.
+fn believed(
+    columns: &mut Equations,
+    record: &Record,
+    set: &Settings,
+    remarks: &mut Vec<String>,
+) -> Result<Option<Vec<bool>>, Unknown> {
+    if columns.one_way {
+        return Ok(None);
+    }
+    let out = |keep: &[bool]| keep.iter().filter(|k| !**k).count();
+    let mut keep = None;
+    if let Some((whole, level)) = clipped::clipped(record, set, columns)? {
+        remarks.push(format!(
+            "the voltage is cut off in the record: where it is high the motion asks for more than is written; the \
+             equations above {level:.3} V were left out, {:.0} % of them",
+            100.0 * out(&whole) as f64 / whole.len() as f64
+        ));
+        columns.retain(&whole);
+        enough(columns, record)?;
+        keep = Some(whole);
+    }
+    if let Some(near) = columns.apart() {
+        remarks.push(format!(
+            "{} of {} equations stand apart from all others, by more than {APART} standard deviations; set aside",
+            out(&near),
+            near.len()
+        ));
+        columns.retain(&near);
+        let all = keep.unwrap_or_else(|| vec![true; near.len()]);
+        let mut near = near.into_iter();
+        let both = all.into_iter().map(|k| k && near.next().unwrap_or(true));
+        keep = Some(both.collect());
+    }
+    Ok(keep)
+}
+
+fn enough(columns: &Equations, record: &Record) -> Result<(), Unknown> {
+    if columns.force.len() >= LEAST_EQUATIONS {
+        return Ok(());
+    }
+    Err(Unknown::all(format!(
+        "it makes {} equations of {} samples in {} stretches; wanted are at least {LEAST_EQUATIONS}",
+        columns.force.len(),
+        record.even.samples(),
+        record.even.stretches.len()
+    )))
+}
+
+/// A record without what no motion makes.
+fn cleaned(record: &Record, remarks: &mut Vec<String>) -> Result<Record, Unknown> {
+    let mut record = record.clone();
+    let position = outliers::smooth(&mut record.even, POSITION);
+    let volts = outliers::jumping(&mut record.even, VOLTAGE);
+    remarks.extend(position.remarks("position"));
+    if volts > 0 {
+        remarks.push(format!(
+            "{volts} single samples of the voltage stand apart from both their neighbours; set aside, and bridged"
+        ));
+    }
+    if position.steps > MOST_STEPS {
+        return Err(Unknown::all(format!(
+            "its position jumps as no motion does at {} places: rows are missing that no stamp shows, or the encoder \
+             loses counts",
+            position.steps
+        )));
+    }
+    Ok(record)
+}
+
+/// Settings under which the noise of the position is next to nothing beside the acceleration: noise in what a force
+/// is told by makes an inertia too small. Only where no cutoff was given.
+fn quiet(record: &Record, set: &Settings, remarks: &mut Vec<String>) -> Settings {
+    let period = record.even.period;
+    let usual = set.cutoff(period);
+    let mut quiet = *set;
+    if set.cutoff.is_some() || set.decimate.is_some() {
+        return quiet;
+    }
+    for halvings in 0..4 {
+        if halvings > 0 {
+            quiet.cutoff = Some(usual * 0.5_f64.powi(halvings));
+        }
+        if check::noise_share(record, &quiet) < check::QUIET {
+            break;
+        }
+    }
+    if let Some(cutoff) = quiet.cutoff {
+        remarks.push(format!(
+            "the position is noisy: filtered at {cutoff:.3} Hz instead of {usual:.3} Hz, so that its noise does not \
+             count as acceleration"
+        ));
+    }
+    quiet
 }
 
 /// Every law of friction by every method, and how each tells what it was not fitted to.
@@ -457,6 +627,7 @@ fn variants(
     columns: &Equations,
     controller: Option<&Controller>,
     unknown: &[Unknown],
+    (stamped, keep): (&Record, Option<&[bool]>),
 ) -> Vec<Variant> {
     let mut variants = Vec::new();
     for friction in [Friction::Symmetric, Friction::Asymmetric] {
@@ -475,7 +646,7 @@ fn variants(
         };
         let instruments = controller
             .filter(|_| record.has_reference && !columns.one_way && ordinary.values[0] > 0.0)
-            .and_then(|c| instruments(record, &axis(&ordinary.values), c, set))
+            .and_then(|c| instruments(stamped, &axis(&ordinary.values), c, set, keep))
             .filter(|z| z.force.len() == columns.force.len());
         // What another sample of delay would change: nobody knows when within it a voltage acts.
         let later: Vec<f64> = columns
@@ -627,6 +798,7 @@ fn instruments(
     axis: &Axis,
     controller: &Controller,
     set: &Settings,
+    keep: Option<&[bool]>,
 ) -> Option<Equations> {
     let mut equations = Equations::default();
     for stretch in &record.even.stretches {
@@ -647,6 +819,9 @@ fn instruments(
             &prediction.voltage,
             set,
         );
+    }
+    if let Some(keep) = keep.filter(|k| k.len() == equations.force.len()) {
+        equations.retain(keep);
     }
     Some(equations)
 }

@@ -3,7 +3,7 @@
 use super::LEAST;
 use super::signals::Signals;
 use crate::Unknown;
-use crate::timeline::Even;
+use crate::timeline::{Clock, Even};
 use pigtail_numerics::regression::{least_squares, matrix, tolerance};
 use pigtail_numerics::signal::{quantile, rms};
 
@@ -14,7 +14,8 @@ pub(super) fn check(signals: &Signals, even: &Even) -> Result<(), Unknown> {
             "it has {n} samples in stretches; wanted are at least {LEAST}"
         )));
     }
-    if even.jitter > 0.3 {
+    let odd = matches!(even.clock, Clock::Stamps | Clock::Untold);
+    if odd && even.jitter > 0.35 {
         return Err(Unknown::all(format!(
             "its moments deviate by {:.0} % of a sample period: a skew would be lost in that",
             100.0 * even.jitter
@@ -31,6 +32,11 @@ pub(super) fn check(signals: &Signals, even: &Even) -> Result<(), Unknown> {
         .collect();
     if load.iter().all(|l| *l == load[0]) {
         return Err(Unknown::all("the load never moves"));
+    }
+    if signals.windup.iter().filter(|w| **w == 0.0).count() > n / 2 {
+        return Err(Unknown::all(
+            "motor and load read the same: one of the columns is the other",
+        ));
     }
     let one = vec![1.0; n];
     let slope = least_squares(&matrix(&[&signals.position, &one]), &load);

@@ -1,0 +1,642 @@
+//! How a file of columns is written: its encoding, what stands between fields, where its names are.
+//!
+//! Nobody says so in the file. It is told from the rows themselves: whatever splits most lines into as many numbers
+//! each is the delimiter; the line above them has the names, the one between, if all of it is units, the units.
+
+use std::borrow::Cow;
+use std::fmt::Write as _;
+
+/// How a file is written.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Layout {
+    /// What stands between fields; a blank for any number of blanks and tabs.
+    pub(crate) delimiter: u8,
+    /// Whether numbers have a decimal comma.
+    pub(crate) decimal_comma: bool,
+    /// Names of the columns.
+    pub(crate) names: Vec<String>,
+    /// Their units, where a row has them.
+    pub(crate) units: Vec<Option<String>>,
+    /// Where the rows begin, bytes.
+    pub(crate) body: usize,
+    /// The line in which they begin, from one.
+    pub(crate) first_line: usize,
+    /// Seconds between samples, where the lines above say so.
+    pub(crate) period: Option<f64>,
+    /// The line of names; `None` where no line has names.
+    pub(crate) names_line: Option<usize>,
+    /// Whether the last field of every row is empty.
+    pub(crate) trailing: bool,
+    /// The line above the rows and how many fields it has, where these are not the rows'.
+    pub(crate) other: Option<(usize, usize)>,
+    encoding: &'static str,
+}
+
+/// Lines that are looked at.
+const LOOKED_AT: usize = 800;
+
+/// A file's text, and how it was encoded.
+pub(crate) fn decode(bytes: &[u8]) -> (String, &'static str) {
+    let wide = |bytes: &[u8], of: fn([u8; 2]) -> u16| {
+        let units = bytes.chunks_exact(2).map(|c| of([c[0], c[1]]));
+        char::decode_utf16(units)
+            .map(|c| c.unwrap_or(char::REPLACEMENT_CHARACTER))
+            .collect()
+    };
+    match bytes {
+        [0xef, 0xbb, 0xbf, rest @ ..] => (
+            String::from_utf8_lossy(rest).into_owned(),
+            "UTF-8 with a byte-order mark",
+        ),
+        [0xff, 0xfe, rest @ ..] => (wide(rest, u16::from_le_bytes), "UTF-16"),
+        [0xfe, 0xff, rest @ ..] => (wide(rest, u16::from_be_bytes), "UTF-16"),
+        // Without a mark: text of mostly Latin letters has a zero in every second byte.
+        [_, 0, _, 0, ..] => (wide(bytes, u16::from_le_bytes), "UTF-16"),
+        [0, _, 0, _, ..] => (wide(bytes, u16::from_be_bytes), "UTF-16"),
+        _ => match std::str::from_utf8(bytes) {
+            Ok(text) => (text.to_owned(), "UTF-8"),
+            Err(_) => (bytes.iter().map(|b| char::from(*b)).collect(), "Latin-1"),
+        },
+    }
+}
+
+/// A line's fields, without blanks and quotes around them.
+pub(crate) fn split(line: &str, delimiter: u8) -> Vec<Cow<'_, str>> {
+    let bare = |field: &str| field.trim().trim_matches('"').trim().to_owned();
+    if delimiter == b' ' {
+        return line
+            .split_whitespace()
+            .map(|f| Cow::Owned(bare(f)))
+            .collect();
+    }
+    if !line.contains('"') {
+        return line
+            .split(char::from(delimiter))
+            .map(|f| Cow::Borrowed(f.trim()))
+            .collect();
+    }
+    let (mut fields, mut field, mut quoted) = (Vec::new(), String::new(), false);
+    for c in line.chars() {
+        match c {
+            '"' => quoted = !quoted,
+            c if c == char::from(delimiter) && !quoted => {
+                fields.push(Cow::Owned(bare(&std::mem::take(&mut field))));
+            }
+            c => field.push(c),
+        }
+    }
+    fields.push(Cow::Owned(bare(&field)));
+    fields
+}
+
+/// What a field without a value may say.
+pub(crate) fn is_missing(text: &str) -> bool {
+    [
+        "",
+        "nan",
+        "na",
+        "n/a",
+        "null",
+        "none",
+        "-",
+        "-nan",
+        "nan(ind)",
+        "-nan(ind)",
+        "#n/a",
+        "?",
+    ]
+    .iter()
+    .any(|m| text.eq_ignore_ascii_case(m))
+}
+
+/// A number as a file writes it.
+pub(crate) fn number(text: &str, decimal_comma: bool) -> Option<f64> {
+    if decimal_comma {
+        // One that has a point too would be another number by the other habit.
+        if text.contains('.') {
+            return None;
+        }
+        if text.contains(',') {
+            return plain(&text.replacen(',', ".", 1));
+        }
+    }
+    plain(text)
+}
+
+fn plain(text: &str) -> Option<f64> {
+    // `inf`, `nan` and the like are words; `1d-3` is how Fortran writes.
+    let first = text.trim_start_matches(['+', '-']).chars().next()?;
+    if !(first.is_ascii_digit() || first == '.') {
+        return None;
+    }
+    let fortran = text
+        .contains(['d', 'D'])
+        .then(|| text.replace(['d', 'D'], "e"));
+    fortran.as_deref().unwrap_or(text).parse().ok()
+}
+
+/// Nanoseconds of a date, a time of day or both, as ISO 8601 writes them or nearly.
+pub(crate) fn moment(text: &str) -> Option<i128> {
+    let text = text.trim().trim_end_matches('Z');
+    if !text.contains(':') || text.len() < 7 {
+        return None;
+    }
+    let (day, time) = match text.split_once(['T', ' ']) {
+        Some((day, time)) => (days(day)?, time),
+        None => (0, text),
+    };
+    let (time, zone) = match time.rfind(['+', '-']) {
+        Some(at) => {
+            let (hours, minutes) = time[at + 1..]
+                .split_once(':')
+                .unwrap_or((&time[at + 1..], "0"));
+            let minutes = 60 * hours.parse::<i128>().ok()? + minutes.parse::<i128>().ok()?;
+            (
+                &time[..at],
+                if time.as_bytes()[at] == b'+' {
+                    minutes
+                } else {
+                    -minutes
+                },
+            )
+        }
+        None => (time, 0),
+    };
+    let mut parts = time.trim().splitn(3, ':');
+    let hours: i128 = parts.next()?.parse().ok()?;
+    let minutes: i128 = parts.next()?.parse().ok()?;
+    let seconds = parts.next().unwrap_or("0");
+    let (whole, fraction) = seconds.split_once(['.', ',']).unwrap_or((seconds, ""));
+    if fraction.len() > 18 || !fraction.bytes().all(|b| b.is_ascii_digit()) {
+        return None;
+    }
+    let digits: String = fraction
+        .chars()
+        .chain("000000000".chars())
+        .take(9)
+        .collect();
+    let nanos: i128 = digits.parse().ok()?;
+    let all = ((24 * day + hours) * 60 + minutes - zone) * 60 + whole.parse::<i128>().ok()?;
+    Some(all * 1_000_000_000 + nanos)
+}
+
+/// Days since 1970 of `2024-05-03`, `2024/05/03` or `03.05.2024`.
+fn days(text: &str) -> Option<i128> {
+    let parts: Vec<&str> = text.split(['-', '/', '.']).collect();
+    let [a, b, c] = parts[..] else { return None };
+    let (year, month, day) = if a.len() == 4 { (a, b, c) } else { (c, b, a) };
+    let (mut year, month, day): (i128, i128, i128) =
+        (year.parse().ok()?, month.parse().ok()?, day.parse().ok()?);
+    if !(1..=12).contains(&month) || !(1..=31).contains(&day) || year < 1900 {
+        return None;
+    }
+    // The civil calendar, years beginning in March.
+    year -= i128::from(month <= 2);
+    let era = year.div_euclid(400);
+    let of_era = year.rem_euclid(400);
+    let of_year = (153 * (month + if month > 2 { -3 } else { 9 }) + 2) / 5 + day - 1;
+    Some(era * 146_097 + of_era * 365 + of_era / 4 - of_era / 100 + of_year - 719_468)
+}
+
+fn is_value(field: &str, decimal_comma: bool) -> bool {
+    is_missing(field)
+        || number(field, decimal_comma).is_some()
+        || moment(field).is_some()
+        || days(field).is_some()
+        || ["inf", "-inf", "+inf", "infinity"]
+            .iter()
+            .any(|w| field.eq_ignore_ascii_case(w))
+}
+
+struct Line<'t> {
+    at: usize,
+    number: usize,
+    text: &'t str,
+    comment: bool,
+}
+
+fn lines(text: &str) -> Vec<Line<'_>> {
+    let mut at = 0;
+    let mut all = Vec::new();
+    for (k, line) in text.split_inclusive('\n').enumerate() {
+        let bare = line.trim_end_matches(['\n', '\r']);
+        if !bare.trim().is_empty() {
+            let comment = bare.trim_start().starts_with(['#', '%']);
+            all.push(Line {
+                at,
+                number: k + 1,
+                text: bare,
+                comment,
+            });
+        }
+        at += line.len();
+        if all.len() >= LOOKED_AT {
+            break;
+        }
+    }
+    all
+}
+
+/// Whether a row is one of data: all values, one of them a number.
+fn is_data(fields: &[Cow<str>], decimal_comma: bool) -> bool {
+    fields.iter().all(|f| is_value(f, decimal_comma))
+        && fields.iter().any(|f| {
+            number(f, decimal_comma).is_some()
+                || moment(f).is_some()
+                || f.eq_ignore_ascii_case("nan")
+        })
+}
+
+/// Rows of numbers among the lines of a text.
+struct Rows {
+    count: usize,
+    width: usize,
+    delimiter: u8,
+    decimal_comma: bool,
+    /// The first of them, by its place among the lines.
+    start: usize,
+}
+
+/// Ways to write columns; of two that split as many lines into as many numbers the first.
+const WAYS: [(u8, bool); 9] = [
+    (b',', false),
+    (b';', false),
+    (b'\t', false),
+    (b'|', false),
+    (b';', true),
+    (b'\t', true),
+    (b'|', true),
+    (b' ', false),
+    (b' ', true),
+];
+
+/// The longest run of lines that are rows of as many numbers each, in whatever way.
+fn rows(all: &[Line]) -> Option<Rows> {
+    let mut best: Option<Rows> = None;
+    for (delimiter, decimal_comma) in WAYS {
+        let (mut start, mut count, mut width) = (0, 0, 0);
+        for (k, line) in all.iter().enumerate().filter(|(_, line)| !line.comment) {
+            let fields = split(line.text, delimiter);
+            let data = is_data(&fields, decimal_comma);
+            if data && count > 0 && fields.len() == width {
+                count += 1;
+            } else {
+                (start, count, width) = (k, usize::from(data), fields.len());
+            }
+            // Longer runs, then more fields.
+            if count > 0
+                && best
+                    .as_ref()
+                    .is_none_or(|b| (count, width) > (b.count, b.width))
+            {
+                best = Some(Rows {
+                    count,
+                    width,
+                    delimiter,
+                    decimal_comma,
+                    start,
+                });
+            }
+        }
+    }
+    best
+}
+
+/// Names and units above rows: the line of the names, and the units of a row between.
+struct Above {
+    line: Option<usize>,
+    names: Option<Vec<String>>,
+    units: Vec<Option<String>>,
+}
+
+fn texts(row: &[Cow<str>]) -> Vec<String> {
+    row.iter().map(ToString::to_string).collect()
+}
+
+/// How a text is written; `None` where nothing in it is a row of numbers, or a line of names.
+pub(crate) fn layout(
+    text: &str,
+    encoding: &'static str,
+    is_unit: impl Fn(&str) -> bool,
+) -> Option<Layout> {
+    let all = lines(text);
+    let Some(mut found) = rows(&all) else {
+        return no_rows(&all, encoding);
+    };
+    let (delimiter, decimal_comma) = (found.delimiter, found.decimal_comma);
+    let fields = |k: usize| split(all[k].text, delimiter);
+    // A row with a word in it is a row: of what is above, lines of nearly only numbers.
+    while let Some(above) = (0..found.start).rev().find(|k| !all[*k].comment) {
+        let row = fields(above);
+        let units = row.iter().all(|f| f.is_empty() || is_unit(f));
+        let words = row.iter().filter(|f| !is_value(f, decimal_comma)).count();
+        if row.len() != found.width || units || words > 1 || 2 * words > found.width {
+            break;
+        }
+        found.start = above;
+    }
+    let start = found.start;
+    let last = (0..start).rev().find(|k| !all[*k].comment);
+    let ends_empty = fields(start).last().is_some_and(|f| f.is_empty());
+    let trailing = ends_empty && last.is_some_and(|k| fields(k).len() + 1 == found.width);
+    let width = found.width - usize::from(trailing);
+    let above = above(&all[..start], &found, width, is_unit);
+    let mut names = above.names;
+    let mut period = None;
+    for line in &all[..start] {
+        period = period.or_else(|| told_period(line.text));
+        channels(line.text, delimiter, width, &mut names);
+    }
+    names = recorder(&all[..start], width).or(names);
+    let other = last
+        .filter(|k| names.is_none() && all[*k].number + 1 == all[start].number)
+        .map(|k| (all[k].number, fields(k).len()))
+        .filter(|(_, count)| *count > 1 || width > 1);
+    Some(Layout {
+        delimiter,
+        decimal_comma,
+        names: names.unwrap_or_else(|| (1..=width).map(|k| k.to_string()).collect()),
+        units: above.units,
+        body: all[start].at,
+        first_line: all[start].number,
+        period,
+        names_line: above.line,
+        trailing,
+        other,
+        encoding,
+    })
+}
+
+/// What stands above rows of a width.
+fn above(lines: &[Line], rows: &Rows, width: usize, is_unit: impl Fn(&str) -> bool) -> Above {
+    let bare = |line: &Line| {
+        let mut row = texts(&split(line.text, rows.delimiter));
+        while row.len() > width && row.last().is_some_and(String::is_empty) {
+            row.pop();
+        }
+        row
+    };
+    let named =
+        |row: &[String]| row.len() == width && row.iter().any(|f| !is_value(f, rows.decimal_comma));
+    let mut found = Above {
+        line: None,
+        names: None,
+        units: vec![None; width],
+    };
+    let mut plain = lines.iter().rev().filter(|l| !l.comment);
+    if let Some(line) = plain.next().filter(|line| named(&bare(line))) {
+        let row = bare(line);
+        let inside = |f: &str| f.trim_matches(['[', ']', '(', ')']).trim().to_owned();
+        let of_units = row
+            .iter()
+            .all(|f| f.is_empty() || f == "-" || is_unit(&inside(f)));
+        let names = plain
+            .next()
+            .filter(|line| of_units && bare(line).len() == width);
+        if names.is_some() {
+            let unit = |f: &String| Some(inside(f)).filter(|f| !f.is_empty() && f != "-");
+            found.units = row.iter().map(unit).collect();
+        }
+        let line = names.unwrap_or(line);
+        found.line = Some(line.number);
+        found.names = Some(bare(line));
+        return found;
+    }
+    // Names in a comment, as numpy and others write them.
+    for line in lines.iter().rev().filter(|l| l.comment) {
+        let text = line.text.trim_start().trim_start_matches(['#', '%']).trim();
+        let row = texts(&split(text, rows.delimiter));
+        if named(&row) && !text.contains('=') {
+            found.line = Some(line.number);
+            found.names = Some(row);
+            break;
+        }
+    }
+    found
+}
+
+/// A file of names and no rows.
+fn no_rows(all: &[Line], encoding: &'static str) -> Option<Layout> {
+    let line = all.iter().find(|l| !l.comment)?;
+    let by = |d: &u8| split(line.text, *d).len();
+    let delimiter = [b',', b';', b'\t']
+        .into_iter()
+        .max_by_key(|d| (by(d), u8::from(*d == b',')))?;
+    let names = texts(&split(line.text, delimiter));
+    Some(Layout {
+        delimiter,
+        decimal_comma: false,
+        units: vec![None; names.len()],
+        names,
+        // What is left of that line is nothing.
+        body: line.at + line.text.len(),
+        first_line: line.number,
+        period: None,
+        names_line: Some(line.number),
+        trailing: false,
+        other: None,
+        encoding,
+    })
+}
+
+/// Seconds between samples in a line such as `SAMPLE_TIME = 0.0001` or `Sample rate: 1000 Hz`.
+fn told_period(line: &str) -> Option<f64> {
+    let low = line.to_lowercase().replace(['_', '-', '"'], " ");
+    let has = |words: &[&str]| words.iter().any(|w| low.contains(w));
+    let rate = has(&[
+        "sample rate",
+        "samplerate",
+        "sampling rate",
+        "sampling frequency",
+        "sample frequency",
+        "abtastrate",
+    ]);
+    let time = has(&[
+        "sample time",
+        "sampletime",
+        "sampling time",
+        "sampling interval",
+        "sample interval",
+        "abtastzeit",
+    ]);
+    if rate == time {
+        return None;
+    }
+    let value = low
+        .split(|c: char| c.is_whitespace() || ['=', ':', ';', ',', '[', ']', '(', ')'].contains(&c))
+        .find_map(plain)
+        .filter(|v| *v > 0.0 && v.is_finite())?;
+    let word = |w: &str| {
+        low.split(|c: char| !c.is_alphabetic())
+            .any(|part| part == w)
+    };
+    Some(if rate {
+        1.0 / (value * if word("khz") { 1e3 } else { 1.0 })
+    } else if word("ms") {
+        1e-3 * value
+    } else if word("us") {
+        1e-6 * value
+    } else {
+        value
+    })
+}
+
+/// Names where each channel has a column of time of its own, as the scope of a controller (`TwinCAT`) writes them: `Name`, a name, in turns.
+fn channels(line: &str, delimiter: u8, width: usize, names: &mut Option<Vec<String>>) {
+    let row = split(line, delimiter);
+    if width < 2 || row.len() < 2 || row.len() > width + 1 || !width.is_multiple_of(2) {
+        return;
+    }
+    let row: Vec<&str> = row.iter().map(AsRef::as_ref).take(width).collect();
+    let in_turns = row.len() == width
+        && row
+            .iter()
+            .step_by(2)
+            .all(|f| f.eq_ignore_ascii_case("name"));
+    if in_turns {
+        let own = |(k, f): (usize, &&str)| match k {
+            0 => "time_ms".to_owned(),
+            k if k % 2 == 0 => format!("time_ms {}", k / 2 + 1),
+            _ => (*f).to_owned(),
+        };
+        *names = Some(row.iter().enumerate().map(own).collect());
+    }
+}
+
+/// Names of the tables of a PI data recorder (GCS array): `# NAME0 = Current Position of Axis AXIS:1`.
+fn recorder(above: &[Line], width: usize) -> Option<Vec<String>> {
+    let mut names = vec![None; width];
+    for line in above {
+        let text = line.text.trim_start_matches(['#', ' ']);
+        let Some((key, name)) = text.split_once('=') else {
+            continue;
+        };
+        let Some(number) = key.trim().strip_prefix("NAME") else {
+            continue;
+        };
+        if let Some(slot) = number.parse::<usize>().ok().and_then(|n| names.get_mut(n)) {
+            *slot = Some(name.trim().to_owned());
+        }
+    }
+    names.into_iter().collect()
+}
+
+impl Layout {
+    /// What was understood, in words.
+    pub(crate) fn understood(&self) -> String {
+        let between = match self.delimiter {
+            b',' => "commas",
+            b';' => "semicolons",
+            b'\t' => "tabs",
+            b'|' => "bars",
+            _ => "blanks",
+        };
+        let mut text = format!("{between} between {} columns", self.names.len());
+        if self.decimal_comma {
+            text += ", decimal commas";
+        }
+        text += ", ";
+        text += self.encoding;
+        let _ = match self.names_line {
+            Some(line) => write!(text, ", names in line {line}"),
+            None => write!(
+                text,
+                ", no line of names: columns are called by their numbers"
+            ),
+        };
+        if self.units.iter().any(Option::is_some) {
+            text += ", units below them";
+        }
+        let _ = write!(text, ", rows from line {}", self.first_line);
+        if let Some(period) = self.period {
+            let _ = write!(text, ", {:.6} Hz by the lines above", 1.0 / period);
+        }
+        text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(text: &str) -> Layout {
+        layout(text, "UTF-8", |u| ["s", "mm", "V"].contains(&u)).expect("rows")
+    }
+
+    #[test]
+    fn delimiters_decimals_names_and_units_are_told() {
+        for (text, delimiter, comma, names, line) in [
+            ("t,x\n0,1.5\n1,2\n", b',', false, vec!["t", "x"], 2),
+            ("t;x\n0;1,5\n1;2,5\n", b';', true, vec!["t", "x"], 2),
+            ("t\tx\n0,5\t1,5\n1,5\t2,5\n", b'\t', true, vec!["t", "x"], 2),
+            (
+                "Log of a day\nby someone; me\n\nt;x\ns;mm\n0;1.5\n1;2.5\n",
+                b';',
+                false,
+                vec!["t", "x"],
+                6,
+            ),
+            ("# t x\n0.0 1.5\n1.0  2.5\n", b' ', false, vec!["t", "x"], 2),
+            ("0.0 1.5\n1.0  2.5\n", b' ', false, vec!["1", "2"], 1),
+            ("t,x,\n0,1,\n1,2,\n", b',', false, vec!["t", "x", ""], 2),
+            ("t,x\n0,1,\n1,2,\n", b',', false, vec!["t", "x"], 2),
+            ("t,\"x, y\"\n0,1\n1,2\n", b',', false, vec!["t", "x, y"], 2),
+            ("t,x\n0,one\n1,2\n2,3\n", b',', false, vec!["t", "x"], 2),
+        ] {
+            let found = of(text);
+            assert_eq!(
+                (found.delimiter, found.decimal_comma),
+                (delimiter, comma),
+                "{text}"
+            );
+            assert_eq!(found.names, names, "{text}");
+            assert_eq!(found.first_line, line, "{text}");
+        }
+        assert_eq!(
+            of("t;x\ns;mm\n0;1\n1;2\n").units,
+            [Some("s".to_owned()), Some("mm".to_owned())]
+        );
+    }
+
+    #[test]
+    fn what_instruments_write_is_read() {
+        let scope = "Name;Scope\nFile;C:\\a.csv\n\nName;Axis.pos;Name;Axis.u\nSampleTime[ms];1;SampleTime[ms];1\n\n\
+                     0;1,5;0;2,5\n1;1,6;1;2,6\n";
+        let found = of(scope);
+        assert_eq!(found.names, ["time_ms", "Axis.pos", "time_ms 2", "Axis.u"]);
+        let recorder = "# REM\n#\n# TYPE = 1\n# SEPARATOR = 32\n# SAMPLE_TIME = 0.0005\n# NAME0 = Position\n\
+                        # NAME1 = Voltage\n# END_HEADER\n1.0 2.0\n1.1 2.1\n";
+        let found = of(recorder);
+        assert_eq!(
+            (found.names, found.period),
+            (
+                vec!["Position".to_owned(), "Voltage".to_owned()],
+                Some(0.0005)
+            )
+        );
+    }
+
+    #[test]
+    fn moments_are_counted_in_nanoseconds() {
+        let at = |text: &str| moment(text).expect("a moment");
+        assert_eq!(at("1970-01-02T00:00:00Z"), 86_400_000_000_000);
+        assert_eq!(
+            at("2024-03-01T00:00:00.001") - at("2024-02-28 23:59:59,999"),
+            86_400_002_000_000
+        );
+        assert_eq!(at("12:00:00.5") - at("11:59:59.25"), 1_250_000_000);
+        assert_eq!(at("2024-01-01T01:00:00+01:00"), at("2024-01-01T00:00:00Z"));
+        assert_eq!(moment("1:2"), None);
+    }
+
+    #[test]
+    fn encodings_are_told() {
+        let wide: Vec<u8> = [0xff, 0xfe]
+            .into_iter()
+            .chain("t,µ\n".encode_utf16().flat_map(u16::to_le_bytes))
+            .collect();
+        assert_eq!(decode(&wide).0, "t,µ\n");
+        assert_eq!(decode(b"t,\xb5m\n"), ("t,µm\n".to_owned(), "Latin-1"));
+        assert_eq!(decode(b"\xef\xbb\xbft").0, "t");
+    }
+}

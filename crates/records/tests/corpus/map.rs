@@ -1,0 +1,388 @@
+//! Power maps, good ones and others.
+
+use crate::{Wanted, normal};
+use pigtail_records::columns::LengthUnit;
+use pigtail_records::map::{Columns, PowerUnit, read, try_on};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use std::fmt::Write as _;
+use std::fs;
+
+/// A map: x and y (micrometres), power.
+type Map = Vec<[f64; 3]>;
+
+/// What made it.
+#[derive(Debug, Clone, Copy)]
+struct Spot {
+    x: f64,
+    y: f64,
+    radii: [f64; 2],
+    angle: f64,
+    /// 2 is a Gaussian; more has a flat top, less long tails.
+    order: f64,
+    /// Height of the first ring around it.
+    ring: f64,
+    background: f64,
+    noise: f64,
+    /// Noise that goes with the light.
+    speckle: f64,
+    n: [usize; 2],
+    step: f64,
+}
+
+impl Spot {
+    /// One as a person's optics may make it, in the middle part of a scan.
+    fn drawn(rng: &mut Pcg64Mcg) -> Self {
+        let radius = rng.random_range(2.5..7.0);
+        let step = radius / rng.random_range(2.5..6.0);
+        let width = radius * rng.random_range(4.5..9.0);
+        let n = [
+            (width / step) as usize,
+            (width * rng.random_range(0.8..1.2) / step) as usize,
+        ];
+        let side = |n: usize| n as f64 * step;
+        let room = 1.4 * radius;
+        Self {
+            x: rng.random_range(room..side(n[0]) - room),
+            y: rng.random_range(room..side(n[1]) - room),
+            radii: [radius, radius * rng.random_range(0.65..1.0)],
+            angle: rng.random_range(0.0..3.1),
+            order: rng.random_range(1.6..2.6),
+            ring: rng.random_range(0.0..0.08),
+            background: rng.random_range(0.0..0.2),
+            noise: rng.random_range(0.002..0.02),
+            speckle: rng.random_range(0.0..0.03),
+            n,
+            step,
+        }
+    }
+
+    fn light(&self, x: f64, y: f64) -> f64 {
+        let (sin, cos) = self.angle.sin_cos();
+        let (dx, dy) = (x - self.x, y - self.y);
+        let (u, v) = (
+            (cos * dx + sin * dy) / self.radii[0],
+            (cos * dy - sin * dx) / self.radii[1],
+        );
+        let r = u.hypot(v);
+        (-r.powf(self.order)).exp() + self.ring * (-((r - 2.1) / 0.4).powi(2)).exp()
+    }
+
+    fn map(&self, rng: &mut Pcg64Mcg, light: impl Fn(f64, f64) -> f64) -> Map {
+        let mut map = Vec::new();
+        for j in 0..self.n[1] {
+            for i in 0..self.n[0] {
+                let (x, y) = (i as f64 * self.step, j as f64 * self.step);
+                let power = light(x, y) * (1.0 + self.speckle * normal(rng));
+                map.push([x, y, self.background + power + self.noise * normal(rng)]);
+            }
+        }
+        map
+    }
+}
+
+type Case = (&'static str, Wanted, fn(&mut Spot, &mut Pcg64Mcg) -> Map);
+
+fn plain(spot: &Spot, rng: &mut Pcg64Mcg) -> Map {
+    spot.map(rng, |x, y| spot.light(x, y))
+}
+
+fn side(spot: &Spot, k: usize) -> f64 {
+    (spot.n[k] - 1) as f64 * spot.step
+}
+
+const CASES: &[Case] = &[
+    ("a peak", Wanted::Right, |s, rng| plain(s, rng)),
+    ("nothing but noise", Wanted::Refused, |s, rng| {
+        s.map(rng, |_, _| 0.0)
+    }),
+    ("nothing but a slope", Wanted::Refused, |s, rng| {
+        s.map(rng, |x, y| 0.03 * x + 0.01 * y)
+    }),
+    ("nothing but a drift", Wanted::Refused, |s, rng| {
+        let mut walk = 0.0;
+        let mut map = s.map(rng, |_, _| 0.0);
+        for row in &mut map {
+            walk += 0.02 * normal(rng);
+            row[2] += walk;
+        }
+        map
+    }),
+    ("one bright reading", Wanted::Refused, |s, rng| {
+        let mut map = s.map(rng, |_, _| 0.0);
+        let k = map.len() / 2;
+        map[k][2] += 1.0;
+        map
+    }),
+    ("brightest at the edge", Wanted::Refused, |s, rng| {
+        s.x = -0.1 * s.radii[0];
+        plain(s, rng)
+    }),
+    ("beyond the edge", Wanted::Refused, |s, rng| {
+        s.y = side(s, 1) + 0.6 * s.radii[0];
+        plain(s, rng)
+    }),
+    ("in a corner", Wanted::Refused, |s, rng| {
+        (s.x, s.y) = (0.0, 0.0);
+        plain(s, rng)
+    }),
+    ("just inside the edge", Wanted::Either, |s, rng| {
+        s.x = 0.4 * s.radii[0];
+        plain(s, rng)
+    }),
+    ("half of the map missing", Wanted::Either, |s, rng| {
+        let x = s.x;
+        let mut map = plain(s, rng);
+        map.retain(|r| r[0] > x);
+        map
+    }),
+    ("saturated at 0.8", Wanted::Either, |s, rng| {
+        let mut map = plain(s, rng);
+        map.iter_mut().for_each(|r| r[2] = r[2].min(0.8));
+        map
+    }),
+    ("saturated at 0.4", Wanted::Either, |s, rng| {
+        let mut map = plain(s, rng);
+        map.iter_mut().for_each(|r| r[2] = r[2].min(0.4));
+        map
+    }),
+    (
+        "saturated at 0.5, the plateau with noise",
+        Wanted::Either,
+        |s, rng| {
+            let mut map = plain(s, rng);
+            map.iter_mut()
+                .for_each(|r| r[2] = r[2].min(0.5) + 0.002 * normal(rng));
+            map
+        },
+    ),
+    ("saturated, beside the edge", Wanted::Either, |s, rng| {
+        s.x = 0.5 * s.radii[0];
+        let mut map = plain(s, rng);
+        map.iter_mut()
+            .for_each(|r| r[2] = r[2].min(0.3) + 0.002 * normal(rng));
+        map
+    }),
+    ("saturated nearly everywhere", Wanted::Either, |s, rng| {
+        let mut map = plain(s, rng);
+        map.iter_mut()
+            .for_each(|r| r[2] = r[2].min(s.background + 0.02));
+        map
+    }),
+    ("wrapped at 0.6", Wanted::Either, |s, rng| {
+        let mut map = plain(s, rng);
+        map.iter_mut().for_each(|r| r[2] = r[2].rem_euclid(0.6));
+        map
+    }),
+    (
+        "wrapped at 0.45, every second row missing",
+        Wanted::Either,
+        |s, rng| {
+            let step = s.step;
+            let mut map = plain(s, rng);
+            map.retain(|r| (r[1] / step).round() as i64 % 2 == 0);
+            map.iter_mut().for_each(|r| r[2] = r[2].rem_euclid(0.45));
+            map
+        },
+    ),
+    (
+        "wrapped at 0.5, the upper half missing",
+        Wanted::Either,
+        |s, rng| {
+            let y = s.y + 0.3 * s.radii[1];
+            let mut map = plain(s, rng);
+            map.retain(|r| r[1] < y);
+            map.iter_mut().for_each(|r| r[2] = r[2].rem_euclid(0.5));
+            map
+        },
+    ),
+    ("mirrored at 0.7", Wanted::Either, |s, rng| {
+        let mut map = plain(s, rng);
+        map.iter_mut().for_each(|r| r[2] = 0.7 - (r[2] - 0.7).abs());
+        map
+    }),
+    ("two peaks of one height", Wanted::Refused, |s, rng| {
+        let w = side(s, 0);
+        s.x = 0.29 * w;
+        let a = *s;
+        let b = Spot { x: 0.71 * w, ..a };
+        s.map(rng, |x, y| a.light(x, y) + b.light(x, y))
+    }),
+    ("two peaks, one of 0.7", Wanted::Either, |s, rng| {
+        let (a, w) = (*s, side(s, 0));
+        let b = Spot {
+            x: if a.x < 0.5 * w {
+                a.x + 2.8 * a.radii[0]
+            } else {
+                a.x - 2.8 * a.radii[0]
+            },
+            ..a
+        };
+        s.map(rng, |x, y| a.light(x, y) + 0.7 * b.light(x, y))
+    }),
+    ("three peaks", Wanted::Refused, |s, rng| {
+        s.x = 0.5 * side(s, 0) - 0.95 * s.radii[0];
+        s.y = 0.5 * side(s, 1) - 0.85 * s.radii[0];
+        let a = *s;
+        let at = |dx: f64, dy: f64| Spot {
+            x: a.x + dx * a.radii[0],
+            y: a.y + dy * a.radii[0],
+            ..a
+        };
+        let (b, c) = (at(1.9, 0.0), at(1.0, 1.7));
+        s.map(rng, |x, y| {
+            0.9 * a.light(x, y) + 0.95 * b.light(x, y) + 0.9 * c.light(x, y)
+        })
+    }),
+    ("a doughnut", Wanted::Refused, |s, rng| {
+        let a = *s;
+        s.map(rng, |x, y| {
+            let r = ((x - a.x) / a.radii[0]).hypot((y - a.y) / a.radii[0]);
+            2.7 * r * r * (-r * r).exp()
+        })
+    }),
+    (
+        "a doughnut with light in its middle",
+        Wanted::Refused,
+        |s, rng| {
+            let a = *s;
+            s.map(rng, |x, y| {
+                let r = ((x - a.x) / a.radii[0]).hypot((y - a.y) / a.radii[0]);
+                (0.5 + 2.0 * r * r) * (-r * r).exp()
+            })
+        },
+    ),
+    ("light that has a minimum", Wanted::Refused, |s, rng| {
+        let a = *s;
+        s.map(rng, |x, y| 1.0 - a.light(x, y))
+    }),
+    ("far too coarse", Wanted::Either, |s, rng| {
+        let (step, n) = (s.step, s.n);
+        s.step *= 4.0;
+        s.n = n.map(|n| (n / 4).max(4));
+        let map = plain(s, rng);
+        s.step = step;
+        map
+    }),
+    ("spikes", Wanted::Either, |s, rng| {
+        let mut map = plain(s, rng);
+        for _ in 0..3 {
+            let k = rng.random_range(0..map.len());
+            map[k][2] = 5.0;
+        }
+        map
+    }),
+    (
+        "rows of a scan shifted, as by backlash",
+        Wanted::Either,
+        |s, rng| {
+            let a = *s;
+            s.map(rng, |x, y| {
+                let back = if (y / a.step).round() as i64 % 2 == 1 {
+                    0.3 * a.radii[0]
+                } else {
+                    0.0
+                };
+                a.light(x + back, y)
+            })
+        },
+    ),
+    ("mostly noise", Wanted::Either, |s, rng| {
+        s.noise = 0.3;
+        plain(s, rng)
+    }),
+];
+
+fn text(map: &Map) -> String {
+    let mut text = "x,y,power\n".to_owned();
+    for [x, y, p] in map {
+        let _ = writeln!(text, "{x:.4},{y:.4},{p:.6}");
+    }
+    text
+}
+
+/// Wrong, and how many were answered.
+fn over(seeds: std::ops::Range<u64>) -> (Vec<String>, Vec<(usize, usize)>) {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("m.csv");
+    let columns = Columns {
+        names: ["x", "y", "power"].map(str::to_owned),
+        length: LengthUnit::Um,
+        power: PowerUnit::V,
+        inverted: false,
+    };
+    let mut wrong = Vec::new();
+    let mut counts = vec![(0, 0); CASES.len()];
+    for seed in seeds {
+        for (k, (name, wanted, make)) in CASES.iter().enumerate() {
+            let mut rng = Pcg64Mcg::seed_from_u64(1000 * seed + k as u64);
+            let mut spot = Spot::drawn(&mut rng);
+            let map = make(&mut spot, &mut rng);
+            fs::write(&path, text(&map)).expect("a file");
+            counts[k].1 += 1;
+            let scan = match read(&path, &columns) {
+                Ok(scan) => scan,
+                Err(error) => {
+                    if *wanted == Wanted::Right {
+                        wrong.push(format!("{name} {seed}: {error}"));
+                    }
+                    continue;
+                }
+            };
+            let found = try_on("m.csv", &scan, &columns, None, None).document;
+            if found.outcome != "aligned" {
+                if *wanted == Wanted::Right {
+                    wrong.push(format!("{name} {seed}: {} {}", found.outcome, found.detail));
+                }
+                continue;
+            }
+            counts[k].0 += 1;
+            let radius = spot.radii[0].min(spot.radii[1]);
+            for peak in [found.peak, found.whole_map].into_iter().flatten() {
+                let off = (peak.x_um - spot.x).hypot(peak.y_um - spot.y);
+                if *wanted == Wanted::Refused || off > (0.15 * radius).max(3.0 * peak.deviation_um)
+                {
+                    wrong.push(format!(
+                        "{name} {seed}: {off:.2} um of {radius:.2} off, said {:.2}; {:?} {:?} {:?}",
+                        peak.deviation_um,
+                        found.fold,
+                        found.explained_percent,
+                        found.only_noise_left
+                    ));
+                    break;
+                }
+                if peak.deviation_um > radius {
+                    wrong.push(format!(
+                        "{name} {seed}: known to {:.2} um",
+                        peak.deviation_um
+                    ));
+                }
+            }
+        }
+    }
+    (wrong, counts)
+}
+
+#[test]
+fn no_map_is_wrong_and_called_aligned() {
+    report(0..2);
+}
+
+#[test]
+#[ignore = "long: two minutes of maps"]
+fn no_map_of_many_is_wrong_and_called_aligned() {
+    report(100..125);
+}
+
+fn report(seeds: std::ops::Range<u64>) {
+    let (wrong, counts) = over(seeds);
+    for ((name, ..), (aligned, all)) in CASES.iter().zip(counts) {
+        eprintln!("{name}: {aligned} of {all} aligned");
+    }
+    assert!(
+        wrong.is_empty(),
+        "{} wrong:\n{}",
+        wrong.len(),
+        wrong.join("\n")
+    );
+}

@@ -1,0 +1,166 @@
+//! One record as all the programs of this world write it.
+
+use crate::servo;
+use pigtail_records::columns::Named;
+use pigtail_records::servo::Roles;
+use std::fmt::Write as _;
+use std::fs;
+
+/// A record's names and rows between some characters.
+fn written(names: &str, between: &str, decimal: &str, end: &str, columns: &[usize]) -> String {
+    let mut text = names.replace('|', between);
+    text += end;
+    for row in servo::plain(7).iter().take(3000) {
+        let fields: Vec<String> = columns
+            .iter()
+            .map(|c| format!("{:.7}", row[*c]).replace('.', decimal))
+            .collect();
+        let _ = write!(text, "{}{end}", fields.join(between));
+    }
+    text
+}
+
+fn utf16(text: &str) -> Vec<u8> {
+    std::iter::once(0xfeff)
+        .chain(text.encode_utf16())
+        .flat_map(u16::to_le_bytes)
+        .collect()
+}
+
+/// What it is, its bytes, the columns of reference, position and voltage, and the rate.
+type File = (&'static str, Vec<u8>, [&'static str; 3], Option<f64>);
+
+const ALL: [usize; 4] = [0, 1, 2, 3];
+
+#[test]
+fn a_record_is_the_same_however_it_is_written() {
+    let plain = |names: &str| written(names, ",", ".", "\n", &ALL);
+    let names = "t_s|r_m|q_m|u_V";
+    let iso = {
+        let mut text = "Time,r_m,q_m,u_V\n".to_owned();
+        for [t, r, q, u] in servo::plain(7).iter().take(3000) {
+            let _ = writeln!(
+                text,
+                "2024-05-01T23:59:{:06.3},{r:.7},{q:.7},{u:.7}",
+                50.0 + t.min(9.999)
+            );
+        }
+        text
+    };
+    let recorder = "# REM\n#\n# SAMPLE_TIME = 0.001\n# NAME0 = r_m\n# NAME1 = q_m\n# NAME2 = u_V\n# END_HEADER\n";
+    let recorder = recorder.to_owned() + &written("", " ", ".", "\n", &ALL[1..]);
+    let scope = {
+        let mut text = "Name;a scope\n\nName;r_m;Name;q_m;Name;u_V\nSampleTime[ms];1;SampleTime[ms];1;SampleTime[ms];1\n\n"
+            .to_owned();
+        for (k, [_, r, q, u]) in servo::plain(7).iter().take(3000).enumerate() {
+            let _ = writeln!(text, "{k};{r:.7};{k};{q:.7};{k};{u:.7}");
+        }
+        text
+    };
+    let preamble =
+        "Logger 3.1\nWhen: today; by: me\n\n".to_owned() + &written(names, ";", ",", "\r\n", &ALL);
+    let units = written("t|r|q|u\n[s]|[m]|[m]|[V]", ";", ".", "\n", &ALL);
+    let bare = ["r", "q", "u"];
+    let usual = ["r_m", "q_m", "u_V"];
+    let cases: [File; 11] = [
+        ("commas", plain("t_s,r_m,q_m,u_V").into(), usual, None),
+        (
+            "a byte-order mark",
+            format!("\u{feff}{}", plain("t_s,r_m,q_m,u_V")).into(),
+            usual,
+            None,
+        ),
+        (
+            "semicolons",
+            written(names, ";", ".", "\n", &ALL).into(),
+            usual,
+            None,
+        ),
+        ("decimal commas, a preamble", preamble.into(), usual, None),
+        (
+            "tabs, decimal commas, UTF-16",
+            utf16(&written(names, "\t", ",", "\r\n", &ALL)),
+            usual,
+            None,
+        ),
+        (
+            "blanks, names in a comment",
+            written("# t_s|r_m|q_m|u_V", "  ", ".", "\n", &ALL).into(),
+            usual,
+            None,
+        ),
+        ("units in a row", units.into(), bare, None),
+        ("ISO times", iso.into(), usual, None),
+        (
+            "no time and a rate",
+            written("r_m|q_m|u_V", ",", ".", "\n", &ALL[1..]).into(),
+            usual,
+            Some(1000.0),
+        ),
+        ("a data recorder's", recorder.into(), usual, None),
+        ("a scope's", scope.into(), usual, None),
+    ];
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("r.csv");
+    for (what, content, [reference, position, voltage], rate) in cases {
+        fs::write(&path, content).expect("a file");
+        let roles = Roles {
+            time: None,
+            rate,
+            reference: Some(Named::new(reference)),
+            position: Named::new(position),
+            voltage: Named::new(voltage),
+        };
+        let read = roles
+            .read(&path)
+            .unwrap_or_else(|error| panic!("{what}: {error}"));
+        let even = read.record.even();
+        assert_eq!(even.samples(), 3000, "{what}: {}", read.understood);
+        assert!((even.period - 1e-3).abs() < 1e-9, "{what}: {}", even.period);
+        for (k, row) in servo::plain(7).iter().take(3000).enumerate() {
+            let found = even.stretches[0].columns[0][k];
+            assert!(
+                (found - row[2]).abs() < 1e-7,
+                "{what} {k}: {found} for {}",
+                row[2]
+            );
+        }
+    }
+}
+
+#[test]
+fn what_is_no_record_is_refused_in_words() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("r.csv");
+    let commas = written("t_s|r_m|q_m|u_V", ",", ",", "\n", &ALL);
+    let mixed = written("t_s|r_m|q_m|u_V", ";", ",", "\n", &ALL) + "1.5;0;0;0\n";
+    let cases: [(&str, Vec<u8>, &str); 7] = [
+        ("nothing", Vec::new(), "is empty"),
+        ("names alone", b"t_s,r_m,q_m,u_V\n".to_vec(), "no rows"),
+        (
+            "prose",
+            b"Dear reader\nthis is a letter\n".to_vec(),
+            "no such column",
+        ),
+        (
+            "commas between and within",
+            commas.into(),
+            "commas between the fields and in the numbers",
+        ),
+        ("both decimal marks", mixed.into(), "decimal point"),
+        ("a spreadsheet", b"PK\x03\x04xxxx".to_vec(), "spreadsheet"),
+        ("Parquet", b"PAR1xxxx".to_vec(), "Parquet"),
+    ];
+    for (what, content, says) in cases {
+        fs::write(&path, content).expect("a file");
+        let roles = Roles {
+            time: Some(Named::new("t_s")),
+            rate: None,
+            reference: None,
+            position: Named::new("q_m"),
+            voltage: Named::new("u_V"),
+        };
+        let error = roles.read(&path).expect_err(what).to_string();
+        assert!(error.contains(says), "{what}: {error}");
+    }
+}

@@ -1,0 +1,705 @@
+//! A servo axis by mangled records.
+
+use crate::{Wanted, normal};
+use pigtail_records::columns::Named;
+use pigtail_records::servo::{Roles, servo};
+use pigtail_sysid::servo::{Axis, Friction, Method, Settings};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+/// A record: time, reference, position, voltage.
+pub(crate) type Rows = Vec<[f64; 4]>;
+
+/// What is known of the axis that made it.
+#[derive(Clone, Copy)]
+struct Truth {
+    force_per_volt: f64,
+    /// Inertia, viscous and Coulomb friction.
+    values: [f64; 3],
+    /// What an answer may be off by, shares.
+    tolerance: [f64; 3],
+}
+
+const SLED: Axis = Axis {
+    force_per_volt: 35.0,
+    inertia: 95.0,
+    viscous: [205.0, 205.0],
+    coulomb: [20.0, 20.0],
+    offset: -3.0,
+};
+
+const PERIOD: f64 = 1e-3;
+
+/// A sled under a cascade at 1 kHz, simulated ten times as finely: what it was at every tenth of a period.
+fn sled(seed: u64, seconds: f64) -> Vec<[f64; 4]> {
+    let mut rng = Pcg64Mcg::seed_from_u64(seed);
+    let phase: Vec<f64> = (0..3).map(|_| rng.random_range(0.0..6.0)).collect();
+    let fine = 10;
+    let n = (seconds / PERIOD) as usize;
+    let mut state = (0.0, 0.0);
+    let mut rows = Vec::new();
+    let (mut last, mut voltage) = (0.0, 0.0);
+    for k in 0..n * fine {
+        let t = k as f64 * PERIOD / fine as f64;
+        let r = 0.08 * (1.9 * t + phase[0]).sin()
+            + 0.03 * (5.3 * t + phase[1]).sin()
+            + 0.004 * (17.0 * t + phase[2]).sin();
+        if k == 0 {
+            state.0 = r;
+            last = r;
+        }
+        if k % fine == 0 {
+            let seen = state.0 + 5e-7 * normal(&mut rng);
+            voltage = (243.0 * (160.0 * (r - seen) - (seen - last) / PERIOD)).clamp(-10.0, 10.0);
+            last = seen;
+        }
+        rows.push([t, r, state.0, voltage]);
+        state = SLED.advance(state, voltage, PERIOD / fine as f64);
+    }
+    rows
+}
+
+/// Read at these moments (seconds), stamped so.
+fn read_at(dense: &[[f64; 4]], moments: &[f64], stamps: &[f64], seed: u64) -> Rows {
+    let mut rng = Pcg64Mcg::seed_from_u64(seed);
+    let at = |t: f64, column: usize| {
+        let place = (t / (0.1 * PERIOD)).max(0.0);
+        let k = (place as usize).min(dense.len() - 2);
+        let f = if column == 3 { 0.0 } else { place - k as f64 };
+        dense[k][column] + f * (dense[k + 1][column] - dense[k][column])
+    };
+    moments
+        .iter()
+        .zip(stamps)
+        .map(|(t, stamp)| {
+            let seen = at(*t, 2) + 5e-7 * normal(&mut rng);
+            [*stamp, at(*t, 1), seen, at(*t, 3)]
+        })
+        .collect()
+}
+
+pub(crate) fn plain(seed: u64) -> Rows {
+    let dense = sled(seed, 20.0);
+    let times: Vec<f64> = (0..20_000).map(|k| f64::from(k) * PERIOD).collect();
+    read_at(&dense, &times, &times, seed + 1)
+}
+
+fn text(rows: &Rows) -> String {
+    let mut text = "t_s,r_m,q_m,u_V\n".to_owned();
+    for [t, r, q, u] in rows {
+        let _ = writeln!(text, "{t:.7},{r:.9},{q:.9},{u:.6}");
+    }
+    text
+}
+
+/// What came of it: the answer's error in tolerances, or the refusal.
+#[derive(Debug)]
+enum Came {
+    Answered {
+        worst: f64,
+        told: String,
+        remarks: String,
+    },
+    Refused(String),
+}
+
+fn answer(csv: &str, truth: &Truth, reference: bool) -> Came {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("r.csv");
+    fs::write(&path, csv).expect("a file");
+    run(&path, truth, reference)
+}
+
+fn run(path: &Path, truth: &Truth, reference: bool) -> Came {
+    let roles = Roles {
+        time: None,
+        rate: None,
+        reference: reference.then(|| Named::new("r_m")),
+        position: Named::new("q_m"),
+        voltage: Named::new("u_V"),
+    };
+    let read = match roles.read(path) {
+        Ok(read) => read,
+        Err(error) => return Came::Refused(error.to_string()),
+    };
+    let set = Settings::new(truth.force_per_volt);
+    let found = servo(
+        &read,
+        None,
+        &set,
+        (Friction::Symmetric, Method::LeastSquares),
+    );
+    if !found.answer.is_whole() {
+        return Came::Refused(found.answer.verdict);
+    }
+    let mut worst = 0.0_f64;
+    let mut told = String::new();
+    for ((p, _), (is, tolerance)) in found
+        .answer
+        .parameters
+        .iter()
+        .zip(truth.values.iter().zip(truth.tolerance))
+    {
+        let known = p.known.expect("whole");
+        let off = (known.value / is - 1.0).abs() / tolerance;
+        worst = worst.max(off);
+        let _ = write!(
+            told,
+            "{} {:.4} +- {:.2}({:.2}) ",
+            p.name, known.value, known.std, known.std_correlated
+        );
+    }
+    let _ = write!(
+        told,
+        "err {:.2}",
+        found.answer.relative_error_percent.unwrap_or(0.0)
+    );
+    Came::Answered {
+        worst,
+        told,
+        remarks: found.answer.remarks.join(" | "),
+    }
+}
+
+const MADE: Truth = Truth {
+    force_per_volt: 35.0,
+    values: [95.0, 205.0, 20.0],
+    tolerance: [0.02, 0.05, 0.05],
+};
+
+const EMPS: Truth = Truth {
+    force_per_volt: 35.150_651_88,
+    values: [95.1089, 203.5034, 20.3935],
+    tolerance: [0.02, 0.05, 0.05],
+};
+
+type Mangle = fn(&mut Rows, &mut Pcg64Mcg);
+
+const MANGLED: &[(&str, Wanted, Mangle)] = &[
+    ("as it is", Wanted::Right, |_, _| {}),
+    (
+        "1 % stamped late, to 0.8 periods",
+        Wanted::Right,
+        |rows, rng| {
+            let h = rows[1][0] - rows[0][0];
+            for row in rows {
+                if rng.random::<f64>() < 0.01 {
+                    row[0] += 0.8 * h * rng.random::<f64>();
+                }
+            }
+        },
+    ),
+    (
+        "5 % stamped late, to 0.95 periods",
+        Wanted::Right,
+        |rows, rng| {
+            let h = rows[1][0] - rows[0][0];
+            for row in rows {
+                if rng.random::<f64>() < 0.05 {
+                    row[0] += 0.95 * h * rng.random::<f64>();
+                }
+            }
+        },
+    ),
+    ("stamps jitter 0.32 periods", Wanted::Right, |rows, rng| {
+        let h = rows[1][0] - rows[0][0];
+        for row in rows {
+            row[0] += h * rng.random_range(-0.32..0.32);
+        }
+    }),
+    ("stamps jitter 0.45 periods", Wanted::Right, |rows, rng| {
+        let h = rows[1][0] - rows[0][0];
+        for row in rows {
+            row[0] += h * rng.random_range(-0.45..0.45);
+        }
+    }),
+    (
+        "stamps late by milliseconds at times, as by a busy computer",
+        Wanted::Either,
+        |rows, rng| {
+            let h = rows[1][0] - rows[0][0];
+            let mut until = 0.0;
+            for row in rows {
+                if rng.random::<f64>() < 0.001 {
+                    until = row[0] + 4.0 * h;
+                }
+                if row[0] < until {
+                    row[0] = until + 0.01 * (row[0] - until + 4.0 * h);
+                }
+            }
+        },
+    ),
+    ("2 % of rows lost", Wanted::Right, |rows, rng| {
+        rows.retain(|_| rng.random::<f64>() > 0.02);
+    }),
+    (
+        "10 % of rows lost, stamps jitter",
+        Wanted::Right,
+        |rows, rng| {
+            let h = rows[1][0] - rows[0][0];
+            for row in rows.iter_mut() {
+                row[0] += h * rng.random_range(-0.2..0.2);
+            }
+            rows.retain(|_| rng.random::<f64>() > 0.1);
+        },
+    ),
+    (
+        "rows lost and no stamp shows it",
+        Wanted::Either,
+        |rows, rng| {
+            let h = rows[1][0] - rows[0][0];
+            rows.retain(|_| rng.random::<f64>() > 0.01);
+            for (k, row) in rows.iter_mut().enumerate() {
+                row[0] = h * k as f64;
+            }
+        },
+    ),
+    ("rows twice", Wanted::Right, |rows, rng| {
+        let old = std::mem::take(rows);
+        for row in old {
+            rows.push(row);
+            if rng.random::<f64>() < 0.01 {
+                rows.push(row);
+            }
+        }
+    }),
+    ("stamps of whole 4 ms", Wanted::Right, |rows, _| {
+        for row in rows {
+            row[0] = (row[0] / 4e-3 + 1e-6).floor() * 4e-3;
+        }
+    }),
+    ("stamps of whole 0.7 periods", Wanted::Right, |rows, _| {
+        for row in rows {
+            row[0] = (row[0] / 7e-4 + 1e-6).floor() * 7e-4;
+        }
+    }),
+    (
+        "voltage clipped in the record",
+        Wanted::Either,
+        |rows, _| {
+            let most = rows.iter().fold(0.0_f64, |m, r| m.max(r[3].abs()));
+            for row in rows {
+                row[3] = row[3].clamp(-0.6 * most, 0.6 * most);
+            }
+        },
+    ),
+    ("voltage clipped on one side", Wanted::Either, |rows, _| {
+        let most = rows.iter().fold(0.0_f64, |m, r| m.max(r[3].abs()));
+        for row in rows {
+            row[3] = row[3].min(0.5 * most);
+        }
+    }),
+    (
+        "voltage nearly clipped: a plateau with noise",
+        Wanted::Either,
+        |rows, rng| {
+            let most = rows.iter().fold(0.0_f64, |m, r| m.max(r[3].abs()));
+            for row in rows {
+                let noise = 0.003 * most * normal(rng);
+                row[3] = row[3].clamp(-0.6 * most, 0.6 * most) + noise;
+            }
+        },
+    ),
+    ("voltage softly clipped", Wanted::Either, |rows, _| {
+        let most = rows.iter().fold(0.0_f64, |m, r| m.max(r[3].abs()));
+        for row in rows {
+            let x = row[3] / (0.6 * most);
+            row[3] = 0.6 * most * x / (1.0 + x.abs().powi(6)).powf(1.0 / 6.0);
+        }
+    }),
+    ("position clipped", Wanted::Either, |rows, _| {
+        let top = rows.iter().fold(f64::MIN, |m, r| m.max(r[2]));
+        for row in rows {
+            row[2] = row[2].min(0.8 * top);
+        }
+    }),
+    ("a spike of 1 mm", Wanted::Right, |rows, _| {
+        rows[7000][2] += 1e-3;
+    }),
+    ("ten spikes of 0.2 to 5 mm", Wanted::Right, |rows, rng| {
+        for _ in 0..10 {
+            let k = rng.random_range(100..rows.len() - 100);
+            rows[k][2] += rng.random_range(2e-4..5e-3) * if rng.random() { 1.0 } else { -1.0 };
+        }
+    }),
+    (
+        "position drops to zero for five samples",
+        Wanted::Right,
+        |rows, rng| {
+            for _ in 0..5 {
+                let k = rng.random_range(100..rows.len() - 100);
+                for row in &mut rows[k..k + 5] {
+                    row[2] = 0.0;
+                }
+            }
+        },
+    ),
+    (
+        "position of -999 where none was read",
+        Wanted::Right,
+        |rows, rng| {
+            for _ in 0..30 {
+                let k = rng.random_range(100..rows.len() - 100);
+                rows[k][2] = -999.0;
+            }
+        },
+    ),
+    (
+        "spikes of 5 V in the voltage",
+        Wanted::Right,
+        |rows, rng| {
+            for _ in 0..40 {
+                let k = rng.random_range(100..rows.len() - 100);
+                rows[k][3] += 5.0 * if rng.random() { 1.0 } else { -1.0 };
+            }
+        },
+    ),
+    ("the encoder slips by 0.3 mm", Wanted::Either, |rows, _| {
+        for row in &mut rows[9000..] {
+            row[2] += 3e-4;
+        }
+    }),
+    (
+        "position frozen for 20 samples at times",
+        Wanted::Either,
+        |rows, rng| {
+            for _ in 0..20 {
+                let k = rng.random_range(100..rows.len() - 100);
+                for i in k + 1..k + 20 {
+                    rows[i][2] = rows[k][2];
+                }
+            }
+        },
+    ),
+    ("position a sample late", Wanted::Right, |rows, _| {
+        shift(rows, 2, 1.0);
+    }),
+    ("position a sample early", Wanted::Right, |rows, _| {
+        shift(rows, 2, -1.0);
+    }),
+    ("position 3.4 samples late", Wanted::Right, |rows, _| {
+        shift(rows, 2, 3.4);
+    }),
+    ("position 8 samples early", Wanted::Either, |rows, _| {
+        shift(rows, 2, -8.0);
+    }),
+    ("position 40 samples late", Wanted::Either, |rows, _| {
+        shift(rows, 2, 40.0);
+    }),
+    (
+        "the voltage's clock drifts by 0.02 %",
+        Wanted::Either,
+        |rows, _| {
+            let old = rows.clone();
+            for (k, row) in rows.iter_mut().enumerate() {
+                row[3] = between(&old, 3, k as f64 * 1.0002);
+            }
+        },
+    ),
+    ("voltage negated", Wanted::Refused, |rows, _| {
+        rows.iter_mut().for_each(|r| r[3] = -r[3]);
+    }),
+    ("position negated", Wanted::Refused, |rows, _| {
+        rows.iter_mut().for_each(|r| r[2] = -r[2]);
+    }),
+    (
+        "position and voltage swapped",
+        Wanted::Refused,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r.swap(2, 3));
+        },
+    ),
+    (
+        "reference and position swapped",
+        Wanted::Refused,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r.swap(1, 2));
+        },
+    ),
+    (
+        "reference and voltage swapped",
+        Wanted::Refused,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r.swap(1, 3));
+        },
+    ),
+    (
+        "the reference in the place of the position",
+        Wanted::Refused,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r[2] = r[1]);
+        },
+    ),
+    (
+        "millimetres said to be metres",
+        Wanted::Refused,
+        |rows, _| {
+            for r in rows {
+                r[1] *= 1e3;
+                r[2] *= 1e3;
+            }
+        },
+    ),
+    ("position in counts", Wanted::Refused, |rows, _| {
+        for r in rows {
+            r[1] = (r[1] / 1e-6).round();
+            r[2] = (r[2] / 1e-6).round();
+        }
+    }),
+    (
+        "position in counts, the reference not",
+        Wanted::Refused,
+        |rows, _| {
+            for r in rows {
+                r[2] = (r[2] / 1e-6).round();
+            }
+        },
+    ),
+    (
+        "time in milliseconds said to be seconds",
+        Wanted::Refused,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r[0] *= 1e3);
+        },
+    ),
+    ("voltage is noise", Wanted::Refused, |rows, rng| {
+        rows.iter_mut().for_each(|r| r[3] = normal(rng));
+    }),
+    ("voltage from another day", Wanted::Refused, |rows, _| {
+        let n = rows.len();
+        let old: Vec<f64> = rows.iter().map(|r| r[3]).collect();
+        for (k, r) in rows.iter_mut().enumerate() {
+            r[3] = old[(k + n / 3) % n];
+        }
+    }),
+    ("voltage quantised to 0.2 V", Wanted::Right, |rows, _| {
+        rows.iter_mut()
+            .for_each(|r| r[3] = (r[3] / 0.2).round() * 0.2);
+    }),
+    ("position quantised to 20 um", Wanted::Either, |rows, _| {
+        rows.iter_mut()
+            .for_each(|r| r[2] = (r[2] / 2e-5).round() * 2e-5);
+    }),
+    (
+        "position with 10 um of noise",
+        Wanted::Either,
+        |rows, rng| {
+            rows.iter_mut().for_each(|r| r[2] += 1e-5 * normal(rng));
+        },
+    ),
+    ("half of it NaN", Wanted::Either, |rows, rng| {
+        for r in rows {
+            if rng.random::<f64>() < 0.15 {
+                r[2] = f64::NAN;
+            }
+        }
+    }),
+    ("every fifth sample only", Wanted::Either, |rows, _| {
+        let old = std::mem::take(rows);
+        rows.extend(old.into_iter().step_by(5));
+    }),
+    ("backwards in time", Wanted::Refused, |rows, _| {
+        rows.reverse();
+    }),
+    (
+        "backwards in time, restamped",
+        Wanted::Refused,
+        |rows, _| {
+            let times: Vec<f64> = rows.iter().map(|r| r[0]).collect();
+            rows.reverse();
+            for (row, t) in rows.iter_mut().zip(times) {
+                row[0] = t;
+            }
+        },
+    ),
+    ("one way only", Wanted::Refused, |rows, _| {
+        let old = std::mem::take(rows);
+        let mut last = f64::MIN;
+        rows.extend(old.into_iter().filter(|r| {
+            let up = r[2] > last;
+            last = r[2];
+            up
+        }));
+    }),
+];
+
+fn between(rows: &Rows, column: usize, place: f64) -> f64 {
+    let place = place.clamp(0.0, rows.len() as f64 - 1.001);
+    let k = place as usize;
+    let f = place - k as f64;
+    rows[k][column] * (1.0 - f) + rows[k + 1][column] * f
+}
+
+/// A column read by so many samples too late.
+fn shift(rows: &mut Rows, column: usize, samples: f64) {
+    let old = rows.clone();
+    for (k, row) in rows.iter_mut().enumerate() {
+        row[column] = between(&old, column, k as f64 - samples);
+    }
+}
+
+fn judge(name: &str, wanted: Wanted, came: &Came, wrong: &mut Vec<String>) {
+    match came {
+        Came::Answered {
+            worst,
+            told,
+            remarks,
+        } => {
+            let bad = *worst > 1.0 || wanted == Wanted::Refused;
+            eprintln!(
+                "{} {name}: {worst:.2} {told}\n        {remarks}",
+                if bad { "WRONG  " } else { "right  " }
+            );
+            if bad {
+                wrong.push(format!(
+                    "{name}: answered, {worst:.2} tolerances off: {told}"
+                ));
+            }
+        }
+        Came::Refused(why) => {
+            let bad = wanted == Wanted::Right;
+            eprintln!("{} {name}: {why}", if bad { "REFUSED" } else { "refused" });
+            if bad {
+                wrong.push(format!("{name}: refused: {why}"));
+            }
+        }
+    }
+}
+
+#[test]
+fn no_mangled_record_of_a_servo_is_wrong_and_looks_right() {
+    let mut wrong = Vec::new();
+    let good = plain(1);
+    for (k, (name, wanted, mangle)) in MANGLED.iter().enumerate() {
+        let mut rows = good.clone();
+        mangle(&mut rows, &mut Pcg64Mcg::seed_from_u64(100 + k as u64));
+        judge(
+            name,
+            *wanted,
+            &answer(&text(&rows), &MADE, true),
+            &mut wrong,
+        );
+    }
+    // Samples that were really taken at odd moments, and stamped right.
+    let dense = sled(3, 20.0);
+    for share in [0.1, 0.3, 0.45] {
+        let mut rng = Pcg64Mcg::seed_from_u64(5);
+        let times: Vec<f64> = (0..20_000)
+            .map(|k| PERIOD * (f64::from(k) + rng.random_range(-share..share)).max(0.0))
+            .collect();
+        let rows = read_at(&dense, &times, &times, 8);
+        let name = format!("samples taken at odd moments, {share} periods");
+        judge(
+            &name,
+            Wanted::Right,
+            &answer(&text(&rows), &MADE, true),
+            &mut wrong,
+        );
+    }
+    assert!(
+        wrong.is_empty(),
+        "{} wrong:\n{}",
+        wrong.len(),
+        wrong.join("\n")
+    );
+}
+
+#[test]
+fn no_mangled_measured_record_is_wrong_and_looks_right() {
+    let file =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/emps/emps_estimation.csv");
+    let Ok(csv) = fs::read_to_string(file) else {
+        return;
+    };
+    let good: Rows = csv
+        .lines()
+        .skip(1)
+        .map(|line| {
+            let v: Vec<f64> = line
+                .split(',')
+                .map(|f| f.parse().expect("a number"))
+                .collect();
+            [v[0], v[1], v[2], v[3]]
+        })
+        .collect();
+    let mut wrong = Vec::new();
+    for (k, (name, wanted, mangle)) in MANGLED.iter().enumerate() {
+        let mut rows = good.clone();
+        mangle(&mut rows, &mut Pcg64Mcg::seed_from_u64(200 + k as u64));
+        judge(
+            name,
+            *wanted,
+            &answer(&text(&rows), &EMPS, true),
+            &mut wrong,
+        );
+    }
+    assert!(
+        wrong.is_empty(),
+        "{} wrong:\n{}",
+        wrong.len(),
+        wrong.join("\n")
+    );
+}
+
+/// Share of 95 % intervals, by the deviation that takes correlation into account, that hold the truth: of inertia, viscous
+/// and Coulomb friction.
+fn coverage(kind: &str, records: u64) -> [f64; 3] {
+    let mut hits = [0.0; 3];
+    let mut all = 0.0;
+    for seed in 0..records {
+        let mut rng = Pcg64Mcg::seed_from_u64(7000 + seed);
+        let dense = sled(20_000 + seed, 12.0);
+        let times: Vec<f64> = (0..12_000).map(|k| f64::from(k) * PERIOD).collect();
+        let mut rows = read_at(&dense, &times, &times, seed);
+        match kind {
+            "jitter" => {
+                for row in &mut rows {
+                    row[0] += PERIOD * rng.random_range(-0.3..0.3);
+                }
+            }
+            "coloured" => {
+                let mut slow = 0.0;
+                for row in &mut rows {
+                    slow = 0.99 * slow + 0.02 * normal(&mut rng);
+                    row[3] += slow;
+                }
+            }
+            "skew" => shift(&mut rows, 2, 2.3),
+            _ => {}
+        }
+        let column = |c: usize| -> Vec<f64> { rows.iter().map(|r| r[c]).collect() };
+        let even = pigtail_sysid::timeline::even(&column(0), &[&column(2), &column(3), &column(1)])
+            .expect("an even grid");
+        let record = pigtail_sysid::servo::Record::new(even, true);
+        let set = Settings::new(35.0);
+        let Ok(found) = pigtail_sysid::servo::identify(&record, None, &set) else {
+            continue;
+        };
+        let Some(variant) = found.variant(Friction::Symmetric, Method::LeastSquares) else {
+            continue;
+        };
+        all += 1.0;
+        for ((hit, parameter), is) in hits.iter_mut().zip(&variant.parameters).zip(MADE.values) {
+            let held = |k: pigtail_sysid::Known| (k.value - is).abs() < 1.96 * k.std_correlated;
+            *hit += f64::from(u8::from(parameter.known.is_some_and(held)));
+        }
+    }
+    hits.map(|hit| hit / all)
+}
+
+#[test]
+#[ignore = "long: hundreds of records"]
+fn intervals_hold_the_truth() {
+    for kind in ["plain", "jitter", "coloured", "skew"] {
+        let share = coverage(kind, 200);
+        eprintln!(
+            "{kind}: inertia {:.3}, viscous {:.3}, Coulomb {:.3}",
+            share[0], share[1], share[2]
+        );
+        // 200 records tell a share of 0.95 to 0.03, two standard deviations.
+        assert!(share.iter().all(|s| *s > 0.9), "{kind}: {share:?}");
+    }
+}

@@ -1,0 +1,275 @@
+//! Transmissions by mangled records of both of their sides.
+
+use crate::{Wanted, normal};
+use pigtail_records::columns::Named;
+use pigtail_records::windup::{Roles, windup};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+/// Time, motor, load (degrees), torque.
+type Rows = Vec<[f64; 4]>;
+
+/// Skew (s), full windup (deg), compliance (deg/Nm) of the record that is made.
+const SKEW: f64 = 2.4e-3;
+const FULL: f64 = 0.008;
+const COMPLIANCE: f64 = 8e-4;
+const PERIOD: f64 = 4e-3;
+
+fn made(seed: u64) -> Rows {
+    let mut rng = Pcg64Mcg::seed_from_u64(seed);
+    let phase: Vec<f64> = (0..3).map(|_| rng.random_range(0.0..6.0)).collect();
+    let fine: usize = 8;
+    let n: usize = 4000;
+    let place = |t: f64| {
+        20.0 * (1.1 * t + phase[0]).sin()
+            + 6.0 * (2.9 * t + phase[1]).sin()
+            + 1.5 * (7.0 * t + phase[2]).sin()
+    };
+    let load_torque = |t: f64| 12.0 * (1.1 * t + phase[0] + 0.5).sin() + 6.0 * (4.1 * t).cos();
+    let mut share: f64 = 0.0;
+    let mut last = place(0.0);
+    let dense: Vec<f64> = (0..n * fine)
+        .map(|k| {
+            let t = PERIOD * k as f64 / fine as f64;
+            let q = place(t);
+            share = (share + (q - last) / 0.8).clamp(-1.0, 1.0);
+            last = q;
+            q - FULL * share - COMPLIANCE * load_torque(t)
+        })
+        .collect();
+    (0..n)
+        .map(|k| {
+            let t = PERIOD * k as f64;
+            let at = ((t - SKEW) / PERIOD * fine as f64).max(0.0);
+            let i = at as usize;
+            let load = dense[i] + (at - i as f64) * (dense[i + 1] - dense[i]);
+            [
+                t,
+                place(t) + 1e-4 * normal(&mut rng),
+                load + 1e-4 * normal(&mut rng),
+                load_torque(t),
+            ]
+        })
+        .collect()
+}
+
+fn text(rows: &Rows) -> String {
+    let mut text = "t_s,mot_deg,se_deg,torque_Nm\n".to_owned();
+    for [t, m, l, p] in rows {
+        let _ = writeln!(text, "{t:.6},{m:.6},{l:.6},{p:.5}");
+    }
+    text
+}
+
+type Mangle = fn(&mut Rows, &mut Pcg64Mcg);
+
+const MANGLED: &[(&str, Wanted, bool, Mangle)] = &[
+    ("as it is", Wanted::Right, true, |_, _| {}),
+    ("without torque", Wanted::Either, false, |_, _| {}),
+    (
+        "motor and load swapped",
+        Wanted::Refused,
+        true,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r.swap(1, 2));
+        },
+    ),
+    (
+        "motor and load swapped, without torque",
+        Wanted::Either,
+        false,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r.swap(1, 2));
+        },
+    ),
+    ("torque negated", Wanted::Refused, true, |rows, _| {
+        rows.iter_mut().for_each(|r| r[3] = -r[3]);
+    }),
+    ("load negated", Wanted::Refused, true, |rows, _| {
+        rows.iter_mut().for_each(|r| r[2] = -r[2]);
+    }),
+    (
+        "all negated but the torque",
+        Wanted::Refused,
+        true,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| (r[1], r[2]) = (-r[1], -r[2]));
+        },
+    ),
+    (
+        "load in radians, said to be degrees",
+        Wanted::Refused,
+        true,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r[2] = r[2].to_radians());
+        },
+    ),
+    ("spikes", Wanted::Either, true, |rows, rng| {
+        for _ in 0..10 {
+            let k = rng.random_range(50..rows.len() - 50);
+            rows[k][2] += rng.random_range(0.5..3.0);
+            let k = rng.random_range(50..rows.len() - 50);
+            rows[k][1] = 0.0;
+        }
+    }),
+    (
+        "stamps jitter 0.35 periods",
+        Wanted::Right,
+        true,
+        |rows, rng| {
+            for r in rows {
+                r[0] += PERIOD * rng.random_range(-0.35..0.35);
+            }
+        },
+    ),
+    ("2 % stamped late", Wanted::Right, true, |rows, rng| {
+        for r in rows {
+            if rng.random::<f64>() < 0.02 {
+                r[0] += 0.9 * PERIOD * rng.random::<f64>();
+            }
+        }
+    }),
+    ("5 % of rows lost", Wanted::Right, true, |rows, rng| {
+        rows.retain(|_| rng.random::<f64>() > 0.05);
+    }),
+    ("load clipped", Wanted::Refused, true, |rows, _| {
+        let top = rows.iter().fold(f64::MIN, |m, r| m.max(r[2]));
+        rows.iter_mut().for_each(|r| r[2] = r[2].min(0.6 * top));
+    }),
+    (
+        "the load's encoder slips",
+        Wanted::Either,
+        true,
+        |rows, _| {
+            rows[2000..].iter_mut().for_each(|r| r[2] += 0.4);
+        },
+    ),
+    ("torque is noise", Wanted::Either, true, |rows, rng| {
+        rows.iter_mut().for_each(|r| r[3] = 10.0 * normal(rng));
+    }),
+    (
+        "load is the motor's column",
+        Wanted::Refused,
+        true,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r[2] = r[1]);
+        },
+    ),
+    (
+        "load of another record",
+        Wanted::Refused,
+        true,
+        |rows, _| {
+            let n = rows.len();
+            let old: Vec<f64> = rows.iter().map(|r| r[2]).collect();
+            rows.iter_mut()
+                .enumerate()
+                .for_each(|(k, r)| r[2] = old[(k + n / 2) % n]);
+        },
+    ),
+];
+
+fn roles(torque: bool) -> Roles {
+    Roles {
+        time: None,
+        rate: None,
+        motor: Named::new("mot_deg"),
+        load: Named::new("se_deg"),
+        torque: torque.then(|| Named::new("torque_Nm")),
+        ratio: 1.0,
+    }
+}
+
+/// Runs the cases over a record; `truth` is its skew and, where known, its compliance.
+fn over(good: &Rows, truth: (f64, Option<f64>), wrong: &mut Vec<String>) {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("r.csv");
+    for (k, (name, wanted, torque, mangle)) in MANGLED.iter().enumerate() {
+        let mut rows = good.clone();
+        mangle(&mut rows, &mut Pcg64Mcg::seed_from_u64(300 + k as u64));
+        fs::write(&path, text(&rows)).expect("a file");
+        let read = match roles(*torque).read(&path) {
+            Ok(read) => read,
+            Err(error) => {
+                eprintln!("refused {name}: {error}");
+                if *wanted == Wanted::Right {
+                    wrong.push(format!("{name}: {error}"));
+                }
+                continue;
+            }
+        };
+        let found = windup(&read, None);
+        if !found.answer.is_whole() {
+            eprintln!("refused {name}: {}", found.answer.verdict);
+            if *wanted == Wanted::Right {
+                wrong.push(format!("{name}: {}", found.answer.verdict));
+            }
+            if found.model.is_some() {
+                wrong.push(format!("{name}: refused, and a fragment all the same"));
+            }
+            continue;
+        }
+        let value = |name: &str| {
+            let parameters = found.answer.parameters.iter();
+            let known = parameters
+                .filter(|(p, _)| p.name == name)
+                .find_map(|(p, _)| p.known);
+            known.map(|k| k.value)
+        };
+        let skew = value("time_skew").unwrap_or(f64::NAN);
+        let compliance = value("compliance").map(f64::to_degrees);
+        let told = format!(
+            "{}; skew {skew:.2e}, compliance {compliance:?}, w_max {:?}; {}",
+            found.answer.verdict,
+            value("w_max").map(f64::to_degrees),
+            found.answer.remarks.join(" | ")
+        );
+        let sign = if name.contains("swapped, without") {
+            -1.0
+        } else {
+            1.0
+        };
+        let known = truth.1.filter(|_| !name.contains("noise")).zip(compliance);
+        let off = (sign * skew - truth.0).abs() > 4e-4
+            || known.is_some_and(|(is, found)| (found / is - 1.0).abs() > 0.15);
+        let bad = off || *wanted == Wanted::Refused;
+        eprintln!("{} {name}: {told}", if bad { "WRONG" } else { "right" });
+        if bad {
+            wrong.push(format!("{name}: {told}"));
+        }
+    }
+}
+
+#[test]
+fn no_mangled_record_of_a_transmission_is_wrong_and_looks_right() {
+    let mut wrong = Vec::new();
+    over(&made(1), (SKEW, Some(COMPLIANCE)), &mut wrong);
+    let file = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../../shared/data/kuka_kr300_dual_encoder/trajectory_A.csv");
+    if let Ok(csv) = fs::read_to_string(file) {
+        for axis in 0..3 {
+            let rows = csv
+                .lines()
+                .skip(1)
+                .map(|line| {
+                    let v: Vec<f64> = line
+                        .split(',')
+                        .map(|f| f.parse().expect("a number"))
+                        .collect();
+                    [v[0], v[2 + 4 * axis], v[3 + 4 * axis], v[4 + 4 * axis]]
+                })
+                .collect();
+            eprintln!("axis {}", axis + 1);
+            over(&rows, (2.8e-3, None), &mut wrong);
+        }
+    }
+    assert!(
+        wrong.is_empty(),
+        "{} wrong:\n{}",
+        wrong.len(),
+        wrong.join("\n")
+    );
+}
