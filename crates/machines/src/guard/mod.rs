@@ -18,7 +18,7 @@ use pigtail_hal::spec::{AXES, SIDES};
 use pigtail_hal::{
     Axis, AxisName, Command, Fault, FiberHandling, Machine, Measurement, Rule, Side, Spec,
 };
-use pigtail_model::fivebar::{FiveBar, JointAngle, Unreachable};
+use pigtail_model::fivebar::{FiveBar, JointAngle, Turning, Unreachable};
 use pigtail_model::frames::{Chip, Placement, Point};
 use pigtail_model::leadscrew::LeadScrew;
 use watch::{Outputs, Piezos, Sensors, Stalls};
@@ -74,6 +74,18 @@ impl Arm {
         let (x, y) = self
             .five_bar
             .forward([JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)])?;
+        Ok((x - self.home[0], y - self.home[1]))
+    }
+
+    /// The same of angles that change little from one call to the next.
+    fn across_from(
+        &self,
+        turning: &mut [Turning; 2],
+        [a, b]: [f64; 2],
+    ) -> Result<(f64, f64), Unreachable> {
+        let [home_a, home_b] = self.home_angles;
+        let angles = [JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)];
+        let (x, y) = self.five_bar.forward_from(turning, angles)?;
         Ok((x - self.home[0], y - self.home[1]))
     }
 }
