@@ -139,7 +139,9 @@ impl Photodiodes {
 }
 
 impl BrokenDiode {
+    // Were it inlined, its sine would be worked out in every cycle, broken or not.
     #[cold]
+    #[inline(never)]
     fn signal(&self, signal: f64, time: f64) -> f64 {
         let light = if self.dead { 0.0 } else { signal };
         light + self.hum * (std::f64::consts::TAU * MAINS * time).sin()

@@ -265,6 +265,11 @@ impl Keepout {
         ((now.across() - then.across()).norm(), now.z - then.z)
     }
 
+    /// The same along alone.
+    pub(super) fn moved_along(&self, side: usize, back: usize) -> f64 {
+        self.stand(side, 0).endpoint.z - self.stand(side, back).endpoint.z
+    }
+
     /// Notes where everything is in this cycle. `false` for a side whose joints no mechanism has.
     pub(super) fn note(
         &mut self,
@@ -464,7 +469,7 @@ impl Keepout {
             // Towards the chip is forward in either manipulator's frame. A loop that swings is as fast as it is at this
             // moment, not on average.
             let speeds =
-                [WHILE, AT_ONCE].map(|back| self.moved(i, back).1 * self.rate / back as f64);
+                [WHILE, AT_ONCE].map(|back| self.moved_along(i, back) * self.rate / back as f64);
             let speed = speeds[0].max(speeds[1]).max(0.0);
             let stop = speed * REACTION / self.rate + 0.5 * speed * speed / self.brake;
             let facet = &self.geometry.facets[i];

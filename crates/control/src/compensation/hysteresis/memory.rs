@@ -69,12 +69,11 @@ pub struct MemoryState {
 }
 
 /// Sum of products, in four sums that do not wait for one another.
+#[inline]
 fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
     let mut sums = [0.0; 4];
     for (a, b) in a.as_chunks::<4>().0.iter().zip(b.as_chunks::<4>().0) {
-        for k in 0..4 {
-            sums[k] += a[k] * b[k];
-        }
+        sums = std::array::from_fn(|k| sums[k] + a[k] * b[k]);
     }
     (sums[0] + sums[1]) + (sums[2] + sums[3])
 }
