@@ -182,8 +182,7 @@ impl Hysteresis {
         let blocks = state.plays.as_chunks_mut::<BLOCK>().0.iter_mut();
         let slack = self.slack.as_chunks::<BLOCK>().0;
         let weights = self.weights.as_chunks::<BLOCK>().0;
-        for (((plays, sum), slack), weights) in
-            blocks.zip(&mut state.sums).zip(slack).zip(weights)
+        for (((plays, sum), slack), weights) in blocks.zip(&mut state.sums).zip(slack).zip(weights)
         {
             let before = *plays;
             for (play, slack) in plays.iter_mut().zip(slack) {

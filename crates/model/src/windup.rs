@@ -137,16 +137,10 @@ impl Memory {
         // Four sums that do not wait for one another.
         let mut sums = [0.0; 4];
         let deflections = state.deflections.as_chunks::<4>().0;
-        for (s, k) in deflections
-            .iter()
-            .zip(self.stiffness.as_chunks::<4>().0)
-        {
+        for (s, k) in deflections.iter().zip(self.stiffness.as_chunks::<4>().0) {
             sums = std::array::from_fn(|i| sums[i] + s[i] * k[i]);
         }
-        polynomial(
-            &self.hardening,
-            (sums[0] + sums[1]) + (sums[2] + sums[3]),
-        )
+        polynomial(&self.hardening, (sums[0] + sums[1]) + (sums[2] + sums[3]))
     }
 }
 

@@ -15,6 +15,7 @@
 
 use super::{Invalid, Range};
 use serde::{Deserialize, Serialize};
+use wide::f64x4;
 
 /// Number of play operators, the first of which has no slack.
 pub(super) const PLAYS: usize = 24;
@@ -63,19 +64,20 @@ pub struct MemoryState {
     rates: [f64; RELAXATIONS],
     /// What a unit of each relaxation adds to the displacement after it.
     kept: [f64; RELAXATIONS],
-    /// What a unit of `u` adds to it, by itself and by the relaxations.
-    slope: f64,
+    /// The `u` that a unit of displacement takes, of which the relaxations make a part.
+    share: f64,
     period: f64,
 }
 
 /// Sum of products, in four sums that do not wait for one another.
 #[inline]
 fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
-    let mut sums = [0.0; 4];
+    let mut sums = f64x4::ZERO;
     for (a, b) in a.as_chunks::<4>().0.iter().zip(b.as_chunks::<4>().0) {
-        sums = std::array::from_fn(|k| sums[k] + a[k] * b[k]);
+        sums += f64x4::new(*a) * f64x4::new(*b);
     }
-    (sums[0] + sums[1]) + (sums[2] + sums[3])
+    let [p, q, r, s] = sums.to_array();
+    (p + q) + (r + s)
 }
 
 impl MemoryState {
@@ -96,7 +98,7 @@ impl MemoryState {
                 .constants
                 .map(|constant| -(-period / constant).exp_m1());
             self.kept = std::array::from_fn(|k| model.shares[k] * (1.0 - self.rates[k]));
-            self.slope = 1.0 + dot(&model.shares, &self.rates);
+            self.share = 1.0 / (1.0 + dot(&model.shares, &self.rates));
         }
     }
 
@@ -216,25 +218,28 @@ impl Memory {
         state.sum
     }
 
-    /// The voltage at which the plays add up to `h`, from where they are.
-    fn invert(&self, state: &MemoryState, h: f64) -> f64 {
+    /// The voltage at which the plays add up to `h`, from where they are; its direction from there, and how many
+    /// plays are taken along.
+    fn invert(&self, state: &MemoryState, h: f64) -> (f64, f64, usize) {
         let direction = if h >= state.sum { 1.0 } else { -1.0 };
         let mut left = (h - state.sum).abs();
         // The play without slack is where the voltage is. Going on, one play after the other is
         // taken along, for slacks rise: each makes the line steeper.
         let mut v = state.plays[0];
         let mut slope = self.weights[0];
-        for i in 1..PLAYS {
-            let taken = state.plays[i] + direction * self.slack[i];
-            let way = (direction * (taken - v)).max(0.0);
+        let mut taken = 1;
+        while taken < PLAYS {
+            let next = state.plays[taken] + direction * self.slack[taken];
+            let way = (direction * (next - v)).max(0.0);
             if way * slope >= left {
                 break;
             }
             left -= way * slope;
             v += direction * way;
-            slope += self.weights[i];
+            slope += self.weights[taken];
+            taken += 1;
         }
-        v + direction * left / slope
+        (v + direction * left / slope, direction, taken)
     }
 
     /// The displacement after `period` seconds at the next voltage.
@@ -258,17 +263,22 @@ impl Memory {
         state.set_period(self, period);
         // What the relaxations will have come to depends on u itself, linearly.
         let crept = dot(&state.kept, &state.relaxations);
-        let u = (self.output.to_share(wanted) - crept) / state.slope;
+        let u = (self.output.to_share(wanted) - crept) * state.share;
         // Far beyond the range the static curve would turn back.
         let (y, _) = self.bend(u.clamp(-1.5, 1.5));
-        let asked = self.input.of_share(self.invert(state, y - self.offset));
+        let h = y - self.offset;
+        let (v, direction, taken) = self.invert(state, h);
+        let asked = self.input.of_share(v);
         let volts = asked.clamp(limits.low, limits.high);
-        let h = self.follow(state, self.input.to_share(volts));
-        // What was asked for comes of it, but at the ends.
         let u = if volts == asked && u.abs() <= RISES {
+            // What was asked for comes of it.
+            for (play, slack) in state.plays[..taken].iter_mut().zip(&self.slack) {
+                *play = v - direction * slack;
+            }
+            state.sum = h;
             u
         } else {
-            self.straighten(self.offset + h)
+            self.at_once(state, self.input.to_share(volts))
         };
         state.creep(u);
         volts
@@ -293,7 +303,7 @@ impl Memory {
             relaxations: [self.straighten(self.offset + sum); RELAXATIONS],
             rates: [0.0; RELAXATIONS],
             kept: [0.0; RELAXATIONS],
-            slope: 1.0,
+            share: 1.0,
             period: 0.0,
         }
     }
