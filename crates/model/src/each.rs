@@ -47,10 +47,13 @@ impl<const N: usize> Each<N> {
 
     #[inline(always)]
     pub(crate) fn any_negative(self) -> bool {
-        self.0
-            .iter()
-            .fold(0.0, |low: f64, &a| if a < low { a } else { low })
-            < 0.0
+        // No short cut: all are compared at once.
+        self.0.iter().fold(false, |any, a| any | (*a < 0.0))
+    }
+
+    #[inline(always)]
+    pub(crate) fn all_zero(self) -> bool {
+        !self.0.iter().fold(false, |any, a| any | (*a != 0.0))
     }
 }
 

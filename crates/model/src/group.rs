@@ -15,9 +15,10 @@
 
 use crate::each::Each;
 use crate::friction::{Friction, Mode};
+use crate::instructions::Instructions;
 use crate::joint::{Joint, JointState, SLOWS};
 use crate::nystrom::{self, POINTS, Row};
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
 /// `N` joints that are stepped together.
 #[derive(Debug, Clone, PartialEq)]
@@ -215,8 +216,20 @@ impl<const N: usize> Group<N> {
     }
 
     /// Advances all states by a cycle, each under a held voltage.
+    #[inline]
     pub fn advance(&self, states: &mut States<N>, voltages: [f64; N]) {
-        Arch::new().dispatch(Cycle {
+        self.advance_by(Instructions::widest(), states, voltages);
+    }
+
+    /// The same by instructions of one's choice, to the same bits.
+    #[inline]
+    pub fn advance_by(
+        &self,
+        instructions: Instructions,
+        states: &mut States<N>,
+        voltages: [f64; N],
+    ) {
+        instructions.run(Cycle {
             group: self,
             states,
             voltages: Each(voltages),
@@ -239,12 +252,13 @@ impl<const N: usize> Group<N> {
         let outside = self.load_torque + s.load_torque;
         let twist = self.ratio * s.motor.angle - s.load.angle;
         let torque = self.torque(twist);
-        if self.holds(s, drive, outside, torque).any_negative() {
-            self.resolve(s, voltages);
+        let holds = self.holds(s, drive, outside, torque);
+        if holds.any_negative() {
+            self.resolve(s, voltages, &holds);
         }
         let motor = self.motor.accelerations(&s.motor, drive, -self.ratio);
         let load = self.load.accelerations(&s.load, outside, Each([1.0; N]));
-        if motor.by.0 == [0.0; N] && load.by.0 == [0.0; N] {
+        if motor.by.all_zero() && load.by.all_zero() {
             return;
         }
         // From one torque to the next is the chain that everything else waits for: what does not belong
@@ -285,13 +299,15 @@ impl<const N: usize> Group<N> {
         (s.load.angle, s.load.velocity) = (ql, vl);
     }
 
-    /// Decides anew what happens to bodies at rest.
+    /// Decides anew what happens to bodies at rest that nothing holds any more.
     #[inline(never)]
-    fn resolve(&self, s: &mut States<N>, voltages: &Each<N>) {
+    fn resolve(&self, s: &mut States<N>, voltages: &Each<N>, holds: &Each<N>) {
         for (i, joint) in self.joints.iter().enumerate() {
-            let mut state = s.get(i);
-            joint.resolve(&mut state, voltages[i]);
-            s.set(i, &state);
+            if holds[i] < 0.0 {
+                let mut state = s.get(i);
+                joint.resolve(&mut state, voltages[i]);
+                s.set(i, &state);
+            }
         }
     }
 
