@@ -293,7 +293,7 @@ impl<const N: usize> Group<N> {
                 motor: (qm, vm),
                 load: (ql, vl),
             };
-            ((qm, vm), (ql, vl)) = self.finish(s, voltages, ends);
+            ((qm, vm), (ql, vl)) = self.finish(s, voltages, &ends);
         }
         (s.motor.angle, s.motor.velocity) = (qm, vm);
         (s.load.angle, s.load.velocity) = (ql, vl);
@@ -317,7 +317,7 @@ impl<const N: usize> Group<N> {
         &self,
         s: &mut States<N>,
         voltages: &Each<N>,
-        ends: Ends<N>,
+        ends: &Ends<N>,
     ) -> (Angles<N>, Angles<N>) {
         let (motor, load) = &ends.accelerations;
         let ((mut qm, mut vm), (mut ql, mut vl)) = (ends.motor, ends.load);

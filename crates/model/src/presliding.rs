@@ -47,7 +47,7 @@ pub struct Contact {
 
 impl Contact {
     /// `k_c`, N m/rad.
-    pub(crate) fn stiffness(&self) -> f64 {
+    pub(crate) fn stiffness(self) -> f64 {
         self.stiffness
     }
 

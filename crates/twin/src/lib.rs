@@ -445,6 +445,32 @@ impl Twin {
         Some((self.light.coupling(port, tip, held.fiber.tilt), tip))
     }
 
+    /// Light at the photodiodes, volts, without what they add to it.
+    fn signals(
+        &mut self,
+        [left, right]: &[Point<Chip>; SIDES],
+        sensing: Point<Chip>,
+        lit: bool,
+    ) -> [f64; CHANNELS] {
+        let level = self.scatter.next(&mut self.rng);
+        if !lit {
+            return [0.0; CHANNELS];
+        }
+        let tips = Tips {
+            input: self
+                .fiber_at(Side::Left, 0, *left)
+                .map_or(0.0, |(coupling, _)| coupling),
+            outputs: std::array::from_fn(|port| self.fiber_at(Side::Right, port, *right)),
+            sensing,
+        };
+        let power = match &mut self.wander {
+            Some(wander) => wander.next(&mut self.rng),
+            None => 1.0,
+        };
+        let signals = self.light.signals(&tips, level);
+        signals.map(|signal| power * signal)
+    }
+
     /// One cycle under a command that was found good.
     fn cycle(&mut self, command: &Command) -> Result<Measurement, Fault> {
         self.micro_volts = command.micro;
@@ -490,24 +516,8 @@ impl Twin {
         let right = holders[Side::Right.index()];
         let sensing = tip_of(right, &self.sensing.0);
         self.sensing_height = sensing.y - self.light.port(Side::Right, 0).position.y;
-        let level = self.scatter.next(&mut self.rng);
-        let signals = if command.laser && !self.broken.laser_off {
-            let tips = Tips {
-                input: self
-                    .fiber_at(Side::Left, 0, holders[0])
-                    .map_or(0.0, |(coupling, _)| coupling),
-                outputs: std::array::from_fn(|port| self.fiber_at(Side::Right, port, right)),
-                sensing,
-            };
-            let power = match &mut self.wander {
-                Some(wander) => wander.next(&mut self.rng),
-                None => 1.0,
-            };
-            let signals = self.light.signals(&tips, level);
-            signals.map(|signal| power * signal)
-        } else {
-            [0.0; CHANNELS]
-        };
+        let lit = command.laser && !self.broken.laser_off;
+        let signals = self.signals(&holders, sensing, lit);
         let light = self
             .photodiodes
             .cycle(&signals, self.cycle, time, &mut self.rng);

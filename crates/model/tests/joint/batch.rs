@@ -29,6 +29,12 @@ fn joints(kind: usize) -> Vec<Joint> {
     (0..JOINTS).map(joint).collect()
 }
 
+/// A triangle in which each joint is so many cycles before the one that is given before it.
+fn wave(k: i32, before: i32, joint: usize, amplitude: f64, period: i32) -> f64 {
+    let joint = i32::try_from(joint).expect("a few joints");
+    triangle(k + before * joint, amplitude, period)
+}
+
 fn pid(kind: usize) -> Pid {
     [Pid::five_bar, Pid::z_stage][kind]()
 }
@@ -44,7 +50,7 @@ fn apart(kind: usize) -> (f64, usize) {
     for k in 0..6000 {
         let voltages: Vec<_> = (0..JOINTS)
             .map(|i| {
-                let reference = round_up(triangle(k + 311 * i as i32, 200.0, 5000));
+                let reference = round_up(wave(k, 311, i, 200.0, 5000));
                 pids[i].voltage(reference, batch.motor_angle(i))
             })
             .collect();
@@ -84,7 +90,7 @@ fn all_instructions_make_the_same_bits() {
         let joints = joints(kind);
         let mut batches = vec![Batch::new(&joints, CYCLE); all.len()];
         for k in 0..4000 {
-            let voltage = |i: usize| 4.0 * triangle(k + 97 * i as i32, 1.0, 500);
+            let voltage = |i: usize| 4.0 * wave(k, 97, i, 1.0, 500);
             let voltages: Vec<_> = (0..JOINTS).map(voltage).collect();
             for (batch, instructions) in batches.iter_mut().zip(&all) {
                 batch.advance_by(*instructions, &voltages);
@@ -104,7 +110,7 @@ fn who_lies_beside_it_changes_nothing() {
     let shuffled: Vec<_> = (0..JOINTS).map(|i| joints[(8 * i) % JOINTS]).collect();
     let (mut a, mut b) = (Batch::new(&joints, CYCLE), Batch::new(&shuffled, CYCLE));
     for k in 0..2000 {
-        let voltage = |i: usize| 5.0 * triangle(k + 31 * i as i32, 1.0, 400);
+        let voltage = |i: usize| 5.0 * wave(k, 31, i, 1.0, 400);
         a.advance(&(0..JOINTS).map(voltage).collect::<Vec<_>>());
         b.advance(
             &(0..JOINTS)

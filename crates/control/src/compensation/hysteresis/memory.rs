@@ -59,6 +59,8 @@ pub struct MemoryState {
     plays: [f64; PLAYS],
     /// `h` of these plays.
     sum: f64,
+    /// The direction in which the voltage has gone of late, and how many plays it takes along.
+    engaged: (f64, usize),
     relaxations: [f64; RELAXATIONS],
     /// Share of the way that each relaxation goes in a step of `period`.
     rates: [f64; RELAXATIONS],
@@ -67,6 +69,8 @@ pub struct MemoryState {
     /// The `u` that a unit of displacement takes, of which the relaxations make a part.
     share: f64,
     period: f64,
+    /// What the first plays together add for a way that they are taken along: of one of them, of two...
+    slopes: [f64; PLAYS],
 }
 
 /// Sum of products, in four sums that do not wait for one another.
@@ -98,6 +102,11 @@ impl MemoryState {
                 .constants
                 .map(|constant| -(-period / constant).exp_m1());
             self.kept = std::array::from_fn(|k| model.shares[k] * (1.0 - self.rates[k]));
+            let mut slope = 0.0;
+            self.slopes = model.weights.map(|weight| {
+                slope += weight;
+                slope
+            });
             self.share = 1.0 / (1.0 + dot(&model.shares, &self.rates));
         }
     }
@@ -214,6 +223,7 @@ impl Memory {
         }
         if moved {
             state.sum = dot(&state.plays, &self.weights);
+            state.engaged = (0.0, 1);
         }
         state.sum
     }
@@ -224,10 +234,14 @@ impl Memory {
         let direction = if h >= state.sum { 1.0 } else { -1.0 };
         let mut left = (h - state.sum).abs();
         // The play without slack is where the voltage is. Going on, one play after the other is
-        // taken along, for slacks rise: each makes the line steeper.
+        // taken along, for slacks rise: each makes the line steeper. Those that were taken along before are so
+        // until the voltage turns round.
         let mut v = state.plays[0];
-        let mut slope = self.weights[0];
-        let mut taken = 1;
+        let mut taken = match state.engaged {
+            (before, taken) if before == direction => taken,
+            _ => 1,
+        };
+        let mut slope = state.slopes[taken - 1];
         while taken < PLAYS {
             let next = state.plays[taken] + direction * self.slack[taken];
             let way = (direction * (next - v)).max(0.0);
@@ -236,7 +250,7 @@ impl Memory {
             }
             left -= way * slope;
             v += direction * way;
-            slope += self.weights[taken];
+            slope = state.slopes[taken];
             taken += 1;
         }
         (v + direction * left / slope, direction, taken)
@@ -275,7 +289,7 @@ impl Memory {
             for (play, slack) in state.plays[..taken].iter_mut().zip(&self.slack) {
                 *play = v - direction * slack;
             }
-            state.sum = h;
+            (state.sum, state.engaged) = (h, (direction, taken));
             u
         } else {
             self.at_once(state, self.input.to_share(volts))
@@ -300,11 +314,13 @@ impl Memory {
         MemoryState {
             plays,
             sum,
+            engaged: (0.0, 1),
             relaxations: [self.straighten(self.offset + sum); RELAXATIONS],
             rates: [0.0; RELAXATIONS],
             kept: [0.0; RELAXATIONS],
             share: 1.0,
             period: 0.0,
+            slopes: [0.0; PLAYS],
         }
     }
 }
