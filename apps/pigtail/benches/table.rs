@@ -4,7 +4,7 @@
 //! round: a machine that is busy slows all of them down alike. What is printed is the median of the rounds.
 //! `-- --rounds N` makes more of them, `-- --csv` prints lines that `.ci/compare` reads.
 
-use comfy_table::{ContentArrangement, Table, presets};
+use comfy_table::{ContentArrangement, Table};
 use pigtail_control::servo::{Pid, PidState};
 use pigtail_control::station::{Station, Unobserved};
 use pigtail_control::trajectory::Arc;
@@ -327,7 +327,6 @@ fn main() {
     let csv = arguments.iter().any(|argument| argument == "--csv");
     let mut table = Table::new();
     table
-        .load_preset(presets::NOTHING)
         .set_content_arrangement(ContentArrangement::Disabled)
         .set_header(["", "ns", "of a", "joints", "bound"]);
     for line in &lines {
