@@ -5,7 +5,7 @@ use crate::compensation::hysteresis::Range;
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, MICRO_AXES};
 use pigtail_hal::{Axis, Side, Spec};
-use pigtail_model::fivebar::{FiveBar, JointAngle, Unreachable};
+use pigtail_model::fivebar::{FiveBar, JointAngle, Turning, Unreachable};
 use pigtail_model::frames::{Chip, Displacement, Macro, Placement, Point};
 use pigtail_model::leadscrew::LeadScrew;
 
@@ -207,6 +207,26 @@ impl Kinematics {
         ))
     }
 
+    /// The same of angles that change little from one call to the next.
+    ///
+    /// # Errors
+    ///
+    /// When no assembled mechanism has these angles.
+    pub(crate) fn endpoint_from(
+        &self,
+        turning: &mut [Turning; 2],
+        [a, b, z]: [f64; AXES],
+    ) -> Result<Point<Macro>, Unreachable> {
+        let [home_a, home_b] = self.home_angles;
+        let angles = [JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)];
+        let (x, y) = self.five_bar.forward_from(turning, angles)?;
+        Ok(Point::new(
+            x - self.home[0],
+            y - self.home[1],
+            self.screw.position(z),
+        ))
+    }
+
     /// Where the endpoint is with these output angles of the five-bar from home (radians) and the
     /// z-stage at `z` metres.
     ///
@@ -228,7 +248,9 @@ impl Kinematics {
 
     /// Encoder counts of an axis whose transmission has this input angle, radians of the output.
     pub fn counts(&self, axis: usize, input: f64) -> Counts {
-        Counts((input * self.counts_per_radian[axis]).round() as i64)
+        // The method `round` is a call into the C library on most targets.
+        let counts = input * self.counts_per_radian[axis];
+        Counts((counts + 0.5_f64.copysign(counts)) as i64)
     }
 
     /// Input angle of an axis's transmission at these encoder counts, radians of the output.

@@ -68,6 +68,7 @@ impl Pid {
     /// I = clamp(I + e T)                          unless the axis is held
     /// u = clamp(kp e + ki I + kd (e - e_last)/T)
     /// ```
+    #[inline]
     pub fn voltage(&self, state: &mut PidState, reference: Counts, measured: Counts) -> Volts {
         let counts = reference.0 - measured.0;
         let error = counts as f64;

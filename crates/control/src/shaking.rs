@@ -250,6 +250,7 @@ impl Shaking {
     /// Variances of a tip (square metres) and how probable each is, after what was seen.
     fn believed(&self) -> Vec<(f64, f64)> {
         let (wide, small, rings) = (self.wide, self.small, self.rings());
+        let noises = noises(self.still_degrees);
         // Whoever has seen nothing of a tip cannot say that it still is as it was.
         let before = |deviation: f64| match self.measured.filter(|_| self.is_known()) {
             None => USUAL.density(deviation),
@@ -263,7 +264,7 @@ impl Shaking {
             let variance = deviation * deviation;
             let of = |turns: &Turns, noisier| turns.likelihood(variance, noisier);
             // A photodiode that happened to look noisier than it is makes a tip look the stiller.
-            let turns = logarithm_of_mean(self.still_degrees, |noisier| {
+            let turns = logarithm_of_mean(&noises, |noisier| {
                 of(&small, noisier) + if rings { 0.0 } else { of(&wide, noisier) }
             });
             (variance, turns + before(deviation).ln())
@@ -273,9 +274,12 @@ impl Shaking {
             .iter()
             .map(|(_, l)| *l)
             .fold(f64::NEG_INFINITY, f64::max);
-        let sum: f64 = each.iter().map(|(_, l)| (l - most).exp()).sum();
-        let probable = each.into_iter().map(|(v, l)| (v, (l - most).exp() / sum));
-        probable.collect()
+        let mut probable: Vec<_> = each.iter().map(|(v, l)| (*v, (l - most).exp())).collect();
+        let sum: f64 = probable.iter().map(|(_, share)| share).sum();
+        for (_, share) in &mut probable {
+            *share /= sum;
+        }
+        probable
     }
 
     /// Standard deviation of the tip along an axis, metres.
@@ -374,19 +378,23 @@ impl Shaking {
     }
 }
 
-/// Logarithm of the mean of likelihoods that are given as logarithms, over how many times the noise's variance that it was
-/// seen to be by so many degrees of freedom it may be.
-fn logarithm_of_mean(degrees: f64, likelihood: impl Fn(f64) -> f64) -> f64 {
-    /// Standard deviations on either side, and steps for each.
-    const REACH: i32 = 3;
-    const STEPS: i32 = 2;
+/// How many times the noise's variance that it was seen to be by so many degrees of freedom it may be, and how likely
+/// each is.
+fn noises(degrees: f64) -> [(f64, f64); NOISES] {
     let spread = (2.0 / degrees).sqrt();
-    let each: Vec<_> = (-REACH * STEPS..=REACH * STEPS)
-        .map(|step| {
-            let z = f64::from(step) / f64::from(STEPS);
-            (likelihood((spread * z).exp()), (-0.5 * z * z).exp())
-        })
-        .collect();
+    std::array::from_fn(|step| {
+        let z = (step as f64 - 0.5 * (NOISES - 1) as f64) / STEPS;
+        ((spread * z).exp(), (-0.5 * z * z).exp())
+    })
+}
+
+/// Steps for each standard deviation that are looked at, of three on either side.
+const STEPS: f64 = 2.0;
+const NOISES: usize = 13;
+
+/// Logarithm of the mean of likelihoods that are given as logarithms, over what the noise may be.
+fn logarithm_of_mean(noises: &[(f64, f64); NOISES], likelihood: impl Fn(f64) -> f64) -> f64 {
+    let each = noises.map(|(noisier, weight)| (likelihood(noisier), weight));
     let most = each
         .iter()
         .map(|(l, _)| *l)

@@ -382,7 +382,10 @@ impl<'a> Station<'a> {
         let arm = &self.arms[side.index()];
         let encoders = &self.measurement.encoders[side.index()];
         let outputs = std::array::from_fn(|i| arm.kinematics.input(i, encoders[i]) - arm.windup[i]);
-        arm.kinematics.endpoint_at(outputs).unwrap_or(arm.wanted)
+        let mut turning = arm.turning.get();
+        let endpoint = arm.kinematics.endpoint_from(&mut turning, outputs);
+        arm.turning.set(turning);
+        endpoint.unwrap_or(arm.wanted)
     }
 
     /// Where an endpoint is wanted at this moment.

@@ -1,6 +1,12 @@
 //! A number for each of several joints, in arithmetic that a processor does on two or more at once.
 
-use std::ops::{Add, Index, IndexMut, Mul, Neg, Sub};
+#![expect(
+    clippy::inline_always,
+    clippy::needless_bitwise_bool,
+    reason = "what is not inlined does not get the instructions of its caller, and a short cut is a branch"
+)]
+
+use std::ops::{Add, Div, Index, IndexMut, Mul, Neg, Sub};
 
 /// `N` numbers.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -8,45 +14,54 @@ use std::ops::{Add, Index, IndexMut, Mul, Neg, Sub};
 pub(crate) struct Each<const N: usize>(pub(crate) [f64; N]);
 
 impl<const N: usize> Each<N> {
-    #[inline]
+    #[inline(always)]
     pub(crate) fn of(value: impl FnMut(usize) -> f64) -> Self {
         Self(std::array::from_fn(value))
     }
 
-    #[inline]
+    #[inline(always)]
     fn with(self, other: Self, value: impl Fn(f64, f64) -> f64) -> Self {
         Self::of(|i| value(self.0[i], other.0[i]))
     }
 
-    #[inline]
+    /// These where it is so, the others elsewhere.
+    #[inline(always)]
+    pub(crate) fn select(self, other: Self, here: impl Fn(usize) -> bool) -> Self {
+        Self::of(|i| if here(i) { self.0[i] } else { other.0[i] })
+    }
+
+    #[inline(always)]
     pub(crate) fn abs(self) -> Self {
         Self(self.0.map(f64::abs))
     }
 
     // A comparison and not `f64::min`, which takes more for what none of these is: not a number.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn min(self, other: Self) -> Self {
         self.with(other, |a, b| if a < b { a } else { b })
     }
 
-    #[inline]
+    #[inline(always)]
     pub(crate) fn max(self, other: Self) -> Self {
         self.with(other, |a, b| if a > b { a } else { b })
     }
 
-    #[inline]
+    #[inline(always)]
     pub(crate) fn any_negative(self) -> bool {
-        self.0
-            .iter()
-            .fold(0.0, |low: f64, &a| if a < low { a } else { low })
-            < 0.0
+        // No short cut: all are compared at once.
+        self.0.iter().fold(false, |any, a| any | (*a < 0.0))
+    }
+
+    #[inline(always)]
+    pub(crate) fn all_zero(self) -> bool {
+        !self.0.iter().fold(false, |any, a| any | (*a != 0.0))
     }
 }
 
 impl<const N: usize> Add for Each<N> {
     type Output = Self;
 
-    #[inline]
+    #[inline(always)]
     fn add(self, other: Self) -> Self {
         self.with(other, |a, b| a + b)
     }
@@ -55,7 +70,7 @@ impl<const N: usize> Add for Each<N> {
 impl<const N: usize> Sub for Each<N> {
     type Output = Self;
 
-    #[inline]
+    #[inline(always)]
     fn sub(self, other: Self) -> Self {
         self.with(other, |a, b| a - b)
     }
@@ -64,16 +79,25 @@ impl<const N: usize> Sub for Each<N> {
 impl<const N: usize> Mul for Each<N> {
     type Output = Self;
 
-    #[inline]
+    #[inline(always)]
     fn mul(self, other: Self) -> Self {
         self.with(other, |a, b| a * b)
+    }
+}
+
+impl<const N: usize> Div for Each<N> {
+    type Output = Self;
+
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        self.with(other, |a, b| a / b)
     }
 }
 
 impl<const N: usize> Mul<Each<N>> for f64 {
     type Output = Each<N>;
 
-    #[inline]
+    #[inline(always)]
     fn mul(self, other: Each<N>) -> Each<N> {
         Each(other.0.map(|a| self * a))
     }
@@ -82,7 +106,7 @@ impl<const N: usize> Mul<Each<N>> for f64 {
 impl<const N: usize> Neg for Each<N> {
     type Output = Self;
 
-    #[inline]
+    #[inline(always)]
     fn neg(self) -> Self {
         Self(self.0.map(|a| -a))
     }
@@ -91,14 +115,14 @@ impl<const N: usize> Neg for Each<N> {
 impl<const N: usize> Index<usize> for Each<N> {
     type Output = f64;
 
-    #[inline]
+    #[inline(always)]
     fn index(&self, i: usize) -> &f64 {
         &self.0[i]
     }
 }
 
 impl<const N: usize> IndexMut<usize> for Each<N> {
-    #[inline]
+    #[inline(always)]
     fn index_mut(&mut self, i: usize) -> &mut f64 {
         &mut self.0[i]
     }

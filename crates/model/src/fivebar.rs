@@ -15,6 +15,59 @@ use crate::frames::Displacement;
 #[derive(Debug, Clone, Copy, PartialEq, PartialOrd)]
 pub struct JointAngle(pub f64);
 
+/// Sine and cosine of an angle that is asked for again and again while it changes little: turned on from where
+/// they were last worked out in full, to the last bit or two.
+///
+/// ```
+/// # use pigtail_model::fivebar::Turning;
+/// let mut turning = Turning::default();
+/// for k in 0..1000 {
+///     let angle = 1.0 + 1e-4 * f64::from(k);
+///     let (sin, cos) = turning.sin_cos(angle);
+///     assert!((sin - angle.sin()).abs() < 3e-16 && (cos - angle.cos()).abs() < 3e-16);
+/// }
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Turning {
+    at: f64,
+    sin: f64,
+    cos: f64,
+}
+
+impl Default for Turning {
+    fn default() -> Self {
+        Self {
+            at: 0.0,
+            sin: 0.0,
+            cos: 1.0,
+        }
+    }
+}
+
+impl Turning {
+    /// Sine and cosine of `angle`, radians.
+    #[inline]
+    pub fn sin_cos(&mut self, angle: f64) -> (f64, f64) {
+        /// Farther on than this the series below would not do, radians.
+        const NEAR: f64 = 1.0 / 128.0;
+        let by = angle - self.at;
+        let is_near = by.abs() <= NEAR;
+        if !is_near {
+            let (sin, cos) = angle.sin_cos();
+            (self.at, self.sin, self.cos) = (angle, sin, cos);
+            return (sin, cos);
+        }
+        let square = by * by;
+        let sin = by * (1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0)));
+        // Less one.
+        let cos = -square * (0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0)));
+        (
+            self.sin + (self.sin * cos + self.cos * sin),
+            self.cos + (self.cos * cos - self.sin * sin),
+        )
+    }
+}
+
 /// A five-bar mechanism.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FiveBar {
@@ -101,10 +154,10 @@ impl FiveBar {
         if y <= 0.0 {
             return Err(Unreachable::OutOfReach { x, y });
         }
-        let a = self.leg(x, y, -1.0)?;
-        let b = self.leg(x, y, 1.0)?;
+        let (a, elbow_a) = self.leg(x, y, -1.0)?;
+        let (b, elbow_b) = self.leg(x, y, 1.0)?;
         let angles = [JointAngle(a), JointAngle(b)];
-        let [u, v] = self.distals(Displacement::new(x, y), angles);
+        let [u, v] = [elbow_a, elbow_b].map(|elbow| Displacement::new(x, y) - elbow);
         // The endpoint lies above the line through the elbows exactly when the distal links
         // cross in this sense.
         if u.cross(v) < SINGULAR * self.distal * self.distal {
@@ -113,7 +166,8 @@ impl FiveBar {
         Ok(angles)
     }
 
-    fn leg(&self, x: f64, y: f64, outward: f64) -> Result<f64, Unreachable> {
+    /// Angle of a proximal link, and its elbow.
+    fn leg(&self, x: f64, y: f64, outward: f64) -> Result<(f64, Displacement), Unreachable> {
         let dx = x - self.base_x(outward);
         let square = dx * dx + y * y;
         let reach = square.sqrt();
@@ -129,7 +183,9 @@ impl FiveBar {
         // The proximal link's direction is the line to the endpoint turned outward.
         let (c, s) = (dx * cosine, y * cosine);
         let (tc, ts) = (outward * y * sine, -outward * dx * sine);
-        Ok((s + ts).atan2(c + tc))
+        let along = Displacement::new(c + tc, s + ts);
+        let elbow = along * (self.proximal / reach) + Displacement::new(self.base_x(outward), 0.0);
+        Ok((along.y.atan2(along.x), elbow))
     }
 
     /// Vectors from the elbows of A and B to the endpoint.
@@ -153,7 +209,39 @@ impl FiveBar {
     /// When the distal links cannot meet, or lie in one line.
     #[inline]
     pub fn forward(&self, angles: [JointAngle; 2]) -> Result<(f64, f64), Unreachable> {
-        let [a, b] = self.elbows(angles);
+        self.meet(self.elbows(angles), angles)
+    }
+
+    /// The same as [`Self::forward`] of angles that change little from one call to the next, to 1e-16 of the
+    /// links' lengths.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::forward`].
+    #[inline]
+    pub fn forward_from(
+        &self,
+        turning: &mut [Turning; 2],
+        angles: [JointAngle; 2],
+    ) -> Result<(f64, f64), Unreachable> {
+        let mut elbow = |i: usize, outward: f64| {
+            let (sin, cos) = turning[i].sin_cos(angles[i].0);
+            Displacement::new(
+                self.proximal * cos + self.base_x(outward),
+                self.proximal * sin,
+            )
+        };
+        let elbows = [elbow(0, -1.0), elbow(1, 1.0)];
+        self.meet(elbows, angles)
+    }
+
+    /// Where distal links from these elbows meet.
+    #[inline]
+    fn meet(
+        &self,
+        [a, b]: [Displacement; 2],
+        angles: [JointAngle; 2],
+    ) -> Result<(f64, f64), Unreachable> {
         let apart = b - a;
         let square = apart.x * apart.x + apart.y * apart.y;
         let height_square = self.distal * self.distal - 0.25 * square;

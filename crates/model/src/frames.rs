@@ -42,7 +42,7 @@ impl Displacement {
 
     /// Its length, metres.
     pub fn norm(self) -> f64 {
-        self.x.hypot(self.y)
+        (self.x * self.x + self.y * self.y).sqrt()
     }
 
     /// The z component of its vector product with another, square metres: positive where the other lies to

@@ -4,11 +4,21 @@
 //! waits for the one before. Joints do not wait for each other: point by point over all of them,
 //! a processor does two or more at once. A joint in whose step a mode may change is taken out and
 //! its step finished by itself, as [`Joint::advance`] does it.
+//!
+//! Which instructions there are is found out when the program runs. All of them add and multiply alike and none
+//! is fused: the same joints go the same way, to the last bit, on two lanes and on eight.
+
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined does not get the instructions of its caller"
+)]
 
 use crate::each::Each;
 use crate::friction::{Friction, Mode};
+use crate::instructions::Instructions;
 use crate::joint::{Joint, JointState, SLOWS};
 use crate::nystrom::{self, POINTS, Row};
+use pulp::{Simd, WithSimd};
 
 /// `N` joints that are stepped together.
 #[derive(Debug, Clone, PartialEq)]
@@ -22,6 +32,8 @@ pub struct Group<const N: usize> {
     unbend: Each<N>,
     stiffest: Each<N>,
     load_torque: Each<N>,
+    /// Stiffness of the contacts, N m/rad.
+    contact: Each<N>,
     motor: Bodies<N>,
     load: Bodies<N>,
     /// In a cycle.
@@ -36,6 +48,7 @@ struct Bodies<const N: usize> {
     inverse_inertia: Each<N>,
     decay: Each<N>,
     coulomb: Each<N>,
+    viscous: Each<N>,
     /// Static friction, and infinitely much of it for a body that nothing holds: it has no modes.
     level: Each<N>,
     /// One for a body that nothing holds.
@@ -158,6 +171,7 @@ impl<const N: usize> Group<N> {
                 inverse_inertia: Each::of(|i| 1.0 / inertia(&joints[i])),
                 decay: decays,
                 coulomb: of_friction(|f| f.coulomb()),
+                viscous: of_friction(|f| f.viscous()),
                 level: of_friction(|f| {
                     if f.is_free() {
                         f64::INFINITY
@@ -179,6 +193,7 @@ impl<const N: usize> Group<N> {
             unbend: of(|j| -j.parameters().transmission.bend()),
             stiffest: of(|j| j.parameters().transmission.stiffest()),
             load_torque: of(|j| j.parameters().load_torque),
+            contact: of(Joint::contact),
             motor: bodies(
                 |j| j.parameters().motor_friction,
                 |j| j.parameters().motor_inertia,
@@ -201,28 +216,49 @@ impl<const N: usize> Group<N> {
     }
 
     /// Advances all states by a cycle, each under a held voltage.
+    #[inline]
     pub fn advance(&self, states: &mut States<N>, voltages: [f64; N]) {
-        for _ in 0..self.steps {
-            self.step(states, &Each(voltages));
-        }
+        self.advance_by(Instructions::widest(), states, voltages);
     }
 
+    /// The same by instructions of one's choice, to the same bits.
     #[inline]
+    pub fn advance_by(
+        &self,
+        instructions: Instructions,
+        states: &mut States<N>,
+        voltages: [f64; N],
+    ) {
+        instructions.run(Cycle {
+            group: self,
+            states,
+            voltages: Each(voltages),
+        });
+    }
+
+    /// Positions of the outputs (2.12), radians: [`Joint::output`] of each.
+    pub fn outputs(&self, s: &States<N>) -> [f64; N] {
+        let twist = self.ratio * s.motor.angle - s.load.angle;
+        let psi = self.torque(twist) + self.load_torque + s.load_torque;
+        let slides = -s.load.sign * self.load.coulomb - self.load.viscous * s.load.velocity;
+        let stuck = |i: usize| s.load.sign[i] == 0.0 && self.load.free[i] == 0.0;
+        let friction = (-psi).select(slides, stuck);
+        (s.load.angle - friction / self.contact).0
+    }
+
+    #[inline(always)]
     fn step(&self, s: &mut States<N>, voltages: &Each<N>) {
         let drive = self.gain * *voltages;
         let outside = self.load_torque + s.load_torque;
         let twist = self.ratio * s.motor.angle - s.load.angle;
         let torque = self.torque(twist);
-        if self.holds(s, drive, outside, torque).any_negative() {
-            for (i, joint) in self.joints.iter().enumerate() {
-                let mut state = s.get(i);
-                joint.resolve(&mut state, voltages[i]);
-                s.set(i, &state);
-            }
+        let holds = self.holds(s, drive, outside, torque);
+        if holds.any_negative() {
+            self.resolve(s, voltages, &holds);
         }
         let motor = self.motor.accelerations(&s.motor, drive, -self.ratio);
         let load = self.load.accelerations(&s.load, outside, Each([1.0; N]));
-        if motor.by.0 == [0.0; N] && load.by.0 == [0.0; N] {
+        if motor.by.all_zero() && load.by.all_zero() {
             return;
         }
         // From one torque to the next is the chain that everything else waits for: what does not belong
@@ -250,33 +286,66 @@ impl<const N: usize> Group<N> {
             )
             .min(self.load.slides(&s.load, vl, &load, &torques, self.length));
         if margin.any_negative() {
-            for i in 0..N {
-                if margin[i] < 0.0 {
-                    let mut state = s.get(i);
-                    let end = JointState {
-                        motor_angle: qm[i],
-                        load_angle: ql[i],
-                        motor_velocity: vm[i],
-                        load_velocity: vl[i],
-                        ..state
-                    };
-                    let torques = torques.map(|torque| torque[i]);
-                    let accelerations = (motor.of(i, torques), load.of(i, torques));
-                    let to = (end, self.length);
-                    self.joints[i].finish(&mut state, voltages[i], accelerations, to);
-                    (qm[i], vm[i]) = (state.motor_angle, state.motor_velocity);
-                    (ql[i], vl[i]) = (state.load_angle, state.load_velocity);
-                    s.motor.sign[i] = state.motor_mode.sign();
-                    s.load.sign[i] = state.load_mode.sign();
-                }
-            }
+            let ends = Ends {
+                margin,
+                torques,
+                accelerations: (motor, load),
+                motor: (qm, vm),
+                load: (ql, vl),
+            };
+            ((qm, vm), (ql, vl)) = self.finish(s, voltages, &ends);
         }
         (s.motor.angle, s.motor.velocity) = (qm, vm);
         (s.load.angle, s.load.velocity) = (ql, vl);
     }
 
+    /// Decides anew what happens to bodies at rest that nothing holds any more.
+    #[inline(never)]
+    fn resolve(&self, s: &mut States<N>, voltages: &Each<N>, holds: &Each<N>) {
+        for (i, joint) in self.joints.iter().enumerate() {
+            if holds[i] < 0.0 {
+                let mut state = s.get(i);
+                joint.resolve(&mut state, voltages[i]);
+                s.set(i, &state);
+            }
+        }
+    }
+
+    /// Finishes the steps in which a mode may change, joint by joint.
+    #[inline(never)]
+    fn finish(
+        &self,
+        s: &mut States<N>,
+        voltages: &Each<N>,
+        ends: &Ends<N>,
+    ) -> (Angles<N>, Angles<N>) {
+        let (motor, load) = &ends.accelerations;
+        let ((mut qm, mut vm), (mut ql, mut vl)) = (ends.motor, ends.load);
+        for i in 0..N {
+            if ends.margin[i] < 0.0 {
+                let mut state = s.get(i);
+                let end = JointState {
+                    motor_angle: qm[i],
+                    load_angle: ql[i],
+                    motor_velocity: vm[i],
+                    load_velocity: vl[i],
+                    ..state
+                };
+                let torques = ends.torques.map(|torque| torque[i]);
+                let accelerations = (motor.of(i, torques), load.of(i, torques));
+                let to = (end, self.length);
+                self.joints[i].finish(&mut state, voltages[i], accelerations, to);
+                (qm[i], vm[i]) = (state.motor_angle, state.motor_velocity);
+                (ql[i], vl[i]) = (state.load_angle, state.load_velocity);
+                s.motor.sign[i] = state.motor_mode.sign();
+                s.load.sign[i] = state.load_mode.sign();
+            }
+        }
+        ((qm, vm), (ql, vl))
+    }
+
     /// Torques of the transmissions, N m.
-    #[inline]
+    #[inline(always)]
     fn torque(&self, twist: Each<N>) -> Each<N> {
         let hardening = twist.max(self.unbend).min(self.bend);
         hardening * (self.linear + self.cubic * hardening * hardening)
@@ -284,12 +353,44 @@ impl<const N: usize> Group<N> {
     }
 
     /// By how much static friction holds the stuck bodies, N m; negative where it does not.
-    #[inline]
+    #[inline(always)]
     fn holds(&self, s: &States<N>, drive: Each<N>, outside: Each<N>, torque: Each<N>) -> Each<N> {
         let motor = self.motor.holds(&s.motor, drive - self.ratio * torque);
         motor.min(self.load.holds(&s.load, outside + torque))
     }
 }
+
+/// A cycle of a group.
+struct Cycle<'a, const N: usize> {
+    group: &'a Group<N>,
+    states: &'a mut States<N>,
+    voltages: Each<N>,
+}
+
+impl<const N: usize> WithSimd for Cycle<'_, N> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        for _ in 0..self.group.steps {
+            self.group.step(self.states, &self.voltages);
+        }
+    }
+}
+
+/// Where a step leads to, as far as no mode changes.
+struct Ends<const N: usize> {
+    /// Negative where one may.
+    margin: Each<N>,
+    /// Of the transmissions at each point, N m.
+    torques: [Each<N>; POINTS],
+    accelerations: (Accelerations<N>, Accelerations<N>),
+    motor: Angles<N>,
+    load: Angles<N>,
+}
+
+/// Angles and velocities.
+type Angles<const N: usize> = (Each<N>, Each<N>);
 
 /// Accelerations of bodies beside their decay, rad/s^2: without the transmissions' torques, and by each
 /// N m of them. Nothing moves a stuck one.
@@ -310,7 +411,7 @@ const SLIDES: f64 = 1e9;
 
 impl<const N: usize> Bodies<N> {
     /// Under these torques on the bodies, and a transmission's torque times `ratio`.
-    #[inline]
+    #[inline(always)]
     fn accelerations(&self, s: &Moving<N>, drive: Each<N>, ratio: Each<N>) -> Accelerations<N> {
         let by = (s.sign * s.sign).max(self.free) * self.inverse_inertia;
         Accelerations {
@@ -320,13 +421,13 @@ impl<const N: usize> Bodies<N> {
     }
 
     /// By how much static friction holds the stuck ones against these torques, N m.
-    #[inline]
+    #[inline(always)]
     fn holds(&self, s: &Moving<N>, psi: Each<N>) -> Each<N> {
         self.level + SLIDES * (s.sign * s.sign) - psi.abs()
     }
 
     /// Angles and velocities at the end of a step.
-    #[inline]
+    #[inline(always)]
     fn end(
         &self,
         s: &Moving<N>,
@@ -344,7 +445,7 @@ impl<const N: usize> Bodies<N> {
     }
 
     /// Negative where one has come to rest in a step of `h` seconds to velocities `to`, or may have.
-    #[inline]
+    #[inline(always)]
     fn slides(
         &self,
         s: &Moving<N>,

@@ -22,6 +22,9 @@ use crate::Invalid;
 /// Number of play operators of a [`Hysteresis`]: so many that a loop looks smooth.
 pub const PLAYS: usize = 64;
 
+/// So many of them are moved together.
+const BLOCK: usize = 4;
+
 /// Longest relaxation's and shortest relaxation's time constants lie five decades apart.
 const RELAXATIONS: usize = 6;
 
@@ -50,6 +53,8 @@ pub struct Hysteresis {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HysteresisState {
     plays: [f64; PLAYS],
+    /// What each block of plays adds up to.
+    sums: [f64; PLAYS / BLOCK],
     input: f64,
     output: f64,
 }
@@ -58,6 +63,7 @@ impl Default for HysteresisState {
     fn default() -> Self {
         Self {
             plays: [0.0; PLAYS],
+            sums: [0.0; PLAYS / BLOCK],
             input: 0.0,
             output: 0.0,
         }
@@ -173,17 +179,28 @@ impl Hysteresis {
         }
         state.input = input;
         let v = input + self.skew * input * input;
-        // Four sums that do not wait for one another.
-        let mut sums = [0.0; 4];
-        let blocks = state.plays.as_chunks_mut::<4>().0.iter_mut();
-        let slack = self.slack.as_chunks::<4>().0;
-        let weights = self.weights.as_chunks::<4>().0;
-        for ((plays, slack), weights) in blocks.zip(slack).zip(weights) {
-            for k in 0..4 {
-                let (low, high) = (v - slack[k], v + slack[k]);
-                let p = if plays[k] < high { plays[k] } else { high };
-                plays[k] = if p > low { p } else { low };
-                sums[k] += weights[k] * plays[k];
+        let blocks = state.plays.as_chunks_mut::<BLOCK>().0.iter_mut();
+        let slack = self.slack.as_chunks::<BLOCK>().0;
+        let weights = self.weights.as_chunks::<BLOCK>().0;
+        for (((plays, sum), slack), weights) in blocks.zip(&mut state.sums).zip(slack).zip(weights)
+        {
+            let before = *plays;
+            for (play, slack) in plays.iter_mut().zip(slack) {
+                let (low, high) = (v - slack, v + slack);
+                let p = if *play < high { *play } else { high };
+                *play = if p > low { p } else { low };
+            }
+            // Two plays are never farther apart than their slacks: behind one that is not taken along none is.
+            if *plays == before {
+                break;
+            }
+            let w: [f64; BLOCK] = std::array::from_fn(|k| weights[k] * plays[k]);
+            *sum = (w[0] + w[1]) + (w[2] + w[3]);
+        }
+        let mut sums = [0.0; BLOCK];
+        for four in state.sums.as_chunks::<BLOCK>().0 {
+            for (sum, part) in sums.iter_mut().zip(four) {
+                *sum += part;
             }
         }
         let y = self.direct * v + (sums[0] + sums[1]) + (sums[2] + sums[3]);

@@ -11,7 +11,7 @@
 //! - [`motor`], [`transmission`], [`friction`], [`presliding`], [`lugre`]: the parts of a joint, (2.3)-(2.8),
 //!   (2.12), (2.13);
 //! - [`joint`]: the joint whole, (2.1)-(2.13), with its stick-slip transitions located in time by
-//!   [`integrate`];
+//!   [`integrate`]; [`mod@group`] and [`batch`]: many of them side by side, by the vector [`instructions`] that there are;
 //! - [`fivebar`], [`leadscrew`]: from joints to the endpoint;
 //! - [`hysteresis`], [`piezo`]: the micro manipulator; [`pulse`]: the impulse (4.7);
 //! - [`optics`]: how much light passes from a fiber to a chip and back.
@@ -28,12 +28,14 @@
 //! assert!(x.abs() < 1e-12 && (y - 82.5e-3).abs() < 1e-12);
 //! ```
 
+pub mod batch;
 mod each;
 pub mod fivebar;
 pub mod frames;
 pub mod friction;
 pub mod group;
 pub mod hysteresis;
+pub mod instructions;
 pub mod integrate;
 pub mod joint;
 pub mod leadscrew;

@@ -117,7 +117,10 @@ impl Coupler {
 
     /// Radius of the source's beam at distance `z`, the mean of its two planes, metres.
     pub fn beam_radius(&self, z: f64) -> f64 {
-        let radius = |p: &Plane| p.source.hypot(p.wavelength * z / (PI * p.source));
+        let radius = |p: &Plane| {
+            let spread = p.wavelength * z / (PI * p.source);
+            (p.source * p.source + spread * spread).sqrt()
+        };
         0.5 * (radius(&self.x) + radius(&self.y))
     }
 }
@@ -201,6 +204,9 @@ fn bessel_i0_scaled(x: f64) -> f64 {
 /// Share of a disc of radius `radius` that lies below a straight horizontal edge, for a centre
 /// `height` metres above the edge.
 pub fn disc_below_edge(height: f64, radius: f64) -> f64 {
-    let h = (height / radius).clamp(-1.0, 1.0);
+    if height.abs() >= radius {
+        return if height > 0.0 { 0.0 } else { 1.0 };
+    }
+    let h = height / radius;
     (h.acos() - h * (1.0 - h * h).sqrt()) / PI
 }

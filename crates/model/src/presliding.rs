@@ -46,6 +46,11 @@ pub struct Contact {
 }
 
 impl Contact {
+    /// `k_c`, N m/rad.
+    pub(crate) fn stiffness(self) -> f64 {
+        self.stiffness
+    }
+
     /// The contact of a body that gives way by `presliding` (rad) before it breaks away at
     /// `static_level` (N m). Infinitely stiff, so that (2.12) adds nothing, where there is no
     /// presliding or no friction.

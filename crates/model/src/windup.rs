@@ -126,7 +126,7 @@ impl Memory {
         state.last = output;
         if step != 0.0 {
             for (deflection, way) in state.deflections.iter_mut().zip(&self.ways) {
-                *deflection = (*deflection + step).clamp(-way, *way);
+                *deflection = (*deflection + step).min(*way).max(-way);
             }
         }
         self.now(state)
@@ -134,13 +134,13 @@ impl Memory {
 
     /// The windup now, radians.
     pub fn now(&self, state: &MemoryState) -> f64 {
-        let torque: f64 = state
-            .deflections
-            .iter()
-            .zip(&self.stiffness)
-            .map(|(s, k)| s * k)
-            .sum();
-        polynomial(&self.hardening, torque)
+        // Four sums that do not wait for one another.
+        let mut sums = [0.0; 4];
+        let deflections = state.deflections.as_chunks::<4>().0;
+        for (s, k) in deflections.iter().zip(self.stiffness.as_chunks::<4>().0) {
+            sums = std::array::from_fn(|i| sums[i] + s[i] * k[i]);
+        }
+        polynomial(&self.hardening, (sums[0] + sums[1]) + (sums[2] + sums[3]))
     }
 }
 

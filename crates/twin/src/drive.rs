@@ -84,7 +84,7 @@ impl Drives {
         pulses: &[[Option<Pulse>; AXES]; SIDES],
         torques: &[[f64; AXES]; SIDES],
     ) {
-        let before = self.slips.map(|_| [self.outputs(0), self.outputs(1)]);
+        let before = self.slips.map(|_| self.outputs());
         let volts = |side: usize, axis: usize| {
             let limit = self.limits[side][axis];
             voltages[side][axis].0.clamp(-limit, limit)
@@ -108,7 +108,7 @@ impl Drives {
     /// What was to slip does so where its axis moves.
     #[cold]
     fn slip_on(&mut self, before: &[[f64; AXES]; SIDES]) {
-        let now = [self.outputs(0), self.outputs(1)];
+        let now = self.outputs();
         let Some(slips) = &mut self.slips else { return };
         for (side, slips) in slips.iter_mut().enumerate() {
             for (axis, (behind, left)) in slips.iter_mut().enumerate() {
@@ -142,17 +142,19 @@ impl Drives {
         }
     }
 
-    /// Angles of a manipulator's outputs, (2.12), radians.
-    pub(super) fn outputs(&self, side: usize) -> [f64; AXES] {
-        let outputs = [
-            self.five_bars.output(2 * side),
-            self.five_bars.output(2 * side + 1),
-            self.z_stages.output(side),
-        ];
-        match &self.slips {
-            None => outputs,
-            Some(slips) => std::array::from_fn(|axis| outputs[axis] - slips[side][axis].0),
+    /// Angles of the manipulators' outputs, (2.12), radians.
+    pub(super) fn outputs(&self) -> [[f64; AXES]; SIDES] {
+        let [la, lb, ra, rb] = self.five_bars.outputs();
+        let [lz, rz] = self.z_stages.outputs();
+        let mut outputs = [[la, lb, lz], [ra, rb, rz]];
+        if let Some(slips) = &self.slips {
+            for (outputs, slips) in outputs.iter_mut().zip(slips) {
+                for (output, (behind, _)) in outputs.iter_mut().zip(slips) {
+                    *output -= behind;
+                }
+            }
         }
+        outputs
     }
 
     /// Angles of a manipulator's motors, radians.

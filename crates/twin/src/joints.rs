@@ -363,13 +363,24 @@ impl<const N: usize> Joints<N> {
         }
     }
 
-    pub(super) fn output(&self, i: usize) -> f64 {
+    fn output(&self, i: usize) -> f64 {
         match &self.law {
             Law::CoulombPresliding { coarse, states, .. } => {
                 coarse.joints()[i].output(&states.get(i)) - self.lean[i].1
             }
             Law::MaxwellSlip(joints) => joints[i].coarse.output(&joints[i].state),
             Law::LuGre(joints) => joints[i].coarse.output(&joints[i].state),
+        }
+    }
+
+    /// Angles of the outputs, (2.12), radians.
+    pub(super) fn outputs(&self) -> [f64; N] {
+        match &self.law {
+            Law::CoulombPresliding { coarse, states, .. } => {
+                let outputs = coarse.outputs(states);
+                std::array::from_fn(|i| outputs[i] - self.lean[i].1)
+            }
+            _ => std::array::from_fn(|i| self.output(i)),
         }
     }
 }

@@ -455,16 +455,28 @@ impl Twin {
     }
 
     /// Light at the photodiodes, volts, without what they add to it.
-    fn signals(&mut self, tips: &Tips, laser: bool) -> [f64; CHANNELS] {
+    fn signals(
+        &mut self,
+        [left, right]: &[Point<Chip>; SIDES],
+        sensing: Point<Chip>,
+        lit: bool,
+    ) -> [f64; CHANNELS] {
         let level = self.scatter.next(&mut self.rng);
-        if !laser {
+        if !lit {
             return [0.0; CHANNELS];
         }
+        let tips = Tips {
+            input: self
+                .fiber_at(Side::Left, 0, *left)
+                .map_or(0.0, |(coupling, _)| coupling),
+            outputs: std::array::from_fn(|port| self.fiber_at(Side::Right, port, *right)),
+            sensing,
+        };
         let power = match &mut self.wander {
             Some(wander) => wander.next(&mut self.rng),
             None => 1.0,
         };
-        let signals = self.light.signals(tips, level);
+        let signals = self.light.signals(&tips, level);
         signals.map(|signal| power * signal)
     }
 
@@ -483,6 +495,7 @@ impl Twin {
         }
         self.drives
             .advance(&command.motors, &command.pulses, &torques);
+        let outputs = self.drives.outputs();
         let mut holders = [Point::ORIGIN; SIDES];
         // The chip's frame goes with the device.
         let time = self.time();
@@ -493,8 +506,7 @@ impl Twin {
         let shaken = self.floor.as_mut().map(Floor::next).unwrap_or_default();
         for side in Side::ALL {
             let i = side.index();
-            let outputs = self.drives.outputs(i);
-            let holder = self.manipulators[i].advance(outputs, command.micro[i], &mut self.rng);
+            let holder = self.manipulators[i].advance(outputs[i], command.micro[i], &mut self.rng);
             let Some(holder) = holder else {
                 return Err(self.taken_apart(side));
             };
@@ -513,14 +525,8 @@ impl Twin {
         let right = holders[Side::Right.index()];
         let sensing = tip_of(right, &self.sensing.0);
         self.sensing_height = sensing.y - self.light.port(Side::Right, 0).position.y;
-        let tips = Tips {
-            input: self
-                .fiber_at(Side::Left, 0, holders[0])
-                .map_or(0.0, |(coupling, _)| coupling),
-            outputs: std::array::from_fn(|port| self.fiber_at(Side::Right, port, right)),
-            sensing,
-        };
-        let signals = self.signals(&tips, command.laser && !self.broken.laser_off);
+        let lit = command.laser && !self.broken.laser_off;
+        let signals = self.signals(&holders, sensing, lit);
         let light = self
             .photodiodes
             .cycle(&signals, self.cycle, time, &mut self.rng);
@@ -581,7 +587,7 @@ impl Twin {
     pub fn output(&self, at: AxisName) -> Option<f64> {
         let (arm, _) = self.probe?;
         let manipulator = &self.manipulators[at.side.index()];
-        let angle = self.drives.outputs(at.side.index())[at.axis.index()];
+        let angle = self.drives.outputs()[at.side.index()][at.axis.index()];
         Some(match at.axis {
             Axis::A | Axis::B => arm * angle,
             Axis::Z => manipulator.screw.position(angle),
@@ -593,7 +599,7 @@ impl Twin {
         let (side, axis) = (at.side.index(), at.axis.index());
         (
             self.drives.motors(side)[axis],
-            self.drives.outputs(side)[axis],
+            self.drives.outputs()[side][axis],
         )
     }
 

@@ -210,7 +210,8 @@ impl LightPath {
             // The beam leaves at an angle and spreads.
             let gap = port.gap(tips.sensing).max(0.0);
             let x = port.position.x + gap * port.sin_exit / port.cos_exit;
-            let offset = (tips.sensing.x - x).hypot(tips.sensing.y - port.position.y);
+            let beside = Displacement::new(tips.sensing.x - x, tips.sensing.y - port.position.y);
+            let offset = beside.norm();
             let beam = self.coupler.beam_radius(gap);
             if offset < self.core_radius + 3.0 * beam {
                 sensing +=

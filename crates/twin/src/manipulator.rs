@@ -7,7 +7,7 @@ use super::plant::{PlacementPlant, Plant};
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::{AXES, MICRO_AXES};
 use pigtail_hal::{Axis, Side, Spec};
-use pigtail_model::fivebar::{FiveBar, JointAngle};
+use pigtail_model::fivebar::{FiveBar, JointAngle, Turning};
 use pigtail_model::frames::{Chip, Macro, Placement, Point};
 use pigtail_model::joint::JointParameters;
 use pigtail_model::leadscrew::LeadScrew;
@@ -20,6 +20,7 @@ pub(super) struct Manipulator {
     pub(super) five_bar: FiveBar,
     home: [f64; 2],
     home_angles: [JointAngle; 2],
+    turning: [Turning; 2],
     pub(super) screw: LeadScrew,
     pub(super) placement: Placement,
     /// How it stands beside its yaw; `None` where it stands square.
@@ -87,6 +88,7 @@ impl Manipulator {
             five_bar,
             home: fb.home,
             home_angles,
+            turning: Default::default(),
             screw,
             placement: Placement::new(Point::new(x, y, z), stands.yaw + turn).shifted(
                 dx - chip[0],
@@ -133,12 +135,10 @@ impl Manipulator {
         Some(self.placement.chip_from_macro(at))
     }
 
-    fn endpoint_at(&self, [a, b, z]: [f64; AXES]) -> Option<Point<Macro>> {
+    fn endpoint_at(&mut self, [a, b, z]: [f64; AXES]) -> Option<Point<Macro>> {
         let [home_a, home_b] = self.home_angles;
-        let (x, y) = self
-            .five_bar
-            .forward([JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)])
-            .ok()?;
+        let angles = [JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)];
+        let (x, y) = self.five_bar.forward_from(&mut self.turning, angles).ok()?;
         Some(Point::new(
             x - self.home[0],
             y - self.home[1],

@@ -1,7 +1,7 @@
 //! The micro manipulators: piezos behind their amplifiers.
 
 use super::plant::Plant;
-use super::sensors::normal;
+use super::sensors::{nearest, normal};
 use pigtail_hal::Spec;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::MICRO_AXES;
@@ -114,7 +114,7 @@ impl Micro {
     ) -> Displacement {
         let [u, v] = std::array::from_fn(|i| {
             let Volts(volts) = volts[i];
-            let held = (volts.clamp(0.0, self.limit) / self.step).round() * self.step;
+            let held = nearest(volts.clamp(0.0, self.limit) / self.step) * self.step;
             self.centre * self.piezos[i].advance((held - self.centre) / self.centre)
         });
         let [p, q] = std::array::from_fn(|i| {

@@ -23,6 +23,12 @@ pub(super) fn encode(angle: f64, counts_per_radian: f64) -> Counts {
     Counts(truncated - i64::from(truncated as f64 > counts))
 }
 
+/// The whole number nearest to one that is not negative, and the greater one of two.
+pub(super) fn nearest(number: f64) -> f64 {
+    // The method `round` is a call into the C library on most targets.
+    (number + 0.5) as i64 as f64
+}
+
 /// The photodiodes, their amplifiers and their A/D converter.
 #[derive(Debug, Clone)]
 pub(super) struct Photodiodes {
@@ -125,15 +131,17 @@ impl Photodiodes {
             if self.broken[i].saturated {
                 return Volts(self.codes * self.step);
             }
-            let code = ((self.filtered[i] + offset + self.noise * normal(rng)) / self.step).round();
-            Volts(code.clamp(0.0, self.codes) * self.step)
+            let code = (self.filtered[i] + offset + self.noise * normal(rng)) / self.step;
+            Volts(nearest(code.clamp(0.0, self.codes)) * self.step)
         });
         Some(LightSample { time, volts })
     }
 }
 
 impl BrokenDiode {
+    // Were it inlined, its sine would be worked out in every cycle, broken or not.
     #[cold]
+    #[inline(never)]
     fn signal(&self, signal: f64, time: f64) -> f64 {
         let light = if self.dead { 0.0 } else { signal };
         light + self.hum * (std::f64::consts::TAU * MAINS * time).sin()

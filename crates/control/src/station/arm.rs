@@ -8,8 +8,10 @@ use crate::trajectory::{Motion, Rates};
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, MICRO_AXES};
 use pigtail_hal::{Axis, Side, Spec};
+use pigtail_model::fivebar::Turning;
 use pigtail_model::frames::{Displacement, Macro, Point};
 use pigtail_model::windup::{Windup, WindupState};
+use std::cell::Cell;
 use std::f64::consts::TAU;
 
 /// An axis so many counts behind its reference cannot follow it: amplifiers saturate far earlier.
@@ -32,6 +34,8 @@ const SETTLING: f64 = 0.1;
 #[derive(Debug, Clone)]
 pub(super) struct Arm {
     pub(super) kinematics: Kinematics,
+    /// Sines and cosines of its joints by the encoders.
+    pub(super) turning: Cell<[Turning; 2]>,
     pub(super) windups: [Windup; AXES],
     pub(super) windup_states: [WindupState; AXES],
     /// What the transmissions hold back by these at this moment, radians of the outputs.
@@ -73,6 +77,7 @@ impl Arm {
         let period = spec.period();
         Self {
             kinematics: Kinematics::new(spec, calibration, side),
+            turning: Cell::default(),
             windups: Axis::ALL.map(|axis| {
                 let belief = match axis {
                     Axis::A | Axis::B => &calibration.windup.five_bar,

@@ -2,11 +2,12 @@
 //!
 //! The guard has an estimate of its own: it must not believe what it is there to check.
 
-use super::{Facet, Geometry};
+use super::Geometry;
 use pigtail_hal::measurement::TipFix;
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{HolderSpec, MICRO_AXES, SIDES};
 use pigtail_hal::{Axis, Measurement, Side, Spec, VisionFrame};
+use pigtail_model::fivebar::Turning;
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 
 /// By how much of a way lead and links may be wrong: what was seen from afar is known as much worse.
@@ -131,6 +132,8 @@ pub(super) struct Keepout {
     anew: bool,
     at: usize,
     seen_counts: [[Counts; 2]; SIDES],
+    /// Sines and cosines of the joints by encoders and by probes.
+    turning: [[[Turning; 2]; 2]; SIDES],
     held: [bool; SIDES],
     fibers: [Option<Belief>; SIDES],
     sensing: Option<Belief>,
@@ -191,6 +194,7 @@ impl Keepout {
             anew: false,
             at: 0,
             seen_counts: [[Counts(0); 2]; SIDES],
+            turning: Default::default(),
             held: [false; SIDES],
             fibers: [None; SIDES],
             sensing: None,
@@ -221,8 +225,13 @@ impl Keepout {
 
     /// Where a manipulator stood so many cycles ago.
     pub(super) fn stand(&self, side: usize, back: usize) -> &Stand {
-        let n = self.recent.len();
-        &self.recent[(self.at + n - back) % n][side]
+        // `back` is less than all that is remembered: no division.
+        let i = if back <= self.at {
+            self.at - back
+        } else {
+            self.at + self.recent.len() - back
+        };
+        &self.recent[i][side]
     }
 
     /// How far a micro may have been from where it was told to be so many cycles ago, metres: on its way from
@@ -256,6 +265,11 @@ impl Keepout {
         ((now.across() - then.across()).norm(), now.z - then.z)
     }
 
+    /// The same along alone.
+    pub(super) fn moved_along(&self, side: usize, back: usize) -> f64 {
+        self.stand(side, 0).endpoint.z - self.stand(side, back).endpoint.z
+    }
+
     /// Notes where everything is in this cycle. `false` for a side whose joints no mechanism has.
     pub(super) fn note(
         &mut self,
@@ -264,7 +278,10 @@ impl Keepout {
     ) -> [bool; SIDES] {
         let (encoders, probes) = (&measured.encoders, measured.probes.as_ref());
         let before = self.recent[self.at];
-        self.at = (self.at + 1) % self.recent.len();
+        self.at += 1;
+        if self.at == self.recent.len() {
+            self.at = 0;
+        }
         let whole = std::array::from_fn(|i| {
             let arm = &self.geometry.arms[i];
             let [a, b, Counts(z)] = encoders[i];
@@ -277,7 +294,7 @@ impl Keepout {
             if [a, b] != self.seen_counts[i] {
                 self.seen_counts[i] = [a, b];
                 let turned = [a, b].map(|Counts(counts)| counts as f64 * self.radians_per_count);
-                match arm.across(turned) {
+                match arm.across_from(&mut self.turning[i][0], turned) {
                     Ok((x, y)) => {
                         gone[0] += (x - endpoint.x).abs();
                         gone[1] += (y - endpoint.y).abs();
@@ -405,6 +422,21 @@ impl Keepout {
         Some(arm.placement.chip_from_macro(at).x)
     }
 
+    /// The same of where a manipulator stands now, if it matters: where a tip of it has been seen.
+    fn probed_x_now(&mut self, side: Side) -> Option<f64> {
+        let i = side.index();
+        let sensing = side == Side::Right && self.sensing.is_some();
+        if !self.held[i] && !sensing {
+            return None;
+        }
+        let stand = &self.recent[self.at][i];
+        let arm = &self.geometry.arms[i];
+        let turning = &mut self.turning[i][1];
+        let (x, y) = arm.across_from(turning, stand.probed?).ok()?;
+        let at = Point::new(x, y, stand.endpoint.z).moved(stand.micro);
+        Some(arm.placement.chip_from_macro(at).x)
+    }
+
     /// What transmissions and piezos may have kept to themselves of the way between two stands, in x,
     /// metres.
     fn hidden(&self, now: &Stand, then: &Stand) -> f64 {
@@ -431,21 +463,22 @@ impl Keepout {
             what: "",
             clearance: f64::INFINITY,
         };
+        let probed = Side::ALL.map(|side| self.probed_x_now(side));
         for side in Side::ALL {
             let i = side.index();
             // Towards the chip is forward in either manipulator's frame. A loop that swings is as fast as it is at this
             // moment, not on average.
             let speeds =
-                [WHILE, AT_ONCE].map(|back| self.moved(i, back).1 * self.rate / back as f64);
+                [WHILE, AT_ONCE].map(|back| self.moved_along(i, back) * self.rate / back as f64);
             let speed = speeds[0].max(speeds[1]).max(0.0);
             let stop = speed * REACTION / self.rate + 0.5 * speed * speed / self.brake;
             let facet = &self.geometry.facets[i];
             let carried = if self.held[i] {
                 let tip = Tip::Fiber(side);
-                let mut clearance = self.clearance(tip, self.fibers[i].as_ref(), facet);
+                let mut clearance = self.clearance(tip, self.fibers[i].as_ref(), probed[i]);
                 let stand = self.stand(i, 0);
                 let x = if clearance < LED {
-                    self.probed_x(tip, stand).unwrap_or(stand.tip.x)
+                    probed[i].unwrap_or(stand.tip.x)
                 } else {
                     stand.tip.x
                 };
@@ -468,7 +501,7 @@ impl Keepout {
                 (["left holder", "right holder"][i], clearance)
             };
             let beside = (side == Side::Right).then(|| {
-                let clearance = self.clearance(Tip::Sensing, self.sensing.as_ref(), facet);
+                let clearance = self.clearance(Tip::Sensing, self.sensing.as_ref(), probed[i]);
                 (Tip::Sensing.name(), clearance)
             });
             for (what, clearance) in std::iter::once(carried).chain(beside) {
@@ -497,7 +530,9 @@ impl Keepout {
         right.z - left.z + tips - self.placement
     }
 
-    fn clearance(&self, tip: Tip, belief: Option<&Belief>, facet: &Facet) -> f64 {
+    /// Of a tip from the chip with what is believed of it, and where the probes have its holder's fiber in x, metres.
+    fn clearance(&self, tip: Tip, belief: Option<&Belief>, probed: Option<f64>) -> f64 {
+        let facet = &self.geometry.facets[tip.side().index()];
         let at = self.nominal(tip, 0);
         let Some(belief) = belief else {
             let aside = self.placement + self.windup;
@@ -507,7 +542,7 @@ impl Keepout {
         let unsure = SIGMAS * (belief.z_variance + drift * drift).sqrt();
         let now = self.stand(tip.side().index(), 0);
         // Outputs that are seen hide nothing.
-        let (x, hidden) = match self.probed_x(tip, now).zip(belief.x_probed) {
+        let (x, hidden) = match probed.zip(belief.x_probed) {
             Some((probed, beside)) => (probed + beside, 0.0),
             None => (at.x + belief.x, self.hidden(now, &belief.holder)),
         };

@@ -14,11 +14,11 @@ mod watch;
 use keepout::{Keepout, Surprise, WHILE};
 use light::LightWatch;
 use pigtail_hal::quantity::{Counts, Volts};
-use pigtail_hal::spec::{AXES, SIDES};
+use pigtail_hal::spec::{AXES, MICRO_AXES, SIDES};
 use pigtail_hal::{
     Axis, AxisName, Command, Fault, FiberHandling, Machine, Measurement, Rule, Side, Spec,
 };
-use pigtail_model::fivebar::{FiveBar, JointAngle, Unreachable};
+use pigtail_model::fivebar::{FiveBar, JointAngle, Turning, Unreachable};
 use pigtail_model::frames::{Chip, Placement, Point};
 use pigtail_model::leadscrew::LeadScrew;
 use watch::{Outputs, Piezos, Sensors, Stalls};
@@ -76,6 +76,18 @@ impl Arm {
             .forward([JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)])?;
         Ok((x - self.home[0], y - self.home[1]))
     }
+
+    /// The same of angles that change little from one call to the next.
+    fn across_from(
+        &self,
+        turning: &mut [Turning; 2],
+        [a, b]: [f64; 2],
+    ) -> Result<(f64, f64), Unreachable> {
+        let [home_a, home_b] = self.home_angles;
+        let angles = [JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)];
+        let (x, y) = self.five_bar.forward_from(turning, angles)?;
+        Ok((x - self.home[0], y - self.home[1]))
+    }
 }
 
 /// A facet of the chip by design: a plane through its ports that goes up and down straight.
@@ -128,10 +140,20 @@ pub struct Guard<M> {
     /// How far out of its workspace an endpoint may be, metres: nowhere, but that one which a fault left out
     /// there has to come back.
     beyond: [f64; SIDES],
-    last: Option<(Command, Measurement)>,
+    last: Option<Last>,
     fault: Option<Fault>,
     /// Rules that an experiment breaks on purpose.
     exempt: &'static [Rule],
+}
+
+/// What a guard remembers of a cycle.
+#[derive(Debug, Clone, Copy)]
+struct Last {
+    micro: [[Volts; MICRO_AXES]; SIDES],
+    laser: bool,
+    time: f64,
+    encoders: [[Counts; AXES]; SIDES],
+    probes: Option<[[f64; AXES]; SIDES]>,
 }
 
 /// The datasheet's limits as the guard compares with them.
@@ -290,8 +312,8 @@ impl<M: Machine> Guard<M> {
             ));
         }
         let whole = self.keepout.note(measured, &command.micro);
-        if let Some((_, before)) = self.last {
-            self.sensors.check(&before, measured)?;
+        if let Some(before) = self.last {
+            self.sensors.check(before.time, measured)?;
             self.check_axes(command, &before, measured)?;
         } else {
             self.sensors.begin(measured.time);
@@ -328,7 +350,7 @@ impl<M: Machine> Guard<M> {
     fn check_axes(
         &mut self,
         command: &Command,
-        before: &Measurement,
+        before: &Last,
         measured: &Measurement,
     ) -> Result<(), Broken> {
         let limits = &self.limits;
@@ -392,7 +414,7 @@ impl<M: Machine> Guard<M> {
             std::array::from_fn(|k| measured.encoders[i][k].0 as f64 * scale[k])
         });
         let speeds = std::array::from_fn(|i| {
-            let (_, z) = self.keepout.moved(i, WHILE);
+            let z = self.keepout.moved_along(i, WHILE);
             [0.0, 0.0, z / (WHILE as f64 * self.limits.period)]
         });
         self.outputs.check(probes, &encoders, &speeds)
@@ -460,7 +482,7 @@ impl<M: Machine> Guard<M> {
     /// Stops the machine for a broken rule.
     #[cold]
     fn trip(&mut self, broken: Broken) -> Fault {
-        let time = self.last.map_or(0.0, |(_, measured)| measured.time);
+        let time = self.last.as_ref().map_or(0.0, |last| last.time);
         let fault = broken.at(time);
         self.retreat(&fault);
         self.fault = Some(fault.clone());
@@ -567,7 +589,13 @@ impl<M: Machine> Machine for Guard<M> {
             }
         }
         let checked = self.check_measurement(command, &measured);
-        self.last = Some((*command, measured));
+        self.last = Some(Last {
+            micro: command.micro,
+            laser: command.laser,
+            time: measured.time,
+            encoders: measured.encoders,
+            probes: measured.probes,
+        });
         match checked {
             Ok(()) => Ok(measured),
             Err(broken) => Err(self.trip(broken)),

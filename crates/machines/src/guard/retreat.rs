@@ -39,7 +39,7 @@ impl<M: Machine> Guard<M> {
     /// Slows every axis down, draws both z-stages back, and leaves the motors without voltage, which
     /// friction holds. The joints brake by themselves: they are geared down so far.
     pub(super) fn retreat(&mut self, fault: &Fault) {
-        let Some((command, measured)) = self.last else {
+        let Some(last) = self.last else {
             self.machine.stop();
             return;
         };
@@ -48,7 +48,7 @@ impl<M: Machine> Guard<M> {
         let (speed, acceleration, period) = (z.speed, z.acceleration, spec.period());
         let scale = self.limits.metres_per_count[Axis::Z.index()];
         let mut ways: [Way; SIDES] = std::array::from_fn(|i| {
-            let Counts(at) = measured.encoders[i][Axis::Z.index()];
+            let Counts(at) = last.encoders[i][Axis::Z.index()];
             let at = at as f64 * scale;
             // A cycle that came late was longer than a period.
             let seconds = self.keepout.stand(i, 0).time - self.keepout.stand(i, SEEN).time;
@@ -67,8 +67,8 @@ impl<M: Machine> Guard<M> {
         });
         let back = self.limits.retract;
         let mut command = Command {
-            micro: command.micro,
-            laser: command.laser,
+            micro: last.micro,
+            laser: last.laser,
             ..Command::IDLE
         };
         // Twice what it takes by plan, and never for ever.

@@ -49,9 +49,9 @@ impl Sensors {
         (self.light, self.frame) = (time, time);
     }
 
-    /// Time, and the photodiodes.
-    pub(super) fn check(&mut self, before: &Measurement, now: &Measurement) -> Result<(), Broken> {
-        let step = now.time - before.time;
+    /// Time (the cycle before was at `before`, seconds), and the photodiodes.
+    pub(super) fn check(&mut self, before: f64, now: &Measurement) -> Result<(), Broken> {
+        let step = now.time - before;
         let in_time = (step - self.period).abs() <= 0.5 * self.period;
         // A time that is no number is not in time.
         if !in_time {

@@ -145,6 +145,10 @@ impl JointParameters {
 }
 
 impl Joint {
+    pub(crate) fn contact(&self) -> f64 {
+        self.presliding.stiffness()
+    }
+
     /// A joint after the thesis, integrated in steps of at most `max_step` seconds.
     ///
     /// One step a servo cycle errs by 2e-6 um on a z-stage; on a five-bar by 1.3e-5 um in slow scans,

@@ -1,6 +1,7 @@
 //! Each equation of the joint against what can be worked out on paper, and the integrator against
 //! itself at a much finer step.
 
+mod batch;
 mod group;
 mod maxwell;
 mod parameters;

@@ -15,6 +15,7 @@
 
 use super::{Invalid, Range};
 use serde::{Deserialize, Serialize};
+use wide::f64x4;
 
 /// Number of play operators, the first of which has no slack.
 pub(super) const PLAYS: usize = 24;
@@ -24,6 +25,9 @@ pub(super) const DEGREE: usize = 3;
 
 /// Number of relaxations: two a decade, for a sum of them a decade apart goes by waves.
 pub(super) const RELAXATIONS: usize = 12;
+
+/// The static curve of a model rises at least so far to either side.
+const RISES: f64 = 1.3;
 
 /// A model of hysteresis for any history.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -53,10 +57,31 @@ pub struct Memory {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MemoryState {
     plays: [f64; PLAYS],
+    /// `h` of these plays.
+    sum: f64,
+    /// The direction in which the voltage has gone of late, and how many plays it takes along.
+    engaged: (f64, usize),
     relaxations: [f64; RELAXATIONS],
     /// Share of the way that each relaxation goes in a step of `period`.
     rates: [f64; RELAXATIONS],
+    /// What a unit of each relaxation adds to the displacement after it.
+    kept: [f64; RELAXATIONS],
+    /// The `u` that a unit of displacement takes, of which the relaxations make a part.
+    share: f64,
     period: f64,
+    /// What the first plays together add for a way that they are taken along: of one of them, of two...
+    slopes: [f64; PLAYS],
+}
+
+/// Sum of products, in four sums that do not wait for one another.
+#[inline]
+fn dot<const N: usize>(a: &[f64; N], b: &[f64; N]) -> f64 {
+    let mut sums = f64x4::ZERO;
+    for (a, b) in a.as_chunks::<4>().0.iter().zip(b.as_chunks::<4>().0) {
+        sums += f64x4::new(*a) * f64x4::new(*b);
+    }
+    let [p, q, r, s] = sums.to_array();
+    (p + q) + (r + s)
 }
 
 impl MemoryState {
@@ -70,10 +95,26 @@ impl MemoryState {
         &self.relaxations
     }
 
-    fn set_period(&mut self, constants: &[f64; RELAXATIONS], period: f64) {
+    fn set_period(&mut self, model: &Memory, period: f64) {
         if period != self.period {
             self.period = period;
-            self.rates = constants.map(|constant| -(-period / constant).exp_m1());
+            self.rates = model
+                .constants
+                .map(|constant| -(-period / constant).exp_m1());
+            self.kept = std::array::from_fn(|k| model.shares[k] * (1.0 - self.rates[k]));
+            let mut slope = 0.0;
+            self.slopes = model.weights.map(|weight| {
+                slope += weight;
+                slope
+            });
+            self.share = 1.0 / (1.0 + dot(&model.shares, &self.rates));
+        }
+    }
+
+    /// Advances the relaxations by one period under `u`.
+    fn creep(&mut self, u: f64) {
+        for (z, rate) in self.relaxations.iter_mut().zip(&self.rates) {
+            *z += rate * (u - *z);
         }
     }
 }
@@ -114,7 +155,7 @@ impl Memory {
                 "finite shares of zero or more, time constants above zero",
             ));
         }
-        let edges = [-1.3, -0.65, 0.0, 0.65, 1.3];
+        let edges = [-RISES, -0.5 * RISES, 0.0, 0.5 * RISES, RISES];
         if !edges.iter().all(|x| self.bend(*x).1 > 0.05) {
             return Err(Invalid::new(
                 "curve",
@@ -168,63 +209,60 @@ impl Memory {
 
     /// Lets the plays follow the voltage `v`; `h`.
     fn follow(&self, state: &mut MemoryState, v: f64) -> f64 {
-        let mut h = 0.0;
-        for ((play, slack), weight) in state.plays.iter_mut().zip(&self.slack).zip(&self.weights) {
+        let mut moved = false;
+        for (play, slack) in state.plays.iter_mut().zip(&self.slack) {
             let (low, high) = (v - slack, v + slack);
             let p = if *play < high { *play } else { high };
-            *play = if p > low { p } else { low };
-            h += weight * *play;
+            let p = if p > low { p } else { low };
+            // Two plays are never farther apart than their slacks: behind one that is not taken along none is.
+            if p == *play {
+                break;
+            }
+            *play = p;
+            moved = true;
         }
-        h
+        if moved {
+            state.sum = dot(&state.plays, &self.weights);
+            state.engaged = (0.0, 1);
+        }
+        state.sum
     }
 
-    /// The voltage at which the plays add up to `h`, from where they are.
-    fn invert(&self, state: &MemoryState, h: f64) -> f64 {
-        let now: f64 = state
-            .plays
-            .iter()
-            .zip(&self.weights)
-            .map(|(p, w)| p * w)
-            .sum();
-        let direction = if h >= now { 1.0 } else { -1.0 };
-        let mut left = (h - now).abs();
+    /// The voltage at which the plays add up to `h`, from where they are; its direction from there, and how many
+    /// plays are taken along.
+    fn invert(&self, state: &MemoryState, h: f64) -> (f64, f64, usize) {
+        let direction = if h >= state.sum { 1.0 } else { -1.0 };
+        let mut left = (h - state.sum).abs();
         // The play without slack is where the voltage is. Going on, one play after the other is
-        // taken along, for slacks rise: each makes the line steeper.
+        // taken along, for slacks rise: each makes the line steeper. Those that were taken along before are so
+        // until the voltage turns round.
         let mut v = state.plays[0];
-        let mut slope = self.weights[0];
-        for i in 1..PLAYS {
-            let taken = state.plays[i] + direction * self.slack[i];
-            let way = (direction * (taken - v)).max(0.0);
+        let mut taken = match state.engaged {
+            (before, taken) if before == direction => taken,
+            _ => 1,
+        };
+        let mut slope = state.slopes[taken - 1];
+        while taken < PLAYS {
+            let next = state.plays[taken] + direction * self.slack[taken];
+            let way = (direction * (next - v)).max(0.0);
             if way * slope >= left {
                 break;
             }
             left -= way * slope;
             v += direction * way;
-            slope += self.weights[i];
+            slope = state.slopes[taken];
+            taken += 1;
         }
-        v + direction * left / slope
+        (v + direction * left / slope, direction, taken)
     }
 
     /// The displacement after `period` seconds at the next voltage.
     pub fn displacement(&self, state: &mut MemoryState, volts: f64, period: f64) -> f64 {
-        state.set_period(&self.constants, period);
+        state.set_period(self, period);
         let u = self.at_once(state, self.input.to_share(volts));
-        self.output.of_share(u + self.creep(state, u))
-    }
-
-    /// Advances the relaxations by one period; what they add.
-    fn creep(&self, state: &mut MemoryState, u: f64) -> f64 {
-        let mut sum = 0.0;
-        for ((z, rate), share) in state
-            .relaxations
-            .iter_mut()
-            .zip(&state.rates)
-            .zip(&self.shares)
-        {
-            *z += rate * (u - *z);
-            sum += share * *z;
-        }
-        sum
+        state.creep(u);
+        self.output
+            .of_share(u + dot(&self.shares, &state.relaxations))
     }
 
     /// The voltage at which the displacement is the wanted one after `period` seconds, within
@@ -236,20 +274,27 @@ impl Memory {
         period: f64,
         limits: &Range,
     ) -> f64 {
-        state.set_period(&self.constants, period);
+        state.set_period(self, period);
         // What the relaxations will have come to depends on u itself, linearly.
-        let (mut crept, mut slope) = (0.0, 1.0);
-        for ((z, rate), share) in state.relaxations.iter().zip(&state.rates).zip(&self.shares) {
-            crept += share * (1.0 - rate) * z;
-            slope += share * rate;
-        }
-        let u = (self.output.to_share(wanted) - crept) / slope;
+        let crept = dot(&state.kept, &state.relaxations);
+        let u = (self.output.to_share(wanted) - crept) * state.share;
         // Far beyond the range the static curve would turn back.
         let (y, _) = self.bend(u.clamp(-1.5, 1.5));
-        let v = self.invert(state, y - self.offset);
-        let volts = self.input.of_share(v).clamp(limits.low, limits.high);
-        let u = self.at_once(state, self.input.to_share(volts));
-        self.creep(state, u);
+        let h = y - self.offset;
+        let (v, direction, taken) = self.invert(state, h);
+        let asked = self.input.of_share(v);
+        let volts = asked.clamp(limits.low, limits.high);
+        let u = if volts == asked && u.abs() <= RISES {
+            // What was asked for comes of it.
+            for (play, slack) in state.plays[..taken].iter_mut().zip(&self.slack) {
+                *play = v - direction * slack;
+            }
+            (state.sum, state.engaged) = (h, (direction, taken));
+            u
+        } else {
+            self.at_once(state, self.input.to_share(volts))
+        };
+        state.creep(u);
         volts
     }
 
@@ -265,12 +310,17 @@ impl Memory {
     }
 
     fn resting(&self, plays: [f64; PLAYS]) -> MemoryState {
-        let h: f64 = plays.iter().zip(&self.weights).map(|(p, w)| p * w).sum();
+        let sum = dot(&plays, &self.weights);
         MemoryState {
             plays,
-            relaxations: [self.straighten(self.offset + h); RELAXATIONS],
+            sum,
+            engaged: (0.0, 1),
+            relaxations: [self.straighten(self.offset + sum); RELAXATIONS],
             rates: [0.0; RELAXATIONS],
+            kept: [0.0; RELAXATIONS],
+            share: 1.0,
             period: 0.0,
+            slopes: [0.0; PLAYS],
         }
     }
 }

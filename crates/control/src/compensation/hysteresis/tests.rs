@@ -203,7 +203,13 @@ fn the_voltage_of_a_model_brings_about_the_wanted_displacement() {
         let volts = model.voltage(&mut asked, wanted, 4e-4, &limits);
         let x = model.displacement(&mut done, volts, 4e-4);
         assert!((x - wanted).abs() < 1e-15, "{x} for {wanted}");
-        assert_eq!(asked, done);
+        // What is asked for and met is not worked out again, so that rounding parts them: by 1e-16 a cycle, which
+        // is 1e-7 nm in a hundred hours.
+        let pairs = (asked.plays().iter().zip(done.plays()))
+            .chain(asked.relaxations().iter().zip(done.relaxations()));
+        for (a, b) in pairs {
+            assert!((a - b).abs() < 1e-12, "{a} and {b}");
+        }
     }
 }
 
