@@ -233,15 +233,14 @@ fn drive(machine: &mut dyn Machine, setup: &Setup) -> f64 {
 /// Machine time of a device, in cycles.
 fn device(setup: &Setup, seed: u64) -> f64 {
     let document = align(setup, Procedure::Fast, seed, &mut Unobserved)
-        .ok()
-        .expect("a good plant");
+        .unwrap_or_else(|why| panic!("a good plant: {why}"));
     document.seconds_per_fiber * document.fibers.len() as f64 * setup.rig.spec.servo.rate
 }
 
 fn whole_campaign(setup: &Setup) {
     let folder = tempfile::tempdir().expect("a folder");
     let plan = Plan::new(setup, Procedure::Fast, SEED, DEVICES);
-    let mut store = Store::begin(folder.path(), setup, plan).expect("a campaign");
+    let mut store = Store::begin(folder.path(), plan).expect("a campaign");
     campaign::run(&mut store, setup, 1, &AtomicBool::new(false), |_| {}).expect("a campaign");
     store.collect().expect("rows");
 }

@@ -80,7 +80,7 @@ impl Spec {
         progress: Option<&Bound<'_, PyAny>>,
     ) -> PyResult<(String, String)> {
         work(py, progress, |watch| {
-            let store = Store::begin(&runs, &self.setup, self.plan.clone())?;
+            let store = Store::begin(&runs, self.plan.clone())?;
             finished(store, &self.setup, &runs, threads, watch)
         })
     }

@@ -239,6 +239,11 @@ impl<'r> ConicalScan<'r> {
         self.moved = by.norm();
     }
 
+    /// The peak is expected where the micro is displaced so far at a gap, metres, be it within its reach or not.
+    pub fn expect_at(&mut self, at: Displacement, gap: f64) {
+        self.centre = at - self.walk * gap;
+    }
+
     /// The macro has gone aside, and the micro the other way.
     pub fn hand_over(&mut self, by: Displacement) {
         self.centre -= by;

@@ -18,6 +18,9 @@ const WIDE: f64 = 2.5;
 /// Share of its range to which a fine group is used before the coarse one helps.
 const ROOM: f64 = 0.5;
 
+/// How often the coarse group takes over at one gap.
+const HANDED_OVER: u32 = 4;
+
 /// Share of its range that circles take.
 const CIRCLE: f64 = 0.3;
 
@@ -287,26 +290,33 @@ impl<'d> Fiber<'d> {
         self.learn_noise(bench, dark, LOOK)?;
         let gap = self.measured_gap(bench);
         let coarse = NEAR * self.beam.width(gap);
-        for _ in 0..3 {
+        let mut why = None;
+        for _ in 0..HANDED_OVER {
             let scan = self.circling(bench)?;
             let peak = scan.centre(bench, gap, coarse, phase, 1);
             scan.rest(bench, gap)?;
             match peak {
                 Ok(peak) => {
+                    why = None;
                     self.before = peak.full;
                     if !self.make_room(bench, ROOM)? {
                         return Ok(());
                     }
                 }
-                Err(Halt::Outcome(Outcome::MicroRange { .. })) => {
-                    if !self.make_room(bench, 0.0)? {
-                        return Err(peak.expect_err("it was none"));
-                    }
+                Err(Halt::Outcome(beyond)) => {
+                    let Outcome::MicroRange { x, y, .. } = beyond else {
+                        return Err(beyond.into());
+                    };
+                    // The fine group does not get there: the coarse one does.
+                    self.scan()?.expect_at(Displacement::new(x, y), gap);
+                    self.make_room(bench, 0.0)?;
+                    why = Some(beyond);
                 }
-                Err(halt) => return Err(halt),
+                Err(fault) => return Err(fault),
             }
         }
-        Ok(())
+        // It stands where it was handed over to the last time, near its peak.
+        why.map_or(Ok(()), |why| Err(why.into()))
     }
 
     /// How far the fine group goes to either side, metres.
