@@ -325,7 +325,14 @@ pub struct Store {
     /// Its entry in the store of runs, as long as it goes on.
     entry: Option<Entry>,
     since: Instant,
-    _lock: File,
+    lock: File,
+}
+
+impl Drop for Store {
+    /// Lets go of the folder at once: a process that was just being started may still hold a copy of the file.
+    fn drop(&mut self) {
+        let _ = self.lock.unlock();
+    }
 }
 
 impl Store {
@@ -392,7 +399,7 @@ impl Store {
             done: 0,
             entry: None,
             since: Instant::now(),
-            _lock: lock,
+            lock,
         }
     }
 
