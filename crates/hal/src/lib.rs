@@ -12,7 +12,7 @@
 //!    plays out inside of it;
 //! 3. [`spec`]: the datasheet (`machine.toml`), which both sides may read;
 //! 4. [`fault`]: how a machine says that it has stopped;
-//! 5. [`bench`]: the layer above volts, poses and light;
+//! 5. [`mod@bench`]: the layer above volts, poses and light;
 //! 6. [`quantity`] and [`config`]: numbers with units, and files that explain their mistakes.
 //!
 //! Inside the project all numbers are SI in `f64`; the doc of each field says the unit. Wire

@@ -1,7 +1,7 @@
 //! What goes around any machine: guard, recorder and replay, stop, deadline, pace.
 //!
 //! In goes a [`Machine`](pigtail_hal::Machine), out comes another that control cannot tell from it. This crate
-//! knows neither control nor the twin; one suite of tests (`tests/conformance.rs`) is for all of them. [`bench`] has
+//! knows neither control nor the twin; one suite of tests (`tests/conformance.rs`) is for all of them. [`mod@bench`] has
 //! the same for benches.
 //!
 //! Start with [`Guard`]; [`record`] has the format of a record, its writer and its reader.

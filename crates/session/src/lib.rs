@@ -11,7 +11,7 @@
 //! the jobs: [`align`], [`tune`], [`characterize`], [`identify`], [`piezos`], [`impulse`],
 //! [`pulses`], [`contour`], [`first_light`], [`follow`]; and [`commission`], which puts them together. [`setup`] is a rig with a truth that twins are drawn around;
 //! [`fleet`] says what it may be; [`scenario`] and [`faults`] change it. [`calibrations`] keeps what was believed
-//! of a rig, version by version. [`bench`] is the same for rigs that are controlled by position.
+//! of a rig, version by version. [`mod@bench`] is the same for rigs that are controlled by position.
 //!
 //! # Ten lines
 //!

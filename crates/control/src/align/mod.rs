@@ -2,7 +2,7 @@
 //!
 //! A person has taught where each fiber touches the chip's facet at its port's peak ([`Taught`]); chip and fiber of the day
 //! are some micrometres from there. Both fibers of a guide stand back until the light between them is as wide as that:
-//! there it is seen at once, or after some places around it ([`first_light`]). Circles find both peaks
+//! there it is seen at once, or after some places around it (`first_light`). Circles find both peaks
 //! ([`conical_scan`](crate::conical_scan)) and follow them while the gap closes along the beam. A fiber is attached only where
 //! its place is sure.
 
