@@ -19,8 +19,16 @@ mod twin;
 mod work;
 
 use pigtail_hal::{Channel, Side};
+use pyo3::PyClass;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
+
+/// A class, where Python can hold its values: Python's objects begin at multiples of two pointers, and what wants more,
+/// as numbers do that a processor works on several at once, would be read at addresses that it must not have.
+fn add_class<T: PyClass>(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    const { assert!(align_of::<T>() <= 2 * size_of::<usize>()) };
+    module.add_class::<T>()
+}
 
 #[pymodule]
 fn _pigtail(module: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -33,18 +41,18 @@ fn _pigtail(module: &Bound<'_, PyModule>) -> PyResult<()> {
         "SIDES",
         PyTuple::new(module.py(), Side::ALL.map(Side::name))?,
     )?;
-    module.add_class::<rig::Rig>()?;
-    module.add_class::<rig::Belief>()?;
-    module.add_class::<twin::Twin>()?;
-    module.add_class::<twin::Command>()?;
-    module.add_class::<twin::Measurement>()?;
+    add_class::<rig::Rig>(module)?;
+    add_class::<rig::Belief>(module)?;
+    add_class::<twin::Twin>(module)?;
+    add_class::<twin::Command>(module)?;
+    add_class::<twin::Measurement>(module)?;
     module.add_function(wrap_pyfunction!(align::align, module)?)?;
     module.add_function(wrap_pyfunction!(jobs::tune, module)?)?;
     module.add_function(wrap_pyfunction!(jobs::identify, module)?)?;
     module.add_function(wrap_pyfunction!(jobs::characterize, module)?)?;
     module.add_function(wrap_pyfunction!(jobs::commission, module)?)?;
     module.add_function(wrap_pyfunction!(jobs::simulate_joint, module)?)?;
-    module.add_class::<campaign::Spec>()?;
+    add_class::<campaign::Spec>(module)?;
     module.add_function(wrap_pyfunction!(campaign::campaign_resume, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::campaign_shard, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::campaign_merge, module)?)?;

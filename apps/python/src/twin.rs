@@ -158,11 +158,13 @@ impl Measurement {
 /// A simulated machine that a seed draws.
 #[pyclass(frozen, module = "pigtail._pigtail")]
 pub(crate) struct Twin {
-    twin: Mutex<pigtail_twin::Twin>,
+    // On the heap of Rust, for its numbers that a processor works on several at once want another alignment than
+    // Python gives what it holds.
+    twin: Mutex<Box<pigtail_twin::Twin>>,
 }
 
 impl Twin {
-    fn twin(&self) -> MutexGuard<'_, pigtail_twin::Twin> {
+    fn twin(&self) -> MutexGuard<'_, Box<pigtail_twin::Twin>> {
         self.twin.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -181,7 +183,7 @@ impl Twin {
         };
         draw()
             .map(|twin| Self {
-                twin: Mutex::new(twin),
+                twin: Mutex::new(Box::new(twin)),
             })
             .map_err(|failure| failure.raise(py))
     }
