@@ -47,12 +47,15 @@ def test_other_threads_go_on() -> None:
 
 
 def test_ctrl_c_stops_the_machine() -> None:
+    # What was started in a shell's background begins with Ctrl-C ignored.
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     timer = threading.Timer(0.3, lambda: os.kill(os.getpid(), signal.SIGINT))
     timer.start()
     with pytest.raises(KeyboardInterrupt):
         # Minutes, if nobody stops it.
         pigtail.characterize("z", "impulse")
     timer.join()
+    signal.signal(signal.SIGINT, before)
 
 
 def test_progress_is_told() -> None:

@@ -284,6 +284,22 @@ impl Kinematics {
         within(along.x, &m.ranges[0]) && within(along.y, &m.ranges[1])
     }
 
+    /// The least box around what the micro reaches in the manipulator's x and y, metres.
+    pub fn micro_box(&self) -> [(f64, f64); 2] {
+        let m = &self.micro;
+        let corners = [(0, 0), (0, 1), (1, 0), (1, 1)].map(|(i, j)| {
+            let end = |range: &Range, i: usize| [range.low, range.high][i];
+            let along = Displacement::new(end(&m.ranges[0], i), end(&m.ranges[1], j));
+            let at = along.turned(m.sin, m.cos);
+            [at.x, at.y]
+        });
+        std::array::from_fn(|i| {
+            let of = corners.map(|corner| corner[i]);
+            let low = of.into_iter().fold(f64::INFINITY, f64::min);
+            (low, of.into_iter().fold(f64::NEG_INFINITY, f64::max))
+        })
+    }
+
     /// How far the micro reaches to either side along x alone by the datasheet, metres.
     pub fn micro_range_x(&self) -> f64 {
         self.micro.half_range / self.micro.cos.abs().max(self.micro.sin.abs())

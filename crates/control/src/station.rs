@@ -3,10 +3,11 @@
 
 mod arm;
 mod bench;
+mod playing;
 
 use self::arm::{Arm, Started};
-use self::bench::Playing;
 pub(crate) use self::bench::{coarse, fine};
+use self::playing::Playing;
 use crate::calibration::Calibration;
 use crate::impulse::belief::ImpulseBelief;
 use crate::kinematics::Kinematics;
@@ -103,6 +104,28 @@ const RECOVERY_SECONDS: f64 = 0.3;
 /// How fast it is brought back then, as a share of the motors' highest speed.
 const RECOVERY_PACE: f64 = 0.02;
 
+/// The axes of a side come to rest at the end of a motion.
+#[derive(Debug, Clone, Copy, Default)]
+struct Arrival {
+    /// Since the motion's end, seconds, and since all of them are where they should be.
+    waited: f64,
+    near: f64,
+}
+
+impl Arrival {
+    /// After a cycle more; whether they have arrived, or will not.
+    fn step(&mut self, station: &Station, side: Side) -> bool {
+        let period = station.spec().period();
+        self.waited += period;
+        let error = |axis: &Axis| station.following_error(AxisName { side, axis: *axis });
+        let near = Axis::ALL
+            .iter()
+            .all(|axis| error(axis).abs() <= ARRIVED_COUNTS);
+        self.near = if near { self.near + period } else { 0.0 };
+        self.waited >= SETTLE_SECONDS || self.near >= ARRIVED_SECONDS
+    }
+}
+
 impl<'a> Station<'a> {
     /// Takes control of a machine that stands at home.
     ///
@@ -126,8 +149,9 @@ impl<'a> Station<'a> {
             .micro
             .settling
             .unwrap_or(spec.micro.settling);
+        let kinematics = [&arms[0].kinematics, &arms[1].kinematics];
         Ok(Self {
-            playing: Playing::new(&spec, settling),
+            playing: Playing::new(bench::caps(&spec, settling, kinematics)),
             tips: TipEstimator::new(&spec),
             settling,
             shaking: Side::ALL.map(|side| calibration.shaking.of(side)),
@@ -253,7 +277,7 @@ impl<'a> Station<'a> {
     /// The machine's fault.
     pub fn cycle(&mut self) -> Result<(), Fault> {
         let (time, period) = (self.measurement.time, self.spec().period());
-        self.play_circles(time + period);
+        self.play_fine(time + period);
         for (i, arm) in self.arms.iter_mut().enumerate() {
             arm.wait(&self.measurement.encoders[i], self.limits.z, period);
             arm.follow(time);
@@ -430,24 +454,29 @@ impl<'a> Station<'a> {
         path: impl Into<Path>,
         speed: Option<f64>,
     ) -> Result<(), Outcome> {
-        let period = self.spec().period();
-        let arm = &mut self.arms[side.index()];
-        let checked = |path: Path| {
-            let (start, here) = (path.start(), arm.wanted);
-            if start != here {
-                return Err(Refused::Start { start, here });
-            }
-            let motion = Motion::new(path, self.shape, &self.limits, speed)?;
-            motion.check(&arm.kinematics, period)?;
-            Ok(motion)
-        };
-        let motion = checked(path.into()).map_err(|why| Outcome::Refused { side, why })?;
-        arm.motion = Some(Started {
+        let path = path.into();
+        let (start, here) = (path.start(), self.wanted(side));
+        if start != here {
+            let why = Refused::Start { start, here };
+            return Err(Outcome::Refused { side, why });
+        }
+        let motion = self.motion(side, path, speed)?;
+        self.arms[side.index()].motion = Some(Started {
             motion,
             at: self.measurement.time,
             slower: 0.0,
         });
         Ok(())
+    }
+
+    /// A motion along a path, which breaks no limit.
+    fn motion(&self, side: Side, path: Path, speed: Option<f64>) -> Result<Motion, Outcome> {
+        let checked = || {
+            let motion = Motion::new(path, self.shape, &self.limits, speed)?;
+            motion.check(self.kinematics(side), self.spec().period())?;
+            Ok(motion)
+        };
+        checked().map_err(|why| Outcome::Refused { side, why })
     }
 
     /// Whether a motion is still being followed.
@@ -457,15 +486,20 @@ impl<'a> Station<'a> {
 
     /// Calls a motion off: the endpoint slows down as fast as the limits allow.
     pub fn brake(&mut self, side: Side) {
-        let now = self.measurement.time;
-        let limits = self.limits;
-        if let Some(started) = &mut self.arms[side.index()].motion {
-            *started = Started {
-                motion: started.motion.braked(now - started.at, &limits),
-                at: now,
+        if let Some(motion) = self.braked(side) {
+            self.arms[side.index()].motion = Some(Started {
+                motion,
+                at: self.measurement.time,
                 slower: 0.0,
-            };
+            });
         }
+    }
+
+    /// What is left of a motion that is called off now.
+    fn braked(&self, side: Side) -> Option<Motion> {
+        let started = self.arms[side.index()].motion.as_ref()?;
+        let since = self.measurement.time - started.at;
+        Some(started.motion.braked(since, &self.limits))
     }
 
     /// Ends a motion where it is. For those slow enough to stop at once.
@@ -488,21 +522,22 @@ impl<'a> Station<'a> {
     }
 
     fn settle(&mut self, side: Side) -> Result<(), Halt> {
-        let period = self.spec().period();
-        let (mut waited, mut arrived) = (0.0, 0.0);
-        while waited < SETTLE_SECONDS && arrived < ARRIVED_SECONDS {
+        let mut arrival = Arrival::default();
+        loop {
             self.cycle()?;
-            waited += period;
-            let near = Axis::ALL
-                .iter()
-                .all(|&axis| self.following_error(AxisName { side, axis }).abs() <= ARRIVED_COUNTS);
-            arrived = if near { arrived + period } else { 0.0 };
+            if arrival.step(self, side) {
+                return Ok(self.arrived(side)?);
+            }
         }
+    }
+
+    /// Whether the axes of a side are where friction may hold them from their references, or at them.
+    fn arrived(&self, side: Side) -> Result<(), Outcome> {
         for axis in Axis::ALL {
             let at = AxisName { side, axis };
             let counts = self.following_error(at).abs();
             if counts > LOST_COUNTS {
-                return Err(Outcome::NotArrived { axis: at, counts }.into());
+                return Err(Outcome::NotArrived { axis: at, counts });
             }
         }
         Ok(())
@@ -610,7 +645,7 @@ impl<'a> Station<'a> {
 
     /// Displaces a tip so far in its manipulator's frame with the micro, held within its range.
     pub fn move_micro(&mut self, side: Side, to: Displacement) {
-        self.playing.circles[side.index()] = None;
+        self.playing.fine[side.index()] = None;
         let arm = &mut self.arms[side.index()];
         arm.micro = to;
         arm.micro_volts = None;

@@ -160,6 +160,9 @@ pub struct Caps {
     pub channels: Vec<ChannelCaps>,
     /// How long a fiber has to be held until it is fixed, seconds.
     pub bond: f64,
+    /// Its time passes in steps of so many seconds, so that [`Bench::next`] ends up to half of one before or after the time
+    /// that was asked for; zero: it passes as it is asked to.
+    pub cycle: f64,
 }
 
 impl Caps {

@@ -1,8 +1,9 @@
 //! What goes around any bench: its guard, and its [record].
 //!
 //! In goes a [`Bench`], out comes another that control cannot tell from it, and that refuses what would hurt, and
-//! stops a bench that does not keep to its word. One suite of tests (`tests/bench.rs`) is for all benches.
+//! stops a bench that does not keep to its word. What is true of every bench [conformance] checks.
 
+pub mod conformance;
 pub mod record;
 
 use pigtail_hal::bench::{
@@ -256,7 +257,7 @@ impl<B: Bench> Guard<B> {
             }
             Event::Done(ticket) => self.over(*ticket, true)?,
             Event::Failed(ticket, _) => self.over(*ticket, false)?,
-            Event::Time if now < by - ROUNDING => {
+            Event::Time if now < by - ROUNDING - 0.5 * self.bench.caps().cycle => {
                 return Err(self.halt(
                     Rule::EventOrder,
                     &name,

@@ -1,54 +1,22 @@
 //! A station as a bench: it plays laws where its loops are closed, in every cycle.
 
 use super::Station;
+use crate::kinematics::Kinematics;
 use crate::outcome::Outcome;
 use pigtail_hal::bench::{
-    AxisCaps, Caps, ChannelCaps, Dither, Estimate, Event, Group, GroupCaps, Law, Light, Limits,
-    Pose, Refused, Request, Stage, Ticket,
+    AxisCaps, Caps, ChannelCaps, Estimate, Event, Group, GroupCaps, Law, Pose, Refused, Request,
+    Stage, Ticket,
 };
 use pigtail_hal::spec::SIDES;
 use pigtail_hal::{Bench, Channel, Fault, FiberHandling, Side, Spec};
 use pigtail_model::frames::{Displacement, Macro, Point};
-use std::collections::VecDeque;
-use std::f64::consts::TAU;
+
+/// A micro follows circles up to half of its lowest resonance, of which it takes two and a half periods to settle.
+const FOLLOWS: f64 = 0.5 * 2.5;
 
 /// From when a micro is told to be somewhere until the photodiode's sample of it, seconds, and how well that is known: the
 /// printed machine's, with a micro of 200 Hz and a photodiode of 1 kHz.
 const LAG: (f64, f64) = (1.2e-3, 0.4e-3);
-
-/// What a station plays as a bench.
-#[derive(Debug, Clone)]
-pub(super) struct Playing {
-    caps: Caps,
-    /// The last ticket that was given.
-    last: u64,
-    /// Circles of the micros.
-    pub(super) circles: [Option<Circle>; SIDES],
-    /// Lines of the macros.
-    lines: [Option<Ticket>; SIDES],
-    /// What is asked for, and when it will be done, seconds.
-    requests: Vec<(Ticket, f64)>,
-    /// What has happened and nobody was told.
-    events: VecDeque<Event>,
-}
-
-impl Playing {
-    pub(super) fn new(spec: &Spec, settling: f64) -> Self {
-        Self {
-            caps: caps(spec, settling),
-            last: 0,
-            circles: [None; SIDES],
-            lines: [None; SIDES],
-            requests: Vec::new(),
-            events: VecDeque::new(),
-        }
-    }
-
-    fn ticket(&mut self) -> Ticket {
-        self.last += 1;
-        Ticket(self.last)
-    }
-}
 
 /// The macro of a side, and its micro.
 pub(crate) const fn coarse(side: Side) -> Group {
@@ -61,7 +29,7 @@ pub(crate) const fn fine(side: Side) -> Group {
 }
 
 /// The side and the stage of a group.
-fn of(group: Group) -> Result<(Side, Stage), Refused> {
+pub(super) fn of(group: Group) -> Result<(Side, Stage), Refused> {
     let stage = [Stage::Coarse, Stage::Fine][group.0 % 2];
     let side = Side::ALL.get(group.0 / 2).copied();
     side.map(|side| (side, stage)).ok_or(Refused::Unknown {
@@ -79,29 +47,40 @@ fn side_of(arm: usize) -> Result<Side, Refused> {
     })
 }
 
-/// What a datasheet says of a station over it.
-fn caps(spec: &Spec, settling: f64) -> Caps {
-    let axis = |reach: f64, resolution: f64, speed: f64| {
+/// What a datasheet says of a station over it, and its calibration of how far its micros reach.
+pub(super) fn caps(spec: &Spec, settling: f64, kinematics: [&Kinematics; SIDES]) -> Caps {
+    let axis = |range: (f64, f64), resolution: f64, speed: f64| {
         Some(AxisCaps {
-            range: (-reach, reach),
+            range,
             resolution,
             repeatability: resolution,
             backlash: 0.0,
             speed,
         })
     };
-    let across = axis(0.5 * spec.five_bar.workspace, 1e-6, spec.five_bar.speed);
-    let along = axis(0.5 * spec.z_stage.travel, 1e-6, spec.z_stage.speed);
-    let micro = axis(0.5 * spec.micro.range, spec.micro.resolution, f64::INFINITY);
     let group = |side: Side, stage| {
+        let kinematics = kinematics[side.index()];
         let (name, axes, bandwidth) = match stage {
-            Stage::Coarse => ("coarse", [across, across, along, None, None, None], 0.0),
-            // How fast it may be shaken no datasheet says: that is the recipe's.
-            Stage::Fine => (
-                "fine",
-                [micro, micro, None, None, None, None],
-                f64::INFINITY,
-            ),
+            Stage::Coarse => {
+                let [x, y, z] = kinematics.workspace().map(|reach| (-reach, reach));
+                let across = |range| axis(range, 1e-6, spec.five_bar.speed);
+                let along = axis(z, 1e-6, spec.z_stage.speed);
+                (
+                    "coarse",
+                    [across(x), across(y), along, None, None, None],
+                    0.0,
+                )
+            }
+            Stage::Fine => {
+                let [x, y] = kinematics
+                    .micro_box()
+                    .map(|range| axis(range, spec.micro.resolution, f64::INFINITY));
+                (
+                    "fine",
+                    [x, y, None, None, None, None],
+                    FOLLOWS / spec.micro.settling,
+                )
+            }
         };
         GroupCaps {
             name: format!("{}.{name}", side.name()),
@@ -131,187 +110,73 @@ fn caps(spec: &Spec, settling: f64) -> Caps {
             })
             .collect(),
         bond: spec.bond.time,
+        cycle: spec.period(),
     }
 }
 
-/// A micro that plays a [`Dither`].
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Circle {
-    law: Dither,
-    ticket: Ticket,
-    /// Its middle beside what leads it, and its radius beside what widens it, when the law began; metres.
-    from: (Displacement, f64),
-    /// When that was, seconds.
-    since: f64,
-    /// Angle, radians.
-    angle: f64,
-}
-
-impl Circle {
-    /// Its middle and its radius at a time, where the group that leads it is at a pose.
-    fn middle(&self, time: f64, leader: &Pose) -> (Displacement, f64) {
-        let (law, since) = (&self.law, time - self.since);
-        let [x, y] = law.centre.to;
-        let (at, radius) = self.from;
-        let at = at + (Displacement::new(x, y) - at) * law.centre.share(since);
-        let radius = radius + (law.radius.to - radius) * law.radius.share(since);
-        let [x, y] = law.lead.map_or([0.0; 2], |lead| lead.by(leader));
-        let times = law.widens.map_or(1.0, |widens| widens.times(leader));
-        (at + Displacement::new(x, y), radius * times)
-    }
+pub(super) fn pose_of(p: Point<Macro>) -> Pose {
+    Pose::at(p.x, p.y, p.z)
 }
 
 impl Station<'_> {
-    /// Where the group that leads a dither is.
-    fn leader(&self, law: &Dither) -> Pose {
-        let side = law
-            .lead
-            .and_then(|lead| of(lead.group).ok())
-            .map(|(side, _)| side);
-        side.map_or(Pose::ZERO, |side| pose_of(self.endpoint(side)))
-    }
-
-    /// Sends micros that play circles to where these are at a time, the end of the cycle.
-    pub(super) fn play_circles(&mut self, time: f64) {
-        let period = self.spec().period();
-        for side in Side::ALL {
-            let Some(mut circle) = self.playing.circles[side.index()] else {
-                continue;
-            };
-            let (middle, radius) = circle.middle(time, &self.leader(&circle.law));
-            circle.angle = (circle.angle + TAU * circle.law.rate * period) % TAU;
-            let arm = &mut self.arms[side.index()];
-            arm.micro = middle + Displacement::polar(radius, circle.angle);
-            arm.micro_volts = None;
-            self.playing.circles[side.index()] = Some(circle);
-        }
-    }
-
-    fn circle(&mut self, side: Side, law: Dither, ticket: Ticket) {
-        let now = self.time();
-        let before = self.playing.circles[side.index()];
-        let (at, radius, angle) = match &before {
-            None => (self.micro(side), 0.0, 0.0),
-            Some(circle) => {
-                let (at, radius) = circle.middle(now, &self.leader(&circle.law));
-                (at, radius, circle.angle)
-            }
-        };
-        let leader = self.leader(&law);
-        let [x, y] = law.lead.map_or([0.0; 2], |lead| lead.by(&leader));
-        let times = law.widens.map_or(1.0, |widens| widens.times(&leader));
-        self.playing.circles[side.index()] = Some(Circle {
-            law,
-            ticket,
-            from: (at - Displacement::new(x, y), radius / times),
-            since: now,
-            angle,
-        });
-    }
-
     /// Begins a law, or goes on with it, as a ticket.
     fn begin(&mut self, group: Group, law: Law, ticket: Ticket) -> Result<(), Refused> {
-        let (side, stage) = of(group)?;
-        let refuse = |station: &Self, law: &Law, why: String| Refused::Law {
+        self.playing.caps.accepts(group, &law)?;
+        let name = law.name();
+        let refuse = |station: &Self, why: String| Refused::Law {
             group: station.playing.caps.groups[group.0].name.clone(),
-            law: law.name(),
+            law: name,
             why,
         };
-        match (stage, law) {
-            (Stage::Coarse, Law::Line { to, limits }) => {
-                let [x, y, z, turned @ ..] = to.0;
-                if !to.is_finite() || turned != [0.0; 3] {
-                    let law = Law::Line { to, limits };
-                    let why = "it moves along x, y and z, by numbers".to_owned();
-                    return Err(refuse(self, &law, why));
+        match (of(group)?, law) {
+            ((side, Stage::Coarse), Law::Line { to, limits }) => {
+                let to = Point::new(to.x(), to.y(), to.z());
+                self.begin_line(side, (to, limits.speed), ticket)
+                    .map_err(|why| match why {
+                        Outcome::Refused { why, .. } => refuse(self, why.to_string()),
+                        why => refuse(self, why.to_string()),
+                    })
+            }
+            ((side, Stage::Coarse), Law::Brake) => {
+                self.begin_brake(side, ticket);
+                Ok(())
+            }
+            ((_, Stage::Coarse), Law::Scan(_) | Law::Dither(_)) => {
+                Err(refuse(self, "it plays lines only".to_owned()))
+            }
+            ((side, Stage::Fine), law) => {
+                let places: Vec<Pose> = match &law {
+                    Law::Line { to, .. } => vec![*to],
+                    Law::Scan(knots) => knots.iter().map(|knot| knot.at).collect(),
+                    Law::Dither(law) => {
+                        let [x, y] = law.centre.to;
+                        let lead = law.lead.map(|lead| lead.by(&self.leader(law)));
+                        let [by_x, by_y] = lead.unwrap_or_default();
+                        vec![Pose::at(x + by_x, y + by_y, 0.0)]
+                    }
+                    Law::Brake => Vec::new(),
+                };
+                if let Some(at) = places.iter().find(|at| !self.reaches(group, at)) {
+                    let [x, y] = [at.x(), at.y()].map(|v| 1e6 * v);
+                    let why = format!("its piezos do not reach {x:.3}, {y:.3} um together");
+                    return Err(refuse(self, why));
                 }
-                self.start_line(side, Point::new(x, y, z), limits.speed)
-                    .map_err(|why| {
-                        let law = Law::Line { to, limits };
-                        match why {
-                            Outcome::Refused { why, .. } => refuse(self, &law, why.to_string()),
-                            why => refuse(self, &law, why.to_string()),
-                        }
-                    })?;
-                self.playing.lines[side.index()] = Some(ticket);
+                self.begin_fine(side, law, ticket);
                 Ok(())
             }
-            (Stage::Coarse, Law::Brake) => {
-                self.brake(side);
-                Ok(())
-            }
-            (Stage::Fine, Law::Dither(law)) => {
-                let numbers = [
-                    law.radius.to,
-                    law.radius.within,
-                    law.rate,
-                    law.centre.within,
-                ];
-                let sound = numbers.iter().all(|v| v.is_finite() && *v >= 0.0)
-                    && law.lead.is_none_or(|lead| of(lead.group).is_ok());
-                let [x, y] = law.centre.to;
-                let lead = law
-                    .lead
-                    .map_or([0.0; 2], |lead| lead.by(&self.leader(&law)));
-                if !sound || !self.reaches(group, &Pose::at(x + lead[0], y + lead[1], 0.0)) {
-                    let why = "its middle is out of reach, or it is not made of numbers".to_owned();
-                    return Err(refuse(self, &Law::Dither(law), why));
-                }
-                self.circle(side, law, ticket);
-                Ok(())
-            }
-            (Stage::Fine, Law::Line { to, .. }) => {
-                if !self.reaches(group, &to) {
-                    let limits = Limits::default();
-                    let why = "it does not reach that far".to_owned();
-                    return Err(refuse(self, &Law::Line { to, limits }, why));
-                }
-                self.move_micro(side, Displacement::new(to.x(), to.y()));
-                let done = self.time() + self.micro_settling();
-                self.playing.requests.push((ticket, done));
-                Ok(())
-            }
-            (Stage::Fine, Law::Brake) => {
-                self.move_micro(side, self.micro(side));
-                Ok(())
-            }
-            (_, law) => Err(refuse(self, &law, "this group has no such law".to_owned())),
         }
     }
 
-    /// What has happened in this cycle.
-    fn gather(&mut self) {
-        let now = self.time();
-        for side in Side::ALL {
-            if !self.moving(side)
-                && let Some(ticket) = self.playing.lines[side.index()].take()
-            {
-                self.playing.events.push_back(Event::Done(ticket));
-            }
+    /// The side of an arm that carries a fiber, or none.
+    fn holds(&self, arm: usize, one: bool) -> Result<Side, Refused> {
+        let side = side_of(arm)?;
+        if self.carries(side) == one {
+            return Ok(side);
         }
-        let playing = &mut self.playing;
-        playing.requests.retain(|(ticket, by)| {
-            if *by > now {
-                return true;
-            }
-            playing.events.push_back(Event::Done(*ticket));
-            false
-        });
-        if let Some(light) = self.measurement.light {
-            let volts = Channel::ALL
-                .iter()
-                .map(|c| self.light(*c).unwrap_or(f64::NAN));
-            let light = Light {
-                time: light.time,
-                volts: volts.collect(),
-            };
-            self.playing.events.push_back(Event::Light(light));
-        }
+        let what = if one { "no fiber" } else { "a fiber already" };
+        let name = side.name();
+        Err(Refused::State(format!("the holder of {name} has {what}")))
     }
-}
-
-fn pose_of(p: Point<Macro>) -> Pose {
-    Pose::at(p.x, p.y, p.z)
 }
 
 impl Bench for Station<'_> {
@@ -330,49 +195,50 @@ impl Bench for Station<'_> {
     }
 
     fn bend(&mut self, ticket: Ticket, law: Law) -> Result<f64, Refused> {
-        let circles = self.playing.circles.iter();
-        let circling = circles
-            .enumerate()
-            .find(|(_, circle)| circle.is_some_and(|circle| circle.ticket == ticket))
-            .map(|(i, _)| fine(Side::ALL[i]));
-        let lines = self.playing.lines.iter();
-        let moving = lines
-            .enumerate()
-            .find(|(_, line)| **line == Some(ticket))
-            .map(|(i, _)| coarse(Side::ALL[i]));
-        let group = circling.or(moving).ok_or(Refused::Ticket(ticket.0))?;
-        self.begin(group, law, ticket)?;
+        let played = |side: &Side| {
+            let (i, playing) = (side.index(), &self.playing);
+            if playing.fine[i]
+                .as_ref()
+                .is_some_and(|of| of.ticket == ticket)
+            {
+                return Some(fine(*side));
+            }
+            let goes = playing.coarse[i].as_ref();
+            goes.is_some_and(|of| of.ticket == ticket)
+                .then(|| coarse(*side))
+        };
+        let group = Side::ALL.iter().find_map(played);
+        self.begin(group.ok_or(Refused::Ticket(ticket.0))?, law, ticket)?;
         Ok(self.time())
     }
 
     fn request(&mut self, what: Request) -> Result<Ticket, Refused> {
-        let handling = match what {
-            Request::Laser(on) => {
-                self.laser(on);
-                None
-            }
+        self.playing.caps.answers(&what)?;
+        let period = self.spec().period();
+        let mut by = self.time() + period;
+        match what {
+            Request::Laser(on) => self.laser(on),
             Request::Load { arm, port } => {
                 let port = u8::try_from(port).map_err(|_| Refused::Unknown {
                     what: "port",
                     index: port,
                     count: usize::from(u8::MAX),
                 })?;
-                Some((side_of(arm)?, FiberHandling::Load(port)))
+                let side = self.holds(arm, false)?;
+                self.take_up(side, FiberHandling::Load(port));
             }
-            Request::Attach { arm } => Some((side_of(arm)?, FiberHandling::Attach)),
-            Request::Unload { arm } => Some((side_of(arm)?, FiberHandling::Unload)),
-        };
-        let mut by = self.time() + self.spec().period();
-        if let Some((side, handling)) = handling {
-            self.take_up(side, handling);
-            if handling == FiberHandling::Attach {
+            Request::Attach { arm } => {
+                let side = self.holds(arm, true)?;
+                self.take_up(side, FiberHandling::Attach);
                 by += self.spec().bond.time;
+            }
+            Request::Unload { arm } => {
+                let side = self.holds(arm, true)?;
+                self.take_up(side, FiberHandling::Unload);
             }
         }
         let ticket = self.playing.ticket();
-        self.playing
-            .requests
-            .push((ticket, by - 0.5 * self.spec().period()));
+        self.playing.requests.push((ticket, by - 0.5 * period));
         Ok(ticket)
     }
 
@@ -420,6 +286,10 @@ impl Bench for Station<'_> {
     }
 
     fn stop(&mut self) {
+        for side in Side::ALL {
+            self.halt(side);
+        }
+        self.playing.end();
         Station::stop(self);
     }
 }

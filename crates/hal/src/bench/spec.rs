@@ -297,6 +297,7 @@ impl BenchSpec {
                 full_scale: self.meter.range,
             }],
             bond: self.handling.bond,
+            cycle: 0.0,
         }
     }
 }

@@ -1,0 +1,326 @@
+//! What the groups of a station play, from cycle to cycle.
+
+use super::bench::{of, pose_of};
+use super::{Arrival, Station};
+use crate::outcome::Outcome;
+use crate::trajectory::Line;
+use pigtail_hal::bench::{Caps, Dither, Event, Knot, Law, Light, Pose, Ticket};
+use pigtail_hal::spec::SIDES;
+use pigtail_hal::{Channel, Side};
+use pigtail_model::frames::{Displacement, Macro, Point};
+use std::collections::VecDeque;
+use std::f64::consts::TAU;
+
+/// What a station plays as a bench.
+#[derive(Debug, Clone)]
+pub(super) struct Playing {
+    pub(super) caps: Caps,
+    /// The last ticket that was given.
+    last: u64,
+    /// Of the micros.
+    pub(super) fine: [Option<Fine>; SIDES],
+    /// Of the macros.
+    pub(super) coarse: [Option<Coarse>; SIDES],
+    /// What is asked for, and when it will be done, seconds.
+    pub(super) requests: Vec<(Ticket, f64)>,
+    /// What has happened and nobody was told.
+    pub(super) events: VecDeque<Event>,
+}
+
+impl Playing {
+    pub(super) fn new(caps: Caps) -> Self {
+        Self {
+            caps,
+            last: 0,
+            fine: Default::default(),
+            coarse: Default::default(),
+            requests: Vec::new(),
+            events: VecDeque::new(),
+        }
+    }
+
+    pub(super) fn ticket(&mut self) -> Ticket {
+        self.last += 1;
+        Ticket(self.last)
+    }
+
+    /// Nothing more of it.
+    pub(super) fn end(&mut self) {
+        self.fine = Default::default();
+        self.coarse = Default::default();
+        self.requests.clear();
+    }
+}
+
+/// A micro that plays a law.
+#[derive(Debug, Clone)]
+pub(super) struct Fine {
+    pub(super) ticket: Ticket,
+    way: Way,
+}
+
+#[derive(Debug, Clone)]
+enum Way {
+    Circle(Circle),
+    Scan(Scan),
+    /// To rest where it is, until a time, seconds.
+    Rest(f64),
+}
+
+/// Straight from knot to knot.
+#[derive(Debug, Clone)]
+struct Scan {
+    knots: Vec<Knot>,
+    /// When it began, seconds, and where.
+    since: f64,
+    from: Displacement,
+}
+
+impl Scan {
+    /// Where it is at a time, and whether that is its end.
+    fn at(&self, time: f64) -> (Displacement, bool) {
+        let place = |knot: &Knot| Displacement::new(knot.at.x(), knot.at.y());
+        let since = time - self.since;
+        let next = self.knots.partition_point(|knot| knot.time <= since);
+        let (before, from) = match next.checked_sub(1).map(|before| &self.knots[before]) {
+            Some(knot) => (knot.time, place(knot)),
+            None => (0.0, self.from),
+        };
+        match self.knots.get(next) {
+            None => (from, true),
+            Some(to) => {
+                let share = (since - before) / (to.time - before);
+                (from + (place(to) - from) * share, false)
+            }
+        }
+    }
+}
+
+/// A micro that plays a [`Dither`].
+#[derive(Debug, Clone, Copy)]
+struct Circle {
+    law: Dither,
+    /// Its middle beside what leads it, and its radius beside what widens it, when the law began; metres.
+    from: (Displacement, f64),
+    /// When that was, seconds.
+    since: f64,
+    /// Angle, radians.
+    angle: f64,
+}
+
+impl Circle {
+    /// Its middle and its radius at a time, where the group that leads it is at a pose.
+    fn middle(&self, time: f64, leader: &Pose) -> (Displacement, f64) {
+        let (law, since) = (&self.law, time - self.since);
+        let [x, y] = law.centre.to;
+        let (at, radius) = self.from;
+        let at = at + (Displacement::new(x, y) - at) * law.centre.share(since);
+        let radius = radius + (law.radius.to - radius) * law.radius.share(since);
+        let [x, y] = law.lead.map_or([0.0; 2], |lead| lead.by(leader));
+        let times = law.widens.map_or(1.0, |widens| widens.times(leader));
+        (at + Displacement::new(x, y), radius * times)
+    }
+
+    /// Whether nothing of it is left at a time.
+    fn is_over(&self, time: f64) -> bool {
+        let (law, since) = (&self.law, time - self.since);
+        law.radius.to == 0.0 && since >= law.radius.within && since >= law.centre.within
+    }
+}
+
+/// A macro that plays a law.
+#[derive(Debug, Clone)]
+pub(super) struct Coarse {
+    pub(super) ticket: Ticket,
+    /// Where it goes once it has slowed down, and how fast, m/s.
+    then: Option<(Point<Macro>, Option<f64>)>,
+    arrival: Arrival,
+}
+
+impl Station<'_> {
+    /// Where the group that leads a dither is.
+    pub(super) fn leader(&self, law: &Dither) -> Pose {
+        let side = law
+            .lead
+            .and_then(|lead| of(lead.group).ok())
+            .map(|(side, _)| side);
+        side.map_or(Pose::ZERO, |side| pose_of(self.endpoint(side)))
+    }
+
+    /// Sends the micros that play laws to where these are at a time, the end of the cycle.
+    pub(super) fn play_fine(&mut self, time: f64) {
+        let period = self.spec().period();
+        for side in Side::ALL {
+            let Some(mut fine) = self.playing.fine[side.index()].take() else {
+                continue;
+            };
+            let (to, over) = match &mut fine.way {
+                Way::Circle(circle) => {
+                    let (middle, radius) = circle.middle(time, &self.leader(&circle.law));
+                    circle.angle = (circle.angle + TAU * circle.law.rate * period) % TAU;
+                    let to = middle + Displacement::polar(radius, circle.angle);
+                    (Some(to), circle.is_over(time))
+                }
+                Way::Scan(scan) => {
+                    let (to, over) = scan.at(time);
+                    (Some(to), over)
+                }
+                Way::Rest(_) => (None, false),
+            };
+            if let Some(to) = to {
+                let arm = &mut self.arms[side.index()];
+                arm.micro = to;
+                arm.micro_volts = None;
+            }
+            if over {
+                fine.way = Way::Rest(time + self.micro_settling());
+            }
+            self.playing.fine[side.index()] = Some(fine);
+        }
+    }
+
+    /// A micro begins a law that its datasheet allows, or goes on with it, as a ticket.
+    pub(super) fn begin_fine(&mut self, side: Side, law: Law, ticket: Ticket) {
+        let now = self.time();
+        let here = self.micro(side);
+        let way = match law {
+            Law::Dither(law) => Way::Circle(self.circle(side, law)),
+            Law::Scan(knots) => Way::Scan(Scan {
+                knots,
+                since: now,
+                from: here,
+            }),
+            Law::Line { to, limits } => {
+                let place = Displacement::new(to.x(), to.y());
+                // As fast as it can: at once.
+                let time = limits.speed.map_or(0.0, |v| (place - here).norm() / v);
+                let knots = vec![Knot { time, at: to }];
+                Way::Scan(Scan {
+                    knots,
+                    since: now,
+                    from: here,
+                })
+            }
+            Law::Brake => Way::Rest(now + self.micro_settling()),
+        };
+        self.playing.fine[side.index()] = Some(Fine { ticket, way });
+    }
+
+    fn circle(&self, side: Side, law: Dither) -> Circle {
+        let now = self.time();
+        let (at, radius, angle) = match &self.playing.fine[side.index()] {
+            Some(Fine {
+                way: Way::Circle(circle),
+                ..
+            }) => {
+                let (at, radius) = circle.middle(now, &self.leader(&circle.law));
+                (at, radius, circle.angle)
+            }
+            _ => (self.micro(side), 0.0, 0.0),
+        };
+        let leader = self.leader(&law);
+        let [x, y] = law.lead.map_or([0.0; 2], |lead| lead.by(&leader));
+        let times = law.widens.map_or(1.0, |widens| widens.times(&leader));
+        Circle {
+            law,
+            from: (at - Displacement::new(x, y), radius / times),
+            since: now,
+            angle,
+        }
+    }
+
+    /// A macro begins a line, or goes over to it from the one that it is on, as a ticket.
+    ///
+    /// # Errors
+    ///
+    /// [`Outcome::Refused`] when it would break a limit; the motion goes on as it was.
+    pub(super) fn begin_line(
+        &mut self,
+        side: Side,
+        (to, speed): (Point<Macro>, Option<f64>),
+        ticket: Ticket,
+    ) -> Result<(), Outcome> {
+        let then = if let Some(braked) = self.braked(side) {
+            let line = Line::new(braked.at(braked.duration()), to);
+            self.motion(side, line.into(), speed)?;
+            self.brake(side);
+            Some((to, speed))
+        } else {
+            self.start_line(side, to, speed)?;
+            None
+        };
+        self.going(side, ticket, then);
+        Ok(())
+    }
+
+    /// A macro slows down, as a ticket.
+    pub(super) fn begin_brake(&mut self, side: Side, ticket: Ticket) {
+        self.brake(side);
+        self.going(side, ticket, None);
+    }
+
+    fn going(&mut self, side: Side, ticket: Ticket, then: Option<(Point<Macro>, Option<f64>)>) {
+        self.playing.coarse[side.index()] = Some(Coarse {
+            ticket,
+            then,
+            arrival: Arrival::default(),
+        });
+    }
+
+    /// How a macro's law has ended with this cycle, if it has.
+    fn coarse_ended(&mut self, side: Side) -> Option<Event> {
+        let mut coarse = self.playing.coarse[side.index()].take()?;
+        let ticket = coarse.ticket;
+        let failed = |why: &Outcome| Some(Event::Failed(ticket, why.to_string()));
+        if self.moving(side) {
+        } else if let Some((to, speed)) = coarse.then.take() {
+            if let Err(why) = self.start_line(side, to, speed) {
+                return failed(&why);
+            }
+        } else if coarse.arrival.step(self, side) {
+            return match self.arrived(side) {
+                Ok(()) => Some(Event::Done(ticket)),
+                Err(why) => failed(&why),
+            };
+        }
+        self.playing.coarse[side.index()] = Some(coarse);
+        None
+    }
+
+    /// What has happened in this cycle.
+    pub(super) fn gather(&mut self) {
+        let now = self.time();
+        for side in Side::ALL {
+            let ended = self.coarse_ended(side);
+            self.playing.events.extend(ended);
+            let fine = &mut self.playing.fine[side.index()];
+            if let Some(Fine {
+                ticket,
+                way: Way::Rest(by),
+            }) = fine
+                && *by <= now
+            {
+                self.playing.events.push_back(Event::Done(*ticket));
+                *fine = None;
+            }
+        }
+        let playing = &mut self.playing;
+        playing.requests.retain(|(ticket, by)| {
+            if *by > now {
+                return true;
+            }
+            playing.events.push_back(Event::Done(*ticket));
+            false
+        });
+        if let Some(light) = self.measurement.light {
+            let volts = Channel::ALL
+                .iter()
+                .map(|c| self.light(*c).unwrap_or(f64::NAN));
+            let light = Light {
+                time: light.time,
+                volts: volts.collect(),
+            };
+            self.playing.events.push_back(Event::Light(light));
+        }
+    }
+}
