@@ -12,6 +12,7 @@ mod align;
 mod bench;
 mod campaign;
 mod failure;
+mod gym;
 mod input;
 mod jobs;
 mod own_bench;
@@ -59,6 +60,7 @@ fn _pigtail(module: &Bound<'_, PyModule>) -> PyResult<()> {
     add_class::<bench::BenchTwin>(module)?;
     module.add_function(wrap_pyfunction!(bench::align_bench, module)?)?;
     module.add_function(wrap_pyfunction!(bench::peak_on, module)?)?;
+    add_class::<gym::Environments>(module)?;
     add_class::<campaign::Spec>(module)?;
     module.add_function(wrap_pyfunction!(campaign::campaign_resume, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::campaign_shard, module)?)?;

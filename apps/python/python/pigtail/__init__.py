@@ -9,7 +9,7 @@ of your own. :func:`tune`, :func:`identify`, :func:`characterize` and :func:`com
 :func:`simulate_joint` is one joint alone. :class:`Twin` is a machine, cycle by cycle; :class:`BenchTwin` one that
 is controlled by position, and :class:`Bench` what you implement to have :func:`align_bench` and :func:`find_peak` run on your
 own. :class:`Runs` is the store.
-What is true of a twin, :mod:`pigtail.sim` tells, and nothing else.
+:mod:`pigtail.gym` has environments of gymnasium. What is true of a twin, :mod:`pigtail.sim` tells, and nothing else.
 
 Names are those of the program and the book; the last letters of a name are its unit. Long calls let go of Python's
 lock, show progress, and stop the machine on Ctrl-C.
