@@ -60,10 +60,8 @@ impl BenchRig {
         };
         let open = || -> Result<Self, pigtail_hal::Error> {
             let known = pigtail_session::bench::BenchRig::load_named(&named)?;
-            let setup = match known.has_twin() {
-                true => Some(BenchSetup::of(known.clone())?),
-                false => None,
-            };
+            let twin = known.has_twin().then(|| BenchSetup::of(known.clone()));
+            let setup = twin.transpose()?;
             Ok(Self { known, setup })
         };
         open().map_err(|error| Failure::from(error).raise(py))
