@@ -96,7 +96,7 @@ pub(crate) fn broken(faults: Option<&str>, fault: &[String]) -> Result<Faults, F
 }
 
 /// The samples as arrays.
-fn samples<'py>(py: Python<'py>, record: &Record) -> PyResult<Bound<'py, PyDict>> {
+pub(crate) fn samples<'py>(py: Python<'py>, record: &Record) -> PyResult<Bound<'py, PyDict>> {
     let all = &record.samples;
     let n = all.len();
     let time: Vec<f64> = all.iter().map(|sample| sample.time).collect();

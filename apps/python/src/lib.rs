@@ -9,13 +9,17 @@
 )]
 
 mod align;
+mod bench;
 mod campaign;
 mod failure;
+mod gym;
 mod input;
 mod jobs;
+mod own_bench;
 mod rig;
 mod runs;
 mod twin;
+mod wire;
 mod work;
 
 use pigtail_hal::{Channel, Side};
@@ -52,6 +56,11 @@ fn _pigtail(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(jobs::characterize, module)?)?;
     module.add_function(wrap_pyfunction!(jobs::commission, module)?)?;
     module.add_function(wrap_pyfunction!(jobs::simulate_joint, module)?)?;
+    add_class::<bench::BenchRig>(module)?;
+    add_class::<bench::BenchTwin>(module)?;
+    module.add_function(wrap_pyfunction!(bench::align_bench, module)?)?;
+    module.add_function(wrap_pyfunction!(bench::peak_on, module)?)?;
+    add_class::<gym::Environments>(module)?;
     add_class::<campaign::Spec>(module)?;
     module.add_function(wrap_pyfunction!(campaign::campaign_resume, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::campaign_shard, module)?)?;

@@ -5,25 +5,47 @@ use crate::campaign::Device;
 use pigtail_control::outcome::OutcomeCode;
 use pigtail_control::procedure::PORTS;
 use pigtail_control::station::{Observer, Unobserved};
-use pigtail_hal::Error;
-use pigtail_session::bench::{self, BenchSetup};
+use pigtail_hal::spec::OUTPUTS;
+use pigtail_hal::{Bench, Error};
+use pigtail_session::bench::{self, BenchRig, BenchSetup};
 use pigtail_session::fleet::NOMINAL;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::scenario::Scenario;
+use pigtail_session::session::Options;
+use pigtail_twin::Truth;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// The procedure under whose name benches are aligned: there is one alignment for all of them.
 pub const PROCEDURE: Procedure = Procedure::Fast;
 
-fn names(setup: &BenchSetup) -> Of<'_> {
+fn names(rig: &BenchRig) -> Of<'_> {
     Of {
-        rig: &setup.rig.name,
-        recipe: &setup.rig.recipe_name,
+        rig: &rig.name,
+        recipe: &rig.recipe_name,
         scenario: Scenario::Nominal.name(),
         fleet: NOMINAL,
-        gap: setup.rig.recipe.approach.gap,
+        gap: rig.recipe.approach.gap,
     }
 }
+
+/// Aligns one device on any bench, of which nobody knows the truth: what a document says of that is `null`, and
+/// `collision` means nothing.
+pub fn align_on(
+    rig: &BenchRig,
+    bench: &mut dyn Bench,
+    options: &Options,
+    observer: &mut dyn Observer,
+) -> AlignmentDocument {
+    let fibers = bench::align(rig, bench, options, observer);
+    judged(&names(rig), &of(PROCEDURE), 0, &[], &UNKNOWN, &fibers)
+}
+
+/// What is known of a bench that is nobody's twin.
+const UNKNOWN: Truth = Truth {
+    input: None,
+    outputs: [None; OUTPUTS],
+    smallest_gap: f64::INFINITY,
+};
 
 /// Aligns one device on the twin that `seed` draws.
 ///
@@ -40,7 +62,7 @@ pub fn align(
     let fibers = bench::align(&setup.rig, &mut twin, &setup.options, observer);
     let truth = twin.truth();
     Ok(judged(
-        &names(setup),
+        &names(&setup.rig),
         &of(PROCEDURE),
         seed,
         &[],
@@ -58,7 +80,14 @@ pub fn device(setup: &BenchSetup, seed: u64) -> Result<Device, Error> {
     let run = AssertUnwindSafe(|| align(setup, seed, &mut Unobserved));
     let document = catch_unwind(run).unwrap_or_else(|panic| {
         let twin = setup.twin(seed)?;
-        let mut document = judged(&names(setup), &of(PROCEDURE), seed, &[], &twin.truth(), &[]);
+        let mut document = judged(
+            &names(&setup.rig),
+            &of(PROCEDURE),
+            seed,
+            &[],
+            &twin.truth(),
+            &[],
+        );
         let lost = |port| nothing(port, OutcomeCode::Panic, &said(&*panic));
         document.fibers = PORTS.into_iter().map(lost).collect();
         Ok(document)

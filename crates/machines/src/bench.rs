@@ -108,6 +108,11 @@ impl<B: Bench> Guard<B> {
         Self { longest, ..self }
     }
 
+    /// The bench itself, for whoever may ask it more.
+    pub fn inner(&self) -> &B {
+        &self.bench
+    }
+
     /// The plane before an arm: that of its fiber's port, or the nearest where that is not known.
     fn plane(&self, arm: usize) -> Option<f64> {
         let port = self.carried[arm];

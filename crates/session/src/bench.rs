@@ -334,11 +334,16 @@ pub fn align(
     options: &Options,
     observer: &mut dyn Observer,
 ) -> Vec<FiberReport> {
-    let mut guard = Guard::new(bench)
+    let mut guard = guarded(rig, bench, options);
+    pigtail_control::align::align(&mut guard, &rig.belief, &rig.recipe, observer)
+}
+
+/// A bench of this rig behind its guard.
+pub fn guarded<B: Bench>(rig: &BenchRig, bench: B, options: &Options) -> Guard<B> {
+    Guard::new(bench)
         .with_planes(rig.planes())
         .with_stop(options.stop.clone())
-        .with_longest(LONGEST.min(options.longest));
-    pigtail_control::align::align(&mut guard, &rig.belief, &rig.recipe, observer)
+        .with_longest(LONGEST.min(options.longest))
 }
 
 /// A bench and its truth: all that it takes to draw twins.

@@ -6,30 +6,37 @@
 
 :func:`align` aligns a device on the twin that a seed draws; :func:`campaign` does it for many. :class:`Rig` names a rig
 of your own. :func:`tune`, :func:`identify`, :func:`characterize` and :func:`commission` are experiments on a machine;
-:func:`simulate_joint` is one joint alone. :class:`Twin` is a machine, cycle by cycle. :class:`Runs` is the store.
-What is true of a twin, :mod:`pigtail.sim` tells, and nothing else.
+:func:`simulate_joint` is one joint alone. :class:`Twin` is a machine, cycle by cycle; :class:`BenchTwin` one that
+is controlled by position, and :class:`Bench` what you implement to have :func:`align_bench` and :func:`find_peak` run on your
+own. :class:`Runs` is the store.
+:mod:`pigtail.gym` has environments of gymnasium. What is true of a twin, :mod:`pigtail.sim` tells, and nothing else.
 
 Names are those of the program and the book; the last letters of a name are its unit. Long calls let go of Python's
 lock, show progress, and stop the machine on Ctrl-C.
 """
 
 from ._align import CHANNELS, SIDES, Alignment, Believed, Fiber, Phase, PhaseStart, Samples, align
+from ._bench import BenchRig, BenchTwin, Peak, Taught, align_bench, find_peak
 from ._campaign import Campaign, campaign, campaign_folder, merge, run_shard
 from ._document import Document, Experiment
-from ._errors import Error, FaultError, InputError, OutcomeError
+from ._errors import Error, FaultError, InputError, OutcomeError, Refused
 from ._jobs import Commissioning, characterize, commission, identify, simulate_joint, tune
 from ._pigtail import __version__
 from ._progress import Progress
 from ._rig import Calibration, Rig
 from ._runs import Runs
 from ._twin import Command, Frame, Light, Measurement, Tip, Twin
-from . import sim
+from .bench import Bench
+from . import bench, sim
 
 __all__ = [
     "CHANNELS",
     "SIDES",
     "Alignment",
     "Believed",
+    "Bench",
+    "BenchRig",
+    "BenchTwin",
     "Calibration",
     "Campaign",
     "Command",
@@ -44,20 +51,26 @@ __all__ = [
     "Light",
     "Measurement",
     "OutcomeError",
+    "Peak",
     "Phase",
     "PhaseStart",
     "Progress",
+    "Refused",
     "Rig",
     "Runs",
     "Samples",
+    "Taught",
     "Tip",
     "Twin",
     "__version__",
     "align",
+    "align_bench",
+    "bench",
     "campaign",
     "campaign_folder",
     "characterize",
     "commission",
+    "find_peak",
     "identify",
     "merge",
     "run_shard",

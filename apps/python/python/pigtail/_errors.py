@@ -64,6 +64,22 @@ class FaultError(Error, RuntimeError):
         self.value, self.limit, self.time_s = value, limit, time_s
 
 
+class Refused(Error, RuntimeError):
+    """A bench does not do what it was asked for, and nothing has moved."""
+
+
+class TicketOver(Refused):
+    """A ticket is over, or never was: control plays its law anew.
+
+    Attributes:
+        ticket: The ticket.
+    """
+
+    def __init__(self, ticket: int) -> None:
+        super().__init__(f"ticket {ticket} is not being played")
+        self.ticket = ticket
+
+
 class OutcomeError(Error, RuntimeError):
     """The machine is well; what was looked for is not there, or was lost.
 

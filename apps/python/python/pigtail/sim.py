@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ._align import Alignment
+from ._bench import BenchTwin
 from ._errors import InputError
 from ._rig import Rig
 from ._twin import Twin
@@ -40,14 +41,29 @@ class Truth:
     """The least distance between the chip and anything so far, micrometres; ``None`` where nothing came near."""
     collision: bool
     """Whether anything ever touched the chip."""
+    carried: tuple[FiberTruth | None, ...] = (None, None)
+    """Of a bench's twin: the fibers that its arms carry, left and right; their ports are ``left`` and ``right``."""
 
 
 _PORTS = ("input", "output1", "output2")
 
 
-def truth(of: Alignment | Twin) -> Truth:
+def _fiber(port: str, told: tuple[float, float, float, float] | None) -> FiberTruth | None:
+    import math
+
+    if told is None:
+        return None
+    x, y, gap, coupling = told
+    loss = -10.0 * math.log10(coupling) if coupling > 0.0 else math.inf
+    return FiberTruth(port, x, y, None, gap, loss, None)
+
+
+def truth(of: Alignment | Twin | BenchTwin) -> Truth:
     """What is true of a device that was aligned, or of a twin as it is now."""
     if isinstance(of, Alignment):
+        if of["collision"] is None:
+            message = "of: was aligned on a bench, and nobody knows its truth; accepted is its twin, where it has one"
+            raise InputError(message, key="of", value=repr(of))
         return Truth(
             tuple(
                 None
@@ -66,21 +82,15 @@ def truth(of: Alignment | Twin) -> Truth:
             of["smallest_gap_um"],
             of["collision"],
         )
-    if isinstance(of, Twin):
+    if isinstance(of, (Twin, BenchTwin)):
         import math
 
         told = of._twin.truth()
-        fibers: list[FiberTruth | None] = []
-        for port, fiber in zip(_PORTS, told["fibers"], strict=True):
-            if fiber is None:
-                fibers.append(None)
-                continue
-            x, y, gap, coupling = fiber
-            loss = -10.0 * math.log10(coupling) if coupling > 0.0 else math.inf
-            fibers.append(FiberTruth(port, x, y, None, gap, loss, None))
+        fibers = tuple(_fiber(port, fiber) for port, fiber in zip(_PORTS, told["fibers"], strict=True))
         gap = told["smallest_gap_um"]
-        return Truth(tuple(fibers), gap if math.isfinite(gap) else None, gap <= 0.0)
-    raise InputError(f"of: is {of!r}; accepted is an Alignment or a Twin", key="of", value=repr(of))
+        carried = tuple(_fiber(*each) for each in zip(("left", "right"), told.get("carried", (None, None)), strict=True))
+        return Truth(fibers, gap if math.isfinite(gap) else None, gap <= 0.0, carried)
+    raise InputError(f"of: is {of!r}; accepted is an Alignment, a Twin or a BenchTwin", key="of", value=repr(of))
 
 
 def plant(rig: Rig) -> str:

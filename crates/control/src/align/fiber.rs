@@ -1,6 +1,9 @@
 //! A fiber in the arm of a bench, from the tray to the chip.
 
-use super::{Dark, LONGEST, Taught, ask, line, look, refused, until_all_done, until_done};
+use super::climb::{circles, range};
+use super::{
+    Dark, LONGEST, LOOK, NEAR, STEADY, Taught, ask, line, look, refused, until_all_done, until_done,
+};
 use crate::beam::Beam;
 use crate::belief::{Place, UNSURE};
 use crate::conical_scan::{ConicalScan, Gap, Watch};
@@ -12,17 +15,11 @@ use pigtail_hal::bench::{
 };
 use pigtail_model::frames::Displacement;
 
-/// Width of the light that is searched for, in standard deviations of where it may be.
-const WIDE: f64 = 2.5;
-
 /// Share of its range to which a fine group is used before the coarse one helps.
 const ROOM: f64 = 0.5;
 
 /// How often the coarse group takes over at one gap.
 const HANDED_OVER: u32 = 4;
-
-/// Share of its range that circles take.
-const CIRCLE: f64 = 0.3;
 
 /// From one gap of the approach to the next.
 const NEARER: f64 = 0.6;
@@ -36,15 +33,6 @@ const RUN_UP: f64 = 40e-6;
 
 /// Gap at which fibers are loaded, metres.
 const CLEAR: f64 = 0.5e-3;
-
-/// Samples of a look at the light.
-const LOOK: usize = 12;
-
-/// Samples of a look at how steady the light at its peak is.
-const STEADY: usize = 40;
-
-/// How well circles centre at a gap, in widths.
-const NEAR: f64 = 0.1;
 
 /// How often the last turns are begun.
 const ATTEMPTS: u32 = 4;
@@ -65,8 +53,6 @@ pub(super) struct Fiber<'d> {
     pub(super) meter: Meter,
     coarse: Group,
     fine: Group,
-    /// How the peak walks for a metre of gap, in the arm's frame.
-    walk: Displacement,
     beam: Beam,
     /// Gap of the search, metres.
     back: f64,
@@ -89,25 +75,15 @@ impl<'d> Fiber<'d> {
         let caps = bench.caps();
         let group = |stage| caps.group(taught.arm, stage).ok_or(Outcome::NotTaught);
         let (coarse, fine) = (group(Stage::Coarse)?, group(Stage::Fine)?);
-        let exit = recipe.ports.exit_angle;
-        let beam = Beam::new(&recipe.mode, exit);
-        let wide = WIDE * taught.across / beam.width(0.0);
-        let back = beam.gap_of((wide * wide - 1.0).max(0.0));
-        // The frame of the second arm is turned by half a turn.
-        let walk = if taught.arm == 0 {
-            exit.tan()
-        } else {
-            -exit.tan()
-        };
+        let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
         Ok(Self {
             recipe,
             taught,
             meter,
             coarse,
             fine,
-            walk: Displacement::new(walk, 0.0),
             beam,
-            back: back.max(4.0 * recipe.approach.gap),
+            back: taught.search_gap(recipe),
             aside: Displacement::ZERO,
             gap: CLEAR,
             scan: None,
@@ -122,8 +98,8 @@ impl<'d> Fiber<'d> {
 
     /// Pose of the coarse group on the beam at a gap.
     fn at_gap(&self, gap: f64) -> Pose {
-        let by = self.aside + self.walk * gap;
-        self.taught.pose + Pose::at(by.x, by.y, -gap)
+        let Displacement { x, y } = self.aside;
+        self.taught.at_gap(self.recipe, gap, [x, y])
     }
 
     /// The gap by the coarse group's own measure, metres.
@@ -256,11 +232,8 @@ impl<'d> Fiber<'d> {
 
     /// The same on circles that find the peak.
     fn circling(&mut self, bench: &dyn Bench) -> Result<&mut ConicalScan<'d>, Halt> {
-        let range = self
-            .range(bench, Degree::X)
-            .min(self.range(bench, Degree::Y));
-        let most = CIRCLE * range / self.beam.width(self.gap);
-        let radius = self.recipe.fast.conical_scan.radius.min(most);
+        let wanted = self.recipe.fast.conical_scan.radius;
+        let radius = circles(bench, self.fine, self.beam.width(self.gap), wanted);
         let scan = self.scan()?;
         scan.set_radius(radius);
         Ok(scan)
@@ -319,18 +292,12 @@ impl<'d> Fiber<'d> {
         why.map_or(Ok(()), |why| Err(why.into()))
     }
 
-    /// How far the fine group goes to either side, metres.
-    fn range(&self, bench: &dyn Bench, degree: Degree) -> f64 {
-        let range = axis(bench, self.fine, degree).map(|axis| axis.range);
-        range.map_or(0.0, |(low, high)| high.min(-low))
-    }
-
     /// The coarse group takes over what the fine one stands aside, where that is more than a share of its range. Whether it
     /// was so.
     fn make_room(&mut self, bench: &mut dyn Bench, share: f64) -> Result<bool, Halt> {
         let gap = self.measured_gap(bench);
         let place = self.scan()?.place(gap);
-        let room = |degree| share * self.range(bench, degree);
+        let room = |degree| share * range(bench, self.fine, degree);
         if place.x.abs() <= room(Degree::X) && place.y.abs() <= room(Degree::Y) {
             return Ok(false);
         }

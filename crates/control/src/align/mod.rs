@@ -6,10 +6,14 @@
 //! ([`conical_scan`](crate::conical_scan)) and follow them while the gap closes along the beam. A fiber is attached only where
 //! its place is sure.
 
+mod climb;
 mod fiber;
 mod first_light;
 mod observed;
 
+pub use climb::{Found, find_peak};
+
+use crate::beam::Beam;
 use crate::outcome::{Halt, Outcome};
 use crate::procedure::{FiberReport, PORTS};
 use crate::recipe::Recipe;
@@ -38,6 +42,40 @@ pub struct Taught {
     pub sigma_z: f64,
 }
 
+/// Width of the light that is searched for, in standard deviations of where it may be.
+const WIDE: f64 = 2.5;
+
+/// Samples of a look at the light.
+const LOOK: usize = 12;
+
+/// Samples of a look at how steady the light at its peak is.
+const STEADY: usize = 40;
+
+/// How well circles centre at a gap, in widths.
+const NEAR: f64 = 0.1;
+
+impl Taught {
+    /// The gap at which light is searched for, metres: there it is wider than what is not known of where it is.
+    pub fn search_gap(&self, recipe: &Recipe) -> f64 {
+        let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
+        let wide = WIDE * self.across / beam.width(0.0);
+        let back = beam.gap_of((wide * wide - 1.0).max(0.0));
+        back.max(4.0 * recipe.approach.gap)
+    }
+
+    /// Pose of the coarse group so far aside of the beam, x and y, at a gap, metres.
+    pub fn at_gap(&self, recipe: &Recipe, gap: f64, aside: [f64; 2]) -> Pose {
+        let exit = recipe.ports.exit_angle;
+        // The frame of the second arm is turned by half a turn.
+        let walk = if self.arm == 0 {
+            exit.tan()
+        } else {
+            -exit.tan()
+        };
+        self.pose + Pose::at(aside[0] + walk * gap, aside[1], -gap)
+    }
+}
+
 /// What is believed of a bench that has no vision. Arm 0 carries the input, arm 1 the outputs.
 ///
 /// The frame of arm 0 has the chip's axes, that of arm 1 is turned by half a turn about y: light that leaves the chip at
@@ -51,7 +89,8 @@ pub struct Belief {
 }
 
 impl Belief {
-    fn taught(&self, arm: usize, port: usize) -> Option<&Taught> {
+    /// The pose that was taught for a port of an arm.
+    pub fn taught(&self, arm: usize, port: usize) -> Option<&Taught> {
         let of = |taught: &&Taught| (taught.arm, taught.port) == (arm, port);
         self.taught.iter().find(of)
     }
@@ -84,6 +123,25 @@ struct Dark {
     mean: f64,
     /// Standard deviation of a sample, volts.
     sigma: f64,
+}
+
+impl Dark {
+    /// The light without the laser, which is on afterwards.
+    fn measure(bench: &mut dyn Bench, meter: Meter) -> Result<Self, Halt> {
+        /// Samples.
+        const SAMPLES: usize = 50;
+        ask(bench, Request::Laser(false))?;
+        // A meter forgets the laser in some samples.
+        look(bench, meter, 5)?;
+        let (mean, sigma) = look(bench, meter, SAMPLES)?;
+        ask(bench, Request::Laser(true))?;
+        look(bench, meter, 5)?;
+        let step = bench.caps().channels[meter.0].resolution;
+        Ok(Self {
+            mean,
+            sigma: sigma.max(step),
+        })
+    }
 }
 
 /// A device on its way.
@@ -130,7 +188,7 @@ impl<'d> Device<'d, '_> {
     ) -> Result<(), Halt> {
         let (mut left, mut right) = (self.fiber(0, 0)?, self.fiber(1, 0)?);
         self.phase(0, phases, "coarse", |device| {
-            device.dark = device.measure_dark(left.meter)?;
+            device.dark = Dark::measure(device.bench, left.meter)?;
             for fiber in [&mut left, &mut right] {
                 fiber.load(device.bench)?;
             }
@@ -200,23 +258,6 @@ impl<'d> Device<'d, '_> {
         let meter = self.belief.meters.get(if arm == 0 { 0 } else { port });
         let meter = *meter.ok_or(Outcome::NotTaught)?;
         Fiber::new(self.bench, self.recipe, taught, meter)
-    }
-
-    /// The light without the laser.
-    fn measure_dark(&mut self, meter: Meter) -> Result<Dark, Halt> {
-        /// Samples.
-        const SAMPLES: usize = 50;
-        ask(self.bench, Request::Laser(false))?;
-        // A meter forgets the laser in some samples.
-        look(self.bench, meter, 5)?;
-        let (mean, sigma) = look(self.bench, meter, SAMPLES)?;
-        ask(self.bench, Request::Laser(true))?;
-        look(self.bench, meter, 5)?;
-        let step = self.bench.caps().channels[meter.0].resolution;
-        Ok(Dark {
-            mean,
-            sigma: sigma.max(step),
-        })
     }
 
     fn phase<T>(
