@@ -102,14 +102,14 @@ fn head(tried: &Tried) -> Markup {
         }
         div.scroll { table {
             tr {
-                th {} th {}
+                th {}
                 (th("rms", "um")) (th("rms", "% of range"))
                 (th("max", "um")) (th("max", "% of range"))
                 (th("line's rms", "um"))
             }
             @for (name, rms, max, line) in rows {
                 tr {
-                    td { (name) } td {}
+                    td { (name) }
                     td { (fixed(rms, 4)) } td { (percent(rms)) }
                     td { (fixed(max, 4)) } td { (percent(max)) }
                     td { (fixed(line, 4)) }

@@ -1,7 +1,8 @@
 //! The report of what pulses do to an axis.
 
-use super::figure::{Axes, HALF, WHOLE, cells, curves, range_of};
+use super::figure::{Axes, HALF, WHOLE, curves, over_count, range_of};
 use super::html::{figure, fixed, number, page, th};
+use super::plot::Plot;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_evaluate::impulse::response::{Figures, ResponseDocument};
@@ -40,7 +41,7 @@ pub(super) fn a(harmonic: u8) -> Markup {
 const NOISE: f64 = 4.0;
 
 /// A caption, an axis's name, the time until which it goes, milliseconds, and named curves.
-type Plot<'a> = (&'a str, &'a str, f64, Vec<(&'a str, Vec<(f64, f64)>)>);
+type Named<'a> = (&'a str, &'a str, f64, Vec<(&'a str, Vec<(f64, f64)>)>);
 
 /// Figs. 4.13 to 4.16.
 fn single(d: &ResponseDocument, f: &Figures) -> Result<Markup> {
@@ -58,7 +59,7 @@ fn single(d: &ResponseDocument, f: &Figures) -> Result<Markup> {
     };
     let motor = |k: usize| 1e3 * t.angles[k].0;
     let output = |k: usize| 1e3 * t.angles[k].1;
-    let plots: [Plot; 4] = [
+    let plots: [Named; 4] = [
         (
             "Input (Fig. 4.13).",
             "voltage, V",
@@ -127,16 +128,17 @@ fn over_both(d: &ResponseDocument) -> Result<Markup> {
     };
     let reached = d.map.nm.iter().flatten().flatten();
     let highest = reached.clone().fold(1.0, |h: f64, v| h.max(*v));
-    let points: Vec<(f64, f64, f64)> = a2
+    let size = (right / a1.len() as f64, top / a2.len() as f64);
+    let cells: Vec<_> = a2
         .iter()
         .zip(&d.map.nm)
         .flat_map(|(y, row)| {
             let one = a1.iter().zip(row);
-            one.filter_map(|(x, nm)| {
+            one.filter_map(move |(x, nm)| {
                 // The square root shows what is small, but not the probe's noise.
                 let nm = (*nm)?;
                 let seen = if nm > NOISE { nm } else { 0.0 };
-                Some((*x, *y, (seen / highest).sqrt()))
+                Some(([(x - size.0, y - size.1), (*x, *y)], seen))
             })
         })
         .collect();
@@ -145,14 +147,17 @@ fn over_both(d: &ResponseDocument) -> Result<Markup> {
         x: (0.0..*right, "first harmonic a1, fsm"),
         y: (0.0..*top, "second harmonic a2, fsm"),
     };
-    let size = (right / a1.len() as f64, top / a2.len() as f64);
+    let plot = Plot::new(&axes)
+        .colour(0.0, highest, "nm", true)
+        .shaded_boxes("displacement", &cells);
     Ok(html! {
         (heading)
         (figure(
-            &cells(&axes, &points, size)?,
+            &plot.draw(),
             format!(
                 "Displacement from none (dark, the dead zone) to {highest:.0} nm (bright), by its square \
-                 root (Fig. 4.17). White is beyond the amplifier's voltage."
+                 root (Fig. 4.17); below {NOISE} nm it is the probe's noise, and shown as none. Where there is no \
+                 colour is beyond the amplifier's voltage."
             )
         ))
         div.scroll { table {
@@ -247,7 +252,7 @@ fn in_a_row(d: &ResponseDocument) -> Result<Markup> {
              output by something else."
         }
         (figure(
-            &curves(&axes, &named)?,
+            &over_count(&axes, &named)?,
             "Displacement by each of them, by how the transmission is brought back to zero torque between \
              them."
         ))

@@ -36,17 +36,17 @@ pub fn loops(d: &LoopsDocument, loops: &[Loop]) -> Result<String> {
         (table(d))
         (figure(
             &over_input(&plain, WHOLE)?,
-            format!("Output against input as the machine is (thesis, Fig. {first}).")
+            format!("What the output lacks of the input, against the input, as the machine is (thesis, Fig. {first}, which shows the output itself).")
         ))
         div.pair {
             (figure(
                 &over_input(&and_plain("2.9"), HALF)?,
-                "The more load friction, the more windup (Fig. 2.9)."
+                "With other load friction (Fig. 2.9)."
             ))
             (figure(&over_input(&of(&["2.10"]), HALF)?, "Without load friction (Fig. 2.10)."))
             (figure(
                 &over_input(&and_plain("2.12, 2.13"), HALF)?,
-                "A preload stiffens the transmission (Figs. 2.12, 2.13)."
+                "With a preload (Figs. 2.12, 2.13)."
             ))
         }
         @if !laws.is_empty() {
@@ -72,14 +72,14 @@ fn table(d: &LoopsDocument) -> Markup {
     html! {
         div.scroll { table {
             tr {
-                th { "figure" } th { "machine" }
+                th { "figure" } th.text { "machine" }
                 (th("windup", "um")) (th("W_max", "um")) (th("Q", "um"))
                 (th("(2.20) leaves", "um rms")) (th("at most", "um"))
             }
             @for case in &d.cases {
                 tr {
                     td { (case.figure) }
-                    td { (case.name) }
+                    td.text { (case.name) }
                     td { (fixed(case.windup_um, 2)) }
                     td { (number(case.w_max_um, 2)) }
                     td { (number(case.q_um, 2)) }
@@ -101,7 +101,12 @@ fn over_input(loops: &[&Loop], width: u32) -> Result<Markup> {
             let every = (to - from).div_ceil(POINTS);
             let points = (from..to)
                 .step_by(every)
-                .map(|k| (um * l.record.input[k], um * l.record.output[k]))
+                .map(|k| {
+                    (
+                        um * l.record.input[k],
+                        um * (l.record.output[k] - l.record.input[k]),
+                    )
+                })
                 .collect();
             (l.case.name.as_str(), points)
         })
@@ -110,7 +115,7 @@ fn over_input(loops: &[&Loop], width: u32) -> Result<Markup> {
     let axes = Axes {
         width,
         x: (range_of(all().map(|p| p.0), 0.1), "input, um"),
-        y: (range_of(all().map(|p| p.1), 0.1), "output, um"),
+        y: (range_of(all().map(|p| p.1), 0.1), "output less input, um"),
     };
     curves(&axes, &series)
 }

@@ -1,8 +1,9 @@
 //! The report of a micro manipulator's identified piezos.
 
-use super::figure::{Axes, HALF, WHOLE, coloured, curves, envelope, range_of};
+use super::figure::{Axes, HALF, WHOLE, curves, decades_of, envelope, range_of};
 use super::html::{figure, fixed, page, th};
 use super::hysteresis::{Curve, plot};
+use super::plot::Plot;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_control::compensation::hysteresis::{FORWARD, Model, Network, Rbf, Spectrum, UNITS};
@@ -37,13 +38,13 @@ fn micro(found: &Identified) -> Result<Markup> {
         }
         div.scroll { table {
             tr {
-                th { "path" } th {}
+                th { "path" }
                 (th("none", "um rms")) (th("rbf", "um rms")) (th("times", "better"))
                 (th("memory", "um rms")) (th("times", "better"))
             }
             @for p in &d.paths {
                 tr {
-                    td { (p.name) } td {}
+                    td { (p.name) }
                     td { (fixed(p.uncompensated_um, 3)) }
                     td { (fixed(p.rbf_um, 3)) }
                     td { (fixed(p.rbf_improvement, 1)) }
@@ -120,10 +121,19 @@ fn light_and_curves(found: &Identified) -> Result<Markup> {
 }
 
 fn power(spectrum: &Spectrum, rbf: &Rbf) -> Result<Markup> {
-    let power = spectrum.power.iter().take_while(|p| p.0 <= 2.5);
-    let curve = power.map(|(f, p)| (*f, p.max(1e-12).log10())).collect();
+    let curve: Vec<(f64, f64)> = spectrum
+        .power
+        .iter()
+        .take_while(|p| p.0 <= 2.5)
+        .copied()
+        .collect();
+    let axes = Axes {
+        width: HALF,
+        x: (range_of(curve.iter().map(|p| p.0), 1e-6), "frequency, 1/V"),
+        y: (decades_of(curve.iter().map(|p| p.1.max(1e-12))), "power"),
+    };
     Ok(figure(
-        &plot(HALF, "frequency, 1/V", "log10 of power", &[("", curve)])?,
+        &Plot::new(&axes).log_y().line("", &curve).draw(),
         format!(
             "Power of the displacement over a way to the middle and back, against frequency along the \
              voltage (Fig. 4.6). Beyond {:.2} a volt less than half a percent of the range is left: \
@@ -143,12 +153,12 @@ fn networks(found: &Identified) -> Result<Markup> {
     };
     let samples = Rbf::samples(&piezo.ways, &rbf.input, &rbf.output);
     let every = samples.len().div_ceil(1500);
-    let mut points: Vec<(f64, f64, f64)> = samples
+    let points: Vec<(f64, f64)> = samples
         .iter()
         .step_by(every)
-        .map(|[turn, v, _]| (*turn, *v, 0.35))
+        .map(|[turn, v, _]| (*turn, *v))
         .collect();
-    points.extend(rbf.forward.parts().0.iter().map(|c| (c[0], c[1], 1.0)));
+    let centres: Vec<_> = rbf.forward.parts().0.iter().map(|c| (c[0], c[1])).collect();
     let axes = Axes {
         width: WHOLE,
         x: (FORWARD - 1.0..UNITS + 1.0, "turning point v1, V"),
@@ -157,9 +167,9 @@ fn networks(found: &Identified) -> Result<Markup> {
     Ok(html! {
         h2 { "The networks of the first piezo" }
         (figure(
-            &coloured(&axes, &points, (FORWARD, 0.0))?,
+            &Plot::new(&axes).dots("training data", "small mixed", &points).dots("centres", "", &centres).draw(),
             format!(
-                "Centres (bright) and training data (dark) (Fig. 4.7): the way forward at v1 = {FORWARD}, \
+                "Centres and training data (Fig. 4.7): the way forward at v1 = {FORWARD}, \
                  ways back below their turning points. Width {:.2} forward and {:.2} inverse, tuned from \
                  {:.2} by (4.6).",
                 rbf.forward.width(),
@@ -170,7 +180,7 @@ fn networks(found: &Identified) -> Result<Markup> {
         div.pair {
             (figure(
                 &ways(&rbf.forward, "voltage vx, V", "x, units")?,
-                "x = f(v1, vx) (Fig. 4.8): along the way forward and three ways back."
+                "x = f(v1, vx) (Fig. 4.8): along the way forward and the ways back from 10 and from 5 V."
             ))
             (figure(
                 &ways(&rbf.inverse, "x, units", "voltage vx, V")?,

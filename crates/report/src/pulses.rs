@@ -1,6 +1,6 @@
 //! Reports of impulse control: one loop, and many.
 
-use super::figure::{Axes, HALF, WHOLE, bars, curves, range_of};
+use super::figure::{Axes, HALF, WHOLE, bars, curves, over_count, range_of};
 use super::html::{figure, fixed, number, page, th};
 use super::impulse::a;
 use anyhow::Result;
@@ -202,7 +202,12 @@ fn plot(
         x: (range_of(all().map(|p| p.0), 0.1), x),
         y: (range_of(all().map(|p| p.1).chain([0.0]), 1.0), y),
     };
-    Ok(figure(&curves(&axes, series)?, caption))
+    let drawn = if x == "pulse" {
+        over_count(&axes, series)?
+    } else {
+        curves(&axes, series)?
+    };
+    Ok(figure(&drawn, caption))
 }
 
 /// The report of many loops as one HTML text.
@@ -252,14 +257,14 @@ pub fn pulse_campaign(c: &Campaign, documents: &[PulseDocument]) -> Result<Strin
         h2 { "By estimator and condition" }
         div.scroll { table {
             tr {
-                th { "condition" } th { "estimator" } th { "runs" }
+                th { "condition" } th.text { "estimator" } th { "runs" }
                 (th("below 10 nm", "%")) (th("within tolerance", "%"))
                 (th("error p50", "nm")) (th("p90", "nm")) th { "pulses p90" } (th("settled p90", "s"))
             }
             @for row in &c.comparison {
                 tr {
                     td { (row.condition) }
-                    td { (row.estimator) }
+                    td.text { (row.estimator) }
                     td { (row.runs) }
                     td { (fixed(row.below_10nm_percent, 1)) }
                     td { (fixed(row.within_tolerance_percent, 1)) }

@@ -1,7 +1,10 @@
 //! The reports of models from a person's own records.
 
-use super::figure::{Axes, HALF, WHOLE, bars, curves, envelope, points, range_of};
-use super::html::{self, figure, page, th, verdict};
+use super::figure::{
+    Axes, HALF, WHOLE, all as with_curves, bars, curves, decades_of, envelope, points, range_of,
+};
+use super::html::{self, figure, page, verdict};
+use super::plot::Plot;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_numerics::signal::{autocorrelation, quantile};
@@ -80,32 +83,44 @@ fn other(extra: &Figure) -> Result<Markup> {
         x: (range_of(all().map(|p| p.0), 1e-9), &extra.x),
         y: (range_of(all().map(|p| p.1), 1e-9), &extra.y),
     };
-    curves(&axes, &series)
+    let log = extra.log_x;
+    let axes = Axes {
+        x: if log {
+            (decades_of(all().map(|p| p.0)), axes.x.1)
+        } else {
+            axes.x
+        },
+        ..axes
+    };
+    let plot = if log {
+        Plot::new(&axes).log_x()
+    } else {
+        Plot::new(&axes)
+    };
+    Ok(with_curves(plot, &series).draw())
 }
 
 fn parameters(answer: &Answer) -> Markup {
-    html! {
-        div.scroll { table {
-            tr {
-                th { "parameter" } th {} th { "value" }
-                (th("standard deviation", "if what is left were white"))
-                (th("standard deviation", "as it is correlated"))
-            }
-            @for (parameter, unit) in &answer.parameters {
-                tr {
-                    td { (parameter.name.replace('_', " ")) }
-                    td { (unit) }
-                    @if let Some(known) = parameter.known {
-                        td { (short(known.value)) }
-                        td { (short(known.std)) }
-                        td { (short(known.std_correlated)) }
-                    } @else {
-                        td.bad { "not known" } td {} td {}
-                    }
-                }
-            }
-        } }
-    }
+    let header = [
+        "parameter",
+        "unit",
+        "value",
+        "standard deviation\nif what is left were white",
+        "standard deviation\nas it is correlated",
+    ];
+    let rows: Vec<Vec<String>> = answer
+        .parameters
+        .iter()
+        .map(|(parameter, unit)| {
+            let mut row = vec![parameter.name.replace('_', " "), (*unit).to_string()];
+            row.extend(parameter.known.map_or_else(
+                || ["not known", "", ""].map(str::to_owned),
+                |known| [known.value, known.std, known.std_correlated].map(short),
+            ));
+            row
+        })
+        .collect();
+    html::table(&header.map(str::to_owned), &rows)
 }
 
 fn account(shown: &Shown) -> Result<Markup> {
