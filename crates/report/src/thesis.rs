@@ -1,7 +1,7 @@
 //! The report of the reproduced thesis: a section a chapter, every figure with its claims.
 
 use super::accounts::{changes, drawn, summary};
-use super::figure::{Axes, HALF, all as with_curves, bars, decades_of, range_of};
+use super::figure::{Axes, HALF, WHOLE, all as with_curves, bars, decades_of, range_of};
 use super::html::{figure, page_with_style, verdict};
 use super::plot::Plot;
 use anyhow::Result;
@@ -129,12 +129,15 @@ fn figure_of(claim: &Claim) -> &str {
 /// A figure: pictures, what to say of them, claims.
 fn one(f: &Figure, claims: &[Claim]) -> Result<Markup> {
     let claims: Vec<&Claim> = claims.iter().filter(|c| figure_of(c) == f.id).collect();
+    // One curve alone has the whole page; a map keeps its form.
+    let alone = matches!(&f.pictures[..], [one] if !matches!(one.content, Content::Cells(..)));
+    let width = if alone { WHOLE } else { HALF };
     Ok(html! {
         h3 id={ "f" (f.id) } { (label(f.id)) (f.id) " " (f.title) }
         @if !f.pictures.is_empty() {
-            div.pair {
+            div class=(if alone { "one" } else { "pair" }) {
                 @for (k, picture) in f.pictures.iter().enumerate() {
-                    (figure(&svg(picture, &printed(&claims, k))?, &picture.caption))
+                    (figure(&svg(picture, &printed(&claims, k), width)?, &picture.caption))
                 }
             }
         }
@@ -248,7 +251,11 @@ fn printed(claims: &[&Claim], k: usize) -> Vec<(char, f64, String)> {
 }
 
 /// A picture as SVG, with what is printed of it.
-pub(crate) fn svg(picture: &Picture, printed: &[(char, f64, String)]) -> Result<Markup> {
+pub(crate) fn svg(
+    picture: &Picture,
+    printed: &[(char, f64, String)],
+    width: u32,
+) -> Result<Markup> {
     let all: Vec<(f64, f64)> = match &picture.content {
         Content::Curves(curves) => curves.iter().flat_map(|(_, p)| p.iter().copied()).collect(),
         Content::Bars(values, _) => values.iter().map(|v| (*v, 0.0)).collect(),
@@ -277,7 +284,7 @@ pub(crate) fn svg(picture: &Picture, printed: &[(char, f64, String)]) -> Result<
         }
     };
     let axes = Axes {
-        width: HALF,
+        width,
         x: (
             range(picture.x.1, &mut all.iter().map(|p| p.0)),
             picture.x.0,
@@ -294,7 +301,7 @@ pub(crate) fn svg(picture: &Picture, printed: &[(char, f64, String)]) -> Result<
             with_curves(plot(), &named).draw()
         }
         Content::Bars(values, count) => {
-            bars(HALF, values, &axes.x.0, *count, picture.x.0, picture.y.0)?
+            bars(width, values, &axes.x.0, *count, picture.x.0, picture.y.0)?
         }
         Content::Cells(points, (width, height)) => {
             let boxes: Vec<_> = points
