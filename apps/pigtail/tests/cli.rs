@@ -63,7 +63,11 @@ fn align_prints_one_document_and_leaves_one_whole_run() {
         .path()
         .join(document["report"].as_str().expect("a path"));
     let html = fs::read_to_string(report).expect("the report is where the document says");
-    assert_eq!(html.matches("<svg").count(), 12, "four pictures a fiber");
+    assert_eq!(
+        html.matches("class=\"chart ").count(),
+        12,
+        "four pictures a fiber"
+    );
     assert!(
         !html.contains("http://") || !html.contains("src="),
         "self-contained"
