@@ -40,7 +40,7 @@ pub(crate) fn man(arguments: &ManArguments) -> Result<u8, Failure> {
     if let Some(folder) = &arguments.into {
         if !folder.is_dir() {
             let message = "is no folder; accepted is one that is there";
-            return Err(pigtail_hal::Error::new(&folder.display().to_string(), "", message).into());
+            return Err(pigtail_hal::Error::new(folder.display().to_string(), "", message).into());
         }
         clap_mangen::generate_to(crate::command(), folder).map_err(anyhow::Error::from)?;
         return Ok(DONE);

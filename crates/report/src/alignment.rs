@@ -41,7 +41,7 @@ pub fn alignment(setup: &Setup, document: &AlignmentDocument, record: &Record) -
     let full = all
         .iter()
         .flatten()
-        .map(|s| s.volts())
+        .map(Seen::volts)
         .fold(LEAST_FULL * setup.rig.spec.photodiode.range, f64::max);
     let body = html! {
         (summary(document))
@@ -52,7 +52,7 @@ pub fn alignment(setup: &Setup, document: &AlignmentDocument, record: &Record) -
              saw: encoders, commanded micro displacement, photodiodes."
         }
         @for (index, fiber) in document.fibers.iter().enumerate() {
-            (section(setup, &all[index], full, &broken(document), fiber)?)
+            (section(setup, &all[index], full, &broken(document), fiber))
         }
         (configuration(&setup.rig.hashes, document.version))
     };
@@ -73,7 +73,7 @@ pub fn bench_alignment(
         "{} on {}, seed {}",
         document.recipe, document.rig, document.seed
     );
-    let light_of = |fiber: &FiberRow| -> Result<Markup> {
+    let light_of = |fiber: &FiberRow| -> Markup {
         let look = |phase: &PhaseRecord, sample: &Sample| Seen {
             time: sample.time,
             phase: phase.name,
@@ -90,7 +90,7 @@ pub fn bench_alignment(
         let seen: Vec<Seen> = phases
             .flat_map(|(phase, samples)| samples.iter().map(move |sample| look(phase, sample)))
             .collect();
-        Ok(html! {
+        html! {
             h2 { (fiber.port) }
             p { (sentence(fiber)) }
             @if !seen.is_empty() {
@@ -99,7 +99,7 @@ pub fn bench_alignment(
                     "Light of the power meter, with the phases."
                 ))
             }
-        })
+        }
     };
     let body = html! {
         (summary(document))
@@ -108,7 +108,7 @@ pub fn bench_alignment(
             "Offsets are the truth, from the twin: x and y from the peak of the coupling at the fiber's \
              gap, z from the gap that was wanted. Control never sees them."
         }
-        @for fiber in &document.fibers { (light_of(fiber)?) }
+        @for fiber in &document.fibers { (light_of(fiber)) }
         (configuration(hashes, document.version))
     };
     Ok(page(&title, &body))
@@ -239,7 +239,7 @@ fn section(
     full: f64,
     broken: &[(String, f64)],
     fiber: &FiberRow,
-) -> Result<Markup> {
+) -> Markup {
     let searching: Vec<&Seen> = seen
         .iter()
         .filter(|s| SEARCHING.contains(&s.phase))
@@ -250,7 +250,7 @@ fn section(
     let close = those(&|phase| !BLIND.contains(&phase));
     let approach = those(&|phase| phase == "approach");
     let diodes = Channel::ALL.map(Channel::name);
-    Ok(html! {
+    html! {
         h2 { (fiber.port) }
         p { (sentence(fiber)) }
         @if let Some(last) = searching.last() {
@@ -286,12 +286,12 @@ fn section(
         }
         @if approach.len() > 1 {
             (figure(
-                &along_z(&approach, setup.rig.recipe.approach.gap * 1e6)?,
+                &along_z(&approach, setup.rig.recipe.approach.gap * 1e6),
                 "The endpoint against z on approach: light leaves the angled facet at an angle, so the \
                  peak walks across the chip as the gap closes, and the tip with it."
             ))
         }
-    })
+    }
 }
 
 /// The phases in which this was seen, in order.
@@ -398,7 +398,7 @@ fn light(seen: &[Seen], diodes: &[&str], broken: &[(String, f64)]) -> Markup {
     plot.draw()
 }
 
-fn along_z(approach: &[&Seen], final_gap: f64) -> Result<Markup> {
+fn along_z(approach: &[&Seen], final_gap: f64) -> Markup {
     let end = approach.last().map_or(0.0, |s| s.z);
     let every = approach.len().div_ceil(1000);
     let against = |value: fn(&Seen) -> f64| -> Vec<(f64, f64)> {

@@ -125,7 +125,7 @@ pub fn sine(d: &SineDocument, trace: &Trace, scale: Option<f64>) -> Result<Strin
             "."
         }
         (figure(
-            &curves(&axes, &series)?,
+            &curves(&axes, &series),
             html! {
                 "Two periods."
                 @if series.len() > 2 {
@@ -150,14 +150,14 @@ pub fn resolution(rows: &[(ResolutionRow, Increments)]) -> Result<String> {
              steps move it by less than half the mean."
         }
         @for (row, test) in rows {
-            (steps(row, test)?)
+            (steps(row, test))
         }
     };
     Ok(page(&format!("Resolution of {axis}"), &body))
 }
 
 /// Steps of one size.
-fn steps(row: &ResolutionRow, test: &Increments) -> Result<Markup> {
+fn steps(row: &ResolutionRow, test: &Increments) -> Markup {
     let um: Vec<f64> = test.increments.iter().map(|metres| metres * 1e6).collect();
     let range = range_of(um.iter().copied().chain([0.0]), 0.01);
     let mut position = 0.0;
@@ -180,7 +180,7 @@ fn steps(row: &ResolutionRow, test: &Increments) -> Result<Markup> {
         row.max_um,
         100.0 * row.stuck_share
     );
-    Ok(html! {
+    html! {
         h2 { (row.counts_per_step) " count" (plural) " a step" }
         p {
             (text)
@@ -190,15 +190,15 @@ fn steps(row: &ResolutionRow, test: &Increments) -> Result<Markup> {
         }
         div.pair {
             (figure(
-                &bars(HALF, &um, &range, 60, "increment, um", "steps")?,
+                &bars(HALF, &um, &range, 60, "increment, um", "steps"),
                 "How many steps moved the output how far."
             ))
             (figure(
-                &super::figure::over_count(&axes, &[("output", stairs)])?,
+                &super::figure::over_count(&axes, &[("output", stairs)]),
                 "The output over the first thirty of them."
             ))
         }
-    })
+    }
 }
 
 /// A number of a frequency response at one of its frequencies.
@@ -243,13 +243,13 @@ pub fn frequency(d: &FrequencyDocument, responses: &[FrequencyResponse; 2]) -> R
     let body = html! {
         p { (text) }
         @for (name, value) in plots {
-            (figure(&over_frequency(responses, name, value)?, html! {}))
+            (figure(&over_frequency(responses, name, value), html! {}))
         }
     };
     Ok(page(&title, &body))
 }
 
-fn over_frequency(responses: &[FrequencyResponse; 2], name: &str, value: Value) -> Result<Markup> {
+fn over_frequency(responses: &[FrequencyResponse; 2], name: &str, value: Value) -> Markup {
     let series: Vec<(&str, Vec<(f64, f64)>)> = ["encoder", "output"]
         .into_iter()
         .zip(responses)
@@ -269,5 +269,5 @@ fn over_frequency(responses: &[FrequencyResponse; 2], name: &str, value: Value) 
         x: (decades_of(every().map(|p| p.0)), "frequency, Hz"),
         y: (range_of(every().map(|p| p.1), 0.1), name),
     };
-    Ok(all(Plot::new(&axes).log_x(), &series).draw())
+    all(Plot::new(&axes).log_x(), &series).draw()
 }

@@ -1,7 +1,6 @@
 //! Figures of the kinds that reports have in common.
 
 use super::plot::Plot;
-use anyhow::Result;
 use maud::Markup;
 use std::ops::Range;
 
@@ -18,13 +17,13 @@ pub(super) struct Axes<'a> {
 }
 
 /// Named curves in one plot.
-pub(super) fn curves(axes: &Axes, curves: &[(&str, Vec<(f64, f64)>)]) -> Result<Markup> {
-    Ok(all(Plot::new(axes), curves).draw())
+pub(super) fn curves(axes: &Axes, curves: &[(&str, Vec<(f64, f64)>)]) -> Markup {
+    all(Plot::new(axes), curves).draw()
 }
 
 /// Named curves over what is counted, such as pulses.
-pub(super) fn over_count(axes: &Axes, curves: &[(&str, Vec<(f64, f64)>)]) -> Result<Markup> {
-    Ok(all(Plot::new(axes).whole_x(), curves).draw())
+pub(super) fn over_count(axes: &Axes, curves: &[(&str, Vec<(f64, f64)>)]) -> Markup {
+    all(Plot::new(axes).whole_x(), curves).draw()
 }
 
 /// A plot with named curves.
@@ -34,8 +33,8 @@ pub(super) fn all(plot: Plot, curves: &[(&str, Vec<(f64, f64)>)]) -> Plot {
 }
 
 /// A cloud of points.
-pub(super) fn points(axes: &Axes, points: &[(f64, f64)]) -> Result<Markup> {
-    Ok(Plot::new(axes).dots("", "small", points).draw())
+pub(super) fn points(axes: &Axes, points: &[(f64, f64)]) -> Markup {
+    Plot::new(axes).dots("", "small", points).draw()
 }
 
 /// A histogram of `values` over a range in so many bars.
@@ -46,7 +45,7 @@ pub(super) fn bars(
     count: usize,
     x: &str,
     y: &str,
-) -> Result<Markup> {
+) -> Markup {
     let size = (range.end - range.start) / count as f64;
     let mut heights = vec![0.0; count];
     for value in values {
@@ -68,7 +67,7 @@ pub(super) fn bars(
             [(left, 0.0), (left + 0.92 * size, *height)]
         })
         .collect();
-    Ok(Plot::new(&axes).whole_y().boxes("", "c0", &boxes).draw())
+    Plot::new(&axes).whole_y().boxes("", "c0", &boxes).draw()
 }
 
 /// A range around `values` with some room, at least `least` wide.

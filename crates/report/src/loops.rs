@@ -35,17 +35,17 @@ pub fn loops(d: &LoopsDocument, loops: &[Loop]) -> Result<String> {
         }
         (table(d))
         (figure(
-            &over_input(&plain, WHOLE)?,
+            &over_input(&plain, WHOLE),
             format!("What the output lacks of the input, against the input, as the machine is (thesis, Fig. {first}, which shows the output itself).")
         ))
         div.pair {
             (figure(
-                &over_input(&and_plain("2.9"), HALF)?,
+                &over_input(&and_plain("2.9"), HALF),
                 "With other load friction (Fig. 2.9)."
             ))
-            (figure(&over_input(&of(&["2.10"]), HALF)?, "Without load friction (Fig. 2.10)."))
+            (figure(&over_input(&of(&["2.10"]), HALF), "Without load friction (Fig. 2.10)."))
             (figure(
-                &over_input(&and_plain("2.12, 2.13"), HALF)?,
+                &over_input(&and_plain("2.12, 2.13"), HALF),
                 "With a preload (Figs. 2.12, 2.13)."
             ))
         }
@@ -55,7 +55,7 @@ pub fn loops(d: &LoopsDocument, loops: &[Loop]) -> Result<String> {
             div.pair {
                 @for l in laws {
                     (figure(
-                        &over_output(l)?,
+                        &over_output(l),
                         format!(
                             "Windup against output under {}, beside (2.20) (Figs. 2.14, 2.15).",
                             l.case.name
@@ -92,7 +92,7 @@ fn table(d: &LoopsDocument) -> Markup {
 }
 
 /// Output against input, from the first turn on.
-fn over_input(loops: &[&Loop], width: u32) -> Result<Markup> {
+fn over_input(loops: &[&Loop], width: u32) -> Markup {
     let series: Vec<(&str, Vec<(f64, f64)>)> = loops
         .iter()
         .map(|l| {
@@ -121,7 +121,7 @@ fn over_input(loops: &[&Loop], width: u32) -> Result<Markup> {
 }
 
 /// Windup against output beside what (2.20) makes of it.
-fn over_output(l: &Loop) -> Result<Markup> {
+fn over_output(l: &Loop) -> Markup {
     let um = l.um_per_radian;
     let from = l.record.input.len() / 4;
     let every = (l.record.input.len() - from).div_ceil(POINTS);

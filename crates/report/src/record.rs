@@ -59,8 +59,8 @@ pub fn record(title: &str, answer: &Answer, shown: Option<&Shown>) -> Result<Str
         @for remark in &answer.remarks { p.soft { (remark) } }
         (parameters(answer))
         @if let Some(shown) = shown {
-            (account(shown)?)
-            @for extra in &shown.figures { (figure(&other(extra)?, &extra.caption)) }
+            (account(shown))
+            @for extra in &shown.figures { (figure(&other(extra), &extra.caption)) }
             @for table in &shown.tables {
                 h2 { (table.title) }
                 (html::table(&table.header, &table.rows))
@@ -71,7 +71,7 @@ pub fn record(title: &str, answer: &Answer, shown: Option<&Shown>) -> Result<Str
 }
 
 /// A figure that one kind of record brings along.
-fn other(extra: &Figure) -> Result<Markup> {
+fn other(extra: &Figure) -> Markup {
     let series: Vec<(&str, Vec<(f64, f64)>)> = extra
         .curves
         .iter()
@@ -97,7 +97,7 @@ fn other(extra: &Figure) -> Result<Markup> {
     } else {
         Plot::new(&axes)
     };
-    Ok(with_curves(plot, &series).draw())
+    with_curves(plot, &series).draw()
 }
 
 fn parameters(answer: &Answer) -> Markup {
@@ -112,7 +112,7 @@ fn parameters(answer: &Answer) -> Markup {
         .parameters
         .iter()
         .map(|(parameter, unit)| {
-            let mut row = vec![parameter.name.replace('_', " "), (*unit).to_string()];
+            let mut row = vec![parameter.name.replace('_', " "), (*unit).clone()];
             row.extend(parameter.known.map_or_else(
                 || ["not known", "", ""].map(str::to_owned),
                 |known| [known.value, known.std, known.std_correlated].map(short),
@@ -123,10 +123,10 @@ fn parameters(answer: &Answer) -> Markup {
     html::table(&header.map(str::to_owned), &rows)
 }
 
-fn account(shown: &Shown) -> Result<Markup> {
+fn account(shown: &Shown) -> Markup {
     let a = &shown.account;
     if a.time.is_empty() {
-        return Ok(Markup::default());
+        return Markup::default();
     }
     let (what, unit) = shown.quantity;
     let residuals = a.residuals();
@@ -196,32 +196,32 @@ fn account(shown: &Shown) -> Result<Markup> {
         ("of the residual", correlation),
         ("95 % of white noise", vec![(0.0, edge), (last, edge)]),
     ];
-    Ok(html! {
+    html! {
         (figure(
-            &plot(&both, &y)?,
+            &plot(&both, &y),
             format!("The {what} in the record and by the model.")
         ))
         (figure(
-            &plot(&[("residual", over(&residuals, fine))], &y_residual)?,
+            &plot(&[("residual", over(&residuals, fine))], &y_residual),
             "Measured less modelled, over time."
         ))
         div.pair {
             (figure(
-                &cloud(&a.position, px, &format!("position, {pname}"))?,
+                &cloud(&a.position, px, &format!("position, {pname}")),
                 "The residual against position."
             ))
             (figure(
-                &cloud(&a.velocity, vx, &format!("velocity, {vname}"))?,
+                &cloud(&a.velocity, vx, &format!("velocity, {vname}")),
                 "The residual against velocity."
             ))
             (figure(
-                &bars(HALF, &inside, &range, 60, &y_residual, "samples")?,
+                &bars(HALF, &inside, &range, 60, &y_residual, "samples"),
                 "Histogram of the residual, without its furthest thousandths."
             ))
             (figure(
-                &curves(&axes, &series)?,
+                &curves(&axes, &series),
                 "Autocorrelation of the residual: white noise would fall to the line at once."
             ))
         }
-    })
+    }
 }

@@ -57,7 +57,7 @@ pub fn scan(scan: &Scan, trial: &Trial) -> Result<String> {
         }
         @if let Some(shape) = peak {
             (figure(
-                &profile(scan, taken, &shape)?,
+                &profile(scan, taken, &shape),
                 "Readings against their distance from the peak, in radii of its ellipse in their \
                  direction: all of the map, and those that were taken (large). The curve is the shape \
                  fitted to the latter."
@@ -222,7 +222,7 @@ fn way(scan: &Scan, taken: &[usize], peak: Option<&Shape>, unit: &str) -> Markup
 }
 
 /// Readings against their distance from the peak in radii.
-fn profile(scan: &Scan, taken: &[usize], shape: &Shape) -> Result<Markup> {
+fn profile(scan: &Scan, taken: &[usize], shape: &Shape) -> Markup {
     const FAR: f64 = 4.0;
     let readings = scan.readings();
     let at = |r: &Reading| (-shape.share(r.at).ln()).sqrt();
@@ -249,9 +249,9 @@ fn profile(scan: &Scan, taken: &[usize], shape: &Shape) -> Result<Markup> {
         x: (0.0..FAR, "distance from the peak, radii at 1/e"),
         y: (power, "power"),
     };
-    Ok(Plot::new(&axes)
+    Plot::new(&axes)
         .dots_as("all of the map", "faint small mixed", &all)
         .dots("taken", "", &used)
         .line("the shape fitted to those taken", &curve)
-        .draw())
+        .draw()
 }

@@ -85,7 +85,7 @@ pub fn thesis(made: &Reproduction) -> Result<String> {
         @if let Some(specimens) = &d.specimens { (drawn(specimens, &d.claims)) }
         @for (number, name, figures) in &chapters {
             h2 id={ "chapter" (number) } { (number) ". " (name) }
-            @for f in figures { (one(f, &d.claims)?) }
+            @for f in figures { (one(f, &d.claims)) }
         }
         (changes(&d.accounts))
         (errata(&made.errata))
@@ -127,23 +127,23 @@ fn figure_of(claim: &Claim) -> &str {
 }
 
 /// A figure: pictures, what to say of them, claims.
-fn one(f: &Figure, claims: &[Claim]) -> Result<Markup> {
+fn one(f: &Figure, claims: &[Claim]) -> Markup {
     let claims: Vec<&Claim> = claims.iter().filter(|c| figure_of(c) == f.id).collect();
     // One curve alone has the whole page; a map keeps its form.
     let alone = matches!(&f.pictures[..], [one] if !matches!(one.content, Content::Cells(..)));
     let width = if alone { WHOLE } else { HALF };
-    Ok(html! {
+    html! {
         h3 id={ "f" (f.id) } { (label(f.id)) (f.id) " " (f.title) }
         @if !f.pictures.is_empty() {
             div class=(if alone { "one" } else { "pair" }) {
                 @for (k, picture) in f.pictures.iter().enumerate() {
-                    (figure(&svg(picture, &printed(&claims, k), width)?, &picture.caption))
+                    (figure(&svg(picture, &printed(&claims, k), width), &picture.caption))
                 }
             }
         }
         @if !f.remark.is_empty() { p { (f.remark) } }
         @if !claims.is_empty() { (table(&claims, false)) }
-    })
+    }
 }
 
 /// Claims beside results; `linked` where they do not stand below their figure.
@@ -251,11 +251,7 @@ fn printed(claims: &[&Claim], k: usize) -> Vec<(char, f64, String)> {
 }
 
 /// A picture as SVG, with what is printed of it.
-pub(crate) fn svg(
-    picture: &Picture,
-    printed: &[(char, f64, String)],
-    width: u32,
-) -> Result<Markup> {
+pub(crate) fn svg(picture: &Picture, printed: &[(char, f64, String)], width: u32) -> Markup {
     let all: Vec<(f64, f64)> = match &picture.content {
         Content::Curves(curves) => curves.iter().flat_map(|(_, p)| p.iter().copied()).collect(),
         Content::Bars(values, _) => values.iter().map(|v| (*v, 0.0)).collect(),
@@ -292,7 +288,7 @@ pub(crate) fn svg(
         y: (upward(picture.y.1), picture.y.0),
     };
     let plot = || Plot::new(&axes).scaled(picture.log_y, printed);
-    Ok(match &picture.content {
+    match &picture.content {
         Content::Curves(named) => {
             let named: Vec<(&str, Vec<(f64, f64)>)> = named
                 .iter()
@@ -301,7 +297,7 @@ pub(crate) fn svg(
             with_curves(plot(), &named).draw()
         }
         Content::Bars(values, count) => {
-            bars(width, values, &axes.x.0, *count, picture.x.0, picture.y.0)?
+            bars(width, values, &axes.x.0, *count, picture.x.0, picture.y.0)
         }
         Content::Cells(points, (width, height)) => {
             let boxes: Vec<_> = points
@@ -321,5 +317,5 @@ pub(crate) fn svg(
             .colour(0.0, 1.0, picture.colour, false)
             .shaded_dots("", "small", points)
             .draw(),
-    })
+    }
 }

@@ -28,27 +28,27 @@ pub fn tuning(tuned: &Tuned) -> Result<String> {
         p { (found) }
         @if let Some(specified) = &d.specified { p { "Specified: " (specified) "." } }
         (figure(
-            &responses(tuned)?,
+            &responses(tuned),
             "The larger step under the gains that were believed and under those found, in counts of the \
              motor's encoder."
         ))
         div.pair {
             @for (k, name) in [(0, "kp, V/count"), (2, "kd, V s/count")] {
                 (figure(
-                    &paths(&tuned.searches, k, name)?,
+                    &paths(&tuned.searches, k, name),
                     "Successful trials of the searches, each from a start of its own (thesis, Fig. 2.3)."
                 ))
             }
         }
         (figure(
-            &costs(&tuned.searches)?,
+            &costs(&tuned.searches),
             "Best cost so far: ITAE over the size of the step, averaged over two sizes."
         ))
     };
     Ok(page(&title, &body))
 }
 
-fn responses(tuned: &Tuned) -> Result<Markup> {
+fn responses(tuned: &Tuned) -> Markup {
     let curve = |trace: &Trace| -> Vec<(f64, f64)> {
         let at = |k: usize| (k + 1) as f64 * trace.period * 1e3;
         std::iter::once((0.0, 0.0))
@@ -70,7 +70,7 @@ fn responses(tuned: &Tuned) -> Result<Markup> {
 
 const NAMES: [&str; 3] = ["start 1", "start 2", "start 3"];
 
-fn paths(searches: &[Search], k: usize, name: &str) -> Result<Markup> {
+fn paths(searches: &[Search], k: usize, name: &str) -> Markup {
     let both = |gains: Gains| (gains[1], gains[k]);
     let named: Vec<(&str, Vec<(f64, f64)>)> = searches
         .iter()
@@ -83,10 +83,10 @@ fn paths(searches: &[Search], k: usize, name: &str) -> Result<Markup> {
         x: (decades_of(all().map(|p| p.0)), "ki, V/(count s)"),
         y: (decades_of(all().map(|p| p.1)), name),
     };
-    Ok(with_curves(Plot::new(&axes).log_x().log_y(), &named).draw())
+    with_curves(Plot::new(&axes).log_x().log_y(), &named).draw()
 }
 
-fn costs(searches: &[Search]) -> Result<Markup> {
+fn costs(searches: &[Search]) -> Markup {
     let named: Vec<(&str, Vec<(f64, f64)>)> = searches
         .iter()
         .zip(NAMES)

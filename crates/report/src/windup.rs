@@ -47,7 +47,7 @@ pub fn windup(identified: &Identified) -> Result<String> {
             }
         } }
         (figure(
-            &loops(identified)?,
+            &loops(identified),
             "Windup against output over the identification scan (thesis, Figs. 2.14, 2.15): measured, and \
              by both models."
         ))
@@ -67,7 +67,7 @@ pub fn windup(identified: &Identified) -> Result<String> {
     Ok(page(&title, &body))
 }
 
-fn loops(identified: &Identified) -> Result<Markup> {
+fn loops(identified: &Identified) -> Markup {
     let (record, um) = (&identified.record, identified.um_per_radian);
     let every = record.output.len().div_ceil(POINTS);
     let thin = |w: &dyn Fn(usize) -> f64| -> Vec<(f64, f64)> {
@@ -103,7 +103,7 @@ fn loops(identified: &Identified) -> Result<Markup> {
     };
     let [measured, models @ ..] = &series;
     let plot = Plot::new(&axes).line_as(measured.0, "c0 broad", &measured.1);
-    Ok(with_curves(plot, models).draw())
+    with_curves(plot, models).draw()
 }
 
 /// The first sample behind the second turn of a path: until then the transmission remembers what was before.
