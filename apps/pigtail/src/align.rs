@@ -23,6 +23,7 @@ use pigtail_session::samples::Record;
 use pigtail_session::scenario::Scenario;
 use pigtail_twin::Specimen;
 use pigtail_twin::faults::{Injection, Kind};
+use std::ffi::OsString;
 use std::io::Write;
 
 /// Align the three fibers of one device on the rig's twin
@@ -88,15 +89,36 @@ pub(crate) struct Arguments {
 
 fn injection(text: &str) -> Result<Injection, String> {
     if text == "help" {
-        let all: Vec<String> = Kind::all()
-            .map(|kind| format!("  {}", kind.about()))
-            .collect();
-        return Err(format!(
-            "accepted is one of these, with @TIME behind it:\n{}",
-            all.join("\n")
-        ));
+        return Err(faults_known());
     }
-    text.parse()
+    // A size may be written as elsewhere, `50 um`.
+    text.replace(' ', "").parse()
+}
+
+fn faults_known() -> String {
+    let all: Vec<String> = Kind::all()
+        .map(|kind| format!("  {}", kind.about()))
+        .collect();
+    format!(
+        "accepted is one of these, with @TIME behind it:\n{}",
+        all.join("\n")
+    )
+}
+
+/// What `align --fault help` is answered with, if that is what was asked: an answer, no error.
+pub(crate) fn asked_for_faults(arguments: impl Iterator<Item = OsString>) -> Option<String> {
+    let words: Vec<OsString> = arguments.skip(1).collect();
+    if words.first()? != "align" {
+        return None;
+    }
+    let pair = |two: &[OsString]| two[0] == "--fault" && two[1] == "help";
+    let asked = words.windows(2).any(pair) || words.iter().any(|word| word == "--fault=help");
+    asked.then(|| {
+        format!(
+            "{}\n\nSuch as `pigtail align --fault encoder-stuck:left.z@3.2s`.\n",
+            faults_known().replacen("accepted is", "What can break:", 1)
+        )
+    })
 }
 
 /// The record, a progress bar beside it, and the store.

@@ -2,9 +2,11 @@
 
 use crate::common::{Common, OwnAxes, write_table};
 use crate::found::{self, WriteArguments};
+use crate::progress::Busy;
 use crate::running::{self, stopped};
 use crate::{DONE, Failure};
 use clap::{Args, ValueEnum};
+use pigtail_control::characterize::Trace;
 use pigtail_control::station::Unobserved;
 use pigtail_evaluate::impulse::contest::{ShapesDocument, contest};
 use pigtail_evaluate::impulse::response::{Form, MACHINES, response};
@@ -156,6 +158,40 @@ struct Outcome {
     json: String,
     text: String,
     html: String,
+    /// What was measured, as CSV; empty where the experiment has no one record.
+    samples: String,
+}
+
+impl Outcome {
+    fn with_samples(self, trace: &Trace) -> Self {
+        Self {
+            samples: samples(trace),
+            ..self
+        }
+    }
+}
+
+/// A record as CSV: a row a cycle, columns with their units.
+fn samples(trace: &Trace) -> String {
+    let mut text = String::from("time_s,reference_counts,encoder_counts,voltage_v");
+    text += if trace.output.is_empty() {
+        "\n"
+    } else {
+        ",output_m\n"
+    };
+    for (k, encoder) in trace.encoder.iter().enumerate() {
+        let time = (k + 1) as f64 * trace.period;
+        let _ = write!(
+            text,
+            "{time},{},{encoder},{}",
+            trace.reference[k], trace.voltage[k]
+        );
+        if let Some(output) = trace.output.get(k) {
+            let _ = write!(text, ",{output}");
+        }
+        text.push('\n');
+    }
+    text
 }
 
 fn result(document: &impl Serialize, text: String, html: String) -> anyhow::Result<Outcome> {
@@ -163,6 +199,7 @@ fn result(document: &impl Serialize, text: String, html: String) -> anyhow::Resu
         json: serde_json::to_string(document)?,
         text,
         html,
+        samples: String::new(),
     })
 }
 
@@ -206,13 +243,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let recorded = arguments.what != What::Impulse || arguments.record;
     let kind = format!("characterize {at}");
     let run = running::begin(&mut setup, runs, &kind, seed, recorded)?;
+    let busy = Busy::new("characterize", "measuring");
     let done = match arguments.what {
         What::Windup => on_variants(arguments, &setup),
         What::Impulse if arguments.shapes => shapes(arguments, &setup),
         What::Impulse => pulses(arguments, &setup, &run),
         _ => experiment(arguments, &setup),
+    };
+    drop(busy);
+    let done = done.map_err(|ended| stopped(&run, &setup, ended))??;
+    if !done.samples.is_empty() {
+        run.write("samples.csv", done.samples)?;
     }
-    .map_err(|ended| stopped(&run, &setup, ended))??;
     running::close_records(&run, &setup)?;
     run.write("summary.json", format!("{}\n", done.json))?;
     run.write("report.html", done.html)?;
@@ -246,6 +288,7 @@ fn experiment(arguments: &Arguments, setup: &Setup) -> Experiment {
             );
             report::step(&d, &trace)
                 .and_then(|html| result(&running::on(setup, &d, None), text, html))
+                .map(|outcome| outcome.with_samples(&trace))
         }
         What::Sine => {
             let hertz = arguments
@@ -270,6 +313,7 @@ fn experiment(arguments: &Arguments, setup: &Setup) -> Experiment {
             let scale = metres_per_count(&setup.rig, at.axis).ok();
             report::sine(&d, &trace, scale)
                 .and_then(|html| result(&running::on(setup, &d, None), text, html))
+                .map(|outcome| outcome.with_samples(&trace))
         }
         What::Resolution => {
             let steps = arguments.steps;
@@ -434,21 +478,28 @@ fn shapes_table(d: &ShapesDocument) -> Vec<Vec<String>> {
 fn on_variants(arguments: &Arguments, setup: &Setup) -> Experiment {
     let (d, loops) = windup(setup, arguments.axis, arguments.common.seed)?;
     let mut text = format!(
-        "{}: windup over {:.0} um, forward and back, um\n  {:34} {:>8} {:>8} {:>8} {:>14}\n",
-        d.axis, d.range_um, "machine", "windup", "W_max", "Q", "(2.20) leaves"
+        "{}: windup over {:.0} um, forward and back\n",
+        d.axis, d.range_um
     );
     let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2}"));
-    for case in &d.cases {
-        let _ = writeln!(
-            text,
-            "  {:34} {:8.2} {:>8} {:>8} {:>14}",
-            case.name,
-            case.windup_um,
+    let header = [
+        "machine",
+        "windup\num",
+        "W_max\num",
+        "Q\num",
+        "(2.20) leaves\num",
+    ];
+    let mut rows = vec![header.map(str::to_owned).to_vec()];
+    rows.extend(d.cases.iter().map(|case| {
+        vec![
+            case.name.clone(),
+            number(Some(case.windup_um)),
             number(case.w_max_um),
             number(case.q_um),
-            number(case.residual_um)
-        );
-    }
+            number(case.residual_um),
+        ]
+    }));
+    text += &report::text::table(&rows, report::text::room());
     if let Some(laws) = d.laws() {
         let _ = writeln!(text, "{laws}");
     }

@@ -87,14 +87,42 @@ pub(crate) fn write_table(out: &mut impl Write, rows: &[Vec<String>]) -> io::Res
     out.write_all(text::table(rows, text::room()).as_bytes())
 }
 
-/// Whether a table has room on the terminal as it is.
-pub(crate) fn fits(rows: &[Vec<String>]) -> bool {
-    text::fits(rows, text::room())
-}
-
 /// A parser of quantities above zero.
 pub(crate) fn quantity(
     dimension: Dimension,
 ) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
-    move |text| dimension.parse(text, Sign::Positive)
+    move |text| dimension.parse(&spaced(text), Sign::Positive)
+}
+
+/// A quantity as files have it: with a space between number and unit, which is often left out at a prompt.
+pub(crate) fn spaced(text: &str) -> String {
+    let text = text.trim();
+    // The exponent of `1e-3 m` is part of the number.
+    let number = (1..=text.len())
+        .rev()
+        .filter(|end| text.is_char_boundary(*end))
+        .find(|end| text[..*end].parse::<f64>().is_ok());
+    match number {
+        Some(end) if end < text.len() => format!("{} {}", &text[..end], text[end..].trim_start()),
+        _ => text.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use pigtail_hal::quantity::LENGTH;
+
+    #[test]
+    fn a_length_may_be_written_with_and_without_a_space() {
+        let parse = quantity(LENGTH);
+        for text in [
+            "10um", "10 um", " 10  um ", "0.01 mm", "0.01mm", "1e-5m", "1e-5 m",
+        ] {
+            assert!((parse(text).unwrap() - 1e-5).abs() < 1e-18, "{text}");
+        }
+        for text in ["10", "um", "10 s", "-1um", "", "1e-5"] {
+            assert!(parse(text).is_err(), "{text}");
+        }
+    }
 }

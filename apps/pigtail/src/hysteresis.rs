@@ -3,6 +3,7 @@
 use crate::choice::choice;
 use crate::common::Common;
 use crate::found::{self, FoundDocument, WriteArguments};
+use crate::progress::Busy;
 use crate::running::{self, stopped};
 use crate::{DONE, Failure};
 use clap::Args;
@@ -168,10 +169,15 @@ fn on_machine(arguments: &IdentifyArguments) -> Result<u8, Failure> {
     let mut setup =
         common.setup_with(DEFAULT_RECIPE_NAME, &Own::default(), true, &["hysteresis"])?;
     let run = running::begin(&mut setup, &common.runs, KIND, common.seed, true)?;
+    let busy = Busy::new(
+        "identify hysteresis",
+        "measuring the piezos and fitting their models",
+    );
     let sides = arguments.side.sides().par_iter();
     let found: Vec<_> = sides
         .map(|side| machine::identify(&setup, arguments.model, *side, common.seed))
         .collect();
+    drop(busy);
     let found = found
         .into_iter()
         .collect::<Result<Vec<_>, _>>()

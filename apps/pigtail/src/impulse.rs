@@ -2,6 +2,7 @@
 
 use crate::choice::choice;
 use crate::common::{believed, write_table};
+use crate::progress::Busy;
 use crate::running::{self, stopped};
 use crate::{DONE, Failure, NEGATIVE};
 use clap::Args;
@@ -34,7 +35,7 @@ Examples:
   pigtail impulse z --target-nm 100
   pigtail impulse fivebar --target-nm 2000 --rest-ms 250     the thesis's rate
   pigtail impulse z --target-nm 100 --estimator parabola     the thesis's law
-  pigtail impulse z --target-nm 100 --runs 1000 --json       a campaign over machines")]
+  pigtail impulse z --target-nm 100 --machines 1000 --json   a campaign over machines")]
 pub(crate) struct Arguments {
     /// fivebar, z, or left.a, left.b, left.z, right.a, right.b, right.z
     axis: AxisName,
@@ -54,8 +55,8 @@ pub(crate) struct Arguments {
     #[arg(long)]
     json: bool,
     /// Where to write the run's folder
-    #[arg(long, value_name = "FOLDER", default_value = "runs")]
-    into: PathBuf,
+    #[arg(long, alias = "into", value_name = "FOLDER", default_value = "runs", value_parser = folder)]
+    runs: PathBuf,
     /// How it knows what pulses do
     #[arg(long, value_parser = choice::<Estimator>(), default_value = <&str>::from(Estimator::default()))]
     estimator: Estimator,
@@ -74,9 +75,19 @@ pub(crate) struct Arguments {
     /// Time in which all comes to rest after a pulse, milliseconds; what is believed enough if not given
     #[arg(long, value_name = "MS", value_parser = crate::positive)]
     rest_ms: Option<f64>,
-    /// So many runs, each on a machine of its own, and what they have in common
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..=100_000))]
-    runs: Option<u64>,
+    /// On so many machines, a run on each, and what they have in common
+    #[arg(long, value_name = "M", value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    machines: Option<u64>,
+}
+
+/// Parses a folder. A number would be what `--machines` is now.
+fn folder(text: &str) -> Result<PathBuf, String> {
+    if text.parse::<u64>().is_ok() {
+        return Err(format!(
+            "accepted is a folder; that of {text} machines is --machines {text}"
+        ));
+    }
+    Ok(PathBuf::from(text))
 }
 
 /// Parses a finite number.
@@ -95,7 +106,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let calibration = believed(
         &arguments.rig,
         arguments.calibration.as_deref(),
-        &arguments.into,
+        &arguments.runs,
     )?;
     let mut setup = Setup::load_named(&Named {
         rig: &arguments.rig,
@@ -124,12 +135,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     check(&setup, &task)?;
     running::warn(&setup, &[Part::Impulse]);
     let kind = format!("impulse {at}");
-    let (seed, recorded) = (arguments.seed, arguments.runs.is_none());
-    let run = running::begin(&mut setup, &arguments.into, &kind, seed, recorded)?;
-    let done = match arguments.runs {
+    let (seed, recorded) = (arguments.seed, arguments.machines.is_none());
+    let run = running::begin(&mut setup, &arguments.runs, &kind, seed, recorded)?;
+    let busy = Busy::new("impulse", "closing loops");
+    let done = match arguments.machines {
         None => single(arguments, &setup, &task),
         Some(count) => campaign(arguments, &setup, &task, count),
     };
+    drop(busy);
     let done = done.map_err(|error| stopped(&run, &setup, error))??;
     run.write("summary.json", format!("{}\n", done.json))?;
     run.write("report.html", done.html)?;

@@ -1,6 +1,7 @@
 //! `pigtail maximize`.
 
-use crate::common::{Common, write_table};
+use crate::common::{Common, spaced, write_table};
+use crate::progress::Busy;
 use crate::running::{self, stopped};
 use crate::{DONE, Failure};
 use clap::Args;
@@ -55,7 +56,7 @@ fn quantity(
     most: f64,
 ) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
     move |text| {
-        let value = dimension.parse(text, sign)?;
+        let value = dimension.parse(&spaced(text), sign)?;
         if value > most {
             let (unit, factor) = dimension.units[dimension.units.len() - 2];
             return Err(format!(
@@ -88,7 +89,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         common.seed,
         arguments.record,
     )?;
-    let mut measured = maximize(&setup, &asked).map_err(|ended| stopped(&run, &setup, ended))?;
+    let busy = Busy::new("maximize", "following peaks that drift");
+    let measured = maximize(&setup, &asked);
+    drop(busy);
+    let mut measured = measured.map_err(|ended| stopped(&run, &setup, ended))?;
     measured.document.report = run.path("report.html").display().to_string();
     running::close_records(&run, &setup)?;
     let on = running::on(&setup, &measured.document, None);

@@ -2,15 +2,19 @@
 
 use crate::common::{believed, write_table};
 use crate::methods::{duration, duration_or_dash};
+use crate::running::stopped;
 use crate::{DONE, Failure, running};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use pigtail_evaluate::plan::{PlanDocument, plan, rows};
+use pigtail_report as report;
 use pigtail_session::calibrations::Part;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Named};
 use pigtail_session::setup::Setup;
+use serde::Serialize;
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::PathBuf;
+use std::time::Duration;
 
 /// Compare the ways to align: by formula, and on the rig's twin
 ///
@@ -18,7 +22,10 @@ use std::path::Path;
 /// them over its whole area on the twin, at the recipe's mesh and at twice it, and sets the machine
 /// time beside the formula by scan rate and the one by the photodiode's rate. A method that the
 /// rig's photodiodes are too slow for runs on a rig whose are not, and says so. The whole procedures
-/// follow, over some devices. Takes about half a minute.
+/// follow, over some devices. Takes one or two minutes.
+///
+/// Writes a folder `runs/<time>-plan-<seed>/` with `report.html` (look at it) and `summary.json` (what
+/// `--json` prints).
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -44,36 +51,58 @@ pub(crate) struct Arguments {
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
+    /// Where to write the run's folder
+    #[arg(long, value_name = "FOLDER", default_value = "runs")]
+    runs: PathBuf,
+}
+
+/// A plan, and where its report is.
+#[derive(Serialize)]
+struct Reported<'d> {
+    #[serde(flatten)]
+    plan: &'d PlanDocument,
+    /// Path of the report.
+    report: String,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let calibration = arguments.calibration.as_deref();
-    let calibration = believed(&arguments.rig, calibration, Path::new("runs"))?;
-    let setup = Setup::load_named(&Named {
+    let calibration = believed(&arguments.rig, calibration, &arguments.runs)?;
+    let mut setup = Setup::load_named(&Named {
         rig: &arguments.rig,
         recipe: &arguments.recipe,
         calibration: calibration.as_deref(),
         ..Named::default()
     })?;
     running::warn(&setup, Part::ALIGNMENT);
+    let run = running::begin(&mut setup, &arguments.runs, "plan", arguments.seed, false)?;
     let bar = ProgressBar::new(rows(&setup) as u64);
-    if let Ok(style) = ProgressStyle::with_template("plan [{bar:20}] {msg}") {
+    if let Ok(style) = ProgressStyle::with_template("plan [{bar:20}] {elapsed} {msg}") {
         bar.set_style(style.progress_chars("=> "));
     }
     let mut step = |name: &str| {
         bar.set_message(name.to_owned());
         bar.inc(1);
     };
-    let document =
-        plan(&setup, arguments.seed, arguments.devices, &mut step).map_err(Failure::from)?;
+    bar.enable_steady_tick(Duration::from_millis(200));
+    let planned = plan(&setup, arguments.seed, arguments.devices, &mut step);
     bar.finish_and_clear();
+    let document = planned.map_err(|ended| stopped(&run, &setup, ended))?;
+    let reported = Reported {
+        plan: &document,
+        report: run.path("report.html").display().to_string(),
+    };
+    let on = running::on(&setup, &reported, None);
+    run.write_json("summary.json", &on)?;
+    run.write("report.html", report::plan(&document)?)?;
+    run.finish("done")?;
     let mut text = Vec::new();
     if arguments.json {
-        let on = running::on(&setup, &document, None);
         serde_json::to_writer(&mut text, &on).map_err(anyhow::Error::from)?;
         text.push(b'\n');
     } else {
         print_tables(&mut text, &document).map_err(anyhow::Error::from)?;
+        text.extend(format!("Report: {}\n", reported.report).bytes());
         text.extend(running::line(&setup).bytes());
     }
     crate::print(&text)?;

@@ -1,7 +1,7 @@
 //! `pigtail runs`.
 
 use crate::choice::choice;
-use crate::common::{fits, write_table};
+use crate::common::write_table;
 use crate::{DONE, Failure, NEGATIVE};
 use clap::{Args, Subcommand};
 use pigtail_hal::Error;
@@ -339,49 +339,31 @@ fn list(arguments: &ListArguments, runs: &Path) -> Result<u8, Failure> {
     Ok(DONE)
 }
 
-/// A row a run. Where the terminal is narrow, columns that one can do without are left out.
+/// A row a run.
 fn table(runs: &[Listed]) -> Vec<Vec<String>> {
     let seconds = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |s| format!("{s:.2}"));
-    let whole = |keep: &[bool; 7]| {
-        let header = [
-            "run",
-            "state",
-            "outcome",
-            "machine\ns",
-            "kind",
-            "seed",
-            "took\ns",
-        ];
-        let mut rows = vec![header.map(str::to_owned)];
-        rows.extend(runs.iter().map(|run| {
-            [
-                run.run.clone(),
-                run.state.name().to_owned(),
-                run.outcome.clone().unwrap_or_else(|| "-".to_owned()),
-                seconds(run.machine_seconds),
-                run.kind.clone(),
-                run.seed.clone(),
-                seconds(run.wall_seconds),
-            ]
-        }));
-        let kept = rows.into_iter().map(|row| {
-            let cells = row.into_iter().zip(keep);
-            cells
-                .filter(|(_, keep)| **keep)
-                .map(|(cell, _)| cell)
-                .collect()
-        });
-        kept.collect::<Vec<Vec<String>>>()
-    };
-    let mut keep = [true; 7];
-    // The name of a run ends in its seed and mostly tells its kind.
-    for dispensable in [5, 6, 4, 3] {
-        if fits(&whole(&keep)) {
-            break;
-        }
-        keep[dispensable] = false;
-    }
-    whole(&keep)
+    let header = [
+        "run",
+        "state",
+        "outcome",
+        "machine\ns",
+        "kind",
+        "seed",
+        "took\ns",
+    ];
+    let mut rows = vec![header.map(str::to_owned).to_vec()];
+    rows.extend(runs.iter().map(|run| {
+        vec![
+            run.run.clone(),
+            run.state.name().to_owned(),
+            run.outcome.clone().unwrap_or_else(|| "-".to_owned()),
+            seconds(run.machine_seconds),
+            run.kind.clone(),
+            run.seed.clone(),
+            seconds(run.wall_seconds),
+        ]
+    }));
+    rows
 }
 
 /// The name of a run that was named or whose folder was.

@@ -1,7 +1,7 @@
 //! `pigtail align --map`: search and peak on a measured power map.
 
 use crate::choice::choice;
-use crate::common::{Common, quantity, write_table};
+use crate::common::{Common, quantity, spaced, write_table};
 use crate::{DONE, Failure, NEGATIVE};
 use clap::Args;
 use pigtail_hal::Error;
@@ -56,7 +56,7 @@ fn place(text: &str) -> Result<Displacement, String> {
             "\"{text}\" is no place; accepted are two lengths, such as \"5 um,-3 um\""
         ));
     };
-    let parse = |text| LENGTH.parse(text, Sign::Any);
+    let parse = |text| LENGTH.parse(&spaced(text), Sign::Any);
     Ok(Displacement::new(parse(x)?, parse(y)?))
 }
 

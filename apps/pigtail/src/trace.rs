@@ -1,6 +1,6 @@
 //! `pigtail trace`.
 
-use crate::common::Common;
+use crate::common::{Common, spaced};
 use crate::running::{self, stopped};
 use crate::{DONE, Failure};
 use clap::{Args, ValueEnum};
@@ -72,15 +72,15 @@ enum ProfileName {
 }
 
 fn length(text: &str) -> Result<f64, String> {
-    LENGTH.parse(text, Sign::Positive)
+    LENGTH.parse(&spaced(text), Sign::Positive)
 }
 
 fn speed(text: &str) -> Result<f64, String> {
-    SPEED.parse(text, Sign::Positive)
+    SPEED.parse(&spaced(text), Sign::Positive)
 }
 
 fn torque(text: &str) -> Result<f64, String> {
-    TORQUE.parse(text, Sign::NonNegative)
+    TORQUE.parse(&spaced(text), Sign::NonNegative)
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {

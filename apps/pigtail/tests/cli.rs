@@ -63,7 +63,11 @@ fn align_prints_one_document_and_leaves_one_whole_run() {
         .path()
         .join(document["report"].as_str().expect("a path"));
     let html = fs::read_to_string(report).expect("the report is where the document says");
-    assert_eq!(html.matches("<svg").count(), 12, "four pictures a fiber");
+    assert_eq!(
+        html.matches("class=\"chart ").count(),
+        12,
+        "four pictures a fiber"
+    );
     assert!(
         !html.contains("http://") || !html.contains("src="),
         "self-contained"
@@ -418,6 +422,7 @@ fn impulse_explains_itself_and_refuses() {
         (&["--target-nm", "inf"], "finite"),
         (&["--target-nm", "100", "--rest-ms", "0.01"], "--rest-ms"),
         (&["--target-nm", "100", "--rig", "nowhere"], "nowhere"),
+        (&["--target-nm", "100", "--runs", "20"], "--machines 20"),
     ] {
         let output = pigtail(folder.path(), &[&["impulse", "z"], arguments].concat());
         assert_eq!(output.status.code(), Some(2), "{arguments:?}");
@@ -432,7 +437,7 @@ fn impulse_explains_itself_and_refuses() {
             "z",
             "--target-nm",
             "100",
-            "--runs",
+            "--machines",
             "20",
             "--json",
         ],
@@ -445,4 +450,29 @@ fn impulse_explains_itself_and_refuses() {
     ] {
         assert!(part.is_f64(), "{campaign}");
     }
+}
+
+/// What a shell and `man` ask for, and a question that is no mistake.
+#[test]
+fn shells_and_manuals_are_answered() {
+    let folder = TempDir::new().expect("a folder");
+    for (arguments, part) in [
+        (&["completions", "bash"][..], "_pigtail"),
+        (&["completions", "zsh"], "#compdef pigtail"),
+        (&["completions", "fish"], "complete -c pigtail"),
+        (&["man"], ".TH pigtail"),
+        (&["align", "--fault", "help"], "encoder-stuck"),
+    ] {
+        let output = pigtail(folder.path(), arguments);
+        assert_eq!(output.status.code(), Some(0), "{arguments:?}");
+        let text = String::from_utf8_lossy(&output.stdout);
+        assert!(text.contains(part), "{text}");
+        assert!(output.stderr.is_empty(), "{arguments:?}");
+    }
+    let there = folder.path().display().to_string();
+    let output = pigtail(folder.path(), &["man", "--into", &there]);
+    assert_eq!(output.status.code(), Some(0));
+    assert!(folder.path().join("pigtail-align.1").is_file());
+    let output = pigtail(folder.path(), &["man", "--into", "nowhere"]);
+    assert_eq!(output.status.code(), Some(2));
 }

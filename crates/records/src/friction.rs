@@ -308,6 +308,7 @@ fn shown(first: &Read, record: &Record, found: &Identified) -> Shown {
     };
     let figures = vec![Figure {
         x: format!("displacement from the first sample, {unit}"),
+        log_x: false,
         y: format!("force, {force}"),
         curves: vec![
             ("measured".to_owned(), points(&account.measured)),

@@ -210,6 +210,8 @@ pub struct Figure {
     pub x: String,
     /// What lies on y.
     pub y: String,
+    /// Whether x is shown by its logarithm.
+    pub log_x: bool,
     /// Curves by name.
     pub curves: Vec<(String, Vec<(f64, f64)>)>,
     /// The caption.

@@ -285,6 +285,7 @@ fn shown(found: &Identified) -> Shown {
         .collect();
     let figure = |y: &str, curves, caption: &str| Figure {
         x: "frequency, Hz".to_owned(),
+        log_x: true,
         y: y.to_owned(),
         curves,
         caption: caption.to_owned(),

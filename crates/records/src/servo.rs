@@ -375,6 +375,7 @@ fn shown(found: &Identified, best: &Variant, replay: Option<&Replay>, kind: Kind
         let over = |values: &[f64]| r.time.iter().copied().zip(values.iter().copied()).collect();
         figures.push(Figure {
             x: "time, s".to_owned(),
+            log_x: false,
             y: format!("velocity, {position}/s"),
             curves: vec![
                 ("measured".to_owned(), over(&r.velocity[0])),

@@ -124,6 +124,7 @@ fn shown(prediction: &Replay, kind: Kind) -> Shown {
     let both = |measured, twin| vec![("record".to_owned(), measured), ("twin".to_owned(), twin)];
     let figure = |y: String, curves, caption: &str| Figure {
         x: "time, s".to_owned(),
+        log_x: false,
         y,
         curves,
         caption: caption.to_owned(),

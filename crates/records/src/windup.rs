@@ -335,6 +335,7 @@ fn shown(first: &Read, found: &Identified, (scale, unit): (f64, &str)) -> Shown 
         }],
         figures: vec![Figure {
             x: format!("motor, {unit}"),
+            log_x: false,
             y: format!("windup, {unit}"),
             curves: vec![
                 ("measured".to_owned(), loops(&account.measured)),

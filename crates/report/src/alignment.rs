@@ -1,11 +1,11 @@
 //! The report of one alignment.
 
-use super::figure::{Axes, HALF, WHOLE, coloured, curves, envelope, over_time, range_of};
+use super::figure::{Axes, HALF, WHOLE, curves, envelope, range_of};
 use super::html::{configuration, figure, fixed, number, page, th, verdict};
+use super::plot::Plot;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_control::kinematics::Kinematics;
-use pigtail_control::procedure::PORTS;
 use pigtail_control::station::Sample;
 use pigtail_evaluate::align::{AlignmentDocument, FiberRow};
 use pigtail_hal::{Channel, Side};
@@ -16,6 +16,8 @@ use pigtail_session::setup::Setup;
 const SEARCHING: [&str; 6] = ["raster", "search", "climb", "centre", "approach", "final"];
 /// Those of them in which nothing is followed yet.
 const BLIND: [&str; 2] = ["raster", "search"];
+/// Light that the brightest colour means at least, as a share of the photodiodes' range.
+const LEAST_FULL: f64 = 0.01;
 /// Most points of a picture: more would make a page that scrolls badly and shows no more.
 const POINTS: usize = 5000;
 
@@ -29,6 +31,18 @@ pub fn alignment(setup: &Setup, document: &AlignmentDocument, record: &Record) -
         "{} on {}, seed {}",
         document.recipe, document.rig, document.seed
     );
+    let all: Vec<Vec<Seen>> = document
+        .fibers
+        .iter()
+        .enumerate()
+        .map(|(index, fiber)| seen(setup, record, index, fiber.port))
+        .collect();
+    // One meaning of colours for all fibers: where there is no light at all, noise stays dark.
+    let full = all
+        .iter()
+        .flatten()
+        .map(Seen::volts)
+        .fold(LEAST_FULL * setup.rig.spec.photodiode.range, f64::max);
     let body = html! {
         (summary(document))
         (table(document))
@@ -38,7 +52,7 @@ pub fn alignment(setup: &Setup, document: &AlignmentDocument, record: &Record) -
              saw: encoders, commanded micro displacement, photodiodes."
         }
         @for (index, fiber) in document.fibers.iter().enumerate() {
-            (section(setup, record, index, fiber)?)
+            (section(setup, &all[index], full, &broken(document), fiber))
         }
         (configuration(&setup.rig.hashes, document.version))
     };
@@ -59,7 +73,7 @@ pub fn bench_alignment(
         "{} on {}, seed {}",
         document.recipe, document.rig, document.seed
     );
-    let light_of = |fiber: &FiberRow| -> Result<Markup> {
+    let light_of = |fiber: &FiberRow| -> Markup {
         let look = |phase: &PhaseRecord, sample: &Sample| Seen {
             time: sample.time,
             phase: phase.name,
@@ -67,7 +81,8 @@ pub fn bench_alignment(
             y: 0.0,
             z: 0.0,
             // One meter is read at a time.
-            volts: sample.light.iter().copied().fold(0.0, f64::max),
+            light: vec![sample.light.iter().copied().fold(0.0, f64::max)],
+            followed: 0,
         };
         let phases = record
             .phases()
@@ -75,13 +90,16 @@ pub fn bench_alignment(
         let seen: Vec<Seen> = phases
             .flat_map(|(phase, samples)| samples.iter().map(move |sample| look(phase, sample)))
             .collect();
-        Ok(html! {
+        html! {
             h2 { (fiber.port) }
             p { (sentence(fiber)) }
             @if !seen.is_empty() {
-                (figure(&light(&seen)?, "Light of the power meter, with the phases."))
+                (figure(
+                    &light(&seen, &["power meter"], &broken(document)),
+                    "Light of the power meter, with the phases."
+                ))
             }
-        })
+        }
     };
     let body = html! {
         (summary(document))
@@ -90,7 +108,7 @@ pub fn bench_alignment(
             "Offsets are the truth, from the twin: x and y from the peak of the coupling at the fiber's \
              gap, z from the gap that was wanted. Control never sees them."
         }
-        @for fiber in &document.fibers { (light_of(fiber)?) }
+        @for fiber in &document.fibers { (light_of(fiber)) }
         (configuration(hashes, document.version))
     };
     Ok(page(&title, &body))
@@ -122,7 +140,7 @@ fn table(document: &AlignmentDocument) -> Markup {
         div.scroll { table {
             tr {
                 th { "fiber" }
-                th { "outcome" }
+                th.text { "outcome" }
                 @for name in &names { (th(name, "s")) }
                 (th("in all", "s")) (th("x", "um")) (th("y", "um")) (th("z", "um")) (th("loss", "dB"))
             }
@@ -130,7 +148,7 @@ fn table(document: &AlignmentDocument) -> Markup {
                 @let offset = fiber.offset_um;
                 tr {
                     td { (fiber.port) }
-                    td class=(verdict(fiber.is_good())) { (fiber.verdict()) }
+                    td.text.(verdict(fiber.is_good())) { (fiber.verdict()) }
                     @for name in &names { td { (number(fiber.seconds_in(name), 2)) } }
                     td { (fixed(fiber.seconds, 2)) }
                     td { (number(offset.map(|o| o.x), 3)) }
@@ -152,7 +170,33 @@ struct Seen {
     y: f64,
     /// Along the approach, micrometres from where the run ended.
     z: f64,
-    volts: f64,
+    /// What the photodiodes saw, volts.
+    light: Vec<f64>,
+    /// Which of them is followed.
+    followed: usize,
+}
+
+impl Seen {
+    /// The light of the photodiode that is followed, volts.
+    fn volts(&self) -> f64 {
+        self.light[self.followed]
+    }
+}
+
+/// Something that broke or stopped the machine: a name and when, seconds of machine time.
+fn broken(document: &AlignmentDocument) -> Vec<(String, f64)> {
+    let injected = document.injected.iter().filter_map(|text| {
+        let (what, when) = text.rsplit_once('@')?;
+        Some((
+            format!("breaks: {what}"),
+            when.strip_suffix('s')?.parse().ok()?,
+        ))
+    });
+    let stopped = document.fault.iter().map(|fault| {
+        let text = format!("stopped: {}, {}", fault.rule.code(), fault.axis);
+        (text, fault.time)
+    });
+    injected.chain(stopped).collect()
 }
 
 fn seen(setup: &Setup, record: &Record, index: usize, port: &str) -> Vec<Seen> {
@@ -178,7 +222,8 @@ fn seen(setup: &Setup, record: &Record, index: usize, port: &str) -> Vec<Seen> {
             x: (tip.x - px) * 1e6,
             y: (tip.y - py) * 1e6,
             z: outward * (tip.z - pz) * 1e6,
-            volts: sample.light[channel.index()],
+            light: sample.light.to_vec(),
+            followed: channel.index(),
         }
     };
     record
@@ -188,9 +233,13 @@ fn seen(setup: &Setup, record: &Record, index: usize, port: &str) -> Vec<Seen> {
         .collect()
 }
 
-fn section(setup: &Setup, record: &Record, index: usize, fiber: &FiberRow) -> Result<Markup> {
-    debug_assert_eq!(fiber.port, PORTS[index]);
-    let seen = seen(setup, record, index, fiber.port);
+fn section(
+    setup: &Setup,
+    seen: &[Seen],
+    full: f64,
+    broken: &[(String, f64)],
+    fiber: &FiberRow,
+) -> Markup {
     let searching: Vec<&Seen> = seen
         .iter()
         .filter(|s| SEARCHING.contains(&s.phase))
@@ -200,38 +249,60 @@ fn section(setup: &Setup, record: &Record, index: usize, fiber: &FiberRow) -> Re
     };
     let close = those(&|phase| !BLIND.contains(&phase));
     let approach = those(&|phase| phase == "approach");
-    Ok(html! {
+    let diodes = Channel::ALL.map(Channel::name);
+    html! {
         h2 { (fiber.port) }
         p { (sentence(fiber)) }
         @if let Some(last) = searching.last() {
             @let end = (last.x, last.y);
             div.pair {
                 (figure(
-                    &path(&searching, end, 20.0)?,
-                    "The search from first to last: where the tip was, as control believes (encoders and \
-                     commanded micro displacement, from the port's place by design), coloured by the light \
-                     (square root, from dark to bright). The cross is where it ended."
+                    &path(&searching, end, 20.0, full),
+                    format!(
+                        "The search from first to last ({}): where the tip was, as control believes (encoders and \
+                         commanded micro displacement), coloured by the light of the photodiode {}. Places are from \
+                         the port's place by design, not from the peak: the cross, where it ended, is at \
+                         ({:.1}, {:.1}) um.",
+                        phases_of(&searching), diodes[last.followed], end.0, end.1
+                    )
                 ))
                 @if !close.is_empty() {
                     (figure(
-                        &path(&close, end, 2.0)?,
-                        "The same from first light on: uphill, then along as the peak walks with the gap, \
-                         then around the last centre."
+                        &path(&close, end, 2.0, full),
+                        format!("The same without the blind part: {}.", phases_of(&close))
                     ))
                 }
             }
         }
-        @if !seen.is_empty() {
-            (figure(&light(&seen)?, "Light of the photodiode that is followed, with the phases."))
+        @if let Some(first) = seen.first() {
+            (figure(
+                &light(seen, &diodes, broken),
+                format!(
+                    "Light of the photodiodes, with the phases; {} is the one that is followed. The others see light \
+                     that goes elsewhere.",
+                    diodes[first.followed]
+                )
+            ))
         }
         @if approach.len() > 1 {
             (figure(
-                &along_z(&approach, setup.rig.recipe.approach.gap * 1e6)?,
+                &along_z(&approach, setup.rig.recipe.approach.gap * 1e6),
                 "The endpoint against z on approach: light leaves the angled facet at an angle, so the \
                  peak walks across the chip as the gap closes, and the tip with it."
             ))
         }
-    })
+    }
+}
+
+/// The phases in which this was seen, in order.
+fn phases_of(seen: &[&Seen]) -> String {
+    let mut names: Vec<&str> = Vec::new();
+    for s in seen {
+        if !names.contains(&s.phase) {
+            names.push(s.phase);
+        }
+    }
+    names.join(", ")
 }
 
 fn sentence(fiber: &FiberRow) -> String {
@@ -247,40 +318,35 @@ fn sentence(fiber: &FiberRow) -> String {
     }
 }
 
-fn path(seen: &[&Seen], end: (f64, f64), least: f64) -> Result<Markup> {
-    let x = range_of(seen.iter().map(|s| s.x), least);
-    let y = range_of(seen.iter().map(|s| s.y), least);
-    // One scale on both axes: the figure's plot area is wider than high.
-    let aspect = 460.0 / 358.0;
-    let half = (0.5 * (y.end - y.start)).max(0.5 * (x.end - x.start) / aspect);
-    let middle = |r: &std::ops::Range<f64>| 0.5 * (r.start + r.end);
+fn path(seen: &[&Seen], end: (f64, f64), least: f64, full: f64) -> Markup {
     let axes = Axes {
         width: HALF,
         x: (
-            middle(&x) - aspect * half..middle(&x) + aspect * half,
+            range_of(seen.iter().map(|s| s.x), least),
             "x from the port, um",
         ),
-        y: (middle(&y) - half..middle(&y) + half, "y from the port, um"),
+        y: (
+            range_of(seen.iter().map(|s| s.y), least),
+            "y from the port, um",
+        ),
     };
-    let (dark, bright) = seen
-        .iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(d, b), s| {
-            (d.min(s.volts), b.max(s.volts))
-        });
-    let scale = 1.0 / (bright - dark).max(f64::MIN_POSITIVE);
     let every = seen.len().div_ceil(POINTS);
     let points: Vec<_> = seen
         .iter()
         .enumerate()
-        .map(|(i, s)| (i, s.x, s.y, ((s.volts - dark) * scale).sqrt()))
         // Thinned where it is dark, never where there is light.
-        .filter(|(i, .., light)| i % every == 0 || (*light > 0.4 && i % every.min(3) == 0))
-        .map(|(_, x, y, light)| (x, y, light))
+        .filter(|(i, s)| i % every == 0 || (s.volts() > 0.16 * full && i % every.min(3) == 0))
+        .map(|(_, s)| (s.x, s.y, s.volts()))
         .collect();
-    coloured(&axes, &points, end)
+    Plot::new(&axes)
+        .equal()
+        .colour(0.0, full, "light, V", true)
+        .shaded_dots("tip", "", &points)
+        .mark_point("where it ended", end)
+        .draw()
 }
 
-fn light(seen: &[Seen]) -> Result<Markup> {
+fn light(seen: &[Seen], diodes: &[&str], broken: &[(String, f64)]) -> Markup {
     let start = seen[0].time;
     let mut phases: Vec<(&str, f64, f64)> = Vec::new();
     for s in seen {
@@ -294,18 +360,45 @@ fn light(seen: &[Seen]) -> Result<Markup> {
     for i in 1..phases.len() {
         phases[i - 1].2 = phases[i].1;
     }
-    let curve: Vec<_> = seen.iter().map(|s| (s.time - start, s.volts)).collect();
-    let brightest = curve.iter().fold(0.0, |b: f64, p| b.max(p.1));
-    let end = curve.last().map_or(1.0, |p| p.0);
+    let brightest = seen
+        .iter()
+        .flat_map(|s| s.light.iter().copied())
+        .fold(0.01, f64::max);
+    let last = seen.last().map_or(1.0, |s| s.time - start);
+    // What stopped the machine comes a moment after its last light.
+    let those: Vec<_> = broken
+        .iter()
+        .map(|(what, when)| (what, when - start))
+        .filter(|(_, when)| (0.0..=last + 1.0).contains(when))
+        .collect();
+    let end = those.iter().fold(last, |end, (_, when)| end.max(*when));
     let axes = Axes {
         width: WHOLE,
-        x: (0.0..end, "time, s"),
-        y: (0.0..1.15 * brightest.max(0.01), "light, V"),
+        x: (0.0..end, "time since the fiber's first phase, s"),
+        y: (0.0..1.2 * brightest, "light, V"),
     };
-    over_time(&axes, &envelope(&curve, WHOLE as usize), &phases)
+    let mut plot = Plot::new(&axes);
+    for (name, from, to) in &phases {
+        plot = plot.band(name, *from, *to);
+    }
+    let followed = seen[0].followed;
+    let order = std::iter::once(followed).chain((0..diodes.len()).filter(|k| *k != followed));
+    for k in order {
+        let curve: Vec<_> = seen.iter().map(|s| (s.time - start, s.light[k])).collect();
+        let name = if k == followed && diodes.len() > 1 {
+            format!("{} (followed)", diodes[k])
+        } else {
+            diodes[k].to_owned()
+        };
+        plot = plot.line(&name, &envelope(&curve, WHOLE as usize));
+    }
+    for (what, when) in those {
+        plot = plot.mark_x(what, when, "limit");
+    }
+    plot.draw()
 }
 
-fn along_z(approach: &[&Seen], final_gap: f64) -> Result<Markup> {
+fn along_z(approach: &[&Seen], final_gap: f64) -> Markup {
     let end = approach.last().map_or(0.0, |s| s.z);
     let every = approach.len().div_ceil(1000);
     let against = |value: fn(&Seen) -> f64| -> Vec<(f64, f64)> {

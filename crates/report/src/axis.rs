@@ -1,11 +1,14 @@
 //! Reports of experiments on one axis.
 
-use super::figure::{Axes, HALF, WHOLE, bars, curves, range_of};
+use super::figure::{Axes, HALF, WHOLE, all, bars, curves, decades_of, range_of};
 use super::html::{figure, fixed, page};
+use super::plot::Plot;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_control::characterize::{FrequencyResponse, Increments, Trace};
-use pigtail_session::characterize::{FrequencyDocument, ResolutionRow, SineDocument, StepDocument};
+use pigtail_session::characterize::{
+    FrequencyDocument, FrequencyRow, ResolutionRow, SineDocument, StepDocument,
+};
 
 fn over_time(trace: &Trace, series: &[f64], until: f64) -> Vec<(f64, f64)> {
     series
@@ -29,24 +32,61 @@ pub fn step(d: &StepDocument, trace: &Trace) -> Result<String> {
          overshoot {:.1} %.",
         d.rise_ms, d.settling_ms, d.overshoot_percent
     );
-    let plot = |name: &str, unit: &str, values: &[f64], origin: Option<f64>| {
-        let curve = over_time(trace, values, UNTIL);
+    let named = |name: &'static str, values: &[f64], factor: f64| {
+        let scaled: Vec<f64> = values.iter().map(|v| factor * v).collect();
+        (name, over_time(trace, &scaled, UNTIL))
+    };
+    let plot = |y: &str, series: &[(&str, Vec<(f64, f64)>)], origin: Option<f64>| {
+        let values = series
+            .iter()
+            .flat_map(|(_, points)| points.iter().map(|p| p.1));
         let axes = Axes {
             width: WHOLE,
             x: (0.0..UNTIL * 1e3, "time, ms"),
-            y: (
-                range_of(curve.iter().map(|p| p.1).chain(origin), 1.0),
-                &format!("{name}, {unit}"),
-            ),
+            y: (range_of(values.chain(origin), 1.0), y),
         };
-        curves(&axes, &[(name, curve)])
+        all(Plot::new(&axes), series)
     };
-    let encoder = plot("encoder", "counts", &trace.encoder, Some(0.0))?;
-    let voltage = plot("voltage", "V", &trace.voltage, None)?;
+    let mut moved = vec![
+        named("encoder", &trace.encoder, 1.0),
+        named("reference", &trace.reference, 1.0),
+    ];
+    let origin = (0.0, 0.0);
+    moved[0].1.insert(0, origin);
+    let mut encoder = plot("position, counts", &moved, Some(0.0));
+    if d.settled {
+        encoder = encoder.mark_x("settled", d.settling_ms, "soft");
+    }
+    let error: Vec<f64> = trace
+        .encoder
+        .iter()
+        .zip(&trace.reference)
+        .map(|(is, wanted)| is - wanted)
+        .collect();
+    let axes = Axes {
+        width: WHOLE,
+        x: (0.0..UNTIL * 1e3, "time, ms"),
+        y: (-10.0..10.0, "encoder less reference, counts"),
+    };
+    let close = Plot::new(&axes)
+        .mark_y("one count", 1.0, "limit")
+        .mark_y("", -1.0, "limit")
+        .line("error", &over_time(trace, &error, UNTIL));
+    let voltage = plot("voltage, V", &[named("voltage", &trace.voltage, 1.0)], None);
     let body = html! {
         p { (text) }
-        (figure(&encoder, "The motor's encoder."))
-        (figure(&voltage, "The motor's voltage."))
+        (figure(&encoder.draw(), "The motor's encoder and where it was wanted."))
+        (figure(
+            &close.draw(),
+            "The last ten counts of the way, with the band in which it counts as settled."
+        ))
+        @if !trace.output.is_empty() {
+            (figure(
+                &plot("load, um", &[named("load", &trace.output, 1e6)], Some(0.0)).draw(),
+                "The load, by the probe at the output: what it lacks is the windup of the transmission."
+            ))
+        }
+        (figure(&voltage.draw(), "The motor's voltage."))
     };
     Ok(page(&title, &body))
 }
@@ -85,8 +125,13 @@ pub fn sine(d: &SineDocument, trace: &Trace, scale: Option<f64>) -> Result<Strin
             "."
         }
         (figure(
-            &curves(&axes, &series)?,
-            "Two periods. What the output lacks at each reversal is the windup of the transmission."
+            &curves(&axes, &series),
+            html! {
+                "Two periods."
+                @if series.len() > 2 {
+                    " What the output lacks after each reversal is the windup of the transmission."
+                }
+            }
         ))
     };
     Ok(page(&title, &body))
@@ -105,14 +150,14 @@ pub fn resolution(rows: &[(ResolutionRow, Increments)]) -> Result<String> {
              steps move it by less than half the mean."
         }
         @for (row, test) in rows {
-            (steps(row, test)?)
+            (steps(row, test))
         }
     };
     Ok(page(&format!("Resolution of {axis}"), &body))
 }
 
 /// Steps of one size.
-fn steps(row: &ResolutionRow, test: &Increments) -> Result<Markup> {
+fn steps(row: &ResolutionRow, test: &Increments) -> Markup {
     let um: Vec<f64> = test.increments.iter().map(|metres| metres * 1e6).collect();
     let range = range_of(um.iter().copied().chain([0.0]), 0.01);
     let mut position = 0.0;
@@ -135,7 +180,7 @@ fn steps(row: &ResolutionRow, test: &Increments) -> Result<Markup> {
         row.max_um,
         100.0 * row.stuck_share
     );
-    Ok(html! {
+    html! {
         h2 { (row.counts_per_step) " count" (plural) " a step" }
         p {
             (text)
@@ -145,15 +190,15 @@ fn steps(row: &ResolutionRow, test: &Increments) -> Result<Markup> {
         }
         div.pair {
             (figure(
-                &bars(HALF, &um, &range, 60, "increment, um", "steps")?,
+                &bars(HALF, &um, &range, 60, "increment, um", "steps"),
                 "How many steps moved the output how far."
             ))
             (figure(
-                &curves(&axes, &[("output", stairs)])?,
+                &super::figure::over_count(&axes, &[("output", stairs)]),
                 "The output over the first thirty of them."
             ))
         }
-    })
+    }
 }
 
 /// A number of a frequency response at one of its frequencies.
@@ -167,12 +212,28 @@ type Value = fn(&FrequencyResponse, usize) -> f64;
 pub fn frequency(d: &FrequencyDocument, responses: &[FrequencyResponse; 2]) -> Result<String> {
     let title = format!("Frequency response of {}", d.axis);
     let hertz = |f: Option<f64>| f.map_or_else(|| "-".to_owned(), |f| format!("{f:.1} Hz"));
+    // Where each of them is followed: below its own bandwidth, or everywhere where that is not reached.
+    let lowest = |rows: &[FrequencyRow], bandwidth: Option<f64>| {
+        let inside = rows
+            .iter()
+            .filter(|row| bandwidth.is_none_or(|b| row.hz <= b));
+        inside.map(|row| row.coherence).reduce(f64::min)
+    };
+    let coherence = [
+        ("encoder", lowest(&d.encoder, d.bandwidth_hz)),
+        ("output", lowest(&d.output, d.output_bandwidth_hz)),
+    ];
+    let coherence: Vec<String> = coherence
+        .iter()
+        .filter_map(|(name, lowest)| Some(format!("{:.3} at the {name}", (*lowest)?)))
+        .collect();
     let text = format!(
-        "Bandwidth (-3 dB) {} at the encoder, {} at the output. The response is that to a random \
-         reference of this size; an axis with friction answers differently to others, and the coherence \
-         says how much of it is not linear.",
+        "Bandwidth (-3 dB) {} at the encoder, {} at the output. Lowest coherence below the bandwidth: {}. The \
+         response is that to a random reference of this size; an axis with friction answers differently to others, \
+         and the coherence says how much of it is not linear.",
         hertz(d.bandwidth_hz),
-        hertz(d.output_bandwidth_hz)
+        hertz(d.output_bandwidth_hz),
+        coherence.join(", ")
     );
     let plots: [(&str, Value); 3] = [
         ("gain, dB", |r, k| 20.0 * r.gain[k].max(1e-6).log10()),
@@ -182,32 +243,31 @@ pub fn frequency(d: &FrequencyDocument, responses: &[FrequencyResponse; 2]) -> R
     let body = html! {
         p { (text) }
         @for (name, value) in plots {
-            (figure(&over_frequency(responses, name, value)?, ""))
+            (figure(&over_frequency(responses, name, value), html! {}))
         }
     };
     Ok(page(&title, &body))
 }
 
-fn over_frequency(responses: &[FrequencyResponse; 2], name: &str, value: Value) -> Result<Markup> {
+fn over_frequency(responses: &[FrequencyResponse; 2], name: &str, value: Value) -> Markup {
     let series: Vec<(&str, Vec<(f64, f64)>)> = ["encoder", "output"]
         .into_iter()
         .zip(responses)
         .filter(|(_, r)| !r.frequency.is_empty())
         .map(|(name, r)| {
             let points = (0..r.frequency.len())
-                .map(|k| (r.frequency[k].log10(), value(r, k)))
+                // Nought has no place on a logarithmic axis.
+                .filter(|k| r.frequency[*k] > 0.0)
+                .map(|k| (r.frequency[k], value(r, k)))
                 .collect();
             (name, points)
         })
         .collect();
-    let all = || series.iter().flat_map(|(_, points)| points.iter());
+    let every = || series.iter().flat_map(|(_, points)| points.iter());
     let axes = Axes {
         width: WHOLE,
-        x: (
-            range_of(all().map(|p| p.0), 0.1),
-            "log10 of the frequency in hertz",
-        ),
-        y: (range_of(all().map(|p| p.1), 0.1), name),
+        x: (decades_of(every().map(|p| p.0)), "frequency, Hz"),
+        y: (range_of(every().map(|p| p.1), 0.1), name),
     };
-    curves(&axes, &series)
+    all(Plot::new(&axes).log_x(), &series).draw()
 }

@@ -5,6 +5,7 @@ use super::histogram::histogram;
 use super::html::{configuration, figure, number, page, verdict};
 use anyhow::Result;
 use maud::{Markup, html};
+use pigtail_control::procedure::PORTS;
 use pigtail_evaluate::align::TOLERANCE_Z_UM;
 use pigtail_evaluate::campaign::{CampaignDocument, Store};
 use pigtail_numerics::statistics::Percentiles;
@@ -30,7 +31,8 @@ pub fn campaign(store: &Store, document: &CampaignDocument) -> Result<String> {
             "Each device has its own machine, chip and fixture, drawn around " code { "plant.toml" }
             ". Times are machine time of every fiber that was attempted; offsets and losses are the truth \
              about every fiber that was attached, offsets in the table without sign. Percentiles are \
-             values that really came: p99 is the least that 99 % do not exceed."
+             values that really came: p99 is the least that 99 % do not exceed. Where there are too few for a \
+             percentile, it is the greatest: p99.9 says more than that from 1000 fibers on."
         }
         (faults(document))
         (failures(document))
@@ -104,14 +106,15 @@ fn percentiles(rows: &[(&str, &str, &Percentiles, usize)]) -> Markup {
     html! {
         div.scroll { table {
             tr {
-                @for name in ["", "unit", "mean", "p50", "p90", "p99", "p99.9", "greatest"] {
+                th {} th.text { "unit" }
+                @for name in ["mean", "p50", "p90", "p99", "p99.9", "greatest"] {
                     th { (name) }
                 }
             }
             @for (name, unit, of, digits) in rows {
                 tr {
                     td { (name) }
-                    td { (unit) }
+                    td.text { (unit) }
                     @for value in [of.mean, of.p50, of.p90, of.p99, of.p999, of.max] {
                         td { (number(value, *digits)) }
                     }
@@ -177,13 +180,13 @@ fn failures(document: &CampaignDocument) -> Markup {
     html! {
         h2 { "Not aligned" }
         div.scroll { table {
-            tr { th { "cause" } th { "replay" } th { "fibers" } th { "share" } }
+            tr { th { "cause" } th.text { "replay" } th { "fibers" } th { "share" } }
             @for (cause, count) in &document.failed {
                 @let seeds = document.replay.get(cause).map_or(&[][..], Vec::as_slice);
                 @let shown: Vec<_> = seeds.iter().take(SEEDS).map(u64::to_string).collect();
                 tr {
                     td.bad { (cause) }
-                    td {
+                    td.text {
                         code { (document.replay_command()) } " " (shown.join(", "))
                         @if (*count as usize) > shown.len() { " ..." }
                     }
@@ -199,12 +202,26 @@ fn figures(store: &Store, document: &CampaignDocument) -> Result<Markup> {
     let rows = store.rows()?;
     // A figure of nothing shows nothing.
     let shown = |column: &str, width, axis: &str, marks: &[(&str, f64, bool)], caption: &str| {
-        let drawn = histogram(width, |each| rows.each_number(column, each), axis, marks)?;
+        // A group of rows is in memory at a time.
+        let read = |each: &mut dyn FnMut(usize, f64)| -> Result<()> {
+            for group in rows.groups(&["port", column]) {
+                let group = group?;
+                for (port, value) in group.texts("port").iter().zip(group.numbers(column)) {
+                    if let Some(value) = value {
+                        each(usize::from(port.as_deref() != Some(PORTS[0])), value);
+                    }
+                }
+            }
+            Ok(())
+        };
+        let drawn = histogram(width, &["inputs", "outputs"], read, axis, marks)?;
         Ok::<_, anyhow::Error>(drawn.map_or_else(Markup::default, |drawn| figure(&drawn, caption)))
     };
     let named = |of: &Percentiles| -> Vec<(&str, f64, bool)> {
+        // A percentile that so few values cannot tell from the greatest is not marked.
         [("p50", of.p50), ("p99", of.p99), ("p99.9", of.p999)]
             .into_iter()
+            .filter(|(_, value)| *value < of.max)
             .filter_map(|(name, value)| Some((name, value?, false)))
             .collect()
     };
@@ -225,8 +242,8 @@ fn figures(store: &Store, document: &CampaignDocument) -> Result<Markup> {
             WHOLE,
             "machine time of a fiber, s",
             &named(&document.seconds_per_fiber),
-            "Machine time of each fiber. The height is logarithmic, so that one fiber among thousands is \
-             seen."
+            "Machine time of each fiber, inputs and outputs apart. The height is logarithmic, so that one fiber \
+             among thousands is seen."
         )?)
         div.pair {
             (offset(

@@ -1,6 +1,6 @@
 //! The report of a machine that was commissioned.
 
-use super::html::page;
+use super::html::{page, table, verdict};
 use maud::html;
 use pigtail_session::commission::{CommissionDocument, Verdict};
 use serde_json::Value;
@@ -8,29 +8,30 @@ use serde_json::Value;
 /// The report of a machine that was commissioned, as one HTML text.
 pub fn commission(d: &CommissionDocument) -> String {
     let title = format!("Commissioning of {}, machine {}", d.rig, d.seed);
+    let steps: Vec<Vec<String>> = d
+        .steps
+        .iter()
+        .map(|step| {
+            let passed = step.verdict == Verdict::Passed;
+            let verdict = if passed { "passed" } else { "failed" };
+            let seconds = format!("{:.1}", step.seconds);
+            vec![
+                step.name.to_string(),
+                verdict.to_owned(),
+                seconds,
+                step.why.clone(),
+            ]
+        })
+        .collect();
     let body = html! {
         p {
-            strong { (if d.accepted { "Accepted" } else { "Not accepted" }) }
+            span class=(verdict(d.accepted)) { (if d.accepted { "Accepted" } else { "Not accepted" }) }
             (format!(" after {:.0} s of machine time. Fleet {}.", d.seconds_machine, d.fleet))
         }
-        table {
-            tr { th { "step" } th { "verdict" } th { "machine time, s" } th { "why" } }
-            @for step in &d.steps {
-                tr {
-                    td { (step.name) }
-                    td { (if step.verdict == Verdict::Passed { "passed" } else { "failed" }) }
-                    td { (format!("{:.1}", step.seconds)) }
-                    td { (step.why) }
-                }
-            }
-        }
+        (table(&["step", "verdict", "machine time\ns", "why"].map(str::to_owned), &steps))
         @for step in &d.steps {
             h2 { (step.name) }
-            table {
-                @for (name, value) in rows(&step.values) {
-                    tr { td { (name) } td { (value) } }
-                }
-            }
+            (table(&["quantity", "value"].map(str::to_owned), &rows(&step.values)))
         }
         h2 { "What is not known" }
         ul { @for unknown in &d.unknown { li { (unknown) } } }
@@ -39,7 +40,7 @@ pub fn commission(d: &CommissionDocument) -> String {
 }
 
 /// Values one below the other, those of tables under both names.
-fn rows(values: &serde_json::Map<String, Value>) -> Vec<(String, String)> {
+fn rows(values: &serde_json::Map<String, Value>) -> Vec<Vec<String>> {
     let text = |value: &Value| match value {
         Value::String(text) => text.clone(),
         Value::Null => "-".to_owned(),
@@ -48,9 +49,9 @@ fn rows(values: &serde_json::Map<String, Value>) -> Vec<(String, String)> {
     let each = values.iter().flat_map(|(name, value)| match value {
         Value::Object(inner) => inner
             .iter()
-            .map(|(key, value)| (format!("{name}: {key}"), text(value)))
+            .map(|(key, value)| vec![format!("{name}: {key}"), text(value)])
             .collect(),
-        value => vec![(name.clone(), text(value))],
+        value => vec![vec![name.clone(), text(value)]],
     });
     each.collect()
 }

@@ -46,14 +46,14 @@ pub fn contour(d: &ContourDocument, traced: &[Traced]) -> Result<String> {
             }
         } }
         div.pair {
-            @for traced in traced { (figure(&path(traced)?, caption(traced))) }
+            @for traced in traced { (figure(&path(traced), caption(traced))) }
         }
     };
     Ok(page(&title, &body))
 }
 
 /// Where the endpoint was, and where it was wanted.
-fn path((_, samples): &Traced) -> Result<Markup> {
+fn path((_, samples): &Traced) -> Markup {
     let every = samples.len().div_ceil(POINTS).max(1);
     let thin = |of: &dyn Fn(usize) -> (f64, f64)| -> Vec<(f64, f64)> {
         (0..samples.len()).step_by(every).map(of).collect()

@@ -24,6 +24,7 @@ pub(super) fn page_with_style(title: &str, style: &'static str, body: &Markup) -
             body {
                 h1 { (title) }
                 (body)
+                @if body.0.contains("class=\"chart") { script { (PreEscaped(SCRIPT)) } }
             }
         }
     };
@@ -40,21 +41,89 @@ pub(super) fn th(name: impl Render, unit: &str) -> Markup {
     html! { th { (name) small { (unit) } } }
 }
 
-/// A table of texts; in its header a unit follows its name on a line of its own.
+/// A table of texts; in its header a unit follows its name on a line of its own. Numbers of a column stand with
+/// their points one below the other, words at the left.
 pub(super) fn table(header: &[String], rows: &[Vec<String>]) -> Markup {
+    let columns: Vec<Column> = (0..header.len())
+        .map(|k| Column::of(rows.iter().filter_map(|row| row.get(k)).map(String::as_str)))
+        .collect();
     html! {
         div.scroll { table {
             tr {
-                @for cell in header {
-                    @if let Some((name, unit)) = cell.split_once('\n') { (th(name, unit)) }
-                    @else { th { (cell) } }
+                @for (cell, column) in header.iter().zip(&columns) {
+                    @let class = column.class();
+                    @if let Some((name, unit)) = cell.split_once('\n') {
+                        th class=[class] { (name) small { (unit) } }
+                    } @else { th class=[class] { (cell) } }
                 }
             }
             @for row in rows {
-                tr { @for cell in row { td { (lines(cell)) } } }
+                tr {
+                    @for (cell, column) in row.iter().zip(&columns) {
+                        td class=[column.class()] { (lines(&column.padded(cell))) }
+                    }
+                }
             }
         } }
     }
+}
+
+/// What stands in a column: words, or numbers with at most so many digits behind the point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Column {
+    Words { long: bool },
+    Numbers(usize),
+}
+
+impl Column {
+    pub(super) fn of<'a>(cells: impl Iterator<Item = &'a str>) -> Self {
+        let (mut most, mut numbers, mut longest) = (0, true, 0);
+        for cell in cells {
+            longest = longest.max(cell.chars().count());
+            match behind(cell) {
+                Some(digits) => most = most.max(digits),
+                None => numbers &= matches!(cell, "" | "-"),
+            }
+        }
+        if numbers {
+            Self::Numbers(most)
+        } else {
+            Self::Words { long: longest > 40 }
+        }
+    }
+
+    pub(super) fn class(self) -> Option<&'static str> {
+        match self {
+            Self::Words { long: true } => Some("text long"),
+            Self::Words { long: false } => Some("text"),
+            Self::Numbers(_) => None,
+        }
+    }
+
+    /// A number with the room of the digits that it lacks.
+    pub(super) fn padded(self, cell: &str) -> String {
+        let (Self::Numbers(most), Some(digits)) = (self, behind(cell)) else {
+            return cell.to_owned();
+        };
+        // The room of a point and of digits.
+        let point = if digits == 0 && most > 0 {
+            "\u{2008}"
+        } else {
+            ""
+        };
+        format!("{cell}{point}{}", "\u{2007}".repeat(most - digits))
+    }
+}
+
+/// How many digits a number has behind its point; `None` for what is no plain number.
+fn behind(cell: &str) -> Option<usize> {
+    let digits = cell.strip_prefix(['-', '+']).unwrap_or(cell);
+    if !digits.starts_with(|c: char| c.is_ascii_digit())
+        || !digits.chars().all(|c| c.is_ascii_digit() || c == '.')
+    {
+        return None;
+    }
+    Some(digits.split_once('.').map_or(0, |(_, rest)| rest.len()))
 }
 
 /// A text of some lines.
@@ -74,7 +143,7 @@ pub(super) fn configuration(files: &[(String, String)], version: impl Render) ->
             summary { "Configuration" }
             table {
                 @for (file, hash) in files {
-                    tr { td { (file) } td { code { (hash) } } }
+                    tr { td { (file) } td.text { code { (hash) } } }
                 }
             }
             p { "pigtail " (version) }
@@ -97,35 +166,9 @@ pub(super) fn verdict(good: bool) -> &'static str {
     if good { "good" } else { "bad" }
 }
 
-const STYLE: &str = "
-:root { --ink: #1b2733; --soft: #5b6b7a; --line: #d8dee4; --good: #1a7f4b; --bad: #b3261e; }
-* { box-sizing: border-box; }
-body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: #fff;
-       max-width: 1120px; margin: 0 auto; padding: 1.5rem 1rem 4rem; }
-h1 { font-size: 1.7rem; margin: 0 0 .25rem; }
-h2 { font-size: 1.25rem; margin: 2.5rem 0 .5rem; border-top: 1px solid var(--line);
-     padding-top: 1.5rem; }
-p { margin: .4rem 0; max-width: 75ch; }
-.soft { color: var(--soft); }
-.good { color: var(--good); font-weight: 600; }
-.bad { color: var(--bad); font-weight: 600; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: 1rem 0; }
-th, td { padding: .3rem .7rem; text-align: right; border-bottom: 1px solid var(--line);
-         white-space: nowrap; }
-th { font-weight: 600; vertical-align: bottom; }
-th small { display: block; font-weight: 400; color: var(--soft); }
-th:nth-child(-n+2), td:nth-child(-n+2) { text-align: left; }
-.pair { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 26rem), 1fr));
-        gap: 1rem; }
-figure { margin: 1rem 0; }
-figure { overflow-x: auto; }
-figure svg { width: 100%; min-width: 32rem; height: auto; display: block; }
-figcaption { color: var(--soft); font-size: .9rem; max-width: 75ch; }
-details { margin-top: 2rem; }
-code { font-size: .85em; overflow-wrap: anywhere; }
-@media print { body { max-width: none; } h2 { break-before: page; } }
-";
+/// The style of every page, and what makes its charts answer.
+const STYLE: &str = include_str!("page.css");
+const SCRIPT: &str = include_str!("chart.js");
 
 #[cfg(test)]
 mod tests {
@@ -155,5 +198,22 @@ mod tests {
         let header = ["time\ns".to_owned(), "name".to_owned()];
         let table = table(&header, &[]).into_string();
         assert!(table.contains("<th>time<small>s</small></th><th>name</th>"));
+    }
+
+    #[test]
+    fn points_of_numbers_stand_one_below_the_other() {
+        let rows = [["12.25", "a"], ["-3", "4"], ["0.5", ""], ["-", "b"]];
+        let rows = rows.map(|row| row.map(str::to_owned).to_vec());
+        let table = table(&["x".to_owned(), "y".to_owned()], &rows).into_string();
+        let cells = [
+            "<td>12.25</td>",
+            "<td>-3\u{2008}\u{2007}\u{2007}</td>",
+            "<td>0.5\u{2007}</td>",
+            "<td>-</td>",
+        ];
+        for cell in cells {
+            assert!(table.contains(cell), "{cell} in {table}");
+        }
+        assert!(table.contains("<td class=\"text\">4</td>"), "{table}");
     }
 }

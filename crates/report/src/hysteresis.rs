@@ -13,7 +13,7 @@ const POINTS: usize = 3000;
 pub(super) type Curve<'a> = (&'a str, Vec<(f64, f64)>);
 
 /// Named curves on axes that fit them.
-pub(super) fn plot(width: u32, x: &str, y: &str, series: &[Curve]) -> Result<Markup> {
+pub(super) fn plot(width: u32, x: &str, y: &str, series: &[Curve]) -> Markup {
     let all = || series.iter().flat_map(|(_, points)| points.iter());
     let axes = Axes {
         width,
@@ -64,16 +64,16 @@ pub fn tried(title: &str, tried: &Tried) -> Result<String> {
     let body = html! {
         (head(tried))
         (figure(
-            &plot(WHOLE, "voltage, V", "displacement, um", &loops)?,
+            &plot(WHOLE, "voltage, V", "displacement, um", &loops),
             format!("Displacement against voltage over {what}: measured, and by the model.")
         ))
         div.pair {
             (figure(
-                &plot(HALF, "time, s", "error, um", &over_time)?,
+                &plot(HALF, "time, s", "error, um", &over_time),
                 "Errors over the record: of the best straight line, and of the model."
             ))
             (figure(
-                &plot(HALF, "displacement, um", "error, um", &own)?,
+                &plot(HALF, "displacement, um", "error, um", &own),
                 "The model's error against displacement: what is left of the loops."
             ))
         }
@@ -102,14 +102,14 @@ fn head(tried: &Tried) -> Markup {
         }
         div.scroll { table {
             tr {
-                th {} th {}
+                th {}
                 (th("rms", "um")) (th("rms", "% of range"))
                 (th("max", "um")) (th("max", "% of range"))
                 (th("line's rms", "um"))
             }
             @for (name, rms, max, line) in rows {
                 tr {
-                    td { (name) } td {}
+                    td { (name) }
                     td { (fixed(rms, 4)) } td { (percent(rms)) }
                     td { (fixed(max, 4)) } td { (percent(max)) }
                     td { (fixed(line, 4)) }
@@ -142,11 +142,11 @@ pub fn inverted(title: &str, inverted: &Inverted, tried: Option<&Tried>) -> Resu
     let body = html! {
         @if let Some(tried) = tried { (head(tried)) }
         (figure(
-            &plot(WHOLE, "time, s", "voltage, V", &series)?,
+            &plot(WHOLE, "time, s", "voltage, V", &series),
             "The voltage for the path."
         ))
         (figure(
-            &plot(WHOLE, "time, s", "wanted displacement, um", &wanted)?,
+            &plot(WHOLE, "time, s", "wanted displacement, um", &wanted),
             "The path."
         ))
     };

@@ -1,7 +1,8 @@
 //! The report of what pulses do to an axis.
 
-use super::figure::{Axes, HALF, WHOLE, cells, curves, range_of};
+use super::figure::{Axes, HALF, WHOLE, curves, over_count, range_of};
 use super::html::{figure, fixed, number, page, th};
+use super::plot::Plot;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_evaluate::impulse::response::{Figures, ResponseDocument};
@@ -23,10 +24,10 @@ pub fn response(d: &ResponseDocument, f: &Figures) -> Result<String> {
             " nm, R" sup { "2" } " = " (fixed(d.r2, 3)) "; at " (a(1)) " = " (d.displacement_nm.a1)
             " fsm it is " (fixed(d.displacement_nm.value, 1)) " nm."
         }
-        (single(d, f)?)
-        (over_both(d)?)
-        (curve(d, f)?)
-        (in_a_row(d)?)
+        (single(d, f))
+        (over_both(d))
+        (curve(d, f))
+        (in_a_row(d))
     };
     Ok(page(&title, &body))
 }
@@ -40,10 +41,10 @@ pub(super) fn a(harmonic: u8) -> Markup {
 const NOISE: f64 = 4.0;
 
 /// A caption, an axis's name, the time until which it goes, milliseconds, and named curves.
-type Plot<'a> = (&'a str, &'a str, f64, Vec<(&'a str, Vec<(f64, f64)>)>);
+type Named<'a> = (&'a str, &'a str, f64, Vec<(&'a str, Vec<(f64, f64)>)>);
 
 /// Figs. 4.13 to 4.16.
-fn single(d: &ResponseDocument, f: &Figures) -> Result<Markup> {
+fn single(d: &ResponseDocument, f: &Figures) -> Markup {
     let t = &f.trace;
     let ms = |k: usize| 1e3 * t.time[k];
     let series = |of: &dyn Fn(usize) -> f64, until: f64| -> Vec<(f64, f64)> {
@@ -58,7 +59,7 @@ fn single(d: &ResponseDocument, f: &Figures) -> Result<Markup> {
     };
     let motor = |k: usize| 1e3 * t.angles[k].0;
     let output = |k: usize| 1e3 * t.angles[k].1;
-    let plots: [Plot; 4] = [
+    let plots: [Named; 4] = [
         (
             "Input (Fig. 4.13).",
             "voltage, V",
@@ -101,7 +102,7 @@ fn single(d: &ResponseDocument, f: &Figures) -> Result<Markup> {
         };
         curves(&axes, named)
     };
-    Ok(html! {
+    html! {
         h2 { "A single pulse" }
         p {
             (a(1)) " = " (d.displacement_nm.a1) " fsm, " (a(2)) " = " (d.a2_fsm) " fsm"
@@ -112,31 +113,32 @@ fn single(d: &ResponseDocument, f: &Figures) -> Result<Markup> {
         }
         div.pair {
             @for (caption, y, until, named) in &plots {
-                (figure(&draw(y, *until, named)?, caption))
+                (figure(&draw(y, *until, named), caption))
             }
         }
-    })
+    }
 }
 
 /// Fig. 4.17.
-fn over_both(d: &ResponseDocument) -> Result<Markup> {
+fn over_both(d: &ResponseDocument) -> Markup {
     let heading = html! { h2 { "Over both amplitudes" } };
     let (a1, a2) = (&d.map.a1_fsm, &d.map.a2_fsm);
     let (Some(right), Some(top)) = (a1.last(), a2.last()) else {
-        return Ok(heading);
+        return heading;
     };
     let reached = d.map.nm.iter().flatten().flatten();
     let highest = reached.clone().fold(1.0, |h: f64, v| h.max(*v));
-    let points: Vec<(f64, f64, f64)> = a2
+    let size = (right / a1.len() as f64, top / a2.len() as f64);
+    let cells: Vec<_> = a2
         .iter()
         .zip(&d.map.nm)
         .flat_map(|(y, row)| {
             let one = a1.iter().zip(row);
-            one.filter_map(|(x, nm)| {
+            one.filter_map(move |(x, nm)| {
                 // The square root shows what is small, but not the probe's noise.
                 let nm = (*nm)?;
                 let seen = if nm > NOISE { nm } else { 0.0 };
-                Some((*x, *y, (seen / highest).sqrt()))
+                Some(([(x - size.0, y - size.1), (*x, *y)], seen))
             })
         })
         .collect();
@@ -145,14 +147,17 @@ fn over_both(d: &ResponseDocument) -> Result<Markup> {
         x: (0.0..*right, "first harmonic a1, fsm"),
         y: (0.0..*top, "second harmonic a2, fsm"),
     };
-    let size = (right / a1.len() as f64, top / a2.len() as f64);
-    Ok(html! {
+    let plot = Plot::new(&axes)
+        .colour(0.0, highest, "nm", true)
+        .shaded_boxes("displacement", &cells);
+    html! {
         (heading)
         (figure(
-            &cells(&axes, &points, size)?,
+            &plot.draw(),
             format!(
                 "Displacement from none (dark, the dead zone) to {highest:.0} nm (bright), by its square \
-                 root (Fig. 4.17). White is beyond the amplifier's voltage."
+                 root (Fig. 4.17); below {NOISE} nm it is the probe's noise, and shown as none. Where there is no \
+                 colour is beyond the amplifier's voltage."
             )
         ))
         div.scroll { table {
@@ -167,11 +172,11 @@ fn over_both(d: &ResponseDocument) -> Result<Markup> {
                 }
             }
         } }
-    })
+    }
 }
 
 /// Figs. 4.18 and 4.19, or 4.21.
-fn curve(d: &ResponseDocument, f: &Figures) -> Result<Markup> {
+fn curve(d: &ResponseDocument, f: &Figures) -> Markup {
     let measured: Vec<(f64, f64)> = d.curve.iter().map(|r| (r.a1_fsm, r.nm)).collect();
     let parabola: Vec<(f64, f64)> = d
         .curve
@@ -190,11 +195,11 @@ fn curve(d: &ResponseDocument, f: &Figures) -> Result<Markup> {
         };
         curves(&axes, named)
     };
-    Ok(html! {
+    html! {
         h2 { "Without dead zone" }
         div.pair {
             (figure(
-                &draw(&[("measured", measured), ("b a1^2", parabola)])?,
+                &draw(&[("measured", measured), ("b a1^2", parabola)]),
                 html! {
                     "Measured, and the parabola (4.8) (Figs. 4.18, 4.21). R" sup { "2" } " = "
                     (fixed(d.r2, 3)) "."
@@ -205,12 +210,12 @@ fn curve(d: &ResponseDocument, f: &Figures) -> Result<Markup> {
                     ("90 %", spread(|s| s.p90)),
                     ("50 %", spread(|s| s.p50)),
                     ("10 %", spread(|s| s.p10)),
-                ])?,
+                ]),
                 "Over machines whose load friction differs by 10 % (one standard deviation) and whose \
                  motor is displaced by a tenth of a count: percentiles (Fig. 4.19)."
             ))
         }
-    })
+    }
 }
 
 /// A way to relax in words.
@@ -222,7 +227,7 @@ fn in_words(relax: &str) -> &str {
 }
 
 /// The same pulse again and again.
-fn in_a_row(d: &ResponseDocument) -> Result<Markup> {
+fn in_a_row(d: &ResponseDocument) -> Markup {
     let named: Vec<(&str, Vec<(f64, f64)>)> = d
         .rows
         .iter()
@@ -240,14 +245,14 @@ fn in_a_row(d: &ResponseDocument) -> Result<Markup> {
         x: (range_of(all().map(|p| p.0), 1.0), "pulse"),
         y: (range_of(all().map(|p| p.1), 1.0), "displacement, nm"),
     };
-    Ok(html! {
+    html! {
         h2 { "The same pulse in a row" }
         p {
             "A pulse leaves the transmission wound up. Unless that is brought back, the next one moves the \
              output by something else."
         }
         (figure(
-            &curves(&axes, &named)?,
+            &over_count(&axes, &named),
             "Displacement by each of them, by how the transmission is brought back to zero torque between \
              them."
         ))
@@ -262,5 +267,5 @@ fn in_a_row(d: &ResponseDocument) -> Result<Markup> {
                 }
             }
         } }
-    })
+    }
 }

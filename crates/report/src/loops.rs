@@ -35,18 +35,18 @@ pub fn loops(d: &LoopsDocument, loops: &[Loop]) -> Result<String> {
         }
         (table(d))
         (figure(
-            &over_input(&plain, WHOLE)?,
-            format!("Output against input as the machine is (thesis, Fig. {first}).")
+            &over_input(&plain, WHOLE),
+            format!("What the output lacks of the input, against the input, as the machine is (thesis, Fig. {first}, which shows the output itself).")
         ))
         div.pair {
             (figure(
-                &over_input(&and_plain("2.9"), HALF)?,
-                "The more load friction, the more windup (Fig. 2.9)."
+                &over_input(&and_plain("2.9"), HALF),
+                "With other load friction (Fig. 2.9)."
             ))
-            (figure(&over_input(&of(&["2.10"]), HALF)?, "Without load friction (Fig. 2.10)."))
+            (figure(&over_input(&of(&["2.10"]), HALF), "Without load friction (Fig. 2.10)."))
             (figure(
-                &over_input(&and_plain("2.12, 2.13"), HALF)?,
-                "A preload stiffens the transmission (Figs. 2.12, 2.13)."
+                &over_input(&and_plain("2.12, 2.13"), HALF),
+                "With a preload (Figs. 2.12, 2.13)."
             ))
         }
         @if !laws.is_empty() {
@@ -55,7 +55,7 @@ pub fn loops(d: &LoopsDocument, loops: &[Loop]) -> Result<String> {
             div.pair {
                 @for l in laws {
                     (figure(
-                        &over_output(l)?,
+                        &over_output(l),
                         format!(
                             "Windup against output under {}, beside (2.20) (Figs. 2.14, 2.15).",
                             l.case.name
@@ -72,14 +72,14 @@ fn table(d: &LoopsDocument) -> Markup {
     html! {
         div.scroll { table {
             tr {
-                th { "figure" } th { "machine" }
+                th { "figure" } th.text { "machine" }
                 (th("windup", "um")) (th("W_max", "um")) (th("Q", "um"))
                 (th("(2.20) leaves", "um rms")) (th("at most", "um"))
             }
             @for case in &d.cases {
                 tr {
                     td { (case.figure) }
-                    td { (case.name) }
+                    td.text { (case.name) }
                     td { (fixed(case.windup_um, 2)) }
                     td { (number(case.w_max_um, 2)) }
                     td { (number(case.q_um, 2)) }
@@ -92,7 +92,7 @@ fn table(d: &LoopsDocument) -> Markup {
 }
 
 /// Output against input, from the first turn on.
-fn over_input(loops: &[&Loop], width: u32) -> Result<Markup> {
+fn over_input(loops: &[&Loop], width: u32) -> Markup {
     let series: Vec<(&str, Vec<(f64, f64)>)> = loops
         .iter()
         .map(|l| {
@@ -101,7 +101,12 @@ fn over_input(loops: &[&Loop], width: u32) -> Result<Markup> {
             let every = (to - from).div_ceil(POINTS);
             let points = (from..to)
                 .step_by(every)
-                .map(|k| (um * l.record.input[k], um * l.record.output[k]))
+                .map(|k| {
+                    (
+                        um * l.record.input[k],
+                        um * (l.record.output[k] - l.record.input[k]),
+                    )
+                })
                 .collect();
             (l.case.name.as_str(), points)
         })
@@ -110,13 +115,13 @@ fn over_input(loops: &[&Loop], width: u32) -> Result<Markup> {
     let axes = Axes {
         width,
         x: (range_of(all().map(|p| p.0), 0.1), "input, um"),
-        y: (range_of(all().map(|p| p.1), 0.1), "output, um"),
+        y: (range_of(all().map(|p| p.1), 0.1), "output less input, um"),
     };
     curves(&axes, &series)
 }
 
 /// Windup against output beside what (2.20) makes of it.
-fn over_output(l: &Loop) -> Result<Markup> {
+fn over_output(l: &Loop) -> Markup {
     let um = l.um_per_radian;
     let from = l.record.input.len() / 4;
     let every = (l.record.input.len() - from).div_ceil(POINTS);

@@ -93,13 +93,13 @@ pub fn maximize(measured: &Measured) -> Result<String> {
     let title = format!("Maximization on {}, seed {}", document.rig, document.seed);
     let pictures = html! {
         (figure(
-            &lag(&document.tracking)?,
+            &lag(&document.tracking),
             "How far the fiber trails a peak that drifts, in truth, against the drift's speed as a share \
              of what the means should follow (circles: of what was tried). Curves end where it no longer \
              trails steadily."
         ))
         (figure(
-            &light(measured)?,
+            &light(measured),
             "Light while the peak drifts, nine-point patterns of the first row following it: every pattern \
              looks around, so the light is never steady; beyond a step a pattern it is lost."
         ))
@@ -126,7 +126,7 @@ pub fn maximize(measured: &Measured) -> Result<String> {
     Ok(page(&title, &body))
 }
 
-fn lag(tracking: &[Tracking]) -> Result<Markup> {
+fn lag(tracking: &[Tracking]) -> Markup {
     let named: Vec<(String, Vec<(f64, f64)>)> = tracking
         .iter()
         .map(|t| {
@@ -160,7 +160,7 @@ fn lag(tracking: &[Tracking]) -> Result<Markup> {
     curves(&axes, &all)
 }
 
-fn light(measured: &Measured) -> Result<Markup> {
+fn light(measured: &Measured) -> Markup {
     let all: Vec<(&str, Vec<(f64, f64)>)> = measured
         .curves
         .iter()

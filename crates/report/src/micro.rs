@@ -1,8 +1,9 @@
 //! The report of a micro manipulator's identified piezos.
 
-use super::figure::{Axes, HALF, WHOLE, coloured, curves, envelope, range_of};
+use super::figure::{Axes, HALF, WHOLE, curves, decades_of, envelope, range_of};
 use super::html::{figure, fixed, page, th};
 use super::hysteresis::{Curve, plot};
+use super::plot::Plot;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_control::compensation::hysteresis::{FORWARD, Model, Network, Rbf, Spectrum, UNITS};
@@ -17,15 +18,15 @@ pub fn micros(found: &[Identified]) -> Result<String> {
     let seed = found.first().map_or(0, |found| found.document.seed);
     let title = format!("Hysteresis of the piezos, seed {seed}");
     let body = html! {
-        @for found in found { (micro(found)?) }
+        @for found in found { (micro(found)) }
     };
     Ok(page(&title, &body))
 }
 
 /// What was found of one micro.
-fn micro(found: &Identified) -> Result<Markup> {
+fn micro(found: &Identified) -> Markup {
     let d = &found.document;
-    Ok(html! {
+    html! {
         h1 { "The " (d.side) " micro" }
         p {
             "Forward and back over " (fixed(d.range_um, 0)) " um the ways part by "
@@ -37,13 +38,13 @@ fn micro(found: &Identified) -> Result<Markup> {
         }
         div.scroll { table {
             tr {
-                th { "path" } th {}
+                th { "path" }
                 (th("none", "um rms")) (th("rbf", "um rms")) (th("times", "better"))
                 (th("memory", "um rms")) (th("times", "better"))
             }
             @for p in &d.paths {
                 tr {
-                    td { (p.name) } td {}
+                    td { (p.name) }
                     td { (fixed(p.uncompensated_um, 3)) }
                     td { (fixed(p.rbf_um, 3)) }
                     td { (fixed(p.rbf_improvement, 1)) }
@@ -52,10 +53,10 @@ fn micro(found: &Identified) -> Result<Markup> {
                 }
             }
         } }
-        (light_and_curves(found)?)
-        (networks(found)?)
-        (compensated(found)?)
-    })
+        (light_and_curves(found))
+        (networks(found))
+        (compensated(found))
+    }
 }
 
 fn signed(value: f64) -> String {
@@ -63,7 +64,7 @@ fn signed(value: f64) -> String {
 }
 
 /// Figs. 4.3, 4.4 and 4.6.
-fn light_and_curves(found: &Identified) -> Result<Markup> {
+fn light_and_curves(found: &Identified) -> Markup {
     let piezo = &found.micro.piezos[0];
     let series = &piezo.series;
     // The first whole cycle: down to the bottom, forward, and back.
@@ -96,34 +97,43 @@ fn light_and_curves(found: &Identified) -> Result<Markup> {
         .filter(|k| r.weight[*k] > 0.0)
         .map(|k| (r.input[k], 1e6 * r.output[k]))
         .collect();
-    Ok(html! {
+    html! {
         h2 { "What was measured" }
         @if let Some(pair) = first {
             (figure(
-                &plot(WHOLE, "voltage, V", "light, V", &pair)?,
+                &plot(WHOLE, "voltage, V", "light, V", &pair),
                 "Light against the voltage of the first piezo, forward and back (thesis, Fig. 4.3)."
             ))
         }
         div.pair {
             (figure(
-                &plot(HALF, "voltage, V", "displacement, um", &[("measured", loops)])?,
+                &plot(HALF, "voltage, V", "displacement, um", &[("measured", loops)]),
                 "Displacement against voltage: full ways, and the ways back from turning voltages across \
                  the range (Fig. 4.4)."
             ))
             @if let Model::Rbf(rbf) = &piezo.rbf {
                 @if let Some(spectrum) = Spectrum::of(&piezo.ways, &rbf.input, &rbf.output) {
-                    (power(&spectrum, rbf)?)
+                    (power(&spectrum, rbf))
                 }
             }
         }
-    })
+    }
 }
 
-fn power(spectrum: &Spectrum, rbf: &Rbf) -> Result<Markup> {
-    let power = spectrum.power.iter().take_while(|p| p.0 <= 2.5);
-    let curve = power.map(|(f, p)| (*f, p.max(1e-12).log10())).collect();
-    Ok(figure(
-        &plot(HALF, "frequency, 1/V", "log10 of power", &[("", curve)])?,
+fn power(spectrum: &Spectrum, rbf: &Rbf) -> Markup {
+    let curve: Vec<(f64, f64)> = spectrum
+        .power
+        .iter()
+        .take_while(|p| p.0 <= 2.5)
+        .copied()
+        .collect();
+    let axes = Axes {
+        width: HALF,
+        x: (range_of(curve.iter().map(|p| p.0), 1e-6), "frequency, 1/V"),
+        y: (decades_of(curve.iter().map(|p| p.1.max(1e-12))), "power"),
+    };
+    figure(
+        &Plot::new(&axes).log_y().line("", &curve).draw(),
         format!(
             "Power of the displacement over a way to the middle and back, against frequency along the \
              voltage (Fig. 4.6). Beyond {:.2} a volt less than half a percent of the range is left: \
@@ -132,34 +142,34 @@ fn power(spectrum: &Spectrum, rbf: &Rbf) -> Result<Markup> {
             spectrum.spacing(),
             rbf.forward.functions()
         ),
-    ))
+    )
 }
 
 /// Figs. 4.7 to 4.9.
-fn networks(found: &Identified) -> Result<Markup> {
+fn networks(found: &Identified) -> Markup {
     let piezo = &found.micro.piezos[0];
     let Model::Rbf(rbf) = &piezo.rbf else {
-        return Ok(Markup::default());
+        return Markup::default();
     };
     let samples = Rbf::samples(&piezo.ways, &rbf.input, &rbf.output);
     let every = samples.len().div_ceil(1500);
-    let mut points: Vec<(f64, f64, f64)> = samples
+    let points: Vec<(f64, f64)> = samples
         .iter()
         .step_by(every)
-        .map(|[turn, v, _]| (*turn, *v, 0.35))
+        .map(|[turn, v, _]| (*turn, *v))
         .collect();
-    points.extend(rbf.forward.parts().0.iter().map(|c| (c[0], c[1], 1.0)));
+    let centres: Vec<_> = rbf.forward.parts().0.iter().map(|c| (c[0], c[1])).collect();
     let axes = Axes {
         width: WHOLE,
         x: (FORWARD - 1.0..UNITS + 1.0, "turning point v1, V"),
         y: (-0.5..UNITS + 0.5, "voltage vx, V"),
     };
-    Ok(html! {
+    html! {
         h2 { "The networks of the first piezo" }
         (figure(
-            &coloured(&axes, &points, (FORWARD, 0.0))?,
+            &Plot::new(&axes).dots("training data", "small mixed", &points).dots("centres", "", &centres).draw(),
             format!(
-                "Centres (bright) and training data (dark) (Fig. 4.7): the way forward at v1 = {FORWARD}, \
+                "Centres and training data (Fig. 4.7): the way forward at v1 = {FORWARD}, \
                  ways back below their turning points. Width {:.2} forward and {:.2} inverse, tuned from \
                  {:.2} by (4.6).",
                 rbf.forward.width(),
@@ -169,19 +179,19 @@ fn networks(found: &Identified) -> Result<Markup> {
         ))
         div.pair {
             (figure(
-                &ways(&rbf.forward, "voltage vx, V", "x, units")?,
-                "x = f(v1, vx) (Fig. 4.8): along the way forward and three ways back."
+                &ways(&rbf.forward, "voltage vx, V", "x, units"),
+                "x = f(v1, vx) (Fig. 4.8): along the way forward and the ways back from 10 and from 5 V."
             ))
             (figure(
-                &ways(&rbf.inverse, "x, units", "voltage vx, V")?,
+                &ways(&rbf.inverse, "x, units", "voltage vx, V"),
                 "vx = g(v1, x) (Fig. 4.9): the same for the inverse."
             ))
         }
-    })
+    }
 }
 
 /// What a network makes of the way forward and of ways back.
-fn ways(network: &Network, x: &str, y: &str) -> Result<Markup> {
+fn ways(network: &Network, x: &str, y: &str) -> Markup {
     let curve = |turn: f64, to: f64| -> Vec<(f64, f64)> {
         (0..=100)
             .map(|k| to * f64::from(k) / 100.0)
@@ -203,7 +213,7 @@ fn ways(network: &Network, x: &str, y: &str) -> Result<Markup> {
 }
 
 /// Fig. 4.10, and the same without.
-fn compensated(found: &Identified) -> Result<Markup> {
+fn compensated(found: &Identified) -> Markup {
     let errors = |i: usize| -> Vec<(f64, f64)> {
         let scan = &found.scans[i];
         let (errors, _) = scan.errors(found.from, 1);
@@ -220,14 +230,14 @@ fn compensated(found: &Identified) -> Result<Markup> {
         ("rbf", errors(1)),
         ("memory", errors(2)),
     ];
-    Ok(html! {
+    html! {
         h2 { "With and without compensation" }
         div.pair {
             (figure(
-                &plot(HALF, x, y, &all)?,
+                &plot(HALF, x, y, &all),
                 "Error over forward and back scans, by the truth (Fig. 4.10)."
             ))
-            (figure(&plot(HALF, x, y, &all[1..])?, "The same, of the models alone."))
+            (figure(&plot(HALF, x, y, &all[1..]), "The same, of the models alone."))
         }
-    })
+    }
 }

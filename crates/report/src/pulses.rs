@@ -1,6 +1,6 @@
 //! Reports of impulse control: one loop, and many.
 
-use super::figure::{Axes, HALF, WHOLE, bars, curves, range_of};
+use super::figure::{Axes, HALF, WHOLE, bars, curves, over_count, range_of};
 use super::html::{figure, fixed, number, page, th};
 use super::impulse::a;
 use anyhow::Result;
@@ -36,7 +36,7 @@ pub fn pulses(
             &[("by the sensor", measured(d)), ("in truth", truth(d))],
             "error, nm",
             "The error after each pulse (Fig. 4.20).",
-        )?)
+        ))
         div.scroll { table {
             tr {
                 (th("time", "s")) (th("error by the sensor", "nm")) (th("in truth", "nm"))
@@ -52,9 +52,9 @@ pub fn pulses(
                 }
             }
         } }
-        (from_sides(sides)?)
-        (by_gain(gains)?)
-        (without_loop(steps)?)
+        (from_sides(sides))
+        (by_gain(gains))
+        (without_loop(steps))
     };
     Ok(page(&title, &body))
 }
@@ -64,7 +64,7 @@ fn gain() -> Markup {
     html! { "k" sub { "c" } }
 }
 
-fn from_sides(sides: &[PulseDocument]) -> Result<Markup> {
+fn from_sides(sides: &[PulseDocument]) -> Markup {
     let section = |half: &[PulseDocument]| {
         let named: Vec<(String, Vec<(f64, f64)>)> = half
             .iter()
@@ -85,15 +85,15 @@ fn from_sides(sides: &[PulseDocument]) -> Result<Markup> {
             &format!("Estimator: {estimator}; {verdict} (Fig. 4.22)."),
         )
     };
-    Ok(html! {
+    html! {
         h2 { "From four sides" }
         div.pair {
-            @for half in sides.chunks(4) { (section(half)?) }
+            @for half in sides.chunks(4) { (section(half)) }
         }
-    })
+    }
 }
 
-fn by_gain(gains: &[PulseDocument]) -> Result<Markup> {
+fn by_gain(gains: &[PulseDocument]) -> Markup {
     let section = |half: &[PulseDocument]| {
         let named: Vec<(String, Vec<(f64, f64)>)> = half
             .iter()
@@ -106,17 +106,17 @@ fn by_gain(gains: &[PulseDocument]) -> Result<Markup> {
         over_pulses(HALF, &borrowed(&named), "error, nm", &last.join("; "))
     };
     let (first, last) = gains.split_at(gains.len() - 2);
-    Ok(html! {
+    html! {
         h2 { "Stability" }
         p {
             "On a machine whose response was measured, with nothing uncertain. The loop is stable for "
             (gain()) " between 0 and 2 (4.12)."
         }
         div.pair {
-            (section(first)?)
-            (section(last)?)
+            (section(first))
+            (section(last))
         }
-    })
+    }
 }
 
 fn borrowed(named: &[(String, Vec<(f64, f64)>)]) -> Vec<(&str, Vec<(f64, f64)>)> {
@@ -126,7 +126,7 @@ fn borrowed(named: &[(String, Vec<(f64, f64)>)]) -> Vec<(&str, Vec<(f64, f64)>)>
         .collect()
 }
 
-fn without_loop(steps: &Resolution) -> Result<Markup> {
+fn without_loop(steps: &Resolution) -> Markup {
     let position: Vec<(f64, f64)> = steps
         .position_nm
         .iter()
@@ -147,7 +147,7 @@ fn without_loop(steps: &Resolution) -> Result<Markup> {
         steps.least_nm,
         steps.greatest_nm
     );
-    Ok(html! {
+    html! {
         h2 { "Resolution" }
         p { (text) }
         div.pair {
@@ -156,15 +156,15 @@ fn without_loop(steps: &Resolution) -> Result<Markup> {
                 &[("output", position)],
                 "position, nm",
                 "Position (Figs. 4.23, 4.24).",
-            )?)
+            ))
             (over_pulses(
                 HALF,
                 &[("output", single)],
                 "displacement, nm",
                 "Displacement by each pulse.",
-            )?)
+            ))
         }
-    })
+    }
 }
 
 fn measured(d: &PulseDocument) -> Vec<(f64, f64)> {
@@ -181,12 +181,7 @@ fn over_time(d: &PulseDocument) -> Vec<(f64, f64)> {
     d.steps.iter().map(|s| (s.time_s, s.error_nm)).collect()
 }
 
-fn over_pulses(
-    width: u32,
-    series: &[(&str, Vec<(f64, f64)>)],
-    y: &str,
-    caption: &str,
-) -> Result<Markup> {
+fn over_pulses(width: u32, series: &[(&str, Vec<(f64, f64)>)], y: &str, caption: &str) -> Markup {
     plot(width, series, ("pulse", y), caption)
 }
 
@@ -195,14 +190,19 @@ fn plot(
     series: &[(&str, Vec<(f64, f64)>)],
     (x, y): (&str, &str),
     caption: &str,
-) -> Result<Markup> {
+) -> Markup {
     let all = || series.iter().flat_map(|(_, points)| points.iter());
     let axes = Axes {
         width,
         x: (range_of(all().map(|p| p.0), 0.1), x),
         y: (range_of(all().map(|p| p.1).chain([0.0]), 1.0), y),
     };
-    Ok(figure(&curves(&axes, series)?, caption))
+    let drawn = if x == "pulse" {
+        over_count(&axes, series)
+    } else {
+        curves(&axes, series)
+    };
+    figure(&drawn, caption)
 }
 
 /// The report of many loops as one HTML text.
@@ -238,7 +238,7 @@ pub fn pulse_campaign(c: &Campaign, documents: &[PulseDocument]) -> Result<Strin
         60,
         "true error in the end, nm",
         "runs",
-    )?;
+    );
     let body = html! {
         p { (text) }
         (figure(
@@ -252,14 +252,14 @@ pub fn pulse_campaign(c: &Campaign, documents: &[PulseDocument]) -> Result<Strin
         h2 { "By estimator and condition" }
         div.scroll { table {
             tr {
-                th { "condition" } th { "estimator" } th { "runs" }
+                th { "condition" } th.text { "estimator" } th { "runs" }
                 (th("below 10 nm", "%")) (th("within tolerance", "%"))
                 (th("error p50", "nm")) (th("p90", "nm")) th { "pulses p90" } (th("settled p90", "s"))
             }
             @for row in &c.comparison {
                 tr {
                     td { (row.condition) }
-                    td { (row.estimator) }
+                    td.text { (row.estimator) }
                     td { (row.runs) }
                     td { (fixed(row.below_10nm_percent, 1)) }
                     td { (fixed(row.within_tolerance_percent, 1)) }

@@ -1,7 +1,10 @@
 //! The reports of models from a person's own records.
 
-use super::figure::{Axes, HALF, WHOLE, bars, curves, envelope, points, range_of};
-use super::html::{self, figure, page, th, verdict};
+use super::figure::{
+    Axes, HALF, WHOLE, all as with_curves, bars, curves, decades_of, envelope, points, range_of,
+};
+use super::html::{self, figure, page, verdict};
+use super::plot::Plot;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_numerics::signal::{autocorrelation, quantile};
@@ -56,8 +59,8 @@ pub fn record(title: &str, answer: &Answer, shown: Option<&Shown>) -> Result<Str
         @for remark in &answer.remarks { p.soft { (remark) } }
         (parameters(answer))
         @if let Some(shown) = shown {
-            (account(shown)?)
-            @for extra in &shown.figures { (figure(&other(extra)?, &extra.caption)) }
+            (account(shown))
+            @for extra in &shown.figures { (figure(&other(extra), &extra.caption)) }
             @for table in &shown.tables {
                 h2 { (table.title) }
                 (html::table(&table.header, &table.rows))
@@ -68,7 +71,7 @@ pub fn record(title: &str, answer: &Answer, shown: Option<&Shown>) -> Result<Str
 }
 
 /// A figure that one kind of record brings along.
-fn other(extra: &Figure) -> Result<Markup> {
+fn other(extra: &Figure) -> Markup {
     let series: Vec<(&str, Vec<(f64, f64)>)> = extra
         .curves
         .iter()
@@ -80,38 +83,50 @@ fn other(extra: &Figure) -> Result<Markup> {
         x: (range_of(all().map(|p| p.0), 1e-9), &extra.x),
         y: (range_of(all().map(|p| p.1), 1e-9), &extra.y),
     };
-    curves(&axes, &series)
+    let log = extra.log_x;
+    let axes = Axes {
+        x: if log {
+            (decades_of(all().map(|p| p.0)), axes.x.1)
+        } else {
+            axes.x
+        },
+        ..axes
+    };
+    let plot = if log {
+        Plot::new(&axes).log_x()
+    } else {
+        Plot::new(&axes)
+    };
+    with_curves(plot, &series).draw()
 }
 
 fn parameters(answer: &Answer) -> Markup {
-    html! {
-        div.scroll { table {
-            tr {
-                th { "parameter" } th {} th { "value" }
-                (th("standard deviation", "if what is left were white"))
-                (th("standard deviation", "as it is correlated"))
-            }
-            @for (parameter, unit) in &answer.parameters {
-                tr {
-                    td { (parameter.name.replace('_', " ")) }
-                    td { (unit) }
-                    @if let Some(known) = parameter.known {
-                        td { (short(known.value)) }
-                        td { (short(known.std)) }
-                        td { (short(known.std_correlated)) }
-                    } @else {
-                        td.bad { "not known" } td {} td {}
-                    }
-                }
-            }
-        } }
-    }
+    let header = [
+        "parameter",
+        "unit",
+        "value",
+        "standard deviation\nif what is left were white",
+        "standard deviation\nas it is correlated",
+    ];
+    let rows: Vec<Vec<String>> = answer
+        .parameters
+        .iter()
+        .map(|(parameter, unit)| {
+            let mut row = vec![parameter.name.replace('_', " "), (*unit).clone()];
+            row.extend(parameter.known.map_or_else(
+                || ["not known", "", ""].map(str::to_owned),
+                |known| [known.value, known.std, known.std_correlated].map(short),
+            ));
+            row
+        })
+        .collect();
+    html::table(&header.map(str::to_owned), &rows)
 }
 
-fn account(shown: &Shown) -> Result<Markup> {
+fn account(shown: &Shown) -> Markup {
     let a = &shown.account;
     if a.time.is_empty() {
-        return Ok(Markup::default());
+        return Markup::default();
     }
     let (what, unit) = shown.quantity;
     let residuals = a.residuals();
@@ -181,32 +196,32 @@ fn account(shown: &Shown) -> Result<Markup> {
         ("of the residual", correlation),
         ("95 % of white noise", vec![(0.0, edge), (last, edge)]),
     ];
-    Ok(html! {
+    html! {
         (figure(
-            &plot(&both, &y)?,
+            &plot(&both, &y),
             format!("The {what} in the record and by the model.")
         ))
         (figure(
-            &plot(&[("residual", over(&residuals, fine))], &y_residual)?,
+            &plot(&[("residual", over(&residuals, fine))], &y_residual),
             "Measured less modelled, over time."
         ))
         div.pair {
             (figure(
-                &cloud(&a.position, px, &format!("position, {pname}"))?,
+                &cloud(&a.position, px, &format!("position, {pname}")),
                 "The residual against position."
             ))
             (figure(
-                &cloud(&a.velocity, vx, &format!("velocity, {vname}"))?,
+                &cloud(&a.velocity, vx, &format!("velocity, {vname}")),
                 "The residual against velocity."
             ))
             (figure(
-                &bars(HALF, &inside, &range, 60, &y_residual, "samples")?,
+                &bars(HALF, &inside, &range, 60, &y_residual, "samples"),
                 "Histogram of the residual, without its furthest thousandths."
             ))
             (figure(
-                &curves(&axes, &series)?,
+                &curves(&axes, &series),
                 "Autocorrelation of the residual: white noise would fall to the line at once."
             ))
         }
-    })
+    }
 }

@@ -1,13 +1,13 @@
 //! The report of search and peak on a measured map.
 
-use super::figure::{Axes, CURVES, HALF, INK, WHOLE, chart, draw, mesh};
+use super::figure::{Axes, HALF, WHOLE};
 use super::html::{figure, fixed, page, th, verdict};
+use super::plot::Plot;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_model::frames::Displacement;
 use pigtail_records::map::{MapDocument, Trial};
 use pigtail_sysid::map::{Reading, Scan, Shape};
-use plotters::prelude::*;
 use std::ops::Range;
 
 /// Most readings that a picture shows one by one.
@@ -42,13 +42,13 @@ pub fn scan(scan: &Scan, trial: &Trial) -> Result<String> {
         @for note in notes(document) { p { (note) } }
         div.pair {
             (figure(
-                &map(scan, whole.as_ref())?,
+                &map(scan, whole.as_ref(), document.power_unit),
                 "The map as it was measured, from dark to bright, with the ellipse at 1/e of the peak's \
                  height by all of its readings."
             ))
             @if !taken.is_empty() {
                 (figure(
-                    &way(scan, taken, peak.as_ref())?,
+                    &way(scan, taken, peak.as_ref(), document.power_unit),
                     "The readings that were taken, in order along the line: from the start outward, and \
                      after first light where a reading tells most about the peak's place. The ellipse is \
                      theirs."
@@ -57,7 +57,7 @@ pub fn scan(scan: &Scan, trial: &Trial) -> Result<String> {
         }
         @if let Some(shape) = peak {
             (figure(
-                &profile(scan, taken, &shape)?,
+                &profile(scan, taken, &shape),
                 "Readings against their distance from the peak, in radii of its ellipse in their \
                  direction: all of the map, and those that were taken (large). The curve is the shape \
                  fitted to the latter."
@@ -114,7 +114,7 @@ fn table(document: &MapDocument) -> Markup {
     html! {
         div.scroll { table {
             tr {
-                th { "by" } th {} th { "readings" }
+                th { "by" } th { "readings" }
                 (th("x", "um")) (th("y", "um")) (th("known to", "um"))
                 (th("width x", "um")) (th("width y", "um")) (th("radius x", "um")) (th("radius y", "um"))
                 (th("power", document.power_unit)) (th("dark", document.power_unit))
@@ -122,7 +122,7 @@ fn table(document: &MapDocument) -> Markup {
             @for (name, readings, peak) in rows {
                 @if let Some(p) = peak {
                     tr {
-                        td { (name) } td {} td { (readings) }
+                        td { (name) } td { (readings) }
                         @for um in [
                             p.x_um,
                             p.y_um,
@@ -146,29 +146,25 @@ fn table(document: &MapDocument) -> Markup {
     }
 }
 
-/// Axes of one scale around a scan, half a spacing beyond its readings.
-fn area(scan: &Scan) -> Axes<'static> {
+/// A plot of one scale around a scan, half a spacing beyond its readings, with the colours of its powers.
+fn area(scan: &Scan, unit: &str) -> Plot {
     let Displacement { x, y } = scan.middle();
     let room = 0.6 * scan.spacing();
     let (w, h) = (scan.half().x + room, scan.half().y + room);
-    // The plot area of a half figure is wider than high.
-    let aspect = 460.0 / 358.0;
-    let half = h.max(w / aspect) * 1e6;
-    Axes {
+    let axes = Axes {
         width: HALF,
-        x: (x * 1e6 - aspect * half..x * 1e6 + aspect * half, "x, um"),
-        y: (y * 1e6 - half..y * 1e6 + half, "y, um"),
-    }
-}
-
-/// From dark to bright, 0 to 1.
-fn scale(readings: &[Reading]) -> impl Fn(f64) -> f64 {
-    let (dark, bright) = readings
+        x: ((x - w) * 1e6..(x + w) * 1e6, "x, um"),
+        y: ((y - h) * 1e6..(y + h) * 1e6, "y, um"),
+    };
+    let (dark, bright) = scan
+        .readings()
         .iter()
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(d, b), r| {
             (d.min(r.power), b.max(r.power))
         });
-    move |power| (power - dark) / (bright - dark)
+    Plot::new(&axes)
+        .equal()
+        .colour(dark, bright, &format!("power, {unit}"), false)
 }
 
 fn ellipse(shape: &Shape) -> Vec<(f64, f64)> {
@@ -186,66 +182,47 @@ fn ellipse(shape: &Shape) -> Vec<(f64, f64)> {
         .collect()
 }
 
-const RED: RGBColor = RGBColor(200, 30, 30);
-
-fn map(scan: &Scan, peak: Option<&Shape>) -> Result<Markup> {
-    let axes = area(scan);
+fn map(scan: &Scan, peak: Option<&Shape>, unit: &str) -> Markup {
     let readings = scan.readings();
-    let bright = scale(readings);
     let every = readings.len().div_ceil(POINTS);
     let half = 0.5e6 * scan.spacing() * (every as f64).sqrt();
-    draw(&axes, |root| {
-        let mut chart = chart(&axes, root)?;
-        mesh(&axes, &mut chart)?;
-        chart.draw_series(readings.iter().step_by(every).map(|r| {
+    let cells: Vec<_> = readings
+        .iter()
+        .step_by(every)
+        .map(|r| {
             let (x, y) = (r.at.x * 1e6, r.at.y * 1e6);
-            let colour = ViridisRGB.get_color(0.93 * bright(r.power));
-            Rectangle::new(
-                [(x - half, y - half), (x + half, y + half)],
-                colour.filled(),
-            )
-        }))?;
-        if let Some(shape) = peak {
-            chart.draw_series(std::iter::once(PathElement::new(
-                ellipse(shape),
-                RED.stroke_width(2),
-            )))?;
-        }
-        Ok(())
-    })
+            ([(x - half, y - half), (x + half, y + half)], r.power)
+        })
+        .collect();
+    with_ellipse(area(scan, unit).shaded_boxes("reading", &cells), peak).draw()
 }
 
-fn way(scan: &Scan, taken: &[usize], peak: Option<&Shape>) -> Result<Markup> {
-    let axes = area(scan);
+fn with_ellipse(plot: Plot, peak: Option<&Shape>) -> Plot {
+    match peak {
+        Some(shape) => plot.line_as("ellipse at 1/e", "limit", &ellipse(shape)),
+        None => plot,
+    }
+}
+
+fn way(scan: &Scan, taken: &[usize], peak: Option<&Shape>, unit: &str) -> Markup {
     let readings = scan.readings();
-    let bright = scale(readings);
     let places: Vec<(f64, f64)> = taken
         .iter()
         .map(|k| (readings[*k].at.x * 1e6, readings[*k].at.y * 1e6))
         .collect();
-    draw(&axes, |root| {
-        let mut chart = chart(&axes, root)?;
-        mesh(&axes, &mut chart)?;
-        chart.draw_series(std::iter::once(PathElement::new(
-            places.clone(),
-            INK.mix(0.25).stroke_width(1),
-        )))?;
-        chart.draw_series(taken.iter().zip(&places).map(|(k, place)| {
-            let colour = ViridisRGB.get_color(0.93 * bright(readings[*k].power));
-            Circle::new(*place, 4, colour.filled())
-        }))?;
-        if let Some(shape) = peak {
-            chart.draw_series(std::iter::once(PathElement::new(
-                ellipse(shape),
-                RED.stroke_width(2),
-            )))?;
-        }
-        Ok(())
-    })
+    let dots: Vec<_> = taken
+        .iter()
+        .zip(&places)
+        .map(|(k, place)| (place.0, place.1, readings[*k].power))
+        .collect();
+    let plot = area(scan, unit)
+        .line_as("their order", "faint thin", &places)
+        .shaded_dots("readings taken", "large", &dots);
+    with_ellipse(plot, peak).draw()
 }
 
 /// Readings against their distance from the peak in radii.
-fn profile(scan: &Scan, taken: &[usize], shape: &Shape) -> Result<Markup> {
+fn profile(scan: &Scan, taken: &[usize], shape: &Shape) -> Markup {
     const FAR: f64 = 4.0;
     let readings = scan.readings();
     let at = |r: &Reading| (-shape.share(r.at).ln()).sqrt();
@@ -272,21 +249,9 @@ fn profile(scan: &Scan, taken: &[usize], shape: &Shape) -> Result<Markup> {
         x: (0.0..FAR, "distance from the peak, radii at 1/e"),
         y: (power, "power"),
     };
-    draw(&axes, |root| {
-        let mut chart = chart(&axes, root)?;
-        mesh(&axes, &mut chart)?;
-        let dots = |points: &[(f64, f64)], size: i32, style: ShapeStyle| {
-            points
-                .iter()
-                .map(|p| Circle::new(*p, size, style))
-                .collect::<Vec<_>>()
-        };
-        chart.draw_series(dots(&all, 2, INK.mix(0.3).filled()))?;
-        chart.draw_series(dots(&used, 4, CURVES[0].filled()))?;
-        chart.draw_series(std::iter::once(PathElement::new(
-            curve,
-            CURVES[1].stroke_width(2),
-        )))?;
-        Ok(())
-    })
+    Plot::new(&axes)
+        .dots_as("all of the map", "faint small mixed", &all)
+        .dots("taken", "", &used)
+        .line("the shape fitted to those taken", &curve)
+        .draw()
 }

@@ -36,15 +36,15 @@ pub fn shapes(d: &ShapesDocument, study: &Study) -> Result<String> {
         (loops(d))
         h2 { "The pulses" }
         div.pair {
-            (figure(&voltages(&ours, study.unit)?, caption("Sums of sines")))
-            (figure(&voltages(&others, study.unit)?, caption("Other families")))
+            (figure(&voltages(&ours, study.unit), caption("Sums of sines")))
+            (figure(&voltages(&others, study.unit), caption("Other families")))
         }
     };
     Ok(page(&title, &body))
 }
 
 /// Pulses of a group over time.
-fn voltages(group: &[&Judged], unit: f64) -> Result<Markup> {
+fn voltages(group: &[&Judged], unit: f64) -> Markup {
     let series: Vec<(&str, Vec<(f64, f64)>)> = group
         .iter()
         .map(|judged| (judged.name, over_time(judged, unit)))

@@ -16,28 +16,94 @@ const STYLE: TableStyle = TableStyle::new()
     .header_separator(LineStyle::none().fill('─').junction('─'))
     .content_lines(ContentLineStyle::none());
 
-/// A header and its rows, columns of numbers to the right, and a line end; where `room` columns of characters are
-/// too few, rows become columns if that helps. `None` is a room without end.
+/// A header and its rows, columns of numbers to the right, and a line end. Where `room` columns of characters are too
+/// few, rows become columns if that is enough; else the table is folded: the columns that have no room follow
+/// below, beside the first one again. Nothing is left out. `None` is a room without end.
 pub fn table(rows: &[Vec<String>], room: Option<usize>) -> String {
     let wide = drawn(rows);
-    if fits(rows, room) {
+    let Some(room) = room.filter(|room| width_of(&wide) > *room) else {
         return wide.trim_fmt() + "\n";
-    }
+    };
     let turned: Vec<Vec<String>> = (0..rows[0].len())
-        .map(|i| rows.iter().map(|row| row[i].replace('\n', " ")).collect())
+        .map(|i| {
+            let cell =
+                |row: &Vec<String>| row.get(i).map_or(String::new(), |c| c.replace('\n', " "));
+            rows.iter().map(cell).collect()
+        })
         .collect();
     let narrow = drawn(&turned);
-    let best = if width_of(&narrow) < width_of(&wide) {
-        narrow
-    } else {
-        wide
-    };
-    best.trim_fmt() + "\n"
+    if width_of(&narrow) <= room {
+        return narrow.trim_fmt() + "\n";
+    }
+    let mut text = String::new();
+    let mut from = 1;
+    while from < rows[0].len() {
+        // As many columns as there is room for, and one at least.
+        let part = |to: usize| -> Vec<Vec<String>> {
+            let row = |row: &Vec<String>| {
+                let rest = row.get(from..to.min(row.len())).unwrap_or_default();
+                std::iter::once(row[0].clone())
+                    .chain(rest.iter().cloned())
+                    .collect()
+            };
+            rows.iter().map(row).collect()
+        };
+        let most = (from + 1..=rows[0].len())
+            .take_while(|to| *to == from + 1 || width_of(&drawn(&part(*to))) <= room)
+            .last()
+            .unwrap_or(rows[0].len());
+        let mut block = drawn(&part(most));
+        if width_of(&block) > room {
+            // Words that are too long for a line go on below.
+            block
+                .set_content_arrangement(ContentArrangement::Dynamic)
+                .set_width(u16::try_from(room).unwrap_or(u16::MAX));
+            for column in block.column_iter_mut().skip(1) {
+                column.set_cell_alignment(CellAlignment::Left);
+            }
+        }
+        if !text.is_empty() {
+            text.push('\n');
+        }
+        text += &block.trim_fmt();
+        text.push('\n');
+        from = most;
+    }
+    text
 }
 
-/// Whether a table has room as it is.
-pub fn fits(rows: &[Vec<String>], room: Option<usize>) -> bool {
-    room.is_none_or(|room| width_of(&drawn(rows)) <= room)
+/// Text in which no line is longer than `room`: words that are too many go on below, as far in as their line begins.
+/// What has no gap stays whole.
+pub fn wrapped(text: &str, room: Option<usize>) -> String {
+    let Some(room) = room else {
+        return text.to_owned();
+    };
+    let mut out = String::with_capacity(text.len() + 64);
+    for line in text.split_inclusive('\n') {
+        if line.trim_end_matches('\n').chars().count() <= room {
+            out += line;
+            continue;
+        }
+        let indent = line.len() - line.trim_start_matches(' ').len();
+        let mut used = 0;
+        for word in line.trim_end().split_inclusive(' ') {
+            let width = word.trim_end().chars().count();
+            if used > indent && used + width > room {
+                while out.ends_with(' ') {
+                    out.pop();
+                }
+                out.push('\n');
+                out += &" ".repeat(indent);
+                used = indent;
+            }
+            out += word;
+            used += word.chars().count();
+        }
+        if line.ends_with('\n') {
+            out.push('\n');
+        }
+    }
+    out
 }
 
 /// How many characters a line of the terminal at standard output has; `None` where there is no terminal.
@@ -262,4 +328,55 @@ fn faults(out: &mut String, document: &CampaignDocument, room: Option<usize>) {
         let _ = writeln!(out, "  {count:6} {rule}");
     }
     let _ = writeln!(out);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn widest(text: &str) -> usize {
+        text.lines()
+            .map(|line| line.chars().count())
+            .max()
+            .unwrap_or(0)
+    }
+
+    fn wide(columns: usize, rows: usize) -> Vec<Vec<String>> {
+        let row = |r: usize| (0..columns).map(|c| format!("value {r}.{c}")).collect();
+        (0..rows).map(row).collect()
+    }
+
+    #[test]
+    fn a_table_that_is_too_wide_is_folded_and_loses_nothing() {
+        for (columns, rows) in [(3, 3), (12, 3), (30, 20)] {
+            let cells = wide(columns, rows);
+            let text = table(&cells, Some(80));
+            assert!(widest(&text) <= 80, "{text}");
+            for cell in cells.iter().flatten() {
+                assert!(text.contains(cell.as_str()), "{cell} in {text}");
+            }
+        }
+    }
+
+    #[test]
+    fn words_that_are_too_long_for_a_line_go_on_below() {
+        let long = "one word after the other ".repeat(12);
+        let rows = [
+            vec!["a".to_owned(), "b".to_owned()],
+            vec!["x".to_owned(), long.clone()],
+        ];
+        let text = table(&rows, Some(80));
+        assert!(widest(&text) <= 80, "{text}");
+        assert_eq!(text.matches("other").count(), 12);
+        let text = wrapped(&format!("  {long}\nshort\n"), Some(60));
+        assert!(widest(&text) <= 60, "{text}");
+        assert!(
+            text.lines()
+                .nth(1)
+                .is_some_and(|line| line.starts_with("  ")),
+            "{text}"
+        );
+        assert!(text.ends_with("\nshort\n"));
+        assert_eq!(text.matches("other").count(), 12);
+    }
 }

@@ -1,8 +1,9 @@
 //! The report of the reproduced thesis: a section a chapter, every figure with its claims.
 
 use super::accounts::{changes, drawn, summary};
-use super::figure::{Axes, HALF, bars, cells, curves, dots, range_of};
+use super::figure::{Axes, HALF, WHOLE, all as with_curves, bars, decades_of, range_of};
 use super::html::{figure, page_with_style, verdict};
+use super::plot::Plot;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_reproduce::claims::{Claim, Group};
@@ -21,8 +22,6 @@ const CHAPTERS: [(&str, &str); 3] = [
 /// Figures as wide as the page, tables as cards on a narrow one, and no page without its heading in
 /// print.
 const STYLE: &str = "
-figure { overflow: visible; break-inside: avoid; }
-figure svg { min-width: 0; }
 h3 { font-size: 1.05rem; margin: 2rem 0 .25rem; break-after: avoid; }
 .claims { width: 100%; font-size: .92rem; table-layout: fixed; }
 .claims th.number { width: 6.4em; } .claims th.tolerance { width: 8.6em; } .claims th.mark { width: 6.6em; }
@@ -42,7 +41,6 @@ h3 { font-size: 1.05rem; margin: 2rem 0 .25rem; break-after: avoid; }
 .claims th.when { width: 10.5em; } .claims th.what { width: 6em; } .claims th.result { width: 8.6em; }
 nav { margin: 1rem 0; line-height: 1.9; }
 nav a { color: var(--ink); margin-right: .35rem; }
-.pair figure { max-width: 36rem; }
 dl.tolerances dt { font-weight: 600; } dl.tolerances dd { margin: 0 0 .4rem 1rem; }
 @media screen and (max-width: 46rem) {
   .claims thead { display: none; }
@@ -50,10 +48,9 @@ dl.tolerances dt { font-weight: 600; } dl.tolerances dd { margin: 0 0 .4rem 1rem
   .claims tr { border-bottom: 1px solid var(--line); padding: .5rem 0; }
   .claims td, .claims td.number { border: 0; padding: .1rem 0; text-align: left; white-space: normal; }
   .claims td[data-of]::before { content: attr(data-of) ': '; color: var(--soft); }
-  .pair svg text { font-size: 14px; }
 }
 @media print {
-  body { font-size: 10pt; padding: 0; } h2 { break-before: page; } nav, details { display: none; }
+  h2 { break-before: auto; } nav, details { display: none; }
   .pair { grid-template-columns: 1fr 1fr; } .claims { font-size: 8.5pt; }
 }
 ";
@@ -88,7 +85,7 @@ pub fn thesis(made: &Reproduction) -> Result<String> {
         @if let Some(specimens) = &d.specimens { (drawn(specimens, &d.claims)) }
         @for (number, name, figures) in &chapters {
             h2 id={ "chapter" (number) } { (number) ". " (name) }
-            @for f in figures { (one(f, &d.claims)?) }
+            @for f in figures { (one(f, &d.claims)) }
         }
         (changes(&d.accounts))
         (errata(&made.errata))
@@ -130,18 +127,23 @@ fn figure_of(claim: &Claim) -> &str {
 }
 
 /// A figure: pictures, what to say of them, claims.
-fn one(f: &Figure, claims: &[Claim]) -> Result<Markup> {
+fn one(f: &Figure, claims: &[Claim]) -> Markup {
     let claims: Vec<&Claim> = claims.iter().filter(|c| figure_of(c) == f.id).collect();
-    Ok(html! {
+    // One curve alone has the whole page; a map keeps its form.
+    let alone = matches!(&f.pictures[..], [one] if !matches!(one.content, Content::Cells(..)));
+    let width = if alone { WHOLE } else { HALF };
+    html! {
         h3 id={ "f" (f.id) } { (label(f.id)) (f.id) " " (f.title) }
         @if !f.pictures.is_empty() {
-            div.pair {
-                @for picture in &f.pictures { (figure(&svg(picture)?, &picture.caption)) }
+            div class=(if alone { "one" } else { "pair" }) {
+                @for (k, picture) in f.pictures.iter().enumerate() {
+                    (figure(&svg(picture, &printed(&claims, k), width), &picture.caption))
+                }
             }
         }
         @if !f.remark.is_empty() { p { (f.remark) } }
         @if !claims.is_empty() { (table(&claims, false)) }
-    })
+    }
 }
 
 /// Claims beside results; `linked` where they do not stand below their figure.
@@ -222,8 +224,34 @@ fn errata(errata: &[Erratum]) -> Markup {
     }
 }
 
-/// A picture as SVG.
-pub(crate) fn svg(picture: &Picture) -> Result<Markup> {
+/// Where a printed number has a place in a picture: its claim, which of the figure's pictures, the axis, and what it
+/// is there. The picture's axis has the claim's unit.
+const PRINTED: [(&str, usize, char, &str); 10] = [
+    ("2.4-settling", 0, 'x', "settled"),
+    ("2.5-settling", 0, 'x', "settled"),
+    ("2.24-moves", 0, 'x', "mean"),
+    ("2.25-resolution", 0, 'x', "largest"),
+    ("2.26-resolution", 0, 'x', "largest"),
+    ("4.6-first", 0, 'x', "largest"),
+    ("4.6-highest", 0, 'x', "highest"),
+    ("4.16-displacement", 0, 'y', "displacement"),
+    ("4.17-second", 0, 'y', "no dead zone"),
+    ("4.21-second", 0, 'y', "no dead zone"),
+];
+
+/// What the thesis prints of what the `k`th picture shows, by the claims of its figure.
+fn printed(claims: &[&Claim], k: usize) -> Vec<(char, f64, String)> {
+    let value = |id: &str| claims.iter().find(|c| c.id == id).map(|c| c.thesis);
+    let of = PRINTED.iter().filter(|(_, picture, ..)| *picture == k);
+    of.filter_map(|(id, _, axis, what)| {
+        let value = value(id)?;
+        Some((*axis, value, format!("thesis: {what} {value}")))
+    })
+    .collect()
+}
+
+/// A picture as SVG, with what is printed of it.
+pub(crate) fn svg(picture: &Picture, printed: &[(char, f64, String)], width: u32) -> Markup {
     let all: Vec<(f64, f64)> = match &picture.content {
         Content::Curves(curves) => curves.iter().flat_map(|(_, p)| p.iter().copied()).collect(),
         Content::Bars(values, _) => values.iter().map(|v| (*v, 0.0)).collect(),
@@ -244,29 +272,50 @@ pub(crate) fn svg(picture: &Picture) -> Result<Markup> {
             |(from, to)| from..to,
         )
     };
+    let upward = |ends: Option<(f64, f64)>| {
+        if picture.log_y && ends.is_none() {
+            decades_of(all.iter().map(|p| p.1))
+        } else {
+            range(ends, &mut all.iter().map(|p| p.1))
+        }
+    };
     let axes = Axes {
-        width: HALF,
+        width,
         x: (
             range(picture.x.1, &mut all.iter().map(|p| p.0)),
             picture.x.0,
         ),
-        y: (
-            range(picture.y.1, &mut all.iter().map(|p| p.1)),
-            picture.y.0,
-        ),
+        y: (upward(picture.y.1), picture.y.0),
     };
+    let plot = || Plot::new(&axes).scaled(picture.log_y, printed);
     match &picture.content {
         Content::Curves(named) => {
             let named: Vec<(&str, Vec<(f64, f64)>)> = named
                 .iter()
                 .map(|(name, points)| (name.as_str(), points.clone()))
                 .collect();
-            curves(&axes, &named)
+            with_curves(plot(), &named).draw()
         }
         Content::Bars(values, count) => {
-            bars(HALF, values, &axes.x.0, *count, picture.x.0, picture.y.0)
+            bars(width, values, &axes.x.0, *count, picture.x.0, picture.y.0)
         }
-        Content::Cells(points, size) => cells(&axes, points, *size),
-        Content::Dots(points) => dots(&axes, points),
+        Content::Cells(points, (width, height)) => {
+            let boxes: Vec<_> = points
+                .iter()
+                .map(|&(x, y, v)| ([(x - width, y - height), (x, y)], v))
+                .collect();
+            plot()
+                .colour(0.0, 1.0, picture.colour, false)
+                .shaded_boxes("", &boxes)
+                .draw()
+        }
+        Content::Dots(points) if picture.colour.is_empty() => {
+            let places: Vec<_> = points.iter().map(|p| (p.0, p.1)).collect();
+            plot().dots("", "", &places).draw()
+        }
+        Content::Dots(points) => plot()
+            .colour(0.0, 1.0, picture.colour, false)
+            .shaded_dots("", "small", points)
+            .draw(),
     }
 }

@@ -1,7 +1,10 @@
 //! The report of a tuned axis.
 
-use super::figure::{Axes, HALF, WHOLE, curves, range_of};
+use super::figure::{
+    Axes, HALF, WHOLE, all as with_curves, curves, decades_of, over_count, range_of,
+};
 use super::html::{figure, page};
+use super::plot::Plot;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_control::characterize::Trace;
@@ -25,28 +28,27 @@ pub fn tuning(tuned: &Tuned) -> Result<String> {
         p { (found) }
         @if let Some(specified) = &d.specified { p { "Specified: " (specified) "." } }
         (figure(
-            &responses(tuned)?,
+            &responses(tuned),
             "The larger step under the gains that were believed and under those found, in counts of the \
              motor's encoder."
         ))
         div.pair {
-            @for (k, name) in [(0, "kp"), (2, "kd")] {
+            @for (k, name) in [(0, "kp, V/count"), (2, "kd, V s/count")] {
                 (figure(
-                    &paths(&tuned.searches, k, name)?,
-                    "Successful trials of the searches from three starts (thesis, Fig. 2.3). The valley \
-                     is flat: costs agree better than gains."
+                    &paths(&tuned.searches, k, name),
+                    "Successful trials of the searches, each from a start of its own (thesis, Fig. 2.3)."
                 ))
             }
         }
         (figure(
-            &costs(&tuned.searches)?,
+            &costs(&tuned.searches),
             "Best cost so far: ITAE over the size of the step, averaged over two sizes."
         ))
     };
     Ok(page(&title, &body))
 }
 
-fn responses(tuned: &Tuned) -> Result<Markup> {
+fn responses(tuned: &Tuned) -> Markup {
     let curve = |trace: &Trace| -> Vec<(f64, f64)> {
         let at = |k: usize| (k + 1) as f64 * trace.period * 1e3;
         std::iter::once((0.0, 0.0))
@@ -68,24 +70,23 @@ fn responses(tuned: &Tuned) -> Result<Markup> {
 
 const NAMES: [&str; 3] = ["start 1", "start 2", "start 3"];
 
-fn paths(searches: &[Search], k: usize, name: &str) -> Result<Markup> {
-    let logs = |gains: Gains| (gains[1].log10(), gains[k].log10());
+fn paths(searches: &[Search], k: usize, name: &str) -> Markup {
+    let both = |gains: Gains| (gains[1], gains[k]);
     let named: Vec<(&str, Vec<(f64, f64)>)> = searches
         .iter()
         .zip(NAMES)
-        .map(|(search, name)| (name, search.path.iter().map(|p| logs(p.gains)).collect()))
+        .map(|(search, name)| (name, search.path.iter().map(|p| both(p.gains)).collect()))
         .collect();
     let all = || named.iter().flat_map(|(_, points)| points.iter());
-    let y_name = format!("log10 {name}");
     let axes = Axes {
         width: HALF,
-        x: (range_of(all().map(|p| p.0), 0.1), "log10 ki"),
-        y: (range_of(all().map(|p| p.1), 0.1), &y_name),
+        x: (decades_of(all().map(|p| p.0)), "ki, V/(count s)"),
+        y: (decades_of(all().map(|p| p.1)), name),
     };
-    curves(&axes, &named)
+    with_curves(Plot::new(&axes).log_x().log_y(), &named).draw()
 }
 
-fn costs(searches: &[Search]) -> Result<Markup> {
+fn costs(searches: &[Search]) -> Markup {
     let named: Vec<(&str, Vec<(f64, f64)>)> = searches
         .iter()
         .zip(NAMES)
@@ -114,5 +115,5 @@ fn costs(searches: &[Search]) -> Result<Markup> {
         x: (0.0..f64::from(most), "trial"),
         y: (range_of(costs, 1.0), "cost, ms²"),
     };
-    curves(&axes, &named)
+    over_count(&axes, &named)
 }

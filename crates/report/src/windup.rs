@@ -1,7 +1,8 @@
 //! The report of an identified windup.
 
-use super::figure::{Axes, HALF, WHOLE, curves, range_of};
+use super::figure::{Axes, HALF, WHOLE, all as with_curves, range_of};
 use super::html::{figure, fixed, page, th};
+use super::plot::Plot;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_control::identify::WindupRecord;
@@ -33,7 +34,7 @@ pub fn windup(identified: &Identified) -> Result<String> {
         }
     };
     let texts = [
-        "Without compensation: where the output was against where it was wanted (Fig. 2.8).",
+        "Without compensation (Fig. 2.8).",
         "With the model that remembers (Fig. 2.17).",
     ];
     let body = html! {
@@ -42,24 +43,31 @@ pub fn windup(identified: &Identified) -> Result<String> {
             tr { th { "scan" } (th("none", "um")) (th("reversal", "um")) (th("memory", "um")) }
             @for scan in &d.scans {
                 (row(scan.name, [scan.uncompensated_um, scan.reversal_um, scan.memory_um]))
-                (row("peak to peak", scan.peak_to_peak_um))
+                (row(&format!("{}, peak to peak", scan.name), scan.peak_to_peak_um))
             }
         } }
         (figure(
-            &loops(identified)?,
+            &loops(identified),
             "Windup against output over the identification scan (thesis, Figs. 2.14, 2.15): measured, and \
              by both models."
         ))
         div.pair {
             @for (record, text) in identified.before_and_after.iter().zip(texts) {
-                (figure(&errors(record, identified.um_per_radian)?, text))
+                @let (picture, mean) = errors(record, identified.um_per_radian);
+                (figure(
+                    &picture,
+                    format!(
+                        "{text} How far the output was from where it was wanted, less the mean of {mean:.2} um: the \
+                         gap between its two ways is what stands in the table."
+                    )
+                ))
             }
         }
     };
     Ok(page(&title, &body))
 }
 
-fn loops(identified: &Identified) -> Result<Markup> {
+fn loops(identified: &Identified) -> Markup {
     let (record, um) = (&identified.record, identified.um_per_radian);
     let every = record.output.len().div_ceil(POINTS);
     let thin = |w: &dyn Fn(usize) -> f64| -> Vec<(f64, f64)> {
@@ -81,6 +89,7 @@ fn loops(identified: &Identified) -> Result<Markup> {
         play(Windup::Reversal(identified.reversal)),
         play(Windup::Memory(identified.memory)),
     );
+    // What was measured lies broad below the models.
     let series = [
         ("measured", thin(&|k| record.input[k] - record.output[k])),
         ("reversal (2.20)", thin(&|k| reversal[k])),
@@ -92,27 +101,58 @@ fn loops(identified: &Identified) -> Result<Markup> {
         x: (range_of(all().map(|p| p.0), 0.1), "output, um"),
         y: (range_of(all().map(|p| p.1), 0.01), "windup, um"),
     };
-    curves(&axes, &series)
+    let [measured, models @ ..] = &series;
+    let plot = Plot::new(&axes).line_as(measured.0, "c0 broad", &measured.1);
+    with_curves(plot, models).draw()
 }
 
-fn errors(record: &WindupRecord, um: f64) -> Result<Markup> {
-    let every = record.output.len().div_ceil(POINTS);
-    let points: Vec<(f64, f64)> = (0..record.output.len())
-        .step_by(every)
-        .map(|k| {
-            (
-                um * record.wanted[k],
-                um * (record.output[k] - record.wanted[k]),
-            )
-        })
-        .collect();
+/// The first sample behind the second turn of a path: until then the transmission remembers what was before.
+fn second_turn(wanted: &[f64]) -> usize {
+    let (mut way, mut turns) = (0.0, 0);
+    for (k, pair) in wanted.windows(2).enumerate() {
+        let step = pair[1] - pair[0];
+        if step == 0.0 {
+            continue;
+        }
+        if step * way < 0.0 {
+            turns += 1;
+            if turns == 2 {
+                return k;
+            }
+        }
+        way = step;
+    }
+    0
+}
+
+/// The error of an output on a scan without its mean from the second turn on, and that mean, micrometres.
+fn errors(record: &WindupRecord, um: f64) -> (Markup, f64) {
+    let count = record.output.len();
+    let every = count.div_ceil(POINTS).max(1);
+    let error = |k: usize| um * (record.output[k] - record.wanted[k]);
+    let from = second_turn(&record.wanted);
+    let mean = (from..count).map(error).sum::<f64>() / (count - from).max(1) as f64;
+    let part = |range: std::ops::Range<usize>| -> Vec<(f64, f64)> {
+        let point = |k: usize| (um * record.wanted[k], error(k) - mean);
+        range.step_by(every).map(point).collect()
+    };
+    let (before, after) = (part(0..from), part(from..count));
     let axes = Axes {
         width: HALF,
         x: (
-            range_of(points.iter().map(|p| p.0), 0.1),
+            range_of(after.iter().map(|p| p.0), 0.1),
             "wanted output, um",
         ),
-        y: (range_of(points.iter().map(|p| p.1), 0.01), "error, um"),
+        y: (
+            range_of(after.iter().map(|p| p.1), 0.01),
+            "output less wanted, less the mean, um",
+        ),
     };
-    curves(&axes, &[("output less wanted", points)])
+    let plot = Plot::new(&axes).line("from the second turn on", &after);
+    let plot = if before.is_empty() {
+        plot
+    } else {
+        plot.line_as("before", "faint thin", &before)
+    };
+    (plot.draw(), mean)
 }

@@ -14,6 +14,10 @@ pub struct Picture {
     pub content: Content,
     /// What to see in it.
     pub caption: String,
+    /// Whether the axis upward is logarithmic.
+    pub log_y: bool,
+    /// What the values from 0 to 1 of cells and dots are; empty where they are all one.
+    pub colour: &'static str,
 }
 
 /// What is in a picture.
@@ -61,6 +65,8 @@ impl Picture {
             y: (y, None),
             content,
             caption: String::new(),
+            log_y: false,
+            colour: "",
         }
     }
 
@@ -75,6 +81,20 @@ impl Picture {
     #[must_use]
     pub fn y(mut self, from: f64, to: f64) -> Self {
         self.y.1 = Some((from, to));
+        self
+    }
+
+    /// With a logarithmic axis upward.
+    #[must_use]
+    pub fn log_y(mut self) -> Self {
+        self.log_y = true;
+        self
+    }
+
+    /// With the name of what colours show.
+    #[must_use]
+    pub fn colour(mut self, name: &'static str) -> Self {
+        self.colour = name;
         self
     }
 

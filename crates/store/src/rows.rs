@@ -237,6 +237,17 @@ impl Table {
         }
     }
 
+    /// The values of a column of numbers.
+    pub fn numbers(&self, name: &str) -> Vec<Option<f64>> {
+        let cells = self.cells(name);
+        let Values::Number(values) = &cells.values else {
+            return Vec::new();
+        };
+        spread(&cells.present, values)
+            .map(Option::<&f64>::copied)
+            .collect()
+    }
+
     /// The values of a column of texts.
     pub fn texts(&self, name: &str) -> Vec<Option<String>> {
         let cells = self.cells(name);

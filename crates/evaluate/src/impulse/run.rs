@@ -332,7 +332,7 @@ pub fn resolution(setup: &Setup, task: &Task, step: f64, seed: u64) -> Result<Re
     })
 }
 
-/// What `pigtail impulse --runs` prints. Keys are a contract.
+/// What `pigtail impulse --machines` prints. Keys are a contract.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Campaign {
     /// The axis.

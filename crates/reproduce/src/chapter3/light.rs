@@ -129,6 +129,7 @@ pub(super) fn profile(bench: &Bench) -> Result<Vec<Figure>, Ended> {
                 "y, um",
                 Content::Cells(cells, (um(cell), um(cell))),
             )
+            .colour("light, share")
             .x(-8.0, 8.0)
             .y(-8.0, 8.0)
             .caption(

@@ -38,13 +38,13 @@ pub(super) fn methods(bench: &Bench) -> Result<Vec<Figure>, Ended> {
             .iter()
             .map(|um| {
                 let mesh = 1e-6 * um;
-                (*um, Space { mesh, ..space }.closed_form().log10())
+                (*um, Space { mesh, ..space }.closed_form())
             })
             .collect()
     };
     let measured: Points = (0..rows.len())
         .filter(|k| *k != 3)
-        .map(|k| (rows[k].mesh_um, seconds(k).log10()))
+        .map(|k| (rows[k].mesh_um, seconds(k)))
         .collect();
     let mut dots: Vec<(f64, f64, f64)> = measured.iter().map(|p| (p.0, p.1, 0.5)).collect();
     dots.sort_by(|a, b| a.1.total_cmp(&b.1));
@@ -57,15 +57,17 @@ pub(super) fn methods(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let figure =
         Figure::new("3.3", "Proposed light coupling initialization methods")
             .picture(
-                Picture::curves("mesh, um", "log10 of the time, s", curves)
+                Picture::curves("mesh, um", "time, s", curves)
                     .x(0.0, 20.0)
-                    .y(0.0, 5.0)
+                    .y(1.0, 1e5)
+                    .log_y()
                     .caption("By the closed forms, at 8 Hz and for method 2 at 100 Hz."),
             )
             .picture(
-                Picture::of("mesh, um", "log10 of the time, s", Content::Dots(dots))
+                Picture::of("mesh, um", "time, s", Content::Dots(dots))
                     .x(0.0, 20.0)
-                    .y(0.0, 5.0)
+                    .y(1.0, 1e5)
+                    .log_y()
                     .caption(
                         "In which the twin covered the space: methods 3 and 2 at 5 um, method 1 at 10 um \
                          and at 5 um.",

@@ -158,12 +158,13 @@ fn figure_4_6(rbf: &Rbf, ways: &Record) -> Figure {
         .power
         .iter()
         .take_while(|p| p.0 <= 2.5)
-        .map(|(f, power)| (*f, power.max(1e-12).log10()))
+        .map(|(f, power)| (*f, power.max(1e-12)))
         .collect();
     figure
         .picture(
-            Picture::curves("frequency, 1/V", "log10 of power", [("", logs)])
+            Picture::curves("frequency, 1/V", "power", [("", logs)])
                 .x(0.0, 2.5)
+                .log_y()
                 .caption(
                     "Over the way forward to 5 V and back, against frequency along the voltage.",
                 ),
@@ -217,6 +218,7 @@ fn networks(first: &piezo::Identified, rbf: &Rbf) -> Vec<Figure> {
     vec![
         Figure::new("4.7", "Center points and training data distribution").picture(
             Picture::of("turning point v1, V", "vx, V", Content::Dots(dots))
+                .colour("1: centre")
                 .x(-6.0, 11.0)
                 .y(-0.5, 10.5)
                 .caption("Centres bright, training data dark; the way forward stands at v1 = -5."),

@@ -168,6 +168,7 @@ fn map(d: &ResponseDocument) -> Picture {
         .collect();
     let size = (columns[0], rows[0]);
     Picture::of("a1 / fsm", "a2 / fsm", Content::Cells(cells, size))
+        .colour("root of share")
         .x(0.0, 5.0)
         .y(0.0, 20.0)
         .caption(format!(
