@@ -7,7 +7,8 @@ use clap::{Args, Subcommand};
 use pigtail_hal::Error;
 use pigtail_session::records::{RECORD, records_in};
 use pigtail_session::replay::ReplayDocument;
-use pigtail_store::database::export::{Format, Rows, export};
+use pigtail_store::compare::{Side, compare as compared};
+use pigtail_store::database::export::{Format, Rows, export, write_whole};
 use pigtail_store::database::query::{Fiber, Listed, Shown, folders};
 use pigtail_store::database::verify::{Verified, without_store};
 use pigtail_store::database::{Database, FILE, State};
@@ -16,7 +17,7 @@ use serde_json::json;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-/// List, show, export and verify runs: how a device was aligned, years later
+/// List, show, compare, export and verify runs: how a device was aligned, years later
 ///
 /// Every run is entered in a database beside the runs' folders, `pigtail.db` (SQLite): the command,
 /// the program's version, the hash of everything that was read, each phase when it ends, how each fiber
@@ -34,6 +35,7 @@ pub(crate) struct Arguments {
 enum What {
     List(ListArguments),
     Show(ShowArguments),
+    Compare(CompareArguments),
     Export(ExportArguments),
     Verify(VerifyArguments),
     Replay(ReplayArguments),
@@ -208,6 +210,30 @@ struct ShowArguments {
     json: bool,
 }
 
+/// Compare two runs: what they found, how it is distributed, their samples over each other
+///
+/// Values of the two summaries that are not alike are listed with their change, gains and responses among them. Of
+/// campaigns the columns of their rows are set beside each other: percentiles, the greatest distance of the two
+/// distributions, and how often chance alone makes it as great. With --report a page is written that draws them, and the
+/// samples of single runs, over each other.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pigtail runs compare 20261121T024402-tune-0 20261121T030110-tune-0
+  pigtail runs compare runs/20261121T140935-campaign-0 old/20261120T101010-campaign-0 --report compared.html")]
+struct CompareArguments {
+    /// A run, by its name or folder
+    a: String,
+    /// Another one
+    b: String,
+    /// A page to write
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+    /// Print JSON instead of text
+    #[arg(long)]
+    json: bool,
+}
+
 /// Export the fibers of alignments, or their phases, as CSV or Parquet
 ///
 /// A row a fiber with a column for each phase, or a row for each time that a phase was entered; the run,
@@ -265,6 +291,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     match &arguments.what {
         What::List(arguments) => list(arguments, runs),
         What::Show(arguments) => show(arguments, runs),
+        What::Compare(arguments) => compare(arguments, runs),
         What::Export(arguments) => write_rows(arguments, runs),
         What::Verify(arguments) => verify(arguments, runs),
         What::Replay(arguments) => replay(arguments, runs),
@@ -409,6 +436,36 @@ fn show(arguments: &ShowArguments, runs: &Path) -> Result<u8, Failure> {
     } else {
         account(&shown)
     };
+    crate::print(text.as_bytes())?;
+    Ok(DONE)
+}
+
+fn compare(arguments: &CompareArguments, runs: &Path) -> Result<u8, Failure> {
+    let side = |run: &str| {
+        let named = runs.join(run);
+        let folder = [Path::new(run), &named]
+            .into_iter()
+            .find(|folder| folder.is_dir());
+        match folder {
+            Some(folder) => Side::read(folder).map_err(Failure::from),
+            None => Err(unknown(run, runs, &[])),
+        }
+    };
+    let (a, b) = (side(&arguments.a)?, side(&arguments.b)?);
+    let found = compared(&a, &b);
+    if let Some(file) = &arguments.report {
+        let page = pigtail_report::compare(&found, &a, &b)?;
+        write_whole(file, page.as_bytes())?;
+    }
+    let mut text = if arguments.json {
+        let json = serde_json::to_string(&found).map_err(anyhow::Error::from)?;
+        format!("{json}\n")
+    } else {
+        pigtail_report::compared(&found)
+    };
+    if let (Some(file), false) = (&arguments.report, arguments.json) {
+        let _ = writeln!(text, "Report: {}", file.display());
+    }
     crate::print(text.as_bytes())?;
     Ok(DONE)
 }

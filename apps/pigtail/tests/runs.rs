@@ -176,6 +176,47 @@ fn a_run_is_listed_shown_exported_and_verified() {
 }
 
 #[test]
+fn two_runs_are_compared() {
+    let folder = TempDir::new().expect("a folder");
+    let folder = folder.path();
+    done(folder, "campaign --devices 4 --seed 20");
+    done(folder, "campaign --devices 4 --seed 20");
+    done(folder, "campaign --devices 4 --seed 20 --procedure thesis");
+    let runs = listed(folder);
+    let [one, again, thesis] = [0, 1, 2].map(|i| name(&runs[i]));
+
+    // The same devices, the same rows.
+    let same = done(folder, &format!("runs compare {one} {again} --json")).json();
+    let rows = same["distributions"].as_array().expect("columns");
+    assert!(!rows.is_empty());
+    assert!(
+        rows.iter()
+            .all(|row| row["distance"] == 0.0 && row["chance"] == 1.0)
+    );
+
+    // The thesis's procedure is slower with every fiber, and the last gap cannot be chance.
+    let other = done(
+        folder,
+        &format!("runs compare {one} {thesis} --json --report page.html"),
+    );
+    let other = other.json();
+    let rows = other["distributions"].as_array().expect("columns");
+    let seconds = rows.iter().find(|row| row["column"] == "seconds");
+    let seconds = seconds.expect("a time each fiber");
+    assert_eq!(seconds["values"], serde_json::json!([12, 12]));
+    assert_eq!(seconds["distance"], 1.0);
+    assert!(seconds["chance"].as_f64().expect("a share") < 1e-3);
+    let differ = other["differences"].as_array().expect("differences");
+    assert!(differ.iter().any(|d| d["change"].as_f64() > Some(1.0)));
+    let page = fs::read_to_string(folder.join("page.html")).expect("a page");
+    assert!(page.contains(one) && page.contains(thesis) && page.contains("seconds"));
+
+    let nothing = pigtail(folder, &format!("runs compare {one} nothing"));
+    assert_eq!(nothing.code, Some(2));
+    assert!(nothing.error.contains("nothing"), "{}", nothing.error);
+}
+
+#[test]
 fn a_changed_missing_or_foreign_file_is_named() {
     let (folder, run) = aligned();
     let folder = folder.path();

@@ -59,6 +59,11 @@ impl Column {
             ..Self::new(name, kind, about)
         }
     }
+
+    /// What it holds.
+    pub fn kind(&self) -> Kind {
+        self.kind
+    }
 }
 
 /// Values of a column without its nulls, and which rows have one.
@@ -403,6 +408,45 @@ impl Rows {
             reader,
             columns: Arc::clone(columns),
         })
+    }
+
+    /// Opens a file of rows whatever its columns are.
+    ///
+    /// # Errors
+    ///
+    /// When it cannot be read, is no Parquet, or has a column of a kind that rows do not have.
+    pub fn open_any(path: &Path) -> Result<Self> {
+        let reader = SerializedFileReader::new(File::open(path)?)?;
+        let column = |field: &Arc<Type>| {
+            let kind = match (field.is_primitive()).then(|| field.get_physical_type()) {
+                Some(Physical::INT64) => Kind::Whole,
+                Some(Physical::BYTE_ARRAY) => Kind::Text,
+                Some(Physical::BOOLEAN) => Kind::Flag,
+                Some(Physical::DOUBLE) => Kind::Number,
+                _ => return Err(anyhow!("its column {} is none of rows", field.name())),
+            };
+            let new = if field.get_basic_info().repetition() == Repetition::REQUIRED {
+                Column::required
+            } else {
+                Column::new
+            };
+            Ok(new(field.name(), kind, ""))
+        };
+        let schema = reader.metadata().file_metadata().schema();
+        let columns: Vec<Column> = schema
+            .get_fields()
+            .iter()
+            .map(column)
+            .collect::<Result<_>>()?;
+        Ok(Self {
+            reader,
+            columns: columns.into(),
+        })
+    }
+
+    /// The columns of the file.
+    pub fn columns(&self) -> &[Column] {
+        &self.columns
     }
 
     /// Number of rows, as the file says.

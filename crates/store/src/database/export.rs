@@ -59,6 +59,16 @@ pub fn export(
         Format::Csv => table.to_csv()?,
         Format::Parquet => table.to_parquet()?,
     };
+    write_whole(file, &content).context("no rows were exported")?;
+    Ok(table.rows())
+}
+
+/// Writes a file whole or not at all.
+///
+/// # Errors
+///
+/// When it cannot be written.
+pub fn write_whole(file: &Path, content: &[u8]) -> Result<(), Error> {
     let mut partial = file.as_os_str().to_owned();
     partial.push(".partial");
     let partial = PathBuf::from(partial);
@@ -74,8 +84,6 @@ pub fn export(
             );
             Error::new(file.display().to_string(), "", message)
         })
-        .context("no rows were exported")?;
-    Ok(table.rows())
 }
 
 fn table(runs: &[Shown], rows: Rows) -> Table {
