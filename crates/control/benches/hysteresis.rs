@@ -39,13 +39,8 @@ fn hysteresis(c: &mut Criterion) {
     let mut network = Network::new(Network::lattice(SPACING), Network::rule(SPACING))
         .expect("a lattice is there");
     network.train(&samples, RIDGE);
-    let rbf = Model::Rbf(Rbf {
-        input: VOLTS,
-        output: VOLTS,
-        turns: VOLTS,
-        forward: network.clone(),
-        inverse: network.clone(),
-    });
+    let rbf = Rbf::new(VOLTS, VOLTS, VOLTS, network.clone(), network.clone());
+    let rbf = Model::Rbf(rbf.expect("a network over a range"));
     step(c, "a step of 75 functions", &rbf);
     let slack = Memory::usual_slack();
     let memory = Model::Memory(Memory {

@@ -6,13 +6,44 @@ use pigtail_numerics::statistics::outside;
 /// Probability of being outside a tolerance from which on a fiber is not believed.
 pub(crate) const UNSURE: f64 = 1e-4;
 
+/// How well it is known where a fiber is beside its peak, along x and along y.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Across {
+    /// Standard deviation of a normal error, metres...
+    pub sigma: f64,
+    /// ...and how far it may be off beside that: a drift that goes on or does not, metres.
+    pub bound: f64,
+}
+
+impl Across {
+    /// What is known to a standard deviation, metres.
+    pub const fn of(sigma: f64) -> Self {
+        Self { sigma, bound: 0.0 }
+    }
+
+    /// The same with all errors so many times as large.
+    #[must_use]
+    pub fn times(self, factor: f64) -> Self {
+        Self {
+            sigma: factor * self.sigma,
+            bound: factor * self.bound,
+        }
+    }
+
+    /// Probability of an error beyond a tolerance (metres) along one of both axes.
+    pub fn outside_along_an_axis(&self, tolerance: f64) -> f64 {
+        outside(tolerance, 0.0, self.bound, self.sigma)
+    }
+}
+
 /// Where an attached fiber is believed to be, from its peak and from the gap that was wanted.
 ///
-/// Across, it is a normal deviate around the peak; along z an error anywhere within a bound, and a normal one beside it.
+/// In every direction there is a normal error, and one anywhere within a bound beside it: across, from the peak.
 ///
 /// ```
-/// # use pigtail_control::belief::Place;
-/// let place = Place { across: 10e-9, off: 0.1e-6, bound: 0.5e-6, sigma: 0.0 };
+/// # use pigtail_control::belief::{Across, Place};
+/// let across = Across { sigma: 10e-9, bound: 0.0 };
+/// let place = Place { across, off: 0.1e-6, bound: 0.5e-6, sigma: 0.0 };
 /// let [x, _, z] = place.half_widths(0.95);
 /// assert!((x - 19.6e-9).abs() < 0.1e-9);
 /// // A bound that dominates is no normal deviate.
@@ -20,8 +51,8 @@ pub(crate) const UNSURE: f64 = 1e-4;
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
-    /// Standard deviation in x, and in y, metres.
-    pub across: f64,
+    /// How well it is known in x, and in y.
+    pub across: Across,
     /// Gap beyond the wanted one, metres...
     pub off: f64,
     /// ...with an error anywhere within this bound, metres...
@@ -35,8 +66,8 @@ impl Place {
     /// and y lie around the peak, that in z around the gap that is believed.
     pub fn half_widths(&self, share: f64) -> [f64; 3] {
         let [x, y, z] = [
-            (0.0, self.across),
-            (0.0, self.across),
+            (self.across.bound, self.across.sigma),
+            (self.across.bound, self.across.sigma),
             (self.bound, self.sigma),
         ];
         [x, y, z].map(|(bound, sigma)| half_width(share, bound, sigma))
@@ -46,15 +77,15 @@ impl Place {
     /// 1 where the belief is right.
     pub fn levels(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         [
-            1.0 - outside(x.abs(), 0.0, 0.0, self.across),
-            1.0 - outside(y.abs(), 0.0, 0.0, self.across),
+            1.0 - self.across.outside_along_an_axis(x.abs()),
+            1.0 - self.across.outside_along_an_axis(y.abs()),
             1.0 - outside((z - self.off).abs(), 0.0, self.bound, self.sigma),
         ]
     }
 
     /// Probability that the fiber is farther off than `aside` in x or in y, or than `along` in its gap, metres.
     pub fn outside(&self, aside: f64, along: f64) -> f64 {
-        let across = 2.0 * outside(aside, 0.0, 0.0, self.across);
+        let across = 2.0 * self.across.outside_along_an_axis(aside);
         (across + self.outside_along(along)).min(1.0)
     }
 

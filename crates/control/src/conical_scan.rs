@@ -109,6 +109,8 @@ pub struct ConicalScan<'r> {
     moved: f64,
     /// How the peak moves, metres a turn, as the last turns have seen it.
     drift: Displacement,
+    /// The part of it that chance has not made.
+    surely: Displacement,
     /// Light of the last turn that found the peak, from the circle's middle.
     around: Vec<(Displacement, f64)>,
 }
@@ -170,6 +172,7 @@ impl<'r> ConicalScan<'r> {
             shaking: Shaking::new(before),
             moved: f64::INFINITY,
             drift: Displacement::ZERO,
+            surely: Displacement::ZERO,
             around: Vec::with_capacity(64),
         }
     }

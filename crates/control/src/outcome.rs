@@ -93,13 +93,15 @@ pub enum Outcome {
     },
     /// The tip shakes, or its peak is known, so badly that it may be attached elsewhere.
     #[error(
-        "unsure: the peak's place is known to {:.1} nm and the tip shakes by {:.1} nm, rms; it is attached farther off \
-         than {:.0} nm with a probability of {probability:.1e}, accepted is {accepted:.0e}",
-        deviation * 1e9, shaking * 1e9, tolerance * 1e9
+        "unsure: the peak's place is known to {:.1} nm and the tip shakes by {:.1} nm, rms, and drifts by up to {:.1} nm; \
+         it is attached farther off than {:.0} nm with a probability of {probability:.1e}, accepted is {accepted:.0e}",
+        deviation * 1e9, shaking * 1e9, drift * 1e9, tolerance * 1e9
     )]
     UnsurePlace {
         /// Standard deviation of the peak's place, metres.
         deviation: f64,
+        /// How far the peak may drift until the fiber is attached, metres.
+        drift: f64,
         /// Standard deviation of the tip about where it is held, along an axis, metres.
         shaking: f64,
         /// How far it may be off, metres.

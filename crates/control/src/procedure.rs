@@ -4,7 +4,7 @@ mod attach;
 
 pub(crate) use attach::place_at;
 
-use crate::belief::Place;
+use crate::belief::{Across, Place};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::peak::NinePoint;
 use crate::recipe::Recipe;
@@ -357,7 +357,7 @@ impl<'r> Job<'r> {
                 let recipe = job.recipe;
                 // Its patterns know a peak no better than the tip shakes while they are drawn.
                 let known = recipe.last.accuracy.hypot(shaking.deviation());
-                shaking.is_sure(recipe.accept.aside, known)?;
+                shaking.is_sure(recipe.accept.aside, Across::of(known))?;
             }
             job.attach(station, last, found.background, None)
         })

@@ -3,9 +3,8 @@
 //! faster averages out, what is slower does not. Light tells of both: on a circle around the peak it scatters by more than
 //! a photodiode does in the dark, sample by sample; and where the tip is held beside the peak, so do its means.
 
-use crate::belief::UNSURE;
+use crate::belief::{Across, UNSURE};
 use crate::outcome::Outcome;
-use std::f64::consts::FRAC_1_SQRT_2;
 
 /// What is known of a tip before it is seen and where nobody has measured it. 95 % of the tips of amplifiers and
 /// tables such as workshops have lie between 2 and 32 nm: a choice, which the shipped fleet `workshop` makes too, so
@@ -323,14 +322,14 @@ impl Shaking {
         }
     }
 
-    /// Probability that a tip whose place is known to `deviation` (metres) is farther than `tolerance` from the peak
+    /// Probability that a tip whose place is `known` so well is farther than `tolerance` from the peak
     /// while its bond sets, on average, in x or in y.
-    pub fn outside(&self, tolerance: f64, deviation: f64) -> f64 {
-        let always = deviation * deviation + self.slow();
+    pub fn outside(&self, tolerance: f64, known: Across) -> f64 {
+        let always = known.sigma * known.sigma + self.slow();
         let left = self.measured.map_or(1.0, |measured| measured.left);
         let tail = |variance: f64| {
-            let far = tolerance / (always + left * variance).sqrt();
-            2.0 * libm::erfc(far * FRAC_1_SQRT_2)
+            let sigma = (always + left * variance).sqrt();
+            2.0 * Across { sigma, ..known }.outside_along_an_axis(tolerance)
         };
         let all: f64 = self
             .believed()
@@ -340,16 +339,17 @@ impl Shaking {
         all.min(1.0)
     }
 
-    /// Standard deviation along an axis of where a tip that is known to `deviation` (metres) is while its bond sets.
-    pub fn bonded(&self, deviation: f64) -> f64 {
+    /// How well it is known along an axis where a tip, of which the place is `known` so well, is while its bond sets.
+    pub fn bonded(&self, known: Across) -> Across {
         let left = self.measured.map_or(1.0, |measured| measured.left);
         let fast: f64 = self.believed().iter().map(|(v, share)| v * share).sum();
-        let (all, known) = if self.watched {
-            (1.0, self.wider)
+        let (all, place) = if self.watched {
+            (1.0, known.times(self.wider))
         } else {
-            (self.wider, 1.0)
+            (self.wider, known)
         };
-        all * (left * fast + self.slow() + (known * deviation).powi(2)).sqrt()
+        let sigma = (left * fast + self.slow() + place.sigma.powi(2)).sqrt();
+        Across { sigma, ..place }.times(all)
     }
 
     /// That such a tip is all but certainly within `tolerance`.
@@ -357,19 +357,20 @@ impl Shaking {
     /// # Errors
     ///
     /// [`Outcome::UnsurePlace`].
-    pub fn is_sure(&self, tolerance: f64, deviation: f64) -> Result<(), Outcome> {
-        let (tolerance, deviation) = if self.watched {
-            (tolerance, deviation * self.wider)
+    pub fn is_sure(&self, tolerance: f64, known: Across) -> Result<(), Outcome> {
+        let (tolerance, known) = if self.watched {
+            (tolerance, known.times(self.wider))
         } else {
             // Where all deviations are larger by a factor, the tolerance is as much smaller.
-            (tolerance / self.wider, deviation)
+            (tolerance / self.wider, known)
         };
-        let probability = self.outside(tolerance, deviation);
+        let probability = self.outside(tolerance, known);
         if probability <= UNSURE {
             return Ok(());
         }
         Err(Outcome::UnsurePlace {
-            deviation,
+            deviation: known.sigma,
+            drift: known.bound,
             shaking: self.deviation(),
             tolerance,
             probability,
@@ -426,7 +427,7 @@ mod tests {
         assert!(!still.is_known());
         still.add_small(&seen(2e-9));
         still.add_wide(&seen(2e-9));
-        assert!(still.outside(0.1e-6, 15e-9) < 1e-4);
+        assert!(still.outside(0.1e-6, Across::of(15e-9)) < 1e-4);
         let mut shakes = Shaking::new(None);
         for _ in 0..10 {
             shakes.add_wide(&seen(30e-9));
@@ -436,20 +437,20 @@ mod tests {
             "{}",
             shakes.deviation()
         );
-        assert!(shakes.outside(0.1e-6, 1e-9) > 1e-3);
+        assert!(shakes.outside(0.1e-6, Across::of(1e-9)) > 1e-3);
         // One that happened to look quieter than it is.
         let mut chance = Shaking::new(None);
         chance.add_small(&seen(17e-9));
-        assert!(chance.outside(0.1e-6, 5e-9) > 1e-4);
+        assert!(chance.outside(0.1e-6, Across::of(5e-9)) > 1e-4);
         // One that rang on the wide circle, and no longer does.
         let mut rang = still;
         for _ in 0..4 {
             rang.add_wide(&seen(100e-9));
         }
-        assert!(rang.outside(0.1e-6, 15e-9) < 1e-3);
+        assert!(rang.outside(0.1e-6, Across::of(15e-9)) < 1e-3);
         // One that was seen to wander from turn to turn.
         still.set_slow(16e-16, 1e-16, 10.0);
-        assert!(still.outside(0.1e-6, 15e-9) > 1e-4);
+        assert!(still.outside(0.1e-6, Across::of(15e-9)) > 1e-4);
     }
 
     #[test]
@@ -477,7 +478,7 @@ mod tests {
                 still_degrees: f64::INFINITY,
                 degrees: 21.0,
             });
-            said += shaking.outside(tolerance, 0.0);
+            said += shaking.outside(tolerance, Across::default());
             // Of what wanders from turn to turn there is as much as is usual.
             let whole = deviation.hypot(USUAL.deviation);
             for _ in 0..2 {

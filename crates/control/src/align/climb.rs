@@ -85,11 +85,11 @@ pub fn find_peak(
         // It stands where it was believed last, and not on a circle.
         scan.rest(bench, gap)?;
     }
-    let (light, deviation) = last?;
+    let (light, known) = last?;
     let place = scan.place(gap);
     Ok(Found {
         at: [place.x, place.y],
-        deviation,
+        deviation: known.sigma,
         light,
     })
 }

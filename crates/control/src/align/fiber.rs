@@ -5,7 +5,7 @@ use super::{
     Dark, LONGEST, LOOK, NEAR, STEADY, Taught, ask, line, look, refused, until_all_done, until_done,
 };
 use crate::beam::Beam;
-use crate::belief::{Place, UNSURE};
+use crate::belief::{Across, Place, UNSURE};
 use crate::conical_scan::{ConicalScan, Gap, Watch};
 use crate::outcome::{Halt, Outcome};
 use crate::recipe::Recipe;
@@ -378,7 +378,7 @@ impl<'d> Fiber<'d> {
     /// The last turns at the chip, and the bond. Returns where the fiber is believed to be.
     pub(super) fn finish(&mut self, bench: &mut dyn Bench, dark: &Dark) -> Result<Place, Halt> {
         let gap = self.measured_gap(bench);
-        let place = self.place(bench, 0.0);
+        let place = self.place(bench, Across::default());
         self.sure_of_gap(&place)?;
         let aside = self.recipe.accept.aside;
         let mut accuracy = self.recipe.fast.accuracy;
@@ -404,7 +404,7 @@ impl<'d> Fiber<'d> {
             if scan.misjudges_width() {
                 scan.believe_width();
                 why = Some(Outcome::Unsure {
-                    deviation: known,
+                    deviation: known.sigma,
                     accuracy,
                 });
                 continue;
@@ -457,8 +457,8 @@ impl<'d> Fiber<'d> {
         Ok(())
     }
 
-    /// Where the fiber is believed to be, with its place across known to a standard deviation.
-    fn place(&self, bench: &dyn Bench, across: f64) -> Place {
+    /// Where the fiber is believed to be, with its place across known so well.
+    fn place(&self, bench: &dyn Bench, across: Across) -> Place {
         let repeats = axis(bench, self.coarse, Degree::Z);
         let repeats = repeats.map_or(0.0, |axis| axis.repeatability);
         Place {

@@ -3,6 +3,7 @@
 use super::told::FORGETS;
 use super::{ConicalScan, Gap, NEAR, NEARBY, SHRINK, SIGNIFICANT};
 use crate::beam::{Peak, Reading};
+use crate::belief::Across;
 use crate::outcome::{Halt, Outcome};
 use pigtail_hal::Bench;
 use pigtail_model::frames::Displacement;
@@ -19,6 +20,12 @@ const SMALL: (f64, f64) = (0.15, 0.3);
 /// ...and the more it must stand out of the noise: square of the radius for a reading's noise, of its
 /// light.
 const NOISY: f64 = 10.0;
+
+/// From the middle of the small turn to its end, turns.
+const HALF_TURN: f64 = 0.5;
+
+/// Standard deviations of a drift that is no drift for sure.
+const CHANCE: f64 = 2.0;
 
 /// How well the wide turns and the small one together must know the peak, of what the wide ones must;
 /// but for light so dim that it takes very many.
@@ -140,6 +147,7 @@ impl ConicalScan<'_> {
             peak.at = Displacement::new(x.at, y.at);
             peak.deviation = x.deviation.max(y.deviation);
             self.drift = Displacement::new(x.slope, y.slope);
+            self.surely = self.drift * surely(self.drift, x.slope_deviation.max(y.slope_deviation));
             let slope = self.drift.norm();
             if !self.shaking.is_watched() {
                 let scatter = x.scatter.max(y.scatter);
@@ -189,7 +197,7 @@ impl ConicalScan<'_> {
     /// Goes around a small circle, from which the light at its middle can be told: whether the peak is
     /// where it was `foreseen`, which a piezo that has given way meanwhile would not be at. Then
     /// goes to the peak by both, each as far as it is sure, and comes to rest there. Returns the light
-    /// that must be there, volts, at `gap`, and how well the place is known, metres.
+    /// that must be there, volts, at `gap`, and how well the place is known.
     ///
     /// # Errors
     ///
@@ -202,7 +210,7 @@ impl ConicalScan<'_> {
         gap: f64,
         foreseen: &Peak,
         phase: &'static str,
-    ) -> Result<(f64, f64), Halt> {
+    ) -> Result<(f64, Across), Halt> {
         let radius = self.small(foreseen, gap);
         let small = radius * radius;
         self.shrink(bench, gap, radius, SHRINK)?;
@@ -274,14 +282,15 @@ impl ConicalScan<'_> {
         }
         let share = (foreseen.deviation / deviation).powi(2);
         let last = if rings { GENTLE } else { COME_TO_REST };
+        // It comes to rest, and not a moment longer than it may swing: piezos creep.
+        let settling = self.group(bench).settling;
+        let rest = HALF_TURN + last + settling / self.period;
         let peak = Peak {
             at: foreseen.at + by * share,
             ..seen
         };
         self.go_to(bench, &peak, gap)?;
         self.shrink(bench, gap, 0.0, last)?;
-        // It comes to rest, and not a moment longer than it may swing: piezos creep.
-        let settling = self.group(bench).settling;
         self.last_for(bench, Gap::Steady(gap), settling)?;
         let longer = if self.shaking.rings() {
             (FORGETS - 1.0) * settling
@@ -304,9 +313,22 @@ impl ConicalScan<'_> {
         // How far piezos creep until the fiber is fixed was foreseen, but for a part; and as much of
         // what moves on while a micro that rings comes to rest, such as a macro that creeps.
         let moves = CREEP + CREEP.max(self.drift.norm()) * later;
-        let known = known.hypot(UNFORESEEN * moves);
+        let known = Across {
+            sigma: known.hypot(UNFORESEEN * moves),
+            // A drift that was seen for sure goes on as it did, or less, or not at all: what comes to rest does so soon, and
+            // piezos creep by the logarithm of time, by much where their model knows no creep. To go where it
+            // would lead makes offsets worse where it does not go on, so it is believed and not followed.
+            bound: self.surely.norm() * rest,
+        };
         Ok((full * self.beam.share(gap), known))
     }
+}
+
+/// Which share of a drift is one for sure where it is known to a standard deviation: of one that chance may have made
+/// none, of one far beyond that all but all.
+fn surely(drift: Displacement, deviation: f64) -> f64 {
+    let chance = CHANCE * deviation / drift.norm().max(f64::MIN_POSITIVE);
+    (1.0 - chance * chance).max(0.0)
 }
 
 /// A coordinate of the peak as it will be.
@@ -315,8 +337,10 @@ struct Ahead {
     at: f64,
     /// Its standard deviation, metres.
     deviation: f64,
-    /// How it moves, metres a turn.
+    /// How it moves, metres a turn...
     slope: f64,
+    /// ...and how well that is known.
+    slope_deviation: f64,
     /// Variance of a turn's peak about that, square metres.
     scatter: f64,
 }
@@ -338,6 +362,7 @@ impl Ahead {
             at: line.y + line.slope * lever,
             deviation: variance.sqrt(),
             slope: line.slope,
+            slope_deviation: (each / line.spread).sqrt(),
             scatter,
         }
     }

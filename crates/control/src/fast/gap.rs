@@ -3,7 +3,7 @@
 use super::approach_moves::Aim;
 use super::{Shared, hand_over};
 use crate::beam::Beam;
-use crate::belief::UNSURE;
+use crate::belief::{Across, UNSURE};
 use crate::conical_scan::ConicalScan;
 use crate::gap_by_light::{Width, contact};
 use crate::outcome::Halt;
@@ -93,7 +93,7 @@ impl Shared<'_> {
     /// Whether a fiber would not be attached at this gap, for what is known of it.
     pub(super) fn doubts_gap(&self, station: &Station, aim: &Aim) -> bool {
         let wanted = self.recipe.approach.gap;
-        let place = place_at(station, aim.side, aim.port, wanted, 0.0);
+        let place = place_at(station, aim.side, aim.port, wanted, Across::default());
         place.is_some_and(|place| place.outside_along(self.recipe.accept.gap) > UNSURE)
     }
 

@@ -17,6 +17,7 @@ mod ratio;
 mod seen;
 
 use crate::beam::Beam;
+use crate::belief::Across;
 use crate::conical_scan::{ConicalScan, Gap, Watch};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::procedure::{FiberReport, Found, Job, each_fiber};
@@ -562,15 +563,15 @@ impl<'r> Shared<'r> {
         }
     }
 
-    /// The last turns at the chip, and whether the light is what it should be. Returns it, and the standard deviation of
-    /// where the fiber will be across, metres.
+    /// The last turns at the chip, and whether the light is what it should be. Returns it, and how well
+    /// it is known where the fiber will be across.
     fn finish(
         &self,
         station: &mut Station,
         aim: &Aim,
         scan: &mut ConicalScan,
         before: f64,
-    ) -> Result<(Level, f64), Halt> {
+    ) -> Result<(Level, Across), Halt> {
         let beam = Beam::new(&self.recipe.mode, self.exit());
         let mut accuracy = self.fast.accuracy;
         let wanted = (self.fast.watch * station.spec().photodiode.rate).round() as usize;
@@ -605,7 +606,7 @@ impl<'r> Shared<'r> {
                             // What shakes cannot be made less; the peak can be known better. Watching does not
                             // help where that is all that is missing.
                             let sure = |scan: &ConicalScan, better: f64| {
-                                scan.shaking().is_sure(aside, better * known).is_ok()
+                                scan.shaking().is_sure(aside, known.times(better)).is_ok()
                             };
                             let missing = |scan: &ConicalScan| sure(scan, BETTER * BETTER);
                             if watched > 0 || missing(scan) {

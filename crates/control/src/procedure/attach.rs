@@ -1,7 +1,7 @@
 //! The end of every procedure: whether the gap is sure, the bond, and whether the light is still there.
 
 use super::{Job, outward};
-use crate::belief::{Place, UNSURE};
+use crate::belief::{Across, Place, UNSURE};
 use crate::outcome::{Halt, Outcome};
 use crate::station::{Level, Station};
 use crate::tip_estimator::Tip;
@@ -21,13 +21,13 @@ const BONDED_NOISE: f64 = 6.0;
 const ATTACHED_NOISE: f64 = 4.5;
 
 /// Where the fiber of a side is believed to be before a port, beyond a gap that is wanted (metres), where its place across is
-/// known to a standard deviation (metres); `None` before it was seen.
+/// known so well; `None` before it was seen.
 pub(crate) fn place_at(
     station: &Station,
     side: Side,
     port: Point<Chip>,
     wanted: f64,
-    across: f64,
+    across: Across,
 ) -> Option<Place> {
     let seen = station.seen(side, Tip::Fiber)?;
     let kinematics = station.kinematics(side);
@@ -46,17 +46,17 @@ impl Job<'_> {
     /// be good. The spread of that look is that of light which stays; a look in which something
     /// falls has a greater one.
     ///
-    /// Where its place across is known to a standard deviation `across` (metres), that is noted with the gap.
+    /// Where its place `across` is known, that is noted with the gap.
     pub(crate) fn attach(
         &mut self,
         station: &mut Station,
         last: Level,
         background: f64,
-        across: Option<f64>,
+        across: Option<Across>,
     ) -> Result<(), Halt> {
         let wanted = self.recipe.approach.gap;
         let place = |across| place_at(station, self.side, self.port, wanted, across);
-        self.sure_of_gap(place(0.0))?;
+        self.sure_of_gap(place(Across::default()))?;
         self.place = across.and_then(place);
         let least = station.attach(self.side, self.channel)? - background;
         let before = last.mean - background;

@@ -3,9 +3,9 @@
 //! Two models of displacement against the history of the voltage:
 //!
 //! - [`Rbf`], the thesis's: radial basis networks (4.3) of the voltage and one turning point,
-//!   forward (4.4) and inverse (4.5), with the rule that changes the turning point where the
-//!   direction reverses. It knows ways forward from the bottom of the range and the ways back from
-//!   them; inside a loop it is wrong by up to the loop's opening.
+//!   forward (4.4) and inverse (4.5), trained with ways forward from the bottom of the range and the
+//!   ways back from them; from the forward one follows (4.2) for any number of turns. It knows no
+//!   creep.
 //! - [`Memory`]: play operators behind a static curve, with creep. It remembers every turn that
 //!   still matters.
 //!
@@ -18,6 +18,7 @@ mod memory;
 mod rbf;
 mod record;
 mod spectrum;
+mod turns;
 
 pub use adapt::Adaptive;
 pub use fit::{Creep, fit_memory};
@@ -122,10 +123,6 @@ pub enum Model {
 }
 
 /// What a [`Model`] remembers.
-#[expect(
-    clippy::large_enum_variant,
-    reason = "there are four of them, and the servo loop must not follow a pointer for each"
-)]
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum State {
     /// Of the thesis's.
@@ -166,16 +163,7 @@ impl Model {
     /// When it is no model of a piezo.
     pub fn check(&self) -> Result<(), Invalid> {
         match self {
-            Self::Rbf(model) => {
-                model.input.check("input")?;
-                model.output.check("output")?;
-                if model.turns.check("turns").is_err() && model.turns.low != model.turns.high {
-                    let value = format!("{} to {}", model.turns.low, model.turns.high);
-                    return Err(Invalid::new("turns", value, "a range of finite numbers"));
-                }
-                model.forward.check()?;
-                model.inverse.check()
-            }
+            Self::Rbf(model) => model.check(),
             Self::Memory(model) => model.check(),
         }
     }
@@ -184,7 +172,10 @@ impl Model {
     /// range, and rests there.
     pub fn switched_on(&self) -> State {
         match self {
-            Self::Rbf(_) => State::Rbf(RbfState::default()),
+            Self::Rbf(model) => {
+                let middle = 0.5 * (model.input.low + model.input.high);
+                State::Rbf(model.cycled(middle))
+            }
             Self::Memory(model) => State::Memory(model.switched_on()),
         }
     }
@@ -192,7 +183,7 @@ impl Model {
     /// A state in which nothing is known but the present voltage.
     pub fn at_rest(&self, volts: f64) -> State {
         match self {
-            Self::Rbf(_) => State::Rbf(RbfState::default()),
+            Self::Rbf(model) => State::Rbf(model.cycled(volts)),
             Self::Memory(model) => State::Memory(model.at_rest(volts)),
         }
     }
@@ -213,9 +204,7 @@ impl Model {
     /// The voltage for the next wanted displacement, `period` seconds later and within `limits`.
     pub fn voltage(&self, state: &mut State, wanted: f64, period: f64, limits: &Range) -> f64 {
         match (self, state) {
-            (Self::Rbf(model), State::Rbf(state)) => {
-                model.voltage(state, wanted).clamp(limits.low, limits.high)
-            }
+            (Self::Rbf(model), State::Rbf(state)) => model.voltage(state, wanted, limits),
             (Self::Memory(model), State::Memory(state)) => {
                 model.voltage(state, wanted, period, limits)
             }

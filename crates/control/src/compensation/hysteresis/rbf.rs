@@ -1,9 +1,12 @@
-//! The thesis's model of hysteresis: radial basis networks for one turning point (4.2-4.6).
+//! The thesis's model of hysteresis: radial basis networks of one turning point (4.3-4.6), and what follows from
+//! them for any number of turning points (4.2).
 
 use super::spectrum::Spectrum;
+use super::turns::{Everett, Turns};
 use super::{Invalid, Range, Record, Swing};
 use nalgebra::{Cholesky, DMatrix, DVector};
 use serde::{Deserialize, Serialize};
+use std::sync::{Arc, OnceLock};
 
 /// Voltage and displacement are stretched to so many units over their range; the thesis's unit is
 /// a volt, and its range ten of them.
@@ -300,8 +303,12 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// Forward and inverse network with the rule for the turning point.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+/// Forward and inverse network, and the displacement after any number of turns that follows from the forward one.
+///
+/// The thesis's own rule knows one turning point, so a way up is the way forward from the bottom wherever it begins, and
+/// at every turn of a small loop the voltage leaps by the opening of the great one. As 4.2.1 proposes it goes on to
+/// more of them here: by Everett's function of the forward network, which is told in `turns.rs`.
+#[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Rbf {
     /// What voltages are stretched to units.
@@ -313,37 +320,25 @@ pub struct Rbf {
     pub turns: Range,
     /// `x = f(v1, vx)`, (4.4).
     pub forward: Network,
-    /// `vx = g(v1, x)`, (4.5).
+    /// `vx = g(v1, x)`, (4.5): of ways forward from the bottom and the ways back from them.
     pub inverse: Network,
+    /// Made of the forward network when it is needed first.
+    #[serde(skip)]
+    everett: OnceLock<Arc<Everett>>,
 }
 
-/// What the one-turning-point model remembers.
+impl PartialEq for Rbf {
+    /// Whatever the tables: they follow from the rest.
+    fn eq(&self, other: &Self) -> bool {
+        (self.input, self.output, self.turns) == (other.input, other.output, other.turns)
+            && self.forward == other.forward
+            && self.inverse == other.inverse
+    }
+}
+
+/// What an [`Rbf`] remembers: the turns that still matter.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RbfState {
-    /// Last voltage or displacement, units; `None` before the first.
-    last: Option<f64>,
-    /// Last voltage, units.
-    volts: f64,
-    /// `v1`.
-    turn: f64,
-}
-
-impl Default for RbfState {
-    fn default() -> Self {
-        Self {
-            last: None,
-            volts: 0.0,
-            turn: FORWARD,
-        }
-    }
-}
-
-impl RbfState {
-    /// Where a swing turned, units, by the thesis's rule.
-    pub fn turn(&self) -> f64 {
-        self.turn
-    }
-}
+pub struct RbfState(Turns);
 
 impl Rbf {
     /// Trains both networks off line with the ways forward from the bottom of a record's range and
@@ -374,13 +369,56 @@ impl Rbf {
         let thin: Vec<[f64; 3]> = samples.into_iter().step_by(every).collect();
         let forward: Vec<Sample> = thin.iter().map(|[v1, v, x]| ([*v1, *v], *x)).collect();
         let inverse: Vec<Sample> = thin.iter().map(|[v1, v, x]| ([*v1, *x], *v)).collect();
-        Ok(Self {
+        let (forward, inverse) = (
+            Network::tuned(spacing, &forward),
+            Network::tuned(spacing, &inverse),
+        );
+        Self::new(input, output, Range::of(&turns), forward, inverse)
+    }
+
+    /// Of networks that are trained already: over these voltages and displacements, by ways back from turns in this
+    /// range, units.
+    ///
+    /// # Errors
+    ///
+    /// When a range is empty or a network none.
+    pub fn new(
+        input: Range,
+        output: Range,
+        turns: Range,
+        forward: Network,
+        inverse: Network,
+    ) -> Result<Self, Invalid> {
+        let model = Self {
             input,
             output,
-            turns: Range::of(&turns),
-            forward: Network::tuned(spacing, &forward),
-            inverse: Network::tuned(spacing, &inverse),
-        })
+            turns,
+            forward,
+            inverse,
+            everett: OnceLock::new(),
+        };
+        model.check()?;
+        Ok(model)
+    }
+
+    /// Checks what was read from a file.
+    pub(super) fn check(&self) -> Result<(), Invalid> {
+        self.input.check("input")?;
+        self.output.check("output")?;
+        if self.turns.check("turns").is_err() && self.turns.low != self.turns.high {
+            let value = format!("{} to {}", self.turns.low, self.turns.high);
+            return Err(Invalid::new("turns", value, "a range of finite numbers"));
+        }
+        self.forward.check()?;
+        self.inverse.check()?;
+        // Now, and not in the first cycle of whoever aligns with it; copies share it.
+        self.everett();
+        Ok(())
+    }
+
+    fn everett(&self) -> &Everett {
+        let of = || Arc::new(Everett::of(&self.forward, &self.turns));
+        self.everett.get_or_init(of)
     }
 
     /// `(v1, vx, x)` in units of every sample of some weight that one turning point describes.
@@ -406,34 +444,30 @@ impl Rbf {
         samples
     }
 
+    /// The state of a piezo that has been cycled with falling amplitude around a voltage, and rests there.
+    pub fn cycled(&self, volts: f64) -> RbfState {
+        RbfState(Turns::cycled(
+            self.everett(),
+            self.input.to_units(volts, UNITS),
+        ))
+    }
+
     /// The displacement at the next voltage.
     pub fn displacement(&self, state: &mut RbfState, volts: f64) -> f64 {
-        let v = self.input.to_units(volts, UNITS);
-        self.turning(state, v);
-        state.volts = v;
-        self.output
-            .of_units(self.forward.value([state.turn, v]), UNITS)
+        let RbfState(turns) = state;
+        turns.follow(self.everett(), self.input.to_units(volts, UNITS));
+        self.output.of_units(turns.displacement(), UNITS)
     }
 
-    /// The voltage for the next wanted displacement.
-    pub fn voltage(&self, state: &mut RbfState, wanted: f64) -> f64 {
+    /// The voltage for the next wanted displacement, within `limits`.
+    pub fn voltage(&self, state: &mut RbfState, wanted: f64, limits: &Range) -> f64 {
+        let RbfState(turns) = state;
         let x = self.output.to_units(wanted, UNITS);
-        self.turning(state, x);
-        // Beyond the lattice the network fades to nothing.
-        let v = self.inverse.value([state.turn, x]).clamp(0.0, UNITS);
-        state.volts = v;
-        self.input.of_units(v, UNITS)
-    }
-
-    /// The rule: `v1` is where the direction last turned down, and nowhere on the way up.
-    fn turning(&self, state: &mut RbfState, next: f64) {
-        if let Some(last) = state.last {
-            if next > last {
-                state.turn = FORWARD;
-            } else if next < last && state.turn <= FORWARD {
-                state.turn = state.volts.clamp(self.turns.low, self.turns.high);
-            }
-        }
-        state.last = Some(next);
+        let limits = Range {
+            low: self.input.to_units(limits.low, UNITS),
+            high: self.input.to_units(limits.high, UNITS),
+        };
+        let volts = turns.reach(self.everett(), x, &limits);
+        self.input.of_units(volts, UNITS)
     }
 }

@@ -2,6 +2,7 @@ use super::*;
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
+use std::sync::LazyLock;
 
 fn ramp(from: f64, to: f64, steps: u32) -> impl Iterator<Item = f64> {
     (1..=steps).map(move |k| from + (to - from) * f64::from(k) / f64::from(steps))
@@ -358,4 +359,101 @@ fn turns_are_where_the_input_turns() {
         .map(|s| (s.start, s.end, s.rising))
         .collect();
     assert_eq!(turns, [(0, 100, true), (100, 200, false), (200, 300, true)]);
+}
+
+/// Plays alone, and networks trained with ways back from twenty turns of them, slowly.
+fn networks_of_plays() -> (Memory, Rbf) {
+    static TRAINED: LazyLock<(Memory, Rbf)> = LazyLock::new(train_with_plays);
+    TRAINED.clone()
+}
+
+fn train_with_plays() -> (Memory, Rbf) {
+    let truth = Memory {
+        shares: [0.0; memory::RELAXATIONS],
+        ..memory()
+    };
+    let mut path = vec![0.0];
+    for k in (1..=20).rev() {
+        let top = 0.5 * f64::from(k);
+        path.extend(ramp(0.0, top, 100));
+        path.extend(ramp(top, 0.0, 100));
+    }
+    let rbf = Rbf::train(&record_of(&truth, &path, 0.01)).unwrap();
+    (truth, rbf)
+}
+
+#[test]
+fn networks_of_one_turning_point_tell_of_all_of_them() {
+    let (truth, rbf) = networks_of_plays();
+    let record = record_of(&truth, &rich_path(), 0.01);
+    let over = record.known_from()..record.len();
+    let line = judge(
+        &straight(&record, over.clone()),
+        &record.output,
+        over.clone(),
+        Zero::Known,
+    );
+    let told = predict(&Model::Rbf(rbf), &record);
+    let errors = judge(&told, &record.output, over, Zero::Known);
+    assert!(10.0 * errors.rms < line.rms, "{errors:?} beside {line:?}");
+}
+
+#[test]
+fn a_small_loop_does_not_leap_where_it_turns() {
+    let (_, rbf) = networks_of_plays();
+    let limits = rbf.input;
+    let mut state = rbf.cycled(5.0);
+    let middle = rbf.displacement(&mut state, 5.0);
+    let mut last = 5.0;
+    // Circles of a micrometre over a range of seventy, a tenth of it away from where the piezo rested.
+    for k in 0..4000 {
+        let phase = 0.02 * f64::from(k);
+        let wanted = middle + 7e-6 * (phase / 20.0).min(1.0) + 1e-6 * phase.sin();
+        let volts = rbf.voltage(&mut state, wanted, &limits);
+        // A cycle's way is 0.03 um at most, and a micrometre a seventh of a volt.
+        assert!(
+            (volts - last).abs() < 0.012,
+            "from {last} to {volts} in cycle {k}"
+        );
+        last = volts;
+    }
+}
+
+proptest! {
+    /// What is asked for is what comes of it, after any turns, also of more than are remembered.
+    #[test]
+    fn the_voltage_of_networks_brings_about_what_they_say(
+        wanted in proptest::collection::vec(-0.9..0.9_f64, 1..120),
+        still in 0.0..1.0_f64,
+    ) {
+        let (_, rbf) = networks_of_plays();
+        let limits = rbf.input;
+        let from = limits.low + still * limits.width();
+        let (mut asked, mut done) = (rbf.cycled(from), rbf.cycled(from));
+        for share in wanted {
+            let wanted = rbf.output.of_share(share);
+            let volts = rbf.voltage(&mut asked, wanted, &limits);
+            let x = rbf.displacement(&mut done, volts);
+            prop_assert!((x - wanted).abs() < 1e-11, "{} for {}", x, wanted);
+        }
+    }
+
+    /// Wiping out, of networks.
+    #[test]
+    fn networks_forget_a_closed_excursion(
+        low in 0.5..9.5_f64, back in 0.0..1.0_f64, on in 0.0..1.0_f64,
+    ) {
+        let (_, rbf) = networks_of_plays();
+        let go = |path: &[f64]| {
+            let mut state = rbf.cycled(5.0);
+            let mut x = 0.0;
+            for v in path {
+                x = rbf.displacement(&mut state, *v);
+            }
+            x
+        };
+        let next = low * (1.0 - on);
+        let (a, b) = (go(&[10.0, low, next]), go(&[10.0, low, low + back * (10.0 - low), low, next]));
+        prop_assert!((a - b).abs() < 1e-15, "{} {}", a, b);
+    }
 }

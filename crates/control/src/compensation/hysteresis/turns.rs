@@ -1,0 +1,295 @@
+//! From one turning point to any number of them: (4.2) out of the network of (4.4).
+//!
+//! The network says where a piezo is on the way back from a turn, `f(v1, v)`. How far that way has
+//! brought it, `E(v1, v) = f(v1, v1) - f(v1, v)`, is Everett's function of these two voltages. Of what
+//! wipes out inner loops, and whose loops between two voltages are alike, nothing more has to be known:
+//! after turns at `v_1, v_2, ..., v_n` (4.2) is
+//!
+//! ```text
+//! x = x(v_n) - E(v_n, v)      on the way down
+//! x = x(v_n) + E(v, v_n)      on the way up
+//! ```
+//!
+//! and a turn is forgotten, with the one before it, once the voltage has passed that one.
+//!
+//! `E` is kept in a table in which it grows with the way, for a network is smooth but where it was not
+//! trained may fall. Along both of its voltages the table is a straight line from one node to the next,
+//! so its inverse is found by walking from where the voltage is.
+
+use super::Range;
+use super::rbf::{FORWARD, Network, UNITS};
+
+/// Intervals of a table along each voltage: straight lines between its nodes are then within a
+/// nanometre of the network, for a range of 70 um.
+const INTERVALS: usize = 128;
+
+/// Nodes along each voltage.
+const NODES: usize = INTERVALS + 1;
+
+/// Distance of two nodes, units.
+const STEP: f64 = UNITS / INTERVALS as f64;
+
+/// The least slope of displacement over voltage, both in units: no piezo's is less after a turn.
+const LEAST_SLOPE: f64 = 0.2;
+
+/// So many turns are remembered. Of more the innermost two are forgotten, which are the least.
+const TURNS: usize = 40;
+
+/// Turns of a piezo that is cycled with falling amplitude.
+const CYCLED: usize = 24;
+
+/// How far a way back has brought a piezo, by where it began and where it is.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Everett {
+    /// `E` at the nodes, units: by the upper voltage, then the lower.
+    nodes: Vec<f64>,
+    /// The displacement at the bottom of the range, units.
+    bottom: f64,
+}
+
+impl Everett {
+    /// Out of the network `x = f(v1, v)`, which was trained with ways back from these turning points.
+    pub(super) fn of(forward: &Network, turns: &Range) -> Self {
+        let trained = |upper: f64, lower: f64| {
+            // Where no way back was trained the nearest one is like it.
+            let turn = upper.clamp(turns.low, turns.high);
+            forward.value([turn, turn]) - forward.value([turn, lower + turn - upper])
+        };
+        // What the ways forward say of the same, from the bottom on.
+        let bottom = forward.value([FORWARD, 0.0]);
+        let mut nodes = vec![0.0; NODES * NODES];
+        for i in 1..NODES {
+            let upper = i as f64 * STEP;
+            let apart = forward.value([FORWARD, upper]) - bottom - trained(upper, 0.0);
+            for j in (0..i).rev() {
+                let lower = j as f64 * STEP;
+                // Both ways are believed alike where they tell of the same.
+                let share = 0.5 * (upper - lower) / upper;
+                let found = trained(upper, lower) + share * apart;
+                let least = LEAST_SLOPE * STEP;
+                let inner = nodes[i * NODES + j + 1];
+                let before = if j < i - 1 {
+                    nodes[(i - 1) * NODES + j]
+                } else {
+                    0.0
+                };
+                nodes[i * NODES + j] = found.max(inner + least).max(before + least);
+            }
+        }
+        // Beyond the diagonal, where only a cell that it crosses is looked up.
+        for i in 0..NODES {
+            for j in i + 1..NODES {
+                nodes[i * NODES + j] = -nodes[j * NODES + i];
+            }
+        }
+        Self { nodes, bottom }
+    }
+
+    /// `E`; both voltages in units.
+    fn at(&self, upper: f64, lower: f64) -> f64 {
+        let (i, a) = cell(upper);
+        let (j, b) = cell(lower);
+        let row = |i: usize| {
+            let [p, q] = [self.nodes[i * NODES + j], self.nodes[i * NODES + j + 1]];
+            p + b * (q - p)
+        };
+        let (p, q) = (row(i), row(i + 1));
+        p + a * (q - p)
+    }
+
+    /// How far a way from `turn` to `volts` brings the piezo, with its sign.
+    fn way(&self, turn: f64, volts: f64, rising: bool) -> f64 {
+        if rising {
+            self.at(volts, turn) - self.at(turn, turn)
+        } else {
+            self.at(turn, turn) - self.at(turn, volts)
+        }
+    }
+}
+
+/// The interval in which a voltage is, and the share of it.
+fn cell(volts: f64) -> (usize, f64) {
+    let at = volts.clamp(0.0, UNITS) / STEP;
+    let i = (at as usize).min(INTERVALS - 1);
+    (i, at - i as f64)
+}
+
+/// Where a voltage turned, and the displacement there; units.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+struct Turn {
+    volts: f64,
+    displacement: f64,
+}
+
+/// Every turn that still matters. The first is the bottom of the range; they lie ever closer together.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Turns {
+    past: [Turn; TURNS],
+    n: usize,
+    /// Where the piezo is.
+    now: Turn,
+    rising: bool,
+}
+
+impl Turns {
+    /// A piezo at the bottom of its range.
+    fn bottom(everett: &Everett) -> Self {
+        let bottom = Turn {
+            volts: 0.0,
+            displacement: everett.bottom,
+        };
+        let mut past = [Turn::default(); TURNS];
+        past[0] = bottom;
+        Self {
+            past,
+            n: 1,
+            now: bottom,
+            rising: true,
+        }
+    }
+
+    /// A piezo that has been cycled with falling amplitude around a voltage, and rests there.
+    pub(super) fn cycled(everett: &Everett, volts: f64) -> Self {
+        let mut turns = Self::bottom(everett);
+        let volts = volts.clamp(0.0, UNITS);
+        for k in 0..CYCLED {
+            let share = 1.0 - k as f64 / CYCLED as f64;
+            let to = if k % 2 == 0 { UNITS } else { 0.0 };
+            turns.follow(everett, volts + share * (to - volts));
+        }
+        turns.follow(everett, volts);
+        turns
+    }
+
+    /// The displacement.
+    pub(super) fn displacement(&self) -> f64 {
+        self.now.displacement
+    }
+
+    fn last(&self) -> Turn {
+        self.past[self.n - 1]
+    }
+
+    /// Turns round, if what comes next lies the other way.
+    fn face(&mut self, rising: bool) {
+        if rising == self.rising {
+            return;
+        }
+        self.rising = rising;
+        if self.now.volts == self.last().volts {
+            // It has not gone on since it turned; but from the bottom there is one way only.
+            self.n = (self.n - 1).max(1);
+            return;
+        }
+        if self.n == TURNS {
+            self.n -= 2;
+        }
+        self.past[self.n] = self.now;
+        self.n += 1;
+    }
+
+    /// The turn that the way ahead passes, before which it and the last one are forgotten.
+    fn ahead(&self) -> Option<Turn> {
+        (self.n > 1).then(|| self.past[self.n - 2])
+    }
+
+    /// Goes to a voltage.
+    pub(super) fn follow(&mut self, everett: &Everett, volts: f64) {
+        let volts = volts.clamp(0.0, UNITS);
+        if volts == self.now.volts {
+            return;
+        }
+        self.face(volts > self.now.volts);
+        let passed = |turn: Turn, rising: bool| {
+            if rising {
+                volts >= turn.volts
+            } else {
+                volts <= turn.volts
+            }
+        };
+        while self.ahead().is_some_and(|turn| passed(turn, self.rising)) {
+            self.forget();
+        }
+        self.go(everett, volts);
+    }
+
+    /// Forgets the last turn, and the one before it, which has been passed. The bottom stays.
+    fn forget(&mut self) {
+        self.now = self.past[self.n - 2];
+        self.n = (self.n - 2).max(1);
+        if self.n == 1 {
+            self.rising = self.now.volts > self.last().volts || self.now.volts <= 0.0;
+        }
+    }
+
+    /// Goes on to a voltage that lies before the turn ahead.
+    fn go(&mut self, everett: &Everett, volts: f64) {
+        let from = self.last();
+        self.now = Turn {
+            volts,
+            displacement: from.displacement + everett.way(from.volts, volts, self.rising),
+        };
+    }
+
+    /// Goes to a displacement, or as near as limits of the voltage allow; the voltage there.
+    pub(super) fn reach(&mut self, everett: &Everett, wanted: f64, limits: &Range) -> f64 {
+        if wanted == self.now.displacement {
+            return self.now.volts;
+        }
+        self.face(wanted > self.now.displacement);
+        let passed = |turn: Turn, rising: bool| {
+            if rising {
+                wanted >= turn.displacement
+            } else {
+                wanted <= turn.displacement
+            }
+        };
+        while self.ahead().is_some_and(|turn| passed(turn, self.rising)) {
+            self.forget();
+        }
+        let end = if self.rising { limits.high } else { limits.low };
+        let end = end.clamp(0.0, UNITS);
+        let from = self.last();
+        let at = |volts: f64| from.displacement + everett.way(from.volts, volts, self.rising);
+        let (mut here, mut next) = (self.now, self.now);
+        let short = |displacement: f64| {
+            if self.rising {
+                displacement < wanted
+            } else {
+                displacement > wanted
+            }
+        };
+        let before_end = |volts: f64| {
+            if self.rising {
+                volts < end
+            } else {
+                volts > end
+            }
+        };
+        while before_end(next.volts) && short(next.displacement) {
+            here = next;
+            // To the next node of the table, up to which it is a straight line.
+            let (i, share) = cell(here.volts);
+            let node = match (self.rising, share > 0.0) {
+                (true, _) => i + 1,
+                (false, true) => i,
+                (false, false) => i - 1,
+            };
+            let volts = node as f64 * STEP;
+            let volts = if before_end(volts) { volts } else { end };
+            next = Turn {
+                volts,
+                displacement: at(volts),
+            };
+        }
+        let rise = next.displacement - here.displacement;
+        let volts = if short(next.displacement) || rise == 0.0 {
+            next.volts
+        } else {
+            let share = (wanted - here.displacement) / rise;
+            here.volts + share.clamp(0.0, 1.0) * (next.volts - here.volts)
+        };
+        self.go(everett, volts);
+        volts
+    }
+}
