@@ -11,6 +11,7 @@
 
 use anyhow::Result;
 use pigtail_control::baselines::{Spot, with_climb};
+use pigtail_control::cell::AlignmentCell;
 use pigtail_control::outcome::Halt;
 use pigtail_control::procedure::FiberReport;
 use pigtail_control::recipe::Recipe;
@@ -32,34 +33,30 @@ const MINE: Algorithm = Algorithm {
 };
 
 fn my_lines(station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
-    with_climb(station, recipe, |station, _, spot| {
+    with_climb(station, recipe, async |cell, _, spot| {
         for span in [1.0, 1.0, 0.5] {
-            line(
-                station,
-                spot,
-                span * spot.reach,
-                Displacement::new(1.0, 0.0),
-            )?;
-            line(
-                station,
-                spot,
-                span * spot.reach,
-                Displacement::new(0.0, 1.0),
-            )?;
+            for along in [Displacement::new(1.0, 0.0), Displacement::new(0.0, 1.0)] {
+                line(cell, spot, span * spot.reach, along).await?;
+            }
         }
         Ok(())
     })
 }
 
 /// Looks at five points of a line and goes to where a parabola through them is highest.
-fn line(station: &mut Station, spot: &Spot, span: f64, along: Displacement) -> Result<(), Halt> {
-    let here = station.micro(spot.side);
+async fn line(
+    cell: &AlignmentCell<'_>,
+    spot: &Spot,
+    span: f64,
+    along: Displacement,
+) -> Result<(), Halt> {
+    let here = cell.micro(spot.side);
     let mut light = [0.0; 5];
     for (k, volts) in light.iter_mut().enumerate() {
         let way = span * (k as f64 / 2.0 - 1.0);
-        station.move_micro(spot.side, here + along * way);
-        station.run(6e-3)?;
-        *volts = station.level(spot.channel, spot.average)?.mean;
+        cell.move_micro(spot.side, here + along * way)?;
+        cell.wait(6e-3).await?;
+        *volts = cell.level(spot.channel, spot.average).await?.mean;
     }
     // Least squares over -1, -1/2, 0, 1/2, 1: slope and curvature in units of the span.
     let slope = (2.0 * (light[4] - light[0]) + (light[3] - light[1])) / 5.0;
@@ -70,8 +67,8 @@ fn line(station: &mut Station, spot: &Spot, span: f64, along: Displacement) -> R
         slope.signum()
     };
     let way = vertex * span;
-    station.move_micro(spot.side, here + along * way);
-    station.run(20e-3)?;
+    cell.move_micro(spot.side, here + along * way)?;
+    cell.wait(20e-3).await?;
     Ok(())
 }
 

@@ -106,7 +106,7 @@ fn until(bench: &mut dyn Bench, mut left: Vec<Ticket>) -> Result<Vec<Light>, Stu
                 return Err(Refused::State(why).into());
             }
             Event::Time => return Err(Refused::State("it is not done".to_owned()).into()),
-            Event::Failed(..) => {}
+            Event::Failed(..) | Event::Played(_) | Event::Frame(_) => {}
         }
     }
     Ok(lights)

@@ -131,6 +131,9 @@ impl EventWire {
                 0,
                 nothing(),
             ),
+            Event::Played(ticket) => Self("played".to_owned(), Vec::new(), ticket.0, nothing()),
+            // No bench that Python is handed has a camera.
+            Event::Frame(_) => Self("frame".to_owned(), Vec::new(), 0, nothing()),
             Event::Done(ticket) => Self("done".to_owned(), Vec::new(), ticket.0, nothing()),
             Event::Failed(ticket, why) => Self("failed".to_owned(), Vec::new(), ticket.0, why),
             Event::Time => Self("time".to_owned(), Vec::new(), 0, nothing()),
@@ -145,6 +148,7 @@ impl EventWire {
         Ok(match (name.as_str(), lights.next()) {
             ("light", Some(light)) => Event::Light(light),
             ("batch", first) => Event::Batch(first.into_iter().chain(lights).collect()),
+            ("played", _) => Event::Played(Ticket(ticket)),
             ("done", _) => Event::Done(Ticket(ticket)),
             ("failed", _) => Event::Failed(Ticket(ticket), why),
             ("time", _) => Event::Time,

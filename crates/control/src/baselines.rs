@@ -6,6 +6,7 @@
 //! without an average at the end ([`spiral_nine_point`]), or one's own ([`with_climb`]). The way to
 //! the chip is stepwise, with a climb after each step.
 
+use crate::cell::AlignmentCell;
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::peak::NinePoint;
 use crate::procedure::{
@@ -15,7 +16,7 @@ use crate::recipe::Recipe;
 use crate::search::{Hit, STILL_THERE, Searcher, centre_sensing};
 use crate::station::Station;
 use crate::tip_estimator::Tip;
-use pigtail_hal::{Channel, Fault, FiberHandling, Side};
+use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::Displacement;
 use std::f64::consts::TAU;
 
@@ -45,6 +46,8 @@ const APPROACH_SPEED: f64 = 100e-6;
 
 /// Fastest turn of the spiral, hertz: what a micro of 100 Hz follows.
 const FASTEST_TURN: f64 = 25.0;
+/// Time between two places of a spiral that the micro goes straight between, seconds.
+const KNOT: f64 = 0.8e-3;
 /// How far one spiral is from the next, in the radius of one: they overlap.
 const NEXT_SPIRAL: f64 = 1.2;
 /// How much farther the spiral is followed after first light, in turns.
@@ -52,15 +55,16 @@ const FOLLOW: f64 = 1.5;
 
 /// Aligns a device by spirals and Nelder and Mead's simplex (The Computer Journal 7, 1965).
 pub fn spiral_nelder_mead(station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
-    with_climb(station, recipe, |station, _, spot| {
-        nelder_mead(station, spot)
+    with_climb(station, recipe, async |cell, _, spot| {
+        nelder_mead(cell, spot).await
     })
 }
 
 /// Aligns a device by spirals and the nine-point climb (thesis 3.3), which rests on the brightest.
 pub fn spiral_nine_point(station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
-    with_climb(station, recipe, |station, recipe, spot| {
-        NinePoint::new(&recipe.climb, station, spot.side, spot.channel).climb(station)
+    with_climb(station, recipe, async |cell, recipe, spot| {
+        let mut climb = NinePoint::new(&recipe.climb, cell, spot.side, spot.channel);
+        climb.climb(cell).await
     })
 }
 
@@ -69,74 +73,85 @@ pub fn spiral_nine_point(station: &mut Station, recipe: &Recipe) -> Vec<FiberRep
 pub fn with_climb(
     station: &mut Station,
     recipe: &Recipe,
-    mut climb: impl FnMut(&mut Station, &Recipe, &Spot) -> Result<(), Halt>,
+    mut climb: impl AsyncFnMut(&AlignmentCell<'_>, &Recipe, &Spot) -> Result<(), Halt>,
 ) -> Vec<FiberReport> {
-    station.laser(true);
-    each_fiber(station, recipe, |job, station, port| {
+    let cell = AlignmentCell::over(station);
+    let cell = &cell;
+    cell.run(each_fiber(cell, recipe, async |job, port| {
         let found = match port {
-            None => first_light_of_input(job, station)?,
-            Some(index) => first_light_of_output(job, station, index)?,
+            None => {
+                cell.laser(true)?;
+                first_light_of_input(job, cell).await?
+            }
+            Some(index) => first_light_of_output(job, cell, index).await?,
         };
-        maximize(job, station, &found, &mut climb)
-    })
+        maximize(job, cell, &found, &mut climb).await
+    }))
 }
 
-fn first_light_of_input(job: &mut Job, station: &mut Station) -> Result<Found, Halt> {
+async fn first_light_of_input(job: &mut Job<'_>, cell: &AlignmentCell<'_>) -> Result<Found, Halt> {
     let recipe = job.recipe;
-    if !station.carries(Side::Left) {
-        station.handle_fiber(Side::Left, FiberHandling::Load(0))?;
+    if !cell.carries(Side::Left) {
+        cell.load(Side::Left, 0).await?;
     }
-    coarse(job, station)?;
-    let top = job.phase(station, "sensing", |job, station| {
-        job.find_top(station, recipe.ports.outputs[0])
-    })?;
-    job.phase(station, "search", |job, station| {
+    coarse(job, cell).await?;
+    let top = job
+        .phase(cell, "sensing", async |job| {
+            job.find_top(cell, recipe.ports.outputs[0]).await
+        })
+        .await?;
+    job.phase(cell, "search", async |job| {
         // The light may pass beside the sensing fiber's core, to either side.
         let step = recipe.sensing.sidestep;
         let mut evidence = None;
         for aside in [0.0, step, -step] {
             if evidence.is_some() {
-                job.arrive(station, Side::Right, top.shifted(aside, 0.0, 0.0))?;
+                job.arrive(cell, Side::Right, top.shifted(aside, 0.0, 0.0))
+                    .await?;
             }
-            match spirals(job, station) {
+            match spirals(job, cell).await {
                 Ok(found) => return Ok(found),
                 Err(halt) => evidence = Some(halt.no_light()?.after(evidence)),
             }
         }
         Err(no_light(evidence))
     })
+    .await
 }
 
-fn first_light_of_output(
-    job: &mut Job,
-    station: &mut Station,
+async fn first_light_of_output(
+    job: &mut Job<'_>,
+    cell: &AlignmentCell<'_>,
     index: usize,
 ) -> Result<Found, Halt> {
     // An output fiber stands out beyond the sensing fiber.
-    job.withdraw(station, Side::Right)?;
-    if !station.carries(Side::Right) {
-        station.handle_fiber(Side::Right, FiberHandling::Load(index as u8))?;
+    job.withdraw(cell, Side::Right).await?;
+    if !cell.carries(Side::Right) {
+        cell.load(Side::Right, index).await?;
     }
-    coarse(job, station)?;
-    job.phase(station, "search", |job, station| spirals(job, station))
+    coarse(job, cell).await?;
+    job.phase(cell, "search", async |job| spirals(job, cell).await)
+        .await
 }
 
 /// To where the light should be, by vision and design.
-fn coarse(job: &mut Job, station: &mut Station) -> Result<(), Halt> {
+async fn coarse(job: &mut Job<'_>, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
     let wanted = job.port.shifted(job.walk(), 0.0, 0.0);
     let gap = job.recipe.raster.gap;
-    job.phase(station, "coarse", |job, station| {
-        job.place(station, job.side, Tip::Fiber, wanted, gap)
+    job.phase(cell, "coarse", async |job| {
+        job.place(cell, job.side, Tip::Fiber, wanted, gap).await
     })
+    .await
 }
 
 /// Spirals of the micro, the first where the macro stands, the next above and below it in turns until
 /// the recipe's height is covered; then the same to either side.
-fn spirals(job: &Job, station: &mut Station) -> Result<Found, Halt> {
+async fn spirals(job: &Job<'_>, cell: &AlignmentCell<'_>) -> Result<Found, Halt> {
     let raster = &job.recipe.raster;
     let side = job.side;
-    let searcher = Searcher::measure(station, side, job.channel, raster.significance, 0.5)?;
-    let radius = (0.5 * raster.x).min(0.98 * station.kinematics(side).micro_range_x());
+    let searcher = Searcher::measure(cell, side, job.channel, raster.significance, 0.5).await?;
+    let reach = cell.micro_reach_x(side).within(raster.x, 0.98);
+    let radius = reach.high.min(-reach.low);
     let next = NEXT_SPIRAL * radius;
     // Transmissions hold back some of the way down, so it goes as much farther.
     let farthest = (0.5 * raster.y + raster.overscan) / next;
@@ -145,17 +160,18 @@ fn spirals(job: &Job, station: &mut Station) -> Result<Found, Halt> {
             (1..=farthest.ceil() as u32).flat_map(|k| [f64::from(k) * next, -f64::from(k) * next]),
         )
         .collect();
-    let middle = station.wanted(side);
+    let middle = cell.wanted(side);
     let mut all: Option<SearchEvidence> = None;
     for aside in [0.0, 0.5 * next, -0.5 * next] {
         for height in &heights {
             if all.is_some() {
-                station.move_micro(side, Displacement::ZERO);
-                job.arrive(station, side, middle.shifted(aside, *height, 0.0))?;
+                cell.move_micro(side, Displacement::ZERO)?;
+                job.arrive(cell, side, middle.shifted(aside, *height, 0.0))
+                    .await?;
             }
-            let (hit, mut seen) = spiral(&searcher, station, radius, raster.mesh)?;
+            let (hit, mut seen) = spiral(&searcher, cell, radius, raster.mesh).await?;
             if let Some(hit) = hit {
-                if let Some(found) = job.confirm(station, &searcher, &hit)? {
+                if let Some(found) = job.confirm(cell, &searcher, &hit).await? {
                     return Ok(found);
                 }
                 seen.dismissed = 1;
@@ -172,17 +188,34 @@ fn spirals(job: &Job, station: &mut Station) -> Result<Found, Halt> {
 
 /// One spiral of Archimedes from the micro's middle outward, at a light sample every `mesh`. Ends soon
 /// after first light.
-fn spiral(
+async fn spiral(
     searcher: &Searcher,
-    station: &mut Station,
+    cell: &AlignmentCell<'_>,
     radius: f64,
     mesh: f64,
-) -> Result<(Option<Hit>, SearchEvidence), Fault> {
+) -> Result<(Option<Hit>, SearchEvidence), Halt> {
     let (side, channel) = (searcher.side, searcher.channel);
-    let (period, speed) = (
-        station.spec().period(),
-        mesh * station.spec().photodiode.rate,
-    );
+    let speed = mesh * cell.spec().photodiode.rate;
+    let mut path = vec![(0.0, 0.0)];
+    let whole = TAU * radius / mesh;
+    while let Some((time, angle)) = path.last().copied()
+        && angle < whole
+    {
+        let r: f64 = mesh * angle / TAU;
+        let turning = (speed / r.max(f64::MIN_POSITIVE)).min(TAU * FASTEST_TURN);
+        path.push((time + KNOT, angle + turning * KNOT));
+    }
+    // Its angle at a time of it.
+    let angle = |time: f64| {
+        let k = ((time / KNOT) as usize).min(path.len() - 2);
+        let [(from, a), (_, b)] = [path[k], path[k + 1]];
+        a + (b - a) * (time - from) / KNOT
+    };
+    let seconds = path.last().map_or(KNOT, |(time, _)| *time);
+    cell.micro_path(side, (seconds, KNOT), |time| {
+        let angle = angle(time);
+        Displacement::polar(mesh * angle / TAU, angle)
+    })?;
     let mut hit: Option<Hit> = None;
     let mut evidence = SearchEvidence {
         phase: "spiral",
@@ -193,14 +226,10 @@ fn spiral(
         dismissed: 0,
         threshold: searcher.threshold,
     };
-    let (mut angle, mut end) = (0.0, TAU * radius / mesh);
-    while angle < end {
-        let r: f64 = mesh * angle / TAU;
-        let at = Displacement::polar(r, angle);
-        station.move_micro(side, at);
-        station.cycle()?;
-        angle += (speed / r.max(f64::MIN_POSITIVE)).min(TAU * FASTEST_TURN) * period;
-        let Some(volts) = station.light(channel) else {
+    let begin = cell.now();
+    let mut end = begin + seconds;
+    while !cell.is_past(end) {
+        let Some(volts) = cell.light(channel, end).await? else {
             continue;
         };
         evidence.samples += 1;
@@ -208,11 +237,14 @@ fn spiral(
         let level = volts - searcher.background.mean;
         if volts > searcher.threshold && hit.is_none_or(|hit| level > hit.level) {
             if hit.is_none() {
-                end = end.min(angle + FOLLOW * TAU);
+                // Outside it turns the more slowly.
+                let to = angle(cell.now() - begin) + FOLLOW * TAU;
+                let until = path.partition_point(|(_, angle)| *angle < to);
+                end = end.min(begin + KNOT * until as f64);
             }
             hit = Some(Hit {
-                endpoint: station.endpoint(side),
-                micro: at,
+                endpoint: cell.endpoint(side),
+                micro: cell.micro_at(side, cell.now()),
                 level,
             });
         }
@@ -221,11 +253,11 @@ fn spiral(
 }
 
 /// From first light to an attached fiber: a climb, steps to the chip with a climb after each, one more.
-fn maximize(
-    job: &mut Job,
-    station: &mut Station,
+async fn maximize(
+    job: &mut Job<'_>,
+    cell: &AlignmentCell<'_>,
     found: &Found,
-    climb: &mut impl FnMut(&mut Station, &Recipe, &Spot) -> Result<(), Halt>,
+    climb: &mut impl AsyncFnMut(&AlignmentCell<'_>, &Recipe, &Spot) -> Result<(), Halt>,
 ) -> Result<(), Halt> {
     let recipe = job.recipe;
     let (side, channel) = (job.side, job.channel);
@@ -235,38 +267,42 @@ fn maximize(
         reach,
         average,
     };
-    let before = job.phase(station, "centre", |_, station| {
-        climb(station, recipe, &spot(FAR))?;
-        if channel == Channel::Sensing {
-            centre_sensing(station)?;
-        }
-        let level = station.level(channel, 0.04)?.mean - found.background;
-        if level < STILL_THERE * found.level {
-            return Err(lost("centre", level, found.level));
-        }
-        Ok(level)
-    })?;
-    job.phase(station, "approach", |job, station| {
-        let (_, z) = look(station, side, Tip::Fiber, recipe.approach.frames)?;
+    let before = job
+        .phase(cell, "centre", async |_| {
+            climb(cell, recipe, &spot(FAR)).await?;
+            if channel == Channel::Sensing {
+                centre_sensing(cell).await?;
+            }
+            let level = cell.level(channel, 0.04).await?.mean - found.background;
+            if level < STILL_THERE * found.level {
+                return Err(lost("centre", level, found.level));
+            }
+            Ok(level)
+        })
+        .await?;
+    job.phase(cell, "approach", async |job| {
+        let (_, z) = look(cell, side, Tip::Fiber, recipe.approach.frames).await?;
         let mut way = outward(side) * (z - job.port.z) - recipe.approach.gap;
         while way > 0.0 {
             let step = way.min(APPROACH_STEP);
-            let to = station.wanted(side).shifted(0.0, 0.0, step);
-            station.line(side, to, Some(APPROACH_SPEED))?;
+            let to = cell.wanted(side).shifted(0.0, 0.0, step);
+            cell.line(side, to, Some(APPROACH_SPEED)).await?;
             way -= step;
-            climb(station, recipe, &spot(ON_THE_WAY))?;
+            climb(cell, recipe, &spot(ON_THE_WAY)).await?;
         }
         Ok(())
-    })?;
-    job.phase(station, "final", |job, station| {
-        climb(station, recipe, &spot(NEAR))?;
-        let last = station.level(channel, 0.04)?;
+    })
+    .await?;
+    job.phase(cell, "final", async |job| {
+        climb(cell, recipe, &spot(NEAR)).await?;
+        let last = cell.level(channel, 0.04).await?;
         let after = last.mean - found.background;
         if after < recipe.accept.growth * before {
             return Err(Outcome::FalseLight { before, after }.into());
         }
-        job.attach(station, last, found.background, None)
+        job.attach(cell, last, found.background, None).await
     })
+    .await
 }
 
 /// The simplex is small enough at this share of the first one's size.
@@ -282,21 +318,21 @@ const SETTLE: f64 = 6e-3;
 /// # Errors
 ///
 /// The machine's fault.
-pub fn nelder_mead(station: &mut Station, spot: &Spot) -> Result<(), Halt> {
-    let light = |station: &mut Station, at: Displacement| -> Result<(Displacement, f64), Fault> {
-        if !station.kinematics(spot.side).micro_reaches(at) {
+pub async fn nelder_mead(cell: &AlignmentCell<'_>, spot: &Spot) -> Result<(), Halt> {
+    let light = async |at: Displacement| -> Result<(Displacement, f64), Halt> {
+        if !cell.micro_reaches(spot.side, at) {
             return Ok((at, f64::NEG_INFINITY));
         }
-        station.move_micro(spot.side, at);
-        station.run(SETTLE)?;
-        Ok((at, station.level(spot.channel, spot.average)?.mean))
+        cell.move_micro(spot.side, at)?;
+        cell.wait(SETTLE).await?;
+        Ok((at, cell.level(spot.channel, spot.average).await?.mean))
     };
-    let here = station.micro(spot.side);
+    let here = cell.micro(spot.side);
     let mut taken = 3;
     let mut simplex = [
-        light(station, here)?,
-        light(station, here + Displacement::new(spot.reach, 0.0))?,
-        light(station, here + Displacement::new(0.0, spot.reach))?,
+        light(here).await?,
+        light(here + Displacement::new(spot.reach, 0.0)).await?,
+        light(here + Displacement::new(0.0, spot.reach)).await?,
     ];
     while taken < MOST_POINTS {
         simplex.sort_by(|a, b| b.1.total_cmp(&a.1));
@@ -309,10 +345,10 @@ pub fn nelder_mead(station: &mut Station, spot: &Spot) -> Result<(), Halt> {
             break;
         }
         let centre = between(best.0, middle.0, 0.5);
-        let reflected = light(station, between(centre, worst.0, -1.0))?;
+        let reflected = light(between(centre, worst.0, -1.0)).await?;
         taken += 1;
         if reflected.1 > best.1 {
-            let expanded = light(station, between(centre, worst.0, -2.0))?;
+            let expanded = light(between(centre, worst.0, -2.0)).await?;
             taken += 1;
             simplex[2] = if expanded.1 > reflected.1 {
                 expanded
@@ -331,21 +367,21 @@ pub fn nelder_mead(station: &mut Station, spot: &Spot) -> Result<(), Halt> {
         } else {
             worst
         };
-        let contracted = light(station, between(centre, outer.0, 0.5))?;
+        let contracted = light(between(centre, outer.0, 0.5)).await?;
         taken += 1;
         if contracted.1 > outer.1 {
             simplex[2] = contracted;
         } else {
-            simplex[1] = light(station, between(best.0, middle.0, 0.5))?;
-            simplex[2] = light(station, between(best.0, worst.0, 0.5))?;
+            simplex[1] = light(between(best.0, middle.0, 0.5)).await?;
+            simplex[2] = light(between(best.0, worst.0, 0.5)).await?;
             taken += 2;
         }
     }
     let best = simplex
         .iter()
         .fold(simplex[0], |best, p| if p.1 > best.1 { *p } else { best });
-    station.move_micro(spot.side, best.0);
-    station.run(5.0 * SETTLE)?;
+    cell.move_micro(spot.side, best.0)?;
+    cell.wait(5.0 * SETTLE).await?;
     Ok(())
 }
 

@@ -10,12 +10,13 @@ mod told;
 
 use crate::beam::{Beam, Oblong, Peak, Reading};
 use crate::outcome::{Halt, Outcome};
+use crate::reactor::Reactor;
 use crate::recipe::ConicalScan as Shape;
 use crate::shaking::{Measured, Shaking};
 use pigtail_hal::bench::{
     Dither, Event, Glide, Group, GroupCaps, Law, Lead, Light, Meter, Pose, Refused, Ticket, Widens,
 };
-use pigtail_hal::{Bench, Fault, Side};
+use pigtail_hal::{Fault, Side};
 use pigtail_model::frames::Displacement;
 use std::collections::VecDeque;
 
@@ -143,7 +144,7 @@ impl<'r> ConicalScan<'r> {
         watch: Watch,
         beam: Beam,
         shape: &'r Shape,
-        bench: &dyn Bench,
+        bench: &Reactor<'_>,
         (at, gap): (Displacement, f64),
         walk: Walk,
         before: Option<Measured>,
@@ -256,7 +257,7 @@ impl<'r> ConicalScan<'r> {
     }
 
     /// From here on the circles stay behind a group that goes aside, by [`Gap::Aside`]...
-    pub fn begin_aside(&mut self, bench: &dyn Bench, group: Group) {
+    pub fn begin_aside(&mut self, bench: &Reactor<'_>, group: Group) {
         self.aside = bench.pose(group, bench.now()).map(|estimate| estimate.pose);
     }
 
@@ -265,11 +266,11 @@ impl<'r> ConicalScan<'r> {
         self.aside = None;
     }
 
-    fn group<'b>(&self, bench: &'b dyn Bench) -> &'b GroupCaps {
+    fn group<'b>(&self, bench: &'b Reactor<'_>) -> &'b GroupCaps {
         &bench.caps().groups[self.watch.group.0]
     }
 
-    fn arm(&self, bench: &dyn Bench) -> Side {
+    fn arm(&self, bench: &Reactor<'_>) -> Side {
         Side::ALL[self.group(bench).arm]
     }
 
@@ -317,7 +318,7 @@ impl<'r> ConicalScan<'r> {
     /// # Errors
     ///
     /// Why the bench does not play it.
-    fn play(&mut self, bench: &mut dyn Bench, gap: Gap, radius: f64) -> Result<(), Halt> {
+    fn play(&mut self, bench: &Reactor<'_>, gap: Gap, radius: f64) -> Result<(), Halt> {
         /// A gap that is told anew so little different, metres, is the same.
         const SAME: f64 = 1e-9;
         let law = self.law(gap, (GLIDE * self.period, radius));
@@ -357,27 +358,22 @@ impl<'r> ConicalScan<'r> {
     /// # Errors
     ///
     /// The bench's fault; [`Outcome::MicroRange`].
-    pub fn step(&mut self, bench: &mut dyn Bench, gap: Gap, by: f64) -> Result<bool, Halt> {
+    pub async fn step(&mut self, bench: &Reactor<'_>, gap: Gap, by: f64) -> Result<bool, Halt> {
         self.play(bench, gap, GLIDE * self.period)?;
-        Ok(self.pass(bench, gap, by)?)
+        Ok(self.pass(bench, gap, by).await?)
     }
 
-    fn pass(&mut self, bench: &mut dyn Bench, gap: Gap, by: f64) -> Result<bool, Fault> {
-        match bench.next(by)? {
+    async fn pass(&mut self, bench: &Reactor<'_>, gap: Gap, by: f64) -> Result<bool, Fault> {
+        match bench.next(by).await? {
             Event::Light(light) => self.note(bench, gap, &light),
-            Event::Batch(lights) => {
-                for light in &lights {
-                    self.note(bench, gap, light);
-                }
-            }
             Event::Time => return Ok(true),
-            Event::Done(_) | Event::Failed(..) => {}
+            _ => {}
         }
         Ok(false)
     }
 
     /// Pairs light with where the tip was.
-    fn note(&mut self, bench: &dyn Bench, gap: Gap, light: &Light) {
+    fn note(&mut self, bench: &Reactor<'_>, gap: Gap, light: &Light) {
         let volts = light.volts[self.watch.meter.0];
         let then = light.time - self.lag;
         let Some(stood) = bench.pose(self.watch.group, then) else {
@@ -386,6 +382,7 @@ impl<'r> ConicalScan<'r> {
         if volts.is_nan() {
             return;
         }
+        bench.note_reading(light.time);
         let leader = gap.leader().and_then(|group| bench.pose(group, then));
         let leader = leader.map(|leader| leader.pose);
         let gap_then = gap.at(leader);
@@ -408,28 +405,23 @@ impl<'r> ConicalScan<'r> {
     /// # Errors
     ///
     /// As [`Self::step`]; [`Outcome::BenchFailed`] where the ticket fails.
-    pub fn circle_until(
+    pub async fn circle_until(
         &mut self,
-        bench: &mut dyn Bench,
+        bench: &Reactor<'_>,
         gap: Gap,
         by: f64,
         ticket: Ticket,
     ) -> Result<bool, Halt> {
         self.play(bench, gap, GLIDE * self.period)?;
         loop {
-            match bench.next(by)? {
+            match bench.next(by).await? {
                 Event::Light(light) => self.note(bench, gap, &light),
-                Event::Batch(lights) => {
-                    for light in &lights {
-                        self.note(bench, gap, light);
-                    }
-                }
                 Event::Time => return Ok(false),
                 Event::Done(done) if done == ticket => return Ok(true),
                 Event::Failed(failed, why) if failed == ticket => {
                     return Err(Outcome::BenchFailed { why }.into());
                 }
-                Event::Done(_) | Event::Failed(..) => {}
+                _ => {}
             }
         }
     }
@@ -439,8 +431,8 @@ impl<'r> ConicalScan<'r> {
     /// # Errors
     ///
     /// As [`Self::step`].
-    pub fn turn(&mut self, bench: &mut dyn Bench, gap: f64) -> Result<(), Halt> {
-        self.run(bench, Gap::Steady(gap), self.period)
+    pub async fn turn(&mut self, bench: &Reactor<'_>, gap: f64) -> Result<(), Halt> {
+        self.run(bench, Gap::Steady(gap), self.period).await
     }
 
     /// So many seconds on the circle.
@@ -448,20 +440,25 @@ impl<'r> ConicalScan<'r> {
     /// # Errors
     ///
     /// As [`Self::step`].
-    pub fn run(&mut self, bench: &mut dyn Bench, gap: Gap, seconds: f64) -> Result<(), Halt> {
+    pub async fn run(&mut self, bench: &Reactor<'_>, gap: Gap, seconds: f64) -> Result<(), Halt> {
         self.play(bench, gap, GLIDE * self.period)?;
-        Ok(self.last_for(bench, gap, seconds)?)
+        Ok(self.last_for(bench, gap, seconds).await?)
     }
 
     /// Goes on with what is played for so many seconds.
-    fn last_for(&mut self, bench: &mut dyn Bench, gap: Gap, seconds: f64) -> Result<(), Fault> {
+    async fn last_for(&mut self, bench: &Reactor<'_>, gap: Gap, seconds: f64) -> Result<(), Fault> {
         let end = bench.now() + seconds;
-        while !self.pass(bench, gap, end)? {}
+        while !self.pass(bench, gap, end).await? {}
         Ok(())
     }
 
     /// So many seconds on the circle, the middle of which moves on as the peak did.
-    fn follow_drift(&mut self, bench: &mut dyn Bench, gap: f64, seconds: f64) -> Result<(), Halt> {
+    async fn follow_drift(
+        &mut self,
+        bench: &Reactor<'_>,
+        gap: f64,
+        seconds: f64,
+    ) -> Result<(), Halt> {
         self.centre += self.drift * (seconds / self.period);
         let gap = Gap::Steady(gap);
         let law = self.law(gap, (seconds, 0.0));
@@ -470,7 +467,7 @@ impl<'r> ConicalScan<'r> {
         {
             *played = law;
         }
-        Ok(self.last_for(bench, gap, seconds)?)
+        Ok(self.last_for(bench, gap, seconds).await?)
     }
 
     /// The peak by the last turn, at no gap; `None` where there is no light.
@@ -484,7 +481,7 @@ impl<'r> ConicalScan<'r> {
     /// # Errors
     ///
     /// [`Outcome::MicroRange`] where the micro does not reach it.
-    pub fn go_to(&mut self, bench: &dyn Bench, peak: &Peak, gap: f64) -> Result<f64, Outcome> {
+    pub fn go_to(&mut self, bench: &Reactor<'_>, peak: &Peak, gap: f64) -> Result<f64, Outcome> {
         let by = peak.at - self.centre;
         let way = by.norm();
         let by = by * (1.2 * self.beam.width(gap) / way).min(1.0);
@@ -507,9 +504,9 @@ impl<'r> ConicalScan<'r> {
     ///
     /// A fault; [`Outcome::LightLost`] where there is no peak near where it was believed to be,
     /// [`Outcome::Unsure`] after too many turns.
-    pub fn centre(
+    pub async fn centre(
         &mut self,
-        bench: &mut dyn Bench,
+        bench: &Reactor<'_>,
         gap: f64,
         accuracy: f64,
         phase: &'static str,
@@ -525,7 +522,7 @@ impl<'r> ConicalScan<'r> {
         let mut dark = 0;
         let mut last = f64::INFINITY;
         for turn in 1..=self.shape.turns {
-            self.turn(bench, gap)?;
+            self.turn(bench, gap).await?;
             let peak = self.peak();
             let Some(peak) = peak.filter(|p| p.full > SIGNIFICANT * p.full_deviation) else {
                 dark += 1;
@@ -556,8 +553,8 @@ impl<'r> ConicalScan<'r> {
     /// # Errors
     ///
     /// The machine's fault.
-    pub fn rest(&mut self, bench: &mut dyn Bench, gap: f64) -> Result<(), Halt> {
-        self.shrink(bench, gap, 0.0, SHRINK)
+    pub async fn rest(&mut self, bench: &Reactor<'_>, gap: f64) -> Result<(), Halt> {
+        self.shrink(bench, gap, 0.0, SHRINK).await
     }
 
     /// Goes on the circle to another radius, in widths of the peak, within so many turns, and with nought to
@@ -566,10 +563,16 @@ impl<'r> ConicalScan<'r> {
     /// # Errors
     ///
     /// As [`Self::step`].
-    fn shrink(&mut self, bench: &mut dyn Bench, gap: f64, to: f64, turns: f64) -> Result<(), Halt> {
+    async fn shrink(
+        &mut self,
+        bench: &Reactor<'_>,
+        gap: f64,
+        to: f64,
+        turns: f64,
+    ) -> Result<(), Halt> {
         self.radius = to;
         let (gap, seconds) = (Gap::Steady(gap), turns * self.period);
         self.play(bench, gap, seconds)?;
-        Ok(self.last_for(bench, gap, seconds)?)
+        Ok(self.last_for(bench, gap, seconds).await?)
     }
 }

@@ -258,6 +258,11 @@ impl Kinematics {
         counts.0 as f64 / self.counts_per_radian[axis]
     }
 
+    /// How its frame lies in that of the chip.
+    pub fn placement(&self) -> Placement {
+        self.placement
+    }
+
     /// The endpoint's position in the chip's frame.
     pub fn chip_from_macro(&self, p: Point<Macro>) -> Point<Chip> {
         self.placement.chip_from_macro(p)

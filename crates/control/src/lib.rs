@@ -53,6 +53,7 @@ pub mod baselines;
 pub mod beam;
 pub mod belief;
 pub mod calibration;
+pub mod cell;
 pub mod characterize;
 pub mod compensation;
 pub mod contour;
@@ -70,6 +71,7 @@ pub mod outcome;
 pub mod peak;
 pub mod piezo;
 pub mod procedure;
+pub mod reactor;
 pub mod recipe;
 
 pub mod search;

@@ -5,12 +5,13 @@
 //! it is made to, and the circles of the fast procedure too.
 
 use crate::beam::Beam;
+use crate::cell::AlignmentCell;
 use crate::conical_scan::{ConicalScan, Watch};
 use crate::outcome::{Halt, Outcome};
 use crate::peak::{NinePoint, corners};
-use crate::procedure::{Job, light_guides};
+use crate::procedure::{Job, lit};
 use crate::recipe::{Climb, Recipe};
-use crate::station::{Station, fine};
+use crate::station::{Level, Station, fine};
 use pigtail_hal::bench::Meter;
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::Displacement;
@@ -90,50 +91,63 @@ impl Means {
 /// the peak left the micro's range; [`Outcome::TooLate`] where the trial was to begin before the fiber
 /// was there.
 pub fn follow(station: &mut Station, recipe: &Recipe, trial: &Trial) -> Result<Followed, Halt> {
-    light_guides(station, recipe, recipe.last.accuracy)?;
-    Job::output(recipe, 0).reach_output(station, 0)?;
-    station.laser(false);
-    station.run(0.02)?;
-    let dark = station.level(CHANNEL, LOOK)?;
-    station.laser(true);
-    station.run(0.02)?;
-    let here = station.micro(SIDE);
+    let cell = AlignmentCell::over(station);
+    cell.run(followed(&cell, recipe, trial))
+}
+
+/// The first output's fiber at its peak, and the dark beside its light.
+async fn at_peak(cell: &AlignmentCell<'_>, recipe: &Recipe) -> Result<Level, Halt> {
+    lit(cell, recipe, recipe.last.accuracy).await?;
+    Job::output(recipe, 0).reach_output(cell, 0).await?;
+    cell.laser(false)?;
+    cell.wait(0.02).await?;
+    let dark = cell.level(CHANNEL, LOOK).await?;
+    cell.laser(true)?;
+    cell.wait(0.02).await?;
+    Ok(dark)
+}
+
+async fn followed(
+    cell: &AlignmentCell<'_>,
+    recipe: &Recipe,
+    trial: &Trial,
+) -> Result<Followed, Halt> {
+    let dark = at_peak(cell, recipe).await?;
+    let here = cell.micro(SIDE);
     let away = match trial.disturbance {
         Disturbance::Piezos(away) => away,
         Disturbance::Device | Disturbance::Macro(_) => 0.0,
     };
-    let left = trial.begin - station.time() - if away == 0.0 { 0.0 } else { AWAY } - LOOK;
+    let left = trial.begin - cell.now() - if away == 0.0 { 0.0 } else { AWAY } - LOOK;
     if left < 0.0 {
         return Err(Outcome::TooLate {
-            time: station.time(),
+            time: cell.now(),
             begin: trial.begin,
         }
         .into());
     }
-    station.run(left)?;
-    let before = station.level(CHANNEL, LOOK)?.mean - dark.mean;
+    cell.wait(left).await?;
+    let before = cell.level(CHANNEL, LOOK).await?.mean - dark.mean;
     if away != 0.0 {
         // To the side where there is more room.
         let sign = if here.x > 0.0 { -1.0 } else { 1.0 };
-        station.move_micro(SIDE, here + Displacement::new(sign * away, 0.0));
-        station.run(AWAY)?;
-        station.move_micro(SIDE, here);
-        station.run(0.02)?;
+        cell.move_micro(SIDE, here + Displacement::new(sign * away, 0.0))?;
+        cell.wait(AWAY).await?;
+        cell.move_micro(SIDE, here)?;
+        cell.wait(0.02).await?;
     }
     if let Disturbance::Macro(speed) = trial.disturbance {
-        let end = station
-            .wanted(SIDE)
-            .shifted(speed * trial.seconds, 0.0, 0.0);
-        station.start_line(SIDE, end, Some(speed.abs()))?;
+        let end = cell.wanted(SIDE).shifted(speed * trial.seconds, 0.0, 0.0);
+        cell.start_line(SIDE, end, Some(speed.abs()))?;
     }
-    let begin = station.time();
+    let begin = cell.now();
     let end = begin + trial.seconds;
     match trial.means {
-        Means::Rest => station.run(trial.seconds)?,
+        Means::Rest => cell.wait(trial.seconds).await?,
         Means::NinePoint(climb) => {
-            let mut peak = NinePoint::new(&climb, station, SIDE, CHANNEL);
-            while station.time() < end {
-                peak.step(station)?;
+            let mut peak = NinePoint::new(&climb, cell, SIDE, CHANNEL);
+            while cell.now() < end {
+                peak.step(cell).await?;
             }
         }
         Means::Circles => {
@@ -141,29 +155,29 @@ pub fn follow(station: &mut Station, recipe: &Recipe, trial: &Trial) -> Result<F
                 group: fine(SIDE),
                 meter: Meter(CHANNEL.index()),
                 background: dark.mean,
-                noise: dark.sigma.max(station.spec().photodiode.step()),
+                noise: dark.sigma.max(cell.spec().photodiode.step()),
                 still: dark.sigma,
                 still_degrees: f64::INFINITY,
             };
             let gap = recipe.approach.gap;
             let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
-            let at = station.micro(SIDE);
+            let at = cell.micro(SIDE);
             let shape = &recipe.fast.conical_scan;
-            let (still, before) = (Displacement::ZERO, station.measured_shaking(SIDE));
-            let mut scan = ConicalScan::new(watch, beam, shape, station, (at, gap), still, before);
-            while station.time() < end {
-                scan.turn(station, gap)?;
+            let (still, before) = (Displacement::ZERO, cell.measured_shaking(SIDE));
+            let mut scan = ConicalScan::new(watch, beam, shape, cell, (at, gap), still, before);
+            while cell.now() < end {
+                scan.turn(cell, gap).await?;
                 if let Some(peak) = scan.peak() {
-                    scan.go_to(station, &peak, gap)?;
+                    scan.go_to(cell, &peak, gap)?;
                 }
             }
-            scan.rest(station, gap)?;
+            scan.rest(cell, gap).await?;
         }
     }
     // The look is short: the peak goes on moving.
-    let after = station.level(CHANNEL, 0.02)?.mean - dark.mean;
-    station.attach(SIDE, Channel::Sensing)?;
-    station.halt(SIDE);
+    let after = cell.level(CHANNEL, 0.02).await?.mean - dark.mean;
+    cell.attach(SIDE, Channel::Sensing).await?;
+    cell.brake(SIDE)?;
     Ok(Followed {
         before,
         after,
@@ -197,36 +211,40 @@ pub fn profile(
     half: f64,
     points: usize,
 ) -> Result<Vec<Around>, Halt> {
+    let cell = AlignmentCell::over(station);
+    cell.run(profiled(&cell, recipe, half, points))
+}
+
+async fn profiled(
+    cell: &AlignmentCell<'_>,
+    recipe: &Recipe,
+    half: f64,
+    points: usize,
+) -> Result<Vec<Around>, Halt> {
     /// Time at a point, of which the last part counts, seconds.
     const DWELL: f64 = 0.012;
-    light_guides(station, recipe, recipe.last.accuracy)?;
-    Job::output(recipe, 0).reach_output(station, 0)?;
-    station.laser(false);
-    station.run(0.02)?;
-    let dark = station.level(CHANNEL, LOOK)?.mean;
-    station.laser(true);
-    station.run(0.02)?;
-    let here = station.micro(SIDE);
+    let dark = at_peak(cell, recipe).await?.mean;
+    let here = cell.micro(SIDE);
     if let Some(Displacement { x, y }) = corners(half)
         .map(|corner| here + corner)
         .into_iter()
-        .find(|at| !station.kinematics(SIDE).micro_reaches(*at))
+        .find(|at| !cell.micro_reaches(SIDE, *at))
     {
         return Err(Outcome::ProfileRange { x, y }.into());
     }
-    let mut look = |x: f64, y: f64, rest: f64| -> Result<Around, Halt> {
-        station.move_micro(SIDE, here + Displacement::new(x, y));
-        station.run(rest)?;
-        let light = station.level(CHANNEL, DWELL)?.mean - dark;
+    let look = async |x: f64, y: f64, rest: f64| -> Result<Around, Halt> {
+        cell.move_micro(SIDE, here + Displacement::new(x, y))?;
+        cell.wait(rest).await?;
+        let light = cell.level(CHANNEL, DWELL).await?.mean - dark;
         Ok(Around { x, y, light })
     };
-    let mut around = vec![look(0.0, 0.0, DWELL)?];
+    let mut around = vec![look(0.0, 0.0, DWELL).await?];
     let at = |k: usize| half * (2.0 * k as f64 / (points.max(2) - 1) as f64 - 1.0);
     for line in 0..points {
         for k in 0..points {
             // Back from the end of a line takes longer than from point to point.
             let rest = if k == 0 { 5.0 * DWELL } else { DWELL };
-            around.push(look(at(k), at(line), rest)?);
+            around.push(look(at(k), at(line), rest).await?);
         }
     }
     Ok(around)

@@ -9,13 +9,14 @@
 //! [`Searcher::raster`](crate::search::Searcher::raster) does and for the same reason: a macro that
 //! swept 100 um back and forth would spend it winding up its transmissions.
 
+use crate::cell::{AlignmentCell, Reach};
 use crate::outcome::Halt;
 use crate::procedure::{AROUND, Job};
 use crate::recipe::Recipe;
-use crate::search::{Hit, Searcher};
+use crate::search::{Hit, KNOTS, MORE_LINES, Searcher};
 use crate::station::Station;
 use crate::tip_estimator::Tip;
-use pigtail_hal::{Channel, FiberHandling, Side, Spec};
+use pigtail_hal::{Channel, Side, Spec};
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
@@ -258,6 +259,15 @@ pub struct Light {
 ///
 /// The machine's fault, or why a fiber could not be placed.
 pub fn cover(station: &mut Station, recipe: &Recipe, space: &Space) -> Result<Coverage, Halt> {
+    let cell = AlignmentCell::over(station);
+    cell.run(covered(&cell, recipe, space))
+}
+
+async fn covered(
+    cell: &AlignmentCell<'_>,
+    recipe: &Recipe,
+    space: &Space,
+) -> Result<Coverage, Halt> {
     // What the second look takes from the recipe.
     let mut recipe = recipe.clone();
     recipe.raster.x = space.x;
@@ -268,46 +278,45 @@ pub fn cover(station: &mut Station, recipe: &Recipe, space: &Space) -> Result<Co
         Method::MacroRaster | Method::MicroRaster => Channel::of_output(0),
         Method::Multimode => Channel::Sensing,
     };
-    station.laser(true);
+    cell.laser(true)?;
     let mut input = Job::input(recipe);
     input.channel = channel;
     let output = Job::output(recipe, 0);
-    let begin = station.time();
-    station.announce(space.method.name(), "coarse");
-    station.handle_fiber(Side::Left, FiberHandling::Load(0))?;
+    let begin = cell.now();
+    cell.announce(space.method.name(), "coarse");
+    cell.load(Side::Left, 0).await?;
     let gap = recipe.raster.gap;
-    let lowest = |job: &Job, up: f64| job.port.shifted(job.walk(), up - 0.5 * space.y, 0.0);
-    input.place(station, Side::Left, Tip::Fiber, lowest(&input, 0.0), gap)?;
-    let mut coarse_seconds = station.time() - begin;
+    let lowest = |job: &Job<'_>, up: f64| job.port.shifted(job.walk(), up - 0.5 * space.y, 0.0);
+    input
+        .place(cell, Side::Left, Tip::Fiber, lowest(&input, 0.0), gap)
+        .await?;
+    let mut coarse_seconds = cell.now() - begin;
     let mut sensing_seconds = None;
     if space.method == Method::Multimode {
-        station.announce(space.method.name(), "sensing");
-        input.find_top(station, recipe.ports.outputs[0])?;
-        sensing_seconds = Some(station.time() - begin - coarse_seconds);
+        cell.announce(space.method.name(), "sensing");
+        input.find_top(cell, recipe.ports.outputs[0]).await?;
+        sensing_seconds = Some(cell.now() - begin - coarse_seconds);
     } else {
-        station.handle_fiber(Side::Right, FiberHandling::Load(0))?;
+        cell.load(Side::Right, 0).await?;
         // The grid's points are the middles of its cells.
         let first = lowest(&output, 0.5 * space.mesh);
-        output.place(station, Side::Right, Tip::Fiber, first, gap)?;
-        coarse_seconds = station.time() - begin;
+        output
+            .place(cell, Side::Right, Tip::Fiber, first, gap)
+            .await?;
+        coarse_seconds = cell.now() - begin;
     }
-    station.announce(space.method.name(), "search");
-    let searcher = Searcher::measure(
-        station,
-        Side::Left,
-        channel,
-        recipe.raster.significance,
-        0.5,
-    )?;
-    let starts = Side::ALL.map(|side| station.wanted(side));
+    cell.announce(space.method.name(), "search");
+    let searcher =
+        Searcher::measure(cell, Side::Left, channel, recipe.raster.significance, 0.5).await?;
+    let starts = Side::ALL.map(|side| cell.wanted(side));
     let mut scan = Scan {
         recipe,
         space,
         input,
         searcher,
         starts,
-        amplitude: (0.5 * space.x).min(station.kinematics(Side::Left).micro_range_x()),
-        begin: station.time(),
+        reaches: Side::ALL.map(|side| cell.micro_reach_x(side).within(space.x, 1.0)),
+        begin: cell.now(),
         looking: 0.0,
         coverage: Coverage {
             seconds: 0.0,
@@ -321,9 +330,9 @@ pub fn cover(station: &mut Station, recipe: &Recipe, space: &Space) -> Result<Co
             found: None,
         },
     };
-    scan.run(station)?;
+    scan.run(cell).await?;
     for side in Side::ALL {
-        station.move_micro(side, Displacement::ZERO);
+        cell.move_micro(side, Displacement::ZERO)?;
     }
     Ok(scan.coverage)
 }
@@ -346,8 +355,8 @@ struct Scan<'r> {
     searcher: Searcher,
     /// Where the macros began: the bottom of each area.
     starts: [Point<Macro>; 2],
-    /// Of the micro's sweep, metres.
-    amplitude: f64,
+    /// From where to where the micros sweep.
+    reaches: [Reach; 2],
     begin: f64,
     /// Time spent on second looks so far, seconds.
     looking: f64,
@@ -356,7 +365,7 @@ struct Scan<'r> {
 
 impl Scan<'_> {
     /// The whole space.
-    fn run(&mut self, station: &mut Station) -> Result<(), Halt> {
+    async fn run(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
         let (across, up) = self.space.points();
         let (rows, columns) = match self.space.method {
             Method::MacroRaster => (up, across),
@@ -367,40 +376,40 @@ impl Scan<'_> {
             let here = self.starts[1].shifted(0.0, row as f64 * self.space.mesh, 0.0);
             for column in 0..columns {
                 if row + column > 0 {
-                    self.back(station)?;
+                    self.back(cell).await?;
                 }
                 if row > 0 && column == 0 {
-                    self.input.arrive(station, Side::Right, here)?;
+                    self.input.arrive(cell, Side::Right, here).await?;
                 }
                 let x = match self.space.method {
                     Method::MacroRaster => self.column(column, across),
                     Method::MicroRaster | Method::Multimode => 0.0,
                 };
-                if let Some(bright) = self.pass(station, x)? {
-                    self.look(station, &bright, here)?;
+                if let Some(bright) = self.pass(cell, x).await? {
+                    self.look(cell, &bright, here).await?;
                 }
             }
         }
-        self.coverage.seconds = station.time() - self.begin - self.looking;
+        self.coverage.seconds = cell.now() - self.begin - self.looking;
         if self.space.method == Method::Multimode {
-            self.sidestep(station)?;
+            self.sidestep(cell).await?;
         }
         Ok(())
     }
 
     /// The guided light may have passed beside the sensing fiber's core: to either side.
-    fn sidestep(&mut self, station: &mut Station) -> Result<(), Halt> {
+    async fn sidestep(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
         let step = self.recipe.sensing.sidestep;
         for aside in [step, -step] {
             if self.coverage.found.is_some() {
                 break;
             }
             let here = self.starts[1].shifted(aside, 0.0, 0.0);
-            self.input.arrive(station, Side::Right, here)?;
-            self.back(station)?;
+            self.input.arrive(cell, Side::Right, here).await?;
+            self.back(cell).await?;
             self.coverage.passes += 1;
-            if let Some(bright) = self.pass(station, 0.0)? {
-                self.look(station, &bright, here)?;
+            if let Some(bright) = self.pass(cell, 0.0).await? {
+                self.look(cell, &bright, here).await?;
             }
         }
         Ok(())
@@ -409,26 +418,24 @@ impl Scan<'_> {
     /// A point of the output's grid across, as far as its micro reaches.
     fn column(&self, column: usize, across: usize) -> f64 {
         let middle = 0.5 * (across as f64 - 1.0);
-        ((column as f64 - middle) * self.space.mesh).clamp(-self.amplitude, self.amplitude)
+        ((column as f64 - middle) * self.space.mesh)
+            .clamp(self.reaches[1].low, self.reaches[1].high)
     }
 
     /// Brings the input back to the bottom of its area, arriving from below. It need not settle:
     /// it goes on upward at once.
-    fn back(&self, station: &mut Station) -> Result<(), Halt> {
+    async fn back(&self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
         let start = self.starts[0];
-        station.move_micro(Side::Left, Displacement::ZERO);
+        cell.move_micro(Side::Left, Displacement::ZERO)?;
         for to in [start.shifted(0.0, -self.recipe.coarse.run_up, 0.0), start] {
-            station.start_line(Side::Left, to, None)?;
-            while station.moving(Side::Left) {
-                station.cycle()?;
-            }
+            cell.go(Side::Left, to).await?;
         }
         Ok(())
     }
 
     /// One creep of the input from the bottom of its area to the top, the output's micro at `x` or,
     /// in method 2, scanning too. Returns the brightest that counts as light.
-    fn pass(&mut self, station: &mut Station, x: f64) -> Result<Option<Bright>, Halt> {
+    async fn pass(&mut self, cell: &AlignmentCell<'_>, x: f64) -> Result<Option<Bright>, Halt> {
         let Space {
             y, mesh, frequency, ..
         } = *self.space;
@@ -436,36 +443,34 @@ impl Scan<'_> {
         // Method 2: a period a line of the output, and one more to bring its micro back.
         let lines = self.space.points().0 as f64;
         let periods = if micro { lines + 1.0 } else { 1.0 };
-        let amplitude = self.amplitude;
+        let [of_input, of_output] = self.reaches;
         let across = |x: f64| Displacement::new(x, 0.0);
         let output = move |elapsed: f64| {
-            if !micro {
-                return across(x);
-            }
             let phase = (elapsed.max(0.0) * frequency) % periods;
             across(if phase < 1.0 {
-                amplitude * (PI * phase).cos()
+                of_output.at((PI * phase).cos())
             } else {
-                amplitude * (2.0 * (phase - 1.0) / lines - 1.0)
+                of_output.at(2.0 * (phase - 1.0) / lines - 1.0)
             })
         };
-        let input = move |elapsed: f64| across(amplitude * (TAU * frequency * elapsed).sin());
+        let input = move |elapsed: f64| across(of_input.at((TAU * frequency * elapsed).sin()));
         let lag = self.recipe.fast.sweep.lag;
-        station.start_line(
+        cell.start_line(
             Side::Left,
             self.starts[0].shifted(0.0, y, 0.0),
             Some(mesh * frequency / periods),
         )?;
-        let begin = station.time();
+        let step = (KNOTS * frequency).recip().max(cell.caps().cycle);
+        let seconds = (y / mesh + MORE_LINES) * periods / frequency;
+        cell.micro_path(Side::Left, (seconds, step), input)?;
+        match self.space.method {
+            Method::MacroRaster => cell.move_micro(Side::Right, across(x))?,
+            Method::MicroRaster => cell.micro_path(Side::Right, (seconds, step), output)?,
+            Method::Multimode => {}
+        }
         let mut bright: Option<Bright> = None;
-        while station.moving(Side::Left) {
-            let elapsed = station.time() - begin;
-            station.move_micro(Side::Left, input(elapsed));
-            if self.space.method != Method::Multimode {
-                station.move_micro(Side::Right, output(elapsed));
-            }
-            station.cycle()?;
-            let Some(volts) = station.light(self.searcher.channel) else {
+        while cell.is_moving(Side::Left) {
+            let Some(volts) = cell.light(self.searcher.channel, f64::INFINITY).await? else {
                 continue;
             };
             let seen = &mut self.coverage;
@@ -474,16 +479,16 @@ impl Scan<'_> {
             let level = volts - self.searcher.background.mean;
             if volts > self.searcher.threshold && bright.is_none_or(|b| level > b.input.level) {
                 // Where the tips were when this light went through them.
-                let then = elapsed - lag;
+                let then = cell.now() - lag;
                 bright = Some(Bright {
-                    time: station.time(),
+                    time: cell.now(),
                     input: Hit {
-                        endpoint: station.endpoint(Side::Left),
-                        micro: input(then),
+                        endpoint: cell.endpoint(Side::Left),
+                        micro: cell.micro_at(Side::Left, then),
                         level,
                     },
-                    output: station.endpoint(Side::Right),
-                    output_micro: output(then),
+                    output: cell.endpoint(Side::Right),
+                    output_micro: cell.micro_at(Side::Right, then),
                 });
             }
         }
@@ -492,28 +497,28 @@ impl Scan<'_> {
 
     /// Looks at a bright place a second time, unless light is known already, and leaves the output
     /// at `here`.
-    fn look(
+    async fn look(
         &mut self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         bright: &Bright,
         here: Point<Macro>,
     ) -> Result<(), Halt> {
         if self.coverage.found.is_some() || self.coverage.dismissed >= MOST_DISMISSED {
             return Ok(());
         }
-        let begin = station.time();
+        let begin = cell.now();
         let moves_output = self.space.method != Method::Multimode;
         if moves_output {
-            station.move_micro(Side::Right, bright.output_micro);
+            cell.move_micro(Side::Right, bright.output_micro)?;
         }
         let mut found = false;
         for around in AROUND {
             self.input
-                .recentre(station, &self.searcher, &bright.input, around)?;
-            let level = self.searcher.contrast(station, self.space.mesh)?;
+                .recentre(cell, &self.searcher, &bright.input, around)
+                .await?;
+            let level = self.searcher.contrast(cell, self.space.mesh).await?;
             if level > 0.5 * bright.input.level {
-                self.coverage.found =
-                    Some(self.light(station, bright, level, station.time() - begin));
+                self.coverage.found = Some(self.light(cell, bright, level, cell.now() - begin));
                 found = true;
                 break;
             }
@@ -522,17 +527,17 @@ impl Scan<'_> {
             self.coverage.dismissed += 1;
         }
         if moves_output {
-            self.input.arrive(station, Side::Right, here)?;
+            self.input.arrive(cell, Side::Right, here).await?;
         }
-        self.looking += station.time() - begin;
+        self.looking += cell.now() - begin;
         Ok(())
     }
 
     /// Light where both fibers stand now, after a second look of so many seconds.
-    fn light(&self, station: &Station, bright: &Bright, level: f64, looked: f64) -> Light {
+    fn light(&self, cell: &AlignmentCell<'_>, bright: &Bright, level: f64, looked: f64) -> Light {
         // From the middle of the area, by what control believes of its directions.
         let from_middle = |side: Side, at: Point<Macro>, micro: Displacement, first: f64| {
-            let kinematics = station.kinematics(side);
+            let kinematics = cell.frame(side);
             let middle = self.starts[side.index()].shifted(0.0, 0.5 * self.space.y - first, 0.0);
             let middle: Point<Chip> = kinematics.chip_from_macro(middle);
             let tip = kinematics.chip_from_macro(at.moved(micro));
@@ -543,7 +548,7 @@ impl Scan<'_> {
             // Earlier looks at what was none have cost their time too.
             seconds: bright.time - self.begin + looked,
             level,
-            input: from_middle(left, station.endpoint(left), station.micro(left), 0.0),
+            input: from_middle(left, cell.endpoint(left), cell.micro(left), 0.0),
             output: (self.space.method != Method::Multimode).then(|| {
                 let first = 0.5 * self.space.mesh;
                 from_middle(right, bright.output, bright.output_micro, first)

@@ -6,16 +6,18 @@
 //! believed.
 
 use crate::beam::{Beam, Peak, Reading};
+use crate::cell::AlignmentCell;
 use crate::impulse::belief::ImpulseBelief;
 use crate::impulse::response::Response;
 use crate::outcome::{Halt, Lack, Outcome, SearchEvidence};
 use crate::procedure::{FiberReport, Job, each_fiber, look, lost, no_light, outward};
+use crate::reactor::VoltageMachine;
 use crate::recipe::Recipe;
 use crate::search::Searcher;
 use crate::station::Station;
 use crate::tip_estimator::Tip;
 use pigtail_hal::quantity::Volts;
-use pigtail_hal::{Axis, AxisName, Channel, FiberHandling, Side};
+use pigtail_hal::{Axis, AxisName, Channel, Side};
 use pigtail_model::frames::{Displacement, Macro, Point};
 
 /// The joints that pulses move.
@@ -89,110 +91,127 @@ const PATTERNS: u32 = 60;
 
 /// Aligns the input fiber and the output fibers of one device without moving any micro.
 pub fn macro_only(station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
-    station.laser(true);
-    each_fiber(station, recipe, |job, station, port| {
-        align(job, station, port.unwrap_or(0))
-    })
+    let cell = AlignmentCell::over(station);
+    let cell = &cell;
+    cell.run(each_fiber(cell, recipe, async |job, port| {
+        if port.is_none() {
+            cell.laser(true)?;
+        }
+        align(job, cell, port.unwrap_or(0)).await
+    }))
 }
 
 /// Aligns one fiber; the servo has the joints back in the end, whatever came of it.
-fn align(job: &mut Job, station: &mut Station, index: usize) -> Result<(), Halt> {
-    let result = held_and_nudged(job, station, index);
-    for axis in JOINTS {
-        station.close_loop(AxisName {
-            side: job.side,
-            axis,
-        });
-    }
+async fn align(job: &mut Job<'_>, cell: &AlignmentCell<'_>, index: usize) -> Result<(), Halt> {
+    let result = held_and_nudged(job, cell, index).await;
+    let side = job.side;
+    cell.voltage(|machine| {
+        for axis in JOINTS {
+            machine.close_loop(AxisName { side, axis });
+        }
+    });
     result
 }
 
-fn held_and_nudged(job: &mut Job, station: &mut Station, index: usize) -> Result<(), Halt> {
+async fn held_and_nudged(
+    job: &mut Job<'_>,
+    cell: &AlignmentCell<'_>,
+    index: usize,
+) -> Result<(), Halt> {
     let (side, recipe) = (job.side, job.recipe);
-    job.phase(station, "coarse", |job, station| {
-        job.withdraw(station, side)?;
-        if !station.carries(side) {
-            station.handle_fiber(side, FiberHandling::Load(index as u8))?;
+    job.phase(cell, "coarse", async |job| {
+        job.withdraw(cell, side).await?;
+        if !cell.carries(side) {
+            cell.load(side, index).await?;
         }
         let start = job.search_start();
-        job.place(station, side, Tip::Fiber, start, recipe.raster.gap)
-    })?;
+        job.place(cell, side, Tip::Fiber, start, recipe.raster.gap)
+            .await
+    })
+    .await?;
     let mut top = None;
     if side == Side::Left {
-        top = Some(job.phase(station, "sensing", |job, station| {
-            job.find_top(station, recipe.ports.outputs[0])
-        })?);
+        top = Some(
+            job.phase(cell, "sensing", async |job| {
+                job.find_top(cell, recipe.ports.outputs[0]).await
+            })
+            .await?,
+        );
     }
-    let (searcher, place) = job.phase(station, "search", |job, station| {
-        let start = station.wanted(side);
-        let step = recipe.sensing.sidestep;
-        let mut evidence: Option<SearchEvidence> = None;
-        // The guided light may pass beside the sensing fiber's core, to either side.
-        let asides: &[f64] = if top.is_some() {
-            &[0.0, step, -step]
-        } else {
-            &[0.0]
-        };
-        for aside in asides {
-            if let Some(top) = top {
-                job.arrive(station, Side::Right, top.shifted(*aside, 0.0, 0.0))?;
+    let (searcher, place) = job
+        .phase(cell, "search", async |job| {
+            let start = cell.wanted(side);
+            let step = recipe.sensing.sidestep;
+            let mut evidence: Option<SearchEvidence> = None;
+            // The guided light may pass beside the sensing fiber's core, to either side.
+            let asides: &[f64] = if top.is_some() {
+                &[0.0, step, -step]
+            } else {
+                &[0.0]
+            };
+            for aside in asides {
+                if let Some(top) = top {
+                    job.arrive(cell, Side::Right, top.shifted(*aside, 0.0, 0.0))
+                        .await?;
+                }
+                match search(job, cell, start).await {
+                    Ok(found) => return Ok(found),
+                    Err(halt) => evidence = Some(halt.no_light()?.after(evidence)),
+                }
             }
-            match search(job, station, start) {
-                Ok(found) => return Ok(found),
-                Err(halt) => evidence = Some(halt.no_light()?.after(evidence)),
-            }
-        }
-        Err(no_light(evidence))
-    })?;
-    let mut nudger = job.phase(station, "centre", |job, station| {
-        let mut nudger = Nudger::new(station, job, &searcher)?;
-        relaxed_at(job, station, place)?;
-        nudger.hold(station);
-        nudger.find(station, recipe.raster.gap)?;
-        nudger.centre(station, recipe.raster.gap, &FIRST)?;
-        Ok(nudger)
-    })?;
-    let before = nudger.level(station, LAST.seconds)?;
-    job.phase(station, "approach", |job, station| {
-        let (_, z) = look(station, side, Tip::Fiber, recipe.approach.frames)?;
+            Err(no_light(evidence))
+        })
+        .await?;
+    let mut nudger = job
+        .phase(cell, "centre", async |job| {
+            let mut nudger = Nudger::new(cell, job, &searcher)?;
+            relaxed_at(job, cell, place).await?;
+            nudger.hold(cell);
+            nudger.find(cell, recipe.raster.gap).await?;
+            nudger.centre(cell, recipe.raster.gap, &FIRST).await?;
+            Ok(nudger)
+        })
+        .await?;
+    let before = nudger.level(cell, LAST.seconds).await?;
+    job.phase(cell, "approach", async |job| {
+        let (_, z) = look(cell, side, Tip::Fiber, recipe.approach.frames).await?;
         let mut gap = outward(side) * (z - job.port.z);
         let steps = ((gap - recipe.approach.gap) / STEP).ceil().max(1.0);
         let step = (gap - recipe.approach.gap) / steps;
         for _ in 0..steps as u32 {
-            let end = station.wanted(side).shifted(0.0, 0.0, step);
-            station.start_line(side, end, None)?;
-            while station.moving(side) {
-                station.cycle()?;
-            }
-            station.run(0.04)?;
+            let end = cell.wanted(side).shifted(0.0, 0.0, step);
+            cell.go(side, end).await?;
+            cell.wait(0.04).await?;
             gap -= step;
-            nudger.walk(station, job, step)?;
-            nudger.centre(station, gap, &APPROACH)?;
+            nudger.walk(cell, job, step).await?;
+            nudger.centre(cell, gap, &APPROACH).await?;
         }
         Ok(())
-    })?;
-    job.phase(station, "final", |job, station| {
-        nudger.centre(station, recipe.approach.gap, &LAST)?;
-        let last = station.level(job.channel, LAST.seconds)?;
+    })
+    .await?;
+    job.phase(cell, "final", async |job| {
+        nudger.centre(cell, recipe.approach.gap, &LAST).await?;
+        let last = cell.level(job.channel, LAST.seconds).await?;
         let after = last.mean - nudger.background;
         if after < recipe.accept.growth * before {
             return Err(Outcome::FalseLight { before, after }.into());
         }
-        job.attach(station, last, nudger.background, None)
+        job.attach(cell, last, nudger.background, None).await
     })
+    .await
 }
 
 /// Looks for light in columns, from the middle outward, all of them upward; where it is, the micro in
 /// its middle all the time.
-fn search(
-    job: &mut Job,
-    station: &mut Station,
+async fn search(
+    job: &mut Job<'_>,
+    cell: &AlignmentCell<'_>,
     start: Point<Macro>,
 ) -> Result<(Searcher, Point<Macro>), Halt> {
     let (side, recipe) = (job.side, job.recipe);
     let raster = &recipe.raster;
-    station.move_micro(side, Displacement::ZERO);
-    let searcher = Searcher::measure(station, side, job.channel, raster.significance, 0.5)?;
+    cell.move_micro(side, Displacement::ZERO)?;
+    let searcher = Searcher::measure(cell, side, job.channel, raster.significance, 0.5).await?;
     let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
     let pitch = PITCH * beam.width(raster.gap);
     let columns = (0.5 * raster.x / pitch).ceil() as i32 + 1;
@@ -209,17 +228,17 @@ fn search(
         // 0, 1, -1, 2, -2 and so on.
         let column = f64::from((k + 1) / 2) * if k % 2 == 1 { 1.0 } else { -1.0 };
         let low = start.shifted(column * pitch, 0.0, 0.0);
-        job.arrive(station, side, low)?;
+        job.arrive(cell, side, low).await?;
         let top = low.shifted(0.0, raster.height(), 0.0);
         evidence.width = f64::from(k + 1) * pitch;
-        let Some(first) = brightest(station, &searcher, top, SPEED, &mut evidence)? else {
+        let Some(first) = brightest(cell, &searcher, top, SPEED, &mut evidence).await? else {
             continue;
         };
         // What fluctuates is not there again.
         let below = Point::new(low.x, first.y - AROUND, low.z);
-        job.arrive(station, side, below)?;
+        job.arrive(cell, side, below).await?;
         let above = below.shifted(0.0, 2.0 * AROUND, 0.0);
-        match brightest(station, &searcher, above, SLOW, &mut evidence)? {
+        match brightest(cell, &searcher, above, SLOW, &mut evidence).await? {
             Some(again) => return Ok((searcher, Point::new(low.x, again.y, low.z))),
             None => evidence.dismissed += 1,
         }
@@ -228,19 +247,18 @@ fn search(
 }
 
 /// The brightest place on a line to `end`, if it is bright at all; stops soon after.
-fn brightest(
-    station: &mut Station,
+async fn brightest(
+    cell: &AlignmentCell<'_>,
     searcher: &Searcher,
     end: Point<Macro>,
     speed: f64,
     evidence: &mut SearchEvidence,
 ) -> Result<Option<Point<Macro>>, Halt> {
     let side = searcher.side;
-    station.start_line(side, end, Some(speed))?;
+    cell.start_line(side, end, Some(speed))?;
     let mut best: Option<(f64, Point<Macro>)> = None;
-    while station.moving(side) {
-        station.cycle()?;
-        let Some(volts) = station.light(searcher.channel) else {
+    while cell.is_moving(side) {
+        let Some(volts) = cell.light(searcher.channel, f64::INFINITY).await? else {
             continue;
         };
         evidence.samples += 1;
@@ -248,10 +266,10 @@ fn brightest(
         let level = volts - searcher.background.mean;
         let bright = volts > searcher.threshold;
         if bright && best.is_none_or(|(most, _)| level > most) {
-            best = Some((level, station.endpoint(side)));
+            best = Some((level, cell.endpoint(side)));
         }
         if best.is_some_and(|(most, _)| level < 0.2 * most) {
-            station.brake(side);
+            cell.brake(side)?;
         }
     }
     Ok(best.map(|(_, place)| place))
@@ -259,25 +277,32 @@ fn brightest(
 
 /// Brings an endpoint to a place such that, by what is believed of the windup, its transmissions carry
 /// nothing there: from below beyond it, and back until they are relaxed.
-fn relaxed_at(job: &Job, station: &mut Station, place: Point<Macro>) -> Result<(), Halt> {
+async fn relaxed_at(
+    job: &Job<'_>,
+    cell: &AlignmentCell<'_>,
+    place: Point<Macro>,
+) -> Result<(), Halt> {
     let side = job.side;
-    let windup = |station: &Station| {
-        let of = |axis| station.windup(AxisName { side, axis });
-        of(Axis::A) - of(Axis::B)
+    let windup = || {
+        let of = |machine: &mut dyn VoltageMachine| {
+            let of = |axis| machine.windup(AxisName { side, axis });
+            of(Axis::A) - of(Axis::B)
+        };
+        cell.voltage(of).unwrap_or(0.0)
     };
     let mut back = FIRST_BACK;
     for _ in 0..3 {
         let beyond = place.shifted(0.0, back, 0.0);
-        job.arrive(station, side, beyond)?;
-        let wound = windup(station);
+        job.arrive(cell, side, beyond).await?;
+        let wound = windup();
         let end = beyond.shifted(0.0, -MOST_BACK, 0.0);
-        station.start_line(side, end, Some(SLOW))?;
-        while station.moving(side) && windup(station) * wound > 0.0 {
-            station.cycle()?;
+        cell.start_line(side, end, Some(SLOW))?;
+        while cell.is_moving(side) && windup() * wound > 0.0 {
+            cell.next(cell.now() + cell.caps().cycle).await?;
         }
-        station.halt(side);
-        station.run(0.1)?;
-        let gone = beyond.y - station.wanted(side).y;
+        cell.brake(side)?;
+        cell.wait(0.1).await?;
+        let gone = beyond.y - cell.wanted(side).y;
         if (gone - back).abs() < 2e-6 || gone > 0.9 * MOST_BACK {
             break;
         }
@@ -309,17 +334,17 @@ struct Nudger {
 }
 
 impl Nudger {
-    fn new(station: &Station, job: &Job, searcher: &Searcher) -> Result<Self, Outcome> {
+    fn new(cell: &AlignmentCell<'_>, job: &Job<'_>, searcher: &Searcher) -> Result<Self, Outcome> {
         let side = job.side;
-        let belief = station
-            .five_bar_pulses()
+        let (belief, kinematics) = cell
+            .voltage(|machine| (machine.five_bar_pulses(), machine.kinematics(side).clone()))
             .ok_or(Outcome::Lacking(Lack::Pulses))?;
-        let probe = station.spec().probe.as_ref();
+        let belief = belief.ok_or(Outcome::Lacking(Lack::Pulses))?;
+        let probe = cell.spec().probe.as_ref();
         let arm = belief.arm.or(probe.map(|probe| probe.arm));
         let arm = arm.ok_or(Outcome::Lacking(Lack::PulseArm))?;
-        let kinematics = station.kinematics(side);
         let here = kinematics
-            .outputs_at(station.wanted(side))
+            .outputs_at(cell.wanted(side))
             .map_err(Outcome::Immobile)?;
         let mut columns = [Displacement::ZERO; 2];
         for (joint, column) in columns.iter_mut().enumerate() {
@@ -336,7 +361,7 @@ impl Nudger {
             *column = (high.across() - low.across()) * per_metre;
         }
         let recipe = job.recipe;
-        let step = station.spec().photodiode.step();
+        let step = cell.spec().photodiode.step();
         Ok(Self {
             side,
             channel: job.channel,
@@ -354,20 +379,22 @@ impl Nudger {
     }
 
     /// Lets go of the joints.
-    fn hold(&self, station: &mut Station) {
-        for axis in JOINTS {
-            let side = self.side;
-            station.hold_voltage(AxisName { side, axis }, Volts(0.0));
-        }
+    fn hold(&self, cell: &AlignmentCell<'_>) {
+        let side = self.side;
+        cell.voltage(|machine| {
+            for axis in JOINTS {
+                machine.hold_voltage(AxisName { side, axis }, Volts(0.0));
+            }
+        });
     }
 
     /// The light above the background, volts.
-    fn level(&self, station: &mut Station, seconds: f64) -> Result<f64, Halt> {
-        Ok(station.level(self.channel, seconds)?.mean - self.background)
+    async fn level(&self, cell: &AlignmentCell<'_>, seconds: f64) -> Result<f64, Halt> {
+        Ok(cell.level(self.channel, seconds).await?.mean - self.background)
     }
 
     /// Moves the fiber by pulses on both joints.
-    fn nudge(&mut self, station: &mut Station, by: Displacement) -> Result<(), Halt> {
+    async fn nudge(&mut self, cell: &AlignmentCell<'_>, by: Displacement) -> Result<(), Halt> {
         let mut left = self.joints(by);
         let most = self.belief.curve.last().map_or(0.0, |last| last[1]);
         // Less than that is not worth a pulse.
@@ -387,11 +414,12 @@ impl Nudger {
                 let choice = self.response.choose(part.abs() / gain, 1.0, part > 0.0);
                 let side = self.side;
                 let pulse = self.belief.shape().pulse(choice.a1, part > 0.0);
-                station.pulse(AxisName { side, axis }, pulse)?;
+                cell.voltage(|machine| machine.pulse(AxisName { side, axis }, pulse))
+                    .unwrap_or(Err(Outcome::Lacking(Lack::Pulses)))?;
                 left[i] -= part.signum() * gain * choice.expected;
                 self.way[i] += choice.expected;
             }
-            station.run(self.belief.period + self.belief.rest)?;
+            cell.wait(self.belief.period + self.belief.rest).await?;
         }
         // What was left out was not gone.
         let [a, b] = self.columns;
@@ -420,13 +448,18 @@ impl Nudger {
     }
 
     /// Follows the light across while a facet comes nearer by `step` metres.
-    fn walk(&mut self, station: &mut Station, job: &Job, step: f64) -> Result<(), Halt> {
-        let kinematics = station.kinematics(self.side);
+    async fn walk(
+        &mut self,
+        cell: &AlignmentCell<'_>,
+        job: &Job<'_>,
+        step: f64,
+    ) -> Result<(), Halt> {
+        let kinematics = cell.frame(self.side);
         let aside = -step * job.recipe.ports.exit_angle.tan();
         let from = kinematics.macro_from_chip(job.port);
         let to = kinematics.macro_from_chip(job.port.shifted(aside, 0.0, 0.0));
         let by = to.across() - from.across();
-        self.nudge(station, by)?;
+        self.nudge(cell, by).await?;
         // In the light's frame nothing has moved.
         for reading in &mut self.readings {
             reading.at += by;
@@ -434,8 +467,13 @@ impl Nudger {
         Ok(())
     }
 
-    fn read(&mut self, station: &mut Station, gap: f64, seconds: f64) -> Result<f64, Halt> {
-        let volts = self.level(station, seconds)?;
+    async fn read(
+        &mut self,
+        cell: &AlignmentCell<'_>,
+        gap: f64,
+        seconds: f64,
+    ) -> Result<f64, Halt> {
+        let volts = self.level(cell, seconds).await?;
         if self.readings.len() == RECENT {
             self.readings.remove(0);
         }
@@ -449,24 +487,24 @@ impl Nudger {
 
     /// Looks for light in a growing square around where it was seen, and once more, in a finer one,
     /// around the brightest place of that.
-    fn find(&mut self, station: &mut Station, gap: f64) -> Result<(), Halt> {
+    async fn find(&mut self, cell: &AlignmentCell<'_>, gap: f64) -> Result<(), Halt> {
         let enough = 10.0 * self.noise;
-        let mut best = (self.read(station, gap, LOOK)?, self.at);
+        let mut best = (self.read(cell, gap, LOOK).await?, self.at);
         for pitch in [1.0, 0.5] {
             let pitch = pitch * self.beam.width(gap);
-            if self.square(station, gap, pitch, enough, &mut best)? {
+            if self.square(cell, gap, pitch, enough, &mut best).await? {
                 return Ok(());
             }
-            self.nudge(station, best.1 - self.at)?;
+            self.nudge(cell, best.1 - self.at).await?;
         }
         Err(lost("centre", best.0, enough))
     }
 
     /// A growing square from where the fiber is, until there is light enough; keeps the brightest light
     /// and its place.
-    fn square(
+    async fn square(
         &mut self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         gap: f64,
         pitch: f64,
         enough: f64,
@@ -484,8 +522,8 @@ impl Nudger {
                 if best.0 > enough {
                     return Ok(true);
                 }
-                self.nudge(station, by)?;
-                let volts = self.read(station, gap, LOOK)?;
+                self.nudge(cell, by).await?;
+                let volts = self.read(cell, gap, LOOK).await?;
                 if volts > best.0 {
                     *best = (volts, self.at);
                 }
@@ -496,12 +534,14 @@ impl Nudger {
 
     /// Goes to the light's peak, by patterns around where it is believed to be, until it is found
     /// where it was.
-    fn centre(&mut self, station: &mut Station, gap: f64, care: &Care) -> Result<(), Halt> {
+    async fn centre(
+        &mut self,
+        cell: &AlignmentCell<'_>,
+        gap: f64,
+        care: &Care,
+    ) -> Result<(), Halt> {
         let radius = care.radius * self.beam.width(gap);
-        let noise = self.noise
-            / (care.seconds * station.spec().photodiode.rate)
-                .sqrt()
-                .max(1.0);
+        let noise = self.noise / (care.seconds * cell.spec().photodiode.rate).sqrt().max(1.0);
         let (mut before, mut brightest, mut last): (Option<Peak>, f64, f64) = (None, 0.0, 0.0);
         self.way = [0.0; 2];
         for k in 0..PATTERNS {
@@ -510,8 +550,8 @@ impl Nudger {
             for corner in 0..3 {
                 let angle = std::f64::consts::TAU * (f64::from(corner) + f64::from(k) / 3.0) / 3.0;
                 let to = centre + Displacement::polar(radius, angle);
-                self.nudge(station, to - self.at)?;
-                brightest = brightest.max(self.read(station, gap, care.seconds)?);
+                self.nudge(cell, to - self.at).await?;
+                brightest = brightest.max(self.read(cell, gap, care.seconds).await?);
             }
             let Some(peak) = self.fit(noise) else {
                 return Err(lost("centre", 0.0, self.noise));
@@ -520,8 +560,8 @@ impl Nudger {
                 self.learn(peak.at - before.at);
             }
             self.way = [0.0; 2];
-            self.nudge(station, peak.at - self.at)?;
-            let volts = self.read(station, gap, care.seconds)?;
+            self.nudge(cell, peak.at - self.at).await?;
+            let volts = self.read(cell, gap, care.seconds).await?;
             // Light fluctuates: what was brighter long ago may never come again.
             brightest = FADE * brightest.max(volts / FADE);
             last = volts;

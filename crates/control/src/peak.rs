@@ -1,9 +1,9 @@
 //! Climbing to the maximum of the light with the micro (thesis 3.3).
 
+use crate::cell::AlignmentCell;
 use crate::outcome::{Halt, Outcome};
 use crate::recipe::Climb;
-use crate::station::Station;
-use pigtail_hal::{Channel, Fault, Side};
+use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::Displacement;
 
 /// The nine points in steps from the centre, each a neighbour of the one before (Fig. 3.5).
@@ -46,35 +46,23 @@ pub struct NinePoint<'r> {
 
 impl<'r> NinePoint<'r> {
     /// A climb that starts where the micro of `side` stands.
-    pub fn new(climb: &'r Climb, station: &Station, side: Side, channel: Channel) -> Self {
+    pub fn new(climb: &'r Climb, cell: &AlignmentCell<'_>, side: Side, channel: Channel) -> Self {
         Self {
             climb,
             side,
             channel,
-            centre: station.micro(side),
+            centre: cell.micro(side),
         }
     }
 
     /// Visits the nine points around the centre; the light at each, volts.
-    fn pattern(&self, station: &mut Station) -> Result<[f64; 9], Fault> {
+    async fn pattern(&self, cell: &AlignmentCell<'_>) -> Result<[f64; 9], Halt> {
         let centre = self.centre;
-        let cycles = (self.climb.dwell * station.spec().servo.rate)
-            .round()
-            .max(1.0) as u64;
         let mut light = [0.0; 9];
         for (way, light) in PATTERN.iter().zip(&mut light) {
-            let at = centre + *way * self.climb.step;
-            station.move_micro(self.side, at);
-            let mut last = None;
-            for _ in 0..cycles {
-                station.cycle()?;
-                last = station.light(self.channel).or(last);
-            }
+            cell.move_micro(self.side, centre + *way * self.climb.step)?;
             // A dwell shorter than the photodiode's period waits for it.
-            *light = match last {
-                Some(volts) => volts,
-                None => station.next_light(self.channel)?,
-            };
+            *light = cell.last_light(self.channel, self.climb.dwell).await?;
         }
         Ok(light)
     }
@@ -84,21 +72,20 @@ impl<'r> NinePoint<'r> {
     /// # Errors
     ///
     /// A fault, or [`Outcome::MicroRange`] when the micro has come to the end of its range.
-    pub fn step(&mut self, station: &mut Station) -> Result<(), Halt> {
-        let light = self.pattern(station)?;
-        self.shift(station, PATTERN[brightest(&light)])?;
-        station.run(self.climb.pause)?;
+    pub async fn step(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
+        let light = self.pattern(cell).await?;
+        self.shift(cell, PATTERN[brightest(&light)])?;
+        cell.wait(self.climb.pause).await?;
         Ok(())
     }
 
     /// Moves the centre by so many steps.
-    fn shift(&mut self, station: &mut Station, steps: Displacement) -> Result<(), Outcome> {
+    fn shift(&mut self, cell: &AlignmentCell<'_>, steps: Displacement) -> Result<(), Outcome> {
         let to = self.centre + steps * self.climb.step;
         let reach = 1.5 * self.climb.step;
-        let kinematics = station.kinematics(self.side);
         if corners(reach)
             .iter()
-            .any(|corner| !kinematics.micro_reaches(to + *corner))
+            .any(|corner| !cell.micro_reaches(self.side, to + *corner))
         {
             return Err(Outcome::MicroRange {
                 side: self.side,
@@ -106,7 +93,7 @@ impl<'r> NinePoint<'r> {
                 y: to.y,
             });
         }
-        station.move_micro(self.side, to);
+        cell.move_micro(self.side, to)?;
         self.centre = to;
         Ok(())
     }
@@ -117,15 +104,15 @@ impl<'r> NinePoint<'r> {
     /// # Errors
     ///
     /// As [`Self::step`].
-    pub fn climb(&mut self, station: &mut Station) -> Result<(), Halt> {
-        let end = station.time() + self.climb.timeout;
+    pub async fn climb(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
+        let end = cell.now() + self.climb.timeout;
         let mut centres: Vec<Displacement> = Vec::with_capacity(256);
         let mean = |points: &[Displacement]| {
             let sum = points.iter().fold(Displacement::ZERO, |sum, p| sum + *p);
             sum / points.len() as f64
         };
-        while station.time() < end {
-            self.step(station)?;
+        while cell.now() < end {
+            self.step(cell).await?;
             centres.push(self.centre);
             if centres.len() >= 2 * WINDOW {
                 let (older, newer) = centres[centres.len() - 2 * WINDOW..].split_at(WINDOW);
@@ -148,25 +135,25 @@ impl<'r> NinePoint<'r> {
     /// # Errors
     ///
     /// As [`Self::step`], and [`Outcome::Unsure`] when the time was over first.
-    pub fn settle(
+    pub async fn settle(
         &mut self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         patterns: u32,
         accuracy: f64,
     ) -> Result<(), Halt> {
-        let end = station.time() + self.climb.timeout;
+        let end = cell.now() + self.climb.timeout;
         let mut mean = [0.0; 9];
         // Sum of squared deviations from the means, all points together.
         let (mut count, mut squares) = (0_u32, 0.0);
         loop {
-            let light = self.pattern(station)?;
+            let light = self.pattern(cell).await?;
             count += 1;
             for (mean, volts) in mean.iter_mut().zip(light) {
                 let deviation = volts - *mean;
                 *mean += deviation / f64::from(count);
                 squares += deviation * (volts - *mean);
             }
-            let late = station.time() > end;
+            let late = cell.now() > end;
             if count < patterns.max(2) && !late {
                 continue;
             }
@@ -176,7 +163,7 @@ impl<'r> NinePoint<'r> {
             // In steps. Without a vertex the deviation would be infinite.
             let vertex = fit.vertex().unwrap_or_default();
             if deviation < accuracy {
-                self.shift(station, vertex)?;
+                self.shift(cell, vertex)?;
                 if vertex.norm() < NEAR || late {
                     break;
                 }
@@ -187,7 +174,7 @@ impl<'r> NinePoint<'r> {
             if count >= RESTART * patterns {
                 // Averaged for so long the place has moved on, for piezos creep: what is left of
                 // the averages is a better centre to begin again from.
-                self.shift(station, vertex)?;
+                self.shift(cell, vertex)?;
                 (mean, count, squares) = ([0.0; 9], 0, 0.0);
             }
             if late {
@@ -198,7 +185,7 @@ impl<'r> NinePoint<'r> {
                 .into());
             }
         }
-        station.run(5.0 * self.climb.dwell)?;
+        cell.wait(5.0 * self.climb.dwell).await?;
         Ok(())
     }
 }

@@ -1,10 +1,11 @@
-//! The thesis's alignment procedure (3.2.2, 3.3): straight-line functions over a station.
+//! The thesis's alignment procedure (3.2.2, 3.3): straight lines over a bench with a camera.
 
 mod attach;
 
 pub(crate) use attach::place_at;
 
 use crate::belief::{Across, Place};
+use crate::cell::AlignmentCell;
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::peak::NinePoint;
 use crate::recipe::Recipe;
@@ -12,8 +13,9 @@ use crate::search::{Hit, STILL_THERE, Searcher, centre_sensing, edge_from_below}
 use crate::shaking::{Measured, Shaking};
 use crate::station::{Level, Station};
 use crate::tip_estimator::Tip;
+use pigtail_hal::bench::Fix;
 use pigtail_hal::spec::OUTPUTS;
-use pigtail_hal::{Channel, Fault, FiberHandling, Side};
+use pigtail_hal::{Channel, Fault, Side};
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 
 /// How one fiber's alignment went.
@@ -74,19 +76,24 @@ pub(crate) struct Job<'r> {
 
 /// Aligns the input fiber and the output fibers of one device, as the thesis does.
 pub fn thesis(station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
-    station.laser(true);
-    each_fiber(station, recipe, |job, station, port| match port {
-        None => job.align_input(station),
-        Some(k) => job.align_output(station, k),
-    })
+    let cell = AlignmentCell::over(station);
+    cell.run(each_fiber(&cell, recipe, async |job, port| {
+        if port.is_none() {
+            cell.laser(true)?;
+        }
+        match port {
+            None => job.align_input(&cell).await,
+            Some(k) => job.align_output(&cell, k).await,
+        }
+    }))
 }
 
 /// Aligns the fibers of a device one after the other, the input (`None`) first. Outputs are
 /// attempted where the input is aligned, and nothing once the machine has stopped.
-pub(crate) fn each_fiber(
-    station: &mut Station,
-    recipe: &Recipe,
-    mut align: impl FnMut(&mut Job, &mut Station, Option<usize>) -> Result<(), Halt>,
+pub(crate) async fn each_fiber<'r>(
+    cell: &AlignmentCell<'_>,
+    recipe: &'r Recipe,
+    mut align: impl AsyncFnMut(&mut Job<'r>, Option<usize>) -> Result<(), Halt>,
 ) -> Vec<FiberReport> {
     let mut reports: Vec<FiberReport> = Vec::with_capacity(PORTS.len());
     for port in std::iter::once(None).chain((0..recipe.ports.outputs.len()).map(Some)) {
@@ -98,7 +105,7 @@ pub(crate) fn each_fiber(
         reports.push(if dark || stopped {
             job.report(Outcome::NotAttempted)
         } else {
-            job.run(station, |job, station| align(job, station, port))
+            job.run(cell, async |job| align(job, port).await).await
         });
     }
     reports
@@ -122,10 +129,20 @@ pub fn not_begun(recipe: &Recipe, fault: Fault) -> Vec<FiberReport> {
 ///
 /// The machine's fault, or why the input could not be aligned.
 pub fn light_guides(station: &mut Station, recipe: &Recipe, accuracy: f64) -> Result<(), Halt> {
+    let cell = AlignmentCell::over(station);
+    cell.run(lit(&cell, recipe, accuracy))
+}
+
+/// The same, as a line of control.
+pub(crate) async fn lit(
+    cell: &AlignmentCell<'_>,
+    recipe: &Recipe,
+    accuracy: f64,
+) -> Result<(), Halt> {
     let mut recipe = recipe.clone();
     recipe.last.accuracy = accuracy;
-    station.laser(true);
-    Job::input(&recipe).align_input(station)
+    cell.laser(true)?;
+    Job::input(&recipe).align_input(cell).await
 }
 
 /// Light that was found, with the macro brought to it.
@@ -190,15 +207,15 @@ impl<'r> Job<'r> {
 
     /// Runs a whole alignment. One that fails leaves the machine well: away from the chip, and the
     /// fiber back in the tray.
-    pub(crate) fn run(
+    pub(crate) async fn run(
         &mut self,
-        station: &mut Station,
-        align: impl FnOnce(&mut Self, &mut Station) -> Result<(), Halt>,
+        cell: &AlignmentCell<'_>,
+        align: impl AsyncFnOnce(&mut Self) -> Result<(), Halt>,
     ) -> FiberReport {
-        let outcome = match align(self, station) {
+        let outcome = match align(self).await {
             Ok(()) => Outcome::Aligned,
             Err(Halt::Fault(fault)) => Outcome::Stopped(fault),
-            Err(Halt::Outcome(outcome)) => match self.put_back(station) {
+            Err(Halt::Outcome(outcome)) => match self.put_back(cell).await {
                 Ok(()) => outcome,
                 Err(fault) => Outcome::Stopped(fault),
             },
@@ -207,63 +224,69 @@ impl<'r> Job<'r> {
     }
 
     /// Takes the fiber away from the chip and back into the tray.
-    fn put_back(&mut self, station: &mut Station) -> Result<(), Fault> {
-        station.halt(self.side);
-        match self.withdraw(station, self.side) {
-            Err(Halt::Fault(fault)) => return Err(fault),
-            Ok(()) | Err(Halt::Outcome(_)) => {}
-        }
-        station.handle_fiber(self.side, FiberHandling::Unload)
+    async fn put_back(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Fault> {
+        let well = |result: Result<(), Halt>| match result {
+            Err(Halt::Fault(fault)) => Err(fault),
+            Ok(()) | Err(Halt::Outcome(_)) => Ok(()),
+        };
+        // What cannot be stopped is on its way: withdrawing says so again.
+        let _ = cell.brake(self.side);
+        well(self.withdraw(cell, self.side).await)?;
+        well(cell.unload(self.side).await)
     }
 
     /// Runs a phase and notes its time, also of one that ends early.
-    pub(crate) fn phase<T>(
+    pub(crate) async fn phase<T>(
         &mut self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         name: &'static str,
-        work: impl FnOnce(&mut Self, &mut Station) -> Result<T, Halt>,
+        work: impl AsyncFnOnce(&mut Self) -> Result<T, Halt>,
     ) -> Result<T, Halt> {
-        station.announce(self.name, name);
-        let start = station.time();
-        let result = work(self, station);
-        self.phases.push((name, station.time() - start));
-        station.conclude(self.name, name);
+        cell.announce(self.name, name);
+        let start = cell.now();
+        let result = work(self).await;
+        self.phases.push((name, cell.now() - start));
+        cell.conclude(self.name, name);
         result
     }
 
     /// Aligns the input fiber, be it carried already or not.
-    pub(crate) fn align_input(&mut self, station: &mut Station) -> Result<(), Halt> {
-        let found = self.find_input(station)?;
-        self.finish(station, &found)
+    pub(crate) async fn align_input(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
+        let found = self.find_input(cell).await?;
+        self.finish(cell, &found).await
     }
 
     /// Brings the input fiber to the peak before its port, and leaves it there, not attached.
-    pub(crate) fn reach_input(&mut self, station: &mut Station) -> Result<(), Halt> {
-        let found = self.find_input(station)?;
-        self.maximize(station, &found, |_, _, _| Ok(()))
+    pub(crate) async fn reach_input(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
+        let found = self.find_input(cell).await?;
+        self.maximize(cell, &found, async |_, _| Ok(())).await
     }
 
     /// From the tray to first light.
-    pub(crate) fn find_input(&mut self, station: &mut Station) -> Result<Found, Halt> {
-        if !station.carries(Side::Left) {
-            station.handle_fiber(Side::Left, FiberHandling::Load(0))?;
+    pub(crate) async fn find_input(&mut self, cell: &AlignmentCell<'_>) -> Result<Found, Halt> {
+        if !cell.carries(Side::Left) {
+            cell.load(Side::Left, 0).await?;
         }
         let recipe = self.recipe;
         let output = recipe.ports.outputs[0];
-        self.phase(station, "coarse", |job, station| {
+        self.phase(cell, "coarse", async |job| {
             job.place(
-                station,
+                cell,
                 Side::Left,
                 Tip::Fiber,
                 job.search_start(),
                 recipe.raster.gap,
             )
-        })?;
-        let top = self.phase(station, "sensing", |job, station| {
-            job.find_top(station, output)
-        })?;
-        self.phase(station, "raster", |job, station| {
-            let lowest = station.wanted(Side::Left);
+            .await
+        })
+        .await?;
+        let top = self
+            .phase(cell, "sensing", async |job| {
+                job.find_top(cell, output).await
+            })
+            .await?;
+        self.phase(cell, "raster", async |job| {
+            let lowest = cell.wanted(Side::Left);
             // The guided light may have passed beside the sensing fiber's core: to either side. Or
             // beside the area, which piezos without compensation do not sweep to its edges.
             let step = recipe.sensing.sidestep;
@@ -281,76 +304,91 @@ impl<'r> Job<'r> {
                 (-step, -aside),
             ] {
                 if evidence.is_some() {
-                    job.arrive(station, Side::Right, top.shifted(sensing, 0.0, 0.0))?;
-                    station.move_micro(Side::Left, Displacement::ZERO);
-                    job.arrive(station, Side::Left, lowest.shifted(area, -between, 0.0))?;
+                    job.arrive(cell, Side::Right, top.shifted(sensing, 0.0, 0.0))
+                        .await?;
+                    cell.move_micro(Side::Left, Displacement::ZERO)?;
+                    job.arrive(cell, Side::Left, lowest.shifted(area, -between, 0.0))
+                        .await?;
                 }
-                match job.find_light(station) {
+                match job.find_light(cell).await {
                     Ok(found) => return Ok(found),
                     Err(halt) => evidence = Some(halt.no_light()?.after(evidence)),
                 }
             }
             Err(no_light(evidence))
         })
+        .await
     }
 
     /// Aligns an output fiber, be it carried already or not.
-    pub(crate) fn align_output(&mut self, station: &mut Station, index: usize) -> Result<(), Halt> {
-        let found = self.find_output(station, index)?;
-        self.finish(station, &found)
+    pub(crate) async fn align_output(
+        &mut self,
+        cell: &AlignmentCell<'_>,
+        index: usize,
+    ) -> Result<(), Halt> {
+        let found = self.find_output(cell, index).await?;
+        self.finish(cell, &found).await
     }
 
     /// Brings an output fiber to the peak before its port, and leaves it there, not attached.
-    pub(crate) fn reach_output(&mut self, station: &mut Station, index: usize) -> Result<(), Halt> {
-        let found = self.find_output(station, index)?;
-        self.maximize(station, &found, |_, _, _| Ok(()))
+    pub(crate) async fn reach_output(
+        &mut self,
+        cell: &AlignmentCell<'_>,
+        index: usize,
+    ) -> Result<(), Halt> {
+        let found = self.find_output(cell, index).await?;
+        self.maximize(cell, &found, async |_, _| Ok(())).await
     }
 
     /// From the tray to first light.
-    pub(crate) fn find_output(
+    pub(crate) async fn find_output(
         &mut self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         index: usize,
     ) -> Result<Found, Halt> {
         let recipe = self.recipe;
-        self.phase(station, "coarse", |job, station| {
+        self.phase(cell, "coarse", async |job| {
             // Loaded only now, and away from the chip: an output fiber stands out beyond the
             // sensing fiber.
-            job.withdraw(station, Side::Right)?;
-            if !station.carries(Side::Right) {
-                station.handle_fiber(Side::Right, FiberHandling::Load(index as u8))?;
+            job.withdraw(cell, Side::Right).await?;
+            if !cell.carries(Side::Right) {
+                cell.load(Side::Right, index).await?;
             }
             job.place(
-                station,
+                cell,
                 Side::Right,
                 Tip::Fiber,
                 job.search_start(),
                 recipe.raster.gap,
             )
-        })?;
-        self.phase(station, "raster", |job, station| {
-            let lowest = station.wanted(Side::Right);
+            .await
+        })
+        .await?;
+        self.phase(cell, "raster", async |job| {
+            let lowest = cell.wanted(Side::Right);
             let aside = ASIDE * recipe.raster.x;
             // And between the lines of the first.
             let between = 0.5 * recipe.raster.mesh;
             let mut evidence: Option<SearchEvidence> = None;
             for area in [0.0, aside, -aside] {
                 if evidence.is_some() {
-                    station.move_micro(Side::Right, Displacement::ZERO);
-                    job.arrive(station, Side::Right, lowest.shifted(area, -between, 0.0))?;
+                    cell.move_micro(Side::Right, Displacement::ZERO)?;
+                    job.arrive(cell, Side::Right, lowest.shifted(area, -between, 0.0))
+                        .await?;
                 }
-                match job.find_light(station) {
+                match job.find_light(cell).await {
                     Ok(found) => return Ok(found),
                     Err(halt) => evidence = Some(halt.no_light()?.after(evidence)),
                 }
             }
             Err(no_light(evidence))
         })
+        .await
     }
 
     /// From first light to an attached fiber.
-    fn finish(&mut self, station: &mut Station, found: &Found) -> Result<(), Halt> {
-        self.maximize(station, found, |job, station, last| {
+    async fn finish(&mut self, cell: &AlignmentCell<'_>, found: &Found) -> Result<(), Halt> {
+        self.maximize(cell, found, async |job, last| {
             // The thesis did not ask whether a tip shakes; but where it was seen, it is known.
             let watched = job.shaking.filter(Shaking::is_watched);
             if let Some(shaking) = watched {
@@ -359,41 +397,44 @@ impl<'r> Job<'r> {
                 let known = recipe.last.accuracy.hypot(shaking.deviation());
                 shaking.is_sure(recipe.accept.aside, Across::of(known))?;
             }
-            job.attach(station, last, found.background, None)
+            job.attach(cell, last, found.background, None).await
         })
+        .await
     }
 
     /// From first light to the peak at the chip (thesis 3.3), where something is done.
-    fn maximize(
+    async fn maximize(
         &mut self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         found: &Found,
-        there: impl FnOnce(&mut Self, &mut Station, Level) -> Result<(), Halt>,
+        there: impl AsyncFnOnce(&mut Self, Level) -> Result<(), Halt>,
     ) -> Result<(), Halt> {
         let recipe = self.recipe;
         let background = found.background;
-        let (mut peak, before, noise) = self.phase(station, "climb", |job, station| {
-            let mut peak = NinePoint::new(&recipe.climb, station, job.side, job.channel);
-            peak.climb(station)?;
-            if job.channel == Channel::Sensing {
-                centre_sensing(station)?;
-            }
-            let before = station.level(job.channel, 0.04)?;
-            let level = before.mean - background;
-            if level < STILL_THERE * found.level {
-                return Err(lost("climb", level, found.level));
-            }
-            Ok((peak, level, before.sigma))
-        })?;
-        self.phase(station, "approach", |job, station| {
-            let (_, z) = look(station, job.side, Tip::Fiber, recipe.approach.frames)?;
+        let (mut peak, before, noise) = self
+            .phase(cell, "climb", async |job| {
+                let mut peak = NinePoint::new(&recipe.climb, cell, job.side, job.channel);
+                peak.climb(cell).await?;
+                if job.channel == Channel::Sensing {
+                    centre_sensing(cell).await?;
+                }
+                let before = cell.level(job.channel, 0.04).await?;
+                let level = before.mean - background;
+                if level < STILL_THERE * found.level {
+                    return Err(lost("climb", level, found.level));
+                }
+                Ok((peak, level, before.sigma))
+            })
+            .await?;
+        self.phase(cell, "approach", async |job| {
+            let (_, z) = look(cell, job.side, Tip::Fiber, recipe.approach.frames).await?;
             let gap = outward(job.side) * (z - job.port.z);
-            let start = station.wanted(job.side);
-            let mut closer = |station: &mut Station, to: f64| {
+            let start = cell.wanted(job.side);
+            let mut closer = async |to: f64| {
                 let end = Point::new(start.x, start.y, start.z + gap - to);
-                station.start_line(job.side, end, Some(recipe.approach.speed))?;
-                while station.moving(job.side) {
-                    peak.step(station)?;
+                cell.start_line(job.side, end, Some(recipe.approach.speed))?;
+                while cell.is_moving(job.side) {
+                    peak.step(cell).await?;
                 }
                 Ok::<_, Halt>(())
             };
@@ -401,25 +442,28 @@ impl<'r> Job<'r> {
             // the way light must have grown already.
             let doubtful = recipe.fast.doubtful_gap;
             if gap > doubtful && doubtful > recipe.approach.gap {
-                closer(station, doubtful)?;
-                let after = station.level(job.channel, 0.04)?.mean - background;
+                closer(doubtful).await?;
+                let after = cell.level(job.channel, 0.04).await?.mean - background;
                 if after < recipe.accept.growth.sqrt() * before {
                     return Err(Outcome::FalseLight { before, after }.into());
                 }
             }
-            closer(station, recipe.approach.gap)
-        })?;
-        self.phase(station, "final", |job, station| {
-            peak.climb(station)?;
-            peak.settle(station, recipe.last.patterns, recipe.last.accuracy)?;
-            let last = station.level(job.channel, 0.04)?;
+            closer(recipe.approach.gap).await
+        })
+        .await?;
+        self.phase(cell, "final", async |job| {
+            peak.climb(cell).await?;
+            peak.settle(cell, recipe.last.patterns, recipe.last.accuracy)
+                .await?;
+            let last = cell.level(job.channel, 0.04).await?;
             let after = last.mean - background;
             if after < recipe.accept.growth * before {
                 return Err(Outcome::FalseLight { before, after }.into());
             }
             let sigma = last.sigma.min(noise);
-            there(job, station, Level { sigma, ..last })
+            there(job, Level { sigma, ..last }).await
         })
+        .await
     }
 
     /// Where the blind search starts.
@@ -435,35 +479,35 @@ impl<'r> Job<'r> {
 
     /// Goes to `to` from below, so that the transmissions are wound up as on every arrival: what
     /// they hold back is then the same each time (thesis 2.4).
-    pub(crate) fn arrive(
+    pub(crate) async fn arrive(
         &self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         side: Side,
         to: Point<Macro>,
     ) -> Result<(), Halt> {
-        station.line(side, to.shifted(0.0, -self.recipe.coarse.run_up, 0.0), None)?;
-        station.line(side, to, None)
+        cell.line(side, to.shifted(0.0, -self.recipe.coarse.run_up, 0.0), None)
+            .await?;
+        cell.line(side, to, None).await
     }
 
     /// Moves a holder straight back until its fiber, by design, is clear of the chip.
-    pub(crate) fn withdraw(&self, station: &mut Station, side: Side) -> Result<(), Halt> {
+    pub(crate) async fn withdraw(&self, cell: &AlignmentCell<'_>, side: Side) -> Result<(), Halt> {
         let gap = outward(side) * self.recipe.coarse.clearance;
-        let here = station.wanted(side);
+        let here = cell.wanted(side);
         let [x, y, z] = match side {
             Side::Left => self.recipe.ports.input,
             Side::Right => self.recipe.ports.outputs[0],
         };
-        let clear = station
-            .kinematics(side)
-            .macro_from_chip(Point::new(x, y, z + gap));
-        station.line(side, Point::new(here.x, here.y, here.z.min(clear.z)), None)
+        let clear = cell.frame(side).macro_from_chip(Point::new(x, y, z + gap));
+        cell.line(side, Point::new(here.x, here.y, here.z.min(clear.z)), None)
+            .await
     }
 
     /// Brings a tip to `wanted` (chip's frame) at `gap` from its facet, as well as vision can see
     /// and the fixture holds.
-    pub(crate) fn place(
+    pub(crate) async fn place(
         &self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         side: Side,
         tip: Tip,
         wanted: Point<Chip>,
@@ -472,32 +516,33 @@ impl<'r> Job<'r> {
         let coarse = &self.recipe.coarse;
         let holder_from_tip = match tip {
             Tip::Fiber => [0.0; 3],
-            Tip::Sensing => station.spec().sensing_fiber.offset.map(|d| -d),
+            Tip::Sensing => cell.spec().sensing_fiber.offset.map(|d| -d),
         };
-        let at_gap = |station: &Station, gap: f64| {
+        let at_gap = |cell: &AlignmentCell<'_>, gap: f64| {
             let [x, y, z] = holder_from_tip;
             let p = wanted.shifted(0.0, 0.0, outward(side) * gap);
-            station.kinematics(side).macro_from_chip(p).shifted(x, y, z)
+            cell.frame(side).macro_from_chip(p).shifted(x, y, z)
         };
         // Back before sideways: the holder may still stand at the chip.
-        self.withdraw(station, side)?;
-        station.move_micro(side, Displacement::ZERO);
-        let clear = at_gap(station, coarse.clearance);
-        self.arrive(station, side, clear)?;
-        let far = at_gap(station, coarse.first_look(station.spec()));
-        station.line(side, far, None)?;
+        self.withdraw(cell, side).await?;
+        cell.move_micro(side, Displacement::ZERO)?;
+        let clear = at_gap(cell, coarse.clearance);
+        self.arrive(cell, side, clear).await?;
+        let far = at_gap(cell, coarse.first_look(cell.spec()));
+        cell.line(side, far, None).await?;
         for _ in 0..4 {
-            let (x, z) = look(station, side, tip, coarse.frames)?;
-            let kinematics = station.kinematics(side);
+            let (x, z) = look(cell, side, tip, coarse.frames).await?;
+            let kinematics = cell.frame(side);
             let seen = kinematics.macro_from_chip(Point::new(x, wanted.y, wanted.z));
             let aim = kinematics.macro_from_chip(wanted);
             let error = aim.x - seen.x;
             let way = outward(side) * (z - wanted.z) - gap;
-            let here = station.wanted(side);
+            let here = cell.wanted(side);
             if error.abs() > coarse.tolerance {
-                self.arrive(station, side, here.shifted(error, 0.0, 0.0))?;
+                self.arrive(cell, side, here.shifted(error, 0.0, 0.0))
+                    .await?;
             } else {
-                return station.line(side, here.shifted(0.0, 0.0, way), None);
+                return cell.line(side, here.shifted(0.0, 0.0, way), None).await;
             }
         }
         Err(Outcome::TipAstray {
@@ -509,77 +554,79 @@ impl<'r> Job<'r> {
 
     /// Places the sensing fiber before the first output (thesis 3.2.2): aligned by vision in x
     /// and z, it rises from below until it has passed the chip's top. Returns where it stands.
-    pub(crate) fn find_top(
+    pub(crate) async fn find_top(
         &self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         output: [f64; 3],
     ) -> Result<Point<Macro>, Halt> {
         let recipe = self.recipe;
         let side = Side::Right;
-        station.laser(false);
+        cell.laser(false)?;
         // The photodiode forgets the laser.
-        station.run(0.01)?;
-        let dark = station.level(Channel::Sensing, 0.1)?;
-        station.laser(true);
+        cell.wait(0.01).await?;
+        let dark = cell.level(Channel::Sensing, 0.1).await?;
+        cell.laser(true)?;
         let [x, y, z] = output;
         let start = Point::new(x + self.walk(), y - recipe.sensing.below, z);
-        self.place(station, side, Tip::Sensing, start, recipe.raster.gap)?;
-        let core = station.spec().sensing_fiber.core;
+        self.place(cell, side, Tip::Sensing, start, recipe.raster.gap)
+            .await?;
+        let core = cell.spec().sensing_fiber.core;
         let height = recipe.sensing.below + recipe.raster.y + recipe.raster.overscan + core;
         edge_from_below(
-            station,
+            cell,
             &recipe.sensing,
             &dark,
             recipe.raster.significance,
             height,
-        )?;
-        Ok(station.wanted(side))
+        )
+        .await?;
+        Ok(cell.wanted(side))
     }
 
     /// The raster from where the fiber stands, with the macro brought to what it found. A hit
     /// that does not bear a second look was a fluctuation of the scattered light, and the raster
     /// goes on above it.
-    fn find_light(&self, station: &mut Station) -> Result<Found, Halt> {
+    async fn find_light(&self, cell: &AlignmentCell<'_>) -> Result<Found, Halt> {
         let raster = &self.recipe.raster;
         let searcher =
-            Searcher::measure(station, self.side, self.channel, raster.significance, 0.5)?;
-        let start = station.wanted(self.side);
+            Searcher::measure(cell, self.side, self.channel, raster.significance, 0.5).await?;
+        let start = cell.wanted(self.side);
         let top = start.y + raster.height();
         let mut evidence = None;
         loop {
-            let sweep = searcher.raster(station, raster, top)?;
+            let sweep = searcher.raster(cell, raster, top).await?;
             let seen = sweep.evidence.following(evidence);
             let hit = match sweep.hit {
                 Some(hit) if seen.dismissed < MOST_DISMISSED => hit,
                 _ => return Err(no_light(Some(seen))),
             };
-            if let Some(found) = self.confirm(station, &searcher, &hit)? {
+            if let Some(found) = self.confirm(cell, &searcher, &hit).await? {
                 return Ok(found);
             }
             evidence = Some(SearchEvidence {
                 dismissed: seen.dismissed + 1,
                 ..seen
             });
-            station.move_micro(self.side, Displacement::ZERO);
+            cell.move_micro(self.side, Displacement::ZERO)?;
             let here = Point::new(start.x, hit.endpoint.y, start.z);
-            self.arrive(station, self.side, here)?;
+            self.arrive(cell, self.side, here).await?;
         }
     }
 
     /// Brings the macro to a hit and looks again: `None` where nothing bears that second look.
-    pub(crate) fn confirm(
+    pub(crate) async fn confirm(
         &self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         searcher: &Searcher,
         hit: &Hit,
     ) -> Result<Option<Found>, Halt> {
         // The light may have slipped away farther than is looked around for at first.
         for around in AROUND {
-            self.recentre(station, searcher, hit, around)?;
-            let level = searcher.contrast(station, self.recipe.raster.mesh)?;
+            self.recentre(cell, searcher, hit, around).await?;
+            let level = searcher.contrast(cell, self.recipe.raster.mesh).await?;
             if level > 0.5 * hit.level {
                 // The look aside and back has left the piezos elsewhere.
-                self.regain(station, searcher, level, AROUND[0])?;
+                self.regain(cell, searcher, level, AROUND[0]).await?;
                 return Ok(Some(Found {
                     background: searcher.background.mean,
                     level,
@@ -591,56 +638,55 @@ impl<'r> Job<'r> {
 
     /// Brings the macro to where the search saw its brightest light and the micro back to its
     /// centre, arriving from below as the search came.
-    pub(crate) fn recentre(
+    pub(crate) async fn recentre(
         &self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         searcher: &Searcher,
         hit: &Hit,
         around: f64,
     ) -> Result<(), Halt> {
-        station.move_micro(self.side, Displacement::ZERO);
-        self.arrive(station, self.side, hit.endpoint.moved(hit.micro))?;
-        self.regain(station, searcher, hit.level, around)
+        cell.move_micro(self.side, Displacement::ZERO)?;
+        self.arrive(cell, self.side, hit.endpoint.moved(hit.micro))
+            .await?;
+        self.regain(cell, searcher, hit.level, around).await
     }
 
     /// Looks around with the micro where lags, counts, friction or the piezos' hysteresis have let
     /// light of a level slip away: it cannot be far.
-    fn regain(
+    async fn regain(
         &self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         searcher: &Searcher,
         level: f64,
         around: f64,
     ) -> Result<(), Halt> {
         let mesh = self.recipe.raster.mesh;
-        let now = station.level(self.channel, 0.02)?.mean - searcher.background.mean;
+        let now = cell.level(self.channel, 0.02).await?.mean - searcher.background.mean;
         if now < 0.5 * level
             && let Some(again) = searcher
-                .micro_raster(station, around * mesh, 0.4 * mesh)?
+                .micro_raster(cell, around * mesh, 0.4 * mesh)
+                .await?
                 .hit
         {
-            station.move_micro(self.side, again.micro);
-            station.run(0.02)?;
+            cell.move_micro(self.side, again.micro)?;
+            cell.wait(0.02).await?;
         }
         Ok(())
     }
 }
 
 /// Averages `frames` vision frames of a tip: its x and z in the chip's frame.
-pub(crate) fn look(
-    station: &mut Station,
+pub(crate) async fn look(
+    cell: &AlignmentCell<'_>,
     side: Side,
     tip: Tip,
     frames: u32,
 ) -> Result<(f64, f64), Halt> {
     let (mut x, mut z) = (0.0, 0.0);
     for _ in 0..frames {
-        let frame = station.next_frame()?;
-        let fix = match tip {
-            Tip::Fiber => frame.fiber[side.index()],
-            Tip::Sensing => Some(frame.sensing),
-        };
-        let Some(fix) = fix else {
+        let frame = cell.next_frame().await?;
+        let of = |fix: &&Fix| (fix.arm, fix.tip) == (side.index(), tip);
+        let Some(fix) = frame.fixes.iter().find(of) else {
             return Err(Outcome::FiberUnseen { side }.into());
         };
         x += fix.x;

@@ -1,8 +1,9 @@
 //! Finding light where none is known to be (thesis 3.2).
 
+use crate::cell::AlignmentCell;
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::recipe::{Raster, Sensing};
-use crate::station::{Level, Station};
+use crate::station::Level;
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::{Displacement, Macro, Point};
 use std::f64::consts::TAU;
@@ -17,6 +18,12 @@ pub struct Hit {
     /// The light above the background, volts.
     pub level: f64,
 }
+
+/// Places of a sinusoid that a micro goes straight between, each period.
+pub(crate) const KNOTS: f64 = 32.0;
+
+/// So many lines more than there is height for are told to the micro: the macro sets out slowly.
+pub(crate) const MORE_LINES: f64 = 8.0;
 
 /// What a search saw.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,16 +54,16 @@ impl Searcher {
     /// # Errors
     ///
     /// The machine's fault.
-    pub fn measure(
-        station: &mut Station,
+    pub async fn measure(
+        cell: &AlignmentCell<'_>,
         side: Side,
         channel: Channel,
         significance: f64,
         seconds: f64,
     ) -> Result<Self, Halt> {
-        let background = station.level(channel, seconds)?;
+        let background = cell.level(channel, seconds).await?;
         // A background that happens to look quiet is still read in steps of the converter.
-        let sigma = background.sigma.max(station.spec().photodiode.step());
+        let sigma = background.sigma.max(cell.spec().photodiode.step());
         let threshold = background.mean + significance * sigma;
         Ok(Self {
             side,
@@ -75,23 +82,33 @@ impl Searcher {
     /// # Errors
     ///
     /// A fault, or [`Outcome::Refused`].
-    pub fn raster(&self, station: &mut Station, raster: &Raster, top: f64) -> Result<Sweep, Halt> {
-        let amplitude = (0.5 * raster.x).min(station.kinematics(self.side).micro_range_x());
-        let start = station.wanted(self.side);
+    pub async fn raster(
+        &self,
+        cell: &AlignmentCell<'_>,
+        raster: &Raster,
+        top: f64,
+    ) -> Result<Sweep, Halt> {
+        let reach = cell.micro_reach_x(self.side).within(raster.x, 1.0);
+        let start = cell.wanted(self.side);
         let end = Point::new(start.x, top, start.z);
-        station.start_line(self.side, end, Some(raster.mesh * raster.frequency))?;
-        let begin = station.time();
-        let sweep = |time: f64| {
-            let phase = TAU * raster.frequency * (time - begin);
-            Displacement::new(amplitude * phase.sin(), 0.0)
+        cell.start_line(self.side, end, Some(raster.mesh * raster.frequency))?;
+        let period = raster.frequency.recip();
+        let sweep = |since: f64| {
+            let phase = TAU * raster.frequency * since;
+            Displacement::new(reach.at(phase.sin()), 0.0)
         };
+        // Somewhat longer than the macro takes, which sets out slowly.
+        let lines = ((top - start.y) / raster.mesh).max(0.0) + MORE_LINES;
+        let knots = (lines * period, period / KNOTS);
+        cell.micro_path(self.side, knots, sweep)?;
         // Light is followed for two more periods, so that the spot's brightest line is seen.
-        let follow = 2.0 / raster.frequency;
-        let mut seen = self.watch(station, sweep, follow, |station| station.moving(self.side))?;
-        seen.evidence.height = station.wanted(self.side).y - start.y;
-        station.halt(self.side);
+        let follow = 2.0 * period;
+        let going = || cell.is_moving(self.side);
+        let mut seen = self.watch(cell, follow, f64::INFINITY, going).await?;
+        seen.evidence.height = cell.wanted(self.side).y - start.y;
+        cell.brake(self.side)?;
         seen.evidence.phase = "raster";
-        seen.evidence.width = 2.0 * amplitude;
+        seen.evidence.width = reach.width();
         Ok(seen)
     }
 
@@ -102,23 +119,23 @@ impl Searcher {
     /// # Errors
     ///
     /// The machine's fault.
-    pub fn contrast(&self, station: &mut Station, mesh: f64) -> Result<f64, Halt> {
+    pub async fn contrast(&self, cell: &AlignmentCell<'_>, mesh: f64) -> Result<f64, Halt> {
         const SECONDS: f64 = 0.1;
         const LOOKS: u32 = 2;
-        let here = station.micro(self.side);
+        let here = cell.micro(self.side);
         let way = if here.x > 0.0 { -4.0 } else { 4.0 };
         let aside = here + Displacement::new(way * mesh, 0.0);
         let mut contrast = 0.0;
         for _ in 0..LOOKS {
             for (at, sign) in [(here, 1.0), (aside, -1.0)] {
-                station.move_micro(self.side, at);
-                station.run(0.01)?;
-                let level = station.level(self.channel, SECONDS)?.mean;
+                cell.move_micro(self.side, at)?;
+                cell.wait(0.01).await?;
+                let level = cell.level(self.channel, SECONDS).await?.mean;
                 contrast += sign * level / f64::from(LOOKS);
             }
         }
-        station.move_micro(self.side, here);
-        station.run(0.01)?;
+        cell.move_micro(self.side, here)?;
+        cell.wait(0.01).await?;
         Ok(contrast)
     }
 
@@ -128,46 +145,41 @@ impl Searcher {
     /// # Errors
     ///
     /// The machine's fault.
-    pub fn micro_raster(
+    pub async fn micro_raster(
         &self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         reach: f64,
         spacing: f64,
     ) -> Result<Sweep, Halt> {
         const FREQUENCY: f64 = 20.0;
-        let begin = station.time();
         let duration = 2.0 * reach / (spacing * FREQUENCY);
-        let path = |time: f64| {
-            let elapsed = time - begin;
+        let path = |elapsed: f64| {
             Displacement::new(
                 reach * (TAU * FREQUENCY * elapsed).sin(),
                 reach * (2.0 * elapsed / duration - 1.0),
             )
         };
-        let mut seen = self.watch(station, path, duration, |station| {
-            station.time() < begin + duration
-        })?;
+        let end = cell.now() + duration;
+        let knots = (duration, (KNOTS * FREQUENCY).recip());
+        cell.micro_path(self.side, knots, path)?;
+        let mut seen = self.watch(cell, duration, end, || true).await?;
         seen.evidence.width = 2.0 * reach;
         seen.evidence.height = 2.0 * reach;
         Ok(seen)
     }
 
-    /// Moves the micro along `path` while `going`, and for `follow` seconds after first light.
-    fn watch(
+    /// Watches the light while `going`, until a time, and for `follow` seconds after first light.
+    async fn watch(
         &self,
-        station: &mut Station,
-        path: impl Fn(f64) -> Displacement,
+        cell: &AlignmentCell<'_>,
         follow: f64,
-        going: impl Fn(&Station) -> bool,
+        mut end: f64,
+        going: impl Fn() -> bool,
     ) -> Result<Sweep, Halt> {
         let mut hit: Option<Hit> = None;
-        let mut end = f64::INFINITY;
         let (mut samples, mut brightest) = (0, f64::NEG_INFINITY);
-        while going(station) && station.time() < end {
-            let micro = path(station.time());
-            station.move_micro(self.side, micro);
-            station.cycle()?;
-            let Some(volts) = station.light(self.channel) else {
+        while going() && !cell.is_past(end) {
+            let Some(volts) = cell.light(self.channel, end).await? else {
                 continue;
             };
             samples += 1;
@@ -175,11 +187,11 @@ impl Searcher {
             let level = volts - self.background.mean;
             if volts > self.threshold && hit.is_none_or(|hit| level > hit.level) {
                 if hit.is_none() {
-                    end = station.time() + follow;
+                    end = end.min(cell.now() + follow);
                 }
                 hit = Some(Hit {
-                    endpoint: station.endpoint(self.side),
-                    micro,
+                    endpoint: cell.endpoint(self.side),
+                    micro: cell.micro_at(self.side, cell.now()),
                     level,
                 });
             }
@@ -204,8 +216,8 @@ impl Searcher {
 /// # Errors
 ///
 /// A fault; [`Outcome::Refused`]; [`Outcome::NoLight`] where there is no edge on the way.
-pub fn edge_from_below(
-    station: &mut Station,
+pub async fn edge_from_below(
+    cell: &AlignmentCell<'_>,
     sensing: &Sensing,
     dark: &Level,
     significance: f64,
@@ -213,13 +225,13 @@ pub fn edge_from_below(
 ) -> Result<(), Halt> {
     const SAMPLES: usize = 5;
     let (side, channel) = (Side::Right, Channel::Sensing);
-    let start = station.wanted(side);
-    station.start_line(side, start.shifted(0.0, height, 0.0), Some(sensing.speed))?;
+    let start = cell.wanted(side);
+    cell.start_line(side, start.shifted(0.0, height, 0.0), Some(sensing.speed))?;
     let threshold = dark.mean + significance * dark.sigma;
     let mut recent = [0.0; SAMPLES];
     let (mut samples, mut brightest) = (0, dark.mean);
-    while station.moving(side) {
-        let volts = station.next_light(channel)?;
+    while cell.is_moving(side) {
+        let volts = cell.next_light(channel.index()).await?;
         recent[samples % SAMPLES] = volts;
         samples += 1;
         if samples < SAMPLES {
@@ -229,7 +241,7 @@ pub fn edge_from_below(
         brightest = f64::max(brightest, level);
         let share = (level - dark.mean) / (brightest - dark.mean);
         if brightest > threshold && share < sensing.threshold {
-            station.halt(side);
+            cell.brake(side)?;
             return Ok(());
         }
     }
@@ -252,22 +264,20 @@ pub fn edge_from_below(
 /// # Errors
 ///
 /// The machine's fault.
-pub fn centre_sensing(station: &mut Station) -> Result<(), Halt> {
+pub async fn centre_sensing(cell: &AlignmentCell<'_>) -> Result<(), Halt> {
     const SECONDS: f64 = 0.8;
     const WINDOW: usize = 15;
     let (side, channel) = (Side::Right, Channel::Sensing);
-    let reach = 0.95 * station.kinematics(side).micro_range_x();
+    let reach = cell.micro_reach_x(side).within(f64::INFINITY, 0.95);
     let across = |x: f64| Displacement::new(x, 0.0);
-    station.move_micro(side, across(-reach));
-    station.run(0.02)?;
-    let begin = station.time();
+    cell.move_micro(side, across(reach.low))?;
+    cell.wait(0.02).await?;
     let mut seen: Vec<(f64, f64)> = Vec::with_capacity(1024);
-    while station.time() < begin + SECONDS {
-        let x = reach * (2.0 * (station.time() - begin) / SECONDS - 1.0);
-        station.move_micro(side, across(x));
-        station.cycle()?;
-        if let Some(volts) = station.light(channel) {
-            seen.push((x, volts));
+    let end = cell.now() + SECONDS;
+    cell.micro_path(side, (SECONDS, SECONDS), |_| across(reach.high))?;
+    while !cell.is_past(end) {
+        if let Some(volts) = cell.light(channel, end).await? {
+            seen.push((cell.micro_at(side, cell.now()).x, volts));
         }
     }
     let smooth: Vec<(f64, f64)> = seen
@@ -286,8 +296,8 @@ pub fn centre_sensing(station: &mut Station) -> Result<(), Halt> {
         });
     let bright = smooth.iter().filter(|s| s.1 > 0.5 * (low + high));
     let (sum, n) = bright.fold((0.0, 0.0), |(sum, n), s| (sum + s.0, n + 1.0));
-    station.move_micro(side, across(if n > 0.0 { sum / n } else { 0.0 }));
-    station.run(0.02)?;
+    cell.move_micro(side, across(if n > 0.0 { sum / n } else { 0.0 }))?;
+    cell.wait(0.02).await?;
     Ok(())
 }
 

@@ -3,18 +3,20 @@
 
 mod arm;
 mod bench;
+mod past;
 mod playing;
 
 use self::arm::{Arm, Started};
 pub(crate) use self::bench::{coarse, fine};
+use self::past::Past;
 use self::playing::Playing;
 use crate::calibration::Calibration;
+use crate::cell::Layout;
 use crate::impulse::belief::ImpulseBelief;
 use crate::kinematics::Kinematics;
 use crate::outcome::{Halt, Outcome};
 use crate::servo::{Pid, PidState};
 use crate::shaking::Measured;
-use crate::tip_estimator::{Seen, Tip, TipEstimator};
 use crate::trajectory::{Arc, Limits, Line, Motion, Path, Rates, Refused, Shape};
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{CHANNELS, MICRO_AXES, SIDES};
@@ -70,7 +72,7 @@ pub struct Station<'a> {
     shape: Shape,
     command: Command,
     measurement: Measurement,
-    tips: TipEstimator,
+    past: Past,
     /// By when a micro has come to rest, seconds.
     settling: f64,
     /// What was measured of how tips shake.
@@ -152,7 +154,7 @@ impl<'a> Station<'a> {
         let kinematics = [&arms[0].kinematics, &arms[1].kinematics];
         Ok(Self {
             playing: Playing::new(bench::caps(&spec, settling, kinematics)),
-            tips: TipEstimator::new(&spec),
+            past: Past::new(&spec),
             settling,
             shaking: Side::ALL.map(|side| calibration.shaking.of(side)),
             five_bar_pulses: calibration.impulse.five_bar.clone(),
@@ -201,6 +203,16 @@ impl<'a> Station<'a> {
     /// The believed kinematics of a manipulator.
     pub fn kinematics(&self, side: Side) -> &Kinematics {
         &self.arms[side.index()].kinematics
+    }
+
+    /// What is known of it for an alignment: its datasheet, and what its calibration believes.
+    pub fn layout(&self) -> Layout {
+        Layout {
+            spec: self.spec().clone(),
+            frames: Side::ALL.map(|side| self.kinematics(side).placement()),
+            shaking: self.shaking,
+            follows: Side::ALL.map(|side| self.has_piezo_model(side)),
+        }
     }
 
     /// Tells the observer that a phase begins.
@@ -332,7 +344,6 @@ impl<'a> Station<'a> {
     fn take_up(&mut self, side: Side, handling: FiberHandling) {
         self.command.fiber[side.index()] = Some(handling);
         self.arms[side.index()].loaded = matches!(handling, FiberHandling::Load(_));
-        self.tips.forget(side, self.measurement.time);
     }
 
     /// Attaches the fiber of a side, and holds it until its bond has set. Returns the least light of a photodiode meanwhile,
@@ -363,41 +374,15 @@ impl<'a> Station<'a> {
         self.arms[side.index()].piezos.is_some()
     }
 
-    /// The light says by how much farther along the chip's z the fiber of a side stands than vision alone has it,
-    /// metres, known to a standard deviation. Until the fiber is another, it is believed before vision.
-    pub fn tell_z(&mut self, side: Side, farther: f64, deviation: f64) {
-        let holder = self.kinematics(side).chip_from_macro(self.endpoint(side));
-        self.tips.tell(side, farther, deviation, holder);
-    }
-
-    /// What the light has told of the fiber of a side is to be told anew.
-    pub fn forget_told(&mut self, side: Side) {
-        self.tips.forget_told(side);
-    }
-
-    /// Where a tip stands from its holder, by all frames so far; `None` before the first.
-    pub fn seen(&self, side: Side, tip: Tip) -> Option<Seen> {
-        self.tips.seen(side, tip)
-    }
-
-    /// Notes where the holders are, and compares a frame with where they were when it was exposed.
+    /// Notes where the holders are.
     fn look(&mut self) {
-        let outputs = std::array::from_fn(|side| {
+        let stands = std::array::from_fn(|side| {
             let arm = &self.arms[side];
             let encoders = &self.measurement.encoders[side];
             let input = |i: usize| arm.kinematics.input(i, encoders[i]) - arm.windup[i];
             (std::array::from_fn(input), arm.micro)
         });
-        self.tips.note(outputs);
-        if let Some(frame) = &self.measurement.vision {
-            let arms = &self.arms;
-            self.tips
-                .see(frame, self.measurement.time, |side, (outputs, micro)| {
-                    let kinematics = &arms[side.index()].kinematics;
-                    let at = kinematics.endpoint_at(outputs).ok()?;
-                    Some(kinematics.chip_from_macro(at.moved(micro)))
-                });
-        }
+        self.past.note(stands);
     }
 
     /// Where an endpoint is by its encoders, less what the transmissions have wound up (2.23);
@@ -682,11 +667,15 @@ impl<'a> Station<'a> {
     /// The light sample of this cycle, volts, if there is one.
     pub fn light(&self, channel: Channel) -> Option<f64> {
         let light = self.measurement.light?;
-        let (count, last) = self.readings.get();
-        if light.time > last {
-            self.readings.set((count + 1, light.time));
-        }
+        self.count_reading(light.time);
         Some(light.volts[channel.index()].0)
+    }
+
+    fn count_reading(&self, time: f64) {
+        let (count, last) = self.readings.get();
+        if time > last {
+            self.readings.set((count + 1, time));
+        }
     }
 
     /// How many light samples have been asked for: of those that came, the ones that control looked

@@ -4,10 +4,12 @@
 //! creeps upward: lines side by side, all in one direction, so that hysteresis shifts them alike.
 //! The macro never turns, so that its transmissions stay wound up.
 
+use crate::cell::{AlignmentCell, Reach};
 use crate::conical_scan::Watch;
 use crate::outcome::{Halt, SearchEvidence};
 use crate::recipe::Sweep;
-use crate::station::Station;
+use crate::station::fine;
+use pigtail_hal::bench::{Knot, Law, Pose};
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::{Displacement, Point};
 use std::collections::VecDeque;
@@ -18,30 +20,72 @@ use std::f64::consts::PI;
 pub struct Spot {
     /// In the manipulator's frame: where macro and micro were together.
     pub at: Displacement,
+    /// At which end of the micro's way along x it was, -1 or 1, or at none: there what is brightest may be brighter beyond.
+    pub end: f64,
     /// Light above the background, volts.
     pub level: f64,
     /// The background by then, volts.
     pub background: f64,
 }
 
-/// Where the micro is sent across, a while after the sweep's start: at constant speed from one end
-/// to the other, a stop until it is there, and back. And whether it is slow enough to know where
-/// it is.
-fn across(sweep: &Sweep, reach: f64, since: f64) -> (f64, bool) {
-    let line = 2.0 * reach / sweep.speed;
-    let since = since % period(sweep, reach);
-    if since < line + sweep.lag {
-        ((sweep.speed * since - reach).min(reach), true)
+/// How long a line stays at either end, in samples.
+const HELD: f64 = 0.5;
+
+/// Places on a way back that the micro goes straight between.
+const BACK: u32 = 10;
+
+/// So many lines more than there is height for are told to the micro: the macro sets out slowly.
+const MORE_LINES: f64 = 8.0;
+
+/// Where the micro is sent across, by the time from the sweep's start: at constant speed from one end
+/// to the other, a stop until it is there, and back.
+///
+/// At either end it stays for `hold`: light beyond them shines there, if anywhere.
+fn knots(sweep: &Sweep, reach: Reach, hold: f64, lines: u32) -> Vec<Knot> {
+    let (line, period) = (reach.width() / sweep.speed, period(sweep, reach, hold));
+    let one = |k: u32| {
+        let begin = f64::from(k) * period;
+        let knot = move |since: f64, x: f64| Knot {
+            time: begin + since,
+            at: Pose::at(x, 0.0, 0.0),
+        };
+        let ends = [
+            knot(hold, reach.low),
+            knot(hold + line, reach.high),
+            knot(2.0 * hold + line + sweep.lag, reach.high),
+        ];
+        let back = (1..=BACK).map(move |k| {
+            let share = f64::from(k) / f64::from(BACK);
+            let since = 2.0 * hold + line + sweep.lag + share * sweep.flyback;
+            knot(since, reach.at((PI * share).cos()))
+        });
+        ends.into_iter().chain(back)
+    };
+    (0..lines).flat_map(one).collect()
+}
+
+/// At which end of a reach a place is, to half of the way from a sample to the next.
+fn end_of(reach: Reach, x: f64, way: f64) -> f64 {
+    if x <= reach.low + 0.5 * way {
+        -1.0
+    } else if x >= reach.high - 0.5 * way {
+        1.0
     } else {
-        let share = (since - line - sweep.lag) / sweep.flyback;
-        let x = reach * (PI * share).cos();
-        (x, x.abs() > 0.7 * reach)
+        0.0
     }
 }
 
+/// Whether the micro is slow enough to know where it is, so long after the sweep's start.
+fn slow(sweep: &Sweep, reach: Reach, hold: f64, since: f64) -> bool {
+    let line = reach.width() / sweep.speed;
+    let since = since.max(0.0) % period(sweep, reach, hold);
+    let back = (since - 2.0 * hold - line - sweep.lag) / sweep.flyback;
+    back < 0.0 || (PI * back).cos().abs() > 0.7
+}
+
 /// From the start of a line to the start of the next, seconds.
-fn period(sweep: &Sweep, reach: f64) -> f64 {
-    2.0 * reach / sweep.speed + sweep.lag + sweep.flyback
+fn period(sweep: &Sweep, reach: Reach, hold: f64) -> f64 {
+    2.0 * hold + reach.width() / sweep.speed + sweep.lag + sweep.flyback
 }
 
 /// A way over which a spot is seen, metres; at the usual speed that is two samples at most.
@@ -85,9 +129,11 @@ fn brightest_part(recent: &VecDeque<(f64, f64)>) -> Part {
     best
 }
 
-/// How far the micro sweeps to either side, metres.
-pub fn reach(station: &Station, side: Side, width: f64) -> f64 {
-    (0.5 * width).min(0.99 * station.kinematics(side).micro_range_x())
+/// From where to where the micro sweeps over a width, metres.
+pub fn reach(cell: &AlignmentCell<'_>, side: Side, width: f64) -> Reach {
+    /// Share of what it gets to.
+    const SURE: f64 = 0.99;
+    cell.micro_reach_x(side).within(width, SURE)
 }
 
 /// Sweeps up to the height `top` over `width` with lines `spacing` apart (metres) until something
@@ -96,8 +142,8 @@ pub fn reach(station: &Station, side: Side, width: f64) -> f64 {
 /// # Errors
 ///
 /// A fault, or [`Outcome::Refused`](crate::outcome::Outcome::Refused).
-pub fn first_light(
-    station: &mut Station,
+pub async fn first_light(
+    cell: &AlignmentCell<'_>,
     (side, channel): (Side, Channel),
     watch: &Watch,
     sweep: &Sweep,
@@ -105,32 +151,32 @@ pub fn first_light(
     top: f64,
     threshold: f64,
 ) -> Result<(Option<Spot>, SearchEvidence), Halt> {
-    let reach = reach(station, side, width);
-    let lag = (sweep.lag * station.spec().servo.rate).round() as usize;
-    let start = station.wanted(side);
-    let line = period(sweep, reach);
-    let widest = (WIDE * station.spec().photodiode.rate / sweep.speed).round() as usize;
+    let reach = reach(cell, side, width);
+    let start = cell.wanted(side);
+    let rate = cell.caps().channels[channel.index()].rate;
+    let hold = HELD / rate;
+    let line = period(sweep, reach, hold);
+    let way = sweep.speed / rate;
+    let widest = (WIDE / way).round() as usize;
     let widest = widest.clamp(2, 16);
     let end = Point::new(start.x, top, start.z);
-    station.start_line(side, end, Some(spacing / line))?;
-    let begin = station.time();
-    let mut commanded: VecDeque<(f64, bool)> = VecDeque::with_capacity(lag + 2);
+    cell.start_line(side, end, Some(spacing / line))?;
+    let begin = cell.now();
+    let lines = ((top - start.y) / spacing).max(0.0) + MORE_LINES;
+    cell.play_micro(side, Law::Scan(knots(sweep, reach, hold, lines as u32)))?;
     let mut spot: Option<Spot> = None;
     let (mut samples, mut brightest, mut after) = (0, f64::NEG_INFINITY, 0);
     let (mut wander, mut best) = (0.0, threshold);
     let mut recent: VecDeque<(f64, f64)> = VecDeque::with_capacity(widest + 1);
-    while station.moving(side) {
-        let at = across(sweep, reach, station.time() - begin);
-        station.move_micro(side, Displacement::new(at.0, 0.0));
-        station.cycle()?;
-        commanded.push_back(at);
-        if commanded.len() > lag + 1 {
-            commanded.pop_front();
-        }
-        let (Some(volts), Some(&(commanded_x, slow))) = (station.light(channel), commanded.front())
-        else {
+    while cell.is_moving(side) {
+        let Some((time, volts)) = cell.sample(channel.index(), f64::INFINITY).await? else {
             continue;
         };
+        let Some(then) = cell.pose(fine(side), time - sweep.lag) else {
+            continue;
+        };
+        let commanded_x = then.pose.x();
+        let slow = slow(sweep, reach, hold, time - sweep.lag - begin);
         samples += 1;
         brightest = f64::max(brightest, volts);
         let level = volts - watch.background - wander;
@@ -148,10 +194,11 @@ pub fn first_light(
         }
         let (stands_out, x, level) = (seen.stands_out, seen.x, seen.level);
         if stands_out > best && slow {
-            let mut at = station.endpoint(side).across();
+            let mut at = cell.endpoint(side).across();
             at.x += x;
             spot = Some(Spot {
                 at,
+                end: end_of(reach, x, way),
                 level,
                 background: watch.background + wander,
             });
@@ -165,15 +212,13 @@ pub fn first_light(
             }
         }
     }
-    let height = station.wanted(side).y - start.y;
-    station.brake(side);
-    while station.moving(side) {
-        station.cycle()?;
-    }
+    let height = cell.wanted(side).y - start.y;
+    cell.brake(side)?;
+    cell.stands(side).await?;
     let evidence = SearchEvidence {
         phase: "search",
         samples,
-        width: 2.0 * reach,
+        width: reach.width(),
         height,
         brightest,
         dismissed: 0,

@@ -4,19 +4,11 @@
 //! moment, by the encoders, it tells where the tip stands in the holder, whether anything moves or
 //! not. Nobody has to stand still for a look.
 
-use pigtail_hal::measurement::TipFix;
-use pigtail_hal::spec::{AXES, SIDES};
-use pigtail_hal::{Side, Spec, VisionFrame};
-use pigtail_model::frames::{Chip, Displacement, Point};
-
-/// Something on a holder that vision can see.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Tip {
-    /// The fiber that the holder carries.
-    Fiber,
-    /// The multimode fiber beside it.
-    Sensing,
-}
+use pigtail_hal::Side;
+pub use pigtail_hal::bench::Tip;
+use pigtail_hal::bench::{Fix, Frame};
+use pigtail_hal::spec::{SIDES, VisionSpec};
+use pigtail_model::frames::{Chip, Point};
 
 /// Where a tip stands from its holder, as far as vision has seen.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -52,11 +44,8 @@ pub(crate) const WARMS: f64 = 70e-9;
 /// to its load. All frames on the way lag alike, so that they do not make up for each other.
 const LAG: f64 = 2e-3;
 
-/// Cycles over which a speed is seen.
-const WHILE: usize = 8;
-
-/// A holder's outputs (radians) and its micro's displacement (metres) in one cycle.
-pub(crate) type Stand = ([f64; AXES], Displacement);
+/// Over how long a speed is seen, seconds.
+const WHILE: f64 = 3.2e-3;
 
 /// An estimate that remembers where the holder stood when it was made.
 #[derive(Debug, Clone, Copy)]
@@ -77,14 +66,11 @@ struct Offset {
     variance: f64,
 }
 
-/// The estimates of all tips, and where the holders were of late.
+/// The estimates of all tips.
 #[derive(Debug, Clone)]
 pub(crate) struct TipEstimator {
-    rate: f64,
-    recent: Vec<[Stand; SIDES]>,
-    cycle: usize,
     fibers: [Option<Estimate>; SIDES],
-    sensing: Option<Estimate>,
+    sensing: [Option<Estimate>; SIDES],
     /// What the light has told of each fiber's z: by how much it is more than vision has it, metres, its standard
     /// deviation, and where the holder stood then. What warms is seen by vision meanwhile.
     told: [Option<(f64, f64, Point<Chip>)>; SIDES],
@@ -96,17 +82,13 @@ pub(crate) struct TipEstimator {
 }
 
 impl TipEstimator {
-    pub(crate) fn new(spec: &Spec) -> Self {
-        let cycles = (spec.vision.oldest() * spec.servo.rate).ceil() as usize + WHILE + 1;
+    pub(crate) fn new(vision: &VisionSpec) -> Self {
         Self {
-            rate: spec.servo.rate,
-            recent: vec![[([0.0; AXES], Displacement::ZERO); SIDES]; cycles],
-            cycle: 0,
             fibers: [None; SIDES],
-            sensing: None,
+            sensing: [None; SIDES],
             told: [None; SIDES],
-            bound: spec.vision.believed()[1],
-            facet: spec.vision.facet_z,
+            bound: vision.believed()[1],
+            facet: vision.facet_z,
             since: [0.0; SIDES],
         }
     }
@@ -122,18 +104,6 @@ impl TipEstimator {
         self.told[side.index()] = None;
     }
 
-    /// Notes where the holders are in this cycle.
-    pub(crate) fn note(&mut self, stands: [Stand; SIDES]) {
-        self.cycle = (self.cycle + 1) % self.recent.len();
-        self.recent[self.cycle] = stands;
-    }
-
-    /// Where the holder of a side was so many cycles ago, if that is remembered.
-    pub(crate) fn stand(&self, side: Side, ago: usize) -> Option<Stand> {
-        let n = self.recent.len();
-        (ago < n).then(|| self.recent[(self.cycle + n - ago) % n][side.index()])
-    }
-
     /// The fiber of a side is another one from `time` on.
     pub(crate) fn forget(&mut self, side: Side, time: f64) {
         self.fibers[side.index()] = None;
@@ -141,35 +111,25 @@ impl TipEstimator {
         self.since[side.index()] = time;
     }
 
-    /// Takes in a frame that has arrived at `now`.
-    pub(crate) fn see(
-        &mut self,
-        frame: &VisionFrame,
-        now: f64,
-        holder: impl Fn(Side, Stand) -> Option<Point<Chip>>,
-    ) {
-        let back = ((now - frame.time) * self.rate).round() as usize;
-        let n = self.recent.len();
-        if back + WHILE >= n {
-            return;
-        }
-        let stands = |back: usize| self.recent[(self.cycle + n - back) % n];
-        let (exposed, earlier) = (stands(back), stands(back + WHILE));
+    /// Takes in a frame; `holder` says where the holder of a side was at a time, with its micro.
+    pub(crate) fn see(&mut self, frame: &Frame, holder: impl Fn(Side, f64) -> Option<Point<Chip>>) {
         for side in Side::ALL {
             let i = side.index();
-            let (Some(at), Some(before)) = (holder(side, exposed[i]), holder(side, earlier[i]))
+            let (Some(at), Some(before)) =
+                (holder(side, frame.time), holder(side, frame.time - WHILE))
             else {
                 continue;
             };
-            let lag = |way: f64| (LAG * way * self.rate / WHILE as f64).powi(2);
+            let lag = |way: f64| (LAG * way / WHILE).powi(2);
             let lag = [lag(at.x - before.x), lag(at.z - before.z)];
-            if let Some(fix) = &frame.fiber[i]
-                && frame.time > self.since[i]
-            {
-                update(&mut self.fibers[i], frame.time, at, fix, lag);
-            }
-            if side == Side::Right {
-                update(&mut self.sensing, frame.time, at, &frame.sensing, lag);
+            for fix in frame.fixes.iter().filter(|fix| fix.arm == i) {
+                match fix.tip {
+                    Tip::Fiber if frame.time > self.since[i] => {
+                        update(&mut self.fibers[i], frame.time, at, fix, lag);
+                    }
+                    Tip::Fiber => {}
+                    Tip::Sensing => update(&mut self.sensing[i], frame.time, at, fix, lag),
+                }
             }
         }
     }
@@ -177,7 +137,7 @@ impl TipEstimator {
     pub(crate) fn seen(&self, side: Side, tip: Tip) -> Option<Seen> {
         let estimate = match tip {
             Tip::Fiber => self.fibers[side.index()],
-            Tip::Sensing => self.sensing,
+            Tip::Sensing => self.sensing[side.index()],
         }?;
         let vision = Seen {
             x: estimate.x.value,
@@ -213,7 +173,7 @@ fn update(
     estimate: &mut Option<Estimate>,
     time: f64,
     holder: Point<Chip>,
-    fix: &TipFix,
+    fix: &Fix,
     lag: [f64; 2],
 ) {
     let seen = [fix.x - holder.x, fix.z - holder.z];
@@ -262,8 +222,14 @@ mod tests {
 
     const SIGMA: f64 = 0.7e-6;
 
-    fn fix(x: f64, z: f64) -> TipFix {
-        TipFix { x, z, sigma: SIGMA }
+    fn fix(x: f64, z: f64) -> Fix {
+        Fix {
+            arm: 0,
+            tip: Tip::Fiber,
+            x,
+            z,
+            sigma: SIGMA,
+        }
     }
 
     #[test]

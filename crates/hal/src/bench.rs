@@ -382,6 +382,40 @@ pub struct Light {
     pub volts: Vec<f64>,
 }
 
+/// What a camera tells apart on an arm.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Tip {
+    /// The fiber that the arm carries.
+    Fiber,
+    /// The multimode fiber beside it.
+    Sensing,
+}
+
+/// A tip as a camera sees it, in the chip's frame.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Fix {
+    /// The arm.
+    pub arm: usize,
+    /// Which of its tips.
+    pub tip: Tip,
+    /// Across the chip, metres.
+    pub x: f64,
+    /// Along the waveguide, metres.
+    pub z: f64,
+    /// Standard deviation of the independent noise of one frame, metres.
+    pub sigma: f64,
+}
+
+/// What a camera saw at one moment.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Frame {
+    /// When it was exposed, seconds. It arrives later.
+    pub time: f64,
+    /// The tips that it shows.
+    pub fixes: Vec<Fix>,
+}
+
 /// What happened.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Event {
@@ -389,6 +423,11 @@ pub enum Event {
     Light(Light),
     /// It was measured some times while a controller played by itself, in order.
     Batch(Vec<Light>),
+    /// A camera's frame has arrived, on a bench that has one.
+    Frame(Frame),
+    /// A ticket's law has been played to its end, and its group still comes to rest: [`Self::Done`] or
+    /// [`Self::Failed`] follows. Only benches that know it say it.
+    Played(Ticket),
     /// A ticket is done.
     Done(Ticket),
     /// A ticket has failed, and why.
@@ -513,6 +552,12 @@ pub trait Bench {
     /// Where a group stood at a time that is not long past; `None` where that is not known.
     fn pose(&self, group: Group, at: f64) -> Option<Estimate>;
 
+    /// Where a group is wanted at this moment: its controller's reference, which its pose follows. `None` where a bench
+    /// does not tell.
+    fn reference(&self, _group: Group) -> Option<Pose> {
+        None
+    }
+
     /// Whether a group gets to a pose. By the ranges of its axes, where a bench does not know better: its axes may
     /// stand askew.
     fn reaches(&self, group: Group, pose: &Pose) -> bool {
@@ -556,6 +601,10 @@ impl<B: Bench + ?Sized> Bench for &mut B {
 
     fn pose(&self, group: Group, at: f64) -> Option<Estimate> {
         (**self).pose(group, at)
+    }
+
+    fn reference(&self, group: Group) -> Option<Pose> {
+        (**self).reference(group)
     }
 
     fn reaches(&self, group: Group, pose: &Pose) -> bool {

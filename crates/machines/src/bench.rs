@@ -260,6 +260,14 @@ impl<B: Bench> Guard<B> {
                     self.light(light)?;
                 }
             }
+            Event::Played(ticket) if !self.moving.contains_key(ticket) => {
+                return Err(self.halt(
+                    Rule::EventOrder,
+                    &name,
+                    format!("that ticket {ticket} is played"),
+                    "that of one that is being played".to_owned(),
+                ));
+            }
             Event::Done(ticket) => self.over(*ticket, true)?,
             Event::Failed(ticket, _) => self.over(*ticket, false)?,
             Event::Time if now < by - ROUNDING - 0.5 * self.bench.caps().cycle => {
@@ -270,7 +278,7 @@ impl<B: Bench> Guard<B> {
                     format!("nothing until {by:.6} s"),
                 ));
             }
-            Event::Time => {}
+            Event::Time | Event::Frame(_) | Event::Played(_) => {}
         }
         let since = now - self.heard.unwrap_or(self.began);
         if since > self.patience() {
@@ -371,6 +379,10 @@ impl<B: Bench> Bench for Guard<B> {
 
     fn pose(&self, group: Group, at: f64) -> Option<Estimate> {
         self.bench.pose(group, at)
+    }
+
+    fn reference(&self, group: Group) -> Option<Pose> {
+        self.bench.reference(group)
     }
 
     fn reaches(&self, group: Group, pose: &Pose) -> bool {

@@ -1,10 +1,13 @@
 //! One group to its peak, where there is light already: nothing else moves.
 
+use super::observed::Observed;
 use super::{Dark, LOOK, NEAR, STEADY, look};
 use crate::beam::Beam;
 use crate::conical_scan::{ConicalScan, Watch};
 use crate::outcome::Halt;
+use crate::reactor::Reactor;
 use crate::recipe::Recipe;
+use crate::station::Unobserved;
 use pigtail_hal::Bench;
 use pigtail_hal::bench::{Degree, Group, Meter};
 use pigtail_model::frames::Displacement;
@@ -43,8 +46,21 @@ pub fn find_peak(
     gap: f64,
     dark: Option<f64>,
 ) -> Result<Found, Halt> {
+    let mut unobserved = Unobserved;
+    let mut bench = Observed::new(bench, &mut unobserved);
+    let bench = Reactor::new(&mut bench);
+    bench.run(climb(&bench, (group, meter), recipe, gap, dark))
+}
+
+async fn climb(
+    bench: &Reactor<'_>,
+    (group, meter): (Group, Meter),
+    recipe: &Recipe,
+    gap: f64,
+    dark: Option<f64>,
+) -> Result<Found, Halt> {
     let dark = match dark {
-        None => Dark::measure(bench, meter)?,
+        None => Dark::measure(bench, meter).await?,
         Some(mean) => Dark {
             mean,
             sigma: bench.caps().channels[meter.0].resolution,
@@ -65,25 +81,29 @@ pub fn find_peak(
     let still = Displacement::ZERO;
     let mut scan = ConicalScan::new(watch, beam, shape, bench, (at, gap), still, None);
     let radius = circles(bench, group, beam.width(gap), shape.radius);
-    let noise = |bench: &mut dyn Bench, samples: usize| -> Result<(f64, f64), Halt> {
-        let (_, sigma) = look(bench, meter, samples)?;
+    let noise = async |samples: usize| -> Result<(f64, f64), Halt> {
+        let (_, sigma) = look(bench, meter, samples).await?;
         Ok((sigma.max(dark.sigma), samples as f64 - 2.0))
     };
-    let (sigma, degrees) = noise(bench, LOOK)?;
+    let (sigma, degrees) = noise(LOOK).await?;
     scan.set_noise(sigma, degrees);
     scan.set_radius(radius);
-    let near = scan.centre(bench, gap, NEAR * beam.width(gap), "centre", 1);
-    scan.rest(bench, gap)?;
+    let near = scan
+        .centre(bench, gap, NEAR * beam.width(gap), "centre", 1)
+        .await;
+    scan.rest(bench, gap).await?;
     near?;
-    let (sigma, degrees) = noise(bench, STEADY)?;
+    let (sigma, degrees) = noise(STEADY).await?;
     scan.set_noise(sigma, degrees);
     scan.set_radius(radius);
     let accuracy = recipe.fast.accuracy.max(KNOWN * beam.width(gap));
-    let last = scan.settle(bench, gap, accuracy, "final");
-    let last = last.and_then(|peak| scan.confirm(bench, gap, &peak, "final"));
+    let last = match scan.settle(bench, gap, accuracy, "final").await {
+        Ok(peak) => scan.confirm(bench, gap, &peak, "final").await,
+        Err(halt) => Err(halt),
+    };
     if let Err(Halt::Outcome(_)) = &last {
         // It stands where it was believed last, and not on a circle.
-        scan.rest(bench, gap)?;
+        scan.rest(bench, gap).await?;
     }
     let (light, known) = last?;
     let place = scan.place(gap);
@@ -95,7 +115,7 @@ pub fn find_peak(
 }
 
 /// Radius of circles of a group, in widths: the one that is wanted, or as much as its range has.
-pub(super) fn circles(bench: &dyn Bench, group: Group, width: f64, wanted: f64) -> f64 {
+pub(super) fn circles(bench: &Reactor<'_>, group: Group, width: f64, wanted: f64) -> f64 {
     /// Share of its range that circles take.
     const CIRCLE: f64 = 0.3;
     let range = range(bench, group, Degree::X).min(range(bench, group, Degree::Y));
@@ -103,7 +123,7 @@ pub(super) fn circles(bench: &dyn Bench, group: Group, width: f64, wanted: f64) 
 }
 
 /// How far a group goes to either side, metres.
-pub(super) fn range(bench: &dyn Bench, group: Group, degree: Degree) -> f64 {
+pub(super) fn range(bench: &Reactor<'_>, group: Group, degree: Degree) -> f64 {
     let axis = bench.caps().groups[group.0].axes[degree.index()];
     axis.map_or(0.0, |axis| axis.range.1.min(-axis.range.0))
 }

@@ -1,15 +1,13 @@
 //! A fiber in the arm of a bench, from the tray to the chip.
 
 use super::climb::{circles, range};
-use super::{
-    Dark, LONGEST, LOOK, NEAR, STEADY, Taught, ask, line, look, refused, until_all_done, until_done,
-};
+use super::{Dark, LONGEST, LOOK, NEAR, STEADY, Taught, line, look};
 use crate::beam::Beam;
 use crate::belief::{Across, Place, UNSURE};
 use crate::conical_scan::{ConicalScan, Gap, Watch};
 use crate::outcome::{Halt, Outcome};
+use crate::reactor::{Reactor, refused};
 use crate::recipe::Recipe;
-use pigtail_hal::Bench;
 use pigtail_hal::bench::{
     AxisCaps, Degree, Dither, Glide, Group, Law, Limits, Meter, Pose, Request, Stage,
 };
@@ -67,7 +65,7 @@ pub(super) struct Fiber<'d> {
 
 impl<'d> Fiber<'d> {
     pub(super) fn new(
-        bench: &dyn Bench,
+        bench: &Reactor<'_>,
         recipe: &'d Recipe,
         taught: &'d Taught,
         meter: Meter,
@@ -103,7 +101,7 @@ impl<'d> Fiber<'d> {
     }
 
     /// The gap by the coarse group's own measure, metres.
-    fn measured_gap(&self, bench: &dyn Bench) -> f64 {
+    fn measured_gap(&self, bench: &Reactor<'_>) -> f64 {
         let pose = bench.pose(self.coarse, bench.now());
         pose.map_or(self.gap, |at| self.taught.pose.z() - at.pose.z())
     }
@@ -116,23 +114,23 @@ impl<'d> Fiber<'d> {
     }
 
     /// Away from the chip, then a new fiber.
-    pub(super) fn load(&mut self, bench: &mut dyn Bench) -> Result<(), Halt> {
-        self.go_back(bench)?;
+    pub(super) async fn load(&mut self, bench: &Reactor<'_>) -> Result<(), Halt> {
+        self.go_back(bench).await?;
         let Taught { arm, port, .. } = *self.taught;
-        ask(bench, Request::Load { arm, port })
+        bench.ask(Request::Load { arm, port }, LONGEST).await
     }
 
     /// Away from the chip, straight back along z first.
-    pub(super) fn go_back(&self, bench: &mut dyn Bench) -> Result<(), Halt> {
+    pub(super) async fn go_back(&self, bench: &Reactor<'_>) -> Result<(), Halt> {
         let here = bench.pose(self.coarse, bench.now());
         let here = here.map_or(self.at_gap(CLEAR), |at| at.pose);
         let clear = (self.taught.pose.z() - CLEAR).min(here.z());
-        line(bench, self.coarse, here.with(Degree::Z, clear), None)
+        line(bench, self.coarse, here.with(Degree::Z, clear), None).await
     }
 
     /// Some fibers together to where the search begins: from below, along the beam.
-    pub(super) fn come_near<const N: usize>(
-        bench: &mut dyn Bench,
+    pub(super) async fn come_near<const N: usize>(
+        bench: &Reactor<'_>,
         fibers: [&mut Self; N],
     ) -> Result<(), Halt> {
         for behind in [true, false] {
@@ -149,7 +147,7 @@ impl<'d> Fiber<'d> {
                 };
                 tickets.push(bench.play(fiber.coarse, law).map_err(|why| refused(&why))?);
             }
-            until_all_done(bench, tickets)?;
+            bench.done(tickets, LONGEST).await?;
         }
         for fiber in fibers {
             fiber.gap = fiber.back;
@@ -169,18 +167,22 @@ impl<'d> Fiber<'d> {
     }
 
     /// Stands so far aside of the beam, with the fine group, or the coarse one where that does not reach.
-    pub(super) fn stand_at(&mut self, bench: &mut dyn Bench, at: Displacement) -> Result<(), Halt> {
+    pub(super) async fn stand_at(
+        &mut self,
+        bench: &Reactor<'_>,
+        at: Displacement,
+    ) -> Result<(), Halt> {
         let by = at - self.aside;
         if bench.reaches(self.fine, &Pose::at(by.x, by.y, 0.0)) {
-            return self.fine_to(bench, by);
+            return self.fine_to(bench, by).await;
         }
-        self.fine_to(bench, Displacement::ZERO)?;
+        self.fine_to(bench, Displacement::ZERO).await?;
         self.aside = at;
-        line(bench, self.coarse, self.at_gap(self.gap), None)
+        line(bench, self.coarse, self.at_gap(self.gap), None).await
     }
 
     /// The fine group goes somewhere and comes to rest.
-    fn fine_to(&self, bench: &mut dyn Bench, to: Displacement) -> Result<(), Halt> {
+    async fn fine_to(&self, bench: &Reactor<'_>, to: Displacement) -> Result<(), Halt> {
         let now = bench.now();
         let here = bench.pose(self.fine, now).map(|at| at.pose);
         let here = here.map_or(Displacement::ZERO, |at| Displacement::new(at.x(), at.y()));
@@ -201,11 +203,11 @@ impl<'d> Fiber<'d> {
         bench
             .play(self.fine, Law::Dither(law))
             .map_err(|why| refused(&why))?;
-        wait(bench, 2.0 * settling)
+        Ok(bench.wait(2.0 * settling).await?)
     }
 
     /// Circles begin where the fine group stands.
-    pub(super) fn begin_scan(&mut self, bench: &dyn Bench, dark: &Dark) {
+    pub(super) fn begin_scan(&mut self, bench: &Reactor<'_>, dark: &Dark) {
         let here = bench.pose(self.fine, bench.now()).map(|at| at.pose);
         let at = here.map_or(Displacement::ZERO, |at| Displacement::new(at.x(), at.y()));
         let watch = Watch {
@@ -231,7 +233,7 @@ impl<'d> Fiber<'d> {
     }
 
     /// The same on circles that find the peak.
-    fn circling(&mut self, bench: &dyn Bench) -> Result<&mut ConicalScan<'d>, Halt> {
+    fn circling(&mut self, bench: &Reactor<'_>) -> Result<&mut ConicalScan<'d>, Halt> {
         let wanted = self.recipe.fast.conical_scan.radius;
         let radius = circles(bench, self.fine, self.beam.width(self.gap), wanted);
         let scan = self.scan()?;
@@ -240,13 +242,13 @@ impl<'d> Fiber<'d> {
     }
 
     /// How noisy the light is where the fiber stands still: a meter's noise grows with its light.
-    fn learn_noise(
+    async fn learn_noise(
         &mut self,
-        bench: &mut dyn Bench,
+        bench: &Reactor<'_>,
         dark: &Dark,
         samples: usize,
     ) -> Result<(), Halt> {
-        let (_, sigma) = look(bench, self.meter, samples)?;
+        let (_, sigma) = look(bench, self.meter, samples).await?;
         let degrees = samples as f64 - 2.0;
         let noise = sigma.max(dark.sigma);
         self.scan()?.set_noise(noise, degrees);
@@ -254,25 +256,25 @@ impl<'d> Fiber<'d> {
     }
 
     /// To the peak at this gap, and to rest there.
-    pub(super) fn centre(
+    pub(super) async fn centre(
         &mut self,
-        bench: &mut dyn Bench,
+        bench: &Reactor<'_>,
         dark: &Dark,
         phase: &'static str,
     ) -> Result<(), Halt> {
-        self.learn_noise(bench, dark, LOOK)?;
+        self.learn_noise(bench, dark, LOOK).await?;
         let gap = self.measured_gap(bench);
         let coarse = NEAR * self.beam.width(gap);
         let mut why = None;
         for _ in 0..HANDED_OVER {
             let scan = self.circling(bench)?;
-            let peak = scan.centre(bench, gap, coarse, phase, 1);
-            scan.rest(bench, gap)?;
+            let peak = scan.centre(bench, gap, coarse, phase, 1).await;
+            scan.rest(bench, gap).await?;
             match peak {
                 Ok(peak) => {
                     why = None;
                     self.before = peak.full;
-                    if !self.make_room(bench, ROOM)? {
+                    if !self.make_room(bench, ROOM).await? {
                         return Ok(());
                     }
                 }
@@ -282,7 +284,7 @@ impl<'d> Fiber<'d> {
                     };
                     // The fine group does not get there: the coarse one does.
                     self.scan()?.expect_at(Displacement::new(x, y), gap);
-                    self.make_room(bench, 0.0)?;
+                    self.make_room(bench, 0.0).await?;
                     why = Some(beyond);
                 }
                 Err(fault) => return Err(fault),
@@ -294,7 +296,7 @@ impl<'d> Fiber<'d> {
 
     /// The coarse group takes over what the fine one stands aside, where that is more than a share of its range. Whether it
     /// was so.
-    fn make_room(&mut self, bench: &mut dyn Bench, share: f64) -> Result<bool, Halt> {
+    async fn make_room(&mut self, bench: &Reactor<'_>, share: f64) -> Result<bool, Halt> {
         let gap = self.measured_gap(bench);
         let place = self.scan()?.place(gap);
         let room = |degree| share * range(bench, self.fine, degree);
@@ -303,8 +305,8 @@ impl<'d> Fiber<'d> {
         }
         let before = bench.pose(self.coarse, bench.now());
         self.aside += place;
-        self.fine_to(bench, Displacement::ZERO)?;
-        line(bench, self.coarse, self.at_gap(self.gap), None)?;
+        self.fine_to(bench, Displacement::ZERO).await?;
+        line(bench, self.coarse, self.at_gap(self.gap), None).await?;
         let after = bench.pose(self.coarse, bench.now());
         let by = before.zip(after).map_or(place, |(before, after)| {
             let by = after.pose - before.pose;
@@ -315,7 +317,7 @@ impl<'d> Fiber<'d> {
     }
 
     /// Closes the gap along the beam, from one gap to the next, on circles.
-    pub(super) fn approach(&mut self, bench: &mut dyn Bench, dark: &Dark) -> Result<(), Halt> {
+    pub(super) async fn approach(&mut self, bench: &Reactor<'_>, dark: &Dark) -> Result<(), Halt> {
         let wanted = self.recipe.approach.gap;
         let before = self.before;
         let stray = self.recipe.fast.stray;
@@ -338,7 +340,7 @@ impl<'d> Fiber<'d> {
             let end = bench.now() + LONGEST;
             while !arrived {
                 let next = bench.now() + period;
-                arrived = self.scan()?.circle_until(bench, led, next, ticket)?;
+                arrived = self.scan()?.circle_until(bench, led, next, ticket).await?;
                 let gap = self.measured_gap(bench);
                 let scan = self.scan()?;
                 let peak = scan.peak();
@@ -362,21 +364,21 @@ impl<'d> Fiber<'d> {
                 let brake = bench
                     .play(self.coarse, Law::Brake)
                     .map_err(|why| refused(&why))?;
-                until_done(bench, brake)?;
+                bench.done(vec![brake], LONGEST).await?;
                 return Err(why.into());
             }
             let gap = self.measured_gap(bench);
             let near = NEAR * self.beam.width(gap);
             let scan = self.scan()?;
-            scan.centre(bench, gap, near, "approach", 1)?;
-            scan.rest(bench, gap)?;
-            self.learn_noise(bench, dark, LOOK)?;
+            scan.centre(bench, gap, near, "approach", 1).await?;
+            scan.rest(bench, gap).await?;
+            self.learn_noise(bench, dark, LOOK).await?;
         }
         Ok(())
     }
 
     /// The last turns at the chip, and the bond. Returns where the fiber is believed to be.
-    pub(super) fn finish(&mut self, bench: &mut dyn Bench, dark: &Dark) -> Result<Place, Halt> {
+    pub(super) async fn finish(&mut self, bench: &Reactor<'_>, dark: &Dark) -> Result<Place, Halt> {
         let gap = self.measured_gap(bench);
         let place = self.place(bench, Across::default());
         self.sure_of_gap(&place)?;
@@ -386,14 +388,14 @@ impl<'d> Fiber<'d> {
         for _ in 0..ATTEMPTS {
             // At its peak light does not tell how a tip shakes: what is seen there is noise.
             let scan = self.scan()?;
-            scan.rest(bench, gap)?;
-            self.learn_noise(bench, dark, STEADY)?;
+            scan.rest(bench, gap).await?;
+            self.learn_noise(bench, dark, STEADY).await?;
             let scan = self.circling(bench)?;
-            let last = scan.settle(bench, gap, accuracy, "final").and_then(|peak| {
-                scan.confirm(bench, gap, &peak, "final")
-                    .map(|seen| (seen, peak))
-            });
-            let ((expected, known), _) = match last {
+            let last = match scan.settle(bench, gap, accuracy, "final").await {
+                Ok(peak) => scan.confirm(bench, gap, &peak, "final").await,
+                Err(halt) => Err(halt),
+            };
+            let (expected, known) = match last {
                 Ok(last) => last,
                 Err(Halt::Outcome(doubt)) => {
                     why = Some(doubt);
@@ -414,7 +416,7 @@ impl<'d> Fiber<'d> {
                 while watched + samples <= WATCHED.1
                     && scan.shaking().is_sure(aside, known).is_err()
                 {
-                    scan.watch_shaking(bench, gap, samples)?;
+                    scan.watch_shaking(bench, gap, samples).await?;
                     watched += samples;
                     samples = watched;
                 }
@@ -424,27 +426,23 @@ impl<'d> Fiber<'d> {
             }
             let across = scan.shaking().bonded(known);
             let noise = scan.noise();
-            self.bond(bench, dark, expected, noise)?;
+            self.bond(bench, dark, expected, noise).await?;
             return Ok(Place { across, ..place });
         }
         Err(why.unwrap_or(Outcome::NotAttempted).into())
     }
 
     /// Attaches the fiber and looks whether its light, so many volts, stays.
-    fn bond(
+    async fn bond(
         &self,
-        bench: &mut dyn Bench,
+        bench: &Reactor<'_>,
         dark: &Dark,
         expected: f64,
         noise: f64,
     ) -> Result<(), Halt> {
-        ask(
-            bench,
-            Request::Attach {
-                arm: self.taught.arm,
-            },
-        )?;
-        let (after, _) = look(bench, self.meter, LOOK)?;
+        let arm = self.taught.arm;
+        bench.ask(Request::Attach { arm }, LONGEST).await?;
+        let (after, _) = look(bench, self.meter, LOOK).await?;
         let after = after - dark.mean;
         let beside = ATTACHED_NOISE * noise * (2.0 / LOOK as f64).sqrt();
         if after < (1.0 - ATTACHED_LESS) * expected - beside {
@@ -458,7 +456,7 @@ impl<'d> Fiber<'d> {
     }
 
     /// Where the fiber is believed to be, with its place across known so well.
-    fn place(&self, bench: &dyn Bench, across: Across) -> Place {
+    fn place(&self, bench: &Reactor<'_>, across: Across) -> Place {
         let repeats = axis(bench, self.coarse, Degree::Z);
         let repeats = repeats.map_or(0.0, |axis| axis.repeatability);
         Place {
@@ -486,13 +484,6 @@ impl<'d> Fiber<'d> {
     }
 }
 
-fn axis(bench: &dyn Bench, group: Group, degree: Degree) -> Option<AxisCaps> {
+fn axis(bench: &Reactor<'_>, group: Group, degree: Degree) -> Option<AxisCaps> {
     bench.caps().groups[group.0].axes[degree.index()]
-}
-
-/// Lets time pass.
-fn wait(bench: &mut dyn Bench, seconds: f64) -> Result<(), Halt> {
-    let end = bench.now() + seconds;
-    while bench.next(end)? != pigtail_hal::bench::Event::Time {}
-    Ok(())
 }

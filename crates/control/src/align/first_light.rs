@@ -3,7 +3,7 @@
 use super::fiber::Fiber;
 use super::{Dark, look};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
-use pigtail_hal::Bench;
+use crate::reactor::Reactor;
 use pigtail_model::frames::Displacement;
 
 /// Standard deviations of a mean above the dark that are light: by chance once in ten million looks.
@@ -20,10 +20,10 @@ const FAR: f64 = 3.3;
 
 /// Looks at places of all fibers together, from the likeliest on, until there is light. Each fiber then stands where that
 /// was.
-pub(super) fn first_light(
-    bench: &mut dyn Bench,
+pub(super) async fn first_light(
+    bench: &Reactor<'_>,
     dark: &Dark,
-    fibers: &mut [&mut Fiber],
+    fibers: &mut [&mut Fiber<'_>],
 ) -> Result<(), Halt> {
     let grids: Vec<Vec<Displacement>> = fibers
         .iter()
@@ -40,14 +40,14 @@ pub(super) fn first_light(
     let (mut samples, mut brightest) = (0, f64::NEG_INFINITY);
     for at in &order {
         for ((fiber, grid), i) in fibers.iter_mut().zip(&grids).zip(at) {
-            fiber.stand_at(bench, grid[*i])?;
+            fiber.stand_at(bench, grid[*i]).await?;
         }
-        let (mean, _) = look(bench, fibers[0].meter, SAMPLES)?;
+        let (mean, _) = look(bench, fibers[0].meter, SAMPLES).await?;
         samples += SAMPLES;
         brightest = f64::max(brightest, mean);
         if mean - dark.mean > threshold {
             // Once more: what was chance will not be there.
-            let (again, _) = look(bench, fibers[0].meter, SAMPLES)?;
+            let (again, _) = look(bench, fibers[0].meter, SAMPLES).await?;
             samples += SAMPLES;
             if again - dark.mean > threshold {
                 for fiber in fibers {

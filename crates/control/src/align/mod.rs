@@ -16,12 +16,13 @@ pub use climb::{Found, find_peak};
 use crate::beam::Beam;
 use crate::outcome::{Halt, Outcome};
 use crate::procedure::{FiberReport, PORTS};
+use crate::reactor::{Reactor, refused};
 use crate::recipe::Recipe;
 use crate::station::Observer;
 use fiber::Fiber;
 use first_light::first_light;
 use observed::Observed;
-use pigtail_hal::bench::{Event, Group, Law, Limits, Meter, Pose, Refused, Request, Ticket};
+use pigtail_hal::bench::{Group, Law, Limits, Meter, Pose, Request};
 use pigtail_hal::{Bench, Fault, Side};
 
 /// A pose that was taught: with the coarse group there and the fine group in its middle the fiber's tip touches the
@@ -105,14 +106,15 @@ pub fn align(
     observer: &mut dyn Observer,
 ) -> Vec<FiberReport> {
     let mut bench = Observed::new(bench, observer);
+    let bench = Reactor::new(&mut bench);
     let mut device = Device {
-        bench: &mut bench,
+        bench: &bench,
         belief,
         recipe,
         dark: Dark::default(),
         reports: Vec::with_capacity(1 + recipe.ports.outputs.len()),
     };
-    device.align();
+    bench.run(device.align());
     device.reports
 }
 
@@ -127,15 +129,15 @@ struct Dark {
 
 impl Dark {
     /// The light without the laser, which is on afterwards.
-    fn measure(bench: &mut dyn Bench, meter: Meter) -> Result<Self, Halt> {
+    async fn measure(bench: &Reactor<'_>, meter: Meter) -> Result<Self, Halt> {
         /// Samples.
         const SAMPLES: usize = 50;
-        ask(bench, Request::Laser(false))?;
+        bench.ask(Request::Laser(false), LONGEST).await?;
         // A meter forgets the laser in some samples.
-        look(bench, meter, 5)?;
-        let (mean, sigma) = look(bench, meter, SAMPLES)?;
-        ask(bench, Request::Laser(true))?;
-        look(bench, meter, 5)?;
+        look(bench, meter, 5).await?;
+        let (mean, sigma) = look(bench, meter, SAMPLES).await?;
+        bench.ask(Request::Laser(true), LONGEST).await?;
+        look(bench, meter, 5).await?;
         let step = bench.caps().channels[meter.0].resolution;
         Ok(Self {
             mean,
@@ -146,7 +148,7 @@ impl Dark {
 
 /// A device on its way.
 struct Device<'d, 'b> {
-    bench: &'d mut Observed<'b>,
+    bench: &'d Reactor<'b>,
     belief: &'d Belief,
     recipe: &'d Recipe,
     dark: Dark,
@@ -157,20 +159,20 @@ struct Device<'d, 'b> {
 type Phases = Vec<(&'static str, f64)>;
 
 impl<'d> Device<'d, '_> {
-    fn align(&mut self) {
+    async fn align(&mut self) {
         let (mut phases, mut place) = (Phases::new(), None);
         let mut output = None;
-        let input = self.input_fiber(&mut phases, &mut place, &mut output);
-        let lit = self.report(0, input, phases, place);
+        let input = self.input_fiber(&mut phases, &mut place, &mut output).await;
+        let lit = self.report(0, input, phases, place).await;
         for port in 0..self.recipe.ports.outputs.len() {
             let (mut phases, mut place) = (Phases::new(), None);
             let result = if lit && !self.has_stopped() {
                 let here = output.take();
-                self.output_fiber(port, here, &mut phases, &mut place)
+                self.output_fiber(port, here, &mut phases, &mut place).await
             } else {
                 Err(Outcome::NotAttempted.into())
             };
-            self.report(1 + port, result, phases, place);
+            self.report(1 + port, result, phases, place).await;
         }
     }
 
@@ -180,47 +182,52 @@ impl<'d> Device<'d, '_> {
     }
 
     /// The input and the first output to their peaks at the last gap, and the input attached.
-    fn input_fiber(
+    async fn input_fiber(
         &mut self,
         phases: &mut Phases,
         place: &mut Option<crate::belief::Place>,
         output: &mut Option<Fiber<'d>>,
     ) -> Result<(), Halt> {
         let (mut left, mut right) = (self.fiber(0, 0)?, self.fiber(1, 0)?);
-        self.phase(0, phases, "coarse", |device| {
-            device.dark = Dark::measure(device.bench, left.meter)?;
+        self.phase(0, phases, "coarse", async |device: &mut Self| {
+            device.dark = Dark::measure(device.bench, left.meter).await?;
             for fiber in [&mut left, &mut right] {
-                fiber.load(device.bench)?;
+                fiber.load(device.bench).await?;
             }
             let pair = [&mut left, &mut right];
-            Fiber::come_near(device.bench, pair)
-        })?;
-        self.phase(0, phases, "search", |device| {
-            first_light(device.bench, &device.dark, &mut [&mut left, &mut right])
-        })?;
-        self.phase(0, phases, "centre", |device| {
+            Fiber::come_near(device.bench, pair).await
+        })
+        .await?;
+        self.phase(0, phases, "search", async |device: &mut Self| {
+            first_light(device.bench, &device.dark, &mut [&mut left, &mut right]).await
+        })
+        .await?;
+        self.phase(0, phases, "centre", async |device: &mut Self| {
             // Each narrows what the other sees.
             for _ in 0..2 {
-                left.centre(device.bench, &device.dark, "centre")?;
-                right.centre(device.bench, &device.dark, "centre")?;
+                left.centre(device.bench, &device.dark, "centre").await?;
+                right.centre(device.bench, &device.dark, "centre").await?;
             }
             Ok(())
-        })?;
-        self.phase(0, phases, "approach", |device| {
-            right.approach(device.bench, &device.dark)?;
-            left.approach(device.bench, &device.dark)
-        })?;
-        self.phase(0, phases, "final", |device| {
-            right.centre(device.bench, &device.dark, "final")?;
-            *place = Some(left.finish(device.bench, &device.dark)?);
+        })
+        .await?;
+        self.phase(0, phases, "approach", async |device: &mut Self| {
+            right.approach(device.bench, &device.dark).await?;
+            left.approach(device.bench, &device.dark).await
+        })
+        .await?;
+        self.phase(0, phases, "final", async |device: &mut Self| {
+            right.centre(device.bench, &device.dark, "final").await?;
+            *place = Some(left.finish(device.bench, &device.dark).await?);
             Ok(())
-        })?;
+        })
+        .await?;
         *output = Some(right);
         Ok(())
     }
 
     /// An output to its port, from the tray or from where it has been seen already.
-    fn output_fiber(
+    async fn output_fiber(
         &mut self,
         port: usize,
         here: Option<Fiber<'d>>,
@@ -231,25 +238,30 @@ impl<'d> Device<'d, '_> {
             fiber
         } else {
             let mut fiber = self.fiber(1, port)?;
-            self.phase(1 + port, phases, "coarse", |device| {
-                fiber.load(device.bench)?;
-                Fiber::come_near(device.bench, [&mut fiber])
-            })?;
-            self.phase(1 + port, phases, "search", |device| {
-                first_light(device.bench, &device.dark, &mut [&mut fiber])
-            })?;
-            self.phase(1 + port, phases, "centre", |device| {
-                fiber.centre(device.bench, &device.dark, "centre")
-            })?;
-            self.phase(1 + port, phases, "approach", |device| {
-                fiber.approach(device.bench, &device.dark)
-            })?;
+            self.phase(1 + port, phases, "coarse", async |device: &mut Self| {
+                fiber.load(device.bench).await?;
+                Fiber::come_near(device.bench, [&mut fiber]).await
+            })
+            .await?;
+            self.phase(1 + port, phases, "search", async |device: &mut Self| {
+                first_light(device.bench, &device.dark, &mut [&mut fiber]).await
+            })
+            .await?;
+            self.phase(1 + port, phases, "centre", async |device: &mut Self| {
+                fiber.centre(device.bench, &device.dark, "centre").await
+            })
+            .await?;
+            self.phase(1 + port, phases, "approach", async |device: &mut Self| {
+                fiber.approach(device.bench, &device.dark).await
+            })
+            .await?;
             fiber
         };
-        self.phase(1 + port, phases, "final", |device| {
-            *place = Some(fiber.finish(device.bench, &device.dark)?);
+        self.phase(1 + port, phases, "final", async |device: &mut Self| {
+            *place = Some(fiber.finish(device.bench, &device.dark).await?);
             Ok(())
         })
+        .await
     }
 
     fn fiber(&self, arm: usize, port: usize) -> Result<Fiber<'d>, Outcome> {
@@ -260,24 +272,23 @@ impl<'d> Device<'d, '_> {
         Fiber::new(self.bench, self.recipe, taught, meter)
     }
 
-    fn phase<T>(
+    async fn phase<T>(
         &mut self,
         port: usize,
         phases: &mut Phases,
         name: &'static str,
-        work: impl FnOnce(&mut Self) -> Result<T, Halt>,
+        work: impl AsyncFnOnce(&mut Self) -> Result<T, Halt>,
     ) -> Result<T, Halt> {
         let start = self.bench.now();
-        self.bench.observer().phase(PORTS[port], name, start);
-        let result = work(self);
-        let end = self.bench.now();
-        phases.push((name, end - start));
-        self.bench.observer().phase_over(PORTS[port], name, end);
+        self.bench.announce(PORTS[port], name);
+        let result = work(self).await;
+        phases.push((name, self.bench.now() - start));
+        self.bench.conclude(PORTS[port], name);
         result
     }
 
     /// Notes how a fiber went. One that did not go well is taken back, and the machine left well. Whether it is aligned.
-    fn report(
+    async fn report(
         &mut self,
         port: usize,
         result: Result<(), Halt>,
@@ -291,11 +302,14 @@ impl<'d> Device<'d, '_> {
             Err(Halt::Outcome(Outcome::NotAttempted)) => Outcome::NotAttempted,
             Err(Halt::Outcome(outcome)) => {
                 // Where the input fails its first output goes back too.
-                let mut arms = if port == 0 { 0..2 } else { 1..2 };
-                match arms.try_for_each(|arm| self.put_back(arm)) {
-                    Ok(()) => outcome,
-                    Err(fault) => Outcome::Stopped(fault),
+                let mut ended = outcome;
+                for arm in if port == 0 { 0..2 } else { 1..2 } {
+                    if let Err(fault) = self.put_back(arm).await {
+                        ended = Outcome::Stopped(fault);
+                        break;
+                    }
                 }
+                ended
             }
         };
         let aligned = outcome == Outcome::Aligned;
@@ -311,13 +325,13 @@ impl<'d> Device<'d, '_> {
     }
 
     /// An arm goes away from the chip, and its fiber back.
-    fn put_back(&mut self, arm: usize) -> Result<(), Fault> {
+    async fn put_back(&mut self, arm: usize) -> Result<(), Fault> {
         if let Ok(fiber) = self.fiber(arm, 0)
-            && let Err(Halt::Fault(fault)) = fiber.go_back(self.bench)
+            && let Err(Halt::Fault(fault)) = fiber.go_back(self.bench).await
         {
             return Err(fault);
         }
-        match ask(self.bench, Request::Unload { arm }) {
+        match self.bench.ask(Request::Unload { arm }, LONGEST).await {
             Err(Halt::Fault(fault)) => Err(fault),
             Ok(()) | Err(Halt::Outcome(_)) => Ok(()),
         }
@@ -327,69 +341,29 @@ impl<'d> Device<'d, '_> {
 /// Longest that anything which is asked for may take, seconds.
 const LONGEST: f64 = 120.0;
 
-/// Lets time pass until a ticket is done.
-fn until_done(bench: &mut dyn Bench, ticket: Ticket) -> Result<(), Halt> {
-    until_all_done(bench, vec![ticket])
-}
-
-/// Lets time pass until all of some tickets are done.
-fn until_all_done(bench: &mut dyn Bench, mut tickets: Vec<Ticket>) -> Result<(), Halt> {
-    let end = bench.now() + LONGEST;
-    while !tickets.is_empty() {
-        match bench.next(end)? {
-            Event::Done(done) => tickets.retain(|ticket| *ticket != done),
-            Event::Failed(failed, why) if tickets.contains(&failed) => {
-                return Err(Outcome::BenchFailed { why }.into());
-            }
-            Event::Time => {
-                let why = format!("something was not done within {LONGEST} s");
-                return Err(Outcome::BenchFailed { why }.into());
-            }
-            _ => {}
-        }
-    }
-    Ok(())
-}
-
-fn ask(bench: &mut dyn Bench, what: Request) -> Result<(), Halt> {
-    let ticket = bench.request(what).map_err(|why| refused(&why))?;
-    until_done(bench, ticket)
-}
-
-fn refused(why: &Refused) -> Outcome {
-    Outcome::BenchFailed {
-        why: why.to_string(),
-    }
-}
-
 /// A group goes straight to a pose and comes to rest.
-fn line(bench: &mut dyn Bench, group: Group, to: Pose, speed: Option<f64>) -> Result<(), Halt> {
+async fn line(bench: &Reactor<'_>, group: Group, to: Pose, speed: Option<f64>) -> Result<(), Halt> {
     let limits = Limits { speed };
     let ticket = bench
         .play(group, Law::Line { to, limits })
         .map_err(|why| refused(&why))?;
-    until_done(bench, ticket)
+    bench.done(vec![ticket], LONGEST).await
 }
 
 /// Mean and standard deviation about a straight line in time of so many samples of light, volts.
-fn look(bench: &mut dyn Bench, meter: Meter, samples: usize) -> Result<(f64, f64), Halt> {
+async fn look(bench: &Reactor<'_>, meter: Meter, samples: usize) -> Result<(f64, f64), Halt> {
     let mut seen: Vec<(f64, f64)> = Vec::with_capacity(samples);
     let rate = bench.caps().channels[meter.0].rate;
     let end = bench.now() + LONGEST + 10.0 * samples as f64 / rate;
     while seen.len() < samples {
-        let lights = match bench.next(end)? {
-            Event::Light(light) => vec![light],
-            Event::Batch(lights) => lights,
-            Event::Time => {
+        match bench.sample(meter.0, end).await? {
+            Some(seen_now) => seen.push(seen_now),
+            None if bench.is_past(end) => {
                 let why = "its meter is silent".to_owned();
                 return Err(Outcome::BenchFailed { why }.into());
             }
-            Event::Done(_) | Event::Failed(..) => continue,
-        };
-        let volts = lights
-            .iter()
-            .map(|light| (light.time, light.volts[meter.0]));
-        seen.extend(volts.filter(|(_, volts)| !volts.is_nan()));
+            None => {}
+        }
     }
     let n = seen.len() as f64;
     let mean = seen.iter().map(|(_, volts)| volts).sum::<f64>() / n;

@@ -1,5 +1,6 @@
 //! A bench that somebody watches.
 
+use crate::reactor::Watched;
 use crate::station::{Observer, Sample};
 use pigtail_hal::bench::{
     Caps, Estimate, Event, Group, Law, Light, Pose, Refused, Request, Stage, Ticket,
@@ -17,10 +18,6 @@ pub(super) struct Observed<'b> {
 impl<'b> Observed<'b> {
     pub(super) fn new(bench: &'b mut dyn Bench, observer: &'b mut dyn Observer) -> Self {
         Self { bench, observer }
-    }
-
-    pub(super) fn observer(&mut self) -> &mut dyn Observer {
-        self.observer
     }
 
     /// An observer knows two arms, and as many channels as the printed machine has.
@@ -45,6 +42,12 @@ impl<'b> Observed<'b> {
             }),
         };
         self.observer.sample(&sample);
+    }
+}
+
+impl Watched for Observed<'_> {
+    fn observer(&mut self) -> &mut dyn Observer {
+        self.observer
     }
 }
 
@@ -74,13 +77,17 @@ impl Bench for Observed<'_> {
         match &event {
             Event::Light(light) => self.tell(light),
             Event::Batch(lights) => lights.iter().for_each(|light| self.tell(light)),
-            Event::Done(_) | Event::Failed(..) | Event::Time => {}
+            _ => {}
         }
         Ok(event)
     }
 
     fn pose(&self, group: Group, at: f64) -> Option<Estimate> {
         self.bench.pose(group, at)
+    }
+
+    fn reference(&self, group: Group) -> Option<Pose> {
+        self.bench.reference(group)
     }
 
     fn reaches(&self, group: Group, pose: &Pose) -> bool {

@@ -5,7 +5,7 @@ use super::{ConicalScan, Gap, NEAR, NEARBY, SHRINK, SIGNIFICANT};
 use crate::beam::{Peak, Reading};
 use crate::belief::Across;
 use crate::outcome::{Halt, Outcome};
-use pigtail_hal::Bench;
+use crate::reactor::Reactor;
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::line::Line;
 
@@ -86,9 +86,9 @@ impl ConicalScan<'_> {
     /// # Errors
     ///
     /// As [`Self::centre`]; [`Outcome::Misshapen`] where the light is not that of a peak.
-    pub fn settle(
+    pub async fn settle(
         &mut self,
-        bench: &mut dyn Bench,
+        bench: &Reactor<'_>,
         gap: f64,
         accuracy: f64,
         phase: &'static str,
@@ -103,7 +103,7 @@ impl ConicalScan<'_> {
         let (mut dark, mut deviation, mut off) = (0, f64::INFINITY, 0.0);
         let mut seen: Vec<Peak> = Vec::with_capacity(self.shape.turns as usize);
         for _ in 0..6 * self.shape.turns {
-            self.turn(bench, gap)?;
+            self.turn(bench, gap).await?;
             let peak = self.peak();
             let Some(mut peak) = peak.filter(|p| p.full > SIGNIFICANT * p.full_deviation) else {
                 dark += 1;
@@ -204,21 +204,21 @@ impl ConicalScan<'_> {
     /// The machine's fault; [`Outcome::MicroRange`] where the micro does not reach the peak;
     /// [`Outcome::LightLost`], [`Outcome::Unsure`] or [`Outcome::Misshapen`] where the peak is not
     /// believed to be there.
-    pub fn confirm(
+    pub async fn confirm(
         &mut self,
-        bench: &mut dyn Bench,
+        bench: &Reactor<'_>,
         gap: f64,
         foreseen: &Peak,
         phase: &'static str,
     ) -> Result<(f64, Across), Halt> {
         let radius = self.small(foreseen, gap);
         let small = radius * radius;
-        self.shrink(bench, gap, radius, SHRINK)?;
+        self.shrink(bench, gap, radius, SHRINK).await?;
         // The way to rest makes the micro ring as the way to this circle did, and is this much shorter.
         let shorter = radius / (self.shape.radius - radius);
         let (mut turns, mut before, mut rings) = (0, f64::INFINITY, false);
         let seen = loop {
-            self.turn(bench, gap)?;
+            self.turn(bench, gap).await?;
             let Some(seen) = self.peak() else {
                 return Err(Outcome::LightLost {
                     phase,
@@ -290,15 +290,15 @@ impl ConicalScan<'_> {
             ..seen
         };
         self.go_to(bench, &peak, gap)?;
-        self.shrink(bench, gap, 0.0, last)?;
-        self.last_for(bench, Gap::Steady(gap), settling)?;
+        self.shrink(bench, gap, 0.0, last).await?;
+        self.last_for(bench, Gap::Steady(gap), settling).await?;
         let longer = if self.shaking.rings() {
             (FORGETS - 1.0) * settling
         } else {
             0.0
         };
         // The peak moves on meanwhile as it did from turn to turn.
-        self.follow_drift(bench, gap, longer)?;
+        self.follow_drift(bench, gap, longer).await?;
         let later = longer / self.period;
         // Fiber and guide are not quite as designed: by how much the peak is wider than believed, two
         // circles tell.

@@ -5,9 +5,9 @@ use super::{ConicalScan, Gap, SHRINK, SIGNIFICANT};
 use crate::beam::{Peak, Reading};
 use crate::gap_by_light::{Circles, Width};
 use crate::outcome::Halt;
+use crate::reactor::Reactor;
 use crate::shaking::Scatter;
-use pigtail_hal::bench::{Event, Light};
-use pigtail_hal::{Bench, Fault};
+use pigtail_hal::Fault;
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::line::Line;
 use std::f64::consts::TAU;
@@ -52,9 +52,9 @@ impl ConicalScan<'_> {
     /// # Errors
     ///
     /// The machine's fault.
-    pub fn width(
+    pub async fn width(
         &mut self,
-        bench: &mut dyn Bench,
+        bench: &Reactor<'_>,
         gap: f64,
         at: f64,
     ) -> Result<Option<Width>, Halt> {
@@ -65,8 +65,8 @@ impl ConicalScan<'_> {
             // To and fro, so that light which rises or falls steadily counts on both alike.
             for of_contact in [0, 1, 1, 0].map(|i| WIDTHS[i]) {
                 let radius = of_contact * self.beam.width(0.0) / self.beam.width(gap);
-                self.shrink(bench, gap, radius, OVER)?;
-                self.turn(bench, gap)?;
+                self.shrink(bench, gap, radius, OVER).await?;
+                self.turn(bench, gap).await?;
                 for reading in &self.readings {
                     spot.add(reading.at - self.centre, reading.volts);
                 }
@@ -78,8 +78,8 @@ impl ConicalScan<'_> {
                 }
             }
         }
-        self.shrink(bench, gap, self.shape.radius, SHRINK)?;
-        self.turn(bench, gap)?;
+        self.shrink(bench, gap, self.shape.radius, SHRINK).await?;
+        self.turn(bench, gap).await?;
         Ok(width)
     }
 
@@ -180,9 +180,9 @@ impl ConicalScan<'_> {
     /// # Errors
     ///
     /// The machine's fault.
-    pub fn watch_shaking(
+    pub async fn watch_shaking(
         &mut self,
-        bench: &mut dyn Bench,
+        bench: &Reactor<'_>,
         gap: f64,
         samples: usize,
     ) -> Result<(), Halt> {
@@ -200,12 +200,13 @@ impl ConicalScan<'_> {
         // Piezos creep meanwhile, ever more slowly.
         let straight = (STRAIGHT * rate).round() as usize;
         let straight = straight.max(4 * bond);
-        let at_peak = self.look(bench, samples)?;
+        let at_peak = self.look(bench, samples).await?;
         let top = at_peak.iter().map(|(_, volts)| volts).sum::<f64>() / samples as f64;
         for direction in [Displacement::new(1.0, 0.0), Displacement::new(0.0, 1.0)] {
-            self.glide_to(bench, gap, peak + direction * (STEEP * width))?;
-            self.last_for(bench, Gap::Steady(gap), rest)?;
-            let beside = self.look(bench, samples)?;
+            self.glide_to(bench, gap, peak + direction * (STEEP * width))
+                .await?;
+            self.last_for(bench, Gap::Steady(gap), rest).await?;
+            let beside = self.look(bench, samples).await?;
             let light = beside.iter().map(|(_, volts)| volts).sum::<f64>() / samples as f64;
             if light < SIGNIFICANT * self.watch.noise {
                 continue;
@@ -235,7 +236,7 @@ impl ConicalScan<'_> {
                 }
             }
         }
-        self.glide_to(bench, gap, peak)?;
+        self.glide_to(bench, gap, peak).await?;
         if shaking.is_known() {
             self.shaking = shaking;
         }
@@ -243,25 +244,14 @@ impl ConicalScan<'_> {
     }
 
     /// So many light samples from now on: their numbers, and the light, volts.
-    fn look(&self, bench: &mut dyn Bench, samples: usize) -> Result<Vec<(f64, f64)>, Fault> {
+    async fn look(&self, bench: &Reactor<'_>, samples: usize) -> Result<Vec<(f64, f64)>, Fault> {
         let mut seen = Vec::with_capacity(samples);
-        let mut take = |light: &Light| {
-            let volts = light.volts[self.watch.meter.0];
-            if !volts.is_nan() && seen.len() < samples {
+        while seen.len() < samples {
+            if let Some((_, volts)) = bench.sample(self.watch.meter.0, f64::INFINITY).await? {
                 seen.push((seen.len() as f64, volts - self.watch.background));
             }
-            seen.len()
-        };
-        loop {
-            let taken = match bench.next(f64::INFINITY)? {
-                Event::Light(light) => take(&light),
-                Event::Batch(lights) => lights.iter().map(&mut take).last().unwrap_or(0),
-                Event::Time | Event::Done(_) | Event::Failed(..) => continue,
-            };
-            if taken >= samples {
-                return Ok(seen);
-            }
         }
+        Ok(seen)
     }
 
     /// The light's unrest where no shaking makes any: the photodiode's in the dark, or as much as was seen at the peak
@@ -280,10 +270,15 @@ impl ConicalScan<'_> {
     }
 
     /// The micro goes straight to a displacement at a gap, without a jump of its speed, and rests there.
-    fn glide_to(&mut self, bench: &mut dyn Bench, gap: f64, to: Displacement) -> Result<(), Halt> {
+    async fn glide_to(
+        &mut self,
+        bench: &Reactor<'_>,
+        gap: f64,
+        to: Displacement,
+    ) -> Result<(), Halt> {
         let (centre, radius) = (self.centre, self.radius);
         self.centre = to - self.walk * gap;
-        let glided = self.shrink(bench, gap, 0.0, SHRINK);
+        let glided = self.shrink(bench, gap, 0.0, SHRINK).await;
         (self.centre, self.radius) = (centre, radius);
         glided
     }

@@ -1,15 +1,17 @@
 //! The ways to the chip, and where the tips are seen to be on them.
 
-use super::seen::{Dark, Top, top_below};
+use super::seen::{Top, dark, top_below};
 use super::{Look, Shared};
+use crate::cell::AlignmentCell;
 use crate::conical_scan::{Gap, Walk};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::procedure::outward;
-use crate::station::{Station, coarse};
+use crate::reactor::both_well;
+use crate::station::coarse;
 use crate::sweep::reach;
 use crate::tip_estimator::{Seen, Tip};
+use pigtail_hal::Side;
 use pigtail_hal::spec::Channel;
-use pigtail_hal::{FiberHandling, Side};
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 
 /// Longest wait for vision to see a tip well, seconds.
@@ -26,15 +28,15 @@ pub(super) struct Aim {
 
 impl Aim {
     /// Where the tip stands from the holder in x and z (chip's frame): by vision, or by design.
-    fn offset(&self, station: &Station) -> (f64, f64) {
-        if let Some(Seen { x, z, .. }) = station.seen(self.side, self.tip) {
+    fn offset(&self, cell: &AlignmentCell<'_>) -> (f64, f64) {
+        if let Some(Seen { x, z, .. }) = cell.seen(self.side, self.tip) {
             return (x, z);
         }
         match self.tip {
             Tip::Fiber => (0.0, 0.0),
             Tip::Sensing => {
-                let [x, y, z] = station.spec().sensing_fiber.offset;
-                let k = station.kinematics(self.side);
+                let [x, y, z] = cell.spec().sensing_fiber.offset;
+                let k = cell.frame(self.side);
                 let at = |p: Point<Macro>| k.chip_from_macro(p);
                 let (a, b) = (at(Point::ORIGIN), at(Point::new(x, y, z)));
                 (b.x - a.x, b.z - a.z)
@@ -43,86 +45,75 @@ impl Aim {
     }
 
     /// Where the holder must go for the tip to be `up` from the port's light at a gap (metres).
-    pub(super) fn holder(&self, station: &Station, exit: f64, up: f64, gap: f64) -> Point<Macro> {
-        let (x, z) = self.offset(station);
+    pub(super) fn holder(
+        &self,
+        cell: &AlignmentCell<'_>,
+        exit: f64,
+        up: f64,
+        gap: f64,
+    ) -> Point<Macro> {
+        let (x, z) = self.offset(cell);
         let tip = self
             .port
             .shifted(gap * exit.tan(), up, outward(self.side) * gap);
         let dy = match self.tip {
             Tip::Fiber => 0.0,
-            Tip::Sensing => station.spec().sensing_fiber.offset[1],
+            Tip::Sensing => cell.spec().sensing_fiber.offset[1],
         };
-        station
-            .kinematics(self.side)
+        cell.frame(self.side)
             .macro_from_chip(tip.shifted(-x, -dy, -z))
     }
 
     /// The gap by vision and encoders, metres.
-    pub(super) fn gap(&self, station: &Station) -> f64 {
-        let (_, z) = self.offset(station);
-        self.gap_by_encoders(station) + outward(self.side) * z
+    pub(super) fn gap(&self, cell: &AlignmentCell<'_>) -> f64 {
+        let (_, z) = self.offset(cell);
+        self.gap_by_encoders(cell) + outward(self.side) * z
     }
 
     /// The gap if the tip stood where the holder is, metres.
-    pub(super) fn gap_by_encoders(&self, station: &Station) -> f64 {
-        let holder = station
-            .kinematics(self.side)
-            .chip_from_macro(station.endpoint(self.side));
+    pub(super) fn gap_by_encoders(&self, cell: &AlignmentCell<'_>) -> f64 {
+        let holder = cell
+            .frame(self.side)
+            .chip_from_macro(cell.endpoint(self.side));
         outward(self.side) * (holder.z - self.port.z)
     }
 
     /// The same for circles: how it follows the macro.
-    pub(super) fn led(&self, station: &Station) -> Gap {
+    pub(super) fn led(&self, cell: &AlignmentCell<'_>) -> Gap {
         Gap::Led {
             by: coarse(self.side),
-            contact: station.endpoint(self.side).z + self.gap(station),
+            contact: cell.endpoint(self.side).z + self.gap(cell),
         }
     }
 
     /// The walk of the peak in the manipulator's frame.
-    pub(super) fn walk(&self, station: &Station, exit: f64) -> Walk {
-        let k = station.kinematics(self.side);
+    pub(super) fn walk(&self, cell: &AlignmentCell<'_>, exit: f64) -> Walk {
+        let k = cell.frame(self.side);
         let a = k.macro_from_chip(self.port);
         let b = k.macro_from_chip(self.port.shifted(exit.tan(), 0.0, 0.0));
         b.across() - a.across()
     }
 }
 
-/// Starts lines of one or both manipulators and cycles until they have ended.
-pub(super) fn lines(
-    station: &mut Station,
-    goals: &[(Side, Point<Macro>)],
-    mut each: impl FnMut(&mut Station),
-) -> Result<(), Halt> {
-    for (side, to) in goals {
-        station.start_line(*side, *to, None)?;
-    }
-    while goals.iter().any(|(side, _)| station.moving(*side)) {
-        station.cycle()?;
-        each(station);
-    }
-    Ok(())
-}
-
 /// Sends the micro to where its lines begin.
-pub(super) fn cock(station: &mut Station, side: Side, width: f64) {
-    let start = -reach(station, side, width);
-    station.move_micro(side, Displacement::new(start, 0.0));
+pub(super) fn cock(cell: &AlignmentCell<'_>, side: Side, width: f64) -> Result<(), Outcome> {
+    let start = reach(cell, side, width).low;
+    cell.move_micro(side, Displacement::new(start, 0.0))
 }
 
 /// Waits until a tip is seen as well as `sure` metres across; goes on without where that takes too
 /// long.
-fn until_seen(station: &mut Station, aim: &Aim, sure: f64) -> Result<(), Halt> {
-    let begin = station.time();
+async fn until_seen(cell: &AlignmentCell<'_>, aim: &Aim, sure: f64) -> Result<(), Halt> {
+    let begin = cell.now();
     loop {
-        let seen = station.seen(aim.side, aim.tip);
+        let seen = cell.seen(aim.side, aim.tip);
         match seen {
             Some(seen) if seen.sigma[0] <= sure => return Ok(()),
-            Some(_) if station.time() > begin + PATIENCE => return Ok(()),
-            None if station.time() > begin + PATIENCE => {
+            Some(_) if cell.is_past(begin + PATIENCE) => return Ok(()),
+            None if cell.is_past(begin + PATIENCE) => {
                 return Err(Outcome::FiberUnseen { side: aim.side }.into());
             }
-            _ => station.cycle()?,
+            _ => drop(cell.next(begin + PATIENCE).await?),
         }
     }
 }
@@ -130,88 +121,70 @@ fn until_seen(station: &mut Station, aim: &Aim, sure: f64) -> Result<(), Halt> {
 impl Shared<'_> {
     /// Both manipulators from wherever they are to the chip, the input fiber to the start of its
     /// search and the sensing fiber below the chip's top; on the way the dark is measured.
-    pub(super) fn come_near(
+    pub(super) async fn come_near(
         &mut self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         aim: &Aim,
         sensing: &Aim,
     ) -> Result<(), Halt> {
         let (recipe, fast) = (self.recipe, self.fast);
         let run_up = recipe.coarse.run_up;
-        let far = recipe.coarse.first_look(station.spec());
+        let far = recipe.coarse.first_look(cell.spec());
         let s = &fast.sensing;
-        station.laser(false);
-        let first = [
-            (
-                aim.side,
-                aim.holder(station, self.exit(), -self.below() - run_up, far),
-            ),
-            (
-                sensing.side,
-                sensing.holder(station, self.exit(), -s.below - run_up, s.gap + far),
-            ),
-        ];
-        let mut dark = Dark::default();
-        let begin = station.time();
-        lines(station, &first, |station| {
-            // The photodiodes forget the laser in a moment.
-            let since = station.time() - begin;
-            if (0.02..0.02 + fast.dark).contains(&since) {
-                dark.note(station);
-            } else if since > 0.02 + fast.dark {
-                station.laser(true);
-            }
-        })?;
-        while !dark.is_enough() {
-            station.cycle()?;
-            dark.note(station);
-        }
-        self.dark = dark.levels(station.spec().photodiode.step());
-        station.laser(true);
-        cock(station, aim.side, recipe.raster.x);
-        let second = [
-            (
-                aim.side,
-                aim.holder(station, self.exit(), -self.below(), fast.input_gap),
-            ),
-            (
-                sensing.side,
-                sensing.holder(station, self.exit(), -s.below, s.gap),
-            ),
-        ];
-        lines(station, &second, |_| {})
+        let exit = self.exit();
+        let below = self.below();
+        let fiber = async {
+            let first = aim.holder(cell, exit, -below - run_up, far);
+            cell.go(aim.side, first).await?;
+            cock(cell, aim.side, recipe.raster.x)?;
+            let start = aim.holder(cell, exit, -below, fast.input_gap);
+            cell.go(aim.side, start).await
+        };
+        let eye = async {
+            let first = sensing.holder(cell, exit, -s.below - run_up, s.gap + far);
+            cell.go(sensing.side, first).await?;
+            let start = sensing.holder(cell, exit, -s.below, s.gap);
+            cell.go(sensing.side, start).await
+        };
+        let arms = both_well(fiber, eye);
+        let (_, dark) = both_well(arms, dark(cell, fast.dark)).await?;
+        self.dark = dark.levels(cell.spec().photodiode.step());
+        Ok(())
     }
 
     /// The sensing fiber rises over the chip's top.
-    pub(super) fn over_the_top(&mut self, station: &mut Station, aim: &Aim) -> Result<(), Halt> {
+    pub(super) async fn over_the_top(
+        &mut self,
+        cell: &AlignmentCell<'_>,
+        aim: &Aim,
+    ) -> Result<(), Halt> {
         let s = &self.fast.sensing;
-        let core = 0.5 * station.spec().sensing_fiber.core;
+        let core = 0.5 * cell.spec().sensing_fiber.core;
         let dark = self.dark[Channel::Sensing.index()].level;
-        let start = station.wanted(aim.side);
+        let start = cell.wanted(aim.side);
         let height = s.below + self.recipe.raster.y + s.height;
-        let brake = 0.5 * s.speed * s.speed / station.spec().five_bar.acceleration;
+        let brake = 0.5 * s.speed * s.speed / cell.spec().five_bar.acceleration;
         // On the way it comes to stand right across.
-        let x = aim.holder(station, self.exit(), 0.0, s.gap).x;
+        let x = aim.holder(cell, self.exit(), 0.0, s.gap).x;
         let end = Point::new(x, start.y + height, start.z);
-        station.start_line(aim.side, end, Some(s.speed))?;
+        cell.start_line(aim.side, end, Some(s.speed))?;
         let mut seen: Vec<(f64, f64)> = Vec::with_capacity(256);
         let mut brightest = 0.0_f64;
         let mut top: Option<Top> = None;
-        while station.moving(aim.side) {
-            station.cycle()?;
-            let y = station.endpoint(aim.side).y;
+        while cell.is_moving(aim.side) {
+            // It goes by some micrometres from sample to sample.
+            let soon = cell.now() + cell.caps().cycle;
+            let seen_now = cell.light(Channel::Sensing, soon).await?;
+            let y = cell.endpoint(aim.side).y;
             // Light that fluctuates may look like an edge; above one there is none.
             if let Some(top) = &top
                 && y + brake >= top.y + s.height
                 && top.is_below(&seen, dark.sigma)
             {
-                station.brake(aim.side);
-                while station.moving(aim.side) {
-                    station.cycle()?;
-                }
-                return Ok(());
+                cell.brake(aim.side)?;
+                return Ok(cell.stands(aim.side).await?);
             }
-            let Some(volts) = station.light(Channel::Sensing) else {
+            let Some(volts) = seen_now else {
                 continue;
             };
             seen.push((y, volts - dark.mean));
@@ -251,88 +224,78 @@ impl Shared<'_> {
     }
 
     /// Takes the next output fiber from the tray and brings it to the start of its search.
-    pub(super) fn change_fiber(
+    pub(super) async fn change_fiber(
         &mut self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         aim: &Aim,
         index: usize,
     ) -> Result<(), Halt> {
         let recipe = self.recipe;
-        let far = recipe.coarse.first_look(station.spec());
+        let far = recipe.coarse.first_look(cell.spec());
         let run_up = recipe.coarse.run_up;
-        let here = station.wanted(aim.side);
+        let here = cell.wanted(aim.side);
         // The next fiber's place in the holder is not known yet: as far away as for any, from the
         // inclined facet where the holder stands now too.
-        let k = station.kinematics(aim.side);
+        let k = cell.frame(aim.side);
         let stands_out = outward(aim.side) * self.facet(k.chip_from_macro(here).x - aim.port.x);
         let away = far + stands_out.max(0.0);
         let clear = k.macro_from_chip(aim.port.shifted(0.0, 0.0, outward(aim.side) * away));
         let back = Point::new(here.x, here.y, here.z.min(clear.z));
-        lines(station, &[(aim.side, back)], |_| {})?;
-        station.handle_fiber(aim.side, FiberHandling::Load(index as u8))?;
-        cock(station, aim.side, recipe.raster.x);
-        let below = aim.holder(station, self.exit(), -self.below() - run_up, far);
+        cell.go(aim.side, back).await?;
+        cell.load(aim.side, index).await?;
+        cock(cell, aim.side, recipe.raster.x)?;
+        let below = aim.holder(cell, self.exit(), -self.below() - run_up, far);
         let below = Point::new(below.x, below.y, back.z);
-        lines(station, &[(aim.side, below)], |_| {})?;
+        cell.go(aim.side, below).await?;
         // Not nearer before its tip was seen.
-        until_seen(station, aim, f64::INFINITY)?;
-        self.to_start(station, aim, self.fast.output_gap)
+        until_seen(cell, aim, f64::INFINITY).await?;
+        self.to_start(cell, aim, self.fast.output_gap).await
     }
 
     /// The last way to the start of a search, upward; there the tip is seen to stand right across.
-    fn to_start(&self, station: &mut Station, aim: &Aim, gap: f64) -> Result<(), Halt> {
-        let goal = aim.holder(station, self.exit(), -self.below(), gap);
-        lines(station, &[(aim.side, goal)], |_| {})?;
-        until_seen(station, aim, self.fast.straight)?;
-        self.straighten(station, aim, gap)?;
-        while station.moving(aim.side) {
-            station.cycle()?;
-        }
-        Ok(())
+    async fn to_start(&self, cell: &AlignmentCell<'_>, aim: &Aim, gap: f64) -> Result<(), Halt> {
+        let goal = aim.holder(cell, self.exit(), -self.below(), gap);
+        cell.go(aim.side, goal).await?;
+        until_seen(cell, aim, self.fast.straight).await?;
+        self.straighten(cell, aim, gap)?;
+        Ok(cell.stands(aim.side).await?)
     }
 
     /// Sets out for where the tip is now seen to stand right in x and z.
     pub(super) fn straighten(
         &self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         aim: &Aim,
         gap: f64,
     ) -> Result<(), Halt> {
-        let here = station.wanted(aim.side);
-        let goal = aim.holder(station, self.exit(), 0.0, gap);
+        let here = cell.wanted(aim.side);
+        let goal = aim.holder(cell, self.exit(), 0.0, gap);
         let goal = Point::new(goal.x, here.y, goal.z);
         if here.distance(goal) > self.fast.straight {
-            station.start_line(aim.side, goal, None)?;
+            cell.start_line(aim.side, goal, None)?;
         }
         Ok(())
     }
 
     /// Back to where a search starts, or beside it.
-    pub(super) fn back_to_start(
+    pub(super) async fn back_to_start(
         &self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         aim: &Aim,
         look: &Look,
     ) -> Result<(), Halt> {
         let recipe = self.recipe;
-        let here = station.wanted(aim.side);
-        let first_look = recipe.coarse.first_look(station.spec());
-        let far = aim.holder(station, self.exit(), 0.0, first_look);
+        let here = cell.wanted(aim.side);
+        let first_look = recipe.coarse.first_look(cell.spec());
+        let far = aim.holder(cell, self.exit(), 0.0, first_look);
         let back = Point::new(here.x, here.y, here.z.min(far.z));
-        lines(station, &[(aim.side, back)], |_| {})?;
-        cock(station, aim.side, look.width);
+        cell.go(aim.side, back).await?;
+        cock(cell, aim.side, look.width)?;
         let below = -self.below() - recipe.coarse.run_up;
-        let below = aim.holder(station, self.exit(), below, first_look);
-        lines(
-            station,
-            &[(aim.side, below.shifted(look.aside, 0.0, 0.0))],
-            |_| {},
-        )?;
-        let start = aim.holder(station, self.exit(), -self.below(), look.gap);
-        lines(
-            station,
-            &[(aim.side, start.shifted(look.aside, 0.0, 0.0))],
-            |_| {},
-        )
+        let below = aim.holder(cell, self.exit(), below, first_look);
+        cell.go(aim.side, below.shifted(look.aside, 0.0, 0.0))
+            .await?;
+        let start = aim.holder(cell, self.exit(), -self.below(), look.gap);
+        cell.go(aim.side, start.shifted(look.aside, 0.0, 0.0)).await
     }
 }

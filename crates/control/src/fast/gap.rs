@@ -4,11 +4,11 @@ use super::approach_moves::Aim;
 use super::{Shared, hand_over};
 use crate::beam::Beam;
 use crate::belief::{Across, UNSURE};
+use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
 use crate::gap_by_light::{Width, contact};
 use crate::outcome::Halt;
 use crate::procedure::{outward, place_at};
-use crate::station::Station;
 use crate::tip_estimator::WARMS;
 use pigtail_numerics::statistics::outside;
 
@@ -48,29 +48,29 @@ const FAR_OFF: f64 = 4.0;
 impl Shared<'_> {
     /// From a gap at which there is no doubt to the chip; where vision could never know the gap, the spot's width is
     /// looked at on the way.
-    pub(super) fn come_close(
+    pub(super) async fn come_close(
         &self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         aim: &Aim,
-        scan: &mut ConicalScan,
+        scan: &mut ConicalScan<'_>,
         before: f64,
     ) -> Result<(), Halt> {
         let beam = Beam::new(&self.recipe.mode, self.exit());
         let here = (self.recipe.approach.gap, 1);
-        if self.vision_knows(station) {
-            return self.approach(station, aim, scan, before, here);
+        if self.vision_knows(cell) {
+            return self.approach(cell, aim, scan, before, here).await;
         }
-        station.forget_told(aim.side);
+        cell.forget_told(aim.side);
         let mut widths = Vec::new();
         for _ in 0..PASSES {
             for share in WIDER {
                 let gap = beam.gap_of(share);
-                self.approach(station, aim, scan, before, (gap, 1))?;
-                widths.extend(width(station, aim, scan)?);
+                self.approach(cell, aim, scan, before, (gap, 1)).await?;
+                widths.extend(width(cell, aim, scan).await?);
             }
-            self.approach(station, aim, scan, before, here)?;
-            widths.extend(width(station, aim, scan)?);
-            if self.tell_contact(station, aim, &widths) {
+            self.approach(cell, aim, scan, before, here).await?;
+            widths.extend(width(cell, aim, scan).await?);
+            if self.tell_contact(cell, aim, &widths) {
                 break;
             }
         }
@@ -78,10 +78,10 @@ impl Shared<'_> {
     }
 
     /// Whether vision could ever know a gap well enough for a fiber to be attached.
-    fn vision_knows(&self, station: &Station) -> bool {
+    fn vision_knows(&self, cell: &AlignmentCell<'_>) -> bool {
         let tolerance = self.recipe.accept.gap;
         let (off, sigma) = (0.5 * self.fast.gap_tolerance, 0.5 * self.fast.gap_tolerance);
-        let vision = &station.spec().vision;
+        let vision = &cell.spec().vision;
         outside(
             tolerance,
             off,
@@ -91,60 +91,60 @@ impl Shared<'_> {
     }
 
     /// Whether a fiber would not be attached at this gap, for what is known of it.
-    pub(super) fn doubts_gap(&self, station: &Station, aim: &Aim) -> bool {
+    pub(super) fn doubts_gap(&self, cell: &AlignmentCell<'_>, aim: &Aim) -> bool {
         let wanted = self.recipe.approach.gap;
-        let place = place_at(station, aim.side, aim.port, wanted, Across::default());
+        let place = place_at(cell, aim.side, aim.port, wanted, Across::default());
         place.is_some_and(|place| place.outside_along(self.recipe.accept.gap) > UNSURE)
     }
 
     /// Stays on the circle until vision knows the gap well.
-    pub(super) fn know_gap(
+    pub(super) async fn know_gap(
         &self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         aim: &Aim,
-        scan: &mut ConicalScan,
+        scan: &mut ConicalScan<'_>,
     ) -> Result<(), Halt> {
         let sure = SURE_OF_GAP * self.fast.gap_tolerance;
-        let begin = station.time();
-        let unsure = |station: &Station| {
-            let seen = station.seen(aim.side, aim.tip);
+        let begin = cell.now();
+        let unsure = |cell: &AlignmentCell<'_>| {
+            let seen = cell.seen(aim.side, aim.tip);
             seen.is_some_and(|seen| {
                 // Were the gap right: what is off can be corrected.
                 let doubt = outside(self.recipe.accept.gap, 0.0, seen.bound_z, seen.sigma_z());
                 let long = doubt > SPARE * UNSURE && seen.bound_z > 0.0;
                 let most = if long { MOST_DOUBTING } else { MOST_LOOKING };
-                (long || seen.sigma[1] > sure) && station.time() < begin + most
+                (long || seen.sigma[1] > sure) && cell.now() < begin + most
             })
         };
-        while unsure(station) {
-            let gap = aim.gap(station);
-            scan.turn(station, gap)?;
+        while unsure(cell) {
+            let gap = aim.gap(cell);
+            scan.turn(cell, gap).await?;
             if let Some(peak) = scan.peak() {
-                scan.go_to(station, &peak, gap)?;
+                scan.go_to(cell, &peak, gap)?;
             }
         }
         Ok(())
     }
 
     /// Goes on the circle to the gap that is wanted, if that is farther than the tolerance.
-    pub(super) fn correct_gap(
+    pub(super) async fn correct_gap(
         &self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         aim: &Aim,
-        scan: &mut ConicalScan,
+        scan: &mut ConicalScan<'_>,
     ) -> Result<(), Halt> {
-        let way = aim.gap(station) - self.recipe.approach.gap;
-        let tolerance = if self.doubts_gap(station, aim) {
+        let way = aim.gap(cell) - self.recipe.approach.gap;
+        let tolerance = if self.doubts_gap(cell, aim) {
             FINELY * self.fast.gap_tolerance
         } else {
             self.fast.gap_tolerance
         };
         if way.abs() > tolerance {
-            let end = station.wanted(aim.side).shifted(0.0, 0.0, way);
-            station.start_line(aim.side, end, None)?;
-            while station.moving(aim.side) {
-                let led = aim.led(station);
-                scan.step(station, led, f64::INFINITY)?;
+            let end = cell.wanted(aim.side).shifted(0.0, 0.0, way);
+            cell.start_line(aim.side, end, None)?;
+            while cell.is_moving(aim.side) {
+                let led = aim.led(cell);
+                scan.step(cell, led, f64::INFINITY).await?;
             }
         }
         Ok(())
@@ -152,14 +152,14 @@ impl Shared<'_> {
 
     /// Believes what the widths say of where the chip is, if vision does not contradict. Whether they say it well enough for a
     /// fiber to be attached.
-    fn tell_contact(&self, station: &mut Station, aim: &Aim, widths: &[SeenWidth]) -> bool {
-        let Some(seen) = station.seen(aim.side, aim.tip) else {
+    fn tell_contact(&self, cell: &AlignmentCell<'_>, aim: &Aim, widths: &[SeenWidth]) -> bool {
+        let Some(seen) = cell.seen(aim.side, aim.tip) else {
             return false;
         };
         let wide = seen.bound_z + FAR_OFF * seen.sigma_z();
         // What vision adds to the gap by encoders.
-        let added = aim.gap(station) - aim.gap_by_encoders(station);
-        let by_now = |width: &SeenWidth| width.by_now(station.time(), added, seen.sigma[1]);
+        let added = aim.gap(cell) - aim.gap_by_encoders(cell);
+        let by_now = |width: &SeenWidth| width.by_now(cell.now(), added, seen.sigma[1]);
         let (widths, variances): (Vec<_>, Vec<_>) = widths.iter().map(by_now).unzip();
         let n = variances.len() as f64;
         let moved = variances.iter().map(|v| v / n).sum::<f64>().sqrt();
@@ -177,7 +177,7 @@ impl Shared<'_> {
         if differs || outside(self.recipe.accept.gap, off, 0.0, sigma) > UNSURE {
             return false;
         }
-        station.tell_z(aim.side, -outward(aim.side) * at, deviation);
+        cell.tell_z(aim.side, -outward(aim.side) * at, deviation);
         true
     }
 }
@@ -215,33 +215,33 @@ impl SeenWidth {
 
 /// Looks how wide the spot is here. The micro stands in its middle meanwhile: a piezo goes a little farther or
 /// less far elsewhere, and a percent of it is a percent of the width.
-fn width(
-    station: &mut Station,
+async fn width(
+    cell: &AlignmentCell<'_>,
     aim: &Aim,
-    scan: &mut ConicalScan,
+    scan: &mut ConicalScan<'_>,
 ) -> Result<Option<SeenWidth>, Halt> {
-    let gap = aim.gap(station);
+    let gap = aim.gap(cell);
     let aside = scan.place(gap);
-    hand_over(station, scan, aim.side, aside, gap)?;
+    hand_over(cell, scan, aim.side, aside, gap).await?;
     for _ in 0..STILL {
-        scan.turn(station, gap)?;
+        scan.turn(cell, gap).await?;
     }
     for _ in 0..CENTRED.1 {
-        scan.turn(station, gap)?;
+        scan.turn(cell, gap).await?;
         let Some(peak) = scan.peak() else {
             break;
         };
-        if scan.go_to(station, &peak, gap)? < CENTRED.0 * scan.beam_width(gap) {
+        if scan.go_to(cell, &peak, gap)? < CENTRED.0 * scan.beam_width(gap) {
             break;
         }
     }
-    let at = aim.gap_by_encoders(station);
-    let width = scan.width(station, gap, at)?;
-    let seen = station.seen(aim.side, aim.tip);
+    let at = aim.gap_by_encoders(cell);
+    let width = scan.width(cell, gap, at).await?;
+    let seen = cell.seen(aim.side, aim.tip);
     Ok(width.zip(seen).map(|(width, seen)| SeenWidth {
         width,
-        added: aim.gap(station) - aim.gap_by_encoders(station),
+        added: aim.gap(cell) - aim.gap_by_encoders(cell),
         sigma: seen.sigma[1],
-        time: station.time(),
+        time: cell.now(),
     }))
 }

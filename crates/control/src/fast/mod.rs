@@ -18,6 +18,7 @@ mod seen;
 
 use crate::beam::Beam;
 use crate::belief::Across;
+use crate::cell::AlignmentCell;
 use crate::conical_scan::{ConicalScan, Gap, Watch};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::procedure::{FiberReport, Found, Job, each_fiber};
@@ -25,10 +26,10 @@ use crate::recipe::{Fast, Recipe, Sweep};
 use crate::station::{Level, Station, coarse, fine};
 use crate::sweep::{Spot, first_light};
 use crate::tip_estimator::Tip;
-use approach_moves::{Aim, cock, lines};
-use pigtail_hal::bench::{Meter, Pose};
+use approach_moves::{Aim, cock};
+use pigtail_hal::Side;
+use pigtail_hal::bench::Meter;
 use pigtail_hal::spec::{CHANNELS, Channel};
-use pigtail_hal::{Bench, FiberHandling, Side};
 use pigtail_model::frames::{Displacement, Macro, Point};
 use ratio::Ratios;
 pub use ratio::{Ratio, measure_ratios};
@@ -75,6 +76,9 @@ const PASSES: [Pass; 7] = {
 
 /// Time for the micro to come to rest where its lines begin, seconds.
 const COCKED: f64 = 0.008;
+
+/// How far beyond the end of a line a peak is expected whose light was brightest there, in its widths.
+const BEYOND: f64 = 0.5;
 
 /// Light of less than so many times what counts as light is looked at once more on the approach.
 const DOUBTFUL: f64 = 2.5;
@@ -124,7 +128,8 @@ struct Look {
 
 /// Aligns the input fiber and the output fibers of one device.
 pub fn fast(station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
-    Shared::new(recipe).align(station)
+    let cell = AlignmentCell::over(station);
+    cell.run(Shared::new(recipe).align(&cell))
 }
 
 /// What the fibers of a device have in common.
@@ -150,12 +155,13 @@ impl<'r> Shared<'r> {
         }
     }
 
-    fn align(&mut self, station: &mut Station) -> Vec<FiberReport> {
+    async fn align(&mut self, cell: &AlignmentCell<'_>) -> Vec<FiberReport> {
         let recipe = self.recipe;
-        each_fiber(station, recipe, |job, station, port| match port {
-            None => self.align_input(job, station),
-            Some(k) => self.align_output(job, station, k),
+        each_fiber(cell, recipe, async |job, port| match port {
+            None => self.align_input(job, cell).await,
+            Some(k) => self.align_output(job, cell, k).await,
         })
+        .await
     }
 }
 
@@ -169,7 +175,11 @@ impl<'r> Shared<'r> {
         self.recipe.raster.below()
     }
 
-    fn align_input(&mut self, job: &mut Job, station: &mut Station) -> Result<(), Halt> {
+    async fn align_input(
+        &mut self,
+        job: &mut Job<'_>,
+        cell: &AlignmentCell<'_>,
+    ) -> Result<(), Halt> {
         let (recipe, fast) = (self.recipe, self.fast);
         let aim = Aim {
             side: job.side,
@@ -182,15 +192,18 @@ impl<'r> Shared<'r> {
             tip: Tip::Sensing,
             port: Point::new(x, y, z),
         };
-        station.handle_fiber(Side::Left, FiberHandling::Load(0))?;
-        job.phase(station, "coarse", |_, station| {
-            self.come_near(station, &aim, &sensing)
-        })?;
-        let over = job.phase(station, "sensing", |_, station| {
-            self.over_the_top(station, &sensing)?;
-            // The input fiber has stood still meanwhile: vision knows it better now.
-            self.straighten(station, &aim, fast.input_gap)
-        });
+        cell.load(Side::Left, 0).await?;
+        job.phase(cell, "coarse", async |_| {
+            self.come_near(cell, &aim, &sensing).await
+        })
+        .await?;
+        let over = job
+            .phase(cell, "sensing", async |_| {
+                self.over_the_top(cell, &sensing).await?;
+                // The input fiber has stood still meanwhile: vision knows it better now.
+                self.straighten(cell, &aim, fast.input_gap)
+            })
+            .await;
         let passes: &[Pass] = match over {
             Ok(()) => &PASSES,
             Err(Halt::Fault(fault)) => return Err(fault.into()),
@@ -199,25 +212,25 @@ impl<'r> Shared<'r> {
         };
         for (attempt, pass) in passes.iter().enumerate() {
             let aside = pass.sensing * fast.sensing.sidestep;
-            station.move_micro(Side::Right, Displacement::new(aside, 0.0));
+            cell.move_micro(Side::Right, Displacement::new(aside, 0.0))?;
             let look = self.look(pass, fast.input_gap, fast.input_spacing, attempt > 0);
-            let result = self.attempt(job, station, &aim, &look);
+            let result = self.attempt(job, cell, &aim, &look).await;
             if !again(&result, attempt) {
                 return result;
             }
         }
-        station.move_micro(Side::Right, Displacement::ZERO);
-        if !station.has_piezo_model(job.side) {
-            return job.align_input(station);
+        cell.move_micro(Side::Right, Displacement::ZERO)?;
+        if !cell.follows(job.side) {
+            return job.align_input(cell).await;
         }
-        let found = job.find_input(station)?;
-        self.after_raster(job, station, &aim, &found)
+        let found = job.find_input(cell).await?;
+        self.after_raster(job, cell, &aim, &found).await
     }
 
-    fn align_output(
+    async fn align_output(
         &mut self,
-        job: &mut Job,
-        station: &mut Station,
+        job: &mut Job<'_>,
+        cell: &AlignmentCell<'_>,
         index: usize,
     ) -> Result<(), Halt> {
         let fast = self.fast;
@@ -226,22 +239,23 @@ impl<'r> Shared<'r> {
             tip: Tip::Fiber,
             port: job.port,
         };
-        job.phase(station, "coarse", |_, station| {
-            self.change_fiber(station, &aim, index)
-        })?;
+        job.phase(cell, "coarse", async |_| {
+            self.change_fiber(cell, &aim, index).await
+        })
+        .await?;
         // The last passes differ in the sensing fiber alone.
         for (attempt, pass) in PASSES[..5].iter().enumerate() {
             let look = self.look(pass, fast.output_gap, fast.output_spacing, attempt > 0);
-            let result = self.attempt(job, station, &aim, &look);
+            let result = self.attempt(job, cell, &aim, &look).await;
             if !again(&result, attempt) {
                 return result;
             }
         }
-        if !station.has_piezo_model(job.side) {
-            return job.align_output(station, index);
+        if !cell.follows(job.side) {
+            return job.align_output(cell, index).await;
         }
-        let found = job.find_output(station, index)?;
-        self.after_raster(job, station, &aim, &found)
+        let found = job.find_output(cell, index).await?;
+        self.after_raster(job, cell, &aim, &found).await
     }
 
     /// A pass for fibers of which light is searched at a gap by lines of a spacing, metres.
@@ -269,44 +283,48 @@ impl<'r> Shared<'r> {
     }
 
     /// One try at a fiber, from the start of its search on; a later one from wherever the tip is.
-    fn attempt(
+    async fn attempt(
         &mut self,
-        job: &mut Job,
-        station: &mut Station,
+        job: &mut Job<'_>,
+        cell: &AlignmentCell<'_>,
         aim: &Aim,
         look: &Look,
     ) -> Result<(), Halt> {
         let (mut dismissed, mut begun): (usize, Option<(Watch, Point<Macro>)>) = (0, None);
         let (scan, before) = loop {
-            let (watch, spot) = job.phase(station, "search", |job, station| {
-                let (watch, start) = match begun {
-                    None => {
-                        if look.again {
-                            self.back_to_start(station, aim, look)?;
+            let (watch, spot) = job
+                .phase(cell, "search", async |job| {
+                    let (watch, start) = match begun {
+                        None => {
+                            if look.again {
+                                self.back_to_start(cell, aim, look).await?;
+                            }
+                            (self.background(cell, job).await?, cell.wanted(aim.side))
                         }
-                        (self.background(station, job)?, station.wanted(aim.side))
-                    }
-                    Some((watch, start)) => {
-                        cock(station, aim.side, look.width);
-                        let here = Point::new(start.x, station.wanted(aim.side).y, start.z);
-                        lines(station, &[(aim.side, here)], |_| {})?;
-                        station.run(COCKED)?;
-                        (watch, start)
-                    }
-                };
-                begun = Some((watch, start));
-                let top = start.y + 2.0 * self.below() + self.fast.overscan;
-                let eye = (job.side, job.channel);
-                let spot = self.search(station, eye, &watch, look, top, dismissed)?;
-                let watch = Watch {
-                    background: spot.background,
-                    ..watch
-                };
-                Ok((watch, spot))
-            })?;
-            let centred = job.phase(station, "centre", |_, station| {
-                self.centre(station, aim, watch, spot)
-            });
+                        Some((watch, start)) => {
+                            cock(cell, aim.side, look.width)?;
+                            let here = Point::new(start.x, cell.wanted(aim.side).y, start.z);
+                            cell.go(aim.side, here).await?;
+                            cell.wait(COCKED).await?;
+                            (watch, start)
+                        }
+                    };
+                    begun = Some((watch, start));
+                    let top = start.y + 2.0 * self.below() + self.fast.overscan;
+                    let eye = (job.side, job.channel);
+                    let spot = self.search(cell, eye, &watch, look, top, dismissed).await?;
+                    let watch = Watch {
+                        background: spot.background,
+                        ..watch
+                    };
+                    Ok((watch, spot))
+                })
+                .await?;
+            let centred = job
+                .phase(cell, "centre", async |_| {
+                    self.centre(cell, aim, watch, spot).await
+                })
+                .await;
             match centred {
                 // What was bright there was no peak: on from here.
                 Err(Halt::Outcome(Outcome::LightLost { .. })) if dismissed < MOST_DISMISSED => {
@@ -315,15 +333,15 @@ impl<'r> Shared<'r> {
                 centred => break centred?,
             }
         };
-        self.close(job, station, aim, scan, before)
+        self.close(job, cell, aim, scan, before).await
     }
 
     /// From light that the thesis's raster has found to an attached fiber. Its patterns would find the peak too, but
     /// cannot say how the tip shakes, nor whether the micro goes where it is told.
-    fn after_raster(
+    async fn after_raster(
         &mut self,
-        job: &mut Job,
-        station: &mut Station,
+        job: &mut Job<'_>,
+        cell: &AlignmentCell<'_>,
         aim: &Aim,
         found: &Found,
     ) -> Result<(), Halt> {
@@ -331,67 +349,76 @@ impl<'r> Shared<'r> {
             background: found.background,
             ..self.watch(job.side, job.channel)
         };
-        let at = station.wanted(aim.side).across() + station.micro(aim.side);
+        let at = cell.wanted(aim.side).across() + cell.micro(aim.side);
         let spot = Spot {
             at,
+            end: 0.0,
             level: found.level,
             background: found.background,
         };
-        let (scan, before) = job.phase(station, "centre", |_, station| {
-            self.centre(station, aim, watch, spot)
-        })?;
-        self.close(job, station, aim, scan, before)
+        let (scan, before) = job
+            .phase(cell, "centre", async |_| {
+                self.centre(cell, aim, watch, spot).await
+            })
+            .await?;
+        self.close(job, cell, aim, scan, before).await
     }
 
     /// From the peak at the gap of a search, where light of `before` volts at no gap was, to an attached fiber.
-    fn close(
+    async fn close(
         &mut self,
-        job: &mut Job,
-        station: &mut Station,
+        job: &mut Job<'_>,
+        cell: &AlignmentCell<'_>,
         aim: &Aim,
-        mut scan: ConicalScan,
+        mut scan: ConicalScan<'_>,
         before: f64,
     ) -> Result<(), Halt> {
         if let Some(mut ratios) = self.ratios.take() {
-            let known = job.phase(station, "ratio", |_, station| {
-                ratios.measure(station, aim, &mut scan)
-            });
+            let known = job
+                .phase(cell, "ratio", async |_| {
+                    ratios.measure(cell, aim, &mut scan).await
+                })
+                .await;
             self.ratios = Some(ratios);
             known?;
         }
         let dark = self.dark[job.channel.index()].level.mean;
-        job.phase(station, "approach", |_, station| {
+        job.phase(cell, "approach", async |_| {
             let beam = Beam::new(&self.recipe.mode, self.exit());
-            let level = before * beam.share(aim.gap(station));
+            let level = before * beam.share(aim.gap(cell));
             let scattered = scan.background() - dark;
             let least = DOUBTFUL * self.fast.significance * scan.noise();
             if level < least.max(SCATTERED * scattered) {
                 // What is no peak may stand far aside, where the inclined facet is nearer.
                 let first = self.fast.doubtful_gap;
                 for gap in [first, 0.5 * first] {
-                    self.approach(station, aim, &mut scan, before, (gap, DOUBTING))?;
+                    self.approach(cell, aim, &mut scan, before, (gap, DOUBTING))
+                        .await?;
                 }
             }
-            self.come_close(station, aim, &mut scan, before)
-        })?;
-        job.phase(station, "final", |job, station| {
-            let last = self.finish(station, aim, &mut scan, before);
+            self.come_close(cell, aim, &mut scan, before).await
+        })
+        .await?;
+        job.phase(cell, "final", async |job| {
+            let last = self.finish(cell, aim, &mut scan, before).await;
             // Whoever goes to the peak next should know why this did not come to an end.
             let given_up = matches!(last, Err(Halt::Outcome(_))) && !scan.shaking().is_watched();
-            if given_up && station.has_piezo_model(job.side) {
-                let gap = aim.gap(station);
-                scan.watch_shaking(station, gap, WATCHED.0)?;
+            if given_up && cell.follows(job.side) {
+                let gap = aim.gap(cell);
+                scan.watch_shaking(cell, gap, WATCHED.0).await?;
             }
             job.has_shaken(scan.shaking());
             let (level, across) = last?;
-            job.attach(station, level, scan.background(), Some(across))
+            job.attach(cell, level, scan.background(), Some(across))
+                .await
         })
+        .await
     }
 
     /// What there is without the fiber's light, where its search starts.
-    fn background(&self, station: &mut Station, job: &Job) -> Result<Watch, Halt> {
+    async fn background(&self, cell: &AlignmentCell<'_>, job: &Job<'_>) -> Result<Watch, Halt> {
         let dark = self.watch(job.side, job.channel);
-        let before = station.level(job.channel, 0.02)?;
+        let before = cell.level(job.channel, 0.02).await?;
         // Scattered light fluctuates slowly: a short look sees too little of it.
         let scattered = self.fluctuation * (before.mean - dark.background).max(0.0);
         Ok(Watch {
@@ -401,9 +428,9 @@ impl<'r> Shared<'r> {
         })
     }
 
-    fn search(
+    async fn search(
         &self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         eye: (Side, Channel),
         watch: &Watch,
         look: &Look,
@@ -416,7 +443,14 @@ impl<'r> Shared<'r> {
             speed: self.fast.sweep.speed / look.slow,
             ..self.fast.sweep
         };
-        let (spot, evidence) = first_light(station, eye, watch, &sweep, area, top, threshold)?;
+        let (spot, evidence) = first_light(cell, eye, watch, &sweep, area, top, threshold).await?;
+        // What is brightest at the end of a line has its peak beyond it as likely as not.
+        let beam = Beam::new(&self.recipe.mode, self.exit());
+        let beyond = BEYOND * beam.width(look.gap);
+        let spot = spot.map(|spot| Spot {
+            at: spot.at + Displacement::new(spot.end * beyond, 0.0),
+            ..spot
+        });
         spot.ok_or_else(|| {
             Outcome::NoLight(SearchEvidence {
                 dismissed,
@@ -427,42 +461,43 @@ impl<'r> Shared<'r> {
     }
 
     /// From first light to the peak at the gap of the search. A spot that is none is passed by.
-    fn centre(
+    async fn centre(
         &self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         aim: &Aim,
         watch: Watch,
         spot: Spot,
     ) -> Result<(ConicalScan<'r>, f64), Halt> {
         let beam = Beam::new(&self.recipe.mode, self.exit());
         let shape = &self.fast.conical_scan;
-        let walk = aim.walk(station, self.exit());
-        let gap = aim.gap(station);
-        let rest = station.wanted(aim.side);
+        let walk = aim.walk(cell, self.exit());
+        let gap = aim.gap(cell);
+        let rest = cell.wanted(aim.side);
         let at = spot.at - rest.across();
-        let before = station.measured_shaking(aim.side);
-        let mut scan = ConicalScan::new(watch, beam, shape, station, (at, gap), walk, before);
+        let before = cell.measured_shaking(aim.side);
+        let mut scan = ConicalScan::new(watch, beam, shape, cell, (at, gap), walk, before);
         // What the micro will not reach, here or at the chip, the macro must.
-        self.make_room(station, aim, &mut scan, beam.width(gap), gap)?;
+        self.make_room(cell, aim, &mut scan, beam.width(gap), gap)
+            .await?;
         let coarse = 0.15 * beam.width(gap);
-        let mut peak = match scan.centre(station, gap, coarse, "centre", 1) {
+        let mut peak = match scan.centre(cell, gap, coarse, "centre", 1).await {
             Ok(peak) => peak,
             Err(Halt::Outcome(Outcome::LightLost { .. })) => {
                 // Once around farther out.
                 scan.set_radius(1.5);
-                scan.turn(station, gap)?;
+                scan.turn(cell, gap).await?;
                 let peak = scan.peak();
                 scan.set_radius(self.fast.conical_scan.radius);
                 if let Some(peak) = peak {
-                    scan.go_to(station, &peak, gap)?;
+                    scan.go_to(cell, &peak, gap)?;
                 }
-                scan.centre(station, gap, coarse, "centre", 1)?
+                scan.centre(cell, gap, coarse, "centre", 1).await?
             }
             Err(halt) => return Err(halt),
         };
         let margin = 0.5 * beam.width(gap);
-        if self.make_room(station, aim, &mut scan, margin, gap)? {
-            peak = scan.centre(station, gap, coarse, "centre", 1)?;
+        if self.make_room(cell, aim, &mut scan, margin, gap).await? {
+            peak = scan.centre(cell, gap, coarse, "centre", 1).await?;
         }
         // A peak is brighter than what was seen of it in passing; a fluctuation is gone by now.
         let level = peak.full * beam.share(gap);
@@ -480,53 +515,52 @@ impl<'r> Shared<'r> {
 
     /// Hands over to the macro what the micro would not reach, here or at the chip, with a circle
     /// of `room` metres around it. Returns whether it was so.
-    fn make_room(
+    async fn make_room(
         &self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         aim: &Aim,
-        scan: &mut ConicalScan,
+        scan: &mut ConicalScan<'_>,
         room: f64,
         gap: f64,
     ) -> Result<bool, Halt> {
         /// Share of its range that a micro can be relied on to have.
         const SURE: f64 = 0.93;
         let (at, end) = (scan.place(gap), scan.place(self.recipe.approach.gap));
-        let kinematics = station.kinematics(aim.side);
         let around = [(room, 0.0), (-room, 0.0), (0.0, room), (0.0, -room)]
             .map(|(x, y)| Displacement::new(x, y));
         let reached = [at, end].iter().all(|at| {
-            let reaches = |by: &Displacement| kinematics.micro_reaches((*at + *by) / SURE);
+            let reaches = |by: &Displacement| cell.micro_reaches(aim.side, (*at + *by) / SURE);
             around.iter().all(reaches)
         });
         if !reached {
             let middle = (at + end) * 0.5;
-            hand_over(station, scan, aim.side, middle, gap)?;
+            hand_over(cell, scan, aim.side, middle, gap).await?;
         }
         Ok(!reached)
     }
 
     /// Closes the gap to `gap` metres on the circle and stays there for some turns, for as long as the light is
     /// `before` volts at no gap and does not stray.
-    fn approach(
+    async fn approach(
         &self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         aim: &Aim,
-        scan: &mut ConicalScan,
+        scan: &mut ConicalScan<'_>,
         before: f64,
         (gap, turns): (f64, u64),
     ) -> Result<(), Halt> {
-        let way = aim.gap(station) - gap;
-        let end = station.wanted(aim.side).shifted(0.0, 0.0, way);
-        station.start_line(aim.side, end, None)?;
+        let way = aim.gap(cell) - gap;
+        let end = cell.wanted(aim.side).shifted(0.0, 0.0, way);
+        cell.start_line(aim.side, end, None)?;
         let turn = scan.period();
         let start = scan.place(0.0);
-        let (mut next, mut end) = (station.time() + turn, f64::INFINITY);
+        let (mut next, mut end) = (cell.now() + turn, f64::INFINITY);
         loop {
-            let led = aim.led(station);
+            let led = aim.led(cell);
             let by = next.min(end);
-            let over = scan.step(station, led, by)?;
-            if end.is_infinite() && !station.moving(aim.side) {
-                end = station.time() + turns as f64 * turn;
+            let over = scan.step(cell, led, by).await?;
+            if end.is_infinite() && !cell.is_moving(aim.side) {
+                end = cell.now() + turns as f64 * turn;
             }
             if !over {
                 continue;
@@ -535,12 +569,12 @@ impl<'r> Shared<'r> {
                 return Ok(());
             }
             next += turn;
-            let gap = aim.gap(station);
+            let gap = aim.gap(cell);
             // A peak that the micro does not reach is lost too: whatever happens, the macro is
             // stopped before anyone tries again.
             let peak = scan.peak();
             let reached = match peak {
-                Some(peak) => scan.go_to(station, &peak, gap).map(|_| peak.full),
+                Some(peak) => scan.go_to(cell, &peak, gap).map(|_| peak.full),
                 None => Ok(0.0),
             };
             let strayed = (scan.place(0.0) - start).norm();
@@ -555,34 +589,32 @@ impl<'r> Shared<'r> {
                 },
                 Err(beyond) => beyond,
             };
-            station.brake(aim.side);
-            while station.moving(aim.side) {
-                station.cycle()?;
-            }
+            cell.brake(aim.side)?;
+            cell.stands(aim.side).await?;
             return Err(why.into());
         }
     }
 
     /// The last turns at the chip, and whether the light is what it should be. Returns it, and how well
     /// it is known where the fiber will be across.
-    fn finish(
+    async fn finish(
         &self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         aim: &Aim,
-        scan: &mut ConicalScan,
+        scan: &mut ConicalScan<'_>,
         before: f64,
     ) -> Result<(Level, Across), Halt> {
         let beam = Beam::new(&self.recipe.mode, self.exit());
         let mut accuracy = self.fast.accuracy;
-        let wanted = (self.fast.watch * station.spec().photodiode.rate).round() as usize;
+        let wanted = (self.fast.watch * cell.spec().photodiode.rate).round() as usize;
         let (mut attempt, mut watched, mut patience) = (0, 0, PATIENT);
         loop {
             attempt += 1;
             scan.set_radius(self.fast.conical_scan.radius);
-            self.know_gap(station, aim, scan)?;
-            self.correct_gap(station, aim, scan)?;
-            let gap = aim.gap(station);
-            let peak = scan.settle(station, gap, accuracy, "final")?;
+            self.know_gap(cell, aim, scan).await?;
+            self.correct_gap(cell, aim, scan).await?;
+            let gap = aim.gap(cell);
+            let peak = scan.settle(cell, gap, accuracy, "final").await?;
             if peak.full < self.fast.accept * before {
                 return Err(Outcome::FalseLight {
                     before,
@@ -590,10 +622,10 @@ impl<'r> Shared<'r> {
                 }
                 .into());
             }
-            let confirmed = scan.confirm(station, gap, &peak, "final");
+            let confirmed = scan.confirm(cell, gap, &peak, "final").await;
             // Meanwhile vision may have come to know better.
-            let way = aim.gap(station) - self.recipe.approach.gap;
-            let far = way.abs() > LATE * self.fast.gap_tolerance || self.doubts_gap(station, aim);
+            let way = aim.gap(cell) - self.recipe.approach.gap;
+            let far = way.abs() > LATE * self.fast.gap_tolerance || self.doubts_gap(cell, aim);
             let expected = peak.full * beam.share(gap);
             let why = match confirmed {
                 Ok((level, known))
@@ -605,7 +637,7 @@ impl<'r> Shared<'r> {
                         Err(unsure) => {
                             // What shakes cannot be made less; the peak can be known better. Watching does not
                             // help where that is all that is missing.
-                            let sure = |scan: &ConicalScan, better: f64| {
+                            let sure = |scan: &ConicalScan<'_>, better: f64| {
                                 scan.shaking().is_sure(aside, known.times(better)).is_ok()
                             };
                             let missing = |scan: &ConicalScan| sure(scan, BETTER * BETTER);
@@ -617,7 +649,7 @@ impl<'r> Shared<'r> {
                                 && !missing(scan)
                                 && scan.shaking().is_sure(aside, known).is_err()
                             {
-                                scan.watch_shaking(station, gap, samples)?;
+                                scan.watch_shaking(cell, gap, samples).await?;
                                 watched += samples;
                                 samples = watched;
                             }
@@ -630,7 +662,7 @@ impl<'r> Shared<'r> {
                             unsure
                         }
                         Ok(()) if watched < wanted => {
-                            scan.watch_shaking(station, gap, wanted - watched)?;
+                            scan.watch_shaking(cell, gap, wanted - watched).await?;
                             watched = wanted;
                             // Piezos have crept meanwhile.
                             attempt -= 1;
@@ -669,35 +701,33 @@ impl<'r> Shared<'r> {
 
 /// The macro goes aside and comes to rest there, while the micro stays in its
 /// scan.
-fn hand_over(
-    station: &mut Station,
-    scan: &mut ConicalScan,
+async fn hand_over(
+    cell: &AlignmentCell<'_>,
+    scan: &mut ConicalScan<'_>,
     side: Side,
     by: Displacement,
     gap: f64,
 ) -> Result<(), Halt> {
     /// For the servo to come to rest, seconds.
     const REST: f64 = 0.02;
-    let goal = station.wanted(side).moved(by);
-    let before = station.endpoint(side);
-    station.start_line(side, goal, None)?;
+    let goal = cell.wanted(side).moved(by);
+    let before = cell.endpoint(side);
+    cell.start_line(side, goal, None)?;
     let place = scan.place(gap);
-    if !station.reaches(fine(side), &Pose::at(place.x, place.y, 0.0)) {
+    if !cell.micro_reaches(side, place) {
         // Where the micro does not get to yet it need not wait.
-        while station.moving(side) {
-            station.cycle()?;
-        }
-        station.run(REST)?;
-        scan.hand_over(station.endpoint(side).across() - before.across());
+        cell.stands(side).await?;
+        cell.wait(REST).await?;
+        scan.hand_over(cell.endpoint(side).across() - before.across());
         return Ok(());
     }
-    scan.begin_aside(station, coarse(side));
+    scan.begin_aside(cell, coarse(side));
     let aside = Gap::Aside(gap, coarse(side));
-    while station.moving(side) {
-        scan.step(station, aside, f64::INFINITY)?;
+    while cell.is_moving(side) {
+        scan.step(cell, aside, f64::INFINITY).await?;
     }
-    scan.run(station, aside, REST)?;
-    scan.hand_over(station.endpoint(side).across() - before.across());
+    scan.run(cell, aside, REST).await?;
+    scan.hand_over(cell.endpoint(side).across() - before.across());
     scan.end_aside();
     Ok(())
 }

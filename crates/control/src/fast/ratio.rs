@@ -3,6 +3,7 @@
 
 use super::approach_moves::Aim;
 use super::{Shared, hand_over};
+use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
 use crate::outcome::{Halt, Outcome};
 use crate::procedure::FiberReport;
@@ -52,48 +53,55 @@ pub fn measure_ratios(
 ) -> ([Option<Ratio>; SIDES], Vec<FiberReport>) {
     let mut shared = Shared::new(recipe);
     shared.ratios = Some(Ratios::default());
-    let reports = shared.align(station);
+    let cell = AlignmentCell::over(station);
+    let reports = cell.run(shared.align(&cell));
     let Ratios(found) = shared.ratios.unwrap_or_default();
     (found, reports)
 }
 
 impl Ratios {
     /// Measures the micro of a side that circles its peak, if that has not been done.
-    pub(super) fn measure(
+    pub(super) async fn measure(
         &mut self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         aim: &Aim,
-        scan: &mut ConicalScan,
+        scan: &mut ConicalScan<'_>,
     ) -> Result<(), Halt> {
         let side = aim.side;
         let Self(known) = self;
         let known = &mut known[side.index()];
-        let Some(believed) = station.micro_ratio(side).filter(|_| known.is_none()) else {
+        let Some(believed) = cell
+            .voltage(|machine| machine.micro_ratio(side))
+            .flatten()
+            .filter(|_| known.is_none())
+        else {
             return Ok(());
         };
-        let gap = aim.gap(station);
-        let found = follow(station, side, scan, gap, believed)?;
+        let gap = aim.gap(cell);
+        let found = follow(cell, side, scan, gap, believed).await?;
         *known = Some(found);
         // The micro goes on from where it is.
         let at = scan.place(gap);
         let by = at.y * (1.0 - found.ratio / believed);
-        station.set_micro_ratio(side, found.ratio);
+        cell.voltage(|machine| machine.set_micro_ratio(side, found.ratio));
         scan.hand_over(Displacement::new(0.0, by));
-        scan.centre(station, gap, NEAR * scan.beam_width(gap), "ratio", 1)?;
+        scan.centre(cell, gap, NEAR * scan.beam_width(gap), "ratio", 1)
+            .await?;
         Ok(())
     }
 }
 
 /// Where the macro stands, by probes at its outputs where there are some.
-fn stands(station: &Station, side: Side) -> Displacement {
-    let endpoint = station.probed_endpoint(side);
-    endpoint.unwrap_or_else(|| station.endpoint(side)).across()
+fn stands(cell: &AlignmentCell<'_>, side: Side) -> Displacement {
+    let probed = cell.voltage(|machine| machine.probed_endpoint(side));
+    let endpoint = probed.flatten().unwrap_or_else(|| cell.endpoint(side));
+    endpoint.across()
 }
 
-fn follow(
-    station: &mut Station,
+async fn follow(
+    cell: &AlignmentCell<'_>,
     side: Side,
-    scan: &mut ConicalScan,
+    scan: &mut ConicalScan<'_>,
     gap: f64,
     believed: f64,
 ) -> Result<Ratio, Halt> {
@@ -104,28 +112,29 @@ fn follow(
     // Where the micro has its peak: a place, a drift, and what it makes up for of each way of the macro.
     let mut normal: [Normal<4>; 2] = Default::default();
     let mut seen: Vec<(SVector<f64, 4>, Displacement)> = Vec::with_capacity(4 * ROUNDS * TURNS);
-    let (begin, start) = (station.time(), stands(station, side));
+    let (begin, start) = (cell.now(), stands(cell, side));
     for _ in 0..ROUNDS {
         for (x, y) in around {
             let step = Displacement::new(x, y) / f64::from(STEPS);
             for _ in 0..STEPS {
-                hand_over(station, scan, side, step, gap)?;
+                hand_over(cell, scan, side, step, gap).await?;
                 if let Some(peak) = scan.peak() {
-                    scan.go_to(station, &peak, gap)?;
+                    scan.go_to(cell, &peak, gap)?;
                 }
             }
-            scan.centre(station, gap, NEAR * scan.beam_width(gap), "ratio", 2)?;
+            scan.centre(cell, gap, NEAR * scan.beam_width(gap), "ratio", 2)
+                .await?;
             for _ in 0..TURNS {
-                scan.turn(station, gap)?;
+                scan.turn(cell, gap).await?;
                 let Some(peak) = scan.peak() else {
                     continue;
                 };
-                let by = (stands(station, side) - start) / WAY;
-                let row = SVector::from([1.0, station.time() - begin, by.x, by.y]);
+                let by = (stands(cell, side) - start) / WAY;
+                let row = SVector::from([1.0, cell.now() - begin, by.x, by.y]);
                 normal[0].add(&row, peak.at.x / WAY);
                 normal[1].add(&row, peak.at.y / WAY);
                 seen.push((row, peak.at / WAY));
-                scan.go_to(station, &peak, gap)?;
+                scan.go_to(cell, &peak, gap)?;
             }
         }
     }

@@ -1,7 +1,10 @@
 //! What the photodiodes say before there is any light to follow.
 
-use crate::station::{Level, Station};
-use pigtail_hal::spec::{CHANNELS, Channel};
+use crate::cell::AlignmentCell;
+use crate::outcome::Halt;
+use crate::station::Level;
+use pigtail_hal::bench::Event;
+use pigtail_hal::spec::CHANNELS;
 use pigtail_numerics::line::Line;
 
 /// The photodiodes in the dark.
@@ -27,18 +30,35 @@ const STRAIGHT: usize = 50;
 /// A mean and a spread are taken from so many, at least.
 const LEAST: usize = 4;
 
+/// How long the photodiodes remember the laser, seconds.
+const FORGOTTEN: f64 = 0.02;
+
+/// The photodiodes without the laser for so many seconds; it is on afterwards.
+pub(super) async fn dark(cell: &AlignmentCell<'_>, seconds: f64) -> Result<Dark, Halt> {
+    cell.laser(false)?;
+    cell.wait(FORGOTTEN).await?;
+    let mut dark = Dark::default();
+    let end = cell.now() + seconds;
+    while !cell.is_past(end) || !dark.is_enough() {
+        let by = if dark.is_enough() { end } else { f64::INFINITY };
+        if let Event::Light(light) = cell.next(by).await? {
+            cell.note_reading(light.time);
+            dark.note(&light.volts);
+        }
+    }
+    cell.laser(true)?;
+    Ok(dark)
+}
+
 impl Dark {
-    pub(super) fn note(&mut self, station: &Station) {
-        for channel in Channel::ALL {
-            let Some(volts) = station.light(channel) else {
-                return;
-            };
-            self.seen[channel.index()].push(volts);
+    fn note(&mut self, volts: &[f64]) {
+        for (seen, volts) in self.seen.iter_mut().zip(volts) {
+            seen.push(*volts);
         }
     }
 
     /// Whether that is enough for a mean and a spread.
-    pub(super) fn is_enough(&self) -> bool {
+    fn is_enough(&self) -> bool {
         self.seen[0].len() >= LEAST
     }
 

@@ -15,6 +15,7 @@ use super::{
     BLOCK, DARK, Flank, Identified, Micro, STILL, Series, Watch, gaussian_far, no_beam, ratio,
     resting, share_in_x, ways,
 };
+use crate::cell::AlignmentCell;
 use crate::compensation::hysteresis::{Model, predict};
 use crate::identify::Path;
 use crate::outcome::{Halt, Outcome};
@@ -77,9 +78,12 @@ struct Log {
 pub(super) fn identify(station: &mut Station, recipe: &Recipe) -> Result<Micro, Halt> {
     let mut recipe = recipe.clone();
     recipe.last.accuracy = ACCURACY;
-    station.laser(true);
-    Job::input(&recipe).reach_input(station)?;
-    Job::output(&recipe, 0).reach_output(station, 0)?;
+    let cell = AlignmentCell::over(station);
+    cell.run(async {
+        cell.laser(true)?;
+        Job::input(&recipe).reach_input(&cell).await?;
+        Job::output(&recipe, 0).reach_output(&cell, 0).await
+    })?;
 
     // Back from the guide, and to the side as its light goes; the micro in its middle.
     let middle = Volts(0.5 * station.spec().micro.voltage);

@@ -2,8 +2,9 @@
 
 use super::{Job, outward};
 use crate::belief::{Across, Place, UNSURE};
+use crate::cell::AlignmentCell;
 use crate::outcome::{Halt, Outcome};
-use crate::station::{Level, Station};
+use crate::station::Level;
 use crate::tip_estimator::Tip;
 use pigtail_hal::Side;
 use pigtail_model::frames::{Chip, Point};
@@ -23,15 +24,14 @@ const ATTACHED_NOISE: f64 = 4.5;
 /// Where the fiber of a side is believed to be before a port, beyond a gap that is wanted (metres), where its place across is
 /// known so well; `None` before it was seen.
 pub(crate) fn place_at(
-    station: &Station,
+    cell: &AlignmentCell<'_>,
     side: Side,
     port: Point<Chip>,
     wanted: f64,
     across: Across,
 ) -> Option<Place> {
-    let seen = station.seen(side, Tip::Fiber)?;
-    let kinematics = station.kinematics(side);
-    let holder = kinematics.chip_from_macro(station.endpoint(side));
+    let seen = cell.seen(side, Tip::Fiber)?;
+    let holder = cell.holder(side);
     Some(Place {
         across,
         off: outward(side) * (holder.z + seen.z - port.z) - wanted,
@@ -47,18 +47,18 @@ impl Job<'_> {
     /// falls has a greater one.
     ///
     /// Where its place `across` is known, that is noted with the gap.
-    pub(crate) fn attach(
+    pub(crate) async fn attach(
         &mut self,
-        station: &mut Station,
+        cell: &AlignmentCell<'_>,
         last: Level,
         background: f64,
         across: Option<Across>,
     ) -> Result<(), Halt> {
         let wanted = self.recipe.approach.gap;
-        let place = |across| place_at(station, self.side, self.port, wanted, across);
+        let place = |across| place_at(cell, self.side, self.port, wanted, across);
         self.sure_of_gap(place(Across::default()))?;
         self.place = across.and_then(place);
-        let least = station.attach(self.side, self.channel)? - background;
+        let least = cell.attach(self.side, self.channel).await? - background;
         let before = last.mean - background;
         // What moves while the bond sets is fixed somewhere on its way: its light at the end may be what it should be, all but.
         if least < (1.0 - ATTACHED_LESS) * before - BONDED_NOISE * last.sigma {
@@ -68,9 +68,9 @@ impl Job<'_> {
             }
             .into());
         }
-        let now = station.level(self.channel, ATTACHED_LOOK)?;
+        let now = cell.level(self.channel, ATTACHED_LOOK).await?;
         let after = now.mean - background;
-        let samples = (ATTACHED_LOOK * station.spec().photodiode.rate).max(2.0);
+        let samples = (ATTACHED_LOOK * cell.spec().photodiode.rate).max(2.0);
         let noise = last.sigma * (2.0 / samples).sqrt();
         if after < (1.0 - ATTACHED_LESS) * before - ATTACHED_NOISE * noise {
             return Err(Outcome::Slipped { before, after }.into());

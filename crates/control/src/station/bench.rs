@@ -1,14 +1,17 @@
 //! A station as a bench: it plays laws where its loops are closed, in every cycle.
 
-use super::Station;
+use super::{Observer, Station};
+use crate::impulse::belief::ImpulseBelief;
 use crate::kinematics::Kinematics;
 use crate::outcome::Outcome;
+use crate::reactor::{VoltageMachine, Watched};
 use pigtail_hal::bench::{
     AxisCaps, Caps, ChannelCaps, Estimate, Event, Group, GroupCaps, Law, Pose, Refused, Request,
     Stage, Ticket,
 };
+use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::SIDES;
-use pigtail_hal::{Bench, Channel, Fault, FiberHandling, Side, Spec};
+use pigtail_hal::{AxisName, Bench, Channel, Fault, FiberHandling, Pulse, Side, Spec};
 use pigtail_model::frames::{Displacement, Macro, Point};
 
 /// A micro follows circles up to half of its lowest resonance, of which it takes two and a half periods to settle.
@@ -179,6 +182,58 @@ impl Station<'_> {
     }
 }
 
+impl Watched for Station<'_> {
+    fn observer(&mut self) -> &mut dyn Observer {
+        self.observer
+    }
+
+    fn note_reading(&mut self, time: f64) {
+        self.count_reading(time);
+    }
+
+    fn voltage(&mut self) -> Option<&mut dyn VoltageMachine> {
+        Some(self)
+    }
+}
+
+impl VoltageMachine for Station<'_> {
+    fn micro_ratio(&self, side: Side) -> Option<f64> {
+        Station::micro_ratio(self, side)
+    }
+
+    fn set_micro_ratio(&mut self, side: Side, ratio: f64) {
+        Station::set_micro_ratio(self, side, ratio);
+    }
+
+    fn probed_endpoint(&self, side: Side) -> Option<Point<Macro>> {
+        Station::probed_endpoint(self, side)
+    }
+
+    fn kinematics(&self, side: Side) -> &Kinematics {
+        Station::kinematics(self, side)
+    }
+
+    fn five_bar_pulses(&self) -> Option<ImpulseBelief> {
+        Station::five_bar_pulses(self)
+    }
+
+    fn windup(&self, at: AxisName) -> f64 {
+        Station::windup(self, at)
+    }
+
+    fn hold_voltage(&mut self, at: AxisName, volts: Volts) {
+        Station::hold_voltage(self, at, volts);
+    }
+
+    fn close_loop(&mut self, at: AxisName) {
+        Station::close_loop(self, at);
+    }
+
+    fn pulse(&mut self, at: AxisName, pulse: Pulse) -> Result<(), Outcome> {
+        Station::pulse(self, at, pulse)
+    }
+}
+
 impl Bench for Station<'_> {
     fn caps(&self) -> &Caps {
         &self.playing.caps
@@ -259,7 +314,7 @@ impl Bench for Station<'_> {
     fn pose(&self, group: Group, at: f64) -> Option<Estimate> {
         let (side, stage) = of(group).ok()?;
         let ago = ((self.time() - at) * self.spec().servo.rate).round();
-        let (outputs, micro) = self.tips.stand(side, ago.max(0.0) as usize)?;
+        let (outputs, micro) = self.past.stand(side, ago.max(0.0) as usize)?;
         Some(match stage {
             Stage::Fine => Estimate {
                 pose: Pose::at(micro.x, micro.y, 0.0),
@@ -269,6 +324,17 @@ impl Bench for Station<'_> {
                 pose: pose_of(self.kinematics(side).endpoint_at(outputs).ok()?),
                 measured: true,
             },
+        })
+    }
+
+    fn reference(&self, group: Group) -> Option<Pose> {
+        let (side, stage) = of(group).ok()?;
+        Some(match stage {
+            Stage::Fine => {
+                let Displacement { x, y } = self.micro(side);
+                Pose::at(x, y, 0.0)
+            }
+            Stage::Coarse => pose_of(self.wanted(side)),
         })
     }
 

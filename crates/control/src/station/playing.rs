@@ -4,7 +4,7 @@ use super::bench::{of, pose_of};
 use super::{Arrival, Station};
 use crate::outcome::Outcome;
 use crate::trajectory::Line;
-use pigtail_hal::bench::{Caps, Dither, Event, Knot, Law, Light, Pose, Ticket};
+use pigtail_hal::bench::{Caps, Dither, Event, Fix, Frame, Knot, Law, Light, Pose, Ticket, Tip};
 use pigtail_hal::spec::SIDES;
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::{Displacement, Macro, Point};
@@ -134,6 +134,8 @@ pub(super) struct Coarse {
     pub(super) ticket: Ticket,
     /// Where it goes once it has slowed down, and how fast, m/s.
     then: Option<(Point<Macro>, Option<f64>)>,
+    /// Whether it was said that it has been played to its end.
+    played: bool,
     arrival: Arrival,
 }
 
@@ -263,36 +265,46 @@ impl Station<'_> {
         self.playing.coarse[side.index()] = Some(Coarse {
             ticket,
             then,
+            played: false,
             arrival: Arrival::default(),
         });
     }
 
-    /// How a macro's law has ended with this cycle, if it has.
-    fn coarse_ended(&mut self, side: Side) -> Option<Event> {
-        let mut coarse = self.playing.coarse[side.index()].take()?;
+    /// How a macro's law has come to its end in this cycle, and how its group has come to rest, if they have.
+    fn coarse_ended(&mut self, side: Side) {
+        let Some(mut coarse) = self.playing.coarse[side.index()].take() else {
+            return;
+        };
         let ticket = coarse.ticket;
-        let failed = |why: &Outcome| Some(Event::Failed(ticket, why.to_string()));
+        let failed = |why: &Outcome| Event::Failed(ticket, why.to_string());
         if self.moving(side) {
         } else if let Some((to, speed)) = coarse.then.take() {
             if let Err(why) = self.start_line(side, to, speed) {
-                return failed(&why);
+                self.playing.events.push_back(failed(&why));
+                return;
             }
-        } else if coarse.arrival.step(self, side) {
-            return match self.arrived(side) {
-                Ok(()) => Some(Event::Done(ticket)),
-                Err(why) => failed(&why),
-            };
+        } else {
+            if !coarse.played {
+                coarse.played = true;
+                self.playing.events.push_back(Event::Played(ticket));
+            }
+            if coarse.arrival.step(self, side) {
+                let ended = match self.arrived(side) {
+                    Ok(()) => Event::Done(ticket),
+                    Err(why) => failed(&why),
+                };
+                self.playing.events.push_back(ended);
+                return;
+            }
         }
         self.playing.coarse[side.index()] = Some(coarse);
-        None
     }
 
     /// What has happened in this cycle.
     pub(super) fn gather(&mut self) {
         let now = self.time();
         for side in Side::ALL {
-            let ended = self.coarse_ended(side);
-            self.playing.events.extend(ended);
+            self.coarse_ended(side);
             let fine = &mut self.playing.fine[side.index()];
             if let Some(Fine {
                 ticket,
@@ -312,13 +324,27 @@ impl Station<'_> {
             playing.events.push_back(Event::Done(*ticket));
             false
         });
+        if let Some(frame) = &self.measurement.vision {
+            let of_side = |side: &Side| Some((*side, Tip::Fiber, frame.fiber[side.index()]?));
+            let sensing = (Side::Right, Tip::Sensing, frame.sensing);
+            let seen = Side::ALL.iter().filter_map(of_side).chain([sensing]);
+            let fixes = seen.map(|(side, tip, at)| Fix {
+                arm: side.index(),
+                tip,
+                x: at.x,
+                z: at.z,
+                sigma: at.sigma,
+            });
+            let frame = Frame {
+                time: frame.time,
+                fixes: fixes.collect(),
+            };
+            self.playing.events.push_back(Event::Frame(frame));
+        }
         if let Some(light) = self.measurement.light {
-            let volts = Channel::ALL
-                .iter()
-                .map(|c| self.light(*c).unwrap_or(f64::NAN));
             let light = Light {
                 time: light.time,
-                volts: volts.collect(),
+                volts: Channel::ALL.map(|c| light.volts[c.index()].0).to_vec(),
             };
             self.playing.events.push_back(Event::Light(light));
         }

@@ -3,7 +3,7 @@
 //! A line of JSON for each exchange; numbers are read back to the last bit.
 
 use pigtail_hal::bench::{
-    Bench, Caps, Estimate, Event, Group, Law, Light, Pose, Refused, Request, Ticket,
+    Bench, Caps, Estimate, Event, Frame, Group, Law, Light, Pose, Refused, Request, Ticket,
 };
 use pigtail_hal::{Fault, Rule};
 use serde::{Deserialize, Serialize};
@@ -65,6 +65,8 @@ impl Sample {
 enum Heard {
     Light(Sample),
     Batch(Vec<Sample>),
+    Frame(Frame),
+    Played(Ticket),
     Done(Ticket),
     Failed(Ticket, String),
     Time,
@@ -82,6 +84,8 @@ impl Heard {
         match result {
             Ok(Event::Light(light)) => Self::Light(Sample::of(light)),
             Ok(Event::Batch(batch)) => Self::Batch(batch.iter().map(Sample::of).collect()),
+            Ok(Event::Frame(frame)) => Self::Frame(frame.clone()),
+            Ok(Event::Played(ticket)) => Self::Played(*ticket),
             Ok(Event::Done(ticket)) => Self::Done(*ticket),
             Ok(Event::Failed(ticket, why)) => Self::Failed(*ticket, why.clone()),
             Ok(Event::Time) => Self::Time,
@@ -99,6 +103,8 @@ impl Heard {
         Ok(match self {
             Self::Light(sample) => Event::Light(sample.light()),
             Self::Batch(batch) => Event::Batch(batch.into_iter().map(Sample::light).collect()),
+            Self::Frame(frame) => Event::Frame(frame),
+            Self::Played(ticket) => Event::Played(ticket),
             Self::Done(ticket) => Event::Done(ticket),
             Self::Failed(ticket, why) => Event::Failed(ticket, why),
             Self::Time => Event::Time,
@@ -133,6 +139,7 @@ enum Exchange {
     /// By when, which is nothing where nobody said; what came of it; and the time then.
     Next(Option<f64>, Heard, f64),
     Pose(Group, f64, Option<Estimate>),
+    Reference(Group, Option<Pose>),
     Reaches(Group, Pose, bool),
     Stop,
 }
@@ -232,6 +239,12 @@ impl<B: Bench, W: Write> Bench for Recorder<B, W> {
     fn pose(&self, group: Group, at: f64) -> Option<Estimate> {
         let answer = self.bench.pose(group, at);
         self.keep(&Exchange::Pose(group, at, answer));
+        answer
+    }
+
+    fn reference(&self, group: Group) -> Option<Pose> {
+        let answer = self.bench.reference(group);
+        self.keep(&Exchange::Reference(group, answer));
         answer
     }
 
@@ -378,6 +391,14 @@ impl Bench for Replay {
             _ => None,
         };
         self.answer(&format!("a pose at {at} s"), same).flatten()
+    }
+
+    fn reference(&self, group: Group) -> Option<Pose> {
+        let same = |exchange: &Exchange| match exchange {
+            Exchange::Reference(of, answer) if *of == group => Some(*answer),
+            _ => None,
+        };
+        self.answer("a reference", same).flatten()
     }
 
     fn reaches(&self, group: Group, pose: &Pose) -> bool {

@@ -1,0 +1,493 @@
+//! A bench with a camera and a sensing fiber in the hands of an alignment: what is known of where its arms stand, and what
+//! the camera has seen so far.
+
+use crate::outcome::{Halt, Outcome};
+use crate::reactor::{Gate, Go, Listener, Reactor, Watched, refused};
+use crate::shaking::Measured;
+use crate::station::{Level, Station, coarse, fine};
+use crate::tip_estimator::{Seen, Tip, TipEstimator};
+use pigtail_hal::bench::{Event, Frame, Knot, Law, Limits, Pose, Request};
+use pigtail_hal::spec::SIDES;
+use pigtail_hal::{Bench, Channel, Fault, Side, Spec};
+use pigtail_model::frames::{Chip, Displacement, Macro, Placement, Point};
+use std::cell::{Cell, RefCell};
+use std::future::Future;
+use std::ops::Deref;
+
+/// Longest that anything which is asked for may take, seconds.
+const LONGEST: f64 = 120.0;
+
+/// What is known of a bench before anything is measured on it: its datasheet, and what its calibration believes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Layout {
+    /// The datasheet.
+    pub spec: Spec,
+    /// How the frame of each arm lies in that of the chip.
+    pub frames: [Placement; SIDES],
+    /// What was measured of how tips shake.
+    pub shaking: [Option<Measured>; SIDES],
+    /// Whether the micros go where they are told: whether their piezos have a model that is believed.
+    pub follows: [bool; SIDES],
+}
+
+/// From where to where something gets along x, metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reach {
+    /// Where it begins.
+    pub low: f64,
+    /// Where it ends.
+    pub high: f64,
+}
+
+impl Reach {
+    /// The part of it that is so wide at most, around zero, and the share of it that one can be sure of.
+    #[must_use]
+    pub fn within(self, width: f64, sure: f64) -> Self {
+        Self {
+            low: (sure * self.low).max(-0.5 * width),
+            high: (sure * self.high).min(0.5 * width),
+        }
+    }
+
+    /// How wide it is, metres.
+    pub fn width(&self) -> f64 {
+        self.high - self.low
+    }
+
+    /// Where it is, from -1 at its beginning to 1 at its end.
+    pub fn at(&self, share: f64) -> f64 {
+        0.5 * (self.low + self.high) + 0.5 * share * self.width()
+    }
+}
+
+/// A bench with a camera, at work. All that a [`Reactor`] does, and what needs the camera or the chip's frame.
+pub struct AlignmentCell<'b> {
+    reactor: Reactor<'b>,
+    layout: Layout,
+    tips: RefCell<TipEstimator>,
+    loaded: Cell<[bool; SIDES]>,
+}
+
+impl<'b> Deref for AlignmentCell<'b> {
+    type Target = Reactor<'b>;
+
+    fn deref(&self) -> &Self::Target {
+        &self.reactor
+    }
+}
+
+/// Frames are taken in when they arrive, whoever waits for what.
+impl Listener for AlignmentCell<'_> {
+    fn hear(&self, bench: &dyn Bench, event: &Event) {
+        let Event::Frame(frame) = event else {
+            return;
+        };
+        self.tips.borrow_mut().see(frame, |side, time| {
+            let at = bench.pose(coarse(side), time)?.pose;
+            let micro = bench.pose(fine(side), time)?.pose;
+            let tip = Point::new(at.x() + micro.x(), at.y() + micro.y(), at.z());
+            Some(self.frame(side).chip_from_macro(tip))
+        });
+    }
+}
+
+impl<'b> AlignmentCell<'b> {
+    /// Takes a bench in hand of which so much is known. No arm carries a fiber.
+    pub fn new(bench: &'b mut dyn Watched, layout: Layout) -> Self {
+        Self {
+            tips: RefCell::new(TipEstimator::new(&layout.spec.vision)),
+            reactor: Reactor::new(bench),
+            layout,
+            loaded: Cell::default(),
+        }
+    }
+
+    /// Takes a station in hand.
+    pub fn over(station: &'b mut Station) -> Self {
+        let layout = station.layout();
+        Self::new(station, layout)
+    }
+
+    /// Lets a line run to its end.
+    pub fn run<T>(&self, line: impl Future<Output = T>) -> T {
+        self.run_gated(line, &mut |_| Go::On)
+    }
+
+    /// The same, paused or step by step as a [`Gate`] decides.
+    pub fn run_gated<T>(&self, line: impl Future<Output = T>, gate: &mut Gate) -> T {
+        self.reactor.run_heard(line, self, gate)
+    }
+
+    /// The datasheet.
+    pub fn spec(&self) -> &Spec {
+        &self.layout.spec
+    }
+
+    /// How the frame of an arm lies in that of the chip.
+    pub fn frame(&self, side: Side) -> &Placement {
+        &self.layout.frames[side.index()]
+    }
+
+    /// What was measured of how the tips of an arm shake, if anything was.
+    pub fn measured_shaking(&self, side: Side) -> Option<Measured> {
+        self.layout.shaking[side.index()]
+    }
+
+    /// Whether the micro of an arm goes where it is told.
+    pub fn follows(&self, side: Side) -> bool {
+        self.layout.follows[side.index()]
+    }
+
+    /// Where a holder is by its encoders.
+    pub fn endpoint(&self, side: Side) -> Point<Macro> {
+        let now = self.now();
+        let pose = self.pose(coarse(side), now).map(|estimate| estimate.pose);
+        pose.map_or_else(|| self.wanted(side), point)
+    }
+
+    /// Where a holder is wanted at this moment.
+    pub fn wanted(&self, side: Side) -> Point<Macro> {
+        self.reference(coarse(side)).map_or(Point::ORIGIN, point)
+    }
+
+    /// Whether a holder has not yet been brought to the end of its way.
+    pub fn is_moving(&self, side: Side) -> bool {
+        self.moving(coarse(side))
+    }
+
+    /// Sends a holder along a straight line, no faster than `speed` m/s.
+    ///
+    /// # Errors
+    ///
+    /// [`Outcome::BenchFailed`] when it would break a limit; the holder goes on as it did.
+    pub fn start_line(
+        &self,
+        side: Side,
+        to: Point<Macro>,
+        speed: Option<f64>,
+    ) -> Result<(), Outcome> {
+        let law = Law::Line {
+            to: Pose::at(to.x, to.y, to.z),
+            limits: Limits { speed },
+        };
+        let played = self.play(coarse(side), law);
+        played.map(drop).map_err(|why| refused(&why))
+    }
+
+    /// Calls a motion off: the holder slows down as fast as it may.
+    ///
+    /// # Errors
+    ///
+    /// [`Outcome::BenchFailed`].
+    pub fn brake(&self, side: Side) -> Result<(), Outcome> {
+        let played = self.play(coarse(side), Law::Brake);
+        played.map(drop).map_err(|why| refused(&why))
+    }
+
+    /// Lets time pass until a holder has been brought to the end of its way.
+    ///
+    /// # Errors
+    ///
+    /// The bench's fault.
+    pub async fn stands(&self, side: Side) -> Result<(), Fault> {
+        self.played(coarse(side)).await
+    }
+
+    /// Sends a holder along a straight line to its end, where it need not have come to rest.
+    ///
+    /// # Errors
+    ///
+    /// A fault; as [`Self::start_line`].
+    pub async fn go(&self, side: Side, to: Point<Macro>) -> Result<(), Halt> {
+        self.start_line(side, to, None)?;
+        Ok(self.stands(side).await?)
+    }
+
+    /// Sends a holder along a straight line, and waits until it has come to rest.
+    ///
+    /// # Errors
+    ///
+    /// A fault; [`Outcome::BenchFailed`] where it may not go there, or does not arrive.
+    pub async fn line(&self, side: Side, to: Point<Macro>, speed: Option<f64>) -> Result<(), Halt> {
+        let law = Law::Line {
+            to: Pose::at(to.x, to.y, to.z),
+            limits: Limits { speed },
+        };
+        let ticket = self.play(coarse(side), law).map_err(|why| refused(&why))?;
+        self.done(vec![ticket], LONGEST).await
+    }
+
+    /// Where a micro is told to be.
+    pub fn micro(&self, side: Side) -> Displacement {
+        let reference = self.reference(fine(side)).unwrap_or(Pose::ZERO);
+        Displacement::new(reference.x(), reference.y())
+    }
+
+    /// Whether a micro gets to a displacement.
+    pub fn micro_reaches(&self, side: Side, by: Displacement) -> bool {
+        self.reaches(fine(side), &Pose::at(by.x, by.y, 0.0))
+    }
+
+    /// The largest share of a displacement that a micro gets to, zero to one.
+    fn reached(&self, side: Side, by: Displacement) -> f64 {
+        /// To a millionth of it.
+        const STEPS: u32 = 20;
+        if self.micro_reaches(side, by) {
+            return 1.0;
+        }
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..STEPS {
+            let share = 0.5 * (low + high);
+            if self.micro_reaches(side, by * share) {
+                low = share;
+            } else {
+                high = share;
+            }
+        }
+        low
+    }
+
+    /// From where to where a micro gets along x alone, metres.
+    pub fn micro_reach_x(&self, side: Side) -> Reach {
+        let axis = self.caps().groups[fine(side).0].axes[0];
+        let (low, high) = axis.map_or((0.0, 0.0), |axis| axis.range);
+        let [low, high] = [low, high].map(|x| x * self.reached(side, Displacement::new(x, 0.0)));
+        Reach { low, high }
+    }
+
+    /// Sends a micro to a displacement, or as far there as it gets.
+    ///
+    /// # Errors
+    ///
+    /// [`Outcome::BenchFailed`].
+    pub fn move_micro(&self, side: Side, to: Displacement) -> Result<(), Outcome> {
+        let to = to * self.reached(side, to);
+        let law = Law::Line {
+            to: Pose::at(to.x, to.y, 0.0),
+            limits: Limits::default(),
+        };
+        let played = self.play(fine(side), law);
+        played.map(drop).map_err(|why| refused(&why))
+    }
+
+    /// Has a micro play a law.
+    ///
+    /// # Errors
+    ///
+    /// [`Outcome::BenchFailed`].
+    pub fn play_micro(&self, side: Side, law: Law) -> Result<(), Outcome> {
+        let played = self.play(fine(side), law);
+        played.map(drop).map_err(|why| refused(&why))
+    }
+
+    /// Has a micro go along a path, a function of the time since now, for so many seconds, straight from one place of it to
+    /// the next, `step` seconds later.
+    ///
+    /// # Errors
+    ///
+    /// [`Outcome::BenchFailed`], as where it does not reach all of the path.
+    pub fn micro_path(
+        &self,
+        side: Side,
+        (seconds, step): (f64, f64),
+        path: impl Fn(f64) -> Displacement,
+    ) -> Result<(), Outcome> {
+        let steps = (seconds / step).ceil().max(1.0) as u32;
+        let knots = (1..=steps).map(|k| {
+            let time = seconds * f64::from(k) / f64::from(steps);
+            let Displacement { x, y } = path(time);
+            let at = Pose::at(x, y, 0.0);
+            Knot { time, at }
+        });
+        self.play_micro(side, Law::Scan(knots.collect()))
+    }
+
+    /// Where a micro was told to be at a time that is not long past.
+    pub fn micro_at(&self, side: Side, time: f64) -> Displacement {
+        let pose = self.pose(fine(side), time).map(|estimate| estimate.pose);
+        pose.map_or_else(
+            || self.micro(side),
+            |pose| Displacement::new(pose.x(), pose.y()),
+        )
+    }
+
+    /// The next light of a photodiode, volts; `None` for any other event, and at the time `by`.
+    ///
+    /// # Errors
+    ///
+    /// The bench's fault.
+    pub async fn light(&self, channel: Channel, by: f64) -> Result<Option<f64>, Fault> {
+        let seen = self.sample(channel.index(), by).await?;
+        Ok(seen.map(|(_, volts)| volts))
+    }
+
+    /// The last light of a photodiode within so many seconds, or the next where there is none.
+    ///
+    /// # Errors
+    ///
+    /// The bench's fault.
+    pub async fn last_light(&self, channel: Channel, seconds: f64) -> Result<f64, Fault> {
+        let end = self.now() + seconds;
+        let mut last = None;
+        loop {
+            match self.next(end).await? {
+                Event::Light(light) => {
+                    self.note_reading(light.time);
+                    last = Some(light.volts[channel.index()]).filter(|volts| !volts.is_nan());
+                }
+                Event::Time => break,
+                _ => {}
+            }
+        }
+        match last {
+            Some(volts) => Ok(volts),
+            None => self.next_light(channel.index()).await,
+        }
+    }
+
+    /// Switches the laser.
+    ///
+    /// # Errors
+    ///
+    /// [`Outcome::BenchFailed`].
+    pub fn laser(&self, on: bool) -> Result<(), Outcome> {
+        let asked = self.request(Request::Laser(on));
+        asked.map(drop).map_err(|why| refused(&why))
+    }
+
+    /// Whether an arm carries a fiber, as far as it was given one since the bench was taken in hand.
+    pub fn carries(&self, side: Side) -> bool {
+        self.loaded.get()[side.index()]
+    }
+
+    fn another_fiber(&self, side: Side, loaded: bool) {
+        self.tips.borrow_mut().forget(side, self.now());
+        let mut all = self.loaded.get();
+        all[side.index()] = loaded;
+        self.loaded.set(all);
+    }
+
+    /// An arm takes the fiber for a port of its side.
+    ///
+    /// # Errors
+    ///
+    /// A fault; [`Outcome::BenchFailed`].
+    pub async fn load(&self, side: Side, port: usize) -> Result<(), Halt> {
+        self.another_fiber(side, true);
+        let arm = side.index();
+        self.ask(Request::Load { arm, port }, LONGEST).await
+    }
+
+    /// The fiber of an arm goes back into the tray, if it carries one.
+    ///
+    /// # Errors
+    ///
+    /// A fault; [`Outcome::BenchFailed`].
+    pub async fn unload(&self, side: Side) -> Result<(), Halt> {
+        if !self.carries(side) {
+            return Ok(());
+        }
+        self.another_fiber(side, false);
+        let arm = side.index();
+        self.ask(Request::Unload { arm }, LONGEST).await
+    }
+
+    /// Attaches the fiber of an arm, and holds it until its bond has set. Returns the least light of a photodiode meanwhile,
+    /// volts; infinity where that has taken no sample.
+    ///
+    /// # Errors
+    ///
+    /// A fault; [`Outcome::BenchFailed`].
+    pub async fn attach(&self, side: Side, channel: Channel) -> Result<f64, Halt> {
+        self.another_fiber(side, false);
+        let attach = Request::Attach { arm: side.index() };
+        let ticket = self.request(attach).map_err(|why| refused(&why))?;
+        let (mut least, end) = (f64::INFINITY, self.now() + LONGEST);
+        loop {
+            match self.next(end).await? {
+                Event::Done(done) if done == ticket => return Ok(least),
+                Event::Failed(failed, why) if failed == ticket => {
+                    return Err(Outcome::BenchFailed { why }.into());
+                }
+                Event::Light(light) => {
+                    self.note_reading(light.time);
+                    let volts = light.volts[channel.index()];
+                    least = if volts < least { volts } else { least };
+                }
+                Event::Time => {
+                    let why = format!("a bond has not set within {LONGEST} s");
+                    return Err(Outcome::BenchFailed { why }.into());
+                }
+                _ => {}
+            }
+        }
+    }
+
+    /// Mean and spread of a photodiode over `seconds`.
+    ///
+    /// # Errors
+    ///
+    /// The bench's fault.
+    pub async fn level(&self, channel: Channel, seconds: f64) -> Result<Level, Fault> {
+        let meter = channel.index();
+        let n = (seconds * self.caps().channels[meter].rate)
+            .round()
+            .max(2.0);
+        let (mut sum, mut squares) = (0.0, 0.0);
+        for _ in 0..n as u64 {
+            let volts = self.next_light(meter).await?;
+            sum += volts;
+            squares += volts * volts;
+        }
+        let mean = sum / n;
+        let variance = ((squares - n * mean * mean) / (n - 1.0)).max(0.0);
+        Ok(Level {
+            mean,
+            sigma: variance.sqrt(),
+        })
+    }
+
+    /// Waits for a frame that was exposed after this call.
+    ///
+    /// # Errors
+    ///
+    /// The bench's fault.
+    pub async fn next_frame(&self) -> Result<Frame, Fault> {
+        let since = self.now();
+        loop {
+            if let Event::Frame(frame) = self.next(f64::INFINITY).await?
+                && frame.time > since
+            {
+                return Ok(frame);
+            }
+        }
+    }
+
+    /// Where a tip stands from its holder, by all frames so far; `None` before the first.
+    pub fn seen(&self, side: Side, tip: Tip) -> Option<Seen> {
+        self.tips.borrow().seen(side, tip)
+    }
+
+    /// Where the tip would stand that is where its holder is, in the chip's frame.
+    pub fn holder(&self, side: Side) -> Point<Chip> {
+        self.frame(side).chip_from_macro(self.endpoint(side))
+    }
+
+    /// The light says by how much farther along the chip's z the fiber of a side stands than vision alone has it,
+    /// metres, known to a standard deviation. Until the fiber is another, it is believed before vision.
+    pub fn tell_z(&self, side: Side, farther: f64, deviation: f64) {
+        let holder = self.holder(side);
+        self.tips
+            .borrow_mut()
+            .tell(side, farther, deviation, holder);
+    }
+
+    /// What the light has told of the fiber of a side is to be told anew.
+    pub fn forget_told(&self, side: Side) {
+        self.tips.borrow_mut().forget_told(side);
+    }
+}
+
+fn point(pose: Pose) -> Point<Macro> {
+    Point::new(pose.x(), pose.y(), pose.z())
+}

@@ -1,0 +1,454 @@
+//! Straight lines of control that run side by side over one bench.
+//!
+//! Whatever is done with a bench is written as an `async fn` that reads from top to bottom and waits for events
+//! ([`Reactor::next`]). [`Reactor::run`] is the only place in which time passes: it lets every line go on as far as it can,
+//! in a fixed order, then asks the bench for its next event, which all lines hear that wait for one. [`both`] runs two
+//! lines together. Nothing here knows threads or clocks: the same bench gives the same run, to the last bit.
+//!
+//! Before an event is handed out, a [`Gate`] may hold it back: that is how a run is paused, or done step by step.
+
+use crate::impulse::belief::ImpulseBelief;
+use crate::kinematics::Kinematics;
+use crate::outcome::{Halt, Outcome};
+use crate::station::Observer;
+use pigtail_hal::bench::{
+    Caps, Estimate, Event, Group, Law, Light, Pose, Refused, Request, Ticket,
+};
+use pigtail_hal::quantity::Volts;
+use pigtail_hal::{AxisName, Bench, Fault, Pulse, Side};
+use pigtail_model::frames::{Macro, Point};
+use std::cell::{Cell, RefCell};
+use std::collections::VecDeque;
+use std::future::{Future, poll_fn};
+use std::pin::{Pin, pin};
+use std::task::{Context, Poll, Waker};
+
+/// A bench that somebody watches.
+pub trait Watched: Bench {
+    /// Who is told of phases.
+    fn observer(&mut self) -> &mut dyn Observer;
+    /// Control has looked at light of this time.
+    fn note_reading(&mut self, _time: f64) {}
+    /// What it can do beside a bench, where a machine that is driven by volts stands below it.
+    fn voltage(&mut self) -> Option<&mut dyn VoltageMachine> {
+        None
+    }
+}
+
+/// What only a machine that is driven by volts can do, beside what every bench can.
+pub trait VoltageMachine {
+    /// The displacement in y for one in x of a side's micro, as believed; `None` without a model.
+    fn micro_ratio(&self, side: Side) -> Option<f64>;
+    /// Believes from now on that the piezos of a side make so much displacement in y for one in x.
+    fn set_micro_ratio(&mut self, side: Side, ratio: f64);
+    /// Where the probes at the outputs see an endpoint; `None` on a rig without probes.
+    fn probed_endpoint(&self, side: Side) -> Option<Point<Macro>>;
+    /// The believed kinematics of a manipulator.
+    fn kinematics(&self, side: Side) -> &Kinematics;
+    /// What is believed of pulses on a five-bar; `None` where no one has measured it.
+    fn five_bar_pulses(&self) -> Option<ImpulseBelief>;
+    /// What the transmission of an axis holds back at this moment, by what is believed of it, radians of the output.
+    fn windup(&self, at: AxisName) -> f64;
+    /// Takes an axis from its servo and holds this voltage on its motor, until it is given back.
+    fn hold_voltage(&mut self, at: AxisName, volts: Volts);
+    /// Gives an axis back to its servo, to hold it where its encoder is.
+    fn close_loop(&mut self, at: AxisName);
+    /// Has the amplifier of an axis play a pulse from the start of the next cycle on.
+    ///
+    /// # Errors
+    ///
+    /// Why the amplifier cannot, by the datasheet; nothing is played then.
+    fn pulse(&mut self, at: AxisName, pulse: Pulse) -> Result<(), Outcome>;
+}
+
+/// What becomes of an event, as whoever watches a run decides.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Go {
+    /// It is handed out.
+    On,
+    /// Control takes no step: light and frames are passed over, the ends of motions kept. The bench goes on with what it
+    /// plays, and time passes.
+    Wait,
+}
+
+/// Decides upon each event whether control goes on. One that returns later, or upon a key, makes a twin go step by step.
+pub type Gate<'g> = dyn FnMut(&Event) -> Go + 'g;
+
+/// What takes in every event before anybody hears it.
+pub(crate) trait Listener {
+    fn hear(&self, bench: &dyn Bench, event: &Event);
+}
+
+/// Hands the events of a bench to the lines that wait for them.
+pub struct Reactor<'b> {
+    bench: RefCell<&'b mut dyn Watched>,
+    caps: Caps,
+    /// How many events have been handed out, the last of them, and until when it was waited for.
+    count: Cell<u64>,
+    last: RefCell<Result<Event, Fault>>,
+    asked: Cell<f64>,
+    /// The earliest time that a line waits for.
+    by: Cell<f64>,
+    /// Events that came together.
+    queue: RefCell<VecDeque<Event>>,
+    /// What each group plays that has not been played to its end.
+    moving: RefCell<Vec<Option<Ticket>>>,
+}
+
+impl<'b> Reactor<'b> {
+    /// Takes a bench in hand.
+    pub fn new(bench: &'b mut dyn Watched) -> Self {
+        let caps = bench.caps().clone();
+        Self {
+            moving: RefCell::new(vec![None; caps.groups.len()]),
+            bench: RefCell::new(bench),
+            caps,
+            count: Cell::new(0),
+            last: RefCell::new(Ok(Event::Time)),
+            asked: Cell::new(f64::NEG_INFINITY),
+            by: Cell::new(f64::INFINITY),
+            queue: RefCell::default(),
+        }
+    }
+
+    /// What the bench is able to do.
+    pub fn caps(&self) -> &Caps {
+        &self.caps
+    }
+
+    /// The bench's time, seconds.
+    pub fn now(&self) -> f64 {
+        self.bench.borrow().now()
+    }
+
+    /// Whether a time has come: a bench's time passes in steps, and [`Event::Time`] may come half of one early.
+    pub fn is_past(&self, time: f64) -> bool {
+        self.now() + 0.5 * self.caps.cycle >= time
+    }
+
+    /// [`Bench::play`].
+    ///
+    /// # Errors
+    ///
+    /// As there.
+    pub fn play(&self, group: Group, law: Law) -> Result<Ticket, Refused> {
+        let ticket = self.bench.borrow_mut().play(group, law)?;
+        self.moving.borrow_mut()[group.0] = Some(ticket);
+        Ok(ticket)
+    }
+
+    /// [`Bench::bend`].
+    ///
+    /// # Errors
+    ///
+    /// As there.
+    pub fn bend(&self, ticket: Ticket, law: Law) -> Result<f64, Refused> {
+        self.bench.borrow_mut().bend(ticket, law)
+    }
+
+    /// [`Bench::request`].
+    ///
+    /// # Errors
+    ///
+    /// As there.
+    pub fn request(&self, what: Request) -> Result<Ticket, Refused> {
+        self.bench.borrow_mut().request(what)
+    }
+
+    /// [`Bench::pose`].
+    pub fn pose(&self, group: Group, at: f64) -> Option<Estimate> {
+        self.bench.borrow().pose(group, at)
+    }
+
+    /// Where a group is wanted at this moment; where it is, on a bench that does not tell.
+    pub fn reference(&self, group: Group) -> Option<Pose> {
+        let bench = self.bench.borrow();
+        let reference = bench.reference(group);
+        reference.or_else(|| bench.pose(group, bench.now()).map(|estimate| estimate.pose))
+    }
+
+    /// [`Bench::reaches`].
+    pub fn reaches(&self, group: Group, pose: &Pose) -> bool {
+        self.bench.borrow().reaches(group, pose)
+    }
+
+    /// Whether a group has not yet been brought to the end of what it plays.
+    pub fn moving(&self, group: Group) -> bool {
+        self.moving.borrow()[group.0].is_some()
+    }
+
+    /// Does what only a machine that is driven by volts can; `None` on every other bench.
+    pub fn voltage<T>(&self, work: impl FnOnce(&mut dyn VoltageMachine) -> T) -> Option<T> {
+        self.bench.borrow_mut().voltage().map(work)
+    }
+
+    /// Control has looked at light of this time.
+    pub fn note_reading(&self, time: f64) {
+        self.bench.borrow_mut().note_reading(time);
+    }
+
+    /// Tells the observer that a phase of a port's fiber begins.
+    pub fn announce(&self, port: &str, phase: &'static str) {
+        let now = self.now();
+        self.bench.borrow_mut().observer().phase(port, phase, now);
+    }
+
+    /// Tells the observer that it is over.
+    pub fn conclude(&self, port: &str, phase: &'static str) {
+        let now = self.now();
+        self.bench
+            .borrow_mut()
+            .observer()
+            .phase_over(port, phase, now);
+    }
+
+    /// The next event, or [`Event::Time`] at a time, seconds. [`Event::Batch`] is handed out light by light.
+    pub fn next(&self, by: f64) -> Next<'_, 'b> {
+        Next {
+            reactor: self,
+            since: self.count.get(),
+            by,
+        }
+    }
+
+    /// Lets a line run to its end.
+    pub fn run<T>(&self, line: impl Future<Output = T>) -> T {
+        self.run_heard(line, &(), &mut |_| Go::On)
+    }
+
+    /// The same, where every event is first heard by a listener, and let through by a gate.
+    pub(crate) fn run_heard<T>(
+        &self,
+        line: impl Future<Output = T>,
+        listener: &impl Listener,
+        gate: &mut Gate,
+    ) -> T {
+        let mut line = pin!(line);
+        let mut context = Context::from_waker(Waker::noop());
+        loop {
+            self.by.set(f64::INFINITY);
+            if let Poll::Ready(done) = line.as_mut().poll(&mut context) {
+                return done;
+            }
+            let event = self.hear(listener, gate);
+            *self.last.borrow_mut() = event;
+            self.count.set(self.count.get() + 1);
+        }
+    }
+
+    /// What the lines hear next.
+    fn hear(&self, listener: &impl Listener, gate: &mut Gate) -> Result<Event, Fault> {
+        let by = self.by.get();
+        self.asked.set(by);
+        let mut kept = VecDeque::new();
+        loop {
+            let queued = self.queue.borrow_mut().pop_front();
+            let event = match queued {
+                Some(event) => event,
+                None => self.bench.borrow_mut().next(by)?,
+            };
+            if let Event::Batch(lights) = event {
+                self.queue
+                    .borrow_mut()
+                    .extend(lights.into_iter().map(Event::Light));
+                continue;
+            }
+            if let Event::Played(ticket) | Event::Done(ticket) | Event::Failed(ticket, _) = &event {
+                let mut moving = self.moving.borrow_mut();
+                for of in moving.iter_mut().filter(|of| **of == Some(*ticket)) {
+                    *of = None;
+                }
+            }
+            listener.hear(&**self.bench.borrow(), &event);
+            match gate(&event) {
+                Go::On if kept.is_empty() => return Ok(event),
+                Go::On => {
+                    kept.push_back(event);
+                    let first = kept.pop_front();
+                    self.queue.borrow_mut().append(&mut kept);
+                    return Ok(first.unwrap_or(Event::Time));
+                }
+                Go::Wait => match event {
+                    Event::Played(_) | Event::Done(_) | Event::Failed(..) => kept.push_back(event),
+                    Event::Time => {
+                        // Time passes all the same: by a cycle, or by whatever a sample takes.
+                        let rate = self
+                            .caps
+                            .channels
+                            .iter()
+                            .map(|c| c.rate)
+                            .fold(1.0, f64::max);
+                        let step = self.caps.cycle.max(rate.recip());
+                        let until = self.now() + step;
+                        let event = self.bench.borrow_mut().next(until)?;
+                        self.queue.borrow_mut().push_back(event);
+                    }
+                    Event::Light(_) | Event::Frame(_) | Event::Batch(_) => {}
+                },
+            }
+        }
+    }
+
+    /// Lets time pass, seconds.
+    ///
+    /// # Errors
+    ///
+    /// The bench's fault.
+    pub async fn wait(&self, seconds: f64) -> Result<(), Fault> {
+        let end = self.now() + seconds;
+        while self.next(end).await? != (Event::Time {}) {}
+        Ok(())
+    }
+
+    /// The next light of a meter, volts, and when it was measured; `None` for any other event, and at the time `by`.
+    ///
+    /// # Errors
+    ///
+    /// The bench's fault.
+    pub async fn sample(&self, meter: usize, by: f64) -> Result<Option<(f64, f64)>, Fault> {
+        let Event::Light(Light { time, volts }) = self.next(by).await? else {
+            return Ok(None);
+        };
+        let volts = volts.get(meter).copied().filter(|volts| !volts.is_nan());
+        Ok(volts.map(|volts| {
+            self.note_reading(time);
+            (time, volts)
+        }))
+    }
+
+    /// Waits for the next light of a meter, volts.
+    ///
+    /// # Errors
+    ///
+    /// The bench's fault.
+    pub async fn next_light(&self, meter: usize) -> Result<f64, Fault> {
+        loop {
+            if let Some((_, volts)) = self.sample(meter, f64::INFINITY).await? {
+                return Ok(volts);
+            }
+        }
+    }
+
+    /// Lets time pass until a group has been brought to the end of what it plays.
+    ///
+    /// # Errors
+    ///
+    /// The bench's fault.
+    pub async fn played(&self, group: Group) -> Result<(), Fault> {
+        while self.moving(group) {
+            self.next(f64::INFINITY).await?;
+        }
+        Ok(())
+    }
+
+    /// Lets time pass until all of some tickets are done.
+    ///
+    /// # Errors
+    ///
+    /// The bench's fault; [`Outcome::BenchFailed`] where one fails, or is not done within `longest` seconds.
+    pub async fn done(&self, mut tickets: Vec<Ticket>, longest: f64) -> Result<(), Halt> {
+        let end = self.now() + longest;
+        while !tickets.is_empty() {
+            match self.next(end).await? {
+                Event::Done(done) => tickets.retain(|ticket| *ticket != done),
+                Event::Failed(failed, why) if tickets.contains(&failed) => {
+                    return Err(Outcome::BenchFailed { why }.into());
+                }
+                Event::Time => {
+                    let why = format!("something was not done within {longest} s");
+                    return Err(Outcome::BenchFailed { why }.into());
+                }
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Asks for something and waits until it is done.
+    ///
+    /// # Errors
+    ///
+    /// The bench's fault; [`Outcome::BenchFailed`].
+    pub async fn ask(&self, what: Request, longest: f64) -> Result<(), Halt> {
+        let ticket = self.request(what).map_err(|why| refused(&why))?;
+        self.done(vec![ticket], longest).await
+    }
+}
+
+impl Listener for () {
+    fn hear(&self, _: &dyn Bench, _: &Event) {}
+}
+
+/// What a bench refuses is how a fiber's alignment ends.
+pub(crate) fn refused(why: &Refused) -> Outcome {
+    Outcome::BenchFailed {
+        why: why.to_string(),
+    }
+}
+
+/// An event that a line waits for.
+#[must_use = "nothing is waited for until it is awaited"]
+pub struct Next<'r, 'b> {
+    reactor: &'r Reactor<'b>,
+    /// Events that were handed out before.
+    since: u64,
+    by: f64,
+}
+
+impl Future for Next<'_, '_> {
+    type Output = Result<Event, Fault>;
+
+    fn poll(mut self: Pin<&mut Self>, _: &mut Context<'_>) -> Poll<Self::Output> {
+        let reactor = self.reactor;
+        if reactor.count.get() > self.since {
+            self.since = reactor.count.get();
+            let last = reactor.last.borrow();
+            // A time that another line has waited for is none of this one's.
+            if !matches!(&*last, Ok(Event::Time)) || self.by <= reactor.asked.get() {
+                return Poll::Ready(last.clone());
+            }
+        }
+        reactor.by.set(reactor.by.get().min(self.by));
+        Poll::Pending
+    }
+}
+
+/// Two lines that run together; what comes of both, once both have ended. The first goes on first at each event.
+pub async fn both<A, B>(a: impl Future<Output = A>, b: impl Future<Output = B>) -> (A, B) {
+    let (mut a, mut b) = (pin!(a), pin!(b));
+    let (mut of_a, mut of_b) = (None, None);
+    poll_fn(|context| {
+        if of_a.is_none()
+            && let Poll::Ready(done) = a.as_mut().poll(context)
+        {
+            of_a = Some(done);
+        }
+        if of_b.is_none()
+            && let Poll::Ready(done) = b.as_mut().poll(context)
+        {
+            of_b = Some(done);
+        }
+        match (of_a.take(), of_b.take()) {
+            (Some(a), Some(b)) => Poll::Ready((a, b)),
+            (a, b) => {
+                (of_a, of_b) = (a, b);
+                Poll::Pending
+            }
+        }
+    })
+    .await
+}
+
+/// Two lines that run together, of which either may fail: the other is run to its end all the same, so that no motion is
+/// left that nobody waits for.
+///
+/// # Errors
+///
+/// The first line's, else the second's.
+pub async fn both_well<A, B, E>(
+    a: impl Future<Output = Result<A, E>>,
+    b: impl Future<Output = Result<B, E>>,
+) -> Result<(A, B), E> {
+    let (a, b) = both(a, b).await;
+    Ok((a?, b?))
+}

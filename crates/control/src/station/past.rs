@@ -1,0 +1,40 @@
+//! Where the holders were of late.
+
+use pigtail_hal::spec::{AXES, SIDES};
+use pigtail_hal::{Side, Spec};
+use pigtail_model::frames::Displacement;
+
+/// Cycles before a frame's exposure that are remembered, so that it is known how fast a holder went then.
+const BEFORE: usize = 9;
+
+/// A holder's outputs (radians) and its micro's displacement (metres) in one cycle.
+pub(super) type Stand = ([f64; AXES], Displacement);
+
+/// Where both were, for as long as a frame may be late.
+#[derive(Debug, Clone)]
+pub(super) struct Past {
+    recent: Vec<[Stand; SIDES]>,
+    cycle: usize,
+}
+
+impl Past {
+    pub(super) fn new(spec: &Spec) -> Self {
+        let cycles = (spec.vision.oldest() * spec.servo.rate).ceil() as usize + BEFORE;
+        Self {
+            recent: vec![[([0.0; AXES], Displacement::ZERO); SIDES]; cycles],
+            cycle: 0,
+        }
+    }
+
+    /// Notes where the holders are in this cycle.
+    pub(super) fn note(&mut self, stands: [Stand; SIDES]) {
+        self.cycle = (self.cycle + 1) % self.recent.len();
+        self.recent[self.cycle] = stands;
+    }
+
+    /// Where the holder of a side was so many cycles ago, if that is remembered.
+    pub(super) fn stand(&self, side: Side, ago: usize) -> Option<Stand> {
+        let n = self.recent.len();
+        (ago < n).then(|| self.recent[(self.cycle + n - ago) % n][side.index()])
+    }
+}
