@@ -6,7 +6,8 @@
 //!
 //! 1. [`recipe`]: what is to be done; [`calibration`]: what is believed of the machine;
 //! 2. [`procedure`], the thesis's, [`fast`], [`nudge`], without a micro, and [`baselines`], what these
-//!    have to beat: straight-line functions over a [`Station`](station::Station);
+//!    have to beat: straight lines over a bench with a camera, a [`cell`], and [`align`], over one without; the
+//!    [`reactor`] runs them, side by side where there are two;
 //! 3. [`search`] and [`sweep`]: finding light, and [`methods`], the ways to do so that the thesis
 //!    compares; [`peak`] and [`conical_scan`]: getting to its maximum, the
 //!    latter by what is known of the [`beam`]; [`tip_estimator`]: where vision sees the tips;

@@ -452,3 +452,175 @@ pub async fn both_well<A, B, E>(
     let (a, b) = both(a, b).await;
     Ok((a?, b?))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::station::Unobserved;
+    use pigtail_hal::bench::{ChannelCaps, GroupCaps, Limits, Stage};
+
+    /// Two groups that take a second for a metre, and light every tenth of a second.
+    struct Slow {
+        caps: Caps,
+        now: f64,
+        ends: Vec<(Ticket, f64)>,
+        light: f64,
+        unobserved: Unobserved,
+    }
+
+    impl Slow {
+        fn new() -> Self {
+            let group = |name: &str, arm| GroupCaps {
+                name: name.to_owned(),
+                arm,
+                stage: Stage::Coarse,
+                axes: [None; 6],
+                settling: 0.0,
+                bandwidth: 0.0,
+                lag: (0.0, 0.0),
+                bends: false,
+            };
+            Self {
+                caps: Caps {
+                    name: "slow".to_owned(),
+                    arms: vec!["left".to_owned(), "right".to_owned()],
+                    groups: vec![group("left", 0), group("right", 1)],
+                    channels: vec![ChannelCaps {
+                        name: "light".to_owned(),
+                        rate: 10.0,
+                        resolution: 0.0,
+                        full_scale: 1.0,
+                    }],
+                    bond: 0.0,
+                    cycle: 0.0,
+                },
+                now: 0.0,
+                ends: Vec::new(),
+                light: 0.0,
+                unobserved: Unobserved,
+            }
+        }
+    }
+
+    impl Watched for Slow {
+        fn observer(&mut self) -> &mut dyn Observer {
+            &mut self.unobserved
+        }
+    }
+
+    impl Bench for Slow {
+        fn caps(&self) -> &Caps {
+            &self.caps
+        }
+        fn now(&self) -> f64 {
+            self.now
+        }
+        fn play(&mut self, group: Group, law: Law) -> Result<Ticket, Refused> {
+            let ticket = Ticket(10 * group.0 as u64 + self.ends.len() as u64);
+            let Law::Line { to, .. } = law else {
+                return Err(Refused::State("lines only".to_owned()));
+            };
+            self.ends.push((ticket, self.now + to.distance()));
+            Ok(ticket)
+        }
+        fn bend(&mut self, ticket: Ticket, _: Law) -> Result<f64, Refused> {
+            Err(Refused::Ticket(ticket.0))
+        }
+        fn request(&mut self, _: Request) -> Result<Ticket, Refused> {
+            Err(Refused::State("nothing".to_owned()))
+        }
+        fn next(&mut self, by: f64) -> Result<Event, Fault> {
+            self.ends.sort_by(|a, b| a.1.total_cmp(&b.1));
+            let end = self.ends.first().map_or(f64::INFINITY, |(_, end)| *end);
+            self.now = by.min(end).min(self.light);
+            if self.now == end {
+                return Ok(Event::Done(self.ends.remove(0).0));
+            }
+            if self.now == self.light {
+                self.light += 0.1;
+                let (time, volts) = (self.now, vec![self.now]);
+                return Ok(Event::Light(Light { time, volts }));
+            }
+            Ok(Event::Time)
+        }
+        fn pose(&self, _: Group, _: f64) -> Option<Estimate> {
+            None
+        }
+        fn stop(&mut self) {}
+    }
+
+    async fn line(bench: &Reactor<'_>, group: usize, way: f64) -> Result<f64, Halt> {
+        let to = Pose::at(way, 0.0, 0.0);
+        let limits = Limits::default();
+        let ticket = bench.play(Group(group), Law::Line { to, limits });
+        let ticket = ticket.map_err(|why| refused(&why))?;
+        bench.done(vec![ticket], 60.0).await?;
+        Ok(bench.now())
+    }
+
+    #[test]
+    fn two_lines_take_as_long_as_the_longer_one() {
+        let mut slow = Slow::new();
+        let bench = Reactor::new(&mut slow);
+        let left = async {
+            line(&bench, 0, 0.55).await?;
+            line(&bench, 0, 0.25).await
+        };
+        let watch = async {
+            let mut seen = 0;
+            while !bench.is_past(1.0) {
+                seen += u32::from(bench.sample(0, 1.0).await?.is_some());
+            }
+            Ok::<_, Halt>(seen)
+        };
+        let both = both_well(left, both_well(line(&bench, 1, 2.0), watch));
+        let (left, (right, seen)) = bench.run(both).expect("nothing fails");
+        assert!(
+            (left - 0.8).abs() < 1e-12 && (right - 2.0).abs() < 1e-12,
+            "{left} {right}"
+        );
+        assert!((10..=11).contains(&seen), "{seen}");
+    }
+
+    #[test]
+    fn one_that_fails_leaves_no_motion_behind() {
+        let mut slow = Slow::new();
+        let bench = Reactor::new(&mut slow);
+        let fails = async {
+            bench.wait(0.3).await?;
+            Err::<(), Halt>(Outcome::NothingSearched.into())
+        };
+        let result = bench.run(both_well(fails, line(&bench, 1, 1.5)));
+        assert!(matches!(
+            result,
+            Err(Halt::Outcome(Outcome::NothingSearched))
+        ));
+        assert!((bench.now() - 1.5).abs() < 1e-12 && !bench.moving(Group(1)));
+    }
+
+    #[test]
+    fn a_paused_run_hears_what_has_ended_meanwhile() {
+        let mut slow = Slow::new();
+        let bench = Reactor::new(&mut slow);
+        let (mut lights, mut steps) = (0, 0);
+        let control = async {
+            let at = line(&bench, 0, 0.45).await?;
+            Ok::<_, Halt>((at, bench.now()))
+        };
+        // Paused from the third light to the tenth; the motion ends in between.
+        let mut gate = |event: &Event| {
+            steps += 1;
+            lights += u32::from(matches!(event, Event::Light(_)));
+            if (3..10).contains(&lights) {
+                Go::Wait
+            } else {
+                Go::On
+            }
+        };
+        let (at, _) = bench
+            .run_heard(control, &(), &mut gate)
+            .expect("nothing fails");
+        assert!((at - 0.9).abs() < 0.05, "{at}");
+        assert!(steps >= 10, "{steps}");
+    }
+}
