@@ -366,8 +366,8 @@ fn open_loop(d: &OpenLoopDocument) -> Markup {
         h2 { "Open loop" }
         ul { @for line in margins(d) { li { (line) } } }
         p.soft {
-            "L = T / (1 - T) of the response T at the encoder: the servo acts on the error alone, and sampling and amplifier are \
-             in it. Deviations are those over eight parts of the record, one left out at a time. Where L is known worse than to \
+            "L = 1 / S - 1 of the sensitivity S from the reference to the error: the servo acts on the error alone, and sampling \
+             and amplifier are in it. Deviations are those over eight parts of the record, one left out at a time. Where L is known worse than to \
              30 % it is not drawn, and no margin is read off. It belongs to motions of this size: smaller ones see more friction."
         }
         @if !d.rows.is_empty() {

@@ -150,6 +150,12 @@ fn differences(d: &Comparison) -> Vec<Vec<String>> {
     d.differences.iter().map(row).collect()
 }
 
+/// A range around values, of some width even where all are the same.
+fn room_of(values: impl Iterator<Item = f64> + Clone) -> std::ops::Range<f64> {
+    let greatest = values.clone().fold(0.0, |most: f64, v| most.max(v.abs()));
+    range_of(values, (1e-3 * greatest).max(1e-12))
+}
+
 fn values<'a>(of: &'a [(String, Vec<f64>)], name: &str) -> &'a [f64] {
     of.iter().find(|(n, _)| n == name).map_or(&[], |(_, v)| v)
 }
@@ -243,7 +249,7 @@ fn summary_curves(d: &Comparison, a: &Side, b: &Side) -> Markup {
                 },
                 of.over.as_str(),
             ),
-            y: (range_of(every().map(|p| p.1), 1e-12), of.key.as_str()),
+            y: (room_of(every().map(|p| p.1)), of.key.as_str()),
         };
         let plot = if log {
             Plot::new(&axes).log_x()
@@ -275,14 +281,15 @@ fn samples(a: &Side, b: &Side) -> Markup {
         @for (name, _) in both {
             @let lines: Vec<(&str, Vec<(f64, f64)>)> = [a, b].into_iter().map(|side| {
                 let points: Vec<(f64, f64)> = values(&side.samples, time).iter().copied()
-                    .zip(values(&side.samples, name).iter().copied()).collect();
+                    .zip(values(&side.samples, name).iter().copied())
+                    .filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
                 (side.name.as_str(), envelope(&points, POINTS))
             }).collect();
             @let points = || lines.iter().flat_map(|(_, points)| points);
             @let axes = Axes {
                 width: WHOLE,
                 x: (range_of(points().map(|p| p.0), 1e-9), time),
-                y: (range_of(points().map(|p| p.1), 1e-12), name),
+                y: (room_of(points().map(|p| p.1)), name),
             };
             (figure(&curves(&axes, &lines), html! { (name) " of both runs; each curve keeps its lowest and highest points." }))
         }

@@ -260,7 +260,7 @@ pub struct FrequencyDocument {
     pub lowest_coherence: f64,
     /// Lowest coherence at the output below its bandwidth; `null` without a probe.
     pub output_lowest_coherence: Option<f64>,
-    /// The open loop, from the closed one's response at the encoder.
+    /// The open loop, from what the closed one does.
     pub open_loop: OpenLoopDocument,
     /// The response at the encoder.
     pub encoder: Vec<FrequencyRow>,
@@ -281,7 +281,7 @@ pub struct FrequencyRow {
     pub coherence: f64,
 }
 
-/// The open loop of an axis's servo, `L = T / (1 - T)` of the response `T` at the encoder. Numbers with `sigma` before
+/// The open loop of an axis's servo, `L = 1 / S - 1` of the sensitivity `S` from reference to error. Numbers with `sigma` before
 /// their unit are standard deviations.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct OpenLoopDocument {

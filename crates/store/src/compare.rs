@@ -161,7 +161,13 @@ fn table(path: &Path) -> Result<Columns> {
     let mut columns: Vec<Option<Vec<f64>>> = vec![Some(Vec::new()); names.len()];
     for record in reader.records() {
         for (column, cell) in columns.iter_mut().zip(&record?) {
-            match (cell.parse(), column.as_mut()) {
+            // What is not there is no number, and no word either.
+            let value = if cell.is_empty() {
+                Ok(f64::NAN)
+            } else {
+                cell.parse()
+            };
+            match (value, column.as_mut()) {
                 (Ok(value), Some(values)) => values.push(value),
                 _ => *column = None,
             }

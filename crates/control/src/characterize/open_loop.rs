@@ -53,10 +53,11 @@ impl LoopPoint {
 /// reference that nothing of the loop has an effect on:
 ///
 /// ```text
-/// T = S_ry / S_rr        L = T / (1 - T)        S = 1 - T = 1 / (1 + L)
+/// S = S_re / S_rr = 1 / (1 + L)        L = 1 / S - 1        e[k] = r[k] - y[k - 1]
 /// ```
 ///
-/// Both spectra are correlations with the reference, so noise of the encoder biases neither. Sampling and the hold of the
+/// `S` is the sensitivity, `e` the error that the servo acts on: the encoder was read at the end of the cycle before. Both
+/// spectra are correlations with the reference, so noise of the encoder biases neither. Sampling and the hold of the
 /// amplifier are part of `L`, as they are of the loop. With friction `L` is that of the linear axis that answers this
 /// reference most alike; smaller motions see more friction, and another `L`.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -81,26 +82,28 @@ impl OpenLoop {
         window: usize,
         highest: f64,
     ) -> Self {
-        let spectra = Spectra::of(reference, encoder, period, window, highest);
+        let before = std::iter::once(&0.0).chain(encoder);
+        let error: Vec<f64> = reference.iter().zip(before).map(|(r, y)| r - y).collect();
+        let spectra = Spectra::of(reference, &error, period, window, highest);
         let lowest = 2.0 / (window as f64 * period);
         let count = (PER_DECADE * (highest / lowest).log10()).floor() as usize;
         let hertz: Vec<f64> = (0..count)
             .map(|k| lowest * 10_f64.powf(k as f64 / PER_DECADE))
             .collect();
-        let whole = closed(&spectra, &hertz, None);
+        let whole = sensitivities(&spectra, &hertz, None);
         let without: Vec<Vec<Complex64>> = (0..PARTS)
-            .map(|part| closed(&spectra, &hertz, Some((part, PARTS))))
+            .map(|part| sensitivities(&spectra, &hertz, Some((part, PARTS))))
             .collect();
         let unsure: Vec<f64> = (0..hertz.len())
             .map(|k| {
-                let all = without.iter().map(|t| opened(t[k]) - opened(whole[k]));
+                let all = without.iter().map(|s| opened(s[k]) - opened(whole[k]));
                 let squares: f64 = all.map(|d| d.norm_sqr()).sum();
                 jackknife(squares) / opened(whole[k]).norm().max(f64::MIN_POSITIVE)
             })
             .collect();
-        let known = |t: &[Complex64]| points(&hertz, t, &unsure);
+        let known = |s: &[Complex64]| points(&hertz, s, &unsure);
         let points = known(&whole);
-        let others: Vec<Vec<LoopPoint>> = without.iter().map(|t| known(t)).collect();
+        let others: Vec<Vec<LoopPoint>> = without.iter().map(|s| known(s)).collect();
         let margin = |find: fn(&[LoopPoint]) -> Option<(f64, f64)>| {
             let (value, hertz) = find(&points)?;
             let others: Vec<(f64, f64)> = others.iter().filter_map(|p| find(p)).collect();
@@ -139,8 +142,12 @@ fn jackknife(squares: f64) -> f64 {
     ((parts - 1.0) / parts * squares).sqrt()
 }
 
-/// `T` at some frequencies: spectra are added up over the band up to the next one.
-fn closed(spectra: &Spectra, hertz: &[f64], without: Option<(usize, usize)>) -> Vec<Complex64> {
+/// The sensitivity at some frequencies: spectra are added up over the band up to the next one.
+fn sensitivities(
+    spectra: &Spectra,
+    hertz: &[f64],
+    without: Option<(usize, usize)>,
+) -> Vec<Complex64> {
     let sums = spectra.sums(without);
     let half = 10_f64.powf(0.5 / PER_DECADE);
     hertz
@@ -150,28 +157,27 @@ fn closed(spectra: &Spectra, hertz: &[f64], without: Option<(usize, usize)>) -> 
             let low = spectra.bin(f / half).clamp(1, nearest);
             let high = spectra.bin(f * half).clamp(nearest, sums.len() - 1);
             let (mut input, mut cross) = (0.0, Complex64::new(0.0, 0.0));
-            for (k, (xx, _, xy)) in sums.iter().enumerate().take(high + 1).skip(low) {
+            for (xx, _, xy) in &sums[low..=high] {
                 input += xx;
-                // An encoder's count is that of the end of its cycle.
-                cross += xy * Complex64::from_polar(1.0, -spectra.turn(k));
+                cross += xy;
             }
             cross / input.max(f64::MIN_POSITIVE)
         })
         .collect()
 }
 
-fn opened(closed: Complex64) -> Complex64 {
-    closed / (Complex64::new(1.0, 0.0) - closed)
+fn opened(sensitivity: Complex64) -> Complex64 {
+    (Complex64::new(1.0, 0.0) - sensitivity) / sensitivity
 }
 
 /// The points that are known, with a phase that does not jump.
-fn points(hertz: &[f64], closed: &[Complex64], unsure: &[f64]) -> Vec<LoopPoint> {
+fn points(hertz: &[f64], sensitivities: &[Complex64], unsure: &[f64]) -> Vec<LoopPoint> {
     let mut points: Vec<LoopPoint> = Vec::new();
-    for ((hertz, closed), unsure) in hertz.iter().zip(closed).zip(unsure) {
+    for ((hertz, sensitivity), unsure) in hertz.iter().zip(sensitivities).zip(unsure) {
         if !unsure.is_finite() || *unsure > UNSURE {
             continue;
         }
-        let open = opened(*closed);
+        let open = opened(*sensitivity);
         let mut phase = open.arg();
         match points.last() {
             Some(last) => phase -= ((phase - last.phase) / TAU).round() * TAU,
@@ -283,11 +289,10 @@ mod tests {
     fn exact(known: &Known) -> [f64; 3] {
         let all: Vec<LoopPoint> = {
             let hertz: Vec<f64> = (0..40_000).map(|k| 1.0 + 0.01 * f64::from(k)).collect();
-            let closed: Vec<Complex64> = hertz
-                .iter()
-                .map(|f| known.open(*f) / (Complex64::new(1.0, 0.0) + known.open(*f)))
-                .collect();
-            points(&hertz, &closed, &vec![0.0; hertz.len()])
+            let one = Complex64::new(1.0, 0.0);
+            let sensitivities = hertz.iter().map(|f| one / (one + known.open(*f)));
+            let sensitivities: Vec<Complex64> = sensitivities.collect();
+            points(&hertz, &sensitivities, &vec![0.0; hertz.len()])
         };
         [phase_margin, gain_margin, sensitivity_peak].map(|find| find(&all).expect("has one").0)
     }
