@@ -103,7 +103,7 @@ fn drawn(setup: &Setup) -> String {
     let mut svg = String::new();
     let _ = writeln!(
         svg,
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 860 400\" font-family=\"system-ui, sans-serif\" font-size=\"13\">\n\
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 900 400\" font-family=\"system-ui, sans-serif\" font-size=\"13\">\n\
          <title>The machine of the rig afpm, to scale: a five-bar on a stage, a piezo micro on the five-bar, twice</title>\n\
          <style>.ink{{fill:#1f2933}}.soft{{fill:#667}}.link{{fill:none;stroke:#1f77b4;stroke-width:7;stroke-linejoin:round;stroke-linecap:round}}\
          .pivot{{fill:#fff;stroke:#1f2933;stroke-width:2}}.base{{fill:#c8d0d8}}.micro{{fill:#d62728}}.chip{{fill:#2a9d8f}}.fiber{{stroke:#e08a00;stroke-width:2.5}}\
@@ -157,7 +157,7 @@ fn drawn(setup: &Setup) -> String {
     // The side view.
     let _ = writeln!(
         svg,
-        "<text class=\"ink\" x=\"470\" y=\"52\">from the side: two of them on stages of {travel:.0} mm</text>"
+        "<text class=\"ink\" x=\"400\" y=\"70\">from the side: two of them on stages of {travel:.0} mm</text>"
     );
     let _ = writeln!(
         svg,
@@ -200,9 +200,9 @@ fn drawn(setup: &Setup) -> String {
     }
     let _ = writeln!(
         svg,
-        "<line class=\"line\" x1=\"400\" y1=\"{y:.1}\" x2=\"850\" y2=\"{y:.1}\"/>\
-         <text class=\"soft\" x=\"470\" y=\"{below:.1}\">A chip of {long:.0} mm between them. A fiber is aligned within 0.1 um</text>\n\
-         <text class=\"soft\" x=\"470\" y=\"{last:.1}\">in x and y, from no light at all.</text>",
+        "<line class=\"line\" x1=\"350\" y1=\"{y:.1}\" x2=\"850\" y2=\"{y:.1}\"/>\
+         <text class=\"soft\" x=\"400\" y=\"{below:.1}\">A chip of {long:.0} mm between them. A fiber is aligned within 0.1 um in x and y,</text>\n\
+         <text class=\"soft\" x=\"400\" y=\"{last:.1}\">from no light at all.</text>",
         y = side.1 + 141.0,
         below = side.1 + 170.0,
         last = side.1 + 188.0,
