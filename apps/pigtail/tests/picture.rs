@@ -34,6 +34,10 @@ fn share(moment: usize) -> (f64, f64) {
     (near, TAU * 3.0 * t)
 }
 
+#[expect(
+    clippy::too_many_lines,
+    reason = "a picture is written from top to bottom"
+)]
 fn drawn(setup: &Setup) -> String {
     let geometry = &setup.rig.calibration.geometry;
     let bar = &geometry.five_bar;
