@@ -71,9 +71,12 @@ fn shown(lines: &[&str]) -> Vec<Shown> {
             }
         } else if line.starts_with("<!-- not played:") {
             played = false;
-        } else if !inside || !played {
+        }
+        // A fence begins no command.
+        if !inside || !played || line.starts_with("```") {
             continue;
-        } else if let Some(command) = line.strip_prefix("$ ") {
+        }
+        if let Some(command) = line.strip_prefix("$ ") {
             all.push(Shown {
                 line: k,
                 command: command.replacen("cargo run --release --", "pigtail", 1),
