@@ -23,16 +23,19 @@ use pigtail_session::rig::DEFAULT_RECIPE_NAME;
 use pigtail_session::setup::Setup;
 use pigtail_session::tune::step_of;
 use pigtail_store::runs::Run;
+use pigtail_store::samples::Samples;
 use serde::Serialize;
 use std::fmt::Write as _;
 
 /// Measure what an axis can do: step, sine, resolution, frequency response, windup or pulses
 ///
-/// step        rise (10 to 90 %), settling (until the encoder stays within one count), overshoot
+/// step        rise (10 to 90 %), settling (until the encoder stays within one count), overshoot; by the
+///             probe where the load comes to rest, and when it stays within 5 to 0.2 um of there
 /// sine        gain and phase at the encoder and at the output
 /// resolution  1000 steps in one direction; the step size is raised by a count until at most 1 %
 ///             of the steps move the output by less than half the mean (thesis 2.5)
-/// frequency   gain, phase and coherence up to 300 Hz, from a random reference
+/// frequency   gain, phase and coherence up to 300 Hz, from a random reference; of the open loop gain and
+///             phase margin and the peak of the sensitivity, with their standard deviations
 /// windup      input against output forward and back, on this machine and on the same one with other
 ///             load friction, preload and law of friction (thesis 2.4.1, 2.4.2)
 /// impulse     what pulses of the amplifier move: one of them, the map over both harmonics, the second
@@ -158,8 +161,8 @@ struct Outcome {
     json: String,
     text: String,
     html: String,
-    /// What was measured, as CSV; empty where the experiment has no one record.
-    samples: String,
+    /// What was measured; none where the experiment has no one record.
+    samples: Samples,
 }
 
 impl Outcome {
@@ -171,27 +174,32 @@ impl Outcome {
     }
 }
 
-/// A record as CSV: a row a cycle, columns with their units.
-fn samples(trace: &Trace) -> String {
-    let mut text = String::from("time_s,reference_counts,encoder_counts,voltage_v");
-    text += if trace.output.is_empty() {
-        "\n"
-    } else {
-        ",output_m\n"
-    };
-    for (k, encoder) in trace.encoder.iter().enumerate() {
-        let time = (k + 1) as f64 * trace.period;
-        let _ = write!(
-            text,
-            "{time},{},{encoder},{}",
-            trace.reference[k], trace.voltage[k]
-        );
-        if let Some(output) = trace.output.get(k) {
-            let _ = write!(text, ",{output}");
-        }
-        text.push('\n');
-    }
-    text
+/// A record in columns, a row a cycle.
+pub(crate) fn samples(trace: &Trace) -> Samples {
+    let time = (1..=trace.encoder.len()).map(|k| k as f64 * trace.period);
+    let of = |values: &[f64]| values.to_vec();
+    Samples::default()
+        .with(
+            "time_s",
+            "from the experiment's begin to the end of the cycle",
+            time.collect(),
+        )
+        .with(
+            "reference_counts",
+            "where the servo wants the axis",
+            of(&trace.reference),
+        )
+        .with(
+            "encoder_counts",
+            "motor encoder, from where the experiment began",
+            of(&trace.encoder),
+        )
+        .with("voltage_v", "motor voltage", of(&trace.voltage))
+        .with(
+            "output_m",
+            "output by its probe, from where the experiment began",
+            of(&trace.output),
+        )
 }
 
 fn result(document: &impl Serialize, text: String, html: String) -> anyhow::Result<Outcome> {
@@ -199,7 +207,7 @@ fn result(document: &impl Serialize, text: String, html: String) -> anyhow::Resu
         json: serde_json::to_string(document)?,
         text,
         html,
-        samples: String::new(),
+        samples: Samples::default(),
     })
 }
 
@@ -252,9 +260,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     drop(busy);
     let done = done.map_err(|ended| stopped(&run, &setup, ended))??;
-    if !done.samples.is_empty() {
-        run.write("samples.csv", done.samples)?;
-    }
+    done.samples.keep(&run)?;
     running::close_records(&run, &setup)?;
     run.write("summary.json", format!("{}\n", done.json))?;
     run.write("report.html", done.html)?;
@@ -278,18 +284,7 @@ fn experiment(arguments: &Arguments, setup: &Setup) -> Experiment {
     Ok(match arguments.what {
         // Those that take machines of their own are not asked here.
         What::Windup | What::Impulse => return on_variants(arguments, setup),
-        What::Step => {
-            let size = arguments.size.unwrap_or(usual);
-            let (d, trace) = setup.run(&Step { at, size }, seed, &mut Unobserved)?;
-            let _ = writeln!(
-                text,
-                "{at}: step of {} counts: rise {:.1} ms, settling {:.1} ms, overshoot {:.1} %",
-                d.step, d.rise_ms, d.settling_ms, d.overshoot_percent
-            );
-            report::step(&d, &trace)
-                .and_then(|html| result(&running::on(setup, &d, None), text, html))
-                .map(|outcome| outcome.with_samples(&trace))
-        }
+        What::Step => return step(arguments, setup),
         What::Sine => {
             let hertz = arguments
                 .frequency
@@ -334,28 +329,82 @@ fn experiment(arguments: &Arguments, setup: &Setup) -> Experiment {
                 );
             }
             let documents: Vec<_> = rows.iter().map(|(row, _)| row).collect();
-            report::resolution(&rows).and_then(|html| result(&documents, text, html))
+            let most = rows.iter().map(|(_, test)| test.increments.len()).max();
+            let numbered = (1..=most.unwrap_or(0)).map(|k| k as f64).collect();
+            let numbered = Samples::default().with("step", "its number", numbered);
+            let samples = rows.iter().fold(numbered, |samples, (row, test)| {
+                let name = format!("increment_of_{}_counts_um", row.counts_per_step);
+                let um = test.increments.iter().map(|metres| 1e6 * metres).collect();
+                samples.with(&name, "what each step moved the output", um)
+            });
+            report::resolution(&rows)
+                .and_then(|html| result(&documents, text, html))
+                .map(|outcome| Outcome { samples, ..outcome })
         }
-        What::Frequency => {
-            let amplitude = arguments.size.unwrap_or(usual / 20) as f64;
-            let job = Frequency {
-                at,
-                amplitude,
-                seed,
-            };
-            let (d, responses) = setup.run(&job, seed, &mut Unobserved)?;
-            let hertz = |f: Option<f64>| f.map_or_else(|| "-".to_owned(), |f| format!("{f:.1} Hz"));
-            let _ = writeln!(
-                text,
-                "{at}: bandwidth (-3 dB) {} at the encoder, {} at the output; coherence at least {:.3}",
-                hertz(d.bandwidth_hz),
-                hertz(d.output_bandwidth_hz),
-                d.lowest_coherence
-            );
-            report::frequency(&d, &responses)
-                .and_then(|html| result(&running::on(setup, &d, None), text, html))
-        }
+        What::Frequency => return frequency(arguments, setup),
     })
+}
+
+/// What a step tells.
+fn step(arguments: &Arguments, setup: &Setup) -> Experiment {
+    let (at, seed) = (arguments.axis, arguments.common.seed);
+    let usual = step_of(&setup.rig, at.axis);
+    let mut text = String::new();
+    let size = arguments.size.unwrap_or(usual);
+    let (d, trace) = setup.run(&Step { at, size }, seed, &mut Unobserved)?;
+    let _ = writeln!(
+        text,
+        "{at}: step of {} counts: rise {:.1} ms, settling {:.1} ms, overshoot {:.1} %",
+        d.step, d.rise_ms, d.settling_ms, d.overshoot_percent
+    );
+    if let Some(load) = &d.load {
+        let _ = writeln!(
+            text,
+            "  load at rest at {:.3} um, where {:.3} um is the step without windup",
+            load.rest_um, load.wanted_um
+        );
+        let settled = load.settling.iter().map(|row| {
+            let after = row
+                .settling_ms
+                .map_or_else(|| "-".to_owned(), |ms| format!("{ms:.1} ms"));
+            format!("{} um: {after}", row.band_um)
+        });
+        let settled: Vec<_> = settled.collect();
+        let _ = writeln!(text, "  load settles within +- {}", settled.join(", "));
+    }
+    Ok(report::step(&d, &trace)
+        .and_then(|html| result(&running::on(setup, &d, None), text, html))
+        .map(|outcome| outcome.with_samples(&trace)))
+}
+
+/// What a random reference tells.
+fn frequency(arguments: &Arguments, setup: &Setup) -> Experiment {
+    let (at, seed) = (arguments.axis, arguments.common.seed);
+    let usual = step_of(&setup.rig, at.axis);
+    let mut text = String::new();
+    let amplitude = arguments.size.unwrap_or(usual / 20) as f64;
+    let job = Frequency {
+        at,
+        amplitude,
+        seed,
+    };
+    let (d, responses, trace) = setup.run(&job, seed, &mut Unobserved)?;
+    let hertz = |f: Option<f64>| f.map_or_else(|| "-".to_owned(), |f| format!("{f:.1} Hz"));
+    let _ = writeln!(
+        text,
+        "{at}: bandwidth (-3 dB) {} at the encoder, {} at the output; coherence at least {:.3}{}",
+        hertz(d.bandwidth_hz),
+        hertz(d.output_bandwidth_hz),
+        d.lowest_coherence,
+        d.output_lowest_coherence
+            .map_or_else(String::new, |c| format!(" and {c:.3}"))
+    );
+    for line in report::margins(&d.open_loop) {
+        let _ = writeln!(text, "  {line}");
+    }
+    Ok(report::frequency(&d, &responses)
+        .and_then(|html| result(&running::on(setup, &d, None), text, html))
+        .map(|outcome| outcome.with_samples(&trace)))
 }
 
 /// What pulses do.
@@ -503,8 +552,25 @@ fn on_variants(arguments: &Arguments, setup: &Setup) -> Experiment {
     if let Some(laws) = d.laws() {
         let _ = writeln!(text, "{laws}");
     }
-    Ok(
-        report::loops(&d, &loops)
-            .and_then(|html| result(&running::on(setup, &d, None), text, html)),
-    )
+    let longest = loops.iter().max_by_key(|of| of.record.input.len());
+    let time = longest.map_or_else(Vec::new, |of| of.record.time());
+    let timed = Samples::default().with("time_s", "from the scan's begin", time);
+    let samples = loops.iter().fold(timed, |samples, of| {
+        let name = of.case.name.replace(' ', "_");
+        let um = |radians: &[f64]| radians.iter().map(|r| r * of.um_per_radian).collect();
+        samples
+            .with(
+                &format!("input_um_{name}"),
+                "motor, in micrometres of the output",
+                um(&of.record.input),
+            )
+            .with(
+                &format!("output_um_{name}"),
+                "output by its probe",
+                um(&of.record.output),
+            )
+    });
+    Ok(report::loops(&d, &loops)
+        .and_then(|html| result(&running::on(setup, &d, None), text, html))
+        .map(|outcome| Outcome { samples, ..outcome }))
 }

@@ -3,6 +3,7 @@
 use crate::choice::choice;
 use crate::common::Common;
 use crate::found::{self, FoundDocument, WriteArguments};
+use crate::progress::Busy;
 use crate::running::{self, stopped};
 use crate::{DONE, Failure};
 use clap::{Args, Subcommand};
@@ -10,9 +11,10 @@ use pigtail_control::station::Unobserved;
 use pigtail_hal::{Axis, AxisName};
 use pigtail_report as report;
 use pigtail_session::calibrations::Change;
-use pigtail_session::identify::{IdentifyWindup, Model, WindupDocument};
+use pigtail_session::identify::{Identified, IdentifyWindup, Model, WindupDocument};
 use pigtail_session::own::Own;
 use pigtail_session::rig::DEFAULT_RECIPE_NAME;
+use pigtail_store::samples::Samples;
 use std::fmt::Write as _;
 
 /// Identify what control should know of the machine
@@ -95,9 +97,10 @@ fn run_windup(arguments: &WindupArguments) -> Result<u8, Failure> {
         model: arguments.model,
         seed,
     };
-    let mut identified = setup
-        .run(&job, seed, &mut Unobserved)
-        .map_err(|ended| stopped(&run, &setup, ended))?;
+    let busy = Busy::new("identify windup", "scanning the axis");
+    let identified = setup.run(&job, seed, &mut Unobserved);
+    drop(busy);
+    let mut identified = identified.map_err(|ended| stopped(&run, &setup, ended))?;
     identified.document.report = run.path("report.html").display().to_string();
     let change = Change {
         table: entry,
@@ -113,6 +116,7 @@ fn run_windup(arguments: &WindupArguments) -> Result<u8, Failure> {
     let document = running::on(&setup, &identified.document, Some(&found));
     run.write_json("summary.json", &document)?;
     run.write("report.html", report::windup(&identified)?)?;
+    samples(&identified).keep(&run)?;
     let text = running::told(common.json, &document, &setup, || {
         account(&identified.document, &found)
     })?;
@@ -120,6 +124,43 @@ fn run_windup(arguments: &WindupArguments) -> Result<u8, Failure> {
     run.finish("done")?;
     crate::print(text.as_bytes())?;
     Ok(DONE)
+}
+
+/// The scan that it was identified from, and the one that compensation was tried on, in columns.
+fn samples(identified: &Identified) -> Samples {
+    let um = |radians: &[f64]| {
+        radians
+            .iter()
+            .map(|r| r * identified.um_per_radian)
+            .collect()
+    };
+    let [before, after] = &identified.before_and_after;
+    let record = &identified.record;
+    Samples::default()
+        .with("time_s", "from the scan's begin", record.time())
+        .with(
+            "input_um",
+            "motor, in micrometres of the output",
+            um(&record.input),
+        )
+        .with("output_um", "output by its probe", um(&record.output))
+        .with(
+            "wanted_um",
+            "the output that was wanted",
+            um(&record.wanted),
+        )
+        .with(
+            "uncompensated_input_um",
+            "the first trial's motor, without compensation",
+            um(&before.input),
+        )
+        .with("uncompensated_output_um", "its output", um(&before.output))
+        .with(
+            "compensated_input_um",
+            "the same trial's motor, with compensation",
+            um(&after.input),
+        )
+        .with("compensated_output_um", "its output", um(&after.output))
 }
 
 /// What a person wants to know of it.

@@ -11,6 +11,7 @@ mod characterize;
 mod choice;
 mod commission;
 mod common;
+mod exchanges;
 mod found;
 mod hysteresis;
 mod identify;
@@ -25,6 +26,7 @@ mod reproduce;
 mod rig;
 mod running;
 mod runs;
+mod sample_data;
 mod scan;
 mod schema;
 mod shell;
@@ -91,6 +93,7 @@ enum Command {
     Impulse(impulse::Arguments),
     Trace(trace::Arguments),
     Simulate(simulate::Arguments),
+    SampleData(sample_data::Arguments),
     Twin(twin::Arguments),
     Rig(rig::Arguments),
     Schema(schema::Arguments),
@@ -188,6 +191,7 @@ pub fn main() -> ExitCode {
         Command::Impulse(arguments) => impulse::run(&arguments),
         Command::Trace(arguments) => trace::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
+        Command::SampleData(arguments) => sample_data::run(&arguments),
         Command::Twin(arguments) => twin::run(&arguments),
         Command::Rig(arguments) => rig::run(&arguments),
         Command::Schema(arguments) => schema::run(&arguments),

@@ -1,5 +1,6 @@
 //! `pigtail identify` from a record that a person brings.
 
+use crate::progress::Busy;
 use crate::{DONE, Failure, NEGATIVE};
 use clap::{Args, ValueEnum};
 use pigtail_hal::Error;
@@ -208,7 +209,10 @@ pub(crate) fn servo(a: &ServoArguments) -> Result<u8, Failure> {
         counts: a.counts_per_turn,
         limit: a.voltage_limit,
     };
-    let mut found = servo::servo(&first, second.as_ref(), &set, (friction, method));
+    let busy = Busy::new("identify servo", "fitting models to the record");
+    let found = servo::servo(&first, second.as_ref(), &set, (friction, method));
+    drop(busy);
+    let mut found = found;
     found
         .answer
         .more
@@ -341,7 +345,10 @@ pub(crate) fn friction(a: &FrictionArguments) -> Result<u8, Failure> {
     let most = law.map_or(usize::from(a.most_parameters), |l| {
         l.parameters().len().max(usize::from(a.most_parameters))
     });
-    let mut found = friction::friction(&first, second.as_ref(), most, law);
+    let busy = Busy::new("identify friction", "fitting models to the record");
+    let found = friction::friction(&first, second.as_ref(), most, law);
+    drop(busy);
+    let mut found = found;
     found
         .answer
         .more
@@ -430,7 +437,10 @@ pub(crate) fn windup(a: &WindupRecordArguments, json: bool, runs: &Path) -> Resu
         .as_ref()
         .map(|path| roles.read(path))
         .transpose()?;
-    let mut found = windup::windup(&first, second.as_ref());
+    let busy = Busy::new("identify windup", "fitting models to the record");
+    let found = windup::windup(&first, second.as_ref());
+    drop(busy);
+    let mut found = found;
     found
         .answer
         .more
@@ -522,7 +532,10 @@ pub(crate) fn resonance(a: &ResonanceArguments) -> Result<u8, Failure> {
         parts: a.real.clone().zip(a.imaginary.clone()),
         coherence: a.coherence.clone(),
     };
-    let (answer, shown) = resonance::resonance(&roles, &a.data)?;
+    let busy = Busy::new("identify resonance", "fitting modes to the record");
+    let answered = resonance::resonance(&roles, &a.data);
+    drop(busy);
+    let (answer, shown) = answered?;
     let modes = resonance::carries(&answer).then(|| resonance::fragment(&answer));
     let title = format!("Resonances in {}", a.data.display());
     finish(

@@ -2,7 +2,7 @@
 
 use crate::choice::choice;
 use crate::common::write_table;
-use crate::{DONE, Failure, NEGATIVE};
+use crate::{DONE, Failure, NEGATIVE, exchanges};
 use clap::{Args, Subcommand};
 use pigtail_hal::Error;
 use pigtail_session::records::{RECORD, records_in};
@@ -234,17 +234,21 @@ struct CompareArguments {
     json: bool,
 }
 
-/// Export the fibers of alignments, or their phases, as CSV or Parquet
+/// Export the fibers of alignments, their phases, or all samples of a run, as CSV or Parquet
 ///
 /// A row a fiber with a column for each phase, or a row for each time that a phase was entered; the run,
 /// the device and how it was aligned stand in each. What a Parquet column means is also in the file's
 /// metadata. A campaign's rows are in Parquet already, in its folder, and are not repeated.
+///
+/// With --samples of one run: a row for each servo cycle of all that it recorded, with references, encoders, voltages,
+/// probes and light. Whatever runs on a machine records it (`runs replay`), but for what works on many machines.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   pigtail runs export --csv fibers.csv
   pigtail runs export --parquet phases.parquet --rows phases
-  pigtail runs export --to line3.csv --runs /data/line3 --state complete")]
+  pigtail runs export --to line3.csv --runs /data/line3 --state complete
+  pigtail runs export --samples 20261121T024402-tune-0 --to cycles.parquet")]
 #[group(id = "where", required = true, multiple = false, args = ["csv", "parquet", "to"])]
 struct ExportArguments {
     /// A CSV file to write
@@ -259,6 +263,9 @@ struct ExportArguments {
     /// What a row is
     #[arg(long, value_parser = choice::<Rows>(), default_value = "fibers")]
     rows: Rows,
+    /// Instead, every servo cycle that this run recorded, by its name or folder
+    #[arg(long, value_name = "RUN", conflicts_with_all = ["rows", "kind", "seed", "state"])]
+    samples: Option<PathBuf>,
     #[command(flatten)]
     filter: Filter,
 }
@@ -602,6 +609,12 @@ fn write_rows(arguments: &ExportArguments, runs: &Path) -> Result<u8, Failure> {
         },
         (None, None, None) => unreachable!("one of them is required"),
     };
+    if let Some(run) = &arguments.samples {
+        let rows = exchanges::export(&records_of(run, runs), format, file)?;
+        let text = format!("{rows} cycles written to {}\n", file.display());
+        crate::print(text.as_bytes())?;
+        return Ok(DONE);
+    }
     let Folder {
         database,
         mut known,

@@ -1,16 +1,18 @@
 //! `pigtail trace`.
 
 use crate::common::{Common, spaced};
+use crate::progress::Busy;
 use crate::running::{self, stopped};
 use crate::{DONE, Failure};
 use clap::{Args, ValueEnum};
-use pigtail_control::contour::Contour;
+use pigtail_control::contour::{Contour, ContourSample};
 use pigtail_control::trajectory::Shape;
-use pigtail_evaluate::contour::{ContourDocument, Plan, trace};
+use pigtail_evaluate::contour::{ContourDocument, Plan, Traced, trace};
 use pigtail_hal::quantity::{LENGTH, SPEED, Sign, TORQUE};
 use pigtail_hal::{Error, Side};
 use pigtail_report as report;
 use pigtail_session::rig::DEFAULT_RECIPE_NAME;
+use pigtail_store::samples::Samples;
 use std::fmt::Write as _;
 
 /// Follow a contour with both joints of a five-bar, with and without compensation (thesis 2.4.5)
@@ -136,12 +138,15 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     let seed = arguments.common.seed;
     let run = running::begin(&mut setup, &arguments.common.runs, "trace", seed, true)?;
-    let (document, traced) =
-        trace(&setup, &plan, seed).map_err(|error| stopped(&run, &setup, error))?;
+    let busy = Busy::new("trace", "identifying windup and following the contour");
+    let traced = trace(&setup, &plan, seed);
+    drop(busy);
+    let (document, traced) = traced.map_err(|error| stopped(&run, &setup, error))?;
     running::close_records(&run, &setup)?;
     let on = running::on(&setup, &document, None);
     run.write_json("summary.json", &on)?;
     run.write("report.html", report::contour(&document, &traced)?)?;
+    samples(&traced).keep(&run)?;
     let text = running::told(arguments.common.json, &on, &setup, || {
         let report = run.path("report.html").display().to_string();
         format!("{}Report: {report}\n", account(&document))
@@ -149,6 +154,29 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     run.finish("done")?;
     crate::print(text.as_bytes())?;
     Ok(DONE)
+}
+
+/// The last lap of each, in columns.
+fn samples(traced: &[Traced]) -> Samples {
+    let longest = traced.iter().map(|(_, samples)| samples.len()).max();
+    let numbers = (1..=longest.unwrap_or(0)).map(|k| k as f64).collect();
+    let numbered = Samples::default().with("cycle", "of the last lap", numbers);
+    traced.iter().fold(numbered, |all, (row, samples)| {
+        let name = |what: &str| format!("{what}_um_{}_preload_{}", row.compensation, row.preload);
+        let um = |of: fn(&ContourSample) -> f64| samples.iter().map(|s| 1e6 * of(s)).collect();
+        all.with(&name("wanted_x"), "where it was wanted", um(|s| s.wanted.x))
+            .with(&name("wanted_y"), "where it was wanted", um(|s| s.wanted.y))
+            .with(
+                &name("measured_x"),
+                "where the probes saw it",
+                um(|s| s.measured.x),
+            )
+            .with(
+                &name("measured_y"),
+                "where the probes saw it",
+                um(|s| s.measured.y),
+            )
+    })
 }
 
 /// What a person wants to know of it.

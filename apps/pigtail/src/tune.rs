@@ -147,6 +147,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let document = running::on(&setup, &tuned.document, found.as_ref());
     run.write_json("summary.json", &document)?;
     run.write("report.html", report::tuning(&tuned)?)?;
+    crate::characterize::samples(&tuned.after)
+        .with(
+            "encoder_before_counts",
+            "the same step under the gains that it began with",
+            tuned.before.encoder.clone(),
+        )
+        .keep(&run)?;
     let text = running::told(common.json, &document, &setup, || {
         account(&tuned.document, found.as_ref())
     })?;

@@ -1,6 +1,7 @@
 //! `pigtail twin`.
 
 use crate::Failure;
+use crate::progress::Busy;
 use crate::records::{Files, Output, finish, hash_of};
 use clap::{Args, ValueEnum};
 use pigtail_hal::Error;
@@ -67,7 +68,10 @@ pub(crate) fn run(a: &Arguments) -> Result<u8, Failure> {
         Law::Lugre => Sliding::lugre(way, a.static_ratio, a.stribeck).map(|law| ("lugre", law)),
     }
     .map_err(|invalid| Error::new("--friction", "", invalid.to_string()))?;
-    let (answer, shown) = twin(&from, &fragment, a.data.as_deref(), law)?;
+    let busy = Busy::new("twin", "running the record again");
+    let answered = twin(&from, &fragment, a.data.as_deref(), law);
+    drop(busy);
+    let (answer, shown) = answered?;
     let data = a.data.as_deref().unwrap_or(&fragment.record.file);
     finish(
         "twin",

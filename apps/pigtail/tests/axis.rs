@@ -151,7 +151,7 @@ fn sines_are_followed() {
         assert!((d.encoder_gain - 1.0).abs() < 0.05, "{d:?}");
         assert!(d.encoder_phase_deg.abs() < 9.5, "{d:?}");
         let (d, _) = setup
-            .experiment(710, |station| step(station, axis(name), 100))
+            .experiment(710, |station| step(station, &setup.rig, axis(name), 100))
             .expect("no fault");
         assert!(d.settled, "{d:?}");
     }
@@ -160,7 +160,7 @@ fn sines_are_followed() {
 #[test]
 fn a_frequency_response_starts_at_one_and_falls() {
     let setup = setup();
-    let (d, _) = setup
+    let (d, ..) = setup
         .experiment(720, |station| {
             frequency(station, &setup.rig, axis("z"), 65.0, 1)
         })
@@ -177,6 +177,34 @@ fn a_frequency_response_starts_at_one_and_falls() {
             .iter()
             .all(|row| (0.0..=1.0 + 1e-9).contains(&row.coherence))
     );
+    // At the crossover |L| = 1, so |1 + L| = 2 sin(margin / 2), and the peak is no lower than one over that.
+    let (margin, peak) = (d.open_loop.phase_margin, d.open_loop.sensitivity_peak);
+    let (margin, peak) = (margin.expect("it crosses"), peak.expect("it is known"));
+    assert!((0.0..120.0).contains(&margin.deg), "{margin:?}");
+    assert!(
+        margin.sigma_deg.is_some_and(|sigma| sigma < 5.0),
+        "{margin:?}"
+    );
+    let least = 0.5 / (0.5 * margin.deg.to_radians()).sin();
+    assert!(peak.ratio > 0.97 * least, "{peak:?} {margin:?}");
+}
+
+#[test]
+fn a_load_comes_to_rest_short_of_its_step_by_windup() {
+    let setup = setup();
+    let (d, _) = setup
+        .experiment(721, |station| {
+            step(station, &setup.rig, axis("fivebar"), 400)
+        })
+        .expect("no fault");
+    let load = d.load.expect("the rig has probes");
+    assert!(load.rest_um < load.wanted_um, "{load:?}");
+    let settled: Vec<f64> = load
+        .settling
+        .iter()
+        .filter_map(|row| row.settling_ms)
+        .collect();
+    assert!(!settled.is_empty() && settled.is_sorted(), "{load:?}");
 }
 
 /// Windup on machines drawn around the plant, each identified by itself, over the full range, a

@@ -299,8 +299,8 @@ fn measured(
                 amplitude,
                 seed,
             };
-            let (d, responses) = setup.run(&job, seed, &mut nobody)?;
-            let mut columns = Columns::new();
+            let (d, responses, seen) = setup.run(&job, seed, &mut nobody)?;
+            let mut columns = trace("", seen);
             for (of, response) in ["encoder.", "output."].into_iter().zip(responses) {
                 columns.push((format!("{of}frequency_hz"), response.frequency));
                 columns.push((format!("{of}gain"), response.gain));

@@ -1,10 +1,14 @@
 //! Experiments on one axis (thesis 2.3.2, 2.5): step, sine, frequency response, resolution.
 
+mod open_loop;
+mod spectra;
+
 use crate::outcome::{Halt, Lack, Outcome};
 use crate::station::Station;
+pub use open_loop::{Figure, LoopPoint, Margin, OpenLoop};
 use pigtail_hal::quantity::Counts;
 use pigtail_hal::{AxisName, Fault};
-use pigtail_numerics::fourier::{Complex64, Forward};
+use spectra::Spectra;
 use std::f64::consts::TAU;
 
 /// What an axis did in each servo cycle of an experiment.
@@ -105,6 +109,38 @@ pub fn step_response(trace: &Trace, size: f64) -> StepResponse {
         settling: last_out.map_or(0.0, |i| (i + 1) as f64 * trace.period),
         overshoot: share.iter().fold(0.0, |high: f64, s| high.max(s - 1.0)),
         settled,
+    }
+}
+
+/// Where a load comes to rest, and when it stays near there.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LoadSettling {
+    /// Where it rests: the mean of the last quarter of the record, metres.
+    pub rest: f64,
+    /// How far it still moves there, to and fro, metres: what is no larger than that is no settling.
+    pub moves: f64,
+}
+
+impl LoadSettling {
+    /// Of a record of the load; `None` without a probe.
+    pub fn of(trace: &Trace) -> Option<Self> {
+        let last = &trace.output[trace.output.len() - trace.output.len() / 4..];
+        let rest = last.iter().sum::<f64>() / last.len() as f64;
+        let moves = last
+            .iter()
+            .fold(0.0, |most: f64, m| most.max((m - rest).abs()));
+        rest.is_finite().then_some(Self { rest, moves })
+    }
+
+    /// From when on the load stays within `band` metres of where it rests, seconds; `None` where it still moves by as much at
+    /// the record's end.
+    pub fn within(&self, trace: &Trace, band: f64) -> Option<f64> {
+        if self.moves > band {
+            return None;
+        }
+        let outside = |metres: &f64| (metres - self.rest).abs() > band;
+        let last_out = trace.output.iter().rposition(outside);
+        Some(last_out.map_or(0.0, |i| (i + 1) as f64 * trace.period))
     }
 }
 
@@ -213,39 +249,12 @@ pub fn frequency_response(
     window: usize,
     highest: f64,
 ) -> FrequencyResponse {
-    let fft = Forward::new(window);
-    let hann: Vec<f64> = (0..window)
-        .map(|k| 0.5 - 0.5 * (TAU * k as f64 / window as f64).cos())
-        .collect();
-    let bins = ((highest * window as f64 * period) as usize).min(window / 2);
-    let mut spectra = vec![(0.0, 0.0, Complex64::new(0.0, 0.0)); bins + 1];
-    let transform = |part: &[f64]| {
-        let mean = part.iter().sum::<f64>() / window as f64;
-        let mut buffer: Vec<Complex64> = part
-            .iter()
-            .zip(&hann)
-            .map(|(v, w)| Complex64::new((v - mean) * w, 0.0))
-            .collect();
-        fft.process(&mut buffer);
-        buffer
-    };
-    let length = input.len().min(output.len());
-    let mut start = 0;
-    while start + window <= length {
-        let x = transform(&input[start..start + window]);
-        let y = transform(&output[start..start + window]);
-        for (k, (xx, yy, xy)) in spectra.iter_mut().enumerate() {
-            *xx += x[k].norm_sqr();
-            *yy += y[k].norm_sqr();
-            *xy += x[k].conj() * y[k];
-        }
-        start += window / 2;
-    }
+    let spectra = Spectra::of(input, output, period, window, highest);
     let mut response = FrequencyResponse::default();
     let mut turns = 0.0;
-    for (k, (xx, yy, xy)) in spectra.into_iter().enumerate().skip(1) {
-        let frequency = k as f64 / (window as f64 * period);
-        let mut phase = xy.arg() - TAU * frequency * period + turns;
+    for (k, (xx, yy, xy)) in spectra.sums(None).into_iter().enumerate().skip(1) {
+        let frequency = spectra.hertz(k);
+        let mut phase = xy.arg() - spectra.turn(k) + turns;
         if let Some(last) = response.phase.last() {
             let jump = ((phase - last) / TAU).round() * TAU;
             phase -= jump;
@@ -266,6 +275,14 @@ impl FrequencyResponse {
     pub fn bandwidth(&self, gain: f64) -> Option<f64> {
         let k = self.gain.iter().position(|g| *g < gain)?;
         Some(self.frequency[k])
+    }
+
+    /// The lowest coherence below `hertz`.
+    pub fn lowest_coherence(&self, hertz: f64) -> f64 {
+        let below = self.frequency.iter().zip(&self.coherence);
+        below
+            .filter(|(f, _)| **f < hertz)
+            .fold(1.0, |low: f64, (_, c)| low.min(*c))
     }
 }
 
@@ -346,6 +363,29 @@ pub fn increments(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use pigtail_numerics::fourier::Complex64;
+
+    #[test]
+    fn a_load_settles_within_each_band_later_than_within_a_wider_one() {
+        let (period, tau) = (1e-4, 5e-3);
+        let output = (1..2000)
+            .map(|k| 1e-5 * (1.0 - (-f64::from(k) * period / tau).exp()))
+            .collect();
+        let trace = Trace {
+            period,
+            output,
+            ..Trace::default()
+        };
+        let load = LoadSettling::of(&trace).unwrap();
+        assert!((load.rest - 1e-5).abs() < 1e-12);
+        for band in [1e-6, 1e-7, 1e-8] {
+            let settled = load.within(&trace, band).unwrap();
+            let exact = tau * (1e-5 / band).ln();
+            assert!((settled - exact).abs() < 2e-4, "{band}: {settled}");
+        }
+        assert_eq!(load.within(&trace, 0.0), None);
+        assert_eq!(LoadSettling::of(&Trace::default()), None);
+    }
 
     #[test]
     fn the_figures_of_a_first_order_step() {

@@ -26,6 +26,15 @@ pub struct WindupRecord {
     pub wanted: Vec<f64>,
 }
 
+impl WindupRecord {
+    /// When each sample was taken, seconds from the record's begin.
+    pub fn time(&self) -> Vec<f64> {
+        (1..=self.input.len())
+            .map(|k| k as f64 * self.period)
+            .collect()
+    }
+}
+
 /// How near a way is found, in its logarithm.
 const ACCURATE: f64 = 1e-5;
 

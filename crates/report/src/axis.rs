@@ -1,13 +1,14 @@
 //! Reports of experiments on one axis.
 
 use super::figure::{Axes, HALF, WHOLE, all, bars, curves, decades_of, range_of};
-use super::html::{figure, fixed, page};
+use super::html::{self, figure, fixed, page};
 use super::plot::Plot;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_control::characterize::{FrequencyResponse, Increments, Trace};
 use pigtail_session::characterize::{
-    FrequencyDocument, FrequencyRow, ResolutionRow, SineDocument, StepDocument,
+    FrequencyDocument, LoadDocument, OpenLoopDocument, OpenLoopRow, ResolutionRow, SineDocument,
+    StepDocument,
 };
 
 fn over_time(trace: &Trace, series: &[f64], until: f64) -> Vec<(f64, f64)> {
@@ -80,15 +81,38 @@ pub fn step(d: &StepDocument, trace: &Trace) -> Result<String> {
             &close.draw(),
             "The last ten counts of the way, with the band in which it counts as settled."
         ))
-        @if !trace.output.is_empty() {
-            (figure(
-                &plot("load, um", &[named("load", &trace.output, 1e6)], Some(0.0)).draw(),
-                "The load, by the probe at the output: what it lacks is the windup of the transmission."
-            ))
+        @if let Some(d) = &d.load {
+            @let drawn = plot("load, um", &[named("load", &trace.output, 1e6)], Some(d.wanted_um))
+                .mark_y("wanted", d.wanted_um, "limit");
+            (load(d, &drawn.draw()))
         }
         (figure(&voltage.draw(), "The motor's voltage."))
     };
     Ok(page(&title, &body))
+}
+
+/// What the load did.
+fn load(d: &LoadDocument, drawn: &Markup) -> Markup {
+    let caption = format!(
+        "The load, by the probe at the output. It came to rest at {:.3} um, {:+.3} um from the {:.3} um that the step is \
+         without windup.",
+        d.rest_um,
+        d.rest_um - d.wanted_um,
+        d.wanted_um
+    );
+    let header = ["within +-\num".to_owned(), "settled after\nms".to_owned()];
+    let rows: Vec<Vec<String>> = d
+        .settling
+        .iter()
+        .map(|row| vec![row.band_um.to_string(), html::number(row.settling_ms, 1)])
+        .collect();
+    html! {
+        (figure(drawn, caption))
+        (html::table(&header, &rows))
+        p.soft {
+            "From when on the load stays so near to where it comes to rest; a dash where it still moves by as much in the end."
+        }
+    }
 }
 
 /// The report of a sine; `scale` is metres a count at the output, where there is a probe.
@@ -212,16 +236,9 @@ type Value = fn(&FrequencyResponse, usize) -> f64;
 pub fn frequency(d: &FrequencyDocument, responses: &[FrequencyResponse; 2]) -> Result<String> {
     let title = format!("Frequency response of {}", d.axis);
     let hertz = |f: Option<f64>| f.map_or_else(|| "-".to_owned(), |f| format!("{f:.1} Hz"));
-    // Where each of them is followed: below its own bandwidth, or everywhere where that is not reached.
-    let lowest = |rows: &[FrequencyRow], bandwidth: Option<f64>| {
-        let inside = rows
-            .iter()
-            .filter(|row| bandwidth.is_none_or(|b| row.hz <= b));
-        inside.map(|row| row.coherence).reduce(f64::min)
-    };
     let coherence = [
-        ("encoder", lowest(&d.encoder, d.bandwidth_hz)),
-        ("output", lowest(&d.output, d.output_bandwidth_hz)),
+        ("encoder", Some(d.lowest_coherence)),
+        ("output", d.output_lowest_coherence),
     ];
     let coherence: Vec<String> = coherence
         .iter()
@@ -245,6 +262,7 @@ pub fn frequency(d: &FrequencyDocument, responses: &[FrequencyResponse; 2]) -> R
         @for (name, value) in plots {
             (figure(&over_frequency(responses, name, value), html! {}))
         }
+        (open_loop(&d.open_loop))
     };
     Ok(page(&title, &body))
 }
@@ -270,4 +288,92 @@ fn over_frequency(responses: &[FrequencyResponse; 2], name: &str, value: Value) 
         y: (range_of(every().map(|p| p.1), 0.1), name),
     };
     all(Plot::new(&axes).log_x(), &series).draw()
+}
+
+/// The margins of an open loop in a line each.
+pub fn margins(d: &OpenLoopDocument) -> Vec<String> {
+    let sigma = |sigma: Option<f64>, digits: usize| {
+        sigma.map_or_else(|| "unsure".to_owned(), |s| format!("+- {s:.digits$}"))
+    };
+    let mut lines = Vec::new();
+    lines.push(d.phase_margin.map_or_else(
+        || "phase margin: the gain does not fall through one where the loop is known".to_owned(),
+        |m| {
+            format!(
+                "phase margin {:.1} {} deg at {:.1} Hz",
+                m.deg,
+                sigma(m.sigma_deg, 1),
+                m.hz
+            )
+        },
+    ));
+    lines.push(match (d.gain_margin, d.rows.last()) {
+        (Some(m), _) => {
+            format!("gain margin {:.1} {} dB at {:.1} Hz", m.db, sigma(m.sigma_db, 1), m.hz)
+        }
+        (None, Some(last)) => format!(
+            "gain margin: the phase does not fall through -180 deg up to {:.0} Hz, as far as the loop is known",
+            last.hz
+        ),
+        (None, None) => "gain margin: the loop is known nowhere".to_owned(),
+    });
+    lines.extend(d.sensitivity_peak.map(|m| {
+        let sigma = sigma(m.sigma_ratio, 2);
+        format!(
+            "sensitivity at most {:.2} {sigma}, at {:.1} Hz",
+            m.ratio, m.hz
+        )
+    }));
+    lines
+}
+
+/// A number of an open loop.
+type OfLoop = fn(&OpenLoopRow) -> f64;
+
+fn open_loop(d: &OpenLoopDocument) -> Markup {
+    let plots: [(&str, &str, OfLoop); 3] = [
+        ("gain of the open loop, dB", "0 dB", |row| {
+            20.0 * row.gain.max(1e-6).log10()
+        }),
+        ("phase of the open loop, degrees", "-180 degrees", |row| {
+            row.phase_deg
+        }),
+        ("sensitivity, dB", "0 dB", |row| {
+            20.0 * row.sensitivity.max(1e-6).log10()
+        }),
+    ];
+    let across = [0.0, -180.0, 0.0];
+    let draw = |name: &str, line: &str, at: f64, value: OfLoop| {
+        let points: Vec<(f64, f64)> = d.rows.iter().map(|row| (row.hz, value(row))).collect();
+        let axes = Axes {
+            width: WHOLE,
+            x: (decades_of(points.iter().map(|p| p.0)), "frequency, Hz"),
+            y: (range_of(points.iter().map(|p| p.1).chain([at]), 0.1), name),
+        };
+        let mut plot = Plot::new(&axes)
+            .log_x()
+            .line(name, &points)
+            .mark_y(line, at, "limit");
+        if let Some(m) = d.phase_margin {
+            plot = plot.mark_x("gain is one", m.hz, "soft");
+        }
+        if let Some(m) = d.gain_margin {
+            plot = plot.mark_x("phase is -180", m.hz, "soft");
+        }
+        plot.draw()
+    };
+    html! {
+        h2 { "Open loop" }
+        ul { @for line in margins(d) { li { (line) } } }
+        p.soft {
+            "L = 1 / S - 1 of the sensitivity S from the reference to the error: the servo acts on the error alone, and sampling \
+             and amplifier are in it. Deviations are those over eight parts of the record, one left out at a time. Where L is known worse than to \
+             30 % it is not drawn, and no margin is read off. It belongs to motions of this size: smaller ones see more friction."
+        }
+        @if !d.rows.is_empty() {
+            @for ((name, line, value), at) in plots.into_iter().zip(across) {
+                (figure(&draw(name, line, at, value), html! {}))
+            }
+        }
+    }
 }

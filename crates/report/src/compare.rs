@@ -1,8 +1,8 @@
 //! The report of a comparison: two runs over each other.
 
-use super::figure::{Axes, HALF, WHOLE, curves, envelope, range_of};
-use super::histogram::histogram;
+use super::figure::{Axes, HALF, WHOLE, all, curves, decades_of, envelope, range_of};
 use super::html::{self, figure, page};
+use super::plot::Plot;
 use super::text::room;
 use anyhow::Result;
 use maud::{Markup, html};
@@ -22,16 +22,24 @@ const LINES: usize = 40;
 pub fn compare(d: &Comparison, a: &Side, b: &Side) -> Result<String> {
     let title = format!("{} beside {}", d.a, d.b);
     let body = html! {
+        p { "a is " (d.a) ", b is " (d.b) "." }
         p { (d.same) " values of the two summaries are the same, " (d.differences.len()) " are not." }
         @if !d.distributions.is_empty() {
             h2 { "Rows" }
             (html::table(&DISTRIBUTIONS.map(str::to_owned), &distributions(d)))
             p.soft { (CHANCE) }
-            div.pair { (histograms(d, a, b)?) }
+            div.pair { (shares(d, a, b)) }
+        }
+        @if !d.curves.is_empty() {
+            h2 { "Curves of the summaries" }
+            (html::table(&CURVES.map(str::to_owned), &curve_rows(d)))
+            (summary_curves(d, a, b))
         }
         (samples(a, b))
-        h2 { "Differences" }
-        (html::table(&differences_header(d), &differences(d)))
+        @if !d.differences.is_empty() {
+            h2 { "Differences" }
+            (html::table(&DIFFERENCES.map(str::to_owned), &differences(d)))
+        }
         @for (run, keys) in [(&d.a, &d.only_in_a), (&d.b, &d.only_in_b)] {
             @if !keys.is_empty() { p { "Only in " (run) ": " (keys.join(", ")) } }
         }
@@ -49,7 +57,12 @@ pub fn compared(d: &Comparison) -> String {
         text += CHANCE;
         text.push('\n');
     }
-    let mut rows = vec![["value", "a", "b", "change\n%"].map(str::to_owned).to_vec()];
+    if !d.curves.is_empty() {
+        let mut rows = vec![CURVES.map(str::to_owned).to_vec()];
+        rows.extend(curve_rows(d));
+        text += &super::text::table(&rows, room());
+    }
+    let mut rows = vec![DIFFERENCES.map(str::to_owned).to_vec()];
     rows.extend(differences(d).into_iter().take(LINES));
     if rows.len() > 1 {
         text += &super::text::table(&rows, room());
@@ -118,14 +131,7 @@ fn distributions(d: &Comparison) -> Vec<Vec<String>> {
     d.distributions.iter().map(row).collect()
 }
 
-fn differences_header(d: &Comparison) -> Vec<String> {
-    vec![
-        "value".to_owned(),
-        d.a.clone(),
-        d.b.clone(),
-        "change\n%".to_owned(),
-    ]
-}
+const DIFFERENCES: [&str; 4] = ["value", "a", "b", "change\n%"];
 
 fn differences(d: &Comparison) -> Vec<Vec<String>> {
     let text = |value: &serde_json::Value| match value {
@@ -144,28 +150,117 @@ fn differences(d: &Comparison) -> Vec<Vec<String>> {
     d.differences.iter().map(row).collect()
 }
 
+/// A range around values, of some width even where all are the same.
+fn room_of(values: impl Iterator<Item = f64> + Clone) -> std::ops::Range<f64> {
+    let greatest = values.clone().fold(0.0, |most: f64, v| most.max(v.abs()));
+    range_of(values, (1e-3 * greatest).max(1e-12))
+}
+
 fn values<'a>(of: &'a [(String, Vec<f64>)], name: &str) -> &'a [f64] {
     of.iter().find(|(n, _)| n == name).map_or(&[], |(_, v)| v)
 }
 
-fn histograms(d: &Comparison, a: &Side, b: &Side) -> Result<Markup> {
-    let mut all = Vec::new();
-    for of in &d.distributions {
-        let read = |each: &mut dyn FnMut(usize, f64)| {
-            for (kind, side) in [a, b].into_iter().enumerate() {
-                let finite = values(&side.rows, &of.column)
-                    .iter()
-                    .filter(|v| v.is_finite());
-                finite.for_each(|value| each(kind, *value));
-            }
-            Ok(())
+/// The shares of values below each: two distributions that are alike lie on each other.
+fn shares(d: &Comparison, a: &Side, b: &Side) -> Markup {
+    let draw = |column: &str| {
+        let steps = |side: &Side| {
+            let mut sorted: Vec<f64> = values(&side.rows, column).to_vec();
+            sorted.retain(|value| value.is_finite());
+            sorted.sort_by(f64::total_cmp);
+            let count = sorted.len() as f64;
+            let steps = sorted.iter().enumerate();
+            let steps =
+                steps.flat_map(|(k, v)| [(*v, k as f64 / count), (*v, (k + 1) as f64 / count)]);
+            // Thousands of steps look like hundreds.
+            let every = (2 * sorted.len()).div_ceil(POINTS).max(1);
+            let last = (2 * sorted.len()).saturating_sub(1);
+            let kept = steps
+                .enumerate()
+                .filter(|(k, _)| k % every == 0 || *k == last);
+            kept.map(|(_, point)| point).collect::<Vec<_>>()
         };
-        let caption = format!("{}, one run beside the other.", of.column);
-        if let Some(svg) = histogram(HALF, &[&d.a, &d.b], read, &of.column, &[])? {
-            all.push(figure(&svg, caption));
+        let lines = [(d.a.as_str(), steps(a)), (d.b.as_str(), steps(b))];
+        let all_x = lines
+            .iter()
+            .flat_map(|(_, points)| points.iter().map(|p| p.0));
+        let axes = Axes {
+            width: HALF,
+            x: (range_of(all_x, 1e-9), column),
+            y: (-0.02..1.02, "share below"),
+        };
+        curves(&axes, &lines)
+    };
+    html! {
+        @for of in &d.distributions {
+            (figure(&draw(&of.column), html! { (of.column) ": share of the values below each." }))
         }
     }
-    Ok(html! { @for one in &all { (one) } })
+}
+
+const CURVES: [&str; 6] = [
+    "curve",
+    "over",
+    "points\na, b",
+    "rms\nb - a",
+    "greatest\nb - a",
+    "at",
+];
+
+fn curve_rows(d: &Comparison) -> Vec<Vec<String>> {
+    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), short);
+    let row = |of: &pigtail_store::compare::Curve| {
+        vec![
+            of.key.clone(),
+            of.over.clone(),
+            format!("{}, {}", of.points[0], of.points[1]),
+            number(of.rms),
+            number(of.greatest),
+            number(of.at),
+        ]
+    };
+    d.curves.iter().map(row).collect()
+}
+
+/// Curves that both summaries have, over each other; over frequencies on a logarithmic axis.
+fn summary_curves(d: &Comparison, a: &Side, b: &Side) -> Markup {
+    let draw = |of: &pigtail_store::compare::Curve| {
+        let (key, column) = of.key.rsplit_once('.')?;
+        let points = |side: &Side| {
+            let columns = side.curves.get(key)?;
+            let (x, y) = (values(columns, &of.over), values(columns, column));
+            let finite = x.iter().copied().zip(y.iter().copied());
+            Some(
+                finite
+                    .filter(|(x, y)| x.is_finite() && y.is_finite())
+                    .collect::<Vec<_>>(),
+            )
+        };
+        let lines = [(d.a.as_str(), points(a)?), (d.b.as_str(), points(b)?)];
+        let every = || lines.iter().flat_map(|(_, points)| points.iter());
+        let log = of.over == "hz" && every().all(|p| p.0 > 0.0);
+        let across = every().map(|p| p.0);
+        let axes = Axes {
+            width: WHOLE,
+            x: (
+                if log {
+                    decades_of(across)
+                } else {
+                    range_of(across, 1e-9)
+                },
+                of.over.as_str(),
+            ),
+            y: (room_of(every().map(|p| p.1)), of.key.as_str()),
+        };
+        let plot = if log {
+            Plot::new(&axes).log_x()
+        } else {
+            Plot::new(&axes)
+        };
+        Some(all(plot, &lines).draw())
+    };
+    html! {
+        @for svg in d.curves.iter().filter_map(draw) { (figure(&svg, html! {})) }
+    }
 }
 
 /// Samples that both runs have, over the first column, which is time.
@@ -186,14 +281,15 @@ fn samples(a: &Side, b: &Side) -> Markup {
         @for (name, _) in both {
             @let lines: Vec<(&str, Vec<(f64, f64)>)> = [a, b].into_iter().map(|side| {
                 let points: Vec<(f64, f64)> = values(&side.samples, time).iter().copied()
-                    .zip(values(&side.samples, name).iter().copied()).collect();
+                    .zip(values(&side.samples, name).iter().copied())
+                    .filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
                 (side.name.as_str(), envelope(&points, POINTS))
             }).collect();
             @let points = || lines.iter().flat_map(|(_, points)| points);
             @let axes = Axes {
                 width: WHOLE,
                 x: (range_of(points().map(|p| p.0), 1e-9), time),
-                y: (range_of(points().map(|p| p.1), 1e-12), name),
+                y: (room_of(points().map(|p| p.1)), name),
             };
             (figure(&curves(&axes, &lines), html! { (name) " of both runs; each curve keeps its lowest and highest points." }))
         }

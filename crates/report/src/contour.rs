@@ -1,7 +1,8 @@
 //! The report of a contour.
 
-use super::figure::{Axes, HALF, curves, range_of};
+use super::figure::{Axes, HALF, all as all_of, range_of};
 use super::html::{figure, fixed, page, th};
+use super::plot::Plot;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_evaluate::contour::{ContourDocument, Traced};
@@ -75,7 +76,8 @@ fn path((_, samples): &Traced) -> Markup {
         x: (range_of(all().map(|p| p.0), 0.1), "x, um"),
         y: (range_of(all().map(|p| p.1), 0.1), "y, um"),
     };
-    curves(&axes, &series)
+    // Angles are what they are.
+    all_of(Plot::new(&axes).equal(), &series).draw()
 }
 
 fn caption((row, _): &Traced) -> String {

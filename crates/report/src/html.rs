@@ -82,7 +82,8 @@ impl Column {
             longest = longest.max(cell.chars().count());
             match behind(cell) {
                 Some(digits) => most = most.max(digits),
-                None => numbers &= matches!(cell, "" | "-"),
+                // A number with an exponent is one too.
+                None => numbers &= matches!(cell, "" | "-") || cell.parse::<f64>().is_ok(),
             }
         }
         if numbers {

@@ -46,7 +46,7 @@ mod tuning;
 mod windup;
 
 pub use alignment::{alignment, bench_alignment};
-pub use axis::{frequency, resolution, sine, step};
+pub use axis::{frequency, margins, resolution, sine, step};
 pub use benchmark::{benchmark, table as benchmark_table};
 pub use campaign::{campaign, percent};
 pub use commission::commission;

@@ -3,8 +3,8 @@
 use crate::job::{Ended, Job, Order, STEP, Work};
 use crate::rig::Rig;
 use pigtail_control::characterize::{
-    FrequencyResponse, Increments, StepResponse, Trace, frequency_response, increments, record,
-    sine, step_response,
+    FrequencyResponse, Increments, LoadSettling, Margin, OpenLoop, StepResponse, Trace,
+    frequency_response, increments, record, sine, step_response,
 };
 use pigtail_control::station::Station;
 use pigtail_hal::quantity::Counts;
@@ -55,6 +55,45 @@ pub struct StepDocument {
     pub settled: bool,
     /// Overshoot, percent of the step.
     pub overshoot_percent: f64,
+    /// What the load did, by the probe at the output; `null` without one.
+    pub load: Option<LoadDocument>,
+}
+
+/// What a load did in a step.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LoadDocument {
+    /// How far it was to go: the step, without windup, micrometres.
+    pub wanted_um: f64,
+    /// Where it came to rest, micrometres.
+    pub rest_um: f64,
+    /// How long it took to stay within each band around where it came to rest.
+    pub settling: Vec<LoadRow>,
+}
+
+/// One band.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct LoadRow {
+    /// Half of its width, micrometres.
+    pub band_um: f64,
+    /// From the step on, milliseconds; `null` where it still moves by as much in the end.
+    pub settling_ms: Option<f64>,
+}
+
+/// Bands in which a load is to settle, metres.
+const BANDS: [f64; 5] = [5e-6, 2e-6, 1e-6, 5e-7, 2e-7];
+
+fn load(rig: &Rig, at: AxisName, size: i64, trace: &Trace) -> Option<LoadDocument> {
+    let settling = LoadSettling::of(trace)?;
+    let um = |metres: f64| rounded(metres * 1e6, 1e-4);
+    let row = |band: f64| LoadRow {
+        band_um: um(band),
+        settling_ms: settling.within(trace, band).map(|s| rounded(s * 1e3, 1e-3)),
+    };
+    Some(LoadDocument {
+        wanted_um: um(size as f64 * metres_per_count(rig, at.axis).ok()?),
+        rest_um: um(settling.rest),
+        settling: BANDS.into_iter().map(row).collect(),
+    })
 }
 
 /// Steps an axis by `size` counts and back.
@@ -64,6 +103,7 @@ pub struct StepDocument {
 /// A fault.
 pub fn step(
     station: &mut Station,
+    rig: &Rig,
     at: AxisName,
     size: i64,
 ) -> Result<(StepDocument, Trace), Ended> {
@@ -86,6 +126,7 @@ pub fn step(
             settling_ms: rounded(settling * 1e3, 1e-3),
             settled,
             overshoot_percent: rounded(overshoot * 100.0, 1e-3),
+            load: load(rig, at, size, &trace),
         },
         trace,
     ))
@@ -217,6 +258,10 @@ pub struct FrequencyDocument {
     pub output_bandwidth_hz: Option<f64>,
     /// Lowest coherence at the encoder below the bandwidth.
     pub lowest_coherence: f64,
+    /// Lowest coherence at the output below its bandwidth; `null` without a probe.
+    pub output_lowest_coherence: Option<f64>,
+    /// The open loop, from what the closed one does.
+    pub open_loop: OpenLoopDocument,
     /// The response at the encoder.
     pub encoder: Vec<FrequencyRow>,
     /// The response at the output; empty without a probe.
@@ -236,6 +281,117 @@ pub struct FrequencyRow {
     pub coherence: f64,
 }
 
+/// The open loop of an axis's servo, `L = 1 / S - 1` of the sensitivity `S` from reference to error. Numbers with `sigma` before
+/// their unit are standard deviations.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct OpenLoopDocument {
+    /// Where its gain falls through one, and the phase above -180 degrees there.
+    pub phase_margin: Option<PhaseMargin>,
+    /// Where its phase falls through -180 degrees, and by how much the gain may grow there; `null` where the phase does
+    /// not come there as far as the loop is known.
+    pub gain_margin: Option<GainMargin>,
+    /// The greatest sensitivity `|1 / (1 + L)|`.
+    pub sensitivity_peak: Option<SensitivityPeak>,
+    /// The open loop where it is known.
+    pub rows: Vec<OpenLoopRow>,
+}
+
+/// A phase margin.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct PhaseMargin {
+    /// Degrees.
+    pub deg: f64,
+    /// Its standard deviation; `null` where parts of the record have no such margin.
+    pub sigma_deg: Option<f64>,
+    /// The frequency, hertz.
+    pub hz: f64,
+    /// Its standard deviation.
+    pub sigma_hz: Option<f64>,
+}
+
+/// A gain margin.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct GainMargin {
+    /// Decibels.
+    pub db: f64,
+    /// Its standard deviation; `null` where parts of the record have no such margin.
+    pub sigma_db: Option<f64>,
+    /// The frequency, hertz.
+    pub hz: f64,
+    /// Its standard deviation.
+    pub sigma_hz: Option<f64>,
+}
+
+/// A sensitivity peak.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct SensitivityPeak {
+    /// A ratio.
+    pub ratio: f64,
+    /// Its standard deviation.
+    pub sigma_ratio: Option<f64>,
+    /// The frequency, hertz.
+    pub hz: f64,
+    /// Its standard deviation.
+    pub sigma_hz: Option<f64>,
+}
+
+/// The open loop at one frequency.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct OpenLoopRow {
+    /// Hertz.
+    pub hz: f64,
+    /// Gain.
+    pub gain: f64,
+    /// Degrees, negative for a lag.
+    pub phase_deg: f64,
+    /// Sensitivity.
+    pub sensitivity: f64,
+    /// Standard deviation of the open loop, as a share of its gain.
+    pub unsure: f64,
+}
+
+impl OpenLoopDocument {
+    fn of(open: &OpenLoop) -> Self {
+        let sigma = |sigma: f64, to: f64| sigma.is_finite().then(|| rounded(sigma, to));
+        let hz = |m: &Margin| (rounded(m.hertz.value, 1e-2), sigma(m.hertz.sigma, 1e-3));
+        Self {
+            phase_margin: open.phase_margin.map(|m| PhaseMargin {
+                deg: rounded(m.margin.value.to_degrees(), 1e-2),
+                sigma_deg: sigma(m.margin.sigma.to_degrees(), 1e-3),
+                hz: hz(&m).0,
+                sigma_hz: hz(&m).1,
+            }),
+            gain_margin: open.gain_margin.map(|m| GainMargin {
+                db: rounded(20.0 * m.margin.value.log10(), 1e-2),
+                // d(20 log10 g) = 20 / ln 10 dg / g.
+                sigma_db: sigma(
+                    20.0 / std::f64::consts::LN_10 * m.margin.sigma / m.margin.value,
+                    1e-3,
+                ),
+                hz: hz(&m).0,
+                sigma_hz: hz(&m).1,
+            }),
+            sensitivity_peak: open.sensitivity_peak.map(|m| SensitivityPeak {
+                ratio: rounded(m.margin.value, 1e-3),
+                sigma_ratio: sigma(m.margin.sigma, 1e-4),
+                hz: hz(&m).0,
+                sigma_hz: hz(&m).1,
+            }),
+            rows: open
+                .points
+                .iter()
+                .map(|p| OpenLoopRow {
+                    hz: rounded(p.hertz, 1e-3),
+                    gain: rounded(p.open.norm(), 1e-4),
+                    phase_deg: rounded(p.phase.to_degrees(), 1e-2),
+                    sensitivity: rounded(p.sensitivity(), 1e-4),
+                    unsure: rounded(p.unsure, 1e-4),
+                })
+                .collect(),
+        }
+    }
+}
+
 /// The frequency response of an axis to a random reference for 40 s: noise of `amplitude` counts
 /// rms that falls off above 30 Hz, or the motor would do nothing but saturate.
 ///
@@ -248,7 +404,7 @@ pub fn frequency(
     at: AxisName,
     amplitude: f64,
     seed: u64,
-) -> Result<(FrequencyDocument, [FrequencyResponse; 2]), Ended> {
+) -> Result<(FrequencyDocument, [FrequencyResponse; 2], Trace), Ended> {
     const SECONDS: f64 = 40.0;
     const HIGHEST: f64 = 300.0;
     const CORNER: f64 = 30.0;
@@ -282,23 +438,28 @@ pub fn frequency(
     };
     let down = std::f64::consts::FRAC_1_SQRT_2;
     let bandwidth = at_encoder.bandwidth(down);
-    let below = bandwidth.unwrap_or(HIGHEST);
-    let lowest = at_encoder
-        .frequency
-        .iter()
-        .zip(&at_encoder.coherence)
-        .filter(|(f, _)| **f < below)
-        .fold(1.0, |low: f64, (_, c)| low.min(*c));
+    let output_bandwidth = at_output.bandwidth(down);
+    let lowest = |response: &FrequencyResponse, bandwidth: Option<f64>| {
+        let lowest = response.lowest_coherence(bandwidth.unwrap_or(HIGHEST));
+        rounded(lowest, 1e-4)
+    };
+    // The phase comes through -180 degrees, if at all, far beyond the bandwidth.
+    let highest = 0.4 / period;
+    let open = OpenLoop::of(&trace.reference, &trace.encoder, period, WINDOW, highest);
     Ok((
         FrequencyDocument {
             axis: at.to_string(),
             bandwidth_hz: bandwidth.map(|f| rounded(f, 1e-2)),
-            output_bandwidth_hz: at_output.bandwidth(down).map(|f| rounded(f, 1e-2)),
-            lowest_coherence: rounded(lowest, 1e-4),
+            output_bandwidth_hz: output_bandwidth.map(|f| rounded(f, 1e-2)),
+            lowest_coherence: lowest(&at_encoder, bandwidth),
+            output_lowest_coherence: (!at_output.frequency.is_empty())
+                .then(|| lowest(&at_output, output_bandwidth)),
+            open_loop: OpenLoopDocument::of(&open),
             encoder: rows(&at_encoder),
             output: rows(&at_output),
         },
         [at_encoder, at_output],
+        trace,
     ))
 }
 
@@ -333,7 +494,8 @@ impl Job for Step {
     type Output = (StepDocument, Trace);
 
     fn run(&self, work: &mut Work<'_>) -> Result<Self::Output, Ended> {
-        step(&mut work.station()?, self.at, self.size)
+        let rig = work.rig();
+        step(&mut work.station()?, rig, self.at, self.size)
     }
 
     fn order(&self) -> Order {
@@ -404,7 +566,7 @@ pub struct Frequency {
 }
 
 impl Job for Frequency {
-    type Output = (FrequencyDocument, [FrequencyResponse; 2]);
+    type Output = (FrequencyDocument, [FrequencyResponse; 2], Trace);
 
     fn run(&self, work: &mut Work<'_>) -> Result<Self::Output, Ended> {
         let rig = work.rig();

@@ -11,8 +11,14 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-/// What of a summary says where it lies, and differs always.
-const PLACES: [&str; 2] = ["report", "run"];
+/// What of a summary says where it lies, or repeats what was found as text for a calibration: it differs always.
+const PLACES: [&str; 4] = ["report", "run", "calibration", "found"];
+
+/// Rows from which on a table of a summary is a curve, and its values are not listed one by one.
+const CURVE: usize = 8;
+
+/// What a row of a summary is called by.
+const NAMES: [&str; 6] = ["name", "axis", "port", "procedure", "method", "part"];
 
 /// Columns with their values.
 pub type Columns = Vec<(String, Vec<f64>)>;
@@ -24,6 +30,8 @@ pub struct Side {
     pub name: String,
     /// Values of `summary.json` by their keys, such as `seconds_per_fiber.p99` or `starts[1].cost`.
     summary: BTreeMap<String, Value>,
+    /// Tables of numbers of the summary by their keys, such as a frequency response: over the first column.
+    pub curves: BTreeMap<String, Columns>,
     /// Columns of numbers of `rows.parquet`; empty where there is none.
     pub rows: Columns,
     /// Columns of numbers of `samples.csv`, time first; empty where there is none.
@@ -45,9 +53,9 @@ impl Side {
         })?;
         let value: Value = serde_json::from_str(&text)
             .map_err(|error| told("summary.json", format!("is no JSON: {error}")))?;
-        let mut summary = BTreeMap::new();
-        flatten("", &value, &mut summary);
-        summary.retain(|key, _| !PLACES.contains(&key.as_str()));
+        let (mut summary, mut curves) = (BTreeMap::new(), BTreeMap::new());
+        flatten("", &value, &mut summary, &mut curves);
+        summary.retain(|key, _| !PLACES.contains(&key.split('.').next().unwrap_or_default()));
         let rows = folder.join("rows.parquet");
         let rows = if rows.exists() {
             numbers(&rows).with_context(|| place("rows.parquet"))?
@@ -64,29 +72,78 @@ impl Side {
         Ok(Self {
             name: name.to_string_lossy().into_owned(),
             summary,
+            curves,
             rows,
             samples,
         })
     }
 }
 
-fn flatten(key: &str, value: &Value, to: &mut BTreeMap<String, Value>) {
+fn flatten(
+    key: &str,
+    value: &Value,
+    to: &mut BTreeMap<String, Value>,
+    curves: &mut BTreeMap<String, Columns>,
+) {
     match value {
         Value::Object(fields) => {
             for (name, value) in fields {
                 let dot = if key.is_empty() { "" } else { "." };
-                flatten(&format!("{key}{dot}{name}"), value, to);
+                flatten(&format!("{key}{dot}{name}"), value, to, curves);
             }
         }
         Value::Array(values) => {
+            if let Some(columns) = curve(values) {
+                curves.insert(key.to_owned(), columns);
+                return;
+            }
+            let names = names(values);
             for (k, value) in values.iter().enumerate() {
-                flatten(&format!("{key}[{k}]"), value, to);
+                let name = names.get(k).cloned().unwrap_or_else(|| k.to_string());
+                flatten(&format!("{key}[{name}]"), value, to, curves);
             }
         }
         _ => {
             to.insert(key.to_owned(), value.clone());
         }
     }
+}
+
+/// What each row is called by, where all have names, and no two the same.
+fn names(rows: &[Value]) -> Vec<String> {
+    let of = |field: &str| -> Option<Vec<String>> {
+        let names: Vec<String> = rows
+            .iter()
+            .map(|row| row.get(field)?.as_str().map(str::to_owned))
+            .collect::<Option<_>>()?;
+        let each: std::collections::BTreeSet<_> = names.iter().collect();
+        (each.len() == names.len()).then_some(names)
+    };
+    NAMES.iter().find_map(|field| of(field)).unwrap_or_default()
+}
+
+/// Rows of numbers as columns, where there are enough of them; flags are left out, and what a row has no number of is none.
+fn curve(rows: &[Value]) -> Option<Columns> {
+    let first = rows.first().filter(|_| rows.len() >= CURVE)?.as_object()?;
+    let is_plain = |value: &Value| value.is_number() || value.is_null() || value.is_boolean();
+    let all_plain = |row: &Value| {
+        row.as_object()
+            .is_some_and(|row| row.values().all(is_plain))
+    };
+    if !rows.iter().all(all_plain) {
+        return None;
+    }
+    let is_number = |name: &&String| rows.iter().any(|row| row[name.as_str()].is_number());
+    let column = |name: &String| {
+        let values = rows.iter().map(|row| row[name.as_str()].as_f64());
+        let values = values.map(|value| value.unwrap_or(f64::NAN)).collect();
+        (name.clone(), values)
+    };
+    let mut columns: Columns = first.keys().filter(is_number).map(column).collect();
+    // Fields come by name from the document's text; a frequency or a time is what a curve goes over.
+    let over = |name: &str| name != "hz" && !name.ends_with("_s") && !name.starts_with("a1");
+    columns.sort_by_key(|(name, _)| over(name));
+    (columns.len() > 1).then_some(columns)
 }
 
 fn numbers(path: &Path) -> Result<Columns> {
@@ -104,7 +161,13 @@ fn table(path: &Path) -> Result<Columns> {
     let mut columns: Vec<Option<Vec<f64>>> = vec![Some(Vec::new()); names.len()];
     for record in reader.records() {
         for (column, cell) in columns.iter_mut().zip(&record?) {
-            match (cell.parse(), column.as_mut()) {
+            // What is not there is no number, and no word either.
+            let value = if cell.is_empty() {
+                Ok(f64::NAN)
+            } else {
+                cell.parse()
+            };
+            match (value, column.as_mut()) {
                 (Ok(value), Some(values)) => values.push(value),
                 _ => *column = None,
             }
@@ -144,6 +207,23 @@ pub struct Distribution {
     pub chance: f64,
 }
 
+/// A curve that two summaries have.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Curve {
+    /// Where it stands in the summaries, with its column.
+    pub key: String,
+    /// The column that it goes over.
+    pub over: String,
+    /// Points in the first run and in the second.
+    pub points: [usize; 2],
+    /// The greatest difference of the second from the first, where both are; null where they nowhere are.
+    pub greatest: Option<f64>,
+    /// Where that is.
+    pub at: Option<f64>,
+    /// The root mean square of the difference.
+    pub rms: Option<f64>,
+}
+
 /// Two runs beside each other.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Comparison {
@@ -159,6 +239,8 @@ pub struct Comparison {
     pub only_in_a: Vec<String>,
     /// Keys that the second summary has alone.
     pub only_in_b: Vec<String>,
+    /// Curves that both summaries have.
+    pub curves: Vec<Curve>,
     /// Columns of numbers that both have rows of.
     pub distributions: Vec<Distribution>,
 }
@@ -192,8 +274,57 @@ pub fn compare(a: &Side, b: &Side) -> Comparison {
         differences,
         only_in_a: only(a, b),
         only_in_b: only(b, a),
+        curves: curves(a, b),
         distributions: distributions(a, b),
     }
+}
+
+fn curves(a: &Side, b: &Side) -> Vec<Curve> {
+    let mut all = Vec::new();
+    for (key, of_a) in &a.curves {
+        let Some(of_b) = b.curves.get(key) else {
+            continue;
+        };
+        let ((over, x_a), (other, x_b)) = (&of_a[0], &of_b[0]);
+        if over != other {
+            continue;
+        }
+        for (name, y_a) in &of_a[1..] {
+            let Some((_, y_b)) = of_b.iter().find(|(n, _)| n == name) else {
+                continue;
+            };
+            let differences: Vec<(f64, f64)> = x_a
+                .iter()
+                .zip(y_a)
+                .filter_map(|(x, y)| Some((*x, between(x_b, y_b, *x)? - y)))
+                .filter(|(_, d)| d.is_finite())
+                .collect();
+            let greatest = differences
+                .iter()
+                .max_by(|p, q| p.1.abs().total_cmp(&q.1.abs()));
+            let squares: f64 = differences.iter().map(|(_, d)| d * d).sum();
+            all.push(Curve {
+                key: format!("{key}.{name}"),
+                over: over.clone(),
+                points: [y_a.len(), y_b.len()],
+                greatest: greatest.map(|(_, d)| *d),
+                at: greatest.map(|(x, _)| *x),
+                rms: greatest.map(|_| (squares / differences.len() as f64).sqrt()),
+            });
+        }
+    }
+    all
+}
+
+/// A curve at `x`, between its points; `None` outside of them.
+fn between(xs: &[f64], ys: &[f64], x: f64) -> Option<f64> {
+    let after = xs.iter().position(|of| *of >= x)?;
+    if xs[after] == x {
+        return Some(ys[after]);
+    }
+    let before = after.checked_sub(1)?;
+    let share = (x - xs[before]) / (xs[after] - xs[before]);
+    Some(ys[before] + share * (ys[after] - ys[before]))
 }
 
 fn change(a: &Value, b: &Value) -> Option<f64> {
@@ -253,6 +384,29 @@ mod tests {
         // Words are no curve.
         let names: Vec<_> = a.samples.iter().map(|c| c.0.as_str()).collect();
         assert_eq!(names, ["time_s", "v"]);
+    }
+
+    #[test]
+    fn rows_of_numbers_are_a_curve_and_named_rows_keep_their_names() {
+        let folder = tempfile::tempdir().unwrap();
+        let with = |gain: f64| {
+            let rows =
+                (0..10).map(|k| format!(r#"{{"gain": {}, "hz": {k}}}"#, gain * f64::from(k)));
+            let rows: Vec<_> = rows.collect();
+            let steps = r#"[{"name": "z", "v": 1}, {"name": "a", "v": 2}]"#;
+            format!(r#"{{"response": [{}], "steps": {steps}}}"#, rows.join(","))
+        };
+        let a = side(folder.path(), &with(1.0), "t,x\n0,1\n");
+        let b = side(folder.path(), &with(1.5), "t,x\n0,1\n");
+        assert!(a.summary.contains_key("steps[z].v"), "{:?}", a.summary);
+        let found = compare(&a, &b);
+        assert!(found.differences.is_empty());
+        let curve = &found.curves[0];
+        assert_eq!(
+            (curve.key.as_str(), curve.over.as_str()),
+            ("response.gain", "hz")
+        );
+        assert_eq!((curve.greatest, curve.at), (Some(4.5), Some(9.0)));
     }
 
     #[test]

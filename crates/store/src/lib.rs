@@ -22,3 +22,4 @@ pub mod compare;
 pub mod database;
 pub mod rows;
 pub mod runs;
+pub mod samples;

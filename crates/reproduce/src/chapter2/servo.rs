@@ -101,9 +101,9 @@ fn believed_step(
     at: AxisName,
 ) -> Result<(pigtail_session::characterize::StepDocument, Trace), Ended> {
     let size = usual_step(at.axis);
-    bench
-        .machine
-        .experiment(bench.seed, |station| step(station, at, size))
+    bench.machine.experiment(bench.seed, |station| {
+        step(station, &bench.machine.rig, at, size)
+    })
 }
 
 pub(super) fn five_bar_gains(bench: &Bench) -> Result<Vec<Figure>, Ended> {
@@ -313,7 +313,7 @@ pub(super) fn five_bar_sine(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let setup = &bench.machine;
     let amplitude = (usual_step(FIVE_BAR.axis) / 4) as f64;
     let noise = 0.2 * amplitude;
-    let (small, _) = setup.experiment(bench.seed, |station| {
+    let (small, ..) = setup.experiment(bench.seed, |station| {
         frequency(station, &setup.rig, FIVE_BAR, noise, bench.seed)
     })?;
     let small = small.bandwidth_hz.unwrap_or(f64::INFINITY);

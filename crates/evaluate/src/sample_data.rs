@@ -1,0 +1,179 @@
+//! Records as laboratories bring them, made by twins: what the commands that read records can be tried on.
+
+use anyhow::Result;
+use pigtail_control::characterize::record;
+use pigtail_control::identify::{Path, WindupRecord};
+use pigtail_control::station::Unobserved;
+use pigtail_hal::AxisName;
+use pigtail_model::hysteresis::{Hysteresis, HysteresisParameters, HysteresisState};
+use pigtail_model::optics::{Coupler, GaussianMode, Misalignment};
+use pigtail_session::characterize::metres_per_count;
+use pigtail_session::identify::ScanWindup;
+use pigtail_session::job::Ended;
+use pigtail_session::setup::Setup;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use std::f64::consts::TAU;
+use std::fmt::Write as _;
+
+/// A file and what is in it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SampleFile {
+    /// Its name.
+    pub name: &'static str,
+    /// What it is a record of, and how it is read.
+    pub about: &'static str,
+    /// Its content.
+    pub content: String,
+}
+
+/// All of them, of the machine that a seed draws.
+///
+/// # Errors
+///
+/// A fault; bad input where the rig has no probes.
+pub fn sample_data(setup: &Setup, seed: u64) -> Result<Vec<SampleFile>, Ended> {
+    let mut rng = Pcg64Mcg::seed_from_u64(seed);
+    Ok(vec![
+        SampleFile {
+            name: "servo.csv",
+            about: "an axis along a line under its servo: reference, encoder, voltage",
+            content: servo(setup, seed)?,
+        },
+        SampleFile {
+            name: "two-encoders.csv",
+            about: "a joint with an encoder on either side of its transmission",
+            content: two_encoders(setup, seed)?,
+        },
+        SampleFile {
+            name: "piezo.csv",
+            about: "a piezo's displacement over its voltage",
+            content: piezo(&mut rng),
+        },
+        SampleFile {
+            name: "map.csv",
+            about: "the light that a fiber gets at the places of a grid",
+            content: map(&mut rng),
+        },
+    ])
+}
+
+/// Seconds of the servo's record.
+const SERVO: f64 = 16.0;
+
+/// A z-stage that is driven to and fro, slowly and fast.
+fn servo(setup: &Setup, seed: u64) -> Result<String, Ended> {
+    let at: AxisName = "left.z".parse().expect("an axis of every rig");
+    let metres = metres_per_count(&setup.rig, at.axis)?;
+    let counts = |metres_of: f64| metres_of / metres;
+    let reference = |t: f64| {
+        // Begins and ends at rest.
+        let fade = (t.min(SERVO - t) / 0.5).clamp(0.0, 1.0);
+        let way = 4e-4 * (TAU * 0.35 * t).sin()
+            + 1e-4 * (TAU * 1.9 * t).sin()
+            + 1e-5 * (TAU * 23.0 * t).sin();
+        counts(fade * way)
+    };
+    let trace = setup.experiment(seed, |station| {
+        Ok(record(station, at, SERVO, reference, |_| true)?)
+    })?;
+    let mut csv = "t_s,q_ref_m,q_m,u_V\n".to_owned();
+    for (k, encoder) in trace.encoder.iter().enumerate() {
+        let time = (k + 1) as f64 * trace.period;
+        let _ = writeln!(
+            csv,
+            "{time:.4},{:.9},{:.9},{:.5}",
+            trace.reference[k] * metres,
+            encoder * metres,
+            trace.voltage[k]
+        );
+    }
+    Ok(csv)
+}
+
+/// A joint's windup, scanned to and fro over growing and shrinking ways.
+fn two_encoders(setup: &Setup, seed: u64) -> Result<String, Ended> {
+    let at = "left.a".parse().expect("an axis of every rig");
+    let job = ScanWindup {
+        at,
+        path: Path::identification(0.0157, 0.0079),
+    };
+    let scan: WindupRecord = setup.run(&job, seed, &mut Unobserved)?;
+    let mut csv = "t_s,motor_deg,load_deg\n".to_owned();
+    let sides = scan.input.iter().zip(&scan.output);
+    // As a logger of 50 Hz: in less than that the motor goes a count or none.
+    for (time, (motor, load)) in scan.time().iter().zip(sides).step_by(50) {
+        let degrees = |radians: &f64| radians.to_degrees();
+        let _ = writeln!(csv, "{time:.4},{:.6},{:.6}", degrees(motor), degrees(load));
+    }
+    Ok(csv)
+}
+
+/// Loops of a piezo between turning points that come nearer, and a triangle that is held back.
+fn piezo(rng: &mut Pcg64Mcg) -> String {
+    let parameters = HysteresisParameters {
+        opening: 0.15,
+        spread: 0.3,
+        skew: 0.1,
+        saturation: 0.05,
+    };
+    let model = Hysteresis::new(&parameters).expect("a piezo of the usual kind");
+    let mut state = HysteresisState::default();
+    let turns: [f64; 15] = [
+        0.0, 10.0, 0.0, 9.0, 1.0, 8.0, 2.0, 7.0, 3.0, 6.0, 0.0, 10.0, 2.0, 8.0, 0.0,
+    ];
+    let mut csv = "t_s,u_V,x_um\n".to_owned();
+    let mut time = 0.0;
+    for turn in turns.windows(2) {
+        let rows = (40.0 * (turn[1] - turn[0]).abs()) as u32;
+        for row in 0..rows {
+            let volts = turn[0] + (turn[1] - turn[0]) * f64::from(row) / f64::from(rows);
+            let share = model.advance(&mut state, volts / 5.0 - 1.0);
+            let um = 35.0 * (share + 1.0) + 0.01 * (rng.random::<f64>() - 0.5);
+            let _ = writeln!(csv, "{time:.3},{volts:.4},{um:.4}");
+            time += 0.01;
+        }
+    }
+    csv
+}
+
+/// A fiber of a mode of 5 um before a guide of 3 um, 20 um away, on a grid of 2 um.
+fn map(rng: &mut Pcg64Mcg) -> String {
+    let mode = |radius: f64| GaussianMode {
+        radius_x: radius,
+        radius_y: radius,
+    };
+    let coupler = Coupler::new(mode(3e-6), mode(5e-6), 1.55e-6).expect("positive radii");
+    let (peak_x, peak_y) = (17.2, 10.6);
+    let mut csv = "x_um,y_um,power_V\n".to_owned();
+    for row in 0..15_u32 {
+        for column in 0..18_u32 {
+            let (x, y) = (2.0 * f64::from(column), 2.0 * f64::from(row));
+            let at = Misalignment {
+                x: 1e-6 * (x - peak_x),
+                y: 1e-6 * (y - peak_y),
+                z: 20e-6,
+                tilt_x: 0.0,
+                tilt_y: 0.0,
+            };
+            // Two draws: near enough to a bell.
+            let noise = 5e-3 * (rng.random::<f64>() + rng.random::<f64>() - 1.0);
+            let volts = 0.02 + 3.5 * coupler.efficiency(&at) + noise;
+            let _ = writeln!(csv, "{x},{y},{volts:.4}");
+        }
+    }
+    csv
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_same_seed_gives_the_same_files() {
+        let setup = Setup::load("afpm", "y-branch").unwrap();
+        let files = sample_data(&setup, 3).unwrap();
+        assert_eq!(files, sample_data(&setup, 3).unwrap());
+        assert!(files.iter().all(|file| file.content.lines().count() > 200));
+    }
+}
