@@ -19,7 +19,8 @@ import pigtail.gym as gym
 from pigtail.bench import Line, Pose
 
 POLICY = Path(__file__).with_name("learner.npz")
-REMEMBERED = 8
+REMEMBERED, SHOWN, CLOCK = 17, 4, 8
+"""Steps that the plane is fitted to, that are seen as they are, and of a turn of the clock."""
 
 Floats = NDArray[np.float32]
 if TYPE_CHECKING:
@@ -29,19 +30,21 @@ else:
 
 
 class Relative(_Wrapper):
-    """What does not depend on how bright the peak is, nor on where: the last places from where it is now, the logarithm of
-    their light over that of now, and how far it still has to go. The reward is how the logarithm of the light grows, less what is
-    missing to the brightest so far."""
+    """What does not depend on how bright the peak is, nor on where: the last places from where it is now, the logarithm of their
+    light over that of now, how far it still has to go, how far the peak would be by the slope of a plane through them, and a
+    clock to circle by. The reward is how the logarithm of the light grows, less what is missing to the brightest so far."""
 
     def __init__(self, env: Any) -> None:
         super().__init__(env)
-        wide = np.full(3 * REMEMBERED + 2, 20.0, dtype=np.float32)
+        wide = np.full(3 * SHOWN + 6, 20.0, dtype=np.float32)
         self.observation_space = gymnasium.spaces.Box(-wide, wide, dtype=np.float32)
+        task, rig = env.unwrapped.task, env.unwrapped.rig
+        self._width_um = rig.width_um(1e6 * task.gap_m(rig))
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
         seen, info = self.env.reset(seed=seed, options=options)
-        self._dark_v = info["dark_v"]
-        self._past = deque([self._row(seen)] * (REMEMBERED + 1), maxlen=REMEMBERED + 1)
+        self._dark_v, self._steps = info["dark_v"], 0
+        self._past = deque([self._row(seen)] * REMEMBERED, maxlen=REMEMBERED)
         self._best = self._past[-1][2]
         return self._features(seen), info
 
@@ -49,8 +52,9 @@ class Relative(_Wrapper):
         seen, _, terminated, truncated, info = self.env.step(action)
         before, now = self._past[-1][2], self._row(seen)
         self._past.append(now)
+        self._steps += 1
         self._best = max(self._best, now[2])
-        reward = 5.0 * (now[2] - before) + 5.0 * (now[2] - self._best)
+        reward = 5.0 * (now[2] - before) + 2.0 * (now[2] - self._best)
         return self._features(seen), reward, terminated, truncated, info
 
     def _row(self, seen: Floats) -> tuple[float, float, float]:
@@ -59,9 +63,17 @@ class Relative(_Wrapper):
 
     def _features(self, seen: Floats) -> Floats:
         past = np.array(self._past)
-        from_now = past[:-1] - past[-1]
+        # A sample is heard of some milliseconds after it was taken, on the way.
+        places, levels = 0.5 * (past[1:, :2] + past[:-1, :2]), past[1:, 2]
+        about, level = places - places.mean(axis=0), levels - levels.mean()
+        slope = np.linalg.solve(about.T @ about + 0.05 * np.eye(2), about.T @ level)
+        # The logarithm of a Gaussian is a parabola.
+        to_peak = np.clip(0.5 * self._width_um**2 * slope, -10.0, 10.0) / 3.0
+        from_now = past[-SHOWN - 1 : -1] - past[-1]
         from_now[:, 2] = np.arcsinh(200.0 * from_now[:, 2]) / 3.0
-        return np.concatenate([from_now.ravel(), seen[1:3] - seen[3:5]]).astype(np.float32)
+        clock = 2.0 * np.pi * self._steps / CLOCK
+        circle = [np.cos(clock), np.sin(clock)]
+        return np.concatenate([from_now.ravel(), seen[1:3] - seen[3:5], to_peak, circle]).astype(np.float32)
 
 
 class Policy:

@@ -76,8 +76,8 @@ def main() -> None:
     asked = parser.parse_args()
     envs = make_vec_env(make, n_envs=16, seed=asked.seed)
     model = PPO(
-        "MlpPolicy", envs, seed=asked.seed, device="cpu", n_steps=256, batch_size=512, n_epochs=5, gamma=0.9, gae_lambda=0.9,
-        learning_rate=lambda left: 3e-4 * left, policy_kwargs={"net_arch": [64, 64], "log_std_init": -0.7},
+        "MlpPolicy", envs, seed=asked.seed, device="cpu", n_steps=256, batch_size=512, n_epochs=5, gamma=0.95, gae_lambda=0.9,
+        learning_rate=lambda left: 6e-4 * left, policy_kwargs={"net_arch": [64, 64], "log_std_init": -0.7},
     )  # fmt: skip
     model.learn(asked.steps, callback=Curve(asked.into / "learner.csv"))
     export(model, asked.into / "learner.npz")

@@ -116,8 +116,8 @@ def test_one_device_at_a_time_is_the_same_every_time() -> None:
         devices = pb.Devices(pigtail.BenchTwin(rig, seed=3), rig)
 
         def plan() -> Any:
-            for arm in devices.arms:
-                yield from bps.mv(arm, 0)
+            for each in devices.arms:
+                yield from bps.mv(each, 0)
             yield from bps.mv(devices.laser, 1)
             for arm, stage in enumerate((devices.left_coarse, devices.right_coarse)):
                 yield from devices.to_pose(stage, rig.pose_at(arm, 0, 40e-6))

@@ -486,7 +486,7 @@ def _resampled(all_: Sequence[_Judged]) -> list[float | None]:
     seconds = np.array([of.seconds for of in all_])
     right = np.array([of.verdicts.count("right") for of in all_])
     rows: NDArray[np.int64] = np.random.default_rng(0).integers(len(all_), size=(_RESAMPLED, len(all_)))
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         ratios = seconds[rows].sum(axis=1) / right[rows].sum(axis=1)
     low, high = np.quantile(ratios, [0.025, 0.975], method="inverted_cdf")
     return [round(float(each), 4) if math.isfinite(each) else None for each in (low, high)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeAlias
@@ -30,7 +31,10 @@ def shown(progress: Progress, what: str) -> Iterator[_Called]:
     if progress is False or (progress is None and not _seen()):
         yield None
         return
-    from tqdm.auto import tqdm
+    with warnings.catch_warnings():
+        # In a notebook without widgets its bar is text, and that is well.
+        warnings.simplefilter("ignore")
+        from tqdm.auto import tqdm
 
     bar: Any = tqdm(desc=what, leave=False)
 
