@@ -14,7 +14,7 @@ import pigtail
 
 
 def climb(probe: pigtail.Probe) -> tuple[float, float]:
-    """a Gaussian process and expected improvement (scikit-optimize): 8 places at random, 24 chosen; the mean's best at last"""
+    """a Gaussian process and expected improvement (scikit-optimize): 8 places at random, 16 chosen; the mean's best at last"""
     x0, y0 = probe.at_um
     far = 1.2 * probe.width_um
     limits = [(max(at - far, -probe.reach_um), min(at + far, probe.reach_um)) for at in (x0, y0)]
@@ -30,7 +30,7 @@ def climb(probe: pigtail.Probe) -> tuple[float, float]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         search.tell([x0, y0], dimness(x0, y0))
-        for _ in range(32):
+        for _ in range(24):
             x, y = search.ask()
             search.tell([x, y], dimness(x, y))
         grid = np.stack(np.meshgrid(*[np.linspace(low, high, 201) for low, high in limits]), axis=-1).reshape(-1, 2)

@@ -18,7 +18,11 @@ def climb(probe: pigtail.Probe) -> tuple[float, float]:
             seen = np.array([probe(x + (along == 0) * by, y + (along == 1) * by, 2) for by in offsets])
             # The light is about Gaussian, and its logarithm a parabola.
             bend, slope, _ = np.polyfit(offsets, np.log(np.maximum(seen, probe.noise_v)), 2)
-            by = float(np.clip(-slope / (2.0 * bend), offsets[0], offsets[-1])) if bend < 0.0 else float(offsets[seen.argmax()])
+            by = (
+                float(np.clip(-slope / (2.0 * bend), offsets[0], offsets[-1]))
+                if bend < 0.0
+                else float(offsets[seen.argmax()])
+            )
             x, y = x + (along == 0) * by, y + (along == 1) * by
     return x, y
 

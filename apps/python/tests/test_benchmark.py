@@ -114,7 +114,9 @@ class Pusher:
 def test_what_is_said_is_held_against_the_truth() -> None:
     entries: dict[str, Any] = {"liar": Liar(), "silent": Silent(), "sleeper": Sleeper(), "pusher": Pusher()}
     board = pigtail.benchmark(entries, devices=2, limit_s=5.0, ours=False)
-    counts = {of["name"]: [of[key] for key in ("right", "wrong", "touched", "faults", "lost")] for of in board["algorithms"]}
+    counts = {
+        of["name"]: [of[key] for key in ("right", "wrong", "touched", "faults", "lost")] for of in board["algorithms"]
+    }
     assert counts["liar"] == [0, 6, 0, 0, 0]
     assert counts["silent"] == [0, 0, 0, 0, 6]
     assert counts["sleeper"] == [0, 0, 0, 6, 0]

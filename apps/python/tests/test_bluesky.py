@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -84,7 +86,9 @@ def test_a_device_is_aligned_into_a_stream_of_documents() -> None:
     assert all(primary["data"][f"pigtail_align_{port}_outside"] < 1e-3 for port in pb.Aligner.PORTS)
     samples = events(documents, "pigtail_align_samples")
     assert len(samples) == len(plain.samples)
-    np.testing.assert_array_equal([of["data"]["pigtail_align_light"] for of in samples], np.nanmax(plain.samples.light_v, axis=1))
+    np.testing.assert_array_equal(
+        [of["data"]["pigtail_align_light"] for of in samples], np.nanmax(plain.samples.light_v, axis=1)
+    )
     stamps = [of["timestamps"]["pigtail_align_light"] for of in samples]
     np.testing.assert_allclose(np.diff(stamps), np.diff(plain.samples.time_s), atol=1e-5)
     assert documents[-1][0] == "stop" and documents[-1][1]["exit_status"] == "success"
@@ -198,16 +202,12 @@ def test_what_is_not_accepted_is_raised_by_the_plan(
     # A status that failed is the RunEngine's exception; ours is its cause.
     causes = [raised.value, raised.value.__cause__, *raised.value.args]
     assert any(isinstance(of, error) for of in causes), causes
-    import re
-
     assert re.search(says, " ".join(str(of) for of in causes))
     # And nothing is stuck.
     ran(bps.mv(devices.left_fine.x, 1.0))
 
 
 def test_a_bench_of_ones_own_is_called_on_one_thread() -> None:
-    import threading
-
     class Watched(Through):
         threads: set[int]
 
@@ -253,3 +253,35 @@ def test_light_is_of_after_the_trigger() -> None:
     devices.meter.trigger().wait(10.0)
     light = devices.meter._light
     assert isinstance(light, Light) and light.time_s > before
+
+
+def test_whoever_aborts_the_run_engine_stops_the_bench() -> None:
+    from bluesky.utils import RunEngineInterrupted
+
+    own = Slow("never", None)
+    devices = pb.Devices(own)
+    documents: Documents = []
+    engine: Any = RunEngine()
+    timer = threading.Timer(0.5, lambda: engine.request_pause(defer=False))
+    timer.start()
+    with pytest.raises(RunEngineInterrupted):
+        engine(pb.align(devices), lambda name, document: documents.append((name, document)))
+    timer.join()
+    engine.abort()
+    devices.aligner.complete().wait(20.0)
+    assert devices.aligner.device is not None and devices.aligner.device.fault is not None
+    assert own.stopped >= 1 and own.now_s < 60.0
+    assert documents[-1][0] == "stop" and documents[-1][1]["exit_status"] == "abort"
+
+
+def test_a_path_is_stopped_and_nothing_else() -> None:
+    own = Slow("never", None)
+    devices = pb.Devices(own)
+    path = devices.path(devices.right_fine, Dither((0.0, 0.0), 2e-6, 5.0, radius_within_s=0.1), duration_s=100.0)
+    path.kickoff().wait(10.0)
+    other = devices.left_coarse.set((-300.0, 0.0))
+    path.stop()
+    assert isinstance(path.complete().exception(10.0), pigtail.Error)
+    other.wait(30.0)
+    assert own.now_s < 50.0 and abs(devices.left_coarse.x.position + 300.0) < 5.0
+    assert len(list(path.collect())) < 5000

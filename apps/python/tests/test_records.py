@@ -21,7 +21,9 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     phase = 2 * np.pi * np.cumsum(np.interp(t, [0.0, 4.0], [0.5, 6.0])) * JOINT["Ts"]
     volts = 3.0 * np.sin(phase) + 1.5 * np.sin(2.7 * phase + 1.0)
     seen = pigtail.simulate_joint(JOINT, voltages=(t, volts), duration_s=4.0, row_period_s=JOINT["Ts"])
-    rows = [f"{a:.6f},{b:.8f},{c:.5f}" for a, b, c in zip(seen["time_s"], seen["count"] * 2 * np.pi / 2048, seen["u_V"])]
+    rows = [
+        f"{a:.6f},{b:.8f},{c:.5f}" for a, b, c in zip(seen["time_s"], seen["count"] * 2 * np.pi / 2048, seen["u_V"])
+    ]
     path.write_text("\n".join(["t_s,q_rad,u_V", *rows]) + "\n")
     return path
 
@@ -37,7 +39,10 @@ def test_it_is_what_the_program_finds(program: str, log: Path, tmp_path: Path) -
     assert dict(found) == {key: value for key, value in theirs.items() if key not in places}
     written = Path(theirs["fragment"]).read_text()
     assert found.fragment is not None
-    without = [[line for line in text.splitlines() if "origin" not in line and "date" not in line] for text in (found.fragment, written)]
+    without = [
+        [line for line in text.splitlines() if "origin" not in line and "date" not in line]
+        for text in (found.fragment, written)
+    ]
     assert without[0] == without[1]
 
 
@@ -67,7 +72,11 @@ def test_what_a_log_does_not_tell_has_no_value(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("columns", "key"),
-    [({"position": "nothing"}, "nothing"), ({"position": "q_rad:V"}, "q_rad"), ({"position": "q_rad", "cutoff_hz": 1e6}, "cutoff_hz")],
+    [
+        ({"position": "nothing"}, "nothing"),
+        ({"position": "q_rad:V"}, "q_rad"),
+        ({"position": "q_rad", "cutoff_hz": 1e6}, "cutoff_hz"),
+    ],
 )
 def test_what_is_wrong_with_a_file_is_named(log: Path, columns: dict[str, object], key: str) -> None:
     arguments: dict[str, object] = {"voltage": "u_V", "force_per_volt": 1.0, **columns}

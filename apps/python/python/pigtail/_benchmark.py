@@ -60,7 +60,6 @@ class DeviceAlgorithm(Protocol):
         """Attaches three fibers."""
 
 
-
 class Probe:
     """The light at places of a fine group, as a climb asks for it: ``light_v = probe(x_um, y_um)``.
 
@@ -74,7 +73,9 @@ class Probe:
         reach_um: Places are from ``-reach_um`` to ``reach_um`` in x and in y, micrometres.
     """
 
-    def __init__(self, bench: Bench, group: int, *, channel: int, dark_v: float, noise_v: float, width_um: float) -> None:
+    def __init__(
+        self, bench: Bench, group: int, *, channel: int, dark_v: float, noise_v: float, width_um: float
+    ) -> None:
         self.bench, self.group, self.channel = bench, group, channel
         self.dark_v, self.noise_v, self.width_um = dark_v, noise_v, width_um
         axes = bench.caps.groups[group].axes
@@ -169,7 +170,12 @@ class _Skeleton:
         channel = self.rig.meters[port if arm == 1 else 0]
         width_um = self.rig.width_um(gap_um)
         return Probe(
-            self.bench, self.group(arm, True), channel=channel, dark_v=self.dark_v, noise_v=self.noise_v, width_um=width_um
+            self.bench,
+            self.group(arm, True),
+            channel=channel,
+            dark_v=self.dark_v,
+            noise_v=self.noise_v,
+            width_um=width_um,
         )
 
     def to_gap(self, arm: int, port: int, gap_um: float) -> None:
@@ -337,7 +343,9 @@ def _lent(twin: BenchTwin, limit_s: float) -> tuple[Bench, _Account]:
                     account.stopped = True
                     twin.stop()
                     message = f"its machine time of {limit_s:g} s is up"
-                    raise FaultError(message, code="time-up", rule="machine time", limit=f"{limit_s:g} s", time_s=twin.now_s)
+                    raise FaultError(
+                        message, code="time-up", rule="machine time", limit=f"{limit_s:g} s", time_s=twin.now_s
+                    )
                 event = twin.next(by_s)
             except FaultError:
                 account.stopped = True
@@ -530,7 +538,20 @@ class Leaderboard(Document):
     ``pigtail benchmark --json``, and intervals of what depends on chance."""
 
     def __str__(self) -> str:
-        head = ("algorithm", "right", "95 %", "wrong", "touched", "fault", "lost", "s a right", "95 %", "readings", "p50 um", "p99 um")
+        head = (
+            "algorithm",
+            "right",
+            "95 %",
+            "wrong",
+            "touched",
+            "fault",
+            "lost",
+            "s a right",
+            "95 %",
+            "readings",
+            "p50 um",
+            "p99 um",
+        )
         lines = [head]
 
         def shown_as(value: float | None, digits: int) -> str:
@@ -556,7 +577,10 @@ class Leaderboard(Document):
                 )
             )
         wide = [max(len(line[k]) for line in lines) for k in range(len(head))]
-        table = ["  ".join(of.ljust(w) if k == 0 else of.rjust(w) for k, (of, w) in enumerate(zip(line, wide))) for line in lines]
+        table = [
+            "  ".join(of.ljust(w) if k == 0 else of.rjust(w) for k, (of, w) in enumerate(zip(line, wide)))
+            for line in lines
+        ]
         table.insert(1, "-" * len(table[0]))
         along = "" if self["tolerance_z_um"] is None else f" and {self['tolerance_z_um']:g} um in z"
         foot = (
@@ -631,7 +655,9 @@ def benchmark(
     entries: dict[str, Any] = {str(name): entry for name, entry in algorithms.items()}
     if ours:
         if "pigtail" in entries:
-            raise InputError("algorithms: has `pigtail`, which is ours; accepted is another name", key="algorithms", value="pigtail")
+            raise InputError(
+                "algorithms: has `pigtail`, which is ours; accepted is another name", key="algorithms", value="pigtail"
+            )
         entries["pigtail"] = _Ours()
     called: dict[str, Algorithm] = {}
     for name, entry in entries.items():
@@ -669,4 +695,15 @@ def benchmark(
     return Leaderboard(json.dumps(document))
 
 
-__all__ = ["HELD_OUT", "PORTS", "Algorithm", "Climb", "Leaderboard", "Probe", "Report", "benchmark", "raster", "with_climb"]
+__all__ = [
+    "HELD_OUT",
+    "PORTS",
+    "Algorithm",
+    "Climb",
+    "Leaderboard",
+    "Probe",
+    "Report",
+    "benchmark",
+    "raster",
+    "with_climb",
+]

@@ -18,12 +18,11 @@ devices were made and the bench's time since, so that a twin's are not the clock
 
 from __future__ import annotations
 
-import queue
 import threading
 import time
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 try:
     import bluesky.plan_stubs as bps
@@ -32,21 +31,19 @@ except ImportError as error:  # pragma: no cover
     raise ImportError("pigtail.bluesky needs bluesky: pip install 'pigtail[bluesky]'") from error
 
 from ._align import Alignment
-from ._bench import BenchRig, BenchTwin, align_bench, bench_rig
-from ._errors import Error, FaultError, InputError, Refused
+from ._bench import BenchRig, align_bench, bench_rig
+from ._driver import LONGEST_S, Driver, Status, Waiting
+from ._errors import Error, FaultError, InputError
 from ._input import number, whole
 from .bench import (
     DEGREES,
     Attach,
-    Batch,
     Bench,
     Brake,
     Caps,
     Dither,
-    Done,
     Estimate,
     Event,
-    Failed,
     Laser,
     Law,
     Light,
@@ -61,180 +58,13 @@ if TYPE_CHECKING:
     from bluesky.protocols import Reading
     from bluesky.utils import MsgGenerator
 
-T = TypeVar("T")
 _Reading: TypeAlias = "dict[str, Reading[Any]]"
-
-_SLICE_S = 0.05
-_LONGEST_S = 120.0
-
-
-class Status:
-    """Something that was begun: as bluesky's protocol of the same name has it."""
-
-    def __init__(self) -> None:
-        self._over = threading.Event()
-        self._error: BaseException | None = None
-        self._lock = threading.Lock()
-        self._callbacks: list[Callable[[Status], None]] = []
-
-    def _finish(self, error: BaseException | None = None) -> None:
-        with self._lock:
-            if self._over.is_set():
-                return
-            self._error = error
-            self._over.set()
-            callbacks, self._callbacks = self._callbacks, []
-        for callback in callbacks:
-            callback(self)
-
-    def add_callback(self, callback: Callable[[Status], None]) -> None:
-        """Calls this when it is done; at once where it is."""
-        with self._lock:
-            if not self._over.is_set():
-                self._callbacks.append(callback)
-                return
-        callback(self)
-
-    @property
-    def done(self) -> bool:
-        """Whether it is over."""
-        return self._over.is_set()
-
-    @property
-    def success(self) -> bool:
-        """Whether it is over and went well."""
-        return self.done and self._error is None
-
-    def exception(self, timeout: float | None = 0.0) -> BaseException | None:
-        """Why it did not go well; waits for so long until it is over."""
-        if not self._over.wait(timeout):
-            raise TimeoutError("it is not over")
-        return self._error
-
-    def wait(self, timeout: float | None = None) -> None:
-        """Waits until it is over, and raises what went wrong."""
-        error = self.exception(timeout)
-        if error is not None:
-            raise error
-
-
-@dataclass
-class _Waiting:
-    """What is under way on the bench's thread."""
-
-    status: Status
-    end_s: float
-    ticket: int | None = None
-    # Or a sample of light after this time...
-    after_s: float | None = None
-    # ...which goes here.
-    into: Callable[[Light], None] | None = None
-    # Or until this time.
-    until_s: float | None = None
-
-
-class _Driver:
-    """The one thread on which a bench is called."""
-
-    def __init__(self, bench: Bench) -> None:
-        self.bench = bench
-        self.began = time.time() - bench.now_s
-        self.hears: list[Callable[[Light], None]] = []
-        self.busy = ""
-        self._jobs: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self._waiting: list[_Waiting] = []
-        threading.Thread(target=self._run, name=f"pigtail {bench.caps.name}", daemon=True).start()
-
-    def do(self, job: Callable[[], T]) -> T:
-        """What it gives when it is called there."""
-        if self.busy:
-            raise Error(f"the bench is busy: {self.busy}")
-        given: list[T] = []
-        status = self.post(lambda: given.append(job()))
-        status.wait()
-        return given[0]
-
-    def post(self, job: Callable[[], object]) -> Status:
-        """Calls it there, and says when that is over."""
-        status = Status()
-
-        def work() -> None:
-            try:
-                job()
-            except BaseException as error:  # noqa: BLE001  (it is raised where it is waited for)
-                status._finish(error)
-            else:
-                status._finish()
-
-        self._jobs.put(work)
-        return status
-
-    def begin(self, job: Callable[[], _Waiting]) -> Status:
-        """Begins something there; its status is done when what was begun is."""
-        status = Status()
-
-        def work() -> None:
-            try:
-                waiting = job()
-            except BaseException as error:  # noqa: BLE001
-                status._finish(error)
-                return
-            waiting.status.add_callback(lambda of: status._finish(of.exception()))
-            self._waiting.append(waiting)
-
-        self._jobs.put(work)
-        return status
-
-    def let_go(self, statuses: Sequence[Status], error: BaseException | None) -> None:
-        """Ends statuses, on the bench's thread."""
-        self._waiting = [of for of in self._waiting if of.status not in statuses]
-        for status in statuses:
-            status._finish(error)
-
-    def _run(self) -> None:
-        while True:
-            try:
-                job = self._jobs.get(block=not self._waiting)
-            except queue.Empty:
-                self._pump()
-            else:
-                job()
-
-    def _pump(self) -> None:
-        now = self.bench.now_s
-        ends = [of.until_s for of in self._waiting if of.until_s is not None]
-        try:
-            event = self.bench.next(min([now + _SLICE_S, *ends]))
-        except BaseException as error:  # noqa: BLE001
-            self.let_go([of.status for of in self._waiting], error)
-            return
-        lights = (event,) if isinstance(event, Light) else event.lights if isinstance(event, Batch) else ()
-        for light in lights:
-            for hear in list(self.hears):
-                hear(light)
-        now = self.bench.now_s
-        over: list[tuple[Status, Exception | None]] = []
-        for of in self._waiting:
-            if isinstance(event, Done) and event.ticket == of.ticket:
-                over.append((of.status, None))
-            elif isinstance(event, Failed) and event.ticket == of.ticket:
-                over.append((of.status, Refused(event.why)))
-            elif of.after_s is not None and (heard := [light for light in lights if light.time_s >= of.after_s]):
-                if of.into is not None:
-                    of.into(heard[0])
-                over.append((of.status, None))
-            elif of.until_s is not None and now >= of.until_s - 1e-9:
-                over.append((of.status, None))
-            elif now > of.end_s:
-                over.append((of.status, TimeoutError(f"not done within {_LONGEST_S:g} s of the bench's time")))
-        for status, why in over:
-            self.let_go([status], why)
 
 
 class _Device:
     """What all devices have."""
 
-    def __init__(self, name: str, driver: _Driver, parent: _Device | None = None) -> None:
+    def __init__(self, name: str, driver: Driver, parent: _Device | None = None) -> None:
         self._name, self._driver, self._parent = name, driver, parent
 
     @property
@@ -281,7 +111,7 @@ class Stage(_Device):
     y: Axis
     z: Axis
 
-    def __init__(self, name: str, driver: _Driver, group: int) -> None:
+    def __init__(self, name: str, driver: Driver, group: int) -> None:
         super().__init__(name, driver)
         self.group = group
         caps = driver.bench.caps.groups[group]
@@ -312,7 +142,9 @@ class Stage(_Device):
             except TypeError:
                 named = {}
         if not named or not set(named) <= set(self.axes):
-            message = f"{key}: is {value!r}; accepted are micrometres of {list(self.axes)}, in order or by name, or a Pose"
+            message = (
+                f"{key}: is {value!r}; accepted are micrometres of {list(self.axes)}, in order or by name, or a Pose"
+            )
             raise InputError(message, key=key, value=repr(value))
         return {DEGREES.index(degree): 1e-6 * number(f"{key}: {degree}", um) for degree, um in named.items()}
 
@@ -321,7 +153,7 @@ class Stage(_Device):
         return self._go(self._wanted(value))
 
     def _go(self, wanted: Mapping[int, float]) -> Status:
-        def job() -> _Waiting:
+        def job() -> Waiting:
             bench = self._driver.bench
             numbers = list(self._told.numbers)
             for place, at in wanted.items():
@@ -329,12 +161,12 @@ class Stage(_Device):
             to = Pose(*numbers)
             ticket = bench.play(self.group, Line(to))
             self._told = to
-            waiting = _Waiting(Status(), bench.now_s + _LONGEST_S, ticket=ticket)
+            waiting = Waiting(Status(), bench.now_s + LONGEST_S, ticket=ticket)
             # The line before is replaced, and this one goes where that was to go too: both are done with it.
             before, self._under_way = [of for of in self._under_way if not of.done], [waiting.status]
             for status in before:
                 waiting.status.add_callback(lambda of, status=status: status._finish(of.exception()))  # type: ignore[misc]
-            self._driver._waiting = [of for of in self._driver._waiting if of.status not in before]
+            self._driver.waiting = [of for of in self._driver.waiting if of.status not in before]
             self._under_way += before
             return waiting
 
@@ -379,7 +211,7 @@ class Axis(_Device):
 
     parent: Stage
 
-    def __init__(self, name: str, driver: _Driver, stage: Stage, place: int) -> None:
+    def __init__(self, name: str, driver: Driver, stage: Stage, place: int) -> None:
         super().__init__(name, driver, stage)
         self._stage, self._place = stage, place
 
@@ -422,7 +254,7 @@ class Axis(_Device):
 class Meter(_Device):
     """The light: ``trigger`` waits for the next sample, volts."""
 
-    def __init__(self, name: str, driver: _Driver) -> None:
+    def __init__(self, name: str, driver: Driver) -> None:
         super().__init__(name, driver)
         self._channels = [f"{name}_{of.name}" for of in driver.bench.caps.channels]
         self._light: Light | None = None
@@ -435,11 +267,11 @@ class Meter(_Device):
     def trigger(self) -> Status:
         """Waits for a sample that was taken after now."""
 
-        def job() -> _Waiting:
+        def job() -> Waiting:
             now = self._driver.bench.now_s
             # A sample is a mean of what was before its time.
             fastest = max(of.rate_hz for of in self._driver.bench.caps.channels)
-            return _Waiting(Status(), now + _LONGEST_S, after_s=now + 1.0 / fastest, into=self._hear)
+            return Waiting(Status(), now + LONGEST_S, after_s=now + 1.0 / fastest, into=self._hear)
 
         return self._driver.begin(job)
 
@@ -466,9 +298,9 @@ class _Asked(_Device):
     _dtype = "integer"
 
     def _ask(self, what: Request, value: Any) -> Status:
-        def job() -> _Waiting:
+        def job() -> Waiting:
             bench = self._driver.bench
-            waiting = _Waiting(Status(), bench.now_s + _LONGEST_S, ticket=bench.request(what))
+            waiting = Waiting(Status(), bench.now_s + LONGEST_S, ticket=bench.request(what))
             waiting.status.add_callback(lambda of: setattr(self, "_value", value) if of.success else None)
             return waiting
 
@@ -500,7 +332,7 @@ class Arm(_Asked):
 
     _value = -1
 
-    def __init__(self, name: str, driver: _Driver, arm: int) -> None:
+    def __init__(self, name: str, driver: Driver, arm: int) -> None:
         super().__init__(name, driver)
         self.arm = arm
         self.attach = _Attached(f"{name}_attached", driver, arm)
@@ -516,7 +348,7 @@ class Arm(_Asked):
 class _Attached(_Asked):
     """How many fibers were attached."""
 
-    def __init__(self, name: str, driver: _Driver, arm: int) -> None:
+    def __init__(self, name: str, driver: Driver, arm: int) -> None:
         super().__init__(name, driver)
         self._arm = arm
 
@@ -545,6 +377,7 @@ class Path(_Device):
         self._duration_s = None if duration_s is None else number("duration_s", duration_s)
         self._rows: list[tuple[Light, Estimate | None]] = []
         self._flown: Status | None = None
+        self._played: Status | None = None
 
     def kickoff(self) -> Status:
         """Begins to move and to collect."""
@@ -552,17 +385,18 @@ class Path(_Device):
         def hear(light: Light) -> None:
             self._rows.append((light, self._driver.bench.pose(self.stage.group, light.time_s)))
 
-        def job() -> _Waiting:
+        def job() -> Waiting:
             bench = self._driver.bench
             self._rows = []
             now = bench.now_s
-            longest = now + _LONGEST_S + (self._duration_s or 0.0)
+            longest = now + LONGEST_S + (self._duration_s or 0.0)
             ticket = bench.play(self.stage.group, self.law)
             self._driver.hears.append(hear)
-            waiting = _Waiting(Status(), longest, ticket=ticket)
+            waiting = Waiting(Status(), longest, ticket=ticket)
             if self._duration_s is not None:
                 waiting.ticket, waiting.until_s = None, now + self._duration_s
             waiting.status.add_callback(over)
+            self._played = waiting.status
             return waiting
 
         def over(_: Status) -> None:
@@ -598,8 +432,8 @@ class Path(_Device):
             if flown is None or flown.done:
                 return
             self._driver.bench.play(self.stage.group, Brake())
-            under_way = [of.status for of in self._driver._waiting if of.ticket is not None or of.until_s is not None]
-            self._driver.let_go(under_way, None if success else Error(f"{self._name} was stopped"))
+            if self._played is not None:
+                self._driver.let_go([self._played], None if success else Error(f"{self._name} was stopped"))
 
         self._driver.post(job)
 
@@ -674,7 +508,7 @@ class Aligner(_Device):
 
     PORTS = ("input", "output1", "output2")
 
-    def __init__(self, name: str, driver: _Driver, rig: BenchRig) -> None:
+    def __init__(self, name: str, driver: Driver, rig: BenchRig) -> None:
         super().__init__(name, driver)
         self.rig = rig
         self._result = _Result()
@@ -744,7 +578,10 @@ class Aligner(_Device):
         phases = [*(f"{of.port} {of.name}" for of in seen.phases), ""]
         for k, at in enumerate(seen.time_s):
             light = seen.light_v[k]
-            data: dict[str, Any] = {f"{self._name}_phase": phases[seen.phase[k]], f"{self._name}_light": float(light.max())}
+            data: dict[str, Any] = {
+                f"{self._name}_phase": phases[seen.phase[k]],
+                f"{self._name}_light": float(light.max()),
+            }
             for side, name in enumerate(("left", "right")):
                 for place, axis in enumerate("xyz"):
                     data[f"{self._name}_{name}_{axis}"] = float(seen.endpoint_um[k, side, place])
@@ -803,7 +640,7 @@ class Devices:
         if not isinstance(bench, Bench):
             raise InputError(f"bench: is {bench!r}; accepted is a pigtail.Bench", key="bench", value=repr(bench))
         believed = bench_rig(rig)
-        driver = self._driver = _Driver(bench)
+        driver = self._driver = Driver(bench)
         self.name = name
         self.stages: dict[str, Stage] = {}
         for place, group in enumerate(bench.caps.groups):
@@ -816,7 +653,9 @@ class Devices:
         self.aligner = Aligner(f"{name}_align", driver, believed)
 
     def __getattr__(self, name: str) -> Stage:
-        raise AttributeError(f"{name}; stages are {[each.replace('.', '_') for each in self.__dict__.get('stages', {})]}")
+        raise AttributeError(
+            f"{name}; stages are {[each.replace('.', '_') for each in self.__dict__.get('stages', {})]}"
+        )
 
     def path(self, stage: Stage, law: Law, *, duration_s: float | None = None, name: str = "path") -> Path:
         """A path of a stage, with the light on the way."""
@@ -825,7 +664,6 @@ class Devices:
     def to_pose(self, stage: Stage, pose: Pose) -> MsgGenerator[None]:
         """A plan that brings a stage to a pose, such as one of :meth:`pigtail.BenchRig.pose_at`."""
         yield from bps.mv(stage, pose)
-
 
 
 def align(devices: Devices, md: Mapping[str, Any] | None = None) -> Generator[Any, Any, Alignment | None]:
