@@ -292,10 +292,7 @@ class _Ours:
 
     def peak(self, bench: Bench, rig: BenchRig) -> bool:
         place = next(k for k, of in enumerate(bench.caps.groups) if of.arm == 1 and of.fine)
-        try:
-            find_peak(bench, place, gap_um=PEAK_GAP_UM, channel=rig.meters[0], rig=rig, progress=False)
-        except OutcomeError:
-            return False
+        find_peak(bench, place, gap_um=PEAK_GAP_UM, channel=rig.meters[0], rig=rig, progress=False)
         return True
 
     def device(self, bench: Bench, rig: BenchRig) -> dict[str, bool]:
