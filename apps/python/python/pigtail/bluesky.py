@@ -19,7 +19,6 @@ devices were made and the bench's time since, so that a twin's are not the clock
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -295,20 +294,25 @@ class _Asked(_Device):
     """What is set by a request."""
 
     _value: Any = 0
+    _since_s = 0.0
     _dtype = "integer"
 
     def _ask(self, what: Request, value: Any) -> Status:
         def job() -> Waiting:
             bench = self._driver.bench
             waiting = Waiting(Status(), bench.now_s + LONGEST_S, ticket=bench.request(what))
-            waiting.status.add_callback(lambda of: setattr(self, "_value", value) if of.success else None)
+            waiting.status.add_callback(over)
             return waiting
+
+        def over(of: Status) -> None:
+            if of.success:
+                self._value, self._since_s = value, self._driver.bench.now_s
 
         return self._driver.begin(job)
 
     def read(self) -> _Reading:
         """What it was set to."""
-        return {self._name: {"value": self._value, "timestamp": time.time()}}
+        return {self._name: {"value": self._value, "timestamp": self._stamp(self._since_s)}}
 
     def describe(self) -> dict[str, Any]:
         """What it reads."""
