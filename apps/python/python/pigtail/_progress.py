@@ -17,7 +17,9 @@ _Called: TypeAlias = "Callable[[int, int, str], object] | None"
 
 def _seen() -> bool:
     """Whether there is a terminal or a notebook."""
-    if "ipykernel" in sys.modules:
+    # That a kernel's module was imported does not make this its process.
+    shell: object = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    if getattr(shell, "kernel", None) is not None:
         return True
     return sys.stderr is not None and sys.stderr.isatty()
 
