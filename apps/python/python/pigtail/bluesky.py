@@ -673,7 +673,7 @@ class Devices:
 def align(devices: Devices, md: Mapping[str, Any] | None = None) -> Generator[Any, Any, Alignment | None]:
     """A plan for the RunEngine: aligns a device, and leaves a run of two streams: ``primary``, one event with what control says of
     each fiber, and ``..._align_samples``, every light sample and where the tips were. The start document has rig,
-    recipe and what they were read from. Gives the :class:`pigtail.Alignment`; on Ctrl-C the bench is stopped."""
+    recipe and what they were read from. Gives the :class:`pigtail.Alignment`; where it is aborted the bench is stopped."""
     aligner = devices.aligner
     about = {
         "plan_name": "pigtail.align",
