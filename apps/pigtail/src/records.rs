@@ -6,11 +6,8 @@ use clap::{Args, ValueEnum};
 use pigtail_hal::Error;
 use pigtail_hal::digest::hash;
 use pigtail_records::columns::Named;
-use pigtail_records::fragment::{
-    AxisTable, ControllerTable, Fragment, Kind, MotionTable, RecordTable,
-};
 use pigtail_records::friction;
-use pigtail_records::part::{Drive, Part};
+use pigtail_records::part::Drive;
 use pigtail_records::resonance;
 use pigtail_records::servo::{self, Roles};
 use pigtail_records::windup;
@@ -182,13 +179,7 @@ pub(crate) fn servo(a: &ServoArguments) -> Result<u8, Failure> {
         decimate: a.decimate.map(|d| d as usize),
         controller: a.controller,
     };
-    let nyquist = 0.5 / first.record.even().period;
-    if let Some(cutoff) = a.cutoff.filter(|c| *c >= nyquist) {
-        let message = format!(
-            "{cutoff} Hz is not below the record's Nyquist frequency; accepted is less than {nyquist} Hz"
-        );
-        return Err(Error::new(a.data.display().to_string(), "--cutoff", message).into());
-    }
+    servo::check_cutoff(&a.data, &first, a.cutoff, "--cutoff")?;
     let friction = match a.friction {
         FrictionChoice::Symmetric => Friction::Symmetric,
         FrictionChoice::Asymmetric => Friction::Asymmetric,
@@ -199,10 +190,7 @@ pub(crate) fn servo(a: &ServoArguments) -> Result<u8, Failure> {
         MethodChoice::Instrumental => Method::Instrumental,
         MethodChoice::Delayed => Method::Delayed,
     };
-    if a.lead.is_some() && first.kind == Kind::Rotary {
-        let message = "is of a screw, and this axis turns; accepted is an axis along a line";
-        return Err(Error::new("identify servo", "--lead", message).into());
-    }
+    servo::check_lead(&first, a.lead, "--lead")?;
     let drive = Drive {
         ratio: a.gear_ratio.unwrap_or(Drive::PLAIN.ratio),
         lead: a.lead.unwrap_or(Drive::PLAIN.lead),
@@ -217,30 +205,14 @@ pub(crate) fn servo(a: &ServoArguments) -> Result<u8, Failure> {
         .answer
         .more
         .insert("read".to_owned(), first.understood.clone().into());
-    let whole = found.answer.is_whole();
-    let best = found.best.take().filter(|_| whole);
-    let source = &first.source;
-    let fragment = best.map(|(best, whole)| {
-        move |run: &Run| {
-            let axis = AxisTable::new(first.kind, &best.axis(a.force_per_volt));
-            let controller = whole.controller.as_ref().map(ControllerTable::new);
-            let motion = MotionTable::new(&whole.motion);
-            let origin = origin("servo", run);
-            let believed = (&*run.date(), &*origin);
-            let part = Part::new(&axis, controller.as_ref(), &motion, &drive, believed);
-            let plain = Fragment {
-                origin: origin.clone(),
-                axis,
-                controller,
-                record: RecordTable::new(source),
-                motion: Some(motion),
-                z_stage: None,
-                five_bar: None,
-                machine: None,
-                calibration: None,
-            };
-            Ok(vec![("plant.toml", plain.with(part).text()?)])
-        }
+    let answer = found.answer.clone();
+    let shown = found.shown.take();
+    let fragment = found.best.is_some() && answer.is_whole();
+    let fragment = fragment.then_some(move |run: &Run| {
+        let (date, origin) = (run.date(), origin("servo", run));
+        let text = found.fragment(&first, a.force_per_volt, &drive, (&date, &origin));
+        let files = text.transpose()?.map(|text| ("plant.toml", text));
+        Ok(files.into_iter().collect())
     });
     let mut hashes = vec![hash_of(&a.data)];
     hashes.extend(a.validate.as_deref().map(hash_of));
@@ -248,8 +220,8 @@ pub(crate) fn servo(a: &ServoArguments) -> Result<u8, Failure> {
     finish(
         "servo",
         &title,
-        found.answer,
-        found.shown.as_ref(),
+        answer,
+        shown.as_ref(),
         &hashes,
         fragment,
         &a.output,

@@ -6,6 +6,7 @@ use crate::own_bench::OwnBench;
 use crate::wire::{self, CapsWire, EventWire, PoseWire};
 use crate::work::work;
 use pigtail_control::align::{Found, find_peak};
+use pigtail_control::beam::Beam;
 use pigtail_control::outcome::Halt;
 use pigtail_control::station::{Observer, Sample};
 use pigtail_evaluate::bench::align_on;
@@ -118,6 +119,12 @@ impl BenchRig {
         let taught = self.known.belief.taught.iter();
         let widest = taught.map(|of| of.search_gap(recipe)).fold(0.0, f64::max);
         (widest, recipe.approach.gap)
+    }
+
+    /// Distance from the peak, metres, at which the light at a gap has fallen to 1/e.
+    fn width(&self, gap: f64) -> f64 {
+        let recipe = &self.known.recipe;
+        Beam::new(&recipe.mode, recipe.ports.exit_angle).width(gap)
     }
 
     fn pose_at(&self, py: Python<'_>, arm: usize, port: usize, gap: f64) -> PyResult<PoseWire> {
@@ -367,4 +374,10 @@ pub(crate) fn peak_on(
             Err(Halt::Outcome(outcome)) => Err(Failure::Outcome(outcome)),
         }
     })
+}
+
+/// Wilson's interval of a share.
+#[pyfunction]
+pub(crate) fn wilson(hits: u64, trials: u64) -> [f64; 2] {
+    pigtail_numerics::statistics::wilson(hits, trials)
 }

@@ -16,6 +16,7 @@ mod gym;
 mod input;
 mod jobs;
 mod own_bench;
+mod records;
 mod rig;
 mod runs;
 mod twin;
@@ -60,7 +61,9 @@ fn _pigtail(module: &Bound<'_, PyModule>) -> PyResult<()> {
     add_class::<bench::BenchTwin>(module)?;
     module.add_function(wrap_pyfunction!(bench::align_bench, module)?)?;
     module.add_function(wrap_pyfunction!(bench::peak_on, module)?)?;
+    module.add_function(wrap_pyfunction!(bench::wilson, module)?)?;
     add_class::<gym::Environments>(module)?;
+    module.add_function(wrap_pyfunction!(records::identify_servo, module)?)?;
     add_class::<campaign::Spec>(module)?;
     module.add_function(wrap_pyfunction!(campaign::campaign_resume, module)?)?;
     module.add_function(wrap_pyfunction!(campaign::campaign_shard, module)?)?;

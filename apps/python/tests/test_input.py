@@ -2,12 +2,19 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 import pigtail
 from conftest import ROOT
+
+
+
+def _servo(**changed: Any) -> object:
+    return pigtail.identify_servo("nowhere.csv", **{"position": "q", "voltage": "u", "force_per_volt": 1.0, **changed})
+
 
 CALLS: list[tuple[Callable[[], object], str, str]] = [
     (lambda: pigtail.align(seed=-1), "seed", "-1"),
@@ -41,6 +48,13 @@ CALLS: list[tuple[Callable[[], object], str, str]] = [
     (lambda: pigtail.campaign(1, shards=2), "shards", "2"),
     (lambda: pigtail.campaign(2, seed=2**64 - 1), "seed", str(2**64 - 1)),
     (lambda: pigtail.run_shard("nowhere", 3, 2), "index", "3"),
+    (lambda: _servo(force_per_volt=0.0), "force_per_volt", "0"),
+    (lambda: _servo(force_per_volt=float("nan")), "force_per_volt", "nan"),
+    (lambda: _servo(friction="sticky"), "friction", "sticky"),
+    (lambda: _servo(method="guess"), "method", "guess"),
+    (lambda: _servo(cutoff_hz=-1.0), "cutoff_hz", "-1"),
+    (lambda: _servo(counts_per_turn=1), "counts_per_turn", "1"),
+    (lambda: _servo(position=" "), "position", '" "'),
 ]
 
 
@@ -81,6 +95,7 @@ def test_a_file_is_named(tmp_path: Path) -> None:
         lambda path: pigtail.merge(path, runs=path),
         lambda path: pigtail.run_shard(path, 1, 2),
         lambda path: pigtail.campaign(resume=path),
+        lambda path: pigtail.identify_servo(path, position="q", voltage="u", force_per_volt=1.0),
     ],
 )
 def test_a_missing_file_is_named(tmp_path: Path, call: Callable[[str], object]) -> None:

@@ -16,7 +16,8 @@ import pigtail
 
 
 def test_it_is_imported_within_three_tenths_of_a_second() -> None:
-    code = "import time; t = time.perf_counter(); import pigtail; print(time.perf_counter() - t)"
+    # Of processor: on a machine that is busy, a clock on the wall tells of the neighbours.
+    code = "import time; t = time.process_time(); import pigtail; print(time.process_time() - t)"
     times = [float(subprocess.check_output([sys.executable, "-c", code], text=True)) for _ in range(5)]
     assert min(times) <= 0.3, times
 

@@ -1,7 +1,8 @@
 //! A servo axis from its record.
 
 use super::columns::{self, Named, Source, Wanted};
-use super::fragment::Kind;
+use super::fragment::{AxisTable, ControllerTable, Fragment, Kind, MotionTable, RecordTable};
+use super::part::{Drive, Part};
 use super::{
     Answer, Figure, NOT_IDENTIFIABLE, Rows, Shown, parameters_json, short, told, with_units,
 };
@@ -149,6 +150,69 @@ pub struct Servo {
     pub shown: Option<Shown>,
     /// The variant that goes into a fragment, and the whole identification.
     pub best: Option<(Variant, Identified)>,
+}
+
+impl Servo {
+    /// The axis as a fragment of a rig, behind its drive; `None` where the record does not tell all of it. `origin` and
+    /// `date` go with what control believes.
+    ///
+    /// # Errors
+    ///
+    /// Where it cannot be written as TOML.
+    pub fn fragment(
+        &self,
+        read: &Read,
+        force_per_volt: f64,
+        drive: &Drive,
+        (date, origin): (&str, &str),
+    ) -> Option<anyhow::Result<String>> {
+        let (best, whole) = self.best.as_ref().filter(|_| self.answer.is_whole())?;
+        let axis = AxisTable::new(read.kind, &best.axis(force_per_volt));
+        let controller = whole.controller.as_ref().map(ControllerTable::new);
+        let motion = MotionTable::new(&whole.motion);
+        let part = Part::new(&axis, controller.as_ref(), &motion, drive, (date, origin));
+        let plain = Fragment {
+            origin: origin.to_owned(),
+            axis,
+            controller,
+            record: RecordTable::new(&read.source),
+            motion: Some(motion),
+            z_stage: None,
+            five_bar: None,
+            machine: None,
+            calibration: None,
+        };
+        Some(plain.with(part).text())
+    }
+}
+
+/// That a drive can be that of an axis which moves as its record says.
+///
+/// # Errors
+///
+/// A screw's lead for an axis that turns; the key is `key`.
+pub fn check_lead(read: &Read, lead: Option<f64>, key: &str) -> Result<(), Error> {
+    if lead.is_some() && read.kind == Kind::Rotary {
+        let message = "is of a screw, and this axis turns; accepted is an axis along a line";
+        return Err(Error::new("identify servo", key, message));
+    }
+    Ok(())
+}
+
+/// That a filter's cutoff is below what a record can hold.
+///
+/// # Errors
+///
+/// Where it is not; the key is `key`.
+pub fn check_cutoff(path: &Path, read: &Read, cutoff: Option<f64>, key: &str) -> Result<(), Error> {
+    let nyquist = 0.5 / read.record.even().period;
+    if let Some(cutoff) = cutoff.filter(|c| *c >= nyquist) {
+        let message = format!(
+            "{cutoff} Hz is not below the record's Nyquist frequency; accepted is less than {nyquist} Hz"
+        );
+        return Err(Error::new(path.display().to_string(), key, message));
+    }
+    Ok(())
 }
 
 /// Identifies a servo axis; `friction` and `method` say which variant's parameters are reported.

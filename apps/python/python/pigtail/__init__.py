@@ -8,8 +8,8 @@
 of your own. :func:`tune`, :func:`identify`, :func:`characterize` and :func:`commission` are experiments on a machine;
 :func:`simulate_joint` is one joint alone. :class:`Twin` is a machine, cycle by cycle; :class:`BenchTwin` one that
 is controlled by position, and :class:`Bench` what you implement to have :func:`align_bench` and :func:`find_peak` run on your
-own. :class:`Runs` is the store.
-:mod:`pigtail.gym` has environments of gymnasium. What is true of a twin, :mod:`pigtail.sim` tells, and nothing else.
+own. :class:`Runs` is the store. :func:`benchmark` compares your algorithms with ours, :func:`identify_servo` tells of an axis from your log.
+:mod:`pigtail.gym` has environments of gymnasium, :mod:`pigtail.bluesky` devices of bluesky. What is true of a twin, :mod:`pigtail.sim` tells, and nothing else.
 
 Names are those of the program and the book; the last letters of a name are its unit. Long calls let go of Python's
 lock, show progress, and stop the machine on Ctrl-C.
@@ -17,12 +17,14 @@ lock, show progress, and stop the machine on Ctrl-C.
 
 from ._align import CHANNELS, SIDES, Alignment, Believed, Fiber, Phase, PhaseStart, Samples, align
 from ._bench import BenchRig, BenchTwin, Peak, Taught, align_bench, find_peak
+from ._benchmark import HELD_OUT, Leaderboard, Probe, benchmark, raster, with_climb
 from ._campaign import Campaign, campaign, campaign_folder, merge, run_shard
 from ._document import Document, Experiment
 from ._errors import Error, FaultError, InputError, OutcomeError, Refused
 from ._jobs import Commissioning, characterize, commission, identify, simulate_joint, tune
 from ._pigtail import __version__
 from ._progress import Progress
+from ._records import Identified, identify_servo
 from ._rig import Calibration, Rig
 from ._runs import Runs
 from ._twin import Command, Frame, Light, Measurement, Tip, Twin
@@ -46,14 +48,18 @@ __all__ = [
     "Experiment",
     "FaultError",
     "Fiber",
+    "HELD_OUT",
     "Frame",
+    "Identified",
     "InputError",
+    "Leaderboard",
     "Light",
     "Measurement",
     "OutcomeError",
     "Peak",
     "Phase",
     "PhaseStart",
+    "Probe",
     "Progress",
     "Refused",
     "Rig",
@@ -66,15 +72,19 @@ __all__ = [
     "align",
     "align_bench",
     "bench",
+    "benchmark",
     "campaign",
     "campaign_folder",
     "characterize",
     "commission",
     "find_peak",
     "identify",
+    "identify_servo",
     "merge",
+    "raster",
     "run_shard",
     "sim",
     "simulate_joint",
     "tune",
+    "with_climb",
 ]

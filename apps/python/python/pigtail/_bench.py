@@ -100,6 +100,10 @@ class BenchRig:
         """Gap at which fibers are attached, metres: the recipe's."""
         return self._rig.gaps()[1]
 
+    def width_um(self, gap_um: float) -> float:
+        """Distance from a peak, micrometres, at which the light has fallen to 1/e, at a gap, micrometres: by the recipe's modes."""
+        return 1e6 * self._rig.width(1e-6 * number("gap_um", gap_um))
+
     def pose_at(self, arm: int, port: int, gap_m: float) -> Pose:
         """Pose of an arm's coarse group on the beam of a port at a gap, metres, as it was taught."""
         return Pose(*self._rig.pose_at(whole("arm", arm), whole("port", port), number("gap_m", gap_m)))

@@ -107,6 +107,7 @@ class BenchRig:
     def taught(self) -> list[tuple[int, int, list[float], float, float, float]]: ...
     def meters(self) -> list[int]: ...
     def gaps(self) -> tuple[float, float]: ...
+    def width(self, gap: float) -> float: ...
     def pose_at(self, arm: int, port: int, gap: float) -> list[float]: ...
 
 @final
@@ -140,6 +141,26 @@ class Environments:
         self, actions: NDArray[np.float32], seeds: Sequence[int]
     ) -> tuple[NDArray[np.float32], _Floats, NDArray[np.bool_], NDArray[np.bool_]]: ...
 
+def wilson(hits: int, trials: int) -> tuple[float, float] | list[float]: ...
+def identify_servo(
+    data: _Path,
+    position: str,
+    voltage: str,
+    force_per_volt: float,
+    time: str | None,
+    reference: str | None,
+    rate: float | None,
+    validate: _Path | None,
+    friction: str,
+    method: str,
+    cutoff: float | None,
+    gear_ratio: float | None,
+    lead: float | None,
+    counts_per_turn: int | None,
+    voltage_limit: float | None,
+    date: str,
+    progress: _Progress,
+) -> tuple[str, str, dict[str, _Floats], str | None]: ...
 def align_bench(bench: object, rig: BenchRig, progress: _Progress) -> tuple[str, dict[str, Any]]: ...
 def peak_on(
     bench: object,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeAlias
@@ -16,7 +17,9 @@ _Called: TypeAlias = "Callable[[int, int, str], object] | None"
 
 def _seen() -> bool:
     """Whether there is a terminal or a notebook."""
-    if "ipykernel" in sys.modules:
+    # That a kernel's module was imported does not make this its process.
+    shell: object = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
+    if getattr(shell, "kernel", None) is not None:
         return True
     return sys.stderr is not None and sys.stderr.isatty()
 
@@ -30,7 +33,10 @@ def shown(progress: Progress, what: str) -> Iterator[_Called]:
     if progress is False or (progress is None and not _seen()):
         yield None
         return
-    from tqdm.auto import tqdm
+    with warnings.catch_warnings():
+        # In a notebook without widgets its bar is text, and that is well.
+        warnings.simplefilter("ignore")
+        from tqdm.auto import tqdm
 
     bar: Any = tqdm(desc=what, leave=False)
 

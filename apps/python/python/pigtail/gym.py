@@ -50,7 +50,7 @@ from . import _pigtail
 from ._bench import BenchRig, BenchTwin, bench_rig
 from ._errors import FaultError, InputError, Refused
 from ._input import number, whole
-from .bench import DEGREES, Bench, Laser, Line, Load, Pose
+from .bench import DEGREES, Bench, Laser, Light, Line, Load, Pose
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -147,6 +147,8 @@ class BenchEnv(_Env):
         bench: What makes the bench of an episode from its seed, such as a class of your own over your hardware; the rig's
             twin if not given.
         limit_s: Machine time of an episode, seconds; the task's if not given.
+        begin: What brings a bench to where an episode begins, and returns the dark in volts; :func:`prepare` if not given. A bench
+            that carries its fibers already needs no more than the dark: :func:`dark`.
 
     Attributes:
         bench: The bench of this episode.
@@ -161,6 +163,7 @@ class BenchEnv(_Env):
         *,
         bench: Callable[[int], Bench] | None = None,
         limit_s: float | None = None,
+        begin: Callable[[Bench, BenchRig, float], float] | None = None,
         render_mode: str | None = None,
     ) -> None:
         self.task = _task(task)
@@ -168,6 +171,7 @@ class BenchEnv(_Env):
         self.rig = bench_rig(rig)
         self._make: Callable[[int], Bench] = bench if bench is not None else lambda seed: BenchTwin(self.rig, seed)
         self.observation_space, self.action_space = _spaces(self.task)
+        self._begin = prepare if begin is None else begin
         self.render_mode = render_mode
         self.bench: Bench | None = None
 
@@ -177,7 +181,7 @@ class BenchEnv(_Env):
         drawn = seed if seed is not None else int(self.np_random.integers(2**32))
         bench = self.bench = self._make(drawn)
         self._channel = self.rig.meters[0]
-        self._dark_v = prepare(bench, self.rig, self.task.gap_m(self.rig))
+        self._dark_v = self._begin(bench, self.rig, self.task.gap_m(self.rig))
         self._light_v = bench.light(self._channel).volts[self._channel]
         self._began_s = bench.now_s
         self._told_um = [0.0] * len(self.task.axes)
@@ -259,13 +263,8 @@ class BenchEnv(_Env):
 def prepare(bench: Bench, rig: BenchRig, gap_m: float) -> float:
     """Both arms take their fibers and stand on the beam at a gap, metres, as it was taught; the laser is on. Returns the
     dark, volts. So an episode begins; by hand it is the same."""
-    channel = rig.meters[0]
-    lights = bench.until(bench.request(Load(0)), bench.request(Load(1)), bench.request(Laser(False)))
-    dark = [light.volts[channel] for light in lights[_REMEMBERED:]]
-    dark = [volts for volts in dark if not math.isnan(volts)]
-    total = 0.0
-    for volts in dark:
-        total += volts
+    tickets = [bench.request(Load(0)), bench.request(Load(1)), bench.request(Laser(False))]
+    level = _dark(bench.until(*tickets), rig)
     bench.until(bench.request(Laser(True)))
     for below_m, times in ((_RUN_UP_M, 2.0), (0.0, 1.0)):
         tickets = []
@@ -273,7 +272,28 @@ def prepare(bench: Bench, rig: BenchRig, gap_m: float) -> float:
             at = rig.pose_at(arm, 0, times * gap_m)
             tickets.append(bench.play(_group(bench, arm, False), Line(at + Pose(y_m=-below_m))))
         bench.until(*tickets)
-    return total / len(dark)
+    return level
+
+
+def dark(bench: Bench, rig: BenchRig, gap_m: float = 0.0) -> float:
+    """The dark alone, volts, of a bench that is where an episode begins; the laser is on afterwards."""
+    bench.until(bench.request(Laser(False)))
+    lights = [bench.light(rig.meters[0]) for _ in range(_REMEMBERED + 20)]
+    bench.until(bench.request(Laser(True)))
+    for _ in range(_REMEMBERED):
+        bench.light(rig.meters[0])
+    return _dark(lights, rig)
+
+
+def _dark(lights: list[Light], rig: BenchRig) -> float:
+    """The mean of light without the laser, volts, but for what the meter remembers."""
+    channel = rig.meters[0]
+    volts = [light.volts[channel] for light in lights[_REMEMBERED:]]
+    volts = [each for each in volts if not math.isnan(each)]
+    total = 0.0
+    for each in volts:
+        total += each
+    return total / len(volts)
 
 
 def _task(task: Task | str) -> Task:
@@ -385,4 +405,4 @@ for _each in TASKS.values():
         kwargs=_kwargs,
     )
 
-__all__ = ["APPROACH", "FIRST_LIGHT", "PEAK", "TASKS", "Axis", "BenchEnv", "BenchVectorEnv", "Task", "make_vec", "prepare"]
+__all__ = ["APPROACH", "FIRST_LIGHT", "PEAK", "TASKS", "Axis", "BenchEnv", "BenchVectorEnv", "Task", "dark", "make_vec", "prepare"]
