@@ -522,8 +522,32 @@ fn recorder(above: &[Line], width: usize) -> Option<Vec<String>> {
 }
 
 impl Layout {
+    /// Of a file that is no text.
+    pub(crate) fn of_arrays(names: Vec<String>, kind: &'static str, period: Option<f64>) -> Self {
+        Self {
+            delimiter: 0,
+            decimal_comma: false,
+            units: vec![None; names.len()],
+            names,
+            body: 0,
+            first_line: 1,
+            period,
+            names_line: None,
+            trailing: false,
+            other: None,
+            encoding: kind,
+        }
+    }
+
     /// What was understood, in words.
     pub(crate) fn understood(&self) -> String {
+        if self.delimiter == 0 {
+            let mut text = format!("{}, {} columns", self.encoding, self.names.len());
+            if let Some(period) = self.period {
+                let _ = write!(text, ", {:.6} Hz by its own number", 1.0 / period);
+            }
+            return text;
+        }
         let between = match self.delimiter {
             b',' => "commas",
             b';' => "semicolons",

@@ -2,7 +2,7 @@
 
 mod data;
 
-pub use data::{Columns, Data};
+pub use data::{Columns, Data, Read};
 
 use crate::columns::LengthUnit;
 use pigtail_control::compensation::hysteresis::{
@@ -178,6 +178,10 @@ pub struct HysteresisDocument {
     pub rms_v: Option<f64>,
     /// Samples that were judged.
     pub samples: usize,
+    /// How the file was read, in words.
+    pub read: String,
+    /// What was done to the record, and assumed of it.
+    pub remarks: Vec<String>,
     /// Path of the model.
     pub model_file: String,
     /// Path of the report.
@@ -206,6 +210,8 @@ impl HysteresisDocument {
             offset_um: None,
             rms_v: None,
             samples,
+            read: String::new(),
+            remarks: Vec::new(),
             model_file: String::new(),
             report: String::new(),
         }
