@@ -5,7 +5,7 @@ use crate::common::Common;
 use crate::found::{self, FoundDocument, WriteArguments};
 use crate::progress::Busy;
 use crate::running::{self, stopped};
-use crate::{DONE, Failure};
+use crate::{DONE, Failure, NEGATIVE};
 use clap::Args;
 use pigtail_evaluate::hysteresis::{self as machine, MachineDocument, MicrosDocument};
 use pigtail_hal::digest::hash;
@@ -159,7 +159,11 @@ pub(crate) fn identify(arguments: &IdentifyArguments) -> Result<u8, Failure> {
     let seed = arguments.common.seed;
     let hashes = [hash_of(data)];
     let run = Run::begin(&arguments.common.runs, KIND, seed, &hashes)?;
-    tried.document.model_file = run.path("model.json").display().to_string();
+    // A model that does not tell its own record is none.
+    let is_model = tried.document.doubt.is_empty();
+    if is_model {
+        tried.document.model_file = run.path("model.json").display().to_string();
+    }
     tried.document.report = run.path("report.html").display().to_string();
     let file = ModelFile {
         date: run.date(),
@@ -168,7 +172,9 @@ pub(crate) fn identify(arguments: &IdentifyArguments) -> Result<u8, Failure> {
         unit,
         model: tried.model.clone(),
     };
-    run.write_json("model.json", &file)?;
+    if is_model {
+        run.write_json("model.json", &file)?;
+    }
     run.write_json("summary.json", &tried.document)?;
     let title = format!("Hysteresis in {}", data.display());
     run.write("report.html", report::tried(&title, &tried)?)?;
@@ -408,7 +414,11 @@ fn tell_about(document: &HysteresisDocument, json: bool) -> Result<u8, Failure> 
         account(document)
     };
     crate::print(text.as_bytes())?;
-    Ok(DONE)
+    Ok(if document.doubt.is_empty() {
+        DONE
+    } else {
+        NEGATIVE
+    })
 }
 
 /// What a person wants to know of it.
@@ -449,9 +459,15 @@ fn account(d: &HysteresisDocument) -> String {
     if let Some(volts) = d.rms_v {
         let _ = writeln!(text, "The voltage errs by {volts:.5} V rms");
     }
+    if !d.doubt.is_empty() {
+        let _ = writeln!(text, "The model does not tell this record: {}", d.doubt);
+    }
     for remark in &d.remarks {
         let _ = writeln!(text, "Note: {remark}");
     }
-    let _ = writeln!(text, "Model: {}\nReport: {}", d.model_file, d.report);
+    if !d.model_file.is_empty() {
+        let _ = writeln!(text, "Model: {}", d.model_file);
+    }
+    let _ = writeln!(text, "Report: {}", d.report);
     text
 }

@@ -157,6 +157,7 @@ fn read(path: &Path) {
         reference: None,
         position: x(),
         voltage: y(),
+        injected: None,
     };
     let _ = roles.read(path);
     let roles = friction::Roles {

@@ -643,6 +643,23 @@ pub fn rising(path: &Path, time: &Column) -> Result<(), Error> {
     Err(Error::new(path.display().to_string(), &time.name, message))
 }
 
+/// Leaves out rows that say again what the row before them says, their time too, where one is; how many there were.
+pub(crate) fn once(columns: &mut [Column]) -> usize {
+    if !columns.iter().any(|c| c.dimension == TIME) {
+        return 0;
+    }
+    let rows = columns.first().map_or(0, |c| c.values.len());
+    let again = |k: usize| k > 0 && columns.iter().all(|c| c.values[k] == c.values[k - 1]);
+    let keep: Vec<bool> = (0..rows).map(|k| !again(k)).collect();
+    for column in columns.iter_mut() {
+        let mut keep = keep.iter();
+        column
+            .values
+            .retain(|_| keep.next().copied().unwrap_or(true));
+    }
+    keep.iter().filter(|k| !**k).count()
+}
+
 /// Columns, of which the first is time, on an even grid; `least` is how many samples are wanted.
 ///
 /// # Errors

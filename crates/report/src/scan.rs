@@ -72,9 +72,9 @@ pub fn scan(scan: &Scan, trial: &Trial) -> Result<String> {
 /// What a person should know of the readings.
 pub fn notes(document: &MapDocument) -> Vec<String> {
     let mut notes = Vec::new();
-    let level = document
-        .fold_level
-        .map_or_else(String::new, |level| format!("{level} {}", document.power_unit));
+    let level = document.fold_level.map_or_else(String::new, |level| {
+        format!("{level} {}", document.power_unit)
+    });
     let n = document.folded_readings;
     match document.fold {
         Some("clipped") => notes.push(format!(

@@ -274,6 +274,9 @@ impl Data {
     ) -> Result<(), Error> {
         let range = |values: &[f64]| Range::of(values).width();
         let (own, most_other) = (Range::of(values), range(other));
+        if own.width() <= 0.0 {
+            return Ok(());
+        }
         for end in [own.low, own.high] {
             let mut from = 0;
             for k in 0..=values.len() {

@@ -3,7 +3,7 @@
 use crate::{Wanted, normal};
 use pigtail_records::columns::Named;
 use pigtail_records::servo::{Roles, servo};
-use pigtail_sysid::servo::{Axis, Friction, Method, Settings};
+use pigtail_sysid::servo::{Axis, Friction, Settings};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::fmt::Write as _;
@@ -120,18 +120,14 @@ fn run(path: &Path, truth: &Truth, reference: bool) -> Came {
         reference: reference.then(|| Named::new("r_m")),
         position: Named::new("q_m"),
         voltage: Named::new("u_V"),
+        injected: None,
     };
     let read = match roles.read(path) {
         Ok(read) => read,
         Err(error) => return Came::Refused(error.to_string()),
     };
     let set = Settings::new(truth.force_per_volt);
-    let found = servo(
-        &read,
-        None,
-        &set,
-        (Friction::Symmetric, Method::LeastSquares),
-    );
+    let found = servo(&read, None, &set, (Friction::Symmetric, None));
     if !found.answer.is_whole() {
         return Came::Refused(found.answer.verdict);
     }
@@ -644,62 +640,126 @@ fn no_mangled_measured_record_is_wrong_and_looks_right() {
     );
 }
 
-/// Share of 95 % intervals, by the deviation that takes correlation into account, that hold the truth: of inertia, viscous
-/// and Coulomb friction.
-fn coverage(kind: &str, records: u64) -> [f64; 3] {
-    let mut hits = [0.0; 3];
-    let mut all = 0.0;
-    for seed in 0..records {
-        let mut rng = Pcg64Mcg::seed_from_u64(7000 + seed);
-        let dense = sled(20_000 + seed, 12.0);
-        let times: Vec<f64> = (0..12_000).map(|k| f64::from(k) * PERIOD).collect();
-        let mut rows = read_at(&dense, &times, &times, seed);
-        match kind {
-            "jitter" => {
-                for row in &mut rows {
-                    row[0] += PERIOD * rng.random_range(-0.3..0.3);
-                }
+/// What a record of each kind is mangled by.
+const KINDS: [&str; 6] = ["plain", "jitter", "coloured", "skew", "drift", "noisy"];
+
+/// A record of a kind by its number.
+fn of_kind(kind: &str, seed: u64) -> Rows {
+    let mut rng = Pcg64Mcg::seed_from_u64(7000 + seed);
+    let dense = sled(20_000 + seed, 12.0);
+    let times: Vec<f64> = (0..12_000).map(|k| f64::from(k) * PERIOD).collect();
+    let mut rows = read_at(&dense, &times, &times, seed);
+    match kind {
+        "jitter" => {
+            for row in &mut rows {
+                row[0] += PERIOD * rng.random_range(-0.3..0.3);
             }
-            "coloured" => {
-                let mut slow = 0.0;
-                for row in &mut rows {
-                    slow = 0.99 * slow + 0.02 * normal(&mut rng);
-                    row[3] += slow;
-                }
+        }
+        "coloured" => {
+            let mut slow = 0.0;
+            for row in &mut rows {
+                slow = 0.99 * slow + 0.02 * normal(&mut rng);
+                row[3] += slow;
             }
-            "skew" => shift(&mut rows, 2, 2.3),
-            _ => {}
         }
-        let column = |c: usize| -> Vec<f64> { rows.iter().map(|r| r[c]).collect() };
-        let even = pigtail_sysid::timeline::even(&column(0), &[&column(2), &column(3), &column(1)])
-            .expect("an even grid");
-        let record = pigtail_sysid::servo::Record::new(even, true);
-        let set = Settings::new(35.0);
-        let Ok(found) = pigtail_sysid::servo::identify(&record, None, &set) else {
-            continue;
-        };
-        let Some(variant) = found.variant(Friction::Symmetric, Method::LeastSquares) else {
-            continue;
-        };
-        all += 1.0;
-        for ((hit, parameter), is) in hits.iter_mut().zip(&variant.parameters).zip(MADE.values) {
-            let held = |k: pigtail_sysid::Known| (k.value - is).abs() < 1.96 * k.std_correlated;
-            *hit += f64::from(u8::from(parameter.known.is_some_and(held)));
+        "skew" => shift(&mut rows, 2, rng.random_range(-3.0..3.0)),
+        "drift" => {
+            let old = rows.clone();
+            for (k, row) in rows.iter_mut().enumerate() {
+                row[3] = between(&old, 3, k as f64 * (1.0 - 1e-4));
+            }
         }
+        "noisy" => {
+            for row in &mut rows {
+                row[2] += 3e-6 * normal(&mut rng);
+            }
+        }
+        _ => {}
     }
-    hits.map(|hit| hit / all)
+    rows
+}
+
+/// Of records of a kind, how many were answered, and what share of their 95 % intervals, by the deviation that takes
+/// correlation into account, hold the truth: of inertia, viscous and Coulomb friction.
+fn coverage(kind: &str, seeds: std::ops::Range<u64>) -> (f64, [f64; 3]) {
+    let workers = std::thread::available_parallelism().map_or(1, usize::from) as u64;
+    let worker = &|which: u64| {
+        let (mut all, mut hits) = (0.0, [0.0; 3]);
+        for seed in seeds.clone().filter(|s| s % workers == which) {
+            let rows = of_kind(kind, seed);
+            let column = |c: usize| -> Vec<f64> { rows.iter().map(|r| r[c]).collect() };
+            let columns = [&column(2)[..], &column(3), &column(1)];
+            let even = pigtail_sysid::timeline::even(&column(0), &columns).expect("an even grid");
+            let record = pigtail_sysid::servo::Record::new(even, true);
+            let set = Settings::new(35.0);
+            let Ok(found) = pigtail_sysid::servo::identify(&record, None, &set) else {
+                continue;
+            };
+            let Some(variant) = found.variant(Friction::Symmetric, found.supported) else {
+                continue;
+            };
+            if std::env::var("SHOW").is_ok() && seed < 12 {
+                let told: Vec<String> = variant
+                    .parameters
+                    .iter()
+                    .zip(MADE.values)
+                    .filter_map(|(p, is)| {
+                        let k = p.known?;
+                        Some(format!(
+                            "{:.3} ({:.2})",
+                            (k.value - is) / k.std_correlated,
+                            k.std_correlated / k.std
+                        ))
+                    })
+                    .collect();
+                eprintln!("{kind} {seed} {:?} {told:?}", variant.method);
+            }
+            all += 1.0;
+            for ((hit, parameter), is) in hits.iter_mut().zip(&variant.parameters).zip(MADE.values)
+            {
+                let held = |k: pigtail_sysid::Known| (k.value - is).abs() < 1.96 * k.std_correlated;
+                *hit += f64::from(u8::from(parameter.known.is_some_and(held)));
+            }
+        }
+        (all, hits)
+    };
+    let parts: Vec<(f64, [f64; 3])> = std::thread::scope(|scope| {
+        let started: Vec<_> = (0..workers)
+            .map(|which| scope.spawn(move || worker(which)))
+            .collect();
+        started
+            .into_iter()
+            .map(|w| w.join().expect("a worker"))
+            .collect()
+    });
+    let all: f64 = parts.iter().map(|p| p.0).sum();
+    let hits = std::array::from_fn(|j| parts.iter().map(|p| p.1[j]).sum::<f64>() / all);
+    (all, hits)
+}
+
+fn covered(records: u64, least: f64) {
+    for kind in KINDS {
+        let (answered, share) = coverage(kind, 0..records);
+        eprintln!(
+            "{kind}: {answered} of {records} answered; inertia {:.3}, viscous {:.3}, Coulomb {:.3}",
+            share[0], share[1], share[2]
+        );
+        assert!(share.iter().all(|s| *s > least), "{kind}: {share:?}");
+    }
 }
 
 #[test]
 #[ignore = "long: hundreds of records"]
 fn intervals_hold_the_truth() {
-    for kind in ["plain", "jitter", "coloured", "skew"] {
-        let share = coverage(kind, 200);
-        eprintln!(
-            "{kind}: inertia {:.3}, viscous {:.3}, Coulomb {:.3}",
-            share[0], share[1], share[2]
-        );
-        // 200 records tell a share of 0.95 to 0.03, two standard deviations.
-        assert!(share.iter().all(|s| *s > 0.9), "{kind}: {share:?}");
+    // 100 records tell a share of 0.95 to 0.044, two standard deviations.
+    covered(100, 0.9);
+}
+
+mod acceptance {
+    /// 2,000 of each kind tell a share of 0.95 to 0.01.
+    #[test]
+    #[ignore = "acceptance: 2,000 records of each kind"]
+    fn intervals_of_many_hold_the_truth() {
+        super::covered(2000, 0.9);
     }
 }
