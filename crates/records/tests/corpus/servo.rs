@@ -35,6 +35,11 @@ const PERIOD: f64 = 1e-3;
 
 /// A sled under a cascade at 1 kHz, simulated ten times as finely: what it was at every tenth of a period.
 fn sled(seed: u64, seconds: f64) -> Vec<[f64; 4]> {
+    driven(seed, seconds, |_| 0.0)
+}
+
+/// The same with something added to the controller's voltage, V over time.
+fn driven(seed: u64, seconds: f64, added: impl Fn(f64) -> f64) -> Vec<[f64; 4]> {
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
     let phase: Vec<f64> = (0..3).map(|_| rng.random_range(0.0..6.0)).collect();
     let fine = 10;
@@ -53,7 +58,8 @@ fn sled(seed: u64, seconds: f64) -> Vec<[f64; 4]> {
         }
         if k % fine == 0 {
             let seen = state.0 + 5e-7 * normal(&mut rng);
-            voltage = (243.0 * (160.0 * (r - seen) - (seen - last) / PERIOD)).clamp(-10.0, 10.0);
+            let own = (243.0 * (160.0 * (r - seen) - (seen - last) / PERIOD)).clamp(-10.0, 10.0);
+            voltage = own + added(t);
             last = seen;
         }
         rows.push([t, r, state.0, voltage]);
@@ -534,6 +540,68 @@ fn shift(rows: &mut Rows, column: usize, samples: f64) {
     let old = rows.clone();
     for (k, row) in rows.iter_mut().enumerate() {
         row[column] = between(&old, column, k as f64 - samples);
+    }
+}
+
+/// Pulses that were added to the voltage: in the recorded one, or beside it, in volts or as a force.
+#[test]
+fn what_was_injected_is_told_and_replayed() {
+    let added = |t: f64| {
+        if (t % 2.0) < 0.05 && t > 1.0 {
+            2.0
+        } else {
+            0.0
+        }
+    };
+    let dense = driven(11, 20.0, added);
+    let times: Vec<f64> = (0..20_000).map(|k| f64::from(k) * PERIOD).collect();
+    let rows = read_at(&dense, &times, &times, 12);
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("r.csv");
+    let replayed = |within: bool, column: Option<&str>| {
+        let mut text = "t_s,r_m,q_m,u_V,added_V,added_N\n".to_owned();
+        for [t, r, q, u] in &rows {
+            let v = added(*t);
+            let u = if within { *u } else { u - v };
+            let _ = writeln!(text, "{t:.7},{r:.9},{q:.9},{u:.6},{v},{}", 35.0 * v);
+        }
+        fs::write(&path, text).expect("a file");
+        let roles = Roles {
+            time: None,
+            rate: None,
+            reference: Some(Named::new("r_m")),
+            position: Named::new("q_m"),
+            voltage: Named::new("u_V"),
+            injected: column.map(Named::new),
+        };
+        let read = roles.read(&path).expect("a record");
+        let found = servo(
+            &read,
+            None,
+            &Settings::new(35.0),
+            (Friction::Symmetric, None),
+        );
+        let inertia = found.answer.parameters[0]
+            .0
+            .known
+            .map_or(f64::NAN, |k| k.value);
+        let replay = &found.answer.more["replay"]["velocity_error_percent"];
+        (inertia, replay.as_f64().unwrap_or(f64::INFINITY))
+    };
+    let (_, without) = replayed(true, None);
+    for within in [true, false] {
+        for column in ["added_V", "added_N"] {
+            let (inertia, with) = replayed(within, Some(column));
+            eprintln!("{within} {column}: {inertia} kg, replay {with} %, without {without} %");
+            assert!(
+                (inertia / 95.0 - 1.0).abs() < 0.01,
+                "{within} {column}: {inertia}"
+            );
+            assert!(
+                with < 0.3 && with < 0.3 * without,
+                "{within} {column}: {with} for {without}"
+            );
+        }
     }
 }
 
