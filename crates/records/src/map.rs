@@ -10,6 +10,7 @@ use pigtail_sysid::map::{
     Examined, Look, Looked, Reading, Refusal, Scan, Shape, examine, look as take,
 };
 use serde::Serialize;
+use std::fmt::Write as _;
 use std::path::Path;
 
 /// The columns of a map and their units.
@@ -596,7 +597,10 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Map, Error> {
         column.retain(|_| whole.next().copied().unwrap_or(true));
     }
     if missing > 0 {
-        raw.understood += &format!("; {missing} readings without a value left out");
+        let _ = write!(
+            raw.understood,
+            "; {missing} readings without a value left out"
+        );
     }
     let [x, y, power] = &raw.names;
     if raw.unit != PowerUnit::DBm

@@ -122,6 +122,7 @@ fn mat(names: &[String], columns: &[Vec<f64>]) -> Vec<u8> {
     bytes
 }
 
+#[expect(clippy::too_many_lines, reason = "a list of formats")]
 fn written(table: &Table) -> Vec<Written> {
     let (suffixed, bracketed, bare) = (table.suffixed(), table.bracketed(), table.bare());
     let commas = suffixed.join(",") + "\n" + &table.body(0, ",", ".", "\n");
@@ -229,7 +230,7 @@ fn written(table: &Table) -> Vec<Written> {
                         .replace('.', ",")
                     })
                     .collect();
-                text += &(pairs.join(";") + "\n");
+                let _ = writeln!(text, "{}", pairs.join(";"));
             }
             text
         };
@@ -290,6 +291,7 @@ fn timed(n: usize, period: f64, of: &[(&'static str, &'static str, &dyn Fn(f64) 
 }
 
 #[test]
+#[expect(clippy::too_many_lines, reason = "a list of commands")]
 fn every_command_reads_every_file() {
     let mut wrong = Vec::new();
     let place = |t: f64| 100.0 * (1.3 * t).sin() + 3.0 * (4.0 * t).cos();
