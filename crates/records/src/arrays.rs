@@ -26,8 +26,7 @@ pub(crate) struct Arrays {
 /// What a moment of a Parquet column counts, seconds; `None` where it counts none.
 fn tick(logical: Option<&LogicalType>) -> Option<f64> {
     let unit = match logical? {
-        LogicalType::Timestamp(of) => &of.unit,
-        LogicalType::Time(of) => &of.unit,
+        LogicalType::Timestamp(of) | LogicalType::Time(of) => &of.unit,
         _ => return None,
     };
     Some(match unit {
@@ -119,6 +118,10 @@ const PERIODS: [&str; 5] = ["Ts", "dt", "T_s", "ts", "period"];
 const RATES: [&str; 5] = ["fs", "Fs", "rate", "f_s", "sample_rate"];
 
 /// Real parts, and imaginary ones where there are some.
+#[expect(
+    clippy::cast_lossless,
+    reason = "one macro for the types that are narrower than a number here and those that are not"
+)]
 fn numbers(data: &NumericData) -> [Option<Vec<f64>>; 2] {
     macro_rules! wide {
         ($real:expr, $imaginary:expr) => {{

@@ -86,20 +86,18 @@ impl Kind {
             names.contains(&n.as_str()) || names.contains(&&*bare(n))
         };
         let found: Vec<&&String> = others.iter().filter(usual).collect();
-        match found[..] {
-            [one] => Ok(Named::new((*one).clone())),
-            _ => {
-                let message = format!(
-                    "has {} columns beside its times, and {} of them have a usual name for it; accepted is a file of \
-                     times and values alone, or a column called {}: there are {}",
-                    others.len(),
-                    found.len(),
-                    self.names()[1],
-                    table.names().join(", ")
-                );
-                Err(table.error(self.option(), message))
-            }
+        if let [one] = found[..] {
+            return Ok(Named::new((*one).clone()));
         }
+        let message = format!(
+            "has {} columns beside its times, and {} of them have a usual name for it; accepted is a file of \
+             times and values alone, or a column called {}: there are {}",
+            others.len(),
+            found.len(),
+            self.names()[1],
+            table.names().join(", ")
+        );
+        Err(table.error(self.option(), message))
     }
 }
 

@@ -574,9 +574,10 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Map, Error> {
     let table = Table::open(path)?;
     let mut raw = match columns.places(&table)? {
         Some(places) => listed(&table, columns, places)?,
-        None => match matrix(&table, columns)? {
-            Some(raw) => raw,
-            None => {
+        None => {
+            if let Some(raw) = matrix(&table, columns)? {
+                raw
+            } else {
                 // Which one is missing, in the table's own words.
                 let missing = (0..3)
                     .find(|role| usual(&table, *role).is_none())
@@ -585,7 +586,7 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Map, Error> {
                 table.place(name)?;
                 return Err(table.error(name, "is no column of its own; accepted is --map-columns"));
             }
-        },
+        }
     };
     // A reading that is not there is none.
     let whole: Vec<bool> = (0..raw.x.len())

@@ -44,6 +44,9 @@ pub struct Read {
     pub remarks: Vec<String>,
 }
 
+/// Time, displacement and voltage.
+type Samples = (Vec<f64>, Vec<f64>, Vec<f64>);
+
 /// Largest share of samples that may be set aside as spikes.
 const SPIKES: f64 = 0.02;
 
@@ -224,7 +227,7 @@ impl Data {
         mut even: Even,
         found: &Columns,
         remarks: &mut Vec<String>,
-    ) -> Result<(Vec<f64>, Vec<f64>, Vec<f64>), Error> {
+    ) -> Result<Samples, Error> {
         // The tip of a triangle is none.
         if stands_apart(&even, 0) {
             let spikes = outliers::smooth(&mut even, 0);
