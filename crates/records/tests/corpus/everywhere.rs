@@ -63,10 +63,11 @@ impl Table {
 type Written = (&'static str, Vec<u8>, Vec<String>);
 
 fn parquet(names: &[String], columns: &[Vec<f64>]) -> Vec<u8> {
-    let fields: String = names
+    let fields: Vec<String> = names
         .iter()
         .map(|n| format!("OPTIONAL DOUBLE {n};"))
         .collect();
+    let fields = fields.concat();
     let schema =
         Arc::new(parse_message_type(&format!("message m {{ {fields} }}")).expect("a schema"));
     let mut bytes = Vec::new();
@@ -101,7 +102,7 @@ fn mat(names: &[String], columns: &[Vec<f64>]) -> Vec<u8> {
         bytes.extend(kind.to_le_bytes());
         bytes.extend((data.len() as u32).to_le_bytes());
         bytes.extend(data);
-        while bytes.len() % 8 != 0 {
+        while !bytes.len().is_multiple_of(8) {
             bytes.push(0);
         }
     };
@@ -109,7 +110,7 @@ fn mat(names: &[String], columns: &[Vec<f64>]) -> Vec<u8> {
         let mut array = Vec::new();
         // Array flags: of doubles.
         element(&mut array, 6, &[6, 0, 0, 0, 0, 0, 0, 0]);
-        let size: Vec<u8> = [column.len() as i32, 1]
+        let size: Vec<u8> = [column.len() as u32, 1]
             .iter()
             .flat_map(|n| n.to_le_bytes())
             .collect();
@@ -275,7 +276,10 @@ fn alike(what: &str, table: &Table, make: Made, tolerance: f64) -> Vec<String> {
 }
 
 /// Time, and columns over it.
-fn timed(n: usize, period: f64, of: &[(&'static str, &'static str, &dyn Fn(f64) -> f64)]) -> Table {
+/// Name, unit and what it is over time.
+type Over<'a> = (&'static str, &'static str, &'a dyn Fn(f64) -> f64);
+
+fn timed(n: usize, period: f64, of: &[Over]) -> Table {
     let time: Vec<f64> = (0..n).map(|k| period * k as f64).collect();
     let mut columns = vec![time.clone()];
     columns.extend(

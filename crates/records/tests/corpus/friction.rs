@@ -62,7 +62,7 @@ type Mangle = fn(&mut Rows, &mut Pcg64Mcg);
 const CASES: &[(&str, Wanted, Mangle)] = &[
     ("as it is", Wanted::Right, |_, _| {}),
     ("force of the other sign", Wanted::Right, |rows, _| {
-        rows.iter_mut().for_each(|r| r[2] *= -1.0)
+        rows.iter_mut().for_each(|r| r[2] *= -1.0);
     }),
     ("cells without a value", Wanted::Right, |rows, _| {
         rows.iter_mut().step_by(17).for_each(|r| r[2] = f64::NAN);
@@ -75,7 +75,7 @@ const CASES: &[(&str, Wanted, Mangle)] = &[
         rows.iter_mut()
             .skip(50)
             .step_by(900)
-            .for_each(|r| r[2] = 400.0)
+            .for_each(|r| r[2] = 400.0);
     }),
     ("spikes of the displacement", Wanted::Right, |rows, _| {
         rows.iter_mut()
@@ -101,16 +101,16 @@ const CASES: &[(&str, Wanted, Mangle)] = &[
         rows.insert(100, again);
     }),
     ("columns swapped", Wanted::Refused, |rows, _| {
-        rows.iter_mut().for_each(|r| r.swap(1, 2))
+        rows.iter_mut().for_each(|r| r.swap(1, 2));
     }),
     ("force cut off", Wanted::Refused, |rows, _| {
-        rows.iter_mut().for_each(|r| r[2] = r[2].clamp(-1.2, 1.2))
+        rows.iter_mut().for_each(|r| r[2] = r[2].clamp(-1.2, 1.2));
     }),
     ("one way alone", Wanted::Refused, |rows, _| {
         rows.iter_mut().for_each(|r| r[1] = 10.0 * r[0]);
     }),
     ("a force of noise", Wanted::Refused, |rows, rng| {
-        rows.iter_mut().for_each(|r| r[2] = normal(rng))
+        rows.iter_mut().for_each(|r| r[2] = normal(rng));
     }),
     ("a stroke too short to slide", Wanted::Refused, |rows, _| {
         rows.iter_mut().for_each(|r| {
@@ -119,7 +119,7 @@ const CASES: &[(&str, Wanted, Mangle)] = &[
         });
     }),
     ("a spring", Wanted::Refused, |rows, _| {
-        rows.iter_mut().for_each(|r| r[2] = 0.05 * r[1])
+        rows.iter_mut().for_each(|r| r[2] = 0.05 * r[1]);
     }),
     ("a damper", Wanted::Refused, |rows, _| {
         let old = rows.clone();
@@ -246,7 +246,7 @@ fn a_record_of_two_million_rows_is_told() {
     judged(
         "2,000,000 rows of 45 s",
         Wanted::Right,
-        &made(2_000_000, 0.000_0225, 5),
+        &made(2_000_000, 0.000_022_5, 5),
         &mut wrong,
     );
     judged(

@@ -72,14 +72,14 @@ const CASES: &[(&str, Wanted, Mangle)] = &[
             .for_each(|r| r[1] *= 40.0);
     }),
     ("frequencies falling", Wanted::Refused, |rows, _| {
-        rows.reverse()
+        rows.reverse();
     }),
     ("a point there twice", Wanted::Either, |rows, _| {
         let again = rows[40];
         rows.insert(40, again);
     }),
     ("a band left out", Wanted::Right, |rows, _| {
-        rows.retain(|r| !(30.0..80.0).contains(&r[0]))
+        rows.retain(|r| !(30.0..80.0).contains(&r[0]));
     }),
     ("noise alone", Wanted::Refused, |rows, rng| {
         rows.iter_mut().for_each(|r| {
@@ -93,13 +93,13 @@ const CASES: &[(&str, Wanted, Mangle)] = &[
         |rows, _| rows.iter_mut().for_each(|r| r.swap(1, 2)),
     ),
     ("the other sign of phase", Wanted::Refused, |rows, _| {
-        rows.iter_mut().for_each(|r| r[2] *= -1.0)
+        rows.iter_mut().for_each(|r| r[2] *= -1.0);
     }),
     ("cut below its modes", Wanted::Refused, |rows, _| {
-        rows.retain(|r| r[0] < 100.0)
+        rows.retain(|r| r[0] < 100.0);
     }),
     ("only above its modes", Wanted::Refused, |rows, _| {
-        rows.retain(|r| r[0] > 1200.0)
+        rows.retain(|r| r[0] > 1200.0);
     }),
     ("much noise", Wanted::Either, |rows, rng| {
         rows.iter_mut().for_each(|r| {
