@@ -6,8 +6,8 @@
 use libfuzzer_sys::fuzz_target;
 use pigtail_records::hysteresis::ModelFile;
 use pigtail_records::columns::Named;
-use pigtail_records::{friction, resonance, servo, windup};
-use pigtail_records::map::{self, Columns, LengthUnit, PowerUnit};
+use pigtail_records::{friction, input, resonance, servo, windup};
+use pigtail_records::map::{self, Columns};
 use std::path::Path;
 
 fuzz_target!(|data: &[u8]| {
@@ -23,14 +23,15 @@ fuzz_target!(|data: &[u8]| {
 fn read(path: &Path) {
     let named = |name: &str| Named::new(name);
     let _ = ModelFile::read(path);
-    for power in [PowerUnit::V, PowerUnit::DBm] {
+    for names in [None, Some(["x", "y", "p"].map(str::to_owned))] {
         let columns = Columns {
-            names: ["x", "y", "p"].map(str::to_owned),
-            length: LengthUnit::Um,
-            power,
+            names,
+            place: None,
+            power: None,
             inverted: false,
+            step: None,
         };
-        let _ = scan::read(path, &columns);
+        let _ = map::read(path, &columns);
     }
     let roles = servo::Roles {
         rate: None,
@@ -38,6 +39,7 @@ fn read(path: &Path) {
         reference: None,
         position: named("x"),
         voltage: named("y"),
+        injected: None,
     };
     let _ = roles.read(path);
     let roles = friction::Roles {
@@ -68,4 +70,5 @@ fn read(path: &Path) {
         coherence: None,
     };
     let _ = resonance::resonance(&roles, path);
+    let _ = input::read(path, input::Kind::Reference, None);
 }

@@ -5,14 +5,14 @@ use crate::common::Common;
 use crate::found::{self, FoundDocument, WriteArguments};
 use crate::progress::Busy;
 use crate::running::{self, stopped};
-use crate::{DONE, Failure};
+use crate::{DONE, Failure, NEGATIVE};
 use clap::Args;
 use pigtail_evaluate::hysteresis::{self as machine, MachineDocument, MicrosDocument};
 use pigtail_hal::digest::hash;
 use pigtail_records::columns::LengthUnit;
 use pigtail_records::hysteresis::{
-    Columns, Data, HysteresisDocument, Inverted, Kind, Micros, ModelFile, fit, tell, voltages,
-    voltages_of,
+    Columns, Data, HysteresisDocument, Inverted, Kind, Micros, ModelFile, Read, fit, tell,
+    voltages, voltages_of,
 };
 use pigtail_report as report;
 use pigtail_session::calibrations::Change;
@@ -46,7 +46,7 @@ Examples:
   pigtail identify hysteresis --data loops.csv --input u_V --output disp_um
   pigtail identify hysteresis --data loops.csv --input u_V --output x_nm --unit nm --model rbf")]
 pub(crate) struct IdentifyArguments {
-    /// A CSV file whose first line names its columns
+    /// A file of columns; delimiter, decimal comma, encoding, names and units are told from it
     #[arg(long, value_name = "FILE", requires_all = ["input", "output"])]
     data: Option<PathBuf>,
     /// Its column of voltage
@@ -55,13 +55,15 @@ pub(crate) struct IdentifyArguments {
     /// Its column of displacement
     #[arg(long, value_name = "COLUMN", requires = "data")]
     output: Option<String>,
-    /// Its column of time in seconds; `t_s`, `time_s`, `t` or `time` if there is one, else samples are a
-    /// second apart
+    /// Its column of time; `t_s`, `time_s`, `t` or `time` if there is one, else samples are a second apart
     #[arg(long, value_name = "COLUMN", requires = "data")]
     time: Option<String>,
-    /// Unit of displacement in it
-    #[arg(long, value_parser = choice::<LengthUnit>(), default_value = "um", requires = "data")]
-    unit: LengthUnit,
+    /// Rows a second, hertz: where no column says when they were taken, or the column of time counts them
+    #[arg(long, value_name = "HERTZ", value_parser = crate::positive, requires = "data")]
+    rate: Option<f64>,
+    /// Unit of displacement in it; that of its name or header, else micrometres, if not given
+    #[arg(long, value_parser = choice::<LengthUnit>(), requires = "data")]
+    unit: Option<LengthUnit>,
     /// Which model
     #[arg(long, value_parser = choice::<Kind>(), default_value = "memory")]
     model: Kind,
@@ -94,7 +96,7 @@ pub(crate) struct PredictArguments {
     /// The model.json of `pigtail identify hysteresis`
     #[arg(long, value_name = "FILE")]
     model: PathBuf,
-    /// A CSV file whose first line names its columns
+    /// A file of columns; delimiter, decimal comma, encoding, names and units are told from it
     #[arg(long, value_name = "FILE")]
     data: PathBuf,
     /// Its column of voltage; named as in the model's record if not given
@@ -103,10 +105,13 @@ pub(crate) struct PredictArguments {
     /// Its column of displacement; named as in the model's record if not given
     #[arg(long, value_name = "COLUMN")]
     output: Option<String>,
-    /// Its column of time in seconds
+    /// Its column of time
     #[arg(long, value_name = "COLUMN")]
     time: Option<String>,
-    /// Unit of displacement in it; that of the model's record if not given
+    /// Rows a second, hertz: where no column says when they were taken, or the column of time counts them
+    #[arg(long, value_name = "HERTZ", value_parser = crate::positive)]
+    rate: Option<f64>,
+    /// Unit of displacement in it; that of its name or header, else of the model's record, if not given
     #[arg(long, value_parser = choice::<LengthUnit>())]
     unit: Option<LengthUnit>,
     /// Tell the voltage for the displacement
@@ -134,28 +139,42 @@ pub(crate) fn identify(arguments: &IdentifyArguments) -> Result<u8, Failure> {
     else {
         return on_machine(arguments);
     };
-    let read = Data::open(data)?;
+    let data_file = Data::open(data, arguments.rate)?;
     let columns = Columns {
         input: input.clone(),
         output: output.clone(),
         time: arguments.time.clone(),
     };
-    let (record, columns) = read.record(&columns, arguments.unit.micrometres())?;
+    let Read {
+        record,
+        columns,
+        unit,
+        understood,
+        remarks,
+    } = data_file.record(&columns, arguments.unit)?;
     let mut tried =
-        fit(record, arguments.model).map_err(|invalid| read.explain(&invalid, &columns))?;
+        fit(record, arguments.model).map_err(|invalid| data_file.explain(&invalid, &columns))?;
+    tried.document.read = understood;
+    tried.document.remarks = remarks;
     let seed = arguments.common.seed;
     let hashes = [hash_of(data)];
     let run = Run::begin(&arguments.common.runs, KIND, seed, &hashes)?;
-    tried.document.model_file = run.path("model.json").display().to_string();
+    // A model that does not tell its own record is none.
+    let is_model = tried.document.doubt.is_empty();
+    if is_model {
+        tried.document.model_file = run.path("model.json").display().to_string();
+    }
     tried.document.report = run.path("report.html").display().to_string();
     let file = ModelFile {
         date: run.date(),
         origin: format!("identify hysteresis, run {}", run.name()),
         columns,
-        unit: arguments.unit,
+        unit,
         model: tried.model.clone(),
     };
-    run.write_json("model.json", &file)?;
+    if is_model {
+        run.write_json("model.json", &file)?;
+    }
     run.write_json("summary.json", &tried.document)?;
     let title = format!("Hysteresis in {}", data.display());
     run.write("report.html", report::tried(&title, &tried)?)?;
@@ -279,7 +298,7 @@ fn machine_account(document: &MicrosDocument, found: &FoundDocument) -> String {
 
 pub(crate) fn predict(arguments: &PredictArguments) -> Result<u8, Failure> {
     let file = ModelFile::read(&arguments.model)?;
-    let data = Data::open(&arguments.data)?;
+    let data = Data::open(&arguments.data, arguments.rate)?;
     let named = |given: &Option<String>, known: &str| given.as_deref().unwrap_or(known).to_owned();
     // A column of time that only the model's record had is not missed here.
     let known_time = file.columns.time.clone().filter(|name| data.has(name));
@@ -288,19 +307,27 @@ pub(crate) fn predict(arguments: &PredictArguments) -> Result<u8, Failure> {
         output: named(&arguments.output, &file.columns.output),
         time: arguments.time.clone().or(known_time),
     };
-    let unit = arguments.unit.unwrap_or(file.unit);
+    // What the other file says of its unit goes before what the model's said.
+    let unit = data.unit(&columns.output, arguments.unit, file.unit)?;
     let hashes = [hash_of(&arguments.model), hash_of(&arguments.data)];
     let compare = arguments.input.is_some() || data.has(&columns.input);
     if arguments.inverse && !compare {
         return path_alone(arguments, &file, &data, &columns, unit, &hashes);
     }
-    let (record, _) = data.record(&columns, unit.micrometres())?;
+    let Read {
+        record,
+        understood,
+        remarks,
+        ..
+    } = data.record(&columns, Some(unit))?;
     let (mut tried, inverted) = if arguments.inverse {
         let (tried, inverted) = voltages_of(&file.model, record);
         (tried, Some(inverted))
     } else {
         (tell(&file.model, record), None)
     };
+    tried.document.read = understood;
+    tried.document.remarks = remarks;
     let run = Run::begin(&arguments.runs, "predict", 0, &hashes)?;
     tried.document.model_file = arguments.model.display().to_string();
     tried.document.report = run.path("report.html").display().to_string();
@@ -346,7 +373,7 @@ fn path_alone(
     unit: LengthUnit,
     hashes: &[(String, String)],
 ) -> Result<u8, Failure> {
-    let (time, wanted) = data.path(columns, unit.micrometres())?;
+    let (time, wanted) = data.path(columns, Some(unit))?;
     let inverted = voltages(&file.model, time, wanted);
     let run = Run::begin(&arguments.runs, "predict", 0, hashes)?;
     run.write("predicted.csv", voltages_csv(&inverted))?;
@@ -387,12 +414,16 @@ fn tell_about(document: &HysteresisDocument, json: bool) -> Result<u8, Failure> 
         account(document)
     };
     crate::print(text.as_bytes())?;
-    Ok(DONE)
+    Ok(if document.doubt.is_empty() {
+        DONE
+    } else {
+        NEGATIVE
+    })
 }
 
 /// What a person wants to know of it.
 fn account(d: &HysteresisDocument) -> String {
-    let mut text = String::new();
+    let mut text = format!("Read: {}\n", d.read);
     let percent = |um: f64| 100.0 * um / d.range_um;
     let _ = writeln!(
         text,
@@ -428,6 +459,15 @@ fn account(d: &HysteresisDocument) -> String {
     if let Some(volts) = d.rms_v {
         let _ = writeln!(text, "The voltage errs by {volts:.5} V rms");
     }
-    let _ = writeln!(text, "Model: {}\nReport: {}", d.model_file, d.report);
+    if !d.doubt.is_empty() {
+        let _ = writeln!(text, "The model does not tell this record: {}", d.doubt);
+    }
+    for remark in &d.remarks {
+        let _ = writeln!(text, "Note: {remark}");
+    }
+    if !d.model_file.is_empty() {
+        let _ = writeln!(text, "Model: {}", d.model_file);
+    }
+    let _ = writeln!(text, "Report: {}", d.report);
     text
 }

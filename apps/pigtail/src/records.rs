@@ -70,6 +70,9 @@ pub(crate) struct ServoArguments {
     /// Its column of motor voltage
     #[arg(long, value_name = "COLUMN")]
     voltage: Named,
+    /// Its column of what was added to the controller's voltage, volts or a force, where something was
+    #[arg(long, value_name = "COLUMN")]
+    injected: Option<Named>,
     /// Force (N) or torque (N m) of a volt
     #[arg(long, value_name = "K", value_parser = crate::positive)]
     force_per_volt: f64,
@@ -79,9 +82,10 @@ pub(crate) struct ServoArguments {
     /// Friction whose parameters are reported
     #[arg(long, value_enum, default_value = "symmetric")]
     friction: FrictionChoice,
-    /// Method whose parameters are reported
-    #[arg(long, value_enum, default_value = "least-squares")]
-    method: MethodChoice,
+    /// Method whose parameters are reported; if not given, `delayed` where the record shows when its voltage acts, and
+    /// is told better so, else `least-squares`
+    #[arg(long, value_enum)]
+    method: Option<MethodChoice>,
     /// Cutoff of the position's filter, hertz; a tenth of the sample rate, at most 100, if not given
     #[arg(long, value_name = "HERTZ", value_parser = crate::positive)]
     cutoff: Option<f64>,
@@ -164,6 +168,7 @@ pub(crate) fn servo(a: &ServoArguments) -> Result<u8, Failure> {
         reference: a.reference.clone(),
         position: a.position.clone(),
         voltage: a.voltage.clone(),
+        injected: a.injected.clone(),
     };
     let first = roles.read(&a.data)?;
     let second = a
@@ -184,12 +189,12 @@ pub(crate) fn servo(a: &ServoArguments) -> Result<u8, Failure> {
         FrictionChoice::Symmetric => Friction::Symmetric,
         FrictionChoice::Asymmetric => Friction::Asymmetric,
     };
-    let method = match a.method {
+    let method = a.method.map(|method| match method {
         MethodChoice::LeastSquares => Method::LeastSquares,
         MethodChoice::Weighted => Method::Weighted,
         MethodChoice::Instrumental => Method::Instrumental,
         MethodChoice::Delayed => Method::Delayed,
-    };
+    });
     servo::check_lead(&first, a.lead, "--lead")?;
     let drive = Drive {
         ratio: a.gear_ratio.unwrap_or(Drive::PLAIN.ratio),

@@ -8,8 +8,7 @@ use pigtail_hal::Error;
 use pigtail_hal::digest::hash;
 use pigtail_hal::quantity::{LENGTH, Sign};
 use pigtail_model::frames::Displacement;
-use pigtail_records::columns::LengthUnit;
-use pigtail_records::map::{Columns, MapDocument, Peak, PowerUnit, read, try_on};
+use pigtail_records::map::{Columns, MapDocument, Peak, PlaceUnit, PowerUnit, read, try_on};
 use pigtail_report as report;
 use pigtail_store::runs::Run;
 use std::fs;
@@ -19,25 +18,29 @@ use std::path::{Path, PathBuf};
 /// Options of a measured map.
 #[derive(Debug, Args)]
 pub(crate) struct MapArguments {
-    /// Try search and peak on a power map that you measured, in place of a machine: a CSV file with a
-    /// line of names and a reading a row, in any order
+    /// Try search and peak on a power map that you measured, in place of a machine: a file with a reading a row, in any
+    /// order, or a matrix with columns along x and rows along y; how it is written is told from it
     #[arg(long, value_name = "FILE", conflicts_with_all = ["procedure", "method", "scenario"])]
     map: Option<PathBuf>,
-    /// Columns of the map: across, up, power
+    /// Columns of the map: across, up, power; those called x, y and power or nearly so if not given
     #[arg(
         long,
         value_name = "X,Y,POWER",
-        default_value = "x,y,power",
+        requires = "map",
         value_delimiter = ',',
         num_args = 1
     )]
-    map_columns: Vec<String>,
-    /// Unit of its places
-    #[arg(long, value_name = "UNIT", value_parser = choice::<LengthUnit>(), default_value = "um")]
-    map_length_unit: LengthUnit,
-    /// Unit of its power
-    #[arg(long, value_name = "UNIT", value_parser = choice::<PowerUnit>(), default_value = "V")]
-    map_power_unit: PowerUnit,
+    map_columns: Option<Vec<String>>,
+    /// Unit of its places: what their names or header say, else um, if not given
+    #[arg(long, value_name = "UNIT", requires = "map", value_parser = choice::<PlaceUnit>())]
+    map_length_unit: Option<PlaceUnit>,
+    /// Unit of its power: what its name or header says, else V, if not given
+    #[arg(long, value_name = "UNIT", requires = "map", value_parser = choice::<PowerUnit>())]
+    map_power_unit: Option<PowerUnit>,
+    /// Distance of a matrix's columns and rows in the unit of its places, such as 0.5 or 0.5,1; where its first line and
+    /// column are not its places
+    #[arg(long, value_name = "STEP", requires = "map", value_parser = steps)]
+    map_step: Option<[f64; 2]>,
     /// Less power in it is more light: a photodiode of negative voltage
     #[arg(long, requires = "map")]
     map_inverted: bool,
@@ -48,6 +51,19 @@ pub(crate) struct MapArguments {
     /// of its radius where not given
     #[arg(long, value_name = "LENGTH", requires = "map", value_parser = quantity(LENGTH))]
     map_accuracy: Option<f64>,
+}
+
+fn steps(text: &str) -> Result<[f64; 2], String> {
+    let step = |text: &str| {
+        text.trim()
+            .parse::<f64>()
+            .ok()
+            .filter(|v| *v > 0.0 && v.is_finite())
+    };
+    let (x, y) = text.split_once(',').unwrap_or((text, text));
+    step(x).zip(step(y)).map(|(x, y)| [x, y]).ok_or_else(|| {
+        format!("\"{text}\" is no distance; accepted are one or two numbers above zero, such as 0.5 or 0.5,1")
+    })
 }
 
 fn place(text: &str) -> Result<Displacement, String> {
@@ -69,21 +85,35 @@ impl MapArguments {
 
 /// Tries search and peak on a map.
 pub(crate) fn run(map: &Path, arguments: &MapArguments, common: &Common) -> Result<u8, Failure> {
-    let Ok(names) = <[String; 3]>::try_from(arguments.map_columns.clone()) else {
-        let message = format!(
-            "{} names {} columns; accepted are three: across, up and power, such as x,y,power",
-            arguments.map_columns.join(","),
-            arguments.map_columns.len()
-        );
-        return Err(Error::new("--map-columns", "", message).into());
-    };
+    let names = arguments
+        .map_columns
+        .clone()
+        .map(|names| {
+            <[String; 3]>::try_from(names).map_err(|names| {
+                let message = format!(
+                    "{} names {} columns; accepted are three: across, up and power, such as x,y,power",
+                    names.join(","),
+                    names.len()
+                );
+                Error::new("--map-columns", "", message)
+            })
+        })
+        .transpose()?;
     let columns = Columns {
         names,
-        length: arguments.map_length_unit,
+        place: arguments.map_length_unit,
         power: arguments.map_power_unit,
         inverted: arguments.map_inverted,
+        step: arguments.map_step,
     };
-    let scan = read(map, &columns)?;
+    let measured = read(map, &columns)?;
+    let scan = &measured.scan;
+    if measured.place_unit != "um"
+        && (arguments.map_start.is_some() || arguments.map_accuracy.is_some())
+    {
+        let message = "the map's places are in volts of a piezo; accepted are lengths for a map of lengths alone";
+        return Err(Error::new("--map-start, --map-accuracy", "", message).into());
+    }
     let file = map.display().to_string();
     if arguments.map_start.is_some_and(|at| !scan.contains(at)) {
         let (low, high) = (scan.middle() - scan.half(), scan.middle() + scan.half());
@@ -98,8 +128,7 @@ pub(crate) fn run(map: &Path, arguments: &MapArguments, common: &Common) -> Resu
     }
     let mut trial = try_on(
         &file,
-        &scan,
-        &columns,
+        &measured,
         arguments.map_start,
         arguments.map_accuracy,
     );
@@ -111,13 +140,13 @@ pub(crate) fn run(map: &Path, arguments: &MapArguments, common: &Common) -> Resu
         &[(file, hash(content))],
     )?;
     trial.document.report = run.path("report.html").display().to_string();
-    run.write_json("summary.json", &trial.document)?;
-    run.write("report.html", report::scan(&scan, &trial)?)?;
+    run.write_json("summary.json", &trial.document.json())?;
+    run.write("report.html", report::scan(scan, &trial)?)?;
     run.finish(trial.document.outcome)?;
     let document = &trial.document;
     let mut text = Vec::new();
     if common.json {
-        serde_json::to_writer(&mut text, document).map_err(anyhow::Error::from)?;
+        serde_json::to_writer(&mut text, &document.json()).map_err(anyhow::Error::from)?;
         text.push(b'\n');
     } else {
         print_table(&mut text, document).map_err(anyhow::Error::from)?;
@@ -140,14 +169,16 @@ fn sentence(text: &str) -> String {
 
 fn print_table(out: &mut impl Write, document: &MapDocument) -> io::Result<()> {
     let unit = document.power_unit;
+    let place = document.place_unit;
+    writeln!(out, "Read: {}", document.read)?;
     let header = [
         "by".to_owned(),
         "readings".to_owned(),
-        "x\num".to_owned(),
-        "y\num".to_owned(),
-        "known to\num".to_owned(),
-        "width x\num".to_owned(),
-        "width y\num".to_owned(),
+        format!("x\n{place}"),
+        format!("y\n{place}"),
+        format!("known to\n{place}"),
+        format!("width x\n{place}"),
+        format!("width y\n{place}"),
         format!("power\n{unit}"),
         format!("dark\n{unit}"),
     ];

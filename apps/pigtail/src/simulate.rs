@@ -34,7 +34,8 @@ enum Part {
 #[command(after_help = "\
 Examples:
   pigtail simulate joint --params axes.toml --axis z --impulse 1.5,12.5,1e-3
-  pigtail simulate joint --params axes.toml --axis fivebar --step 400 --out step.csv")]
+  pigtail simulate joint --params axes.toml --axis fivebar --step 400 --out step.csv
+  pigtail simulate joint --params axes.toml --axis z --reference wanted_um.csv --out followed.csv")]
 struct JointArguments {
     /// A TOML or JSON file with a table for each axis
     #[arg(long, value_name = "FILE")]
@@ -44,6 +45,9 @@ struct JointArguments {
     axis: String,
     #[command(flatten)]
     input: InputArguments,
+    /// Rows a second in the file of --input or --reference, hertz: where no column says when they begin
+    #[arg(long, value_name = "HERTZ", value_parser = crate::positive, conflicts_with_all = ["impulse", "step", "triangle"])]
+    rate: Option<f64>,
     /// Where to write the trajectory; standard output if not given
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
@@ -61,9 +65,14 @@ struct JointArguments {
 #[derive(Debug, Args)]
 #[group(required = true, multiple = false)]
 struct InputArguments {
-    /// Voltages from a CSV with a column of times and one of voltages, each held until the next
+    /// Voltages from a file with a column of times and one of voltages, each held until the next; how it is written is
+    /// told from it
     #[arg(long, value_name = "FILE")]
     input: Option<PathBuf>,
+    /// A reference of the PID from such a file, each value held until the next: counts of the motor's encoder, or
+    /// lengths of the output or angles of the load where the column has a unit
+    #[arg(long, value_name = "FILE")]
+    reference: Option<PathBuf>,
     /// The impulse (4.7): amplitudes over the motor's static friction, and its length in seconds
     #[arg(long, value_name = "A1,A2,T", allow_negative_numbers = true)]
     impulse: Option<Numbers<3>>,
@@ -96,7 +105,7 @@ impl<const N: usize> FromStr for Numbers<N> {
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let Part::Joint(arguments) = &arguments.part;
     let parameters = Parameters::read(&arguments.params, &arguments.axis)?;
-    let input = input(&arguments.input)?;
+    let input = input(&arguments.input, arguments.rate, &parameters)?;
     let grid = Grid {
         duration: arguments.duration.unwrap_or_else(|| input.duration()),
         row_period: arguments.row_period.unwrap_or_else(|| input.row_period()),
@@ -116,17 +125,29 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     Ok(DONE)
 }
 
-fn input(arguments: &InputArguments) -> Result<Input, Failure> {
+fn input(
+    arguments: &InputArguments,
+    rate: Option<f64>,
+    parameters: &Parameters,
+) -> Result<Input, Failure> {
     let bad =
         |key: &str, message: &str| Failure::Input(pigtail_hal::Error::new("--", key, message));
     let InputArguments {
         input,
+        reference,
         impulse,
         step,
         triangle,
     } = arguments;
-    if let Some(path) = input {
-        return Ok(Input::voltages(path)?);
+    let file = match (input, reference) {
+        (Some(path), _) => Some(Input::voltages(path, rate)?),
+        (None, Some(path)) => Some(Input::reference(path, rate, parameters)?),
+        (None, None) => None,
+    };
+    // The trajectory itself may go to standard output.
+    if let Some((input, understood)) = file {
+        eprintln!("Read: {understood}");
+        return Ok(input);
     }
     if let Some(Numbers([a1, a2, period])) = *impulse {
         if period <= 0.0 {
@@ -149,7 +170,7 @@ fn input(arguments: &InputArguments) -> Result<Input, Failure> {
     let Some(Numbers([counts])) = *step else {
         return Err(bad(
             "input",
-            "is missing; accepted is one of input, impulse, step, triangle",
+            "is missing; accepted is one of input, reference, impulse, step, triangle",
         ));
     };
     Ok(Input::Step(counts))

@@ -1,9 +1,9 @@
 //! Whatever a file says, reading it ends in a value or in an error that says where: never in a panic.
 
 use pigtail_machines::record::Reader;
-use pigtail_records::columns::{LengthUnit, Named};
+use pigtail_records::columns::Named;
 use pigtail_records::fragment::{AxisTable, Fragment, Kind, MotionTable, RecordTable};
-use pigtail_records::map::{self, Columns, PowerUnit};
+use pigtail_records::map::{self, Columns};
 use pigtail_records::part::{Drive, Part};
 use pigtail_records::{friction, resonance, servo, windup};
 use pigtail_session::faults::Faults;
@@ -144,10 +144,11 @@ fn read(path: &Path) {
     let x = || Named::new("x");
     let y = || Named::new("y");
     let columns = Columns {
-        names: ["t", "x", "y"].map(str::to_owned),
-        length: LengthUnit::Um,
-        power: PowerUnit::V,
+        names: Some(["t", "x", "y"].map(str::to_owned)),
+        place: None,
+        power: None,
         inverted: false,
+        step: None,
     };
     let _ = map::read(path, &columns);
     let roles = servo::Roles {
@@ -156,6 +157,7 @@ fn read(path: &Path) {
         reference: None,
         position: x(),
         voltage: y(),
+        injected: None,
     };
     let _ = roles.read(path);
     let roles = friction::Roles {

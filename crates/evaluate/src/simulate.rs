@@ -3,14 +3,14 @@
 use anyhow::{Context, Result, bail};
 use pigtail_control::calibration::AxisGains;
 use pigtail_control::servo::{Pid, PidState};
-use pigtail_hal::quantity::Counts;
+use pigtail_hal::quantity::{ANGLE, Counts, LENGTH};
 use pigtail_hal::{Error, config};
 use pigtail_model::friction::{Friction, Mode};
 use pigtail_model::joint::{Joint, JointParameters, JointState, Voltage};
 use pigtail_model::motor::Motor;
 use pigtail_model::pulse::{From, Pulse};
 use pigtail_model::transmission::Transmission;
-use pigtail_records::columns;
+use pigtail_records::input;
 use serde::Deserialize;
 use std::collections::BTreeMap;
 use std::io::Write;
@@ -214,6 +214,8 @@ pub enum Input {
     },
     /// A step of the PID's reference at time zero, counts.
     Step(f64),
+    /// References of the PID, counts, each held from its time (seconds) on; zero before.
+    Reference(Vec<(f64, f64)>),
     /// A reference that rises from zero to `counts` and falls back within each `period` seconds.
     Triangle {
         /// Height, counts.
@@ -224,41 +226,52 @@ pub enum Input {
 }
 
 impl Input {
-    /// Reads a CSV with a row `time_s,u_V` for each voltage.
+    /// Reads voltages from a file of columns, and how it was read, in words. `rate` is how many rows a second there
+    /// are, hertz, where no column says when they begin.
     ///
     /// # Errors
     ///
     /// When the file cannot be read, a field is no finite number, or time does not increase.
-    pub fn voltages(path: &Path) -> Result<Self, Error> {
-        let file = path.display().to_string();
-        let mut rows: Vec<(f64, f64)> = Vec::new();
-        for (line, [time, volts]) in columns::rows(path, "time and voltage")? {
-            if rows.last().is_some_and(|last| time <= last.0) || time < 0.0 {
-                let message = format!(
-                    "time {time} s does not increase; accepted are times of zero or more, each \
-                     above the one before"
-                );
-                return Err(Error {
-                    line: Some(line),
-                    ..Error::new(file, "", message)
-                });
-            }
-            rows.push((time, volts));
-        }
-        if rows.is_empty() {
-            return Err(Error::new(
-                file,
-                "",
-                "has no rows; accepted is a header and a row of time and voltage for each change",
-            ));
-        }
-        Ok(Self::Voltages(rows))
+    pub fn voltages(path: &Path, rate: Option<f64>) -> Result<(Self, String), Error> {
+        let read = input::read(path, input::Kind::Voltage, rate)?;
+        Ok((Self::Voltages(read.rows), read.understood))
+    }
+
+    /// Reads a reference from a file of columns, and how it was read: in counts of the motor's encoder where no unit is
+    /// known, else lengths of the output or angles of the load.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::voltages`].
+    pub fn reference(
+        path: &Path,
+        rate: Option<f64>,
+        p: &Parameters,
+    ) -> Result<(Self, String), Error> {
+        let read = input::read(path, input::Kind::Reference, rate)?;
+        // Radians of the load are `1 / r` times as many of the motor.
+        let per_load = p.Nenc / std::f64::consts::TAU / p.r;
+        let counts = if read.of == LENGTH {
+            per_load / p.P
+        } else if read.of == ANGLE {
+            per_load
+        } else {
+            1.0
+        };
+        let rows = read
+            .rows
+            .into_iter()
+            .map(|(t, v)| (t, counts * v))
+            .collect();
+        Ok((Self::Reference(rows), read.understood))
     }
 
     /// How long it is worth looking at, seconds.
     pub fn duration(&self) -> f64 {
         match self {
-            Self::Voltages(rows) => rows.last().map_or(0.0, |last| last.0) + 0.02,
+            Self::Voltages(rows) | Self::Reference(rows) => {
+                rows.last().map_or(0.0, |last| last.0) + 0.02
+            }
             Self::Impulse { .. } => 0.02,
             Self::Step(_) => 0.12,
             Self::Triangle { period, .. } => 2.0 * period,
@@ -319,6 +332,7 @@ pub fn joint(p: &Parameters, input: &Input, grid: &Grid, out: &mut impl Write) -
         let next = (k + 1) as f64 * grid.row_period;
         let wanted = match input {
             Input::Step(counts) => Some(*counts),
+            Input::Reference(changes) => Some(held(changes, time)),
             Input::Triangle { counts, period } => {
                 let phase = (time / period).fract();
                 Some(counts * (1.0 - (2.0 * phase - 1.0).abs()))
@@ -370,16 +384,13 @@ fn driven_at(input: &Input, p: &Parameters, time: f64) -> Option<f64> {
         Input::Impulse { period, .. } if time < *period => pulse(input, p).map(|u| u.at(time)),
         Input::Impulse { .. } => Some(0.0),
         Input::Voltages(changes) => Some(held(changes, time)),
-        Input::Step(_) | Input::Triangle { .. } => None,
+        Input::Step(_) | Input::Reference(_) | Input::Triangle { .. } => None,
     }
 }
 
 fn held(changes: &[(f64, f64)], time: f64) -> f64 {
-    changes
-        .iter()
-        .rev()
-        .find(|change| change.0 <= time)
-        .map_or(0.0, |change| change.1)
+    let before = changes.partition_point(|change| change.0 <= time);
+    before.checked_sub(1).map_or(0.0, |k| changes[k].1)
 }
 
 fn pulse(input: &Input, p: &Parameters) -> Option<Pulse> {
@@ -413,10 +424,8 @@ fn advance(
         joint.advance(state, 0.0, next - time - on);
     } else if let Input::Voltages(changes) = input {
         let mut at = time;
-        for change in changes
-            .iter()
-            .filter(|change| change.0 > time && change.0 < next)
-        {
+        let from = changes.partition_point(|change| change.0 <= time);
+        for change in changes[from..].iter().take_while(|change| change.0 < next) {
             joint.advance(state, held(changes, at), change.0 - at);
             at = change.0;
         }

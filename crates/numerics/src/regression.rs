@@ -122,7 +122,9 @@ fn solve(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
         (0..p).map(|j| covariance[(j, j)].max(0.0).sqrt()).collect()
     };
     solution.std = spread(&(z.transpose() * z * variance));
-    solution.std_correlated = spread(&correlated(z, &solution.residuals));
+    let (middle, batches) = correlated(z, &solution.residuals);
+    let few = few_batches(batches, p);
+    solution.std_correlated = spread(&middle).into_iter().map(|std| few * std).collect();
     // A few batches may by chance look surer than white noise would be.
     for (std, white) in solution.std_correlated.iter_mut().zip(&solution.std) {
         *std = std.max(*white);
@@ -132,11 +134,11 @@ fn solve(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
 
 /// `Z' E[e e'] Z` from the sums of `z e` over batches of neighbours: correlation within a batch is in
 /// them, whatever its shape.
-fn correlated(z: &DMatrix<f64>, residuals: &[f64]) -> DMatrix<f64> {
+fn correlated(z: &DMatrix<f64>, residuals: &[f64]) -> (DMatrix<f64>, usize) {
     let (n, p) = z.shape();
     let length = (2.0 * (n as f64).sqrt()).round().clamp(1.0, 400.0) as usize;
     let mut sum = DMatrix::zeros(p, p);
-    let mut start = 0;
+    let (mut start, mut batches) = (0, 0);
     while start < n {
         let end = (start + length).min(n);
         let batch = DVector::from_fn(p, |j, _| {
@@ -144,8 +146,21 @@ fn correlated(z: &DMatrix<f64>, residuals: &[f64]) -> DMatrix<f64> {
         });
         sum += &batch * batch.transpose();
         start = end;
+        batches += 1;
     }
-    sum
+    (sum, batches)
+}
+
+/// By how much a standard deviation from so few batches is to be wider, so that 1.96 of it hold what 95 % are: the
+/// parameters have taken some of their freedom, and Student's quantile is above the normal one (Cornish and Fisher).
+fn few_batches(batches: usize, parameters: usize) -> f64 {
+    const Z: f64 = 1.96;
+    let freedom = batches.saturating_sub(1).max(2) as f64;
+    let quantile = Z
+        + (Z.powi(3) + Z) / (4.0 * freedom)
+        + (5.0 * Z.powi(5) + 16.0 * Z.powi(3) + 3.0 * Z) / (96.0 * freedom * freedom);
+    let taken = batches as f64 / (batches as f64 - (parameters as f64).min(0.5 * batches as f64));
+    taken.sqrt() * quantile / Z
 }
 
 /// Ordinary least squares over some of the rows; the error and what is left are those of all.

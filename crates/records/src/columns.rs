@@ -1,5 +1,6 @@
 //! The one reader of CSV files that a person brings: columns by name, in SI units where they have one.
 
+use crate::arrays::{self, Arrays};
 use crate::layout::{self, Layout};
 use pigtail_hal::Error;
 use pigtail_hal::quantity::{
@@ -45,6 +46,11 @@ pub enum LengthUnit {
 }
 
 impl LengthUnit {
+    /// The unit of that name, `um` or `nm`, where it is one of places.
+    pub fn named(name: &str) -> Option<Self> {
+        name.parse().ok()
+    }
+
     /// Metres in one.
     pub fn metres(self) -> f64 {
         LENGTH.unit(self.into()).map_or(1.0, |(_, metres)| metres)
@@ -79,6 +85,11 @@ impl FromStr for Named {
 }
 
 impl Named {
+    /// The column's name; empty where the rows themselves count time.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
     /// A column by its name alone.
     pub fn new(name: impl Into<String>) -> Self {
         let name = name.into();
@@ -201,7 +212,7 @@ const CALLED: [(&str, &[&str]); 14] = [
 ];
 
 /// A unit by its name, of one of these dimensions.
-fn unit_of(dimensions: &[Dimension], name: &str) -> Option<(Dimension, &'static str)> {
+pub(crate) fn unit_of(dimensions: &[Dimension], name: &str) -> Option<(Dimension, &'static str)> {
     let called = CALLED.iter().find(|(_, others)| others.contains(&name));
     let name = called.map_or(name, |(unit, _)| *unit);
     dimensions
@@ -209,23 +220,36 @@ fn unit_of(dimensions: &[Dimension], name: &str) -> Option<(Dimension, &'static 
         .find_map(|dimension| Some((*dimension, dimension.unit(name)?.0)))
 }
 
-/// What a column's name ends with.
-fn of_name(name: &str) -> Option<(Dimension, &'static str)> {
+/// What a column's name ends with, in brackets or behind an underscore.
+fn ending(name: &str) -> Option<&str> {
     let bracketed = name
         .strip_suffix([']', ')'])
         .and_then(|rest| rest.rsplit_once(['[', '(']))
         .map(|(_, unit)| unit);
     let suffix = bracketed.or_else(|| name.rsplit_once('_').map(|(_, unit)| unit))?;
-    unit_of(&DIMENSIONS, suffix.trim())
+    Some(suffix.trim())
 }
 
-/// A file of columns: text whose fields are divided by commas, semicolons, tabs, bars or blanks, or Parquet. What
-/// stands above the rows may be anything; lines that begin with `#` or `%` are comments.
+/// The unit that a column's name ends with.
+fn of_name(name: &str) -> Option<(Dimension, &'static str)> {
+    unit_of(&DIMENSIONS, ending(name)?)
+}
+
+/// A file of columns: text whose fields are divided by commas, semicolons, tabs, bars or blanks, Parquet, or MATLAB's
+/// .mat up to version 7. What stands above the rows of a text may be anything; lines that begin with `#` or `%` are
+/// comments.
 #[derive(Debug, Clone)]
 pub struct Table {
     path: PathBuf,
     layout: Layout,
-    text: String,
+    content: Content,
+}
+
+/// What a file holds.
+#[derive(Debug, Clone)]
+enum Content {
+    Text(String),
+    Arrays(Arrays),
 }
 
 /// Whether a field may be without a number.
@@ -259,8 +283,27 @@ impl Table {
         };
         let bytes = std::fs::read(path)
             .map_err(|error| refuse(None, format!("cannot be read: {error}")))?;
+        let found = if bytes.starts_with(b"PAR1") {
+            let file = std::fs::File::open(path)
+                .map_err(|error| refuse(None, format!("cannot be read: {error}")))?;
+            Some(arrays::parquet(file))
+        } else if bytes.starts_with(b"MATLAB 5.0") {
+            Some(arrays::mat(&bytes))
+        } else {
+            None
+        };
+        if let Some(found) = found {
+            let arrays = found.map_err(|message| refuse(None, message))?;
+            return Ok(Self {
+                path: path.to_owned(),
+                layout: Layout::of_arrays(arrays.names.clone(), arrays.kind, arrays.period),
+                content: Content::Arrays(arrays),
+            });
+        }
         if let Some(what) = binary(&bytes) {
-            let message = format!("is {what}; accepted is text: columns of numbers");
+            let message = format!(
+                "is {what}; accepted is text, Parquet, or .mat up to version 7: columns of numbers"
+            );
             return Err(refuse(None, message));
         }
         let (text, encoding) = layout::decode(&bytes);
@@ -299,7 +342,7 @@ impl Table {
         Ok(Self {
             path: path.to_owned(),
             layout,
-            text,
+            content: Content::Text(text),
         })
     }
 
@@ -318,7 +361,10 @@ impl Table {
         mut see: impl FnMut(usize, &[Cow<str>]) -> Result<(), Error>,
     ) -> Result<(), Error> {
         let width = self.layout.names.len();
-        let body = self.text.get(self.layout.body..).unwrap_or_default();
+        let Content::Text(text) = &self.content else {
+            return Ok(());
+        };
+        let body = text.get(self.layout.body..).unwrap_or_default();
         for (k, line) in body.lines().enumerate() {
             if line.trim().is_empty() || line.trim_start().starts_with(['#', '%']) {
                 continue;
@@ -392,6 +438,9 @@ impl Table {
             Gaps::Allowed => "a finite number, or nothing where one is missing",
             Gaps::Refused => "a finite number",
         };
+        if let Content::Arrays(arrays) = &self.content {
+            return self.of_arrays(arrays, places, gaps);
+        }
         let mut lines = Vec::new();
         let mut columns = vec![Vec::new(); places.len()];
         // Of a column of moments, the first one.
@@ -414,52 +463,93 @@ impl Table {
         })?;
         Ok(Numbers { lines, columns })
     }
+
+    fn of_arrays(&self, arrays: &Arrays, places: &[usize], gaps: Gaps) -> Result<Numbers, Error> {
+        let columns: Vec<Vec<f64>> = places.iter().map(|p| arrays.columns[*p].clone()).collect();
+        for (place, column) in places.iter().zip(&columns) {
+            let name = &*self.layout.names[*place];
+            if let Some(what) = arrays.others[*place] {
+                let message = format!("holds {what}; accepted are numbers");
+                return Err(self.error(name, message));
+            }
+            let bad = |v: &f64| v.is_infinite() || (gaps == Gaps::Refused && v.is_nan());
+            if let Some(row) = column.iter().position(bad) {
+                let message = format!(
+                    "{} in row {} is not finite; accepted is a finite number",
+                    column[row],
+                    row + 1
+                );
+                return Err(self.error(name, message));
+            }
+        }
+        let rows = columns.first().map_or(0, Vec::len);
+        Ok(Numbers {
+            lines: (1..=rows).collect(),
+            columns,
+        })
+    }
+
+    /// What unit a column's header or name says.
+    fn own_unit(&self, place: usize) -> Option<(Dimension, &'static str)> {
+        self.layout.units[place]
+            .as_deref()
+            .and_then(|unit| unit_of(&DIMENSIONS, unit))
+            .or_else(|| of_name(&self.layout.names[place]))
+    }
+
+    /// What may be a unit in a column's header or name, as it is written.
+    pub(crate) fn unit_text(&self, place: usize) -> Option<&str> {
+        let header = self.layout.units[place].as_deref();
+        header.or_else(|| ending(&self.layout.names[place]))
+    }
+
+    /// The unit that a column's header or name says.
+    pub(crate) fn unit(&self, place: usize) -> Option<&'static str> {
+        self.own_unit(place).map(|(_, unit)| unit)
+    }
+
+    /// The file as a table of numbers without names, its first line too; NaN where a field is none. `None` of a file
+    /// that has names.
+    pub(crate) fn grid(&self) -> Result<Option<Vec<Vec<f64>>>, Error> {
+        let Content::Text(_) = &self.content else {
+            return Ok(None);
+        };
+        let value = |text: &str| layout::number(text, self.layout.decimal_comma);
+        let mut rows = Vec::new();
+        if self.layout.names_line.is_some() {
+            let names = self.names();
+            if names.len() < 4 || !names[1..].iter().all(|n| value(n).is_some()) {
+                return Ok(None);
+            }
+            rows.push(names.iter().map(|n| value(n).unwrap_or(f64::NAN)).collect());
+        }
+        self.rows(|_, row| {
+            rows.push(row.iter().map(|f| value(f).unwrap_or(f64::NAN)).collect());
+            Ok(())
+        })?;
+        Ok(Some(rows))
+    }
+
+    /// Whether a column is of moments, which are read as seconds.
+    fn is_moments(&self, place: usize) -> bool {
+        match &self.content {
+            Content::Arrays(arrays) => arrays.moments[place],
+            Content::Text(_) => false,
+        }
+    }
 }
 
 /// What a file is that is no text.
 fn binary(bytes: &[u8]) -> Option<&'static str> {
     match bytes {
-        [b'P', b'A', b'R', b'1', ..] => Some("a Parquet file"),
-        [b'M', b'A', b'T', b'L', b'A', b'B', b' ', ..] => Some("a MATLAB file (.mat)"),
+        [b'M', b'A', b'T', b'L', b'A', b'B', b' ', ..] => {
+            Some("a MATLAB file of version 7.3 (save it with '-v7')")
+        }
         [0x89, b'H', b'D', b'F', ..] => Some("an HDF5 file (.mat of version 7.3 among them)"),
         [b'P', b'K', 3, 4, ..] => Some("a ZIP archive or a spreadsheet"),
         [0x1f, 0x8b, ..] => Some("a compressed file (gzip)"),
         _ => None,
     }
-}
-
-/// The line and the first `N` fields of each row. `what` such a row is of, as an error message says it:
-/// `time and voltage`.
-///
-/// # Errors
-///
-/// When the file cannot be read, or a row does not begin with `N` numbers.
-pub fn rows<const N: usize>(path: &Path, what: &str) -> Result<Vec<(usize, [f64; N])>, Error> {
-    let table = Table::open(path)?;
-    let accepted = format!("accepted is a row of {what}: {N} finite numbers");
-    if table.names().len() < N {
-        return Err(table.error(
-            "",
-            format!("has {} columns; {accepted}", table.names().len()),
-        ));
-    }
-    let mut rows = Vec::new();
-    let mut first = [None; N];
-    table.rows(|line, row| {
-        let mut values = [0.0; N];
-        for ((value, field), first) in values.iter_mut().zip(row).zip(&mut first) {
-            *value =
-                number(field, Gaps::Refused, table.layout.decimal_comma, first).map_err(|why| {
-                    Error {
-                        line: Some(line),
-                        ..table.error("", format!("\"{field}\" {why}; {accepted}"))
-                    }
-                })?;
-        }
-        rows.push((line, values));
-        Ok(())
-    })?;
-    Ok(rows)
 }
 
 /// The column of time: the named one, or one with a usual name. With a `rate` (hertz) the rows are so many a second,
@@ -551,6 +641,23 @@ pub fn rising(path: &Path, time: &Column) -> Result<(), Error> {
         k + 1
     );
     Err(Error::new(path.display().to_string(), &time.name, message))
+}
+
+/// Leaves out rows that say again what the row before them says, their time too, where one is; how many there were.
+pub(crate) fn once(columns: &mut [Column]) -> usize {
+    if !columns.iter().any(|c| c.dimension == TIME) {
+        return 0;
+    }
+    let rows = columns.first().map_or(0, |c| c.values.len());
+    let again = |k: usize| k > 0 && columns.iter().all(|c| c.values[k] == c.values[k - 1]);
+    let keep: Vec<bool> = (0..rows).map(|k| !again(k)).collect();
+    for column in columns.iter_mut() {
+        let mut keep = keep.iter();
+        column
+            .values
+            .retain(|_| keep.next().copied().unwrap_or(true));
+    }
+    keep.iter().filter(|k| !**k).count()
 }
 
 /// Columns, of which the first is time, on an even grid; `least` is how many samples are wanted.
@@ -742,10 +849,7 @@ fn locate(table: &Table, want: &Wanted) -> Result<(usize, Column), Error> {
         let names: Vec<&str> = units.map(|(unit, _)| *unit).collect();
         names.join(", ")
     };
-    let suffix = table.layout.units[place]
-        .as_deref()
-        .and_then(|unit| unit_of(&DIMENSIONS, unit))
-        .or_else(|| of_name(name));
+    let suffix = table.own_unit(place);
     let (dimension, unit, by) = match (given, suffix) {
         (Some(given), _) => {
             let Some((dimension, unit)) = unit_of(want.of, given) else {
@@ -779,6 +883,9 @@ fn locate(table: &Table, want: &Wanted) -> Result<(usize, Column), Error> {
                 accepted()
             );
             return Err(table.error(&**name, message));
+        }
+        (None, None) if table.is_moments(place) && want.of.contains(&TIME) => {
+            (TIME, TIME.si(), By::Name)
         }
         (None, None) => (want.of[0], want.of[0].si(), By::Nothing),
     };

@@ -65,11 +65,17 @@ impl Roles {
                 of: &[TIME],
             });
         }
-        let read = columns::read(path, &list)?;
+        let mut read = columns::read(path, &list)?;
+        let mut remarks = columns::remarks(&read);
+        let twice = columns::once(&mut read);
+        if twice > 0 {
+            remarks.push(format!(
+                "{twice} rows are there twice; one of each was taken"
+            ));
+        }
         if let Some(time) = read.get(2) {
             columns::rising(path, time)?;
         }
-        let mut remarks = columns::remarks(&read);
         if time.is_none() {
             remarks.push("no column of time: laws that need one were left out".to_owned());
         }
@@ -175,8 +181,21 @@ pub fn friction(first: &Read, second: Option<&Read>, most: usize, law: Option<La
     } else {
         "on the part held back"
     };
+    let least = found
+        .laws
+        .iter()
+        .map(|l| l.validation_error_percent)
+        .fold(f64::INFINITY, f64::min);
+    let how = if law.is_some() {
+        "as asked for, leaves"
+    } else if best.validation_error_percent > least {
+        // Of laws that are as good the one with fewer parameters.
+        "tells the force as well as any, with the fewest parameters:"
+    } else {
+        "tells the force best:"
+    };
     let chosen = format!(
-        "{} tells the force best: {} % {judged} with {} parameters ({})",
+        "{} {how} {} % {judged} with {} parameters (others: {})",
         best.law.name(),
         short(best.validation_error_percent),
         best.law.parameters().len(),

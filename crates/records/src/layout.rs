@@ -330,7 +330,9 @@ pub(crate) fn layout(
         let row = fields(above);
         let units = row.iter().all(|f| f.is_empty() || is_unit(f));
         let words = row.iter().filter(|f| !is_value(f, decimal_comma)).count();
-        if row.len() != found.width || units || words > 1 || 2 * words > found.width {
+        // One that begins with a word is more likely said of the rows: `SampleTime[ms];1`.
+        let said = words > 0 && !is_value(&row[0], decimal_comma) && 2 * words >= found.width;
+        if row.len() != found.width || units || said || words > 1 || 2 * words > found.width {
             break;
         }
         found.start = above;
@@ -342,10 +344,15 @@ pub(crate) fn layout(
     let width = found.width - usize::from(trailing);
     let above = above(&all[..start], &found, width, is_unit);
     let mut names = above.names;
+    let mut units = above.units;
     let mut period = None;
     for line in &all[..start] {
         period = period.or_else(|| told_period(line.text));
         channels(line.text, delimiter, width, &mut names);
+        channel_units(line.text, delimiter, &mut units);
+    }
+    for (slot, unit) in units.iter_mut().zip(numbered(&all[..start], "UNIT", width)) {
+        *slot = unit.or(slot.take());
     }
     names = recorder(&all[..start], width).or(names);
     let other = last
@@ -356,7 +363,7 @@ pub(crate) fn layout(
         delimiter,
         decimal_comma,
         names: names.unwrap_or_else(|| (1..=width).map(|k| k.to_string()).collect()),
-        units: above.units,
+        units,
         body: all[start].at,
         first_line: all[start].number,
         period,
@@ -503,27 +510,76 @@ fn channels(line: &str, delimiter: u8, width: usize, names: &mut Option<Vec<Stri
     }
 }
 
-/// Names of the tables of a PI data recorder (GCS array): `# NAME0 = Current Position of Axis AXIS:1`.
-fn recorder(above: &[Line], width: usize) -> Option<Vec<String>> {
-    let mut names = vec![None; width];
-    for line in above {
-        let text = line.text.trim_start_matches(['#', ' ']);
-        let Some((key, name)) = text.split_once('=') else {
-            continue;
-        };
-        let Some(number) = key.trim().strip_prefix("NAME") else {
-            continue;
-        };
-        if let Some(slot) = number.parse::<usize>().ok().and_then(|n| names.get_mut(n)) {
-            *slot = Some(name.trim().to_owned());
+/// Their units, in turns with the word `Unit`.
+fn channel_units(line: &str, delimiter: u8, units: &mut [Option<String>]) {
+    let row = split(line, delimiter);
+    let is_word = |f: &Cow<str>| f.eq_ignore_ascii_case("unit");
+    if units.len() < 2
+        || row.len() < units.len()
+        || !row.iter().step_by(2).take(units.len() / 2).all(is_word)
+    {
+        return;
+    }
+    for (k, unit) in row.iter().enumerate().take(units.len()).skip(1).step_by(2) {
+        let unit = unit.trim_matches(['[', ']', '(', ')']).trim();
+        if !unit.is_empty() && !unit.eq_ignore_ascii_case("none") {
+            units[k] = Some(unit.to_owned());
         }
     }
-    names.into_iter().collect()
+}
+
+/// Names of the tables of a PI data recorder (GCS array): `# NAME0 = Current Position of Axis AXIS:1`.
+fn recorder(above: &[Line], width: usize) -> Option<Vec<String>> {
+    numbered(above, "NAME", width).into_iter().collect()
+}
+
+/// Values of `# KEY0 = value`, `# KEY1 = value`.
+fn numbered(above: &[Line], key: &str, width: usize) -> Vec<Option<String>> {
+    let mut values = vec![None; width];
+    for line in above {
+        let text = line.text.trim_start_matches(['#', ' ']);
+        let Some((own, value)) = text.split_once('=') else {
+            continue;
+        };
+        let own = own.trim();
+        let own = own.strip_prefix("DISP_").unwrap_or(own);
+        let Some(number) = own.strip_prefix(key) else {
+            continue;
+        };
+        if let Some(slot) = number.parse::<usize>().ok().and_then(|n| values.get_mut(n)) {
+            *slot = Some(value.trim().to_owned());
+        }
+    }
+    values
 }
 
 impl Layout {
+    /// Of a file that is no text.
+    pub(crate) fn of_arrays(names: Vec<String>, kind: &'static str, period: Option<f64>) -> Self {
+        Self {
+            delimiter: 0,
+            decimal_comma: false,
+            units: vec![None; names.len()],
+            names,
+            body: 0,
+            first_line: 1,
+            period,
+            names_line: None,
+            trailing: false,
+            other: None,
+            encoding: kind,
+        }
+    }
+
     /// What was understood, in words.
     pub(crate) fn understood(&self) -> String {
+        if self.delimiter == 0 {
+            let mut text = format!("{}, {} columns", self.encoding, self.names.len());
+            if let Some(period) = self.period {
+                let _ = write!(text, ", {:.6} Hz by its own number", 1.0 / period);
+            }
+            return text;
+        }
         let between = match self.delimiter {
             b',' => "commas",
             b';' => "semicolons",
@@ -600,9 +656,10 @@ mod tests {
 
     #[test]
     fn what_instruments_write_is_read() {
-        let scope = "Name;Scope\nFile;C:\\a.csv\n\nName;Axis.pos;Name;Axis.u\nSampleTime[ms];1;SampleTime[ms];1\n\n\
-                     0;1,5;0;2,5\n1;1,6;1;2,6\n";
+        let scope = "Name;Scope\nFile;C:\\a.csv\n\nName;Axis.pos;Name;Axis.u\nSampleTime[ms];1;SampleTime[ms];1\n\
+                     Unit;mm;Unit;(None)\n\n0;1,5;0;2,5\n1;1,6;1;2,6\n";
         let found = of(scope);
+        assert_eq!(found.units, [None, Some("mm".to_owned()), None, None]);
         assert_eq!(found.names, ["time_ms", "Axis.pos", "time_ms 2", "Axis.u"]);
         let recorder = "# REM\n#\n# TYPE = 1\n# SEPARATOR = 32\n# SAMPLE_TIME = 0.0005\n# NAME0 = Position\n\
                         # NAME1 = Voltage\n# END_HEADER\n1.0 2.0\n1.1 2.1\n";

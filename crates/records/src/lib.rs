@@ -12,10 +12,12 @@
 //! # Ok::<(), String>(())
 //! ```
 
+mod arrays;
 pub mod columns;
 pub mod fragment;
 pub mod friction;
 pub mod hysteresis;
+pub mod input;
 mod layout;
 pub mod map;
 pub mod part;

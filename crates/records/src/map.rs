@@ -1,27 +1,89 @@
 //! Search and peak on a power map that a person brings, and the document that tells what came of
 //! it.
 
-use crate::columns::{Gaps, LengthUnit, Table};
+use crate::columns::{Gaps, Table, unit_of};
 use pigtail_hal::Error;
+use pigtail_hal::quantity::{LENGTH, VOLTAGE};
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::rounded;
 use pigtail_sysid::map::{
     Examined, Look, Looked, Reading, Refusal, Scan, Shape, examine, look as take,
 };
 use serde::Serialize;
+use std::fmt::Write as _;
 use std::path::Path;
 
 /// The columns of a map and their units.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Columns {
-    /// Names of the columns of x, y and power.
-    pub names: [String; 3],
-    /// Of x and y.
-    pub length: LengthUnit,
-    /// Of power.
-    pub power: PowerUnit,
+    /// Names of the columns of x, y and power; the usual ones where none were given.
+    pub names: Option<[String; 3]>,
+    /// Of x and y; what their names or headers say, else micrometres, if none.
+    pub place: Option<PlaceUnit>,
+    /// Of power; what its name or header says, else volts, if none.
+    pub power: Option<PowerUnit>,
     /// Whether less power in the file is more light.
     pub inverted: bool,
+    /// Distance of columns and rows, in `place` units, of a map that is a matrix without its places.
+    pub step: Option<[f64; 2]>,
+}
+
+/// A unit of places: a length, or the voltage of a piezo.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    strum::EnumMessage,
+    strum::EnumString,
+    strum::IntoStaticStr,
+    strum::VariantArray,
+)]
+#[strum(serialize_all = "kebab-case")]
+pub enum PlaceUnit {
+    /// Nanometres
+    Nm,
+    /// Micrometres
+    Um,
+    /// Millimetres
+    Mm,
+    /// Metres
+    M,
+    /// Volts of a piezo: nothing is then known in micrometres, and places, widths and deviations are in volts
+    #[strum(serialize = "V")]
+    V,
+}
+
+impl PlaceUnit {
+    /// What one is within: metres, where a volt is taken for a micrometre.
+    fn size(self) -> f64 {
+        match self {
+            Self::V => 1e-6,
+            length => LENGTH.unit(length.into()).map_or(1.0, |(_, metres)| metres),
+        }
+    }
+
+    /// The unit in which places are told: micrometres, or volts.
+    fn told(self) -> &'static str {
+        match self {
+            Self::V => "V",
+            _ => "um",
+        }
+    }
+}
+
+/// A map that was read.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Map {
+    /// Its readings; a volt of a piezo is a micrometre here.
+    pub scan: Scan,
+    /// `um` or `V`: what a micrometre of the scan is.
+    pub place_unit: &'static str,
+    /// Of power, in the file.
+    pub power: PowerUnit,
+    /// How the file was read, in words.
+    pub understood: String,
 }
 
 /// A unit of light: one that is linear, or a level.
@@ -65,6 +127,17 @@ pub enum PowerUnit {
 }
 
 impl PowerUnit {
+    /// The unit of that name, as files write it.
+    fn named(name: &str) -> Option<Self> {
+        let name = name.replace(['\u{b5}', '\u{3bc}'], "u");
+        if let Some((VOLTAGE, unit)) = unit_of(&[VOLTAGE], &name) {
+            return unit.parse().ok();
+        }
+        name.parse()
+            .ok()
+            .or_else(|| name.eq_ignore_ascii_case("dbm").then_some(Self::DBm))
+    }
+
     /// A reading on a linear scale.
     fn linear(self, value: f64) -> f64 {
         if self == Self::DBm {
@@ -126,6 +199,10 @@ pub struct MapDocument {
     pub spacing_um: f64,
     /// Unit of powers here: linear.
     pub power_unit: &'static str,
+    /// Unit of places: `um`, or `V` of a piezo. Where it is `V` the keys that end in `_um` end in `_V`.
+    pub place_unit: &'static str,
+    /// How the file was read, in words.
+    pub read: String,
     /// The report, relative to where the program ran.
     pub report: String,
 }
@@ -216,51 +293,341 @@ impl Peak {
     }
 }
 
-/// Reads a map.
+impl MapDocument {
+    /// As JSON; keys by the unit of places.
+    pub fn json(&self) -> serde_json::Value {
+        let mut value = serde_json::to_value(self).unwrap_or_default();
+        if self.place_unit != "um" {
+            rename(&mut value, self.place_unit);
+        }
+        value
+    }
+}
+
+/// Keys that say micrometres say another unit.
+fn rename(value: &mut serde_json::Value, unit: &str) {
+    if let serde_json::Value::Object(map) = value {
+        let old = std::mem::take(map);
+        for (key, mut value) in old {
+            rename(&mut value, unit);
+            let key = match key.strip_suffix("_um") {
+                Some(bare) => format!("{bare}_{unit}"),
+                None => key,
+            };
+            map.insert(key, value);
+        }
+    }
+}
+
+/// Names of x, y and power where none were given: whole ones, or without their units.
+const NAMES: [&[&str]; 3] = [
+    &[
+        "x", "dx", "px", "x pos", "posx", "pos_x", "xpos", "vx", "ux",
+    ],
+    &[
+        "y", "dy", "py", "y pos", "posy", "pos_y", "ypos", "vy", "uy",
+    ],
+    &[
+        "power",
+        "p",
+        "signal",
+        "light",
+        "intensity",
+        "photodiode",
+        "pd",
+        "coupling",
+        "reading",
+    ],
+];
+
+/// Which column serves as x (0), y (1) or power (2).
+fn usual(table: &Table, role: usize) -> Option<usize> {
+    let names = table.names();
+    let bare = |k: &usize| {
+        let low = names[*k].to_lowercase();
+        let cut = low
+            .split(['[', '('])
+            .next()
+            .unwrap_or_default()
+            .trim()
+            .to_owned();
+        let unit = table.unit_text(*k).map(str::to_lowercase);
+        let without = unit.and_then(|u| cut.strip_suffix(&format!("_{u}")).map(str::to_owned));
+        NAMES[role].contains(&&*cut) || without.is_some_and(|w| NAMES[role].contains(&&*w))
+    };
+    let exact = ["x", "y", "power"][role];
+    names
+        .iter()
+        .position(|n| n == exact)
+        .or_else(|| (0..names.len()).find(bare))
+}
+
+impl Columns {
+    /// The places of x, y and power in a file; `None` where it has no such columns, and none were asked for.
+    fn places(&self, table: &Table) -> Result<Option<[usize; 3]>, Error> {
+        let Some([x, y, power]) = &self.names else {
+            let found: Vec<usize> = (0..3).filter_map(|role| usual(table, role)).collect();
+            return Ok(<[usize; 3]>::try_from(found)
+                .ok()
+                .filter(|[x, y, p]| x != y && y != p && x != p));
+        };
+        for (a, b) in [(x, y), (x, power), (y, power)] {
+            if a == b {
+                let message = "is named twice; accepted are three columns: x, y and power";
+                return Err(table.error(a.as_str(), message));
+            }
+        }
+        Ok(Some([
+            table.place(x)?,
+            table.place(y)?,
+            table.place(power)?,
+        ]))
+    }
+
+    /// The unit of places by option, else by the columns' own words.
+    fn place_unit(&self, table: &Table, places: [usize; 2]) -> Result<PlaceUnit, Error> {
+        let own = |place: usize| -> Result<Option<PlaceUnit>, Error> {
+            let Some(unit) = table.unit(place) else {
+                return Ok(None);
+            };
+            unit.parse().map(Some).map_err(|_| {
+                let message = format!(
+                    "its name says {unit}; accepted are places in nm, um, mm, m, or V of a piezo"
+                );
+                table.error(&*table.names()[place], message)
+            })
+        };
+        let (x, y) = (own(places[0])?, own(places[1])?);
+        let name = |k: usize| table.names()[places[k]].clone();
+        if let (Some(a), Some(b)) = (x, y)
+            && a != b
+        {
+            let message = format!(
+                "is in {}, {} in {}; accepted are both in one unit",
+                <&str>::from(b),
+                name(0),
+                <&str>::from(a)
+            );
+            return Err(table.error(name(1), message));
+        }
+        let own = x.or(y);
+        if let (Some(given), Some(own)) = (self.place, own)
+            && given != own
+        {
+            let message = format!(
+                "is said to be in {} by --map-length-unit, but its name or header says {}; accepted is one of both",
+                <&str>::from(given),
+                <&str>::from(own)
+            );
+            return Err(table.error(name(usize::from(x.is_none())), message));
+        }
+        Ok(self.place.or(own).unwrap_or(PlaceUnit::Um))
+    }
+
+    /// The unit of power by option, else by the column's own words.
+    fn power_unit(&self, table: &Table, place: usize) -> Result<PowerUnit, Error> {
+        let own = table.unit_text(place).and_then(PowerUnit::named);
+        if let (Some(given), Some(own)) = (self.power, own)
+            && given != own
+        {
+            let message = format!(
+                "is said to be in {} by --map-power-unit, but its name or header says {}; accepted is one of both",
+                <&str>::from(given),
+                <&str>::from(own)
+            );
+            return Err(table.error(&*table.names()[place], message));
+        }
+        Ok(self.power.or(own).unwrap_or(PowerUnit::V))
+    }
+}
+
+/// A map's readings as a file has them.
+struct Raw {
+    x: Vec<f64>,
+    y: Vec<f64>,
+    power: Vec<f64>,
+    place: PlaceUnit,
+    unit: PowerUnit,
+    /// What errors call the three.
+    names: [String; 3],
+    understood: String,
+}
+
+/// Evenly spaced, rising or falling.
+fn is_axis(values: &[f64]) -> bool {
+    let steps: Vec<f64> = values.windows(2).map(|w| w[1] - w[0]).collect();
+    let Some(first) = steps.first() else {
+        return false;
+    };
+    let mean = steps.iter().sum::<f64>() / steps.len() as f64;
+    mean != 0.0 && first.is_finite() && steps.iter().all(|s| (s / mean - 1.0).abs() < 0.05)
+}
+
+/// A map that is a matrix: columns along x, rows along y, with its places in the first line and column or without.
+fn matrix(table: &Table, columns: &Columns) -> Result<Option<Raw>, Error> {
+    if columns.names.is_some() {
+        return Ok(None);
+    }
+    let Some(mut rows) = table.grid()? else {
+        return Ok(None);
+    };
+    let width = rows.first().map_or(0, Vec::len);
+    if rows.len() < 3 || width < 4 {
+        return Ok(None);
+    }
+    let first_column: Vec<f64> = rows.iter().skip(1).map(|r| r[0]).collect();
+    let placed = is_axis(&rows[0][1..]) && is_axis(&first_column);
+    let place = columns.place.unwrap_or(PlaceUnit::Um);
+    let (xs, ys): (Vec<f64>, Vec<f64>) = if placed {
+        if columns.step.is_some() {
+            let message =
+                "has places in its first line and column; accepted is no --map-step beside them";
+            return Err(table.error("", message));
+        }
+        let xs = rows[0][1..].to_vec();
+        rows.remove(0);
+        for row in &mut rows {
+            row.remove(0);
+        }
+        (xs, first_column)
+    } else if let Some([dx, dy]) = columns.step {
+        let along = |n: usize, step: f64| (0..n).map(|k| k as f64 * step).collect();
+        (along(width, dx), along(rows.len(), dy))
+    } else {
+        let message = format!(
+            "is a matrix of {} by {width} numbers without places; accepted is --map-step, the distance of its columns \
+             and rows, or places in its first line and first column; of another file --map-columns",
+            rows.len()
+        );
+        return Err(table.error("", message));
+    };
+    let mut raw = Raw {
+        x: Vec::new(),
+        y: Vec::new(),
+        power: Vec::new(),
+        place,
+        unit: columns.power.unwrap_or(PowerUnit::V),
+        names: ["columns".to_owned(), "rows".to_owned(), "matrix".to_owned()],
+        understood: format!(
+            "{}; a matrix of {} rows along y and {} columns along x, {}, in {}; power in {}",
+            table.understood(),
+            ys.len(),
+            xs.len(),
+            if placed {
+                "with its places"
+            } else {
+                "places by --map-step"
+            },
+            <&str>::from(place),
+            <&str>::from(columns.power.unwrap_or(PowerUnit::V)),
+        ),
+    };
+    for (row, y) in rows.iter().zip(&ys) {
+        for (power, x) in row.iter().zip(&xs) {
+            raw.x.push(*x);
+            raw.y.push(*y);
+            raw.power.push(*power);
+        }
+    }
+    Ok(Some(raw))
+}
+
+fn listed(table: &Table, columns: &Columns, places: [usize; 3]) -> Result<Raw, Error> {
+    if columns.step.is_some() {
+        let message = "has columns of places; accepted is --map-step for a matrix alone";
+        return Err(table.error("", message));
+    }
+    let place = columns.place_unit(table, [places[0], places[1]])?;
+    let unit = columns.power_unit(table, places[2])?;
+    let mut read = table.numbers(&places, Gaps::Allowed)?.columns;
+    let names = places.map(|p| table.names()[p].clone());
+    let understood = format!(
+        "{}; x is {} and y is {} in {}; power is {} in {}",
+        table.understood(),
+        names[0],
+        names[1],
+        <&str>::from(place),
+        names[2],
+        <&str>::from(unit)
+    );
+    let power = read.pop().unwrap_or_default();
+    let y = read.pop().unwrap_or_default();
+    let x = read.pop().unwrap_or_default();
+    Ok(Raw {
+        x,
+        y,
+        power,
+        place,
+        unit,
+        names,
+        understood,
+    })
+}
+
+/// Reads a map: a reading a row, or a matrix.
 ///
 /// # Errors
 ///
 /// When the file cannot be read, a column is missing or has a field that is no number, or nothing
 /// could be made of the readings.
-pub fn read(path: &Path, columns: &Columns) -> Result<Scan, Error> {
+pub fn read(path: &Path, columns: &Columns) -> Result<Map, Error> {
     let table = Table::open(path)?;
-    let [x, y, power] = &columns.names;
-    for (a, b) in [(x, y), (x, power), (y, power)] {
-        if a == b {
-            let message = "is named twice; accepted are three columns: x, y and power";
-            return Err(table.error(a.as_str(), message));
+    let mut raw = match columns.places(&table)? {
+        Some(places) => listed(&table, columns, places)?,
+        None => {
+            if let Some(raw) = matrix(&table, columns)? {
+                raw
+            } else {
+                // Which one is missing, in the table's own words.
+                let missing = (0..3)
+                    .find(|role| usual(&table, *role).is_none())
+                    .unwrap_or(2);
+                let name = ["x", "y", "power"][missing];
+                table.place(name)?;
+                return Err(table.error(name, "is no column of its own; accepted is --map-columns"));
+            }
         }
-    }
-    let places = [table.place(x)?, table.place(y)?, table.place(power)?];
-    let mut read = table.numbers(&places, Gaps::Allowed)?.columns;
+    };
     // A reading that is not there is none.
-    let whole: Vec<bool> = (0..read[0].len())
-        .map(|k| read.iter().all(|column| column[k].is_finite()))
+    let whole: Vec<bool> = (0..raw.x.len())
+        .map(|k| raw.x[k].is_finite() && raw.y[k].is_finite() && raw.power[k].is_finite())
         .collect();
-    for column in &mut read {
+    let missing = whole.iter().filter(|w| !**w).count();
+    for column in [&mut raw.x, &mut raw.y, &mut raw.power] {
         let mut whole = whole.iter();
         column.retain(|_| whole.next().copied().unwrap_or(true));
     }
-    let [xs, ys, powers] = [&read[0], &read[1], &read[2]];
-    if columns.power != PowerUnit::DBm
+    if missing > 0 {
+        let _ = write!(
+            raw.understood,
+            "; {missing} readings without a value left out"
+        );
+    }
+    let [x, y, power] = &raw.names;
+    if raw.unit != PowerUnit::DBm
         && !columns.inverted
-        && !powers.is_empty()
-        && powers.iter().all(|p| *p < 0.0)
+        && !raw.power.is_empty()
+        && raw.power.iter().all(|p| *p < 0.0)
     {
         let message = format!(
             "is below zero throughout; accepted is power in {}: levels in decibels want \
              --map-power-unit dBm, a photodiode of negative voltage --map-inverted",
-            columns.power.linear_name()
+            raw.unit.linear_name()
         );
         return Err(table.error(power.as_str(), message));
     }
-    let metres = columns.length.metres();
+    let metres = raw.place.size();
     let sign = if columns.inverted { -1.0 } else { 1.0 };
-    let readings = xs.iter().zip(ys).zip(powers).map(|((x, y), p)| Reading {
-        at: Displacement::new(metres * x, metres * y),
-        power: sign * columns.power.linear(*p),
-    });
-    Scan::new(readings.collect()).map_err(|invalid| {
+    let readings = raw
+        .x
+        .iter()
+        .zip(&raw.y)
+        .zip(&raw.power)
+        .map(|((x, y), p)| Reading {
+            at: Displacement::new(metres * x, metres * y),
+            power: sign * raw.unit.linear(*p),
+        });
+    let scan = Scan::new(readings.collect()).map_err(|invalid| {
         let key = match invalid.what {
             "x" => x.as_str(),
             "y" => y.as_str(),
@@ -268,6 +635,12 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Scan, Error> {
             _ => "",
         };
         table.error(key, invalid.why)
+    })?;
+    Ok(Map {
+        scan,
+        place_unit: raw.place.told(),
+        power: raw.unit,
+        understood: raw.understood,
     })
 }
 
@@ -283,13 +656,8 @@ pub struct Trial {
 }
 
 /// Tries search and peak on a map. `start` is where the search begins, the middle where `None`.
-pub fn try_on(
-    map: &str,
-    scan: &Scan,
-    columns: &Columns,
-    start: Option<Displacement>,
-    accuracy: Option<f64>,
-) -> Trial {
+pub fn try_on(map: &str, read: &Map, start: Option<Displacement>, accuracy: Option<f64>) -> Trial {
+    let scan = &read.scan;
     let examined = examine(scan);
     let how = Look {
         start: start.unwrap_or_else(|| scan.middle()),
@@ -297,8 +665,14 @@ pub fn try_on(
     };
     let looked = examined.as_ref().ok().map(|all| take(scan, all, &how));
     let (outcome, detail) = match (&examined, &looked) {
-        (Ok(all), Some(looked)) => verdict(all, looked, accuracy),
-        (Err(refusal), _) => (refusal.name(), refusal.to_string()),
+        (Ok(all), Some(looked)) => {
+            let (outcome, detail) = verdict(all, looked, accuracy);
+            (outcome, in_unit(detail, read.place_unit))
+        }
+        (Err(refusal), _) => (
+            refusal.name(),
+            in_unit(refusal.to_string(), read.place_unit),
+        ),
         (Ok(_), None) => ("not_found", String::new()),
     };
     let all = examined.as_ref().ok();
@@ -328,13 +702,24 @@ pub fn try_on(
         only_noise_left: all.map(|all| all.only_noise_left),
         noise: all.map(|all| digits(all.noise)),
         spacing_um: rounded(scan.spacing() * 1e6, 1e-4),
-        power_unit: columns.power.linear_name(),
+        power_unit: read.power.linear_name(),
+        place_unit: read.place_unit,
+        read: read.understood.clone(),
         report: String::new(),
     };
     Trial {
         document,
         examined,
         looked,
+    }
+}
+
+/// A sentence about places, in the map's unit of them.
+fn in_unit(text: String, unit: &str) -> String {
+    if unit == "um" {
+        text
+    } else {
+        text.replace(" um", &format!(" {unit}"))
     }
 }
 

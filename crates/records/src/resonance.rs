@@ -71,6 +71,7 @@ struct Response {
     phased: bool,
     weight: Option<Vec<f64>>,
     remarks: Vec<String>,
+    understood: String,
 }
 
 impl Roles {
@@ -145,6 +146,7 @@ impl Chosen {
         }
         let mut read = columns::read(path, &list)?;
         let mut remarks = columns::remarks(&read);
+        let understood = columns::understood(path, &list, &read, None)?;
         let b = self.second.is_some().then(|| read.pop()).flatten();
         let a = &read[1];
         let unsure = |b: &columns::Column| {
@@ -189,6 +191,7 @@ impl Chosen {
             weight: (read.len() > 2).then(|| read.remove(2).values),
             frequency: read.remove(0).values,
             remarks,
+            understood,
         })
     }
 }
@@ -209,13 +212,17 @@ pub fn resonance(roles: &Roles, path: &Path) -> Result<(Answer, Option<Shown>), 
         Record::of_magnitude(&read.frequency, &sizes, weight)
     };
     let found = record.and_then(|record| identify(&record));
-    Ok(match found {
+    let (mut answer, shown) = match found {
         Ok(found) => (answer(&found, read.remarks), Some(shown(&found))),
         Err(unknown) => (
             Answer::nothing(names.map(|n| (n, unit(n))), unknown, &[]),
             None,
         ),
-    })
+    };
+    answer
+        .more
+        .insert("read".to_owned(), read.understood.into());
+    Ok((answer, shown))
 }
 
 /// Unit of a parameter.
@@ -264,6 +271,31 @@ fn answer(found: &Identified, remarks: Vec<String>) -> Answer {
         )
     };
     answer.more.insert("modes".to_owned(), found.modes.into());
+    answer
+        .more
+        .insert("peaks_Hz".to_owned(), found.peaks.clone().into());
+    let poles = &found.real_poles;
+    answer
+        .more
+        .insert("real_poles_Hz".to_owned(), poles.clone().into());
+    let text = |f: &f64| format!("{} Hz", short(*f));
+    let peaks: Vec<String> = found
+        .peaks
+        .iter()
+        .map(|p| p.as_ref().map_or_else(|| "none".to_owned(), text))
+        .collect();
+    answer.remarks.push(format!(
+        "frequencies are those of the poles; the magnitude is highest near them at {}",
+        peaks.join(", ")
+    ));
+    if !poles.is_empty() {
+        let poles: Vec<String> = poles.iter().map(text).collect();
+        answer.remarks.push(format!(
+            "beside the modes {} real poles (creep, a filter), at {}",
+            poles.len(),
+            poles.join(", ")
+        ));
+    }
     answer
 }
 

@@ -7,10 +7,10 @@ use super::{
     Answer, Figure, NOT_IDENTIFIABLE, Rows, Shown, parameters_json, short, told, with_units,
 };
 use pigtail_hal::Error;
-use pigtail_hal::quantity::{ANGLE, Dimension, LENGTH, TIME, VOLTAGE};
+use pigtail_hal::quantity::{ANGLE, Dimension, FORCE, LENGTH, TIME, TORQUE, VOLTAGE};
 use pigtail_sysid::servo::{
-    Friction, Identified, LEAST, Method, Motion, Record, Replay, Settings, Sliding, Variant,
-    identify, replay,
+    Friction, Identified, Injected, LEAST, Method, Motion, Record, Replay, Settings, Sliding,
+    Variant, identify, replay,
 };
 use pigtail_sysid::{Account, Unknown};
 use serde_json::{Value, json};
@@ -29,6 +29,8 @@ pub struct Roles {
     pub position: Named,
     /// The voltage.
     pub voltage: Named,
+    /// What was added to the controller's voltage, where something was: volts, or a force.
+    pub injected: Option<Named>,
 }
 
 /// A record that was read.
@@ -67,8 +69,14 @@ impl Roles {
         if let Some(reference) = &self.reference {
             list.push(wanted("--reference", reference, MOVES));
         }
+        if let Some(injected) = &self.injected {
+            list.push(wanted("--injected", injected, &[VOLTAGE, FORCE, TORQUE]));
+        }
         let read = columns::read(path, &list)?;
-        if let Some(reference) = read.get(3).filter(|r| r.dimension != read[1].dimension) {
+        if let Some(reference) = read
+            .get(3)
+            .filter(|r| self.reference.is_some() && r.dimension != read[1].dimension)
+        {
             let message = format!(
                 "is in {}, the position {} in {}; accepted are two lengths or two angles",
                 reference.unit, read[1].name, read[1].unit
@@ -82,9 +90,16 @@ impl Roles {
             Kind::Linear
         };
         let understood = columns::understood(path, &list, &read, Some(&grid))?;
+        let record = Record::new(grid, self.reference.is_some());
+        let injected = read.last().filter(|_| self.injected.is_some());
+        let record = match injected.map(|column| column.dimension) {
+            Some(VOLTAGE) => record.with_injected(Injected::Volts),
+            Some(_) => record.with_injected(Injected::Force),
+            None => record,
+        };
         Ok(Read {
             understood,
-            record: Record::new(grid, self.reference.is_some()),
+            record,
             kind,
             source: Source::new(path, &list, &read),
             remarks: columns::remarks(&read),
@@ -215,12 +230,13 @@ pub fn check_cutoff(path: &Path, read: &Read, cutoff: Option<f64>, key: &str) ->
     Ok(())
 }
 
-/// Identifies a servo axis; `friction` and `method` say which variant's parameters are reported.
+/// Identifies a servo axis; `friction` and `method` say which variant's parameters are reported: by the method that the
+/// record supports, if none.
 pub fn servo(
     first: &Read,
     second: Option<&Read>,
     set: &Settings,
-    (friction, method): (Friction, Method),
+    (friction, method): (Friction, Option<Method>),
 ) -> Servo {
     let unit = |name: &str| unit(name, first.kind);
     let names = friction.names().iter().map(|n| (*n, unit(n)));
@@ -233,6 +249,7 @@ pub fn servo(
         Ok(found) => found,
         Err(unknown) => return refused(unknown),
     };
+    let method = method.unwrap_or(found.supported);
     let Some(asked) = found.variant(friction, method).cloned() else {
         return refused(Unknown::all(format!(
             "{} friction by {} needs a reference, and a controller that tells the voltage",

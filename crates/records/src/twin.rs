@@ -40,6 +40,7 @@ pub fn twin(
         reference: Some(needed("reference")?),
         position: needed("position")?,
         voltage: needed("voltage")?,
+        injected: column("injected"),
     };
     let read = roles.read(data.unwrap_or(&fragment.record.file))?;
     if read.kind != fragment.axis.kind {

@@ -26,7 +26,9 @@ pub fn scan(scan: &Scan, trial: &Trial) -> Result<String> {
     let looked = trial.looked.as_ref();
     let taken = looked.map_or(&[][..], |l| &l.taken);
     let peak = looked.and_then(|l| l.peak);
+    let units = (document.power_unit, document.place_unit);
     let body = html! {
+        p.soft { "Read: " (document.read) "." }
         p {
             span class=(verdict(aligned)) {
                 @if aligned { "peak found" }
@@ -42,13 +44,13 @@ pub fn scan(scan: &Scan, trial: &Trial) -> Result<String> {
         @for note in notes(document) { p { (note) } }
         div.pair {
             (figure(
-                &map(scan, whole.as_ref(), document.power_unit),
+                &map(scan, whole.as_ref(), units),
                 "The map as it was measured, from dark to bright, with the ellipse at 1/e of the peak's \
                  height by all of its readings."
             ))
             @if !taken.is_empty() {
                 (figure(
-                    &way(scan, taken, peak.as_ref(), document.power_unit),
+                    &way(scan, taken, peak.as_ref(), units),
                     "The readings that were taken, in order along the line: from the start outward, and \
                      after first light where a reading tells most about the peak's place. The ellipse is \
                      theirs."
@@ -107,6 +109,7 @@ pub fn notes(document: &MapDocument) -> Vec<String> {
 }
 
 fn table(document: &MapDocument) -> Markup {
+    let place = document.place_unit;
     let rows = [
         ("search", document.readings_used, &document.peak),
         ("whole map", document.readings, &document.whole_map),
@@ -115,8 +118,8 @@ fn table(document: &MapDocument) -> Markup {
         div.scroll { table {
             tr {
                 th { "by" } th { "readings" }
-                (th("x", "um")) (th("y", "um")) (th("known to", "um"))
-                (th("width x", "um")) (th("width y", "um")) (th("radius x", "um")) (th("radius y", "um"))
+                (th("x", place)) (th("y", place)) (th("known to", place))
+                (th("width x", place)) (th("width y", place)) (th("radius x", place)) (th("radius y", place))
                 (th("power", document.power_unit)) (th("dark", document.power_unit))
             }
             @for (name, readings, peak) in rows {
@@ -147,14 +150,15 @@ fn table(document: &MapDocument) -> Markup {
 }
 
 /// A plot of one scale around a scan, half a spacing beyond its readings, with the colours of its powers.
-fn area(scan: &Scan, unit: &str) -> Plot {
+fn area(scan: &Scan, (unit, place): (&str, &str)) -> Plot {
+    let (across, up) = (format!("x, {place}"), format!("y, {place}"));
     let Displacement { x, y } = scan.middle();
     let room = 0.6 * scan.spacing();
     let (w, h) = (scan.half().x + room, scan.half().y + room);
     let axes = Axes {
         width: HALF,
-        x: ((x - w) * 1e6..(x + w) * 1e6, "x, um"),
-        y: ((y - h) * 1e6..(y + h) * 1e6, "y, um"),
+        x: ((x - w) * 1e6..(x + w) * 1e6, &across),
+        y: ((y - h) * 1e6..(y + h) * 1e6, &up),
     };
     let (dark, bright) = scan
         .readings()
@@ -182,7 +186,7 @@ fn ellipse(shape: &Shape) -> Vec<(f64, f64)> {
         .collect()
 }
 
-fn map(scan: &Scan, peak: Option<&Shape>, unit: &str) -> Markup {
+fn map(scan: &Scan, peak: Option<&Shape>, unit: (&str, &str)) -> Markup {
     let readings = scan.readings();
     let every = readings.len().div_ceil(POINTS);
     let half = 0.5e6 * scan.spacing() * (every as f64).sqrt();
@@ -204,7 +208,7 @@ fn with_ellipse(plot: Plot, peak: Option<&Shape>) -> Plot {
     }
 }
 
-fn way(scan: &Scan, taken: &[usize], peak: Option<&Shape>, unit: &str) -> Markup {
+fn way(scan: &Scan, taken: &[usize], peak: Option<&Shape>, unit: (&str, &str)) -> Markup {
     let readings = scan.readings();
     let places: Vec<(f64, f64)> = taken
         .iter()

@@ -1,12 +1,13 @@
-//! Records that a person brings: columns of a CSV file.
+//! Records that a person brings: columns of a file, read as every other record is.
 
-use crate::columns::{Gaps, Numbers, Table, first_fall};
-use pigtail_control::compensation::hysteresis::{Invalid, Record};
+use crate::columns::{self, By, LengthUnit, Named, Table, Wanted};
+use pigtail_control::compensation::hysteresis::{Invalid, Range, Record};
 use pigtail_hal::Error;
-use std::path::Path;
-
-/// Names under which a column of time is found where none is named.
-const TIMES: [&str; 6] = ["t_s", "time_s", "t", "time", "Time", "T"];
+use pigtail_hal::quantity::{LENGTH, TIME, VOLTAGE};
+use pigtail_numerics::signal::quantile;
+use pigtail_sysid::outliers;
+use pigtail_sysid::timeline::{Clock, Even};
+use std::path::{Path, PathBuf};
 
 /// Which columns of a file.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -22,96 +23,303 @@ pub struct Columns {
 
 /// A record's file.
 #[derive(Debug, Clone)]
-pub struct Data(Table);
+pub struct Data {
+    path: PathBuf,
+    table: Table,
+    rate: Option<f64>,
+}
+
+/// A record that was read.
+#[derive(Debug, Clone)]
+pub struct Read {
+    /// Volts and micrometres.
+    pub record: Record,
+    /// The columns, time's too.
+    pub columns: Columns,
+    /// Unit of the displacement in the file.
+    pub unit: LengthUnit,
+    /// How the file was read, in words.
+    pub understood: String,
+    /// What was done to it.
+    pub remarks: Vec<String>,
+}
+
+/// Time, displacement and voltage.
+type Samples = (Vec<f64>, Vec<f64>, Vec<f64>);
+
+/// Largest share of samples that may be set aside as spikes.
+const SPIKES: f64 = 0.02;
+
+/// A record of more gaps than this was not taken evenly.
+const FEW_GAPS: usize = 8;
+
+/// Whether a sample of a column is further from its neighbours than any motion of the record goes.
+fn stands_apart(even: &Even, column: usize) -> bool {
+    const FAR: f64 = 3.0;
+    let columns = || even.stretches.iter().map(|s| &s.columns[column]);
+    let steps: Vec<f64> = columns()
+        .flat_map(|c| c.windows(2).map(|w| (w[1] - w[0]).abs()))
+        .collect();
+    let usual = quantile(&steps, 0.99);
+    steps.iter().any(|step| *step > FAR * usual)
+}
 
 impl Data {
-    /// Reads the names of its columns.
+    /// Reads the names of its columns; `rate` is how many rows a second there are, hertz, where no column says when they
+    /// were taken.
     ///
     /// # Errors
     ///
     /// When it cannot be read.
-    pub fn open(path: &Path) -> Result<Self, Error> {
-        Table::open(path).map(Self)
+    pub fn open(path: &Path, rate: Option<f64>) -> Result<Self, Error> {
+        Ok(Self {
+            path: path.to_owned(),
+            table: Table::open(path)?,
+            rate,
+        })
     }
 
     /// Whether there is a column of that name.
     pub fn has(&self, name: &str) -> bool {
-        self.0.has(name)
+        self.table.has(name)
     }
 
-    /// The column of time: the named one, or one with a usual name.
-    fn time(&self, named: Option<&str>) -> Option<String> {
-        let usual = || TIMES.iter().find(|name| self.has(name)).copied();
-        named.or_else(usual).map(str::to_owned)
+    /// Unit of a displacement's column: as given, else that of its name or header, else `other`.
+    ///
+    /// # Errors
+    ///
+    /// When there is no such column.
+    pub fn unit(
+        &self,
+        name: &str,
+        given: Option<LengthUnit>,
+        other: LengthUnit,
+    ) -> Result<LengthUnit, Error> {
+        let own = match (self.table.place(name), name.rsplit_once(':')) {
+            (Ok(place), _) => self.table.unit(place),
+            (Err(_), Some((_, unit))) => Some(unit),
+            (Err(error), None) => return Err(error),
+        };
+        Ok(given
+            .or_else(|| own.and_then(LengthUnit::named))
+            .unwrap_or(other))
     }
 
-    /// Time, and columns beside it.
+    /// The columns in SI units, without rows that lack a value, and times; what was understood, and remarks.
     fn with_time(
         &self,
-        names: &[&str],
-        time: Option<&str>,
-    ) -> Result<(Vec<f64>, Vec<Vec<f64>>), Error> {
-        let all = names.iter().chain(&time);
-        let places = all
-            .map(|name| self.0.place(name))
-            .collect::<Result<Vec<_>, _>>()?;
-        let Numbers { lines, mut columns } = self.0.numbers(&places, Gaps::Refused)?;
-        let Some(name) = time else {
-            return Ok(((0..lines.len()).map(|k| k as f64).collect(), columns));
+        columns: &Columns,
+        unit: Option<LengthUnit>,
+        is_path: bool,
+    ) -> Result<(Columns, LengthUnit, Vec<columns::Column>, String), Error> {
+        let given = columns.time.as_ref().map(Named::new);
+        let time = match given {
+            Some(named) => Some(columns::time_named(&self.path, Some(&named), self.rate)?),
+            None => columns::usual_time(&self.path, self.rate)?,
         };
-        let times = columns.pop().unwrap_or_default();
-        if let Some((k, last)) = first_fall(&times) {
-            let message = format!(
-                "{} comes after {last}; accepted is time that rises throughout",
-                times[k]
-            );
-            return Err(Error {
-                line: Some(lines[k]),
-                ..self.0.error(name, message)
+        let time_name = time.as_ref().map(|named| named.name().to_owned());
+        // The samples are a second apart where nothing says otherwise.
+        let time = time.unwrap_or_else(|| Named::new("rows:1 Hz"));
+        let input = Named::new(&*columns.input);
+        // Without any unit the displacement is in that of the option.
+        let output = Named::new(&*columns.output);
+        let mut list = vec![
+            Wanted {
+                option: "--time",
+                named: &time,
+                of: &[TIME],
+            },
+            Wanted {
+                option: "--output",
+                named: &output,
+                of: &[LENGTH],
+            },
+        ];
+        if !is_path {
+            list.push(Wanted {
+                option: "--input",
+                named: &input,
+                of: &[VOLTAGE],
             });
         }
-        Ok((times, columns))
+        let mut read = columns::read(&self.path, &list)?;
+        let own = LengthUnit::named(read[1].unit);
+        let unit = match (read[1].by, unit, own) {
+            (By::Nothing, unit, _) => {
+                let unit = unit.unwrap_or(LengthUnit::Um);
+                for value in &mut read[1].values {
+                    *value *= unit.metres();
+                }
+                read[1].unit = unit.into();
+                unit
+            }
+            (_, Some(said), Some(own)) if said != own => {
+                let (said, own): (&str, &str) = (said.into(), own.into());
+                let message = format!(
+                    "is said to be in {said} by --unit, but its name or header says {own}; accepted is one of both"
+                );
+                return Err(self.table.error(&*columns.output, message));
+            }
+            (_, _, own) => own.unwrap_or(LengthUnit::Um),
+        };
+        let understood = columns::understood(&self.path, &list, &read, None)?;
+        let found = Columns {
+            input: columns.input.clone(),
+            output: columns.output.clone(),
+            time: time_name.filter(|name| !name.is_empty()),
+        };
+        Ok((found, unit, read, understood))
     }
 
-    /// A record of these columns; displacement times `scale`.
+    /// A record of these columns. The displacement's unit is what its name, its header or `unit` says, micrometres
+    /// where none does.
     ///
     /// # Errors
     ///
     /// When a column is missing, or the record is none that a model could be made of or tried on.
-    pub fn record(&self, columns: &Columns, scale: f64) -> Result<(Record, Columns), Error> {
-        let found = Columns {
-            time: self.time(columns.time.as_deref()),
-            ..columns.clone()
-        };
+    pub fn record(&self, columns: &Columns, unit: Option<LengthUnit>) -> Result<Read, Error> {
         if columns.input == columns.output {
-            self.0.place(&columns.input)?;
+            self.table.place(&columns.input)?;
             let message = "is both input and output; accepted are two columns";
-            return Err(self.0.error(&*columns.input, message));
+            return Err(self.table.error(&*columns.input, message));
         }
-        let names = [&*columns.input, &*columns.output];
-        let (time, mut read) = self.with_time(&names, found.time.as_deref())?;
-        let output = read.pop().unwrap_or_default();
-        let output = output.into_iter().map(|x| scale * x).collect();
-        let input = read.pop().unwrap_or_default();
+        let (found, unit, read, understood) = self.with_time(columns, unit, false)?;
+        let mut remarks: Vec<String> = columns::remarks(&read[2..]);
+        let even = columns::on_even_grid(&self.path, &read, 100)?;
+        remarks.extend(even.remarks());
+        if found.time.is_none() && self.rate.is_none() && self.table.period().is_none() {
+            remarks.push("no column of time: samples are taken to be a second apart".to_owned());
+        }
+        let uneven =
+            matches!(even.clock, Clock::Stamps) && even.jitter > 0.5 || even.gaps > FEW_GAPS;
+        let (time, output, input) = if uneven {
+            remarks.push("samples are at uneven times, and were taken when they say".to_owned());
+            columns::rising(&self.path, &read[0])?;
+            let whole = |k: &usize| read.iter().all(|c| c.values[*k].is_finite());
+            let rows: Vec<usize> = (0..read[0].values.len()).filter(whole).collect();
+            let of = |c: usize| {
+                rows.iter()
+                    .map(|k| read[c].values[*k])
+                    .collect::<Vec<f64>>()
+            };
+            (of(0), of(1), of(2))
+        } else {
+            self.even(even, &found, &mut remarks)?
+        };
+        let output: Vec<f64> = output.into_iter().map(|x| 1e6 * x).collect();
+        self.saturated((&found.output, &output), (&input, 0.02))?;
+        // What is held moves on by creep alone.
+        self.saturated((&found.input, &input), (&output, 0.1))?;
         let record =
             Record::new(time, input, output).map_err(|invalid| self.explain(&invalid, &found))?;
-        Ok((record, found))
+        Ok(Read {
+            record,
+            columns: found,
+            unit,
+            understood,
+            remarks,
+        })
     }
 
-    /// A path without voltages: its times, seconds, and displacements times `scale`.
+    /// The longest stretch of an even record, without what no motion makes.
+    fn even(
+        &self,
+        mut even: Even,
+        found: &Columns,
+        remarks: &mut Vec<String>,
+    ) -> Result<Samples, Error> {
+        // The tip of a triangle is none.
+        if stands_apart(&even, 0) {
+            let spikes = outliers::smooth(&mut even, 0);
+            if spikes.spikes as f64 > SPIKES * even.samples() as f64 {
+                let message = format!(
+                    "{} samples stand apart as no motion makes them; accepted are few",
+                    spikes.spikes
+                );
+                return Err(self.table.error(&*found.output, message));
+            }
+            remarks.extend(spikes.remarks("displacement"));
+        }
+        if stands_apart(&even, 1) {
+            let volts = outliers::jumping(&mut even, 1);
+            if volts > 0 {
+                remarks.push(format!(
+                    "{volts} single samples of the voltage stand apart from both their neighbours; set aside, and bridged"
+                ));
+            }
+        }
+        // What a piezo did in a gap nobody knows.
+        let all = even.samples();
+        let (count, period) = (even.stretches.len(), even.period);
+        let longest = even
+            .stretches
+            .into_iter()
+            .max_by_key(|s| s.columns[0].len())
+            .ok_or_else(|| self.table.error("", "has no rows; accepted is a record"))?;
+        let n = longest.columns[0].len();
+        if count > 1 {
+            remarks.push(format!(
+                "only its longest stretch without a gap or a jump was taken, {n} of {all} samples"
+            ));
+        }
+        let time = (0..n).map(|k| longest.start + period * k as f64).collect();
+        let mut columns = longest.columns.into_iter();
+        let output = columns.next().unwrap_or_default();
+        Ok((time, output, columns.next().unwrap_or_default()))
+    }
+
+    /// A column that stands at an end of its range while the `other` moves on, by more than a share of its range,
+    /// was cut off.
+    fn saturated(
+        &self,
+        (name, values): (&str, &[f64]),
+        (other, share): (&[f64], f64),
+    ) -> Result<(), Error> {
+        let range = |values: &[f64]| Range::of(values).width();
+        let (own, most_other) = (Range::of(values), range(other));
+        if own.width() <= 0.0 {
+            return Ok(());
+        }
+        for end in [own.low, own.high] {
+            let mut from = 0;
+            for k in 0..=values.len() {
+                if k < values.len() && (values[k] - end).abs() <= 1e-6 * own.width() {
+                    continue;
+                }
+                if k > from + 4 && range(&other[from..k]) > share * most_other {
+                    let message = format!(
+                        "stands at {end:.6}, an end of its range, for {} samples in which the other column moves on: \
+                         cut off; accepted is a record within the range of its instruments",
+                        k - from
+                    );
+                    return Err(self.table.error(name, message));
+                }
+                from = k + 1;
+            }
+        }
+        Ok(())
+    }
+
+    /// A path without voltages: its times, seconds, and displacements, micrometres.
     ///
     /// # Errors
     ///
     /// When a column is missing, is not of numbers, or there are no rows.
-    pub fn path(&self, columns: &Columns, scale: f64) -> Result<(Vec<f64>, Vec<f64>), Error> {
-        let time = self.time(columns.time.as_deref());
-        let (time, mut read) = self.with_time(&[&columns.output], time.as_deref())?;
-        if time.is_empty() {
-            let message = "has no rows; accepted is a path of at least one point";
-            return Err(self.0.error("", message));
-        }
-        let output = read.pop().unwrap_or_default();
-        Ok((time, output.into_iter().map(|x| scale * x).collect()))
+    pub fn path(
+        &self,
+        columns: &Columns,
+        unit: Option<LengthUnit>,
+    ) -> Result<(Vec<f64>, Vec<f64>), Error> {
+        let (_, _, mut read, _) = self.with_time(columns, unit, true)?;
+        columns::rising(&self.path, &read[0])?;
+        let output = read.pop().unwrap_or_else(|| read[0].clone()).values;
+        let time = read.swap_remove(0).values;
+        let whole = |(t, x): &(f64, f64)| t.is_finite() && x.is_finite();
+        Ok(time
+            .into_iter()
+            .zip(output.into_iter().map(|x| 1e6 * x))
+            .filter(whole)
+            .unzip())
     }
 
     /// An error about a record, in the names of its file.
@@ -123,6 +331,6 @@ impl Data {
             _ => "",
         };
         let message = format!("{}; accepted is {}", invalid.value, invalid.accepted);
-        self.0.error(key, message)
+        self.table.error(key, message)
     }
 }

@@ -2,7 +2,7 @@
 
 mod data;
 
-pub use data::{Columns, Data};
+pub use data::{Columns, Data, Read};
 
 use crate::columns::LengthUnit;
 use pigtail_control::compensation::hysteresis::{
@@ -178,6 +178,12 @@ pub struct HysteresisDocument {
     pub rms_v: Option<f64>,
     /// Samples that were judged.
     pub samples: usize,
+    /// Why the model is none of the record; empty where it is.
+    pub doubt: String,
+    /// How the file was read, in words.
+    pub read: String,
+    /// What was done to the record, and assumed of it.
+    pub remarks: Vec<String>,
     /// Path of the model.
     pub model_file: String,
     /// Path of the report.
@@ -206,9 +212,27 @@ impl HysteresisDocument {
             offset_um: None,
             rms_v: None,
             samples,
+            doubt: doubt(percent(part.rms_um), percent(part.uncompensated_rms_um)),
+            read: String::new(),
+            remarks: Vec::new(),
             model_file: String::new(),
             report: String::new(),
         }
+    }
+}
+
+/// What errors, in per cent of the range, say against a model, beside those of the best straight line.
+fn doubt(own: f64, line: f64) -> String {
+    const THIRD: f64 = 100.0 / 3.0;
+    const WORSE: f64 = 1.5;
+    if own > THIRD {
+        format!(
+            "it is {own:.0} % of the range off: are units and columns right, and is it the same piezo?"
+        )
+    } else if own > WORSE * line {
+        format!("it is {own:.2} % of the range off, the best straight line {line:.2} %")
+    } else {
+        String::new()
     }
 }
 

@@ -9,10 +9,16 @@
     reason = "a case is what is done to each row, on one line"
 )]
 
+#[path = "everywhere.rs"]
+mod everywhere;
+#[path = "friction.rs"]
+mod friction;
 #[path = "map.rs"]
 mod map;
 #[path = "reader.rs"]
 mod reader;
+#[path = "resonance.rs"]
+mod resonance;
 #[path = "servo.rs"]
 mod servo;
 #[path = "windup.rs"]

@@ -1,8 +1,7 @@
 //! Power maps, good ones and others.
 
 use crate::{Wanted, normal};
-use pigtail_records::columns::LengthUnit;
-use pigtail_records::map::{Columns, PowerUnit, read, try_on};
+use pigtail_records::map::{Columns, read, try_on};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::fmt::Write as _;
@@ -306,10 +305,11 @@ fn over(seeds: std::ops::Range<u64>) -> (Vec<String>, Vec<(usize, usize)>) {
     let folder = tempfile::TempDir::new().expect("a folder");
     let path = folder.path().join("m.csv");
     let columns = Columns {
-        names: ["x", "y", "power"].map(str::to_owned),
-        length: LengthUnit::Um,
-        power: PowerUnit::V,
+        names: None,
+        place: None,
+        power: None,
         inverted: false,
+        step: None,
     };
     let mut wrong = Vec::new();
     let mut counts = vec![(0, 0); CASES.len()];
@@ -329,7 +329,7 @@ fn over(seeds: std::ops::Range<u64>) -> (Vec<String>, Vec<(usize, usize)>) {
                     continue;
                 }
             };
-            let found = try_on("m.csv", &scan, &columns, None, None).document;
+            let found = try_on("m.csv", &scan, None, None).document;
             if found.outcome != "aligned" {
                 if *wanted == Wanted::Right {
                     wrong.push(format!("{name} {seed}: {} {}", found.outcome, found.detail));

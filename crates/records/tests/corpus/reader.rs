@@ -110,6 +110,7 @@ fn a_record_is_the_same_however_it_is_written() {
             reference: Some(Named::new(reference)),
             position: Named::new(position),
             voltage: Named::new(voltage),
+            injected: None,
         };
         let read = roles
             .read(&path)
@@ -159,6 +160,7 @@ fn what_is_no_record_is_refused_in_words() {
             reference: None,
             position: Named::new("q_m"),
             voltage: Named::new("u_V"),
+            injected: None,
         };
         let error = roles.read(&path).expect_err(what).to_string();
         assert!(error.contains(says), "{what}: {error}");

@@ -10,7 +10,7 @@ use std::fs;
 use std::path::Path;
 
 /// Time, motor, load (degrees), torque.
-type Rows = Vec<[f64; 4]>;
+pub(crate) type Rows = Vec<[f64; 4]>;
 
 /// Skew (s), full windup (deg), compliance (deg/Nm) of the record that is made.
 const SKEW: f64 = 2.4e-3;
@@ -18,7 +18,7 @@ const FULL: f64 = 0.008;
 const COMPLIANCE: f64 = 8e-4;
 const PERIOD: f64 = 4e-3;
 
-fn made(seed: u64) -> Rows {
+pub(crate) fn made(seed: u64) -> Rows {
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
     let phase: Vec<f64> = (0..3).map(|_| rng.random_range(0.0..6.0)).collect();
     let fine: usize = 8;

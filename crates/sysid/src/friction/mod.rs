@@ -36,8 +36,14 @@ pub struct Record {
 /// Fewest samples.
 const LEAST: usize = 100;
 
-/// More samples than this are thinned for a fit.
+/// More samples than this are taken together for a fit.
 const MOST: usize = 20_000;
+
+/// Share of the stroke over which neighbours may be taken together.
+const FINE: f64 = 0.0025;
+
+/// Largest share of values that may be set aside as spikes.
+const SPIKES: f64 = 0.01;
 
 /// A gap of more sample periods than this begins a stretch.
 const GAP: f64 = 5.5;
@@ -62,14 +68,25 @@ impl Record {
             let why = format!("it has {} rows; wanted are at least {LEAST}", kept.len());
             return Err(Unknown::all(why));
         }
+        let pick = |column: &[f64]| kept.iter().map(|k| column[*k]).collect::<Vec<f64>>();
+        let (mut displacement, mut force) = (pick(displacement), pick(force));
+        for (column, name) in [(&mut displacement, "displacement"), (&mut force, "force")] {
+            let spikes = despiked(column);
+            if spikes > 0 {
+                remarks.push(format!(
+                    "{spikes} samples of the {name} stand apart from their neighbours; set aside, and bridged"
+                ));
+            }
+        }
         let steps: Vec<f64> = kept.windows(2).map(|w| at(w[1]) - at(w[0])).collect();
         let period = quantile(&steps, 0.5);
         let mut samples: Vec<Sample> = kept
             .iter()
-            .map(|k| Sample {
+            .zip(displacement.into_iter().zip(force))
+            .map(|(k, (displacement, force))| Sample {
                 time: at(*k),
-                displacement: displacement[*k],
-                force: force[*k],
+                displacement,
+                force,
                 begins: false,
             })
             .collect();
@@ -128,20 +145,7 @@ impl Record {
                 )
             })
         };
-        // A reversal worth the name: back by a fiftieth of the stroke.
-        let mut turns = 0;
-        let (mut lowest, mut highest, mut rises) = (f64::INFINITY, f64::NEG_INFINITY, None);
-        for s in &self.samples {
-            lowest = lowest.min(s.displacement);
-            highest = highest.max(s.displacement);
-            if rises != Some(false) && highest - s.displacement > 0.02 * stroke {
-                turns += usize::from(rises.is_some());
-                (rises, lowest) = (Some(false), s.displacement);
-            } else if rises != Some(true) && s.displacement - lowest > 0.02 * stroke {
-                turns += usize::from(rises.is_some());
-                (rises, highest) = (Some(true), s.displacement);
-            }
-        }
+        let turns = turns(&self.samples, stroke);
         if turns < 2 {
             return Err(Unknown::all(format!(
                 "it has {turns} reversals: how friction turns round, and how high it is the other way, takes \
@@ -181,23 +185,122 @@ impl Record {
         Ok(())
     }
 
+    /// Where there are very many samples, neighbours are taken together, as far as what they move over is next to
+    /// nothing beside the stroke; where there are many still, the record's beginning is enough.
     fn thin(&mut self) {
-        let every = self.samples.len().div_ceil(MOST);
-        if every > 1 {
-            // A stretch's first sample stays, whatever its number.
-            let mut since = 0;
-            self.samples.retain(|s| {
-                since = if s.begins { 0 } else { since + 1 };
-                since % every == 0
-            });
-            self.remarks.push(format!("every {every}th sample taken"));
+        let all = self.samples.len();
+        if all <= MOST {
+            return;
         }
+        let (low, high) = self.range(|s| s.displacement);
+        let fine = FINE * (high - low);
+        let mut block = 1;
+        let mut samples = self.samples.clone();
+        while all / block > MOST {
+            let wider = together(&self.samples, 2 * block);
+            let steps: Vec<f64> = steps_of(&wider);
+            // Noise moves blocks too: it gets less.
+            let narrower = quantile(&steps_of(&samples), 0.99);
+            let wide = quantile(&steps, 0.99);
+            if wide > fine
+                && wide > 1.1 * narrower
+                && turns(&samples[..MOST.min(samples.len())], high - low) >= 6
+            {
+                break;
+            }
+            block *= 2;
+            samples = wider;
+        }
+        if block > 1 {
+            self.remarks.push(format!(
+                "each {block} neighbouring samples taken as one, their mean"
+            ));
+        }
+        if samples.len() > MOST {
+            self.remarks.push(format!(
+                "the first {:.0} % of the record taken: more would be too coarse for its reversals, or tell nothing new",
+                100.0 * MOST as f64 / samples.len() as f64
+            ));
+            samples.truncate(MOST);
+        }
+        self.samples = samples;
     }
 
     fn largest_force(&self) -> f64 {
         let sizes: Vec<f64> = self.samples.iter().map(|s| s.force.abs()).collect();
         quantile(&sizes, 0.95)
     }
+}
+
+/// Samples taken together in blocks, each the mean of its own; none reaches over a beginning.
+fn together(samples: &[Sample], block: usize) -> Vec<Sample> {
+    let mut means = Vec::with_capacity(samples.len() / block + 1);
+    for stretch in samples.chunk_by(|_, next| !next.begins) {
+        for (k, part) in stretch.chunks(block).enumerate() {
+            let n = part.len() as f64;
+            let mean = |of: fn(&Sample) -> f64| part.iter().map(of).sum::<f64>() / n;
+            means.push(Sample {
+                time: mean(|s| s.time),
+                displacement: mean(|s| s.displacement),
+                force: mean(|s| s.force),
+                begins: k == 0,
+            });
+        }
+    }
+    means
+}
+
+fn steps_of(samples: &[Sample]) -> Vec<f64> {
+    let pairs = samples.windows(2).filter(|w| !w[1].begins);
+    pairs
+        .map(|w| (w[1].displacement - w[0].displacement).abs())
+        .collect()
+}
+
+/// Reversals worth the name: back by a fiftieth of the stroke.
+fn turns(samples: &[Sample], stroke: f64) -> usize {
+    let mut turns = 0;
+    let (mut lowest, mut highest, mut rises) = (f64::INFINITY, f64::NEG_INFINITY, None);
+    for s in samples {
+        lowest = lowest.min(s.displacement);
+        highest = highest.max(s.displacement);
+        if rises != Some(false) && highest - s.displacement > 0.02 * stroke {
+            turns += usize::from(rises.is_some());
+            (rises, lowest) = (Some(false), s.displacement);
+        } else if rises != Some(true) && s.displacement - lowest > 0.02 * stroke {
+            turns += usize::from(rises.is_some());
+            (rises, highest) = (Some(true), s.displacement);
+        }
+    }
+    turns
+}
+
+/// Replaces values that stand apart from their neighbours, if they are few; how many there were.
+fn despiked(values: &mut [f64]) -> usize {
+    const FAR: f64 = 20.0;
+    let middle = |w: &[f64]| {
+        let mut w = [w[0], w[1], w[2], w[3], w[4]];
+        w.sort_by(f64::total_cmp);
+        w[2]
+    };
+    let off: Vec<f64> = values
+        .windows(5)
+        .map(|w| (w[2] - middle(w)).abs())
+        .collect();
+    let steps: Vec<f64> = values.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
+    let far = FAR * quantile(&off, 0.9) + 5.0 * quantile(&steps, 0.99);
+    let bad: Vec<usize> = (0..off.len())
+        .filter(|k| off[*k] > far)
+        .map(|k| k + 2)
+        .collect();
+    if far <= 0.0 || bad.len() as f64 > SPIKES * values.len() as f64 {
+        return 0;
+    }
+    let old = values.to_vec();
+    for k in &bad {
+        values[*k] = middle(&old[k - 2..k + 3]);
+    }
+    bad.len()
 }
 
 /// A law fitted to a record.
@@ -239,7 +342,7 @@ const FITTED: f64 = 0.6;
 const AS_GOOD: f64 = 1.02;
 
 /// Relative error beyond which a law explains nothing, per cent.
-const UNEXPLAINED: f64 = 50.0;
+const UNEXPLAINED: f64 = 100.0 / 3.0;
 
 /// Fits the laws of at most `most` parameters, and chooses by the error on what was held back, or on a
 /// second record.
@@ -402,16 +505,31 @@ fn fit(law: Law, record: &Record, samples: &[Sample], near: Option<&[f64]>) -> O
         shares
             .iter()
             .flat_map(|share| speeds.iter().map(move |speed| (share, speed)))
-            .map(|(share, speed)| {
-                let coded = law.coded(&law.start(force, share * (high - low), *speed), force);
-                (squares(&coded), coded)
+            .flat_map(|(share, speed)| {
+                let start = law.start(force, share * (high - low), *speed);
+                // A static level far above, next to, or below the sliding one: LuGre has a minimum near each.
+                let ratios: &[f64] = if law.needs_time() {
+                    &[0.8, 1.02, 1.1, 1.6]
+                } else {
+                    &[1.0]
+                };
+                let with = |ratio: &f64| {
+                    let mut start = start.clone();
+                    if law.needs_time() {
+                        start[2] = ratio * start[0];
+                    }
+                    let coded = law.coded(&start, force);
+                    (squares(&coded), coded)
+                };
+                ratios.iter().map(with).collect::<Vec<_>>()
             })
             .collect()
     };
     starts.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let tried = if law.needs_time() { 8 } else { 3 };
     let (coded, _) = starts
         .iter()
-        .take(3)
+        .take(tried)
         .filter_map(|(_, start)| minimise(scaled, start))
         .min_by(|a, b| a.1.total_cmp(&b.1))?;
     Some(law.decoded(&coded, force))
@@ -421,10 +539,40 @@ fn fit(law: Law, record: &Record, samples: &[Sample], near: Option<&[f64]>) -> O
 fn sure(law: Law, record: &Record, parameters: &[f64]) -> Option<(Vec<Known>, f64)> {
     let force = record.largest_force();
     let coded = law.coded(parameters, force);
-    let solution = uncertainty(
-        |c| residuals(law, &law.decoded(c, force), &record.samples, 0),
-        &coded,
-    )?;
+    let left = |c: &[f64]| residuals(law, &law.decoded(c, force), &record.samples, 0);
+    // What changes nothing, such as the speed of a Stribeck effect that is none, is not known, and the rest may be.
+    let base = left(&coded);
+    let matters: Vec<usize> = (0..coded.len())
+        .filter(|j| {
+            let mut moved = coded.clone();
+            moved[*j] += 1e-3;
+            let change = left(&moved)
+                .iter()
+                .zip(&base)
+                .map(|(a, b)| (a - b).powi(2))
+                .sum::<f64>();
+            change > 1e-18 * force * force
+        })
+        .collect();
+    if matters.is_empty() {
+        return None;
+    }
+    let own: Vec<f64> = matters.iter().map(|j| coded[*j]).collect();
+    let among = |c: &[f64]| {
+        let mut all = coded.clone();
+        for (j, value) in matters.iter().zip(c) {
+            all[*j] = *value;
+        }
+        left(&all)
+    };
+    let mut solution = uncertainty(among, &own)?;
+    for stds in [&mut solution.std, &mut solution.std_correlated] {
+        let mut wide = vec![f64::INFINITY; coded.len()];
+        for (j, std) in matters.iter().zip(stds.iter()) {
+            wide[*j] = *std;
+        }
+        *stds = wide;
+    }
     let known = (0..parameters.len())
         .map(|j| {
             // What a step of the coded number is worth.

@@ -10,7 +10,7 @@
 //! whose poles are the same (H. W. Bode, *Network Analysis and Feedback Amplifier Design*, 1945). Modes are
 //! looked for in it, and settle on the logarithm of the magnitude, in which that phase has no part.
 
-use super::{Identified, Record, modes_of, pruned, search, stated_modes};
+use super::{Identified, Record, modes_of, peaks, pruned, search, stated_modes};
 use crate::{Parameter, Unknown};
 use nalgebra::{Complex, DVector};
 use pigtail_numerics::line::Line;
@@ -82,6 +82,8 @@ fn least_phase(record: &Record) -> Record {
         weight: record.weight.clone(),
         skewed: true,
         phased: true,
+        poles: 0,
+        most_poles: 0,
     }
 }
 
@@ -192,7 +194,7 @@ pub(super) fn identify(record: &Record) -> Result<Identified, Unknown> {
     modes_of(&found)?;
     let failed = || Unknown::all("the fit to all of its points failed");
     let (coded, held_back) =
-        pruned(found.coded, |coded| held_back(&phased, coded)).ok_or_else(failed)?;
+        pruned(found.coded, 0, |coded| held_back(&phased, coded)).ok_or_else(failed)?;
     let modes = (coded.len() - 1) / 2;
     let (own, all) = fit(&phased, &coded).ok_or_else(failed)?;
     let depend = || Unknown::all("its modes depend on each other");
@@ -231,6 +233,12 @@ pub(super) fn identify(record: &Record) -> Result<Identified, Unknown> {
             .collect(),
         record: record.clone(),
         modes,
+        peaks: peaks(
+            &phased,
+            &at,
+            &phased.linear(&at).map_or_else(Vec::new, |(v, _)| v),
+        ),
+        real_poles: Vec::new(),
     })
 }
 

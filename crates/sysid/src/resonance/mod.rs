@@ -1,10 +1,12 @@
 //! Modes, damping and delay from a frequency response:
 //!
 //! ```text
-//! H(w) = e^(-j w tau) ( sum_k (r_k + j w s_k) / (w_k^2 - w^2 + 2 j zeta_k w_k w) + e_0 + e_1 / (j w) - e_2 / w^2 )
+//! H(w) = e^(-j w tau) ( sum_k (r_k + j w s_k) / (w_k^2 - w^2 + 2 j zeta_k w_k w)
+//!                       + sum_m c_m / (1 + j w / p_m) + e_0 + e_1 / (j w) - e_2 / w^2 )
 //! ```
 //!
-//! For given frequencies, dampings and delay the rest is linear and follows by least squares, so that
+//! The real poles `p_m` are creep, a sensor's filter, and whatever else falls off without a peak. For given
+//! frequencies, dampings, delay and real poles the rest is linear and follows by least squares, so that
 //! only those are searched (variable projection, G. Golub and V. Pereyra 1973). Modes are added one at a
 //! time where they help most, as long as the points that were held back are told better. The parts `s_k`,
 //! by which a mode is not of proportional damping, are there only where they tell those better too: they
@@ -43,6 +45,9 @@ const MOST: usize = 1500;
 /// Points that are enough to see where modes are; they settle over all of them in the end.
 const ENOUGH: usize = 400;
 
+/// Most real poles.
+const POLES: usize = 3;
+
 /// A mode must make the error on the points held back less by this share.
 const WORTH: f64 = 0.05;
 
@@ -59,6 +64,9 @@ pub struct Record {
     skewed: bool,
     /// Whether its phase was measured; else the response is a magnitude, without a sign.
     phased: bool,
+    /// Real poles that stand behind the delay in what is searched, and most of them.
+    poles: usize,
+    most_poles: usize,
 }
 
 /// What a frequency response says.
@@ -80,6 +88,10 @@ pub struct Identified {
     pub record: Record,
     /// Number of modes.
     pub modes: usize,
+    /// Where the magnitude is highest near each mode, Hz; `None` for a mode whose peak others cover.
+    pub peaks: Vec<Option<f64>>,
+    /// Real poles, Hz.
+    pub real_poles: Vec<f64>,
 }
 
 impl Record {
@@ -133,6 +145,8 @@ impl Record {
                 .collect(),
             skewed: false,
             phased: true,
+            poles: 0,
+            most_poles: POLES,
         })
     }
 
@@ -188,6 +202,20 @@ impl Record {
                 .collect(),
             skewed: self.skewed,
             phased: self.phased,
+            poles: self.poles,
+            most_poles: self.most_poles,
+        }
+    }
+
+    /// Number of modes in what is searched.
+    fn modes(&self, coded: &[f64]) -> usize {
+        (coded.len() - 1 - self.poles) / 2
+    }
+
+    fn with_poles(&self, poles: usize) -> Self {
+        Self {
+            poles,
+            ..self.clone()
         }
     }
 
@@ -199,10 +227,10 @@ impl Record {
     fn columns(&self, coded: &[f64]) -> DMatrix<f64> {
         let n = self.frequency.len();
         let top = TAU * self.highest();
-        let modes = (coded.len() - 1) / 2;
+        let modes = self.modes(coded);
         let tau = coded[2 * modes] / top;
         let each = if self.skewed { 2 } else { 1 };
-        let mut x = DMatrix::zeros(2 * n, each * modes + 3);
+        let mut x = DMatrix::zeros(2 * n, each * modes + 3 + self.poles);
         for i in 0..n {
             let w = TAU * self.frequency[i];
             let turn = Complex::from_polar(self.weight[i], -w * tau);
@@ -223,6 +251,10 @@ impl Record {
             set(each * modes, Complex::new(1.0, 0.0));
             set(each * modes + 1, Complex::new(0.0, -1.0 / s));
             set(each * modes + 2, Complex::new(-1.0 / (s * s), 0.0));
+            for (m, pole) in coded[2 * modes + 1..].iter().enumerate() {
+                let pole = 1.0 / Complex::new(1.0, w / pole.exp());
+                set(each * modes + 3 + m, pole);
+            }
         }
         x
     }
@@ -307,7 +339,7 @@ fn extend(record: &Record, coded: &[f64]) -> Option<Vec<f64>> {
     for place in places {
         for zeta in [0.005_f64, 0.02, 0.08, 0.3] {
             let mut with = coded.to_vec();
-            let at = with.len() - 1;
+            let at = 2 * record.modes(coded);
             with.splice(at..at, [(TAU * place).ln(), zeta.ln()]);
             tries.push((squares(&record.residuals(&with)), with));
         }
@@ -322,6 +354,31 @@ fn extend(record: &Record, coded: &[f64]) -> Option<Vec<f64>> {
     Some(best.0)
 }
 
+/// Adds a real pole to a record of one less, where it helps most.
+fn extend_pole(record: &Record, coded: &[f64]) -> Option<Vec<f64>> {
+    const PLACES: usize = 16;
+    let (low, high) = (0.3 * record.frequency[0], record.highest());
+    let mut tries: Vec<(f64, Vec<f64>)> = (0..PLACES)
+        .map(|k| {
+            let place = low * (high / low).powf(k as f64 / (PLACES - 1) as f64);
+            let mut with = coded.to_vec();
+            with.push((TAU * place).ln());
+            (squares(&record.residuals(&with)), with)
+        })
+        .filter(|t| t.0.is_finite())
+        .collect();
+    tries.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let settle = |(_, start): (f64, Vec<f64>)| minimise(|c| record.residuals(c), &start);
+    let best = tries
+        .into_iter()
+        .take(2)
+        .filter_map(settle)
+        .min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let within = |c: &f64| (0.05 * record.frequency[0]..3.0 * high).contains(&(c.exp() / TAU));
+    let poles = &best.0[best.0.len() - record.poles..];
+    poles.iter().all(within).then_some(best.0)
+}
+
 /// Whether a mode is one: within the points, and not so damped that it is no resonance.
 fn is_mode(record: &Record, pair: &[f64]) -> bool {
     let (frequency, zeta) = (pair[0].exp() / TAU, pair[1].exp());
@@ -331,6 +388,8 @@ fn is_mode(record: &Record, pair: &[f64]) -> bool {
 /// Modes and delay from every second point.
 struct Found {
     coded: Vec<f64>,
+    /// Real poles among them.
+    poles: usize,
     /// Relative error at the points held back, and without a mode.
     error: f64,
     none: f64,
@@ -350,43 +409,71 @@ fn search(record: &Record) -> Found {
 fn search_from(record: &Record, delay: f64) -> Found {
     let every = record.frequency.len().div_ceil(2 * ENOUGH);
     let (even, odd) = (record.points(0, 2 * every), record.points(every, 2 * every));
-    let judged = |coded: &[f64]| {
-        even.linear(coded)
+    let judged = |coded: &[f64], poles: usize| {
+        let odd = odd.with_poles(poles);
+        even.with_poles(poles)
+            .linear(coded)
             .map_or(f64::INFINITY, |(values, _)| odd.error(coded, &values))
     };
     let mut coded = vec![delay];
     if let Some((settled, _)) = minimise(|c| even.residuals(c), &coded) {
         coded = settled;
     }
-    let mut error = judged(&coded);
+    let mut poles = 0;
+    let mut error = judged(&coded, poles);
     let none = error;
-    while coded.len() < 2 * MODES + 1 {
-        let Some(next) = extend(&even, &coded) else {
-            break;
-        };
-        let found = judged(&next);
-        if found > (1.0 - WORTH) * error || !next.chunks_exact(2).all(|p| is_mode(record, p)) {
-            break;
+    loop {
+        let own = even.with_poles(poles);
+        let modes = own.modes(&coded);
+        let mut next: Vec<(f64, usize, Vec<f64>)> = Vec::new();
+        if modes < MODES
+            && let Some(more) = extend(&own, &coded)
+            && more[..2 * modes + 2]
+                .chunks_exact(2)
+                .all(|p| is_mode(record, p))
+        {
+            next.push((judged(&more, poles), poles, more));
         }
-        (coded, error) = (next, found);
+        if poles < record.most_poles
+            && let Some(more) = extend_pole(&even.with_poles(poles + 1), &coded)
+            && more[..2 * modes]
+                .chunks_exact(2)
+                .all(|p| is_mode(record, p))
+        {
+            next.push((judged(&more, poles + 1), poles + 1, more));
+        }
+        let best = next.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
+        match best {
+            Some((found, count, more)) if found <= (1.0 - WORTH) * error => {
+                (error, poles, coded) = (found, count, more);
+            }
+            _ => break,
+        }
     }
-    Found { coded, error, none }
+    Found {
+        coded,
+        poles,
+        error,
+        none,
+    }
 }
 
 /// Without the modes that a search added on its way and the points held back do not miss; `held_back` is the
 /// error there. And that error.
 fn pruned(
     mut coded: Vec<f64>,
+    poles: usize,
     held_back: impl Fn(&[f64]) -> Option<f64>,
 ) -> Option<(Vec<f64>, f64)> {
     let mut error = held_back(&coded).unwrap_or(f64::INFINITY);
-    while coded.len() > 3 {
+    let modes = |coded: &[f64]| (coded.len() - 1 - poles) / 2;
+    while modes(&coded) > 1 {
         let without = |k: usize| {
             let mut fewer = coded.clone();
             fewer.drain(2 * k..2 * k + 2);
             fewer
         };
-        let best = (0..(coded.len() - 1) / 2)
+        let best = (0..modes(&coded))
             .filter_map(|k| Some((held_back(&without(k))?, k)))
             .min_by(|a, b| a.0.total_cmp(&b.0));
         match best {
@@ -427,14 +514,15 @@ fn stated_modes(
 
 /// That there are modes, and that they tell something.
 fn modes_of(found: &Found) -> Result<usize, Unknown> {
-    let modes = (found.coded.len() - 1) / 2;
+    let modes = (found.coded.len() - 1 - found.poles) / 2;
     if modes == 0 {
         return Err(Unknown::all(format!(
             "no mode tells it better than a response without one, which is {:.1} % off",
             found.none
         )));
     }
-    if found.error > 50.0 {
+    // More than a third is no answer.
+    if found.error > 100.0 / 3.0 {
         return Err(Unknown::all(format!(
             "{modes} modes leave {:.0} % of it unexplained: are magnitude and phase what they are said to be?",
             found.error
@@ -464,15 +552,16 @@ pub fn identify(record: &Record) -> Result<Identified, Unknown> {
         (record, plain)
     };
     modes_of(&found)?;
+    let record = &record.with_poles(found.poles);
     let every = record.frequency.len().div_ceil(2 * ENOUGH);
     let (even, odd) = (record.points(0, 2 * every), record.points(every, 2 * every));
-    let (coded, error) = pruned(found.coded, |coded| {
+    let (coded, error) = pruned(found.coded, found.poles, |coded| {
         let (settled, _) = minimise(|c| even.residuals(c), coded)?;
         let (values, _) = even.linear(&settled)?;
         Some(odd.error(&settled, &values)).filter(|e| e.is_finite())
     })
     .ok_or_else(|| Unknown::all("the fit to its points failed"))?;
-    let modes = (coded.len() - 1) / 2;
+    let modes = record.modes(&coded);
     let (coded, _) = minimise(|c| record.residuals(c), &coded)
         .ok_or_else(|| Unknown::all("the fit to all of its points failed"))?;
     let solution = uncertainty(|c| record.residuals(c), &coded)
@@ -491,7 +580,7 @@ pub fn identify(record: &Record) -> Result<Identified, Unknown> {
     let delay = Known {
         value: coded[2 * modes] / top,
         std: solution.std[2 * modes] / top,
-        std_correlated: solution.std_correlated[2 * modes] / top,
+        std_correlated: solution.std_correlated[2 * modes].max(delay_spread(record, &coded)) / top,
     };
     let steps: Vec<f64> = record.frequency.windows(2).map(|w| w[1] - w[0]).collect();
     let longest = 0.5 / quantile(&steps, 0.5);
@@ -522,7 +611,94 @@ pub fn identify(record: &Record) -> Result<Identified, Unknown> {
         prediction,
         record: record.clone(),
         modes,
+        peaks: peaks(record, &coded, &values),
+        real_poles: coded[2 * modes + 1..]
+            .iter()
+            .map(|c| c.exp() / TAU)
+            .collect(),
     })
+}
+
+/// How far the delay moves with what nobody knows of the model, as it is searched: whether modes are of proportional
+/// damping, a real pole more or less, the lower or the upper half of the points alone.
+fn delay_spread(record: &Record, coded: &[f64]) -> f64 {
+    let at = 2 * record.modes(coded);
+    let own = coded[at];
+    let mut others = Vec::new();
+    let turned = Record {
+        skewed: !record.skewed,
+        ..record.clone()
+    };
+    if let Some((other, _)) = minimise(|c| turned.residuals(c), coded) {
+        // A model that tells much worse says nothing.
+        let left = |record: &Record, coded: &[f64]| squares(&record.residuals(coded));
+        if left(&turned, &other) < 2.0 * left(record, coded) {
+            others.push(other[at]);
+        }
+    }
+    let more = record.with_poles(record.poles + 1);
+    if let Some(other) = extend_pole(&more, coded) {
+        others.push(other[at]);
+    }
+    // With modes and poles as they are, by a part of the points.
+    let n = record.frequency.len();
+    for rows in [0..n / 2, n / 2..n, n / 4..3 * n / 4] {
+        let part = Record {
+            frequency: record.frequency[rows.clone()].to_vec(),
+            response: record.response[rows.clone()].to_vec(),
+            weight: record.weight[rows].to_vec(),
+            ..record.clone()
+        };
+        // The delay is counted by the highest frequency.
+        let scale = part.highest() / record.highest();
+        let residuals = |d: &[f64]| {
+            let mut moved = coded.to_vec();
+            moved[at] = d[0] * scale;
+            part.residuals(&moved)
+        };
+        let known = uncertainty(residuals, &[own]).map(|s| s.std_correlated[0]);
+        let found = minimise(residuals, &[own]).map(|(d, _)| d[0]);
+        // A part that hardly tells a delay says nothing against another.
+        if let (Some(found), Some(known)) = (found, known)
+            && (found - own).abs() > 2.0 * known
+        {
+            others.push(found);
+        }
+    }
+    others.iter().map(|o| (o - own).abs()).fold(0.0, f64::max)
+}
+
+/// Where the model's magnitude is highest near each mode, in the order of their frequencies.
+fn peaks(record: &Record, coded: &[f64], values: &[f64]) -> Vec<Option<f64>> {
+    const AROUND: usize = 400;
+    let top = TAU * record.highest();
+    let mut modes: Vec<(f64, f64)> = coded[..2 * record.modes(coded)]
+        .chunks_exact(2)
+        .map(|pair| (pair[0].exp() / TAU, pair[1].exp()))
+        .collect();
+    modes.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let peak = |(own, zeta): (f64, f64)| {
+        let reach = (4.0 * zeta).clamp(0.01, 0.5);
+        let frequency: Vec<f64> = (0..=AROUND)
+            .map(|k| own * (1.0 + reach * (2.0 * k as f64 / AROUND as f64 - 1.0)))
+            .chain(std::iter::once(top / TAU))
+            .collect();
+        let n = frequency.len();
+        let grid = Record {
+            response: vec![Complex::new(0.0, 0.0); n],
+            weight: vec![1.0; n],
+            frequency,
+            ..record.clone()
+        };
+        let told = grid.columns(coded) * nalgebra::DVector::from_column_slice(values);
+        let size = |k: usize| told[k].hypot(told[n + k]);
+        let highest = |k: &usize| size(*k) > size(k - 1) && size(*k) >= size(k + 1);
+        let best = (1..AROUND)
+            .filter(highest)
+            .max_by(|a, b| size(*a).total_cmp(&size(*b)))?;
+        Some(grid.frequency[best])
+    };
+    modes.into_iter().map(peak).collect()
 }
 
 /// What the points near a mode do not tell of it.

@@ -1,6 +1,7 @@
 //! The controller of a record, found in it: what made the voltage of reference and position.
 
 use super::{POSITION, REFERENCE, Record, VOLTAGE};
+use crate::timeline::Stretch;
 use nalgebra::DMatrix;
 use pigtail_numerics::regression::least_squares;
 use pigtail_numerics::signal::rms;
@@ -136,16 +137,27 @@ pub(super) fn fit(record: &Record) -> Option<Controller> {
 
 /// The voltage beyond which none is: a bound if it is met again and again, else none.
 fn limit(record: &Record) -> f64 {
-    let volts = || {
-        record
-            .even()
-            .stretches
-            .iter()
-            .flat_map(|s| s.columns[VOLTAGE].iter())
-    };
+    let own: Vec<f64> = record
+        .even()
+        .stretches
+        .iter()
+        .flat_map(|s| by_itself(record, s))
+        .collect();
+    let volts = || own.iter();
     let most = volts().fold(0.0_f64, |m, u| m.max(u.abs()));
     let at = volts().filter(|u| u.abs() > (1.0 - 1e-6) * most).count();
     if at > 3 { most } else { f64::INFINITY }
+}
+
+/// The controller's own voltage: without what was injected.
+fn by_itself(record: &Record, stretch: &Stretch) -> Vec<f64> {
+    let mut own = stretch.columns[VOLTAGE].clone();
+    if let Some(column) = record.injected_column() {
+        for (u, added) in own.iter_mut().zip(&stretch.columns[column]) {
+            *u -= added;
+        }
+    }
+    own
 }
 
 fn solve(
@@ -162,11 +174,8 @@ fn solve(
     let mut rows: Vec<[f64; 5]> = Vec::new();
     let mut volts = Vec::new();
     for stretch in &record.even().stretches {
-        let (q, u, r) = (
-            &stretch.columns[POSITION],
-            &stretch.columns[VOLTAGE],
-            &stretch.columns[REFERENCE],
-        );
+        let u = by_itself(record, stretch);
+        let (q, r) = (&stretch.columns[POSITION], &stretch.columns[REFERENCE]);
         let mut integral = 0.0;
         for k in span.max(1)..q.len() {
             integral += (r[k] - q[k]) * period;

@@ -33,13 +33,23 @@ use nalgebra::DMatrix;
 use pigtail_numerics::regression::{
     Solution, instrumental, least_squares, matrix, over, relative, robust, tolerance,
 };
-use pigtail_numerics::signal::{Lowpass, decimate, derivative, quantile};
+use pigtail_numerics::signal::{Lowpass, decimate, derivative, quantile, rms};
 
 /// A servo's record on an even grid: position, voltage and, where there is one, the reference.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Record {
     even: Even,
     has_reference: bool,
+    injected: Option<Injected>,
+}
+
+/// What a column holds that was added to the controller's voltage.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Injected {
+    /// Volts.
+    Volts,
+    /// Newtons or newton metres.
+    Force,
 }
 
 const POSITION: usize = 0;
@@ -53,6 +63,55 @@ impl Record {
         Self {
             even,
             has_reference,
+            injected: None,
+        }
+    }
+
+    /// The same, whose last column is what was added to the controller's voltage.
+    #[must_use]
+    pub fn with_injected(mut self, of: Injected) -> Self {
+        self.injected = Some(of);
+        self
+    }
+
+    /// Where what was injected stands.
+    fn injected_column(&self) -> Option<usize> {
+        self.injected
+            .map(|_| REFERENCE + usize::from(self.has_reference))
+    }
+
+    /// The same in volts, its voltage the whole one that drives the axis; and whether the voltage that was recorded
+    /// had that in it already.
+    fn driven(&self, set: &Settings) -> (Self, bool) {
+        let Some(column) = self.injected_column() else {
+            return (self.clone(), true);
+        };
+        let mut within = self.clone();
+        if self.injected == Some(Injected::Force) {
+            for stretch in &mut within.even.stretches {
+                for v in &mut stretch.columns[column] {
+                    *v /= set.force_per_volt;
+                }
+            }
+        }
+        within.injected = Some(Injected::Volts);
+        let mut beside = within.clone();
+        for stretch in &mut beside.even.stretches {
+            let added = stretch.columns[column].clone();
+            for (u, v) in stretch.columns[VOLTAGE].iter_mut().zip(added) {
+                *u += v;
+            }
+        }
+        // What drives it is what its motion answers to.
+        let left = |record: &Self| {
+            let columns = Equations::of(record, set);
+            let x = columns.matrix(Friction::Asymmetric, Method::LeastSquares);
+            robust(&x, &columns.force).map_or(f64::INFINITY, |s| rms(s.residuals))
+        };
+        if left(&beside) < left(&within) {
+            (beside, false)
+        } else {
+            (within, true)
         }
     }
 
@@ -398,6 +457,8 @@ pub struct Identified {
     pub remarks: Vec<String>,
     /// How far its motion went.
     pub motion: Motion,
+    /// The method whose answer the record supports: with a delay of the voltage where it shows one, else without.
+    pub supported: Method,
     /// By how much later than its stamp the voltage acts, seconds, where that was taken out; zero where it was not.
     pub skew: f64,
     columns: Equations,
@@ -441,6 +502,14 @@ pub fn identify(
         &cleaned(record, &mut remarks)?,
         second.map(|r| cleaned(r, &mut Vec::new())).transpose()?,
     );
+    let (record, within) = &record.driven(set);
+    let second = second.map(|r| r.driven(set).0);
+    if record.injected.is_some() {
+        remarks.push(format!(
+            "what was injected is {} the voltage that was recorded, by how the axis moved",
+            if *within { "in" } else { "not in" }
+        ));
+    }
     let set = &quiet(record, set, &mut remarks);
     check::whole(record, set, &mut remarks)?;
     let controller = set
@@ -504,6 +573,7 @@ pub fn identify(
             parameter.known = None;
         }
     }
+    let supported = supported(&variants);
     let error = |v: &Variant| v.validation_error_percent.unwrap_or(f64::INFINITY);
     let least = variants.iter().map(error).fold(f64::INFINITY, f64::min);
     let best = variants
@@ -518,9 +588,29 @@ pub fn identify(
         equations: columns.force.len(),
         remarks,
         motion: Motion::of(record, &columns, set),
+        supported,
         skew: skew.at_start * record.even.period,
         columns,
     })
+}
+
+/// A delay that is known for sure, and with which the whole record is told better, is a part of the answer.
+fn supported(variants: &[Variant]) -> Method {
+    let of = |method: Method| {
+        let mine = |v: &&Variant| v.friction == Friction::Symmetric && v.method == method;
+        variants.iter().find(mine)
+    };
+    let (Some(plain), Some(delayed)) = (of(Method::LeastSquares), of(Method::Delayed)) else {
+        return Method::LeastSquares;
+    };
+    let delay = delayed.parameters.last().and_then(|p| p.known);
+    let sure = delay.is_some_and(|k| k.value.abs() > 5.0 * k.std_correlated);
+    // It is found where the axis moves, and has to tell all of the record better.
+    if sure && delayed.relative_error_percent < plain.relative_error_percent {
+        Method::Delayed
+    } else {
+        Method::LeastSquares
+    }
 }
 
 /// Leaves out the equations that are not to be believed: which were kept, where some were not.
@@ -807,6 +897,7 @@ fn instruments(
         }
         let prediction = replay::stretch(
             stretch,
+            record.injected_column(),
             record.even.period,
             axis,
             &Sliding::Coulomb,
@@ -838,6 +929,6 @@ pub fn replay(
 ) -> Option<Replay> {
     record
         .has_reference
-        .then(|| replay::whole(record, axis, law, controller, set))
+        .then(|| replay::whole(&record.driven(set).0, axis, law, controller, set))
         .flatten()
 }

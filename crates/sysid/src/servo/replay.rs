@@ -99,6 +99,7 @@ pub(super) struct Prediction {
 /// `None` where it runs away.
 pub(super) fn stretch(
     stretch: &Stretch,
+    injected: Option<usize>,
     period: f64,
     axis: &Axis,
     law: &Sliding,
@@ -115,9 +116,10 @@ pub(super) fn stretch(
         voltage: Vec::with_capacity(n),
     };
     let reach = 100.0 * measured.iter().fold(1e-9_f64, |m, q| m.max(q.abs()));
-    for r in reference {
+    for (k, r) in reference.iter().enumerate() {
         let seen = moving.output();
-        let voltage = controller.voltage(&mut state, *r, seen, period);
+        let added = injected.map_or(0.0, |column| stretch.columns[column][k]);
+        let voltage = controller.voltage(&mut state, *r, seen, period) + added;
         prediction.position.push(seen);
         prediction.voltage.push(voltage);
         moving.advance(voltage, period);
@@ -162,7 +164,14 @@ pub(super) fn whole(
         if n < super::LEAST + set.skip {
             continue;
         }
-        let prediction = stretch(part, period, axis, law, controller)?;
+        let prediction = stretch(
+            part,
+            record.injected_column(),
+            period,
+            axis,
+            law,
+            controller,
+        )?;
         let skip = set.skip..n;
         let velocity = |q: &[f64]| derivative(&filter.both_ways(q), period);
         replay

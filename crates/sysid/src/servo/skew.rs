@@ -41,17 +41,20 @@ impl Skew {
             return record;
         }
         let period = record.even.period;
+        let injected = record.injected_column();
         let first = record.even.stretches.first().map_or(0.0, |s| s.start);
         for stretch in &mut record.even.stretches {
             let before = ((stretch.start - first) / period).max(0.0);
-            let old = stretch.columns[VOLTAGE].clone();
-            let last = old.len() - 1;
-            for (k, u) in stretch.columns[VOLTAGE].iter_mut().enumerate() {
-                let by = self.at_start + self.drift * (before + k as f64);
-                let place = (k as f64 - by).clamp(0.0, last as f64);
-                let a = place as usize;
-                let f = place - a as f64;
-                *u = old[a] + f * (old[(a + 1).min(last)] - old[a]);
+            for column in std::iter::once(VOLTAGE).chain(injected) {
+                let old = stretch.columns[column].clone();
+                let last = old.len() - 1;
+                for (k, u) in stretch.columns[column].iter_mut().enumerate() {
+                    let by = self.at_start + self.drift * (before + k as f64);
+                    let place = (k as f64 - by).clamp(0.0, last as f64);
+                    let a = place as usize;
+                    let f = place - a as f64;
+                    *u = old[a] + f * (old[(a + 1).min(last)] - old[a]);
+                }
             }
         }
         record

@@ -145,7 +145,7 @@ pub struct Fitted {
     /// Root mean square of what it leaves of the windup.
     pub residual: f64,
     /// The same on stretches that it was not fitted to: each fifth of the record told by the rest; or on
-    /// a second record.
+    /// a second record, about its mean.
     pub held_back: f64,
     /// Condition number of its equations.
     pub condition: f64,
@@ -472,7 +472,12 @@ fn fit(
         others.push(part.values);
     }
     let held_back = match second {
-        Some(second) => rms(second.residuals(parts, way, &whole.values)),
+        // Where an encoder's zero is says nothing of a transmission.
+        Some(second) => {
+            let residuals = second.residuals(parts, way, &whole.values);
+            let mean = residuals.iter().sum::<f64>() / residuals.len().max(1) as f64;
+            rms(residuals.iter().map(|r| r - mean))
+        }
         None => (squares / n as f64).sqrt(),
     };
     let names = signals.columns(parts, way);

@@ -1,0 +1,259 @@
+//! Friction by mangled records of force against displacement.
+
+use crate::{Wanted, normal};
+use pigtail_records::columns::Named;
+use pigtail_records::friction::{Roles, friction};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64Mcg;
+use std::fmt::Write as _;
+use std::fs;
+
+/// Time, displacement (um), force (N).
+type Rows = Vec<[f64; 3]>;
+
+/// Level (N) and way (um) of the contact.
+const LEVEL: f64 = 2.0;
+const WAY: f64 = 14.0;
+
+fn made(n: usize, period: f64, seed: u64) -> Rows {
+    let mut rng = Pcg64Mcg::seed_from_u64(seed);
+    let path =
+        |t: f64| 100.0 * (1.0 - 0.004 * t).max(0.4) * (1.3 * t + 0.4 * (0.5 * t).sin()).sin();
+    let (mut contact, mut last) = (0.0_f64, path(0.0));
+    (0..n)
+        .map(|k| {
+            let t = period * k as f64;
+            let x = path(t);
+            contact = (contact + x - last).clamp(-WAY, WAY);
+            last = x;
+            let force = LEVEL * contact / WAY + 0.1;
+            [
+                t,
+                x + 0.02 * normal(&mut rng),
+                force + 0.01 * normal(&mut rng),
+            ]
+        })
+        .collect()
+}
+
+fn text(rows: &Rows) -> String {
+    let mut text = "t_s,x_um,f_N\n".to_owned();
+    for row in rows {
+        let field = |v: f64| {
+            if v.is_nan() {
+                String::new()
+            } else {
+                format!("{v:.6}")
+            }
+        };
+        let _ = writeln!(
+            text,
+            "{},{},{}",
+            field(row[0]),
+            field(row[1]),
+            field(row[2])
+        );
+    }
+    text
+}
+
+type Mangle = fn(&mut Rows, &mut Pcg64Mcg);
+
+const CASES: &[(&str, Wanted, Mangle)] = &[
+    ("as it is", Wanted::Right, |_, _| {}),
+    ("force of the other sign", Wanted::Right, |rows, _| {
+        rows.iter_mut().for_each(|r| r[2] *= -1.0);
+    }),
+    ("cells without a value", Wanted::Right, |rows, _| {
+        rows.iter_mut().step_by(17).for_each(|r| r[2] = f64::NAN);
+        rows.iter_mut()
+            .skip(3)
+            .step_by(29)
+            .for_each(|r| r[1] = f64::NAN);
+    }),
+    ("spikes of the force", Wanted::Right, |rows, _| {
+        rows.iter_mut()
+            .skip(50)
+            .step_by(900)
+            .for_each(|r| r[2] = 400.0);
+    }),
+    ("spikes of the displacement", Wanted::Right, |rows, _| {
+        rows.iter_mut()
+            .skip(70)
+            .step_by(700)
+            .for_each(|r| r[1] += 5000.0);
+    }),
+    ("dropouts to zero", Wanted::Right, |rows, _| {
+        rows.iter_mut()
+            .skip(30)
+            .step_by(800)
+            .for_each(|r| r[1] = 0.0);
+    }),
+    ("stamps that jitter", Wanted::Right, |rows, rng| {
+        rows.iter_mut()
+            .for_each(|r| r[0] += 0.002 * rng.random::<f64>());
+    }),
+    ("a gap", Wanted::Right, |rows, _| {
+        rows.drain(2000..2600);
+    }),
+    ("rows there twice", Wanted::Either, |rows, _| {
+        let again = rows[100];
+        rows.insert(100, again);
+    }),
+    ("columns swapped", Wanted::Refused, |rows, _| {
+        rows.iter_mut().for_each(|r| r.swap(1, 2));
+    }),
+    ("force cut off", Wanted::Refused, |rows, _| {
+        rows.iter_mut().for_each(|r| r[2] = r[2].clamp(-1.2, 1.2));
+    }),
+    ("one way alone", Wanted::Refused, |rows, _| {
+        rows.iter_mut().for_each(|r| r[1] = 10.0 * r[0]);
+    }),
+    ("a force of noise", Wanted::Refused, |rows, rng| {
+        rows.iter_mut().for_each(|r| r[2] = normal(rng));
+    }),
+    ("a stroke too short to slide", Wanted::Refused, |rows, _| {
+        rows.iter_mut().for_each(|r| {
+            r[1] *= 0.05;
+            r[2] = LEVEL * r[1] / WAY;
+        });
+    }),
+    ("a spring", Wanted::Refused, |rows, _| {
+        rows.iter_mut().for_each(|r| r[2] = 0.05 * r[1]);
+    }),
+    ("a damper", Wanted::Refused, |rows, _| {
+        let old = rows.clone();
+        for k in 1..rows.len() {
+            rows[k][2] = 0.02 * (old[k][1] - old[k - 1][1]) / 0.005;
+        }
+    }),
+    ("columns of two records", Wanted::Refused, |rows, _| {
+        let old = rows.clone();
+        let n = rows.len();
+        rows.iter_mut()
+            .enumerate()
+            .for_each(|(k, r)| r[2] = old[(k * 7 + 913) % n][2]);
+    }),
+    ("sampled too slowly", Wanted::Refused, |rows, _| {
+        *rows = rows
+            .iter()
+            .copied()
+            .step_by(220)
+            .cycle()
+            .take(400)
+            .enumerate()
+            .map(|(k, r)| [k as f64, r[1], r[2]])
+            .collect();
+    }),
+    ("force a hundred samples late", Wanted::Either, |rows, _| {
+        let old = rows.clone();
+        rows.iter_mut()
+            .enumerate()
+            .skip(100)
+            .for_each(|(k, r)| r[2] = old[k - 100][2]);
+    }),
+];
+
+fn judged(name: &str, wanted: Wanted, rows: &Rows, wrong: &mut Vec<String>) {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("r.csv");
+    fs::write(&path, text(rows)).expect("a file");
+    let roles = Roles {
+        time: None,
+        rate: None,
+        displacement: Named::new("x_um"),
+        force: Named::new("f_N"),
+    };
+    let answer = match roles.read(&path) {
+        Ok(read) => friction(&read, None, 4, None).answer,
+        Err(error) => {
+            eprintln!("refused {name}: {error}");
+            if wanted == Wanted::Right {
+                wrong.push(format!("{name}: {error}"));
+            }
+            return;
+        }
+    };
+    if !answer.is_whole() {
+        eprintln!("refused {name}: {}", answer.verdict);
+        if wanted == Wanted::Right {
+            wrong.push(format!("{name}: refused: {}", answer.verdict));
+        }
+        return;
+    }
+    let of = |name: &str| {
+        let known = answer
+            .parameters
+            .iter()
+            .find(|(p, _)| p.name.starts_with(name));
+        known
+            .and_then(|(p, _)| p.known)
+            .map_or(f64::NAN, |k| k.value)
+    };
+    // A law of another name has its level too.
+    let level = if of("static_friction").is_nan() {
+        of("coulomb_friction")
+    } else {
+        of("static_friction")
+    };
+    let off = (level.abs() / LEVEL - 1.0).abs();
+    let bad = wanted == Wanted::Refused || off > 0.1 || off.is_nan();
+    eprintln!(
+        "{} {name}: {level:.3}; {} | {}",
+        if bad { "WRONG" } else { "right" },
+        answer.verdict,
+        answer.remarks.join(" | ")
+    );
+    if bad {
+        wrong.push(format!("{name}: answered {level:.3}: {}", answer.verdict));
+    }
+}
+
+#[test]
+fn no_mangled_record_of_friction_is_wrong_and_looks_right() {
+    let mut wrong = Vec::new();
+    let good = made(9000, 0.005, 3);
+    for (k, (name, wanted, mangle)) in CASES.iter().enumerate() {
+        let mut rows = good.clone();
+        mangle(&mut rows, &mut Pcg64Mcg::seed_from_u64(400 + k as u64));
+        judged(name, *wanted, &rows, &mut wrong);
+    }
+    assert!(
+        wrong.is_empty(),
+        "{} wrong:\n{}",
+        wrong.len(),
+        wrong.join("\n")
+    );
+}
+
+/// As many rows as a fast logger writes: what is taken of them is fine enough still.
+#[test]
+fn a_record_of_very_many_rows_is_told() {
+    let mut wrong = Vec::new();
+    judged(
+        "300,000 rows",
+        Wanted::Right,
+        &made(300_000, 0.000_15, 4),
+        &mut wrong,
+    );
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+#[ignore = "long: two million rows"]
+fn a_record_of_two_million_rows_is_told() {
+    let mut wrong = Vec::new();
+    judged(
+        "2,000,000 rows of 45 s",
+        Wanted::Right,
+        &made(2_000_000, 0.000_022_5, 5),
+        &mut wrong,
+    );
+    judged(
+        "2,000,000 rows of 2000 s",
+        Wanted::Right,
+        &made(2_000_000, 0.001, 6),
+        &mut wrong,
+    );
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
