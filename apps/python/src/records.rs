@@ -49,7 +49,7 @@ fn above_zero(key: &str, value: Option<f64>) -> Result<(), Failure> {
 /// Identifies a servo axis from a record. `time`, `reference`, `position`, `voltage` name columns.
 #[pyfunction]
 #[pyo3(signature = (
-    data, position, voltage, force_per_volt, time, reference, rate, validate, friction, method, cutoff, gear_ratio,
+    data, position, voltage, force_per_volt, time, reference, rate, validate, friction, injected, method, cutoff, gear_ratio,
     lead, counts_per_turn, voltage_limit, date, progress
 ))]
 pub(crate) fn identify_servo<'py>(
@@ -63,7 +63,8 @@ pub(crate) fn identify_servo<'py>(
     rate: Option<f64>,
     validate: Option<PathBuf>,
     friction: &str,
-    method: &str,
+    injected: Option<&str>,
+    method: Option<&str>,
     cutoff: Option<f64>,
     gear_ratio: Option<f64>,
     lead: Option<f64>,
@@ -91,7 +92,9 @@ pub(crate) fn identify_servo<'py>(
             Method::Instrumental,
             Method::Delayed,
         ];
-        let method = named("method", method, &all, method_name)?;
+        let method = method
+            .map(|method| named("method", method, &all, method_name))
+            .transpose()?;
         let roles = Roles {
             time: time.map(|name| column("time", name)).transpose()?,
             rate,
@@ -100,6 +103,7 @@ pub(crate) fn identify_servo<'py>(
                 .transpose()?,
             position: column("position", position)?,
             voltage: column("voltage", voltage)?,
+            injected: injected.map(|name| column("injected", name)).transpose()?,
         };
         let first = roles.read(&data)?;
         let second = validate.as_ref().map(|path| roles.read(path)).transpose()?;

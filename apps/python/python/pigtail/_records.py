@@ -66,7 +66,8 @@ def identify_servo(
     rate_hz: float | None = None,
     validate: str | os.PathLike[str] | None = None,
     friction: str = "symmetric",
-    method: str = "least-squares",
+    injected: str | None = None,
+    method: str | None = None,
     cutoff_hz: float | None = None,
     gear_ratio: float | None = None,
     lead_m: float | None = None,
@@ -86,7 +87,9 @@ def identify_servo(
         rate_hz: Rows a second, where no column says when they were taken.
         validate: A second record of the same columns, to judge by.
         friction: ``symmetric`` or ``asymmetric``.
-        method: ``least-squares``, ``weighted``, ``instrumental`` or ``delayed``.
+        injected: A column of what was added to the controller's voltage, volts or a force.
+        method: ``least-squares``, ``weighted``, ``instrumental`` or ``delayed``; ``least-squares`` or ``delayed``, as the record
+            supports it, if not given.
         cutoff_hz: Cutoff of the position's filter.
         gear_ratio: Turns of the output for a turn of the motor, for the fragment.
         lead_m: Travel for a turn of the screw, metres, of an axis along a line, for the fragment.
@@ -109,7 +112,8 @@ def identify_servo(
                 maybe_number("rate_hz", rate_hz),
                 maybe_text("validate", validate),
                 text("friction", friction),
-                text("method", method),
+                maybe_text("injected", injected),
+                maybe_text("method", method),
                 maybe_number("cutoff_hz", cutoff_hz),
                 maybe_number("gear_ratio", gear_ratio),
                 maybe_number("lead_m", lead_m),
