@@ -3,10 +3,11 @@
 
 mod arm;
 mod bench;
+mod handling;
 mod playing;
 
 use self::arm::{Arm, Started};
-pub(crate) use self::bench::{coarse, fine};
+pub use self::bench::{coarse, fine};
 use self::playing::Playing;
 use crate::calibration::Calibration;
 use crate::impulse::belief::ImpulseBelief;
@@ -288,6 +289,9 @@ impl<'a> Station<'a> {
         self.measurement = self.machine.exchange(&self.command)?;
         self.command.fiber = [None; SIDES];
         self.command.pulses = Command::NO_PULSES;
+        if self.measurement.handled.iter().any(Option::is_some) {
+            self.end_handling();
+        }
         self.look();
         if let Some(light) = self.measurement.light {
             let sample = Sample {

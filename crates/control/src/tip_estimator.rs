@@ -93,6 +93,8 @@ pub(crate) struct TipEstimator {
     facet: f64,
     /// Since when each fiber has been where it is, seconds: older frames say nothing of it.
     since: [f64; SIDES],
+    /// The same of the sensing fiber before this chip.
+    sensing_since: f64,
 }
 
 impl TipEstimator {
@@ -108,6 +110,7 @@ impl TipEstimator {
             bound: spec.vision.believed()[1],
             facet: spec.vision.facet_z,
             since: [0.0; SIDES],
+            sensing_since: f64::NEG_INFINITY,
         }
     }
 
@@ -141,6 +144,12 @@ impl TipEstimator {
         self.since[side.index()] = time;
     }
 
+    /// Another chip is there: where the sensing fiber stands before it is to be seen anew.
+    pub(crate) fn forget_sensing(&mut self, time: f64) {
+        self.sensing = None;
+        self.sensing_since = time;
+    }
+
     /// Takes in a frame that has arrived at `now`.
     pub(crate) fn see(
         &mut self,
@@ -168,7 +177,7 @@ impl TipEstimator {
             {
                 update(&mut self.fibers[i], frame.time, at, fix, lag);
             }
-            if side == Side::Right {
+            if side == Side::Right && frame.time > self.sensing_since {
                 update(&mut self.sensing, frame.time, at, &frame.sensing, lag);
             }
         }

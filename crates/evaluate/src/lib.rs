@@ -28,4 +28,5 @@ pub mod loops;
 pub mod maximize;
 pub mod methods;
 pub mod plan;
+pub mod produce;
 pub mod simulate;

@@ -269,7 +269,9 @@ impl Shared<'_> {
         let clear = k.macro_from_chip(aim.port.shifted(0.0, 0.0, outward(aim.side) * away));
         let back = Point::new(here.x, here.y, here.z.min(clear.z));
         lines(station, &[(aim.side, back)], |_| {})?;
-        station.handle_fiber(aim.side, FiberHandling::Load(index as u8))?;
+        if !station.carries(aim.side) {
+            station.handle_fiber(aim.side, FiberHandling::Load(index as u8))?;
+        }
         cock(station, aim.side, recipe.raster.x);
         let below = aim.holder(station, self.exit(), -self.below() - run_up, far);
         let below = Point::new(below.x, below.y, back.z);

@@ -15,6 +15,7 @@ mod approach_moves;
 mod gap;
 mod ratio;
 mod seen;
+mod single;
 
 use crate::beam::Beam;
 use crate::belief::Across;
@@ -33,6 +34,7 @@ use pigtail_model::frames::{Displacement, Macro, Point};
 use ratio::Ratios;
 pub use ratio::{Ratio, measure_ratios};
 use seen::DarkLevel;
+pub use single::{Aligner, Way};
 
 /// One pass of a search.
 #[derive(Debug, Clone, Copy)]
@@ -182,7 +184,9 @@ impl<'r> Shared<'r> {
             tip: Tip::Sensing,
             port: Point::new(x, y, z),
         };
-        station.handle_fiber(Side::Left, FiberHandling::Load(0))?;
+        if !station.carries(Side::Left) {
+            station.handle_fiber(Side::Left, FiberHandling::Load(0))?;
+        }
         job.phase(station, "coarse", |_, station| {
             self.come_near(station, &aim, &sensing)
         })?;

@@ -223,6 +223,12 @@ impl Keepout {
         self.led[i] = None;
     }
 
+    /// Another chip is there from `time` on.
+    pub(super) fn change_chip(&mut self, side: Side, time: f64) {
+        let held = self.held[side.index()];
+        self.change_fiber(side, held, time);
+    }
+
     /// Where a manipulator stood so many cycles ago.
     pub(super) fn stand(&self, side: usize, back: usize) -> &Stand {
         // `back` is less than all that is remembered: no division.

@@ -583,8 +583,24 @@ impl<M: Machine> Machine for Guard<M> {
         };
         for side in Side::ALL {
             if let Some(handling) = command.fiber[side.index()] {
-                let held = matches!(handling, FiberHandling::Load(_));
-                self.keepout.change_fiber(side, held, measured.time);
+                match handling {
+                    FiberHandling::Load(_)
+                    | FiberHandling::Attach
+                    | FiberHandling::Unload
+                    | FiberHandling::Pick(_)
+                    | FiberHandling::Release => {
+                        let held =
+                            matches!(handling, FiberHandling::Load(_) | FiberHandling::Pick(_));
+                        self.keepout.change_fiber(side, held, measured.time);
+                    }
+                    // Where the tips stand before a chip is to be seen anew.
+                    FiberHandling::Index => {
+                        for side in Side::ALL {
+                            self.keepout.change_chip(side, measured.time);
+                        }
+                    }
+                    FiberHandling::Wet(_) | FiberHandling::Lamp(_) => {}
+                }
                 self.light.forget();
             }
         }
