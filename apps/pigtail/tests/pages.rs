@@ -6,6 +6,8 @@ use clap::Command;
 use pigtail::FileKind;
 use pigtail_control::calibration::Calibration;
 use pigtail_control::recipe::Recipe;
+use pigtail_cycle::recipe::Production;
+use pigtail_cycle::tray::Tray;
 use pigtail_hal::Spec;
 use pigtail_hal::bench::spec::BenchSpec;
 use pigtail_session::bench::BenchCalibration;
@@ -348,6 +350,20 @@ fn the_page_of_files_is_what_is_read() {
             "recipes/y-branch.toml",
             FileKind::Recipe,
             order::<Recipe>,
+        ),
+        (
+            "A tray",
+            "Devices, fibers and their places ([how it is produced](../howto/produce.md)).",
+            "trays/four.toml",
+            FileKind::Tray,
+            order::<Tray>,
+        ),
+        (
+            "A production recipe",
+            "How the fibers of a tray become pigtails.",
+            "recipes/produce-fast.toml",
+            FileKind::Production,
+            order::<Production>,
         ),
         (
             "machine.toml of a bench",

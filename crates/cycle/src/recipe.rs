@@ -2,6 +2,7 @@
 
 use pigtail_control::fast;
 use pigtail_hal::{Error, config, quantity};
+use pigtail_model::cure::{Cure as Kinetics, Cured, Heat};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
@@ -181,11 +182,9 @@ impl Production {
                     .to_owned(),
             );
         }
-        if cure.after_gel >= 1.0 {
-            add(
-                "cure.after_gel",
-                "is all of the shift; accepted is less than 1".to_owned(),
-            );
+        if !(0.05..=0.95).contains(&cure.after_gel) {
+            let message = format!("is {}; accepted is 0.05 to 0.95", cure.after_gel);
+            add("cure.after_gel", message);
         }
         if self.adhesive.volume == 0 {
             add("adhesive.volume", "is 0; accepted is 1 to 255".to_owned());
@@ -223,6 +222,26 @@ impl Production {
     /// When the fiber comes to rest under the lamp, seconds.
     pub fn rest(&self) -> f64 {
         self.cure.gel * (1.0 - self.cure.margin)
+    }
+
+    /// Shift that comes once the fiber is at rest, over what came before: by the adhesive's kinetics, which everyone knows, and
+    /// what the recipe says of it.
+    pub fn ratio(&self) -> f64 {
+        /// Steps up to then.
+        const STEPS: u32 = 1000;
+        let cure = &self.cure;
+        let gel = 1.0 - cure.after_gel;
+        let law = Kinetics::gelling(
+            cure.gel,
+            gel,
+            Kinetics::ORDERS,
+            Kinetics::SEED,
+            Heat::default(),
+        );
+        let step = self.rest() / f64::from(STEPS);
+        let at_rest = (0..STEPS).fold(Cured::default(), |cured, _| law.step(cured, 1.0, step));
+        let before = gel * (at_rest.conversion / gel).clamp(1e-3, 1.0);
+        (1.0 - before) / before
     }
 
     /// What it does, in words.

@@ -283,10 +283,13 @@ impl Line<'_, '_, '_> {
                     end = Some(End::Fault(fault));
                 }
                 Err(End::Failed(cause, detail, action)) => {
+                    if let Err(fault) = self.put_back(side_of(port)) {
+                        end = Some(End::Fault(fault));
+                    }
                     (pigtail.cause, pigtail.detail) = (cause.clone(), detail.clone());
                     produced.rejected.clone_from(&cause);
                     // Without the input's light there is nothing to align the others by.
-                    if action != Action::NextFiber || port == PORTS[0] {
+                    if end.is_none() && (action != Action::NextFiber || port == PORTS[0]) {
                         end = Some(End::Failed(cause, detail, action));
                     }
                 }
@@ -309,13 +312,41 @@ impl Line<'_, '_, '_> {
         (produced, end)
     }
 
+    /// A fiber that has failed and is still in its holder goes back to the tray.
+    fn put_back(&mut self, side: Side) -> Result<(), Fault> {
+        if self.cell.is_busy(side) || !self.cell.station().carries(side) {
+            return Ok(());
+        }
+        let away = [Step::Named("retreat"), Step::Back(self.clear(side))];
+        let gone = self.ask(side, FiberHandling::Lamp(false)).and_then(|()| {
+            self.cell.go(side, ("", ""), away)?;
+            let arm = side.index();
+            self.ask_for(Request::Unload { arm })
+        });
+        match gone {
+            Err(Halt::Fault(fault)) => Err(fault),
+            Ok(()) | Err(Halt::Outcome(_)) => Ok(()),
+        }
+    }
+
     /// The next device, with both manipulators clear.
     fn index(&mut self, device: &Device) -> Result<(), End> {
         let on = (device.serial.as_str(), "");
-        if self.ahead == Ahead::Nothing {
-            let z = self.clear(Side::Left);
-            self.cell.begin(Side::Left, on, [Step::Back(z)]);
+        // Whatever the left one is at: it may still stand before the chip.
+        match self.cell.finish(Side::Left) {
+            Err(Halt::Fault(fault)) => return Err(fault.into()),
+            // It is told when its turn comes.
+            Err(Halt::Outcome(_)) => self.ahead = Ahead::Nothing,
+            Ok(()) => {}
         }
+        let z = self.clear(Side::Left);
+        self.steps(
+            Side::Left,
+            on,
+            vec![Step::Named("retreat"), Step::Back(z)],
+            "retreat",
+            Action::Call,
+        )?;
         let z = self.clear(Side::Right);
         self.steps(
             Side::Right,
@@ -324,9 +355,6 @@ impl Line<'_, '_, '_> {
             "retreat",
             Action::Call,
         )?;
-        if self.ahead == Ahead::Nothing {
-            self.settle(Side::Left, "retreat", Action::Call)?;
-        }
         let index = Step::Handle(FiberHandling::Index, 1);
         let steps = vec![Step::Named("index"), index];
         self.steps(Side::Right, on, steps, "index", Action::Call)
@@ -529,10 +557,13 @@ impl Line<'_, '_, '_> {
 
     /// Something that an arm is asked for, until it is done.
     fn ask(&mut self, side: Side, what: FiberHandling) -> Result<(), Halt> {
-        let request = Request::Handle {
+        self.ask_for(Request::Handle {
             arm: side.index(),
             what,
-        };
+        })
+    }
+
+    fn ask_for(&mut self, request: Request) -> Result<(), Halt> {
         let failed = |why: String| Halt::from(Outcome::BenchFailed { why });
         let ticket = self
             .cell
@@ -562,7 +593,7 @@ impl Line<'_, '_, '_> {
         let looked = hold::level(&mut self.cell, meter, LOOK)?;
         self.ask(side, FiberHandling::Lamp(true))?;
         let lit = self.cell.now();
-        let ratio = cure.after_gel / (1.0 - cure.after_gel);
+        let ratio = production.ratio();
         let teacher = self.teachers[side.index()].clone();
         let mut expected = Displacement::ZERO;
         let followed: Option<Followed> = if cure.track {

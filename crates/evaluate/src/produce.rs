@@ -33,7 +33,7 @@ pub struct ProduceDocument {
     pub passed: f64,
     /// Machine time a fiber, from pick to verified.
     pub seconds_per_fiber: Percentiles,
-    /// Devices that were begun an hour of machine time.
+    /// Devices that were done an hour of machine time, be they good or not.
     pub devices_per_hour: f64,
     /// Share of the time in which a manipulator neither did anything nor held anything under the lamp, percent.
     pub idle_percent: Sides,
@@ -344,7 +344,8 @@ fn document(
         .iter()
         .filter(|d| d.produced.rejected.is_empty())
         .count();
-    let here = told.len() - (told.len() - run.devices.len()).min(told.len());
+    let done = |device: &&Produced| device.rejected != "fault";
+    let here = run.devices.iter().filter(done).count();
     ProduceDocument {
         devices: told.len(),
         fibers: fibers.len(),

@@ -224,9 +224,11 @@ impl Keepout {
     }
 
     /// Another chip is there from `time` on.
-    pub(super) fn change_chip(&mut self, side: Side, time: f64) {
-        let held = self.held[side.index()];
-        self.change_fiber(side, held, time);
+    pub(super) fn change_chip(&mut self, time: f64) {
+        for side in Side::ALL {
+            self.change_fiber(side, self.held[side.index()], time);
+        }
+        (self.sensing, self.begun) = (None, time);
     }
 
     /// Where a manipulator stood so many cycles ago.
