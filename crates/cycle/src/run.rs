@@ -30,6 +30,8 @@ pub struct Order<'o> {
     pub recipe: &'o Recipe,
     /// The first device that is still to be done.
     pub from: usize,
+    /// Fibers that were done before, which have taught what the adhesive does.
+    pub taught: &'o [Pigtail],
 }
 
 /// How a fiber's production went.
@@ -79,6 +81,19 @@ pub struct Cured {
     pub off_sigma_um: f64,
     /// How far the adhesive has shifted it in all, micrometres.
     pub shift_um: f64,
+}
+
+impl Cured {
+    /// What it has taught.
+    fn lesson(&self) -> Option<Lesson> {
+        let metres = |[x, y]: [f64; 2]| Displacement::new(1e-6 * x, 1e-6 * y);
+        let (off, sigma) = (1e-6 * self.off_um, 1e-6 * self.off_sigma_um);
+        Some(Lesson {
+            before: metres(self.before_um?),
+            beyond: metres(self.beyond_um),
+            squared: (off * off, 2.0 * off.max(sigma) * sigma),
+        })
+    }
 }
 
 /// How a device's production went.
@@ -192,6 +207,11 @@ pub fn run<'l>(station: &mut Station, order: Order<'l>, tell: &'l mut dyn FnMut(
         told: 0,
         tell,
     };
+    for pigtail in order.taught {
+        if let Some(lesson) = pigtail.cured.and_then(|cured| cured.lesson()) {
+            line.teachers[side_of(&pigtail.port).index()].learn(lesson);
+        }
+    }
     let mut run = Run::default();
     for k in order.from..order.tray.devices.len() {
         let (produced, end) = line.device(k, k > order.from);

@@ -270,9 +270,14 @@ pub fn produce(
                 _ => {}
             }
         };
+        let taught: Vec<Pigtail> = before
+            .iter()
+            .flat_map(|told| told.produced.fibers.iter().cloned())
+            .collect();
         let job = Produce {
             loaded,
             from,
+            taught: &taught,
             tell: RefCell::new(&mut tell),
         };
         let run = setup.perform(&mut noted, &job, seed, observer)?;

@@ -25,7 +25,8 @@ const KINDS: [(&str, &[&str], &str); 6] = [
 
 /// A Gantt chart of bars within so many seconds, with the critical path.
 fn gantt(bars: &[Bar], from: f64, to: f64) -> Markup {
-    let names = ["right", "left"];
+    // From the top.
+    let names = ["left", "right"];
     let on = critical(bars);
     let within = |bar: &Bar| bar.end > from && bar.start < to;
     let row = |bar: &Bar| f64::from(u8::from(bar.side == "left"));

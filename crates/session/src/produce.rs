@@ -6,7 +6,7 @@ use pigtail_control::calibration::Calibration;
 use pigtail_control::kinematics::Kinematics;
 use pigtail_cycle::check::mistakes;
 use pigtail_cycle::recipe::Production;
-use pigtail_cycle::run::{self, Event, Run};
+use pigtail_cycle::run::{self, Event, Pigtail, Run};
 use pigtail_cycle::tray::Tray;
 use pigtail_hal::digest::hash;
 use pigtail_hal::{Error, Side, Spec};
@@ -171,6 +171,8 @@ pub struct Produce<'p> {
     pub loaded: &'p Loaded,
     /// The first device that is still to be done.
     pub from: usize,
+    /// Fibers that were done before, which have taught what the adhesive does.
+    pub taught: &'p [Pigtail],
     /// Who is told what happens.
     pub tell: RefCell<&'p mut dyn FnMut(&Event)>,
 }
@@ -188,6 +190,7 @@ impl Job for Produce<'_> {
             productions: &self.loaded.productions,
             recipe: &rig.recipe,
             from: self.from,
+            taught: self.taught,
         };
         let mut tell = self.tell.borrow_mut();
         let mut told = |event: &Event| (**tell)(event);
