@@ -7,7 +7,6 @@ use pigtail::FileKind;
 use pigtail_control::calibration::Calibration;
 use pigtail_control::recipe::Recipe;
 use pigtail_cycle::recipe::Production;
-use pigtail_cycle::tray::Tray;
 use pigtail_hal::Spec;
 use pigtail_hal::bench::spec::BenchSpec;
 use pigtail_session::bench::BenchCalibration;
@@ -242,6 +241,7 @@ fn accepted(schema: &Value) -> String {
     let bound = |key: &str| schema[key].as_f64();
     match schema["type"].as_str().expect("a type") {
         "string" => "text".to_owned(),
+        "boolean" => "true or false".to_owned(),
         of @ ("number" | "integer") => {
             let number = if of == "integer" {
                 "a whole number"
@@ -350,13 +350,6 @@ fn the_page_of_files_is_what_is_read() {
             "recipes/y-branch.toml",
             FileKind::Recipe,
             order::<Recipe>,
-        ),
-        (
-            "A tray",
-            "Devices, fibers and their places ([how it is produced](../howto/produce.md)).",
-            "trays/four.toml",
-            FileKind::Tray,
-            order::<Tray>,
         ),
         (
             "A production recipe",
