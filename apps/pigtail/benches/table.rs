@@ -204,6 +204,7 @@ impl Machine for Obedient {
             light: self.cycles.is_multiple_of(5).then_some(light),
             vision: None,
             probes: None,
+            handled: [None; 2],
             stop: false,
         })
     }

@@ -20,7 +20,9 @@ mod maximize;
 mod methods;
 mod phases;
 mod plan;
+mod produce;
 mod progress;
+mod recipe;
 mod records;
 mod reproduce;
 mod rig;
@@ -83,6 +85,8 @@ enum Command {
     Campaign(campaign::Arguments),
     Benchmark(benchmark::Arguments),
     Plan(plan::Arguments),
+    Produce(produce::Arguments),
+    Recipe(recipe::Arguments),
     Maximize(maximize::Arguments),
     Commission(commission::Arguments),
     Tune(tune::Arguments),
@@ -181,6 +185,8 @@ pub fn main() -> ExitCode {
         Command::Campaign(arguments) => campaign::run(&arguments),
         Command::Benchmark(arguments) => benchmark::run(&arguments),
         Command::Plan(arguments) => plan::run(&arguments),
+        Command::Produce(arguments) => produce::run(&arguments),
+        Command::Recipe(arguments) => recipe::run(&arguments),
         Command::Maximize(arguments) => maximize::run(&arguments),
         Command::Commission(arguments) => commission::run(&arguments),
         Command::Tune(arguments) => tune::run(&arguments),

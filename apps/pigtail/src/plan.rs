@@ -1,14 +1,15 @@
 //! `pigtail plan`.
 
-use crate::common::{believed, write_table};
+use crate::common::{Common, believed, write_table};
 use crate::methods::{duration, duration_or_dash};
 use crate::running::stopped;
-use crate::{DONE, Failure, running};
+use crate::{DONE, Failure, produce, running};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use pigtail_evaluate::plan::{PlanDocument, plan, rows};
 use pigtail_report as report;
 use pigtail_session::calibrations::Part;
+use pigtail_session::fleet::NOMINAL;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Named};
 use pigtail_session::setup::Setup;
 use serde::Serialize;
@@ -48,6 +49,10 @@ pub(crate) struct Arguments {
     /// Devices that each procedure aligns, of successive seeds
     #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     devices: u64,
+    /// What a tray will take, from recipe and machine alone, and what limits it: a tray file, or the name of one below
+    /// `trays`
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["recipe", "devices"])]
+    tray: Option<String>,
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
@@ -66,6 +71,17 @@ struct Reported<'d> {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    if let Some(tray) = &arguments.tray {
+        let common = Common {
+            seed: arguments.seed,
+            rig: arguments.rig.clone(),
+            fleet: NOMINAL.to_owned(),
+            calibration: arguments.calibration.clone(),
+            json: arguments.json,
+            runs: arguments.runs.clone(),
+        };
+        return produce::run_plan(&common, tray);
+    }
     let calibration = arguments.calibration.as_deref();
     let calibration = believed(&arguments.rig, calibration, &arguments.runs)?;
     let mut setup = Setup::load_named(&Named {

@@ -5,6 +5,8 @@ use crate::{DONE, Failure};
 use clap::Args;
 use pigtail_control::calibration::Calibration;
 use pigtail_control::recipe::Recipe;
+use pigtail_cycle::recipe::Production;
+use pigtail_cycle::tray::Tray;
 use pigtail_hal::Spec;
 use pigtail_hal::bench::spec::BenchSpec;
 use pigtail_session::bench::BenchCalibration;
@@ -63,6 +65,10 @@ pub enum FileKind {
     Fleet,
     /// A recipe: a device and how to align it
     Recipe,
+    /// A tray: devices, fibers and their places
+    Tray,
+    /// A production recipe: how the fibers of a tray become pigtails
+    Production,
     /// machine.toml of a bench that is controlled by position
     BenchMachine,
     /// plant.toml of such a bench
@@ -85,6 +91,8 @@ impl FileKind {
             }
             Self::Fleet => schema::<FleetKeys>(),
             Self::Recipe => schema::<Recipe>(),
+            Self::Tray => schema::<Tray>(),
+            Self::Production => schema::<Production>(),
             Self::BenchMachine => schema::<BenchSpec>(),
             Self::BenchPlant => schema::<BenchPlant>(),
             Self::BenchCalibration => schema::<BenchCalibration>(),

@@ -6,6 +6,7 @@ use clap::Command;
 use pigtail::FileKind;
 use pigtail_control::calibration::Calibration;
 use pigtail_control::recipe::Recipe;
+use pigtail_cycle::recipe::Production;
 use pigtail_hal::Spec;
 use pigtail_hal::bench::spec::BenchSpec;
 use pigtail_session::bench::BenchCalibration;
@@ -240,6 +241,7 @@ fn accepted(schema: &Value) -> String {
     let bound = |key: &str| schema[key].as_f64();
     match schema["type"].as_str().expect("a type") {
         "string" => "text".to_owned(),
+        "boolean" => "true or false".to_owned(),
         of @ ("number" | "integer") => {
             let number = if of == "integer" {
                 "a whole number"
@@ -348,6 +350,13 @@ fn the_page_of_files_is_what_is_read() {
             "recipes/y-branch.toml",
             FileKind::Recipe,
             order::<Recipe>,
+        ),
+        (
+            "A production recipe",
+            "How the fibers of a tray become pigtails.",
+            "recipes/produce-fast.toml",
+            FileKind::Production,
+            order::<Production>,
         ),
         (
             "machine.toml of a bench",

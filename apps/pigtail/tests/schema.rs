@@ -49,10 +49,21 @@ fn shipped() -> Vec<(PathBuf, FileKind)> {
         })
     });
     let recipes = files("recipes").into_iter();
+    let trays = files("trays").into_iter();
     let fleets = files("rigs/afpm/fleets").into_iter();
     of_rigs
         .chain(fleets.map(|file| (file, FileKind::Fleet)))
-        .chain(recipes.map(|file| (file, FileKind::Recipe)))
+        .chain(recipes.map(|file| {
+            let name = file.file_name().and_then(|name| name.to_str());
+            let production = name.is_some_and(|name| name.starts_with("produce-"));
+            let kind = if production {
+                FileKind::Production
+            } else {
+                FileKind::Recipe
+            };
+            (file, kind)
+        }))
+        .chain(trays.map(|file| (file, FileKind::Tray)))
         .collect()
 }
 

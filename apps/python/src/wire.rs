@@ -109,6 +109,8 @@ pub(crate) fn request_wire(request: Request) -> (&'static str, usize, usize) {
         Request::Load { arm, port } => ("load", arm, port),
         Request::Attach { arm } => ("attach", arm, 0),
         Request::Unload { arm } => ("unload", arm, 0),
+        // Nothing in Python asks for steps of the production cycle.
+        Request::Handle { arm, .. } => ("handle", arm, 0),
     }
 }
 

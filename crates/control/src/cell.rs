@@ -105,7 +105,10 @@ impl<'b> AlignmentCell<'b> {
     /// Takes a station in hand.
     pub fn over(station: &'b mut Station) -> Self {
         let layout = station.layout();
-        Self::new(station, layout)
+        let loaded = Side::ALL.map(|side| station.carries(side));
+        let cell = Self::new(station, layout);
+        cell.loaded.set(loaded);
+        cell
     }
 
     /// Lets a line run to its end.

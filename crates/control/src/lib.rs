@@ -59,6 +59,7 @@ pub mod characterize;
 pub mod compensation;
 pub mod contour;
 pub mod fast;
+pub mod hold;
 
 pub mod conical_scan;
 pub mod gap_by_light;

@@ -72,6 +72,28 @@ pub(crate) struct Job<'r> {
     shaking: Option<Shaking>,
     /// Where it is believed to be.
     place: Option<Place>,
+    /// Whether it is to be left at its peak, not attached; and what was known of it there.
+    pub(crate) holds: bool,
+    pub(crate) at_peak: Option<AtPeak>,
+}
+
+/// A fiber at its peak before its port, held and not attached.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AtPeak {
+    /// The manipulator that holds it.
+    pub side: Side,
+    /// The photodiode that sees its light.
+    pub channel: Channel,
+    /// Its level there, volts.
+    pub level: Level,
+    /// The level without its light, volts.
+    pub background: f64,
+    /// How well its place across is known, where the procedure can say so.
+    pub across: Option<Across>,
+    /// The gap, metres.
+    pub gap: f64,
+    /// How the peak walks as the gap closes, metres in the manipulator's x and y for a metre.
+    pub walk: Displacement,
 }
 
 /// Aligns the input fiber and the output fibers of one device, as the thesis does.
@@ -187,6 +209,8 @@ impl<'r> Job<'r> {
             phases: Vec::with_capacity(8),
             shaking: None,
             place: None,
+            holds: false,
+            at_peak: None,
         }
     }
 

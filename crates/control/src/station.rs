@@ -3,11 +3,12 @@
 
 mod arm;
 mod bench;
+mod handling;
 mod past;
 mod playing;
 
 use self::arm::{Arm, Started};
-pub(crate) use self::bench::{coarse, fine};
+pub use self::bench::{coarse, fine};
 use self::past::Past;
 use self::playing::Playing;
 use crate::calibration::Calibration;
@@ -300,6 +301,9 @@ impl<'a> Station<'a> {
         self.measurement = self.machine.exchange(&self.command)?;
         self.command.fiber = [None; SIDES];
         self.command.pulses = Command::NO_PULSES;
+        if self.measurement.handled.iter().any(Option::is_some) {
+            self.end_handling();
+        }
         self.look();
         if let Some(light) = self.measurement.light {
             let sample = Sample {

@@ -28,5 +28,6 @@ pub mod loops;
 pub mod maximize;
 pub mod methods;
 pub mod plan;
+pub mod produce;
 pub mod sample_data;
 pub mod simulate;

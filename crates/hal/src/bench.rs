@@ -12,7 +12,7 @@
 mod check;
 pub mod spec;
 
-use crate::Fault;
+use crate::{Fault, FiberHandling};
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::ops::{Add, Mul, Neg, Sub};
@@ -370,6 +370,14 @@ pub enum Request {
     Unload {
         /// The arm.
         arm: usize,
+    },
+    /// A step of the production cycle: gripping, dispensing, lamp, release, the next device. Benches that know none of it
+    /// refuse.
+    Handle {
+        /// The arm.
+        arm: usize,
+        /// The step.
+        what: FiberHandling,
     },
 }
 

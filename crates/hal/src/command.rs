@@ -3,6 +3,7 @@
 use crate::pulse::Pulse;
 use crate::quantity::{Counts, Volts};
 use crate::spec::{AXES, MICRO_AXES, SIDES};
+use serde::{Deserialize, Serialize};
 
 /// The outputs of control for one servo cycle. All are held constant until the next one, but for
 /// pulses, which an amplifier plays out by itself.
@@ -47,9 +48,10 @@ impl Command {
 
 /// A step of the fiber handling that surrounds alignment.
 ///
-/// What happens inside such a step (picking from the tray, dispensing and curing epoxy) is not
-/// part of this project; the machine reports itself ready in the next cycle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// The first three are over within the cycle: they leave out how a fiber gets into its holder and how adhesive cures. The
+/// others take their time, and the machine says in [`Measurement::handled`](crate::Measurement::handled) when one is over; one
+/// at a time for each holder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum FiberHandling {
     /// Take the fiber for this port from the tray into the empty holder. Ports count from zero on
     /// each side.
@@ -58,4 +60,24 @@ pub enum FiberHandling {
     Attach,
     /// Put the held fiber back into the tray.
     Unload,
+    /// Grip the fiber for this port at its place on the tray: of this device, or of the next once this one's is taken. May
+    /// miss it.
+    Pick(u8),
+    /// Put so many nanolitres of adhesive on the tip of the held fiber.
+    Wet(u8),
+    /// The lamp on the bond of the held fiber, on or off.
+    Lamp(bool),
+    /// Open the holder: the fiber stays where its adhesive holds it.
+    Release,
+    /// Bring the next device of the tray before both manipulators. Both holders stand clear of it.
+    Index,
+}
+
+/// How a step of the fiber handling ended that takes its time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Handled {
+    /// As it should.
+    Done,
+    /// There is nothing in the grip, or no next device.
+    Missed,
 }

@@ -41,7 +41,7 @@ pub mod quantity;
 pub mod spec;
 
 pub use bench::Bench;
-pub use command::{Command, FiberHandling};
+pub use command::{Command, FiberHandling, Handled};
 pub use config::Error;
 pub use fault::{Fault, Rule};
 pub use machine::Machine;

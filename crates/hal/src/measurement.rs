@@ -1,5 +1,6 @@
 //! What a machine measures in one servo cycle.
 
+use crate::command::Handled;
 use crate::quantity::{Counts, Volts};
 use crate::spec::{AXES, CHANNELS, SIDES};
 
@@ -20,6 +21,8 @@ pub struct Measurement {
     /// Displacement of each axis's output from home by its probe, metres, indexed by
     /// `[side][axis]`; `None` on a rig without probes.
     pub probes: Option<[[f64; AXES]; SIDES]>,
+    /// The step of the fiber handling that has ended in this cycle, indexed by side.
+    pub handled: [Option<Handled>; SIDES],
     /// Whether a person asks the machine to stop: the red button, or Ctrl-C at a simulated one.
     pub stop: bool,
 }

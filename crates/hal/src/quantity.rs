@@ -408,6 +408,7 @@ macro_rules! arrays {
 arrays! {
     Lengths LENGTH "lengths" "An array of `N` lengths, such as the coordinates of a point, read to metres.";
     Angles ANGLE "angles" "An array of `N` angles, read to radians.";
+    Times TIME "times" "An array of `N` times, read to seconds.";
     Speeds SPEED "speeds" "An array of `N` speeds, such as those along the axes, read to metres a second.";
 }
 

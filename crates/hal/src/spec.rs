@@ -206,6 +206,38 @@ pub struct Spec {
     /// What a guard stops the machine at.
     #[serde(default)]
     pub guard: GuardSpec,
+    /// Grippers, dispenser and conveyor.
+    #[serde(default)]
+    pub handling: HandlingSpec,
+}
+
+/// How long grippers, dispenser and conveyor take, as their makers say.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct HandlingSpec {
+    /// To grip a fiber at its place on the tray, seconds.
+    #[serde(with = "quantity::PositiveTime")]
+    pub pick: f64,
+    /// To put adhesive on a tip: for each nanolitre, seconds.
+    #[serde(with = "quantity::PositiveTime")]
+    pub wet: f64,
+    /// To open a holder, seconds.
+    #[serde(with = "quantity::PositiveTime")]
+    pub release: f64,
+    /// To bring the next device, seconds.
+    #[serde(with = "quantity::PositiveTime")]
+    pub index: f64,
+}
+
+impl Default for HandlingSpec {
+    fn default() -> Self {
+        Self {
+            pick: 2.0,
+            wet: 0.05,
+            release: 0.3,
+            index: 3.0,
+        }
+    }
 }
 
 /// What fixes a fiber to the chip: a weld, solder, an adhesive.

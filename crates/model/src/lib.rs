@@ -14,6 +14,7 @@
 //!   [`integrate`]; [`mod@group`] and [`batch`]: many of them side by side, by the vector [`instructions`] that there are;
 //! - [`fivebar`], [`leadscrew`]: from joints to the endpoint;
 //! - [`hysteresis`], [`piezo`]: the micro manipulator; [`pulse`]: the impulse (4.7);
+//! - [`mod@cure`]: an adhesive under a lamp;
 //! - [`optics`]: how much light passes from a fiber to a chip and back.
 //!
 //! Start with [`joint`]. In go parameters, a state and an input over a time; out comes the next state:
@@ -29,6 +30,7 @@
 //! ```
 
 pub mod batch;
+pub mod cure;
 mod each;
 pub mod fivebar;
 pub mod frames;

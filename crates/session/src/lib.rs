@@ -86,6 +86,7 @@ pub mod job;
 pub mod own;
 pub mod piezos;
 pub mod procedure;
+pub mod produce;
 pub mod pulses;
 pub mod records;
 pub mod replay;

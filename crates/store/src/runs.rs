@@ -1,7 +1,7 @@
 //! The folder of a run and its entry in the store: complete, or what there is of it.
 
 use crate::database::{
-    self, Aligned, Beginning, Database, Devices, End, Entry, FileHash, LOCK, State,
+    self, Aligned, Beginning, Database, Devices, End, Entry, FileHash, LOCK, Pigtail, State,
 };
 use anyhow::{Context, Result};
 use pigtail_hal::digest::{hash, hex};
@@ -201,6 +201,16 @@ impl Run {
     pub fn phase(&self, port: &str, phase: &str, begun: f64, seconds: f64) -> Result<(), Error> {
         self.evidence.set(true);
         self.entry().phase(port, phase, begun, seconds)
+    }
+
+    /// Enters a fiber of a tray that is done with.
+    ///
+    /// # Errors
+    ///
+    /// When it cannot be entered.
+    pub fn pigtail(&self, pigtail: &Pigtail) -> Result<(), Error> {
+        self.evidence.set(true);
+        self.entry().pigtail(pigtail)
     }
 
     /// Enters how the fibers of its device ended.

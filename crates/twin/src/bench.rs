@@ -377,6 +377,7 @@ impl BenchTwin {
                 }
                 Request::Unload { arm } => self.tray[arm].extend(self.arms[arm].carried.take()),
                 Request::Attach { arm } => self.fix(arm, &busy),
+                Request::Handle { .. } => {}
             }
             self.events.push_back(Event::Done(busy.ticket));
         }
@@ -514,6 +515,9 @@ impl BenchTwin {
     fn may(&self, request: &Request) -> Result<(), Refused> {
         self.caps.answers(request)?;
         let state = |text: String| Err(Refused::State(text));
+        if matches!(request, Request::Handle { .. }) {
+            return state("this bench has neither gripper, dispenser nor lamp".to_owned());
+        }
         let (Request::Load { arm, .. } | Request::Attach { arm } | Request::Unload { arm }) =
             *request
         else {
@@ -524,7 +528,7 @@ impl BenchTwin {
             Request::Load { arm: at, .. }
             | Request::Attach { arm: at }
             | Request::Unload { arm: at } => at == arm,
-            Request::Laser(_) => false,
+            Request::Laser(_) | Request::Handle { .. } => false,
         };
         if self.busy.iter().any(at_it) {
             return state(format!("{name} is busy with a fiber"));
@@ -580,7 +584,7 @@ impl Bench for BenchTwin {
     fn request(&mut self, what: Request) -> Result<Ticket, Refused> {
         self.may(&what)?;
         let seconds = match what {
-            Request::Laser(_) => STEP,
+            Request::Laser(_) | Request::Handle { .. } => STEP,
             Request::Load { .. } | Request::Unload { .. } => self.spec.handling.load,
             Request::Attach { .. } => self.spec.handling.bond,
         };

@@ -31,6 +31,7 @@ mod linkage;
 mod manipulator;
 mod micro;
 pub mod plant;
+pub mod production;
 mod sensors;
 mod setting;
 pub mod unrest;
@@ -42,12 +43,13 @@ use manipulator::Manipulator;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::{AXES, CHANNELS, HolderSpec, MICRO_AXES, OUTPUTS, SIDES};
 use pigtail_hal::{
-    Axis, AxisName, Command, Fault, FiberHandling, Machine, Measurement, Rule, Side, Spec,
+    Axis, AxisName, Command, Fault, FiberHandling, Handled, Machine, Measurement, Rule, Side, Spec,
 };
 use pigtail_model::Invalid;
 use pigtail_model::frames::{Chip, Displacement, Point};
 pub use plant::Plant;
-use plant::ThermalPlant;
+use plant::{AdhesivePlant, HandlingPlant, ThermalPlant};
+use production::Production;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use sensors::{Bias, Camera, Held, Photodiodes, Seen, normal};
@@ -90,6 +92,15 @@ pub struct Twin {
     wander: Option<Fluctuation>,
     late: Option<Late>,
     broken: Broken,
+    adhesive: AdhesivePlant,
+    handling: HandlingPlant,
+    /// Of the machine's adhesive, and of what happens to each fiber.
+    seeds: (u64, u64),
+    /// How steps of the handling have ended in this cycle.
+    handled: [Option<Handled>; SIDES],
+    production: Option<Box<Production>>,
+    /// Where the holders were in the last cycle with a tray.
+    holders: [Point<Chip>; SIDES],
 }
 
 /// A fiber fixed to the chip.
@@ -292,6 +303,12 @@ impl Twin {
             }),
             late: Late::new((plant.electronics.delay / period).round() as usize),
             broken: Broken::default(),
+            adhesive: plant.adhesive,
+            handling: plant.handling,
+            seeds: (numbered(specimen.machine(), 10), numbered(seed, 11)),
+            handled: [None; SIDES],
+            production: None,
+            holders: [Point::ORIGIN; SIDES],
             spec,
         })
     }
@@ -401,6 +418,7 @@ impl Twin {
                     cycles: 0,
                 });
             }
+            what => self.begin_handling(side, what),
         }
         Ok(())
     }
@@ -449,7 +467,7 @@ impl Twin {
         let held = self.held[side.index()]
             .as_ref()
             .filter(|held| held.port == port)?;
-        let tip = tip_of(holder, &held.fiber);
+        let tip = self.held_tip(side, holder, &held.fiber);
         let port = self.light.port(side, port);
         Some((self.light.coupling(port, tip, held.fiber.tilt), tip))
     }
@@ -519,6 +537,9 @@ impl Twin {
             }
             self.set_bond(side, holder);
         }
+        if self.production.is_some() {
+            self.produce(&holders);
+        }
         self.cycle += 1;
         let time = self.time();
 
@@ -539,7 +560,7 @@ impl Twin {
             let held = self.held[side.index()].as_ref()?;
             Some(seen(
                 side,
-                tip_of(holders[side.index()], &held.fiber),
+                self.held_tip(side, holders[side.index()], &held.fiber),
                 held.bias,
             ))
         });
@@ -553,7 +574,7 @@ impl Twin {
         for side in Side::ALL {
             let holder = holders[side.index()];
             let gap = if let Some(held) = &self.held[side.index()] {
-                let tip = tip_of(holder, &held.fiber);
+                let tip = self.held_tip(side, holder, &held.fiber);
                 self.light.port(side, held.port).clearance(tip)
             } else {
                 // An empty holder is as broad as it is.
@@ -572,6 +593,7 @@ impl Twin {
             light,
             vision,
             probes: self.probes(),
+            handled: std::mem::take(&mut self.handled),
             stop: self.broken.stop_pressed,
         })
     }

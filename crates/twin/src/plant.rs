@@ -1,9 +1,11 @@
 //! The truth about a machine and a device: `plant.toml`.
 
 mod joint;
+mod production;
 mod setting;
 
 pub use joint::{FrictionPlant, JointPlant, LoadLaw, MotorPlant, TransmissionPlant};
+pub use production::{AdhesivePlant, HandlingPlant};
 pub use setting::{CameraPlant, ElectronicsPlant, FloorPlant, ThermalPlant};
 
 use pigtail_hal::spec::OUTPUTS;
@@ -58,6 +60,12 @@ pub struct Plant {
     /// What fixes a fiber to the chip.
     #[serde(default)]
     pub bond: BondPlant,
+    /// What fixes a fiber in the production cycle.
+    #[serde(default)]
+    pub adhesive: AdhesivePlant,
+    /// Grippers, dispenser and conveyor.
+    #[serde(default)]
+    pub handling: HandlingPlant,
 }
 
 /// What fixes a fiber to the chip: a weld, solder, an adhesive.

@@ -21,7 +21,7 @@ use crate::recipe::Recipe;
 use crate::station::Observer;
 use fiber::Fiber;
 use first_light::first_light;
-use observed::Observed;
+pub(crate) use observed::Observed;
 use pigtail_hal::bench::{Group, Law, Limits, Meter, Pose, Request};
 use pigtail_hal::{Bench, Fault, Side};
 

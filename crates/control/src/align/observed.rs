@@ -10,13 +10,13 @@ use pigtail_hal::{Bench, Fault};
 use pigtail_model::frames::{Displacement, Point};
 
 /// A bench that tells an observer of its light.
-pub(super) struct Observed<'b> {
+pub(crate) struct Observed<'b> {
     bench: &'b mut dyn Bench,
     observer: &'b mut dyn Observer,
 }
 
 impl<'b> Observed<'b> {
-    pub(super) fn new(bench: &'b mut dyn Bench, observer: &'b mut dyn Observer) -> Self {
+    pub(crate) fn new(bench: &'b mut dyn Bench, observer: &'b mut dyn Observer) -> Self {
         Self { bench, observer }
     }
 

@@ -242,7 +242,9 @@ impl Shared<'_> {
         let clear = k.macro_from_chip(aim.port.shifted(0.0, 0.0, outward(aim.side) * away));
         let back = Point::new(here.x, here.y, here.z.min(clear.z));
         cell.go(aim.side, back).await?;
-        cell.load(aim.side, index).await?;
+        if !cell.carries(aim.side) {
+            cell.load(aim.side, index).await?;
+        }
         cock(cell, aim.side, recipe.raster.x)?;
         let below = aim.holder(cell, self.exit(), -self.below() - run_up, far);
         let below = Point::new(below.x, below.y, back.z);

@@ -15,6 +15,7 @@ mod approach_moves;
 mod gap;
 mod ratio;
 mod seen;
+mod single;
 
 use crate::beam::Beam;
 use crate::belief::Across;
@@ -34,6 +35,7 @@ use pigtail_model::frames::{Displacement, Macro, Point};
 use ratio::Ratios;
 pub use ratio::{Ratio, measure_ratios};
 use seen::DarkLevel;
+pub use single::{Aligner, Way};
 
 /// One pass of a search.
 #[derive(Debug, Clone, Copy)]
@@ -192,7 +194,9 @@ impl<'r> Shared<'r> {
             tip: Tip::Sensing,
             port: Point::new(x, y, z),
         };
-        cell.load(Side::Left, 0).await?;
+        if !cell.carries(Side::Left) {
+            cell.load(Side::Left, 0).await?;
+        }
         job.phase(cell, "coarse", async |_| {
             self.come_near(cell, &aim, &sensing).await
         })

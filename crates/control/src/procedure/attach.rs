@@ -1,6 +1,6 @@
 //! The end of every procedure: whether the gap is sure, the bond, and whether the light is still there.
 
-use super::{Job, outward};
+use super::{AtPeak, Job, outward};
 use crate::belief::{Across, Place, UNSURE};
 use crate::cell::AlignmentCell;
 use crate::outcome::{Halt, Outcome};
@@ -58,6 +58,23 @@ impl Job<'_> {
         let place = |across| place_at(cell, self.side, self.port, wanted, across);
         self.sure_of_gap(place(Across::default()))?;
         self.place = across.and_then(place);
+        if self.holds {
+            let exit = self.recipe.ports.exit_angle.tan();
+            let frame = cell.frame(self.side);
+            let a = frame.macro_from_chip(self.port);
+            let b = frame.macro_from_chip(self.port.shifted(exit, 0.0, 0.0));
+            let off = place(Across::default()).map_or(0.0, |place| place.off);
+            self.at_peak = Some(AtPeak {
+                side: self.side,
+                channel: self.channel,
+                level: last,
+                background,
+                across,
+                gap: wanted + off,
+                walk: b.across() - a.across(),
+            });
+            return Ok(());
+        }
         let least = cell.attach(self.side, self.channel).await? - background;
         let before = last.mean - background;
         // What moves while the bond sets is fixed somewhere on its way: its light at the end may be what it should be, all but.

@@ -22,12 +22,12 @@ const FOLLOWS: f64 = 0.5 * 2.5;
 const LAG: (f64, f64) = (1.2e-3, 0.4e-3);
 
 /// The macro of a side, and its micro.
-pub(crate) const fn coarse(side: Side) -> Group {
+pub const fn coarse(side: Side) -> Group {
     Group(2 * side.index())
 }
 
 /// The micro of a side.
-pub(crate) const fn fine(side: Side) -> Group {
+pub const fn fine(side: Side) -> Group {
     Group(2 * side.index() + 1)
 }
 
@@ -42,7 +42,7 @@ pub(super) fn of(group: Group) -> Result<(Side, Stage), Refused> {
     })
 }
 
-fn side_of(arm: usize) -> Result<Side, Refused> {
+pub(super) fn side_of(arm: usize) -> Result<Side, Refused> {
     Side::ALL.get(arm).copied().ok_or(Refused::Unknown {
         what: "arm",
         index: arm,
@@ -291,6 +291,7 @@ impl Bench for Station<'_> {
                 let side = self.holds(arm, true)?;
                 self.take_up(side, FiberHandling::Unload);
             }
+            Request::Handle { arm, what } => return self.begin_handling(arm, what),
         }
         let ticket = self.playing.ticket();
         self.playing.requests.push((ticket, by - 0.5 * period));

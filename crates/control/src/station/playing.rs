@@ -6,7 +6,7 @@ use crate::outcome::Outcome;
 use crate::trajectory::Line;
 use pigtail_hal::bench::{Caps, Dither, Event, Fix, Frame, Knot, Law, Light, Pose, Ticket, Tip};
 use pigtail_hal::spec::SIDES;
-use pigtail_hal::{Channel, Side};
+use pigtail_hal::{Channel, FiberHandling, Side};
 use pigtail_model::frames::{Displacement, Macro, Point};
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -23,6 +23,8 @@ pub(super) struct Playing {
     pub(super) coarse: [Option<Coarse>; SIDES],
     /// What is asked for, and when it will be done, seconds.
     pub(super) requests: Vec<(Ticket, f64)>,
+    /// Steps of the fiber handling that take their time.
+    pub(super) handling: [Option<(Ticket, FiberHandling)>; SIDES],
     /// What has happened and nobody was told.
     pub(super) events: VecDeque<Event>,
 }
@@ -35,6 +37,7 @@ impl Playing {
             fine: Default::default(),
             coarse: Default::default(),
             requests: Vec::new(),
+            handling: [None; SIDES],
             events: VecDeque::new(),
         }
     }
@@ -49,6 +52,7 @@ impl Playing {
         self.fine = Default::default();
         self.coarse = Default::default();
         self.requests.clear();
+        self.handling = [None; SIDES];
     }
 }
 

@@ -86,6 +86,7 @@ impl Machine for Obedient {
                 }),
             vision: None,
             probes: None,
+            handled: [None; 2],
             stop: false,
         })
     }

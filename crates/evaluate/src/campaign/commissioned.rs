@@ -161,6 +161,16 @@ impl Commissioned {
         Ok(Device { seed, document })
     }
 
+    /// The setup with what is believed of a machine; nothing where that was refused.
+    ///
+    /// # Errors
+    ///
+    /// When what was kept of it cannot be read.
+    pub fn setup_of(&self, machine: u64) -> Result<Option<Arc<Setup>>, Ended> {
+        let accepted = self.machines.get(&machine).is_some_and(|m| m.accepted);
+        accepted.then(|| self.of_machine(machine)).transpose()
+    }
+
     /// The setup with what is believed of a machine.
     fn of_machine(&self, machine: u64) -> Result<Arc<Setup>, Ended> {
         let mut ready = lock(&self.ready);

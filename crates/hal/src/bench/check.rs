@@ -62,7 +62,10 @@ impl Caps {
     /// What is not.
     pub fn answers(&self, request: &Request) -> Result<(), Refused> {
         match *request {
-            Request::Load { arm, .. } | Request::Attach { arm } | Request::Unload { arm } => {
+            Request::Load { arm, .. }
+            | Request::Attach { arm }
+            | Request::Unload { arm }
+            | Request::Handle { arm, .. } => {
                 let count = self.arms.len();
                 if arm < count {
                     return Ok(());

@@ -10,6 +10,9 @@ use pigtail_hal::{Axis, Measurement, Side, Spec, VisionFrame};
 use pigtail_model::fivebar::Turning;
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 
+/// How far from the first port of its side a tip is compared from frame to frame, metres: aside and away.
+const FIELD: (f64, f64) = (3e-3, 5.5e-3);
+
 /// By how much of a way lead and links may be wrong: what was seen from afar is known as much worse.
 const SCALE: f64 = 2e-3;
 /// By what time a tip may lag behind its encoders, seconds.
@@ -223,6 +226,14 @@ impl Keepout {
         self.led[i] = None;
     }
 
+    /// Another chip is there from `time` on.
+    pub(super) fn change_chip(&mut self, time: f64) {
+        for side in Side::ALL {
+            self.change_fiber(side, self.held[side.index()], time);
+        }
+        (self.sensing, self.begun) = (None, time);
+    }
+
     /// Where a manipulator stood so many cycles ago.
     pub(super) fn stand(&self, side: usize, back: usize) -> &Stand {
         // `back` is less than all that is remembered: no division.
@@ -338,11 +349,25 @@ impl Keepout {
                 && self.held[i]
                 && frame.time > self.since[i]
             {
-                self.fibers[i] = Some(self.update(Tip::Fiber(side), fix, back)?);
+                let near = self.is_in_field(Tip::Fiber(side), back);
+                let belief = near.then(|| self.update(Tip::Fiber(side), fix, back));
+                self.fibers[i] = belief.transpose()?;
             }
         }
-        self.sensing = Some(self.update(Tip::Sensing, &frame.sensing, back)?);
+        let near = self.is_in_field(Tip::Sensing, back);
+        let belief = near.then(|| self.update(Tip::Sensing, &frame.sensing, back));
+        self.sensing = belief.transpose()?;
         Ok(())
+    }
+
+    /// Whether a tip was where vision is to be believed: at the chip, or as far from it as a manipulator's home. At a tray it is
+    /// seen anew when it comes back: on so long a way lead, links and how a manipulator stands make more than a
+    /// fiber that slips.
+    fn is_in_field(&self, tip: Tip, back: usize) -> bool {
+        let facet = &self.geometry.facets[tip.side().index()];
+        let at = self.nominal(tip, back);
+        let (aside, away) = FIELD;
+        facet.gap(at.z) < away && (at.x - facet.ports[0].x).abs() < aside
     }
 
     fn update(&self, tip: Tip, fix: &TipFix, back: usize) -> Result<Belief, Surprise> {

@@ -16,7 +16,7 @@ use light::LightWatch;
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, MICRO_AXES, SIDES};
 use pigtail_hal::{
-    Axis, AxisName, Command, Fault, FiberHandling, Machine, Measurement, Rule, Side, Spec,
+    Axis, AxisName, Command, Fault, FiberHandling, Handled, Machine, Measurement, Rule, Side, Spec,
 };
 use pigtail_model::fivebar::{FiveBar, JointAngle, Turning, Unreachable};
 use pigtail_model::frames::{Chip, Placement, Point};
@@ -144,6 +144,8 @@ pub struct Guard<M> {
     fault: Option<Fault>,
     /// Rules that an experiment breaks on purpose.
     exempt: &'static [Rule],
+    /// Steps of the fiber handling that go on.
+    handling: [Option<FiberHandling>; SIDES],
 }
 
 /// What a guard remembers of a cycle.
@@ -218,6 +220,25 @@ impl Broken {
     }
 }
 
+impl<M> Guard<M> {
+    /// A step of the fiber handling is over: what is held, or what is there, is another.
+    #[cold]
+    fn handled(&mut self, side: Side, how: Handled, time: f64) {
+        self.light.forget();
+        match (self.handling[side.index()].take(), how) {
+            (Some(FiberHandling::Pick(_)), Handled::Done) => {
+                self.keepout.change_fiber(side, true, time);
+            }
+            (Some(FiberHandling::Release), Handled::Done) => {
+                self.keepout.change_fiber(side, false, time);
+            }
+            // Where tips stand before a chip is to be seen anew.
+            (Some(FiberHandling::Index), Handled::Done) => self.keepout.change_chip(time),
+            _ => {}
+        }
+    }
+}
+
 impl<M: Machine> Guard<M> {
     /// Watches a machine that stands at home.
     pub fn new(machine: M, geometry: Geometry) -> Self {
@@ -235,6 +256,7 @@ impl<M: Machine> Guard<M> {
             last: None,
             fault: None,
             exempt: &[],
+            handling: [None; SIDES],
         }
     }
 
@@ -583,9 +605,20 @@ impl<M: Machine> Machine for Guard<M> {
         };
         for side in Side::ALL {
             if let Some(handling) = command.fiber[side.index()] {
-                let held = matches!(handling, FiberHandling::Load(_));
-                self.keepout.change_fiber(side, held, measured.time);
+                match handling {
+                    FiberHandling::Load(_) | FiberHandling::Attach | FiberHandling::Unload => {
+                        let held = matches!(handling, FiberHandling::Load(_));
+                        self.keepout.change_fiber(side, held, measured.time);
+                    }
+                    // The others take their time.
+                    _ => self.handling[side.index()] = Some(handling),
+                }
                 self.light.forget();
+            }
+        }
+        for side in Side::ALL {
+            if let Some(how) = measured.handled[side.index()] {
+                self.handled(side, how, measured.time);
             }
         }
         let checked = self.check_measurement(command, &measured);

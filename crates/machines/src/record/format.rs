@@ -5,7 +5,7 @@ use pigtail_hal::pulse::HARMONICS;
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, CHANNELS, MICRO_AXES, SIDES};
 use pigtail_hal::{
-    Command, Fault, FiberHandling, LightSample, Measurement, Pulse, Rule, VisionFrame,
+    Command, Fault, FiberHandling, Handled, LightSample, Measurement, Pulse, Rule, VisionFrame,
 };
 
 /// One exchange: what was said, and what came back.
@@ -71,6 +71,7 @@ enum Seldom {
     Light(LightSample),
     Vision(VisionFrame),
     Fault(Fault),
+    Handled(u8, Handled),
 }
 
 /// Why bytes are no block.
@@ -113,6 +114,12 @@ impl Block {
         if pulses.iter().any(Option::is_some) || command.fiber.iter().any(Option::is_some) {
             self.push_seldom(index, command);
         }
+        for (i, handled) in measured.handled.iter().enumerate() {
+            if let Some(handled) = handled {
+                self.seldom
+                    .push((index, Seldom::Handled(i as u8, *handled)));
+            }
+        }
     }
 
     /// Adds an exchange that a fault answered.
@@ -123,6 +130,7 @@ impl Block {
             light: None,
             vision: None,
             probes: None,
+            handled: [None; SIDES],
             stop: false,
         };
         let index = self.rows.len() as u32;
@@ -292,6 +300,7 @@ impl Block {
                 probes: row.probes(|| probes.next()).map(|probes| {
                     std::array::from_fn(|i| std::array::from_fn(|k| probes[AXES * i + k]))
                 }),
+                handled: [None; SIDES],
                 stop: row.flags & STOP != 0,
             };
             let mut fault = None;
@@ -307,6 +316,9 @@ impl Block {
                     Seldom::Light(light) => measured.light = Some(*light),
                     Seldom::Vision(frame) => measured.vision = Some(*frame),
                     Seldom::Fault(what) => fault = Some(what.clone()),
+                    Seldom::Handled(side, how) => {
+                        measured.handled[usize::from(*side)] = Some(*how);
+                    }
                 }
             }
             Exchange {
@@ -338,6 +350,11 @@ impl Seldom {
                     FiberHandling::Load(port) => (0, *port),
                     FiberHandling::Attach => (1, 0),
                     FiberHandling::Unload => (2, 0),
+                    FiberHandling::Pick(port) => (3, *port),
+                    FiberHandling::Wet(volume) => (4, *volume),
+                    FiberHandling::Lamp(on) => (5, u8::from(*on)),
+                    FiberHandling::Release => (6, 0),
+                    FiberHandling::Index => (7, 0),
                 };
                 out.extend([1, *side, what, port]);
             }
@@ -359,6 +376,7 @@ impl Seldom {
                     }
                 }
             }
+            Self::Handled(side, how) => out.extend([5, *side, u8::from(*how == Handled::Missed)]),
             Self::Fault(fault) => {
                 out.push(4);
                 number(out, fault.time);
@@ -400,6 +418,11 @@ impl Seldom {
                     0 => FiberHandling::Load(port),
                     1 => FiberHandling::Attach,
                     2 => FiberHandling::Unload,
+                    3 => FiberHandling::Pick(port),
+                    4 => FiberHandling::Wet(port),
+                    5 => FiberHandling::Lamp(port != 0),
+                    6 => FiberHandling::Release,
+                    7 => FiberHandling::Index,
                     _ => return Err(Damaged),
                 };
                 Self::Fiber(side, handling)
@@ -426,6 +449,15 @@ impl Seldom {
                     fiber,
                     sensing,
                 })
+            }
+            5 => {
+                let side = below(from.u8()?, SIDES)?;
+                let how = match from.u8()? {
+                    0 => Handled::Done,
+                    1 => Handled::Missed,
+                    _ => return Err(Damaged),
+                };
+                Self::Handled(side, how)
             }
             4 => {
                 let time = from.f64()?;
@@ -604,6 +636,7 @@ mod tests {
                 light: None,
                 vision: None,
                 probes: None,
+                handled: [None; SIDES],
                 stop: false,
             };
             block.push(&command, &measured);

@@ -101,6 +101,35 @@ pub struct AlignedFiber {
     pub within_tolerance: Option<bool>,
 }
 
+/// A fiber of a tray as it was produced: who was where, with what.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pigtail<'a> {
+    /// Serial number of the device.
+    pub device: &'a str,
+    /// Its place on the tray.
+    pub place: &'a str,
+    /// The port.
+    pub port: &'a str,
+    /// Serial number of the fiber.
+    pub fiber: &'a str,
+    /// Where that lay.
+    pub fiber_place: &'a str,
+    /// The production recipe.
+    pub recipe: &'a str,
+    /// SHA-256 of the calibration.
+    pub calibration: &'a str,
+    /// The operator's name; empty where none was given.
+    pub operator: &'a str,
+    /// `pigtailed`, or why it is not.
+    pub outcome: &'a str,
+    /// Loss that cure and release have added, by the light, decibels.
+    pub added_loss_db: Option<f64>,
+    /// Its standard deviation, decibels.
+    pub sigma_db: Option<f64>,
+    /// Machine time, seconds.
+    pub seconds: f64,
+}
+
 /// How a run ended.
 #[derive(Debug, Clone, Copy)]
 pub struct End<'a> {
@@ -223,6 +252,37 @@ impl Entry {
                     name,
                     rounded(start, 1e-6),
                     rounded(seconds, 1e-6)
+                ],
+            )
+        })?;
+        Ok(())
+    }
+
+    /// Enters a fiber of a tray that is done with.
+    ///
+    /// # Errors
+    ///
+    /// When it cannot be written.
+    pub fn pigtail(&self, pigtail: &Pigtail) -> Result<(), Error> {
+        let run = self.run;
+        self.database.write(|store| {
+            store.execute(
+                "INSERT INTO pigtails SELECT ?1, count(*), ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13
+                 FROM pigtails WHERE run = ?1",
+                params![
+                    run,
+                    pigtail.device,
+                    pigtail.place,
+                    pigtail.port,
+                    pigtail.fiber,
+                    pigtail.fiber_place,
+                    pigtail.recipe,
+                    pigtail.calibration,
+                    pigtail.operator,
+                    pigtail.outcome,
+                    pigtail.added_loss_db,
+                    pigtail.sigma_db,
+                    rounded(pigtail.seconds, 1e-6)
                 ],
             )
         })?;

@@ -18,7 +18,7 @@ pub mod query;
 mod schema;
 pub mod verify;
 
-pub use entry::{Aligned, AlignedFiber, Devices, State};
+pub use entry::{Aligned, AlignedFiber, Devices, Pigtail, State};
 pub use entry::{Beginning, End, Entry};
 pub use files::FileHash;
 pub use files::{LOCK, hash_all};

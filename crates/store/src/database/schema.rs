@@ -12,7 +12,8 @@ use sha2::{Digest, Sha256};
 pub(super) const APPLICATION: i32 = 0x7069_6774;
 
 /// `STEPS[i]` turns version i into version i + 1; version 0 is an empty database.
-pub(super) const STEPS: &[&str] = &["
+pub(super) const STEPS: &[&str] = &[
+    "
     CREATE TABLE runs (
         id INTEGER PRIMARY KEY AUTOINCREMENT,
         name TEXT NOT NULL UNIQUE,      -- of its folder
@@ -102,10 +103,30 @@ pub(super) const STEPS: &[&str] = &["
         name TEXT PRIMARY KEY,
         sha256 TEXT NOT NULL            -- over all that the other tables say of the run
     ) STRICT, WITHOUT ROWID;
-"];
+",
+    "
+    CREATE TABLE pigtails (             -- fibers of a tray, as they were produced
+        run INTEGER NOT NULL REFERENCES runs (id) ON DELETE CASCADE,
+        ordinal INTEGER NOT NULL,
+        device TEXT NOT NULL,           -- serial number
+        place TEXT NOT NULL,            -- of the device on the tray
+        port TEXT NOT NULL,
+        fiber TEXT NOT NULL,            -- serial number
+        fiber_place TEXT NOT NULL,
+        recipe TEXT NOT NULL,
+        calibration TEXT NOT NULL,      -- SHA-256
+        operator TEXT NOT NULL,
+        outcome TEXT NOT NULL,          -- pigtailed, or why not
+        added_loss_db REAL,             -- by the light
+        sigma_db REAL,
+        seconds REAL NOT NULL,          -- of machine time
+        PRIMARY KEY (run, ordinal)
+    ) STRICT, WITHOUT ROWID;
+",
+];
 
 /// The tables that a seal is over, the column that names the run, and the order of their rows.
-const SEALED: [(&str, &str, &str); 8] = [
+const SEALED: [(&str, &str, &str); 9] = [
     ("runs", "id", "id"),
     ("configurations", "run", "ordinal"),
     ("devices", "run", "ordinal"),
@@ -114,6 +135,7 @@ const SEALED: [(&str, &str, &str); 8] = [
     ("calibrations", "run", "ordinal"),
     ("faults", "run", "ordinal"),
     ("files", "run", "path"),
+    ("pigtails", "run", "ordinal"),
 ];
 
 /// The version that a database says it has.
@@ -183,7 +205,7 @@ mod tests {
 
     fn first() -> Connection {
         let connection = Connection::open_in_memory().expect("a database");
-        migrate(&connection, &STEPS[..1]).expect("version 1");
+        migrate(&connection, STEPS).expect("today's version");
         connection
             .execute_batch(
                 "INSERT INTO runs (name, kind, seed, state, version, command, pid, started)
@@ -200,22 +222,23 @@ mod tests {
         let before = seal(&connection, 1).expect("a seal");
         let steps = [
             STEPS[0],
+            STEPS[1],
             "ALTER TABLE phases ADD COLUMN samples INTEGER; CREATE TABLE more (run INTEGER);",
             "UPDATE runs SET machine_seconds = NULL;",
         ];
-        migrate(&connection, &steps).expect("version 3");
-        assert_eq!(version(&connection), Ok(3));
+        migrate(&connection, &steps).expect("version 4");
+        assert_eq!(version(&connection), Ok(4));
         assert_eq!(seal(&connection, 1).as_ref(), Ok(&before));
         migrate(&connection, &steps).expect("nothing to do");
-        assert_eq!(version(&connection), Ok(3));
+        assert_eq!(version(&connection), Ok(4));
     }
 
     #[test]
     fn a_step_that_fails_changes_nothing() {
         let connection = first();
-        let steps = [STEPS[0], "DELETE FROM phases;", "no SQL at all;"];
+        let steps = [STEPS[0], STEPS[1], "DELETE FROM phases;", "no SQL at all;"];
         migrate(&connection, &steps).expect_err("it cannot be done");
-        assert_eq!(version(&connection), Ok(1));
+        assert_eq!(version(&connection), Ok(2));
         let phases: i64 = connection
             .query_row("SELECT count(*) FROM phases", [], |row| row.get(0))
             .expect("a number");

@@ -1,0 +1,658 @@
+//! `pigtail produce`, and `pigtail plan --tray`.
+
+use crate::common::Common;
+use crate::{DONE, FAULT, Failure, NEGATIVE, running};
+use anyhow::Context;
+use clap::Args;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use pigtail_control::station::{Observer, Sample};
+use pigtail_cycle::plan::{Plan, plan};
+use pigtail_cycle::recipe::Action;
+use pigtail_cycle::run::{Event, Pigtail, Produced};
+use pigtail_evaluate::campaign::Commissioned;
+use pigtail_evaluate::produce::{Heard, ProduceDocument, Told, produce};
+use pigtail_hal::digest::hash;
+use pigtail_hal::{Error, Side};
+use pigtail_report as report;
+use pigtail_session::calibrations::Part;
+use pigtail_session::own::Own;
+use pigtail_session::produce::{DEFAULT_TRAY, Loaded};
+use pigtail_session::setup::Setup;
+use pigtail_store::database::{Pigtail as Entered, partial_folder};
+use pigtail_store::runs::Run;
+use pigtail_twin::Specimen;
+use serde::{Deserialize, Serialize};
+use std::fs::{self, File};
+use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+use std::time::Instant;
+
+/// Produce a tray: pick, adhesive, align, cure and release every fiber of every device
+///
+/// Both manipulators work side by side on the twin that the seed draws: the machine, and a device of its own in each place of
+/// the tray. Adhesive cures under the lamp for as long as the recipe says and pulls at the fiber meanwhile; the micro follows
+/// the light's peak until the gel point, and goes beyond it by what earlier fibers have taught. Tray and recipes are checked
+/// whole before anything moves.
+///
+/// Writes a folder `runs/<time>-produce-<seed>/` with `report.html` (a Gantt chart with the critical path), `summary.json`,
+/// `journal.jsonl` (each device as it was done: what `--resume` goes on from), and enters every fiber in the store of runs.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  pigtail produce                       the example tray on the default rig
+  pigtail produce --tray my-tray.toml --seed 7 --operator 'M. Weber'
+  pigtail produce --tray four --json    events, one a line; the last line is the result
+  pigtail produce --tray my-tray.toml --seed 7 --resume 20261124T101500-produce-7
+                                        goes on with a tray whose run was killed")]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    common: Common,
+    /// A tray file, or the name of one below `trays`
+    #[arg(long, value_name = "FILE", default_value = DEFAULT_TRAY)]
+    tray: String,
+    /// Who is at the machine; it is kept with every fiber
+    #[arg(long, value_name = "NAME", default_value = "")]
+    operator: String,
+    /// Goes on with the tray of a run that was interrupted, by the run's name or folder
+    #[arg(long, value_name = "RUN")]
+    resume: Option<String>,
+    /// Commissions the machine first, as a machine of a fleet needs it
+    #[arg(long)]
+    commission: bool,
+    /// Whether the micro follows the light's peak until the gel point, in place of what the recipes say
+    #[arg(long, value_name = "true|false")]
+    track: Option<bool>,
+    /// Whether it then goes beyond the peak by the shift that is expected, in place of what the recipes say
+    #[arg(long, value_name = "true|false")]
+    precompensate: Option<bool>,
+    /// Records the exchanges with the machine: some megabytes a minute of machine time
+    #[arg(long)]
+    record: bool,
+    /// Let the machine's time keep to the clock
+    #[arg(long)]
+    real_time: bool,
+}
+
+/// The first line of a journal: what has to be the same to go on.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+struct Head {
+    tray: String,
+    seed: u64,
+    rig: String,
+    fleet: String,
+    configuration: Vec<(String, String)>,
+}
+
+/// A line of a journal.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Line {
+    Head(Head),
+    Begin(String),
+    Fiber(Pigtail),
+    Device(Told),
+}
+
+/// The last line of `--json`.
+#[derive(Serialize)]
+struct Last<'d> {
+    devices: usize,
+    fibers: usize,
+    #[serde(rename = "yield")]
+    passed: f64,
+    seconds_per_fiber: &'d pigtail_evaluate::produce::Percentiles,
+    devices_per_hour: f64,
+    idle_percent: &'d pigtail_evaluate::produce::Sides,
+    loss_db_after_cure: &'d pigtail_evaluate::produce::Percentiles,
+    shift_um: &'d pigtail_evaluate::produce::Shift,
+    rejected: &'d std::collections::BTreeMap<String, usize>,
+}
+
+impl<'d> Last<'d> {
+    fn of(d: &'d ProduceDocument) -> Self {
+        Self {
+            devices: d.devices,
+            fibers: d.fibers,
+            passed: d.passed,
+            seconds_per_fiber: &d.seconds_per_fiber,
+            devices_per_hour: d.devices_per_hour,
+            idle_percent: &d.idle_percent,
+            loss_db_after_cure: &d.loss_db_after_cure,
+            shift_um: &d.shift_um,
+            rejected: &d.rejected,
+        }
+    }
+}
+
+/// Tray, recipes and rig, all of them checked: every mistake at once.
+pub(crate) fn load(common: &Common, tray: &str) -> Result<(Loaded, Setup), Failure> {
+    let loaded = Loaded::read(tray)?;
+    let setup = common.setup_with(loaded.device_recipe(), &Own::default(), false, &[])?;
+    let wrong = loaded.check(&setup.rig.spec, &setup.rig.calibration);
+    if wrong.is_empty() {
+        return Ok((loaded, setup));
+    }
+    let all: Vec<String> = wrong.iter().map(ToString::to_string).collect();
+    Err(anyhow::anyhow!(
+        "{} mistakes, and nothing has moved:\n  {}",
+        all.len(),
+        all.join("\n  ")
+    )
+    .into())
+}
+
+/// What there was in a journal.
+fn resumed(named: &str, runs: &Path, head: &Head, loaded: &Loaded) -> Result<Vec<Told>, Failure> {
+    let folders = [
+        PathBuf::from(named),
+        partial_folder(runs, named),
+        runs.join(named),
+    ];
+    let file = folders
+        .iter()
+        .map(|folder| folder.join(JOURNAL))
+        .find(|file| file.is_file())
+        .ok_or_else(|| {
+            let message = format!(
+                "no run of `produce` is called so in {}; accepted is the name or the folder of one",
+                runs.display()
+            );
+            Error::new(format!("--resume {named}"), "", message)
+        })?;
+    let text = fs::read_to_string(&file).with_context(|| file.display().to_string())?;
+    let name = file.display().to_string();
+    let (mut told, mut begun, mut fibers) = (Vec::new(), None, Vec::new());
+    for (i, line) in text.split_inclusive('\n').enumerate() {
+        // A line that was being written when all ended says nothing.
+        if !line.ends_with('\n') {
+            break;
+        }
+        let line: Line = serde_json::from_str(line)
+            .map_err(|why| Error::new(&name, "", format!("line {}: {why}", i + 1)))?;
+        match line {
+            Line::Head(of) if of == *head => {}
+            Line::Head(_) => {
+                let message = "is of another tray, rig, fleet, recipe, calibration or seed; accepted is the same";
+                return Err(Error::new(&name, "", message).into());
+            }
+            Line::Begin(serial) => (begun, fibers) = (Some(serial), Vec::new()),
+            Line::Fiber(fiber) => fibers.push(fiber),
+            Line::Device(device) => {
+                begun = None;
+                told.push(device);
+            }
+        }
+    }
+    let Some(serial) = begun else { return Ok(told) };
+    let Some(device) = loaded.tray.devices.get(told.len()) else {
+        return Ok(told);
+    };
+    let production = &loaded.productions[loaded.tray.recipe_of(device)];
+    if production.interrupted == Action::Call {
+        let detail = format!(
+            "{serial} was half done when the work was interrupted, and {} calls a person for that",
+            production.name
+        );
+        return Err(anyhow::anyhow!(detail).into());
+    }
+    let truth = vec![None; fibers.len()];
+    told.push(Told {
+        produced: Produced {
+            serial,
+            place: device.place.clone(),
+            recipe: production.name.clone(),
+            rejected: "interrupted".to_owned(),
+            start: 0.0,
+            end: 0.0,
+            fibers,
+        },
+        truth,
+    });
+    Ok(told)
+}
+
+const JOURNAL: &str = "journal.jsonl";
+
+/// What a person sees: a line on a terminal, plain lines elsewhere, or events.
+struct View {
+    json: bool,
+    bar: ProgressBar,
+    left: String,
+    right: String,
+    light: f64,
+    devices: (usize, usize, usize),
+    fibers: usize,
+    passed: usize,
+    start: Option<f64>,
+    now: f64,
+    /// Seconds a device by the plan.
+    each: f64,
+    failed: Option<std::io::Error>,
+}
+
+impl View {
+    fn new(json: bool, before: usize, all: usize, each: f64) -> Self {
+        let live = std::io::stderr().is_terminal();
+        let bar = if live {
+            ProgressBar::with_draw_target(Some(all as u64), ProgressDrawTarget::stderr_with_hz(10))
+        } else {
+            ProgressBar::hidden()
+        };
+        if let Ok(style) = ProgressStyle::with_template("[{bar:12}] {msg}") {
+            bar.set_style(style.progress_chars("=> "));
+        }
+        Self {
+            json,
+            bar,
+            left: String::new(),
+            right: String::new(),
+            light: 0.0,
+            devices: (before, all, before),
+            fibers: 0,
+            passed: 0,
+            start: None,
+            now: 0.0,
+            each,
+            failed: None,
+        }
+    }
+
+    fn line(&mut self, text: &impl Serialize) {
+        let written = serde_json::to_string(text)
+            .map_err(std::io::Error::other)
+            .and_then(|line| writeln!(std::io::stdout(), "{line}"));
+        if let Err(why) = written {
+            self.failed.get_or_insert(why);
+        }
+    }
+
+    fn show(&self) {
+        let (done, all, before) = self.devices;
+        let seconds = self.now - self.start.unwrap_or(self.now);
+        let here = done - before;
+        let each = if here > 0 {
+            seconds / here as f64
+        } else {
+            self.each
+        };
+        let ahead = (all - before) as f64 * each - seconds;
+        let fiber = seconds / self.fibers.max(1) as f64;
+        self.bar.set_position(done as u64);
+        self.bar.set_message(format!(
+            "left {:9} right {:9} {:5.3} V  device {}/{all}  fibers {}  yield {:.0} %  {fiber:.0} s a fiber  {:.0} min left",
+            self.left,
+            self.right,
+            self.light,
+            (done + 1).min(all),
+            self.fibers,
+            100.0 * self.passed as f64 / here.max(1) as f64,
+            (ahead / 60.0).max(0.0).ceil(),
+        ));
+    }
+
+    fn hear(&mut self, heard: &Heard) {
+        match heard {
+            Heard::Event(event) => {
+                match event {
+                    Event::Begin { time, .. } => {
+                        self.start.get_or_insert(*time);
+                        self.now = *time;
+                    }
+                    Event::Did(bar) => {
+                        let of = if bar.side == Side::Left.name() {
+                            &mut self.left
+                        } else {
+                            &mut self.right
+                        };
+                        bar.what.clone_into(of);
+                        self.now = self.now.max(bar.end);
+                    }
+                    Event::Fiber(_) => self.fibers += 1,
+                    Event::Device(_) => {}
+                }
+                if self.json && !matches!(event, Event::Device(_)) {
+                    self.line(event);
+                }
+            }
+            Heard::Device(told) => {
+                let produced = &told.produced;
+                self.devices.0 += 1;
+                self.passed += usize::from(produced.rejected.is_empty());
+                self.now = produced.end;
+                if self.json {
+                    #[derive(Serialize)]
+                    struct Tagged<'t> {
+                        event: &'static str,
+                        #[serde(flatten)]
+                        told: &'t Told,
+                    }
+                    self.line(&Tagged {
+                        event: "device",
+                        told,
+                    });
+                } else if !std::io::stderr().is_terminal() {
+                    let how = if produced.rejected.is_empty() {
+                        "passed"
+                    } else {
+                        &produced.rejected
+                    };
+                    eprintln!(
+                        "{} {how}, {:.0} s, {}/{}",
+                        produced.serial,
+                        produced.end - produced.start,
+                        self.devices.0,
+                        self.devices.1
+                    );
+                }
+            }
+        }
+        self.show();
+    }
+}
+
+/// The light and the phases of an alignment, on the line of a terminal.
+struct Light<'v>(&'v std::cell::RefCell<View>);
+
+impl Observer for Light<'_> {
+    fn phase(&mut self, port: &str, phase: &'static str, time: f64) {
+        let mut view = self.0.borrow_mut();
+        let of = if port == "input" {
+            &mut view.left
+        } else {
+            &mut view.right
+        };
+        phase.clone_into(of);
+        view.now = time;
+        view.show();
+    }
+
+    fn sample(&mut self, sample: &Sample) {
+        // As often as somebody can read it.
+        if let Ok(mut view) = self.0.try_borrow_mut()
+            && sample.time - view.now > 0.1
+        {
+            view.now = sample.time;
+            view.light = sample.light.into_iter().fold(0.0, f64::max);
+            view.show();
+        }
+    }
+}
+
+pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let common = &arguments.common;
+    let (mut loaded, mut setup) = load(common, &arguments.tray)?;
+    for production in loaded.productions.values_mut() {
+        let cure = &mut production.cure;
+        cure.track = arguments.track.unwrap_or(cure.track);
+        cure.precompensate = arguments.precompensate.unwrap_or(cure.precompensate) && cure.track;
+    }
+    setup.options.real_time = arguments.real_time;
+    setup.rig.hashes.extend(loaded.hashes.iter().cloned());
+    let head = Head {
+        tray: loaded.tray.name.clone(),
+        seed: common.seed,
+        rig: setup.rig.name.clone(),
+        fleet: setup.fleet_name().to_owned(),
+        configuration: setup.rig.hashes.clone(),
+    };
+    let before = match &arguments.resume {
+        Some(named) => resumed(named, &common.runs, &head, &loaded)?,
+        None => Vec::new(),
+    };
+    if arguments.commission {
+        setup = commissioned(&setup, common)?;
+    } else {
+        running::warn(&setup, Part::ALIGNMENT);
+    }
+    let planned = planned(&loaded, &setup);
+    let run = running::begin(
+        &mut setup,
+        &common.runs,
+        "produce",
+        common.seed,
+        arguments.record,
+    )?;
+    let journal = Journal::begin(&run, &head, &before)?;
+    let calibration = hash(
+        setup
+            .rig
+            .sources
+            .iter()
+            .map(|source| source.text.as_str())
+            .collect::<String>(),
+    );
+    let all = loaded.tray.devices.len();
+    let view = std::cell::RefCell::new(View::new(
+        common.json,
+        before.len(),
+        all,
+        planned.seconds_per_device,
+    ));
+    let wall = Instant::now();
+    let mut failed: Option<anyhow::Error> = None;
+    let mut hear = |heard: Heard| {
+        let kept = journal.keep(&heard).and_then(|()| {
+            if let Heard::Event(Event::Fiber(pigtail)) = heard {
+                enter(&run, &loaded, pigtail, &calibration, &arguments.operator)?;
+            }
+            Ok(())
+        });
+        if let Err(why) = kept {
+            failed.get_or_insert(why);
+        }
+        view.borrow_mut().hear(&heard);
+    };
+    let ended = produce(
+        &setup,
+        &loaded,
+        common.seed,
+        &before,
+        &mut Light(&view),
+        &mut hear,
+    );
+    view.borrow().bar.finish_and_clear();
+    let outcome = ended.map_err(|ended| running::stopped(&run, &setup, ended))?;
+    if let Some(why) = failed {
+        return Err(why.into());
+    }
+    let document = &outcome.document;
+    run.write_json("summary.json", &running::on(&setup, document, None))?;
+    run.write("report.html", report::produce(document, &outcome.run.bars)?)?;
+    running::close_records(&run, &setup)?;
+    match &document.fault {
+        Some(fault) => run.fault(fault)?,
+        None => run.finish(&format!(
+            "{} of {} passed",
+            document.devices - document.rejected.values().sum::<usize>(),
+            document.devices
+        ))?,
+    }
+    let mut text = Vec::new();
+    if common.json {
+        serde_json::to_writer(&mut text, &Last::of(document)).map_err(anyhow::Error::from)?;
+        text.push(b'\n');
+    } else {
+        words(&mut text, document, &planned, wall).map_err(anyhow::Error::from)?;
+        let report = run.path("report.html");
+        text.extend(format!("Report: {}\n", report.display()).bytes());
+        text.extend(running::line(&setup).bytes());
+    }
+    crate::print(&text)?;
+    Ok(match (&document.fault, document.rejected.is_empty()) {
+        (Some(_), _) => FAULT,
+        (None, true) => DONE,
+        (None, false) => NEGATIVE,
+    })
+}
+
+fn words(
+    out: &mut impl Write,
+    d: &ProduceDocument,
+    plan: &Plan,
+    wall: Instant,
+) -> std::io::Result<()> {
+    let or = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.3}"));
+    writeln!(
+        out,
+        "{} devices, {} fibers, yield {:.1} %",
+        d.devices,
+        d.fibers,
+        100.0 * d.passed
+    )?;
+    for (cause, n) in &d.rejected {
+        writeln!(out, "rejected for {cause}: {n}")?;
+    }
+    writeln!(
+        out,
+        "{:.1} devices an hour ({:.1} planned), {} s a fiber (median)",
+        d.devices_per_hour,
+        plan.devices_per_hour,
+        or(d.seconds_per_fiber.p50)
+    )?;
+    writeln!(
+        out,
+        "idle: left {:.1} %, right {:.1} %; under the lamp: left {:.1} %, right {:.1} %",
+        d.idle_percent.left, d.idle_percent.right, d.held_percent.left, d.held_percent.right
+    )?;
+    writeln!(
+        out,
+        "loss after cure {} dB (median), {} dB (99 %); shifted {} um in all, {} um from the peak in the end (medians)",
+        or(d.loss_db_after_cure.p50),
+        or(d.loss_db_after_cure.p99),
+        or(d.shift_um.untracked),
+        or(d.shift_um.tracked)
+    )?;
+    writeln!(
+        out,
+        "{:.0} s of machine time in {:.1} s",
+        d.seconds,
+        wall.elapsed().as_secs_f64()
+    )
+}
+
+fn enter(
+    run: &Run,
+    loaded: &Loaded,
+    pigtail: &Pigtail,
+    calibration: &str,
+    operator: &str,
+) -> anyhow::Result<()> {
+    let device = loaded
+        .tray
+        .devices
+        .iter()
+        .find(|device| device.serial == pigtail.device);
+    let Some(device) = device else { return Ok(()) };
+    Ok(run.pigtail(&Entered {
+        device: &pigtail.device,
+        place: &device.place,
+        port: &pigtail.port,
+        fiber: &pigtail.fiber,
+        fiber_place: &pigtail.place,
+        recipe: loaded.tray.recipe_of(device),
+        calibration,
+        operator,
+        outcome: if pigtail.passed {
+            "pigtailed"
+        } else {
+            &pigtail.cause
+        },
+        added_loss_db: pigtail.cured.map(|cured| cured.after_release_db),
+        sigma_db: pigtail.cured.map(|cured| cured.sigma_db),
+        seconds: pigtail.seconds,
+    })?)
+}
+
+/// What is done, line by line, on the disk before anything goes on.
+struct Journal(std::cell::RefCell<File>);
+
+impl Journal {
+    fn begin(run: &Run, head: &Head, before: &[Told]) -> anyhow::Result<Self> {
+        // What is in it must not get lost.
+        run.write(JOURNAL, "")?;
+        let file = File::options()
+            .append(true)
+            .open(run.partial_path(JOURNAL))?;
+        let journal = Self(file.into());
+        journal.line(&serde_json::json!({ "head": head }))?;
+        for told in before {
+            journal.line(&serde_json::json!({ "device": told }))?;
+        }
+        Ok(journal)
+    }
+
+    fn line(&self, line: &serde_json::Value) -> anyhow::Result<()> {
+        let mut file = self.0.borrow_mut();
+        file.write_all(format!("{line}\n").as_bytes())?;
+        Ok(file.sync_data()?)
+    }
+
+    fn keep(&self, heard: &Heard) -> anyhow::Result<()> {
+        match heard {
+            Heard::Event(Event::Begin { device, .. }) => {
+                self.line(&serde_json::json!({ "begin": device }))
+            }
+            Heard::Event(Event::Fiber(fiber)) => self.line(&serde_json::json!({ "fiber": fiber })),
+            Heard::Device(told) => self.line(&serde_json::json!({ "device": told })),
+            Heard::Event(_) => Ok(()),
+        }
+    }
+}
+
+/// The setup with what commissioning has found of its machine.
+fn commissioned(setup: &Setup, common: &Common) -> Result<Setup, Failure> {
+    let machine = Specimen::from(common.seed).machine();
+    let stop = AtomicBool::new(false);
+    let machines = Commissioned::of(setup, &[machine], &common.runs, 1, &stop, |_, _| ())?;
+    match machines.setup_of(machine)? {
+        Some(found) => Ok((*found).clone()),
+        None => {
+            Err(anyhow::anyhow!("machine {machine} was refused when it was commissioned").into())
+        }
+    }
+}
+
+/// What a tray will take on a rig.
+pub(crate) fn planned(loaded: &Loaded, setup: &Setup) -> Plan {
+    let geometry = &setup.rig.calibration.geometry;
+    plan(
+        &loaded.tray,
+        &loaded.productions,
+        &setup.rig.recipe,
+        &setup.rig.spec,
+        [geometry.left.home, geometry.right.home],
+    )
+}
+
+/// `pigtail plan --tray`.
+pub(crate) fn run_plan(common: &Common, tray: &str) -> Result<u8, Failure> {
+    let (loaded, setup) = load(common, tray)?;
+    let planned = planned(&loaded, &setup);
+    let mut text = Vec::new();
+    if common.json {
+        serde_json::to_writer(&mut text, &planned).map_err(anyhow::Error::from)?;
+        text.push(b'\n');
+    } else {
+        let mut rows = vec![vec!["on the critical path".to_owned(), "s".to_owned()]];
+        rows.extend(
+            planned
+                .limits
+                .iter()
+                .map(|(what, s)| vec![what.clone(), format!("{s:.1}")]),
+        );
+        crate::common::write_table(&mut text, &rows).map_err(anyhow::Error::from)?;
+        let [left, right] = planned.idle_percent;
+        writeln!(
+            text,
+            "\n{:.0} s for {} devices: {:.1} s a device, {:.1} devices an hour; idle: left {left:.1} %, right {right:.1} %",
+            planned.seconds,
+            loaded.tray.devices.len(),
+            planned.seconds_per_device,
+            planned.devices_per_hour
+        )
+        .map_err(anyhow::Error::from)?;
+    }
+    crate::print(&text)?;
+    Ok(DONE)
+}

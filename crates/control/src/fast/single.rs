@@ -1,0 +1,62 @@
+//! One fiber after the other, each left at its peak for whoever fixes it there.
+
+use super::Shared;
+use crate::cell::AlignmentCell;
+use crate::outcome::Outcome;
+use crate::procedure::{AtPeak, FiberReport, Job};
+use crate::recipe::Recipe;
+use crate::station::Station;
+
+/// How fibers are brought to their peaks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Way {
+    /// The fast procedure.
+    Fast,
+    /// The thesis's.
+    Thesis,
+}
+
+/// Brings the fibers of a device to their peaks, the input first.
+pub struct Aligner<'r> {
+    shared: Shared<'r>,
+    way: Way,
+}
+
+impl<'r> Aligner<'r> {
+    /// For a device of a recipe.
+    pub fn new(recipe: &'r Recipe, way: Way) -> Self {
+        Self {
+            shared: Shared::new(recipe),
+            way,
+        }
+    }
+
+    /// Brings the fiber that its holder carries to its port, the input (`None`) or an output, and leaves it at the peak,
+    /// not attached. One that cannot be aligned goes back to the tray.
+    pub fn reach(
+        &mut self,
+        station: &mut Station,
+        port: Option<usize>,
+    ) -> (FiberReport, Option<AtPeak>) {
+        let recipe = self.shared.recipe;
+        let mut job = port.map_or_else(|| Job::input(recipe), |k| Job::output(recipe, k));
+        job.holds = true;
+        let (shared, way) = (&mut self.shared, self.way);
+        let cell = AlignmentCell::over(station);
+        let cell = &cell;
+        let report = cell.run(job.run(cell, async |job| {
+            cell.laser(true)?;
+            match (way, port) {
+                (Way::Fast, None) => shared.align_input(job, cell).await,
+                (Way::Fast, Some(k)) => shared.align_output(job, cell, k).await,
+                (Way::Thesis, None) => job.align_input(cell).await,
+                (Way::Thesis, Some(k)) => job.align_output(cell, k).await,
+            }
+        }));
+        let held = job
+            .at_peak
+            .take()
+            .filter(|_| report.outcome == Outcome::Aligned);
+        (report, held)
+    }
+}

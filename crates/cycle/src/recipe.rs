@@ -1,0 +1,329 @@
+//! Production recipes: phases with parameters, tolerances, time limits, and what to do when one fails.
+
+use pigtail_control::fast;
+use pigtail_hal::{Error, config, quantity};
+use pigtail_model::cure::{Cure as Kinetics, Cured, Heat};
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use std::fmt::Write as _;
+
+/// The content of a production recipe.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Production {
+    /// The recipe's name.
+    pub name: String,
+    /// The recipe of the device and of its alignment, by name or file.
+    pub device: String,
+    /// The device's ports, in the order in which their fibers are attached.
+    pub ports: Vec<String>,
+    /// What becomes of a device that was half done when the work was interrupted.
+    pub interrupted: Action,
+    /// Gripping a fiber.
+    pub pick: Pick,
+    /// Adhesive on its tip.
+    pub adhesive: Adhesive,
+    /// Vision, coarse placement, search and peak.
+    pub align: Align,
+    /// Holding it under the lamp.
+    pub cure: Cure,
+    /// Letting it go, and whether its light is still there.
+    pub verify: Verify,
+}
+
+/// What to do when a phase has failed as often as it may be tried.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Action {
+    /// The device goes on without this fiber, and counts as rejected.
+    NextFiber,
+    /// The device is rejected, and the next one comes.
+    RejectDevice,
+    /// The machine stops and calls a person.
+    Call,
+}
+
+/// Gripping a fiber.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Pick {
+    /// How often it is tried, at most.
+    pub attempts: u32,
+    /// Longest that it may take, seconds.
+    #[serde(with = "quantity::PositiveTime")]
+    pub limit: f64,
+    /// What to do when it fails.
+    pub failed: Action,
+}
+
+/// Adhesive on a tip.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Adhesive {
+    /// How much, nanolitres, 1 to 255.
+    pub volume: u8,
+    /// How long the tip stays at the needle afterwards, seconds.
+    #[serde(with = "quantity::NonNegativeTime")]
+    pub dwell: f64,
+    /// Longest from the needle to the lamp, seconds: then it is no longer what it was.
+    #[serde(with = "quantity::PositiveTime")]
+    pub open: f64,
+    /// What to do when it fails.
+    pub failed: Action,
+}
+
+/// The ways to align.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Procedure {
+    /// The thesis's procedure.
+    Thesis,
+    /// The fast procedure.
+    Fast,
+}
+
+impl Procedure {
+    /// The same for control.
+    pub fn way(self) -> fast::Way {
+        match self {
+            Self::Thesis => fast::Way::Thesis,
+            Self::Fast => fast::Way::Fast,
+        }
+    }
+}
+
+/// Vision, coarse placement, search and peak.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Align {
+    /// How.
+    pub procedure: Procedure,
+    /// How often it is tried, at most, each time from the tray on.
+    pub attempts: u32,
+    /// What it takes for the plan, the input and an output, seconds: as measured on such machines.
+    #[serde(with = "quantity::Times::<2>")]
+    pub expected: [f64; 2],
+    /// Longest that it may take, seconds.
+    #[serde(with = "quantity::PositiveTime")]
+    pub limit: f64,
+    /// What to do when it fails.
+    pub failed: Action,
+}
+
+/// Holding a fiber under the lamp.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Cure {
+    /// How long the lamp is on, seconds.
+    #[serde(with = "quantity::PositiveTime")]
+    pub time: f64,
+    /// When the adhesive gels, seconds from when the lamp is on.
+    #[serde(with = "quantity::PositiveTime")]
+    pub gel: f64,
+    /// How much earlier the fiber comes to rest, as a share of that: lamps and adhesives differ.
+    #[serde(with = "quantity::Fraction")]
+    pub margin: f64,
+    /// Share of the shift that comes after the gel point, as the adhesive's maker says.
+    #[serde(with = "quantity::Fraction")]
+    pub after_gel: f64,
+    /// How much the shift after the gel point differs from one fiber to the next, standard deviation, metres.
+    #[serde(with = "quantity::PositiveLength")]
+    pub scatter: f64,
+    /// Whether the micro follows the light's peak until the gel point.
+    pub track: bool,
+    /// Whether it then goes beyond the peak by what the adhesive is expected to pull it back.
+    pub precompensate: bool,
+}
+
+/// Letting a fiber go, and whether its light is still there.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Verify {
+    /// For how long its light is looked at, seconds.
+    #[serde(with = "quantity::PositiveTime")]
+    pub look: f64,
+    /// Most loss that cure and release may add, decibels.
+    #[serde(with = "quantity::Positive")]
+    pub added_loss_db: f64,
+    /// What to do with one that lost more.
+    pub failed: Action,
+}
+
+impl Production {
+    /// Reads a production recipe, `text` of `file`, and checks it.
+    ///
+    /// # Errors
+    ///
+    /// When it is no TOML, or a key is unknown, missing or out of its range.
+    pub fn parse(file: &str, text: &str) -> Result<Self, Error> {
+        let recipe: Self = config::parse(file, text)?;
+        match recipe.mistakes(file).into_iter().next() {
+            Some(mistake) => Err(mistake),
+            None => Ok(recipe),
+        }
+    }
+
+    /// All that does not fit together in it.
+    pub fn mistakes(&self, file: &str) -> Vec<Error> {
+        let mut all = Vec::new();
+        let mut add = |key: &str, message: String| all.push(Error::new(file, key, message));
+        let cure = &self.cure;
+        if cure.gel >= cure.time {
+            let message = format!(
+                "{} s is not before the lamp goes off, {} s; accepted is less",
+                cure.gel, cure.time
+            );
+            add("cure.gel", message);
+        }
+        if cure.precompensate && !cure.track {
+            add(
+                "cure.precompensate",
+                "needs `cure.track = true`: what following the peak tells is what it is known by"
+                    .to_owned(),
+            );
+        }
+        if !(0.05..=0.95).contains(&cure.after_gel) {
+            let message = format!("is {}; accepted is 0.05 to 0.95", cure.after_gel);
+            add("cure.after_gel", message);
+        }
+        if self.adhesive.volume == 0 {
+            add("adhesive.volume", "is 0; accepted is 1 to 255".to_owned());
+        }
+        for (key, attempts) in [
+            ("pick.attempts", self.pick.attempts),
+            ("align.attempts", self.align.attempts),
+        ] {
+            if attempts == 0 {
+                add(key, "is 0; accepted is 1 or more".to_owned());
+            }
+        }
+        if self.ports.is_empty() {
+            add("ports", "names no port".to_owned());
+        }
+        for (i, port) in self.ports.iter().enumerate() {
+            if self.ports[..i].contains(port) {
+                add("ports", format!("names \"{port}\" twice"));
+            }
+        }
+        if let Some(late) = self.ports.iter().position(|port| port == "input")
+            && late > 0
+        {
+            let message =
+                "has \"input\" after an output, which without its light cannot be aligned";
+            add("ports", message.to_owned());
+        }
+        if self.interrupted == Action::NextFiber {
+            let message = "is \"next-fiber\"; accepted is reject-device or call".to_owned();
+            add("interrupted", message);
+        }
+        all
+    }
+
+    /// When the fiber comes to rest under the lamp, seconds.
+    pub fn rest(&self) -> f64 {
+        self.cure.gel * (1.0 - self.cure.margin)
+    }
+
+    /// Shift that comes once the fiber is at rest, over what came before: by the adhesive's kinetics, which everyone knows, and
+    /// what the recipe says of it.
+    pub fn ratio(&self) -> f64 {
+        /// Steps up to then.
+        const STEPS: u32 = 1000;
+        let cure = &self.cure;
+        let gel = 1.0 - cure.after_gel;
+        let law = Kinetics::gelling(
+            cure.gel,
+            gel,
+            Kinetics::ORDERS,
+            Kinetics::SEED,
+            Heat::default(),
+        );
+        let step = self.rest() / f64::from(STEPS);
+        let at_rest = (0..STEPS).fold(Cured::default(), |cured, _| law.step(cured, 1.0, step));
+        let before = gel * (at_rest.conversion / gel).clamp(1e-3, 1.0);
+        (1.0 - before) / before
+    }
+
+    /// What it does, in words.
+    pub fn explain(&self) -> String {
+        let mut text = String::new();
+        let action = |action: Action| match action {
+            Action::NextFiber => "go on with the next fiber",
+            Action::RejectDevice => "reject the device",
+            Action::Call => "stop and call a person",
+        };
+        let Self {
+            pick,
+            adhesive,
+            align,
+            cure,
+            verify,
+            ..
+        } = self;
+        let procedure = match align.procedure {
+            Procedure::Thesis => "thesis's",
+            Procedure::Fast => "fast",
+        };
+        let _ = writeln!(
+            text,
+            "{}: fibers to {} of {}\n",
+            self.name,
+            self.ports.join(", "),
+            self.device
+        );
+        let mut line = |phase: &str, what: String| {
+            let _ = writeln!(text, "{phase:10}{what}");
+        };
+        line(
+            "pick",
+            format!(
+                "at most {} times, {} s; then {}",
+                pick.attempts,
+                pick.limit,
+                action(pick.failed)
+            ),
+        );
+        line(
+            "adhesive",
+            format!(
+                "{} nl, {} s at the needle, under the lamp within {} s; else {}",
+                adhesive.volume,
+                adhesive.dwell,
+                adhesive.open,
+                action(adhesive.failed)
+            ),
+        );
+        line(
+            "align",
+            format!(
+                "by the {procedure} procedure, at most {} times, {} s; then {}",
+                align.attempts,
+                align.limit,
+                action(align.failed)
+            ),
+        );
+        let follows = match (cure.track, cure.precompensate) {
+            (false, _) => "held where it is".to_owned(),
+            (true, false) => format!("at the light's peak until {:.1} s", self.rest()),
+            (true, true) => format!(
+                "at the light's peak until {:.1} s, then beyond it by the shift that is expected",
+                self.rest()
+            ),
+        };
+        line("cure", format!("{} s under the lamp, {follows}", cure.time));
+        line(
+            "verify",
+            format!(
+                "released, light looked at for {} s; lost more than {} dB: {}",
+                verify.look,
+                verify.added_loss_db,
+                action(verify.failed)
+            ),
+        );
+        line(
+            "resume",
+            format!("a half-done device: {}", action(self.interrupted)),
+        );
+        text
+    }
+}
