@@ -379,6 +379,10 @@ impl Observer for Light<'_> {
     }
 }
 
+#[expect(
+    clippy::too_many_lines,
+    reason = "a tray from its file to its report, in order"
+)]
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let common = &arguments.common;
     let (mut loaded, mut setup) = load(common, &arguments.tray)?;

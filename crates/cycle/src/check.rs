@@ -17,6 +17,7 @@ pub fn side_of(port: &str) -> Side {
 
 /// Every mistake of a tray with its recipes, by their names; `reaches` says whether the manipulator of a side gets to a place
 /// in the frame of a chip by design.
+#[expect(clippy::too_many_lines, reason = "a list of mistakes")]
 pub fn mistakes(
     file: &str,
     tray: &Tray,

@@ -295,10 +295,8 @@ impl Line<'_, '_, '_> {
             match result {
                 Ok(()) => pigtail.passed = true,
                 Err(End::Fault(fault)) => {
-                    (
-                        "fault".clone_into(&mut pigtail.cause),
-                        pigtail.detail = fault.to_string(),
-                    );
+                    "fault".clone_into(&mut pigtail.cause);
+                    pigtail.detail = fault.to_string();
                     "fault".clone_into(&mut produced.rejected);
                     end = Some(End::Fault(fault));
                 }

@@ -63,9 +63,9 @@ impl Cure {
     ///
     /// When the time is not above zero, or the conversion not between 0 and 1.
     pub fn gelling(after: f64, gel: f64, orders: (f64, f64), seed: f64, heat: Heat) -> Self {
-        assert!(after > 0.0 && gel > 0.0 && gel < 1.0, "{after} s, {gel}");
         /// Steps of the integral of 1/((a + a0)^m (1 - a)^n) up to the gel point, by the midpoint rule.
         const STEPS: u32 = 2000;
+        assert!(after > 0.0 && gel > 0.0 && gel < 1.0, "{after} s, {gel}");
         let step = gel / f64::from(STEPS);
         let (m, n) = orders;
         let inverse = |a: f64| ((a + seed).powf(m) * (1.0 - a).powf(n)).recip();

@@ -299,13 +299,13 @@ mod tests {
 
     #[test]
     fn margins_of_a_known_loop_are_found_as_surely_as_they_say() {
+        const SEEDS: u64 = 12;
         let known = Known {
             gain: 300.0,
             decay: 0.8,
         };
         let exact = exact(&known);
         let mut squares = [0.0; 3];
-        const SEEDS: u64 = 12;
         for seed in 1..=SEEDS {
             let [reference, encoder] = known.play(100_000, seed, 0.05);
             let found = OpenLoop::of(&reference, &encoder, PERIOD, 4096, 400.0);

@@ -596,6 +596,7 @@ mod tests {
             }),
             probes: Some([[1e-9; AXES]; SIDES]),
             stop: true,
+            handled: [None; SIDES],
         };
         block.push(&command, &measured);
         let fault = Fault {
