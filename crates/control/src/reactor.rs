@@ -402,10 +402,11 @@ impl Future for Next<'_, '_> {
         let reactor = self.reactor;
         if reactor.count.get() > self.since {
             self.since = reactor.count.get();
-            let last = reactor.last.borrow();
             // A time that another line has waited for is none of this one's.
-            if !matches!(&*last, Ok(Event::Time)) || self.by <= reactor.asked.get() {
-                return Poll::Ready(last.clone());
+            let mine = !matches!(&*reactor.last.borrow(), Ok(Event::Time))
+                || self.by <= reactor.asked.get();
+            if mine {
+                return Poll::Ready(reactor.last.borrow().clone());
             }
         }
         reactor.by.set(reactor.by.get().min(self.by));

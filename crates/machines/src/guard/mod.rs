@@ -221,20 +221,38 @@ impl Broken {
 }
 
 impl<M> Guard<M> {
-    /// A step of the fiber handling is over: what is held, or what is there, is another.
+    /// A step of the fiber handling begins, or one is over: what is held, or what is there, is another.
     #[cold]
-    fn handled(&mut self, side: Side, how: Handled, time: f64) {
+    fn handling(
+        &mut self,
+        begun: &[Option<FiberHandling>; SIDES],
+        ended: &[Option<Handled>; SIDES],
+        time: f64,
+    ) {
         self.light.forget();
-        match (self.handling[side.index()].take(), how) {
-            (Some(FiberHandling::Pick(_)), Handled::Done) => {
-                self.keepout.change_fiber(side, true, time);
+        for side in Side::ALL {
+            let i = side.index();
+            match begun[i] {
+                Some(FiberHandling::Load(_)) => self.keepout.change_fiber(side, true, time),
+                Some(FiberHandling::Attach | FiberHandling::Unload) => {
+                    self.keepout.change_fiber(side, false, time);
+                }
+                // The others take their time.
+                Some(what) => self.handling[i] = Some(what),
+                None => {}
             }
-            (Some(FiberHandling::Release), Handled::Done) => {
-                self.keepout.change_fiber(side, false, time);
+            let Some(how) = ended[i] else { continue };
+            match (self.handling[i].take(), how) {
+                (Some(FiberHandling::Pick(_)), Handled::Done) => {
+                    self.keepout.change_fiber(side, true, time);
+                }
+                (Some(FiberHandling::Release), Handled::Done) => {
+                    self.keepout.change_fiber(side, false, time);
+                }
+                // Where tips stand before a chip is to be seen anew.
+                (Some(FiberHandling::Index), Handled::Done) => self.keepout.change_chip(time),
+                _ => {}
             }
-            // Where tips stand before a chip is to be seen anew.
-            (Some(FiberHandling::Index), Handled::Done) => self.keepout.change_chip(time),
-            _ => {}
         }
     }
 }
@@ -603,23 +621,8 @@ impl<M: Machine> Machine for Guard<M> {
                 return Err(fault);
             }
         };
-        for side in Side::ALL {
-            if let Some(handling) = command.fiber[side.index()] {
-                match handling {
-                    FiberHandling::Load(_) | FiberHandling::Attach | FiberHandling::Unload => {
-                        let held = matches!(handling, FiberHandling::Load(_));
-                        self.keepout.change_fiber(side, held, measured.time);
-                    }
-                    // The others take their time.
-                    _ => self.handling[side.index()] = Some(handling),
-                }
-                self.light.forget();
-            }
-        }
-        for side in Side::ALL {
-            if let Some(how) = measured.handled[side.index()] {
-                self.handled(side, how, measured.time);
-            }
+        if command.fiber != [None; SIDES] || measured.handled != [None; SIDES] {
+            self.handling(&command.fiber, &measured.handled, measured.time);
         }
         let checked = self.check_measurement(command, &measured);
         self.last = Some(Last {
