@@ -497,7 +497,7 @@ fn simulations_refuse_what_they_cannot_do() {
         (
             "good.toml",
             &["--axis", "z", "--input", "back.csv"],
-            &["line 4", "does not increase"],
+            &["data row 3", "rises"],
         ),
         (
             "good.toml",
@@ -507,7 +507,7 @@ fn simulations_refuse_what_they_cannot_do() {
         (
             "good.toml",
             &["--axis", "z", "--input", "letters.csv"],
-            &["line 2", "finite numbers"],
+            &["line 2", "finite number"],
         ),
         ("good.toml", &["--axis", "z"], &["--input", "--step"]),
         (

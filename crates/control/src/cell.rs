@@ -284,11 +284,11 @@ impl<'b> AlignmentCell<'b> {
     }
 
     /// Has a micro go along a path, a function of the time since now, for so many seconds, straight from one place of it to
-    /// the next, `step` seconds later.
+    /// the next, `step` seconds later; where it does not reach a place, as far there as it gets.
     ///
     /// # Errors
     ///
-    /// [`Outcome::BenchFailed`], as where it does not reach all of the path.
+    /// [`Outcome::BenchFailed`].
     pub fn micro_path(
         &self,
         side: Side,
@@ -298,7 +298,8 @@ impl<'b> AlignmentCell<'b> {
         let steps = (seconds / step).ceil().max(1.0) as u32;
         let knots = (1..=steps).map(|k| {
             let time = seconds * f64::from(k) / f64::from(steps);
-            let Displacement { x, y } = path(time);
+            let to = path(time);
+            let Displacement { x, y } = to * self.reached(side, to);
             let at = Pose::at(x, y, 0.0);
             Knot { time, at }
         });

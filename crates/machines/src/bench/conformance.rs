@@ -275,6 +275,7 @@ fn light_comes(bench: &mut dyn Bench) {
                 assert!(light.time <= before);
                 heard.push(light.time);
             }
+            Event::Frame(frame) => assert!(frame.time <= before),
             Event::Time => break,
             event => panic!("{event:?}"),
         }

@@ -507,6 +507,17 @@ pub const CHANGES: &[Change] = &[
         "As networks were made better the gain went from 14 to above the upper bound of 30, then back. The claim itself was not touched.",
     ),
     change(
+        "4.10-factor",
+        ("2026-11-24", "ebd6426"),
+        What::Control,
+        (
+            "networks of one turning point, by the thesis's own rule",
+            "the same networks, and Everett's function of them for every other turn",
+        ),
+        (Some(held(24.7)), failed(43.24)),
+        "Of 120 fibers 25 were wrongly believed aligned with the former. The claim itself was not touched.",
+    ),
+    change(
         "4.20-error",
         ("2026-11-21", "db7abb5"),
         What::Method,

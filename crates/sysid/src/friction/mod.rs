@@ -397,11 +397,15 @@ pub fn identify(
     };
     let chosen = &laws[best];
     if chosen.relative_error_percent > UNEXPLAINED {
-        return Err(Unknown::all(format!(
+        let mut because = format!(
             "the best law of friction leaves {:.0} % of the force unexplained: are displacement and force \
              swapped, or is it no friction?",
             chosen.relative_error_percent
-        )));
+        );
+        if let Some(doubt) = doubts(record, chosen).first() {
+            because = format!("{because} And {}", doubt.because);
+        }
+        return Err(Unknown::all(because));
     }
     if swapped(record, chosen.relative_error_percent) {
         return Err(Unknown::all(
