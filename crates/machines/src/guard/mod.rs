@@ -225,8 +225,8 @@ impl<M> Guard<M> {
     #[cold]
     fn handling(
         &mut self,
-        begun: &[Option<FiberHandling>; SIDES],
-        ended: &[Option<Handled>; SIDES],
+        begun: [Option<FiberHandling>; SIDES],
+        ended: [Option<Handled>; SIDES],
         time: f64,
     ) {
         self.light.forget();
@@ -622,7 +622,7 @@ impl<M: Machine> Machine for Guard<M> {
             }
         };
         if command.fiber != [None; SIDES] || measured.handled != [None; SIDES] {
-            self.handling(&command.fiber, &measured.handled, measured.time);
+            self.handling(command.fiber, measured.handled, measured.time);
         }
         let checked = self.check_measurement(command, &measured);
         self.last = Some(Last {
