@@ -2,7 +2,7 @@
 //! the camera has seen so far.
 
 use crate::outcome::{Halt, Outcome};
-use crate::reactor::{Gate, Go, Listener, Reactor, Watched, refused};
+use crate::reactor::{Gate, Go, LONGEST, Listener, Reactor, Watched, refused};
 use crate::shaking::Measured;
 use crate::station::{Level, Station, coarse, fine};
 use crate::tip_estimator::{Seen, Tip, TipEstimator};
@@ -13,9 +13,6 @@ use pigtail_model::frames::{Chip, Displacement, Macro, Placement, Point};
 use std::cell::{Cell, RefCell};
 use std::future::Future;
 use std::ops::Deref;
-
-/// Longest that anything which is asked for may take, seconds.
-const LONGEST: f64 = 120.0;
 
 /// What is known of a bench before anything is measured on it: its datasheet, and what its calibration believes.
 #[derive(Debug, Clone, PartialEq)]
@@ -443,12 +440,7 @@ impl<'b> AlignmentCell<'b> {
             sum += volts;
             squares += volts * volts;
         }
-        let mean = sum / n;
-        let variance = ((squares - n * mean * mean) / (n - 1.0)).max(0.0);
-        Ok(Level {
-            mean,
-            sigma: variance.sqrt(),
-        })
+        Ok(Level::of_sums(n, sum, squares))
     }
 
     /// Waits for a frame that was exposed after this call.

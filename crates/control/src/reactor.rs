@@ -74,6 +74,9 @@ pub enum Go {
 /// Decides upon each event whether control goes on. One that returns later, or upon a key, makes a twin go step by step.
 pub type Gate<'g> = dyn FnMut(&Event) -> Go + 'g;
 
+/// Longest that anything which is asked of a bench may take, seconds.
+pub(crate) const LONGEST: f64 = 120.0;
+
 /// What takes in every event before anybody hears it.
 pub(crate) trait Listener {
     fn hear(&self, bench: &dyn Bench, event: &Event);

@@ -95,6 +95,18 @@ pub struct Level {
     pub sigma: f64,
 }
 
+impl Level {
+    /// Of so many samples (two or more), by their sum and that of their squares.
+    pub(crate) fn of_sums(n: f64, sum: f64, squares: f64) -> Self {
+        let mean = sum / n;
+        let variance = ((squares - n * mean * mean) / (n - 1.0)).max(0.0);
+        Self {
+            mean,
+            sigma: variance.sqrt(),
+        }
+    }
+}
+
 /// How near, in encoder counts, an axis must come to count as arrived, and for how long.
 const ARRIVED_COUNTS: i64 = 1;
 const ARRIVED_SECONDS: f64 = 0.02;
@@ -196,11 +208,6 @@ impl<'a> Station<'a> {
         self.settling
     }
 
-    /// What was measured of how the tips of a manipulator shake, if anything was.
-    pub fn measured_shaking(&self, side: Side) -> Option<Measured> {
-        self.shaking[side.index()]
-    }
-
     /// The believed kinematics of a manipulator.
     pub fn kinematics(&self, side: Side) -> &Kinematics {
         &self.arms[side.index()].kinematics
@@ -214,16 +221,6 @@ impl<'a> Station<'a> {
             shaking: self.shaking,
             follows: Side::ALL.map(|side| self.has_piezo_model(side)),
         }
-    }
-
-    /// Tells the observer that a phase begins.
-    pub fn announce(&mut self, port: &str, phase: &'static str) {
-        self.observer.phase(port, phase, self.measurement.time);
-    }
-
-    /// Tells the observer that a phase is over.
-    pub fn conclude(&mut self, port: &str, phase: &'static str) {
-        self.observer.phase_over(port, phase, self.measurement.time);
     }
 
     /// Tells the observer of a trial of a search.
@@ -348,24 +345,6 @@ impl<'a> Station<'a> {
     fn take_up(&mut self, side: Side, handling: FiberHandling) {
         self.command.fiber[side.index()] = Some(handling);
         self.arms[side.index()].loaded = matches!(handling, FiberHandling::Load(_));
-    }
-
-    /// Attaches the fiber of a side, and holds it until its bond has set. Returns the least light of a photodiode meanwhile,
-    /// volts; infinity where that has taken no sample.
-    ///
-    /// # Errors
-    ///
-    /// The machine's fault.
-    pub fn attach(&mut self, side: Side, channel: Channel) -> Result<f64, Fault> {
-        self.handle_fiber(side, FiberHandling::Attach)?;
-        let (mut least, end) = (f64::INFINITY, self.time() + self.spec().bond.time);
-        while self.time() < end {
-            self.cycle()?;
-            if let Some(light) = self.light(channel) {
-                least = least.min(light);
-            }
-        }
-        Ok(least)
     }
 
     /// Whether a holder carries a fiber.
@@ -715,12 +694,7 @@ impl<'a> Station<'a> {
             sum += volts;
             squares += volts * volts;
         }
-        let mean = sum / n;
-        let variance = ((squares - n * mean * mean) / (n - 1.0)).max(0.0);
-        Ok(Level {
-            mean,
-            sigma: variance.sqrt(),
-        })
+        Ok(Level::of_sums(n, sum, squares))
     }
 
     /// Cycles until a vision frame arrives that was exposed after this call.

@@ -442,6 +442,10 @@ impl Bench for Cell<'_, '_> {
         self.station.pose(group, at)
     }
 
+    fn reference(&self, group: Group) -> Option<Pose> {
+        Bench::reference(self.station, group)
+    }
+
     fn reaches(&self, group: Group, pose: &Pose) -> bool {
         self.station.reaches(group, pose)
     }

@@ -1,12 +1,12 @@
 //! A fiber in the arm of a bench, from the tray to the chip.
 
 use super::climb::{circles, range};
-use super::{Dark, LONGEST, LOOK, NEAR, STEADY, Taught, line, look};
+use super::{Dark, LOOK, NEAR, STEADY, Taught, line, look};
 use crate::beam::Beam;
 use crate::belief::{Across, Place, UNSURE};
 use crate::conical_scan::{ConicalScan, Gap, Watch};
 use crate::outcome::{Halt, Outcome};
-use crate::reactor::{Reactor, refused};
+use crate::reactor::{LONGEST, Reactor, refused};
 use crate::recipe::Recipe;
 use pigtail_hal::bench::{
     AxisCaps, Degree, Dither, Glide, Group, Law, Limits, Meter, Pose, Request, Stage,

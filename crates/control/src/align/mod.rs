@@ -16,7 +16,7 @@ pub use climb::{Found, find_peak};
 use crate::beam::Beam;
 use crate::outcome::{Halt, Outcome};
 use crate::procedure::{FiberReport, PORTS};
-use crate::reactor::{Reactor, refused};
+use crate::reactor::{LONGEST, Reactor, refused};
 use crate::recipe::Recipe;
 use crate::station::Observer;
 use fiber::Fiber;
@@ -337,9 +337,6 @@ impl<'d> Device<'d, '_> {
         }
     }
 }
-
-/// Longest that anything which is asked for may take, seconds.
-const LONGEST: f64 = 120.0;
 
 /// A group goes straight to a pose and comes to rest.
 async fn line(bench: &Reactor<'_>, group: Group, to: Pose, speed: Option<f64>) -> Result<(), Halt> {
