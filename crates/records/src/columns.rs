@@ -313,6 +313,12 @@ impl Table {
                 "is empty; accepted are columns of numbers".to_owned(),
             ));
         }
+        if let Some((line, code)) = not_text(&text) {
+            let message = format!(
+                "has a character of number {code}, which no text has; accepted is text, Parquet, or .mat up to version 7"
+            );
+            return Err(refuse(Some(line), message));
+        }
         let is_unit =
             |unit: &str| unit_of(&DIMENSIONS, unit).is_some() || OTHER_UNITS.contains(&unit);
         let layout = layout::layout(&text, encoding, is_unit).ok_or_else(|| {
@@ -537,6 +543,16 @@ impl Table {
             Content::Text(_) => false,
         }
     }
+}
+
+/// The line of a character that no text has at its beginning, counted from one, and the character's number.
+fn not_text(text: &str) -> Option<(usize, u32)> {
+    /// Bytes that are looked at: what is none shows it soon, and a record may have a bad end.
+    const BEGINNING: usize = 4096;
+    let other = |c: char| c < ' ' && !['\t', '\n', '\r', '\x0c', '\x1a'].contains(&c);
+    let (at, found) = text.char_indices().find(|(_, c)| other(*c))?;
+    let line = text[..at].matches('\n').count() + 1;
+    (at < BEGINNING).then_some((line, u32::from(found)))
 }
 
 /// What a file is that is no text.

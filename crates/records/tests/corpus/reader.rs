@@ -135,7 +135,7 @@ fn what_is_no_record_is_refused_in_words() {
     let path = folder.path().join("r.csv");
     let commas = written("t_s|r_m|q_m|u_V", ",", ",", "\n", &ALL);
     let mixed = written("t_s|r_m|q_m|u_V", ";", ",", "\n", &ALL) + "1.5;0;0;0\n";
-    let cases: [(&str, Vec<u8>, &str); 7] = [
+    let cases: [(&str, Vec<u8>, &str); 8] = [
         ("nothing", Vec::new(), "is empty"),
         ("names alone", b"t_s,r_m,q_m,u_V\n".to_vec(), "no rows"),
         (
@@ -150,6 +150,7 @@ fn what_is_no_record_is_refused_in_words() {
         ),
         ("both decimal marks", mixed.into(), "decimal point"),
         ("a spreadsheet", b"PK\x03\x04xxxx".to_vec(), "spreadsheet"),
+        ("no text", b"\x00\x01".to_vec(), "which no text has"),
         ("Parquet", b"PAR1xxxx".to_vec(), "Parquet"),
     ];
     for (what, content, says) in cases {
