@@ -527,6 +527,13 @@ pub struct VisionSpec {
     /// device. Nothing if it is not said.
     #[serde(default, with = "quantity::NonNegativeLength")]
     pub facet_z: f64,
+    /// How far aside of the first port of a side a tip may be for its fixed error to be within these bounds, metres; left out:
+    /// as far as it goes. On longer ways what a manipulator's lead, links and stand are believed to be adds up.
+    #[serde(default, with = "quantity::Optional::<quantity::PositiveLength>")]
+    pub field_aside: Option<f64>,
+    /// The same of how far from the facet it may be, metres.
+    #[serde(default, with = "quantity::Optional::<quantity::PositiveLength>")]
+    pub field_away: Option<f64>,
 }
 
 impl VisionSpec {

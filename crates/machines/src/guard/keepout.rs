@@ -10,9 +10,6 @@ use pigtail_hal::{Axis, Measurement, Side, Spec, VisionFrame};
 use pigtail_model::fivebar::Turning;
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 
-/// How far from the first port of its side a tip is compared from frame to frame, metres: aside and away.
-const FIELD: (f64, f64) = (3e-3, 5.5e-3);
-
 /// By how much of a way lead and links may be wrong: what was seen from afar is known as much worse.
 const SCALE: f64 = 2e-3;
 /// By what time a tip may lag behind its encoders, seconds.
@@ -121,6 +118,8 @@ pub(super) struct Keepout {
     arm: f64,
     sensing_offset: [f64; 3],
     accuracy: [f64; 2],
+    /// How far aside of a port, and how far from its facet, vision is to be believed so, metres.
+    field: [f64; 2],
     placement: f64,
     windup: f64,
     holder: HolderSpec,
@@ -187,6 +186,8 @@ impl Keepout {
             arm: spec.probe.as_ref().map_or(1.0, |probe| probe.arm),
             sensing_offset: right.placement.chip_direction(ox, oy, oz),
             accuracy: spec.vision.believed(),
+            field: [spec.vision.field_aside, spec.vision.field_away]
+                .map(|far| far.unwrap_or(f64::INFINITY)),
             placement: spec.guard.placement,
             windup: spec.guard.windup,
             holder: spec.holder,
@@ -360,13 +361,12 @@ impl Keepout {
         Ok(())
     }
 
-    /// Whether a tip was where vision is to be believed: at the chip, or as far from it as a manipulator's home. At a tray it is
-    /// seen anew when it comes back: on so long a way lead, links and how a manipulator stands make more than a
-    /// fiber that slips.
+    /// Whether a tip was where vision is to be believed, by the datasheet. From elsewhere, such as a tray, it is seen anew when
+    /// it comes back.
     fn is_in_field(&self, tip: Tip, back: usize) -> bool {
         let facet = &self.geometry.facets[tip.side().index()];
         let at = self.nominal(tip, back);
-        let (aside, away) = FIELD;
+        let [aside, away] = self.field;
         facet.gap(at.z) < away && (at.x - facet.ports[0].x).abs() < aside
     }
 
