@@ -1,6 +1,7 @@
 //! The belief about a machine: `calibration.toml`.
 
 use crate::compensation::micro::MicroModel;
+use crate::gap_by_light::Spread;
 use crate::impulse::belief::ImpulseBeliefs;
 use crate::shaking::Measured;
 use pigtail_hal::{Error, Side, Spec, config, quantity};
@@ -26,6 +27,9 @@ pub struct Calibration {
     /// How far each manipulator's tips shake where it has been measured.
     #[serde(default)]
     pub shaking: Shakings,
+    /// How light spreads over a gap in the scale of each manipulator's micro where it has been measured.
+    #[serde(default)]
+    pub spread: Spreads,
     /// Pulses of each kind of axis where they have been measured.
     #[serde(default)]
     pub impulse: ImpulseBeliefs,
@@ -77,6 +81,53 @@ pub struct ShakingBelief {
 
 fn all() -> f64 {
     1.0
+}
+
+/// How light spreads over a gap in the scale of each manipulator's micro where it has been measured.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Spreads {
+    /// Of the input's manipulator.
+    pub left: Option<SpreadBelief>,
+    /// Of the outputs' manipulator.
+    pub right: Option<SpreadBelief>,
+}
+
+impl Spreads {
+    /// What was measured with a manipulator's micro.
+    pub fn of(&self, side: Side) -> Option<Spread> {
+        let belief = match side {
+            Side::Left => &self.left,
+            Side::Right => &self.right,
+        };
+        belief.as_ref().map(|belief| Spread {
+            length: [belief.x, belief.y],
+            deviation: [belief.deviation_x, belief.deviation_y],
+        })
+    }
+}
+
+/// How light spreads over a gap, in a micro's own scale, as it was measured: the squared width of its spot grows by `(x z)^2` over that at no
+/// gap.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SpreadBelief {
+    /// Along x: the wavelength over 2 pi, but for the micro's scale.
+    #[serde(with = "quantity::PositiveLength")]
+    pub x: f64,
+    /// Along y.
+    #[serde(with = "quantity::PositiveLength")]
+    pub y: f64,
+    /// How well that along x is known: the standard deviation of its natural logarithm.
+    #[serde(with = "quantity::Positive")]
+    pub deviation_x: f64,
+    /// How well that along y is.
+    #[serde(with = "quantity::Positive")]
+    pub deviation_y: f64,
+    /// When it was found.
+    pub date: String,
+    /// By which run.
+    pub origin: String,
 }
 
 /// Hysteresis of each manipulator's piezos where it has been identified.

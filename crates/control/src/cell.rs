@@ -1,6 +1,7 @@
 //! A bench with a camera and a sensing fiber in the hands of an alignment: what is known of where its arms stand, and what
 //! the camera has seen so far.
 
+use crate::gap_by_light::Spread;
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::{Gate, Go, LONGEST, Listener, Reactor, Watched, refused};
 use crate::shaking::Measured;
@@ -23,6 +24,8 @@ pub struct Layout {
     pub frames: [Placement; SIDES],
     /// What was measured of how tips shake.
     pub shaking: [Option<Measured>; SIDES],
+    /// How light spreads over a gap in the scale of the micros, where it was measured.
+    pub spread: [Option<Spread>; SIDES],
     /// Whether the micros go where they are told: whether their piezos have a model that is believed.
     pub follows: [bool; SIDES],
 }
@@ -131,6 +134,11 @@ impl<'b> AlignmentCell<'b> {
     /// What was measured of how the tips of an arm shake, if anything was.
     pub fn measured_shaking(&self, side: Side) -> Option<Measured> {
         self.layout.shaking[side.index()]
+    }
+
+    /// How light spreads over a gap in the scale of an arm's micro, if it was measured.
+    pub fn measured_spread(&self, side: Side) -> Option<Spread> {
+        self.layout.spread[side.index()]
     }
 
     /// Whether the micro of an arm goes where it is told.

@@ -112,6 +112,9 @@ pub struct ConicalScan<'r> {
     drift: Displacement,
     /// The part of it that chance has not made.
     surely: Displacement,
+    /// By how much the light itself differs from one turn to the next, of its own, squared: the sum of what was seen, less its noise, and
+    /// how often.
+    flickers: (f64, f64),
     /// Light of the last turn that found the peak, from the circle's middle.
     around: Vec<(Displacement, f64)>,
 }
@@ -174,6 +177,7 @@ impl<'r> ConicalScan<'r> {
             moved: f64::INFINITY,
             drift: Displacement::ZERO,
             surely: Displacement::ZERO,
+            flickers: (0.0, 0.0),
             around: Vec::with_capacity(64),
         }
     }

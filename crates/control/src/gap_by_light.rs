@@ -9,12 +9,18 @@
 //!
 //! Its vertex is where fiber and guide touch. Neither the micro's scale, nor the modes' radii, nor the power
 //! of the laser move it: all of them are unknowns of the fit. Nor does interference in the gap, which makes
-//! the light brighter or darker and the spot no wider. Vision, whose fixed error no number of frames makes
-//! smaller, is not asked; encoders say how far it is from one gap to the next.
+//! the light brighter or darker and the spot no wider. Encoders say how far it is from one gap to the next.
+//!
+//! What is known already need not be sought. How light spreads, `lambda / 2 pi` in the micro's own scale, is the same for all
+//! fibers of a manipulator: once earlier fibers have told it, widths at two gaps tell where the vertex is, and the farther gap
+//! need be no farther than that at which the squared width is a third more, where there is yet light enough. And what vision
+//! says beforehand counts as what it is: a gap that is anywhere within a bound.
 
+mod contact;
+
+pub use contact::{Contact, Known, Spread, contact};
 use nalgebra::{SMatrix, SVector, Vector2};
 use pigtail_model::frames::Displacement;
-use pigtail_numerics::golden::least;
 use pigtail_numerics::normal::Normal;
 
 /// Squared widths of the spot at one gap.
@@ -30,15 +36,6 @@ pub struct Width {
     /// Half of the curvature between x and y of the light's logarithm, less than zero, and its standard deviation; per
     /// square metre.
     pub askew: (f64, f64),
-}
-
-/// Where fiber and chip touch.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Contact {
-    /// The gap by encoders there, metres.
-    pub at: f64,
-    /// Its standard deviation, metres.
-    pub deviation: f64,
 }
 
 /// Light on circles around a peak.
@@ -62,13 +59,6 @@ const LEAST: usize = 24;
 
 /// Rounds that tell how much they differ, at least.
 const ROUNDS: usize = 3;
-
-/// Widths that a contact is taken from, at least: the parabolas have five unknowns.
-const GAPS: usize = 4;
-
-/// What a transmission may keep to itself of a way along z, standard deviation, metres: 0.2 um peak to peak are
-/// what the thesis finds of its z-stage (2.4.3).
-const HIDDEN: f64 = 0.07e-6;
 
 /// No width is known better than to this share of its square: to a thousandth of its way a piezo repeats its circles at another
 /// place of its range. What makers state of open loops; a choice.
@@ -231,32 +221,6 @@ fn row(at: Displacement, scale: f64) -> SVector<f64, SHAPE> {
     SVector::from([x, y, x * x, y * y, x * y])
 }
 
-/// Where the vertex of both parabolas lies, looked for within `range` (metres of that gap). `None` where
-/// the widths are too few, lie at no vertex in the range, or are not those of such a spot.
-pub fn contact(widths: &[Width], range: (f64, f64)) -> Option<Contact> {
-    /// Far below what it can be known to, metres.
-    const ACCURATE: f64 = 1e-10;
-    /// A step in which its misfit curves, metres.
-    const STEP: f64 = 0.1e-6;
-    if widths.len() < GAPS {
-        return None;
-    }
-    let widths = &straightened(widths)[..];
-    let misfit = |vertex: f64| misfit(widths, vertex);
-    let at = least(range, ACCURATE, misfit);
-    if (at - range.0).min(range.1 - at) < STEP {
-        return None;
-    }
-    let here = misfit(at);
-    let curvature = (misfit(at + STEP) - 2.0 * here + misfit(at - STEP)) / (STEP * STEP);
-    let worse = (here / (2 * widths.len() - 5) as f64).max(1.0);
-    if curvature <= 0.0 || !here.is_finite() || worse > MISSHAPEN * MISSHAPEN {
-        return None;
-    }
-    let deviation = (2.0 / curvature * worse).sqrt().hypot(HIDDEN);
-    Some(Contact { at, deviation })
-}
-
 /// The widths as a micro would see them that goes exactly along x where it is told to go along x. One that lags by more or less
 /// than believed goes on a circle that is turned, one whose axes are coupled aside. An oblong spot is seen the rounder
 /// for it, by more where it is the more oblong, which it is not at all gaps alike; and it is seen to lie askew.
@@ -266,7 +230,7 @@ fn straightened(widths: &[Width]) -> Vec<Width> {
     const ASIDE: f64 = 0.15;
     /// Each comes nearer by the square of how far aside the micro goes.
     const STEPS: usize = 8;
-    // Told to go (x, y) it goes (x + p y, y + q x).
+    // Told to go (x, y) it goes (x + p y, y + q x), where what turns the circle makes it no wider.
     let (mut p, mut q) = (0.0, 0.0);
     let straight = |width: &Width, p: f64, q: f64| {
         let [a, b] = width.squared.map(f64::recip);
@@ -288,8 +252,9 @@ fn straightened(widths: &[Width]) -> Vec<Width> {
         };
         (p, q) = (found[0], found[1]);
     }
+    let turned = 1.0 + (0.5 * (p - q)).powi(2);
     let each = widths.iter().map(|width| {
-        let squared = straight(width, p, q).map(f64::recip);
+        let squared = straight(width, p, q).map(|inverse| 1.0 / (inverse * turned));
         let times = [0, 1].map(|i| squared[i] / width.squared[i]);
         Width {
             squared,
@@ -299,33 +264,6 @@ fn straightened(widths: &[Width]) -> Vec<Width> {
         }
     });
     each.collect()
-}
-
-/// Weighted squares of what parabolas around a vertex leave of the widths.
-fn misfit(widths: &[Width], vertex: f64) -> f64 {
-    /// Gaps are of this order: so that both columns are.
-    const UNIT: f64 = 30e-6;
-    let axis = |i: usize| {
-        let rows = widths.iter().map(|width| {
-            let away = (width.at - vertex) / UNIT;
-            let weight = width.deviation[i].powi(-2);
-            (Vector2::new(1.0, away * away), width.squared[i], weight)
-        });
-        let mut normal = Normal::<2>::default();
-        for (row, value, weight) in rows.clone() {
-            normal.add_weighted(&row, value, weight);
-        }
-        let Some(found) = normal.solve() else {
-            return f64::INFINITY;
-        };
-        // A spot that becomes narrower away from the chip is none.
-        if found[1] <= 0.0 {
-            return f64::INFINITY;
-        }
-        rows.map(|(row, value, weight)| weight * (value - row.dot(&found)).powi(2))
-            .sum::<f64>()
-    };
-    axis(0) + axis(1)
 }
 
 #[cfg(test)]
@@ -393,6 +331,18 @@ mod tests {
         }
     }
 
+    /// What is known beforehand where next to nothing is.
+    const VAGUELY: Known = Known {
+        squared: [6e-12; 2],
+        spread: Spread {
+            length: [1.3e-6 / TAU; 2],
+            deviation: [0.5; 2],
+        },
+        at: 0.0,
+        bound: 6e-6,
+        sigma: 0.3e-6,
+    };
+
     const GAPS_SEEN: [f64; 5] = [6e-6, 15e-6, 30e-6, 45e-6, 60e-6];
 
     #[test]
@@ -410,8 +360,12 @@ mod tests {
                     ..ROUND
                 };
                 let widths = truth.widths(&GAPS_SEEN, || 0.0);
-                let found = contact(&widths, (-6e-6, 5e-6)).expect("a vertex");
-                assert!((found.at - vertex).abs() < 1e-9, "{found:?} for {vertex}");
+                let found = contact(&widths, &VAGUELY).expect("a vertex");
+                assert!((found.at - vertex).abs() < 30e-9, "{found:?} for {vertex}");
+                let length = 1.3e-6 / TAU / (scale * scale);
+                for (length, found) in [length; 2].iter().zip(found.spread.length) {
+                    assert!((found / length - 1.0).abs() < 2e-3, "{found} for {length}");
+                }
             }
         }
     }
@@ -431,8 +385,8 @@ mod tests {
                 ..ROUND
             };
             let widths = truth.widths(&GAPS_SEEN, || 0.0);
-            let found = contact(&widths, (-6e-6, 5e-6)).expect("a vertex");
-            assert!((found.at - 0.7e-6).abs() < 30e-9, "{found:?} for {modes:?}");
+            let found = contact(&widths, &VAGUELY).expect("a vertex");
+            assert!((found.at - 0.7e-6).abs() < 50e-9, "{found:?} for {modes:?}");
         }
     }
 
@@ -453,8 +407,8 @@ mod tests {
         assert!(mean.abs() < 3e-3, "{mean}");
     }
 
-    /// How far off it is, and how far it is said to be, root mean squares of many, metres.
-    fn off_and_stated(noise: f64) -> (f64, f64) {
+    /// How far off it is, how far it is said to be, and how well the first one of these is known: root mean squares of many, metres.
+    fn off_and_stated(gaps: &[f64], known: &Known, noise: f64) -> (f64, f64) {
         let (mut squares, mut stated, n) = (0.0, 0.0, 300);
         for seed in 0..n {
             let truth = Truth {
@@ -463,10 +417,10 @@ mod tests {
                 noise,
                 ..ROUND
             };
-            let widths = truth.widths(&GAPS_SEEN, normal(seed * 7919 + 3));
-            let found = contact(&widths, (-6e-6, 5e-6)).expect("a vertex");
+            let widths = truth.widths(gaps, normal(seed * 7919 + 3));
+            let found = contact(&widths, known).expect("a vertex");
             squares += (found.at - truth.vertex).powi(2);
-            stated += found.deviation * found.deviation - HIDDEN * HIDDEN;
+            stated += found.deviation * found.deviation;
         }
         let root = |sum: f64| (sum / n as f64).sqrt();
         (root(squares), root(stated))
@@ -476,24 +430,80 @@ mod tests {
     fn it_is_as_far_off_as_its_deviation_says() {
         // By noise beside which it is little what a piezo may do. Misfits that happen to be small are not believed, so that it is
         // stated a little too large.
-        let (off, stated) = off_and_stated(30e-3);
+        let (off, stated) = off_and_stated(&GAPS_SEEN, &VAGUELY, 30e-3);
         assert!((0.75..1.1).contains(&(off / stated)), "{off} {stated}");
         // By little noise, beside which that counts.
-        let (off, stated) = off_and_stated(5e-3);
+        let (off, stated) = off_and_stated(&GAPS_SEEN, &VAGUELY, 5e-3);
         assert!(off < stated && stated < 0.3e-6, "{off} {stated}");
+    }
+
+    /// A third of the light, a fifth of the way: what it takes five gaps to tell without it.
+    #[test]
+    fn two_gaps_tell_it_where_the_spread_is_known() {
+        let gaps = [1e-6, 18e-6];
+        let spread = |deviation: f64| Known {
+            spread: Spread {
+                deviation: [deviation; 2],
+                ..VAGUELY.spread
+            },
+            ..VAGUELY
+        };
+        let (off, stated) = off_and_stated(&gaps, &spread(0.01), 20e-3);
+        assert!(off < 1.1 * stated && stated < 0.35e-6, "{off} {stated}");
+        // A spread that is not known is no help, and is said to be none.
+        let (off, stated) = off_and_stated(&gaps, &spread(0.3), 20e-3);
+        assert!(off < stated && stated > 1e-6, "{off} {stated}");
+    }
+
+    /// Vision says within 1.5 um where it is; light that says it to 0.8 um leaves less than either.
+    #[test]
+    fn what_vision_says_counts_as_what_it_is() {
+        let vision = Known {
+            at: 0.2e-6,
+            bound: 1.5e-6,
+            sigma: 0.2e-6,
+            ..VAGUELY
+        };
+        let gaps = [1e-6, 10e-6, 25e-6];
+        let (alone, _) = off_and_stated(&gaps, &VAGUELY, 40e-3);
+        let (off, stated) = off_and_stated(&gaps, &vision, 40e-3);
+        assert!(off < 0.8 * alone, "{off} {alone}");
+        assert!(off < 1.1 * stated && stated < 0.9e-6, "{off} {stated}");
+    }
+
+    /// Fibers that say it to a hundredth and differ by more are believed to differ.
+    #[test]
+    fn what_several_fibers_tell_is_as_sure_as_they_agree() {
+        let told = |length: f64| Spread {
+            length: [length; 2],
+            deviation: [0.01; 2],
+        };
+        let alike = Spread::of_all(&[told(0.2e-6), told(0.201e-6), told(0.2e-6)]).expect("three");
+        assert!((0.2e-6..0.201e-6).contains(&alike.length[0]));
+        assert!((0.005..0.01).contains(&alike.deviation[0]), "{alike:?}");
+        let apart = Spread::of_all(&[told(0.19e-6), told(0.21e-6)]).expect("two");
+        assert!(apart.deviation[0] > 0.04, "{apart:?}");
+        assert_eq!(Spread::of_all(&[]), None);
     }
 
     #[test]
     fn what_is_no_spot_is_refused() {
         let widths = ROUND.widths(&GAPS_SEEN, || 0.0);
-        assert_eq!(contact(&widths[..3], (-6e-6, 5e-6)), None);
-        assert_eq!(contact(&widths, (1e-6, 5e-6)), None);
+        assert_eq!(contact(&widths[..1], &VAGUELY), None);
+        // Vision would be wrong by four micrometres.
+        let sure = Known {
+            at: 4e-6,
+            bound: 1e-6,
+            sigma: 0.1e-6,
+            ..VAGUELY
+        };
+        assert_eq!(contact(&widths, &sure), None);
         let mut odd = widths.clone();
         for (k, width) in odd.iter_mut().enumerate() {
             width.deviation = width.squared.map(|squared| 1e-3 * squared);
             width.squared[0] *= 1.0 + 0.2 * (PI * k as f64).cos();
         }
-        assert_eq!(contact(&odd, (-6e-6, 5e-6)), None);
+        assert_eq!(contact(&odd, &VAGUELY), None);
         assert_eq!(Circles::default().width(5e-6, 5e-3), None);
     }
 }

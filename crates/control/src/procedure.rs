@@ -6,6 +6,7 @@ pub(crate) use attach::place_at;
 
 use crate::belief::{Across, Place};
 use crate::cell::AlignmentCell;
+use crate::gap_by_light::Spread;
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::peak::NinePoint;
 use crate::recipe::Recipe;
@@ -29,6 +30,8 @@ pub struct FiberReport {
     pub outcome: Outcome,
     /// How its tip shakes, where it was watched.
     pub shaking: Option<Measured>,
+    /// How light spreads in its micro's scale, where widths of the spot have told.
+    pub spread: Option<Spread>,
     /// Where it is believed to be, where it was attached and that is known.
     pub place: Option<Place>,
     /// Its phases in order, seconds of machine time each.
@@ -70,6 +73,8 @@ pub(crate) struct Job<'r> {
     phases: Vec<(&'static str, f64)>,
     /// How its tip shakes, as far as circles have told.
     shaking: Option<Shaking>,
+    /// How light spreads in its micro's scale, where widths of the spot have told.
+    pub(crate) spread: Option<Spread>,
     /// Where it is believed to be.
     place: Option<Place>,
     /// Whether it is to be left at its peak, not attached; and what was known of it there.
@@ -208,6 +213,7 @@ impl<'r> Job<'r> {
             channel,
             phases: Vec::with_capacity(8),
             shaking: None,
+            spread: None,
             place: None,
             holds: false,
             at_peak: None,
@@ -224,6 +230,7 @@ impl<'r> Job<'r> {
                 .shaking
                 .filter(Shaking::is_watched)
                 .map(|shaking| shaking.measured()),
+            spread: self.spread,
             place: self.place.take(),
             phases: std::mem::take(&mut self.phases),
         }

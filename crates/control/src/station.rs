@@ -13,6 +13,7 @@ use self::past::Past;
 use self::playing::Playing;
 use crate::calibration::Calibration;
 use crate::cell::Layout;
+use crate::gap_by_light::Spread;
 use crate::impulse::belief::ImpulseBelief;
 use crate::kinematics::Kinematics;
 use crate::outcome::{Halt, Outcome};
@@ -78,6 +79,8 @@ pub struct Station<'a> {
     settling: f64,
     /// What was measured of how tips shake.
     shaking: [Option<Measured>; SIDES],
+    /// How light spreads over a gap in the scale of the micros, where it was measured.
+    spread: [Option<Spread>; SIDES],
     /// What is believed of pulses on a five-bar.
     five_bar_pulses: Option<ImpulseBelief>,
     /// Light samples that somebody has looked at, and the time of the last of them.
@@ -170,6 +173,7 @@ impl<'a> Station<'a> {
             past: Past::new(&spec),
             settling,
             shaking: Side::ALL.map(|side| calibration.shaking.of(side)),
+            spread: Side::ALL.map(|side| calibration.spread.of(side)),
             five_bar_pulses: calibration.impulse.five_bar.clone(),
             readings: Cell::new((0, f64::NEG_INFINITY)),
             limits: Limits {
@@ -219,6 +223,7 @@ impl<'a> Station<'a> {
             spec: self.spec().clone(),
             frames: Side::ALL.map(|side| self.kinematics(side).placement()),
             shaking: self.shaking,
+            spread: self.spread,
             follows: Side::ALL.map(|side| self.has_piezo_model(side)),
         }
     }

@@ -255,6 +255,23 @@ pub fn outside(tolerance: f64, off: f64, bound: f64, sigma: f64) -> f64 {
     (side(off) + side(-off)).clamp(0.0, 1.0)
 }
 
+/// How likely a value is, a density: it lies anywhere within a `bound` of nought, as likely here as there, but for a normal
+/// error of deviation `sigma`. All in one unit; `bound` and `sigma` are zero or more, and not both zero.
+///
+/// ```
+/// # use pigtail_numerics::statistics::within;
+/// assert!((within(0.5, 1.0, 1e-3) - 0.5).abs() < 1e-9);
+/// assert!((within(1.0, 0.0, 1.0) - 0.24197).abs() < 1e-5);
+/// ```
+pub fn within(value: f64, bound: f64, sigma: f64) -> f64 {
+    /// A bound of less than this share of the deviation, and a deviation of less than this share of the bound, change nothing.
+    const NONE: f64 = 1e-6;
+    let (bound, sigma) = (bound.max(NONE * sigma), sigma.max(NONE * bound));
+    let tail = |a: f64| 0.5 * libm::erfc(a * FRAC_1_SQRT_2);
+    let [near, far] = [-bound, bound].map(|by| tail((value.abs() + by) / sigma));
+    0.5 * (near - far) / bound
+}
+
 /// Whether two sets of values may have one distribution (Kolmogorov, Smirnov): the greatest distance of their cumulative
 /// shares, 0 to 1, and the probability that chance alone makes it as great, by the asymptotic law with Stephens's
 /// correction for few values. The values of a set are taken as independent; `None` where a set has none.

@@ -12,6 +12,7 @@ use crate::calibrations::{Belief, Change};
 use crate::job::{Ended, Job};
 use crate::setup::Setup;
 use checks::Clock;
+use pigtail_control::procedure::FiberReport;
 use pigtail_control::station::Observer;
 use pigtail_hal::{Error, Machine};
 use pigtail_numerics::rounded;
@@ -44,6 +45,8 @@ pub enum StepName {
     Piezos,
     /// How far the tips of both manipulators shake
     Shaking,
+    /// How light spreads over a gap in the scale of both micros, where vision cannot know the gap
+    Spread,
     /// Devices aligned with all that was found
     Acceptance,
 }
@@ -171,6 +174,7 @@ pub fn commission_with(
         plan,
         machines,
         changes: Vec::new(),
+        aligned: Vec::new(),
         seconds: 0.0,
         observer,
     };
@@ -231,6 +235,8 @@ struct Bench<'b, 'm> {
     plan: &'b Plan,
     machines: &'b mut Machines<'m>,
     changes: Vec<Change>,
+    /// Fibers of spare devices that were aligned already.
+    aligned: Vec<FiberReport>,
     /// Machine time so far.
     seconds: f64,
     observer: &'b mut dyn Observer,
@@ -245,6 +251,7 @@ impl Bench<'_, '_> {
             StepName::Windup => self.windup(),
             StepName::Piezos => self.piezos(),
             StepName::Shaking => self.shaking(),
+            StepName::Spread => self.spread(),
             StepName::Acceptance => self.acceptance(),
         }
     }

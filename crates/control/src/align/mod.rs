@@ -318,6 +318,7 @@ impl<'d> Device<'d, '_> {
             side,
             outcome,
             shaking: None,
+            spread: None,
             place: place.filter(|_| aligned),
             phases,
         });

@@ -124,6 +124,9 @@ impl ConicalScan<'_> {
                 }
                 continue;
             }
+            if let Some(before) = seen.last() {
+                self.flickers(before, &peak);
+            }
             seen.push(peak);
             // What a micro does that does not go where it is told is oblong askew: piezos do not move in x and y.
             let readings: &[Reading] = self.readings.make_contiguous();
@@ -188,10 +191,26 @@ impl ConicalScan<'_> {
         .into())
     }
 
+    /// Takes in by how much two peaks of turns that follow each other differ in their light.
+    fn flickers(&mut self, before: &Peak, after: &Peak) {
+        let noise = before.full_deviation.hypot(after.full_deviation);
+        let apart = (after.full - before.full).powi(2) - noise * noise;
+        let (sum, n) = self.flickers;
+        self.flickers = (sum + 0.5 * apart / (after.full * before.full), n + 1.0);
+    }
+
+    /// By how much the light itself differs from one turn to the next, of its own: a laser wanders.
+    fn flicker(&self) -> f64 {
+        let (sum, n) = self.flickers;
+        (sum / n.max(1.0)).max(0.0).sqrt()
+    }
+
     /// Radius of the small turn around a peak, in its widths.
     fn small(&self, peak: &Peak, gap: f64) -> f64 {
         let noise = self.watch.noise / (peak.full * self.beam.share(gap));
-        (NOISY * noise).sqrt().clamp(SMALL.0, SMALL.1)
+        (NOISY * noise.hypot(self.flicker()))
+            .sqrt()
+            .clamp(SMALL.0, SMALL.1)
     }
 
     /// Goes around a small circle, from which the light at its middle can be told: whether the peak is

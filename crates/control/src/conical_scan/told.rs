@@ -19,11 +19,8 @@ const SENT: f64 = 100e-9;
 /// Radii of the circles by which the width of the spot is seen, in its width at the chip.
 const WIDTHS: [f64; 2] = [0.35, 1.2];
 
-/// How often a turn on either is repeated, to and fro, at least and at most, until the square of the width is known to
-/// this share of it.
-const ROUNDS: (u32, u32) = (3, 64);
-
-const KNOWN: f64 = 4.5e-3;
+/// How often turns on both are repeated, to and fro, at least and at most.
+const ROUNDS: (u32, u32) = (4, 192);
 
 /// Turns from one to the other. In whole turns, so that light is always sampled at the same places of a circle: a micro that rings
 /// there does so at every gap alike, and all widths are wrong by the same share.
@@ -45,8 +42,8 @@ pub(super) const FORGETS: f64 = 8.0;
 const GLANCE: f64 = 2.0;
 
 impl ConicalScan<'_> {
-    /// How wide the spot is at a gap, by turns on two circles; `at` is the gap that the width is noted for. Turns until it is
-    /// known well or after some seconds; `None` where there is too little light. All gaps are looked at on the
+    /// How wide the spot is at a gap, by turns on two circles; `at` is the gap that the width is noted for. Turns until its square
+    /// is known to a `share` of it, or for some seconds; `None` where there is too little light. All gaps are looked at on the
     /// same circles, so that it does not matter how far a piezo goes on them.
     ///
     /// # Errors
@@ -57,23 +54,26 @@ impl ConicalScan<'_> {
         bench: &Reactor<'_>,
         gap: f64,
         at: f64,
+        share: f64,
     ) -> Result<Option<Width>, Halt> {
         let mut spot = Circles::default();
         let mut width = None;
         for round in 1..=ROUNDS.1 {
             spot.begin_round();
             // To and fro, so that light which rises or falls steadily counts on both alike.
-            for of_contact in [0, 1, 1, 0].map(|i| WIDTHS[i]) {
-                let radius = of_contact * self.beam.width(0.0) / self.beam.width(gap);
-                self.shrink(bench, gap, radius, OVER).await?;
+            for circle in [round % 2, 1 - round % 2].map(|i| WIDTHS[i as usize]) {
+                let radius = circle * self.beam.width(0.0) / self.beam.width(gap);
+                if radius != self.radius {
+                    self.shrink(bench, gap, radius, OVER).await?;
+                }
                 self.turn(bench, gap).await?;
                 for reading in &self.readings {
                     spot.add(reading.at - self.centre, reading.volts);
                 }
             }
-            if round >= ROUNDS.0 {
+            if round >= ROUNDS.0 && round % 2 == 0 {
                 width = spot.width(at, self.watch.noise);
-                if width.is_none_or(|width| width.is_known_to(KNOWN)) {
+                if width.is_none_or(|width| width.is_known_to(share)) {
                     break;
                 }
             }

@@ -6,10 +6,12 @@ use crate::beam::Beam;
 use crate::belief::{Across, UNSURE};
 use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
-use crate::gap_by_light::{Width, contact};
+use crate::gap_by_light::{Contact, Known, Spread, Width, contact};
 use crate::outcome::Halt;
-use crate::procedure::{outward, place_at};
+use crate::procedure::{Job, outward, place_at};
+use crate::recipe::Recipe;
 use crate::tip_estimator::WARMS;
+use pigtail_hal::Spec;
 use pigtail_numerics::statistics::outside;
 
 /// Standard deviation of the gap, in tolerances, at which the last turns begin...
@@ -28,8 +30,33 @@ const SPARE: f64 = 0.1;
 const FINELY: f64 = 0.2;
 
 /// Where the spot is looked at on the way, if the light is to say where the chip is: at gaps where its squared
-/// width is so many times that at the chip, and one more.
-const WIDER: [f64; 4] = [3.0, 1.8, 0.9, 0.3];
+/// width is so many times that at the chip, and one more; and at the chip.
+#[derive(Debug, Clone, Copy)]
+struct Looks {
+    wider: &'static [f64],
+    /// Until the square of a width is known to this share of it.
+    share: f64,
+    /// The same at the chip.
+    share_here: f64,
+}
+
+/// Where it is known how light spreads: light gets dimmer with the gap, and the way less sure without it; a third more is
+/// where both together leave least. Half a percent of the square are a sixth of a micrometre there, and a percent as much at the chip.
+const QUICK: [Looks; 2] = [
+    looks(&[1.0 / 3.0], 8e-3, 12e-3),
+    looks(&[1.0 / 3.0], 4e-3, 6e-3),
+];
+
+/// And where it is not.
+const WHOLE: [Looks; 2] = [looks(&[3.0, 1.8, 0.9, 0.3], 4.5e-3, 4.5e-3); 2];
+
+const fn looks(wider: &'static [f64], share: f64, share_here: f64) -> Looks {
+    Looks {
+        wider,
+        share,
+        share_here,
+    }
+}
 
 /// Turns until the macro stands still where it went aside: it may still come nearer by a count.
 const STILL: u32 = 4;
@@ -39,17 +66,24 @@ const STILL: u32 = 4;
 /// (squared).
 const CENTRED: (f64, u32) = (0.05, 6);
 
-/// How often all of them are looked at, until that tells where the chip is.
-const PASSES: u32 = 2;
-
 /// Standard deviations by which light and vision may differ beside vision's bound.
 const FAR_OFF: f64 = 4.0;
+
+/// Whether the vision of a datasheet could ever know a gap well enough for a fiber to be attached by a recipe; otherwise the light has to
+/// tell.
+pub fn vision_knows(spec: &Spec, recipe: &Recipe) -> bool {
+    let off = 0.5 * recipe.fast.gap_tolerance;
+    let sigma = off.hypot(spec.vision.facet_z);
+    let bound = spec.vision.believed()[1];
+    outside(recipe.accept.gap, off, bound, sigma) <= UNSURE
+}
 
 impl Shared<'_> {
     /// From a gap at which there is no doubt to the chip; where vision could never know the gap, the spot's width is
     /// looked at on the way.
     pub(super) async fn come_close(
         &self,
+        job: &mut Job<'_>,
         cell: &AlignmentCell<'_>,
         aim: &Aim,
         scan: &mut ConicalScan<'_>,
@@ -57,37 +91,38 @@ impl Shared<'_> {
     ) -> Result<(), Halt> {
         let beam = Beam::new(&self.recipe.mode, self.exit());
         let here = (self.recipe.approach.gap, 1);
-        if self.vision_knows(cell) {
+        if vision_knows(cell.spec(), self.recipe) {
             return self.approach(cell, aim, scan, before, here).await;
         }
         cell.forget_told(aim.side);
+        let by_design = || Spread::by_design(self.recipe.mode.wavelength, self.exit());
+        let spread = cell.measured_spread(aim.side).unwrap_or_else(by_design);
+        let quick = if spread.is_known() { &QUICK[..] } else { &[] };
         let mut widths = Vec::new();
-        for _ in 0..PASSES {
-            for share in WIDER {
-                let gap = beam.gap_of(share);
+        for looks in quick.iter().chain(&WHOLE) {
+            let one = looks.wider.len() == 1;
+            for share in looks.wider {
+                let gap = beam.gap_of(*share);
                 self.approach(cell, aim, scan, before, (gap, 1)).await?;
-                widths.extend(width(cell, aim, scan).await?);
+                // From one gap to the chip it is not far: the micro's middle lies between both.
+                let to = if one { 0.5 * (gap + here.0) } else { gap };
+                to_middle(cell, aim, scan, to).await?;
+                widths.extend(width(cell, aim, scan, looks.share).await?);
             }
             self.approach(cell, aim, scan, before, here).await?;
-            widths.extend(width(cell, aim, scan).await?);
-            if self.tell_contact(cell, aim, &widths) {
+            if !one {
+                to_middle(cell, aim, scan, here.0).await?;
+            }
+            widths.extend(width(cell, aim, scan, looks.share_here).await?);
+            let contact = self.contact(cell, aim, &widths, (scan, spread));
+            if looks.wider.len() > 1 {
+                job.spread = contact.map(|contact| contact.spread).or(job.spread);
+            }
+            if self.is_told(cell, aim, contact) {
                 break;
             }
         }
         Ok(())
-    }
-
-    /// Whether vision could ever know a gap well enough for a fiber to be attached.
-    fn vision_knows(&self, cell: &AlignmentCell<'_>) -> bool {
-        let tolerance = self.recipe.accept.gap;
-        let (off, sigma) = (0.5 * self.fast.gap_tolerance, 0.5 * self.fast.gap_tolerance);
-        let vision = &cell.spec().vision;
-        outside(
-            tolerance,
-            off,
-            vision.believed()[1],
-            sigma.hypot(vision.facet_z),
-        ) <= UNSURE
     }
 
     /// Whether a fiber would not be attached at this gap, for what is known of it.
@@ -113,7 +148,9 @@ impl Shared<'_> {
                 let doubt = outside(self.recipe.accept.gap, 0.0, seen.bound_z, seen.sigma_z());
                 let long = doubt > SPARE * UNSURE && seen.bound_z > 0.0;
                 let most = if long { MOST_DOUBTING } else { MOST_LOOKING };
-                (long || seen.sigma[1] > sure) && cell.now() < begin + most
+                // What the light has told vision does not know better.
+                let vague = seen.bound_z > 0.0 && seen.sigma[1] > sure;
+                (long || vague) && cell.now() < begin + most
             })
         };
         while unsure(cell) {
@@ -150,34 +187,51 @@ impl Shared<'_> {
         Ok(())
     }
 
-    /// Believes what the widths say of where the chip is, if vision does not contradict. Whether they say it well enough for a
-    /// fiber to be attached.
-    fn tell_contact(&self, cell: &AlignmentCell<'_>, aim: &Aim, widths: &[SeenWidth]) -> bool {
-        let Some(seen) = cell.seen(aim.side, aim.tip) else {
-            return false;
-        };
-        let wide = seen.bound_z + FAR_OFF * seen.sigma_z();
+    /// Where widths and vision together have it that fiber and chip touch, by encoders now, if vision does not contradict the light.
+    fn contact(
+        &self,
+        cell: &AlignmentCell<'_>,
+        aim: &Aim,
+        widths: &[SeenWidth],
+        (scan, spread): (&ConicalScan<'_>, Spread),
+    ) -> Option<Contact> {
+        let seen = cell.seen(aim.side, aim.tip)?;
         // What vision adds to the gap by encoders.
         let added = aim.gap(cell) - aim.gap_by_encoders(cell);
         let by_now = |width: &SeenWidth| width.by_now(cell.now(), added, seen.sigma[1]);
         let (widths, variances): (Vec<_>, Vec<_>) = widths.iter().map(by_now).unzip();
         let n = variances.len() as f64;
         let moved = variances.iter().map(|v| v / n).sum::<f64>().sqrt();
-        let range = (-2.0 * wide - added, 2.0 * wide - added);
-        let Some(contact) = contact(&widths, range) else {
+        let known = Known {
+            squared: [scan.beam_width(0.0).powi(2); 2],
+            spread,
+            at: -added,
+            bound: seen.bound_z,
+            sigma: seen.sigma_z(),
+        };
+        let found = contact(&widths, &known)?;
+        let (at, deviation) = found.by_light;
+        let most = known.bound + FAR_OFF * known.sigma.hypot(deviation).hypot(moved);
+        ((at + added).abs() <= most).then_some(Contact {
+            at: found.at + added,
+            deviation: found.deviation.hypot(moved),
+            ..found
+        })
+    }
+
+    /// Believes where fiber and chip touch, if that is known well enough for a fiber to be attached: whether it is.
+    fn is_told(&self, cell: &AlignmentCell<'_>, aim: &Aim, contact: Option<Contact>) -> bool {
+        let Some((seen, contact)) = cell.seen(aim.side, aim.tip).zip(contact) else {
             return false;
         };
-        let at = contact.at + added;
-        let deviation = contact.deviation.hypot(moved);
-        let differs = at.abs() > wide + FAR_OFF * deviation;
         // The gap will be a little off, and vision is to follow what warms. What is known worse than a fiber needs it would only
         // lead it astray, and into the chip at last.
         let off = 0.5 * self.fast.gap_tolerance;
-        let sigma = deviation.hypot(seen.sigma[1]);
-        if differs || outside(self.recipe.accept.gap, off, 0.0, sigma) > UNSURE {
+        let sigma = contact.deviation.hypot(seen.sigma[1]);
+        if outside(self.recipe.accept.gap, off, 0.0, sigma) > UNSURE {
             return false;
         }
-        cell.tell_z(aim.side, -outward(aim.side) * at, deviation);
+        cell.tell_z(aim.side, -outward(aim.side) * contact.at, contact.deviation);
         true
     }
 }
@@ -213,19 +267,31 @@ impl SeenWidth {
     }
 }
 
-/// Looks how wide the spot is here. The micro stands in its middle meanwhile: a piezo goes a little farther or
-/// less far elsewhere, and a percent of it is a percent of the width.
-async fn width(
+/// Has the micro stand in its middle where the peak is at a gap: a piezo goes a little farther or less far elsewhere, and a percent of
+/// it is a percent of the width.
+async fn to_middle(
     cell: &AlignmentCell<'_>,
     aim: &Aim,
     scan: &mut ConicalScan<'_>,
-) -> Result<Option<SeenWidth>, Halt> {
+    at: f64,
+) -> Result<(), Halt> {
     let gap = aim.gap(cell);
-    let aside = scan.place(gap);
+    let aside = scan.place(at);
     hand_over(cell, scan, aim.side, aside, gap).await?;
     for _ in 0..STILL {
         scan.turn(cell, gap).await?;
     }
+    Ok(())
+}
+
+/// Looks how wide the spot is here, until its square is known to a share of it.
+async fn width(
+    cell: &AlignmentCell<'_>,
+    aim: &Aim,
+    scan: &mut ConicalScan<'_>,
+    share: f64,
+) -> Result<Option<SeenWidth>, Halt> {
+    let gap = aim.gap(cell);
     for _ in 0..CENTRED.1 {
         scan.turn(cell, gap).await?;
         let Some(peak) = scan.peak() else {
@@ -236,7 +302,7 @@ async fn width(
         }
     }
     let at = aim.gap_by_encoders(cell);
-    let width = scan.width(cell, gap, at).await?;
+    let width = scan.width(cell, gap, at, share).await?;
     let seen = cell.seen(aim.side, aim.tip);
     Ok(width.zip(seen).map(|(width, seen)| SeenWidth {
         width,

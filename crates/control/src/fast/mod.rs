@@ -28,6 +28,7 @@ use crate::station::{Level, Station, coarse, fine};
 use crate::sweep::{Spot, first_light};
 use crate::tip_estimator::Tip;
 use approach_moves::{Aim, cock};
+pub use gap::vision_knows;
 use pigtail_hal::Side;
 use pigtail_hal::bench::Meter;
 use pigtail_hal::spec::{CHANNELS, Channel};
@@ -387,7 +388,7 @@ impl<'r> Shared<'r> {
             known?;
         }
         let dark = self.dark[job.channel.index()].level.mean;
-        job.phase(cell, "approach", async |_| {
+        job.phase(cell, "approach", async |job| {
             let beam = Beam::new(&self.recipe.mode, self.exit());
             let level = before * beam.share(aim.gap(cell));
             let scattered = scan.background() - dark;
@@ -400,7 +401,7 @@ impl<'r> Shared<'r> {
                         .await?;
                 }
             }
-            self.come_close(cell, aim, &mut scan, before).await
+            self.come_close(job, cell, aim, &mut scan, before).await
         })
         .await?;
         job.phase(cell, "final", async |job| {

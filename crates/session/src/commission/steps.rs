@@ -9,7 +9,8 @@ use crate::identify::{IdentifyWindup, Model};
 use crate::job::Ended;
 use crate::piezos::{MeasureRatios, SeePiezos};
 use crate::tune::{Method, Tune, step_of};
-use pigtail_control::fast::Ratio;
+use pigtail_control::fast::{Ratio, vision_knows};
+use pigtail_control::gap_by_light::Spread;
 use pigtail_control::outcome::Outcome;
 use pigtail_control::piezo::camera::{Seen, SeenMicro};
 use pigtail_control::procedure::FiberReport;
@@ -338,6 +339,7 @@ impl Bench<'_, '_> {
         self.setup.rig.recipe.fast.watch = watch;
         self.setup.rig.calibration.shaking = before;
         let fibers = fibers?;
+        self.aligned.clone_from(&fibers);
         let mut values = Map::new();
         let mut why = String::new();
         for side in Side::ALL {
@@ -394,6 +396,73 @@ impl Bench<'_, '_> {
             }
         }
         Ok(fibers)
+    }
+
+    /// Takes together what spots have told of how light spreads, where the light is to tell the gap at all.
+    pub(super) fn spread(&mut self) -> Result<Found, Ended> {
+        let mut values = Map::new();
+        let known = vision_knows(&self.setup.rig.spec, &self.setup.rig.recipe);
+        values.insert("vision_knows_the_gap".to_owned(), json!(known));
+        if known {
+            let why = String::new();
+            return Ok(Found { values, why });
+        }
+        // What is to be found is not believed meanwhile.
+        let before = std::mem::take(&mut self.setup.rig.calibration.spread);
+        let told = self.told();
+        self.setup.rig.calibration.spread = before;
+        let (told, fibers) = told?;
+        let mut why = String::new();
+        for (side, found) in Side::ALL.into_iter().zip(told) {
+            let Some(found) = found else {
+                if why.is_empty() {
+                    let side = side.name();
+                    why = format!("no spot of {side} told how light spreads{}", ended(&fibers));
+                }
+                continue;
+            };
+            let [x, y] = found.length.map(|length| rounded(1e9 * length, 1e-2));
+            let [of_x, of_y] = found.deviation.map(|deviation| rounded(deviation, 1e-5));
+            values.insert(
+                side.name().to_owned(),
+                json!({"x_nm": x, "y_nm": y, "deviation_x": of_x, "deviation_y": of_y}),
+            );
+            let origin = self.origin(&format!("spread, {}", side.name()));
+            let length = |nm: f64| toml_edit::value(format!("{nm:.2} nm"));
+            self.believe(Change {
+                table: format!("spread.{}", side.name()),
+                values: vec![
+                    ("x", length(x)),
+                    ("y", length(y)),
+                    ("deviation_x", toml_edit::value(of_x)),
+                    ("deviation_y", toml_edit::value(of_y)),
+                    ("date", toml_edit::value(&self.plan.date)),
+                    ("origin", toml_edit::value(origin)),
+                ],
+                weights: None,
+            })?;
+        }
+        Ok(Found { values, why })
+    }
+
+    /// How light spreads by fibers of devices that are aligned, until it is known with both micros or no device is left; and
+    /// those fibers.
+    fn told(&mut self) -> Result<([Option<Spread>; SIDES], Vec<FiberReport>), Ended> {
+        let mut fibers = std::mem::take(&mut self.aligned);
+        // Not the one that they are of.
+        let mut spare = self.spare_devices().skip(1);
+        loop {
+            let found = Side::ALL.map(|side| {
+                let of_side = fibers.iter().filter(|fiber| fiber.side == side);
+                let told: Vec<Spread> = of_side.filter_map(|fiber| fiber.spread).collect();
+                Spread::of_all(&told)
+            });
+            let known = |found: &Option<Spread>| found.is_some_and(|found| found.is_known());
+            let Some(device) = spare.next().filter(|_| !found.iter().all(known)) else {
+                return Ok((found, fibers));
+            };
+            fibers.extend(self.run(&Align::default(), device)?.fibers);
+        }
     }
 
     pub(super) fn acceptance(&mut self) -> Result<Found, Ended> {
