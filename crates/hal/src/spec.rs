@@ -299,6 +299,9 @@ pub struct GuardSpec {
     /// What a transmission may hide of a motion of the endpoint in x and y, metres.
     #[serde(with = "quantity::PositiveLength")]
     pub windup: f64,
+    /// The same in z, metres.
+    #[serde(with = "quantity::PositiveLength")]
+    pub windup_z: f64,
     /// By what time of a motion an output follows its motor where a probe watches it: what resists its
     /// speed winds the transmission up. Twice as much is accepted, seconds.
     #[serde(with = "quantity::NonNegativeTime")]
@@ -320,6 +323,7 @@ impl Default for GuardSpec {
             clearance: 1e-6,
             placement: 150e-6,
             windup: 150e-6,
+            windup_z: 2e-6,
             lag: 1.5e-3,
             saturated: 50e-3,
             retract: 500e-6,

@@ -199,8 +199,8 @@ impl ConicalScan<'_> {
         self.flickers = (sum + 0.5 * apart / (after.full * before.full), n + 1.0);
     }
 
-    /// By how much the light itself differs from one turn to the next, of its own: a laser wanders.
-    fn flicker(&self) -> f64 {
+    /// By how much the light itself differs from one turn to the next, of its own: a laser wanders. By the turns of [`Self::settle`].
+    pub fn flicker(&self) -> f64 {
         let (sum, n) = self.flickers;
         (sum / n.max(1.0)).max(0.0).sqrt()
     }

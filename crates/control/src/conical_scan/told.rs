@@ -118,11 +118,11 @@ impl ConicalScan<'_> {
         let Some((left, free)) = self.left(|reading| reading.volts) else {
             return f64::INFINITY;
         };
-        let noise = self.watch.noise * self.watch.noise;
+        let light = peak.full * self.beam.share(gap);
+        let noise = self.watch.noise.powi(2) + (self.flicker() * light).powi(2);
         if left < noise * (1.0 + 2.0 * (2.0 / free).sqrt()) {
             return 0.0;
         }
-        let light = peak.full * self.beam.share(gap);
         (left - noise).sqrt() * self.beam.width(gap) / (self.radius * light)
     }
 

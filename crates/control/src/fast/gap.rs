@@ -118,11 +118,30 @@ impl Shared<'_> {
             if looks.wider.len() > 1 {
                 job.spread = contact.map(|contact| contact.spread).or(job.spread);
             }
-            if self.is_told(cell, aim, contact) {
+            if self.is_told(cell, aim, contact) || self.would_be_stopped(cell, aim, contact) {
                 break;
             }
         }
         Ok(())
+    }
+
+    /// Whether vision is so wrong that by it the tip would be too near to the chip at the gap that is wanted: who guards the machine asks
+    /// vision alone, and would stop it.
+    fn would_be_stopped(
+        &self,
+        cell: &AlignmentCell<'_>,
+        aim: &Aim,
+        contact: Option<Contact>,
+    ) -> bool {
+        /// Standard deviations of vision that the guard takes off, and one more, for its own frames are not quite the same.
+        const SIGMAS: f64 = 4.0;
+        /// What it takes to stop from the slow motions here, metres.
+        const STOP: f64 = 0.3e-6;
+        let Some((seen, contact)) = cell.seen(aim.side, aim.tip).zip(contact) else {
+            return false;
+        };
+        let by_vision = self.recipe.approach.gap + contact.at.min(0.0);
+        by_vision < cell.spec().guard.clearance + SIGMAS * seen.sigma[1] + STOP
     }
 
     /// Whether a fiber would not be attached at this gap, for what is known of it.
@@ -228,7 +247,8 @@ impl Shared<'_> {
         // lead it astray, and into the chip at last.
         let off = 0.5 * self.fast.gap_tolerance;
         let sigma = contact.deviation.hypot(seen.sigma[1]);
-        if outside(self.recipe.accept.gap, off, 0.0, sigma) > UNSURE {
+        let unsure = outside(self.recipe.accept.gap, off, 0.0, sigma) > UNSURE;
+        if unsure || self.would_be_stopped(cell, aim, Some(contact)) {
             return false;
         }
         cell.tell_z(aim.side, -outward(aim.side) * contact.at, contact.deviation);

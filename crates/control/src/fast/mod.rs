@@ -103,6 +103,9 @@ const WATCHED: (usize, usize) = (40, 1280);
 /// How much better a peak is to be known where that may make a fiber sure.
 const BETTER: f64 = 0.6;
 
+/// No peak need be known better, metres: what creeps until a fiber is fixed is as much.
+const FINEST: f64 = 5e-9;
+
 /// How often the last turns are begun...
 const ATTEMPTS: u32 = 3;
 
@@ -647,7 +650,7 @@ impl<'r> Shared<'r> {
                             };
                             let missing = |scan: &ConicalScan| sure(scan, BETTER * BETTER);
                             if watched > 0 || missing(scan) {
-                                accuracy *= BETTER;
+                                accuracy = (BETTER * accuracy).max(FINEST);
                             }
                             let mut samples = WATCHED.0;
                             while watched + samples <= WATCHED.1

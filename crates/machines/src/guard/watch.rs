@@ -189,8 +189,6 @@ impl Stalls {
 const SLOW: f64 = 0.1;
 /// By how much of a way lead and links may be wrong: so much of a motion comes out only when it has ended.
 const SCALE: f64 = 0.01;
-/// Farthest that they may come apart within it in z, metres.
-const APART_Z: f64 = 2e-6;
 
 /// Outputs that do not do what their motors' encoders say.
 #[derive(Debug, Clone)]
@@ -211,7 +209,7 @@ impl Outputs {
         let xy = spec.guard.windup;
         Self {
             share: spec.period() / SLOW,
-            apart: [xy, xy, APART_Z],
+            apart: [xy, xy, spec.guard.windup_z],
             lag: spec.guard.lag,
             usual: None,
             fast: [[0.0; AXES]; SIDES],
