@@ -2,7 +2,7 @@
 
 mod attach;
 
-pub(crate) use attach::place_at;
+pub(crate) use attach::{ATTACHED_LOOK, has_fallen, place_at};
 
 use crate::belief::{Across, Place};
 use crate::cell::AlignmentCell;
@@ -75,6 +75,8 @@ pub(crate) struct Job<'r> {
     shaking: Option<Shaking>,
     /// How light spreads in its micro's scale, where widths of the spot have told.
     pub(crate) spread: Option<Spread>,
+    /// By how much its light differs from one turn of a circle to the next by itself, of its own, as far as circles have told.
+    pub(crate) flicker: f64,
     /// Where it is believed to be.
     place: Option<Place>,
     /// Whether it is to be left at its peak, not attached; and what was known of it there.
@@ -214,6 +216,7 @@ impl<'r> Job<'r> {
             phases: Vec::with_capacity(8),
             shaking: None,
             spread: None,
+            flicker: 0.0,
             place: None,
             holds: false,
             at_peak: None,

@@ -22,7 +22,7 @@ use crate::belief::Across;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::{ConicalScan, Gap, Watch};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
-use crate::procedure::{FiberReport, Found, Job, each_fiber};
+use crate::procedure::{ATTACHED_LOOK, FiberReport, Found, Job, each_fiber, has_fallen};
 use crate::recipe::{Fast, Recipe, Sweep};
 use crate::station::{Level, Station, coarse, fine};
 use crate::sweep::{Spot, first_light};
@@ -111,6 +111,9 @@ const ATTEMPTS: u32 = 3;
 
 /// ...and how often once more where only that is missing that the peak be known better.
 const PATIENT: u32 = 4;
+
+/// ...and how often where only the light at rest is not what circles have foreseen.
+const RESTING: u32 = 6;
 
 /// After so many bright places that were no peak a search ends.
 const MOST_DISMISSED: usize = 5;
@@ -408,7 +411,7 @@ impl<'r> Shared<'r> {
         })
         .await?;
         job.phase(cell, "final", async |job| {
-            let last = self.finish(cell, aim, &mut scan, before).await;
+            let last = self.finish(job, cell, aim, &mut scan, before).await;
             // Whoever goes to the peak next should know why this did not come to an end.
             let given_up = matches!(last, Err(Halt::Outcome(_))) && !scan.shaking().is_watched();
             if given_up && cell.follows(job.side) {
@@ -607,6 +610,7 @@ impl<'r> Shared<'r> {
     /// it is known where the fiber will be across.
     async fn finish(
         &self,
+        job: &mut Job<'_>,
         cell: &AlignmentCell<'_>,
         aim: &Aim,
         scan: &mut ConicalScan<'_>,
@@ -615,7 +619,7 @@ impl<'r> Shared<'r> {
         let beam = Beam::new(&self.recipe.mode, self.exit());
         let mut accuracy = self.fast.accuracy;
         let wanted = (self.fast.watch * cell.spec().photodiode.rate).round() as usize;
-        let (mut attempt, mut watched, mut patience) = (0, 0, PATIENT);
+        let (mut attempt, mut watched, mut patience, mut still) = (0, 0, PATIENT, 0);
         loop {
             attempt += 1;
             scan.set_radius(self.fast.conical_scan.radius);
@@ -677,11 +681,26 @@ impl<'r> Shared<'r> {
                             continue;
                         }
                         Ok(()) => {
-                            let level = Level {
-                                mean: level + scan.background(),
+                            // A laser wanders meanwhile, or something has moved: that is found out here, where it still can be.
+                            job.flicker = scan.flicker();
+                            let rest = cell.level(job.channel, ATTACHED_LOOK).await?;
+                            let rest = Level {
                                 sigma: scan.noise(),
+                                ..rest
                             };
-                            return Ok((level, scan.shaking().bonded(known)));
+                            let light = rest.mean - scan.background();
+                            if !has_fallen(cell, level, light, scan.noise(), 0.0) {
+                                return Ok((rest, scan.shaking().bonded(known)));
+                            }
+                            if still < RESTING {
+                                still += 1;
+                                attempt -= 1;
+                            }
+                            Outcome::LightLost {
+                                phase: "final",
+                                level: light,
+                                expected: level,
+                            }
                         }
                     }
                 }

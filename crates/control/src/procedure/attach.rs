@@ -10,10 +10,14 @@ use pigtail_hal::Side;
 use pigtail_model::frames::{Chip, Point};
 
 /// For how long light is looked at once a fiber is attached, seconds.
-const ATTACHED_LOOK: f64 = 0.008;
+pub(crate) const ATTACHED_LOOK: f64 = 0.008;
 
 /// Share of its light that may be missing then, beside noise.
 const ATTACHED_LESS: f64 = 0.003;
+
+/// So many times as much as it differs by from turn to turn the light may differ from one look to the other, over a bond's time: 4.5
+/// standard deviations of a wandering laser.
+const ATTACHED_FLICKER: f64 = 7.0;
 
 /// Standard deviations of a sample while a bond sets that are noise.
 const BONDED_NOISE: f64 = 6.0;
@@ -38,6 +42,21 @@ pub(crate) fn place_at(
         bound: seen.bound_z,
         sigma: seen.sigma_z(),
     })
+}
+
+/// Whether light has fallen between two looks, by more than it may, by a noise (volts) of its samples, and by how much it differs from one turn
+/// of a circle to the next by itself, of its own.
+pub(crate) fn has_fallen(
+    cell: &AlignmentCell<'_>,
+    before: f64,
+    after: f64,
+    noise: f64,
+    flicker: f64,
+) -> bool {
+    let samples = (ATTACHED_LOOK * cell.spec().photodiode.rate).max(2.0);
+    let noise = noise * (2.0 / samples).sqrt();
+    let less = ATTACHED_LESS.hypot(ATTACHED_FLICKER * flicker);
+    after < (1.0 - less) * before - ATTACHED_NOISE * noise
 }
 
 impl Job<'_> {
@@ -75,10 +94,11 @@ impl Job<'_> {
             });
             return Ok(());
         }
+        let less = ATTACHED_LESS.hypot(ATTACHED_FLICKER * self.flicker);
         let least = cell.attach(self.side, self.channel).await? - background;
         let before = last.mean - background;
         // What moves while the bond sets is fixed somewhere on its way: its light at the end may be what it should be, all but.
-        if least < (1.0 - ATTACHED_LESS) * before - BONDED_NOISE * last.sigma {
+        if least < (1.0 - less) * before - BONDED_NOISE * last.sigma {
             return Err(Outcome::Slipped {
                 before,
                 after: least,
@@ -87,9 +107,7 @@ impl Job<'_> {
         }
         let now = cell.level(self.channel, ATTACHED_LOOK).await?;
         let after = now.mean - background;
-        let samples = (ATTACHED_LOOK * cell.spec().photodiode.rate).max(2.0);
-        let noise = last.sigma * (2.0 / samples).sqrt();
-        if after < (1.0 - ATTACHED_LESS) * before - ATTACHED_NOISE * noise {
+        if has_fallen(cell, before, after, last.sigma, self.flicker) {
             return Err(Outcome::Slipped { before, after }.into());
         }
         Ok(())

@@ -9,6 +9,7 @@ use crate::identify::{IdentifyWindup, Model};
 use crate::job::Ended;
 use crate::piezos::{MeasureRatios, SeePiezos};
 use crate::tune::{Method, Tune, step_of};
+use pigtail_control::belief::Place;
 use pigtail_control::fast::{Ratio, vision_knows};
 use pigtail_control::gap_by_light::Spread;
 use pigtail_control::outcome::Outcome;
@@ -473,6 +474,7 @@ impl Bench<'_, '_> {
         let (mut aligned, mut fibers, mut why) = (0_u64, 0_u64, String::new());
         let mut stopped = false;
         let mut seconds = Vec::new();
+        let mut places = Vec::new();
         for k in 0..self.plan.devices {
             let device = Specimen::of(machine, DEVICES + k).seed();
             for fiber in self.run(&Align::default(), device)?.fibers {
@@ -484,6 +486,7 @@ impl Bench<'_, '_> {
                 stopped |= fiber.outcome.fault().is_some();
                 if fiber.outcome.is_aligned() {
                     aligned += 1;
+                    places.extend(fiber.place);
                 } else if why.is_empty() {
                     why = format!("device {}, {}: {}", k + 1, fiber.port, fiber.outcome);
                 }
@@ -493,8 +496,15 @@ impl Bench<'_, '_> {
         if !stopped && attempted > 0.0 && aligned as f64 >= YIELD * attempted {
             why.clear();
         }
+        let capability = self.capability(&places);
         let seconds = Sorted::new(seconds);
         let mut values = Map::new();
+        if let Some(capability) = capability {
+            let [x, y, z] = capability.map(|cpk| rounded(cpk, 1e-3));
+            let least = if z < x.min(y) { "z" } else { "x and y" };
+            values.insert("cpk".to_owned(), json!({"x": x, "y": y, "z": z}));
+            values.insert("limited_by".to_owned(), json!(least));
+        }
         values.insert("devices".to_owned(), json!(self.plan.devices));
         values.insert("attempted".to_owned(), json!(attempted));
         values.insert("fibers".to_owned(), json!(fibers));
@@ -504,5 +514,24 @@ impl Bench<'_, '_> {
             values.insert(name.to_owned(), json!(value));
         }
         Ok(Found { values, why })
+    }
+
+    /// Process capability, Cpk, in x, y and z by control's own belief of where fibers are: the tolerance, less what they are believed to be
+    /// off, over half the width that holds 99.73 % (three standard deviations of a normal error). The median fiber's; `None` of none.
+    fn capability(&self, places: &[Place]) -> Option<[f64; 3]> {
+        /// What three standard deviations to either side hold.
+        const HELD: f64 = 0.9973;
+        let accept = &self.setup.rig.recipe.accept;
+        let of = |place: &Place| {
+            let [x, y, z] = place.half_widths(HELD);
+            [
+                accept.aside / x,
+                accept.aside / y,
+                (accept.gap - place.off.abs()) / z,
+            ]
+        };
+        let all: Vec<[f64; 3]> = places.iter().map(of).collect();
+        let median = |i: usize| Sorted::new(all.iter().map(|cpk| cpk[i]).collect()).percentile(0.5);
+        Some([median(0)?, median(1)?, median(2)?])
     }
 }
