@@ -187,8 +187,10 @@ pub fn commission_with(
         let (verdict, why, values) = match bench.step(*name) {
             Ok(Found { values, why }) if why.is_empty() => (Verdict::Passed, why, values),
             Ok(Found { values, why }) => (Verdict::Failed, why, values),
-            Err(error @ (Ended::Input(_) | Ended::Unrecorded(_))) => return Err(error),
-            Err(ended) => (Verdict::Failed, ended.to_string(), Map::new()),
+            Err(NotDone::Ended(error @ (Ended::Input(_) | Ended::Unrecorded(_)))) => {
+                return Err(error);
+            }
+            Err(not_done) => (Verdict::Failed, not_done.to_string(), Map::new()),
         };
         let step = StepDocument {
             name: name.into(),
@@ -227,6 +229,16 @@ struct Found {
     why: String,
 }
 
+/// Why a step was not done.
+#[derive(Debug, thiserror::Error)]
+enum NotDone {
+    #[error(transparent)]
+    Ended(#[from] Ended),
+    /// What it found is none of what a calibration may hold: it is left out, and the step has failed.
+    #[error("what was found is not to be believed: {0}")]
+    Unbelievable(Error),
+}
+
 /// A machine on the way to being commissioned.
 struct Bench<'b, 'm> {
     setup: Setup,
@@ -243,7 +255,7 @@ struct Bench<'b, 'm> {
 }
 
 impl Bench<'_, '_> {
-    fn step(&mut self, name: StepName) -> Result<Found, Ended> {
+    fn step(&mut self, name: StepName) -> Result<Found, NotDone> {
         match name {
             StepName::Axes => self.axes(),
             StepName::Dark => self.dark(),
@@ -268,17 +280,18 @@ impl Bench<'_, '_> {
     }
 
     /// Believes what was found from now on.
-    fn believe(&mut self, change: Change) -> Result<(), Error> {
-        self.belief.change(&change)?;
-        self.setup.rig = self.setup.rig.with_belief(&self.belief)?;
+    fn believe(&mut self, change: Change) -> Result<(), NotDone> {
+        self.try_out(&change)?;
         self.changes.push(change);
         Ok(())
     }
 
     /// Believes what may not last.
-    fn try_out(&mut self, change: &Change) -> Result<(), Error> {
-        self.belief.change(change)?;
-        self.setup.rig = self.setup.rig.with_belief(&self.belief)?;
+    fn try_out(&mut self, change: &Change) -> Result<(), NotDone> {
+        let mut belief = self.belief.clone();
+        let rig = (belief.change(change)).and_then(|()| self.setup.rig.with_belief(&belief));
+        self.setup.rig = rig.map_err(NotDone::Unbelievable)?;
+        self.belief = belief;
         Ok(())
     }
 

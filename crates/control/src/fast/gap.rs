@@ -114,7 +114,7 @@ impl Shared<'_> {
                 to_middle(cell, aim, scan, here.0).await?;
             }
             widths.extend(width(cell, aim, scan, looks.share_here).await?);
-            let contact = self.contact(cell, aim, &widths, (scan, spread));
+            let contact = touching(cell, aim, &widths, (scan, spread));
             if looks.wider.len() > 1 {
                 job.spread = contact.map(|contact| contact.spread).or(job.spread);
             }
@@ -206,38 +206,6 @@ impl Shared<'_> {
         Ok(())
     }
 
-    /// Where widths and vision together have it that fiber and chip touch, by encoders now, if vision does not contradict the light.
-    fn contact(
-        &self,
-        cell: &AlignmentCell<'_>,
-        aim: &Aim,
-        widths: &[SeenWidth],
-        (scan, spread): (&ConicalScan<'_>, Spread),
-    ) -> Option<Contact> {
-        let seen = cell.seen(aim.side, aim.tip)?;
-        // What vision adds to the gap by encoders.
-        let added = aim.gap(cell) - aim.gap_by_encoders(cell);
-        let by_now = |width: &SeenWidth| width.by_now(cell.now(), added, seen.sigma[1]);
-        let (widths, variances): (Vec<_>, Vec<_>) = widths.iter().map(by_now).unzip();
-        let n = variances.len() as f64;
-        let moved = variances.iter().map(|v| v / n).sum::<f64>().sqrt();
-        let known = Known {
-            squared: [scan.beam_width(0.0).powi(2); 2],
-            spread,
-            at: -added,
-            bound: seen.bound_z,
-            sigma: seen.sigma_z(),
-        };
-        let found = contact(&widths, &known)?;
-        let (at, deviation) = found.by_light;
-        let most = known.bound + FAR_OFF * known.sigma.hypot(deviation).hypot(moved);
-        ((at + added).abs() <= most).then_some(Contact {
-            at: found.at + added,
-            deviation: found.deviation.hypot(moved),
-            ..found
-        })
-    }
-
     /// Believes where fiber and chip touch, if that is known well enough for a fiber to be attached: whether it is.
     fn is_told(&self, cell: &AlignmentCell<'_>, aim: &Aim, contact: Option<Contact>) -> bool {
         let Some((seen, contact)) = cell.seen(aim.side, aim.tip).zip(contact) else {
@@ -254,6 +222,37 @@ impl Shared<'_> {
         cell.tell_z(aim.side, -outward(aim.side) * contact.at, contact.deviation);
         true
     }
+}
+
+/// Where widths and vision together have it that fiber and chip touch, by encoders now, if vision does not contradict the light.
+fn touching(
+    cell: &AlignmentCell<'_>,
+    aim: &Aim,
+    widths: &[SeenWidth],
+    (scan, spread): (&ConicalScan<'_>, Spread),
+) -> Option<Contact> {
+    let seen = cell.seen(aim.side, aim.tip)?;
+    // What vision adds to the gap by encoders.
+    let added = aim.gap(cell) - aim.gap_by_encoders(cell);
+    let by_now = |width: &SeenWidth| width.by_now(cell.now(), added, seen.sigma[1]);
+    let (widths, variances): (Vec<_>, Vec<_>) = widths.iter().map(by_now).unzip();
+    let n = variances.len() as f64;
+    let moved = variances.iter().map(|v| v / n).sum::<f64>().sqrt();
+    let known = Known {
+        squared: [scan.beam_width(0.0).powi(2); 2],
+        spread,
+        at: -added,
+        bound: seen.bound_z,
+        sigma: seen.sigma_z(),
+    };
+    let found = contact(&widths, &known)?;
+    let (at, deviation) = found.by_light;
+    let most = known.bound + FAR_OFF * known.sigma.hypot(deviation).hypot(moved);
+    ((at + added).abs() <= most).then_some(Contact {
+        at: found.at + added,
+        deviation: found.deviation.hypot(moved),
+        ..found
+    })
 }
 
 /// A width, and what vision said when it was seen.

@@ -681,26 +681,15 @@ impl<'r> Shared<'r> {
                             continue;
                         }
                         Ok(()) => {
-                            // A laser wanders meanwhile, or something has moved: that is found out here, where it still can be.
-                            job.flicker = scan.flicker();
-                            let rest = cell.level(job.channel, ATTACHED_LOOK).await?;
-                            let rest = Level {
-                                sigma: scan.noise(),
-                                ..rest
+                            let fallen = match rests(job, cell, scan, level).await? {
+                                Ok(rest) => return Ok((rest, scan.shaking().bonded(known))),
+                                Err(fallen) => fallen,
                             };
-                            let light = rest.mean - scan.background();
-                            if !has_fallen(cell, level, light, scan.noise(), 0.0) {
-                                return Ok((rest, scan.shaking().bonded(known)));
-                            }
                             if still < RESTING {
                                 still += 1;
                                 attempt -= 1;
                             }
-                            Outcome::LightLost {
-                                phase: "final",
-                                level: light,
-                                expected: level,
-                            }
+                            fallen
                         }
                     }
                 }
@@ -724,6 +713,30 @@ impl<'r> Shared<'r> {
             }
         }
     }
+}
+
+/// The light at rest, if it is what circles have foreseen (volts above the background). A laser wanders meanwhile, or something has moved: that
+/// is found out where it can be mended yet.
+async fn rests(
+    job: &mut Job<'_>,
+    cell: &AlignmentCell<'_>,
+    scan: &ConicalScan<'_>,
+    foreseen: f64,
+) -> Result<Result<Level, Outcome>, Halt> {
+    job.flicker = scan.flicker();
+    let rest = cell.level(job.channel, ATTACHED_LOOK).await?;
+    let light = rest.mean - scan.background();
+    if has_fallen(cell, foreseen, light, scan.noise(), 0.0) {
+        return Ok(Err(Outcome::LightLost {
+            phase: "final",
+            level: light,
+            expected: foreseen,
+        }));
+    }
+    Ok(Ok(Level {
+        sigma: scan.noise(),
+        ..rest
+    }))
 }
 
 /// The macro goes aside and comes to rest there, while the micro stays in its

@@ -1,7 +1,7 @@
 //! The steps of commissioning: what each measures, and what it is failed for.
 
 use super::checks::{CheckAxes, Dark};
-use super::{Bench, Found};
+use super::{Bench, Found, NotDone};
 use crate::align::Align;
 use crate::calibrations::Change;
 use crate::characterize::Step;
@@ -54,7 +54,7 @@ const LEAST_FACTOR: f64 = 3.0;
 type PiezosFound = ([SeenMicro; SIDES], [Option<Ratio>; SIDES], Vec<FiberReport>);
 
 impl Bench<'_, '_> {
-    pub(super) fn axes(&mut self) -> Result<Found, Ended> {
+    pub(super) fn axes(&mut self) -> Result<Found, NotDone> {
         let moved = self.run(&CheckAxes, self.seed)?;
         let mut values = Map::new();
         let mut why = String::new();
@@ -78,7 +78,7 @@ impl Bench<'_, '_> {
         Ok(Found { values, why })
     }
 
-    pub(super) fn dark(&mut self) -> Result<Found, Ended> {
+    pub(super) fn dark(&mut self) -> Result<Found, NotDone> {
         let levels = self.run(&Dark, self.seed)?;
         let spec = &self.setup.rig.spec.photodiode;
         let mut why = String::new();
@@ -96,7 +96,7 @@ impl Bench<'_, '_> {
     }
 
     /// Tunes an axis of each kind, and steps all of them: gains that one of them does not bear are made less.
-    pub(super) fn gains(&mut self) -> Result<Found, Ended> {
+    pub(super) fn gains(&mut self) -> Result<Found, NotDone> {
         /// How often, and by what, before it is given up.
         const GENTLER: usize = 4;
         const BY: f64 = 0.8;
@@ -191,7 +191,7 @@ impl Bench<'_, '_> {
         Ok(wrong)
     }
 
-    pub(super) fn windup(&mut self) -> Result<Found, Ended> {
+    pub(super) fn windup(&mut self) -> Result<Found, NotDone> {
         let at = AxisName {
             side: Side::Left,
             axis: Axis::A,
@@ -234,7 +234,7 @@ impl Bench<'_, '_> {
     }
 
     /// By the camera first, then, with what that found, by the light of a device.
-    pub(super) fn piezos(&mut self) -> Result<Found, Ended> {
+    pub(super) fn piezos(&mut self) -> Result<Found, NotDone> {
         // What is to be found is not believed meanwhile.
         let believed = std::mem::take(&mut self.setup.rig.calibration.hysteresis);
         let found = self.piezos_found();
@@ -274,8 +274,9 @@ impl Bench<'_, '_> {
             let model = micro.model(ratio.ratio);
             let residual = micro.piezos.iter().map(|piezo| piezo.residual);
             let residual = residual.fold(0.0, f64::max);
-            let text = serde_json::to_string_pretty(&model)
-                .map_err(|error| Error::new("weights", "", error.to_string()))?;
+            let text = serde_json::to_string_pretty(&model).map_err(|error| {
+                NotDone::Unbelievable(Error::new("weights", "", error.to_string()))
+            })?;
             let file = format!("weights-{}.json", side.name());
             let origin = self.origin(&format!("piezos by camera, {}", side.name()));
             self.believe(Change {
@@ -331,7 +332,7 @@ impl Bench<'_, '_> {
     }
 
     /// Watches the tips of a device before they are attached.
-    pub(super) fn shaking(&mut self) -> Result<Found, Ended> {
+    pub(super) fn shaking(&mut self) -> Result<Found, NotDone> {
         let (recipe, believed) = (&mut self.setup.rig.recipe, &mut self.setup.rig.calibration);
         let watch = std::mem::replace(&mut recipe.fast.watch, WATCH);
         // What is to be found is not believed meanwhile.
@@ -400,7 +401,7 @@ impl Bench<'_, '_> {
     }
 
     /// Takes together what spots have told of how light spreads, where the light is to tell the gap at all.
-    pub(super) fn spread(&mut self) -> Result<Found, Ended> {
+    pub(super) fn spread(&mut self) -> Result<Found, NotDone> {
         let mut values = Map::new();
         let known = vision_knows(&self.setup.rig.spec, &self.setup.rig.recipe);
         values.insert("vision_knows_the_gap".to_owned(), json!(known));
@@ -466,7 +467,7 @@ impl Bench<'_, '_> {
         }
     }
 
-    pub(super) fn acceptance(&mut self) -> Result<Found, Ended> {
+    pub(super) fn acceptance(&mut self) -> Result<Found, NotDone> {
         /// Of the fibers that were attempted so many are to be aligned: of those that are not it is known, and they are tried with another
         /// fiber. A choice.
         const YIELD: f64 = 0.9;
