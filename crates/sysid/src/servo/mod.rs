@@ -7,7 +7,7 @@
 //!
 //! with the force (or torque) `K u` of a voltage `u`, the inertia `M`, viscous and Coulomb friction and
 //! an offset `c`; `v+` is the velocity where it is positive and zero elsewhere, `s+` one there. Velocity
-//! and acceleration come from the position filtered both ways, by central differences; every column is
+//! and acceleration come from the position filtered both ways, by central differences over five samples; every column is
 //! decimated in the same way, which filters what they have in common alike.
 //!
 //! M. Gautier and A. Janot; the settings are those of A. Janot, M. Gautier and M. Brunot, *Data Set and
@@ -32,6 +32,7 @@ use super::{Account, Known, Parameter, Unknown};
 use nalgebra::DMatrix;
 use pigtail_numerics::regression::{
     Solution, instrumental, least_squares, matrix, over, relative, robust, tolerance,
+    without_attenuation,
 };
 use pigtail_numerics::signal::{Lowpass, decimate, derivative, quantile, rms};
 
@@ -235,8 +236,8 @@ impl Equations {
         let n = position.len();
         let filter = Lowpass::butterworth(set.order, 2.0 * period * set.cutoff(period));
         let smooth = filter.both_ways(position);
-        let velocity = derivative(&smooth, period);
-        let acceleration = derivative(&velocity, period);
+        let velocity = rate(&smooth, period);
+        let acceleration = rate(&velocity, period);
         let factor = set.factor(period);
         let skip = set.skip.min(n);
         let thin = |column: &[f64]| decimate(&column[skip..], factor);
@@ -352,6 +353,18 @@ impl Equations {
     }
 }
 
+/// Central differences over five samples: those over three make an acceleration too small by a third of the square of
+/// the way that its sine turns between samples.
+fn rate(signal: &[f64], period: f64) -> Vec<f64> {
+    let n = signal.len();
+    let mut rate = derivative(signal, period);
+    for k in 2..n.saturating_sub(2) {
+        let (near, far) = (signal[k + 1] - signal[k - 1], signal[k + 2] - signal[k - 2]);
+        rate[k] = (8.0 * near - far) / (12.0 * period);
+    }
+    rate
+}
+
 fn sign(v: f64) -> f64 {
     if v > 0.0 {
         1.0
@@ -391,6 +404,13 @@ const AS_GOOD: f64 = 1.01;
 /// A delay of the voltage is believed, and makes every parameter less sure that was found without one, where it
 /// leaves less than this share of the error.
 const LATE: f64 = 0.93;
+
+/// Standard deviation of a moment within a sample of which nothing is known, samples: one over the root of twelve.
+const WITHIN_A_SAMPLE: f64 = 0.288_675;
+
+/// What is fitted where the axis slides tells the whole record as well, if it leaves less than this of what a fit to all
+/// of it leaves. It has one unknown more, and never seen the rest.
+const TELLS_ALL: f64 = 1.01;
 
 /// Share of a record's beginning to which variants are fitted where there is no second record; the
 /// rest says which of them generalises.
@@ -573,7 +593,7 @@ pub fn identify(
             parameter.known = None;
         }
     }
-    let supported = supported(&variants);
+    let supported = supported(&variants, record.even.period);
     let error = |v: &Variant| v.validation_error_percent.unwrap_or(f64::INFINITY);
     let least = variants.iter().map(error).fold(f64::INFINITY, f64::min);
     let best = variants
@@ -594,8 +614,8 @@ pub fn identify(
     })
 }
 
-/// A delay that is known for sure, and with which the whole record is told better, is a part of the answer.
-fn supported(variants: &[Variant]) -> Method {
+/// A delay that the record shows is a part of the answer: one without it is off by as much.
+fn supported(variants: &[Variant], period: f64) -> Method {
     let of = |method: Method| {
         let mine = |v: &&Variant| v.friction == Friction::Symmetric && v.method == method;
         variants.iter().find(mine)
@@ -604,9 +624,8 @@ fn supported(variants: &[Variant]) -> Method {
         return Method::LeastSquares;
     };
     let delay = delayed.parameters.last().and_then(|p| p.known);
-    let sure = delay.is_some_and(|k| k.value.abs() > 5.0 * k.std_correlated);
-    // It is found where the axis moves, and has to tell all of the record better.
-    if sure && delayed.relative_error_percent < plain.relative_error_percent {
+    let told = delay.is_some_and(|k| k.std_correlated < WITHIN_A_SAMPLE * period);
+    if told && delayed.relative_error_percent < TELLS_ALL * plain.relative_error_percent {
         Method::Delayed
     } else {
         Method::LeastSquares
@@ -747,6 +766,7 @@ fn variants(
             .collect();
         let speeds: Vec<f64> = columns.velocity.iter().map(|v| v.abs()).collect();
         let moving = SLOW * quantile(&speeds, 0.99);
+        let noise = check::acceleration_noise(record, set);
         let timing = least_squares(&x, &later).map(|s| s.values);
         let solve = |method: Method, rows: std::ops::Range<usize>| -> Option<Solution> {
             let x = if method == Method::Delayed {
@@ -759,9 +779,12 @@ fn variants(
             match method {
                 Method::LeastSquares => least_squares(&part, force),
                 // Where the axis sticks, force leads motion for another reason than a delay.
-                Method::Delayed => over(&part, force, |i| {
-                    columns.velocity[rows.start + i].abs() > moving
-                }),
+                Method::Delayed => {
+                    let slides = |i: usize| columns.velocity[rows.start + i].abs() > moving;
+                    let mut solution = over(&part, force, slides)?;
+                    without_attenuation(&part, slides, 0, noise, &mut solution);
+                    Some(solution)
+                }
                 Method::Weighted => robust(&part, force),
                 Method::Instrumental => {
                     let z = instruments.as_ref()?.matrix(friction, method);
@@ -771,10 +794,17 @@ fn variants(
             }
         };
         let late = solve(Method::Delayed, 0..columns.force.len()).and_then(|s| {
-            let (samples, std) = s.values.last().zip(s.std.last())?;
-            let sure = samples.abs() > 5.0 * std;
-            let better = s.relative_error_percent < LATE * ordinary.relative_error_percent;
-            (sure && better).then_some(*samples)
+            let (samples, std) = s
+                .values
+                .last()
+                .copied()
+                .zip(s.std_correlated.last().copied())?;
+            tells_delay(std, &s, &ordinary).then_some(Late {
+                samples,
+                std,
+                matters: samples.abs() > 5.0 * std
+                    && s.relative_error_percent < LATE * ordinary.relative_error_percent,
+            })
         });
         for method in Method::ALL {
             let n = columns.force.len();
@@ -821,16 +851,33 @@ fn variants(
     variants
 }
 
+/// When a record shows its voltage to act, samples after it was taken.
+#[derive(Debug, Clone, Copy)]
+struct Late {
+    samples: f64,
+    std: f64,
+    /// Whether what was found without it is off by more than chance.
+    matters: bool,
+}
+
+/// Whether a record says when its voltage acts better than that it does so within a sample. What is found where the
+/// axis slides has to tell all of it.
+fn tells_delay(std: f64, delayed: &Solution, plain: &Solution) -> bool {
+    std < WITHIN_A_SAMPLE
+        && delayed.relative_error_percent < TELLS_ALL * plain.relative_error_percent
+}
+
 /// A voltage acts anywhere within a sample after the moment that was taken: by how much parameters are less sure
-/// for it, those of a sample later being `later`. Where the record shows by how many samples it is `late`,
-/// that is by how far they may be off.
-fn widen(solution: &mut Solution, later: &[f64], values: &[f64], late: Option<f64>) {
-    let samples = late.map_or(0.0, f64::abs).max(1.0 / 3f64.sqrt());
+/// for it, those of a sample later being `later`. Where the record shows when it does, that is by how far they may be
+/// off.
+fn widen(solution: &mut Solution, later: &[f64], values: &[f64], late: Option<Late>) {
+    // The root mean square of what is anywhere from none to one.
+    let samples = late.map_or(1.0 / 3f64.sqrt(), |l| l.samples.hypot(l.std));
     for (j, (later, value)) in later.iter().zip(values).enumerate() {
         let by = samples * (later - value);
         let correlated = &mut solution.std_correlated[j];
         *correlated = correlated.hypot(by);
-        if late.is_some() {
+        if late.is_some_and(|l| l.matters) {
             solution.std[j] = solution.std[j].hypot(by);
         }
     }
