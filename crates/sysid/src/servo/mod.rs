@@ -7,7 +7,7 @@
 //!
 //! with the force (or torque) `K u` of a voltage `u`, the inertia `M`, viscous and Coulomb friction and
 //! an offset `c`; `v+` is the velocity where it is positive and zero elsewhere, `s+` one there. Velocity
-//! and acceleration come from the position filtered both ways, by central differences over five samples; every column is
+//! and acceleration come from the position filtered both ways, by central differences; every column is
 //! decimated in the same way, which filters what they have in common alike.
 //!
 //! M. Gautier and A. Janot; the settings are those of A. Janot, M. Gautier and M. Brunot, *Data Set and
@@ -220,6 +220,8 @@ struct Equations {
     lag: Vec<f64>,
     position: Vec<f64>,
     acceleration: Vec<f64>,
+    /// The acceleration by differences over five samples.
+    exact: Vec<f64>,
     velocity: Vec<f64>,
     sign: Vec<f64>,
     /// Ones, decimated like the rest: the filter's gain is in them too.
@@ -236,8 +238,9 @@ impl Equations {
         let n = position.len();
         let filter = Lowpass::butterworth(set.order, 2.0 * period * set.cutoff(period));
         let smooth = filter.both_ways(position);
-        let velocity = rate(&smooth, period);
-        let acceleration = rate(&velocity, period);
+        let velocity = derivative(&smooth, period);
+        let acceleration = derivative(&velocity, period);
+        let exact = rate(&rate(&smooth, period), period);
         let factor = set.factor(period);
         let skip = set.skip.min(n);
         let thin = |column: &[f64]| decimate(&column[skip..], factor);
@@ -250,6 +253,7 @@ impl Equations {
         self.position.extend(thin(&smooth));
         self.velocity.extend(thin(&velocity));
         self.acceleration.extend(thin(&acceleration));
+        self.exact.extend(thin(&exact));
         self.sign.extend(of(sign));
         self.one.extend(of(|_| 1.0));
         self.forward[0].extend(of(|v| v.max(0.0)));
@@ -297,6 +301,7 @@ impl Equations {
             lag,
             position,
             acceleration,
+            exact,
             velocity,
             sign,
             one,
@@ -312,6 +317,7 @@ impl Equations {
             lag,
             position,
             acceleration,
+            exact,
             velocity,
             sign,
             one,
@@ -347,6 +353,7 @@ impl Equations {
     fn matrix(&self, friction: Friction, method: Method) -> DMatrix<f64> {
         let mut columns = self.columns(friction);
         if method == Method::Delayed {
+            columns[0] = &self.exact;
             columns.push(&self.lag);
         }
         matrix(&columns)
