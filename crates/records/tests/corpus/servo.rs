@@ -518,6 +518,79 @@ const MANGLED: &[(&str, Wanted, Mangle)] = &[
             }
         },
     ),
+    (
+        "voltage of half the gain behind its middle",
+        Wanted::Refused,
+        |rows, _| {
+            let n = rows.len();
+            rows[n / 2..].iter_mut().for_each(|r| r[3] *= 0.4);
+        },
+    ),
+    (
+        "voltage's size without its sign",
+        Wanted::Refused,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r[3] = r[3].abs());
+        },
+    ),
+    (
+        "a velocity in the place of the position",
+        Wanted::Refused,
+        |rows, _| {
+            let old = rows.clone();
+            for k in 1..old.len() {
+                rows[k][2] = (old[k][2] - old[k - 1][2]) / (old[k][0] - old[k - 1][0]);
+            }
+        },
+    ),
+    (
+        "position that begins anew at every 30 mm",
+        Wanted::Refused,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r[2] = r[2].rem_euclid(0.03));
+        },
+    ),
+    ("voltage with 5 V of offset", Wanted::Right, |rows, _| {
+        rows.iter_mut().for_each(|r| r[3] += 5.0);
+    }),
+    ("all of it negated", Wanted::Right, |rows, _| {
+        for r in rows {
+            for c in 1..4 {
+                r[c] = -r[c];
+            }
+        }
+    }),
+    (
+        "position held for five samples",
+        Wanted::Either,
+        |rows, _| {
+            let old = rows.clone();
+            for (k, row) in rows.iter_mut().enumerate() {
+                row[2] = old[k / 5 * 5][2];
+            }
+        },
+    ),
+    (
+        "voltage held for five samples",
+        Wanted::Either,
+        |rows, _| {
+            let old = rows.clone();
+            for (k, row) in rows.iter_mut().enumerate() {
+                row[3] = old[k / 5 * 5][3];
+            }
+        },
+    ),
+    (
+        "voltage through a filter of 20 ms",
+        Wanted::Either,
+        |rows, _| {
+            let mut slow = rows[0][3];
+            for row in rows {
+                slow += 0.05 * (row[3] - slow);
+                row[3] = slow;
+            }
+        },
+    ),
     ("one way only", Wanted::Refused, |rows, _| {
         let old = std::mem::take(rows);
         let mut last = f64::MIN;

@@ -607,6 +607,14 @@ pub fn identify(
         .iter()
         .position(|v| error(v) <= AS_GOOD * least)
         .unwrap_or(0);
+    // Where even the model that generalises best tells a part of the record by nothing that the rest says, the axis, a
+    // gain or a unit was another there.
+    if least.is_finite() && least > UNEXPLAINED {
+        return Err(Unknown::all(format!(
+            "what one part of it says leaves {least:.0} % of the force of another unexplained: did a gain, a unit, a load \
+             or the axis change within it?"
+        )));
+    }
     Ok(Identified {
         variants,
         unknown,
