@@ -138,7 +138,7 @@ fn batches(residuals: &[f64]) -> Vec<std::ops::Range<usize>> {
     let n = residuals.len();
     let usual = 2.0 * (n as f64).sqrt();
     // Where what is left has forgotten what it was.
-    let reach = ((n / (FEWEST * FORGOTTEN)).max(1)).min(400);
+    let reach = (n / (FEWEST * FORGOTTEN)).clamp(1, 400);
     let together = crate::signal::autocorrelation(residuals, reach);
     let lag = together.iter().position(|r| *r < 0.1).unwrap_or(reach);
     let longest = (n / FEWEST).max(1);
@@ -157,7 +157,7 @@ const FORGOTTEN: usize = 10;
 
 /// The parameters' covariance from the sums of `x e` over batches of neighbours: correlation within a batch is in them,
 /// whatever its shape. What the fit has taken of a batch's own is given back by `(1 - H_b)^(-1/2)`, with the batch's part
-/// of the hat matrix (R. Bell and D. McCaffrey, 2002), and the quantile is Student's.
+/// of the hat matrix (the estimator known as CR2), and the quantile is Student's.
 fn clustered(x: &DMatrix<f64>, residuals: &[f64], bread: &DMatrix<f64>) -> DMatrix<f64> {
     let p = x.ncols();
     let nothing = DMatrix::zeros(p, p);

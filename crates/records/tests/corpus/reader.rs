@@ -189,10 +189,11 @@ fn habits_of_other_tools_are_read_or_refused_in_words() {
     let good = read(&plain, "q_m").expect("a record").record;
     let typeset = read(&plain.replace('-', "\u{2212}"), "q_m").expect("a record");
     assert_eq!(typeset.record, good);
-    let quoted: String = plain
-        .lines()
-        .map(|line| format!("\"{}\"\n", line.replace(',', "\",\"")))
-        .collect();
+    let inner = plain
+        .trim_end()
+        .replace(',', "\",\"")
+        .replace('\n', "\"\n\"");
+    let quoted = format!("\"{inner}\"\n");
     assert_eq!(read(&quoted, "q_m").expect("a record").record, good);
     let (head, rows) = plain.split_once('\n').expect("rows");
     let refused = [

@@ -555,8 +555,8 @@ const MANGLED: &[(&str, Wanted, Mangle)] = &[
     }),
     ("all of it negated", Wanted::Right, |rows, _| {
         for r in rows {
-            for c in 1..4 {
-                r[c] = -r[c];
+            for value in &mut r[1..] {
+                *value = -*value;
             }
         }
     }),

@@ -204,7 +204,7 @@ fn solve(
             sum_volts += voltage / TOGETHER as f64;
             count += 1;
             if count == TOGETHER {
-                if (k / TOGETHER) % every == 0 {
+                if (k / TOGETHER).is_multiple_of(every) {
                     rows.push(sum);
                     volts.push(sum_volts);
                 }

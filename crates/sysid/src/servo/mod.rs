@@ -432,6 +432,8 @@ pub struct Variant {
     pub method: Method,
     /// What it found; the delay of the voltage last, where it was looked for.
     pub parameters: Vec<Parameter>,
+    /// Whether the record says when its voltage acts, and the delay tells all of it: of [`Method::Delayed`] only.
+    tells_delay: bool,
     /// Values of the equations' columns: by the order of [`Friction::names`], whether or not they may be
     /// told, then the delay in samples, where it was looked for.
     pub values: Vec<f64>,
@@ -600,7 +602,7 @@ pub fn identify(
             parameter.known = None;
         }
     }
-    let supported = supported(&variants, record.even.period);
+    let supported = supported(&variants);
     let error = |v: &Variant| v.validation_error_percent.unwrap_or(f64::INFINITY);
     let least = variants.iter().map(error).fold(f64::INFINITY, f64::min);
     let best = variants
@@ -630,17 +632,9 @@ pub fn identify(
 }
 
 /// A delay that the record shows is a part of the answer: one without it is off by as much.
-fn supported(variants: &[Variant], period: f64) -> Method {
-    let of = |method: Method| {
-        let mine = |v: &&Variant| v.friction == Friction::Symmetric && v.method == method;
-        variants.iter().find(mine)
-    };
-    let (Some(plain), Some(delayed)) = (of(Method::LeastSquares), of(Method::Delayed)) else {
-        return Method::LeastSquares;
-    };
-    let delay = delayed.parameters.last().and_then(|p| p.known);
-    let told = delay.is_some_and(|k| k.std_correlated < WITHIN_A_SAMPLE * period);
-    if told && delayed.relative_error_percent < TELLS_ALL * plain.relative_error_percent {
+fn supported(variants: &[Variant]) -> Method {
+    let told = |v: &Variant| v.friction == Friction::Symmetric && v.tells_delay;
+    if variants.iter().any(told) {
         Method::Delayed
     } else {
         Method::LeastSquares
@@ -773,15 +767,16 @@ fn variants(
             .and_then(|c| instruments(stamped, &axis(&ordinary.values), c, set, keep))
             .filter(|z| z.force.len() == columns.force.len());
         // What another sample of delay would change: nobody knows when within it a voltage acts.
-        let later: Vec<f64> = columns
-            .force
-            .iter()
-            .zip(&columns.lag)
-            .map(|(f, l)| f - l)
-            .collect();
+        let pairs = columns.force.iter().zip(&columns.lag);
+        let later: Vec<f64> = pairs.map(|(f, l)| f - l).collect();
         let speeds: Vec<f64> = columns.velocity.iter().map(|v| v.abs()).collect();
         let moving = SLOW * quantile(&speeds, 0.99);
         let noise = check::acceleration_noise(record, set);
+        // The same columns without the delay: what it is to be compared with.
+        let without = delayed.clone().remove_column(delayed.ncols() - 1);
+        let Some(without) = least_squares(&without, &columns.force) else {
+            continue;
+        };
         let timing = least_squares(&x, &later).map(|s| s.values);
         let solve = |method: Method, rows: std::ops::Range<usize>| -> Option<Solution> {
             let x = if method == Method::Delayed {
@@ -814,7 +809,7 @@ fn variants(
                 .last()
                 .copied()
                 .zip(s.std_correlated.last().copied())?;
-            tells_delay(std, &s, &ordinary).then_some(Late {
+            tells_delay(std, &s, &without).then_some(Late {
                 samples,
                 std,
                 matters: samples.abs() > 5.0 * std
@@ -831,15 +826,7 @@ fn variants(
             }
             let period = record.even.period;
             let mut found = variant(friction, method, &solution, period, unknown);
-            let judged = |x: &DMatrix<f64>, force: &[f64], values: &[f64]| {
-                let prediction = x * nalgebra::DVector::from_column_slice(values);
-                let residuals: Vec<f64> = force
-                    .iter()
-                    .zip(prediction.iter())
-                    .map(|(a, b)| a - b)
-                    .collect();
-                relative(&residuals, force)
-            };
+            found.tells_delay = method == Method::Delayed && late.is_some();
             found.validation_error_percent = if let Some(second) = second {
                 (second.force.len() > 10).then(|| {
                     judged(
@@ -851,11 +838,7 @@ fn variants(
             } else {
                 let to = (FITTED * n as f64) as usize;
                 solve(method, 0..to).map(|part| {
-                    let x = if method == Method::Delayed {
-                        &delayed
-                    } else {
-                        &x
-                    };
+                    let x = [&x, &delayed][usize::from(method == Method::Delayed)];
                     let rest = x.rows(to, n - to).into_owned();
                     judged(&rest, &columns.force[to..], &part.values)
                 })
@@ -864,6 +847,14 @@ fn variants(
         }
     }
     variants
+}
+
+/// What values leave of a force, per cent.
+fn judged(x: &DMatrix<f64>, force: &[f64], values: &[f64]) -> f64 {
+    let prediction = x * nalgebra::DVector::from_column_slice(values);
+    let pairs = force.iter().zip(prediction.iter());
+    let residuals: Vec<f64> = pairs.map(|(a, b)| a - b).collect();
+    relative(&residuals, force)
 }
 
 /// When a record shows its voltage to act, samples after it was taken.
@@ -937,6 +928,7 @@ fn variant(
         friction,
         method,
         parameters,
+        tells_delay: false,
         values: solution.values.clone(),
         condition: solution.condition,
         relative_error_percent: solution.relative_error_percent,

@@ -116,7 +116,9 @@ fn at_first(stretch: &Stretch, period: f64, axis: &Axis) -> f64 {
     // Less their means: the first position has its own noise.
     let centred = |mut v: Vec<f64>| {
         let mean = v.iter().sum::<f64>() / v.len().max(1) as f64;
-        v.iter_mut().for_each(|v| *v -= mean);
+        for v in &mut v {
+            *v -= mean;
+        }
         v
     };
     let mean = (measured[n] - measured[0]) / (n.max(1) as f64 * period);
