@@ -3,6 +3,7 @@
 use crate::regression::{self, Solution};
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Owned};
+use std::cell::RefCell;
 
 /// Step of the differences.
 const STEP: f64 = 1e-5;
@@ -10,6 +11,8 @@ const STEP: f64 = 1e-5;
 struct Problem<'a, F> {
     residuals: &'a F,
     parameters: DVector<f64>,
+    /// The least square met, and where: a search that ends where the model leaves nothing finite stands there.
+    best: RefCell<Option<(f64, Vec<f64>)>>,
 }
 
 impl<F: Fn(&[f64]) -> Vec<f64>> LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_, F> {
@@ -27,10 +30,15 @@ impl<F: Fn(&[f64]) -> Vec<f64>> LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'
 
     fn residuals(&self) -> Option<DVector<f64>> {
         let residuals = (self.residuals)(self.parameters.as_slice());
-        residuals
-            .iter()
-            .all(|l| l.is_finite())
-            .then(|| DVector::from_vec(residuals))
+        if !residuals.iter().all(|l| l.is_finite()) {
+            return None;
+        }
+        let squares: f64 = residuals.iter().map(|l| l * l).sum();
+        let mut best = self.best.borrow_mut();
+        if best.as_ref().is_none_or(|(least, _)| squares < *least) {
+            *best = Some((squares, self.parameters.as_slice().to_vec()));
+        }
+        Some(DVector::from_vec(residuals))
     }
 
     fn jacobian(&self) -> Option<DMatrix<f64>> {
@@ -65,16 +73,15 @@ pub fn minimise(residuals: impl Fn(&[f64]) -> Vec<f64>, start: &[f64]) -> Option
     let problem = Problem {
         residuals: &residuals,
         parameters: DVector::from_column_slice(start),
+        best: RefCell::new(None),
     };
-    let (problem, report) = LevenbergMarquardt::new()
+    let (problem, _) = LevenbergMarquardt::new()
         .with_ftol(1e-8)
         .with_xtol(1e-8)
         .with_patience(30)
         .minimize(problem);
-    let least = 2.0 * report.objective_function;
-    least
-        .is_finite()
-        .then(|| (problem.parameters.as_slice().to_vec(), least))
+    let (least, parameters) = problem.best.into_inner()?;
+    least.is_finite().then_some((parameters, least))
 }
 
 /// How sure parameters at a minimum are: the linear problem there. Its values are the step that is

@@ -122,45 +122,123 @@ fn solve(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
         (0..p).map(|j| covariance[(j, j)].max(0.0).sqrt()).collect()
     };
     solution.std = spread(&(z.transpose() * z * variance));
-    let (middle, batches) = correlated(z, &solution.residuals);
-    let few = few_batches(batches, p);
-    solution.std_correlated = spread(&middle).into_iter().map(|std| few * std).collect();
-    // A few batches may by chance look surer than white noise would be.
-    for (std, white) in solution.std_correlated.iter_mut().zip(&solution.std) {
-        *std = std.max(*white);
-    }
+    solution.std_correlated = if std::ptr::eq(x, z) {
+        let covariance = clustered(x, &solution.residuals, &bread);
+        (0..p).map(|j| covariance[(j, j)].max(0.0).sqrt()).collect()
+    } else {
+        let (middle, batches) = correlated(z, &solution.residuals);
+        let few = student(batches) * (batches as f64 / (batches as f64 - 1.0).max(1.0)).sqrt();
+        spread(&middle).into_iter().map(|std| few * std).collect()
+    };
     Some(solution)
 }
 
-/// `Z' E[e e'] Z` from the sums of `z e` over batches of neighbours: correlation within a batch is in
-/// them, whatever its shape.
-fn correlated(z: &DMatrix<f64>, residuals: &[f64]) -> (DMatrix<f64>, usize) {
-    let (n, p) = z.shape();
-    let length = (2.0 * (n as f64).sqrt()).round().clamp(1.0, 400.0) as usize;
-    let mut sum = DMatrix::zeros(p, p);
-    let (mut start, mut batches) = (0, 0);
-    while start < n {
-        let end = (start + length).min(n);
-        let batch = DVector::from_fn(p, |j, _| {
-            (start..end).map(|i| z[(i, j)] * residuals[i]).sum::<f64>()
-        });
-        sum += &batch * batch.transpose();
-        start = end;
-        batches += 1;
-    }
-    (sum, batches)
+/// Batches of neighbours: long enough that what is left of one knows little of the next one's, and enough of them.
+fn batches(residuals: &[f64]) -> Vec<std::ops::Range<usize>> {
+    let n = residuals.len();
+    let usual = 2.0 * (n as f64).sqrt();
+    // Where what is left has forgotten what it was.
+    let reach = (n / (FEWEST * FORGOTTEN)).clamp(1, 400);
+    let together = crate::signal::autocorrelation(residuals, reach);
+    let lag = together.iter().position(|r| *r < 0.1).unwrap_or(reach);
+    let longest = (n / FEWEST).max(1);
+    let length = (usual as usize)
+        .clamp(1, 400)
+        .max(FORGOTTEN * lag)
+        .min(longest);
+    (0..n.div_ceil(length))
+        .map(|k| k * length..((k + 1) * length).min(n))
+        .collect()
 }
 
-/// By how much a standard deviation from so few batches is to be wider, so that 1.96 of it hold what 95 % are: the
-/// parameters have taken some of their freedom, and Student's quantile is above the normal one (Cornish and Fisher).
-fn few_batches(batches: usize, parameters: usize) -> f64 {
+/// Fewest batches, and by how many times what is left has to have forgotten itself within one.
+const FEWEST: usize = 8;
+const FORGOTTEN: usize = 10;
+
+/// The parameters' covariance from the sums of `x e` over batches of neighbours: correlation within a batch is in them,
+/// whatever its shape. What the fit has taken of a batch's own is given back by `(1 - H_b)^(-1/2)`, with the batch's part
+/// of the hat matrix (the estimator known as CR2), and the quantile is Student's.
+fn clustered(x: &DMatrix<f64>, residuals: &[f64], bread: &DMatrix<f64>) -> DMatrix<f64> {
+    let p = x.ncols();
+    let nothing = DMatrix::zeros(p, p);
+    // Columns of one length, so that the root is of numbers alike.
+    let scale = DMatrix::from_diagonal(&DVector::from_fn(p, |j, _| bread[(j, j)].sqrt()));
+    let Some(inverse) = scale.clone().try_inverse() else {
+        return nothing;
+    };
+    let Some(root) = (&inverse * bread * &inverse)
+        .cholesky()
+        .map(|c| &scale * c.l())
+    else {
+        return nothing;
+    };
+    let batches = batches(residuals);
+    let mut sum = nothing;
+    for batch in &batches {
+        let part = x.rows(batch.start, batch.len());
+        let own = DVector::from_column_slice(&residuals[batch.clone()]);
+        let score = root.transpose() * (part.transpose() * own);
+        let taken = root.transpose() * (part.transpose() * part) * &root;
+        let eigen = (DMatrix::identity(p, p) - taken).symmetric_eigen();
+        let given = eigen.eigenvalues.map(|l| 1.0 / l.max(0.05).sqrt());
+        let back =
+            &eigen.eigenvectors * DMatrix::from_diagonal(&given) * eigen.eigenvectors.transpose();
+        let score = back * score;
+        sum += &score * score.transpose();
+    }
+    let few = student(batches.len());
+    &root * sum * root.transpose() * (few * few)
+}
+
+/// `Z' E[e e'] Z` from the sums of `z e` over batches of neighbours, and how many there were.
+fn correlated(z: &DMatrix<f64>, residuals: &[f64]) -> (DMatrix<f64>, usize) {
+    let p = z.ncols();
+    let batches = batches(residuals);
+    let mut sum = DMatrix::zeros(p, p);
+    for batch in &batches {
+        let score = DVector::from_fn(p, |j, _| {
+            batch.clone().map(|i| z[(i, j)] * residuals[i]).sum::<f64>()
+        });
+        sum += &score * score.transpose();
+    }
+    (sum, batches.len())
+}
+
+/// By how much a standard deviation from so few batches is to be wider, so that 1.96 of it hold what 95 % are: Student's
+/// quantile over the normal one (Cornish and Fisher).
+fn student(batches: usize) -> f64 {
     const Z: f64 = 1.96;
     let freedom = batches.saturating_sub(1).max(2) as f64;
     let quantile = Z
         + (Z.powi(3) + Z) / (4.0 * freedom)
         + (5.0 * Z.powi(5) + 16.0 * Z.powi(3) + 3.0 * Z) / (96.0 * freedom * freedom);
-    let taken = batches as f64 / (batches as f64 - (parameters as f64).min(0.5 * batches as f64));
-    taken.sqrt() * quantile / Z
+    quantile / Z
+}
+
+/// Takes out of a solution over the rows that are kept by how much noise of a column, independent of all else, made it
+/// too small: `(X' X - n s^2 E)^-1 X' y`, with the noise's standard deviation `s` and a one in `E` where the column is.
+///
+/// Nothing is done where the noise is as much as all that the column has of its own.
+pub fn without_attenuation(
+    x: &DMatrix<f64>,
+    keep: impl Fn(usize) -> bool,
+    column: usize,
+    noise: f64,
+    solution: &mut Solution,
+) {
+    let rows: Vec<usize> = (0..x.nrows()).filter(|i| keep(*i)).collect();
+    let part = x.select_rows(&rows);
+    let Some(bread) = (part.transpose() * &part).try_inverse() else {
+        return;
+    };
+    let power = rows.len() as f64 * noise * noise;
+    let share = power * bread[(column, column)];
+    if share < 0.5 {
+        let by = power * solution.values[column] / (1.0 - share);
+        for (j, value) in solution.values.iter_mut().enumerate() {
+            *value += by * bread[(j, column)];
+        }
+    }
 }
 
 /// Ordinary least squares over some of the rows; the error and what is left are those of all.

@@ -230,6 +230,20 @@ fn ending(name: &str) -> Option<&str> {
     Some(suffix.trim())
 }
 
+/// A unit that the name of a column of lengths, forces or volts ends with, but none of ours: what is in it is not SI.
+fn foreign<'a>(name: &'a str, si: &str) -> Option<&'a str> {
+    let foreign: &[&str] = match si {
+        "m" => &[
+            "in", "inch", "inches", "ft", "mil", "mils", "thou", "cm", "dm", "counts", "cts",
+            "ticks",
+        ],
+        "N" => &["lbf", "ozf", "kgf", "lb", "counts"],
+        "V" => &["counts", "cts", "ticks"],
+        _ => &[],
+    };
+    ending(name).filter(|unit| foreign.contains(&unit.to_lowercase().as_str()))
+}
+
 /// The unit that a column's name ends with.
 fn of_name(name: &str) -> Option<(Dimension, &'static str)> {
     unit_of(&DIMENSIONS, ending(name)?)
@@ -449,18 +463,27 @@ impl Table {
         }
         let mut lines = Vec::new();
         let mut columns = vec![Vec::new(); places.len()];
+        let headed = |place: usize, field: &str| {
+            field == self.layout.names[place] && self.layout.names_line.is_some()
+        };
         // Of a column of moments, the first one.
         let mut first: Vec<Option<i128>> = vec![None; places.len()];
         self.rows(|line, row| {
             for ((place, column), first) in places.iter().zip(&mut columns).zip(&mut first) {
                 let field = &*row[*place];
                 let value =
-                    number(field, gaps, self.layout.decimal_comma, first).map_err(|why| Error {
-                        line: Some(line),
-                        ..self.error(
-                            &*self.layout.names[*place],
-                            format!("\"{field}\" {why}; accepted is {accepted}"),
-                        )
+                    number(field, gaps, self.layout.decimal_comma, first).map_err(|why| {
+                        let message = if headed(*place, field) {
+                            "the names of the columns stand here again, as where several recordings were written into \
+                             one file; accepted is one recording in a file"
+                                .to_owned()
+                        } else {
+                            format!("\"{field}\" {why}; accepted is {accepted}")
+                        };
+                        Error {
+                            line: Some(line),
+                            ..self.error(&*self.layout.names[*place], message)
+                        }
                     })?;
                 column.push(value);
             }
@@ -902,6 +925,14 @@ fn locate(table: &Table, want: &Wanted) -> Result<(usize, Column), Error> {
         }
         (None, None) if table.is_moments(place) && want.of.contains(&TIME) => {
             (TIME, TIME.si(), By::Name)
+        }
+        (None, None) if let Some(foreign) = foreign(name, want.of[0].si()) => {
+            let message = format!(
+                "its name says {foreign}, which is no unit that is read here; accepted is a column in {}, or its unit \
+                 as \"{name}:UNIT\" where the name means something else",
+                accepted()
+            );
+            return Err(table.error(&**name, message));
         }
         (None, None) => (want.of[0], want.of[0].si(), By::Nothing),
     };

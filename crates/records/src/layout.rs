@@ -124,6 +124,15 @@ pub(crate) fn number(text: &str, decimal_comma: bool) -> Option<f64> {
 }
 
 fn plain(text: &str) -> Option<f64> {
+    // A minus as typesetters and spreadsheets write it.
+    if let Some(positive) = text.strip_prefix('\u{2212}') {
+        return plain(positive)
+            .filter(|_| !positive.starts_with(['+', '-']))
+            .map(|v| -v);
+    }
+    if text.contains('\u{2212}') {
+        return plain(&text.replace('\u{2212}', "-"));
+    }
     // `inf`, `nan` and the like are words; `1d-3` is how Fortran writes.
     let first = text.trim_start_matches(['+', '-']).chars().next()?;
     if !(first.is_ascii_digit() || first == '.') {

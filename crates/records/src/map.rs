@@ -215,7 +215,7 @@ pub struct Peak {
     /// Up.
     pub y_um: f64,
     /// Standard deviation of the place in the worse direction, micrometres; of the peak by the readings used no less
-    /// than its distance from the one by all readings, where that is more than the readings explain.
+    /// than its distance from the one by all readings.
     pub deviation_um: f64,
     /// Power at the peak, the background included.
     pub power: f64,
@@ -676,13 +676,13 @@ pub fn try_on(map: &str, read: &Map, start: Option<Displacement>, accuracy: Opti
         (Ok(_), None) => ("not_found", String::new()),
     };
     let all = examined.as_ref().ok();
-    // The search's readings alone may be surer than they are right: where all readings tell another place, its
-    // deviation is no less than the distance.
+    // The search's readings alone may be surer than they are right, and all readings tell by how much: its deviation is
+    // no less than the distance to where they say the peak is.
     let peak = |looked: &Looked| {
         looked.peak.map(|shape| {
             let off = all.map_or(0.0, |all| (shape.at - all.peak.at).norm());
             let own = looked.deviation.max(all.map_or(0.0, |all| all.deviation));
-            Peak::of(&shape, if off > 2.0 * own { off } else { own })
+            Peak::of(&shape, own.max(off))
         })
     };
     let document = MapDocument {

@@ -3,10 +3,12 @@
 use crate::{Wanted, normal};
 use pigtail_records::columns::Named;
 use pigtail_records::friction::{Roles, friction};
+use pigtail_sysid::friction::{Law, Record, identify};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::fmt::Write as _;
 use std::fs;
+use std::path::Path;
 
 /// Time, displacement (um), force (N).
 type Rows = Vec<[f64; 3]>;
@@ -256,4 +258,35 @@ fn a_record_of_two_million_rows_is_told() {
         &mut wrong,
     );
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// A contact that gives way evenly and then slides is no single bristle's: the fit comes to rest, at a bound, and that is said.
+#[test]
+fn a_measured_presliding_is_fitted_by_one_bristle_and_refused() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../../shared/data/presliding_tribometer/reciprocating_5N.csv");
+    let Ok(csv) = fs::read_to_string(file) else {
+        return;
+    };
+    let rows: Vec<Vec<f64>> = csv
+        .lines()
+        .skip(1)
+        .map(|line| {
+            line.split(',')
+                .map(|f| f.parse().expect("a number"))
+                .collect()
+        })
+        .collect();
+    let column = |c: usize, unit: f64| -> Vec<f64> { rows.iter().map(|r| r[c] * unit).collect() };
+    let record = Record::new(Some(&column(0, 1.0)), &column(2, 1e-3), &column(3, 1e-6));
+    let record = record.expect("a record");
+    let found = identify(&record, None, 4).expect("laws");
+    let found = found.with(Law::LuGre, &record).expect("it was fitted");
+    let chosen = &found.laws[found.best];
+    assert!(chosen.relative_error_percent < 12.0, "{chosen:?}");
+    assert!(
+        found.unknown.iter().any(|u| u.covers("static_friction")),
+        "{:?}",
+        found.unknown
+    );
 }

@@ -9,6 +9,8 @@
     reason = "a case is what is done to each row, on one line"
 )]
 
+#[path = "coverage.rs"]
+mod coverage;
 #[path = "everywhere.rs"]
 mod everywhere;
 #[path = "friction.rs"]

@@ -380,6 +380,7 @@ fn no_map_is_wrong_and_called_aligned() {
 #[ignore = "long: two minutes of maps"]
 fn hardly_a_map_of_many_is_wrong_and_called_aligned() {
     let wrong = report(100..125);
+    eprintln!("{} wrong", wrong.len());
     assert!(
         wrong.len() <= 7,
         "{} wrong:\n{}",

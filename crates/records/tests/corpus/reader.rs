@@ -167,3 +167,63 @@ fn what_is_no_record_is_refused_in_words() {
         assert!(error.contains(says), "{what}: {error}");
     }
 }
+
+/// As other people's tools write them: a typesetter's minus is read, the rest is refused with what to do.
+#[test]
+fn habits_of_other_tools_are_read_or_refused_in_words() {
+    let plain = written("t_s|r_m|q_m|u_V", ",", ".", "\n", &ALL);
+    let read = |text: &str, position: &str| {
+        let folder = tempfile::TempDir::new().expect("a folder");
+        let path = folder.path().join("r.csv");
+        fs::write(&path, text).expect("a file");
+        let roles = Roles {
+            time: None,
+            rate: None,
+            reference: None,
+            position: Named::new(position),
+            voltage: Named::new("u_V"),
+            injected: None,
+        };
+        roles.read(&path).map_err(|e| e.to_string())
+    };
+    let good = read(&plain, "q_m").expect("a record").record;
+    let typeset = read(&plain.replace('-', "\u{2212}"), "q_m").expect("a record");
+    assert_eq!(typeset.record, good);
+    let inner = plain
+        .trim_end()
+        .replace(',', "\",\"")
+        .replace('\n', "\"\n\"");
+    let quoted = format!("\"{inner}\"\n");
+    assert_eq!(read(&quoted, "q_m").expect("a record").record, good);
+    let (head, rows) = plain.split_once('\n').expect("rows");
+    let refused = [
+        (
+            format!("{plain}{head}\n{rows}"),
+            "q_m",
+            "several recordings",
+        ),
+        (format!("{plain}{rows}"), "q_m", "time that rises"),
+        (format!("{plain}mean,0.1,0.1,0\n"), "q_m", "is no number"),
+        (
+            plain.replace("q_m", "q_in"),
+            "q_in",
+            "no unit that is read here",
+        ),
+        (
+            plain.replace("q_m", "q_cm"),
+            "q_cm",
+            "no unit that is read here",
+        ),
+        (
+            plain.replace("q_m", "q [counts]"),
+            "q [counts]",
+            "no unit that is read here",
+        ),
+        (plain.replace("\n0.0", "\n1,000.0"), "q_m", "fields"),
+        (plain.replace("\n0.0", "\n1'000.0"), "q_m", "is no number"),
+    ];
+    for (text, position, why) in refused {
+        let error = read(&text, position).expect_err(why);
+        assert!(error.contains(why), "{why}: {error}");
+    }
+}

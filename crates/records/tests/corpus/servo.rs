@@ -23,7 +23,7 @@ struct Truth {
     tolerance: [f64; 3],
 }
 
-const SLED: Axis = Axis {
+pub(crate) const SLED: Axis = Axis {
     force_per_volt: 35.0,
     inertia: 95.0,
     viscous: [205.0, 205.0],
@@ -31,10 +31,10 @@ const SLED: Axis = Axis {
     offset: -3.0,
 };
 
-const PERIOD: f64 = 1e-3;
+pub(crate) const PERIOD: f64 = 1e-3;
 
 /// A sled under a cascade at 1 kHz, simulated ten times as finely: what it was at every tenth of a period.
-fn sled(seed: u64, seconds: f64) -> Vec<[f64; 4]> {
+pub(crate) fn sled(seed: u64, seconds: f64) -> Vec<[f64; 4]> {
     driven(seed, seconds, |_| 0.0)
 }
 
@@ -69,10 +69,11 @@ fn driven(seed: u64, seconds: f64, added: impl Fn(f64) -> f64) -> Vec<[f64; 4]> 
 }
 
 /// Read at these moments (seconds), stamped so.
-fn read_at(dense: &[[f64; 4]], moments: &[f64], stamps: &[f64], seed: u64) -> Rows {
+pub(crate) fn read_at(dense: &[[f64; 4]], moments: &[f64], stamps: &[f64], seed: u64) -> Rows {
     let mut rng = Pcg64Mcg::seed_from_u64(seed);
     let at = |t: f64, column: usize| {
-        let place = (t / (0.1 * PERIOD)).max(0.0);
+        // A moment of a voltage's own beginning belongs to it, whatever the quotient's last digit.
+        let place = (t / (0.1 * PERIOD) + 1e-6).max(0.0);
         let k = (place as usize).min(dense.len() - 2);
         let f = if column == 3 { 0.0 } else { place - k as f64 };
         dense[k][column] + f * (dense[k + 1][column] - dense[k][column])
@@ -517,6 +518,79 @@ const MANGLED: &[(&str, Wanted, Mangle)] = &[
             }
         },
     ),
+    (
+        "voltage of half the gain behind its middle",
+        Wanted::Refused,
+        |rows, _| {
+            let n = rows.len();
+            rows[n / 2..].iter_mut().for_each(|r| r[3] *= 0.4);
+        },
+    ),
+    (
+        "voltage's size without its sign",
+        Wanted::Refused,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r[3] = r[3].abs());
+        },
+    ),
+    (
+        "a velocity in the place of the position",
+        Wanted::Refused,
+        |rows, _| {
+            let old = rows.clone();
+            for k in 1..old.len() {
+                rows[k][2] = (old[k][2] - old[k - 1][2]) / (old[k][0] - old[k - 1][0]);
+            }
+        },
+    ),
+    (
+        "position that begins anew at every 30 mm",
+        Wanted::Refused,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r[2] = r[2].rem_euclid(0.03));
+        },
+    ),
+    ("voltage with 5 V of offset", Wanted::Right, |rows, _| {
+        rows.iter_mut().for_each(|r| r[3] += 5.0);
+    }),
+    ("all of it negated", Wanted::Right, |rows, _| {
+        for r in rows {
+            for value in &mut r[1..] {
+                *value = -*value;
+            }
+        }
+    }),
+    (
+        "position held for five samples",
+        Wanted::Either,
+        |rows, _| {
+            let old = rows.clone();
+            for (k, row) in rows.iter_mut().enumerate() {
+                row[2] = old[k / 5 * 5][2];
+            }
+        },
+    ),
+    (
+        "voltage held for five samples",
+        Wanted::Either,
+        |rows, _| {
+            let old = rows.clone();
+            for (k, row) in rows.iter_mut().enumerate() {
+                row[3] = old[k / 5 * 5][3];
+            }
+        },
+    ),
+    (
+        "voltage through a filter of 20 ms",
+        Wanted::Either,
+        |rows, _| {
+            let mut slow = rows[0][3];
+            for row in rows {
+                slow += 0.05 * (row[3] - slow);
+                row[3] = slow;
+            }
+        },
+    ),
     ("one way only", Wanted::Refused, |rows, _| {
         let old = std::mem::take(rows);
         let mut last = f64::MIN;
@@ -528,7 +602,7 @@ const MANGLED: &[(&str, Wanted, Mangle)] = &[
     }),
 ];
 
-fn between(rows: &Rows, column: usize, place: f64) -> f64 {
+pub(crate) fn between(rows: &Rows, column: usize, place: f64) -> f64 {
     let place = place.clamp(0.0, rows.len() as f64 - 1.001);
     let k = place as usize;
     let f = place - k as f64;
@@ -536,7 +610,7 @@ fn between(rows: &Rows, column: usize, place: f64) -> f64 {
 }
 
 /// A column read by so many samples too late.
-fn shift(rows: &mut Rows, column: usize, samples: f64) {
+pub(crate) fn shift(rows: &mut Rows, column: usize, samples: f64) {
     let old = rows.clone();
     for (k, row) in rows.iter_mut().enumerate() {
         row[column] = between(&old, column, k as f64 - samples);
@@ -603,9 +677,8 @@ fn what_was_injected_is_told_and_replayed() {
                 (inertia / 95.0 - 1.0).abs() < 0.01,
                 "{within} {column}: {inertia}"
             );
-            // 1.36 % when it was first measured, where 0.3 % was asked for: not explained yet.
             assert!(
-                with < 2.0 && with < 0.3 * without,
+                with < 0.3 && with < 0.3 * without,
                 "{within} {column}: {with} for {without}"
             );
         }
@@ -713,128 +786,4 @@ fn no_mangled_measured_record_is_wrong_and_looks_right() {
         wrong.len(),
         wrong.join("\n")
     );
-}
-
-/// What a record of each kind is mangled by.
-const KINDS: [&str; 6] = ["plain", "jitter", "coloured", "skew", "drift", "noisy"];
-
-/// A record of a kind by its number.
-fn of_kind(kind: &str, seed: u64) -> Rows {
-    let mut rng = Pcg64Mcg::seed_from_u64(7000 + seed);
-    let dense = sled(20_000 + seed, 12.0);
-    let times: Vec<f64> = (0..12_000).map(|k| f64::from(k) * PERIOD).collect();
-    let mut rows = read_at(&dense, &times, &times, seed);
-    match kind {
-        "jitter" => {
-            for row in &mut rows {
-                row[0] += PERIOD * rng.random_range(-0.3..0.3);
-            }
-        }
-        "coloured" => {
-            let mut slow = 0.0;
-            for row in &mut rows {
-                slow = 0.99 * slow + 0.02 * normal(&mut rng);
-                row[3] += slow;
-            }
-        }
-        "skew" => shift(&mut rows, 2, rng.random_range(-3.0..3.0)),
-        "drift" => {
-            let old = rows.clone();
-            for (k, row) in rows.iter_mut().enumerate() {
-                row[3] = between(&old, 3, k as f64 * (1.0 - 1e-4));
-            }
-        }
-        "noisy" => {
-            for row in &mut rows {
-                row[2] += 3e-6 * normal(&mut rng);
-            }
-        }
-        _ => {}
-    }
-    rows
-}
-
-/// Of records of a kind, how many were answered, and what share of their 95 % intervals, by the deviation that takes
-/// correlation into account, hold the truth: of inertia, viscous and Coulomb friction.
-fn coverage(kind: &str, seeds: std::ops::Range<u64>) -> (f64, [f64; 3]) {
-    let workers = std::thread::available_parallelism().map_or(1, usize::from) as u64;
-    let worker = &|which: u64| {
-        let (mut all, mut hits) = (0.0, [0.0; 3]);
-        for seed in seeds.clone().filter(|s| s % workers == which) {
-            let rows = of_kind(kind, seed);
-            let column = |c: usize| -> Vec<f64> { rows.iter().map(|r| r[c]).collect() };
-            let columns = [&column(2)[..], &column(3), &column(1)];
-            let even = pigtail_sysid::timeline::even(&column(0), &columns).expect("an even grid");
-            let record = pigtail_sysid::servo::Record::new(even, true);
-            let set = Settings::new(35.0);
-            let Ok(found) = pigtail_sysid::servo::identify(&record, None, &set) else {
-                continue;
-            };
-            let Some(variant) = found.variant(Friction::Symmetric, found.supported) else {
-                continue;
-            };
-            if std::env::var("SHOW").is_ok() && seed < 12 {
-                let told: Vec<String> = variant
-                    .parameters
-                    .iter()
-                    .zip(MADE.values)
-                    .filter_map(|(p, is)| {
-                        let k = p.known?;
-                        Some(format!(
-                            "{:.3} ({:.2})",
-                            (k.value - is) / k.std_correlated,
-                            k.std_correlated / k.std
-                        ))
-                    })
-                    .collect();
-                eprintln!("{kind} {seed} {:?} {told:?}", variant.method);
-            }
-            all += 1.0;
-            for ((hit, parameter), is) in hits.iter_mut().zip(&variant.parameters).zip(MADE.values)
-            {
-                let held = |k: pigtail_sysid::Known| (k.value - is).abs() < 1.96 * k.std_correlated;
-                *hit += f64::from(u8::from(parameter.known.is_some_and(held)));
-            }
-        }
-        (all, hits)
-    };
-    let parts: Vec<(f64, [f64; 3])> = std::thread::scope(|scope| {
-        let started: Vec<_> = (0..workers)
-            .map(|which| scope.spawn(move || worker(which)))
-            .collect();
-        started
-            .into_iter()
-            .map(|w| w.join().expect("a worker"))
-            .collect()
-    });
-    let all: f64 = parts.iter().map(|p| p.0).sum();
-    let hits = std::array::from_fn(|j| parts.iter().map(|p| p.1[j]).sum::<f64>() / all);
-    (all, hits)
-}
-
-fn covered(records: u64, least: f64) {
-    for kind in KINDS {
-        let (answered, share) = coverage(kind, 0..records);
-        eprintln!(
-            "{kind}: {answered} of {records} answered; inertia {:.3}, viscous {:.3}, Coulomb {:.3}",
-            share[0], share[1], share[2]
-        );
-        assert!(share.iter().all(|s| *s > least), "{kind}: {share:?}");
-    }
-}
-
-#[test]
-#[ignore = "long: hundreds of records"]
-fn intervals_hold_the_truth() {
-    // 100 records tell a share of 0.95 to 0.044, two standard deviations.
-    covered(100, 0.9);
-}
-
-mod acceptance {
-    /// 2,000 of each kind tell a share of 0.95 to 0.01.
-    #[test]
-    #[ignore = "acceptance: 2,000 records of each kind"]
-    fn intervals_of_many_hold_the_truth() {
-        super::covered(2000, 0.9);
-    }
 }

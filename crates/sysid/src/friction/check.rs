@@ -1,6 +1,6 @@
 //! What a fitted law leaves in doubt.
 
-use super::law::Law;
+use super::law::{Law, MOST_RATIO};
 use super::{Fitted, Record, Sample, error, fit};
 use crate::Unknown;
 use pigtail_numerics::signal::quantile;
@@ -92,6 +92,18 @@ pub(super) fn doubts(record: &Record, chosen: &Fitted) -> Vec<Unknown> {
                  resolved"
             ),
         });
+    }
+    if law.needs_time() {
+        let ratio = chosen.values[2] / chosen.values[0];
+        if ratio.ln().abs() > 0.99 * MOST_RATIO {
+            unknown.push(Unknown {
+                parameters: law.parameters()[..4].to_vec(),
+                because: format!(
+                    "its static friction comes to the bound of what is tried, {ratio:.3} of Coulomb friction: the speed \
+                     makes no such difference, and the contact gives way otherwise than one bristle does"
+                ),
+            });
+        }
     }
     for (name, known) in law.parameters().iter().zip(&chosen.known) {
         let offset = *name == "offset" || *name == "viscous_friction";

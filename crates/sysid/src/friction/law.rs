@@ -195,7 +195,7 @@ impl Law {
 }
 
 /// Static friction lies within a factor of ten of Coulomb friction: its logarithm is bounded so.
-const MOST_RATIO: f64 = std::f64::consts::LN_10;
+pub(super) const MOST_RATIO: f64 = std::f64::consts::LN_10;
 
 fn ratio(p: &[f64]) -> f64 {
     ((p[2] / p[0]).ln() / MOST_RATIO)

@@ -9,7 +9,7 @@ use check::{doubts, swapped};
 
 use super::{Account, Known, Parameter, Unknown};
 use pigtail_numerics::nonlinear::{minimise, uncertainty};
-use pigtail_numerics::regression::relative;
+use pigtail_numerics::regression::{least_squares, matrix, relative};
 use pigtail_numerics::signal::quantile;
 
 /// Displacement and force at a moment.
@@ -529,6 +529,16 @@ fn fit(law: Law, record: &Record, samples: &[Sample], near: Option<&[f64]>) -> O
             })
             .collect()
     };
+    if law.needs_time() && near.is_none() {
+        for share in [0.01, 0.03, 0.1, 0.3] {
+            if let Some((coulomb, still, speed)) = stribeck(samples, share * (high - low)) {
+                let mut start = law.start(coulomb, share * (high - low), speed);
+                start[2] = still;
+                let coded = law.coded(&start, force);
+                starts.push((squares(&coded), coded));
+            }
+        }
+    }
     starts.sort_by(|a, b| a.0.total_cmp(&b.0));
     let tried = if law.needs_time() { 8 } else { 3 };
     let (coded, _) = starts
@@ -537,6 +547,47 @@ fn fit(law: Law, record: &Record, samples: &[Sample], near: Option<&[f64]>) -> O
         .filter_map(|(_, start)| minimise(scaled, start))
         .min_by(|a, b| a.1.total_cmp(&b.1))?;
     Some(law.decoded(&coded, force))
+}
+
+/// Coulomb and static friction and the speed between them, by the force where it has slid for `way` since it turned:
+/// `g = f_c + (f_s - f_c) exp(-(v / v_s)^2)`, linear but for the speed.
+fn stribeck(samples: &[Sample], way: f64) -> Option<(f64, f64, f64)> {
+    const SPEEDS: usize = 12;
+    let (mut speeds, mut forces) = (Vec::new(), Vec::new());
+    let mut turned = samples.first()?.displacement;
+    let mut sign = 0.0;
+    for w in samples.windows(2) {
+        let step = w[1].displacement - w[0].displacement;
+        if w[1].begins || step * sign < 0.0 {
+            turned = w[0].displacement;
+        }
+        if step != 0.0 {
+            sign = step.signum();
+        }
+        if !w[1].begins && step != 0.0 && (w[1].displacement - turned).abs() > way {
+            speeds.push((step / (w[1].time - w[0].time)).abs());
+            forces.push(sign * w[1].force);
+        }
+    }
+    let (slow, fast) = (quantile(&speeds, 0.05), quantile(&speeds, 0.95));
+    if speeds.len() < LEAST || slow.is_nan() || slow <= 0.0 || fast <= slow {
+        return None;
+    }
+    let one = vec![1.0; speeds.len()];
+    (0..=SPEEDS)
+        .filter_map(|k| {
+            let speed = slow * (fast / slow).powf(k as f64 / SPEEDS as f64);
+            let falls: Vec<f64> = speeds
+                .iter()
+                .map(|v| (-(v / speed).powi(2)).exp())
+                .collect();
+            let found = least_squares(&matrix(&[&one, &falls]), &forces)?;
+            let (coulomb, still) = (found.values[0], found.values[0] + found.values[1]);
+            (coulomb > 0.0 && still > 0.0)
+                .then_some((found.relative_error_percent, (coulomb, still, speed)))
+        })
+        .min_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, found)| found)
 }
 
 /// Values with their standard deviations, and the condition of the linear problem.

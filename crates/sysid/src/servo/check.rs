@@ -6,7 +6,7 @@ use super::{
 use crate::Unknown;
 use crate::timeline::Clock;
 use pigtail_numerics::regression::least_squares;
-use pigtail_numerics::signal::{Lowpass, decimate, derivative, quantile, rms};
+use pigtail_numerics::signal::{Lowpass, decimate, quantile, rms};
 
 /// A servo's record is sampled faster than this, seconds, and more slowly than [`FASTEST`].
 const SLOWEST: f64 = 0.05;
@@ -454,6 +454,11 @@ pub(super) fn noise_share(record: &Record, set: &Settings) -> f64 {
     (noise(record, set).acceleration / power.max(f64::MIN_POSITIVE)).powi(2)
 }
 
+/// Standard deviation of the acceleration that is the position's noise.
+pub(super) fn acceleration_noise(record: &Record, set: &Settings) -> f64 {
+    noise(record, set).acceleration
+}
+
 fn noise(record: &Record, set: &Settings) -> Noise {
     const LENGTH: usize = 1024;
     let white = white(record, set);
@@ -461,8 +466,8 @@ fn noise(record: &Record, set: &Settings) -> Noise {
     let filter = Lowpass::butterworth(set.order, 2.0 * period * set.cutoff(period));
     let mut impulse = vec![0.0; LENGTH];
     impulse[LENGTH / 2] = 1.0;
-    let velocity = derivative(&filter.both_ways(&impulse), period);
-    let acceleration = derivative(&velocity, period);
+    let velocity = super::rate(&filter.both_ways(&impulse), period);
+    let acceleration = super::rate(&velocity, period);
     let factor = set.factor(period);
     let gain = |answer: &[f64]| {
         // Decimation filters once more; by how much, an answer filtered at the full rate tells.
@@ -534,7 +539,9 @@ pub(super) fn robustly(variants: &mut [super::Variant], unknown: &mut Vec<Unknow
         else {
             continue;
         };
-        for variant in variants.iter_mut().filter(|v| v.friction == friction) {
+        // Where an axis slides no sample decides alone, and a delay moves both fits that know none.
+        let mine = |v: &&mut super::Variant| v.friction == friction && v.method != Method::Delayed;
+        for variant in variants.iter_mut().filter(mine) {
             let off = ordinary.iter().zip(&weighted);
             for (parameter, (a, b)) in variant.parameters.iter_mut().zip(off) {
                 if let Some(known) = &mut parameter.known {

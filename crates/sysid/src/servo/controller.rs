@@ -160,6 +160,10 @@ fn by_itself(record: &Record, stretch: &Stretch) -> Vec<f64> {
     own
 }
 
+/// So many neighbours are taken together, their mean: noise of a record that its controller did not see, as another
+/// sensor's, makes a velocity over more samples look truer than the controller's own.
+const TOGETHER: usize = 8;
+
 fn solve(
     record: &Record,
     limit: f64,
@@ -170,29 +174,42 @@ fn solve(
     // More rows would say nothing new of five gains.
     const ROWS: usize = 50_000;
     let period = record.even().period;
-    let every = record.even().samples().div_ceil(ROWS).max(1);
+    let every = record.even().samples().div_ceil(ROWS * TOGETHER).max(1);
     let mut rows: Vec<[f64; 5]> = Vec::new();
     let mut volts = Vec::new();
     for stretch in &record.even().stretches {
         let u = by_itself(record, stretch);
         let (q, r) = (&stretch.columns[POSITION], &stretch.columns[REFERENCE]);
         let mut integral = 0.0;
+        let (mut sum, mut sum_volts, mut count) = ([0.0; 5], 0.0, 0);
         for k in span.max(1)..q.len() {
             integral += (r[k] - q[k]) * period;
             let Some(voltage) = u.get(k + delay) else {
                 break;
             };
-            if voltage.abs() > (1.0 - 1e-6) * limit || k % every != 0 {
+            if voltage.abs() > (1.0 - 1e-6) * limit {
+                (sum, sum_volts, count) = ([0.0; 5], 0.0, 0);
                 continue;
             }
-            rows.push([
+            let row = [
                 r[k] - q[k],
                 -(q[k] - q[k - span]) / (span as f64 * period),
                 (r[k] - r[k - 1]) / period,
                 integral,
                 1.0,
-            ]);
-            volts.push(*voltage);
+            ];
+            for (sum, value) in sum.iter_mut().zip(row) {
+                *sum += value / TOGETHER as f64;
+            }
+            sum_volts += voltage / TOGETHER as f64;
+            count += 1;
+            if count == TOGETHER {
+                if (k / TOGETHER).is_multiple_of(every) {
+                    rows.push(sum);
+                    volts.push(sum_volts);
+                }
+                (sum, sum_volts, count) = ([0.0; 5], 0.0, 0);
+            }
         }
     }
     let mut used = vec![0, 1];

@@ -32,6 +32,7 @@ use super::{Account, Known, Parameter, Unknown};
 use nalgebra::DMatrix;
 use pigtail_numerics::regression::{
     Solution, instrumental, least_squares, matrix, over, relative, robust, tolerance,
+    without_attenuation,
 };
 use pigtail_numerics::signal::{Lowpass, decimate, derivative, quantile, rms};
 
@@ -219,6 +220,8 @@ struct Equations {
     lag: Vec<f64>,
     position: Vec<f64>,
     acceleration: Vec<f64>,
+    /// The acceleration by differences over five samples.
+    exact: Vec<f64>,
     velocity: Vec<f64>,
     sign: Vec<f64>,
     /// Ones, decimated like the rest: the filter's gain is in them too.
@@ -237,6 +240,7 @@ impl Equations {
         let smooth = filter.both_ways(position);
         let velocity = derivative(&smooth, period);
         let acceleration = derivative(&velocity, period);
+        let exact = rate(&rate(&smooth, period), period);
         let factor = set.factor(period);
         let skip = set.skip.min(n);
         let thin = |column: &[f64]| decimate(&column[skip..], factor);
@@ -249,6 +253,7 @@ impl Equations {
         self.position.extend(thin(&smooth));
         self.velocity.extend(thin(&velocity));
         self.acceleration.extend(thin(&acceleration));
+        self.exact.extend(thin(&exact));
         self.sign.extend(of(sign));
         self.one.extend(of(|_| 1.0));
         self.forward[0].extend(of(|v| v.max(0.0)));
@@ -296,6 +301,7 @@ impl Equations {
             lag,
             position,
             acceleration,
+            exact,
             velocity,
             sign,
             one,
@@ -311,6 +317,7 @@ impl Equations {
             lag,
             position,
             acceleration,
+            exact,
             velocity,
             sign,
             one,
@@ -346,10 +353,23 @@ impl Equations {
     fn matrix(&self, friction: Friction, method: Method) -> DMatrix<f64> {
         let mut columns = self.columns(friction);
         if method == Method::Delayed {
+            columns[0] = &self.exact;
             columns.push(&self.lag);
         }
         matrix(&columns)
     }
+}
+
+/// Central differences over five samples: those over three make an acceleration too small by a third of the square of
+/// the way that its sine turns between samples.
+fn rate(signal: &[f64], period: f64) -> Vec<f64> {
+    let n = signal.len();
+    let mut rate = derivative(signal, period);
+    for k in 2..n.saturating_sub(2) {
+        let (near, far) = (signal[k + 1] - signal[k - 1], signal[k + 2] - signal[k - 2]);
+        rate[k] = (8.0 * near - far) / (12.0 * period);
+    }
+    rate
 }
 
 fn sign(v: f64) -> f64 {
@@ -392,6 +412,13 @@ const AS_GOOD: f64 = 1.01;
 /// leaves less than this share of the error.
 const LATE: f64 = 0.93;
 
+/// Standard deviation of a moment within a sample of which nothing is known, samples: one over the root of twelve.
+const WITHIN_A_SAMPLE: f64 = 0.288_675;
+
+/// What is fitted where the axis slides tells the whole record as well, if it leaves less than this of what a fit to all
+/// of it leaves. It has one unknown more, and never seen the rest.
+const TELLS_ALL: f64 = 1.01;
+
 /// Share of a record's beginning to which variants are fitted where there is no second record; the
 /// rest says which of them generalises.
 const FITTED: f64 = 0.7;
@@ -405,6 +432,8 @@ pub struct Variant {
     pub method: Method,
     /// What it found; the delay of the voltage last, where it was looked for.
     pub parameters: Vec<Parameter>,
+    /// Whether the record says when its voltage acts, and the delay tells all of it: of [`Method::Delayed`] only.
+    tells_delay: bool,
     /// Values of the equations' columns: by the order of [`Friction::names`], whether or not they may be
     /// told, then the delay in samples, where it was looked for.
     pub values: Vec<f64>,
@@ -580,6 +609,14 @@ pub fn identify(
         .iter()
         .position(|v| error(v) <= AS_GOOD * least)
         .unwrap_or(0);
+    // Where even the model that generalises best tells a part of the record by nothing that the rest says, the axis, a
+    // gain or a unit was another there.
+    if least.is_finite() && least > UNEXPLAINED {
+        return Err(Unknown::all(format!(
+            "what one part of it says leaves {least:.0} % of the force of another unexplained: did a gain, a unit, a load \
+             or the axis change within it?"
+        )));
+    }
     Ok(Identified {
         variants,
         unknown,
@@ -594,19 +631,10 @@ pub fn identify(
     })
 }
 
-/// A delay that is known for sure, and with which the whole record is told better, is a part of the answer.
+/// A delay that the record shows is a part of the answer: one without it is off by as much.
 fn supported(variants: &[Variant]) -> Method {
-    let of = |method: Method| {
-        let mine = |v: &&Variant| v.friction == Friction::Symmetric && v.method == method;
-        variants.iter().find(mine)
-    };
-    let (Some(plain), Some(delayed)) = (of(Method::LeastSquares), of(Method::Delayed)) else {
-        return Method::LeastSquares;
-    };
-    let delay = delayed.parameters.last().and_then(|p| p.known);
-    let sure = delay.is_some_and(|k| k.value.abs() > 5.0 * k.std_correlated);
-    // It is found where the axis moves, and has to tell all of the record better.
-    if sure && delayed.relative_error_percent < plain.relative_error_percent {
+    let told = |v: &Variant| v.friction == Friction::Symmetric && v.tells_delay;
+    if variants.iter().any(told) {
         Method::Delayed
     } else {
         Method::LeastSquares
@@ -739,14 +767,16 @@ fn variants(
             .and_then(|c| instruments(stamped, &axis(&ordinary.values), c, set, keep))
             .filter(|z| z.force.len() == columns.force.len());
         // What another sample of delay would change: nobody knows when within it a voltage acts.
-        let later: Vec<f64> = columns
-            .force
-            .iter()
-            .zip(&columns.lag)
-            .map(|(f, l)| f - l)
-            .collect();
+        let pairs = columns.force.iter().zip(&columns.lag);
+        let later: Vec<f64> = pairs.map(|(f, l)| f - l).collect();
         let speeds: Vec<f64> = columns.velocity.iter().map(|v| v.abs()).collect();
         let moving = SLOW * quantile(&speeds, 0.99);
+        let noise = check::acceleration_noise(record, set);
+        // The same columns without the delay: what it is to be compared with.
+        let without = delayed.clone().remove_column(delayed.ncols() - 1);
+        let Some(without) = least_squares(&without, &columns.force) else {
+            continue;
+        };
         let timing = least_squares(&x, &later).map(|s| s.values);
         let solve = |method: Method, rows: std::ops::Range<usize>| -> Option<Solution> {
             let x = if method == Method::Delayed {
@@ -759,9 +789,12 @@ fn variants(
             match method {
                 Method::LeastSquares => least_squares(&part, force),
                 // Where the axis sticks, force leads motion for another reason than a delay.
-                Method::Delayed => over(&part, force, |i| {
-                    columns.velocity[rows.start + i].abs() > moving
-                }),
+                Method::Delayed => {
+                    let slides = |i: usize| columns.velocity[rows.start + i].abs() > moving;
+                    let mut solution = over(&part, force, slides)?;
+                    without_attenuation(&part, slides, 0, noise, &mut solution);
+                    Some(solution)
+                }
                 Method::Weighted => robust(&part, force),
                 Method::Instrumental => {
                     let z = instruments.as_ref()?.matrix(friction, method);
@@ -771,10 +804,17 @@ fn variants(
             }
         };
         let late = solve(Method::Delayed, 0..columns.force.len()).and_then(|s| {
-            let (samples, std) = s.values.last().zip(s.std.last())?;
-            let sure = samples.abs() > 5.0 * std;
-            let better = s.relative_error_percent < LATE * ordinary.relative_error_percent;
-            (sure && better).then_some(*samples)
+            let (samples, std) = s
+                .values
+                .last()
+                .copied()
+                .zip(s.std_correlated.last().copied())?;
+            tells_delay(std, &s, &without).then_some(Late {
+                samples,
+                std,
+                matters: samples.abs() > 5.0 * std
+                    && s.relative_error_percent < LATE * ordinary.relative_error_percent,
+            })
         });
         for method in Method::ALL {
             let n = columns.force.len();
@@ -786,15 +826,7 @@ fn variants(
             }
             let period = record.even.period;
             let mut found = variant(friction, method, &solution, period, unknown);
-            let judged = |x: &DMatrix<f64>, force: &[f64], values: &[f64]| {
-                let prediction = x * nalgebra::DVector::from_column_slice(values);
-                let residuals: Vec<f64> = force
-                    .iter()
-                    .zip(prediction.iter())
-                    .map(|(a, b)| a - b)
-                    .collect();
-                relative(&residuals, force)
-            };
+            found.tells_delay = method == Method::Delayed && late.is_some();
             found.validation_error_percent = if let Some(second) = second {
                 (second.force.len() > 10).then(|| {
                     judged(
@@ -806,11 +838,7 @@ fn variants(
             } else {
                 let to = (FITTED * n as f64) as usize;
                 solve(method, 0..to).map(|part| {
-                    let x = if method == Method::Delayed {
-                        &delayed
-                    } else {
-                        &x
-                    };
+                    let x = [&x, &delayed][usize::from(method == Method::Delayed)];
                     let rest = x.rows(to, n - to).into_owned();
                     judged(&rest, &columns.force[to..], &part.values)
                 })
@@ -821,16 +849,41 @@ fn variants(
     variants
 }
 
+/// What values leave of a force, per cent.
+fn judged(x: &DMatrix<f64>, force: &[f64], values: &[f64]) -> f64 {
+    let prediction = x * nalgebra::DVector::from_column_slice(values);
+    let pairs = force.iter().zip(prediction.iter());
+    let residuals: Vec<f64> = pairs.map(|(a, b)| a - b).collect();
+    relative(&residuals, force)
+}
+
+/// When a record shows its voltage to act, samples after it was taken.
+#[derive(Debug, Clone, Copy)]
+struct Late {
+    samples: f64,
+    std: f64,
+    /// Whether what was found without it is off by more than chance.
+    matters: bool,
+}
+
+/// Whether a record says when its voltage acts better than that it does so within a sample. What is found where the
+/// axis slides has to tell all of it.
+fn tells_delay(std: f64, delayed: &Solution, plain: &Solution) -> bool {
+    std < WITHIN_A_SAMPLE
+        && delayed.relative_error_percent < TELLS_ALL * plain.relative_error_percent
+}
+
 /// A voltage acts anywhere within a sample after the moment that was taken: by how much parameters are less sure
-/// for it, those of a sample later being `later`. Where the record shows by how many samples it is `late`,
-/// that is by how far they may be off.
-fn widen(solution: &mut Solution, later: &[f64], values: &[f64], late: Option<f64>) {
-    let samples = late.map_or(0.0, f64::abs).max(1.0 / 3f64.sqrt());
+/// for it, those of a sample later being `later`. Where the record shows when it does, that is by how far they may be
+/// off.
+fn widen(solution: &mut Solution, later: &[f64], values: &[f64], late: Option<Late>) {
+    // The root mean square of what is anywhere from none to one.
+    let samples = late.map_or(1.0 / 3f64.sqrt(), |l| l.samples.hypot(l.std));
     for (j, (later, value)) in later.iter().zip(values).enumerate() {
         let by = samples * (later - value);
         let correlated = &mut solution.std_correlated[j];
         *correlated = correlated.hypot(by);
-        if late.is_some() {
+        if late.is_some_and(|l| l.matters) {
             solution.std[j] = solution.std[j].hypot(by);
         }
     }
@@ -875,6 +928,7 @@ fn variant(
         friction,
         method,
         parameters,
+        tells_delay: false,
         values: solution.values.clone(),
         condition: solution.condition,
         relative_error_percent: solution.relative_error_percent,

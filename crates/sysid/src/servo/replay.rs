@@ -96,6 +96,64 @@ pub(super) struct Prediction {
     pub(super) voltage: Vec<f64>,
 }
 
+/// Velocity at a stretch's first sample: with it the recorded voltage takes the axis through the next ones. An axis that
+/// a controller has just been switched on for leaps from there, and a mean over these samples would be half of that leap.
+fn at_first(stretch: &Stretch, period: f64, axis: &Axis) -> f64 {
+    const SAMPLES: usize = 20;
+    const ROUNDS: usize = 6;
+    let measured = &stretch.columns[POSITION];
+    let n = SAMPLES.min(measured.len() - 1);
+    let way = |velocity: f64| -> Vec<f64> {
+        let mut state = (measured[0], velocity);
+        let steps = stretch.columns[VOLTAGE][..n].iter();
+        steps
+            .map(|u| {
+                state = axis.advance(state, *u, period);
+                state.0
+            })
+            .collect()
+    };
+    // Less their means: the first position has its own noise.
+    let centred = |mut v: Vec<f64>| {
+        let mean = v.iter().sum::<f64>() / v.len().max(1) as f64;
+        for v in &mut v {
+            *v -= mean;
+        }
+        v
+    };
+    let mean = (measured[n] - measured[0]) / (n.max(1) as f64 * period);
+    let fastest = measured
+        .windows(2)
+        .map(|w| (w[1] - w[0]).abs() / period)
+        .fold(0.0, f64::max);
+    let step = 1e-4 * fastest;
+    let mut velocity = mean;
+    for _ in 0..ROUNDS {
+        let (base, moved) = (way(velocity), way(velocity + step));
+        let left = centred(
+            measured[1..=n]
+                .iter()
+                .zip(&base)
+                .map(|(q, b)| q - b)
+                .collect(),
+        );
+        let slope = centred(
+            moved
+                .iter()
+                .zip(&base)
+                .map(|(m, b)| (m - b) / step)
+                .collect(),
+        );
+        let power: f64 = slope.iter().map(|s| s * s).sum();
+        let by = slope.iter().zip(&left).map(|(s, l)| s * l).sum::<f64>() / power;
+        if !by.is_finite() {
+            break;
+        }
+        velocity = (velocity + by).clamp(-fastest, fastest);
+    }
+    velocity
+}
+
 /// `None` where it runs away.
 pub(super) fn stretch(
     stretch: &Stretch,
@@ -107,8 +165,7 @@ pub(super) fn stretch(
 ) -> Option<Prediction> {
     let (measured, reference) = (&stretch.columns[POSITION], &stretch.columns[REFERENCE]);
     let n = measured.len();
-    let span = 5.min(n - 1);
-    let velocity = (measured[span] - measured[0]) / (span as f64 * period);
+    let velocity = at_first(stretch, period, axis);
     let mut moving = Moving::new(axis, law, measured[0], velocity);
     let mut state = controller.at(measured[0], velocity, period);
     let mut prediction = Prediction {

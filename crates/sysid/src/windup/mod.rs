@@ -20,7 +20,7 @@ use signals::Signals;
 use super::outliers;
 use super::timeline::Even;
 use super::{Account, Known, Parameter, Unknown};
-use pigtail_numerics::signal::rms;
+use pigtail_numerics::signal::{quantile, rms};
 
 /// Columns of a record: motor, load and, where there is one, torque.
 const MOTOR: usize = 0;
@@ -177,6 +177,9 @@ pub struct Identified {
 /// By how much a model's error may lie above the least, for a simpler one is preferred.
 const AS_GOOD: f64 = 1.02;
 
+/// Half of a record lies within such a ratio of speeds where it moves at one.
+const ONE_SPEED: f64 = 1.5;
+
 /// A part of the windup is worth speaking of from this share of it.
 const WORTH: f64 = 0.03;
 
@@ -234,6 +237,14 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
     let (signals, models, best) = all_models(record, second, &mut skew, bound)?;
     let chosen = &models[best];
     if unknown.is_empty() && chosen.residual > raw / 3.0 {
+        let speeds: Vec<f64> = plain.velocity.iter().map(|v| v.abs()).collect();
+        let (slow, fast) = (quantile(&speeds, 0.25), quantile(&speeds, 0.75));
+        if fast < ONE_SPEED * slow {
+            return Err(Unknown::all(format!(
+                "it moves at one speed, nearly (half of the time between {slow:.3e} and {fast:.3e}), where a time skew \
+                 looks as a windup does: move at changing speed, to and fro, or record the torque too"
+            )));
+        }
         return Err(Unknown::all(format!(
             "its best model, {}, leaves {:.0} % of the windup: an encoder stands still or slips, or the columns are of \
              other axes",
