@@ -4,6 +4,7 @@ use super::super::picture::{Picture, Points, thin};
 use super::super::{Bench, Figure};
 use super::THESIS_STEP;
 use super::alignment::{aligned, mean};
+use super::tradeoffs;
 use pigtail_control::maximization::{Disturbance, Means};
 use pigtail_control::recipe::Climb;
 use pigtail_evaluate::maximize::{MACRO, PIEZOS, rejection, tracking};
@@ -38,6 +39,10 @@ pub(super) fn peak(bench: &Bench) -> Result<Vec<Figure>, Ended> {
             aligned(setup, Procedure::Thesis, seed)
         })
         .collect::<Result<Vec<_>, Ended>>()?;
+    let dwells = tradeoffs::dwells(bench)?;
+    let steps = tradeoffs::steps(bench)?;
+    let other = dwells.iter().filter(|d| d.0 != 4.0).map(|d| d.1);
+    let best_other = other.fold(0.0, f64::max) / dwells[1].1;
     let xy = mean(&done.iter().collect::<Vec<_>>(), &["climb"]);
     let named = curves
         .iter()
@@ -62,6 +67,47 @@ pub(super) fn peak(bench: &Bench) -> Result<Vec<Figure>, Ended> {
                     .x(0.0, 4.5)
                     .caption("How far the fiber trails, in truth, at the end of each drift."),
             )
+            .picture(
+                Picture::curves(
+                    "dwell, ms",
+                    "fastest drift followed, um/s",
+                    [("", dwells.clone())],
+                )
+                .x(0.0, 17.0)
+                .caption(
+                    "What the climb follows with other dwells and as long a pause, step 0.1 um.",
+                ),
+            )
+            .picture(
+                Picture::curves(
+                    "step, um",
+                    "um/s, s",
+                    [
+                        (
+                            "fastest drift followed, um/s",
+                            steps.iter().map(|s| (s.um, s.followed)).collect(),
+                        ),
+                        (
+                            "time of the climb, s",
+                            steps.iter().map(|s| (s.um, s.seconds)).collect::<Points>(),
+                        ),
+                    ],
+                )
+                .x(0.0, 0.42)
+                .caption("Tracking and time with other steps."),
+            )
+            .noted(
+                "3.5-dwell",
+                best_other,
+                dwells
+                    .iter()
+                    .map(|(ms, limit)| format!("{ms:.0} ms {limit:.2} um/s"))
+                    .collect::<Vec<_>>()
+                    .join(", ")
+                    + ".",
+            )
+            .result("3.5-step-tracking", steps[0].followed / steps[1].followed)
+            .result("3.5-step-time", steps[0].seconds / steps[1].seconds)
             .result("3.5-period", 1.0 / (9.0 * climb.dwell + climb.pause))
             .result("3.5-closed", row.closed_form_um_s.unwrap_or(f64::NAN))
             .noted("3.5-tracking", row.limit_um_s, lost)

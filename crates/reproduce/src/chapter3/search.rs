@@ -2,6 +2,7 @@
 
 use super::super::picture::{Content, Picture, Points};
 use super::super::{Bench, Figure};
+use super::macro_raster;
 use pigtail_control::methods::{Method, Space};
 use pigtail_evaluate::plan::search_row;
 use pigtail_session::job::Ended;
@@ -53,6 +54,7 @@ pub(super) fn methods(bench: &Bench) -> Result<Vec<Figure>, Ended> {
         ("method 2, (3.4)", form(two)),
         ("method 3, (3.5)", form(three)),
     ];
+    let [plain, reversal, memory] = macro_raster::covered(bench)?;
     let orders = seconds(4) / 3.0 / seconds(0);
     let figure =
         Figure::new("3.3", "Proposed light coupling initialization methods")
@@ -72,6 +74,36 @@ pub(super) fn methods(bench: &Bench) -> Result<Vec<Figure>, Ended> {
                         "In which the twin covered the space: methods 3 and 2 at 5 um, method 1 at 10 um \
                          and at 5 um.",
                     ),
+            )
+            .picture(
+                Picture::curves(
+                    "x, um",
+                    "y, um",
+                    [
+                        ("without compensation", plain.path),
+                        ("compensated", memory.path),
+                    ],
+                )
+                .x(-80.0, 80.0)
+                .y(-80.0, 80.0)
+                .caption(format!(
+                    "The macro's own raster of 100 um by 100 um, {:.1} times a second back and forth, by the probes.",
+                    memory.hertz
+                )),
+            )
+            .noted(
+                "3.3-macro",
+                memory.share,
+                format!(
+                    "With the model that remembers, {:.0} um off at most; with (2.20)-(2.26) {:.3} and {:.0} um. At \
+                     {:.1} Hz.",
+                    memory.error, reversal.share, reversal.error, memory.hertz
+                ),
+            )
+            .noted(
+                "3.3-macro-plain",
+                plain.share,
+                format!("{:.0} um off at most.", plain.error),
             )
             .result("3.3-speed", 1e6 * one.mesh * rate)
             .result("3.3-rate", one.fastest(rate))
