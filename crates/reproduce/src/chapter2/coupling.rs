@@ -12,7 +12,7 @@ use pigtail_session::tune::usual_step;
 /// How long both joints are watched, seconds.
 const SECONDS: f64 = 0.2;
 
-/// A step of one joint: how it answers, and what the other does meanwhile.
+/// A step of one joint while the other steps as well, and the other's motion while it is to stay where it is.
 struct Stepped {
     own: Trace,
     other: Trace,
@@ -28,9 +28,12 @@ fn stepped(bench: &Bench, carried: f64) -> Result<Stepped, Ended> {
     };
     setup.experiment(bench.seed, |station| {
         let Counts(home) = station.encoder(FIVE_BAR);
+        let Counts(there) = station.encoder(other);
+        station.reference(other, Counts(there + size));
         let own = record(station, FIVE_BAR, SECONDS, |_| size as f64, |_| true)?;
         station.reference(FIVE_BAR, Counts(home));
-        station.run(SECONDS)?;
+        station.reference(other, Counts(there));
+        station.run(2.0 * SECONDS)?;
         station.reference(FIVE_BAR, Counts(home + size));
         let other = record(station, other, SECONDS, |_| 0.0, |_| true)?;
         Ok(Stepped { own, other })
@@ -69,7 +72,7 @@ pub(super) fn joints(bench: &Bench) -> Result<Vec<Figure>, Ended> {
                     [("alone", counts(&alone.own)), ("coupled", counts(&coupled.own))],
                 )
                 .x(0.0, 60.0)
-                .caption("A step of one joint of the five-bar, with and without the other's inertia."),
+                .caption("A step of one joint of the five-bar while the other steps as well, with and without the mass between them."),
             )
             .picture(
                 Picture::curves(
@@ -91,7 +94,9 @@ pub(super) fn joints(bench: &Bench) -> Result<Vec<Figure>, Ended> {
             .noted(
                 "2.2-other",
                 after / size,
-                format!("{after:.0} counts; {before:.0} without any coupling."),
+                format!(
+                    "{after:.0} counts; {before:.0} without any coupling. Friction holds a joint that rests."
+                ),
             )
             .remark(
                 "With all of the load's inertia as mass at the endpoint (`carried = 1`), where it couples most: \

@@ -30,7 +30,8 @@ pub(super) const CLAIMS: &[Statement] = &[
     claim(
         "2.2-own",
         ("2.2", "the coupling centripetal and Coriolis terms ... act as small disturbances to the motor output"),
-        "greatest change of a step by the other joint's inertia, share of the step; small is below a hundredth",
+        "greatest change of a step by the mass that both joints carry while the other steps too, share of the step; small is \
+            below a hundredth",
         (0.01, "", Below),
         Prediction,
     ),
