@@ -52,16 +52,14 @@ fn counts(trace: &Trace) -> Points {
 
 pub(super) fn joints(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let (alone, coupled) = (stepped(bench, 0.0)?, stepped(bench, 1.0)?);
+    let half = stepped(bench, 0.5)?;
     let size = usual_step(FIVE_BAR.axis) as f64;
     let most = |values: &mut dyn Iterator<Item = f64>| values.map(f64::abs).fold(0.0, f64::max);
-    let changed = most(
-        &mut alone
-            .own
-            .encoder
-            .iter()
-            .zip(&coupled.own.encoder)
-            .map(|(a, b)| a - b),
-    );
+    let change = |with: &Stepped| {
+        let pairs = alone.own.encoder.iter().zip(&with.own.encoder);
+        most(&mut pairs.map(|(a, b)| a - b))
+    };
+    let changed = change(&coupled);
     let [before, after] = [&alone, &coupled].map(|s| most(&mut s.other.encoder.iter().copied()));
     Ok(vec![
         Figure::new("2.2", "Independent joint model")
@@ -89,7 +87,10 @@ pub(super) fn joints(bench: &Bench) -> Result<Vec<Figure>, Ended> {
             .noted(
                 "2.2-own",
                 changed / size,
-                format!("{changed:.0} counts of {size:.0} at most."),
+                format!(
+                    "{changed:.0} counts of {size:.0} at most; {:.0} with half of that mass.",
+                    change(&half)
+                ),
             )
             .noted(
                 "2.2-other",

@@ -186,13 +186,12 @@ fn figure_3_4(ways: &[(Points, f64)], cores: &[Core]) -> Figure {
     let told: Vec<String> = cores
         .iter()
         .map(|c| {
-            format!(
-                "{:.0} um: {} of {} in {:.1} s",
-                1e6 * c.core,
-                c.good,
-                c.of,
-                c.seconds
-            )
+            let um = 1e6 * c.core;
+            if c.good == 0 {
+                format!("{um:.0} um: none of {}", c.of)
+            } else {
+                format!("{um:.0} um: {} of {} in {:.1} s", c.good, c.of, c.seconds)
+            }
         })
         .collect();
     let share = cores

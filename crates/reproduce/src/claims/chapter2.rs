@@ -34,7 +34,9 @@ pub(super) const CLAIMS: &[Statement] = &[
             below a hundredth",
         (0.01, "", Below),
         Prediction,
-    ),
+    )
+    .because(0.01, "Just at the bound, and the most that it can be: all of the load's inertia as mass at the endpoint, both \
+        joints stepping at full voltage. What links and motors really weigh is not printed."),
     claim(
         "2.2-other",
         ("2.3", "the coupling between the motor actuators is negligible due to the large gear ratios"),

@@ -253,7 +253,7 @@ pub(super) const CLAIMS: &[Statement] = &[
         (100.0, "um", Measured),
         Prediction,
     )
-    .because(200.0, "The trade-off is there: with 30 um a quarter of the fibers find no light, and with 400 um, in which \
+    .because(200.0, "The trade-off is there: with 30 um an eighth of the fibers find no light, and with 400 um, in which \
         sixteen times the scattered light of 100 um falls, none does. From 50 um to 200 um all are aligned, and of \
         these the widest takes the least time, for its placement hardly matters."),
     claim(
