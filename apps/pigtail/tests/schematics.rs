@@ -321,7 +321,7 @@ fn free_body() -> Drawing {
         d.arrow(from, to, LIGHT);
         d.text(at.0, at.1, anchor, text);
     }
-    d.text(150.0, 64.0, "middle", "qm");
+    d.text(196.0, 76.0, "start", "qm");
     d.text(490.0, 54.0, "middle", "ql");
     d
 }

@@ -186,7 +186,7 @@ fn figure_3_4(ways: &[(Points, f64)], cores: &[Core]) -> Figure {
     let told: Vec<String> = cores
         .iter()
         .map(|c| {
-            let um = 1e6 * c.core;
+            let um = 1e6 * c.diameter;
             if c.good == 0 {
                 format!("{um:.0} um: none of {}", c.of)
             } else {
@@ -196,7 +196,7 @@ fn figure_3_4(ways: &[(Points, f64)], cores: &[Core]) -> Figure {
         .collect();
     let share = cores
         .iter()
-        .map(|c| (1e6 * c.core, 100.0 * c.good as f64 / c.of as f64));
+        .map(|c| (1e6 * c.diameter, 100.0 * c.good as f64 / c.of as f64));
     let longest = ways.iter().map(|(_, seconds)| *seconds).fold(0.0, f64::max);
     let ends: Vec<f64> = ways
         .iter()
@@ -238,7 +238,7 @@ fn figure_3_4(ways: &[(Points, f64)], cores: &[Core]) -> Figure {
         )
         .noted(
             "3.4-core",
-            best.map_or(f64::NAN, |c| 1e6 * c.core),
+            best.map_or(f64::NAN, |c| 1e6 * c.diameter),
             format!("{}.", told.join(", ")),
         )
         .result("3.4-time", longest)

@@ -54,7 +54,7 @@ const CORES: [f64; 5] = [30e-6, 50e-6, 100e-6, 200e-6, 400e-6];
 /// What came of each core of the sensing fiber.
 pub(super) struct Core {
     /// Metres.
-    pub core: f64,
+    pub diameter: f64,
     /// Fibers aligned...
     pub good: usize,
     /// ...of so many.
@@ -73,7 +73,7 @@ pub(super) fn cores(bench: &Bench) -> Result<Vec<Core>, Ended> {
             setup.rig.spec.sensing_fiber.core = core;
             let done = devices(&setup, bench.seed, n)?;
             Ok(Core {
-                core,
+                diameter: core,
                 good: good(&done),
                 of: 3 * done.len(),
                 seconds: seconds(&done, "sensing") + seconds(&done, "raster"),
