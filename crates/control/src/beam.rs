@@ -81,7 +81,7 @@ impl Beam {
     pub fn new(mode: &Mode, exit: f64) -> Self {
         Self {
             radius: mode.radius,
-            rayleigh: PI * mode.radius * mode.radius / mode.wavelength,
+            rayleigh: PI * mode.radius * mode.radius * mode.gap_index / mode.wavelength,
             cos: exit.cos(),
             oblong: 0.0,
         }
@@ -271,6 +271,7 @@ mod tests {
         let mode = Mode {
             radius: 2.5e-6,
             wavelength: 1.3e-6,
+            gap_index: 1.0,
         };
         Beam::new(&mode, 0.0)
     }

@@ -80,6 +80,42 @@ pub fn follow(
     Ok(samples)
 }
 
+/// A raster around home by the macro alone, as method 1 is printed (thesis 3.2.1): lines across of `width` (m), back and
+/// forth at `speed` (m/s), each `rise` (m) above the last, up to `height` (m), twice; the second is noted.
+///
+/// # Errors
+///
+/// As [`follow`].
+pub fn raster(
+    station: &mut Station,
+    side: Side,
+    [width, height, rise]: [f64; 3],
+    speed: f64,
+) -> Result<Vec<ContourSample>, Halt> {
+    let (across, up) = (0.5 * width, 0.5 * height);
+    let mut samples = Vec::new();
+    for noted in [false, true] {
+        station.line(side, Point::new(-across, -up, 0.0), Some(speed))?;
+        let lines = (height / rise).round() as usize;
+        for line in 1..=lines {
+            let x = if line % 2 == 1 { across } else { -across };
+            let y = rise * line as f64 - up;
+            station.start_line(side, Point::new(x, y, 0.0), Some(speed))?;
+            while station.moving(side) {
+                station.cycle()?;
+                if noted {
+                    let measured = station
+                        .probed_endpoint(side)
+                        .ok_or(Outcome::Lacking(Lack::Probes))?;
+                    let wanted = station.wanted(side);
+                    samples.push(ContourSample { wanted, measured });
+                }
+            }
+        }
+    }
+    Ok(samples)
+}
+
 /// How far a contour was from where it was wanted, metres.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ContourErrors {

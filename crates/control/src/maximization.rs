@@ -98,6 +98,11 @@ pub fn follow(station: &mut Station, recipe: &Recipe, trial: &Trial) -> Result<F
 /// The first output's fiber at its peak, and the dark beside its light.
 async fn at_peak(cell: &AlignmentCell<'_>, recipe: &Recipe) -> Result<Level, Halt> {
     lit(cell, recipe, recipe.last.accuracy).await?;
+    output_at_peak(cell, recipe).await
+}
+
+/// The same where there is light in the guides already.
+async fn output_at_peak(cell: &AlignmentCell<'_>, recipe: &Recipe) -> Result<Level, Halt> {
     Job::output(recipe, 0).reach_output(cell, 0).await?;
     cell.laser(false)?;
     cell.wait(0.02).await?;
@@ -197,9 +202,9 @@ pub struct Around {
     pub light: f64,
 }
 
-/// The light around the peak (Fig. 3.2): brings the first output's fiber to its peak as [`follow`]
-/// does, and moves it by its micro over a square that reaches `half` (metres) to all sides, `points`
-/// to a line, every line in the same direction. The peak itself comes first.
+/// The light around the peak (Fig. 3.2): brings the input and the first output's fiber to their peaks as [`follow`]
+/// does, and moves the one of `side` by its micro over a square that reaches `half` (metres) to all sides,
+/// `points` to a line, every line in the same direction. The peak itself comes first.
 ///
 /// # Errors
 ///
@@ -208,32 +213,41 @@ pub struct Around {
 pub fn profile(
     station: &mut Station,
     recipe: &Recipe,
+    side: Side,
     half: f64,
     points: usize,
 ) -> Result<Vec<Around>, Halt> {
     let cell = AlignmentCell::over(station);
-    cell.run(profiled(&cell, recipe, half, points))
+    cell.run(profiled(&cell, recipe, side, half, points))
 }
 
 async fn profiled(
     cell: &AlignmentCell<'_>,
     recipe: &Recipe,
+    side: Side,
     half: f64,
     points: usize,
 ) -> Result<Vec<Around>, Halt> {
     /// Time at a point, of which the last part counts, seconds.
     const DWELL: f64 = 0.012;
-    let dark = at_peak(cell, recipe).await?.mean;
-    let here = cell.micro(SIDE);
+    if side == Side::Left {
+        // The input is to stay in its holder.
+        cell.laser(true)?;
+        Job::input(recipe).reach_input(cell).await?;
+    } else {
+        lit(cell, recipe, recipe.last.accuracy).await?;
+    }
+    let dark = output_at_peak(cell, recipe).await?.mean;
+    let here = cell.micro(side);
     if let Some(Displacement { x, y }) = corners(half)
         .map(|corner| here + corner)
         .into_iter()
-        .find(|at| !cell.micro_reaches(SIDE, *at))
+        .find(|at| !cell.micro_reaches(side, *at))
     {
         return Err(Outcome::ProfileRange { x, y }.into());
     }
     let look = async |x: f64, y: f64, rest: f64| -> Result<Around, Halt> {
-        cell.move_micro(SIDE, here + Displacement::new(x, y))?;
+        cell.move_micro(side, here + Displacement::new(x, y))?;
         cell.wait(rest).await?;
         let light = cell.level(CHANNEL, DWELL).await?.mean - dark;
         Ok(Around { x, y, light })

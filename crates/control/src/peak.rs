@@ -42,6 +42,8 @@ pub struct NinePoint<'r> {
     channel: Channel,
     /// The micro's displacement at the brightest point so far, metres.
     centre: Displacement,
+    /// Distance of the points at present, metres.
+    step: f64,
 }
 
 impl<'r> NinePoint<'r> {
@@ -52,6 +54,7 @@ impl<'r> NinePoint<'r> {
             side,
             channel,
             centre: cell.micro(side),
+            step: climb.step,
         }
     }
 
@@ -60,7 +63,7 @@ impl<'r> NinePoint<'r> {
         let centre = self.centre;
         let mut light = [0.0; 9];
         for (way, light) in PATTERN.iter().zip(&mut light) {
-            cell.move_micro(self.side, centre + *way * self.climb.step)?;
+            cell.move_micro(self.side, centre + *way * self.step)?;
             // A dwell shorter than the photodiode's period waits for it.
             *light = cell.last_light(self.channel, self.climb.dwell).await?;
         }
@@ -74,15 +77,24 @@ impl<'r> NinePoint<'r> {
     /// A fault, or [`Outcome::MicroRange`] when the micro has come to the end of its range.
     pub async fn step(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
         let light = self.pattern(cell).await?;
-        self.shift(cell, PATTERN[brightest(&light)])?;
+        let to = PATTERN[brightest(&light)];
+        self.shift(cell, to)?;
+        if let Some(widest) = self.climb.widest {
+            let next = if to == Displacement::ZERO {
+                0.5 * self.step
+            } else {
+                2.0 * self.step
+            };
+            self.step = next.min(widest).max(self.climb.step);
+        }
         cell.wait(self.climb.pause).await?;
         Ok(())
     }
 
     /// Moves the centre by so many steps.
     fn shift(&mut self, cell: &AlignmentCell<'_>, steps: Displacement) -> Result<(), Outcome> {
-        let to = self.centre + steps * self.climb.step;
-        let reach = 1.5 * self.climb.step;
+        let to = self.centre + steps * self.step;
+        let reach = 1.5 * self.step.max(self.climb.widest.unwrap_or(0.0));
         if corners(reach)
             .iter()
             .any(|corner| !cell.micro_reaches(self.side, to + *corner))
@@ -106,6 +118,7 @@ impl<'r> NinePoint<'r> {
     /// As [`Self::step`].
     pub async fn climb(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
         let end = cell.now() + self.climb.timeout;
+        self.step = self.climb.widest.unwrap_or(self.climb.step);
         let mut centres: Vec<Displacement> = Vec::with_capacity(256);
         let mean = |points: &[Displacement]| {
             let sum = points.iter().fold(Displacement::ZERO, |sum, p| sum + *p);
@@ -142,6 +155,7 @@ impl<'r> NinePoint<'r> {
         accuracy: f64,
     ) -> Result<(), Halt> {
         let end = cell.now() + self.climb.timeout;
+        self.step = self.climb.step;
         let mut mean = [0.0; 9];
         // Sum of squared deviations from the means, all points together.
         let (mut count, mut squares) = (0_u32, 0.0);

@@ -164,6 +164,11 @@ pub struct Climb {
     /// Longest climb, seconds.
     #[serde(with = "quantity::PositiveTime")]
     pub timeout: f64,
+    /// Largest distance of neighbouring points, metres: the distance doubles, up to this, after each pattern whose
+    /// brightest point is not its middle, and halves, down to `step`, after each whose is (thesis 3.4). `step`
+    /// throughout, if not given.
+    #[serde(default, with = "quantity::Optional::<quantity::PositiveLength>")]
+    pub widest: Option<f64>,
 }
 
 /// The way to the chip (thesis 3.3).

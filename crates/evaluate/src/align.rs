@@ -74,6 +74,9 @@ pub struct FiberRow {
     pub offset_um: Option<Offset>,
     /// Loss at this interface, decibels; `null` unless attached.
     pub coupling_loss_db: Option<f64>,
+    /// Extinction of the light here, by the fiber's roll about its axis alone, decibels; absent where fibers have none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub extinction_db: Option<f64>,
     /// Whether it really is where it should be; `null` unless attached.
     pub within_tolerance: Option<bool>,
     /// What control believes of where it is; `null` unless attached by a procedure that can say so.
@@ -369,6 +372,7 @@ pub(crate) fn nothing(port: &'static str, outcome: OutcomeCode, detail: &str) ->
         seconds: 0.0,
         offset_um: None,
         coupling_loss_db: None,
+        extinction_db: None,
         within_tolerance: None,
         believed: None,
     }
@@ -480,6 +484,9 @@ fn row(
             y: rounded(y * 1e6, 1e-6),
             z: rounded(z * 1e6, 1e-6),
         }),
+        extinction_db: truth
+            .and_then(|t| t.extinction_db())
+            .map(|db| rounded(db, 1e-3)),
         coupling_loss_db: truth.map(|t| rounded(-10.0 * t.coupling.log10(), 1e-6)),
         within_tolerance: offset.map(|(x, y, z)| {
             let [x, y, z] = [x, y, z].map(|metres| 1e6 * metres.abs());

@@ -1,8 +1,8 @@
 //! How much light passes from a fiber to a waveguide and back.
 //!
-//! Left out: reflection at the facets (the gap is taken as filled with epoxy of the fiber's index)
-//! and with it the interference in the gap, and the fiber's own diameter. A loss here is that of
-//! the two modes not matching.
+//! Left out: reflection at the facets and with it the interference in the gap, and the fiber's own
+//! diameter. A loss here is that of the two modes not matching. What fills the gap, air or adhesive, sets
+//! by its index how fast the beam spreads ([`Coupler::new`]) and at what angle it leaves ([`exit_angle`]).
 //!
 //! # Source
 //!
@@ -77,7 +77,8 @@ impl Plane {
 }
 
 impl Coupler {
-    /// Coupling between `source` and `receiver` at `wavelength` (metres).
+    /// Coupling between `source` and `receiver` at `wavelength` (metres) in what fills the gap: that in
+    /// vacuum over its index.
     ///
     /// # Errors
     ///
@@ -126,13 +127,13 @@ impl Coupler {
 }
 
 /// Angle in radians at which light from a guide of index `index` leaves a facet that is turned
-/// by `facet` radians, measured from the guide's axis in a medium of index 1 (Snell). Beyond total
+/// by `facet` radians, measured from the guide's axis in a gap of index `gap` (Snell). Beyond total
 /// reflection it stays at grazing.
 ///
 /// The peak of the coupling therefore walks sideways by the tangent of this angle for each metre
 /// of gap: the refraction of thesis 3.1 and 3.3.
-pub fn exit_angle(facet: f64, index: f64) -> f64 {
-    (index * facet.sin()).clamp(-1.0, 1.0).asin() - facet
+pub fn exit_angle(facet: f64, index: f64, gap: f64) -> f64 {
+    (index / gap * facet.sin()).clamp(-1.0, 1.0).asin() - facet
 }
 
 /// Share of a Gaussian beam of radius `beam` that falls into a round core of radius `core`

@@ -120,9 +120,9 @@ fn a_disc_across_an_edge() {
 
 #[test]
 fn light_leaves_an_angled_facet_by_snells_law() {
-    assert_eq!(exit_angle(0.0, 2.2), 0.0);
+    assert_eq!(exit_angle(0.0, 2.2, 1.0), 0.0);
     let facet = 10.0_f64.to_radians();
-    let exit = exit_angle(facet, 2.2);
+    let exit = exit_angle(facet, 2.2, 1.0);
     assert!(((facet + exit).sin() - 2.2 * facet.sin()).abs() < 1e-15);
 }
 

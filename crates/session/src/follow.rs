@@ -62,6 +62,7 @@ impl From<Kept> for Follow {
                 dwell,
                 pause,
                 timeout,
+                widest: None,
             }),
             (None, true) => Means::Circles,
             (None, false) => Means::Rest,

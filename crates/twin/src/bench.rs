@@ -226,6 +226,7 @@ impl BenchTwin {
                     offset(&mut fibers, m.tilt) - plant.device.turn,
                     offset(&mut fibers, m.tilt),
                 ],
+                roll: 0.0,
             },
         };
         let tray = [vec![draw(0)], (0..OUTPUTS).map(&mut draw).collect()];
@@ -391,7 +392,7 @@ impl BenchTwin {
         let [x, y, z] = busy.sum.map(|sum| sum / f64::from(busy.steps.max(1)));
         let tip = Point::new(x, y, z);
         let at = self.light.port(Side::ALL[arm], port);
-        let coupling = self.light.coupling(at, tip, fiber.tilt);
+        let coupling = self.light.coupling(at, tip, &fiber);
         if arm == 1 {
             self.attached_last = Some(port);
         }
@@ -451,7 +452,7 @@ impl BenchTwin {
         let (port, coupling, tip) = match (self.arms[1].carried.zip(tips[1]), self.attached_last) {
             (Some((Carried { port, fiber }, tip)), _) => {
                 let at = self.light.port(Side::Right, port);
-                (port, self.light.coupling(at, tip, fiber.tilt), tip)
+                (port, self.light.coupling(at, tip, &fiber), tip)
             }
             (None, Some(port)) => match &self.attached[1][port] {
                 Some(fixed) => (port, fixed.coupling, fixed.tip),
@@ -463,7 +464,7 @@ impl BenchTwin {
             (Some(fixed), _, _) => fixed.coupling,
             (None, Some(fiber), Some(tip)) => {
                 let port = self.light.port(Side::Left, 0);
-                self.light.coupling(port, tip, fiber.fiber.tilt)
+                self.light.coupling(port, tip, &fiber.fiber)
             }
             _ => 0.0,
         };
@@ -502,7 +503,7 @@ impl BenchTwin {
         let [x, y, z] = self.chip;
         let tip = tip_of(arm.holder(side, [0.0; 3], self.now), &fiber).shifted(-x, -y, -z);
         let at = self.light.port(side, port);
-        let coupling = self.light.coupling(at, tip, fiber.tilt);
+        let coupling = self.light.coupling(at, tip, &fiber);
         let fixed = Fixed {
             tip,
             fiber,

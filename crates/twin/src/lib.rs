@@ -440,7 +440,7 @@ impl Twin {
         let [x, y, z] = setting.sum.map(|sum| sum / f64::from(setting.cycles));
         let tip = Point::new(x, y, z);
         let port = self.light.port(side, held.port);
-        let coupling = self.light.coupling(port, tip, held.fiber.tilt);
+        let coupling = self.light.coupling(port, tip, &held.fiber);
         self.attached[i][held.port] = Some(Fixed {
             tip,
             fiber: held.fiber,
@@ -469,7 +469,7 @@ impl Twin {
             .filter(|held| held.port == port)?;
         let tip = self.held_tip(side, holder, &held.fiber);
         let port = self.light.port(side, port);
-        Some((self.light.coupling(port, tip, held.fiber.tilt), tip))
+        Some((self.light.coupling(port, tip, &held.fiber), tip))
     }
 
     /// Light at the photodiodes, volts, without what they add to it.
@@ -674,6 +674,16 @@ pub struct FiberTruth {
     pub gap: f64,
     /// Power coupled at this interface, 0 to 1.
     pub coupling: f64,
+    /// Roll of its slow axis from the polarization of the guides, radians.
+    pub roll: f64,
+}
+
+impl FiberTruth {
+    /// Extinction of the light that passes here, by this roll alone, decibels: what is in the axis that it should
+    /// be in over what is in the other. `None` where the fiber has no roll.
+    pub fn extinction_db(&self) -> Option<f64> {
+        (self.roll != 0.0).then(|| -20.0 * self.roll.tan().abs().log10())
+    }
 }
 
 impl Machine for Twin {

@@ -19,6 +19,8 @@ pub(super) struct FiberInHolder {
     pub(super) offset: [f64; 3],
     /// Tilt from the direction of the refracted beam in x and y, radians.
     pub(super) tilt: [f64; 2],
+    /// Roll about its own axis, of its slow axis from the guides' polarization, radians.
+    pub(super) roll: f64,
 }
 
 impl FiberInHolder {
@@ -35,6 +37,11 @@ impl FiberInHolder {
                 m.offset(rng, m.tilt) - plant.device.turn,
                 m.offset(rng, m.tilt),
             ],
+            roll: if m.roll > 0.0 {
+                m.offset(rng, m.roll)
+            } else {
+                0.0
+            },
         }
     }
 }
@@ -89,6 +96,8 @@ pub(super) struct LightPath {
     fiber_radius: f64,
     core_radius: f64,
     scatter_level: f64,
+    /// What of it falls into a sensing fiber's core and into a fiber's mode, for whole in the core that it is stated for.
+    scattered: [f64; 2],
     scatter_spread: f64,
     /// Share of the side lobe and how far up it stands, metres.
     side_lobe: (f64, f64),
@@ -115,7 +124,7 @@ pub(super) struct Optics<'p> {
     pub(super) scatter: &'p Scatter,
     /// Greatest excess loss of a branch.
     pub(super) loss: f64,
-    /// Diameter of the core in which scattered light is stated, metres.
+    /// Diameter of the sensing fiber's core, metres.
     pub(super) core: f64,
 }
 
@@ -127,7 +136,8 @@ impl LightPath {
             scatter,
             ..
         } = *optics;
-        let (sin_exit, cos_exit) = exit_angle(device.facet, device.index).sin_cos();
+        let (sin_exit, cos_exit) =
+            exit_angle(device.facet, device.index, light.gap_index).sin_cos();
         let port = |[x, y, z]: [f64; 3], outward: f64| Port {
             position: Point::new(x, y, z),
             outward,
@@ -144,7 +154,7 @@ impl LightPath {
                     radius_x: fiber,
                     radius_y: fiber,
                 },
-                light.wavelength,
+                light.wavelength / light.gap_index,
             )?,
             input: port(device.input, -1.0),
             outputs: device.outputs.map(|p| port(p, 1.0)),
@@ -155,11 +165,14 @@ impl LightPath {
             fiber_radius: fiber,
             core_radius: 0.5 * optics.core,
             scatter_level: scatter.level,
+            // What falls into a core grows with its area; a mode takes in what falls into its own.
+            scattered: [0.5 * optics.core, fiber]
+                .map(|radius| (radius / (0.5 * scatter.core)).powi(2)),
             scatter_spread: scatter.spread,
             side_lobe: (device.side_lobe, device.side_lobe_at),
             ripple: (
                 10_f64.powf(-0.1 * device.ripple_db),
-                4.0 * PI / light.wavelength,
+                4.0 * PI * light.gap_index / light.wavelength,
             ),
         })
     }
@@ -172,9 +185,20 @@ impl LightPath {
         }
     }
 
-    /// Power coupled between a port and a fiber at `tip`, 0 to 1. Reciprocal: the same into the
-    /// chip and out of it.
-    pub(super) fn coupling(&self, port: &Port, tip: Point<Chip>, tilt: [f64; 2]) -> f64 {
+    /// Power coupled between a port and a fiber at `tip`, 0 to 1. The same into the chip and out of it, but
+    /// for a fiber's roll: the guides carry one polarization alone, so that of the input's light they take the
+    /// part along it, while an output fiber takes all of it, in both of its axes, and its photodiode with it.
+    pub(super) fn coupling(&self, port: &Port, tip: Point<Chip>, fiber: &FiberInHolder) -> f64 {
+        let polarized = if port.outward < 0.0 {
+            fiber.roll.cos().powi(2)
+        } else {
+            1.0
+        };
+        polarized * self.coupled(port, tip, fiber.tilt)
+    }
+
+    /// The same of a fiber that has not rolled.
+    fn coupled(&self, port: &Port, tip: Point<Chip>, tilt: [f64; 2]) -> f64 {
         let at = port.misalignment(tip, tilt);
         let mut coupling = self.coupler.efficiency(&at);
         let (share, up) = self.side_lobe;
@@ -195,17 +219,15 @@ impl LightPath {
     pub(super) fn signals(&self, tips: &Tips, fluctuation: f64) -> [f64; CHANNELS] {
         let mut volts = [0.0; CHANNELS];
         let missed = self.full * self.scatter_level * (1.0 - tips.input) * fluctuation;
+        let [in_core, in_mode] = self.scattered;
         for (k, output) in tips.outputs.iter().enumerate() {
             if let Some((coupling, tip)) = output {
                 let guided = self.full * self.branch[k] * tips.input * coupling;
-                // A single-mode fiber sees as much less of the scattered light as its mode is
-                // smaller than the sensing fiber's core.
-                let share = (self.fiber_radius / self.core_radius).powi(2);
-                let scattered = missed * share * self.substrate(*tip, self.fiber_radius);
+                let scattered = missed * in_mode * self.substrate(*tip, self.fiber_radius);
                 volts[Channel::of_output(k).index()] += guided + scattered;
             }
         }
-        let mut sensing = missed * self.substrate(tips.sensing, self.core_radius);
+        let mut sensing = missed * in_core * self.substrate(tips.sensing, self.core_radius);
         for (port, branch) in self.outputs.iter().zip(self.branch) {
             // The beam leaves at an angle and spreads.
             let gap = port.gap(tips.sensing).max(0.0);
@@ -244,6 +266,7 @@ impl LightPath {
             y: fixed.tip.y - peak.y,
             gap: at.gap(fixed.tip),
             coupling: fixed.coupling,
+            roll: fixed.fiber.roll,
         }
     }
 
@@ -257,7 +280,7 @@ impl LightPath {
         let exit = port.sin_exit / port.cos_exit;
         let (mut x, mut y) = (port.position.x + exit * port.gap(tip), port.position.y);
         let around = |at: f64| (at - REACH, at + REACH);
-        let lost = |x: f64, y: f64| -self.coupling(port, Point::new(x, y, tip.z), tilt);
+        let lost = |x: f64, y: f64| -self.coupled(port, Point::new(x, y, tip.z), tilt);
         // The two directions are separable but for the small rotation of the beam's frame.
         for _ in 0..3 {
             x = least(around(x), ACCURATE, |x| lost(x, y));

@@ -1,7 +1,7 @@
 //! A manipulator: from the outputs of its joints to where its holder is.
 
 use super::TwinError;
-use super::linkage::Linkage;
+use super::linkage::{Carried, Linkage};
 use super::micro::Micro;
 use super::plant::{PlacementPlant, Plant};
 use pigtail_hal::quantity::Volts;
@@ -17,6 +17,7 @@ use rand::Rng;
 #[derive(Debug, Clone)]
 pub(super) struct Manipulator {
     linkage: Option<Linkage>,
+    carried: Option<Carried>,
     pub(super) five_bar: FiveBar,
     home: [f64; 2],
     home_angles: [JointAngle; 2],
@@ -65,6 +66,12 @@ impl Manipulator {
         } else {
             None
         };
+        let carried = (fb.carried > 0.0)
+            .then(|| {
+                let inertia = fb.carried * fb.joint.load_inertia;
+                Carried::new(&five_bar, home_angles, inertia, spec.period())
+            })
+            .transpose()?;
         let stands = match side {
             Side::Left => &plant.placement.left,
             Side::Right => &plant.placement.right,
@@ -85,6 +92,7 @@ impl Manipulator {
         );
         let manipulator = Self {
             linkage,
+            carried,
             five_bar,
             home: fb.home,
             home_angles,
@@ -102,18 +110,30 @@ impl Manipulator {
         Ok((manipulator, joints))
     }
 
-    /// Torques of the links' friction on the joints, N m; `None` where the links cannot meet.
+    /// Torques of the links' friction and of what the endpoint carries on the joints, N m; `None` where the links
+    /// cannot meet.
     ///
-    /// It changes far more slowly than a cycle: what it was at the end of the one before.
+    /// They change far more slowly than a cycle: what they were at the end of the one before.
     pub(super) fn torques(&mut self) -> Option<[f64; AXES]> {
-        let Some(linkage) = &mut self.linkage else {
-            return Some([0.0; AXES]);
-        };
+        let mut torques = [0.0; AXES];
+        if self.linkage.is_none() && self.carried.is_none() {
+            return Some(torques);
+        }
         let [home_a, home_b] = self.home_angles;
         let [a, b, _] = self.endpoint.0;
         let angles = [JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)];
-        let [a, b] = linkage.torques(&self.five_bar, angles)?;
-        Some([a, b, 0.0])
+        let mut add = |[a, b]: [f64; 2]| {
+            torques[0] += a;
+            torques[1] += b;
+        };
+        if let Some(linkage) = &mut self.linkage {
+            add(linkage.torques(&self.five_bar, angles)?);
+        }
+        if let Some(carried) = &mut self.carried {
+            let at = self.endpoint.1;
+            add(carried.torques(&self.five_bar, angles, [at.x, at.y])?);
+        }
+        Some(torques)
     }
 
     /// The holder's position in the chip's frame after a cycle that ended with these outputs

@@ -96,6 +96,10 @@ pub struct FiveBarPlant {
     /// Friction in the bearings between the links, which couples the joints.
     #[serde(default)]
     pub bearings: BearingPlant,
+    /// Share of a joint's load inertia that is mass at the endpoint, as if the links weighed nothing: by it each
+    /// joint feels the other's acceleration, centripetal and Coriolis forces. Zero leaves the joints apart.
+    #[serde(default, with = "quantity::Fraction")]
+    pub carried: f64,
     /// Both joints are alike.
     pub joint: JointPlant,
 }
@@ -264,6 +268,15 @@ pub struct Device {
     pub drift_from: f64,
 }
 
+fn one() -> f64 {
+    1.0
+}
+
+/// The core of the thesis's sensing fiber, metres.
+fn stated_core() -> f64 {
+    100e-6
+}
+
 fn whole() -> [f64; OUTPUTS] {
     [1.0; OUTPUTS]
 }
@@ -281,9 +294,13 @@ pub struct Fiber {
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Light {
-    /// Wavelength, metres.
+    /// Wavelength in vacuum, metres.
     #[serde(with = "quantity::PositiveLength")]
     pub wavelength: f64,
+    /// Refractive index of what fills the gaps between fibers and chip: 1 for air, about 1.5 for adhesive. The
+    /// angle at which light leaves, how fast its beam spreads, and ripples follow from it.
+    #[serde(default = "one", with = "quantity::Positive")]
+    pub gap_index: f64,
     /// Photodiode signal of one output when everything couples perfectly, volts.
     #[serde(with = "quantity::PositiveVoltage")]
     pub full: f64,
@@ -327,6 +344,9 @@ pub struct Scatter {
     /// Share of [`Light::full`] in a sensing fiber deep below the top, nothing being coupled.
     #[serde(with = "quantity::NonNegative")]
     pub level: f64,
+    /// Diameter of the core for which `level` is stated, metres: it grows with the core's area.
+    #[serde(default = "stated_core", with = "quantity::PositiveLength")]
+    pub core: f64,
     /// 1/e radius of its distribution around the outputs, metres.
     #[serde(with = "quantity::PositiveLength")]
     pub spread: f64,
@@ -401,6 +421,10 @@ pub struct Misplacement {
     /// Tilt of each fiber about x and y, radians.
     #[serde(with = "quantity::NonNegativeAngle")]
     pub tilt: f64,
+    /// Roll of each polarization-maintaining fiber about its own axis, of its slow axis from the guides'
+    /// polarization, radians. It costs light at the input and extinction at all of them.
+    #[serde(default, with = "quantity::NonNegativeAngle")]
+    pub roll: f64,
     /// Each manipulator's home, along each axis, metres.
     #[serde(with = "quantity::NonNegativeLength")]
     pub home: f64,
@@ -491,7 +515,7 @@ impl Plant {
 impl Plant {
     /// Numbers that are good of their kind and still make no machine.
     fn check(&self) -> Result<(), (&'static str, String)> {
-        self.device.check()?;
+        self.device.check(self.light.gap_index)?;
         self.check_joints()?;
         self.floor.check()?;
         self.camera.check()?;
@@ -571,7 +595,11 @@ impl Plant {
 
 impl Device {
     /// Numbers that are good of their kind and still make no device.
-    pub(super) fn check(&self) -> Result<(), (&'static str, String)> {
+    pub(super) fn check(&self, gap_index: f64) -> Result<(), (&'static str, String)> {
+        if !(1.0..=3.0).contains(&gap_index) {
+            let message = format!("{gap_index} fills no gap; accepted is 1 to 3");
+            return Err(("light.gap_index", message));
+        }
         for radius in self.mode_radius {
             if radius <= 0.0 {
                 let message =
@@ -600,7 +628,7 @@ impl Device {
             let message = format!("{} is no guide's index; accepted is 1 to 5", self.index);
             return Err(("device.index", message));
         }
-        let steepest = (1.0 / self.index).asin().min(PI / 3.0);
+        let steepest = (1.0_f64.min(gap_index / self.index)).asin().min(PI / 3.0);
         if self.facet.abs() >= steepest {
             let message = format!(
                 "light of an index of {} does not leave a facet of {:.1} deg; accepted is less than \

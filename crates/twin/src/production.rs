@@ -140,7 +140,7 @@ impl Twin {
         let holder = self.holders[side.index()];
         let tip = self.held_tip(side, holder, &held.fiber);
         let port = self.light.port(side, held.port);
-        Some(self.light.coupling(port, tip, held.fiber.tilt))
+        Some(self.light.coupling(port, tip, &held.fiber))
     }
 
     /// How far fibers lie from their places on a tray, standard deviation, metres.
@@ -323,7 +323,7 @@ impl Twin {
         let tip = tip.shifted(x, y, z);
         let coupling = self
             .light
-            .coupling(self.light.port(side, held.port), tip, held.fiber.tilt);
+            .coupling(self.light.port(side, held.port), tip, &held.fiber);
         self.attached[i][held.port] = Some(Fixed {
             tip,
             fiber: held.fiber,

@@ -12,9 +12,17 @@ pub struct Mode {
     /// Radius at which the field has fallen to 1/e, metres.
     #[serde(with = "quantity::PositiveLength")]
     pub radius: f64,
-    /// Of the laser, metres.
+    /// Of the laser in vacuum, metres.
     #[serde(with = "quantity::PositiveLength")]
     pub wavelength: f64,
+    /// Refractive index of what fills the gap while a fiber is aligned: 1 for air, about 1.5 for adhesive.
+    /// `ports.exit_angle` is the angle into the same.
+    #[serde(default = "air", with = "quantity::Positive")]
+    pub gap_index: f64,
+}
+
+fn air() -> f64 {
+    1.0
 }
 
 impl Default for Mode {
@@ -22,6 +30,7 @@ impl Default for Mode {
         Self {
             radius: 2.5e-6,
             wavelength: 1.3e-6,
+            gap_index: air(),
         }
     }
 }
@@ -291,6 +300,7 @@ impl Fast {
             ),
             ("mode.radius", recipe.mode.radius, 1e-7, 1e-4),
             ("mode.wavelength", recipe.mode.wavelength, 1e-7, 2e-5),
+            ("mode.gap_index", recipe.mode.gap_index, 1.0, 3.0),
         ] {
             if !(least..=most).contains(&value) {
                 return Err((

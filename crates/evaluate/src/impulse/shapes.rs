@@ -139,7 +139,7 @@ struct Search {
 }
 
 /// Rectangles and bumps contain all frequencies, and are given as much time as the two sines.
-const SEARCHES: [Search; 5] = [
+const SEARCHES: [Search; 6] = [
     Search {
         name: "two sines",
         family: Family::Sines,
@@ -168,6 +168,12 @@ const SEARCHES: [Search; 5] = [
         name: "raised cosines",
         family: Family::Bumps,
         harmonics: 1,
+        turns: 1.0,
+    },
+    Search {
+        name: "radial basis functions",
+        family: Family::Gaussians,
+        harmonics: 3,
         turns: 1.0,
     },
 ];

@@ -5,7 +5,7 @@ use pigtail_hal::pulse::HARMONICS;
 use pigtail_hal::quantity::Volts;
 use pigtail_model::joint::{Joint, JointState, Voltage};
 use pigtail_numerics::bisection::onset;
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 
 /// How a pulse goes over its length.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -16,6 +16,32 @@ pub enum Family {
     Rectangles,
     /// The same rounded: `(1 - cos)/2` bumps.
     Bumps,
+    /// Radial basis functions (thesis 4.3.4): Gaussians an eighth of the length apart and as wide, under a half sine that
+    /// holds both ends at nothing. `a_1` is that in the middle; each other amplitude is one before the middle, from the
+    /// beginning on, and one against it as far behind.
+    Gaussians,
+}
+
+/// Distance of neighbouring Gaussians, and their width, share of the length.
+const SPACING: f64 = 0.125;
+
+/// Of Gaussians: value and derivative by `x`, the share of the length that is over.
+fn gaussians(amplitudes: &[f64; HARMONICS], x: f64) -> (f64, f64) {
+    let (mut sum, mut slope) = (0.0, 0.0);
+    let mut add = |amplitude: f64, centre: f64| {
+        let u = (x - centre) / SPACING;
+        let value = amplitude * (-u * u).exp();
+        sum += value;
+        slope -= 2.0 * u / SPACING * value;
+    };
+    add(amplitudes[0], 0.5);
+    for (k, amplitude) in amplitudes.iter().enumerate().skip(1) {
+        let centre = SPACING * k as f64;
+        add(*amplitude, centre);
+        add(-amplitude, 1.0 - centre);
+    }
+    let (sin, cos) = (PI * x).sin_cos();
+    (sin * sum, sin * slope + PI * cos * sum)
 }
 
 /// One pulse.
@@ -43,7 +69,7 @@ impl Waveform {
         match self.family {
             Family::Sines => self.sines().peak(),
             Family::Rectangles => a1.abs() + a2.abs(),
-            Family::Bumps => {
+            Family::Bumps | Family::Gaussians => {
                 /// To a thousandth.
                 const POINTS: u32 = 128;
                 (0..POINTS)
@@ -74,7 +100,7 @@ impl Waveform {
             Family::Sines => self.sines().at(time),
             Family::Rectangles if 2.0 * time < self.period => a1 + a2,
             Family::Rectangles => a1 - a2,
-            Family::Bumps => self.at(time),
+            Family::Bumps | Family::Gaussians => self.at(time),
         }
     }
 
@@ -108,16 +134,19 @@ impl Waveform {
                 joint.advance(state, a1 + a2, 0.5 * self.period);
                 joint.advance(state, a1 - a2, 0.5 * self.period);
             }
-            Family::Bumps => joint.advance(state, *self, self.period),
+            Family::Bumps | Family::Gaussians => joint.advance(state, *self, self.period),
         }
     }
 }
 
-/// Of bumps; the other families have voltages of their own.
+/// Of bumps and Gaussians; the other families have voltages of their own.
 impl Voltage for Waveform {
     fn at(&self, time: f64) -> f64 {
         let [a1, a2, ..] = self.amplitudes;
         let x = (time / self.period).clamp(0.0, 1.0);
+        if self.family == Family::Gaussians {
+            return gaussians(&self.amplitudes, x).0;
+        }
         let sign = if x < 0.5 { 1.0 } else { -1.0 };
         0.5 * a1 * (1.0 - (TAU * x).cos()) + 0.5 * a2 * sign * (1.0 - (2.0 * TAU * x).cos())
     }
@@ -125,6 +154,9 @@ impl Voltage for Waveform {
     fn rate(&self, time: f64) -> f64 {
         let [a1, a2, ..] = self.amplitudes;
         let x = (time / self.period).clamp(0.0, 1.0);
+        if self.family == Family::Gaussians {
+            return gaussians(&self.amplitudes, x).1 / self.period;
+        }
         let sign = if x < 0.5 { 1.0 } else { -1.0 };
         let rate = TAU / self.period;
         0.5 * a1 * rate * (TAU * x).sin() + a2 * sign * rate * (2.0 * TAU * x).sin()
@@ -145,7 +177,12 @@ mod tests {
 
     #[test]
     fn the_highest_first_amplitude_uses_up_the_voltage() {
-        for family in [Family::Sines, Family::Rectangles, Family::Bumps] {
+        for family in [
+            Family::Sines,
+            Family::Rectangles,
+            Family::Bumps,
+            Family::Gaussians,
+        ] {
             let wave = of(family);
             let most = wave.most(12.0).expect("eight are below twelve");
             assert!(
@@ -157,9 +194,11 @@ mod tests {
     }
 
     #[test]
-    fn the_rate_of_bumps_is_that_of_their_voltage() {
-        let wave = of(Family::Bumps);
-        for k in 1..40 {
+    fn the_rate_of_bumps_and_gaussians_is_that_of_their_voltage() {
+        for (wave, k) in [Family::Bumps, Family::Gaussians]
+            .into_iter()
+            .flat_map(|family| (1..40).map(move |k| (of(family), k)))
+        {
             let (time, small) = (2.5e-5 * f64::from(k) + 1e-6, 1e-8);
             let rate = (wave.at(time + small) - wave.at(time - small)) / (2.0 * small);
             assert!((wave.rate(time) - rate).abs() < 1e-3 * 5e4, "{time}");

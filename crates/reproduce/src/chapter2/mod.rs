@@ -1,6 +1,7 @@
 //! Chapter 2: control of the macro manipulator.
 
 mod compensation;
+mod coupling;
 mod resolution;
 mod servo;
 mod windup;
@@ -23,6 +24,7 @@ pub(super) const Z: AxisName = AxisName {
 };
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[
+    Experiment::new(&["2.2"], 1, coupling::joints),
     Experiment::new(&["2.3", "2.4"], 8, servo::five_bar_gains),
     Experiment::new(&["2.5"], 8, servo::z_gains),
     Experiment::new(&["2.6"], 2, servo::five_bar_sine),
@@ -34,8 +36,11 @@ pub(super) const EXPERIMENTS: &[Experiment] = &[
     ),
     Experiment::new(&["2.9", "2.12"], 4, windup::simulated),
     Experiment::new(&["2.11"], 3, windup::z_stage),
-    Experiment::new(&["2.16"], 1, compensation::equivalent_reversal),
-    Experiment::new(&["2.17", "2.18", "2.19", "2.20"], 5, compensation::scans),
+    Experiment::new(
+        &["2.16", "2.17", "2.18", "2.19", "2.20"],
+        6,
+        compensation::scans,
+    ),
     Experiment::new(&["2.21", "2.22", "2.23"], 9, compensation::squares),
     Experiment::new(&["2.24", "2.25"], 3, resolution::z_stage),
     Experiment::new(&["2.26"], 2, resolution::five_bar),

@@ -3,6 +3,7 @@
 use super::super::picture::{Content, Picture, Points, thin};
 use super::super::{BUDGET, Bench, Figure};
 use super::THESIS_STEP;
+use super::tradeoffs::{self, Core};
 use pigtail_control::methods::{Method, Space};
 use pigtail_control::station::{Observer, Sample, Unobserved};
 use pigtail_evaluate::align::{AlignmentDocument, Offset, align};
@@ -134,7 +135,12 @@ pub(super) fn devices(bench: &Bench) -> Result<Vec<Figure>, Ended> {
         brisk_speed: brisk.rig.recipe.approach.speed,
         half,
     };
-    Ok(vec![figure_3_4(&ways), budget(bench, &times)])
+    let cores = tradeoffs::cores(bench)?;
+    let faster = tradeoffs::faster(bench)?;
+    Ok(vec![
+        figure_3_4(&ways, &cores),
+        budget(bench, &times, faster),
+    ])
 }
 
 /// Time of method 3 on the twin over that of half the area.
@@ -171,7 +177,26 @@ pub(super) fn mean(documents: &[&AlignmentDocument], phases: &[&str]) -> f64 {
     seconds / fibers().count().max(1) as f64
 }
 
-fn figure_3_4(ways: &[(Points, f64)]) -> Figure {
+fn figure_3_4(ways: &[(Points, f64)], cores: &[Core]) -> Figure {
+    // The most fibers, and of those that align as many the fastest.
+    let best = cores.iter().max_by(|a, b| {
+        let faster = b.seconds.total_cmp(&a.seconds);
+        a.good.cmp(&b.good).then(faster)
+    });
+    let told: Vec<String> = cores
+        .iter()
+        .map(|c| {
+            let um = 1e6 * c.diameter;
+            if c.good == 0 {
+                format!("{um:.0} um: none of {}", c.of)
+            } else {
+                format!("{um:.0} um: {} of {} in {:.1} s", c.good, c.of, c.seconds)
+            }
+        })
+        .collect();
+    let share = cores
+        .iter()
+        .map(|c| (1e6 * c.diameter, 100.0 * c.good as f64 / c.of as f64));
     let longest = ways.iter().map(|(_, seconds)| *seconds).fold(0.0, f64::max);
     let ends: Vec<f64> = ways
         .iter()
@@ -205,10 +230,21 @@ fn figure_3_4(ways: &[(Points, f64)]) -> Figure {
             farthest,
             format!("Over {} devices, in truth.", ends.len()),
         )
+        .picture(
+            Picture::curves("core, um", "fibers aligned, %", [("", share.collect::<Points>())])
+                .x(0.0, 420.0)
+                .y(0.0, 105.0)
+                .caption("Fibers aligned with each core of the sensing fiber; scattered light grows with its area."),
+        )
+        .noted(
+            "3.4-core",
+            best.map_or(f64::NAN, |c| 1e6 * c.diameter),
+            format!("{}.", told.join(", ")),
+        )
         .result("3.4-time", longest)
 }
 
-fn budget(bench: &Bench, times: &Times) -> Figure {
+fn budget(bench: &Bench, times: &Times, [photodiodes, micro, varying]: [f64; 3]) -> Figure {
     let (thesis, fast) = (&times.thesis[..], &times.fast[..]);
     let fibers = || thesis.iter().flat_map(|d| &d.fibers);
     let worst = |of: fn(&Offset) -> f64| {
@@ -287,6 +323,9 @@ fn budget(bench: &Bench, times: &Times) -> Figure {
             "budget-scan",
             three.photodiode_limited(rate) / faster.closed_form(),
         )
+        .result("budget-photodiodes", photodiodes)
+        .result("budget-micro", micro)
+        .noted("budget-vary", varying, "From 0.1 um to 0.8 um and back.")
         .result("budget-half", times.half)
         .result("budget-better", better)
         .remark(

@@ -2,7 +2,9 @@
 
 use super::super::picture::{Content, Picture, Points};
 use super::super::{Bench, Figure};
+use super::tradeoffs;
 use pigtail_control::maximization::{self, Around};
+use pigtail_hal::Side;
 use pigtail_model::optics::{Coupler, GaussianMode, Misalignment};
 use pigtail_session::job::Ended;
 use pigtail_session::setup::unfit;
@@ -55,7 +57,7 @@ fn losses(bench: &Bench) -> Result<[f64; 2], Ended> {
             radius_x: fiber,
             radius_y: fiber,
         },
-        plant.light.wavelength,
+        plant.light.wavelength / plant.light.gap_index,
     )
     .map_err(unfit)?;
     let tilt = plant.misplacement.tilt;
@@ -82,6 +84,7 @@ pub(super) fn profile(bench: &Bench) -> Result<Vec<Figure>, Ended> {
         Ok(maximization::profile(
             station,
             &setup.rig.recipe,
+            Side::Left,
             HALF,
             lines,
         )?)
@@ -117,6 +120,7 @@ pub(super) fn profile(bench: &Bench) -> Result<Vec<Figure>, Ended> {
         .map(|p| (um(p.x), p.light / peak))
         .collect();
     let [loss, least] = losses(bench)?;
+    let reach = tradeoffs::reach(bench)?;
     let gap = setup.rig.recipe.approach.gap;
     Ok(vec![
         Figure::new(
@@ -133,7 +137,7 @@ pub(super) fn profile(bench: &Bench) -> Result<Vec<Figure>, Ended> {
             .x(-8.0, 8.0)
             .y(-8.0, 8.0)
             .caption(
-                "Light at the first output over its fiber's place around the peak, the input \
+                "Light at the first output over the input fiber's place around the peak, the output \
                          coupled.",
             ),
         )
@@ -143,6 +147,17 @@ pub(super) fn profile(bench: &Bench) -> Result<Vec<Figure>, Ended> {
                 .y(0.0, 1.1)
                 .caption("The same through the peak."),
         )
+        .picture(
+            Picture::curves("gap, um", "reach aside, um", reach.curves())
+                .x(0.0, 300.0)
+                .caption(
+                    "How far aside a fiber may be before its light falls below what the raster counts as light: \
+                     one that is off, and two that are off alike.",
+                ),
+        )
+        .noted("3.2-pair-gap", um(reach.pair_gap), "For a pair that is 5 um off.")
+        .result("3.2-single", reach.wider)
+        .result("3.2-back", reach.back)
         .result("3.2-gaussian", gaussian(&around))
         .noted(
             "3.2-radius",

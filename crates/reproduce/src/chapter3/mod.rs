@@ -2,8 +2,10 @@
 
 mod alignment;
 mod light;
+mod macro_raster;
 mod maximization;
 mod search;
+mod tradeoffs;
 
 use super::{BUDGET, Experiment};
 
@@ -12,7 +14,7 @@ const THESIS_STEP: f64 = 0.1e-6;
 
 pub(super) const EXPERIMENTS: &[Experiment] = &[
     Experiment::new(&["3.2"], 3, light::profile),
-    Experiment::new(&["3.3"], 30, search::methods),
-    Experiment::new(&["3.4", BUDGET], 20, alignment::devices),
-    Experiment::new(&["3.5"], 18, maximization::peak),
+    Experiment::new(&["3.3"], 32, search::methods),
+    Experiment::new(&["3.4", BUDGET], 40, alignment::devices),
+    Experiment::new(&["3.5"], 45, maximization::peak),
 ];

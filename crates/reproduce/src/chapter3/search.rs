@@ -2,6 +2,7 @@
 
 use super::super::picture::{Content, Picture, Points};
 use super::super::{Bench, Figure};
+use super::macro_raster::{self, Covered};
 use pigtail_control::methods::{Method, Space};
 use pigtail_evaluate::plan::search_row;
 use pigtail_session::job::Ended;
@@ -53,6 +54,7 @@ pub(super) fn methods(bench: &Bench) -> Result<Vec<Figure>, Ended> {
         ("method 2, (3.4)", form(two)),
         ("method 3, (3.5)", form(three)),
     ];
+    let by_macro = macro_raster::covered(bench)?;
     let orders = seconds(4) / 3.0 / seconds(0);
     let figure =
         Figure::new("3.3", "Proposed light coupling initialization methods")
@@ -96,6 +98,7 @@ pub(super) fn methods(bench: &Bench) -> Result<Vec<Figure>, Ended> {
                 "The searches sweep with the micro and creep with the macro: a macro that swept 100 um \
                  back and forth would spend it winding up its transmissions.",
             );
+    let figure = alone(figure, by_macro);
     Ok(vec![if bench.quick {
         figure.without(&[
             "3.3-method1-twin",
@@ -106,4 +109,39 @@ pub(super) fn methods(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     } else {
         figure
     }])
+}
+
+/// The raster of the macro alone.
+fn alone(figure: Figure, [plain, reversal, memory]: [Covered; 3]) -> Figure {
+    figure
+            .picture(
+                Picture::curves(
+                    "x, um",
+                    "y, um",
+                    [
+                        ("without compensation", plain.path),
+                        ("compensated", memory.path),
+                    ],
+                )
+                .x(-80.0, 80.0)
+                .y(-80.0, 80.0)
+                .caption(format!(
+                    "The macro's own raster of 100 um by 100 um, {:.1} times a second back and forth, by the probes.",
+                    memory.hertz
+                )),
+            )
+            .noted(
+                "3.3-macro",
+                memory.share,
+                format!(
+                    "With the model that remembers, {:.0} um off at most; with (2.20)-(2.26) {:.3} and {:.0} um. At \
+                     {:.1} Hz.",
+                    memory.error, reversal.share, reversal.error, memory.hertz
+                ),
+            )
+            .noted(
+                "3.3-macro-plain",
+                plain.share,
+                format!("{:.0} um off at most.", plain.error),
+            )
 }

@@ -303,4 +303,5 @@ fn figure_4_10(all: &[Identified]) -> Figure {
                 d.improvement
             ),
         )
+        .noted("4.10-worst", least, format!("Of {} identifications.", all.len()))
 }

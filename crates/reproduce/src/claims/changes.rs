@@ -137,6 +137,17 @@ pub const WITHDRAWN: &[Withdrawn] = &[Withdrawn {
 /// All changes, by claims in the order of the thesis, the oldest of each first.
 pub const CHANGES: &[Change] = &[
     change(
+        "2.2-own",
+        ("2026-11-25", "fe9e075"),
+        What::Method,
+        (
+            "a step of one joint while the other rests",
+            "a step of both at once",
+        ),
+        (Some(held(0.0)), failed(0.01)),
+        "A joint that rests is held by its friction: nothing couples then, which the other claim says.",
+    ),
+    change(
         "2.4-detuned",
         ("2026-11-21", "2f10f7f"),
         What::Method,
@@ -407,6 +418,28 @@ pub const CHANGES: &[Change] = &[
         ("the links of plant.toml", "the links of measured.toml"),
         (Some(held(1.776)), held(1.986)),
         "The thesis prints what a count is, and links were looked for that have it.",
+    ),
+    change(
+        "3.3-macro",
+        ("2026-11-25", "fe9e075"),
+        What::Method,
+        (
+            "lines at 2.5 mm/s, the greatest speed of the printed sine: 11 Hz",
+            "lines at 1.71 mm/s: the printed 8 Hz",
+        ),
+        (Some(failed(0.9325)), held(1.0)),
+        "The speed of a trapezoid is nearly its mean speed, that of a sine is not.",
+    ),
+    change(
+        "3.3-macro-plain",
+        ("2026-11-25", "fe9e075"),
+        What::Method,
+        (
+            "lines at 2.5 mm/s, the greatest speed of the printed sine: 11 Hz",
+            "lines at 1.71 mm/s: the printed 8 Hz",
+        ),
+        (Some(held(0.2525)), held(0.2475)),
+        "As 3.3-macro.",
     ),
     change(
         "3.3-faster",

@@ -184,7 +184,7 @@ impl BenchPlant {
     }
 
     fn check(&self) -> Result<(), (&'static str, String)> {
-        self.device.check()?;
+        self.device.check(self.light.gap_index)?;
         self.floor.check()?;
         let within = |key, value: f64, low: f64, high: f64, unit: &str| {
             if (low..=high).contains(&value) {
