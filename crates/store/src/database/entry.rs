@@ -126,6 +126,9 @@ pub struct Pigtail<'a> {
     pub added_loss_db: Option<f64>,
     /// Its standard deviation, decibels.
     pub sigma_db: Option<f64>,
+    /// How far from its peak it is after cure and release, by the light, micrometres; its standard deviation; and how far
+    /// the adhesive has shifted it in all.
+    pub off_um: Option<[f64; 3]>,
     /// Machine time, seconds.
     pub seconds: f64,
 }
@@ -267,7 +270,8 @@ impl Entry {
         let run = self.run;
         self.database.write(|store| {
             store.execute(
-                "INSERT INTO pigtails SELECT ?1, count(*), ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13
+                "INSERT INTO pigtails SELECT ?1, count(*), ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13,
+                 ?14, ?15, ?16
                  FROM pigtails WHERE run = ?1",
                 params![
                     run,
@@ -282,7 +286,10 @@ impl Entry {
                     pigtail.outcome,
                     pigtail.added_loss_db,
                     pigtail.sigma_db,
-                    rounded(pigtail.seconds, 1e-6)
+                    rounded(pigtail.seconds, 1e-6),
+                    pigtail.off_um.map(|off| off[0]),
+                    pigtail.off_um.map(|off| off[1]),
+                    pigtail.off_um.map(|off| off[2])
                 ],
             )
         })?;
