@@ -18,7 +18,7 @@ use pigtail_session::calibrations::Part;
 use pigtail_session::own::Own;
 use pigtail_session::produce::{DEFAULT_TRAY, InPlace, Loaded};
 use pigtail_session::setup::Setup;
-use pigtail_store::database::{Pigtail as Entered, partial_folder};
+use pigtail_store::database::{Database, Pigtail as Entered, partial_folder};
 use pigtail_store::runs::Run;
 use pigtail_twin::Specimen;
 use serde::{Deserialize, Serialize};
@@ -97,11 +97,31 @@ struct Head {
     configuration: Vec<(String, String)>,
 }
 
+/// Its second: who was there.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+struct Who {
+    operator: String,
+    calibration: String,
+}
+
+/// What a run that was interrupted has left.
+#[derive(Default)]
+struct Left {
+    /// The run's name.
+    run: String,
+    who: Who,
+    /// Its fibers, one by one.
+    fibers: Vec<Pigtail>,
+    /// All devices up to its end, those of runs before it too.
+    told: Vec<Told>,
+}
+
 /// A line of a journal.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum Line {
     Head(Head),
+    Who(Who),
     Begin(String),
     Fiber(Pigtail),
     Device(Told),
@@ -156,7 +176,7 @@ pub(crate) fn load(common: &Common, tray: &str) -> Result<(Loaded, Setup), Failu
 }
 
 /// What there was in a journal.
-fn resumed(named: &str, runs: &Path, head: &Head, loaded: &Loaded) -> Result<Vec<Told>, Failure> {
+fn resumed(named: &str, runs: &Path, head: &Head, loaded: &Loaded) -> Result<Left, Failure> {
     let folders = [
         PathBuf::from(named),
         partial_folder(runs, named),
@@ -175,7 +195,17 @@ fn resumed(named: &str, runs: &Path, head: &Head, loaded: &Loaded) -> Result<Vec
         })?;
     let text = fs::read_to_string(&file).with_context(|| file.display().to_string())?;
     let name = file.display().to_string();
-    let (mut told, mut begun, mut fibers) = (Vec::new(), None, Vec::new());
+    let folder = file.parent().and_then(Path::file_name);
+    let folder = folder.map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    let mut left = Left {
+        run: folder
+            .strip_prefix('.')
+            .and_then(|name| name.strip_suffix(".partial"))
+            .unwrap_or(&folder)
+            .to_owned(),
+        ..Left::default()
+    };
+    let (mut begun, mut fibers) = (None, Vec::new());
     for (i, line) in text.split_inclusive('\n').enumerate() {
         // A line that was being written when all ended says nothing.
         if !line.ends_with('\n') {
@@ -189,17 +219,21 @@ fn resumed(named: &str, runs: &Path, head: &Head, loaded: &Loaded) -> Result<Vec
                 let message = "is of another tray, rig, fleet, recipe, calibration or seed; accepted is the same";
                 return Err(Error::new(&name, "", message).into());
             }
+            Line::Who(who) => left.who = who,
             Line::Begin(serial) => (begun, fibers) = (Some(serial), Vec::new()),
-            Line::Fiber(fiber) => fibers.push(fiber),
+            Line::Fiber(fiber) => {
+                left.fibers.push(fiber.clone());
+                fibers.push(fiber);
+            }
             Line::Device(device) => {
                 begun = None;
-                told.push(device);
+                left.told.push(device);
             }
         }
     }
-    let Some(serial) = begun else { return Ok(told) };
-    let Some(device) = loaded.tray.devices.get(told.len()) else {
-        return Ok(told);
+    let Some(serial) = begun else { return Ok(left) };
+    let Some(device) = loaded.tray.devices.get(left.told.len()) else {
+        return Ok(left);
     };
     let production = &loaded.productions[loaded.tray.recipe_of(device)];
     if production.interrupted == Action::Call {
@@ -210,7 +244,7 @@ fn resumed(named: &str, runs: &Path, head: &Head, loaded: &Loaded) -> Result<Vec
         return Err(anyhow::anyhow!(detail).into());
     }
     let truth = vec![None; fibers.len()];
-    told.push(Told {
+    left.told.push(Told {
         produced: Produced {
             serial,
             place: device.place.clone(),
@@ -222,7 +256,20 @@ fn resumed(named: &str, runs: &Path, head: &Head, loaded: &Loaded) -> Result<Vec
         },
         truth,
     });
-    Ok(told)
+    Ok(left)
+}
+
+/// What the store may have missed of a run that was killed between its journal and the store.
+fn complete(left: &Left, loaded: &Loaded, runs: &Path) -> Result<(), Failure> {
+    let entered: Vec<Entered> = left
+        .fibers
+        .iter()
+        .filter_map(|pigtail| entered(loaded, pigtail, &left.who))
+        .collect();
+    if let Some(database) = Database::open(runs)? {
+        database.complete(&left.run, &entered)?;
+    }
+    Ok(())
 }
 
 const JOURNAL: &str = "journal.jsonl";
@@ -415,9 +462,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         fleet: setup.fleet_name().to_owned(),
         configuration: setup.rig.hashes.clone(),
     };
-    let before = match &arguments.resume {
+    let left = match &arguments.resume {
         Some(named) => resumed(named, &common.runs, &head, &loaded)?,
-        None => Vec::new(),
+        None => Left::default(),
     };
     if arguments.commission {
         setup = commissioned(&setup, common)?;
@@ -432,15 +479,20 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         common.seed,
         arguments.record,
     )?;
-    let journal = Journal::begin(&run, &head, &before)?;
-    let calibration = hash(
-        setup
-            .rig
-            .sources
-            .iter()
-            .map(|source| source.text.as_str())
-            .collect::<String>(),
-    );
+    complete(&left, &loaded, &common.runs)?;
+    let before = left.told;
+    let who = Who {
+        operator: arguments.operator.clone(),
+        calibration: hash(
+            setup
+                .rig
+                .sources
+                .iter()
+                .map(|source| source.text.as_str())
+                .collect::<String>(),
+        ),
+    };
+    let journal = Journal::begin(&run, &head, &who, &before)?;
     let all = loaded.tray.devices.len();
     let view = std::cell::RefCell::new(View::new(
         common.json,
@@ -453,7 +505,9 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let mut hear = |heard: Heard| {
         let kept = journal.keep(&heard).and_then(|()| {
             if let Heard::Event(Event::Fiber(pigtail)) = heard {
-                enter(&run, &loaded, pigtail, &calibration, &arguments.operator)?;
+                if let Some(entered) = entered(&loaded, pigtail, &who) {
+                    run.pigtail(&entered)?;
+                }
             }
             Ok(())
         });
@@ -550,28 +604,22 @@ fn words(
     )
 }
 
-fn enter(
-    run: &Run,
-    loaded: &Loaded,
-    pigtail: &Pigtail,
-    calibration: &str,
-    operator: &str,
-) -> anyhow::Result<()> {
+/// A fiber as the store has it.
+fn entered<'a>(loaded: &'a Loaded, pigtail: &'a Pigtail, who: &'a Who) -> Option<Entered<'a>> {
     let device = loaded
         .tray
         .devices
         .iter()
-        .find(|device| device.serial == pigtail.device);
-    let Some(device) = device else { return Ok(()) };
-    Ok(run.pigtail(&Entered {
+        .find(|device| device.serial == pigtail.device)?;
+    Some(Entered {
         device: &pigtail.device,
         place: &device.place,
         port: &pigtail.port,
         fiber: &pigtail.fiber,
         fiber_place: &pigtail.place,
         recipe: loaded.tray.recipe_of(device),
-        calibration,
-        operator,
+        calibration: &who.calibration,
+        operator: &who.operator,
         outcome: if pigtail.passed {
             "pigtailed"
         } else {
@@ -583,25 +631,31 @@ fn enter(
             .cured
             .map(|cured| [cured.off_um, cured.off_sigma_um, cured.shift_um]),
         seconds: pigtail.seconds,
-    })?)
+    })
 }
 
 /// What is done, line by line, on the disk before anything goes on.
 struct Journal(std::cell::RefCell<File>);
 
 impl Journal {
-    fn begin(run: &Run, head: &Head, before: &[Told]) -> anyhow::Result<Self> {
-        // What is in it must not get lost.
-        run.write(JOURNAL, "")?;
-        let file = File::options()
-            .append(true)
-            .open(run.partial_path(JOURNAL))?;
-        let journal = Self(file.into());
-        journal.line(&serde_json::json!({ "head": head }))?;
-        for told in before {
-            journal.line(&serde_json::json!({ "device": told }))?;
+    /// What it begins with is there whole or not at all: whoever goes on from it finds all that was done before.
+    fn begin(run: &Run, head: &Head, who: &Who, before: &[Told]) -> anyhow::Result<Self> {
+        const BEING_WRITTEN: &str = "journal.jsonl.partial";
+        let mut text = String::new();
+        for line in [
+            serde_json::json!({ "head": head }),
+            serde_json::json!({ "who": who }),
+        ] {
+            text.push_str(&format!("{line}\n"));
         }
-        Ok(journal)
+        for told in before {
+            text.push_str(&format!("{}\n", serde_json::json!({ "device": told })));
+        }
+        run.write(BEING_WRITTEN, text)?;
+        let (from, to) = (run.partial_path(BEING_WRITTEN), run.partial_path(JOURNAL));
+        File::open(&from)?.sync_all()?;
+        fs::rename(from, &to)?;
+        Ok(Self(File::options().append(true).open(to)?.into()))
     }
 
     fn line(&self, line: &serde_json::Value) -> anyhow::Result<()> {
@@ -674,10 +728,10 @@ pub(crate) fn run_plan(common: &Common, tray: &str) -> Result<u8, Failure> {
             planned.devices_per_hour
         )
         .map_err(anyhow::Error::from)?;
-        let [left, right] = planned.idle_at_least_percent;
+        let [left, right] = planned.idle_or_waiting_at_least_percent;
         writeln!(
             text,
-            "whatever is overlapped, fibers as unequal as these leave idle: left {left:.1} %, right {right:.1} %"
+            "without work of its own, however that is overlapped, at least: left {left:.1} %, right {right:.1} %"
         )
         .map_err(anyhow::Error::from)?;
     }

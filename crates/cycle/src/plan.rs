@@ -31,9 +31,10 @@ pub struct Plan {
     pub devices_per_hour: f64,
     /// Share of the time in which a manipulator neither does anything nor holds anything, percent, left and right.
     pub idle_percent: [f64; SIDES],
-    /// What it is at least for fibers as unequal as those of this tray, however they are overlapped, where neither
-    /// manipulator stands still for the other: one less the work of its own over that of the one that has more.
-    pub idle_at_least_percent: [f64; SIDES],
+    /// Share of the time in which a manipulator has no work of its own, and is idle or stands still for the other, at least, for
+    /// fibers as unequal as those of this tray, however they are overlapped: one less its work over that of the manipulator that
+    /// has more.
+    pub idle_or_waiting_at_least_percent: [f64; SIDES],
     /// What is on the critical path, and how many seconds of it, the longest first.
     pub limits: Vec<(String, f64)>,
 }
@@ -92,7 +93,7 @@ pub fn idle(bars: &[Bar], side: Side, seconds: f64) -> f64 {
     100.0 * (1.0 - busy / seconds.max(1e-9)).max(0.0)
 }
 
-/// See [`Plan::idle_at_least_percent`].
+/// See [`Plan::idle_or_waiting_at_least_percent`].
 pub fn at_least(bars: &[Bar], side: Side) -> f64 {
     let work = |of: Side| -> f64 {
         let own = bars
@@ -326,7 +327,7 @@ pub fn plan(
         seconds_per_device: seconds / devices,
         devices_per_hour: 3600.0 * devices / seconds.max(1e-9),
         idle_percent: Side::ALL.map(|side| idle(&plan.bars, side, seconds)),
-        idle_at_least_percent: Side::ALL.map(|side| at_least(&plan.bars, side)),
+        idle_or_waiting_at_least_percent: Side::ALL.map(|side| at_least(&plan.bars, side)),
         limits: limits(&plan.bars),
         bars: plan.bars,
     }
