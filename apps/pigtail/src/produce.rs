@@ -299,7 +299,7 @@ impl View {
         } else {
             ProgressBar::hidden()
         };
-        if let Ok(style) = ProgressStyle::with_template("[{bar:12}] {msg}") {
+        if let Ok(style) = ProgressStyle::with_template("[{bar:12}] {prefix}\n{msg}") {
             bar.set_style(style.progress_chars("=> "));
         }
         Self {
@@ -339,15 +339,17 @@ impl View {
         let ahead = (all - before) as f64 * each - seconds;
         let fiber = seconds / self.fibers.max(1) as f64;
         self.bar.set_position(done as u64);
-        self.bar.set_message(format!(
-            "left {:9} right {:9} {:5.3} V  device {}/{all}  fibers {}  yield {:.0} %  {fiber:.0} s a fiber  {:.0} min left",
-            self.left,
-            self.right,
-            self.light,
+        // Two lines of 80 columns.
+        self.bar.set_prefix(format!(
+            "device {}/{all}  fibers {}  yield {:.0} %  {fiber:.0} s a fiber  {:.0} min left",
             (done + 1).min(all),
             self.fibers,
             100.0 * self.passed as f64 / here.max(1) as f64,
             (ahead / 60.0).max(0.0).ceil(),
+        ));
+        self.bar.set_message(format!(
+            "left {:9} right {:9} {:5.3} V",
+            self.left, self.right, self.light
         ));
     }
 
