@@ -209,6 +209,10 @@ impl Planner<'_> {
 }
 
 /// What a tray will take on a machine. Tray and recipes are well; see [`check`](crate::check).
+#[expect(
+    clippy::too_many_lines,
+    reason = "the cycle of a device, in order, as it is run"
+)]
 pub fn plan(
     tray: &Tray,
     productions: &BTreeMap<String, Production>,

@@ -329,19 +329,20 @@ impl Line<'_, '_, '_> {
             if n + 1 == production.ports.len() && waiting.is_none() {
                 self.look_ahead(k, true);
             }
-            let result = match (reached, &waiting) {
-                (Err(why), _) => Err(why),
-                (Ok(held), None) => self.bond(&production, [(&mut begun, &held)]),
-                (Ok(held), Some(_)) => {
-                    let (mut first, input) = waiting.take().expect("it was looked at");
-                    let both = [(&mut first, &input), (&mut begun, &held)];
-                    let result = self.bond(&production, both);
-                    let how = result.as_ref().map(|()| ()).map_err(End::again);
-                    self.ended(&mut produced, first, how, &mut end);
-                    // What is wrong with both is how the second ends; but a machine that has stopped, has.
-                    end = end.filter(|end| matches!(end, End::Fault(_)));
-                    result
-                }
+            let result = match reached {
+                Err(why) => Err(why),
+                Ok(held) => match waiting.take() {
+                    None => self.bond(&production, [(&mut begun, &held)]),
+                    Some((mut first, input)) => {
+                        let both = [(&mut first, &input), (&mut begun, &held)];
+                        let result = self.bond(&production, both);
+                        let how = result.as_ref().map_err(End::again).copied();
+                        self.ended(&mut produced, first, how, &mut end);
+                        // What is wrong with both is how the second ends; but a machine that has stopped, has.
+                        end = end.filter(|end| matches!(end, End::Fault(_)));
+                        result
+                    }
+                },
             };
             if port == PORTS[0] || production.cure.together && n == 1 {
                 self.left_is_free(

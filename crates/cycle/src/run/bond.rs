@@ -8,7 +8,7 @@ use pigtail_control::hold::{self, Followed};
 use pigtail_control::outcome::Halt;
 use pigtail_control::procedure::AtPeak;
 use pigtail_hal::bench::Meter;
-use pigtail_hal::{Bench, FiberHandling, Side};
+use pigtail_hal::{Bench, Channel, FiberHandling, Side};
 use pigtail_model::frames::Displacement;
 
 /// Looks at the light before and after, seconds.
@@ -105,13 +105,13 @@ impl Line<'_, '_, '_> {
         for (i, (begun, _)) in fibers.iter().enumerate().take(N - 1) {
             self.cell.note(sides[i], on(i), "witness", true, begun.peak);
         }
-        let before = self.look_at(&last.channel, last.background, LOOK)?;
+        let before = self.look_at(last.channel, last.background, LOOK)?;
         self.ask_all(&sides, FiberHandling::Lamp(true))?;
         let lit = self.cell.now();
         let mut expected = [Displacement::ZERO; N];
         let followed = self.follow(production, &held, lit, &mut expected)?;
         self.cell.wait_until(lit + cure.time - LOOK)?;
-        let cured = self.look_at(&last.channel, last.background, LOOK)?;
+        let cured = self.look_at(last.channel, last.background, LOOK)?;
         self.ask_all(&sides, FiberHandling::Lamp(false))?;
         let alone = N == 1 && sides[0] == Side::Left;
         for (i, side) in sides.into_iter().enumerate() {
@@ -124,7 +124,7 @@ impl Line<'_, '_, '_> {
             self.cell.note(side, on(i), "release", false, release);
         }
         let verify = self.cell.now();
-        let after = self.look_at(&last.channel, last.background, production.verify.look)?;
+        let after = self.look_at(last.channel, last.background, production.verify.look)?;
         for (i, side) in sides.into_iter().enumerate() {
             self.cell.note(side, on(i), "verify", false, verify);
         }
@@ -226,12 +226,7 @@ impl Line<'_, '_, '_> {
     }
 
     /// Looks at the light of a meter, and at that of an output which is fixed.
-    fn look_at(
-        &mut self,
-        channel: &pigtail_hal::Channel,
-        background: f64,
-        seconds: f64,
-    ) -> Result<Look, Halt> {
+    fn look_at(&mut self, channel: Channel, background: f64, seconds: f64) -> Result<Look, Halt> {
         let above = |(volts, sigma): (f64, f64), background: f64| {
             let light = volts - background;
             (light, sigma / light.abs().max(f64::MIN_POSITIVE))
