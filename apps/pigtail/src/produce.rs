@@ -506,10 +506,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let mut failed: Option<anyhow::Error> = None;
     let mut hear = |heard: Heard| {
         let kept = journal.keep(&heard).and_then(|()| {
-            if let Heard::Event(Event::Fiber(pigtail)) = heard {
-                if let Some(entered) = entered(&loaded, pigtail, &who) {
-                    run.pigtail(&entered)?;
-                }
+            if let Heard::Event(Event::Fiber(pigtail)) = heard
+                && let Some(entered) = entered(&loaded, pigtail, &who)
+            {
+                run.pigtail(&entered)?;
             }
             Ok(())
         });
@@ -643,16 +643,17 @@ impl Journal {
     /// What it begins with is there whole or not at all: whoever goes on from it finds all that was done before.
     fn begin(run: &Run, head: &Head, who: &Who, before: &[Told]) -> anyhow::Result<Self> {
         const BEING_WRITTEN: &str = "journal.jsonl.partial";
-        let mut text = String::new();
-        for line in [
+        let mut lines = vec![
             serde_json::json!({ "head": head }),
             serde_json::json!({ "who": who }),
-        ] {
-            text.push_str(&format!("{line}\n"));
-        }
-        for told in before {
-            text.push_str(&format!("{}\n", serde_json::json!({ "device": told })));
-        }
+        ];
+        lines.extend(
+            before
+                .iter()
+                .map(|told| serde_json::json!({ "device": told })),
+        );
+        let text: Vec<String> = lines.iter().map(|line| format!("{line}\n")).collect();
+        let text = text.concat();
         run.write(BEING_WRITTEN, text)?;
         let (from, to) = (run.partial_path(BEING_WRITTEN), run.partial_path(JOURNAL));
         File::open(&from)?.sync_all()?;

@@ -30,7 +30,7 @@ struct Kept<'k> {
 
 /// An event of `--json`: a tray is done.
 #[derive(Serialize)]
-struct Event<'e> {
+struct Done<'e> {
     event: &'static str,
     seed: u64,
     devices: usize,
@@ -119,7 +119,7 @@ fn all(
         bar.set_message(format!("{passed} of {devices} devices passed"));
         bar.inc(1);
         if common.json && written.is_ok() {
-            let event = Event {
+            let event = Done {
                 event: "tray",
                 seed: tray.seed,
                 devices: of.0,

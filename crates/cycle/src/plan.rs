@@ -45,6 +45,9 @@ const REST: f64 = 0.06;
 /// Looks before the lamp is on, and requests that are over in a cycle or two, seconds.
 const LOOKS: f64 = 0.2;
 
+/// For two fibers to be brought to their peaks again before the lamp is on, seconds.
+const AGAIN: f64 = 1.5;
+
 /// How far back a holder stays clear, metres: as when the tray is run.
 const CLEAR: f64 = 2e-3;
 
@@ -299,7 +302,8 @@ pub fn plan(
                 let waits = plan.free[right.index()] - plan.free[left.index()];
                 plan.bar(left, on, "witness", true, waits.max(0.0));
             }
-            let cure = production.cure.time + LOOKS;
+            let again = if sides.len() > 1 { AGAIN } else { 0.0 };
+            let cure = production.cure.time + LOOKS + again;
             for side in sides {
                 plan.bar(*side, on, "cure", true, cure);
                 plan.bar(*side, on, "release", false, spec.handling.release);

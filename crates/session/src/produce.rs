@@ -118,6 +118,9 @@ pub struct Texts {
     pub in_place: InPlace,
 }
 
+/// Finds a recipe by its name: how its file is called, and its text.
+type Find<'f> = dyn Fn(&str) -> Result<(String, String), Vec<Error>> + 'f;
+
 /// A tray with its recipes, read and checked.
 #[derive(Debug, Clone)]
 pub struct Loaded {
@@ -143,7 +146,7 @@ impl Loaded {
     /// When the tray itself cannot be read. What is wrong with its recipes, [`Self::check`] tells.
     pub fn read(named: &str) -> Result<Self, Error> {
         let (file, text) = find("trays", named)?;
-        Self::of(file, text, InPlace::default(), &|name| {
+        Self::of(file, &text, InPlace::default(), &|name| {
             find("recipes", name).map_err(|why| vec![why])
         })
     }
@@ -154,30 +157,25 @@ impl Loaded {
     ///
     /// As [`Self::read`].
     pub fn again(texts: &Texts) -> Result<Self, Error> {
-        let Source { name, text, .. } = texts.tray.clone();
-        Self::of(name, text, texts.in_place, &|name| {
+        let Source { name, text, .. } = &texts.tray;
+        Self::of(name.clone(), text, texts.in_place, &|name| {
             let missing = || Error::new(name, "", "was not kept");
             let kept = texts.recipes.get(name).ok_or_else(|| vec![missing()])?;
             Ok((kept.name.clone(), kept.text.clone()))
         })
     }
 
-    fn of(
-        file: String,
-        text: String,
-        in_place: InPlace,
-        find: &dyn Fn(&str) -> Result<(String, String), Vec<Error>>,
-    ) -> Result<Self, Error> {
+    fn of(file: String, text: &str, in_place: InPlace, find: &Find) -> Result<Self, Error> {
         let source = |name: &str, text: &str| Source {
             name: name.to_owned(),
             text: text.to_owned(),
             role: None,
         };
-        let tray = Tray::parse(&file, &text)?;
+        let tray = Tray::parse(&file, text)?;
         let mut loaded = Self {
-            hashes: vec![(file.clone(), hash(&text))],
+            hashes: vec![(file.clone(), hash(text))],
             texts: Texts {
-                tray: source(&file, &text),
+                tray: source(&file, text),
                 recipes: BTreeMap::new(),
                 in_place: InPlace::default(),
             },

@@ -14,6 +14,9 @@ use pigtail_model::frames::Displacement;
 /// Looks at the light before and after, seconds.
 const LOOK: f64 = 0.2;
 
+/// For how long two fibers are brought to their peaks again before the lamp is on, seconds.
+const AGAIN: f64 = 1.5;
+
 /// A look at the light: above the background, volts, with its relative standard deviation by its samples; and the same of
 /// the light through an output that is fixed.
 #[derive(Debug, Clone, Copy)]
@@ -105,11 +108,31 @@ impl Line<'_, '_, '_> {
         for (i, (begun, _)) in fibers.iter().enumerate().take(N - 1) {
             self.cell.note(sides[i], on(i), "witness", true, begun.peak);
         }
+        if N > 1 && cure.track {
+            // The machine has warmed up and piezos have crept while one waited for the other: that is no pull.
+            let until = self.cell.now() + AGAIN;
+            let rest = |_: Side, _: Displacement, _: &mut Displacement| Displacement::ZERO;
+            self.follow(&held, until, &mut [Displacement::ZERO; N], &rest)?;
+        }
         let before = self.look_at(last.channel, last.background, LOOK)?;
         self.ask_all(&sides, FiberHandling::Lamp(true))?;
         let lit = self.cell.now();
         let mut expected = [Displacement::ZERO; N];
-        let followed = self.follow(production, &held, lit, &mut expected)?;
+        let followed = if cure.track {
+            let (rest, ratio) = (lit + production.rest(), production.ratio());
+            let teachers = self.teachers.clone();
+            let beyond = |side: Side, before: Displacement, expected: &mut Displacement| {
+                *expected = teachers[side.index()].expect(before, ratio, cure.scatter);
+                if cure.precompensate {
+                    *expected * -1.0
+                } else {
+                    Displacement::ZERO
+                }
+            };
+            self.follow(&held, rest, &mut expected, &beyond)?
+        } else {
+            None
+        };
         self.cell.wait_until(lit + cure.time - LOOK)?;
         let cured = self.look_at(last.channel, last.background, LOOK)?;
         self.ask_all(&sides, FiberHandling::Lamp(false))?;
@@ -185,40 +208,27 @@ impl Line<'_, '_, '_> {
         }))
     }
 
-    /// Follows the peaks until the adhesive gels, and goes beyond them, where the recipe says so. `expected` becomes what each
-    /// fiber is expected to shift from then on.
+    /// Follows the peaks of one fiber or two until a time, and goes beyond each as far as `beyond` says of its side and of how
+    /// far it was pulled, which also says what it is expected to shift from then on.
     fn follow<const N: usize>(
         &mut self,
-        production: &Production,
         held: &[AtPeak; N],
-        lit: f64,
+        until: f64,
         expected: &mut [Displacement; N],
+        beyond: &dyn Fn(Side, Displacement, &mut Displacement) -> Displacement,
     ) -> Result<Option<[Followed; N]>, Halt> {
-        let cure = production.cure;
-        if !cure.track {
-            return Ok(None);
-        }
-        let (rest, ratio) = (lit + production.rest(), production.ratio());
-        let (teachers, recipe) = (&self.teachers, self.order.recipe);
-        let beyond = |side: Side, before: Displacement, expected: &mut Displacement| {
-            *expected = teachers[side.index()].expect(before, ratio, cure.scatter);
-            if cure.precompensate {
-                *expected * -1.0
-            } else {
-                Displacement::ZERO
-            }
-        };
+        let recipe = self.order.recipe;
         let mut all: Vec<Followed> = Vec::with_capacity(N);
         match (&held[..], &mut expected[..]) {
             ([one], [of]) => {
                 let go = |before| beyond(one.side, before, of);
-                all.push(hold::follow(&mut self.cell, recipe, one, rest, go)?);
+                all.push(hold::follow(&mut self.cell, recipe, one, until, go)?);
             }
             ([a, b], [of_a, of_b]) => {
                 let mut go_a = |before| beyond(a.side, before, of_a);
                 let mut go_b = |before| beyond(b.side, before, of_b);
                 let go: [&mut dyn FnMut(Displacement) -> Displacement; 2] = [&mut go_a, &mut go_b];
-                all.extend(hold::follow_two(&mut self.cell, recipe, [a, b], rest, go)?);
+                all.extend(hold::follow_two(&mut self.cell, recipe, [a, b], until, go)?);
             }
             _ => return Ok(None),
         }
