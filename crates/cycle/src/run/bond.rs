@@ -86,6 +86,10 @@ impl Line<'_, '_, '_> {
     }
 
     /// Holds fibers under the lamp, lets them go and looks at their light.
+    #[expect(
+        clippy::too_many_lines,
+        reason = "from the lamp to what the light tells, in order"
+    )]
     fn cure<const N: usize>(
         &mut self,
         production: &Production,
