@@ -5,10 +5,12 @@
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use pigtail_control::station::{Station, Unobserved};
 use pigtail_evaluate::align::align;
+use pigtail_evaluate::produce::produce;
 use pigtail_hal::{Command, Machine, Volts};
 use pigtail_machines::Recorder;
 use pigtail_session::guarded::guarded;
 use pigtail_session::procedure::Procedure;
+use pigtail_session::produce::{DEFAULT_TRAY, Loaded};
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
 use pigtail_session::setup::Setup;
 use pigtail_twin::Twin;
@@ -61,6 +63,16 @@ fn machine(c: &mut Criterion) {
             b.iter(|| align(&setup, procedure, black_box(1), &mut Unobserved).expect("no fault"));
         });
     }
+
+    // A tray of four devices, with all that the cycle of the machine is.
+    let loaded = Loaded::read(DEFAULT_TRAY).expect("it is built in");
+    let tray = |seed| {
+        let done = produce(&setup, &loaded, seed, &[], &mut Unobserved, &mut |_| ());
+        done.map_err(|_| ()).expect("no fault").document
+    };
+    let cycles = tray(1).seconds * setup.rig.spec.servo.rate;
+    group.throughput(Throughput::Elements(cycles as u64));
+    group.bench_function("tray of four devices", |b| b.iter(|| tray(black_box(1))));
 
     // The same machine time by the twin alone, with the guard, and with guard and recorder.
     let seconds = 20.0;

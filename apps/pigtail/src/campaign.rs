@@ -159,7 +159,7 @@ fn whole(text: &str) -> Result<u64, String> {
 /// More threads than this are a slip of the keyboard.
 const THREADS: usize = 1024;
 
-fn threads(text: &str) -> Result<usize, String> {
+pub(crate) fn threads(text: &str) -> Result<usize, String> {
     text.parse()
         .ok()
         .filter(|value| (1..=THREADS).contains(value))
@@ -357,7 +357,7 @@ fn told(document: &ShardDocument) -> String {
 }
 
 /// Commissions the machines that were not before.
-fn commission(
+pub(crate) fn commission(
     setup: &Setup,
     seeds: &[u64],
     runs: &Path,

@@ -35,6 +35,7 @@ mod shell;
 mod simulate;
 mod stop;
 mod trace;
+mod trays;
 mod tune;
 mod twin;
 

@@ -9,7 +9,7 @@ use pigtail_session::records::{RECORD, records_in};
 use pigtail_session::replay::ReplayDocument;
 use pigtail_store::compare::{Side, compare as compared};
 use pigtail_store::database::export::{Format, Rows, export, write_whole};
-use pigtail_store::database::query::{Fiber, Listed, Shown, folders};
+use pigtail_store::database::query::{Fiber, Listed, Produced, Shown, folders};
 use pigtail_store::database::verify::{Verified, without_store};
 use pigtail_store::database::{Database, FILE, State};
 use serde::Serialize;
@@ -234,7 +234,7 @@ struct CompareArguments {
     json: bool,
 }
 
-/// Export the fibers of alignments, their phases, or all samples of a run, as CSV or Parquet
+/// Export the fibers of alignments, their phases, the pigtails of trays, or all samples of a run, as CSV or Parquet
 ///
 /// A row a fiber with a column for each phase, or a row for each time that a phase was entered; the run,
 /// the device and how it was aligned stand in each. What a Parquet column means is also in the file's
@@ -247,6 +247,7 @@ struct CompareArguments {
 Examples:
   pigtail runs export --csv fibers.csv
   pigtail runs export --parquet phases.parquet --rows phases
+  pigtail runs export --to pigtails.csv --rows pigtails
   pigtail runs export --to line3.csv --runs /data/line3 --state complete
   pigtail runs export --samples 20261121T024402-tune-0 --to cycles.parquet")]
 #[group(id = "where", required = true, multiple = false, args = ["csv", "parquet", "to"])]
@@ -555,6 +556,13 @@ fn account(run: &Shown) -> String {
         text.push('\n');
         text.push_str(&fiber_account(fiber));
     }
+    if !run.pigtails.is_empty() {
+        text.push_str("\npigtails, after cure and release by the light\n");
+        text.push_str(&pigtail_report::text::table(
+            &pigtail_rows(&run.pigtails),
+            pigtail_report::text::room(),
+        ));
+    }
     if !run.files.is_empty() {
         text.push_str("\nfiles, by SHA-256\n");
         for file in &run.files {
@@ -566,6 +574,36 @@ fn account(run: &Shown) -> String {
         }
     }
     text
+}
+
+fn pigtail_rows(pigtails: &[Produced]) -> Vec<Vec<String>> {
+    let known = |value: Option<f64>, sigma: Option<f64>| match (value, sigma) {
+        (Some(value), Some(sigma)) => format!("{value:.3} +- {sigma:.3}"),
+        _ => "-".to_owned(),
+    };
+    let header = [
+        "device",
+        "port",
+        "fiber",
+        "from",
+        "outcome",
+        "added, dB",
+        "off, um",
+    ];
+    let rows = pigtails.iter().map(|p| {
+        vec![
+            p.device.clone(),
+            p.port.clone(),
+            p.fiber.clone(),
+            p.fiber_place.clone(),
+            p.outcome.clone(),
+            known(p.added_loss_db, p.sigma_db),
+            known(p.off_um, p.off_sigma_um),
+        ]
+    });
+    std::iter::once(header.map(str::to_owned).to_vec())
+        .chain(rows)
+        .collect()
 }
 
 fn fiber_account(fiber: &Fiber) -> String {

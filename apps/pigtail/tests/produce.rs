@@ -193,6 +193,256 @@ fn a_tray_goes_on_where_its_journal_ends() {
     assert_eq!(other.status.code(), Some(2));
 }
 
+/// Everything but what is never the same twice.
+fn of_trays(folder: &Path, arguments: &[&str]) -> (String, Value) {
+    let all = [
+        &["produce", "--json", "--trays", "3", "--seed", "8300"],
+        arguments,
+    ]
+    .concat();
+    let output = pigtail(folder, &all);
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    let result = last(&output);
+    (text, result)
+}
+
+#[test]
+fn many_trays_are_summed_up_the_same_whatever_the_threads() {
+    let folder = TempDir::new().expect("a folder");
+    let (one, result) = of_trays(folder.path(), &["--threads", "1"]);
+    let (two, _) = of_trays(folder.path(), &["--threads", "2"]);
+    assert_eq!(one, two);
+    assert_eq!(
+        (&result["devices"], &result["fibers"], &result["trays"]),
+        (&12.into(), &36.into(), &3.into())
+    );
+    assert_eq!(
+        (
+            &result["wrongly_passed"],
+            &result["touched"],
+            &result["met"]
+        ),
+        (&0.into(), &0.into(), &0.into())
+    );
+    // Nothing in 36 fibers is no more than 9.7 % of all, with 95 % confidence.
+    let most = result["exact_95"]["wrongly_passed"][1].as_f64();
+    assert!((most.expect("a number") - 0.0974).abs() < 1e-4, "{result}");
+    let refused = pigtail(folder.path(), &["produce", "--trays", "0"]);
+    assert_eq!(refused.status.code(), Some(2));
+}
+
+#[test]
+fn a_record_of_a_tray_replays_to_the_last_bit() {
+    let folder = TempDir::new().expect("a folder");
+    let tray = fs::read_to_string(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../trays/pairs.toml"
+    ));
+    // One device is enough.
+    let tray = tray.expect("a tray");
+    let (head, rest) = tray.split_once("[[devices]]").expect("devices");
+    let (first, _) = rest.split_once("[[devices]]").expect("more than one");
+    let fibers = &rest[rest.find("[[fibers]]").expect("fibers")..];
+    let text = format!("{head}[[devices]]{first}{fibers}");
+    fs::write(folder.path().join("one.toml"), text).expect("it is written");
+    let produced = pigtail(
+        folder.path(),
+        &[
+            "produce", "--tray", "one.toml", "--seed", "5", "--record", "--json",
+        ],
+    );
+    assert_eq!(produced.status.code(), Some(0), "{produced:?}");
+    let run = fs::read_dir(folder.path().join("runs"))
+        .expect("runs")
+        .map(|entry| entry.expect("an entry").path())
+        .find(|path| path.is_dir())
+        .expect("a run");
+    let name = run.display().to_string();
+    let replayed = pigtail(folder.path(), &["runs", "replay", &name, "--json"]);
+    assert_eq!(replayed.status.code(), Some(0), "{replayed:?}");
+    let said = last(&replayed);
+    assert_eq!(said["same"], true, "{said}");
+    assert_eq!(said["pigtails"].as_array().map(Vec::len), Some(2), "{said}");
+    // What the store says of it, and gives away.
+    let shown = last(&pigtail(folder.path(), &["runs", "show", &name, "--json"]));
+    assert_eq!(shown["pigtails"][0]["outcome"], "pigtailed", "{shown}");
+    assert!(shown["pigtails"][1]["off_um"].is_number(), "{shown}");
+    let exported = pigtail(
+        folder.path(),
+        &["runs", "export", "--csv", "p.csv", "--rows", "pigtails"],
+    );
+    assert_eq!(exported.status.code(), Some(0), "{exported:?}");
+    let csv = fs::read_to_string(folder.path().join("p.csv")).expect("a file");
+    assert_eq!(csv.lines().count(), 3, "{csv}");
+}
+
+/// As many inputs as outputs, cured together: neither manipulator waits for long.
+#[test]
+fn both_manipulators_of_pairs_are_hardly_idle() {
+    let loaded = Loaded::read("pairs").expect("it is built in");
+    let setup = Setup::load("afpm", loaded.device_recipe()).expect("the default rig is there");
+    assert_eq!(loaded.check(&setup.rig.spec, &setup.rig.calibration), []);
+    let document = done(&setup, &loaded, 8301);
+    assert!(
+        document.idle_percent.left < 20.0 && document.idle_percent.right < 20.0,
+        "{:?}",
+        document.idle_percent
+    );
+    assert_eq!((document.wrongly_passed, document.collision), (0, false));
+    assert_eq!(document.passed, 1.0, "{:?}", document.rejected);
+}
+
+/// Killed with no warning, at any moment, and gone on with, as often as it takes.
+#[test]
+#[ignore = "long: a tray that is killed some dozen times"]
+fn a_tray_that_is_killed_loses_nothing_and_does_nothing_twice() {
+    let folder = TempDir::new().expect("a folder");
+    let runs = folder.path().join("runs");
+    let mut kills = 0;
+    for trial in 0..4_u64 {
+        let mut resume: Option<String> = None;
+        let seed = (40 + trial).to_string();
+        loop {
+            let mut arguments = vec!["produce", "--seed", &seed, "--json", "--operator", "K"];
+            if let Some(run) = &resume {
+                arguments.extend(["--resume", run]);
+            }
+            let before = folders(&runs);
+            let mut child = std::process::Command::new(env!("CARGO_BIN_EXE_pigtail"))
+                .current_dir(folder.path())
+                .args(&arguments)
+                .stdout(std::process::Stdio::null())
+                .stderr(std::process::Stdio::null())
+                .spawn()
+                .expect("the program starts");
+            // Later each time: in the end it comes through.
+            let wait = 120 * (1 + kills % 5) + 70 * trial;
+            std::thread::sleep(std::time::Duration::from_millis(wait));
+            let over = child.try_wait().expect("a child").is_some();
+            if !over {
+                child.kill().expect("it is killed");
+                child.wait().expect("it has ended");
+                kills += 1;
+            }
+            let made: Vec<String> = folders(&runs)
+                .into_iter()
+                .filter(|run| !before.contains(run))
+                .collect();
+            // Killed before it had a folder: it has done nothing.
+            if let Some(run) = made.first() {
+                resume = Some(
+                    run.trim_start_matches('.')
+                        .trim_end_matches(".partial")
+                        .to_owned(),
+                );
+            }
+            if over {
+                break;
+            }
+            assert!(kills < 200, "it never comes to its end");
+        }
+        let run = resume.expect("a run");
+        let summary = fs::read_to_string(runs.join(&run).join("summary.json")).expect("a summary");
+        let summary: Value = serde_json::from_str(&summary).expect("JSON");
+        let produced = summary["produced"].as_array().expect("devices");
+        let serials: Vec<&str> = produced
+            .iter()
+            .filter_map(|d| d["serial"].as_str())
+            .collect();
+        assert_eq!(serials, ["YB-0001", "YB-0002", "YB-0003", "YB-0004"]);
+        for device in produced {
+            let rejected = device["rejected"].as_str().expect("a text");
+            assert!(rejected.is_empty() || rejected == "interrupted", "{device}");
+            if rejected.is_empty() {
+                assert_eq!(
+                    device["fibers"].as_array().map(Vec::len),
+                    Some(3),
+                    "{device}"
+                );
+            }
+        }
+        // No fiber is in the store twice, over all runs that had a part in it.
+        let exported = pigtail(
+            folder.path(),
+            &[
+                "runs", "export", "--csv", "p.csv", "--rows", "pigtails", "--seed", &seed,
+            ],
+        );
+        assert_eq!(exported.status.code(), Some(0), "{exported:?}");
+        let csv = fs::read_to_string(folder.path().join("p.csv")).expect("a file");
+        let mut fibers: Vec<&str> = csv
+            .lines()
+            .skip(1)
+            .map(|line| line.split(',').nth(8).expect("a fiber"))
+            .collect();
+        let all = fibers.len();
+        fibers.sort_unstable();
+        fibers.dedup();
+        assert_eq!(fibers.len(), all, "{csv}");
+        // And all of what was done is there.
+        let done: usize = produced
+            .iter()
+            .map(|d| d["fibers"].as_array().map_or(0, Vec::len))
+            .sum();
+        assert_eq!(done, all, "{csv}");
+    }
+    assert!(kills >= 8, "{kills}");
+}
+
+/// The names of all folders of runs, those that are not finished too.
+fn folders(runs: &Path) -> Vec<String> {
+    let Ok(entries) = fs::read_dir(runs) else {
+        return Vec::new();
+    };
+    let mut names: Vec<String> = entries
+        .filter_map(Result::ok)
+        .filter(|entry| entry.path().is_dir())
+        .map(|entry| entry.file_name().to_string_lossy().into_owned())
+        .collect();
+    names.sort();
+    names
+}
+
+/// The thesis's own procedure on a tray.
+#[test]
+#[ignore = "long: a tray by the thesis's procedure"]
+fn the_thesis_s_recipe_produces_a_tray() {
+    let folder = TempDir::new().expect("a folder");
+    let shipped = fs::read_to_string(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../trays/four.toml"
+    ));
+    let text = shipped
+        .expect("a tray")
+        .replace("recipe = \"produce-fast\"", "recipe = \"produce-thesis\"");
+    fs::write(folder.path().join("thesis.toml"), text).expect("it is written");
+    let output = pigtail(
+        folder.path(),
+        &[
+            "produce",
+            "--tray",
+            "thesis.toml",
+            "--seed",
+            "8100",
+            "--json",
+        ],
+    );
+    assert_eq!(output.status.code(), Some(0), "{output:?}");
+    let result = last(&output);
+    assert_eq!(
+        (&result["devices"], &result["yield"]),
+        (&4.into(), &1.0.into())
+    );
+    let planned = last(&pigtail(
+        folder.path(),
+        &["plan", "--tray", "thesis.toml", "--json"],
+    ));
+    let ratio = planned["devices_per_hour"].as_f64().expect("a number")
+        / result["devices_per_hour"].as_f64().expect("a number");
+    assert!((0.9..1.1).contains(&ratio), "{ratio}");
+}
+
 /// Three trays on machines that were not tuned with. The micro that follows, and goes beyond, loses less.
 #[test]
 #[ignore = "long: nine trays of eight minutes of machine time"]

@@ -106,7 +106,12 @@ impl<'b> AlignmentCell<'b> {
     pub fn over(station: &'b mut Station) -> Self {
         let layout = station.layout();
         let loaded = Side::ALL.map(|side| station.carries(side));
-        let cell = Self::new(station, layout);
+        Self::carrying(station, layout, loaded)
+    }
+
+    /// Takes a bench in hand of which so much is known, some of whose arms carry a fiber.
+    pub fn carrying(bench: &'b mut dyn Watched, layout: Layout, loaded: [bool; SIDES]) -> Self {
+        let cell = Self::new(bench, layout);
         cell.loaded.set(loaded);
         cell
     }

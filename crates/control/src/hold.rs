@@ -8,7 +8,7 @@ use crate::beam::Beam;
 use crate::conical_scan::{ConicalScan, Watch};
 use crate::outcome::Halt;
 use crate::procedure::AtPeak;
-use crate::reactor::Reactor;
+use crate::reactor::{Reactor, both_well};
 use crate::recipe::Recipe;
 use crate::station::{Unobserved, fine};
 use pigtail_hal::Bench;
@@ -51,6 +51,34 @@ pub fn follow(
     let mut bench = Observed::new(bench, &mut unobserved);
     let bench = Reactor::new(&mut bench);
     bench.run(followed(&bench, recipe, held, until, beyond))
+}
+
+/// Follows the peaks of two fibers of one guide at once, by the light that goes through both: their circles take times as two
+/// to three, so that neither takes the other's for its own.
+///
+/// # Errors
+///
+/// As [`follow`].
+pub fn follow_two(
+    bench: &mut dyn Bench,
+    recipe: &Recipe,
+    held: [&AtPeak; 2],
+    until: f64,
+    beyond: [&mut dyn FnMut(Displacement) -> Displacement; 2],
+) -> Result<[Followed; 2], Halt> {
+    /// Of the time of a turn.
+    const SLOWER: f64 = 1.5;
+    let mut unobserved = Unobserved;
+    let mut bench = Observed::new(bench, &mut unobserved);
+    let bench = Reactor::new(&mut bench);
+    let mut slower = recipe.clone();
+    slower.fast.conical_scan.period *= SLOWER;
+    let [a, b] = beyond;
+    let (a, b) = bench.run(both_well(
+        followed(&bench, recipe, held[0], until, a),
+        followed(&bench, &slower, held[1], until, b),
+    ))?;
+    Ok([a, b])
 }
 
 async fn followed(
@@ -103,14 +131,18 @@ async fn followed(
     })
 }
 
-/// Mean of a meter's light over a while, and the standard deviation of that mean by its samples, volts.
+/// Mean of the light of some meters over the same while, and the standard deviation of each mean by its samples, volts.
 ///
 /// # Errors
 ///
 /// The bench's fault.
-pub fn level(bench: &mut dyn Bench, meter: Meter, seconds: f64) -> Result<(f64, f64), Halt> {
+pub fn levels<const N: usize>(
+    bench: &mut dyn Bench,
+    meters: [Meter; N],
+    seconds: f64,
+) -> Result<[(f64, f64); N], Halt> {
     let end = bench.now() + seconds;
-    let (mut n, mut sum, mut squares) = (0.0, 0.0, 0.0);
+    let mut sums = [(0.0, 0.0, 0.0); N];
     loop {
         let lights = match bench.next(end)? {
             Event::Light(light) => vec![light],
@@ -119,15 +151,20 @@ pub fn level(bench: &mut dyn Bench, meter: Meter, seconds: f64) -> Result<(f64, 
             _ => continue,
         };
         for light in lights {
-            let volts = light.volts[meter.0];
-            if !volts.is_nan() {
-                n += 1.0;
-                sum += volts;
-                squares += volts * volts;
+            for (meter, (n, sum, squares)) in meters.iter().zip(&mut sums) {
+                let volts = light.volts[meter.0];
+                if !volts.is_nan() {
+                    *n += 1.0;
+                    *sum += volts;
+                    *squares += volts * volts;
+                }
             }
         }
     }
-    let mean = sum / f64::max(n, 1.0);
-    let variance = (squares / f64::max(n, 1.0) - mean * mean).max(0.0);
-    Ok((mean, (variance / f64::max(n, 1.0)).sqrt()))
+    Ok(sums.map(|(n, sum, squares)| {
+        let n = f64::max(n, 1.0);
+        let mean = sum / n;
+        let variance = (squares / n - mean * mean).max(0.0);
+        (mean, (variance / n).sqrt())
+    }))
 }

@@ -4,7 +4,8 @@
 //! has reserved, and one tip at a time is at the needle.
 
 use pigtail_control::outcome::{Halt, Outcome};
-use pigtail_control::station::{Station, coarse, fine};
+use pigtail_control::reactor::{VoltageMachine, Watched};
+use pigtail_control::station::{Observer, Station, coarse, fine};
 use pigtail_hal::bench::{
     Caps, Estimate, Event, Group, Law, Limits, Pose, Refused, Request, Ticket,
 };
@@ -123,15 +124,59 @@ impl<'s, 'm> Cell<'s, 'm> {
         }
     }
 
-    /// The station, for what drives it by cycles. Nothing may be going on beside.
-    pub fn station(&mut self) -> &mut Station<'m> {
+    /// The station below.
+    pub fn station(&self) -> &Station<'m> {
         self.station
+    }
+
+    /// Reserves all that is beyond a plane across the chip's z for a manipulator that others move, until it is given back:
+    /// that of the facet on its side. Whether it could: not where the other one goes through it, or stands in it.
+    pub fn reserve(&mut self, side: Side, facet: f64) -> bool {
+        let all = [f64::NEG_INFINITY, f64::INFINITY];
+        let [low, high] = match side {
+            Side::Left => [f64::NEG_INFINITY, facet],
+            Side::Right => [facet, f64::INFINITY],
+        };
+        let beyond = [[all[0], all[0], low], [all[1], all[1], high]];
+        let other = [Side::Right, Side::Left][side.index()];
+        let spec = self.station.spec().holder;
+        let stands = swept(other, &spec, self.tip(other), self.tip(other));
+        if meet(&beyond, &self.reserved[other.index()].unwrap_or(stands)) {
+            return false;
+        }
+        self.reserved[side.index()] = Some(beyond);
+        true
+    }
+
+    /// Gives back what was reserved.
+    pub fn give_back(&mut self, side: Side) {
+        self.reserved[side.index()] = None;
     }
 
     /// Whether a manipulator has steps before it.
     pub fn is_busy(&self, side: Side) -> bool {
         let runner = &self.runners[side.index()];
         runner.doing.is_some() || !runner.steps.is_empty()
+    }
+
+    /// Whether a manipulator is back along the chip's z as far as this, and stays there whatever it has before it.
+    pub fn is_clear(&self, side: Side, z: f64) -> bool {
+        /// What is no way, metres.
+        const NEAR: f64 = 1e-6;
+        let beyond = |at: f64| match side {
+            Side::Left => at <= z + NEAR,
+            Side::Right => at >= z - NEAR,
+        };
+        let runner = &self.runners[side.index()];
+        let now = match runner.doing {
+            Some(Doing::Ticket(_, step) | Doing::Room(step)) => Some(step),
+            Some(Doing::Until(_)) | None => None,
+        };
+        let stays = |step: &Step| match step {
+            Step::Go(to) => beyond(to.z),
+            _ => true,
+        };
+        beyond(self.tip(side).z) && runner.steps.iter().chain(&now).all(stays)
     }
 
     /// Gives a manipulator steps to go through, about a port of a device. They begin at once.
@@ -452,6 +497,20 @@ impl Bench for Cell<'_, '_> {
 
     fn stop(&mut self) {
         Bench::stop(self.station);
+    }
+}
+
+impl Watched for Cell<'_, '_> {
+    fn observer(&mut self) -> &mut dyn Observer {
+        Watched::observer(self.station)
+    }
+
+    fn note_reading(&mut self, time: f64) {
+        Watched::note_reading(self.station, time);
+    }
+
+    fn voltage(&mut self) -> Option<&mut dyn VoltageMachine> {
+        Watched::voltage(self.station)
     }
 }
 

@@ -18,5 +18,6 @@ pub mod check;
 pub mod plan;
 pub mod recipe;
 pub mod run;
+pub mod steadiness;
 pub mod teach;
 pub mod tray;

@@ -31,6 +31,10 @@ pub struct Plan {
     pub devices_per_hour: f64,
     /// Share of the time in which a manipulator neither does anything nor holds anything, percent, left and right.
     pub idle_percent: [f64; SIDES],
+    /// Share of the time in which a manipulator has no work of its own, and is idle or stands still for the other, at least, for
+    /// fibers as unequal as those of this tray, however they are overlapped: one less its work over that of the manipulator that
+    /// has more.
+    pub idle_or_waiting_at_least_percent: [f64; SIDES],
     /// What is on the critical path, and how many seconds of it, the longest first.
     pub limits: Vec<(String, f64)>,
 }
@@ -40,6 +44,9 @@ const REST: f64 = 0.06;
 
 /// Looks before the lamp is on, and requests that are over in a cycle or two, seconds.
 const LOOKS: f64 = 0.2;
+
+/// For two fibers to be brought to their peaks again before the lamp is on, seconds.
+const AGAIN: f64 = 1.5;
 
 /// How far back a holder stays clear, metres: as when the tray is run.
 const CLEAR: f64 = 2e-3;
@@ -87,6 +94,18 @@ pub fn idle(bars: &[Bar], side: Side, seconds: f64) -> f64 {
         .filter(|bar| bar.side == side.name() && bar.what != "index");
     let busy: f64 = of.map(|bar| bar.end - bar.start).sum();
     100.0 * (1.0 - busy / seconds.max(1e-9)).max(0.0)
+}
+
+/// See [`Plan::idle_or_waiting_at_least_percent`].
+pub fn at_least(bars: &[Bar], side: Side) -> f64 {
+    let work = |of: Side| -> f64 {
+        let own = bars
+            .iter()
+            .filter(|bar| bar.side == of.name() && bar.what != "witness");
+        own.map(|bar| bar.end - bar.start).sum()
+    };
+    let most = work(Side::Left).max(work(Side::Right));
+    100.0 * (1.0 - work(side) / most.max(1e-9))
 }
 
 struct Planner<'p> {
@@ -193,6 +212,10 @@ impl Planner<'_> {
 }
 
 /// What a tray will take on a machine. Tray and recipes are well; see [`check`](crate::check).
+#[expect(
+    clippy::too_many_lines,
+    reason = "the cycle of a device, in order, as it is run"
+)]
 pub fn plan(
     tray: &Tray,
     productions: &BTreeMap<String, Production>,
@@ -211,23 +234,27 @@ pub fn plan(
         bars: Vec::new(),
     };
     let of = |device: &Device| &productions[tray.recipe_of(device)];
-    let mut ahead = false;
+    let (mut ahead, mut left_clear) = (false, 0.0);
     for (k, device) in tray.devices.iter().enumerate() {
         let production = of(device);
         if k > 0 {
             let back = plan.back(right);
             plan.bar(right, (&device.serial, ""), "retreat", false, back);
-            plan.meet();
-            plan.bar(
-                right,
-                (&device.serial, ""),
-                "index",
-                false,
-                spec.handling.index,
-            );
-            // Only the input's fiber may be ready: it waits for the conveyor too.
-            plan.meet();
+            // The left one need not be done with what it is at, only away from the chip.
+            plan.free[right.index()] = plan.free[right.index()].max(left_clear);
+            let index = spec.handling.index;
+            plan.bar(right, (&device.serial, ""), "index", false, index);
+            if !ahead {
+                plan.meet();
+            }
         }
+        let next = tray
+            .devices
+            .get(k + 1)
+            .filter(|next| of(next).ports[0] == PORTS[0]);
+        let last = production.ports.len() - 1;
+        let together = production.cure.together;
+        let mut wets = false;
         for (n, port) in production.ports.iter().enumerate() {
             let side = side_of(port);
             let on = (device.serial.as_str(), port.as_str());
@@ -251,32 +278,51 @@ pub fn plan(
                 plan.bar(right, on, "align", false, align);
                 plan.at[right.index()] = recipe.ports.outputs[0];
             }
-            let next = tray
-                .devices
-                .get(k + 1)
-                .filter(|next| of(next).ports[0] == PORTS[0]);
+            if together && n == 0 {
+                // It waits at its peak for the first output.
+                continue;
+            }
             if let Some(next) = next
-                && n + 1 == production.ports.len()
-                && !input
+                && n == last
+                && wets
             {
                 // Beside the last of the cures.
                 let start = plan.free[right.index()];
                 plan.free[left.index()] = plan.free[left.index()].max(start);
                 plan.adhesive(left, next, PORTS[0], of(next));
-                ahead = true;
+                wets = false;
             }
-            let cure = production.cure.time + LOOKS;
-            plan.bar(side, on, "cure", true, cure);
-            plan.bar(side, on, "release", false, spec.handling.release);
-            plan.bar(side, on, "verify", false, production.verify.look);
+            let sides: &[Side] = match (together && n == 1, side) {
+                (true, _) => &[left, right],
+                (false, Side::Left) => &[left],
+                (false, Side::Right) => &[right],
+            };
+            if sides.len() > 1 {
+                let on = (device.serial.as_str(), PORTS[0]);
+                let waits = plan.free[right.index()] - plan.free[left.index()];
+                plan.bar(left, on, "witness", true, waits.max(0.0));
+            }
+            let again = if sides.len() > 1 { AGAIN } else { 0.0 };
+            let cure = production.cure.time + LOOKS + again;
+            for side in sides {
+                plan.bar(*side, on, "cure", true, cure);
+                plan.bar(*side, on, "release", false, spec.handling.release);
+                plan.bar(*side, on, "verify", false, production.verify.look);
+            }
             if input {
                 let all = cure + spec.handling.release + production.verify.look;
                 plan.bar(right, on, "witness", true, all);
-                match next {
-                    Some(next) if production.ports.len() > 1 => plan.pick(left, next, PORTS[0]),
-                    _ => {
-                        let back = plan.back(left);
-                        plan.bar(left, on, "retreat", false, back);
+            }
+            if sides.contains(&left) {
+                let back = plan.back(left);
+                plan.bar(left, on, "retreat", false, back);
+                left_clear = plan.free[left.index()];
+                if let Some(next) = next {
+                    plan.pick(left, next, PORTS[0]);
+                    ahead = true;
+                    wets = n < last;
+                    if !wets {
+                        plan.adhesive(left, next, PORTS[0], of(next));
                     }
                 }
             }
@@ -289,6 +335,7 @@ pub fn plan(
         seconds_per_device: seconds / devices,
         devices_per_hour: 3600.0 * devices / seconds.max(1e-9),
         idle_percent: Side::ALL.map(|side| idle(&plan.bars, side, seconds)),
+        idle_or_waiting_at_least_percent: Side::ALL.map(|side| at_least(&plan.bars, side)),
         limits: limits(&plan.bars),
         bars: plan.bars,
     }

@@ -133,6 +133,10 @@ pub struct Cure {
     pub track: bool,
     /// Whether it then goes beyond the peak by what the adhesive is expected to pull it back.
     pub precompensate: bool,
+    /// Whether the input and the first output are held under the lamp together: one cure less a device. The light then tells
+    /// only what both have lost, and both pass by that.
+    #[serde(default)]
+    pub together: bool,
 }
 
 /// Letting a fiber go, and whether its light is still there.
@@ -211,6 +215,10 @@ impl Production {
             let message =
                 "has \"input\" after an output, which without its light cannot be aligned";
             add("ports", message.to_owned());
+        }
+        if cure.together && (self.ports.len() < 2 || self.ports[0] != "input") {
+            let message = "needs an input and an output after it in `ports`".to_owned();
+            add("cure.together", message);
         }
         if self.interrupted == Action::NextFiber {
             let message = "is \"next-fiber\"; accepted is reject-device or call".to_owned();
@@ -310,7 +318,15 @@ impl Production {
                 self.rest()
             ),
         };
-        line("cure", format!("{} s under the lamp, {follows}", cure.time));
+        let together = if cure.together {
+            "; input and first output at once"
+        } else {
+            ""
+        };
+        line(
+            "cure",
+            format!("{} s under the lamp, {follows}{together}", cure.time),
+        );
         line(
             "verify",
             format!(

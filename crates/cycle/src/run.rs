@@ -1,13 +1,14 @@
 //! Runs a tray on a station.
 
+mod bond;
+
 use crate::cell::{Bar, Cell, Step};
 use crate::check::side_of;
 use crate::recipe::{Action, Production};
+use crate::steadiness::Steadiness;
 use crate::teach::{Lesson, Teacher};
 use crate::tray::{Device, Tray};
-use pigtail_control::beam::Beam;
 use pigtail_control::fast::Aligner;
-use pigtail_control::hold::{self, Followed};
 use pigtail_control::outcome::{Halt, Outcome};
 use pigtail_control::procedure::{AtPeak, PORTS};
 use pigtail_control::recipe::Recipe;
@@ -81,9 +82,27 @@ pub struct Cured {
     pub off_sigma_um: f64,
     /// How far the adhesive has shifted it in all, micrometres.
     pub shift_um: f64,
+    /// What it and another fiber that was cured with it have lost together, decibels: the light tells no more. What is said of
+    /// this one alone is then half of it, give or take as much as is not known.
+    #[serde(default)]
+    pub together_db: Option<f64>,
+    /// Standard deviation of that, or of what one fiber alone has lost, as far as the light's own steadiness goes, decibels.
+    #[serde(default)]
+    pub light_sigma_db: f64,
+    /// By how much light through fibers that were fixed before has changed meanwhile, relative; nothing where there was none.
+    #[serde(default)]
+    pub wander: Option<f64>,
 }
 
 impl Cured {
+    /// What has to be accepted: what was lost by all fibers that were cured with it, and the standard deviation, decibels.
+    fn lost(&self) -> (f64, f64) {
+        match self.together_db {
+            Some(both) => (both, self.light_sigma_db),
+            None => (self.after_release_db, self.sigma_db),
+        }
+    }
+
     /// What it has taught.
     fn lesson(&self) -> Option<Lesson> {
         let metres = |[x, y]: [f64; 2]| Displacement::new(1e-6 * x, 1e-6 * y);
@@ -152,15 +171,8 @@ pub struct Run {
 /// How far a holder stays clear of a facet while it goes across, metres.
 const CLEAR: f64 = 2e-3;
 
-/// How well a laser's light is known from one look to another a minute later, relative: those without a control loop wander by
-/// 0.1 to 2 %, makers say.
-const STEADY: f64 = 0.01;
-
 /// Standard deviations of what a fiber has lost that it must be below what is accepted.
 const SURE: f64 = 2.0;
-
-/// Looks at the light before and after, seconds.
-const LOOK: f64 = 0.2;
 
 /// Why a fiber or a device ends.
 enum End {
@@ -183,6 +195,26 @@ enum Ahead {
     Wets,
 }
 
+impl End {
+    /// The same once more.
+    fn again(&self) -> Self {
+        match self {
+            Self::Failed(cause, detail, action) => {
+                Self::Failed(cause.clone(), detail.clone(), *action)
+            }
+            Self::Fault(fault) => Self::Fault(fault.clone()),
+        }
+    }
+}
+
+/// A fiber that was begun.
+struct Begun {
+    pigtail: Pigtail,
+    /// When, and since when it is at its peak, seconds.
+    start: f64,
+    peak: f64,
+}
+
 struct Line<'l, 's, 'm> {
     order: Order<'l>,
     cell: Cell<'s, 'm>,
@@ -190,6 +222,9 @@ struct Line<'l, 's, 'm> {
     ahead: Ahead,
     /// When the adhesive on a tip has been in the air since, seconds.
     wet: [Option<f64>; SIDES],
+    steadiness: Steadiness,
+    /// An output of this device that is fixed: its meter, and the level without light, volts.
+    reference: Option<(Meter, f64)>,
     /// Bars that somebody was told of.
     told: usize,
     tell: &'l mut dyn FnMut(&Event),
@@ -204,10 +239,14 @@ pub fn run<'l>(station: &mut Station, order: Order<'l>, tell: &'l mut dyn FnMut(
         teachers: Default::default(),
         ahead: Ahead::Nothing,
         wet: [None; SIDES],
+        steadiness: Steadiness::default(),
+        reference: None,
         told: 0,
         tell,
     };
     for pigtail in order.taught {
+        let wander = pigtail.cured.and_then(|cured| cured.wander);
+        line.steadiness.learn(wander);
         if let Some(lesson) = pigtail.cured.and_then(|cured| cured.lesson()) {
             line.teachers[side_of(&pigtail.port).index()].learn(lesson);
         }
@@ -270,51 +309,59 @@ impl Line<'_, '_, '_> {
         } else {
             None
         };
+        self.reference = None;
         let mut aligner = Aligner::new(self.order.recipe, production.align.procedure.way());
+        let mut waiting: Option<(Begun, AtPeak)> = None;
         for (n, port) in production.ports.iter().enumerate() {
             if end.is_some() {
                 break;
             }
-            let start = self.cell.now();
-            let place = device.fibers[port].clone();
-            let mut pigtail = Pigtail {
-                device: device.serial.clone(),
-                port: port.clone(),
-                fiber: tray.fiber_at(&place).unwrap_or_default().to_owned(),
-                place,
-                passed: false,
-                cause: String::new(),
-                detail: String::new(),
-                seconds: 0.0,
-                align_seconds: 0.0,
-                cured: None,
+            let mut begun = self.begun(device, port);
+            let reached = self.reach(k, &production, &mut aligner, &mut begun.pigtail);
+            let reached = match reached {
+                Ok(held) if production.cure.together && n == 0 => {
+                    begun.peak = self.cell.now();
+                    waiting = Some((begun, held));
+                    continue;
+                }
+                reached => reached,
             };
-            let last = n + 1 == production.ports.len();
-            let result = self.fiber(k, &production, &mut aligner, last, &mut pigtail);
-            pigtail.seconds = self.cell.now() - start;
-            match result {
-                Ok(()) => pigtail.passed = true,
-                Err(End::Fault(fault)) => {
-                    "fault".clone_into(&mut pigtail.cause);
-                    pigtail.detail = fault.to_string();
-                    "fault".clone_into(&mut produced.rejected);
-                    end = Some(End::Fault(fault));
-                }
-                Err(End::Failed(cause, detail, action)) => {
-                    if let Err(fault) = self.put_back(side_of(port)) {
-                        end = Some(End::Fault(fault));
-                    }
-                    (pigtail.cause, pigtail.detail) = (cause.clone(), detail.clone());
-                    produced.rejected.clone_from(&cause);
-                    // Without the input's light there is nothing to align the others by.
-                    if end.is_none() && (action != Action::NextFiber || port == PORTS[0]) {
-                        end = Some(End::Failed(cause, detail, action));
-                    }
-                }
+            if n + 1 == production.ports.len() && waiting.is_none() {
+                self.look_ahead(k, true);
             }
-            self.flush();
-            (self.tell)(&Event::Fiber(&pigtail));
-            produced.fibers.push(pigtail);
+            let result = match reached {
+                Err(why) => Err(why),
+                Ok(held) => match waiting.take() {
+                    None => self.bond(&production, [(&mut begun, &held)]),
+                    Some((mut first, input)) => {
+                        let both = [(&mut first, &input), (&mut begun, &held)];
+                        let result = self.bond(&production, both);
+                        let how = result.as_ref().map_err(End::again).copied();
+                        self.ended(&mut produced, first, how, &mut end);
+                        // What is wrong with both is how the second ends; but a machine that has stopped, has.
+                        end = end.filter(|end| matches!(end, End::Fault(_)));
+                        result
+                    }
+                },
+            };
+            if port == PORTS[0] || production.cure.together && n == 1 {
+                self.left_is_free(
+                    k,
+                    (&device.serial, PORTS[0]),
+                    n + 1 == production.ports.len(),
+                );
+            }
+            self.ended(&mut produced, begun, result, &mut end);
+            // An input that was waiting for this one has no light any more.
+            if let Some((first, _)) = waiting.take() {
+                let detail = format!(
+                    "{port} was not brought to its peak, and both were to be cured together"
+                );
+                let why = End::Failed("not_cured".to_owned(), detail, Action::RejectDevice);
+                let before = end.take();
+                self.ended(&mut produced, first, Err(why), &mut end);
+                end = before.or(end);
+            }
         }
         if let Some(End::Fault(_)) = &end
             && produced.rejected.is_empty()
@@ -328,6 +375,86 @@ impl Line<'_, '_, '_> {
         }
         produced.end = self.cell.now();
         (produced, end)
+    }
+
+    /// A fiber of a device begins.
+    fn begun(&self, device: &Device, port: &str) -> Begun {
+        let place = device.fibers[port].clone();
+        Begun {
+            start: self.cell.now(),
+            peak: self.cell.now(),
+            pigtail: Pigtail {
+                device: device.serial.clone(),
+                port: port.to_owned(),
+                fiber: self
+                    .order
+                    .tray
+                    .fiber_at(&place)
+                    .unwrap_or_default()
+                    .to_owned(),
+                place,
+                passed: false,
+                cause: String::new(),
+                detail: String::new(),
+                seconds: 0.0,
+                align_seconds: 0.0,
+                cured: None,
+            },
+        }
+    }
+
+    /// A fiber of a device is over; `end` is how the device ends by that.
+    fn ended(
+        &mut self,
+        produced: &mut Produced,
+        begun: Begun,
+        result: Result<(), End>,
+        end: &mut Option<End>,
+    ) {
+        let Begun {
+            mut pigtail, start, ..
+        } = begun;
+        pigtail.seconds = self.cell.now() - start;
+        match result {
+            Ok(()) => pigtail.passed = true,
+            Err(End::Fault(fault)) => {
+                "fault".clone_into(&mut pigtail.cause);
+                pigtail.detail = fault.to_string();
+                "fault".clone_into(&mut produced.rejected);
+                *end = Some(End::Fault(fault));
+            }
+            Err(End::Failed(cause, detail, action)) => {
+                if let Err(fault) = self.put_back(side_of(&pigtail.port)) {
+                    *end = Some(End::Fault(fault));
+                }
+                (pigtail.cause, pigtail.detail) = (cause.clone(), detail.clone());
+                if produced.rejected.is_empty() || cause != "not_cured" {
+                    produced.rejected.clone_from(&cause);
+                }
+                // Without the input's light there is nothing to align the others by.
+                if end.is_none() && (action != Action::NextFiber || pigtail.port == PORTS[0]) {
+                    *end = Some(End::Failed(cause, detail, action));
+                }
+            }
+        }
+        self.flush();
+        (self.tell)(&Event::Fiber(&pigtail));
+        produced.fibers.push(pigtail);
+    }
+
+    /// The left manipulator has let its fiber go: it makes way, and goes on with the next device's.
+    fn left_is_free(&mut self, k: usize, on: (&str, &str), last: bool) {
+        let left = Side::Left;
+        if self.cell.station().carries(left) || self.cell.is_busy(left) {
+            return;
+        }
+        let away = [
+            Step::Named("retreat"),
+            Step::Back(self.clear(left)),
+            Step::Centre,
+        ];
+        self.cell.begin(left, on, away);
+        self.look_ahead(k, last);
     }
 
     /// A fiber that has failed and is still in its holder goes back to the tray.
@@ -350,21 +477,18 @@ impl Line<'_, '_, '_> {
     /// The next device, with both manipulators clear.
     fn index(&mut self, device: &Device) -> Result<(), End> {
         let on = (device.serial.as_str(), "");
-        // Whatever the left one is at: it may still stand before the chip.
-        match self.cell.finish(Side::Left) {
-            Err(Halt::Fault(fault)) => return Err(fault.into()),
-            // It is told when its turn comes.
-            Err(Halt::Outcome(_)) => self.ahead = Ahead::Nothing,
-            Ok(()) => {}
+        let (left, z) = (Side::Left, self.clear(Side::Left));
+        if !self.cell.is_clear(left, z) {
+            // Whatever it is at: it may still stand before the chip.
+            match self.cell.finish(left) {
+                Err(Halt::Fault(fault)) => return Err(fault.into()),
+                // It is told when its turn comes.
+                Err(Halt::Outcome(_)) => self.ahead = Ahead::Nothing,
+                Ok(()) => {}
+            }
+            let away = vec![Step::Named("retreat"), Step::Back(z)];
+            self.steps(left, on, away, "retreat", Action::Call)?;
         }
-        let z = self.clear(Side::Left);
-        self.steps(
-            Side::Left,
-            on,
-            vec![Step::Named("retreat"), Step::Back(z)],
-            "retreat",
-            Action::Call,
-        )?;
         let z = self.clear(Side::Right);
         self.steps(
             Side::Right,
@@ -384,6 +508,16 @@ impl Line<'_, '_, '_> {
         match side {
             Side::Left => ports.input[2] - CLEAR,
             Side::Right => ports.outputs.iter().map(|at| at[2]).fold(0.0, f64::max) + CLEAR,
+        }
+    }
+
+    /// Where the facets are along the chip's z on a side, the one that stands out farthest.
+    fn facet(&self, side: Side) -> f64 {
+        let ports = &self.order.recipe.ports;
+        let outputs = ports.outputs.iter().map(|at| at[2]);
+        match side {
+            Side::Left => ports.input[2],
+            Side::Right => outputs.fold(f64::INFINITY, f64::min),
         }
     }
 
@@ -437,15 +571,14 @@ impl Line<'_, '_, '_> {
         ]
     }
 
-    /// A fiber from its place to its bond.
-    fn fiber(
+    /// A fiber from its place to its peak.
+    fn reach(
         &mut self,
         k: usize,
         production: &Production,
         aligner: &mut Aligner,
-        last: bool,
         pigtail: &mut Pigtail,
-    ) -> Result<(), End> {
+    ) -> Result<AtPeak, End> {
         let serial = self.order.tray.devices[k].serial.clone();
         let port = pigtail.port.clone();
         let on = (serial.as_str(), port.as_str());
@@ -472,9 +605,10 @@ impl Line<'_, '_, '_> {
                 self.steps(side, on, steps, "adhesive", production.adhesive.failed)?;
                 self.wet[side.index()] = Some(self.cell.now());
             }
-            // What is driven by cycles sees no events of anybody else.
             let other = [Side::Right, Side::Left][side.index()];
-            if self.cell.is_busy(other) {
+            // The input is aligned by both; an output beside whatever the left one is at, where there is room for that.
+            let alone = side == Side::Right && self.cell.reserve(side, self.facet(side));
+            if !alone && self.cell.is_busy(other) {
                 match self.cell.finish(other) {
                     Err(Halt::Fault(fault)) => return Err(fault.into()),
                     // It is told when its turn comes.
@@ -483,7 +617,15 @@ impl Line<'_, '_, '_> {
                 }
             }
             let start = self.cell.now();
-            let (report, held) = aligner.reach(self.cell.station(), number.checked_sub(1));
+            let station = self.cell.station();
+            let known = (
+                station.layout(),
+                Side::ALL.map(|side| station.carries(side)),
+            );
+            let (report, held) = aligner.reach(&mut self.cell, known, number.checked_sub(1));
+            if alone {
+                self.cell.give_back(side);
+            }
             self.cell.note(side, on, "align", false, start);
             if side == Side::Left {
                 self.cell.note(other, on, "align", false, start);
@@ -505,47 +647,7 @@ impl Line<'_, '_, '_> {
                 }
             }
         };
-        let waited = self.wet[side.index()].map_or(0.0, |since| self.cell.now() - since);
-        if waited > production.adhesive.open {
-            let detail = format!(
-                "adhesive was {waited:.0} s in the air; accepted are {} s",
-                production.adhesive.open
-            );
-            return Err(End::Failed(
-                "adhesive".to_owned(),
-                detail,
-                production.adhesive.failed,
-            ));
-        }
-        if last {
-            self.look_ahead(k, true);
-        }
-        let cured = self
-            .cure(&held, production, on)
-            .map_err(|halt| match halt {
-                Halt::Fault(fault) => End::Fault(fault),
-                Halt::Outcome(outcome) => {
-                    let detail = outcome.to_string();
-                    End::Failed("cure".to_owned(), detail, production.verify.failed)
-                }
-            })?;
-        pigtail.cured = Some(cured);
-        if side == Side::Left {
-            let z = self.clear(side);
-            let away = [Step::Named("retreat"), Step::Back(z), Step::Centre];
-            self.cell.begin(side, on, away);
-            self.look_ahead(k, false);
-        }
-        let verify = &production.verify;
-        let (lost, sigma) = (cured.after_release_db, cured.sigma_db);
-        if lost + SURE * sigma > verify.added_loss_db || !lost.is_finite() {
-            let detail = format!(
-                "cure and release have added {lost:.3} dB, known to {sigma:.3} dB; accepted are {} dB",
-                verify.added_loss_db
-            );
-            return Err(End::Failed("added_loss".to_owned(), detail, verify.failed));
-        }
-        Ok(())
+        Ok(held)
     }
 
     /// The left manipulator, which is free, goes on with the fiber of the next device: it picks it up, and gets adhesive only
@@ -581,110 +683,36 @@ impl Line<'_, '_, '_> {
         })
     }
 
+    /// The same of some arms at once.
+    fn ask_all(&mut self, sides: &[Side], what: FiberHandling) -> Result<(), Halt> {
+        let handle = |side: &Side| Request::Handle {
+            arm: side.index(),
+            what,
+        };
+        let requests: Vec<Request> = sides.iter().map(handle).collect();
+        self.ask_for_all(&requests)
+    }
+
     fn ask_for(&mut self, request: Request) -> Result<(), Halt> {
+        self.ask_for_all(&[request])
+    }
+
+    fn ask_for_all(&mut self, requests: &[Request]) -> Result<(), Halt> {
         let failed = |why: String| Halt::from(Outcome::BenchFailed { why });
-        let ticket = self
-            .cell
-            .request(request)
-            .map_err(|why| failed(why.to_string()))?;
+        let mut tickets = Vec::with_capacity(requests.len());
+        for request in requests {
+            let ticket = self.cell.request(*request);
+            tickets.push(ticket.map_err(|why| failed(why.to_string()))?);
+        }
         let until = self.cell.now() + 60.0;
-        loop {
+        while !tickets.is_empty() {
             match self.cell.next(until)? {
-                Happened::Done(done) if done == ticket => return Ok(()),
-                Happened::Failed(of, why) if of == ticket => return Err(failed(why)),
+                Happened::Done(done) => tickets.retain(|ticket| *ticket != done),
+                Happened::Failed(of, why) if tickets.contains(&of) => return Err(failed(why)),
                 Happened::Time => return Err(failed("it was not done in a minute".to_owned())),
                 _ => {}
             }
         }
-    }
-
-    /// Holds a fiber under the lamp, lets it go and looks at its light.
-    fn cure(
-        &mut self,
-        held: &AtPeak,
-        production: &Production,
-        on: (&str, &str),
-    ) -> Result<Cured, Halt> {
-        let (side, meter) = (held.side, Meter(held.channel.index()));
-        let cure = production.cure;
-        let start = self.cell.now();
-        let looked = hold::level(&mut self.cell, meter, LOOK)?;
-        self.ask(side, FiberHandling::Lamp(true))?;
-        let lit = self.cell.now();
-        let ratio = production.ratio();
-        let teacher = self.teachers[side.index()].clone();
-        let mut expected = Displacement::ZERO;
-        let followed: Option<Followed> = if cure.track {
-            let beyond = |before| {
-                expected = teacher.expect(before, ratio, cure.scatter);
-                if cure.precompensate {
-                    expected * -1.0
-                } else {
-                    Displacement::ZERO
-                }
-            };
-            let rest = lit + production.rest();
-            Some(hold::follow(
-                &mut self.cell,
-                self.order.recipe,
-                held,
-                rest,
-                beyond,
-            )?)
-        } else {
-            None
-        };
-        self.cell.wait_until(lit + cure.time - LOOK)?;
-        let cured = hold::level(&mut self.cell, meter, LOOK)?;
-        self.ask(side, FiberHandling::Lamp(false))?;
-        self.cell.note(side, on, "cure", true, start);
-        if side == Side::Left {
-            self.cell.note(Side::Right, on, "witness", true, start);
-        }
-        let release = self.cell.now();
-        self.ask(side, FiberHandling::Release)?;
-        self.wet[side.index()] = None;
-        self.cell.note(side, on, "release", false, release);
-        let verify = self.cell.now();
-        let after = hold::level(&mut self.cell, meter, production.verify.look)?;
-        self.cell.note(side, on, "verify", false, verify);
-        if side == Side::Left {
-            self.cell.note(Side::Right, on, "witness", true, release);
-        }
-        let above = |(volts, sigma): (f64, f64)| (volts - held.background, sigma);
-        let ((before, noise), (cured, _), (after, rest)) =
-            (above(looked), above(cured), above(after));
-        let lost = |light: f64| 10.0 * (before / light.max(1e-6 * before)).log10();
-        let relative = (noise / before).hypot(rest / after).hypot(STEADY);
-        let recipe = self.order.recipe;
-        let width = followed.map_or_else(
-            || Beam::new(&recipe.mode, recipe.ports.exit_angle).width(held.gap),
-            |followed| followed.width,
-        );
-        let squared = width * width * (before / after.max(1e-6 * before)).ln();
-        let noise = width * width * relative;
-        let pulled = followed.map(|followed| followed.by * -1.0);
-        let beyond = followed.map_or(Displacement::ZERO, |followed| followed.beyond);
-        if let Some(pulled) = pulled {
-            self.teachers[side.index()].learn(Lesson {
-                before: pulled,
-                beyond,
-                squared: (squared, noise),
-            });
-        }
-        let off = squared.max(0.0).sqrt();
-        let um = |d: Displacement| [1e6 * d.x, 1e6 * d.y];
-        let all = pulled.map_or(off, |pulled| (pulled + expected).norm());
-        Ok(Cured {
-            after_cure_db: lost(cured),
-            after_release_db: lost(after),
-            sigma_db: 10.0 / std::f64::consts::LN_10 * relative,
-            before_um: pulled.map(um),
-            beyond_um: um(beyond),
-            expected_um: um(beyond + expected),
-            off_um: 1e6 * off,
-            off_sigma_um: 1e6 * noise / (2.0 * off.max(noise.sqrt())),
-            shift_um: 1e6 * all,
-        })
+        Ok(())
     }
 }

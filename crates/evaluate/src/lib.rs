@@ -31,3 +31,4 @@ pub mod plan;
 pub mod produce;
 pub mod sample_data;
 pub mod simulate;
+pub mod trays;

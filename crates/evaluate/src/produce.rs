@@ -306,6 +306,79 @@ fn offset(notes: &Notes, pigtail: &Pigtail, wanted: f64) -> Option<Offset> {
     })
 }
 
+/// What devices came to, whichever trays they were on.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Sums {
+    pub(crate) devices: usize,
+    pub(crate) fibers: usize,
+    /// Devices that passed, and fibers.
+    pub(crate) passed: usize,
+    pub(crate) fibers_passed: usize,
+    pub(crate) seconds_per_fiber: Percentiles,
+    pub(crate) loss_db_after_cure: Percentiles,
+    pub(crate) shift_um: Shift,
+    pub(crate) rejected: BTreeMap<String, usize>,
+    pub(crate) added_loss_db: Percentiles,
+    pub(crate) wrongly_passed: usize,
+}
+
+impl Sums {
+    pub(crate) fn of<'t>(told: impl IntoIterator<Item = &'t Told>, loaded: &Loaded) -> Self {
+        let (mut devices, mut fibers, mut passed, mut fibers_passed) = (0, 0, 0, 0);
+        let mut rejected = BTreeMap::new();
+        let (mut seconds, mut loss, mut added) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut tracked, mut untracked) = (Vec::new(), Vec::new());
+        let mut wrongly_passed = 0;
+        for device in told {
+            devices += 1;
+            let produced = &device.produced;
+            if produced.rejected.is_empty() {
+                passed += 1;
+            } else {
+                *rejected.entry(produced.rejected.clone()).or_insert(0) += 1;
+            }
+            let production = loaded
+                .productions
+                .values()
+                .find(|p| p.name == produced.recipe);
+            let accepted = production.map_or(f64::INFINITY, |p| p.verify.added_loss_db);
+            for (fiber, truth) in produced.fibers.iter().zip(&device.truth) {
+                fibers += 1;
+                fibers_passed += usize::from(fiber.passed);
+                seconds.push(fiber.seconds);
+                loss.extend(truth.map(|truth| truth.loss_db));
+                added.extend(truth.map(|truth| truth.added_db));
+                if let Some(cured) = fiber.cured {
+                    untracked.push(cured.shift_um);
+                    tracked.extend(cured.before_um.map(|_| cured.off_um));
+                }
+                let wrong = truth.is_none_or(|truth| truth.added_db > accepted);
+                wrongly_passed += usize::from(fiber.passed && wrong);
+            }
+        }
+        Self {
+            devices,
+            fibers,
+            passed,
+            fibers_passed,
+            seconds_per_fiber: Percentiles::of(seconds),
+            loss_db_after_cure: Percentiles::of(loss),
+            shift_um: Shift {
+                tracked: Percentiles::of(tracked).p50,
+                untracked: Percentiles::of(untracked).p50,
+            },
+            rejected,
+            added_loss_db: Percentiles::of(added),
+            wrongly_passed,
+        }
+    }
+
+    /// Share of the devices that passed.
+    pub(crate) fn share(&self) -> f64 {
+        rounded(self.passed as f64 / self.devices.max(1) as f64, 1e-4)
+    }
+}
+
 fn document(
     setup: &Setup,
     loaded: &Loaded,
@@ -315,26 +388,7 @@ fn document(
     told: Vec<Told>,
     wall: Instant,
 ) -> ProduceDocument {
-    let fibers: Vec<&Pigtail> = told.iter().flat_map(|d| &d.produced.fibers).collect();
-    let truths: Vec<Option<&Offset>> = told
-        .iter()
-        .flat_map(|d| d.truth.iter().map(Option::as_ref))
-        .collect();
-    let mut rejected = BTreeMap::new();
-    for device in told.iter().filter(|d| !d.produced.rejected.is_empty()) {
-        *rejected
-            .entry(device.produced.rejected.clone())
-            .or_insert(0) += 1;
-    }
-    let wrongly = fibers.iter().zip(&truths).filter(|(fiber, truth)| {
-        let device = told.iter().find(|d| d.produced.serial == fiber.device);
-        let production = device.and_then(|d| {
-            let mut all = loaded.productions.values();
-            all.find(|p| p.name == d.produced.recipe)
-        });
-        let accepted = production.map_or(f64::INFINITY, |p| p.verify.added_loss_db);
-        fiber.passed && truth.is_none_or(|truth| truth.added_db > accepted)
-    });
+    let sums = Sums::of(&told, loaded);
     let share = |side: Side, held: bool| {
         let bars = run.bars.iter().filter(|bar| bar.side == side.name());
         let counted = bars.filter(|bar| bar.held == held && bar.what != "index");
@@ -342,47 +396,24 @@ fn document(
     };
     let percent = |share: f64| rounded(100.0 * share, 1e-2);
     let idle = |side: Side| percent((1.0 - share(side, true) - share(side, false)).max(0.0));
-    let cured: Vec<_> = fibers.iter().filter_map(|fiber| fiber.cured).collect();
-    let median = |values: Vec<f64>| Percentiles::of(values).p50;
     let truth = twin.map(Twin::truth);
-    let passed = told
-        .iter()
-        .filter(|d| d.produced.rejected.is_empty())
-        .count();
     let done = |device: &&Produced| device.rejected != "fault";
     let here = run.devices.iter().filter(done).count();
     ProduceDocument {
-        devices: told.len(),
-        fibers: fibers.len(),
-        passed: rounded(passed as f64 / told.len().max(1) as f64, 1e-4),
-        seconds_per_fiber: Percentiles::of(fibers.iter().map(|f| f.seconds).collect()),
+        devices: sums.devices,
+        fibers: sums.fibers,
+        passed: sums.share(),
+        seconds_per_fiber: sums.seconds_per_fiber,
         devices_per_hour: rounded(3600.0 * here as f64 / run.seconds.max(1e-9), 1e-2),
         idle_percent: Sides {
             left: idle(Side::Left),
             right: idle(Side::Right),
         },
-        loss_db_after_cure: Percentiles::of(
-            truths.iter().flatten().map(|truth| truth.loss_db).collect(),
-        ),
-        shift_um: Shift {
-            tracked: median(
-                cured
-                    .iter()
-                    .filter(|c| c.before_um.is_some())
-                    .map(|c| c.off_um)
-                    .collect(),
-            ),
-            untracked: median(cured.iter().map(|c| c.shift_um).collect()),
-        },
-        rejected,
-        added_loss_db: Percentiles::of(
-            truths
-                .iter()
-                .flatten()
-                .map(|truth| truth.added_db)
-                .collect(),
-        ),
-        wrongly_passed: wrongly.count(),
+        loss_db_after_cure: sums.loss_db_after_cure,
+        shift_um: sums.shift_um,
+        rejected: sums.rejected,
+        added_loss_db: sums.added_loss_db,
+        wrongly_passed: sums.wrongly_passed,
         collision: truth.is_some_and(|truth| truth.smallest_gap <= 0.0),
         smallest_gap_um: truth.map_or(0.0, |truth| rounded(1e6 * truth.smallest_gap, 1e-6)),
         smallest_apart_mm: twin

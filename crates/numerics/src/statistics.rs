@@ -230,6 +230,58 @@ pub fn wilson(hits: u64, trials: u64) -> [f64; 2] {
     [low, high]
 }
 
+/// The exact interval of a probability, from `hits` in `trials` independent trials, with a confidence of [`CONFIDENCE`]
+/// (C. J. Clopper and E. S. Pearson, 1934): wherever the probability lies in truth, the interval holds it at least so often. Without a
+/// hit it ends at `1 - 0.025^(1/n)`. Without a trial nothing is known: 0 to 1.
+///
+/// ```
+/// # use pigtail_numerics::statistics::exact;
+/// let [_, most] = exact(0, 200);
+/// assert!((most - (1.0 - 0.025_f64.powf(1.0 / 200.0))).abs() < 1e-9);
+/// ```
+pub fn exact(hits: u64, trials: u64) -> [f64; 2] {
+    /// Halvings: to the last bit.
+    const HALVINGS: u32 = 60;
+    let tail = 0.5 * (1.0 - CONFIDENCE);
+    // Where the probability of so many hits or fewer falls to a share.
+    let falls_to = |hits: u64, share: f64| {
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..HALVINGS {
+            let p = 0.5 * (low + high);
+            if at_most(hits, trials, p) > share {
+                low = p;
+            } else {
+                high = p;
+            }
+        }
+        0.5 * (low + high)
+    };
+    let low = match hits {
+        0 => 0.0,
+        _ => falls_to(hits - 1, 1.0 - tail),
+    };
+    let high = if hits >= trials {
+        1.0
+    } else {
+        falls_to(hits, tail)
+    };
+    [low, high]
+}
+
+/// Probability of so many hits or fewer in independent trials that hit with probability `p`, between 0 and 1.
+fn at_most(hits: u64, trials: u64, p: f64) -> f64 {
+    let n = trials as f64;
+    let (log_p, log_q) = (p.ln(), (-p).ln_1p());
+    let mut log_term = n * log_q;
+    let mut sum = log_term.exp();
+    for k in 0..hits.min(trials) {
+        let k = k as f64;
+        log_term += ((n - k) / (k + 1.0)).ln() + log_p - log_q;
+        sum += log_term.exp();
+    }
+    sum.min(1.0)
+}
+
 /// Probability that something lies farther than `tolerance` from where it is wanted: it is believed to be `off`
 /// that, but for an error that is anywhere within a `bound`, as likely here as there, and a normal one of
 /// deviation `sigma`. All in one unit; `bound` and `sigma` are zero or more.
@@ -428,6 +480,25 @@ mod tests {
             );
         }
         assert_eq!(wilson(0, 0), [0.0, 1.0]);
+    }
+
+    /// Against values from tables of the method, to four digits.
+    #[test]
+    fn the_exact_interval_is_the_known_one() {
+        for (hits, trials, [low, high]) in [
+            (0, 10, [0.0, 0.308_5]),
+            (1, 10, [0.002_5, 0.445_0]),
+            (5, 10, [0.187_1, 0.812_9]),
+            (10, 10, [0.691_5, 1.0]),
+            (2, 800, [0.000_303, 0.009_002]),
+            (0, 0, [0.0, 1.0]),
+        ] {
+            let [l, h] = exact(hits, trials);
+            assert!(
+                (l - low).abs() < 1e-4 && (h - high).abs() < 1e-4,
+                "{hits}/{trials}: {l} {h}"
+            );
+        }
     }
 
     #[test]

@@ -43,6 +43,7 @@ mod scan;
 mod shapes;
 pub mod text;
 mod thesis;
+mod trays;
 mod tuning;
 mod windup;
 
@@ -65,5 +66,6 @@ pub use record::record;
 pub use scan::{notes as scan_notes, scan};
 pub use shapes::shapes;
 pub use thesis::thesis;
+pub use trays::trays;
 pub use tuning::tuning;
 pub use windup::windup;

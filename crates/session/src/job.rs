@@ -8,6 +8,7 @@ use crate::follow::Follow;
 use crate::identify::{IdentifyWindup, ScanWindup};
 use crate::impulse::Impulse;
 use crate::piezos::IdentifyPiezos;
+use crate::produce::Kept;
 use crate::pulses::{BreakAway, LeastPulse, PlayPulses};
 use crate::rig::Rig;
 use crate::tune::Tune;
@@ -185,6 +186,8 @@ pub enum Order {
     PlayPulses(PlayPulses),
     /// Find the least pulse that moves an axis.
     LeastPulse(LeastPulse),
+    /// Produce a tray.
+    Produce(Box<Kept>),
     /// Something that nobody can do again from what was kept: it is recorded all the same.
     Other,
 }

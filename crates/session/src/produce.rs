@@ -1,7 +1,7 @@
 //! A tray of devices produced on a machine.
 
 use crate::job::{Ended, Job, Order, Work};
-use crate::rig::Rig;
+use crate::rig::{Rig, Source};
 use pigtail_control::calibration::Calibration;
 use pigtail_control::kinematics::Kinematics;
 use pigtail_cycle::check::mistakes;
@@ -11,6 +11,7 @@ use pigtail_cycle::tray::Tray;
 use pigtail_hal::digest::hash;
 use pigtail_hal::{Error, Side, Spec};
 use pigtail_model::frames::{Chip, Point};
+use serde::{Deserialize, Serialize};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::fs;
@@ -19,12 +20,13 @@ use std::path::Path;
 /// The tray that is compiled in.
 pub const DEFAULT_TRAY: &str = "four";
 
-const BUILT_IN: [(&str, &str, &str); 3] = [
+const BUILT_IN: [(&str, &str, &str); 6] = [
     (
         "trays",
         DEFAULT_TRAY,
         include_str!("../../../trays/four.toml"),
     ),
+    ("trays", "pairs", include_str!("../../../trays/pairs.toml")),
     (
         "recipes",
         "produce-fast",
@@ -34,6 +36,16 @@ const BUILT_IN: [(&str, &str, &str); 3] = [
         "recipes",
         "produce-thesis",
         include_str!("../../../recipes/produce-thesis.toml"),
+    ),
+    (
+        "recipes",
+        "produce-together",
+        include_str!("../../../recipes/produce-together.toml"),
+    ),
+    (
+        "recipes",
+        "produce-pair",
+        include_str!("../../../recipes/produce-pair.toml"),
     ),
 ];
 
@@ -71,16 +83,43 @@ fn find(folder: &str, named: &str) -> Result<(String, String), Error> {
 /// Everything that is wrong with it.
 pub fn production(named: &str) -> Result<(Production, (String, String)), Vec<Error>> {
     let (file, text) = find("recipes", named).map_err(|why| vec![why])?;
-    let read = pigtail_hal::config::parse::<Production>(&file, &text);
+    let production = parsed(&file, &text)?;
+    Ok((production, (file, hash(text))))
+}
+
+fn parsed(file: &str, text: &str) -> Result<Production, Vec<Error>> {
+    let read = pigtail_hal::config::parse::<Production>(file, text);
     let production = read.map_err(|why| vec![why])?;
-    let wrong = production.mistakes(&file);
+    let wrong = production.mistakes(file);
     if wrong.is_empty() {
-        let digest = hash(text);
-        Ok((production, (file, digest)))
+        Ok(production)
     } else {
         Err(wrong)
     }
 }
+
+/// What is said of the cure in place of what recipes say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct InPlace {
+    /// Whether the micro follows the light's peak.
+    pub track: Option<bool>,
+    /// Whether it goes beyond it.
+    pub precompensate: Option<bool>,
+}
+
+/// A tray and its recipes as texts: all that it takes to read them again.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Texts {
+    /// The tray.
+    pub tray: Source,
+    /// Its production recipes, by the names that it uses.
+    pub recipes: BTreeMap<String, Source>,
+    /// What is said in their place.
+    pub in_place: InPlace,
+}
+
+/// Finds a recipe by its name: how its file is called, and its text.
+type Find<'f> = dyn Fn(&str) -> Result<(String, String), Vec<Error>> + 'f;
 
 /// A tray with its recipes, read and checked.
 #[derive(Debug, Clone)]
@@ -93,6 +132,8 @@ pub struct Loaded {
     pub productions: BTreeMap<String, Production>,
     /// Name and SHA-256 of each file that was read.
     pub hashes: Vec<(String, String)>,
+    /// The texts of these files.
+    pub texts: Texts,
     /// Recipes that could not be read.
     wrong: Vec<Error>,
 }
@@ -105,9 +146,39 @@ impl Loaded {
     /// When the tray itself cannot be read. What is wrong with its recipes, [`Self::check`] tells.
     pub fn read(named: &str) -> Result<Self, Error> {
         let (file, text) = find("trays", named)?;
-        let tray = Tray::parse(&file, &text)?;
+        Self::of(file, &text, InPlace::default(), &|name| {
+            find("recipes", name).map_err(|why| vec![why])
+        })
+    }
+
+    /// Reads again what was read before.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::read`].
+    pub fn again(texts: &Texts) -> Result<Self, Error> {
+        let Source { name, text, .. } = &texts.tray;
+        Self::of(name.clone(), text, texts.in_place, &|name| {
+            let missing = || Error::new(name, "", "was not kept");
+            let kept = texts.recipes.get(name).ok_or_else(|| vec![missing()])?;
+            Ok((kept.name.clone(), kept.text.clone()))
+        })
+    }
+
+    fn of(file: String, text: &str, in_place: InPlace, find: &Find) -> Result<Self, Error> {
+        let source = |name: &str, text: &str| Source {
+            name: name.to_owned(),
+            text: text.to_owned(),
+            role: None,
+        };
+        let tray = Tray::parse(&file, text)?;
         let mut loaded = Self {
             hashes: vec![(file.clone(), hash(text))],
+            texts: Texts {
+                tray: source(&file, text),
+                recipes: BTreeMap::new(),
+                in_place: InPlace::default(),
+            },
             file,
             productions: BTreeMap::new(),
             wrong: Vec::new(),
@@ -120,15 +191,33 @@ impl Loaded {
             .map(ToString::to_string)
             .collect();
         for name in names {
-            match production(&name) {
-                Ok((production, read)) => {
-                    loaded.hashes.push(read);
+            let read = find(&name).and_then(|(file, text)| {
+                let production = parsed(&file, &text)?;
+                Ok((production, source(&file, &text)))
+            });
+            match read {
+                Ok((production, source)) => {
+                    loaded
+                        .hashes
+                        .push((source.name.clone(), hash(&source.text)));
+                    loaded.texts.recipes.insert(name.clone(), source);
                     loaded.productions.insert(name, production);
                 }
                 Err(wrong) => loaded.wrong.extend(wrong),
             }
         }
+        loaded.put(in_place);
         Ok(loaded)
+    }
+
+    /// Says something of the cure in place of what the recipes say. Without following there is nothing to go beyond by.
+    pub fn put(&mut self, in_place: InPlace) {
+        self.texts.in_place = in_place;
+        for production in self.productions.values_mut() {
+            let cure = &mut production.cure;
+            cure.track = in_place.track.unwrap_or(cure.track);
+            cure.precompensate = in_place.precompensate.unwrap_or(cure.precompensate) && cure.track;
+        }
     }
 
     /// The recipe of the devices and their alignment.
@@ -177,6 +266,17 @@ pub struct Produce<'p> {
     pub tell: RefCell<&'p mut dyn FnMut(&Event)>,
 }
 
+/// A tray as a record keeps it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Kept {
+    /// The tray and its recipes.
+    pub texts: Texts,
+    /// The first device that was still to be done.
+    pub from: usize,
+    /// Fibers that were done before.
+    pub taught: Vec<Pigtail>,
+}
+
 /// A tray takes no longer than this for each device, seconds of machine time.
 const LONGEST: f64 = 3600.0;
 
@@ -199,7 +299,11 @@ impl Job for Produce<'_> {
     }
 
     fn order(&self) -> Order {
-        Order::Other
+        Order::Produce(Box::new(Kept {
+            texts: self.loaded.texts.clone(),
+            from: self.from,
+            taught: self.taught.to_vec(),
+        }))
     }
 
     fn longest(&self) -> f64 {

@@ -3,6 +3,7 @@
 use crate::align::Align;
 use crate::job::{Ended, Job, Order};
 use crate::procedure::Procedure;
+use crate::produce::{Loaded, Produce};
 use crate::records::About;
 use crate::rig::Rig;
 use crate::session::Session;
@@ -14,6 +15,7 @@ use pigtail_machines::Replay;
 use pigtail_machines::record::Reader;
 use pigtail_numerics::rounded;
 use serde::Serialize;
+use std::cell::RefCell;
 use std::path::Path;
 use strum::VariantArray;
 
@@ -38,12 +40,28 @@ pub struct ReplayDocument {
     pub job: serde_json::Value,
     /// What control says of the fibers, in the replay of an alignment.
     pub outcomes: Vec<(&'static str, OutcomeCode)>,
+    /// What control says of the pigtails, in the replay of a tray.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub pigtails: Vec<Pigtailed>,
     /// How a job ended that came to no result, in the replay.
     pub ended: Option<String>,
     /// The version that recorded it.
     pub recorded_by: String,
     /// The version that replayed it.
     pub version: &'static str,
+}
+
+/// What control says of a pigtail.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Pigtailed {
+    /// The device's serial number.
+    pub device: String,
+    /// The port.
+    pub port: String,
+    /// Whether it passed.
+    pub passed: bool,
+    /// Why not; empty where it did.
+    pub cause: String,
 }
 
 /// Replays a record through the control of this program.
@@ -69,8 +87,8 @@ pub fn replay(path: &Path) -> Result<ReplayDocument> {
     };
     let rig = Rig::from_sources(&about.rig, &about.recipe, about.sources)?;
     let mut machine = Replay::new(rig.spec.clone(), reader);
-    let mut outcomes = Vec::new();
-    let ended = again(&rig, &mut machine, &order, &mut outcomes).err();
+    let (mut outcomes, mut pigtails) = (Vec::new(), Vec::new());
+    let ended = again(&rig, &mut machine, &order, &mut outcomes, &mut pigtails).err();
     let (exchanges, seconds) = (machine.cycles(), machine.time());
     // A replay that came to the record's end has said all that there is to say of a cut one.
     let over = machine
@@ -92,6 +110,7 @@ pub fn replay(path: &Path) -> Result<ReplayDocument> {
         cut,
         job: serde_json::to_value(&order)?,
         outcomes,
+        pigtails,
         ended: ended.map(|ended| ended.to_string()),
         recorded_by: about.version,
         version: env!("CARGO_PKG_VERSION"),
@@ -112,6 +131,7 @@ fn again(
     machine: &mut Replay,
     order: &Order,
     outcomes: &mut Vec<(&'static str, OutcomeCode)>,
+    pigtails: &mut Vec<Pigtailed>,
 ) -> Result<(), Ended> {
     fn run<J: Job>(rig: &Rig, machine: &mut Replay, job: &J) -> Result<J::Output, Ended> {
         Session::open(rig, machine).run(job, &mut Unobserved)
@@ -141,6 +161,25 @@ fn again(
         Order::BreakAway(job) => done(rig, machine, job),
         Order::PlayPulses(job) => done(rig, machine, job),
         Order::LeastPulse(job) => done(rig, machine, job),
+        Order::Produce(kept) => {
+            let loaded = Loaded::again(&kept.texts)?;
+            let mut tell = |_: &pigtail_cycle::run::Event| ();
+            let job = Produce {
+                loaded: &loaded,
+                from: kept.from,
+                taught: &kept.taught,
+                tell: RefCell::new(&mut tell),
+            };
+            let run = run(rig, machine, &job)?;
+            let fibers = run.devices.iter().flat_map(|device| &device.fibers);
+            pigtails.extend(fibers.map(|fiber| Pigtailed {
+                device: fiber.device.clone(),
+                port: fiber.port.clone(),
+                passed: fiber.passed,
+                cause: fiber.cause.clone(),
+            }));
+            Ok(())
+        }
         Order::Other => {
             let message = "is of something that cannot be run again from a record; accepted is a job of its own";
             Err(Error::new("record", "job", message).into())

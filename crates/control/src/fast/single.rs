@@ -1,11 +1,12 @@
 //! One fiber after the other, each left at its peak for whoever fixes it there.
 
 use super::Shared;
-use crate::cell::AlignmentCell;
+use crate::cell::{AlignmentCell, Layout};
 use crate::outcome::Outcome;
 use crate::procedure::{AtPeak, FiberReport, Job};
+use crate::reactor::Watched;
 use crate::recipe::Recipe;
-use crate::station::Station;
+use pigtail_hal::spec::SIDES;
 
 /// How fibers are brought to their peaks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,17 +33,19 @@ impl<'r> Aligner<'r> {
     }
 
     /// Brings the fiber that its holder carries to its port, the input (`None`) or an output, and leaves it at the peak,
-    /// not attached. One that cannot be aligned goes back to the tray.
+    /// not attached. One that cannot be aligned goes back to the tray. Of the bench so much is known, and these arms carry
+    /// a fiber; what one that the alignment does not move is at meanwhile is the bench's own affair.
     pub fn reach(
         &mut self,
-        station: &mut Station,
+        bench: &mut dyn Watched,
+        (layout, loaded): (Layout, [bool; SIDES]),
         port: Option<usize>,
     ) -> (FiberReport, Option<AtPeak>) {
         let recipe = self.shared.recipe;
         let mut job = port.map_or_else(|| Job::input(recipe), |k| Job::output(recipe, k));
         job.holds = true;
         let (shared, way) = (&mut self.shared, self.way);
-        let cell = AlignmentCell::over(station);
+        let cell = AlignmentCell::carrying(bench, layout, loaded);
         let cell = &cell;
         let report = cell.run(job.run(cell, async |job| {
             cell.laser(true)?;

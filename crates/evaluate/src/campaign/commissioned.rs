@@ -149,8 +149,7 @@ impl Commissioned {
         if accepted {
             return device(&*self.of_machine(machine)?, procedure, seed);
         }
-        let why = self.machines.get(&machine).map(|m| m.why.as_str());
-        let why = format!("{REFUSED}: {}", why.unwrap_or("it is not known"));
+        let why = format!("{REFUSED}: {}", self.why(machine));
         let document = align::empty(
             &self.setup,
             procedure,
@@ -159,6 +158,12 @@ impl Commissioned {
             &why,
         );
         Ok(Device { seed, document })
+    }
+
+    /// Why a machine was not accepted; empty where it was.
+    pub fn why(&self, machine: u64) -> &str {
+        let known = self.machines.get(&machine);
+        known.map_or("it is not known", |m| m.why.as_str())
     }
 
     /// The setup with what is believed of a machine; nothing where that was refused.

@@ -19,6 +19,9 @@ const VARIES: f64 = 8.0;
 /// ...on average over so many of them; before there are some of them nothing is known of that.
 const AVERAGED: (f64, u32) = (50.0, 5);
 
+/// Samples for which a photodiode still remembers a device that has gone.
+const REMEMBERS: u32 = 10;
+
 /// How light varies while nothing moves.
 #[derive(Debug, Clone, Copy, Default)]
 struct Varies {
@@ -50,6 +53,8 @@ pub(super) struct LightWatch {
     dark: [f64; CHANNELS],
     last: Option<[Volts; CHANNELS]>,
     varies: [Varies; CHANNELS],
+    /// Samples that are still to be passed over.
+    blind: u32,
 }
 
 impl LightWatch {
@@ -59,7 +64,15 @@ impl LightWatch {
             dark: [f64::INFINITY; CHANNELS],
             last: None,
             varies: [Varies::default(); CHANNELS],
+            blind: 0,
         }
+    }
+
+    /// The device goes, or has just gone: its light goes with it, and what the next one lets through is another.
+    pub(super) fn change_device(&mut self) {
+        self.forget();
+        self.varies = [Varies::default(); CHANNELS];
+        self.blind = REMEMBERS;
     }
 
     /// What was seen no longer says what should be: a fiber has been changed.
@@ -79,6 +92,11 @@ impl LightWatch {
         let Some(light) = &measured.light else {
             return Ok(());
         };
+        if self.blind > 0 {
+            self.blind -= 1;
+            self.last = None;
+            return Ok(());
+        }
         let before = self.last.take();
         if command.laser {
             self.last = Some(light.volts);

@@ -146,6 +146,8 @@ pub struct Guard<M> {
     exempt: &'static [Rule],
     /// Steps of the fiber handling that go on.
     handling: [Option<FiberHandling>; SIDES],
+    /// Whether the conveyor brings another device.
+    changing: bool,
 }
 
 /// What a guard remembers of a cycle.
@@ -238,7 +240,10 @@ impl<M> Guard<M> {
                     self.keepout.change_fiber(side, false, time);
                 }
                 // The others take their time.
-                Some(what) => self.handling[i] = Some(what),
+                Some(what) => {
+                    self.handling[i] = Some(what);
+                    self.changing |= what == FiberHandling::Index;
+                }
                 None => {}
             }
             let Some(how) = ended[i] else { continue };
@@ -275,6 +280,7 @@ impl<M: Machine> Guard<M> {
             fault: None,
             exempt: &[],
             handling: [None; SIDES],
+            changing: false,
         }
     }
 
@@ -623,6 +629,10 @@ impl<M: Machine> Machine for Guard<M> {
         };
         if command.fiber != [None; SIDES] || measured.handled != [None; SIDES] {
             self.handling(command.fiber, measured.handled, measured.time);
+        }
+        if self.changing {
+            self.light.change_device();
+            self.changing = self.handling.contains(&Some(FiberHandling::Index));
         }
         let checked = self.check_measurement(command, &measured);
         self.last = Some(Last {

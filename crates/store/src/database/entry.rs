@@ -3,7 +3,7 @@
 use super::{Database, FileHash, schema};
 use pigtail_hal::{Error, Fault};
 use pigtail_numerics::rounded;
-use rusqlite::{Connection, ErrorCode, params};
+use rusqlite::{Connection, ErrorCode, OptionalExtension, params};
 use serde::Serialize;
 
 /// How far a run has come.
@@ -126,8 +126,60 @@ pub struct Pigtail<'a> {
     pub added_loss_db: Option<f64>,
     /// Its standard deviation, decibels.
     pub sigma_db: Option<f64>,
+    /// How far from its peak it is after cure and release, by the light, micrometres; its standard deviation; and how far
+    /// the adhesive has shifted it in all.
+    pub off_um: Option<[f64; 3]>,
     /// Machine time, seconds.
     pub seconds: f64,
+}
+
+/// Enters a fiber of a tray; a port of a device is done with once in a run.
+fn insert(store: &Connection, run: i64, pigtail: &Pigtail) -> rusqlite::Result<usize> {
+    store.execute(
+        "INSERT INTO pigtails SELECT ?1, count(*), ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13,
+         ?14, ?15, ?16
+         FROM pigtails WHERE run = ?1
+         HAVING NOT EXISTS (SELECT 1 FROM pigtails WHERE run = ?1 AND device = ?2 AND port = ?4)",
+        params![
+            run,
+            pigtail.device,
+            pigtail.place,
+            pigtail.port,
+            pigtail.fiber,
+            pigtail.fiber_place,
+            pigtail.recipe,
+            pigtail.calibration,
+            pigtail.operator,
+            pigtail.outcome,
+            pigtail.added_loss_db,
+            pigtail.sigma_db,
+            rounded(pigtail.seconds, 1e-6),
+            pigtail.off_um.map(|off| off[0]),
+            pigtail.off_um.map(|off| off[1]),
+            pigtail.off_um.map(|off| off[2])
+        ],
+    )
+}
+
+impl Database {
+    /// Enters those of these fibers that a run which was killed had noted, but not entered any more. A run that has ended
+    /// is left as it is.
+    ///
+    /// # Errors
+    ///
+    /// When they cannot be written.
+    pub fn complete(&self, run: &str, pigtails: &[Pigtail]) -> Result<(), Error> {
+        self.write(|store| {
+            let open = "SELECT id FROM runs WHERE name = ?1 AND NOT EXISTS (SELECT 1 FROM seals WHERE seals.name = ?1)";
+            let run = store.query_row(open, [run], |row| row.get(0)).optional()?;
+            if let Some(run) = run {
+                for pigtail in pigtails {
+                    insert(store, run, pigtail)?;
+                }
+            }
+            Ok(())
+        })
+    }
 }
 
 /// How a run ended.
@@ -265,27 +317,7 @@ impl Entry {
     /// When it cannot be written.
     pub fn pigtail(&self, pigtail: &Pigtail) -> Result<(), Error> {
         let run = self.run;
-        self.database.write(|store| {
-            store.execute(
-                "INSERT INTO pigtails SELECT ?1, count(*), ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11, ?12, ?13
-                 FROM pigtails WHERE run = ?1",
-                params![
-                    run,
-                    pigtail.device,
-                    pigtail.place,
-                    pigtail.port,
-                    pigtail.fiber,
-                    pigtail.fiber_place,
-                    pigtail.recipe,
-                    pigtail.calibration,
-                    pigtail.operator,
-                    pigtail.outcome,
-                    pigtail.added_loss_db,
-                    pigtail.sigma_db,
-                    rounded(pigtail.seconds, 1e-6)
-                ],
-            )
-        })?;
+        self.database.write(|store| insert(store, run, pigtail))?;
         Ok(())
     }
 

@@ -1,7 +1,7 @@
 //! The store's rows for other programs: a row a fiber, or a row a phase, as CSV or Parquet.
 
 use super::Database;
-use super::query::{Fiber, Listed, Shown};
+use super::query::{Fiber, Listed, Produced, Shown};
 use crate::rows::{Cell, Column, Kind, Table};
 use anyhow::{Context, Result};
 use pigtail_hal::Error;
@@ -26,6 +26,8 @@ pub enum Rows {
     Fibers,
     /// A phase of a fiber, each time that it was entered
     Phases,
+    /// A fiber of a tray, as it was produced
+    Pigtails,
 }
 
 /// How a file is written.
@@ -91,13 +93,20 @@ fn table(runs: &[Shown], rows: Rows) -> Table {
     let columns = match rows {
         Rows::Fibers => fiber_columns(&phases),
         Rows::Phases => phase_columns(),
+        Rows::Pigtails => pigtail_columns(),
     };
     let mut table = Table::new(&columns.into());
     for run in runs {
+        if rows == Rows::Pigtails {
+            for pigtail in &run.pigtails {
+                table.add(pigtail_row(run, pigtail));
+            }
+            continue;
+        }
         for fiber in &run.fibers {
             match rows {
                 Rows::Fibers => table.add(fiber_row(run, fiber, &phases)),
-                Rows::Phases => {
+                Rows::Phases | Rows::Pigtails => {
                     for index in 0..fiber.phases.len() {
                         table.add(phase_row(run, fiber, index));
                     }
@@ -239,4 +248,63 @@ fn phase_row<'a>(run: &'a Shown, fiber: &'a Fiber, index: usize) -> Vec<Cell<'a>
         Cell::Number(Some(phase.seconds)),
     ]);
     row
+}
+
+fn pigtail_columns() -> Vec<Column> {
+    let text = |name: &str, about: &str| Column::new(name, Kind::Text, about);
+    let number = |name: &str, about: &str| Column::new(name, Kind::Number, about);
+    vec![
+        text("run", "the name of the run's folder"),
+        text("started", "when the run began, RFC 3339"),
+        text("state", "how far the run came"),
+        text("version", "the program's version"),
+        text("seed", "the seed of the tray"),
+        text("device", "serial number of the device"),
+        text("place", "its place on the tray"),
+        text("port", "the fiber's port"),
+        text("fiber", "serial number of the fiber"),
+        text("fiber_place", "where it lay"),
+        text("recipe", "the production recipe"),
+        text("calibration", "SHA-256 of the calibration"),
+        text("operator", "who was at the machine"),
+        text("outcome", "pigtailed, or why not"),
+        number(
+            "added_loss_db",
+            "loss that cure and release have added, by the light",
+        ),
+        number("sigma_db", "its standard deviation"),
+        number(
+            "off_um",
+            "how far from its peak it is after that, by the light",
+        ),
+        number("off_sigma_um", "its standard deviation"),
+        number("shift_um", "how far the adhesive has shifted it in all"),
+        number("seconds", "machine time of the fiber"),
+    ]
+}
+
+fn pigtail_row<'a>(run: &'a Shown, pigtail: &'a Produced) -> Vec<Cell<'a>> {
+    let text = |value: &'a str| Cell::Text(Some(value));
+    vec![
+        text(&run.listed.run),
+        text(&run.listed.started),
+        text(run.listed.state.name()),
+        text(&run.listed.version),
+        text(&run.listed.seed),
+        text(&pigtail.device),
+        text(&pigtail.place),
+        text(&pigtail.port),
+        text(&pigtail.fiber),
+        text(&pigtail.fiber_place),
+        text(&pigtail.recipe),
+        text(&pigtail.calibration),
+        text(&pigtail.operator),
+        text(&pigtail.outcome),
+        Cell::Number(pigtail.added_loss_db),
+        Cell::Number(pigtail.sigma_db),
+        Cell::Number(pigtail.off_um),
+        Cell::Number(pigtail.off_sigma_um),
+        Cell::Number(pigtail.shift_um),
+        Cell::Number(Some(pigtail.seconds)),
+    ]
 }

@@ -51,6 +51,9 @@ pub struct Shown {
     pub device: Option<Device>,
     /// The fibers, with their phases.
     pub fibers: Vec<Fiber>,
+    /// The fibers of a tray, as they were produced.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub pigtails: Vec<Produced>,
     /// The calibrations that it wrote.
     pub calibrations: Vec<Calibration>,
     /// What the machine stopped for.
@@ -276,6 +279,7 @@ impl Database {
             .into_iter()
             .next(),
             fibers: fibers(store, run)?,
+            pigtails: pigtails(store, run)?,
             calibrations: all(
                 store,
                 "SELECT file, entry, sha256 FROM calibrations WHERE run = ?1 ORDER BY ordinal",
@@ -341,6 +345,70 @@ pub(super) fn files(store: &Connection, run: i64) -> rusqlite::Result<Vec<FileHa
                 path: row.get(0)?,
                 bytes: count(row, 1)?,
                 sha256: row.get(2)?,
+            })
+        },
+    )
+}
+
+/// A fiber of a tray, as it was produced.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Produced {
+    /// Serial number of the device.
+    pub device: String,
+    /// Its place on the tray.
+    pub place: String,
+    /// The port.
+    pub port: String,
+    /// Serial number of the fiber.
+    pub fiber: String,
+    /// Where that lay.
+    pub fiber_place: String,
+    /// The production recipe.
+    pub recipe: String,
+    /// SHA-256 of the calibration.
+    pub calibration: String,
+    /// The operator's name; empty where none was given.
+    pub operator: String,
+    /// `pigtailed`, or why it is not.
+    pub outcome: String,
+    /// Loss that cure and release have added, by the light, decibels.
+    pub added_loss_db: Option<f64>,
+    /// Its standard deviation, decibels.
+    pub sigma_db: Option<f64>,
+    /// How far from its peak it is after cure and release, by the light, micrometres.
+    pub off_um: Option<f64>,
+    /// Its standard deviation, micrometres.
+    pub off_sigma_um: Option<f64>,
+    /// How far the adhesive has shifted it in all, micrometres.
+    pub shift_um: Option<f64>,
+    /// Machine time, seconds.
+    pub seconds: f64,
+}
+
+fn pigtails(store: &Connection, run: i64) -> rusqlite::Result<Vec<Produced>> {
+    all(
+        store,
+        "SELECT device, place, port, fiber, fiber_place, recipe, calibration, operator, outcome, added_loss_db, sigma_db,
+                off_um, off_sigma_um, shift_um, seconds
+         FROM pigtails WHERE run = ?1 ORDER BY ordinal",
+        run,
+        |row| {
+            Ok(Produced {
+                device: row.get(0)?,
+                place: row.get(1)?,
+                port: row.get(2)?,
+                fiber: row.get(3)?,
+                fiber_place: row.get(4)?,
+                recipe: row.get(5)?,
+                calibration: row.get(6)?,
+                operator: row.get(7)?,
+                outcome: row.get(8)?,
+                added_loss_db: row.get(9)?,
+                sigma_db: row.get(10)?,
+                off_um: row.get(11)?,
+                off_sigma_um: row.get(12)?,
+                shift_um: row.get(13)?,
+                seconds: row.get(14)?,
             })
         },
     )

@@ -123,6 +123,12 @@ pub(super) const STEPS: &[&str] = &[
         PRIMARY KEY (run, ordinal)
     ) STRICT, WITHOUT ROWID;
 ",
+    // How far from its peak the cure has left a fiber, and shifted it in all, by the light.
+    "
+    ALTER TABLE pigtails ADD COLUMN off_um REAL;
+    ALTER TABLE pigtails ADD COLUMN off_sigma_um REAL;
+    ALTER TABLE pigtails ADD COLUMN shift_um REAL;
+",
 ];
 
 /// The tables that a seal is over, the column that names the run, and the order of their rows.

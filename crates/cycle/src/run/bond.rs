@@ -1,0 +1,266 @@
+//! Fibers at their peaks become pigtails: held under the lamp, let go, and looked at.
+
+use super::{Begun, Cured, End, Line, SURE};
+use crate::recipe::Production;
+use crate::teach::Lesson;
+use pigtail_control::beam::Beam;
+use pigtail_control::hold::{self, Followed};
+use pigtail_control::outcome::Halt;
+use pigtail_control::procedure::AtPeak;
+use pigtail_hal::bench::Meter;
+use pigtail_hal::{Bench, Channel, FiberHandling, Side};
+use pigtail_model::frames::Displacement;
+
+/// Looks at the light before and after, seconds.
+const LOOK: f64 = 0.2;
+
+/// For how long two fibers are brought to their peaks again before the lamp is on, seconds.
+const AGAIN: f64 = 1.5;
+
+/// A look at the light: above the background, volts, with its relative standard deviation by its samples; and the same of
+/// the light through an output that is fixed.
+#[derive(Debug, Clone, Copy)]
+struct Look {
+    light: (f64, f64),
+    fixed: Option<(f64, f64)>,
+}
+
+impl Look {
+    /// Natural logarithm of the light of one look over that of another, with what both have in common taken out where a fixed
+    /// output tells it; and its standard deviation by the samples.
+    fn over(&self, later: &Self) -> (f64, f64) {
+        let [a, b] = [self.light, later.light];
+        let (mut ln, mut sigma) = ((a.0 / b.0.max(1e-6 * a.0)).ln(), a.1.hypot(b.1));
+        if let (Some(a), Some(b)) = (self.fixed, later.fixed) {
+            ln -= (a.0 / b.0).ln();
+            sigma = sigma.hypot(a.1).hypot(b.1);
+        }
+        (ln, sigma)
+    }
+}
+
+impl Line<'_, '_, '_> {
+    /// One fiber, or the input and an output together, from the peak to the bond.
+    pub(super) fn bond<const N: usize>(
+        &mut self,
+        production: &Production,
+        mut fibers: [(&mut Begun, &AtPeak); N],
+    ) -> Result<(), End> {
+        let adhesive = &production.adhesive;
+        for (begun, held) in &fibers {
+            let now = self.cell.now();
+            let waited = self.wet[held.side.index()].map_or(0.0, |since| now - since);
+            if waited > adhesive.open {
+                let detail = format!(
+                    "adhesive of {} was {waited:.0} s in the air; accepted are {} s",
+                    begun.pigtail.port, adhesive.open
+                );
+                return Err(End::Failed("adhesive".to_owned(), detail, adhesive.failed));
+            }
+        }
+        let cured = self.cure(production, &fibers).map_err(|halt| match halt {
+            Halt::Fault(fault) => End::Fault(fault),
+            Halt::Outcome(outcome) => {
+                let detail = outcome.to_string();
+                End::Failed("cure".to_owned(), detail, production.verify.failed)
+            }
+        })?;
+        for ((begun, _), cured) in fibers.iter_mut().zip(cured) {
+            begun.pigtail.cured = Some(cured);
+        }
+        let verify = &production.verify;
+        let (lost, sigma) = cured[0].lost();
+        if lost + SURE * sigma > verify.added_loss_db || !lost.is_finite() {
+            let of = if N > 1 { " of both fibers" } else { "" };
+            let detail = format!(
+                "cure and release{of} have added {lost:.3} dB, known to {sigma:.3} dB; accepted are {} dB",
+                verify.added_loss_db
+            );
+            return Err(End::Failed("added_loss".to_owned(), detail, verify.failed));
+        }
+        let last = fibers[N - 1].1;
+        if last.side == Side::Right {
+            self.reference = Some((Meter(last.channel.index()), last.background));
+        }
+        Ok(())
+    }
+
+    /// Holds fibers under the lamp, lets them go and looks at their light.
+    #[expect(
+        clippy::too_many_lines,
+        reason = "from the lamp to what the light tells, in order"
+    )]
+    fn cure<const N: usize>(
+        &mut self,
+        production: &Production,
+        fibers: &[(&mut Begun, &AtPeak); N],
+    ) -> Result<[Cured; N], Halt> {
+        let cure = production.cure;
+        let (start, last) = (self.cell.now(), fibers[N - 1].1);
+        // What goes through both fibers is seen behind the last.
+        let held: [AtPeak; N] = std::array::from_fn(|i| AtPeak {
+            channel: last.channel,
+            level: last.level,
+            background: last.background,
+            ..*fibers[i].1
+        });
+        let on = |i: usize| {
+            let pigtail = &fibers[i].0.pigtail;
+            (pigtail.device.as_str(), pigtail.port.as_str())
+        };
+        let sides = held.map(|held| held.side);
+        for (i, (begun, _)) in fibers.iter().enumerate().take(N - 1) {
+            self.cell.note(sides[i], on(i), "witness", true, begun.peak);
+        }
+        if N > 1 && cure.track {
+            // The machine has warmed up and piezos have crept while one waited for the other: that is no pull.
+            let until = self.cell.now() + AGAIN;
+            let rest = |_: Side, _: Displacement, _: &mut Displacement| Displacement::ZERO;
+            self.follow(&held, until, &mut [Displacement::ZERO; N], &rest)?;
+        }
+        let before = self.look_at(last.channel, last.background, LOOK)?;
+        self.ask_all(&sides, FiberHandling::Lamp(true))?;
+        let lit = self.cell.now();
+        let mut expected = [Displacement::ZERO; N];
+        let followed = if cure.track {
+            let (rest, ratio) = (lit + production.rest(), production.ratio());
+            let teachers = self.teachers.clone();
+            let beyond = |side: Side, before: Displacement, expected: &mut Displacement| {
+                *expected = teachers[side.index()].expect(before, ratio, cure.scatter);
+                if cure.precompensate {
+                    *expected * -1.0
+                } else {
+                    Displacement::ZERO
+                }
+            };
+            self.follow(&held, rest, &mut expected, &beyond)?
+        } else {
+            None
+        };
+        self.cell.wait_until(lit + cure.time - LOOK)?;
+        let cured = self.look_at(last.channel, last.background, LOOK)?;
+        self.ask_all(&sides, FiberHandling::Lamp(false))?;
+        let alone = N == 1 && sides[0] == Side::Left;
+        for (i, side) in sides.into_iter().enumerate() {
+            self.cell.note(side, on(i), "cure", true, start);
+        }
+        let release = self.cell.now();
+        self.ask_all(&sides, FiberHandling::Release)?;
+        for (i, side) in sides.into_iter().enumerate() {
+            self.wet[side.index()] = None;
+            self.cell.note(side, on(i), "release", false, release);
+        }
+        let verify = self.cell.now();
+        let after = self.look_at(last.channel, last.background, production.verify.look)?;
+        for (i, side) in sides.into_iter().enumerate() {
+            self.cell.note(side, on(i), "verify", false, verify);
+        }
+        if alone {
+            self.cell.note(Side::Right, on(0), "witness", true, start);
+        }
+        let ((lost_cured, _), (lost, noise)) = (before.over(&cured), before.over(&after));
+        let wander = before
+            .fixed
+            .zip(after.fixed)
+            .map(|(before, after)| (after.0 / before.0).ln());
+        let light_sigma = noise.hypot(self.steadiness.of(wander.is_some()));
+        self.steadiness.learn(wander);
+        // Of what two fibers have lost together each has lost any share.
+        let (share, unknown) = match N {
+            1 => (1.0, 0.0),
+            _ => (0.5, lost.max(0.0) / 12.0_f64.sqrt()),
+        };
+        let sigma = (share * light_sigma).hypot(unknown);
+        let decibels = 10.0 / std::f64::consts::LN_10;
+        let um = |d: Displacement| [1e6 * d.x, 1e6 * d.y];
+        Ok(std::array::from_fn(|i| {
+            let followed = followed.as_ref().map(|followed| followed[i]);
+            let width = followed.map_or_else(
+                || {
+                    let recipe = self.order.recipe;
+                    Beam::new(&recipe.mode, recipe.ports.exit_angle).width(held[i].gap)
+                },
+                |followed| followed.width,
+            );
+            let squared = width * width * share * lost;
+            let noise = width * width * sigma;
+            let pulled = followed.map(|followed| followed.by * -1.0);
+            let beyond = followed.map_or(Displacement::ZERO, |followed| followed.beyond);
+            if let Some(before) = pulled {
+                self.teachers[sides[i].index()].learn(Lesson {
+                    before,
+                    beyond,
+                    squared: (squared, noise),
+                });
+            }
+            let off = squared.max(0.0).sqrt();
+            let all = pulled.map_or(off, |pulled| (pulled + expected[i]).norm());
+            Cured {
+                after_cure_db: decibels * share * lost_cured,
+                after_release_db: decibels * share * lost,
+                sigma_db: decibels * sigma,
+                before_um: pulled.map(um),
+                beyond_um: um(beyond),
+                expected_um: um(beyond + expected[i]),
+                off_um: 1e6 * off,
+                off_sigma_um: 1e6 * noise / (2.0 * off.max(noise.sqrt())),
+                shift_um: 1e6 * all,
+                together_db: (N > 1).then_some(decibels * lost),
+                light_sigma_db: decibels * light_sigma,
+                wander,
+            }
+        }))
+    }
+
+    /// Follows the peaks of one fiber or two until a time, and goes beyond each as far as `beyond` says of its side and of how
+    /// far it was pulled, which also says what it is expected to shift from then on.
+    fn follow<const N: usize>(
+        &mut self,
+        held: &[AtPeak; N],
+        until: f64,
+        expected: &mut [Displacement; N],
+        beyond: &dyn Fn(Side, Displacement, &mut Displacement) -> Displacement,
+    ) -> Result<Option<[Followed; N]>, Halt> {
+        let recipe = self.order.recipe;
+        let mut all: Vec<Followed> = Vec::with_capacity(N);
+        match (&held[..], &mut expected[..]) {
+            ([one], [of]) => {
+                let go = |before| beyond(one.side, before, of);
+                all.push(hold::follow(&mut self.cell, recipe, one, until, go)?);
+            }
+            ([a, b], [of_a, of_b]) => {
+                let mut go_a = |before| beyond(a.side, before, of_a);
+                let mut go_b = |before| beyond(b.side, before, of_b);
+                let go: [&mut dyn FnMut(Displacement) -> Displacement; 2] = [&mut go_a, &mut go_b];
+                all.extend(hold::follow_two(&mut self.cell, recipe, [a, b], until, go)?);
+            }
+            _ => return Ok(None),
+        }
+        Ok(all.try_into().ok())
+    }
+
+    /// Looks at the light of a meter, and at that of an output which is fixed.
+    fn look_at(&mut self, channel: Channel, background: f64, seconds: f64) -> Result<Look, Halt> {
+        let above = |(volts, sigma): (f64, f64), background: f64| {
+            let light = volts - background;
+            (light, sigma / light.abs().max(f64::MIN_POSITIVE))
+        };
+        let meter = Meter(channel.index());
+        Ok(match self.reference {
+            Some((fixed, dark)) if fixed != meter => {
+                let [light, other] = hold::levels(&mut self.cell, [meter, fixed], seconds)?;
+                Look {
+                    light: above(light, background),
+                    fixed: Some(above(other, dark)).filter(|(light, _)| *light > 0.0),
+                }
+            }
+            _ => {
+                let [light] = hold::levels(&mut self.cell, [meter], seconds)?;
+                Look {
+                    light: above(light, background),
+                    fixed: None,
+                }
+            }
+        })
+    }
+}
