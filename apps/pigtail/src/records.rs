@@ -14,6 +14,7 @@ use pigtail_records::windup;
 use pigtail_records::{Answer, Shown, capital, short};
 use pigtail_report as report;
 use pigtail_store::runs::Run;
+use pigtail_store::samples::Samples;
 use pigtail_sysid::friction::Law;
 use pigtail_sysid::servo::{Controller, Friction, Method, Settings};
 use std::fmt::Write as _;
@@ -570,6 +571,7 @@ pub(crate) fn finish(
     let document = answer.json();
     run.write_json("summary.json", &document)?;
     run.write("report.html", report::record(title, &answer, shown)?)?;
+    shown.map_or_else(Samples::default, samples).keep(&run)?;
     let negative = servo::is_negative(&answer);
     run.finish(if negative { "negative" } else { "done" })?;
     let text = if output.json {
@@ -579,6 +581,57 @@ pub(crate) fn finish(
     };
     crate::print(text.as_bytes())?;
     Ok(if negative { NEGATIVE } else { DONE })
+}
+
+/// What was measured beside what the model tells, and what the figures show, in columns.
+fn samples(shown: &Shown) -> Samples {
+    let (quantity, unit) = shown.quantity;
+    let position = shown.position;
+    let name = |what: &str, unit: &str| {
+        let words = format!("{what}_{unit}").to_lowercase();
+        let word = |letter: char| letter.is_alphanumeric() || "._-".contains(letter);
+        let parts = words.split(|letter| !word(letter));
+        parts
+            .filter(|part| !part.is_empty())
+            .collect::<Vec<_>>()
+            .join("_")
+    };
+    let of = &shown.account;
+    let all = Samples::default()
+        .with("time_s", "as in the record", of.time.clone())
+        .with(
+            &name(quantity, unit),
+            "what was measured",
+            of.measured.clone(),
+        )
+        .with(
+            &name(&format!("modelled {quantity}"), unit),
+            "what the model tells",
+            of.modelled.clone(),
+        )
+        .with(
+            &name("position", position),
+            "where the axis was",
+            of.position.clone(),
+        )
+        .with(
+            &name("velocity", &format!("{position}_s")),
+            "how fast it moved",
+            of.velocity.clone(),
+        );
+    let curves = shown.figures.iter().enumerate().flat_map(|(k, figure)| {
+        let curves = figure.curves.iter();
+        curves.map(move |(curve, points)| (k + 1, figure, curve, points))
+    });
+    curves.fold(all, |all, (k, figure, curve, points)| {
+        let column = |axis: &str| name(&format!("figure {k} {curve}"), axis);
+        let (x, y) = points.iter().copied().unzip();
+        all.with(&column(&figure.x), &figure.caption, x).with(
+            &column(&figure.y),
+            &figure.caption,
+            y,
+        )
+    })
 }
 
 /// What a person wants to know of it.
