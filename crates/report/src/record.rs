@@ -143,19 +143,23 @@ fn account(shown: &Shown) -> Markup {
     };
     let y = format!("{what}, {name}");
     let y_residual = format!("residual, {fine_name}");
-    let plot = |series: &[(&str, Vec<(f64, f64)>)], y: &str| {
-        let all = || series.iter().flat_map(|(_, points)| points.iter());
-        let axes = Axes {
+    let axes = |points: &[&[(f64, f64)]], y| {
+        let all = || points.iter().copied().flatten();
+        let x = range_of(all().map(|p| p.0), 1e-9);
+        let height = range_of(all().map(|p| p.1), 1e-9);
+        Plot::new(&Axes {
             width: WHOLE,
-            x: (range_of(all().map(|p| p.0), 1e-9), "time, s"),
-            y: (range_of(all().map(|p| p.1), 1e-9), y),
-        };
-        curves(&axes, series)
+            x: (x, "time, s"),
+            y: (height, y),
+        })
     };
-    let both = [
-        ("measured", over(&a.measured, scale)),
-        ("modelled", over(&a.modelled, scale)),
-    ];
+    let [measured, modelled] = [&a.measured, &a.modelled].map(|values| over(values, scale));
+    // What a good model tells would hide what was measured.
+    let both = axes(&[&measured, &modelled], &y)
+        .line_as("measured", "c0 broad", &measured)
+        .line_as("modelled", "c1 thin", &modelled);
+    let left = over(&residuals, fine);
+    let left = axes(&[&left], &y_residual).line("", &left);
     let every = residuals.len().div_ceil(POINTS).max(1);
     let cloud = |x: &[f64], factor: f64, label: &str| {
         let cloud: Vec<(f64, f64)> = (0..residuals.len())
@@ -198,11 +202,11 @@ fn account(shown: &Shown) -> Markup {
     ];
     html! {
         (figure(
-            &plot(&both, &y),
+            &both.draw(),
             format!("The {what} in the record and by the model.")
         ))
         (figure(
-            &plot(&[("residual", over(&residuals, fine))], &y_residual),
+            &left.draw(),
             "Measured less modelled, over time."
         ))
         div.pair {
