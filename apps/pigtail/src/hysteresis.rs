@@ -1,7 +1,7 @@
 //! `pigtail identify hysteresis` and `pigtail predict`.
 
 use crate::choice::choice;
-use crate::common::Common;
+use crate::common::{Common, in_unit};
 use crate::found::{self, FoundDocument, WriteArguments};
 use crate::progress::Busy;
 use crate::running::{self, stopped};
@@ -9,6 +9,7 @@ use crate::{DONE, Failure, NEGATIVE};
 use clap::Args;
 use pigtail_evaluate::hysteresis::{self as machine, MachineDocument, MicrosDocument};
 use pigtail_hal::digest::hash;
+use pigtail_hal::quantity::{FREQUENCY, Sign};
 use pigtail_records::columns::LengthUnit;
 use pigtail_records::hysteresis::{
     Columns, Data, HysteresisDocument, Inverted, Kind, Micros, ModelFile, Read, fit, tell,
@@ -60,7 +61,7 @@ pub(crate) struct IdentifyArguments {
     #[arg(long, value_name = "COLUMN", requires = "data")]
     time: Option<String>,
     /// Rows a second, hertz: where no column says when they were taken, or the column of time counts them
-    #[arg(long, value_name = "HERTZ", value_parser = crate::positive, requires = "data")]
+    #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive), requires = "data")]
     rate: Option<f64>,
     /// Unit of displacement in it; that of its name or header, else micrometres, if not given
     #[arg(long, value_parser = choice::<LengthUnit>(), requires = "data")]
@@ -110,7 +111,7 @@ pub(crate) struct PredictArguments {
     #[arg(long, value_name = "COLUMN")]
     time: Option<String>,
     /// Rows a second, hertz: where no column says when they were taken, or the column of time counts them
-    #[arg(long, value_name = "HERTZ", value_parser = crate::positive)]
+    #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive))]
     rate: Option<f64>,
     /// Unit of displacement in it; that of its name or header, else of the model's record, if not given
     #[arg(long, value_parser = choice::<LengthUnit>())]

@@ -1,7 +1,7 @@
 //! `pigtail impulse`.
 
 use crate::choice::choice;
-use crate::common::{believed, write_table};
+use crate::common::{believed, in_unit, write_table};
 use crate::progress::Busy;
 use crate::running::{self, stopped};
 use crate::{DONE, Failure, NEGATIVE};
@@ -11,6 +11,7 @@ use pigtail_evaluate::impulse::run::{
     Campaign, CampaignRow, PulseDocument, Resolution, StepRow, Task, check, compare, resolution,
     run as run_one, runs, stability, summary, tolerance,
 };
+use pigtail_hal::quantity::{LENGTH, Sign, TIME};
 use pigtail_hal::{Axis, AxisName, Error};
 use pigtail_report as report;
 use pigtail_session::calibrations::Part;
@@ -41,7 +42,7 @@ pub(crate) struct Arguments {
     /// fivebar, z, or left.a, left.b, left.z, right.a, right.b, right.z
     axis: AxisName,
     /// The way to go, nanometres; backward where negative
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = finite)]
+    #[arg(long, value_name = "NM", allow_hyphen_values = true, value_parser = in_unit(LENGTH, "nm", Sign::Any))]
     target_nm: f64,
     /// What to draw: machine, device, fixture and noise
     #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
@@ -71,10 +72,10 @@ pub(crate) struct Arguments {
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pulses: u32,
     /// Error that is small enough, nanometres; 10 on z, 150 on a five-bar
-    #[arg(long, value_name = "NM", value_parser = crate::positive)]
+    #[arg(long, value_name = "NM", value_parser = in_unit(LENGTH, "nm", Sign::Positive))]
     tolerance_nm: Option<f64>,
     /// Time in which all comes to rest after a pulse, milliseconds; what is believed enough if not given
-    #[arg(long, value_name = "MS", value_parser = crate::positive)]
+    #[arg(long, value_name = "MS", value_parser = in_unit(TIME, "ms", Sign::Positive))]
     rest_ms: Option<f64>,
     /// On so many machines, a run on each, and what they have in common
     #[arg(long, value_name = "M", value_parser = clap::value_parser!(u64).range(1..=100_000))]
@@ -89,12 +90,6 @@ fn folder(text: &str) -> Result<PathBuf, String> {
         ));
     }
     Ok(PathBuf::from(text))
-}
-
-/// Parses a finite number.
-fn finite(text: &str) -> Result<f64, String> {
-    let value = text.parse::<f64>().ok().filter(|value| value.is_finite());
-    value.ok_or_else(|| format!("\"{text}\" is not a finite number"))
 }
 
 /// Longest rest that anyone would wait for, milliseconds.

@@ -58,7 +58,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "RUN")]
     resume: Option<String>,
     /// Commissions the machine first, as a machine of a fleet needs it
-    #[arg(long)]
+    #[arg(long = "commissioned", alias = "commission")]
     commission: bool,
     /// Whether the micro follows the light's peak until the gel point, in place of what the recipes say
     #[arg(long, value_name = "true|false")]

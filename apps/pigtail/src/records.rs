@@ -1,10 +1,12 @@
 //! `pigtail identify` from a record that a person brings.
 
+use crate::common::in_unit;
 use crate::progress::Busy;
 use crate::{DONE, Failure, NEGATIVE};
 use clap::{Args, ValueEnum};
 use pigtail_hal::Error;
 use pigtail_hal::digest::hash;
+use pigtail_hal::quantity::{FREQUENCY, LENGTH, Sign, VOLTAGE};
 use pigtail_records::columns::Named;
 use pigtail_records::friction;
 use pigtail_records::part::Drive;
@@ -60,7 +62,7 @@ pub(crate) struct ServoArguments {
     #[arg(long, value_name = "COLUMN")]
     time: Option<Named>,
     /// Rows a second, hertz: where no column says when they were taken, or the column of time counts them
-    #[arg(long, value_name = "HERTZ", value_parser = crate::positive)]
+    #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive))]
     rate: Option<f64>,
     /// Its column of the position's reference
     #[arg(long, value_name = "COLUMN")]
@@ -88,7 +90,7 @@ pub(crate) struct ServoArguments {
     #[arg(long, value_enum)]
     method: Option<MethodChoice>,
     /// Cutoff of the position's filter, hertz; a tenth of the sample rate, at most 100, if not given
-    #[arg(long, value_name = "HERTZ", value_parser = crate::positive)]
+    #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive))]
     cutoff: Option<f64>,
     /// Order of the filter
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u8).range(1..=8))]
@@ -107,13 +109,13 @@ pub(crate) struct ServoArguments {
     #[arg(long, value_name = "R", value_parser = crate::positive, help_heading = DRIVE)]
     gear_ratio: Option<f64>,
     /// Travel for a turn of the screw, metres, of an axis along a line; 0.01 if not given
-    #[arg(long, value_name = "METRES", value_parser = crate::positive, help_heading = DRIVE)]
+    #[arg(long, value_name = "METRES", value_parser = in_unit(LENGTH, "m", Sign::Positive), help_heading = DRIVE)]
     lead: Option<f64>,
     /// Encoder counts in a turn of the motor; if not given, one is as coarse as the position's noise
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(4..), help_heading = DRIVE)]
     counts_per_turn: Option<u32>,
     /// The amplifier's bound, volts; if not given, the controller's, or the most that the record shows
-    #[arg(long, value_name = "VOLTS", value_parser = crate::positive, help_heading = DRIVE)]
+    #[arg(long, value_name = "VOLTS", value_parser = in_unit(VOLTAGE, "V", Sign::Positive), help_heading = DRIVE)]
     voltage_limit: Option<f64>,
     #[command(flatten)]
     output: Output,
@@ -262,7 +264,7 @@ pub(crate) struct FrictionArguments {
     #[arg(long, value_name = "COLUMN")]
     time: Option<Named>,
     /// Rows a second, hertz: where no column says when they were taken, or the column of time counts them
-    #[arg(long, value_name = "HERTZ", value_parser = crate::positive)]
+    #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive))]
     rate: Option<f64>,
     /// A second record of the same columns, to judge by
     #[arg(long, value_name = "FILE")]
@@ -372,13 +374,13 @@ pub(crate) struct WindupRecordArguments {
     #[arg(long, value_name = "COLUMN", requires = "data")]
     time: Option<Named>,
     /// Rows a second, hertz: where no column says when they were taken, or the column of time counts them
-    #[arg(long, value_name = "HERTZ", value_parser = crate::positive, requires = "data")]
+    #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive), requires = "data")]
     rate: Option<f64>,
     /// Turns of the output for a turn of the motor, where the motor's column is not yet in angles of the output
     #[arg(long, value_name = "R", default_value_t = 1.0, value_parser = crate::positive, requires = "data")]
     ratio: f64,
     /// Travel for a turn of the screw, metres, where motor and load are lengths
-    #[arg(long, value_name = "METRES", value_parser = crate::positive, requires = "data")]
+    #[arg(long, value_name = "METRES", value_parser = in_unit(LENGTH, "m", Sign::Positive), requires = "data")]
     lead: Option<f64>,
     /// A second record of the same columns, to judge by
     #[arg(long, value_name = "FILE", requires = "data")]
