@@ -181,25 +181,6 @@ fn account(shown: &Shown) -> Markup {
         .copied()
         .filter(|v| range.contains(v))
         .collect();
-    let correlation: Vec<(f64, f64)> = autocorrelation(&residuals, LAGS)
-        .into_iter()
-        .enumerate()
-        .map(|(lag, c)| (lag as f64, c))
-        .collect();
-    let edge = 1.96 / (residuals.len() as f64).sqrt();
-    let last = correlation.len().saturating_sub(1) as f64;
-    let axes = Axes {
-        width: HALF,
-        x: (0.0..last.max(1.0), "lag, samples"),
-        y: (
-            range_of(correlation.iter().map(|p| p.1).chain([-0.2]), 1e-9),
-            "autocorrelation",
-        ),
-    };
-    let series = [
-        ("of the residual", correlation),
-        ("95 % of white noise", vec![(0.0, edge), (last, edge)]),
-    ];
     html! {
         (figure(
             &both.draw(),
@@ -222,10 +203,34 @@ fn account(shown: &Shown) -> Markup {
                 &bars(HALF, &inside, &range, 60, &y_residual, "samples"),
                 "Histogram of the residual, without its furthest thousandths."
             ))
-            (figure(
-                &curves(&axes, &series),
-                "Autocorrelation of the residual: white noise would fall to the line at once."
-            ))
+            (correlation(&residuals))
         }
     }
+}
+
+/// How far what is left is like what was left before.
+fn correlation(residuals: &[f64]) -> Markup {
+    let correlation: Vec<(f64, f64)> = autocorrelation(residuals, LAGS)
+        .into_iter()
+        .enumerate()
+        .map(|(lag, c)| (lag as f64, c))
+        .collect();
+    let edge = 1.96 / (residuals.len() as f64).sqrt();
+    let last = correlation.len().saturating_sub(1) as f64;
+    let axes = Axes {
+        width: HALF,
+        x: (0.0..last.max(1.0), "lag, samples"),
+        y: (
+            range_of(correlation.iter().map(|p| p.1).chain([-0.2]), 1e-9),
+            "autocorrelation",
+        ),
+    };
+    let series = [
+        ("of the residual", correlation),
+        ("95 % of white noise", vec![(0.0, edge), (last, edge)]),
+    ];
+    figure(
+        &curves(&axes, &series),
+        "Autocorrelation of the residual: white noise would fall to the line at once.",
+    )
 }
