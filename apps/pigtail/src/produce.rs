@@ -239,8 +239,9 @@ impl View {
         } else {
             ProgressBar::hidden()
         };
-        if let Ok(style) = ProgressStyle::with_template("[{bar:12}] {msg}") {
-            bar.set_style(style.progress_chars("=> "));
+        // Of a width that any terminal has; what does not fit is cut off, not folded.
+        if let Ok(style) = ProgressStyle::with_template("{wide_msg}") {
+            bar.set_style(style);
         }
         Self {
             json,
@@ -280,12 +281,11 @@ impl View {
         let fiber = seconds / self.fibers.max(1) as f64;
         self.bar.set_position(done as u64);
         self.bar.set_message(format!(
-            "left {:9} right {:9} {:5.3} V  device {}/{all}  fibers {}  yield {:.0} %  {fiber:.0} s a fiber  {:.0} min left",
+            "left {:8} right {:8} {:5.3} V  {}/{all}  yield {:.0} %  {fiber:.0} s/fiber  {:.0} min left",
             self.left,
             self.right,
             self.light,
             (done + 1).min(all),
-            self.fibers,
             100.0 * self.passed as f64 / here.max(1) as f64,
             (ahead / 60.0).max(0.0).ceil(),
         ));
