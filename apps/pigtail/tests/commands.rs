@@ -228,3 +228,66 @@ fn a_name_means_one_thing_in_all_commands() {
         assert_eq!(missing, known, "--{name}");
     }
 }
+
+/// A frequency response of two modes, and a loop of friction, as laboratories bring them.
+fn records(folder: &Path) {
+    use std::f64::consts::TAU;
+    use std::fmt::Write as _;
+    let mut response = "frequency_Hz,magnitude\n".to_owned();
+    for k in 1..400 {
+        let hz = 4.0 * f64::from(k);
+        let (f, z) = (hz / 210.0, 0.03);
+        let below = (1.0 - f * f).hypot(2.0 * z * f);
+        let _ = writeln!(response, "{hz},{:.6}", 1.0 / below);
+    }
+    fs::write(folder.join("response.csv"), response).expect("a file");
+    let mut friction = "t_s,x_um,force_N\n".to_owned();
+    let (mut force, mut before) = (0.0, 0.0);
+    for k in 0..4000 {
+        let t = 1e-3 * f64::from(k);
+        let x = 20.0 * (1.0 - 0.1 * t) * (TAU * 0.7 * t).sin();
+        let by: f64 = x - before;
+        before = x;
+        force += 0.8 * (1.0 - 0.5 * force * by.signum()) * by;
+        let _ = writeln!(friction, "{t:.4},{x:.5},{force:.5}");
+    }
+    fs::write(folder.join("friction.csv"), friction).expect("a file");
+}
+
+#[test]
+fn experiments_keep_their_samples() {
+    let folder = TempDir::new().expect("a folder");
+    let words = |text: &str| -> Vec<String> { text.split(' ').map(str::to_owned).collect() };
+    records(folder.path());
+    run(folder.path(), &words("sample-data data"));
+    for (k, called) in [
+        "align",
+        "align --rig bench-piezo",
+        "characterize z step",
+        "characterize z sine",
+        "impulse z --target-nm 100",
+        "impulse z --target-nm 0.1um --machines 2",
+        "identify hysteresis --data data/piezo.csv --input u_V --output x_um",
+        "identify friction --data friction.csv --displacement x_um --force force_N",
+        "identify resonance --data response.csv",
+    ]
+    .iter()
+    .enumerate()
+    {
+        let runs = folder.path().join(format!("runs-{k}"));
+        let mut words = words(called);
+        words.push(format!("--runs={}", runs.display()));
+        let output = run(folder.path(), &words);
+        assert!(output.status.code() < Some(2), "{called}: {output:?}");
+        let made = left(&runs).into_iter().map(|name| runs.join(name));
+        let of: Vec<_> = made.filter(|path| path.is_dir()).collect();
+        assert_eq!(of.len(), 1, "{called}");
+        let csv = fs::read_to_string(of[0].join("samples.csv")).expect("samples as CSV");
+        let fields = csv.lines().next().map_or(0, |line| line.split(',').count());
+        assert!(fields > 1 && csv.lines().count() > 2, "{called}");
+        let parquet = pigtail_store::rows::Rows::open_any(&of[0].join("samples.parquet"))
+            .unwrap_or_else(|why| panic!("{called}: {why}"));
+        assert_eq!(parquet.columns().len(), fields, "{called}");
+        assert_eq!(parquet.rows() as usize, csv.lines().count() - 1, "{called}");
+    }
+}

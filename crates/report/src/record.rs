@@ -1,8 +1,6 @@
 //! The reports of models from a person's own records.
 
-use super::figure::{
-    Axes, HALF, WHOLE, all as with_curves, bars, curves, decades_of, envelope, points, range_of,
-};
+use super::figure::{Axes, HALF, WHOLE, bars, curves, decades_of, envelope, points, range_of};
 use super::html::{self, figure, page, verdict};
 use super::plot::Plot;
 use anyhow::Result;
@@ -97,7 +95,13 @@ fn other(extra: &Figure) -> Markup {
     } else {
         Plot::new(&axes)
     };
-    with_curves(plot, &series).draw()
+    // What was measured lies broad below what tells of it.
+    let add = |plot: Plot, (name, points): &(&str, Vec<(f64, f64)>)| match *name {
+        "measured" => plot.line_as(name, "c0 broad", points),
+        "modelled" => plot.line_as(name, "c1", points),
+        _ => plot.line(name, points),
+    };
+    series.iter().fold(plot, add).draw()
 }
 
 fn parameters(answer: &Answer) -> Markup {
@@ -157,7 +161,7 @@ fn account(shown: &Shown) -> Markup {
     // What a good model tells would hide what was measured.
     let both = axes(&[&measured, &modelled], &y)
         .line_as("measured", "c0 broad", &measured)
-        .line_as("modelled", "c1 thin", &modelled);
+        .line_as("modelled", "c1", &modelled);
     let left = over(&residuals, fine);
     let left = axes(&[&left], &y_residual).line("", &left);
     let every = residuals.len().div_ceil(POINTS).max(1);
