@@ -188,7 +188,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     // The record goes on to the disk meanwhile.
     let on = running::on(&setup, &document, None);
     run.write_json("summary.json", &on)?;
-    run.write("samples.csv", record.csv())?;
+    running::keep_samples(&run, record)?;
     run.write("report.html", report::alignment(&setup, &document, record)?)?;
     running::close_records(&run, &setup)?;
     run.aligned(&entry::aligned(&document))?;

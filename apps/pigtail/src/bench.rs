@@ -94,7 +94,7 @@ pub(crate) fn run(
         run.write_json("summary.json", &on)?;
         serde_json::to_vec(&on).map_err(anyhow::Error::from)?
     };
-    run.write("samples.csv", watcher.record.csv())?;
+    running::keep_samples(&run, &watcher.record)?;
     let page = report::bench_alignment(&setup.rig.hashes, &document, &watcher.record)?;
     run.write("report.html", page)?;
     run.aligned(&entry::aligned(&document))?;

@@ -46,8 +46,8 @@ use std::time::{Duration, Instant};
 #[derive(Debug, Args)]
 #[command(after_help = "\
 What counts:
-  A fiber is aligned if control says so, the twin's truth is within 0.1, 0.1 and 2 um, and nothing
-  touched the chip. If control says so and the truth is farther off, it is `wrong_aligned`: counted
+  A fiber is aligned if control says so, the twin's truth is within 0.1, 0.1 and 2 um
+  (macro-only, which has no micro: 0.2, 0.2 and 2 um), and nothing touched the chip. If control says so and the truth is farther off, it is `wrong_aligned`: counted
   apart, as it is what one fears most. Every other outcome is a cause of failure by its own name.
   Times are machine time of every fiber that was attempted; offsets have no sign. Percentiles are
   by nearest rank, intervals by Wilson at 95 %.
@@ -74,8 +74,8 @@ Exit codes:
   1  some fibers are not aligned, or the campaign was interrupted
   2  bad input, explained on standard error")]
 pub(crate) struct Arguments {
-    /// How many devices to align; with --machines, on each of them
-    #[arg(long, value_name = "N", value_parser = whole, required_unless_present_any = ["resume", "merge"])]
+    /// How many devices to align; with --machines, on each of them [default: 100; with --machines 1]
+    #[arg(long, value_name = "N", value_parser = whole)]
     devices: Option<u64>,
     /// How many machines to align them on, one device after the other [default: one for each device]
     #[arg(long, value_name = "M", value_parser = whole)]
@@ -425,7 +425,7 @@ fn open_benches(
     let setup = BenchSetup::load_named(named)?;
     let seed = arguments.seed.or(begun.map(|plan| plan.seed)).unwrap_or(0);
     let devices = arguments.devices.or(begun.map(|plan| plan.devices));
-    let devices = devices.unwrap_or(1);
+    let devices = devices.unwrap_or(DEVICES);
     enough_seeds(seed, devices)?;
     setup.twin(seed)?;
     let plan = Plan::of_benches(&setup, seed, devices);
@@ -537,7 +537,8 @@ fn planned(arguments: &Arguments, begun_as: Option<&Plan>) -> Result<(Setup, Pla
         }
         (Some(devices), None, _) => (devices, 1),
         (None, _, Some(plan)) => (plan.devices, plan.devices_each),
-        (None, _, None) => (1, 1),
+        (None, Some(machines), None) => (machines, 1),
+        (None, None, None) => (DEVICES, 1),
     };
     enough_seeds(seed, devices)?;
     campaign::check(&setup, seed)?;
@@ -548,6 +549,9 @@ fn planned(arguments: &Arguments, begun_as: Option<&Plan>) -> Result<(Setup, Pla
         .with_commissioned(commissioned);
     Ok((setup, plan))
 }
+
+/// Devices where nobody says how many.
+const DEVICES: u64 = 100;
 
 /// A bar with the time that is left, on a terminal; nothing elsewhere.
 struct Progress {

@@ -1,6 +1,6 @@
 //! `pigtail characterize`.
 
-use crate::common::{Common, OwnAxes, write_table};
+use crate::common::{Common, OwnAxes, in_unit, write_table};
 use crate::found::{self, WriteArguments};
 use crate::progress::Busy;
 use crate::running::{self, stopped};
@@ -9,9 +9,10 @@ use clap::{Args, ValueEnum};
 use pigtail_control::characterize::Trace;
 use pigtail_control::station::Unobserved;
 use pigtail_evaluate::impulse::contest::{ShapesDocument, contest};
-use pigtail_evaluate::impulse::response::{Form, MACHINES, response};
+use pigtail_evaluate::impulse::response::{self, Form, MACHINES, response};
 use pigtail_evaluate::impulse::shapes::Effort;
 use pigtail_evaluate::loops::windup;
+use pigtail_hal::quantity::{FREQUENCY, Sign, TIME};
 use pigtail_hal::{Axis, AxisName, Error};
 use pigtail_report as report;
 use pigtail_session::calibrations::Change;
@@ -65,7 +66,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_parser = clap::value_parser!(i64).range(1..), allow_negative_numbers = true)]
     size: Option<i64>,
     /// Frequency of the sine, hertz; 10 for a five-bar joint, 8 for z
-    #[arg(long, value_name = "HERTZ", value_parser = crate::positive)]
+    #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive))]
     frequency: Option<f64>,
     /// Steps of the resolution test
     #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(10..=10_000))]
@@ -86,7 +87,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FSM", requires = "a2", allow_negative_numbers = true, value_parser = harmonic)]
     a4: Option<f64>,
     /// With impulse: length of the pulses, milliseconds; 1 if not given
-    #[arg(long, value_name = "MS", value_parser = crate::positive)]
+    #[arg(long, value_name = "MS", value_parser = in_unit(TIME, "ms", Sign::Positive))]
     period_ms: Option<f64>,
     /// With impulse: record the exchanges with every machine, some 0.2 GB, so that they can be replayed; what
     /// works on fewer machines is always recorded
@@ -448,7 +449,29 @@ fn pulses(arguments: &Arguments, setup: &Setup, run: &Run) -> Experiment {
     );
     text += &kept.account();
     Ok(report::response(&d, &figures)
-        .and_then(|html| result(&running::on(setup, &d, Some(&kept)), text, html)))
+        .and_then(|html| result(&running::on(setup, &d, Some(&kept)), text, html))
+        .map(|outcome| Outcome {
+            samples: samples_of_pulses(&figures.trace, &found),
+            ..outcome
+        }))
+}
+
+/// A single pulse in truth, and the curve of displacements that was measured, in columns.
+fn samples_of_pulses(pulse: &response::Trace, found: &response::Found) -> Samples {
+    let (motor, output) = pulse.angles.iter().copied().unzip();
+    let (volts, metres) = found.curve.iter().map(|[a, x]| (*a, *x)).unzip();
+    Samples::default()
+        .with("time_s", "from a pulse's begin", pulse.time.clone())
+        .with("voltage_v", "of the pulse", pulse.voltage.clone())
+        .with("motor_rad", "behind the gear: the truth", motor)
+        .with("load_rad", "the truth", output)
+        .with(
+            "output_m",
+            "displacement of the output: the truth",
+            pulse.output.clone(),
+        )
+        .with("curve_a1_v", "amplitude of the first harmonic", volts)
+        .with("curve_output_m", "what it moved the output", metres)
 }
 
 /// Loops with each shape.

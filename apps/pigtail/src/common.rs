@@ -94,6 +94,31 @@ pub(crate) fn quantity(
     move |text| dimension.parse(&spaced(text), Sign::Positive)
 }
 
+/// A parser of numbers that are in a unit, the one of the flag's name or of its help, where they name none of their own;
+/// what it returns is in that unit.
+pub(crate) fn in_unit(
+    dimension: Dimension,
+    unit: &'static str,
+    sign: Sign,
+) -> impl Fn(&str) -> Result<f64, String> + Clone + Send + Sync + 'static {
+    move |text| {
+        let factor = dimension.unit(unit).map_or(1.0, |(_, factor)| factor);
+        let plain = text.trim().parse::<f64>().is_ok();
+        let named = if plain {
+            format!("{} {unit}", text.trim())
+        } else {
+            spaced(text)
+        };
+        let value = dimension.parse(&named, sign).map_err(|why| {
+            // What was typed, and not what was made of it.
+            why.replace(&format!("\"{named}\""), &format!("\"{text}\""))
+        })?;
+        // Twelve digits are more than anybody writes, and hide what dividing leaves in the last one.
+        let own = format!("{:.11e}", value / factor);
+        own.parse().map_err(|_| format!("\"{text}\" is no number"))
+    }
+}
+
 /// A quantity as files have it: with a space between number and unit, which is often left out at a prompt.
 pub(crate) fn spaced(text: &str) -> String {
     let text = text.trim();
@@ -111,7 +136,7 @@ pub(crate) fn spaced(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use pigtail_hal::quantity::LENGTH;
+    use pigtail_hal::quantity::{LENGTH, TIME};
 
     #[test]
     fn a_length_may_be_written_with_and_without_a_space() {
@@ -123,6 +148,21 @@ mod tests {
         }
         for text in ["10", "um", "10 s", "-1um", "", "1e-5"] {
             assert!(parse(text).is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_number_without_a_unit_is_in_the_one_that_the_flag_says() {
+        let nm = in_unit(LENGTH, "nm", Sign::Any);
+        for text in ["100", "100nm", "100 nm", "0.1 um", "1e-4mm", "1e-7 m"] {
+            assert_eq!(nm(text), Ok(100.0), "{text}");
+        }
+        assert_eq!(nm("-2um"), Ok(-2000.0));
+        let ms = in_unit(TIME, "ms", Sign::Positive);
+        assert_eq!(ms("0.25 s"), Ok(250.0));
+        for text in ["0", "-1", "5 um", "", "nan", "inf", "ms"] {
+            let why = ms(text).unwrap_err();
+            assert!(why.contains(&format!("\"{text}\"")), "{text}: {why}");
         }
     }
 }

@@ -1,7 +1,7 @@
 //! `pigtail identify hysteresis` and `pigtail predict`.
 
 use crate::choice::choice;
-use crate::common::Common;
+use crate::common::{Common, in_unit};
 use crate::found::{self, FoundDocument, WriteArguments};
 use crate::progress::Busy;
 use crate::running::{self, stopped};
@@ -9,6 +9,7 @@ use crate::{DONE, Failure, NEGATIVE};
 use clap::Args;
 use pigtail_evaluate::hysteresis::{self as machine, MachineDocument, MicrosDocument};
 use pigtail_hal::digest::hash;
+use pigtail_hal::quantity::{FREQUENCY, Sign};
 use pigtail_records::columns::LengthUnit;
 use pigtail_records::hysteresis::{
     Columns, Data, HysteresisDocument, Inverted, Kind, Micros, ModelFile, Read, fit, tell,
@@ -19,6 +20,7 @@ use pigtail_session::calibrations::Change;
 use pigtail_session::own::Own;
 use pigtail_session::rig::DEFAULT_RECIPE_NAME;
 use pigtail_store::runs::Run;
+use pigtail_store::samples::Samples;
 use rayon::prelude::*;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -59,7 +61,7 @@ pub(crate) struct IdentifyArguments {
     #[arg(long, value_name = "COLUMN", requires = "data")]
     time: Option<String>,
     /// Rows a second, hertz: where no column says when they were taken, or the column of time counts them
-    #[arg(long, value_name = "HERTZ", value_parser = crate::positive, requires = "data")]
+    #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive), requires = "data")]
     rate: Option<f64>,
     /// Unit of displacement in it; that of its name or header, else micrometres, if not given
     #[arg(long, value_parser = choice::<LengthUnit>(), requires = "data")]
@@ -109,7 +111,7 @@ pub(crate) struct PredictArguments {
     #[arg(long, value_name = "COLUMN")]
     time: Option<String>,
     /// Rows a second, hertz: where no column says when they were taken, or the column of time counts them
-    #[arg(long, value_name = "HERTZ", value_parser = crate::positive)]
+    #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive))]
     rate: Option<f64>,
     /// Unit of displacement in it; that of its name or header, else of the model's record, if not given
     #[arg(long, value_parser = choice::<LengthUnit>())]
@@ -178,6 +180,17 @@ pub(crate) fn identify(arguments: &IdentifyArguments) -> Result<u8, Failure> {
     run.write_json("summary.json", &tried.document)?;
     let title = format!("Hysteresis in {}", data.display());
     run.write("report.html", report::tried(&title, &tried)?)?;
+    let record = &tried.record;
+    Samples::default()
+        .with("time_s", "as in the record", record.time.clone())
+        .with("input_v", "voltage", record.input.clone())
+        .with("output_um", "displacement", record.output.clone())
+        .with(
+            "predicted_um",
+            "what the model tells of it",
+            tried.prediction.clone(),
+        )
+        .keep(&run)?;
     run.finish("done")?;
     tell_about(&tried.document, arguments.common.json)
 }
@@ -218,6 +231,7 @@ fn on_machine(arguments: &IdentifyArguments) -> Result<u8, Failure> {
         document.calibration = kept.written();
     }
     run.write("report.html", report::micros(&found)?)?;
+    samples(&found).keep(&run)?;
     let Some(document) = MicrosDocument::new(documents) else {
         return Err(anyhow::anyhow!("there is no micro to identify").into());
     };
@@ -230,6 +244,41 @@ fn on_machine(arguments: &IdentifyArguments) -> Result<u8, Failure> {
     })?;
     crate::print(text.as_bytes())?;
     Ok(DONE)
+}
+
+/// What was seen of each piezo, and the scans that the models were tried on, in columns.
+fn samples(found: &[machine::Identified]) -> Samples {
+    const AXES: [&str; 2] = ["x", "y"];
+    const MODELS: [&str; 3] = ["no", "the_rbf", "the_memory"];
+    let mut all = Samples::default();
+    for found in found {
+        let side = found.document.side;
+        for (k, (piezo, axis)) in found.micro.piezos.iter().zip(AXES).enumerate() {
+            let name = |what: &str| format!("{side}_{axis}_{what}");
+            let seen = &piezo.series;
+            let volts = seen.volts.iter().map(|volts| volts[k]).collect();
+            all = all
+                .with(
+                    &name("time_s"),
+                    "when the light was sampled",
+                    seen.time.clone(),
+                )
+                .with(&name("input_v"), "the piezo's voltage", volts)
+                .with(
+                    &name("light_v"),
+                    "photodiode, less what it gives in the dark",
+                    seen.light.clone(),
+                );
+        }
+        for (scan, model) in found.scans.iter().zip(MODELS) {
+            let um = |metres: &[f64]| metres.iter().map(|m| 1e6 * m).collect();
+            let name = |what: &str| format!("{side}_{what}_um_with_{model}_model");
+            all = all
+                .with(&name("wanted"), "what was wanted along x", um(&scan.wanted))
+                .with(&name("was"), "where it was: the truth", um(&scan.was));
+        }
+    }
+    all
 }
 
 /// A side's model as a change of the calibration.

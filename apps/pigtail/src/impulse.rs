@@ -1,16 +1,17 @@
 //! `pigtail impulse`.
 
 use crate::choice::choice;
-use crate::common::{believed, write_table};
+use crate::common::{believed, in_unit, write_table};
 use crate::progress::Busy;
 use crate::running::{self, stopped};
 use crate::{DONE, Failure, NEGATIVE};
 use clap::Args;
 use pigtail_evaluate::impulse::condition::Condition;
 use pigtail_evaluate::impulse::run::{
-    Campaign, CampaignRow, PulseDocument, Task, check, compare, resolution, run as run_one, runs,
-    stability, summary, tolerance,
+    Campaign, CampaignRow, PulseDocument, Resolution, StepRow, Task, check, compare, resolution,
+    run as run_one, runs, stability, summary, tolerance,
 };
+use pigtail_hal::quantity::{LENGTH, Sign, TIME};
 use pigtail_hal::{Axis, AxisName, Error};
 use pigtail_report as report;
 use pigtail_session::calibrations::Part;
@@ -18,6 +19,7 @@ use pigtail_session::impulse::Estimator;
 use pigtail_session::job::Ended;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Named};
 use pigtail_session::setup::Setup;
+use pigtail_store::samples::Samples;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
@@ -40,7 +42,7 @@ pub(crate) struct Arguments {
     /// fivebar, z, or left.a, left.b, left.z, right.a, right.b, right.z
     axis: AxisName,
     /// The way to go, nanometres; backward where negative
-    #[arg(long, value_name = "N", allow_negative_numbers = true, value_parser = finite)]
+    #[arg(long, value_name = "NM", allow_hyphen_values = true, value_parser = in_unit(LENGTH, "nm", Sign::Any))]
     target_nm: f64,
     /// What to draw: machine, device, fixture and noise
     #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
@@ -70,10 +72,10 @@ pub(crate) struct Arguments {
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pulses: u32,
     /// Error that is small enough, nanometres; 10 on z, 150 on a five-bar
-    #[arg(long, value_name = "NM", value_parser = crate::positive)]
+    #[arg(long, value_name = "NM", value_parser = in_unit(LENGTH, "nm", Sign::Positive))]
     tolerance_nm: Option<f64>,
     /// Time in which all comes to rest after a pulse, milliseconds; what is believed enough if not given
-    #[arg(long, value_name = "MS", value_parser = crate::positive)]
+    #[arg(long, value_name = "MS", value_parser = in_unit(TIME, "ms", Sign::Positive))]
     rest_ms: Option<f64>,
     /// On so many machines, a run on each, and what they have in common
     #[arg(long, value_name = "M", value_parser = clap::value_parser!(u64).range(1..=100_000))]
@@ -88,12 +90,6 @@ fn folder(text: &str) -> Result<PathBuf, String> {
         ));
     }
     Ok(PathBuf::from(text))
-}
-
-/// Parses a finite number.
-fn finite(text: &str) -> Result<f64, String> {
-    let value = text.parse::<f64>().ok().filter(|value| value.is_finite());
-    value.ok_or_else(|| format!("\"{text}\" is not a finite number"))
 }
 
 /// Longest rest that anyone would wait for, milliseconds.
@@ -146,6 +142,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let done = done.map_err(|error| stopped(&run, &setup, error))??;
     run.write("summary.json", format!("{}\n", done.json))?;
     run.write("report.html", done.html)?;
+    done.samples.keep(&run)?;
     let report = run.path("report.html").display().to_string();
     running::close_records(&run, &setup)?;
     run.finish(if done.code == DONE {
@@ -167,6 +164,7 @@ struct Done {
     json: String,
     text: String,
     html: String,
+    samples: Samples,
     code: u8,
 }
 
@@ -244,9 +242,56 @@ fn single(arguments: &Arguments, setup: &Setup, task: &Task) -> Experiment {
                 json,
                 text,
                 html,
+                samples: samples(&document, &steps),
                 code,
             })
         }))
+}
+
+/// Each moment of rest of the loop, and of the pulses in one direction, in columns.
+fn samples(document: &PulseDocument, resolution: &Resolution) -> Samples {
+    let of = |what: fn(&StepRow) -> f64| document.steps.iter().map(what).collect();
+    Samples::default()
+        .with(
+            "time_s",
+            "from the first measurement to a moment of rest",
+            of(|step| step.time_s),
+        )
+        .with(
+            "measured_nm",
+            "the error by the sensor",
+            of(|step| step.measured_nm),
+        )
+        .with("error_nm", "the true error", of(|step| step.error_nm))
+        .with(
+            "a1_fsm",
+            "a1 of the pulse that follows, over the voltage at which the motor breaks away",
+            of(|step| step.a1_fsm.unwrap_or(f64::NAN)),
+        )
+        .with(
+            "expected_nm",
+            "what that pulse is expected to do",
+            of(|step| step.expected_nm),
+        )
+        .with(
+            "resolution_position_nm",
+            "the output after each pulse in one direction, without a loop",
+            resolution.position_nm.clone(),
+        )
+}
+
+/// How the loop of each machine ended, in columns.
+fn samples_of_machines(documents: &[PulseDocument]) -> Samples {
+    let of = |what: fn(&PulseDocument) -> f64| documents.iter().map(what).collect();
+    Samples::default()
+        .with("seed", "of the machine", of(|d| d.seed as f64))
+        .with("pulses", "that were played", of(|d| d.pulses as f64))
+        .with("error_nm", "the true error at the end", of(|d| d.error_nm))
+        .with(
+            "settled_s",
+            "until the true error came to stay within the tolerance; nothing where it did not",
+            of(|d| d.settled_s.unwrap_or(f64::NAN)),
+        )
 }
 
 /// A run, and what its report shows beside it.
@@ -254,7 +299,7 @@ fn single(arguments: &Arguments, setup: &Setup, task: &Task) -> Experiment {
 struct Single<'a> {
     #[serde(flatten)]
     document: &'a PulseDocument,
-    resolution: &'a pigtail_evaluate::impulse::run::Resolution,
+    resolution: &'a Resolution,
     /// From four sides.
     from: &'a [PulseDocument],
     /// With each gain, on a machine whose response is known.
@@ -282,6 +327,7 @@ fn campaign(arguments: &Arguments, setup: &Setup, task: &Task, count: u64) -> Ex
                 json: serde_json::to_string(&running::on(setup, &campaign, None))?,
                 text: String::from_utf8(text)?,
                 html: report::pulse_campaign(&campaign, &documents)?,
+                samples: samples_of_machines(&documents),
                 code: DONE,
             })
         }))

@@ -6,11 +6,12 @@ use crate::running::{self, stopped};
 use crate::{DONE, Failure};
 use clap::Args;
 use pigtail_control::recipe::Climb;
-use pigtail_evaluate::maximize::{Asked, MaximizationDocument, maximize};
+use pigtail_evaluate::maximize::{Asked, MaximizationDocument, Measured, maximize};
 use pigtail_hal::quantity::{Dimension, LENGTH, Sign, TIME};
 use pigtail_report as report;
 use pigtail_session::calibrations::Part;
 use pigtail_session::rig::DEFAULT_RECIPE_NAME;
+use pigtail_store::samples::Samples;
 use std::io::{self, Write};
 
 /// Measure light throughput maximization: how well a fiber stays at its peak (thesis 3.3)
@@ -98,6 +99,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let on = running::on(&setup, &measured.document, None);
     run.write_json("summary.json", &on)?;
     run.write("report.html", report::maximize(&measured)?)?;
+    samples(&measured).keep(&run)?;
     run.finish("done")?;
     let mut text = Vec::new();
     if common.json {
@@ -109,6 +111,23 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     crate::print(&text)?;
     Ok(DONE)
+}
+
+/// Light over time while the peak drifts, in columns.
+fn samples(measured: &Measured) -> Samples {
+    measured
+        .curves
+        .iter()
+        .fold(Samples::default(), |all, (speed, light)| {
+            let name = |what: &str| format!("{what}_at_{}", speed.replace([' ', '/'], "_"));
+            let of = |which: fn(&(f64, f64)) -> f64| light.iter().map(which).collect();
+            let about = format!("since the peak began to drift at {speed}");
+            all.with(&name("time_s"), &about, of(|point| point.0)).with(
+                &name("light_percent"),
+                "light, of that before",
+                of(|point| point.1),
+            )
+        })
 }
 
 fn print(out: &mut impl Write, document: &MaximizationDocument) -> io::Result<()> {

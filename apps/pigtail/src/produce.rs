@@ -60,7 +60,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "RUN")]
     resume: Option<String>,
     /// Commissions the machine first, as a machine of a fleet needs it
-    #[arg(long)]
+    #[arg(long = "commissioned", alias = "commission")]
     pub(crate) commission: bool,
     /// Whether the micro follows the light's peak until the gel point, in place of what the recipes say
     #[arg(long, value_name = "true|false")]
@@ -343,7 +343,6 @@ impl View {
         self.bar.set_prefix(format!(
             "device {}/{all}  fibers {}  yield {:.0} %  {fiber:.0} s a fiber  {:.0} min left",
             (done + 1).min(all),
-            self.fibers,
             100.0 * self.passed as f64 / here.max(1) as f64,
             (ahead / 60.0).max(0.0).ceil(),
         ));

@@ -1,10 +1,12 @@
 //! `pigtail identify` from a record that a person brings.
 
+use crate::common::in_unit;
 use crate::progress::Busy;
 use crate::{DONE, Failure, NEGATIVE};
 use clap::{Args, ValueEnum};
 use pigtail_hal::Error;
 use pigtail_hal::digest::hash;
+use pigtail_hal::quantity::{FREQUENCY, LENGTH, Sign, VOLTAGE};
 use pigtail_records::columns::Named;
 use pigtail_records::friction;
 use pigtail_records::part::Drive;
@@ -14,6 +16,7 @@ use pigtail_records::windup;
 use pigtail_records::{Answer, Shown, capital, short};
 use pigtail_report as report;
 use pigtail_store::runs::Run;
+use pigtail_store::samples::Samples;
 use pigtail_sysid::friction::Law;
 use pigtail_sysid::servo::{Controller, Friction, Method, Settings};
 use std::fmt::Write as _;
@@ -59,7 +62,7 @@ pub(crate) struct ServoArguments {
     #[arg(long, value_name = "COLUMN")]
     time: Option<Named>,
     /// Rows a second, hertz: where no column says when they were taken, or the column of time counts them
-    #[arg(long, value_name = "HERTZ", value_parser = crate::positive)]
+    #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive))]
     rate: Option<f64>,
     /// Its column of the position's reference
     #[arg(long, value_name = "COLUMN")]
@@ -87,7 +90,7 @@ pub(crate) struct ServoArguments {
     #[arg(long, value_enum)]
     method: Option<MethodChoice>,
     /// Cutoff of the position's filter, hertz; a tenth of the sample rate, at most 100, if not given
-    #[arg(long, value_name = "HERTZ", value_parser = crate::positive)]
+    #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive))]
     cutoff: Option<f64>,
     /// Order of the filter
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u8).range(1..=8))]
@@ -106,13 +109,13 @@ pub(crate) struct ServoArguments {
     #[arg(long, value_name = "R", value_parser = crate::positive, help_heading = DRIVE)]
     gear_ratio: Option<f64>,
     /// Travel for a turn of the screw, metres, of an axis along a line; 0.01 if not given
-    #[arg(long, value_name = "METRES", value_parser = crate::positive, help_heading = DRIVE)]
+    #[arg(long, value_name = "METRES", value_parser = in_unit(LENGTH, "m", Sign::Positive), help_heading = DRIVE)]
     lead: Option<f64>,
     /// Encoder counts in a turn of the motor; if not given, one is as coarse as the position's noise
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(4..), help_heading = DRIVE)]
     counts_per_turn: Option<u32>,
     /// The amplifier's bound, volts; if not given, the controller's, or the most that the record shows
-    #[arg(long, value_name = "VOLTS", value_parser = crate::positive, help_heading = DRIVE)]
+    #[arg(long, value_name = "VOLTS", value_parser = in_unit(VOLTAGE, "V", Sign::Positive), help_heading = DRIVE)]
     voltage_limit: Option<f64>,
     #[command(flatten)]
     output: Output,
@@ -261,7 +264,7 @@ pub(crate) struct FrictionArguments {
     #[arg(long, value_name = "COLUMN")]
     time: Option<Named>,
     /// Rows a second, hertz: where no column says when they were taken, or the column of time counts them
-    #[arg(long, value_name = "HERTZ", value_parser = crate::positive)]
+    #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive))]
     rate: Option<f64>,
     /// A second record of the same columns, to judge by
     #[arg(long, value_name = "FILE")]
@@ -371,13 +374,13 @@ pub(crate) struct WindupRecordArguments {
     #[arg(long, value_name = "COLUMN", requires = "data")]
     time: Option<Named>,
     /// Rows a second, hertz: where no column says when they were taken, or the column of time counts them
-    #[arg(long, value_name = "HERTZ", value_parser = crate::positive, requires = "data")]
+    #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive), requires = "data")]
     rate: Option<f64>,
     /// Turns of the output for a turn of the motor, where the motor's column is not yet in angles of the output
     #[arg(long, value_name = "R", default_value_t = 1.0, value_parser = crate::positive, requires = "data")]
     ratio: f64,
     /// Travel for a turn of the screw, metres, where motor and load are lengths
-    #[arg(long, value_name = "METRES", value_parser = crate::positive, requires = "data")]
+    #[arg(long, value_name = "METRES", value_parser = in_unit(LENGTH, "m", Sign::Positive), requires = "data")]
     lead: Option<f64>,
     /// A second record of the same columns, to judge by
     #[arg(long, value_name = "FILE", requires = "data")]
@@ -570,6 +573,7 @@ pub(crate) fn finish(
     let document = answer.json();
     run.write_json("summary.json", &document)?;
     run.write("report.html", report::record(title, &answer, shown)?)?;
+    shown.map_or_else(Samples::default, samples).keep(&run)?;
     let negative = servo::is_negative(&answer);
     run.finish(if negative { "negative" } else { "done" })?;
     let text = if output.json {
@@ -579,6 +583,57 @@ pub(crate) fn finish(
     };
     crate::print(text.as_bytes())?;
     Ok(if negative { NEGATIVE } else { DONE })
+}
+
+/// What was measured beside what the model tells, and what the figures show, in columns.
+fn samples(shown: &Shown) -> Samples {
+    let (quantity, unit) = shown.quantity;
+    let position = shown.position;
+    let name = |what: &str, unit: &str| {
+        let words = format!("{what}_{unit}").to_lowercase();
+        let word = |letter: char| letter.is_alphanumeric() || "._-".contains(letter);
+        let parts = words.split(|letter| !word(letter));
+        parts
+            .filter(|part| !part.is_empty())
+            .collect::<Vec<_>>()
+            .join("_")
+    };
+    let of = &shown.account;
+    let all = Samples::default()
+        .with("time_s", "as in the record", of.time.clone())
+        .with(
+            &name(quantity, unit),
+            "what was measured",
+            of.measured.clone(),
+        )
+        .with(
+            &name(&format!("modelled {quantity}"), unit),
+            "what the model tells",
+            of.modelled.clone(),
+        )
+        .with(
+            &name("position", position),
+            "where the axis was",
+            of.position.clone(),
+        )
+        .with(
+            &name("velocity", &format!("{position}_s")),
+            "how fast it moved",
+            of.velocity.clone(),
+        );
+    let curves = shown.figures.iter().enumerate().flat_map(|(k, figure)| {
+        let curves = figure.curves.iter();
+        curves.map(move |(curve, points)| (k + 1, figure, curve, points))
+    });
+    curves.fold(all, |all, (k, figure, curve, points)| {
+        let column = |axis: &str| name(&format!("figure {k} {curve}"), axis);
+        let (x, y) = points.iter().copied().unzip();
+        all.with(&column(&figure.x), &figure.caption, x).with(
+            &column(&figure.y),
+            &figure.caption,
+            y,
+        )
+    })
 }
 
 /// What a person wants to know of it.

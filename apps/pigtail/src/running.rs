@@ -6,7 +6,9 @@ use anyhow::Result;
 use pigtail_session::calibrations::{On, Part, RunsOn, notes};
 use pigtail_session::job::Ended;
 use pigtail_session::records::Records;
+use pigtail_session::samples::Record;
 use pigtail_session::setup::Setup;
+use pigtail_store::rows::{Cell, Column, Kind, Table};
 use pigtail_store::runs::Run;
 use serde::Serialize;
 use std::path::Path;
@@ -68,6 +70,32 @@ pub(crate) fn told(
 /// What it ran on, in a line.
 pub(crate) fn line(setup: &Setup) -> String {
     format!("Ran on {}\n", RunsOn::of(&setup.rig))
+}
+
+/// Keeps the light samples of an alignment as CSV, and the same numbers as Parquet.
+pub(crate) fn keep_samples(run: &Run, record: &Record) -> Result<()> {
+    let csv = record.csv();
+    let mut lines = csv.lines();
+    let names = lines.next().unwrap_or_default().split(',');
+    let columns: Vec<Column> = names
+        .map(|name| match name {
+            "fiber" => Column::new(name, Kind::Text, "the port whose fiber is worked on"),
+            "phase" => Column::new(name, Kind::Text, "of its alignment"),
+            _ => Column::new(name, Kind::Number, ""),
+        })
+        .collect();
+    let columns: Arc<[Column]> = columns.into();
+    let mut table = Table::new(&columns);
+    for line in lines {
+        let cells = line.split(',').zip(columns.iter());
+        let cells = cells.map(|(cell, column)| match column.kind() {
+            Kind::Text => Cell::Text(Some(cell)),
+            _ => Cell::Number(cell.parse().ok()),
+        });
+        table.add(cells.collect());
+    }
+    run.write("samples.parquet", table.to_parquet()?)?;
+    run.write("samples.csv", csv)
 }
 
 /// Waits until all records are on the disk.

@@ -1,9 +1,11 @@
 //! `pigtail simulate`.
 
+use crate::common::in_unit;
 use crate::{DONE, Failure};
 use anyhow::Context;
 use clap::{Args, Subcommand};
 use pigtail_evaluate::simulate::{Grid, Input, Parameters, joint};
+use pigtail_hal::quantity::{FREQUENCY, Sign, TIME};
 use std::fs::File;
 use std::io::{BufWriter, Write};
 use std::path::PathBuf;
@@ -46,19 +48,19 @@ struct JointArguments {
     #[command(flatten)]
     input: InputArguments,
     /// Rows a second in the file of --input or --reference, hertz: where no column says when they begin
-    #[arg(long, value_name = "HERTZ", value_parser = crate::positive, conflicts_with_all = ["impulse", "step", "triangle"])]
+    #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive), conflicts_with_all = ["impulse", "step", "triangle"])]
     rate: Option<f64>,
     /// Where to write the trajectory; standard output if not given
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// How long, seconds; what the input needs if not given
-    #[arg(long, value_name = "SECONDS", value_parser = crate::positive)]
+    #[arg(long, value_name = "SECONDS", value_parser = in_unit(TIME, "s", Sign::Positive))]
     duration: Option<f64>,
     /// Time between rows, seconds; divides the servo period
-    #[arg(long, value_name = "SECONDS", value_parser = crate::positive)]
+    #[arg(long, value_name = "SECONDS", value_parser = in_unit(TIME, "s", Sign::Positive))]
     row_period: Option<f64>,
     /// Longest integration step, seconds
-    #[arg(long, value_name = "SECONDS", default_value_t = 25e-6, value_parser = crate::positive)]
+    #[arg(long, value_name = "SECONDS", default_value_t = 25e-6, value_parser = in_unit(TIME, "s", Sign::Positive))]
     max_step: f64,
 }
 

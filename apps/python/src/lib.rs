@@ -16,6 +16,7 @@ mod gym;
 mod input;
 mod jobs;
 mod own_bench;
+mod produce;
 mod records;
 mod rig;
 mod runs;
@@ -57,6 +58,7 @@ fn _pigtail(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(jobs::characterize, module)?)?;
     module.add_function(wrap_pyfunction!(jobs::commission, module)?)?;
     module.add_function(wrap_pyfunction!(jobs::simulate_joint, module)?)?;
+    module.add_function(wrap_pyfunction!(produce::produce, module)?)?;
     add_class::<bench::BenchRig>(module)?;
     add_class::<bench::BenchTwin>(module)?;
     module.add_function(wrap_pyfunction!(bench::align_bench, module)?)?;

@@ -1,12 +1,12 @@
 //! A rig and a recipe, as every call takes them.
 
 use crate::failure::Failure;
-use crate::input::choice;
+use crate::input::{choice, refused};
 use pigtail_control::station::{Observer, Sample};
 use pigtail_hal::Error;
 use pigtail_session::calibrations::{self, Change, RunsOn, find};
 use pigtail_session::own::Own;
-use pigtail_session::rig::{Named, Role};
+use pigtail_session::rig::{DEFAULT_RECIPE_NAME, Named, Role};
 use pigtail_session::scenario::Scenario;
 use pigtail_session::setup::Setup;
 use pyo3::prelude::*;
@@ -89,6 +89,21 @@ impl Rig {
             return self.setup();
         }
         self.named.setup(self.named.load(true, without)?)
+    }
+
+    /// The same rig with the recipe that a tray's devices have. One's own of another device is refused.
+    pub(crate) fn making(&self, recipe: &str) -> Result<Self, Failure> {
+        let named = &self.named.recipe;
+        if named == recipe {
+            return Ok(self.clone());
+        }
+        if named != DEFAULT_RECIPE_NAME {
+            let message = format!("is \"{named}\"; accepted is what the tray is for, \"{recipe}\"");
+            return Err(refused("recipe", named, message).into());
+        }
+        let mut names = self.named.clone();
+        recipe.clone_into(&mut names.recipe);
+        Ok(names.open()?)
     }
 
     /// What is believed of it.

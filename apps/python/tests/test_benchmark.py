@@ -183,7 +183,8 @@ def test_wrong_input_is_named() -> None:
 
 def test_a_learner_trains_unmodified() -> None:
     """A few steps of stable-baselines3, where it is installed (its torch is of gigabytes: the suite does not install it)."""
-    sb3 = pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed: training is not tested")
+    reason = "stable-baselines3 is not installed, whose torch is of gigabytes: training is not tested here"
+    sb3 = pytest.importorskip("stable_baselines3", reason=reason)
     import pigtail.gym  # noqa: F401
 
     model = sb3.PPO("MlpPolicy", "pigtail/Peak-v0", n_steps=64, batch_size=32, device="cpu", seed=1)

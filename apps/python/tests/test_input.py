@@ -134,3 +134,19 @@ def test_a_joint_moves_and_refuses_nonsense() -> None:
         pigtail.simulate_joint({**JOINT, "Jm": -1.0}, step=1.0)
     with pytest.raises(pigtail.InputError, match="params: unknown field `Jx`"):
         pigtail.simulate_joint({**JOINT, "Jx": 1.0}, step=1.0)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [np.zeros(6), np.zeros((3, 2)), np.zeros((2, 3), dtype=complex), [["a"] * 3] * 2, "a", [[1.0, 2.0]]],
+)
+@pytest.mark.parametrize("of", ["motors_v", "micro_v", "references_counts"])
+def test_an_array_that_is_no_command_is_refused(of: str, values: Any) -> None:
+    with pytest.raises(pigtail.InputError) as raised:
+        pigtail.Twin(seed=0).exchange(pigtail.Command(**{of: values}))
+    assert raised.value.key == of
+
+
+def test_the_truth_is_told_of_rigs_alone() -> None:
+    with pytest.raises(pigtail.InputError, match="accepted is a Rig"):
+        pigtail.sim.plant("afpm")  # type: ignore[arg-type]

@@ -1,6 +1,6 @@
 //! The report of a contour.
 
-use super::figure::{Axes, HALF, all as all_of, range_of};
+use super::figure::{Axes, HALF, range_of};
 use super::html::{figure, fixed, page, th};
 use super::plot::Plot;
 use anyhow::Result;
@@ -60,24 +60,19 @@ fn path((_, samples): &Traced) -> Markup {
         (0..samples.len()).step_by(every).map(of).collect()
     };
     let um = |x: f64, y: f64| (1e6 * x, 1e6 * y);
-    let series = [
-        (
-            "measured",
-            thin(&|k| um(samples[k].measured.x, samples[k].measured.y)),
-        ),
-        (
-            "wanted",
-            thin(&|k| um(samples[k].wanted.x, samples[k].wanted.y)),
-        ),
-    ];
-    let all = || series.iter().flat_map(|(_, points)| points.iter());
+    let wanted = thin(&|k| um(samples[k].wanted.x, samples[k].wanted.y));
+    let measured = thin(&|k| um(samples[k].measured.x, samples[k].measured.y));
+    let all = || wanted.iter().chain(&measured);
     let axes = Axes {
         width: HALF,
         x: (range_of(all().map(|p| p.0), 0.1), "x, um"),
         y: (range_of(all().map(|p| p.1), 0.1), "y, um"),
     };
     // Angles are what they are.
-    all_of(Plot::new(&axes).equal(), &series).draw()
+    let plot = Plot::new(&axes).equal();
+    // Where both are the same, neither hides the other.
+    let plot = plot.line_as("wanted", "c1 broad", &wanted);
+    plot.line_as("measured", "c0", &measured).draw()
 }
 
 fn caption((row, _): &Traced) -> String {

@@ -78,16 +78,19 @@ pub(super) enum Column {
 impl Column {
     pub(super) fn of<'a>(cells: impl Iterator<Item = &'a str>) -> Self {
         let (mut most, mut numbers, mut longest) = (0, true, 0);
+        let mut exponents = false;
         for cell in cells {
             longest = longest.max(cell.chars().count());
             match behind(cell) {
                 Some(digits) => most = most.max(digits),
                 // A number with an exponent is one too.
-                None => numbers &= matches!(cell, "" | "-") || cell.parse::<f64>().is_ok(),
+                None if cell.parse::<f64>().is_ok() => exponents = true,
+                None => numbers &= matches!(cell, "" | "-"),
             }
         }
         if numbers {
-            Self::Numbers(most)
+            // Points stand below each other where all have one that means the same.
+            Self::Numbers(if exponents { 0 } else { most })
         } else {
             Self::Words { long: longest > 40 }
         }
@@ -112,7 +115,10 @@ impl Column {
         } else {
             ""
         };
-        format!("{cell}{point}{}", "\u{2007}".repeat(most - digits))
+        format!(
+            "{cell}{point}{}",
+            "\u{2007}".repeat(most.saturating_sub(digits))
+        )
     }
 }
 
@@ -216,5 +222,8 @@ mod tests {
             assert!(table.contains(cell), "{cell} in {table}");
         }
         assert!(table.contains("<td class=\"text\">4</td>"), "{table}");
+        let mixed = ["209.99", "2e-4", "1"].map(|x| vec![x.to_owned()]);
+        let mixed = super::table(&["x".to_owned()], &mixed).into_string();
+        assert!(!mixed.contains('\u{2007}'), "{mixed}");
     }
 }

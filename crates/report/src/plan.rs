@@ -21,7 +21,7 @@ pub fn plan(d: &PlanDocument) -> Result<String> {
              rate, and as the twin took it. The first two methods serve a device's three fibers at once; a fiber's \
              share is in the last column but one."
         }
-        (figure(&times(&d.searches), "The same as a picture. What the twin cannot do has no dot of its own."))
+        (figure(&times(&d.searches), "The times of the table below. What the twin cannot do has no dot of its own."))
         (searches(d))
         h2 { "Whole procedures" }
         p { "From the tray to an attached fiber, over devices of successive seeds." }
@@ -59,7 +59,7 @@ fn times(rows: &[SearchRow]) -> Markup {
         y: (-0.6..rows.len() as f64 - 0.4, ""),
     };
     let plot = Plot::new(&axes).log_x().rows(&names);
-    let add = |plot: Plot, (name, points): &(&str, Vec<_>)| plot.dots(name, "large mixed", points);
+    let add = |plot: Plot, (name, points): &(&str, Vec<_>)| plot.dots(name, "large", points);
     series.iter().fold(plot, add).draw()
 }
 

@@ -65,7 +65,12 @@ fn gantt(bars: &[Bar], from: f64, to: f64) -> Markup {
 fn critical_table(bars: &[Bar], seconds: f64) -> Markup {
     let rows: Vec<Vec<String>> = limits(bars)
         .into_iter()
-        .map(|(what, s)| vec![what, fixed(s, 1), fixed(100.0 * s / seconds.max(1e-9), 1)])
+        .map(|(what, s)| {
+            // As in the legend, where that has words for it alone.
+            let named = KINDS.iter().find(|(_, whats, _)| *whats == [what.as_str()]);
+            let name = named.map_or(what.as_str(), |(name, ..)| *name).to_owned();
+            vec![name, fixed(s, 1), fixed(100.0 * s / seconds.max(1e-9), 1)]
+        })
         .collect();
     let header = ["on the critical path", "time\ns", "share\n%"];
     table(&header.map(str::to_owned), &rows)

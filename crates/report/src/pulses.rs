@@ -1,8 +1,9 @@
 //! Reports of impulse control: one loop, and many.
 
-use super::figure::{Axes, HALF, WHOLE, bars, curves, over_count, range_of};
+use super::figure::{Axes, HALF, WHOLE, all as all_of, bars, range_of};
 use super::html::{figure, fixed, number, page, th};
 use super::impulse::a;
+use super::plot::Plot;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_evaluate::impulse::run::{Campaign, PulseDocument, Resolution};
@@ -35,6 +36,7 @@ pub fn pulses(
             WHOLE,
             &[("by the sensor", measured(d)), ("in truth", truth(d))],
             "error, nm",
+            Some(d.tolerance_nm),
             "The error after each pulse (Fig. 4.20).",
         ))
         div.scroll { table {
@@ -82,6 +84,7 @@ fn from_sides(sides: &[PulseDocument]) -> Markup {
             HALF,
             &borrowed(&named),
             ("time, s", "error, nm"),
+            half.first().map(|d| d.tolerance_nm),
             &format!("Estimator: {estimator}; {verdict} (Fig. 4.22)."),
         )
     };
@@ -103,7 +106,14 @@ fn by_gain(gains: &[PulseDocument]) -> Markup {
             .iter()
             .map(|d| format!("{}: {:.1} nm at the end", d.gain, d.error_nm))
             .collect();
-        over_pulses(HALF, &borrowed(&named), "error, nm", &last.join("; "))
+        let tolerance = half.first().map(|d| d.tolerance_nm);
+        over_pulses(
+            HALF,
+            &borrowed(&named),
+            "error, nm",
+            tolerance,
+            &last.join("; "),
+        )
     };
     let (first, last) = gains.split_at(gains.len() - 2);
     html! {
@@ -155,12 +165,14 @@ fn without_loop(steps: &Resolution) -> Markup {
                 HALF,
                 &[("output", position)],
                 "position, nm",
+                None,
                 "Position (Figs. 4.23, 4.24).",
             ))
             (over_pulses(
                 HALF,
                 &[("output", single)],
                 "displacement, nm",
+                None,
                 "Displacement by each pulse.",
             ))
         }
@@ -181,14 +193,21 @@ fn over_time(d: &PulseDocument) -> Vec<(f64, f64)> {
     d.steps.iter().map(|s| (s.time_s, s.error_nm)).collect()
 }
 
-fn over_pulses(width: u32, series: &[(&str, Vec<(f64, f64)>)], y: &str, caption: &str) -> Markup {
-    plot(width, series, ("pulse", y), caption)
+fn over_pulses(
+    width: u32,
+    series: &[(&str, Vec<(f64, f64)>)],
+    y: &str,
+    tolerance: Option<f64>,
+    caption: &str,
+) -> Markup {
+    plot(width, series, ("pulse", y), tolerance, caption)
 }
 
 fn plot(
     width: u32,
     series: &[(&str, Vec<(f64, f64)>)],
     (x, y): (&str, &str),
+    tolerance: Option<f64>,
     caption: &str,
 ) -> Markup {
     let all = || series.iter().flat_map(|(_, points)| points.iter());
@@ -197,12 +216,15 @@ fn plot(
         x: (range_of(all().map(|p| p.0), 0.1), x),
         y: (range_of(all().map(|p| p.1).chain([0.0]), 1.0), y),
     };
-    let drawn = if x == "pulse" {
-        over_count(&axes, series)
-    } else {
-        curves(&axes, series)
-    };
-    figure(&drawn, caption)
+    let mut drawn = all_of(Plot::new(&axes), series);
+    if x == "pulse" {
+        drawn = drawn.whole_x();
+    }
+    if let Some(nm) = tolerance {
+        let name = format!("within {nm} nm");
+        drawn = drawn.mark_y(&name, nm, "soft").mark_y("", -nm, "soft");
+    }
+    figure(&drawn.draw(), caption)
 }
 
 /// The report of many loops as one HTML text.

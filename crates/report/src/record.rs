@@ -1,8 +1,6 @@
 //! The reports of models from a person's own records.
 
-use super::figure::{
-    Axes, HALF, WHOLE, all as with_curves, bars, curves, decades_of, envelope, points, range_of,
-};
+use super::figure::{Axes, HALF, WHOLE, bars, curves, decades_of, envelope, points, range_of};
 use super::html::{self, figure, page, verdict};
 use super::plot::Plot;
 use anyhow::Result;
@@ -97,7 +95,13 @@ fn other(extra: &Figure) -> Markup {
     } else {
         Plot::new(&axes)
     };
-    with_curves(plot, &series).draw()
+    // What was measured lies broad below what tells of it.
+    let add = |plot: Plot, (name, points): &(&str, Vec<(f64, f64)>)| match *name {
+        "measured" => plot.line_as(name, "c0 broad", points),
+        "modelled" => plot.line_as(name, "c1", points),
+        _ => plot.line(name, points),
+    };
+    series.iter().fold(plot, add).draw()
 }
 
 fn parameters(answer: &Answer) -> Markup {
@@ -143,19 +147,23 @@ fn account(shown: &Shown) -> Markup {
     };
     let y = format!("{what}, {name}");
     let y_residual = format!("residual, {fine_name}");
-    let plot = |series: &[(&str, Vec<(f64, f64)>)], y: &str| {
-        let all = || series.iter().flat_map(|(_, points)| points.iter());
-        let axes = Axes {
+    let axes = |points: &[&[(f64, f64)]], y| {
+        let all = || points.iter().copied().flatten();
+        let x = range_of(all().map(|p| p.0), 1e-9);
+        let height = range_of(all().map(|p| p.1), 1e-9);
+        Plot::new(&Axes {
             width: WHOLE,
-            x: (range_of(all().map(|p| p.0), 1e-9), "time, s"),
-            y: (range_of(all().map(|p| p.1), 1e-9), y),
-        };
-        curves(&axes, series)
+            x: (x, "time, s"),
+            y: (height, y),
+        })
     };
-    let both = [
-        ("measured", over(&a.measured, scale)),
-        ("modelled", over(&a.modelled, scale)),
-    ];
+    let [measured, modelled] = [&a.measured, &a.modelled].map(|values| over(values, scale));
+    // What a good model tells would hide what was measured.
+    let both = axes(&[&measured, &modelled], &y)
+        .line_as("measured", "c0 broad", &measured)
+        .line_as("modelled", "c1", &modelled);
+    let left = over(&residuals, fine);
+    let left = axes(&[&left], &y_residual).line("", &left);
     let every = residuals.len().div_ceil(POINTS).max(1);
     let cloud = |x: &[f64], factor: f64, label: &str| {
         let cloud: Vec<(f64, f64)> = (0..residuals.len())
@@ -177,7 +185,36 @@ fn account(shown: &Shown) -> Markup {
         .copied()
         .filter(|v| range.contains(v))
         .collect();
-    let correlation: Vec<(f64, f64)> = autocorrelation(&residuals, LAGS)
+    html! {
+        (figure(
+            &both.draw(),
+            format!("The {what} in the record and by the model.")
+        ))
+        (figure(
+            &left.draw(),
+            "Measured less modelled, over time."
+        ))
+        div.pair {
+            (figure(
+                &cloud(&a.position, px, &format!("position, {pname}")),
+                "The residual against position."
+            ))
+            (figure(
+                &cloud(&a.velocity, vx, &format!("velocity, {vname}")),
+                "The residual against velocity."
+            ))
+            (figure(
+                &bars(HALF, &inside, &range, 60, &y_residual, "samples"),
+                "Histogram of the residual, without its furthest thousandths."
+            ))
+            (correlation(&residuals))
+        }
+    }
+}
+
+/// How far what is left is like what was left before.
+fn correlation(residuals: &[f64]) -> Markup {
+    let correlation: Vec<(f64, f64)> = autocorrelation(residuals, LAGS)
         .into_iter()
         .enumerate()
         .map(|(lag, c)| (lag as f64, c))
@@ -196,32 +233,8 @@ fn account(shown: &Shown) -> Markup {
         ("of the residual", correlation),
         ("95 % of white noise", vec![(0.0, edge), (last, edge)]),
     ];
-    html! {
-        (figure(
-            &plot(&both, &y),
-            format!("The {what} in the record and by the model.")
-        ))
-        (figure(
-            &plot(&[("residual", over(&residuals, fine))], &y_residual),
-            "Measured less modelled, over time."
-        ))
-        div.pair {
-            (figure(
-                &cloud(&a.position, px, &format!("position, {pname}")),
-                "The residual against position."
-            ))
-            (figure(
-                &cloud(&a.velocity, vx, &format!("velocity, {vname}")),
-                "The residual against velocity."
-            ))
-            (figure(
-                &bars(HALF, &inside, &range, 60, &y_residual, "samples"),
-                "Histogram of the residual, without its furthest thousandths."
-            ))
-            (figure(
-                &curves(&axes, &series),
-                "Autocorrelation of the residual: white noise would fall to the line at once."
-            ))
-        }
-    }
+    figure(
+        &curves(&axes, &series),
+        "Autocorrelation of the residual: white noise would fall to the line at once.",
+    )
 }

@@ -5,7 +5,7 @@
 >>> print(device)
 
 :func:`align` aligns a device on the twin that a seed draws; :func:`campaign` does it for many. :class:`Rig` names a rig
-of your own. :func:`tune`, :func:`identify`, :func:`characterize` and :func:`commission` are experiments on a machine;
+of your own; :func:`produce` takes a tray in and pigtailed devices out. :func:`tune`, :func:`identify`, :func:`characterize` and :func:`commission` are experiments on a machine;
 :func:`simulate_joint` is one joint alone. :class:`Twin` is a machine, cycle by cycle; :class:`BenchTwin` one that
 is controlled by position, and :class:`Bench` what you implement to have :func:`align_bench` and :func:`find_peak` run on your
 own. :class:`Runs` is the store. :func:`benchmark` compares your algorithms with ours, :func:`identify_servo` tells of an axis from your log.
@@ -23,6 +23,7 @@ from ._document import Document, Experiment
 from ._errors import Error, FaultError, InputError, OutcomeError, Refused
 from ._jobs import Commissioning, characterize, commission, identify, simulate_joint, tune
 from ._pigtail import __version__
+from ._produce import Cured, Pigtail, Production, Step, produce
 from ._progress import Progress
 from ._records import Identified, identify_servo
 from ._rig import Calibration, Rig
@@ -43,6 +44,7 @@ __all__ = [
     "Campaign",
     "Command",
     "Commissioning",
+    "Cured",
     "Document",
     "Error",
     "Experiment",
@@ -59,12 +61,15 @@ __all__ = [
     "Peak",
     "Phase",
     "PhaseStart",
+    "Pigtail",
     "Probe",
+    "Production",
     "Progress",
     "Refused",
     "Rig",
     "Runs",
     "Samples",
+    "Step",
     "Taught",
     "Tip",
     "Twin",
@@ -81,6 +86,7 @@ __all__ = [
     "identify",
     "identify_servo",
     "merge",
+    "produce",
     "raster",
     "run_shard",
     "sim",

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import operator
 import os
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ._errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 _MOST = 2**64 - 1
 
@@ -43,6 +47,20 @@ def number(name: str, value: Any) -> float:
 def maybe_number(name: str, value: Any) -> float | None:
     """The same, or nothing."""
     return None if value is None else number(name, value)
+
+
+def floats(name: str, values: Any) -> NDArray[np.float64]:
+    """An array of real numbers."""
+    import numpy as np
+
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind == "c":
+            # What is not real is no voltage, and would be cut off without a word.
+            raise TypeError
+        return np.asarray(array, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: is no array of numbers", key=name, value=repr(values)) from None
 
 
 def text(name: str, value: Any) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from . import _pigtail
 from ._document import Document, Experiment
 from ._errors import InputError
-from ._input import maybe_number, maybe_whole, number, text, texts, whole
+from ._input import floats, maybe_number, maybe_whole, number, text, texts, whole
 from ._progress import Progress, shown
 from ._rig import Calibration, Rig, native
 
@@ -193,12 +193,7 @@ def _numbers(name: str, values: Any, count: int) -> list[float]:
 
 
 def _vector(name: str, values: ArrayLike) -> list[float]:
-    import numpy as np
-
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{name}: is no array of numbers", key=name, value=repr(values)) from None
+    array = floats(name, values)
     if array.ndim != 1:
         message = f"{name}: has the shape {array.shape}; accepted is (n,)"
         raise InputError(message, key=name, value=str(array.shape))

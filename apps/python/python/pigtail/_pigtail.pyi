@@ -222,6 +222,15 @@ def characterize(
 def commission(
     rig: Rig, seed: int, steps: Sequence[str], devices: int, progress: _Progress
 ) -> tuple[str, Belief | None]: ...
+def produce(
+    rig: Rig,
+    tray: str,
+    seed: int,
+    commission_in: _Path | None,
+    track: bool | None,
+    precompensate: bool | None,
+    progress: _Progress,
+) -> tuple[str, list[str]]: ...
 def simulate_joint(
     params: _Path | tuple[str],
     axis_name: str,

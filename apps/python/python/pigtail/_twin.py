@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from . import _pigtail
 from ._errors import InputError
-from ._input import texts, whole
+from ._input import floats, texts, whole
 from ._rig import Rig, native
 
 if TYPE_CHECKING:
@@ -17,14 +17,7 @@ if TYPE_CHECKING:
 
 
 def _table(name: str, values: ArrayLike | None) -> NDArray[np.float64] | None:
-    import numpy as np
-
-    if values is None:
-        return None
-    try:
-        return np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{name}: is no array of numbers", key=name, value=repr(values)) from None
+    return None if values is None else floats(name, values)
 
 
 class Command:

@@ -95,6 +95,8 @@ def truth(of: Alignment | Twin | BenchTwin) -> Truth:
 
 def plant(rig: Rig) -> str:
     """The truth that twins of a rig are drawn around: its ``plant.toml``."""
+    if not isinstance(rig, Rig):
+        raise InputError(f"rig: is {rig!r}; accepted is a Rig", key="rig", value=repr(rig))
     found = rig._rig.truth()
     if found is None:
         message = f"{rig.name}/plant.toml: is not there: this rig has no twin"

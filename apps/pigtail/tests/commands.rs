@@ -1,0 +1,293 @@
+//! Every command as the program's own parser knows it: its help, its width, the names of its flags, and what it says of
+//! input that is wrong.
+
+use clap::{Arg, ArgAction, Command};
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::path::Path;
+use std::process::Output;
+use tempfile::TempDir;
+
+/// A command that does something: the words that call it, and itself.
+type Called = (Vec<String>, Command);
+
+fn all() -> Vec<Called> {
+    fn add(before: &[String], command: &Command, to: &mut Vec<Called>) {
+        to.push((before.to_vec(), command.clone()));
+        for sub in command.get_subcommands() {
+            if sub.get_name() != "help" {
+                let words = [before, &[sub.get_name().to_owned()]].concat();
+                add(&words, sub, to);
+            }
+        }
+    }
+    let mut command = pigtail::command();
+    command.build();
+    let mut all = Vec::new();
+    add(&[], &command, &mut all);
+    assert!(all.len() > 40, "{}", all.len());
+    all
+}
+
+fn run(folder: &Path, words: &[String]) -> Output {
+    assert_cmd::Command::new(env!("CARGO_BIN_EXE_pigtail"))
+        .current_dir(folder)
+        .args(words)
+        .timeout(std::time::Duration::from_secs(60))
+        .output()
+        .expect("the program starts")
+}
+
+/// Whether input was refused in words, and nothing but words came of it.
+fn refused(folder: &TempDir, words: &[String]) -> String {
+    let before = left(folder.path());
+    let output = run(folder.path(), words);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    let called = words.join(" ");
+    assert_eq!(output.status.code(), Some(2), "{called}: {said}");
+    assert!(output.stdout.is_empty(), "{called} prints something");
+    assert!(said.starts_with("error: "), "{called}: {said}");
+    assert!(!said.contains("panicked"), "{called}: {said}");
+    assert_eq!(left(folder.path()), before, "{called} leaves something");
+    said
+}
+
+fn left(folder: &Path) -> BTreeSet<String> {
+    let entries = fs::read_dir(folder).expect("a folder");
+    let name = |entry: std::io::Result<fs::DirEntry>| {
+        let name = entry.expect("an entry").file_name();
+        name.to_string_lossy().into_owned()
+    };
+    entries.map(name).collect()
+}
+
+#[test]
+fn help_is_there_in_eighty_columns() {
+    for (words, command) in all() {
+        assert!(
+            command.get_about().is_some(),
+            "{words:?} says what it is for"
+        );
+        for mut command in [command.clone().term_width(80)] {
+            for help in [command.render_help(), command.render_long_help()] {
+                for line in help.to_string().lines() {
+                    let width = line.trim_end().chars().count();
+                    // A usage is one word for the parser, however many it lists.
+                    let usage = line.starts_with("Usage: ");
+                    assert!(width <= 80 || usage, "{words:?}: {width} columns: {line}");
+                }
+            }
+        }
+        for argument in command.get_arguments() {
+            let name = argument.get_id();
+            assert!(argument.get_help().is_some(), "{words:?}: {name} is said");
+        }
+    }
+}
+
+/// Values that are free text or a place to write to: nothing that is typed there is wrong.
+const FREE: [&str; 9] = [
+    "runs", "operator", "csv", "parquet", "to", "report", "into", "out", "toml",
+];
+
+/// Arguments that a command cannot do without, so that it comes to those that are tried.
+fn needed(words: &[String]) -> Vec<&'static str> {
+    let words: Vec<&str> = words.iter().map(String::as_str).collect();
+    match words.as_slice() {
+        ["recipe", "check" | "explain"] => vec!["produce-fast"],
+        ["tune"] | ["identify", "windup"] => vec!["z"],
+        ["calibration", "diff" | "apply" | "rollback"] => vec!["1"],
+        ["identify", "servo"] => vec![
+            "--data=no.csv",
+            "--position=a",
+            "--voltage=b",
+            "--force-per-volt=1",
+        ],
+        ["identify", "friction"] => vec!["--data=no.csv", "--displacement=a", "--force=b"],
+        ["identify", "resonance"] => vec!["--data=no.csv"],
+        ["predict"] => vec!["--data=no.csv", "--model=no.json"],
+        ["characterize"] => vec!["z", "step"],
+        ["impulse"] => vec!["z", "--target-nm=100"],
+        ["trace"] => vec!["square"],
+        ["simulate", "joint"] => vec!["--params=no.toml", "--axis=z", "--step=1"],
+        ["sample-data"] => vec!["sample"],
+        ["twin"] => vec!["--from=no.toml"],
+        ["rig"] => vec!["mine"],
+        ["runs", "show" | "replay"] => vec!["no-run"],
+        ["runs", "compare"] => vec!["no-run", "no-other"],
+        ["runs", "export"] => vec!["--csv=no.csv"],
+        ["campaign"] => vec!["--devices=1"],
+        ["completions"] => vec!["bash"],
+        _ => Vec::new(),
+    }
+}
+
+/// A value that no argument takes: no number, no name, and no file.
+const WRONG: &str = "no\u{fc}such-thing";
+
+fn takes_value(argument: &Arg) -> bool {
+    matches!(argument.get_action(), ArgAction::Set | ArgAction::Append)
+}
+
+#[test]
+fn a_flag_that_no_command_has_is_refused_by_all() {
+    let folder = TempDir::new().expect("a folder");
+    for (words, _) in all() {
+        let tried = [words, vec!["--no-such-flag".to_owned()]].concat();
+        let said = refused(&folder, &tried);
+        assert!(said.contains("--no-such-flag"), "{said}");
+    }
+}
+
+#[test]
+fn a_wrong_value_of_any_flag_is_refused_in_words() {
+    let folder = TempDir::new().expect("a folder");
+    let mut tried = 0;
+    for (words, command) in all() {
+        for argument in command.get_arguments() {
+            let Some(long) = argument.get_long() else {
+                continue;
+            };
+            if !takes_value(argument) || FREE.contains(&long) {
+                continue;
+            }
+            // What is needed beside it and is the one that is tried is not said twice.
+            let flag = format!("--{long}=");
+            let others = needed(&words).into_iter();
+            let others = others.filter(|other| !other.starts_with(&flag));
+            let mut tried_words = words.clone();
+            tried_words.extend(others.map(str::to_owned));
+            tried_words.push(format!("{flag}{WRONG}"));
+            let said = refused(&folder, &tried_words);
+            assert!(said.len() > 20, "{tried_words:?}: {said}");
+            tried += 1;
+        }
+    }
+    assert!(tried > 200, "{tried}");
+}
+
+#[test]
+fn a_wrong_word_is_refused_in_words() {
+    let folder = TempDir::new().expect("a folder");
+    for (words, command) in all() {
+        let positional = command.get_positionals().count();
+        // A folder to write is as it is named.
+        let free = ["sample-data", "rig"];
+        if free.contains(&command.get_name()) {
+            continue;
+        }
+        let wrong = std::iter::repeat_n(WRONG.to_owned(), positional.max(1));
+        let flags = needed(&words).into_iter();
+        let flags = flags.filter(|word| word.starts_with("--"));
+        let tried: Vec<String> = words
+            .iter()
+            .cloned()
+            .chain(wrong)
+            .chain(flags.map(str::to_owned))
+            .collect();
+        refused(&folder, &tried);
+    }
+}
+
+#[test]
+fn a_name_means_one_thing_in_all_commands() {
+    // Where one word has two meanings, each is said by the value's name.
+    const TWO: [&str; 0] = [];
+    let mut names: BTreeMap<String, BTreeMap<bool, Vec<String>>> = BTreeMap::new();
+    for (words, command) in all() {
+        for argument in command.get_arguments() {
+            let Some(long) = argument.get_long() else {
+                continue;
+            };
+            let kinds = names.entry(long.to_owned()).or_default();
+            let of = kinds.entry(takes_value(argument)).or_default();
+            of.push(words.join(" "));
+        }
+    }
+    for (name, kinds) in &names {
+        assert!(
+            kinds.len() == 1 || TWO.contains(&name.as_str()),
+            "--{name}: {kinds:?}"
+        );
+        assert!(!name.contains('_'), "--{name}");
+    }
+    // Whatever makes a run takes these by these names.
+    let with = |name: &str| -> BTreeSet<&str> {
+        let kinds = names[name].values().flatten();
+        kinds.map(String::as_str).collect()
+    };
+    let seeded = with("seed");
+    for name in ["json", "runs", "rig"] {
+        let missing: Vec<_> = seeded.difference(&with(name)).copied().collect();
+        let known: &[&str] = match name {
+            // A store has runs of all rigs.
+            "rig" => &["runs export", "runs list"],
+            "runs" => &["sample-data"],
+            _ => &["runs export"],
+        };
+        assert_eq!(missing, known, "--{name}");
+    }
+}
+
+/// A frequency response of two modes, and a loop of friction, as laboratories bring them.
+fn records(folder: &Path) {
+    use std::f64::consts::TAU;
+    use std::fmt::Write as _;
+    let mut response = "frequency_Hz,magnitude\n".to_owned();
+    for k in 1..400 {
+        let hz = 4.0 * f64::from(k);
+        let (f, z) = (hz / 210.0, 0.03);
+        let below = (1.0 - f * f).hypot(2.0 * z * f);
+        let _ = writeln!(response, "{hz},{:.6}", 1.0 / below);
+    }
+    fs::write(folder.join("response.csv"), response).expect("a file");
+    let mut friction = "t_s,x_um,force_N\n".to_owned();
+    let (mut force, mut before) = (0.0, 0.0);
+    for k in 0..4000 {
+        let t = 1e-3 * f64::from(k);
+        let x = 20.0 * (1.0 - 0.1 * t) * (TAU * 0.7 * t).sin();
+        let by: f64 = x - before;
+        before = x;
+        force += 0.8 * (1.0 - 0.5 * force * by.signum()) * by;
+        let _ = writeln!(friction, "{t:.4},{x:.5},{force:.5}");
+    }
+    fs::write(folder.join("friction.csv"), friction).expect("a file");
+}
+
+#[test]
+fn experiments_keep_their_samples() {
+    let folder = TempDir::new().expect("a folder");
+    let words = |text: &str| -> Vec<String> { text.split(' ').map(str::to_owned).collect() };
+    records(folder.path());
+    run(folder.path(), &words("sample-data data"));
+    for (k, called) in [
+        "align",
+        "align --rig bench-piezo",
+        "characterize z step",
+        "characterize z sine",
+        "impulse z --target-nm 100",
+        "impulse z --target-nm 0.1um --machines 2",
+        "identify hysteresis --data data/piezo.csv --input u_V --output x_um",
+        "identify friction --data friction.csv --displacement x_um --force force_N",
+        "identify resonance --data response.csv",
+    ]
+    .iter()
+    .enumerate()
+    {
+        let runs = folder.path().join(format!("runs-{k}"));
+        let mut words = words(called);
+        words.push(format!("--runs={}", runs.display()));
+        let output = run(folder.path(), &words);
+        assert!(output.status.code() < Some(2), "{called}: {output:?}");
+        let made = left(&runs).into_iter().map(|name| runs.join(name));
+        let of: Vec<_> = made.filter(|path| path.is_dir()).collect();
+        assert_eq!(of.len(), 1, "{called}");
+        let csv = fs::read_to_string(of[0].join("samples.csv")).expect("samples as CSV");
+        let fields = csv.lines().next().map_or(0, |line| line.split(',').count());
+        assert!(fields > 1 && csv.lines().count() > 2, "{called}");
+        let parquet = pigtail_store::rows::Rows::open_any(&of[0].join("samples.parquet"))
+            .unwrap_or_else(|why| panic!("{called}: {why}"));
+        assert_eq!(parquet.columns().len(), fields, "{called}");
+        assert_eq!(parquet.rows() as usize, csv.lines().count() - 1, "{called}");
+    }
+}
