@@ -45,7 +45,7 @@ Examples:
   pigtail produce --tray four --json    events, one a line; the last line is the result
   pigtail produce --tray my-tray.toml --seed 7 --resume 20261124T101500-produce-7
                                         goes on with a tray whose run was killed
-  pigtail produce --trays 200 --fleet workshop --commission
+  pigtail produce --trays 200 --fleet workshop --commissioned
                                         two hundred trays, each on a machine of its own")]
 pub(crate) struct Arguments {
     #[command(flatten)]
@@ -343,6 +343,7 @@ impl View {
         self.bar.set_prefix(format!(
             "device {}/{all}  fibers {}  yield {:.0} %  {fiber:.0} s a fiber  {:.0} min left",
             (done + 1).min(all),
+            self.fibers,
             100.0 * self.passed as f64 / here.max(1) as f64,
             (ahead / 60.0).max(0.0).ceil(),
         ));

@@ -135,8 +135,8 @@ impl Shared<'_> {
     ) -> bool {
         /// Standard deviations of vision that the guard takes off, and one more, for its own frames are not quite the same.
         const SIGMAS: f64 = 4.0;
-        /// What it takes to stop from the slow motions here, and what way and lead may hide, metres.
-        const STOP: f64 = 0.8e-6;
+        /// What it takes to stop from the slow motions here, and by how much the facet stands out where the macro went aside, metres.
+        const STOP: f64 = 1.5e-6;
         let Some((seen, contact)) = cell.seen(aim.side, aim.tip).zip(contact) else {
             return false;
         };
