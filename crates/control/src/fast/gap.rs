@@ -95,7 +95,10 @@ impl Shared<'_> {
             return self.approach(cell, aim, scan, before, here).await;
         }
         cell.forget_told(aim.side);
-        let by_design = || Spread::by_design(self.recipe.mode.wavelength, self.exit());
+        let holder = || cell.holder(aim.side).x;
+        let mut from = holder();
+        let mode = &self.recipe.mode;
+        let by_design = || Spread::by_design(mode.wavelength / mode.gap_index, self.exit());
         let spread = cell.measured_spread(aim.side).unwrap_or_else(by_design);
         let quick = if spread.is_known() { &QUICK[..] } else { &[] };
         let mut widths = Vec::new();
@@ -103,10 +106,16 @@ impl Shared<'_> {
             let one = looks.wider.len() == 1;
             for share in looks.wider {
                 let gap = beam.gap_of(*share);
+                // From one gap to the chip it is not far: the micro's middle lies between both. The macro goes aside far away from the
+                // chip, for near to it a holder that goes aside is believed to come nearer to an inclined facet.
+                if one && widths.is_empty() {
+                    to_middle(cell, aim, scan, 0.5 * (gap + here.0)).await?;
+                    from = holder();
+                }
                 self.approach(cell, aim, scan, before, (gap, 1)).await?;
-                // From one gap to the chip it is not far: the micro's middle lies between both.
-                let to = if one { 0.5 * (gap + here.0) } else { gap };
-                to_middle(cell, aim, scan, to).await?;
+                if !one {
+                    to_middle(cell, aim, scan, gap).await?;
+                }
                 widths.extend(width(cell, aim, scan, looks.share).await?);
             }
             self.approach(cell, aim, scan, before, here).await?;
@@ -115,10 +124,12 @@ impl Shared<'_> {
             }
             widths.extend(width(cell, aim, scan, looks.share_here).await?);
             let contact = touching(cell, aim, &widths, (scan, spread));
+            let aside = holder() - from;
             if looks.wider.len() > 1 {
                 job.spread = contact.map(|contact| contact.spread).or(job.spread);
             }
-            if self.is_told(cell, aim, contact) || self.would_be_stopped(cell, aim, contact) {
+            if self.would_be_stopped(cell, aim, contact, aside) || self.is_told(cell, aim, contact)
+            {
                 break;
             }
         }
@@ -126,21 +137,24 @@ impl Shared<'_> {
     }
 
     /// Whether vision is so wrong that by it the tip would be too near to the chip at the gap that is wanted: who guards the machine asks
-    /// vision alone, and would stop it.
+    /// vision alone, and would stop it. Where the macro has gone `aside` near the chip (towards the chip's x, metres), it has the facet stand out by
+    /// as much as light leaves it at an angle, at most.
     fn would_be_stopped(
         &self,
         cell: &AlignmentCell<'_>,
         aim: &Aim,
         contact: Option<Contact>,
+        aside: f64,
     ) -> bool {
         /// Standard deviations of vision that the guard takes off, and one more, for its own frames are not quite the same.
         const SIGMAS: f64 = 4.0;
-        /// What it takes to stop from the slow motions here, and by how much the facet stands out where the macro went aside, metres.
-        const STOP: f64 = 1.5e-6;
+        /// What it takes to stop from the slow motions here, and what way and lead may hide, metres.
+        const STOP: f64 = 0.8e-6;
         let Some((seen, contact)) = cell.seen(aim.side, aim.tip).zip(contact) else {
             return false;
         };
-        let by_vision = self.recipe.approach.gap + contact.at.min(0.0);
+        let stands_out = (aside * self.exit().tan()).max(0.0);
+        let by_vision = self.recipe.approach.gap + contact.at.min(0.0) - stands_out;
         by_vision < cell.spec().guard.clearance + SIGMAS * seen.sigma[1] + STOP
     }
 
@@ -215,8 +229,7 @@ impl Shared<'_> {
         // lead it astray, and into the chip at last.
         let off = 0.5 * self.fast.gap_tolerance;
         let sigma = contact.deviation.hypot(seen.sigma[1]);
-        let unsure = outside(self.recipe.accept.gap, off, 0.0, sigma) > UNSURE;
-        if unsure || self.would_be_stopped(cell, aim, Some(contact)) {
+        if outside(self.recipe.accept.gap, off, 0.0, sigma) > UNSURE {
             return false;
         }
         cell.tell_z(aim.side, -outward(aim.side) * contact.at, contact.deviation);

@@ -682,6 +682,10 @@ impl<'r> Shared<'r> {
                         }
                         Ok(()) => {
                             let fallen = match rests(job, cell, scan, level).await? {
+                                // Vision may have come to know better meanwhile.
+                                Ok(_) if attempt < ATTEMPTS && self.doubts_gap(cell, aim) => {
+                                    continue;
+                                }
                                 Ok(rest) => return Ok((rest, scan.shaking().bonded(known))),
                                 Err(fallen) => fallen,
                             };
