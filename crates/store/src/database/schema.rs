@@ -222,6 +222,10 @@ mod tests {
         connection
     }
 
+    fn today() -> i64 {
+        i64::try_from(STEPS.len()).expect("a few")
+    }
+
     /// The steps to today's version, and two more.
     fn and(more: [&'static str; 2]) -> Vec<&'static str> {
         STEPS.iter().copied().chain(more).collect()
@@ -235,7 +239,7 @@ mod tests {
             "ALTER TABLE phases ADD COLUMN samples INTEGER; CREATE TABLE more (run INTEGER);",
             "UPDATE runs SET machine_seconds = NULL;",
         ]);
-        let newer = STEPS.len() as i64 + 2;
+        let newer = today() + 2;
         migrate(&connection, &steps).expect("two versions more");
         assert_eq!(version(&connection), Ok(newer));
         assert_eq!(seal(&connection, 1).as_ref(), Ok(&before));
@@ -248,7 +252,7 @@ mod tests {
         let connection = first();
         let steps = and(["DELETE FROM phases;", "no SQL at all;"]);
         migrate(&connection, &steps).expect_err("it cannot be done");
-        assert_eq!(version(&connection), Ok(STEPS.len() as i64));
+        assert_eq!(version(&connection), Ok(today()));
         let phases: i64 = connection
             .query_row("SELECT count(*) FROM phases", [], |row| row.get(0))
             .expect("a number");
