@@ -174,7 +174,7 @@ pub fn commission_with(
         plan,
         machines,
         changes: Vec::new(),
-        aligned: Vec::new(),
+        aligned: (Vec::new(), 0),
         seconds: 0.0,
         observer,
     };
@@ -247,8 +247,8 @@ struct Bench<'b, 'm> {
     plan: &'b Plan,
     machines: &'b mut Machines<'m>,
     changes: Vec<Change>,
-    /// Fibers of spare devices that were aligned already.
-    aligned: Vec<FiberReport>,
+    /// Fibers of spare devices that were aligned already, and how many devices that were.
+    aligned: (Vec<FiberReport>, usize),
     /// Machine time so far.
     seconds: f64,
     observer: &'b mut dyn Observer,

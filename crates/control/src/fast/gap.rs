@@ -128,8 +128,7 @@ impl Shared<'_> {
             if looks.wider.len() > 1 {
                 job.spread = contact.map(|contact| contact.spread).or(job.spread);
             }
-            if self.would_be_stopped(cell, aim, contact, aside) || self.is_told(cell, aim, contact)
-            {
+            if self.would_be_stopped(cell, aim, contact, aside) || self.tell(cell, aim, contact) {
                 break;
             }
         }
@@ -221,7 +220,7 @@ impl Shared<'_> {
     }
 
     /// Believes where fiber and chip touch, if that is known well enough for a fiber to be attached: whether it is.
-    fn is_told(&self, cell: &AlignmentCell<'_>, aim: &Aim, contact: Option<Contact>) -> bool {
+    fn tell(&self, cell: &AlignmentCell<'_>, aim: &Aim, contact: Option<Contact>) -> bool {
         let Some((seen, contact)) = cell.seen(aim.side, aim.tip).zip(contact) else {
             return false;
         };
@@ -237,7 +236,8 @@ impl Shared<'_> {
     }
 }
 
-/// Where widths and vision together have it that fiber and chip touch, by encoders now, if vision does not contradict the light.
+/// Where widths and vision together have it that fiber and chip touch, if vision does not contradict the light: what the gap by vision and encoders
+/// is there.
 fn touching(
     cell: &AlignmentCell<'_>,
     aim: &Aim,

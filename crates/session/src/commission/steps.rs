@@ -341,7 +341,6 @@ impl Bench<'_, '_> {
         self.setup.rig.recipe.fast.watch = watch;
         self.setup.rig.calibration.shaking = before;
         let fibers = fibers?;
-        self.aligned.clone_from(&fibers);
         let mut values = Map::new();
         let mut why = String::new();
         for side in Side::ALL {
@@ -387,8 +386,9 @@ impl Bench<'_, '_> {
     /// Fibers of devices that were aligned to watch their tips, until tips of both sides were watched.
     fn watched(&mut self) -> Result<Vec<FiberReport>, Ended> {
         let mut fibers = Vec::new();
-        for device in self.spare_devices() {
+        for (k, device) in self.spare_devices().enumerate() {
             fibers.extend(self.run(&Align::default(), device)?.fibers);
+            self.aligned = (fibers.clone(), k + 1);
             let watched = |side: Side| {
                 let mut of_side = fibers.iter().filter(|fiber| fiber.side == side);
                 of_side.any(|fiber| fiber.shaking.is_some())
@@ -450,9 +450,9 @@ impl Bench<'_, '_> {
     /// How light spreads by fibers of devices that are aligned, until it is known with both micros or no device is left; and
     /// those fibers.
     fn told(&mut self) -> Result<([Option<Spread>; SIDES], Vec<FiberReport>), Ended> {
-        let mut fibers = std::mem::take(&mut self.aligned);
-        // Not the one that they are of.
-        let mut spare = self.spare_devices().skip(1);
+        let (mut fibers, tried) = std::mem::take(&mut self.aligned);
+        // A device tells the same when it is asked again.
+        let mut spare = self.spare_devices().skip(tried);
         loop {
             let found = Side::ALL.map(|side| {
                 let of_side = fibers.iter().filter(|fiber| fiber.side == side);
