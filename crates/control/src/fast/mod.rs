@@ -13,22 +13,23 @@
 
 mod approach_moves;
 mod gap;
+mod last;
 mod ratio;
 mod seen;
 mod single;
 
 use crate::beam::Beam;
-use crate::belief::Across;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::{ConicalScan, Gap, Watch};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
-use crate::procedure::{ATTACHED_LOOK, FiberReport, Found, Job, each_fiber, has_fallen};
+use crate::procedure::{FiberReport, Found, Job, each_fiber};
 use crate::recipe::{Fast, Recipe, Sweep};
-use crate::station::{Level, Station, coarse, fine};
+use crate::station::{Station, coarse, fine};
 use crate::sweep::{Spot, first_light};
 use crate::tip_estimator::Tip;
 use approach_moves::{Aim, cock};
 pub use gap::vision_knows;
+use last::WATCHED;
 use pigtail_hal::Side;
 use pigtail_hal::bench::Meter;
 use pigtail_hal::spec::{CHANNELS, Channel};
@@ -91,29 +92,6 @@ const SCATTERED: f64 = 5.0;
 
 /// ...for so many turns, in which it does not by chance stay as bright as a peak would.
 const DOUBTING: u64 = 3;
-
-/// A gap that turns out to be wrong by so many tolerances when all else is done is worth doing the
-/// last turns again.
-const LATE: f64 = 1.3;
-
-/// Light samples for which a tip is watched that may shake too much, in x and in y: so many at first, then as many
-/// again until that is decided, and at most.
-const WATCHED: (usize, usize) = (40, 1280);
-
-/// How much better a peak is to be known where that may make a fiber sure.
-const BETTER: f64 = 0.6;
-
-/// No peak need be known better, metres: what creeps until a fiber is fixed is as much.
-const FINEST: f64 = 5e-9;
-
-/// How often the last turns are begun...
-const ATTEMPTS: u32 = 3;
-
-/// ...and how often once more where only that is missing that the peak be known better.
-const PATIENT: u32 = 4;
-
-/// ...and how often where only the light at rest is not what circles have foreseen.
-const RESTING: u32 = 6;
 
 /// After so many bright places that were no peak a search ends.
 const MOST_DISMISSED: usize = 5;
@@ -605,142 +583,6 @@ impl<'r> Shared<'r> {
             return Err(why.into());
         }
     }
-
-    /// The last turns at the chip, and whether the light is what it should be. Returns it, and how well
-    /// it is known where the fiber will be across.
-    async fn finish(
-        &self,
-        job: &mut Job<'_>,
-        cell: &AlignmentCell<'_>,
-        aim: &Aim,
-        scan: &mut ConicalScan<'_>,
-        before: f64,
-    ) -> Result<(Level, Across), Halt> {
-        let beam = Beam::new(&self.recipe.mode, self.exit());
-        let mut accuracy = self.fast.accuracy;
-        let wanted = (self.fast.watch * cell.spec().photodiode.rate).round() as usize;
-        let (mut attempt, mut watched, mut patience, mut still) = (0, 0, PATIENT, 0);
-        loop {
-            attempt += 1;
-            scan.set_radius(self.fast.conical_scan.radius);
-            self.know_gap(cell, aim, scan).await?;
-            self.correct_gap(cell, aim, scan).await?;
-            let gap = aim.gap(cell);
-            let peak = scan.settle(cell, gap, accuracy, "final").await?;
-            if peak.full < self.fast.accept * before {
-                return Err(Outcome::FalseLight {
-                    before,
-                    after: peak.full,
-                }
-                .into());
-            }
-            let confirmed = scan.confirm(cell, gap, &peak, "final").await;
-            // Meanwhile vision may have come to know better.
-            let way = aim.gap(cell) - self.recipe.approach.gap;
-            let far = way.abs() > LATE * self.fast.gap_tolerance || self.doubts_gap(cell, aim);
-            let expected = peak.full * beam.share(gap);
-            let why = match confirmed {
-                Ok((level, known))
-                    if level > 0.9 * expected
-                        && (attempt == ATTEMPTS || !far && !scan.misjudges_width()) =>
-                {
-                    let aside = self.recipe.accept.aside;
-                    match scan.shaking().is_sure(aside, known) {
-                        Err(unsure) => {
-                            // What shakes cannot be made less; the peak can be known better. Watching does not
-                            // help where that is all that is missing.
-                            let sure = |scan: &ConicalScan<'_>, better: f64| {
-                                scan.shaking().is_sure(aside, known.times(better)).is_ok()
-                            };
-                            let missing = |scan: &ConicalScan| sure(scan, BETTER * BETTER);
-                            if watched > 0 || missing(scan) {
-                                accuracy = (BETTER * accuracy).max(FINEST);
-                            }
-                            let mut samples = WATCHED.0;
-                            while watched + samples <= WATCHED.1
-                                && !missing(scan)
-                                && scan.shaking().is_sure(aside, known).is_err()
-                            {
-                                scan.watch_shaking(cell, gap, samples).await?;
-                                watched += samples;
-                                samples = watched;
-                            }
-                            // A dim peak takes as long as it takes.
-                            let better = sure(scan, BETTER);
-                            if better && attempt == ATTEMPTS && patience > 0 {
-                                patience -= 1;
-                                attempt -= 1;
-                            }
-                            unsure
-                        }
-                        Ok(()) if watched < wanted => {
-                            scan.watch_shaking(cell, gap, wanted - watched).await?;
-                            watched = wanted;
-                            // Piezos have crept meanwhile.
-                            attempt -= 1;
-                            continue;
-                        }
-                        Ok(()) => {
-                            let fallen = match rests(job, cell, scan, level).await? {
-                                // Vision may have come to know better meanwhile.
-                                Ok(_) if attempt < ATTEMPTS && self.doubts_gap(cell, aim) => {
-                                    continue;
-                                }
-                                Ok(rest) => return Ok((rest, scan.shaking().bonded(known))),
-                                Err(fallen) => fallen,
-                            };
-                            if still < RESTING {
-                                still += 1;
-                                attempt -= 1;
-                            }
-                            fallen
-                        }
-                    }
-                }
-                Ok((level, _)) => {
-                    // Or the spot is not as wide as believed: then the wide circle has told of other light than there is.
-                    scan.believe_width();
-                    Outcome::LightLost {
-                        phase: "final",
-                        level,
-                        expected,
-                    }
-                }
-                // Other turns bring no peak nearer that the micro does not reach.
-                Err(halt @ (Halt::Fault(_) | Halt::Outcome(Outcome::MicroRange { .. }))) => {
-                    return Err(halt);
-                }
-                Err(Halt::Outcome(doubt)) => doubt,
-            };
-            if attempt == ATTEMPTS {
-                return Err(why.into());
-            }
-        }
-    }
-}
-
-/// The light at rest, if it is what circles have foreseen (volts above the background). A laser wanders meanwhile, or something has moved: that
-/// is found out where it can be mended yet.
-async fn rests(
-    job: &mut Job<'_>,
-    cell: &AlignmentCell<'_>,
-    scan: &ConicalScan<'_>,
-    foreseen: f64,
-) -> Result<Result<Level, Outcome>, Halt> {
-    job.flicker = scan.flicker();
-    let rest = cell.level(job.channel, ATTACHED_LOOK).await?;
-    let light = rest.mean - scan.background();
-    if has_fallen(cell, foreseen, light, scan.noise(), 0.0) {
-        return Ok(Err(Outcome::LightLost {
-            phase: "final",
-            level: light,
-            expected: foreseen,
-        }));
-    }
-    Ok(Ok(Level {
-        sigma: scan.noise(),
-        ..rest
-    }))
 }
 
 /// The macro goes aside and comes to rest there, while the micro stays in its
