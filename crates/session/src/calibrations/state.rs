@@ -229,15 +229,6 @@ fn hysteresis(c: &Calibration) -> Vec<String> {
              where 1.1 s is usual with it; `pigtail identify hysteresis{option}` measures it"
         ));
     }
-    for (side, belief) in sides {
-        if belief.as_ref().is_some_and(|belief| belief.model == "rbf") {
-            notes.push(format!(
-                "hysteresis.{side} is a model `rbf`, which remembers one turning point: with it on both sides 473 of 900 \
-                 fibers were aligned, and 184 were believed aligned and were not; `pigtail identify hysteresis --model \
-                 memory` makes one that remembers all"
-            ));
-        }
-    }
     notes
 }
 
