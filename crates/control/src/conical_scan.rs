@@ -82,6 +82,8 @@ pub struct ConicalScan<'r> {
     shape: &'r Shape,
     /// Time of a turn, seconds.
     period: f64,
+    /// How many times as long as at first that is.
+    slower: f64,
     /// By how much light is later than its place, seconds.
     lag: f64,
     /// Where the peak is believed to be at no gap: the micro's displacement, metres.
@@ -162,6 +164,7 @@ impl<'r> ConicalScan<'r> {
             beam,
             shape,
             period,
+            slower: 1.0,
             lag: shape.lag.unwrap_or(group.lag.0),
             centre: at - walk * gap,
             walk,
@@ -234,6 +237,18 @@ impl<'r> ConicalScan<'r> {
     /// Width of the spot at a gap, metres, as believed.
     pub fn beam_width(&self, gap: f64) -> f64 {
         self.beam.width(gap)
+    }
+
+    /// Turns take longer from now on, until they take twice as long: a micro that swings along with them at one rate does not at another.
+    pub fn slow_down(&mut self) {
+        /// So many times as long.
+        const LONGER: f64 = 1.3;
+        if self.slower * LONGER <= 2.0 {
+            self.slower *= LONGER;
+            self.period *= LONGER;
+            self.most = (self.most as f64 * LONGER).round() as usize;
+            self.readings.clear();
+        }
     }
 
     /// Circles of another radius from now on, in widths of the peak.
@@ -336,6 +351,7 @@ impl<'r> ConicalScan<'r> {
                 (was, is) => was == is,
             };
             leads
+                && was.rate == is.rate
                 && (was.centre.to, was.radius.to) == (is.centre.to, is.radius.to)
                 && was.widens.is_some() == is.widens.is_some()
         };

@@ -21,6 +21,12 @@ const SMALL: (f64, f64) = (0.15, 0.3);
 /// light.
 const NOISY: f64 = 10.0;
 
+/// So many times the most turns in one place are made at the chip, at most.
+const MOST_TURNS: u32 = 6;
+
+/// No peak is worth a look from near that is not even known so well after these, metres.
+const ROUGHLY: f64 = 30e-9;
+
 /// From the middle of the small turn to its end, turns.
 const HALF_TURN: f64 = 0.5;
 
@@ -37,7 +43,8 @@ const COME_TO_REST: f64 = 0.6;
 /// Turns in which it does where the micro rings: so slow a change excites it little.
 const GENTLE: f64 = 2.0;
 
-/// How far it may swing, at most, before it comes to rest, where that does not die away: then it may be noise.
+/// How far it may swing, at most, before it comes to rest, where that does not die away: then it may be noise. What shakes is told apart
+/// from that by all turns together.
 const SWINGS: f64 = 60e-9;
 
 /// ...or so many times as far as it is known to shake.
@@ -45,6 +52,9 @@ const SHAKES: f64 = 2.0;
 
 /// Small turns, at most, until it no longer rings.
 const RINGING: u32 = 10;
+
+/// What was foreseen gets no older than so many turns where the middle stays: else all would be believed in the end.
+const FRESH: u32 = 2;
 
 /// A swing that is more than this share of that of the turn before does not die away.
 const LASTING: f64 = 0.8;
@@ -81,7 +91,8 @@ const QUIET: f64 = 20e-9;
 impl ConicalScan<'_> {
     /// Turns at a steady gap until it is known to `accuracy` metres (one standard deviation, by
     /// how the turns' peaks scatter about a straight line in time) where the peak will be in
-    /// [`Self::confirm`], and goes there. For piezos creep. The first turns only lead there.
+    /// [`Self::confirm`], and goes there. For piezos creep. The first turns only lead there. Light so dim that it is not known so
+    /// well after many turns tells as well as it does: it is the probability of being outside that decides.
     ///
     /// # Errors
     ///
@@ -100,9 +111,9 @@ impl ConicalScan<'_> {
             level,
             expected,
         };
-        let (mut dark, mut deviation, mut off) = (0, f64::INFINITY, 0.0);
+        let (mut dark, mut deviation, mut off, mut best) = (0, f64::INFINITY, 0.0, None);
         let mut seen: Vec<Peak> = Vec::with_capacity(self.shape.turns as usize);
-        for _ in 0..6 * self.shape.turns {
+        for _ in 0..MOST_TURNS * self.shape.turns {
             self.turn(bench, gap).await?;
             let peak = self.peak();
             let Some(mut peak) = peak.filter(|p| p.full > SIGNIFICANT * p.full_deviation) else {
@@ -117,6 +128,7 @@ impl ConicalScan<'_> {
             if way > NEAR * self.beam.width(gap) {
                 // Not there yet: what was seen from there does not count.
                 seen.clear();
+                best = None;
                 self.go_to(bench, &peak, gap)?;
                 let far = (self.centre - start).norm();
                 if far > NEARBY * self.beam.width(gap) {
@@ -162,8 +174,9 @@ impl ConicalScan<'_> {
             // A peak that a circle's middle runs after, or that is no peak's shape, is that of a micro
             // which does not go where it is told.
             off = self.misfit(&last, gap, 1.0);
-            if slope > FASTEST + SIGNIFICANT * noise || off > MISFIT {
+            if slope > self.slower * FASTEST + SIGNIFICANT * noise || off > MISFIT {
                 seen.clear();
+                best = None;
                 continue;
             }
             // The small turn to come knows the less the smaller it is.
@@ -176,6 +189,10 @@ impl ConicalScan<'_> {
             if deviation < accuracy && (together < TOGETHER * accuracy || long) {
                 return Ok(peak);
             }
+            best = Some(peak).filter(|_| long);
+        }
+        if let Some(best) = best.filter(|_| deviation < ROUGHLY) {
+            return Ok(best);
         }
         if off > MISFIT {
             return Err(Outcome::Misshapen {
@@ -213,6 +230,61 @@ impl ConicalScan<'_> {
             .clamp(SMALL.0, SMALL.1)
     }
 
+    /// Turns on a circle of so many widths until the micro no longer rings from the way there.
+    async fn look_near(
+        &mut self,
+        bench: &Reactor<'_>,
+        gap: f64,
+        foreseen: &Peak,
+        radius: f64,
+        phase: &'static str,
+    ) -> Result<Near, Halt> {
+        self.shrink(bench, gap, radius, SHRINK).await?;
+        // The way to rest makes the micro ring as the way to this circle did, and is this much shorter.
+        let shorter = radius / (self.shape.radius - radius);
+        let (mut turns, mut before, mut rings, mut led) = (0, f64::INFINITY, false, false);
+        let seen = loop {
+            self.turn(bench, gap).await?;
+            let Some(seen) = self.peak() else {
+                return Err(Outcome::LightLost {
+                    phase,
+                    level: 0.0,
+                    expected: foreseen.full * self.beam.share(gap),
+                }
+                .into());
+            };
+            let swing = self.swing(&seen, gap);
+            rings |= swing * shorter > QUIET;
+            let quiet = swing < QUIET || !rings;
+            // What swings near twice the circle's rate looks like a peak elsewhere, until it has died away.
+            let old = self.slower * f64::from(if led { turns } else { turns.min(FRESH) });
+            if quiet && (turns == RINGING || Moved::of(foreseen, &seen, old).is_none()) {
+                break seen;
+            }
+            if !quiet && (swing > LASTING * before || turns == RINGING) {
+                let shakes = SHAKES * self.shaking.measured_before();
+                let most = SWINGS.max(shakes).max(self.no_swing(&seen, gap));
+                if swing > most {
+                    return Err(Outcome::Unsure {
+                        deviation: swing,
+                        accuracy: most,
+                    }
+                    .into());
+                }
+                break seen;
+            }
+            (before, turns) = (swing, turns + 1);
+            if !quiet {
+                self.go_to(bench, &seen, gap)?;
+                led = true;
+            }
+        };
+        // On the way to this circle and on it nothing has moved.
+        self.moved = if led { self.moved } else { 0.0 };
+        let old = self.slower * f64::from(if led { turns } else { turns.min(FRESH) });
+        Ok(Near { seen, old, rings })
+    }
+
     /// Goes around a small circle, from which the light at its middle can be told: whether the peak is
     /// where it was `foreseen`, which a piezo that has given way meanwhile would not be at. Then
     /// goes to the peak by both, each as far as it is sure, and comes to rest there. Returns the light
@@ -232,41 +304,7 @@ impl ConicalScan<'_> {
     ) -> Result<(f64, Across), Halt> {
         let radius = self.small(foreseen, gap);
         let small = radius * radius;
-        self.shrink(bench, gap, radius, SHRINK).await?;
-        // The way to rest makes the micro ring as the way to this circle did, and is this much shorter.
-        let shorter = radius / (self.shape.radius - radius);
-        let (mut turns, mut before, mut rings) = (0, f64::INFINITY, false);
-        let seen = loop {
-            self.turn(bench, gap).await?;
-            let Some(seen) = self.peak() else {
-                return Err(Outcome::LightLost {
-                    phase,
-                    level: 0.0,
-                    expected: foreseen.full * self.beam.share(gap),
-                }
-                .into());
-            };
-            let swing = self.swing(&seen, gap);
-            rings |= swing * shorter > QUIET;
-            if swing < QUIET || !rings {
-                break seen;
-            }
-            if swing > LASTING * before || turns == RINGING {
-                let most = SWINGS.max(SHAKES * self.shaking.measured_before());
-                if swing > most {
-                    return Err(Outcome::Unsure {
-                        deviation: swing,
-                        accuracy: most,
-                    }
-                    .into());
-                }
-                break seen;
-            }
-            (before, turns) = (swing, turns + 1);
-            self.go_to(bench, &seen, gap)?;
-        };
-        // On the way to this circle and on it nothing has moved.
-        self.moved = if turns > 0 { self.moved } else { 0.0 };
+        let Near { seen, old, rings } = self.look_near(bench, gap, foreseen, radius, phase).await?;
         if let Some(shakes) = self.shakes(&seen, gap)
             && !self.shaking.is_watched()
         {
@@ -278,22 +316,15 @@ impl ConicalScan<'_> {
             .set_wider(wider.map_or(1.0, |(of_steps, _)| of_steps));
         self.misjudged = wider.is_some_and(|(of_steps, _)| of_steps > MISJUDGED);
         self.wider = wider.map(|(_, squared)| squared);
-        // What was foreseen was so for one turn.
-        let late = CREEP * f64::from(turns);
-        let foreseen = &Peak {
-            deviation: foreseen.deviation.hypot(late),
-            ..*foreseen
-        };
-        let by = seen.at - foreseen.at;
-        let deviation = seen.deviation.hypot(foreseen.deviation);
-        let (way, near) = (by.norm(), MOVED.0 + MOVED.1 * deviation);
-        if way > near {
+        let foreseen = &late(foreseen, old);
+        if let Some(Moved { way, near }) = Moved::of(foreseen, &seen, 0.0) {
             return Err(Outcome::Unsure {
                 deviation: way,
                 accuracy: near,
             }
             .into());
         }
+        let (by, deviation) = apart(foreseen, &seen);
         let accepted = SMALL_MISFIT * small;
         let misfit = self.misfit(&seen, gap, 1.0);
         if misfit > accepted {
@@ -331,7 +362,8 @@ impl ConicalScan<'_> {
         let known = foreseen.deviation * seen.deviation / deviation;
         // How far piezos creep until the fiber is fixed was foreseen, but for a part; and as much of
         // what moves on while a micro that rings comes to rest, such as a macro that creeps.
-        let moves = CREEP + CREEP.max(self.drift.norm()) * later;
+        let creep = CREEP * self.slower;
+        let moves = creep + creep.max(self.drift.norm()) * later;
         let known = Across {
             sigma: known.hypot(UNFORESEEN * moves),
             // A drift that was seen for sure goes on as it did, or less, or not at all: what comes to rest does so soon, and
@@ -348,6 +380,47 @@ impl ConicalScan<'_> {
 fn surely(drift: Displacement, deviation: f64) -> f64 {
     let chance = CHANCE * deviation / drift.norm().max(f64::MIN_POSITIVE);
     (1.0 - chance * chance).max(0.0)
+}
+
+/// What a small circle has told.
+struct Near {
+    /// The peak by its last turn.
+    seen: Peak,
+    /// For how many turns what was foreseen has got old meanwhile.
+    old: f64,
+    /// Whether the micro rang on the way there.
+    rings: bool,
+}
+
+/// What was foreseen for one turn, so many turns later: piezos creep.
+fn late(foreseen: &Peak, turns: f64) -> Peak {
+    Peak {
+        deviation: foreseen.deviation.hypot(CREEP * turns),
+        ..*foreseen
+    }
+}
+
+/// How far a peak was seen from where it was foreseen, and how well that is known, metres.
+fn apart(foreseen: &Peak, seen: &Peak) -> (Displacement, f64) {
+    (
+        seen.at - foreseen.at,
+        seen.deviation.hypot(foreseen.deviation),
+    )
+}
+
+/// A peak that is not where it was foreseen: how far it is, and how far it might be, metres.
+struct Moved {
+    way: f64,
+    near: f64,
+}
+
+impl Moved {
+    /// Of what was foreseen so many turns ago; `None` where it is there.
+    fn of(foreseen: &Peak, seen: &Peak, turns: f64) -> Option<Self> {
+        let (by, deviation) = apart(&late(foreseen, turns), seen);
+        let (way, near) = (by.norm(), MOVED.0 + MOVED.1 * deviation);
+        (way > near).then_some(Self { way, near })
+    }
 }
 
 /// A coordinate of the peak as it will be.

@@ -84,14 +84,17 @@ impl ConicalScan<'_> {
     }
 
     /// By how much the light of the last `share` of a turn differs from that of `peak`, rms, beside its
-    /// noise; of its light at `gap`.
+    /// noise and what a tip makes of it that shakes as it was measured to; of its light at `gap`.
     pub(super) fn misfit(&mut self, peak: &Peak, gap: f64, share: f64) -> f64 {
+        let light = peak.full * self.beam.share(gap);
+        let shakes = light * self.scatters(self.shaking.measured_before(), gap);
         let readings: &[Reading] = self.readings.make_contiguous();
         let n = (share * readings.len() as f64).round().max(2.0);
         let readings = &readings[readings.len().saturating_sub(n as usize)..];
-        let noise = self.watch.noise * self.watch.noise * (1.0 + 4.0 * (2.0 / n).sqrt());
-        let rest = (self.beam.misfit(readings, peak) / n - noise).max(0.0);
-        rest.sqrt() / (peak.full * self.beam.share(gap))
+        let noise = self.watch.noise.powi(2) + shakes * shakes;
+        let most = noise * (1.0 + 4.0 * (2.0 / n).sqrt());
+        let rest = (self.beam.misfit(readings, peak) / n - most).max(0.0);
+        rest.sqrt() / light
     }
 
     /// Variance of the last turn beside the harmonics that a circle makes of something of its readings, its square,
@@ -119,24 +122,49 @@ impl ConicalScan<'_> {
             return f64::INFINITY;
         };
         let light = peak.full * self.beam.share(gap);
-        let noise = self.watch.noise.powi(2) + (self.flicker() * light).powi(2);
+        let noise = self.swings_by_noise(light).powi(2);
         if left < noise * (1.0 + 2.0 * (2.0 / free).sqrt()) {
             return 0.0;
         }
-        (left - noise).sqrt() * self.beam.width(gap) / (self.radius * light)
+        (left - noise).sqrt() * self.swings_for(gap, light)
     }
 
-    /// How the tip shakes by the last turn around a `peak`: on a circle of `r` widths `w` a place that scatters by
-    /// `s` along every direction makes `2 r s/w` of the light there, rms. `None` where the circle's middle was on its way, and farther than
+    /// What noise and a laser that flickers make of a reading of so much light, volts.
+    fn swings_by_noise(&self, light: f64) -> f64 {
+        self.watch.noise.hypot(self.flicker() * light)
+    }
+
+    /// Metres of a swing for a volt that it makes of so much light.
+    fn swings_for(&self, gap: f64, light: f64) -> f64 {
+        self.beam.width(gap) / (self.radius * light)
+    }
+
+    /// What may look like a swing now and then and is the noise of `free` degrees of freedom, metres.
+    pub(super) fn no_swing(&self, peak: &Peak, gap: f64) -> f64 {
+        /// Standard deviations of what is left of a turn.
+        const SURELY: f64 = 4.0;
+        let free = (self.readings.len() as f64 - 5.0).max(1.0);
+        let light = peak.full * self.beam.share(gap);
+        let most = self.swings_by_noise(light) * (SURELY * (2.0 / free).sqrt()).sqrt();
+        most * self.swings_for(gap, light)
+    }
+
+    /// By which share of a peak's light, rms, that on the circle scatters with a place that scatters by `shakes` metres along every
+    /// direction: on a circle of `r` widths `w` by `2 r s/w` of the light there.
+    fn scatters(&self, shakes: f64, gap: f64) -> f64 {
+        let r = self.radius;
+        2.0 * r * shakes / self.beam.width(gap) * (-r * r).exp()
+    }
+
+    /// How the tip shakes by the last turn around a `peak`. `None` where the circle's middle was on its way, and farther than
     /// a tip that shakes sends it by itself.
     pub(super) fn shakes(&self, peak: &Peak, gap: f64) -> Option<Scatter> {
         if self.moved > SENT {
             return None;
         }
         let (left, free) = self.left(|reading| self.beam.left(reading, peak))?;
-        let r = self.radius;
-        let light = peak.full * self.beam.share(gap) * (-r * r).exp();
-        let scale = self.beam.width(gap) / (2.0 * r * light);
+        let light = peak.full * self.beam.share(gap);
+        let scale = (light * self.scatters(1.0, gap)).recip();
         Some(Scatter {
             variance: left * scale * scale,
             still: (self.watch.still * scale).powi(2),

@@ -27,8 +27,8 @@ const FINEST: f64 = 5e-9;
 /// How often the last turns are begun...
 const ATTEMPTS: u32 = 3;
 
-/// ...and how often once more where only that is missing that the peak be known better.
-const PATIENT: u32 = 4;
+/// ...and how often once more where what is missing can be known better: a dim peak takes as long as it takes.
+const PATIENT: u32 = 8;
 
 /// ...and how often where only the light at rest is not what circles have foreseen.
 const RESTING: u32 = 6;
@@ -93,9 +93,10 @@ impl Shared<'_> {
                                 watched += samples;
                                 samples = watched;
                             }
-                            // A dim peak takes as long as it takes.
-                            let better = sure(scan, BETTER);
-                            if better && attempt == ATTEMPTS && patience > 0 {
+                            // Or was the last time not known as well as it can be.
+                            let finest = Across::of(FINEST.min(known.sigma));
+                            let hope = scan.shaking().is_sure(aside, finest).is_ok();
+                            if hope && attempt == ATTEMPTS && patience > 0 {
                                 patience -= 1;
                                 attempt -= 1;
                             }
@@ -138,7 +139,11 @@ impl Shared<'_> {
                 Err(halt @ (Halt::Fault(_) | Halt::Outcome(Outcome::MicroRange { .. }))) => {
                     return Err(halt);
                 }
-                Err(Halt::Outcome(doubt)) => doubt,
+                Err(Halt::Outcome(doubt)) => {
+                    // What the turns of a circle make a micro do they do again and again.
+                    scan.slow_down();
+                    doubt
+                }
             };
             if attempt == ATTEMPTS {
                 return Err(why.into());
