@@ -22,7 +22,7 @@ const SMALL: (f64, f64) = (0.15, 0.3);
 const NOISY: f64 = 10.0;
 
 /// So many times the most turns in one place are made at the chip, at most.
-const MOST_TURNS: u32 = 6;
+const MOST_TURNS: u32 = 12;
 
 /// No peak is worth a look from near that is not even known so well after these, metres.
 const ROUGHLY: f64 = 30e-9;

@@ -58,6 +58,9 @@ const fn looks(wider: &'static [f64], share: f64, share_here: f64) -> Looks {
     }
 }
 
+/// For how long the gap is to be known where there are more looks to be had, seconds: the last turns at a dim peak take as long.
+const LATER: f64 = 5.0;
+
 /// Turns until the macro stands still where it went aside: it may still come nearer by a count.
 const STILL: u32 = 4;
 
@@ -101,7 +104,7 @@ impl Shared<'_> {
         let by_design = || Spread::by_design(mode.wavelength / mode.gap_index, self.exit());
         let spread = cell.measured_spread(aim.side).unwrap_or_else(by_design);
         let quick = if spread.is_known() { &QUICK[..] } else { &[] };
-        let mut widths = Vec::new();
+        let (mut widths, mut latest) = (Vec::new(), None);
         for looks in quick.iter().chain(&WHOLE) {
             let one = looks.wider.len() == 1;
             for share in looks.wider {
@@ -128,10 +131,14 @@ impl Shared<'_> {
             if looks.wider.len() > 1 {
                 job.spread = contact.map(|contact| contact.spread).or(job.spread);
             }
-            if self.would_be_stopped(cell, aim, contact, aside) || self.tell(cell, aim, contact) {
-                break;
+            if self.would_be_stopped(cell, aim, contact, aside)
+                || self.tell(cell, aim, contact, LATER)
+            {
+                return Ok(());
             }
+            latest = contact;
         }
+        self.tell(cell, aim, latest, 0.0);
         Ok(())
     }
 
@@ -219,15 +226,22 @@ impl Shared<'_> {
         Ok(())
     }
 
-    /// Believes where fiber and chip touch, if that is known well enough for a fiber to be attached: whether it is.
-    fn tell(&self, cell: &AlignmentCell<'_>, aim: &Aim, contact: Option<Contact>) -> bool {
+    /// Believes where fiber and chip touch, if that is known well enough for a fiber to be attached so many seconds later: whether it is.
+    fn tell(
+        &self,
+        cell: &AlignmentCell<'_>,
+        aim: &Aim,
+        contact: Option<Contact>,
+        later: f64,
+    ) -> bool {
         let Some((seen, contact)) = cell.seen(aim.side, aim.tip).zip(contact) else {
             return false;
         };
         // The gap will be a little off, and vision is to follow what warms. What is known worse than a fiber needs it would only
         // lead it astray, and into the chip at last.
         let off = 0.5 * self.fast.gap_tolerance;
-        let sigma = contact.deviation.hypot(seen.sigma[1]);
+        let warms = WARMS * later.sqrt();
+        let sigma = contact.deviation.hypot(seen.sigma[1]).hypot(warms);
         if outside(self.recipe.accept.gap, off, 0.0, sigma) > UNSURE {
             return false;
         }
@@ -301,7 +315,7 @@ impl SeenWidth {
 
 /// Has the micro stand in its middle where the peak is at a gap: a piezo goes a little farther or less far elsewhere, and a percent of
 /// it is a percent of the width.
-async fn to_middle(
+pub(super) async fn to_middle(
     cell: &AlignmentCell<'_>,
     aim: &Aim,
     scan: &mut ConicalScan<'_>,

@@ -45,16 +45,29 @@ impl Shared<'_> {
         before: f64,
     ) -> Result<(Level, Across), Halt> {
         let beam = Beam::new(&self.recipe.mode, self.exit());
-        let mut accuracy = self.fast.accuracy;
+        let mut doubt = Doubt {
+            accuracy: self.fast.accuracy,
+            watched: 0,
+            best: f64::INFINITY,
+        };
         let wanted = (self.fast.watch * cell.spec().photodiode.rate).round() as usize;
-        let (mut attempt, mut watched, mut patience, mut still) = (0, 0, PATIENT, 0);
+        let (mut attempt, mut patience, mut still) = (0, PATIENT, 0);
         loop {
             attempt += 1;
             scan.set_radius(self.fast.conical_scan.radius);
             self.know_gap(cell, aim, scan).await?;
             self.correct_gap(cell, aim, scan).await?;
             let gap = aim.gap(cell);
-            let peak = scan.settle(cell, gap, accuracy, "final").await?;
+            let peak = match scan.settle(cell, gap, doubt.accuracy, "final").await {
+                Err(Halt::Outcome(Outcome::Unsure { .. } | Outcome::Misshapen { .. }))
+                    if attempt < ATTEMPTS =>
+                {
+                    // What the turns of a circle make a micro do they do again and again.
+                    scan.slow_down();
+                    continue;
+                }
+                peak => peak?,
+            };
             if peak.full < self.fast.accept * before {
                 return Err(Outcome::FalseLight {
                     before,
@@ -75,36 +88,17 @@ impl Shared<'_> {
                     let aside = self.recipe.accept.aside;
                     match scan.shaking().is_sure(aside, known) {
                         Err(unsure) => {
-                            // What shakes cannot be made less; the peak can be known better. Watching does not
-                            // help where that is all that is missing.
-                            let sure = |scan: &ConicalScan<'_>, better: f64| {
-                                scan.shaking().is_sure(aside, known.times(better)).is_ok()
-                            };
-                            let missing = |scan: &ConicalScan| sure(scan, BETTER * BETTER);
-                            if watched > 0 || missing(scan) {
-                                accuracy = (BETTER * accuracy).max(FINEST);
-                            }
-                            let mut samples = WATCHED.0;
-                            while watched + samples <= WATCHED.1
-                                && !missing(scan)
-                                && scan.shaking().is_sure(aside, known).is_err()
-                            {
-                                scan.watch_shaking(cell, gap, samples).await?;
-                                watched += samples;
-                                samples = watched;
-                            }
-                            // Or was the last time not known as well as it can be.
-                            let finest = Across::of(FINEST.min(known.sigma));
-                            let hope = scan.shaking().is_sure(aside, finest).is_ok();
-                            if hope && attempt == ATTEMPTS && patience > 0 {
+                            let learns = doubt.learn(cell, scan, gap, (aside, known)).await?;
+                            if learns && attempt == ATTEMPTS && patience > 0 {
                                 patience -= 1;
                                 attempt -= 1;
                             }
                             unsure
                         }
-                        Ok(()) if watched < wanted => {
-                            scan.watch_shaking(cell, gap, wanted - watched).await?;
-                            watched = wanted;
+                        Ok(()) if doubt.watched < wanted => {
+                            scan.watch_shaking(cell, gap, wanted - doubt.watched)
+                                .await?;
+                            doubt.watched = wanted;
                             // Piezos have crept meanwhile.
                             attempt -= 1;
                             continue;
@@ -140,7 +134,6 @@ impl Shared<'_> {
                     return Err(halt);
                 }
                 Err(Halt::Outcome(doubt)) => {
-                    // What the turns of a circle make a micro do they do again and again.
                     scan.slow_down();
                     doubt
                 }
@@ -149,6 +142,47 @@ impl Shared<'_> {
                 return Err(why.into());
             }
         }
+    }
+}
+
+/// What is done about a place that is not sure.
+struct Doubt {
+    /// How well the peak is to be known, metres.
+    accuracy: f64,
+    /// For how many light samples the tip was watched.
+    watched: usize,
+    /// How well the peak was known at best, metres.
+    best: f64,
+}
+
+impl Doubt {
+    /// Asks for a peak that is known better, or watches how the tip shakes, after a place that is `known` so well was not surely within a
+    /// tolerance (metres); whether it can come to be. What shakes cannot be made less; the peak can be known better, but for one too dim to
+    /// be. Watching does not help where that is all that is missing.
+    async fn learn(
+        &mut self,
+        cell: &AlignmentCell<'_>,
+        scan: &mut ConicalScan<'_>,
+        gap: f64,
+        (tolerance, known): (f64, Across),
+    ) -> Result<bool, Halt> {
+        let sure = |scan: &ConicalScan<'_>, known: Across| {
+            scan.shaking().is_sure(tolerance, known).is_ok()
+        };
+        let dim = known.sigma > BETTER.sqrt() * self.best;
+        self.best = self.best.min(known.sigma);
+        let missing = |scan: &ConicalScan<'_>| !dim && sure(scan, known.times(BETTER * BETTER));
+        if self.watched > 0 || missing(scan) {
+            self.accuracy = (BETTER * self.accuracy).max(FINEST);
+        }
+        let mut samples = WATCHED.0;
+        while self.watched + samples <= WATCHED.1 && !missing(scan) && !sure(scan, known) {
+            scan.watch_shaking(cell, gap, samples).await?;
+            self.watched += samples;
+            samples = self.watched;
+        }
+        // A drift may have been seen by chance.
+        Ok(sure(scan, Across::of(FINEST.min(known.sigma))))
     }
 }
 

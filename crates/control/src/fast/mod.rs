@@ -624,10 +624,12 @@ fn again(result: &Result<(), Halt>, before: usize) -> bool {
         Ok(()) | Err(Halt::Fault(_)) => false,
         // It may have been a mishap once; what shakes will shake at every try.
         Err(Halt::Outcome(Outcome::UnsurePlace { .. })) => before == 0,
+        // What vision does not know it never will; light may tell it another time.
+        Err(Halt::Outcome(Outcome::UnsureGap { bound, .. })) => *bound == 0.0 && before == 0,
         Err(Halt::Outcome(outcome)) => !matches!(
             outcome,
-            // What is attached is not to be aligned any more; what vision does not know it never will.
-            Outcome::NotArrived { .. } | Outcome::Slipped { .. } | Outcome::UnsureGap { .. }
+            // What is attached is not to be aligned any more.
+            Outcome::NotArrived { .. } | Outcome::Slipped { .. }
         ),
     }
 }

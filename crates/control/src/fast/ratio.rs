@@ -2,6 +2,7 @@
 //! micrometres, circles follow the peak with the micro, and what the one has gone, the other has made up for.
 
 use super::approach_moves::Aim;
+use super::gap::to_middle;
 use super::{Shared, hand_over};
 use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
@@ -77,7 +78,9 @@ impl Ratios {
         else {
             return Ok(());
         };
+        // Where the micro goes as far as it can there is no room for another ratio.
         let gap = aim.gap(cell);
+        to_middle(cell, aim, scan, gap).await?;
         let found = follow(cell, side, scan, gap, believed).await?;
         *known = Some(found);
         // The micro goes on from where it is.

@@ -326,7 +326,7 @@ impl Bench<'_, '_> {
     /// of the acceptance test.
     fn spare_devices(&self) -> impl Iterator<Item = u64> + use<> {
         /// So many.
-        const TRIED: u64 = 3;
+        const TRIED: u64 = 5;
         let machine = Specimen::from(self.seed).machine();
         (1..=TRIED).map(move |k| Specimen::of(machine, DEVICES - k).seed())
     }
