@@ -8,7 +8,7 @@ use crate::characterize::Step;
 use crate::identify::{IdentifyWindup, Model};
 use crate::job::Ended;
 use crate::piezos::{MeasureRatios, SeePiezos};
-use crate::tune::{Method, Tune, step_of};
+use crate::tune::{GainsRow, Method, Tune, step_of};
 use pigtail_control::belief::Place;
 use pigtail_control::fast::{Ratio, vision_knows};
 use pigtail_control::gap_by_light::Spread;
@@ -118,26 +118,43 @@ impl Bench<'_, '_> {
             let tuned = self.run(&tune, self.seed)?.document;
             let mut gains = tuned.gains;
             let mut gentler = 0;
-            let wrong = loop {
-                let origin = self.origin(&format!("tune {at}"));
-                self.try_out(&Change {
+            let mut limit = None;
+            let change = |bench: &Self, gains: &GainsRow, limit: Option<f64>| {
+                let origin = bench.origin(&format!("tune {at}"));
+                let mut values = gains.values(&bench.plan.date, &origin);
+                let volts = |limit: f64| toml_edit::value(format!("{} V", rounded(limit, 1e-3)));
+                values.extend(limit.map(|limit| ("integral_limit", volts(limit))));
+                Change {
                     table: format!("gains.{table}"),
-                    values: gains.values(&self.plan.date, &origin),
+                    values,
                     weights: None,
-                })?;
+                }
+            };
+            let wrong = loop {
+                self.try_out(&change(self, &gains, limit))?;
                 let wrong = self.step_all(kind, &mut values)?;
-                if wrong.is_none() || gentler == GENTLER {
+                if wrong.is_none() {
+                    break None;
+                }
+                if gentler < GENTLER {
+                    gains = gains.times(BY);
+                    gentler += 1;
+                    continue;
+                }
+                // Or the integral is kept from doing what makes the axis move that sticks most.
+                let start = self.setup.rig.spec.drive(kind).start();
+                let believed = &self.setup.rig.calibration.gains;
+                let believed = if kind == Axis::Z {
+                    believed.z.integral_limit
+                } else {
+                    believed.five_bar.integral_limit
+                };
+                if limit.is_some() || start <= believed {
                     break wrong;
                 }
-                gains = gains.times(BY);
-                gentler += 1;
+                (gains, gentler, limit) = (tuned.gains, 0, Some(start));
             };
-            let origin = self.origin(&format!("tune {at}"));
-            self.believe(Change {
-                table: format!("gains.{table}"),
-                values: gains.values(&self.plan.date, &origin),
-                weights: None,
-            })?;
+            self.believe(change(self, &gains, limit))?;
             if let Some(wrong) = wrong.filter(|_| why.is_empty()) {
                 why = format!("{wrong} does not come to rest under the gains that were found");
             }
