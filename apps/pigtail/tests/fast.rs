@@ -81,6 +81,26 @@ fn a_dark_laser_is_an_honest_no_light() {
 }
 
 #[test]
+fn light_beyond_what_a_photodiode_reads_is_lowered() {
+    const BRIGHT: f64 = 25.0;
+    let mut lowered = setup();
+    lowered.plant.light.full = BRIGHT;
+    for seed in 5..8 {
+        let document = run(&lowered, seed);
+        assert!(document.is_success(), "seed {seed}: {document:#?}");
+    }
+    // A laser that is on or off cannot be: the guard stops before a peak without a top is believed.
+    let outcomes = is_honest(
+        |setup| {
+            setup.plant.light.full = BRIGHT;
+            setup.rig.spec.laser = pigtail_hal::spec::LaserSpec::default();
+        },
+        5..7,
+    );
+    assert!(outcomes.contains(&"fault"), "{outcomes:?}");
+}
+
+#[test]
 fn an_output_that_is_not_there_does_not_keep_the_other_from_being_aligned() {
     let outcomes = is_honest(|setup| setup.plant.device.outputs[1][1] -= 600e-6, 11..12);
     assert_eq!(outcomes, ["aligned", "aligned", "no_light"]);

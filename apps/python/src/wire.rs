@@ -95,6 +95,9 @@ pub(crate) fn request((name, arm, port): &(String, usize, usize)) -> PyResult<Re
     let (arm, port) = (*arm, *port);
     Ok(match name.as_str() {
         "laser" => Request::Laser(arm != 0),
+        "laser_power" => Request::LaserPower {
+            percent: u8::try_from(arm).unwrap_or(u8::MAX),
+        },
         "load" => Request::Load { arm, port },
         "attach" => Request::Attach { arm },
         "unload" => Request::Unload { arm },
@@ -106,6 +109,7 @@ pub(crate) fn request((name, arm, port): &(String, usize, usize)) -> PyResult<Re
 pub(crate) fn request_wire(request: Request) -> (&'static str, usize, usize) {
     match request {
         Request::Laser(on) => ("laser", usize::from(on), 0),
+        Request::LaserPower { percent } => ("laser_power", usize::from(percent), 0),
         Request::Load { arm, port } => ("load", arm, port),
         Request::Attach { arm } => ("attach", arm, 0),
         Request::Unload { arm } => ("unload", arm, 0),
@@ -252,6 +256,8 @@ impl CapsWire {
             arms,
             groups: groups.into_iter().map(group).collect(),
             channels: channels.into_iter().map(channel).collect(),
+            // A bench in Python says nothing of its laser's power.
+            least_power: 100,
             bond,
             cycle,
         }

@@ -369,6 +369,16 @@ impl<'b> AlignmentCell<'b> {
         asked.map(drop).map_err(|why| refused(&why))
     }
 
+    /// Sets the laser's power, percent of its full power.
+    ///
+    /// # Errors
+    ///
+    /// [`Outcome::BenchFailed`].
+    pub fn laser_power(&self, percent: u8) -> Result<(), Outcome> {
+        let asked = self.request(Request::LaserPower { percent });
+        asked.map(drop).map_err(|why| refused(&why))
+    }
+
     /// Whether an arm carries a fiber, as far as it was given one since the bench was taken in hand.
     pub fn carries(&self, side: Side) -> bool {
         self.loaded.get()[side.index()]

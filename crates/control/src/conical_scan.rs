@@ -212,6 +212,16 @@ impl<'r> ConicalScan<'r> {
         self.watch.still_degrees = degrees;
     }
 
+    /// The laser gives `share` of the light that it gave, of which none is in what is `dark` (volts). A turn that begins now is the first without
+    /// what was.
+    pub fn dim(&mut self, share: f64, dark: f64) {
+        let Watch { noise, still, .. } = self.watch;
+        let slow = (noise * noise - still * still).max(0.0).sqrt();
+        self.watch.noise = still.hypot(share * slow);
+        self.watch.background = dark + share * (self.watch.background - dark);
+        self.readings.clear();
+    }
+
     /// Its level without the fiber's light, volts.
     pub fn background(&self) -> f64 {
         self.watch.background

@@ -495,6 +495,7 @@ mod tests {
                         resolution: 0.0,
                         full_scale: 1.0,
                     }],
+                    least_power: 100,
                     bond: 0.0,
                     cycle: 0.0,
                 },

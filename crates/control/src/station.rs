@@ -336,6 +336,11 @@ impl<'a> Station<'a> {
         self.command.laser = on;
     }
 
+    /// Its power where it is on, percent of its full power.
+    pub fn laser_power(&mut self, percent: u8) {
+        self.command.laser_percent = percent;
+    }
+
     /// Handles a fiber in the next cycle, and waits for it.
     ///
     /// # Errors

@@ -158,6 +158,8 @@ pub struct Caps {
     pub groups: Vec<GroupCaps>,
     /// What measures light.
     pub channels: Vec<ChannelCaps>,
+    /// Least power that its laser can be set to, percent of its full power; a hundred where it is on or off.
+    pub least_power: u8,
     /// How long a fiber has to be held until it is fixed, seconds.
     pub bond: f64,
     /// Its time passes in steps of so many seconds, so that [`Bench::next`] ends up to half of one before or after the time
@@ -354,6 +356,11 @@ pub enum Law {
 pub enum Request {
     /// The laser on or off.
     Laser(bool),
+    /// The power of the laser where it is on, percent of its full power.
+    LaserPower {
+        /// One to a hundred; no less than [`Caps::least_power`].
+        percent: u8,
+    },
     /// An arm takes the fiber for a port of its side, counted from zero.
     Load {
         /// The arm.

@@ -24,6 +24,9 @@ pub struct Command {
     pub micro: [[Volts; MICRO_AXES]; SIDES],
     /// Whether the laser at the input fiber's far end is on.
     pub laser: bool,
+    /// Its power where it is on, percent of its full power, one to a hundred; a machine whose laser cannot be set, or not so low
+    /// ([`LaserSpec`](crate::spec::LaserSpec)), gives the nearest that it can.
+    pub laser_percent: u8,
     /// What each holder does with its fiber, indexed by side; `None` in nearly every cycle.
     pub fiber: [Option<FiberHandling>; SIDES],
 }
@@ -42,6 +45,7 @@ impl Command {
         references: Self::NO_REFERENCES,
         micro: [[Volts(0.0); MICRO_AXES]; SIDES],
         laser: false,
+        laser_percent: 100,
         fiber: [None; SIDES],
     };
 }

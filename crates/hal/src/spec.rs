@@ -189,6 +189,9 @@ pub struct Spec {
     pub z_stage: ZStageSpec,
     /// One at each endpoint.
     pub micro: MicroSpec,
+    /// The laser at the input fiber's far end.
+    #[serde(default)]
+    pub laser: LaserSpec,
     /// The photodiodes with their amplifier and A/D converter.
     pub photodiode: PhotodiodeSpec,
     /// The camera above the chip.
@@ -492,6 +495,38 @@ pub struct PhotodiodeSpec {
     pub range: f64,
     /// Resolution of the converter, bits.
     pub bits: u32,
+}
+
+/// The laser at the input fiber's far end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct LaserSpec {
+    /// Least power that it can be set to, or dimmed to by an attenuator, percent of its full power. A hundred where it is on or off.
+    #[serde(deserialize_with = "percent")]
+    pub least_percent: u8,
+}
+
+impl Default for LaserSpec {
+    fn default() -> Self {
+        Self { least_percent: 100 }
+    }
+}
+
+impl LaserSpec {
+    /// The nearest that it can be set to, percent of its full power.
+    pub fn nearest(&self, percent: u8) -> u8 {
+        percent.clamp(self.least_percent, 100)
+    }
+}
+
+fn percent<'de, D: serde::Deserializer<'de>>(from: D) -> Result<u8, D::Error> {
+    let percent = u8::deserialize(from)?;
+    if (1..=100).contains(&percent) {
+        return Ok(percent);
+    }
+    Err(serde::de::Error::custom(format!(
+        "{percent} percent, where 1 to 100 are accepted"
+    )))
 }
 
 impl VisionSpec {

@@ -66,7 +66,7 @@ fn it_answers_as_it_did_and_ends_where_it_did() {
 #[test]
 fn the_first_command_that_differs_in_a_bit_is_named() {
     type Change = fn(&mut Command);
-    let cases: [(&str, Change); 5] = [
+    let cases: [(&str, Change); 6] = [
         ("right.z motor", |c| {
             let Volts(volts) = c.motors[1][2];
             c.motors[1][2] = Volts(f64::from_bits(volts.to_bits() ^ 1));
@@ -77,6 +77,7 @@ fn the_first_command_that_differs_in_a_bit_is_named() {
         ("right.micro1", |c| c.micro[1][0].0 += 1e-12),
         ("left holder", |c| c.fiber[0] = Some(FiberHandling::Unload)),
         ("laser", |c| c.laser = !c.laser),
+        ("laser", |c| c.laser_percent = 40),
     ];
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("record");

@@ -371,6 +371,8 @@ impl BenchTwin {
             }
             match busy.request {
                 Request::Laser(on) => self.laser = on,
+                // What is asked for was found to be its full power.
+                Request::LaserPower { .. } => {}
                 Request::Load { arm, port } => {
                     let tray = &mut self.tray[arm];
                     let place = tray.iter().position(|fiber| fiber.port == port);
@@ -529,7 +531,7 @@ impl BenchTwin {
             Request::Load { arm: at, .. }
             | Request::Attach { arm: at }
             | Request::Unload { arm: at } => at == arm,
-            Request::Laser(_) | Request::Handle { .. } => false,
+            Request::Laser(_) | Request::LaserPower { .. } | Request::Handle { .. } => false,
         };
         if self.busy.iter().any(at_it) {
             return state(format!("{name} is busy with a fiber"));
@@ -585,7 +587,7 @@ impl Bench for BenchTwin {
     fn request(&mut self, what: Request) -> Result<Ticket, Refused> {
         self.may(&what)?;
         let seconds = match what {
-            Request::Laser(_) | Request::Handle { .. } => STEP,
+            Request::Laser(_) | Request::LaserPower { .. } | Request::Handle { .. } => STEP,
             Request::Load { .. } | Request::Unload { .. } => self.spec.handling.load,
             Request::Attach { .. } => self.spec.handling.bond,
         };

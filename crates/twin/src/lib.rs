@@ -477,12 +477,12 @@ impl Twin {
         &mut self,
         [left, right]: &[Point<Chip>; SIDES],
         sensing: Point<Chip>,
-        lit: bool,
+        lit: Option<u8>,
     ) -> [f64; CHANNELS] {
         let level = self.scatter.next(&mut self.rng);
-        if !lit {
+        let Some(percent) = lit else {
             return [0.0; CHANNELS];
-        }
+        };
         let tips = Tips {
             input: self
                 .fiber_at(Side::Left, 0, *left)
@@ -494,6 +494,7 @@ impl Twin {
             Some(wander) => wander.next(&mut self.rng),
             None => 1.0,
         };
+        let power = power * (f64::from(self.spec.laser.nearest(percent)) / 100.0);
         let signals = self.light.signals(&tips, level);
         signals.map(|signal| power * signal)
     }
@@ -547,6 +548,7 @@ impl Twin {
         let sensing = tip_of(right, &self.sensing.0);
         self.sensing_height = sensing.y - self.light.port(Side::Right, 0).position.y;
         let lit = command.laser && !self.broken.laser_off;
+        let lit = lit.then_some(command.laser_percent);
         let signals = self.signals(&holders, sensing, lit);
         let light = self
             .photodiodes

@@ -93,6 +93,9 @@ const SCATTERED: f64 = 5.0;
 /// ...for so many turns, in which it does not by chance stay as bright as a peak would.
 const DOUBTING: u64 = 3;
 
+/// Turns in which photodiodes forget what the laser gave before: the last is all of what it gives now.
+const FORGETS_POWER: u32 = 2;
+
 /// After so many bright places that were no peak a search ends.
 const MOST_DISMISSED: usize = 5;
 
@@ -129,6 +132,8 @@ struct Shared<'r> {
     fluctuation: f64,
     /// How far the micros go in y for a displacement in x, where that is to be measured on the way.
     ratios: Option<Ratios>,
+    /// The laser's power, percent.
+    power: u8,
 }
 
 impl<'r> Shared<'r> {
@@ -139,6 +144,7 @@ impl<'r> Shared<'r> {
             dark: [DarkLevel::default(); CHANNELS],
             fluctuation: 0.0,
             ratios: None,
+            power: 100,
         }
     }
 
@@ -362,6 +368,7 @@ impl<'r> Shared<'r> {
         mut scan: ConicalScan<'_>,
         before: f64,
     ) -> Result<(), Halt> {
+        let before = self.dim(job, cell, aim, &mut scan, before).await?;
         if let Some(mut ratios) = self.ratios.take() {
             let known = job
                 .phase(cell, "ratio", async |_| {
@@ -402,6 +409,40 @@ impl<'r> Shared<'r> {
                 .await
         })
         .await
+    }
+
+    /// Lowers the laser's power where the photodiode would come near the end of its range at the chip, if it can be lowered: what is beyond it
+    /// looks like a peak without a top. For the rest of the device, for what is attached already is as bright. Returns what `before` (volts at no
+    /// gap) has become.
+    async fn dim(
+        &mut self,
+        job: &Job<'_>,
+        cell: &AlignmentCell<'_>,
+        aim: &Aim,
+        scan: &mut ConicalScan<'_>,
+        before: f64,
+    ) -> Result<f64, Halt> {
+        /// Light of more than this share of the range is lowered: a laser wanders, and a peak is not known well from afar...
+        const NEAR: f64 = 0.7;
+        /// ...to this share.
+        const MIDDLE: f64 = 0.5;
+        let range = cell.caps().channels[job.channel.index()].full_scale;
+        let bright = scan.background() + before;
+        let least = cell.caps().least_power;
+        if bright < NEAR * range || self.power <= least {
+            return Ok(before);
+        }
+        let was = f64::from(self.power);
+        let percent = (was * MIDDLE * range / bright).max(f64::from(least));
+        self.power = percent.round() as u8;
+        cell.laser_power(self.power)?;
+        let share = f64::from(self.power) / was;
+        scan.dim(share, self.dark[job.channel.index()].level.mean);
+        let gap = aim.gap(cell);
+        for _ in 0..FORGETS_POWER {
+            scan.turn(cell, gap).await?;
+        }
+        Ok(share * before)
     }
 
     /// What there is without the fiber's light, where its search starts.

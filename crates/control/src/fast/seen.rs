@@ -36,6 +36,10 @@ const FORGOTTEN: f64 = 0.02;
 /// The photodiodes without the laser for so many seconds; it is on afterwards.
 pub(super) async fn dark(cell: &AlignmentCell<'_>, seconds: f64) -> Result<Dark, Halt> {
     cell.laser(false)?;
+    if cell.caps().least_power < 100 {
+        // It may be lower since the device before.
+        cell.laser_power(100)?;
+    }
     cell.wait(FORGOTTEN).await?;
     let mut dark = Dark::default();
     let end = cell.now() + seconds;

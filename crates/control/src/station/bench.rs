@@ -112,6 +112,7 @@ pub(super) fn caps(spec: &Spec, settling: f64, kinematics: [&Kinematics; SIDES])
                 full_scale: spec.photodiode.range,
             })
             .collect(),
+        least_power: spec.laser.least_percent,
         bond: spec.bond.time,
         cycle: spec.period(),
     }
@@ -273,6 +274,7 @@ impl Bench for Station<'_> {
         let mut by = self.time() + period;
         match what {
             Request::Laser(on) => self.laser(on),
+            Request::LaserPower { percent } => self.laser_power(percent),
             Request::Load { arm, port } => {
                 let port = u8::try_from(port).map_err(|_| Refused::Unknown {
                     what: "port",

@@ -76,7 +76,13 @@ impl Caps {
                     count,
                 })
             }
-            Request::Laser(_) => Ok(()),
+            Request::LaserPower { percent } if !(self.least_power..=100).contains(&percent) => {
+                Err(Refused::State(format!(
+                    "the laser's power can be set to {} to 100 percent, not to {percent}",
+                    self.least_power
+                )))
+            }
+            Request::Laser(_) | Request::LaserPower { .. } => Ok(()),
         }
     }
 

@@ -296,6 +296,7 @@ impl BenchSpec {
                 resolution: self.meter.resolution,
                 full_scale: self.meter.range,
             }],
+            least_power: 100,
             bond: self.handling.bond,
             cycle: 0.0,
         }

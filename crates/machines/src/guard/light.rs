@@ -52,6 +52,8 @@ pub(super) struct LightWatch {
     /// The least that each photodiode has read: the dark, or what is always there, volts.
     dark: [f64; CHANNELS],
     last: Option<[Volts; CHANNELS]>,
+    /// The laser's power, percent.
+    power: u8,
     varies: [Varies; CHANNELS],
     /// Samples that are still to be passed over.
     blind: u32,
@@ -63,6 +65,7 @@ impl LightWatch {
             bright: BRIGHT * spec.photodiode.range,
             dark: [f64::INFINITY; CHANNELS],
             last: None,
+            power: 100,
             varies: [Varies::default(); CHANNELS],
             blind: 0,
         }
@@ -88,6 +91,12 @@ impl LightWatch {
     ) -> Result<(), Broken> {
         if !command.laser {
             self.last = None;
+        }
+        // A photodiode remembers the power that was for as long as it does a device.
+        if command.laser_percent != self.power {
+            self.power = command.laser_percent;
+            self.forget();
+            self.blind = REMEMBERS;
         }
         let Some(light) = &measured.light else {
             return Ok(());

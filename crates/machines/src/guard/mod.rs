@@ -154,7 +154,7 @@ pub struct Guard<M> {
 #[derive(Debug, Clone, Copy)]
 struct Last {
     micro: [[Volts; MICRO_AXES]; SIDES],
-    laser: bool,
+    laser: (bool, u8),
     time: f64,
     encoders: [[Counts; AXES]; SIDES],
     probes: Option<[[f64; AXES]; SIDES]>,
@@ -637,7 +637,7 @@ impl<M: Machine> Machine for Guard<M> {
         let checked = self.check_measurement(command, &measured);
         self.last = Some(Last {
             micro: command.micro,
-            laser: command.laser,
+            laser: (command.laser, command.laser_percent),
             time: measured.time,
             encoders: measured.encoders,
             probes: measured.probes,

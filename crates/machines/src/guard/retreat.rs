@@ -68,7 +68,8 @@ impl<M: Machine> Guard<M> {
         let back = self.limits.retract;
         let mut command = Command {
             micro: last.micro,
-            laser: last.laser,
+            laser: last.laser.0,
+            laser_percent: last.laser.1,
             ..Command::IDLE
         };
         // Twice what it takes by plan, and never for ever.

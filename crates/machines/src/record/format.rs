@@ -72,6 +72,8 @@ enum Seldom {
     Vision(VisionFrame),
     Fault(Fault),
     Handled(u8, Handled),
+    /// The laser at less than its full power, percent.
+    Dimmed(u8),
 }
 
 /// Why bytes are no block.
@@ -104,6 +106,10 @@ impl Block {
             encoders: std::array::from_fn(|i| measured.encoders[i / AXES][i % AXES].0),
             flags,
         });
+        if command.laser_percent != Command::IDLE.laser_percent {
+            self.seldom
+                .push((index, Seldom::Dimmed(command.laser_percent)));
+        }
         if let Some(light) = measured.light {
             self.seldom.push((index, Seldom::Light(light)));
         }
@@ -313,6 +319,7 @@ impl Block {
                     Seldom::Fiber(side, handling) => {
                         command.fiber[usize::from(*side)] = Some(*handling);
                     }
+                    Seldom::Dimmed(percent) => command.laser_percent = *percent,
                     Seldom::Light(light) => measured.light = Some(*light),
                     Seldom::Vision(frame) => measured.vision = Some(*frame),
                     Seldom::Fault(what) => fault = Some(what.clone()),
@@ -376,6 +383,7 @@ impl Seldom {
                     }
                 }
             }
+            Self::Dimmed(percent) => out.extend([6, *percent]),
             Self::Handled(side, how) => out.extend([5, *side, u8::from(*how == Handled::Missed)]),
             Self::Fault(fault) => {
                 out.push(4);
@@ -459,6 +467,7 @@ impl Seldom {
                 };
                 Self::Handled(side, how)
             }
+            6 => Self::Dimmed(from.u8()?),
             4 => {
                 let time = from.f64()?;
                 Self::Fault(Fault {

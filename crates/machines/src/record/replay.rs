@@ -180,10 +180,12 @@ fn difference(is: &Command, was: &Command) -> Option<(String, String, String)> {
             return Some((name, format!("{a:?}"), format!("{b:?}")));
         }
     }
-    (is.laser != was.laser).then(|| {
-        let said = |laser: bool| if laser { "on" } else { "off" }.to_owned();
-        ("laser".to_owned(), said(is.laser), said(was.laser))
-    })
+    let said = |of: &Command| match (of.laser, of.laser_percent) {
+        (false, _) => "off".to_owned(),
+        (true, percent) => format!("on at {percent} %"),
+    };
+    let (is, was) = (said(is), said(was));
+    (is != was).then(|| ("laser".to_owned(), is, was))
 }
 
 const _: () = assert!(AXES == 3, "differences name every axis");
