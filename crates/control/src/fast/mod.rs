@@ -13,6 +13,7 @@
 
 mod approach_moves;
 mod gap;
+mod laser;
 mod last;
 mod ratio;
 mod seen;
@@ -93,8 +94,8 @@ const SCATTERED: f64 = 5.0;
 /// ...for so many turns, in which it does not by chance stay as bright as a peak would.
 const DOUBTING: u64 = 3;
 
-/// Turns in which photodiodes forget what the laser gave before: the last is all of what it gives now.
-const FORGETS_POWER: u32 = 2;
+/// How often a micro's ways are measured once more that could not be.
+const RATIO_AGAIN: u32 = 2;
 
 /// After so many bright places that were no peak a search ends.
 const MOST_DISMISSED: usize = 5;
@@ -372,7 +373,19 @@ impl<'r> Shared<'r> {
         if let Some(mut ratios) = self.ratios.take() {
             let known = job
                 .phase(cell, "ratio", async |_| {
-                    ratios.measure(cell, aim, &mut scan).await
+                    let mut again = 0;
+                    loop {
+                        match ratios.measure(cell, aim, &mut scan).await {
+                            // The macro did not go as believed, or the micro swings along with its turns.
+                            Err(Halt::Outcome(
+                                Outcome::Unsure { .. } | Outcome::MicroRange { .. },
+                            )) if again < RATIO_AGAIN => {
+                                again += 1;
+                                scan.slow_down();
+                            }
+                            known => break known,
+                        }
+                    }
                 })
                 .await;
             self.ratios = Some(ratios);
@@ -409,40 +422,6 @@ impl<'r> Shared<'r> {
                 .await
         })
         .await
-    }
-
-    /// Lowers the laser's power where the photodiode would come near the end of its range at the chip, if it can be lowered: what is beyond it
-    /// looks like a peak without a top. For the rest of the device, for what is attached already is as bright. Returns what `before` (volts at no
-    /// gap) has become.
-    async fn dim(
-        &mut self,
-        job: &Job<'_>,
-        cell: &AlignmentCell<'_>,
-        aim: &Aim,
-        scan: &mut ConicalScan<'_>,
-        before: f64,
-    ) -> Result<f64, Halt> {
-        /// Light of more than this share of the range is lowered: a laser wanders, and a peak is not known well from afar...
-        const NEAR: f64 = 0.7;
-        /// ...to this share.
-        const MIDDLE: f64 = 0.5;
-        let range = cell.caps().channels[job.channel.index()].full_scale;
-        let bright = scan.background() + before;
-        let least = cell.caps().least_power;
-        if bright < NEAR * range || self.power <= least {
-            return Ok(before);
-        }
-        let was = f64::from(self.power);
-        let percent = (was * MIDDLE * range / bright).max(f64::from(least));
-        self.power = percent.round() as u8;
-        cell.laser_power(self.power)?;
-        let share = f64::from(self.power) / was;
-        scan.dim(share, self.dark[job.channel.index()].level.mean);
-        let gap = aim.gap(cell);
-        for _ in 0..FORGETS_POWER {
-            scan.turn(cell, gap).await?;
-        }
-        Ok(share * before)
     }
 
     /// What there is without the fiber's light, where its search starts.
