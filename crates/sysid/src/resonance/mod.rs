@@ -18,7 +18,7 @@ mod magnitude;
 
 use super::{Known, Parameter, Unknown};
 use nalgebra::{Complex, DMatrix};
-use pigtail_numerics::nonlinear::{minimise, uncertainty};
+use pigtail_numerics::nonlinear::{minimise, uncertainty_of_points};
 use pigtail_numerics::regression::{Solution, least_squares};
 use pigtail_numerics::signal::quantile;
 use std::f64::consts::{PI, TAU};
@@ -564,7 +564,7 @@ pub fn identify(record: &Record) -> Result<Identified, Unknown> {
     let modes = record.modes(&coded);
     let (coded, _) = minimise(|c| record.residuals(c), &coded)
         .ok_or_else(|| Unknown::all("the fit to all of its points failed"))?;
-    let solution = uncertainty(|c| record.residuals(c), &coded)
+    let solution = uncertainty_of_points(|c| record.residuals(c), &coded)
         .ok_or_else(|| Unknown::all("its modes depend on each other"))?;
     let (values, _) = record
         .linear(&coded)
@@ -656,7 +656,7 @@ fn delay_spread(record: &Record, coded: &[f64]) -> f64 {
             moved[at] = d[0] * scale;
             part.residuals(&moved)
         };
-        let known = uncertainty(residuals, &[own]).map(|s| s.std_correlated[0]);
+        let known = uncertainty_of_points(residuals, &[own]).map(|s| s.std_correlated[0]);
         let found = minimise(residuals, &[own]).map(|(d, _)| d[0]);
         // A part that hardly tells a delay says nothing against another.
         if let (Some(found), Some(known)) = (found, known)

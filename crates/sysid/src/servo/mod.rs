@@ -131,7 +131,7 @@ pub struct Settings {
     pub cutoff: Option<f64>,
     /// Order of the filter.
     pub order: usize,
-    /// Samples left out at each stretch's start.
+    /// Samples left out at each stretch's start, beside a few equations at either end; none leaves out nothing.
     pub skip: usize,
     /// One equation in so many samples; the sample rate over the cutoff if none.
     pub decimate: Option<usize>,
@@ -218,6 +218,8 @@ struct Equations {
     force: Vec<f64>,
     /// By how much the force would be less if it came a sample later.
     lag: Vec<f64>,
+    /// Its second difference: what a delay changes to the second order.
+    curve: Vec<f64>,
     position: Vec<f64>,
     acceleration: Vec<f64>,
     /// The acceleration by differences over five samples.
@@ -243,13 +245,18 @@ impl Equations {
         let exact = rate(&rate(&smooth, period), period);
         let factor = set.factor(period);
         let skip = set.skip.min(n);
-        let thin = |column: &[f64]| decimate(&column[skip..], factor);
+        let rows = (n - skip).div_ceil(factor);
+        // The filters of position and decimation settle at the ends: what is there is theirs.
+        let ends = if skip > 0 { SETTLE.min(rows / 2) } else { 0 };
+        let thin = |column: &[f64]| decimate(&column[skip..], factor)[ends..rows - ends].to_vec();
         let of = |f: fn(f64) -> f64| thin(&velocity.iter().map(|v| f(*v)).collect::<Vec<_>>());
         self.force.extend(thin(force));
         let lag: Vec<f64> = (0..n)
             .map(|k| force[k] - force[k.saturating_sub(1)])
             .collect();
         self.lag.extend(thin(&lag));
+        let curve: Vec<f64> = (0..n).map(|k| lag[(k + 1).min(n - 1)] - lag[k]).collect();
+        self.curve.extend(thin(&curve));
         self.position.extend(thin(&smooth));
         self.velocity.extend(thin(&velocity));
         self.acceleration.extend(thin(&acceleration));
@@ -261,9 +268,8 @@ impl Equations {
         self.backward[0].extend(of(|v| v.min(0.0)));
         self.backward[1].extend(of(|v| sign(v).min(0.0)));
         let first = skip + (n - skip + factor - 1) % factor;
-        let rows = (n - skip).div_ceil(factor);
         self.time
-            .extend((0..rows).map(|k| start + period * (first + k * factor) as f64));
+            .extend((ends..rows - ends).map(|k| start + period * (first + k * factor) as f64));
     }
 
     fn of(record: &Record, set: &Settings) -> Self {
@@ -299,6 +305,7 @@ impl Equations {
             time,
             force,
             lag,
+            curve,
             position,
             acceleration,
             exact,
@@ -315,6 +322,7 @@ impl Equations {
             time,
             force,
             lag,
+            curve,
             position,
             acceleration,
             exact,
@@ -395,6 +403,10 @@ const FEW: f64 = 0.01;
 
 /// Most places where a position may jump, and the record be cut.
 const MOST_STEPS: usize = 8;
+
+/// Equations left out at either end of a stretch, unless all samples were asked for: a filter settles within ten
+/// periods of its cutoff, and so far they are apart.
+const SETTLE: usize = 10;
 
 /// Fewest equations.
 const LEAST_EQUATIONS: usize = 60;
@@ -594,6 +606,10 @@ pub fn identify(
             first.relative_error_percent
         )));
     }
+    for variant in &mut variants {
+        skew.widen(&mut variant.parameters);
+    }
+    let first = &variants[0];
     check::uncertain(first, &columns, &mut unknown);
     check::robustly(&mut variants, &mut unknown);
     check::together(&variants, record.even.period, &mut remarks)?;
@@ -791,7 +807,12 @@ fn variants(
                 // Where the axis sticks, force leads motion for another reason than a delay.
                 Method::Delayed => {
                     let slides = |i: usize| columns.velocity[rows.start + i].abs() > moving;
-                    let mut solution = over(&part, force, slides)?;
+                    let first = over(&part, force, slides)?;
+                    let curve = &columns.curve[rows.clone()];
+                    let held = held(first.values[first.values.len() - 1]);
+                    let force: Vec<f64> =
+                        force.iter().zip(curve).map(|(f, c)| f + held * c).collect();
+                    let mut solution = over(&part, &force, slides)?;
                     without_attenuation(&part, slides, 0, noise, &mut solution);
                     Some(solution)
                 }
@@ -847,6 +868,13 @@ fn variants(
         }
     }
     variants
+}
+
+/// By how much of its second difference a held force differs from `F - d (F - F before)`, its delay being `d` samples:
+/// `d^2 / 2` of it is what a delay is to the second order, `d / 2` what the difference has of it already, and `1/24` what
+/// a step that is held for a sample takes from what is fast.
+fn held(delay: f64) -> f64 {
+    0.5 * delay * (delay - 1.0) + 1.0 / 24.0
 }
 
 /// What values leave of a force, per cent.
