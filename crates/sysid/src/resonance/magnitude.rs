@@ -239,6 +239,7 @@ pub(super) fn identify(record: &Record) -> Result<Identified, Unknown> {
             &phased.linear(&at).map_or_else(Vec::new, |(v, _)| v),
         ),
         real_poles: Vec::new(),
+        set_aside: Vec::new(),
     })
 }
 
