@@ -3,11 +3,14 @@
 use super::{Friction, LEAST, Method, POSITION, Record, Settings, VOLTAGE};
 use nalgebra::DMatrix;
 use pigtail_numerics::regression::{matrix, robust};
-use pigtail_numerics::signal::{Lowpass, decimate, derivative, quantile};
+use pigtail_numerics::signal::{Lowpass, decimate, derivative, quantile, rms};
 
-/// Equations left out at either end of a stretch, unless all samples were asked for: a filter settles within ten
-/// periods of its cutoff, and so far they are apart.
+/// Equations left out at either end of a stretch where what they leave stands apart from what the others do: filters settle
+/// within some ten periods of their cutoff, and so far they are apart.
 const SETTLE: usize = 10;
+
+/// By how many times more the ends leave where they stand apart.
+const UNSETTLED: f64 = 1.5;
 
 /// An equation misses by so many of the usual standard deviations where it stands apart, and so large a share of
 /// them may.
@@ -57,7 +60,7 @@ impl Equations {
         let skip = set.skip.min(n);
         let rows = (n - skip).div_ceil(factor);
         // The filters of position and decimation settle at the ends: what is there is theirs.
-        let ends = if skip > 0 { SETTLE.min(rows / 2) } else { 0 };
+        let ends = if set.settle { SETTLE.min(rows / 2) } else { 0 };
         let thin = |column: &[f64]| decimate(&column[skip..], factor)[ends..rows - ends].to_vec();
         let of = |f: fn(f64) -> f64| thin(&velocity.iter().map(|v| f(*v)).collect::<Vec<_>>());
         self.force.extend(thin(force));
@@ -176,6 +179,38 @@ impl Equations {
         }
         matrix(&columns)
     }
+}
+
+/// Whether filters still settle at the ends of the stretches: what the equations there leave is more than what the others
+/// do. At rest and at one speed there is nothing to settle from, and they are as good as any.
+pub(super) fn unsettled(equations: &Equations) -> bool {
+    let n = equations.force.len();
+    let x = equations.matrix(Friction::Asymmetric, Method::LeastSquares);
+    let Some(found) = robust(&x, &equations.force) else {
+        return false;
+    };
+    // A gap is longer than the equations are apart.
+    let step = quantile(
+        &equations
+            .time
+            .windows(2)
+            .map(|w| w[1] - w[0])
+            .collect::<Vec<f64>>(),
+        0.5,
+    );
+    let near = |k: usize| {
+        let gap = |a: usize, b: usize| equations.time[b] - equations.time[a] > 1.5 * step;
+        (k.saturating_sub(SETTLE)..(k + SETTLE).min(n - 1)).any(|i| gap(i, i + 1))
+            || k < SETTLE
+            || k + SETTLE >= n
+    };
+    let part = |ends: bool| {
+        rms((0..n)
+            .filter(|k| near(*k) == ends)
+            .map(|k| found.residuals[k]))
+    };
+    let (ends, others) = (part(true), part(false));
+    ends > UNSETTLED * others
 }
 
 /// Central differences over five samples: those over three make an acceleration too small by a third of the square of

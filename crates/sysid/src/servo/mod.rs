@@ -132,12 +132,15 @@ pub struct Settings {
     pub cutoff: Option<f64>,
     /// Order of the filter.
     pub order: usize,
-    /// Samples left out at each stretch's start, beside a few equations at either end; none leaves out nothing.
+    /// Samples left out at each stretch's start.
     pub skip: usize,
     /// One equation in so many samples; the sample rate over the cutoff if none.
     pub decimate: Option<usize>,
     /// The controller, where it is known.
     pub controller: Option<Controller>,
+    /// Whether equations are left out at either end of a stretch, where filters still settle: [`identify`] tells from the
+    /// record.
+    pub settle: bool,
 }
 
 impl Settings {
@@ -150,6 +153,7 @@ impl Settings {
             skip: 49,
             decimate: None,
             controller: None,
+            settle: false,
         }
     }
 
@@ -354,6 +358,11 @@ pub fn identify(
         ));
     }
     let set = &quiet(record, set, &mut remarks);
+    let whole = Equations::of(record, set);
+    let set = &Settings {
+        settle: equations::unsettled(&whole),
+        ..*set
+    };
     check::whole(record, set, &mut remarks)?;
     let controller = set
         .controller
