@@ -180,12 +180,12 @@ pub(crate) fn servo(a: &ServoArguments) -> Result<u8, Failure> {
         .map(|path| roles.read(path))
         .transpose()?;
     let set = Settings {
-        force_per_volt: a.force_per_volt,
         cutoff: a.cutoff,
         order: usize::from(a.order),
         skip: a.skip,
         decimate: a.decimate.map(|d| d as usize),
         controller: a.controller,
+        ..Settings::new(a.force_per_volt)
     };
     servo::check_cutoff(&a.data, &first, a.cutoff, "--cutoff")?;
     let friction = match a.friction {

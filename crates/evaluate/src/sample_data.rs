@@ -2,13 +2,11 @@
 
 use anyhow::Result;
 use pigtail_control::characterize::record;
-use pigtail_control::identify::{Path, WindupRecord};
-use pigtail_control::station::Unobserved;
 use pigtail_hal::AxisName;
 use pigtail_model::hysteresis::{Hysteresis, HysteresisParameters, HysteresisState};
 use pigtail_model::optics::{Coupler, GaussianMode, Misalignment};
 use pigtail_session::characterize::metres_per_count;
-use pigtail_session::identify::ScanWindup;
+use pigtail_session::identify::scale;
 use pigtail_session::job::Ended;
 use pigtail_session::setup::Setup;
 use rand::{RngExt, SeedableRng};
@@ -91,20 +89,41 @@ fn servo(setup: &Setup, seed: u64) -> Result<String, Ended> {
     Ok(csv)
 }
 
-/// A joint's windup, scanned to and fro over growing and shrinking ways.
+/// Seconds of the record of two encoders.
+const TWO_ENCODERS: f64 = 24.0;
+
+/// A joint that goes to and fro at changing speed, further and less far: at one speed a time skew would look as a
+/// windup does.
 fn two_encoders(setup: &Setup, seed: u64) -> Result<String, Ended> {
-    let at = "left.a".parse().expect("an axis of every rig");
-    let job = ScanWindup {
-        at,
-        path: Path::identification(0.0157, 0.0079),
+    let at: AxisName = "left.a".parse().expect("an axis of every rig");
+    let scale = scale(&setup.rig, at.axis)?;
+    let reference = |t: f64| {
+        // Begins and ends at rest.
+        let fade = (t.min(TWO_ENCODERS - t) / 0.5).clamp(0.0, 1.0);
+        let way = 1.8e-2 * (TAU * 0.21 * t).sin()
+            + 4.8e-3 * (TAU * 0.8 * t).sin()
+            + 9e-4 * (TAU * 2.7 * t).sin();
+        fade * way / scale.radians_per_count
     };
-    let scan: WindupRecord = setup.run(&job, seed, &mut Unobserved)?;
+    let trace = setup.experiment(seed, |station| {
+        Ok(record(station, at, TWO_ENCODERS, reference, |_| true)?)
+    })?;
     let mut csv = "t_s,motor_deg,load_deg\n".to_owned();
-    let sides = scan.input.iter().zip(&scan.output);
-    // As a logger of 50 Hz: in less than that the motor goes a count or none.
-    for (time, (motor, load)) in scan.time().iter().zip(sides).step_by(50) {
-        let degrees = |radians: &f64| radians.to_degrees();
-        let _ = writeln!(csv, "{time:.4},{:.6},{:.6}", degrees(motor), degrees(load));
+    // As a logger of 250 Hz.
+    let every = ((4e-3 / trace.period).round() as usize).max(1);
+    let sides = trace.encoder.iter().zip(&trace.output).enumerate();
+    for (k, (motor, load)) in sides.step_by(every) {
+        let time = (k + 1) as f64 * trace.period;
+        let (motor, load) = (
+            motor * scale.radians_per_count,
+            load / scale.metres_per_radian,
+        );
+        let _ = writeln!(
+            csv,
+            "{time:.4},{:.6},{:.6}",
+            motor.to_degrees(),
+            load.to_degrees()
+        );
     }
     Ok(csv)
 }

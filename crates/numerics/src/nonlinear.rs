@@ -90,6 +90,14 @@ pub fn uncertainty(residuals: impl Fn(&[f64]) -> Vec<f64>, at: &[f64]) -> Option
     regression::least_squares(&jacobian(&residuals, at), &residuals(at))
 }
 
+/// The same of points that are measured one by one ([`regression::least_squares_of_points`]).
+pub fn uncertainty_of_points(
+    residuals: impl Fn(&[f64]) -> Vec<f64>,
+    at: &[f64],
+) -> Option<Solution> {
+    regression::least_squares_of_points(&jacobian(&residuals, at), &residuals(at))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -2,6 +2,7 @@
 
 use crate::signal::rms;
 use nalgebra::{DMatrix, DVector};
+use std::f64::consts::PI;
 
 /// A linear model `y = X p + e` solved for `p`.
 #[derive(Debug, Clone, PartialEq)]
@@ -11,8 +12,9 @@ pub struct Solution {
     /// Their standard deviations if what is left is white: `sigma^2 (X' X)^-1`, with `sigma^2` from
     /// what is left and the degrees of freedom.
     pub std: Vec<f64>,
-    /// The same with the correlation of what is left from sample to sample taken into account (batch
-    /// means): what one may expect from one record to the next.
+    /// The same with the correlation of what is left from sample to sample taken into account (sums over
+    /// batches of neighbours): what one may expect from one record to the next. 1.96 of it hold the truth in
+    /// 95 % of records.
     pub std_correlated: Vec<f64>,
     /// Largest over smallest singular value of `X`.
     pub condition: f64,
@@ -30,7 +32,18 @@ pub fn matrix(columns: &[&[f64]]) -> DMatrix<f64> {
 
 /// Ordinary least squares. `None` where the columns are too few rows, or are no independent columns.
 pub fn least_squares(x: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
-    solve(x, x, y)
+    solve(x, x, y, usual(y.len()))
+}
+
+/// The same of rows that are measured one by one, as the points of a frequency response are: what is left of one may
+/// go with that of its neighbours, but with nothing further off than it shows.
+pub fn least_squares_of_points(x: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
+    solve(x, x, y, 1)
+}
+
+/// Length of the batches of a record of time, by which what is left may be slow without showing it.
+fn usual(rows: usize) -> usize {
+    ((2.0 * (rows as f64).sqrt()) as usize).clamp(1, 400)
 }
 
 /// Least squares with a weight for each row: the error and what is left are those without weights.
@@ -38,7 +51,7 @@ pub fn weighted(x: &DMatrix<f64>, y: &[f64], weights: &[f64]) -> Option<Solution
     let root: Vec<f64> = weights.iter().map(|w| w.sqrt()).collect();
     let scaled = DMatrix::from_fn(x.nrows(), x.ncols(), |i, j| root[i] * x[(i, j)]);
     let target: Vec<f64> = y.iter().zip(&root).map(|(y, w)| y * w).collect();
-    let mut solution = solve(&scaled, &scaled, &target)?;
+    let mut solution = solve(&scaled, &scaled, &target, usual(y.len()))?;
     judge(x, y, &mut solution);
     Some(solution)
 }
@@ -46,7 +59,7 @@ pub fn weighted(x: &DMatrix<f64>, y: &[f64], weights: &[f64]) -> Option<Solution
 /// Instrumental variables: `p = (Z' X)^-1 Z' y`. What is not correlated with the instruments `z`, such
 /// as the noise of a measured position, does not bias it.
 pub fn instrumental(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
-    solve(x, z, y)
+    solve(x, z, y, usual(y.len()))
 }
 
 /// Least squares by Huber's weights: what lies further out than 1.345 times the spread counts less, so
@@ -78,7 +91,7 @@ pub fn robust(x: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
     Some(solution)
 }
 
-fn solve(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
+fn solve(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64], shortest: usize) -> Option<Solution> {
     let (n, p) = x.shape();
     if n <= p || p == 0 {
         return None;
@@ -122,93 +135,182 @@ fn solve(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
         (0..p).map(|j| covariance[(j, j)].max(0.0).sqrt()).collect()
     };
     solution.std = spread(&(z.transpose() * z * variance));
-    solution.std_correlated = if std::ptr::eq(x, z) {
-        let covariance = clustered(x, &solution.residuals, &bread);
-        (0..p).map(|j| covariance[(j, j)].max(0.0).sqrt()).collect()
-    } else {
-        let (middle, batches) = correlated(z, &solution.residuals);
-        let few = student(batches) * (batches as f64 / (batches as f64 - 1.0).max(1.0)).sqrt();
-        spread(&middle).into_iter().map(|std| few * std).collect()
-    };
+    solution.std_correlated = clustered(x, z, &solution.residuals, &bread, shortest);
     Some(solution)
 }
 
+/// A batch of neighbours: where it lies, and by how much each of them counts.
+struct Batch {
+    rows: std::ops::Range<usize>,
+    weights: Vec<f64>,
+}
+
 /// Batches of neighbours: long enough that what is left of one knows little of the next one's, and enough of them.
-fn batches(residuals: &[f64]) -> Vec<std::ops::Range<usize>> {
+///
+/// Each overlaps its neighbours by half and counts by a sine, so that the squares of what a row counts by come to one. A
+/// batch that begins at once counts what enters there, which in the sum over all leaves again: of a noise that has next
+/// to nothing slow in it, as a position's that was differentiated, that would be nearly all that it counts.
+fn batches(residuals: &[f64], shortest: usize) -> Vec<Batch> {
     let n = residuals.len();
-    let usual = 2.0 * (n as f64).sqrt();
     // Where what is left has forgotten what it was.
     let reach = (n / (FEWEST * FORGOTTEN)).clamp(1, 400);
     let together = crate::signal::autocorrelation(residuals, reach);
     let lag = together.iter().position(|r| *r < 0.1).unwrap_or(reach);
     let longest = (n / FEWEST).max(1);
-    let length = (usual as usize)
-        .clamp(1, 400)
-        .max(FORGOTTEN * lag)
-        .min(longest);
-    (0..n.div_ceil(length))
-        .map(|k| k * length..((k + 1) * length).min(n))
+    let length = shortest.max(FORGOTTEN * lag).min(longest);
+    let half = length.div_ceil(2);
+    let sine = |i: usize| (PI * (i as f64 + 0.5) / (2.0 * half as f64)).sin();
+    (0..=n.div_ceil(half))
+        .map(|k| {
+            // The first and the last one reach over the ends.
+            let (from, to) = ((k * half).saturating_sub(half), ((k + 1) * half).min(n));
+            Batch {
+                rows: from..to,
+                weights: (from..to).map(|i| sine(i + half - k * half)).collect(),
+            }
+        })
+        .filter(|b| !b.rows.is_empty())
         .collect()
 }
 
-/// Fewest batches, and by how many times what is left has to have forgotten itself within one.
+/// Fewest batches without their overlap, and by how many times what is left has to have forgotten itself within one.
 const FEWEST: usize = 8;
 const FORGOTTEN: usize = 10;
 
-/// The parameters' covariance from the sums of `x e` over batches of neighbours: correlation within a batch is in them,
-/// whatever its shape. What the fit has taken of a batch's own is given back by `(1 - H_b)^(-1/2)`, with the batch's part
-/// of the hat matrix (the estimator known as CR2), and the quantile is Student's.
-fn clustered(x: &DMatrix<f64>, residuals: &[f64], bread: &DMatrix<f64>) -> DMatrix<f64> {
+/// What a batch tells of the parameters.
+struct Part {
+    /// Its sum of `z e`, what the fit has taken given back.
+    score: DVector<f64>,
+    /// Its moments by its weights, by their squares, and by the products of them and those of the next one.
+    taken: DMatrix<f64>,
+    squared: DMatrix<f64>,
+    beside: DMatrix<f64>,
+    given: DMatrix<f64>,
+}
+
+/// Standard deviations of the parameters from the sums of `z e` over batches of neighbours: correlation within a batch is
+/// in them, whatever its shape.
+///
+/// What the fit has taken of a batch's own is given back: of white noise the corrected sum has on average the square
+/// that it would have without a fit (the estimator known as CR2). How many degrees of freedom the sum of squares has is
+/// Satterthwaite's number, again of white noise: fewer where a parameter rests on few of the batches. The deviation is
+/// wider by Student's quantile over the normal one, so that 1.96 of it hold what 95 % are. R. Bell and D. McCaffrey,
+/// *Bias Reduction in Standard Errors for Linear Regression with Multi-Stage Samples*, Survey Methodology 28, 2002.
+fn clustered(
+    x: &DMatrix<f64>,
+    z: &DMatrix<f64>,
+    residuals: &[f64],
+    bread: &DMatrix<f64>,
+    shortest: usize,
+) -> Vec<f64> {
     let p = x.ncols();
-    let nothing = DMatrix::zeros(p, p);
-    // Columns of one length, so that the root is of numbers alike.
-    let scale = DMatrix::from_diagonal(&DVector::from_fn(p, |j, _| bread[(j, j)].sqrt()));
-    let Some(inverse) = scale.clone().try_inverse() else {
-        return nothing;
+    // Instruments of unit moment among themselves, so that all matrices are of numbers of order one.
+    let own = z.tr_mul(z);
+    let scale = DMatrix::from_diagonal(&own.diagonal().map(|v| 1.0 / v.max(1e-300).sqrt()));
+    let Some(root) = (&scale * own * &scale).cholesky().map(|c| c.l()) else {
+        return vec![0.0; p];
     };
-    let Some(root) = (&inverse * bread * &inverse)
-        .cholesky()
-        .map(|c| &scale * c.l())
-    else {
-        return nothing;
+    let Some(turn) = root.try_inverse().map(|inverse| inverse * &scale) else {
+        return vec![0.0; p];
     };
-    let batches = batches(residuals);
-    let mut sum = nothing;
-    for batch in &batches {
-        let part = x.rows(batch.start, batch.len());
-        let own = DVector::from_column_slice(&residuals[batch.clone()]);
-        let score = root.transpose() * (part.transpose() * own);
-        let taken = root.transpose() * (part.transpose() * part) * &root;
-        let eigen = (DMatrix::identity(p, p) - taken).symmetric_eigen();
-        let given = eigen.eigenvalues.map(|l| 1.0 / l.max(0.05).sqrt());
-        let back =
-            &eigen.eigenvectors * DMatrix::from_diagonal(&given) * eigen.eigenvectors.transpose();
-        let score = back * score;
-        sum += &score * score.transpose();
-    }
-    let few = student(batches.len());
-    &root * sum * root.transpose() * (few * few)
-}
-
-/// `Z' E[e e'] Z` from the sums of `z e` over batches of neighbours, and how many there were.
-fn correlated(z: &DMatrix<f64>, residuals: &[f64]) -> (DMatrix<f64>, usize) {
-    let p = z.ncols();
-    let batches = batches(residuals);
-    let mut sum = DMatrix::zeros(p, p);
-    for batch in &batches {
-        let score = DVector::from_fn(p, |j, _| {
-            batch.clone().map(|i| z[(i, j)] * residuals[i]).sum::<f64>()
+    let Some(back) = turn.clone().try_inverse().map(|inverse| bread * inverse) else {
+        return vec![0.0; p];
+    };
+    let batches = batches(residuals, shortest);
+    let moment = |rows: std::ops::Range<usize>, weight: &dyn Fn(usize) -> f64| {
+        let part = z.rows(rows.start, rows.len());
+        let counted = DMatrix::from_fn(part.nrows(), p, |i, j| {
+            part[(i, j)] * weight(rows.start + i)
         });
-        sum += &score * score.transpose();
-    }
-    (sum, batches.len())
+        &turn * part.tr_mul(&counted) * turn.transpose()
+    };
+    let parts: Vec<Part> = batches
+        .iter()
+        .enumerate()
+        .map(|(k, batch)| {
+            let at = |b: &Batch, i: usize| b.weights[i - b.rows.start];
+            let part = z.rows(batch.rows.start, batch.rows.len());
+            let counted = DVector::from_iterator(
+                batch.rows.len(),
+                batch.rows.clone().map(|i| at(batch, i) * residuals[i]),
+            );
+            let taken = moment(batch.rows.clone(), &|i| at(batch, i));
+            let squared = moment(batch.rows.clone(), &|i| at(batch, i).powi(2));
+            let beside = batches.get(k + 1).map_or_else(
+                || DMatrix::zeros(p, p),
+                |next| {
+                    let common = next.rows.start..batch.rows.end.min(next.rows.end);
+                    moment(common, &|i| at(batch, i) * at(next, i))
+                },
+            );
+            let given = given_back(&taken, &squared);
+            Part {
+                score: &given * (&turn * part.tr_mul(&counted)),
+                taken,
+                squared,
+                beside,
+                given,
+            }
+        })
+        .collect();
+    (0..p)
+        .map(|j| {
+            let of = back.row(j).transpose();
+            let square: f64 = parts.iter().map(|b| of.dot(&b.score).powi(2)).sum();
+            let reach: Vec<DVector<f64>> = parts.iter().map(|b| b.given.tr_mul(&of)).collect();
+            let (mut trace, mut squares) = (0.0, 0.0);
+            for (k, a) in parts.iter().enumerate() {
+                let taken = &a.taken * &reach[k];
+                for (l, b) in parts.iter().enumerate().skip(k) {
+                    let mut common = -taken.dot(&(&b.taken * &reach[l]));
+                    if l == k {
+                        common += reach[k].dot(&(&a.squared * &reach[k]));
+                        trace += common;
+                    } else if l == k + 1 {
+                        common += reach[k].dot(&(&a.beside * &reach[l]));
+                    }
+                    squares += common * common * if l == k { 1.0 } else { 2.0 };
+                }
+            }
+            let freedom = if squares > 0.0 {
+                trace * trace / squares
+            } else {
+                1.0
+            };
+            student(freedom) * square.max(0.0).sqrt()
+        })
+        .collect()
 }
 
-/// By how much a standard deviation from so few batches is to be wider, so that 1.96 of it hold what 95 % are: Student's
-/// quantile over the normal one (Cornish and Fisher).
-fn student(batches: usize) -> f64 {
+/// What turns a batch's sum with a fit's residuals into one that has on average the square of one without a fit:
+/// `A (S - T T) A' = S` of the batch's moments `T` and `S`, by its weights and by their squares.
+fn given_back(taken: &DMatrix<f64>, squared: &DMatrix<f64>) -> DMatrix<f64> {
+    let p = taken.nrows();
+    let root = |m: &DMatrix<f64>, power: f64, least: f64| {
+        let eigen = m.clone().symmetric_eigen();
+        let most = eigen.eigenvalues.max().max(0.0);
+        let powers = eigen
+            .eigenvalues
+            .map(|l| l.max(least * most).max(1e-300).powf(power));
+        &eigen.eigenvectors * DMatrix::from_diagonal(&powers) * eigen.eigenvectors.transpose()
+    };
+    // In units of what the batch has: columns that it does not move are left as they are.
+    let half = root(squared, 0.5, 1e-12);
+    let inverse = root(squared, -0.5, 1e-12);
+    let share = &inverse * taken * taken * &inverse;
+    let left = DMatrix::identity(p, p) - share;
+    let eigen = left.symmetric_eigen();
+    let given = eigen.eigenvalues.map(|l| 1.0 / l.clamp(0.05, 1.0).sqrt());
+    let middle =
+        &eigen.eigenvectors * DMatrix::from_diagonal(&given) * eigen.eigenvectors.transpose();
+    half * middle * inverse
+}
+
+/// By how much a standard deviation from so few degrees of freedom is to be wider, so that 1.96 of it hold what 95 % are:
+/// Student's quantile over the normal one (Cornish and Fisher).
+fn student(freedom: f64) -> f64 {
     const Z: f64 = 1.96;
-    let freedom = batches.saturating_sub(1).max(2) as f64;
+    let freedom = freedom.max(2.0);
     let quantile = Z
         + (Z.powi(3) + Z) / (4.0 * freedom)
         + (5.0 * Z.powi(5) + 16.0 * Z.powi(3) + 3.0 * Z) / (96.0 * freedom * freedom);

@@ -179,6 +179,20 @@ pub fn quantile(values: &[f64], share: f64) -> f64 {
     *sorted.select_nth_unstable_by(k, f64::total_cmp).1
 }
 
+/// A column between its samples, by the cubic through four of them.
+pub fn between(column: &[f64], place: f64) -> f64 {
+    let n = column.len().cast_signed();
+    let k = (place.floor() as isize).clamp(0, n - 1);
+    let f = place - k as f64;
+    let v = |i: isize| column[(k + i).clamp(0, n - 1).cast_unsigned()];
+    let (a, b, c, d) = (v(-1), v(0), v(1), v(2));
+    let slope0 = 0.5 * (c - a);
+    let slope1 = 0.5 * (d - b);
+    let (p, q) = (c - b - slope0, slope1 - slope0);
+    let f = f.clamp(0.0, 1.0);
+    b + f * (slope0 + f * (3.0 * p - q + f * (q - 2.0 * p)))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

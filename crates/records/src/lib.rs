@@ -23,6 +23,7 @@ pub mod map;
 pub mod part;
 pub mod resonance;
 pub mod servo;
+mod table;
 pub mod twin;
 pub mod windup;
 

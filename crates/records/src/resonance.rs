@@ -288,6 +288,17 @@ fn answer(found: &Identified, remarks: Vec<String>) -> Answer {
         "frequencies are those of the poles; the magnitude is highest near them at {}",
         peaks.join(", ")
     ));
+    if !found.set_aside.is_empty() {
+        let apart: Vec<String> = found.set_aside.iter().map(text).collect();
+        answer.remarks.push(format!(
+            "{} points stand apart from their neighbours and were set aside, at {}",
+            apart.len(),
+            apart.join(", ")
+        ));
+    }
+    answer
+        .more
+        .insert("set_aside_Hz".to_owned(), found.set_aside.clone().into());
     if !poles.is_empty() {
         let poles: Vec<String> = poles.iter().map(text).collect();
         answer.remarks.push(format!(

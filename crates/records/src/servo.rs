@@ -1,6 +1,6 @@
 //! A servo axis from its record.
 
-use super::columns::{self, Named, Source, Wanted};
+use super::columns::{self, By, Named, Source, Wanted};
 use super::fragment::{AxisTable, ControllerTable, Fragment, Kind, MotionTable, RecordTable};
 use super::part::{Drive, Part};
 use super::{
@@ -14,6 +14,7 @@ use pigtail_sysid::servo::{
 };
 use pigtail_sysid::{Account, Unknown};
 use serde_json::{Value, json};
+use std::f64::consts::PI;
 use std::path::Path;
 
 /// Which columns of a file.
@@ -46,6 +47,8 @@ pub struct Read {
     pub remarks: Vec<String>,
     /// How the file was read, in words.
     pub understood: String,
+    /// What the record itself cannot show to be wrong, and by which factor an inertia would be another if it were.
+    pub assumed: Vec<(String, f64)>,
 }
 
 /// What a position may be.
@@ -97,7 +100,17 @@ impl Roles {
             Some(_) => record.with_injected(Injected::Force),
             None => record,
         };
+        let mut assumed = Vec::new();
+        if read[1].by == By::Nothing && kind == Kind::Linear {
+            assumed.push((format!("were {} in mm", read[1].name), 1e3));
+        } else if read[1].by == By::Nothing {
+            assumed.push((format!("were {} in deg", read[1].name), 180.0 / PI));
+        }
+        if let Some(rate) = self.rate {
+            assumed.push((format!("were the rows taken at {} Hz", 2.0 * rate), 0.25));
+        }
         Ok(Read {
+            assumed,
             understood,
             record,
             kind,
@@ -291,6 +304,15 @@ pub fn servo(
         name(&asked)
     );
     answer.verdict = answer.doubts().unwrap_or(generalises);
+    if let Some(inertia) = asked.parameters[0].known {
+        for (were, factor) in &first.assumed {
+            answer.remarks.push(format!(
+                "no record shows a unit or a rate that is wrong for all of it: {were}, the inertia would be {} {}",
+                short(factor * inertia.value),
+                unit("inertia")
+            ));
+        }
+    }
     let again = |read: &Read| {
         let controller = found.controller?;
         let usable = found.unknown.is_empty();

@@ -50,6 +50,9 @@ type Samples = (Vec<f64>, Vec<f64>, Vec<f64>);
 /// Largest share of samples that may be set aside as spikes.
 const SPIKES: f64 = 0.02;
 
+/// A plateau lies within so many of its noise's standard deviations.
+const PLATEAU: f64 = 8.0;
+
 /// A record of more gaps than this was not taken evenly.
 const FEW_GAPS: usize = 8;
 
@@ -280,10 +283,19 @@ impl Data {
         if own.width() <= 0.0 {
             return Ok(());
         }
+        // A plateau is as flat as the column's noise.
+        let seconds: Vec<f64> = values
+            .windows(3)
+            .map(|w| (w[0] - 2.0 * w[1] + w[2]).abs())
+            .collect();
+        let noise = 1.4826 * quantile(&seconds, 0.5) / 6f64.sqrt();
+        let flat = (PLATEAU * noise).max(1e-6 * own.width());
+        // Within so much of its range a column that is not cut off moves with the other.
+        let share = share + 3.0 * flat / own.width();
         for end in [own.low, own.high] {
             let mut from = 0;
             for k in 0..=values.len() {
-                if k < values.len() && (values[k] - end).abs() <= 1e-6 * own.width() {
+                if k < values.len() && (values[k] - end).abs() <= flat {
                     continue;
                 }
                 if k > from + 4 && range(&other[from..k]) > share * most_other {

@@ -11,6 +11,7 @@ use pigtail_control::compensation::hysteresis::{
 };
 use pigtail_hal::{Error, Side};
 use pigtail_numerics::rounded;
+use pigtail_numerics::signal::rms;
 use serde::{Deserialize, Serialize};
 use std::ops;
 use std::path::Path;
@@ -191,7 +192,7 @@ pub struct HysteresisDocument {
 }
 
 impl HysteresisDocument {
-    fn new(model: &Model, part: &Part, range: f64, samples: usize) -> Self {
+    fn new(model: &Model, part: &Part, about_mean: f64, range: f64, samples: usize) -> Self {
         let percent = |um: f64| rounded(100.0 * um / range, 1e-6);
         Self {
             model: model.name(),
@@ -212,7 +213,11 @@ impl HysteresisDocument {
             offset_um: None,
             rms_v: None,
             samples,
-            doubt: doubt(percent(part.rms_um), percent(part.uncompensated_rms_um)),
+            doubt: doubt(
+                percent(part.rms_um),
+                percent(part.uncompensated_rms_um),
+                percent(about_mean),
+            ),
             read: String::new(),
             remarks: Vec::new(),
             model_file: String::new(),
@@ -221,19 +226,26 @@ impl HysteresisDocument {
     }
 }
 
-/// What errors, in per cent of the range, say against a model, beside those of the best straight line.
-fn doubt(own: f64, line: f64) -> String {
-    const THIRD: f64 = 100.0 / 3.0;
+/// What errors, in per cent of the range, say against a model, beside those of the best straight line and of the mean.
+fn doubt(own: f64, line: f64, mean: f64) -> String {
+    const THIRD: f64 = 1.0 / 3.0;
     const WORSE: f64 = 1.5;
-    if own > THIRD {
+    if own > THIRD * mean {
         format!(
-            "it is {own:.0} % of the range off: are units and columns right, and is it the same piezo?"
+            "it is {own:.0} % of the range off, and the displacement's mean alone {mean:.0} %: are units and columns \
+             right, and is it the same piezo?"
         )
     } else if own > WORSE * line {
         format!("it is {own:.2} % of the range off, the best straight line {line:.2} %")
     } else {
         String::new()
     }
+}
+
+/// Root mean square about the mean.
+fn about_mean(values: &[f64]) -> f64 {
+    let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
+    rms(values.iter().map(|v| v - mean))
 }
 
 /// A model with the record it was fitted to or tried on.
@@ -274,7 +286,13 @@ pub fn fit(record: Record, kind: Kind) -> Result<Tried, Invalid> {
     };
     let (fitted, held_back) = (part(from..to), part(to..record.len()));
     let range = Range::of(&record.output[from..]).width();
-    let mut document = HysteresisDocument::new(&model, &held_back, range, record.len() - to);
+    let mut document = HysteresisDocument::new(
+        &model,
+        &held_back,
+        about_mean(&record.output[to..]),
+        range,
+        record.len() - to,
+    );
     document.fitted = Some(fitted);
     document.held_back = Some(held_back);
     Ok(Tried {
@@ -298,7 +316,13 @@ pub fn tell(model: &Model, record: Record) -> Tried {
     let line = judge(&line, &record.output, over.clone(), Zero::Known);
     let range = Range::of(&record.output[over.clone()]).width();
     let part = Part::new(&errors, &line);
-    let mut document = HysteresisDocument::new(model, &part, range, over.len());
+    let mut document = HysteresisDocument::new(
+        model,
+        &part,
+        about_mean(&record.output[over.clone()]),
+        range,
+        over.len(),
+    );
     document.offset_um = Some(rounded(errors.offset, 1e-6));
     Tried {
         document,
@@ -371,7 +395,13 @@ pub fn voltages_of(model: &Model, record: Record) -> (Tried, Inverted) {
         };
         let part = Part::new(&in_um(&errors), &in_um(&line));
         let range = tried.document.range_um;
-        let mut document = HysteresisDocument::new(model, &part, range, over.len());
+        let mut document = HysteresisDocument::new(
+            model,
+            &part,
+            about_mean(&record.output[over.clone()]),
+            range,
+            over.len(),
+        );
         document.offset_um = tried.document.offset_um;
         document.rms_v = Some(rounded(errors.rms, 1e-6));
         tried.document = document;

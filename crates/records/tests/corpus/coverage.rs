@@ -1,15 +1,19 @@
-//! Whether 95 % intervals hold the truth in 95 % of records, of a servo axis.
+//! Whether 95 % intervals hold the truth in 95 % of records of each kind that a model covers.
 //!
 //! What each record said is kept, a line each, in the file that `COVERAGE_ROWS` names, and a run that was interrupted
-//! goes on from there.
+//! goes on from there. `COVERAGE_KINDS` names some of the kinds.
 
 use crate::normal;
-use crate::servo::{PERIOD, Rows, SLED, between, read_at, shift, sled};
+use crate::servo::{PERIOD, Rows, SLED, read_at, sled};
+use nalgebra::Complex;
+use pigtail_model::windup::{Reversal, ReversalState};
+use pigtail_numerics::signal::between;
 use pigtail_sysid::servo::{Friction, Method, Record, Settings, identify};
-use pigtail_sysid::timeline;
+use pigtail_sysid::{Known, friction, resonance, timeline, windup};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::collections::BTreeMap;
+use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::fs::OpenOptions;
 use std::io::Write as _;
@@ -17,33 +21,89 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// What a record of each kind is mangled by.
-const KINDS: [&str; 6] = ["plain", "jitter", "coloured", "skew", "drift", "noisy"];
+/// Records of a kind.
+struct Kind {
+    name: &'static str,
+    /// What is asked of each.
+    parameters: &'static [&'static str],
+    said: fn(&str, u64) -> Said,
+}
 
-/// A record of a kind by its number.
+const SERVO: &[&str] = &["inertia", "viscous", "Coulomb"];
+const FRICTION: &[&str] = &["static friction", "presliding", "offset"];
+const WINDUP: &[&str] = &["skew", "w_max", "q", "compliance"];
+const RESONANCE: &[&str] = &["frequency", "damping", "frequency", "damping", "delay"];
+
+const fn kind(
+    name: &'static str,
+    parameters: &'static [&'static str],
+    said: fn(&str, u64) -> Said,
+) -> Kind {
+    Kind {
+        name,
+        parameters,
+        said,
+    }
+}
+
+const KINDS: [Kind; 15] = [
+    kind("plain", SERVO, servo),
+    kind("jitter", SERVO, servo),
+    kind("coloured", SERVO, servo),
+    kind("skew", SERVO, servo),
+    kind("drift", SERVO, servo),
+    kind("held-drift", SERVO, servo),
+    kind("noisy", SERVO, servo),
+    kind("friction", FRICTION, friction),
+    kind("friction-coloured", FRICTION, friction),
+    kind("friction-skew", FRICTION, friction),
+    kind("windup", WINDUP, windup),
+    kind("windup-jitter", WINDUP, windup),
+    kind("windup-coloured", WINDUP, windup),
+    kind("resonance", RESONANCE, resonance),
+    kind("resonance-coloured", RESONANCE, resonance),
+];
+
+/// Noise that forgets itself within a hundred samples, of about this size.
+fn coloured(n: usize, size: f64, rng: &mut Pcg64Mcg) -> Vec<f64> {
+    let mut slow = 0.0;
+    (0..n)
+        .map(|_| {
+            slow = 0.99 * slow + 0.14 * size * normal(rng);
+            slow
+        })
+        .collect()
+}
+
+/// A servo's record of a kind by its number.
 fn of_kind(kind: &str, seed: u64) -> Rows {
     let mut rng = Pcg64Mcg::seed_from_u64(7000 + seed);
     let dense = sled(20_000 + seed, 12.0);
     let times: Vec<f64> = (0..12_000).map(|k| f64::from(k) * PERIOD).collect();
     let mut rows = read_at(&dense, &times, &times, seed);
+    // A column as an instrument reads it that looks at other moments.
+    let mut elsewhere = |column: usize, moment: &dyn Fn(f64) -> f64| {
+        let moments: Vec<f64> = times.iter().map(|t| moment(*t)).collect();
+        let other = read_at(&dense, &moments, &moments, seed);
+        for (row, other) in rows.iter_mut().zip(other) {
+            row[column] = other[column];
+        }
+    };
     match kind {
+        "skew" => {
+            let late = PERIOD * rng.random_range(-3.0..3.0);
+            elsewhere(2, &|t| t - late);
+        }
+        "drift" => elsewhere(2, &|t| t * (1.0 - 1e-4)),
+        "held-drift" => elsewhere(3, &|t| t * (1.0 - 1e-4)),
         "jitter" => {
             for row in &mut rows {
                 row[0] += PERIOD * rng.random_range(-0.3..0.3);
             }
         }
         "coloured" => {
-            let mut slow = 0.0;
-            for row in &mut rows {
-                slow = 0.99 * slow + 0.02 * normal(&mut rng);
+            for (row, slow) in rows.iter_mut().zip(coloured(12_000, 0.143, &mut rng)) {
                 row[3] += slow;
-            }
-        }
-        "skew" => shift(&mut rows, 2, rng.random_range(-3.0..3.0)),
-        "drift" => {
-            let old = rows.clone();
-            for (k, row) in rows.iter_mut().enumerate() {
-                row[3] = between(&old, 3, k as f64 * (1.0 - 1e-4));
             }
         }
         "noisy" => {
@@ -56,42 +116,227 @@ fn of_kind(kind: &str, seed: u64) -> Rows {
     rows
 }
 
-/// What a record said: its method, and of inertia, viscous and Coulomb friction by how much each was off, its
-/// deviation, and the one that white noise would have. None of one that was refused.
+/// What a record said: its method or model, and of each parameter by how much it was off, its deviation, and the one that
+/// white noise would have. None of one that was refused, or answered by another model than its own.
 #[derive(Debug, Clone, Default)]
 struct Said {
     method: String,
     of: Vec<[f64; 3]>,
 }
 
-impl Said {
-    fn of(kind: &str, seed: u64) -> Self {
-        let rows = of_kind(kind, seed);
-        let column = |c: usize| -> Vec<f64> { rows.iter().map(|r| r[c]).collect() };
-        let columns = [&column(2)[..], &column(3), &column(1)];
-        let even = timeline::even(&column(0), &columns).expect("an even grid");
-        let record = Record::new(even, true);
-        let Ok(found) = identify(&record, None, &Settings::new(SLED.force_per_volt)) else {
-            return Self::default();
-        };
-        let Some(variant) = found.variant(Friction::Symmetric, found.supported) else {
-            return Self::default();
-        };
-        let truth = [SLED.inertia, SLED.viscous[0], SLED.coulomb[0]];
-        let of = variant.parameters.iter().zip(truth).filter_map(|(p, is)| {
-            let k = p.known?;
-            Some([k.value - is, k.std_correlated, k.std])
-        });
-        Self {
-            method: match variant.method {
-                Method::Delayed => "delayed",
-                _ => "plain",
-            }
-            .to_owned(),
-            of: of.collect(),
+/// What an answer is off by.
+fn said(method: &str, known: impl IntoIterator<Item = (Option<Known>, f64)>) -> Said {
+    let of = known.into_iter().filter_map(|(known, is)| {
+        let known = known?;
+        Some([known.value - is, known.std_correlated, known.std])
+    });
+    Said {
+        method: method.to_owned(),
+        of: of.collect(),
+    }
+}
+
+fn servo(kind: &str, seed: u64) -> Said {
+    let rows = of_kind(kind, seed);
+    let column = |c: usize| -> Vec<f64> { rows.iter().map(|r| r[c]).collect() };
+    let columns = [&column(2)[..], &column(3), &column(1)];
+    let even = timeline::even(&column(0), &columns).expect("an even grid");
+    let record = Record::new(even, true);
+    let Ok(found) = identify(&record, None, &Settings::new(SLED.force_per_volt)) else {
+        return Said::default();
+    };
+    let Some(variant) = found.variant(Friction::Symmetric, found.supported) else {
+        return Said::default();
+    };
+    let truth = [SLED.inertia, SLED.viscous[0], SLED.coulomb[0]];
+    let method = match variant.method {
+        Method::Delayed => "delayed",
+        _ => "plain",
+    };
+    said(
+        method,
+        variant.parameters.iter().map(|p| p.known).zip(truth),
+    )
+}
+
+/// A contact that gives way evenly and slides, its force and displacement read with noise.
+fn friction(kind: &str, seed: u64) -> Said {
+    const N: usize = 4000;
+    const PERIOD: f64 = 0.01;
+    const TRUTH: [f64; 3] = [2.0, 1.4e-5, 0.1];
+    let mut rng = Pcg64Mcg::seed_from_u64(31_000 + seed);
+    let (phase, pace) = (rng.random_range(0.0..6.0), rng.random_range(0.8..1.4));
+    let place =
+        |t: f64| 6e-5 * (pace * t + phase + 0.8 * (0.31 * t).sin()).sin() + 2e-5 * (0.37 * t).sin();
+    let fine = 10;
+    let (mut contact, mut last) = (0.0_f64, place(0.0));
+    let [level, way, offset] = TRUTH;
+    let force: Vec<f64> = (0..N * fine)
+        .map(|k| {
+            let x = place(PERIOD * k as f64 / fine as f64);
+            contact = (contact + x - last).clamp(-way, way);
+            last = x;
+            level * contact / way + offset
+        })
+        .collect();
+    let late = match kind {
+        "friction-skew" => rng.random_range(-5.0..5.0),
+        _ => 0.0,
+    };
+    let time: Vec<f64> = (0..N).map(|k| PERIOD * k as f64).collect();
+    let x: Vec<f64> = time
+        .iter()
+        .map(|t| place(*t) + 2e-8 * normal(&mut rng))
+        .collect();
+    let slow = match kind {
+        "friction-coloured" => coloured(N, 0.03, &mut rng),
+        _ => vec![0.0; N],
+    };
+    let read = |k: usize| {
+        let at = ((k as f64 - late) * fine as f64).clamp(0.0, (N * fine - 2) as f64);
+        let i = at as usize;
+        force[i] + (at - i as f64) * (force[i + 1] - force[i])
+    };
+    let f: Vec<f64> = (0..N)
+        .map(|k| read(k) + slow[k] + 0.01 * normal(&mut rng))
+        .collect();
+    let record = friction::Record::new(Some(&time), &x, &f);
+    let Ok(found) = record.and_then(|r| friction::identify(&r, None, 3)) else {
+        return Said::default();
+    };
+    let law = found.laws[found.best].law;
+    if law != friction::Law::Presliding {
+        return said(law.name(), None);
+    }
+    said(
+        law.name(),
+        found.parameters.iter().map(|p| p.known).zip(TRUTH),
+    )
+}
+
+/// A transmission with the windup of (2.20), a compliance and a skew.
+fn windup(kind: &str, seed: u64) -> Said {
+    const N: usize = 4000;
+    const PERIOD: f64 = 4e-3;
+    const NOISE: f64 = 2e-6;
+    let mut rng = Pcg64Mcg::seed_from_u64(47_000 + seed);
+    let phase: [f64; 4] = std::array::from_fn(|_| rng.random_range(0.0..6.0));
+    let skew = rng.random_range(-4e-3..4e-3);
+    let truth = [skew, 2e-4, 0.03, 1.4e-5];
+    let [_, maximum, way, compliance] = truth;
+    let place = |t: f64| {
+        0.35 * (1.1 * t + phase[0]).sin()
+            + 0.1 * (2.9 * t + phase[1]).sin()
+            + 0.026 * (7.0 * t + phase[2]).sin()
+    };
+    let pull = |t: f64| 12.0 * (1.3 * t + phase[3]).sin() + 6.0 * (4.1 * t).cos();
+    let model = Reversal { maximum, way };
+    let mut state = ReversalState::default();
+    model.next(&mut state, 0.0);
+    let fine = 8;
+    let before = 8;
+    let start = place(-PERIOD * before as f64);
+    let dense: Vec<f64> = (0..(N + 2 * before) * fine)
+        .map(|k| {
+            let t = PERIOD * (k as f64 / fine as f64 - before as f64);
+            let q = place(t);
+            q - model.next(&mut state, q - start) - compliance * pull(t)
+        })
+        .collect();
+    let slow = match kind {
+        "windup-coloured" => coloured(N, 4.0 * NOISE, &mut rng),
+        _ => vec![0.0; N],
+    };
+    let mut time: Vec<f64> = (0..N).map(|k| PERIOD * k as f64).collect();
+    let motor: Vec<f64> = time
+        .iter()
+        .map(|t| place(*t) + NOISE * normal(&mut rng))
+        .collect();
+    let load: Vec<f64> = (0..N)
+        .map(|k| {
+            let at = (k + before) as f64 - skew / PERIOD;
+            between(&dense, at * fine as f64) + slow[k] + NOISE * normal(&mut rng)
+        })
+        .collect();
+    let torque: Vec<f64> = time.iter().map(|t| pull(*t)).collect();
+    if kind == "windup-jitter" {
+        for t in &mut time {
+            *t += PERIOD * rng.random_range(-0.3..0.3);
         }
     }
+    let even = timeline::even(&time, &[&motor, &load, &torque]).expect("an even grid");
+    let Ok(found) = windup::identify(&windup::Record::new(even, true), None) else {
+        return Said::default();
+    };
+    let parts = found.models[found.best].parts;
+    let name = found.models[found.best].name.replace(", ", "+");
+    if !parts.reversal || !parts.compliance {
+        return said(&name, None);
+    }
+    let known = |name: &str| {
+        let of = found.parameters.iter().find(|p| p.name == name);
+        of.and_then(|p| p.known)
+    };
+    let names = ["time_skew", "w_max", "q", "compliance"];
+    said(&name, names.map(known).into_iter().zip(truth))
+}
 
+/// Two modes and a delay.
+fn resonance(kind: &str, seed: u64) -> Said {
+    const N: usize = 160;
+    let mut rng = Pcg64Mcg::seed_from_u64(59_000 + seed);
+    let modes = [
+        [
+            rng.random_range(200.0..400.0),
+            rng.random_range(0.01..0.03),
+            1.0,
+        ],
+        [
+            rng.random_range(600.0..900.0),
+            rng.random_range(0.01..0.03),
+            0.3,
+        ],
+    ];
+    let delay = rng.random_range(2e-5..2e-4);
+    let slow = |rng: &mut Pcg64Mcg| -> Vec<f64> {
+        let mut last = 0.0;
+        let next = |_| {
+            last = 0.8 * last + 0.6 * normal(rng);
+            last
+        };
+        (0..N).map(next).collect()
+    };
+    let noise = match kind {
+        "resonance-coloured" => [slow(&mut rng), slow(&mut rng)],
+        _ => [(); 2].map(|()| (0..N).map(|_| normal(&mut rng)).collect()),
+    };
+    let frequency: Vec<f64> = (0..N)
+        .map(|k| 100.0 * 15f64.powf(k as f64 / (N - 1) as f64))
+        .collect();
+    let response: Vec<Complex<f64>> = frequency
+        .iter()
+        .enumerate()
+        .map(|(k, f)| {
+            let mut h = Complex::new(0.0, 0.0);
+            for [own, zeta, size] in modes {
+                h += size / Complex::new(1.0 - (f / own).powi(2), 2.0 * zeta * f / own);
+            }
+            h *= Complex::from_polar(1.0, -TAU * f * delay);
+            h + 0.01 * h.norm() * Complex::new(noise[0][k], noise[1][k])
+        })
+        .collect();
+    let record = resonance::Record::new(&frequency, &response, None);
+    let Ok(found) = record.and_then(|r| resonance::identify(&r)) else {
+        return Said::default();
+    };
+    if found.modes != 2 || !found.real_poles.is_empty() {
+        return said(&format!("{}+{}", found.modes, found.real_poles.len()), None);
+    }
+    let truth = [modes[0][0], modes[0][1], modes[1][0], modes[1][1], delay];
+    said("2", found.parameters.iter().map(|p| p.known).zip(truth))
+}
+
+impl Said {
     fn line(&self, kind: &str, seed: u64) -> String {
         let mut line = format!(
             "{kind} {seed} {}",
@@ -120,6 +365,13 @@ impl Said {
     }
 }
 
+/// The kinds that `COVERAGE_KINDS` names, divided by commas, or all.
+fn chosen() -> Vec<Kind> {
+    let named = std::env::var("COVERAGE_KINDS").unwrap_or_default();
+    let asked = |kind: &Kind| named.is_empty() || named.split(',').any(|n| n == kind.name);
+    KINDS.into_iter().filter(asked).collect()
+}
+
 /// What this many records of each kind said, kind by kind.
 fn records(of_each: u64) -> BTreeMap<&'static str, Vec<Said>> {
     let file = std::env::var_os("COVERAGE_ROWS").map(PathBuf::from);
@@ -134,26 +386,27 @@ fn records(of_each: u64) -> BTreeMap<&'static str, Vec<Said>> {
     });
     // All kinds side by side, so that what was interrupted tells as much of each.
     let next = AtomicU64::new(0);
-    let kinds = KINDS.len() as u64;
+    let chosen = chosen();
+    let kinds = chosen.len() as u64;
     let worker = || {
         let mut mine = Vec::new();
         loop {
             let number = next.fetch_add(1, Ordering::Relaxed);
-            let (seed, kind) = (number / kinds, KINDS[(number % kinds) as usize]);
+            let (seed, kind) = (number / kinds, &chosen[(number % kinds) as usize]);
             if seed >= of_each {
                 return mine;
             }
-            let said = if let Some(said) = before.get(&(kind.to_owned(), seed)) {
+            let said = if let Some(said) = before.get(&(kind.name.to_owned(), seed)) {
                 said.clone()
             } else {
-                let said = Said::of(kind, seed);
+                let said = (kind.said)(kind.name, seed);
                 if let Some(log) = &log {
                     let mut log = log.lock().expect("nobody panics with it");
-                    writeln!(log, "{}", said.line(kind, seed)).expect("a row");
+                    writeln!(log, "{}", said.line(kind.name, seed)).expect("a row");
                 }
                 said
             };
-            mine.push((kind, said));
+            mine.push((kind.name, said));
         }
     };
     let workers = std::thread::available_parallelism().map_or(1, usize::from);
@@ -170,25 +423,34 @@ fn records(of_each: u64) -> BTreeMap<&'static str, Vec<Said>> {
     all
 }
 
-/// Share of 95 % intervals, by the deviation that takes correlation into account, that hold the truth: of inertia,
-/// viscous and Coulomb friction.
+/// Share of 95 % intervals, by the deviation that takes correlation into account, that hold the truth.
 fn covered(of_each: u64, least: f64) {
     let mut few = Vec::new();
-    for (kind, said) in records(of_each) {
-        let answered: Vec<&Said> = said.iter().filter(|s| s.of.len() == 3).collect();
-        let share: [f64; 3] = std::array::from_fn(|j| {
-            let held = |s: &&&Said| s.of[j][0].abs() < 1.96 * s.of[j][1];
-            answered.iter().filter(held).count() as f64 / answered.len().max(1) as f64
-        });
+    let all = records(of_each);
+    for kind in chosen() {
+        let said = &all[kind.name];
+        let count = kind.parameters.len();
+        let answered: Vec<&Said> = said.iter().filter(|s| s.of.len() == count).collect();
+        let shares: Vec<f64> = (0..count)
+            .map(|j| {
+                let held = |s: &&&Said| s.of[j][0].abs() < 1.96 * s.of[j][1];
+                answered.iter().filter(held).count() as f64 / answered.len().max(1) as f64
+            })
+            .collect();
+        let told: Vec<String> = kind
+            .parameters
+            .iter()
+            .zip(&shares)
+            .map(|(name, share)| format!("{name} {share:.3}"))
+            .collect();
         eprintln!(
-            "{kind}: {} of {of_each} answered; inertia {:.3}, viscous {:.3}, Coulomb {:.3}",
+            "{}: {} of {of_each} answered; {}",
+            kind.name,
             answered.len(),
-            share[0],
-            share[1],
-            share[2]
+            told.join(", ")
         );
-        if share.iter().any(|s| *s < least) {
-            few.push((kind, share));
+        if shares.iter().any(|s| *s < least) {
+            few.push((kind.name, shares));
         }
     }
     assert!(few.is_empty(), "{few:?}");

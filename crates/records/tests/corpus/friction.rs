@@ -59,6 +59,13 @@ fn text(rows: &Rows) -> String {
     text
 }
 
+fn late(rows: &mut Rows, by: usize) {
+    let old = rows.clone();
+    for (row, before) in rows[by..].iter_mut().zip(&old) {
+        row[2] = before[2];
+    }
+}
+
 type Mangle = fn(&mut Rows, &mut Pcg64Mcg);
 
 const CASES: &[(&str, Wanted, Mangle)] = &[
@@ -147,12 +154,22 @@ const CASES: &[(&str, Wanted, Mangle)] = &[
             .map(|(k, r)| [k as f64, r[1], r[2]])
             .collect();
     }),
-    ("force a hundred samples late", Wanted::Either, |rows, _| {
+    ("force three samples late", Wanted::Right, |rows, _| {
+        late(rows, 3);
+    }),
+    ("force twenty samples late", Wanted::Right, |rows, _| {
+        late(rows, 20);
+    }),
+    ("force ten samples early", Wanted::Right, |rows, _| {
         let old = rows.clone();
+        let n = rows.len();
         rows.iter_mut()
-            .enumerate()
-            .skip(100)
-            .for_each(|(k, r)| r[2] = old[k - 100][2]);
+            .zip(&old[10..])
+            .for_each(|(r, later)| r[2] = later[2]);
+        rows.truncate(n - 10);
+    }),
+    ("force a hundred samples late", Wanted::Either, |rows, _| {
+        late(rows, 100);
     }),
 ];
 
@@ -198,7 +215,13 @@ fn judged(name: &str, wanted: Wanted, rows: &Rows, wrong: &mut Vec<String>) {
     } else {
         of("static_friction")
     };
-    let off = (level.abs() / LEVEL - 1.0).abs();
+    let way = of("presliding");
+    let way_off = if way.is_nan() {
+        0.0
+    } else {
+        (1e6 * way / WAY - 1.0).abs()
+    };
+    let off = (level.abs() / LEVEL - 1.0).abs().max(way_off);
     let bad = wanted == Wanted::Refused || off > 0.1 || off.is_nan();
     eprintln!(
         "{} {name}: {level:.3}; {} | {}",

@@ -17,6 +17,8 @@ mod everywhere;
 mod friction;
 #[path = "map.rs"]
 mod map;
+#[path = "piezo.rs"]
+mod piezo;
 #[path = "reader.rs"]
 mod reader;
 #[path = "resonance.rs"]

@@ -65,11 +65,23 @@ type Mangle = fn(&mut Rows, &mut Pcg64Mcg);
 
 const CASES: &[(&str, Wanted, Mangle)] = &[
     ("as it is", Wanted::Right, |_, _| {}),
-    ("a few wild points", Wanted::Either, |rows, _| {
+    ("a few wild points", Wanted::Right, |rows, _| {
         rows.iter_mut()
             .skip(11)
             .step_by(97)
             .for_each(|r| r[1] *= 40.0);
+    }),
+    ("ten points too small", Wanted::Right, |rows, _| {
+        rows.iter_mut()
+            .skip(30)
+            .step_by(47)
+            .for_each(|r| (r[1], r[2]) = (0.05 * r[1], 0.05 * r[2]));
+    }),
+    ("points of zero", Wanted::Right, |rows, _| {
+        rows.iter_mut()
+            .skip(20)
+            .step_by(83)
+            .for_each(|r| (r[1], r[2]) = (0.0, 0.0));
     }),
     ("frequencies falling", Wanted::Refused, |rows, _| {
         rows.reverse();

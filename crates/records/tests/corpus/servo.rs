@@ -787,3 +787,44 @@ fn no_mangled_measured_record_is_wrong_and_looks_right() {
         wrong.join("\n")
     );
 }
+
+/// Those of its authors within one per cent, standard deviations too, and the replay better than theirs, of 0.229 %.
+#[test]
+fn the_published_figures_of_a_measured_axis_are_kept() {
+    let file =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/emps/emps_estimation.csv");
+    if !file.exists() {
+        return;
+    }
+    let roles = Roles {
+        time: None,
+        rate: None,
+        reference: Some(Named::new("q_ref_m")),
+        position: Named::new("q_meas_m"),
+        voltage: Named::new("u_V"),
+        injected: None,
+    };
+    let read = roles.read(&file).expect("a record");
+    let set = Settings::new(EMPS.force_per_volt);
+    let answer = servo(&read, None, &set, (Friction::Symmetric, None)).answer;
+    let near = |what: &str, found: f64, is: f64| {
+        assert!((found / is - 1.0).abs() < 0.01, "{what}: {found} for {is}");
+    };
+    let published = [
+        [95.1089, 0.1085],
+        [203.5034, 1.1460],
+        [20.3935, 0.1012],
+        [-3.1648, 0.0444],
+    ];
+    for ((parameter, _), [is, std]) in answer.parameters.iter().zip(published) {
+        let known = parameter.known.expect("known");
+        eprintln!("{} {known:?}", parameter.name);
+        near(parameter.name, known.value, is);
+        near(parameter.name, known.std, std);
+    }
+    let error = answer.relative_error_percent.expect("an error");
+    let replay = answer.more["replay"]["velocity_error_percent"].as_f64();
+    eprintln!("{error} %, replayed {replay:?} %");
+    near("error", error, 4.0834);
+    assert!(replay.is_some_and(|r| r < 0.124), "{replay:?}");
+}

@@ -2,10 +2,12 @@
 
 mod check;
 mod law;
+mod skew;
 
 pub use law::Law;
 
 use check::{doubts, swapped};
+use skew::Skew;
 
 use super::{Account, Known, Parameter, Unknown};
 use pigtail_numerics::nonlinear::{minimise, uncertainty};
@@ -30,6 +32,8 @@ pub struct Sample {
 pub struct Record {
     samples: Vec<Sample>,
     has_time: bool,
+    /// By how much later than its row's displacement the force was, seconds, where that was taken out.
+    skew: f64,
     remarks: Vec<String>,
 }
 
@@ -106,10 +110,12 @@ impl Record {
         let mut record = Self {
             samples,
             has_time: time.is_some(),
+            skew: 0.0,
             remarks,
         };
         record.check()?;
         record.thin();
+        record.align()?;
         Ok(record)
     }
 
@@ -145,7 +151,7 @@ impl Record {
                 )
             })
         };
-        let turns = turns(&self.samples, stroke);
+        let turns = turned(&self.samples, stroke).len();
         if turns < 2 {
             return Err(Unknown::all(format!(
                 "it has {turns} reversals: how friction turns round, and how high it is the other way, takes \
@@ -204,7 +210,7 @@ impl Record {
             let wide = quantile(&steps, 0.99);
             if wide > fine
                 && wide > 1.1 * narrower
-                && turns(&samples[..MOST.min(samples.len())], high - low) >= 6
+                && turned(&samples[..MOST.min(samples.len())], high - low).len() >= 6
             {
                 break;
             }
@@ -224,6 +230,30 @@ impl Record {
             samples.truncate(MOST);
         }
         self.samples = samples;
+    }
+
+    /// Takes out a skew between force and displacement.
+    fn align(&mut self) -> Result<(), Unknown> {
+        match skew::skew(self).filter(|_| self.has_time) {
+            None => {}
+            Some(Skew::Beyond(longest)) => {
+                return Err(Unknown::all(format!(
+                    "force and displacement are not of the same moments: it is told better with the force more than \
+                     {longest:.3e} s apart. Are columns swapped or of other records, or is it no friction?"
+                )));
+            }
+            Some(Skew::Of(by)) => {
+                self.samples = skew::shifted(&self.samples, by);
+                self.skew = by;
+                self.remarks.push(format!(
+                    "force and displacement are not of the same moments: the force is {:.3e} s {} than its row's \
+                     displacement; that was taken out",
+                    by.abs(),
+                    if by > 0.0 { "later" } else { "earlier" }
+                ));
+            }
+        }
+        Ok(())
     }
 
     fn largest_force(&self) -> f64 {
@@ -257,22 +287,22 @@ fn steps_of(samples: &[Sample]) -> Vec<f64> {
         .collect()
 }
 
-/// Reversals worth the name: back by a fiftieth of the stroke.
-fn turns(samples: &[Sample], stroke: f64) -> usize {
-    let mut turns = 0;
+/// Reversals worth the name, back by a fiftieth of the stroke: the samples at which each is seen.
+fn turned(samples: &[Sample], stroke: f64) -> Vec<usize> {
+    let mut turned = Vec::new();
     let (mut lowest, mut highest, mut rises) = (f64::INFINITY, f64::NEG_INFINITY, None);
-    for s in samples {
+    for (k, s) in samples.iter().enumerate() {
         lowest = lowest.min(s.displacement);
         highest = highest.max(s.displacement);
         if rises != Some(false) && highest - s.displacement > 0.02 * stroke {
-            turns += usize::from(rises.is_some());
+            turned.extend(rises.is_some().then_some(k));
             (rises, lowest) = (Some(false), s.displacement);
         } else if rises != Some(true) && s.displacement - lowest > 0.02 * stroke {
-            turns += usize::from(rises.is_some());
+            turned.extend(rises.is_some().then_some(k));
             (rises, highest) = (Some(true), s.displacement);
         }
     }
-    turns
+    turned
 }
 
 /// Replaces values that stand apart from their neighbours, if they are few; how many there were.
@@ -373,9 +403,10 @@ pub fn identify(
             Some(second) => error(law, &whole, &second.samples, 0),
             None => error(law, &part, &record.samples, to),
         };
-        let Some((known, condition)) = sure(law, record, &whole) else {
+        let Some((mut known, condition)) = sure(law, record, &whole) else {
             continue;
         };
+        widen(law, record, &mut known);
         laws.push(Fitted {
             law,
             relative_error_percent: error(law, &whole, &record.samples, 0),
@@ -590,11 +621,91 @@ fn stribeck(samples: &[Sample], way: f64) -> Option<(f64, f64, f64)> {
         .map(|(_, found)| found)
 }
 
+/// Samples whose displacement is read `by` seconds before, by its rate.
+fn displaced(samples: &[Sample], by: f64) -> Vec<Sample> {
+    let n = samples.len();
+    let rate = |k: usize| {
+        let from = if samples[k].begins || k == 0 {
+            k
+        } else {
+            k - 1
+        };
+        let to = if k + 1 == n || samples[k + 1].begins {
+            k
+        } else {
+            k + 1
+        };
+        let time = samples[to].time - samples[from].time;
+        let way = samples[to].displacement - samples[from].displacement;
+        if time > 0.0 { way / time } else { 0.0 }
+    };
+    (0..n)
+        .map(|k| Sample {
+            displacement: samples[k].displacement - by * rate(k),
+            ..samples[k]
+        })
+        .collect()
+}
+
+/// Noise of the displacement moves the places where a contact turns, always outward: by how much parameters move where
+/// there is as much of it again in amplitude, they are less sure.
+fn widen(law: Law, record: &Record, known: &mut [Known]) {
+    // Of white noise the second difference has six times the power.
+    let seconds: Vec<f64> = record
+        .samples
+        .windows(3)
+        .filter(|w| !w[1].begins && !w[2].begins)
+        .map(|w| (w[0].displacement - 2.0 * w[1].displacement + w[2].displacement).abs())
+        .collect();
+    let noise = 1.4826 * quantile(&seconds, 0.5) / 6f64.sqrt();
+    let values: Vec<f64> = known.iter().map(|k| k.value).collect();
+    if noise.is_nan() || noise <= 0.0 {
+        return;
+    }
+    let mut noisier = record.samples.clone();
+    for (k, s) in noisier.iter_mut().enumerate() {
+        s.displacement += 3f64.sqrt() * noise * scattered(k);
+    }
+    let Some(moved) = fit(law, record, &noisier, Some(&values)) else {
+        return;
+    };
+    for (known, moved) in known.iter_mut().zip(moved) {
+        known.std_correlated = known.std_correlated.hypot(moved - known.value);
+    }
+}
+
+/// A number of mean zero and deviation one, the same at every run: the sum of twelve even ones.
+fn scattered(k: usize) -> f64 {
+    (0..12)
+        .map(|part| {
+            let mut bits = (12 * k as u64 + part).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            ((bits ^ (bits >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+        })
+        .sum::<f64>()
+        - 6.0
+}
+
 /// Values with their standard deviations, and the condition of the linear problem.
 fn sure(law: Law, record: &Record, parameters: &[f64]) -> Option<(Vec<Known>, f64)> {
     let force = record.largest_force();
     let coded = law.coded(parameters, force);
-    let left = |c: &[f64]| residuals(law, &law.decoded(c, force), &record.samples, 0);
+    // A skew that was taken out is known no better than the record tells it.
+    let n = record.samples.len();
+    let period = (record.samples[n - 1].time - record.samples[0].time) / n as f64;
+    let left = |c: &[f64]| {
+        let decoded = law.decoded(&c[..parameters.len()], force);
+        match c.get(parameters.len()) {
+            Some(by) => residuals(law, &decoded, &displaced(&record.samples, by * period), 0),
+            None => residuals(law, &decoded, &record.samples, 0),
+        }
+    };
+    let coded = if record.skew == 0.0 {
+        coded
+    } else {
+        [coded, vec![0.0]].concat()
+    };
     // What changes nothing, such as the speed of a Stribeck effect that is none, is not known, and the rest may be.
     let base = left(&coded);
     let matters: Vec<usize> = (0..coded.len())
@@ -671,6 +782,7 @@ mod tests {
                 })
                 .collect(),
             has_time: true,
+            skew: 0.0,
             remarks: Vec::new(),
         };
         let told = law.predict(parameters, &record.samples);

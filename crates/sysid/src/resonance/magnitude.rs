@@ -14,7 +14,7 @@ use super::{Identified, Record, modes_of, peaks, pruned, search, stated_modes};
 use crate::{Parameter, Unknown};
 use nalgebra::{Complex, DVector};
 use pigtail_numerics::line::Line;
-use pigtail_numerics::nonlinear::{minimise, uncertainty};
+use pigtail_numerics::nonlinear::{minimise, uncertainty_of_points};
 use pigtail_numerics::regression::least_squares;
 use std::f64::consts::PI;
 
@@ -198,7 +198,7 @@ pub(super) fn identify(record: &Record) -> Result<Identified, Unknown> {
     let modes = (coded.len() - 1) / 2;
     let (own, all) = fit(&phased, &coded).ok_or_else(failed)?;
     let depend = || Unknown::all("its modes depend on each other");
-    let solution = uncertainty(|c| own.residuals(c), &all).ok_or_else(depend)?;
+    let solution = uncertainty_of_points(|c| own.residuals(c), &all).ok_or_else(depend)?;
     let (parameters, mut unknown) = stated_modes(&phased, &all, modes, &solution);
     unknown.push(Unknown {
         parameters: vec!["delay"],
@@ -239,6 +239,7 @@ pub(super) fn identify(record: &Record) -> Result<Identified, Unknown> {
             &phased.linear(&at).map_or_else(Vec::new, |(v, _)| v),
         ),
         real_poles: Vec::new(),
+        set_aside: Vec::new(),
     })
 }
 

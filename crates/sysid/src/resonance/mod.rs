@@ -18,7 +18,7 @@ mod magnitude;
 
 use super::{Known, Parameter, Unknown};
 use nalgebra::{Complex, DMatrix};
-use pigtail_numerics::nonlinear::{minimise, uncertainty};
+use pigtail_numerics::nonlinear::{minimise, uncertainty_of_points};
 use pigtail_numerics::regression::{Solution, least_squares};
 use pigtail_numerics::signal::quantile;
 use std::f64::consts::{PI, TAU};
@@ -50,6 +50,15 @@ const POLES: usize = 3;
 
 /// A mode must make the error on the points held back less by this share.
 const WORTH: f64 = 0.05;
+
+/// A point stands apart by so many of the usual deviations from the middle of its neighbours, and by so much of the
+/// logarithm of magnitude; largest share of points that may.
+const FAR: f64 = 8.0;
+const LEAST_APART: f64 = 0.35;
+const MOST_APART: f64 = 0.05;
+
+/// Points are set aside where this share of the error is left at most.
+const ASIDE: f64 = 0.5;
 
 /// A frequency response.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -92,6 +101,8 @@ pub struct Identified {
     pub peaks: Vec<Option<f64>>,
     /// Real poles, Hz.
     pub real_poles: Vec<f64>,
+    /// Frequencies of points that stand apart from their neighbours and were set aside, Hz.
+    pub set_aside: Vec<f64>,
 }
 
 impl Record {
@@ -204,6 +215,38 @@ impl Record {
             phased: self.phased,
             poles: self.poles,
             most_poles: self.most_poles,
+        }
+    }
+
+    /// Points whose magnitude stands apart from that of their neighbours on either side, if they are few.
+    fn apart(&self) -> Vec<usize> {
+        let sizes: Vec<f64> = self
+            .response
+            .iter()
+            .map(|h| h.norm().max(f64::MIN_POSITIVE).ln())
+            .collect();
+        let middle = |w: &[f64]| quantile(w, 0.5);
+        let off: Vec<f64> = sizes.windows(5).map(|w| (w[2] - middle(w)).abs()).collect();
+        let far = FAR * 1.4826 * quantile(&off, 0.5) + LEAST_APART;
+        let apart: Vec<usize> = (0..off.len())
+            .filter(|k| off[*k] > far)
+            .map(|k| k + 2)
+            .collect();
+        if apart.len() as f64 > MOST_APART * sizes.len() as f64 {
+            return Vec::new();
+        }
+        apart
+    }
+
+    /// The same without some points.
+    fn without(&self, points: &[usize]) -> Self {
+        let kept = |k: &usize| points.binary_search(k).is_err();
+        let pick: Vec<usize> = (0..self.frequency.len()).filter(kept).collect();
+        Self {
+            frequency: pick.iter().map(|k| self.frequency[*k]).collect(),
+            response: pick.iter().map(|k| self.response[*k]).collect(),
+            weight: pick.iter().map(|k| self.weight[*k]).collect(),
+            ..self.clone()
         }
     }
 
@@ -533,10 +576,35 @@ fn modes_of(found: &Found) -> Result<usize, Unknown> {
 
 /// Identifies modes and delay; of magnitudes alone modes.
 ///
+/// Points whose magnitude stands apart from that of their neighbours are set aside where all that remains is then told
+/// twice as well: a narrow peak stands apart too, and a mode tells it.
+///
 /// # Errors
 ///
 /// When there is no resonance in it.
 pub fn identify(record: &Record) -> Result<Identified, Unknown> {
+    let all = of_all_points(record);
+    let apart = record.apart();
+    if apart.is_empty() {
+        return all;
+    }
+    let Ok(without) = of_all_points(&record.without(&apart)) else {
+        return all;
+    };
+    let better = match &all {
+        Ok(all) => without.relative_error_percent < ASIDE * all.relative_error_percent,
+        Err(_) => true,
+    };
+    if !better {
+        return all;
+    }
+    Ok(Identified {
+        set_aside: apart.iter().map(|k| record.frequency[*k]).collect(),
+        ..without
+    })
+}
+
+fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
     if !record.phased {
         return magnitude::identify(record);
     }
@@ -564,7 +632,7 @@ pub fn identify(record: &Record) -> Result<Identified, Unknown> {
     let modes = record.modes(&coded);
     let (coded, _) = minimise(|c| record.residuals(c), &coded)
         .ok_or_else(|| Unknown::all("the fit to all of its points failed"))?;
-    let solution = uncertainty(|c| record.residuals(c), &coded)
+    let solution = uncertainty_of_points(|c| record.residuals(c), &coded)
         .ok_or_else(|| Unknown::all("its modes depend on each other"))?;
     let (values, _) = record
         .linear(&coded)
@@ -616,6 +684,7 @@ pub fn identify(record: &Record) -> Result<Identified, Unknown> {
             .iter()
             .map(|c| c.exp() / TAU)
             .collect(),
+        set_aside: Vec::new(),
     })
 }
 
@@ -656,7 +725,7 @@ fn delay_spread(record: &Record, coded: &[f64]) -> f64 {
             moved[at] = d[0] * scale;
             part.residuals(&moved)
         };
-        let known = uncertainty(residuals, &[own]).map(|s| s.std_correlated[0]);
+        let known = uncertainty_of_points(residuals, &[own]).map(|s| s.std_correlated[0]);
         let found = minimise(residuals, &[own]).map(|(d, _)| d[0]);
         // A part that hardly tells a delay says nothing against another.
         if let (Some(found), Some(known)) = (found, known)
@@ -812,6 +881,24 @@ mod tests {
             assert!((of(z) / zeta - 1.0).abs() < 0.05, "{z}: {}", of(z));
         }
         assert!((of("delay") - 1.3e-3).abs() < 2e-5, "{}", of("delay"));
+    }
+
+    #[test]
+    fn wild_points_are_set_aside_and_a_narrow_peak_is_not() {
+        let truth = [(60.0, 0.02, 1.0), (180.0, 0.05, -0.4)];
+        let mut record = made(&truth, 1e-3, 0.01, 1.0);
+        let wild = [40, 111, 300, 301];
+        for k in wild {
+            record.response[k] *= 30.0;
+        }
+        let found = identify(&record).unwrap();
+        let wanted: Vec<f64> = wild.iter().map(|k| record.frequency[*k]).collect();
+        assert_eq!(found.set_aside, wanted);
+        assert_eq!(found.modes, 2, "{found:?}");
+        // Three points on the peak.
+        let narrow = made(&[(60.0, 0.01, 1.0), (180.3, 0.004, 1.0)], 0.0, 0.005, 0.5);
+        let found = identify(&narrow).unwrap();
+        assert!(found.set_aside.is_empty() && found.modes == 2, "{found:?}");
     }
 
     #[test]

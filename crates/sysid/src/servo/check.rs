@@ -442,9 +442,12 @@ pub(super) fn white(record: &Record, set: &Settings) -> f64 {
             taken.extend(own.skip(set.skip));
         }
     }
+    let mut impulse = vec![0.0; 1024];
+    impulse[512] = 1.0;
+    let left = high.both_ways(&impulse);
+    let share: f64 = impulse.iter().zip(left).map(|(a, b)| (a - b).powi(2)).sum();
     // The median, for a reversal is no noise.
-    let share = (1.0 - cutoff.max(0.5)).max(0.05);
-    1.4826 * quantile(&taken, 0.5) / share.sqrt()
+    1.4826 * quantile(&taken, 0.5) / share.max(0.05).sqrt()
 }
 
 /// Share of the acceleration's power that is the position's noise.

@@ -16,25 +16,26 @@
 mod check;
 mod clipped;
 mod controller;
+mod equations;
 mod motion;
 mod replay;
 mod skew;
 mod sliding;
+mod variants;
 
 pub use controller::Controller;
 pub use motion::Motion;
 pub use replay::{Axis, Replay};
 pub use sliding::Sliding;
 
+use equations::{APART, Equations, rate};
+use variants::variants;
+
 use super::outliers;
 use super::timeline::Even;
 use super::{Account, Known, Parameter, Unknown};
-use nalgebra::DMatrix;
-use pigtail_numerics::regression::{
-    Solution, instrumental, least_squares, matrix, over, relative, robust, tolerance,
-    without_attenuation,
-};
-use pigtail_numerics::signal::{Lowpass, decimate, derivative, quantile, rms};
+use pigtail_numerics::regression::{robust, tolerance};
+use pigtail_numerics::signal::rms;
 
 /// A servo's record on an even grid: position, voltage and, where there is one, the reference.
 #[derive(Debug, Clone, PartialEq)]
@@ -137,6 +138,9 @@ pub struct Settings {
     pub decimate: Option<usize>,
     /// The controller, where it is known.
     pub controller: Option<Controller>,
+    /// Whether equations are left out at either end of a stretch, where filters still settle: [`identify`] tells from the
+    /// record.
+    pub settle: bool,
 }
 
 impl Settings {
@@ -149,6 +153,7 @@ impl Settings {
             skip: 49,
             decimate: None,
             controller: None,
+            settle: false,
         }
     }
 
@@ -211,187 +216,11 @@ impl Friction {
     }
 }
 
-/// The equations' columns.
-#[derive(Debug, Clone, PartialEq, Default)]
-struct Equations {
-    time: Vec<f64>,
-    force: Vec<f64>,
-    /// By how much the force would be less if it came a sample later.
-    lag: Vec<f64>,
-    position: Vec<f64>,
-    acceleration: Vec<f64>,
-    /// The acceleration by differences over five samples.
-    exact: Vec<f64>,
-    velocity: Vec<f64>,
-    sign: Vec<f64>,
-    /// Ones, decimated like the rest: the filter's gain is in them too.
-    one: Vec<f64>,
-    forward: [Vec<f64>; 2],
-    backward: [Vec<f64>; 2],
-    /// Whether it moves one way only: the sign is then no column of its own.
-    one_way: bool,
-}
-
-impl Equations {
-    /// The columns of a position, an acceleration's and a velocity's own signs.
-    fn extend(&mut self, start: f64, period: f64, position: &[f64], force: &[f64], set: &Settings) {
-        let n = position.len();
-        let filter = Lowpass::butterworth(set.order, 2.0 * period * set.cutoff(period));
-        let smooth = filter.both_ways(position);
-        let velocity = derivative(&smooth, period);
-        let acceleration = derivative(&velocity, period);
-        let exact = rate(&rate(&smooth, period), period);
-        let factor = set.factor(period);
-        let skip = set.skip.min(n);
-        let thin = |column: &[f64]| decimate(&column[skip..], factor);
-        let of = |f: fn(f64) -> f64| thin(&velocity.iter().map(|v| f(*v)).collect::<Vec<_>>());
-        self.force.extend(thin(force));
-        let lag: Vec<f64> = (0..n)
-            .map(|k| force[k] - force[k.saturating_sub(1)])
-            .collect();
-        self.lag.extend(thin(&lag));
-        self.position.extend(thin(&smooth));
-        self.velocity.extend(thin(&velocity));
-        self.acceleration.extend(thin(&acceleration));
-        self.exact.extend(thin(&exact));
-        self.sign.extend(of(sign));
-        self.one.extend(of(|_| 1.0));
-        self.forward[0].extend(of(|v| v.max(0.0)));
-        self.forward[1].extend(of(|v| sign(v).max(0.0)));
-        self.backward[0].extend(of(|v| v.min(0.0)));
-        self.backward[1].extend(of(|v| sign(v).min(0.0)));
-        let first = skip + (n - skip + factor - 1) % factor;
-        let rows = (n - skip).div_ceil(factor);
-        self.time
-            .extend((0..rows).map(|k| start + period * (first + k * factor) as f64));
-    }
-
-    fn of(record: &Record, set: &Settings) -> Self {
-        let mut equations = Self::default();
-        for stretch in &record.even.stretches {
-            let position = &stretch.columns[POSITION];
-            if position.len() < LEAST + set.skip {
-                continue;
-            }
-            let force: Vec<f64> = stretch.columns[VOLTAGE]
-                .iter()
-                .map(|u| set.force_per_volt * u)
-                .collect();
-            equations.extend(stretch.start, record.even.period, position, &force, set);
-        }
-        equations
-    }
-
-    /// Equations that are so far from all others that they would decide alone, if they are few.
-    fn apart(&self) -> Option<Vec<bool>> {
-        let x = self.matrix(Friction::Asymmetric, Method::LeastSquares);
-        let found = robust(&x, &self.force)?;
-        let sizes: Vec<f64> = found.residuals.iter().map(|r| r.abs()).collect();
-        let far = APART * 1.4826 * quantile(&sizes, 0.5);
-        let count = sizes.iter().filter(|s| **s > far).count();
-        let few = count > 0 && count as f64 <= FEW * sizes.len() as f64;
-        few.then(|| sizes.iter().map(|s| *s <= far).collect())
-    }
-
-    /// Leaves out what is not to be believed.
-    fn retain(&mut self, keep: &[bool]) {
-        let Self {
-            time,
-            force,
-            lag,
-            position,
-            acceleration,
-            exact,
-            velocity,
-            sign,
-            one,
-            forward,
-            backward,
-            one_way: _,
-        } = self;
-        let [f0, f1] = forward;
-        let [b0, b1] = backward;
-        for column in [
-            time,
-            force,
-            lag,
-            position,
-            acceleration,
-            exact,
-            velocity,
-            sign,
-            one,
-            f0,
-            f1,
-            b0,
-            b1,
-        ] {
-            let mut flags = keep.iter();
-            column.retain(|_| flags.next().copied().unwrap_or(true));
-        }
-    }
-
-    fn columns(&self, friction: Friction) -> Vec<&[f64]> {
-        match friction {
-            // Coulomb friction and offset in one column, which stands where Coulomb friction does.
-            Friction::Symmetric if self.one_way => {
-                vec![&self.acceleration, &self.velocity, &self.one]
-            }
-            Friction::Symmetric => {
-                vec![&self.acceleration, &self.velocity, &self.sign, &self.one]
-            }
-            Friction::Asymmetric => vec![
-                &self.acceleration,
-                &self.forward[0],
-                &self.forward[1],
-                &self.backward[0],
-                &self.backward[1],
-            ],
-        }
-    }
-
-    fn matrix(&self, friction: Friction, method: Method) -> DMatrix<f64> {
-        let mut columns = self.columns(friction);
-        if method == Method::Delayed {
-            columns[0] = &self.exact;
-            columns.push(&self.lag);
-        }
-        matrix(&columns)
-    }
-}
-
-/// Central differences over five samples: those over three make an acceleration too small by a third of the square of
-/// the way that its sine turns between samples.
-fn rate(signal: &[f64], period: f64) -> Vec<f64> {
-    let n = signal.len();
-    let mut rate = derivative(signal, period);
-    for k in 2..n.saturating_sub(2) {
-        let (near, far) = (signal[k + 1] - signal[k - 1], signal[k + 2] - signal[k - 2]);
-        rate[k] = (8.0 * near - far) / (12.0 * period);
-    }
-    rate
-}
-
-fn sign(v: f64) -> f64 {
-    if v > 0.0 {
-        1.0
-    } else if v < 0.0 {
-        -1.0
-    } else {
-        0.0
-    }
-}
-
 /// Fewest samples of a stretch, beside those that are left out.
 pub const LEAST: usize = 100;
 
 /// Share of the highest speed below which an axis may stick.
 const SLOW: f64 = 0.1;
-
-/// An equation misses by so many of the usual standard deviations where it stands apart, and so large a share of
-/// them may.
-const APART: f64 = 15.0;
-const FEW: f64 = 0.01;
 
 /// Most places where a position may jump, and the record be cut.
 const MOST_STEPS: usize = 8;
@@ -411,17 +240,6 @@ const AS_GOOD: f64 = 1.01;
 /// A delay of the voltage is believed, and makes every parameter less sure that was found without one, where it
 /// leaves less than this share of the error.
 const LATE: f64 = 0.93;
-
-/// Standard deviation of a moment within a sample of which nothing is known, samples: one over the root of twelve.
-const WITHIN_A_SAMPLE: f64 = 0.288_675;
-
-/// What is fitted where the axis slides tells the whole record as well, if it leaves less than this of what a fit to all
-/// of it leaves. It has one unknown more, and never seen the rest.
-const TELLS_ALL: f64 = 1.01;
-
-/// Share of a record's beginning to which variants are fitted where there is no second record; the
-/// rest says which of them generalises.
-const FITTED: f64 = 0.7;
 
 /// One way to the parameters.
 #[derive(Debug, Clone, PartialEq)]
@@ -540,6 +358,11 @@ pub fn identify(
         ));
     }
     let set = &quiet(record, set, &mut remarks);
+    let whole = Equations::of(record, set);
+    let set = &Settings {
+        settle: equations::unsettled(&whole),
+        ..*set
+    };
     check::whole(record, set, &mut remarks)?;
     let controller = set
         .controller
@@ -594,6 +417,10 @@ pub fn identify(
             first.relative_error_percent
         )));
     }
+    for variant in &mut variants {
+        skew.widen(&mut variant.parameters);
+    }
+    let first = &variants[0];
     check::uncertain(first, &columns, &mut unknown);
     check::robustly(&mut variants, &mut unknown);
     check::together(&variants, record.even.period, &mut remarks)?;
@@ -735,240 +562,6 @@ fn quiet(record: &Record, set: &Settings, remarks: &mut Vec<String>) -> Settings
         ));
     }
     quiet
-}
-
-/// Every law of friction by every method, and how each tells what it was not fitted to.
-fn variants(
-    record: &Record,
-    second: Option<&Equations>,
-    set: &Settings,
-    columns: &Equations,
-    controller: Option<&Controller>,
-    unknown: &[Unknown],
-    (stamped, keep): (&Record, Option<&[bool]>),
-) -> Vec<Variant> {
-    let mut variants = Vec::new();
-    for friction in [Friction::Symmetric, Friction::Asymmetric] {
-        if columns.one_way && friction == Friction::Asymmetric {
-            continue;
-        }
-        let x = columns.matrix(friction, Method::LeastSquares);
-        let delayed = columns.matrix(friction, Method::Delayed);
-        let Some(ordinary) = least_squares(&x, &columns.force) else {
-            continue;
-        };
-        let axis = |values: &[f64]| {
-            let mut variant = variant(friction, Method::LeastSquares, &ordinary, 0.0, unknown);
-            variant.values = values.to_vec();
-            variant.axis(set.force_per_volt)
-        };
-        let instruments = controller
-            .filter(|_| record.has_reference && !columns.one_way && ordinary.values[0] > 0.0)
-            .and_then(|c| instruments(stamped, &axis(&ordinary.values), c, set, keep))
-            .filter(|z| z.force.len() == columns.force.len());
-        // What another sample of delay would change: nobody knows when within it a voltage acts.
-        let pairs = columns.force.iter().zip(&columns.lag);
-        let later: Vec<f64> = pairs.map(|(f, l)| f - l).collect();
-        let speeds: Vec<f64> = columns.velocity.iter().map(|v| v.abs()).collect();
-        let moving = SLOW * quantile(&speeds, 0.99);
-        let noise = check::acceleration_noise(record, set);
-        // The same columns without the delay: what it is to be compared with.
-        let without = delayed.clone().remove_column(delayed.ncols() - 1);
-        let Some(without) = least_squares(&without, &columns.force) else {
-            continue;
-        };
-        let timing = least_squares(&x, &later).map(|s| s.values);
-        let solve = |method: Method, rows: std::ops::Range<usize>| -> Option<Solution> {
-            let x = if method == Method::Delayed {
-                &delayed
-            } else {
-                &x
-            };
-            let part = x.rows(rows.start, rows.len()).into_owned();
-            let force = &columns.force[rows.clone()];
-            match method {
-                Method::LeastSquares => least_squares(&part, force),
-                // Where the axis sticks, force leads motion for another reason than a delay.
-                Method::Delayed => {
-                    let slides = |i: usize| columns.velocity[rows.start + i].abs() > moving;
-                    let mut solution = over(&part, force, slides)?;
-                    without_attenuation(&part, slides, 0, noise, &mut solution);
-                    Some(solution)
-                }
-                Method::Weighted => robust(&part, force),
-                Method::Instrumental => {
-                    let z = instruments.as_ref()?.matrix(friction, method);
-                    let z = z.rows(rows.start, rows.len()).into_owned();
-                    instrumental(&part, &z, force)
-                }
-            }
-        };
-        let late = solve(Method::Delayed, 0..columns.force.len()).and_then(|s| {
-            let (samples, std) = s
-                .values
-                .last()
-                .copied()
-                .zip(s.std_correlated.last().copied())?;
-            tells_delay(std, &s, &without).then_some(Late {
-                samples,
-                std,
-                matters: samples.abs() > 5.0 * std
-                    && s.relative_error_percent < LATE * ordinary.relative_error_percent,
-            })
-        });
-        for method in Method::ALL {
-            let n = columns.force.len();
-            let Some(mut solution) = solve(method, 0..n) else {
-                continue;
-            };
-            if let Some(timing) = timing.as_ref().filter(|_| method != Method::Delayed) {
-                widen(&mut solution, timing, &ordinary.values, late);
-            }
-            let period = record.even.period;
-            let mut found = variant(friction, method, &solution, period, unknown);
-            found.tells_delay = method == Method::Delayed && late.is_some();
-            found.validation_error_percent = if let Some(second) = second {
-                (second.force.len() > 10).then(|| {
-                    judged(
-                        &second.matrix(friction, method),
-                        &second.force,
-                        &solution.values,
-                    )
-                })
-            } else {
-                let to = (FITTED * n as f64) as usize;
-                solve(method, 0..to).map(|part| {
-                    let x = [&x, &delayed][usize::from(method == Method::Delayed)];
-                    let rest = x.rows(to, n - to).into_owned();
-                    judged(&rest, &columns.force[to..], &part.values)
-                })
-            };
-            variants.push(found);
-        }
-    }
-    variants
-}
-
-/// What values leave of a force, per cent.
-fn judged(x: &DMatrix<f64>, force: &[f64], values: &[f64]) -> f64 {
-    let prediction = x * nalgebra::DVector::from_column_slice(values);
-    let pairs = force.iter().zip(prediction.iter());
-    let residuals: Vec<f64> = pairs.map(|(a, b)| a - b).collect();
-    relative(&residuals, force)
-}
-
-/// When a record shows its voltage to act, samples after it was taken.
-#[derive(Debug, Clone, Copy)]
-struct Late {
-    samples: f64,
-    std: f64,
-    /// Whether what was found without it is off by more than chance.
-    matters: bool,
-}
-
-/// Whether a record says when its voltage acts better than that it does so within a sample. What is found where the
-/// axis slides has to tell all of it.
-fn tells_delay(std: f64, delayed: &Solution, plain: &Solution) -> bool {
-    std < WITHIN_A_SAMPLE
-        && delayed.relative_error_percent < TELLS_ALL * plain.relative_error_percent
-}
-
-/// A voltage acts anywhere within a sample after the moment that was taken: by how much parameters are less sure
-/// for it, those of a sample later being `later`. Where the record shows when it does, that is by how far they may be
-/// off.
-fn widen(solution: &mut Solution, later: &[f64], values: &[f64], late: Option<Late>) {
-    // The root mean square of what is anywhere from none to one.
-    let samples = late.map_or(1.0 / 3f64.sqrt(), |l| l.samples.hypot(l.std));
-    for (j, (later, value)) in later.iter().zip(values).enumerate() {
-        let by = samples * (later - value);
-        let correlated = &mut solution.std_correlated[j];
-        *correlated = correlated.hypot(by);
-        if late.is_some_and(|l| l.matters) {
-            solution.std[j] = solution.std[j].hypot(by);
-        }
-    }
-}
-
-fn variant(
-    friction: Friction,
-    method: Method,
-    solution: &Solution,
-    period: f64,
-    unknown: &[Unknown],
-) -> Variant {
-    let mut values = solution.values.clone();
-    let last = values.len() - 1;
-    let delay = (method == Method::Delayed).then(|| {
-        values.pop();
-        Parameter {
-            name: "voltage_delay",
-            known: Some(Known {
-                value: period * solution.values[last],
-                std: period * solution.std[last],
-                std_correlated: period * solution.std_correlated[last],
-            }),
-        }
-    });
-    let parameters = friction
-        .names()
-        .iter()
-        .enumerate()
-        .map(|(j, name)| Parameter {
-            name,
-            // Of an axis that moves one way there are fewer values than names.
-            known: (j < values.len() && !unknown.iter().any(|u| u.covers(name))).then(|| Known {
-                value: solution.values[j],
-                std: solution.std[j],
-                std_correlated: solution.std_correlated[j],
-            }),
-        })
-        .chain(delay)
-        .collect();
-    Variant {
-        friction,
-        method,
-        parameters,
-        tells_delay: false,
-        values: solution.values.clone(),
-        condition: solution.condition,
-        relative_error_percent: solution.relative_error_percent,
-        validation_error_percent: None,
-    }
-}
-
-/// The columns of the closed loop replayed: correlated with what is measured, not with its noise.
-fn instruments(
-    record: &Record,
-    axis: &Axis,
-    controller: &Controller,
-    set: &Settings,
-    keep: Option<&[bool]>,
-) -> Option<Equations> {
-    let mut equations = Equations::default();
-    for stretch in &record.even.stretches {
-        if stretch.columns[POSITION].len() < LEAST + set.skip {
-            continue;
-        }
-        let prediction = replay::stretch(
-            stretch,
-            record.injected_column(),
-            record.even.period,
-            axis,
-            &Sliding::Coulomb,
-            controller,
-        )?;
-        equations.extend(
-            stretch.start,
-            record.even.period,
-            &prediction.position,
-            &prediction.voltage,
-            set,
-        );
-    }
-    if let Some(keep) = keep.filter(|k| k.len() == equations.force.len()) {
-        equations.retain(keep);
-    }
-    Some(equations)
 }
 
 /// Replays a record's reference in closed loop, under a law of friction.

@@ -4,9 +4,9 @@
 //! know. Channels of two instruments are further apart, and may have clocks that run apart.
 
 use super::{Equations, Friction, LATE, LATEST, Method, Record, SLOW, Settings, VOLTAGE};
-use crate::Unknown;
+use crate::{Parameter, Unknown};
 use pigtail_numerics::regression::{least_squares, over};
-use pigtail_numerics::signal::quantile;
+use pigtail_numerics::signal::{between, quantile};
 use std::fmt::Write as _;
 
 /// A skew of the voltage, samples.
@@ -47,17 +47,30 @@ impl Skew {
             let before = ((stretch.start - first) / period).max(0.0);
             for column in std::iter::once(VOLTAGE).chain(injected) {
                 let old = stretch.columns[column].clone();
-                let last = old.len() - 1;
                 for (k, u) in stretch.columns[column].iter_mut().enumerate() {
                     let by = self.at_start + self.drift * (before + k as f64);
-                    let place = (k as f64 - by).clamp(0.0, last as f64);
-                    let a = place as usize;
-                    let f = place - a as f64;
-                    *u = old[a] + f * (old[(a + 1).min(last)] - old[a]);
+                    // A straight line between samples would make what is fast smaller.
+                    *u = between(&old, k as f64 - by);
                 }
             }
         }
         record
+    }
+
+    /// Nobody knows which of two clocks that run apart tells seconds: parameters are less sure by what that makes of them,
+    /// an inertia, which seconds are in twice, by twice as much.
+    pub(super) fn widen(&self, parameters: &mut [Parameter]) {
+        for parameter in parameters {
+            let times = match parameter.name {
+                "inertia" => 2.0,
+                name if name.starts_with("viscous") => 1.0,
+                _ => continue,
+            };
+            if let Some(known) = &mut parameter.known {
+                let by = times * self.drift * known.value;
+                known.std_correlated = known.std_correlated.hypot(by);
+            }
+        }
     }
 
     pub(super) fn remark(&self, period: f64) -> Option<String> {

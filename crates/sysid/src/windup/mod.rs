@@ -545,10 +545,10 @@ fn fit(
 
 #[cfg(test)]
 mod tests {
-    use super::signals::at;
     use super::*;
     use crate::timeline::even;
     use pigtail_model::windup::{Reversal, ReversalState};
+    use pigtail_numerics::signal::between;
 
     /// A transmission of known compliance, (2.20) and skew.
     fn made(skew: f64, maximum: f64, compliance: f64) -> Record {
@@ -575,7 +575,9 @@ mod tests {
             .collect();
         let load: Vec<f64> = (0..n)
             .map(|k| {
-                at(&dense, (k * fine) as f64 - skew / period * fine as f64) + 1e-3 + noise(3 * k)
+                between(&dense, (k * fine) as f64 - skew / period * fine as f64)
+                    + 1e-3
+                    + noise(3 * k)
             })
             .collect();
         let torque: Vec<f64> = time.iter().map(|t| pull(*t)).collect();

@@ -4,7 +4,7 @@ use super::{LEAST, LOAD, MOTOR, Parts, Record, TORQUE, WAYS};
 use pigtail_model::windup::{Reversal, ReversalState};
 use pigtail_numerics::golden::least;
 use pigtail_numerics::regression::{Solution, least_squares, matrix};
-use pigtail_numerics::signal::{Lowpass, derivative, quantile};
+use pigtail_numerics::signal::{Lowpass, between, derivative, quantile};
 
 /// Spacing of the ways that are tried first, as a factor.
 const SPACING: f64 = 1.45;
@@ -60,7 +60,9 @@ impl Signals {
             signals.path.extend_from_slice(&smooth);
             for (k, m) in motor.iter().enumerate() {
                 signals.time.push(stretch.start + k as f64 * period);
-                signals.windup.push(m - at(load, k as f64 + skew / period));
+                signals
+                    .windup
+                    .push(m - between(load, k as f64 + skew / period));
             }
             if let Some(torque) = &mut signals.torque {
                 torque.extend(settled(&filter, &stretch.columns[TORQUE]));
@@ -262,18 +264,4 @@ fn settled(filter: &Lowpass, column: &[f64]) -> Vec<f64> {
     let behind = (1..=long).map(|k| 2.0 * last - column[n - 1 - k]);
     let whole: Vec<f64> = before.chain(column.iter().copied()).chain(behind).collect();
     filter.both_ways(&whole)[long..long + n].to_vec()
-}
-
-/// A column between its samples, by the cubic through four of them.
-pub(super) fn at(column: &[f64], place: f64) -> f64 {
-    let n = column.len().cast_signed();
-    let k = (place.floor() as isize).clamp(0, n - 1);
-    let f = place - k as f64;
-    let v = |i: isize| column[(k + i).clamp(0, n - 1).cast_unsigned()];
-    let (a, b, c, d) = (v(-1), v(0), v(1), v(2));
-    let slope0 = 0.5 * (c - a);
-    let slope1 = 0.5 * (d - b);
-    let (p, q) = (c - b - slope0, slope1 - slope0);
-    let f = f.clamp(0.0, 1.0);
-    b + f * (slope0 + f * (3.0 * p - q + f * (q - 2.0 * p)))
 }

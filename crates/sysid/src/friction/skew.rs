@@ -1,0 +1,145 @@
+//! By how much force and displacement of one row are of different moments.
+//!
+//! A contact turns where its motion turns. A force that turns before or after it, and by the same time whatever the
+//! speed, was taken at another moment.
+
+use super::{Record, Sample, error, fit, law::Law, turned};
+use pigtail_numerics::golden::least;
+use pigtail_numerics::signal::quantile;
+
+/// Samples that are enough to see a skew by.
+const ENOUGH: usize = 4000;
+
+/// A skew is believed where it leaves less than this share of the error.
+const LATE: f64 = 0.93;
+
+/// The law by which it is seen: its contact gives way evenly or at once, and needs no time.
+const LAW: Law = Law::MaxwellSlip;
+
+/// Longest skew that is looked for, as a share of the usual time from one reversal to the next.
+const LONGEST: f64 = 0.25;
+
+/// A skew that a record shows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Skew {
+    /// By how much later than its row's displacement the force is, seconds.
+    Of(f64),
+    /// More than can be told from a motion of another kind: at least so long.
+    Beyond(f64),
+}
+
+/// Samples whose displacement is read `by` seconds before their force, so far as the record has one.
+pub(super) fn shifted(samples: &[Sample], by: f64) -> Vec<Sample> {
+    let mut moved = Vec::with_capacity(samples.len());
+    for stretch in samples.chunk_by(|_, next| !next.begins) {
+        let mut at = 0;
+        let mut begins = true;
+        for s in stretch {
+            let time = s.time - by;
+            while at + 2 < stretch.len() && stretch[at + 1].time < time {
+                at += 1;
+            }
+            let Some([a, b]) = stretch.get(at..at + 2).and_then(|w| w.as_array()) else {
+                continue;
+            };
+            if time < a.time || time > b.time || b.time <= a.time {
+                continue;
+            }
+            let f = (time - a.time) / (b.time - a.time);
+            moved.push(Sample {
+                displacement: a.displacement + f * (b.displacement - a.displacement),
+                begins,
+                ..*s
+            });
+            begins = false;
+        }
+    }
+    moved
+}
+
+/// The skew that a record shows; none where it shows none.
+pub(super) fn skew(record: &Record) -> Option<Skew> {
+    let samples = &record.samples[..record.samples.len().min(ENOUGH)];
+    let steps: Vec<f64> = samples
+        .windows(2)
+        .filter(|w| !w[1].begins)
+        .map(|w| w[1].time - w[0].time)
+        .collect();
+    let period = quantile(&steps, 0.5);
+    let (low, high) = record.range(|s| s.displacement);
+    let turns = turned(samples, high - low);
+    let between: Vec<f64> = turns
+        .windows(2)
+        .map(|w| samples[w[1]].time - samples[w[0]].time)
+        .collect();
+    if between.is_empty() || period.is_nan() || period <= 0.0 {
+        return None;
+    }
+    let longest = LONGEST * quantile(&between, 0.5);
+    let part = Record {
+        samples: samples.to_vec(),
+        ..record.clone()
+    };
+    let start = fit(LAW, &part, samples, None)?;
+    let left = |by: f64, near: Option<&[f64]>| {
+        let moved = shifted(samples, by);
+        let found = fit(LAW, &part, &moved, near);
+        let error = found.as_ref().map(|p| error(LAW, p, &moved, 0));
+        (error.unwrap_or(f64::INFINITY), found)
+    };
+    // Twice as far each time, both ways.
+    let mut places = vec![0.0];
+    let mut by = 0.5 * period;
+    while by < longest {
+        places.extend([by, -by]);
+        by *= 2.0;
+    }
+    places.extend([longest, -longest]);
+    places.sort_by(f64::total_cmp);
+    let (errors, laws): (Vec<f64>, Vec<_>) = places.iter().map(|by| left(*by, None)).unzip();
+    let best = (0..places.len()).min_by(|a, b| errors[*a].total_cmp(&errors[*b]))?;
+    let plain = error(LAW, &start, samples, 0);
+    if errors[best] > LATE * plain {
+        return None;
+    }
+    if best == 0 || best + 1 == places.len() {
+        return Some(Skew::Beyond(longest));
+    }
+    let around = (places[best - 1], places[best + 1]);
+    let found = least(around, 0.02 * period, |by| {
+        left(by, laws[best].as_deref()).0
+    });
+    // What a sample is a mean over may be anywhere within it.
+    (found.abs() > 0.5 * period).then_some(Skew::Of(found))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_shift_reads_the_displacement_at_another_moment_and_drops_what_is_not_there() {
+        let samples: Vec<Sample> = (0..10)
+            .map(|k| Sample {
+                time: f64::from(k),
+                displacement: 2.0 * f64::from(k),
+                force: f64::from(k),
+                begins: k == 0 || k == 5,
+            })
+            .collect();
+        let moved = shifted(&samples, 1.5);
+        let told: Vec<(f64, f64, bool)> = moved
+            .iter()
+            .map(|s| (s.force, s.displacement, s.begins))
+            .collect();
+        let wanted = [
+            (2.0, 1.0, true),
+            (3.0, 3.0, false),
+            (4.0, 5.0, false),
+            (7.0, 11.0, true),
+            (8.0, 13.0, false),
+            (9.0, 15.0, false),
+        ];
+        assert_eq!(told, wanted);
+    }
+}

@@ -1,0 +1,268 @@
+//! Every law of friction by every method.
+
+use super::{
+    Axis, Controller, Equations, Friction, Known, LATE, LEAST, Method, POSITION, Parameter, Record,
+    SLOW, Settings, Sliding, Unknown, Variant, check, replay,
+};
+use nalgebra::DMatrix;
+use pigtail_numerics::regression::{
+    Solution, instrumental, least_squares, over, relative, robust, without_attenuation,
+};
+use pigtail_numerics::signal::quantile;
+
+/// Standard deviation of a moment within a sample of which nothing is known, samples: one over the root of twelve.
+const WITHIN_A_SAMPLE: f64 = 0.288_675;
+
+/// What is fitted where the axis slides tells the whole record as well, if it leaves less than this of what a fit to all
+/// of it leaves. It has one unknown more, and never seen the rest.
+const TELLS_ALL: f64 = 1.01;
+
+/// Share of a record's beginning to which variants are fitted where there is no second record; the
+/// rest says which of them generalises.
+const FITTED: f64 = 0.7;
+
+/// Every law of friction by every method, and how each tells what it was not fitted to.
+pub(super) fn variants(
+    record: &Record,
+    second: Option<&Equations>,
+    set: &Settings,
+    columns: &Equations,
+    controller: Option<&Controller>,
+    unknown: &[Unknown],
+    (stamped, keep): (&Record, Option<&[bool]>),
+) -> Vec<Variant> {
+    let mut variants = Vec::new();
+    for friction in [Friction::Symmetric, Friction::Asymmetric] {
+        if columns.one_way && friction == Friction::Asymmetric {
+            continue;
+        }
+        let x = columns.matrix(friction, Method::LeastSquares);
+        let delayed = columns.matrix(friction, Method::Delayed);
+        let Some(ordinary) = least_squares(&x, &columns.force) else {
+            continue;
+        };
+        let axis = |values: &[f64]| {
+            let mut variant = variant(friction, Method::LeastSquares, &ordinary, 0.0, unknown);
+            variant.values = values.to_vec();
+            variant.axis(set.force_per_volt)
+        };
+        let instruments = controller
+            .filter(|_| record.has_reference && !columns.one_way && ordinary.values[0] > 0.0)
+            .and_then(|c| instruments(stamped, &axis(&ordinary.values), c, set, keep))
+            .filter(|z| z.force.len() == columns.force.len());
+        // What another sample of delay would change: nobody knows when within it a voltage acts.
+        let pairs = columns.force.iter().zip(&columns.lag);
+        let later: Vec<f64> = pairs.map(|(f, l)| f - l).collect();
+        let speeds: Vec<f64> = columns.velocity.iter().map(|v| v.abs()).collect();
+        let moving = SLOW * quantile(&speeds, 0.99);
+        let noise = check::acceleration_noise(record, set);
+        // The same columns without the delay: what it is to be compared with.
+        let without = delayed.clone().remove_column(delayed.ncols() - 1);
+        let Some(without) = least_squares(&without, &columns.force) else {
+            continue;
+        };
+        let timing = least_squares(&x, &later).map(|s| s.values);
+        let solve = |method: Method, rows: std::ops::Range<usize>| -> Option<Solution> {
+            let x = if method == Method::Delayed {
+                &delayed
+            } else {
+                &x
+            };
+            let part = x.rows(rows.start, rows.len()).into_owned();
+            let force = &columns.force[rows.clone()];
+            match method {
+                Method::LeastSquares => least_squares(&part, force),
+                // Where the axis sticks, force leads motion for another reason than a delay.
+                Method::Delayed => {
+                    let slides = |i: usize| columns.velocity[rows.start + i].abs() > moving;
+                    let first = over(&part, force, slides)?;
+                    let curve = &columns.curve[rows.clone()];
+                    let held = held(first.values[first.values.len() - 1]);
+                    let force: Vec<f64> =
+                        force.iter().zip(curve).map(|(f, c)| f + held * c).collect();
+                    let mut solution = over(&part, &force, slides)?;
+                    without_attenuation(&part, slides, 0, noise, &mut solution);
+                    Some(solution)
+                }
+                Method::Weighted => robust(&part, force),
+                Method::Instrumental => {
+                    let z = instruments.as_ref()?.matrix(friction, method);
+                    let z = z.rows(rows.start, rows.len()).into_owned();
+                    instrumental(&part, &z, force)
+                }
+            }
+        };
+        let late = solve(Method::Delayed, 0..columns.force.len()).and_then(|s| {
+            let (samples, std) = s
+                .values
+                .last()
+                .copied()
+                .zip(s.std_correlated.last().copied())?;
+            tells_delay(std, &s, &without).then_some(Late {
+                samples,
+                std,
+                matters: samples.abs() > 5.0 * std
+                    && s.relative_error_percent < LATE * ordinary.relative_error_percent,
+            })
+        });
+        for method in Method::ALL {
+            let n = columns.force.len();
+            let Some(mut solution) = solve(method, 0..n) else {
+                continue;
+            };
+            if let Some(timing) = timing.as_ref().filter(|_| method != Method::Delayed) {
+                widen(&mut solution, timing, &ordinary.values, late);
+            }
+            let period = record.even.period;
+            let mut found = variant(friction, method, &solution, period, unknown);
+            found.tells_delay = method == Method::Delayed && late.is_some();
+            found.validation_error_percent = if let Some(second) = second {
+                (second.force.len() > 10).then(|| {
+                    judged(
+                        &second.matrix(friction, method),
+                        &second.force,
+                        &solution.values,
+                    )
+                })
+            } else {
+                let to = (FITTED * n as f64) as usize;
+                solve(method, 0..to).map(|part| {
+                    let x = [&x, &delayed][usize::from(method == Method::Delayed)];
+                    let rest = x.rows(to, n - to).into_owned();
+                    judged(&rest, &columns.force[to..], &part.values)
+                })
+            };
+            variants.push(found);
+        }
+    }
+    variants
+}
+
+/// By how much of its second difference a held force differs from `F - d (F - F before)`, its delay being `d` samples:
+/// `d^2 / 2` of it is what a delay is to the second order, `d / 2` what the difference has of it already, and `1/24` what
+/// a step that is held for a sample takes from what is fast.
+fn held(delay: f64) -> f64 {
+    0.5 * delay * (delay - 1.0) + 1.0 / 24.0
+}
+
+/// What values leave of a force, per cent.
+fn judged(x: &DMatrix<f64>, force: &[f64], values: &[f64]) -> f64 {
+    let prediction = x * nalgebra::DVector::from_column_slice(values);
+    let pairs = force.iter().zip(prediction.iter());
+    let residuals: Vec<f64> = pairs.map(|(a, b)| a - b).collect();
+    relative(&residuals, force)
+}
+
+/// When a record shows its voltage to act, samples after it was taken.
+#[derive(Debug, Clone, Copy)]
+struct Late {
+    samples: f64,
+    std: f64,
+    /// Whether what was found without it is off by more than chance.
+    matters: bool,
+}
+
+/// Whether a record says when its voltage acts better than that it does so within a sample. What is found where the
+/// axis slides has to tell all of it.
+fn tells_delay(std: f64, delayed: &Solution, plain: &Solution) -> bool {
+    std < WITHIN_A_SAMPLE
+        && delayed.relative_error_percent < TELLS_ALL * plain.relative_error_percent
+}
+
+/// A voltage acts anywhere within a sample after the moment that was taken: by how much parameters are less sure
+/// for it, those of a sample later being `later`. Where the record shows when it does, that is by how far they may be
+/// off.
+fn widen(solution: &mut Solution, later: &[f64], values: &[f64], late: Option<Late>) {
+    // The root mean square of what is anywhere from none to one.
+    let samples = late.map_or(1.0 / 3f64.sqrt(), |l| l.samples.hypot(l.std));
+    for (j, (later, value)) in later.iter().zip(values).enumerate() {
+        let by = samples * (later - value);
+        let correlated = &mut solution.std_correlated[j];
+        *correlated = correlated.hypot(by);
+        if late.is_some_and(|l| l.matters) {
+            solution.std[j] = solution.std[j].hypot(by);
+        }
+    }
+}
+
+fn variant(
+    friction: Friction,
+    method: Method,
+    solution: &Solution,
+    period: f64,
+    unknown: &[Unknown],
+) -> Variant {
+    let mut values = solution.values.clone();
+    let last = values.len() - 1;
+    let delay = (method == Method::Delayed).then(|| {
+        values.pop();
+        Parameter {
+            name: "voltage_delay",
+            known: Some(Known {
+                value: period * solution.values[last],
+                std: period * solution.std[last],
+                std_correlated: period * solution.std_correlated[last],
+            }),
+        }
+    });
+    let parameters = friction
+        .names()
+        .iter()
+        .enumerate()
+        .map(|(j, name)| Parameter {
+            name,
+            // Of an axis that moves one way there are fewer values than names.
+            known: (j < values.len() && !unknown.iter().any(|u| u.covers(name))).then(|| Known {
+                value: solution.values[j],
+                std: solution.std[j],
+                std_correlated: solution.std_correlated[j],
+            }),
+        })
+        .chain(delay)
+        .collect();
+    Variant {
+        friction,
+        method,
+        parameters,
+        tells_delay: false,
+        values: solution.values.clone(),
+        condition: solution.condition,
+        relative_error_percent: solution.relative_error_percent,
+        validation_error_percent: None,
+    }
+}
+
+/// The columns of the closed loop replayed: correlated with what is measured, not with its noise.
+fn instruments(
+    record: &Record,
+    axis: &Axis,
+    controller: &Controller,
+    set: &Settings,
+    keep: Option<&[bool]>,
+) -> Option<Equations> {
+    let mut equations = Equations::default();
+    for stretch in &record.even.stretches {
+        if stretch.columns[POSITION].len() < LEAST + set.skip {
+            continue;
+        }
+        let prediction = replay::stretch(
+            stretch,
+            record.injected_column(),
+            record.even.period,
+            axis,
+            &Sliding::Coulomb,
+            controller,
+        )?;
+        equations.extend(
+            stretch.start,
+            record.even.period,
+            &prediction.position,
+            &prediction.voltage,
+            set,
+        );
+    }
+    if let Some(keep) = keep.filter(|k| k.len() == equations.force.len()) {
+        equations.retain(keep);
+    }
+    Some(equations)
+}
