@@ -41,7 +41,9 @@ pub fn commission(d: &CommissionDocument, setup: &Setup, plan: &Plan) -> String 
             ))
             @if let Some(axes) = limited { " What is nearest to its tolerance: " (axes) "." }
         }
-        (table(&["about", ""].map(str::to_owned), &about(d, plan)))
+        div.scroll { table {
+            @for (name, value) in about(d, plan) { tr { td { (name) } td.text.long { (value) } } }
+        } }
         @if !failed.is_empty() {
             h2 { "What failed, and what to do" }
             @for step in &failed {
@@ -70,22 +72,19 @@ fn name_of(step: &StepDocument) -> Option<StepName> {
 }
 
 /// What it is a report of.
-fn about(d: &CommissionDocument, plan: &Plan) -> Vec<Vec<String>> {
+fn about(d: &CommissionDocument, plan: &Plan) -> [(&'static str, String); 6] {
     let calibration = match d.calibration.as_str() {
         "" => "none was found",
         path => path,
     };
-    let seed = d.seed.to_string();
     [
-        ("rig", d.rig.as_str()),
-        ("fleet", &d.fleet),
-        ("machine (seed)", &seed),
-        ("date", &plan.date),
-        ("run", &plan.run),
-        ("calibration", calibration),
+        ("rig", d.rig.clone()),
+        ("fleet", d.fleet.clone()),
+        ("machine (seed)", d.seed.to_string()),
+        ("date", plan.date.clone()),
+        ("run", plan.run.clone()),
+        ("calibration", calibration.to_owned()),
     ]
-    .map(|(name, value)| vec![name.to_owned(), value.to_owned()])
-    .to_vec()
 }
 
 fn steps(d: &CommissionDocument) -> Vec<Vec<String>> {
@@ -205,7 +204,7 @@ fn meaning(name: StepName) -> &'static str {
         }
         StepName::Gains => {
             "Gains are choices, not measurements: how each axis answers a step under them is what was measured, once each. Times to \
-             rise are from 10 to 90 %."
+             rise are from 10 to 90 %; times are known to a servo cycle, overshoot to a count."
         }
         StepName::Windup => {
             "The level of windup, what the model leaves of the loop (root mean square), and the gap between forward and backward \
@@ -219,7 +218,8 @@ fn meaning(name: StepName) -> &'static str {
             "How far the tip shakes in x or y: a standard deviation, and how well that is known."
         }
         StepName::Spread => {
-            "The light's wavelength over 2 pi in the micro's own scale, and how well it is known (a standard deviation)."
+            "The light's wavelength over 2 pi in the micro's own scale, and how well it is known (a standard deviation); where \
+             vision knows the gap, nothing is to be measured."
         }
         StepName::Acceptance => "",
     }
@@ -263,7 +263,7 @@ const NAMES: [Named; 31] = [
     named("known_nm", &["known in x\n± nm", "known in y\n± nm"], 1.0),
     named("drift_nm_s", &["drift in x\nnm/s", "drift in y\nnm/s"], 1.0),
     named("ratio", &["y for x\num/um"], 1.0),
-    named("ratio_deviation", &["± \num/um"], 1.0),
+    named("ratio_deviation", &["±\num/um"], 1.0),
     named("scale_by_macro", &["by the macro\num/um"], 1.0),
     named("deviation_nm", &["shakes\nnm"], 1.0),
     named("spread", &["±\n%"], 100.0),
@@ -283,7 +283,7 @@ fn measured(values: &Map<String, Value>) -> Vec<Table> {
     for (thing, value) in values {
         let Value::Object(inner) = value else {
             // A value of the step as a whole.
-            let row = vec![thing.replace('_', " "), text(value, 1.0)];
+            let row = vec![thing.replace('_', " "), text(value, 1.0, 4)];
             tables.push((Vec::new(), (vec![String::new(); 2], vec![row])));
             continue;
         };
@@ -298,7 +298,31 @@ fn measured(values: &Map<String, Value>) -> Vec<Table> {
             None => tables.push((keys, (header, vec![row]))),
         }
     }
-    tables.into_iter().map(|(_, table)| table).collect()
+    (tables.into_iter())
+        .map(|(_, table)| {
+            if table.0.len() > MOST {
+                turned(table)
+            } else {
+                table
+            }
+        })
+        .collect()
+}
+
+/// So many columns are for a page of paper, or a narrow window.
+const MOST: usize = 9;
+
+/// A row for each quantity in place of a column.
+fn turned((header, rows): Table) -> Table {
+    let things = rows.iter().map(|row| row[0].clone());
+    let turned = std::iter::once(String::new()).chain(things).collect();
+    let quantities = header.iter().enumerate().skip(1);
+    let quantities = quantities.map(|(k, name)| {
+        let name = name.replacen('\n', ", ", 1);
+        let values = rows.iter().map(|row| row[k].clone());
+        std::iter::once(name).chain(values).collect()
+    });
+    (turned, quantities.collect())
 }
 
 /// The keys in the order of [`NAMES`], each followed by how well it is known; those without a name at the end.
@@ -337,30 +361,30 @@ fn columns(key: &str, value: &Value, header: &mut Vec<String>, row: &mut Vec<Str
             },
             |name| (*name).to_owned(),
         );
+        let digits = if name.starts_with('±') { 2 } else { 4 };
+        row.push(text(value, scale, digits));
         header.push(name);
-        row.push(text(value, scale));
     }
 }
 
-/// A value as a person reads it: four digits that count.
-fn text(value: &Value, scale: f64) -> String {
+/// A value as a person reads it, of so many digits that count.
+fn text(value: &Value, scale: f64, count: i32) -> String {
     match value {
         Value::Null => "-".to_owned(),
         Value::Bool(value) => if *value { "yes" } else { "no" }.to_owned(),
         Value::String(text) => text.clone(),
         Value::Number(number) if number.is_i64() && scale == 1.0 => number.to_string(),
-        Value::Number(number) => digits(scale * number.as_f64().unwrap_or(f64::NAN)),
+        Value::Number(number) => digits(scale * number.as_f64().unwrap_or(f64::NAN), count),
         value => value.to_string(),
     }
 }
 
-fn digits(value: f64) -> String {
-    const DIGITS: i32 = 4;
+fn digits(value: f64, count: i32) -> String {
     if value == 0.0 || !value.is_finite() {
         return value.to_string();
     }
     let before = value.abs().log10().floor() as i32 + 1;
-    let behind = usize::try_from(DIGITS - before).unwrap_or(0).min(7);
+    let behind = usize::try_from(count - before).unwrap_or(0).min(7);
     fixed(value, behind)
 }
 
@@ -399,7 +423,7 @@ mod tests {
             tables[0].0,
             ["", "along x\nnm", "±\n%", "along y\nnm", "±\n%"]
         );
-        assert_eq!(tables[0].1[0], ["left", "246.7", "1.200", "250.0", "2.000"]);
+        assert_eq!(tables[0].1[0], ["left", "246.7", "1.2", "250.0", "2.0"]);
         let tables = tables_of(&json!({"left": {"known_nm": [1.5, 2.5]}}));
         assert_eq!(tables[0].0, ["", "known in x\n± nm", "known in y\n± nm"]);
     }
