@@ -4,13 +4,11 @@ use crate::bench;
 use crate::choice::choice;
 use crate::common::{Common, OwnAxes, believed};
 use crate::methods::{self, MethodArguments};
-use crate::phases::Phases;
-use crate::progress::Progress;
+use crate::phases::Watcher;
 use crate::running;
 use crate::scan::{self, MapArguments};
 use crate::{DONE, FAULT, Failure, NEGATIVE};
 use clap::Args;
-use pigtail_control::station::{Observer, Sample};
 use pigtail_evaluate::align::{AlignmentDocument, align};
 use pigtail_evaluate::entry;
 use pigtail_report as report;
@@ -19,7 +17,6 @@ use pigtail_session::faults::Faults;
 use pigtail_session::own::Own;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::rig::DEFAULT_RECIPE_NAME;
-use pigtail_session::samples::Record;
 use pigtail_session::scenario::Scenario;
 use pigtail_twin::Specimen;
 use pigtail_twin::faults::{Injection, Kind};
@@ -121,30 +118,6 @@ pub(crate) fn asked_for_faults(arguments: impl Iterator<Item = OsString>) -> Opt
     })
 }
 
-/// The record, a progress bar beside it, and the store.
-struct Watcher<'a> {
-    record: Record,
-    progress: Progress,
-    phases: Phases<'a>,
-}
-
-impl Observer for Watcher<'_> {
-    fn phase(&mut self, port: &str, phase: &'static str, time: f64) {
-        self.record.phase(port, phase, time);
-        self.progress.phase(port, phase, time);
-        self.phases.phase(port, phase, time);
-    }
-
-    fn phase_over(&mut self, port: &str, phase: &'static str, time: f64) {
-        self.phases.phase_over(port, phase, time);
-    }
-
-    fn sample(&mut self, sample: &Sample) {
-        self.record.sample(sample);
-        self.progress.sample(sample);
-    }
-}
-
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     if let Some(map) = arguments.map.map() {
         return scan::run(map, &arguments.map, &arguments.common);
@@ -174,11 +147,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let run = running::begin(&mut setup, runs, "align", seed, recorded)?;
     run.devices(&entry::devices(&setup, arguments.procedure, seed, 1))?;
     let full = setup.rig.spec.photodiode.range;
-    let mut watcher = Watcher {
-        record: Record::default(),
-        progress: Progress::new(full),
-        phases: Phases::of(&run),
-    };
+    let mut watcher = Watcher::of(&run, full);
     let ended = align(&setup, arguments.procedure, seed, &mut watcher);
     watcher.progress.finish();
     let record = &watcher.record;

@@ -1,10 +1,8 @@
 //! `pigtail align` on a rig that is controlled by position.
 
 use crate::common::Common;
-use crate::phases::Phases;
-use crate::progress::Progress;
+use crate::phases::Watcher;
 use crate::{Failure, running, stop};
-use pigtail_control::station::{Observer, Sample};
 use pigtail_evaluate::align::AlignmentDocument;
 use pigtail_evaluate::bench::align;
 use pigtail_evaluate::entry;
@@ -14,7 +12,6 @@ use pigtail_session::bench::BenchSetup;
 use pigtail_session::calibrations::RunsOn;
 use pigtail_session::fleet::NOMINAL;
 use pigtail_session::rig::Named;
-use pigtail_session::samples::Record;
 use pigtail_store::runs::Run;
 use std::path::Path;
 
@@ -27,30 +24,6 @@ pub(crate) fn refuse(options: &[(&str, bool)]) -> Result<(), Error> {
             "",
             "is for a machine of volts, and this rig is controlled by position; accepted is to leave it out",
         )),
-    }
-}
-
-/// The record, a progress bar beside it, and the store.
-struct Watcher<'a> {
-    record: Record,
-    progress: Progress,
-    phases: Phases<'a>,
-}
-
-impl Observer for Watcher<'_> {
-    fn phase(&mut self, port: &str, phase: &'static str, time: f64) {
-        self.record.phase(port, phase, time);
-        self.progress.phase(port, phase, time);
-        self.phases.phase(port, phase, time);
-    }
-
-    fn phase_over(&mut self, port: &str, phase: &'static str, time: f64) {
-        self.phases.phase_over(port, phase, time);
-    }
-
-    fn sample(&mut self, sample: &Sample) {
-        self.record.sample(sample);
-        self.progress.sample(sample);
     }
 }
 
@@ -71,11 +44,7 @@ pub(crate) fn run(
     let run = Run::begin(&common.runs, "align", seed, &setup.rig.hashes)?;
     setup.options.stop = stop::on_signal()?;
     run.devices(&entry::bench(&setup, seed))?;
-    let mut watcher = Watcher {
-        record: Record::default(),
-        progress: Progress::new(setup.rig.spec.meter.range),
-        phases: Phases::of(&run),
-    };
+    let mut watcher = Watcher::of(&run, setup.rig.spec.meter.range);
     let ended = align(&setup, seed, &mut watcher);
     watcher.progress.finish();
     let mut document = match ended {

@@ -10,7 +10,7 @@ use pigtail_control::characterize::Trace;
 use pigtail_control::station::Unobserved;
 use pigtail_evaluate::impulse::contest::{ShapesDocument, contest};
 use pigtail_evaluate::impulse::response::{self, Form, MACHINES, response};
-use pigtail_evaluate::impulse::shapes::Effort;
+use pigtail_evaluate::impulse::shapes::{Effort, Study};
 use pigtail_evaluate::loops::windup;
 use pigtail_hal::quantity::{FREQUENCY, Sign, TIME};
 use pigtail_hal::{Axis, AxisName, Error};
@@ -496,7 +496,21 @@ fn shapes(arguments: &Arguments, setup: &Setup) -> Experiment {
                 String::from_utf8(text)?,
                 html,
             )
+        })
+        .map(|outcome| Outcome {
+            samples: samples_of_shapes(&study),
+            ..outcome
         }))
+}
+
+/// Every shape at the displacement at which they are compared.
+fn samples_of_shapes(study: &Study) -> Samples {
+    study.shapes.iter().fold(Samples::default(), |all, shape| {
+        let (time, volts) = shape.played(200).unzip();
+        let name = shape.name.replace(' ', "_");
+        all.with(&format!("{name}_time_s"), "from the pulse's begin", time)
+            .with(&format!("{name}_V"), "of the nominal joint's motor", volts)
+    })
 }
 
 fn shapes_table(d: &ShapesDocument) -> Vec<Vec<String>> {

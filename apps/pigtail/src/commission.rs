@@ -13,6 +13,9 @@ use pigtail_session::commission::{
     CommissionDocument, Plan, StepDocument, StepName, Verdict, commission,
 };
 use pigtail_session::rig::DEFAULT_RECIPE_NAME;
+use pigtail_store::rows::{Cell, Column, Kind, Table};
+use pigtail_store::runs::Run;
+use serde_json::Value;
 use std::io::{self, Write};
 use strum::VariantArray;
 
@@ -94,7 +97,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         .as_ref()
         .map_or_else(String::new, |kept| kept.path().to_owned());
     document.report = run.path("report.html").display().to_string();
-    run.write("report.html", report::commission(document))?;
+    run.write("report.html", report::commission(document, &setup, &plan))?;
+    keep_values(&run, &document.steps)?;
     let printed = running::on(&setup, &*document, kept.as_ref());
     run.write_json("summary.json", &printed)?;
     let passed = document
@@ -113,6 +117,48 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     })?;
     crate::print(text.as_bytes())?;
     Ok(if passed { DONE } else { NEGATIVE })
+}
+
+/// Keeps what was measured, a row for each number, as CSV and as Parquet.
+fn keep_values(run: &Run, steps: &[StepDocument]) -> anyhow::Result<()> {
+    let columns = [
+        Column::new("step", Kind::Text, "of commissioning"),
+        Column::new(
+            "of",
+            Kind::Text,
+            "the axis, side or photodiode; empty for all",
+        ),
+        Column::new("quantity", Kind::Text, "with its unit"),
+        Column::new("number", Kind::Number, "of a list, from 0"),
+        Column::new("value", Kind::Number, "1 for yes, 0 for no"),
+    ];
+    let mut table = Table::new(&columns.to_vec().into());
+    for step in steps {
+        for (of, value) in &step.values {
+            let all = Value::Object(std::iter::once((of.clone(), value.clone())).collect());
+            let (of, inner) = match value {
+                Value::Object(_) => (of.as_str(), value),
+                _ => ("", &all),
+            };
+            for (quantity, value) in inner.as_object().into_iter().flatten() {
+                let several = match value {
+                    Value::Array(several) => several.as_slice(),
+                    value => std::slice::from_ref(value),
+                };
+                for (k, value) in several.iter().enumerate() {
+                    let number = match value {
+                        Value::Bool(yes) => Some(f64::from(u8::from(*yes))),
+                        value => value.as_f64(),
+                    };
+                    let texts = [step.name, of, quantity].map(|text| Cell::Text(Some(text)));
+                    let numbers = [Some(k as f64), number].map(Cell::Number);
+                    table.add(texts.into_iter().chain(numbers).collect());
+                }
+            }
+        }
+    }
+    run.write("samples.csv", table.to_csv()?)?;
+    run.write("samples.parquet", table.to_parquet()?)
 }
 
 /// What a person wants to know of it.

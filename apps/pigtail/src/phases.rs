@@ -1,7 +1,9 @@
 //! An observer that keeps a run's phases in the store.
 
+use crate::progress::Progress;
 use pigtail_control::station::{Observer, Sample};
 use pigtail_hal::Error;
+use pigtail_session::samples::Record;
 use pigtail_store::runs::Run;
 
 /// Enters each phase of a run's fibers when it ends.
@@ -48,4 +50,39 @@ impl Observer for Phases<'_> {
     }
 
     fn sample(&mut self, _: &Sample) {}
+}
+
+/// What watches an alignment: the record, a progress bar beside it, and the store.
+pub(crate) struct Watcher<'a> {
+    pub(crate) record: Record,
+    pub(crate) progress: Progress,
+    pub(crate) phases: Phases<'a>,
+}
+
+impl<'a> Watcher<'a> {
+    /// Of this run; `full` is the most that a photodiode or a power meter can read.
+    pub(crate) fn of(run: &'a Run, full: f64) -> Self {
+        Self {
+            record: Record::default(),
+            progress: Progress::new(full),
+            phases: Phases::of(run),
+        }
+    }
+}
+
+impl Observer for Watcher<'_> {
+    fn phase(&mut self, port: &str, phase: &'static str, time: f64) {
+        self.record.phase(port, phase, time);
+        self.progress.phase(port, phase, time);
+        self.phases.phase(port, phase, time);
+    }
+
+    fn phase_over(&mut self, port: &str, phase: &'static str, time: f64) {
+        self.phases.phase_over(port, phase, time);
+    }
+
+    fn sample(&mut self, sample: &Sample) {
+        self.record.sample(sample);
+        self.progress.sample(sample);
+    }
 }

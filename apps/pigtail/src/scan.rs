@@ -8,9 +8,11 @@ use pigtail_hal::Error;
 use pigtail_hal::digest::hash;
 use pigtail_hal::quantity::{LENGTH, Sign};
 use pigtail_model::frames::Displacement;
-use pigtail_records::map::{Columns, MapDocument, Peak, PlaceUnit, PowerUnit, read, try_on};
+use pigtail_records::map::{Columns, MapDocument, Peak, PlaceUnit, PowerUnit, Trial, read, try_on};
 use pigtail_report as report;
 use pigtail_store::runs::Run;
+use pigtail_store::samples::Samples;
+use pigtail_sysid::map::{Reading, Scan};
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -142,6 +144,7 @@ pub(crate) fn run(map: &Path, arguments: &MapArguments, common: &Common) -> Resu
     trial.document.report = run.path("report.html").display().to_string();
     run.write_json("summary.json", &trial.document.json())?;
     run.write("report.html", report::scan(scan, &trial)?)?;
+    samples(scan, &trial, measured.place_unit, trial.document.power_unit).keep(&run)?;
     run.finish(trial.document.outcome)?;
     let document = &trial.document;
     let mut text = Vec::new();
@@ -157,6 +160,20 @@ pub(crate) fn run(map: &Path, arguments: &MapArguments, common: &Common) -> Resu
     } else {
         NEGATIVE
     })
+}
+
+/// The map as it was read, and the readings that the search took of it, in order.
+fn samples(scan: &Scan, trial: &Trial, place: &str, power: &str) -> Samples {
+    let taken = trial.looked.iter().flat_map(|looked| &looked.taken);
+    let taken: Vec<Reading> = taken.map(|k| scan.readings()[*k]).collect();
+    let columns = |all: Samples, of: &str, about: &str, readings: &[Reading]| {
+        let column = |value: fn(&Reading) -> f64| readings.iter().map(value).collect();
+        all.with(&format!("{of}_x_{place}"), about, column(|r| 1e6 * r.at.x))
+            .with(&format!("{of}_y_{place}"), about, column(|r| 1e6 * r.at.y))
+            .with(&format!("{of}_power_{power}"), about, column(|r| r.power))
+    };
+    let all = columns(Samples::default(), "map", "as it was read", scan.readings());
+    columns(all, "taken", "by the search, in order", &taken)
 }
 
 /// A text that begins as a sentence does.

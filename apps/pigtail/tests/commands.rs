@@ -263,6 +263,8 @@ fn experiments_keep_their_samples() {
     for (k, called) in [
         "align",
         "align --rig bench-piezo",
+        "align --map data/map.csv --map-columns x_um,y_um,power_V",
+        "commission --steps axes,dark",
         "characterize z step",
         "characterize z sine",
         "impulse z --target-nm 100",

@@ -3,6 +3,7 @@
 use super::figure::{HALF, WHOLE};
 use super::histogram::histogram;
 use super::html::{configuration, figure, number, page, verdict};
+use super::text::far;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_control::procedure::PORTS;
@@ -31,8 +32,8 @@ pub fn campaign(store: &Store, document: &CampaignDocument) -> Result<String> {
             "Each device has its own machine, chip and fixture, drawn around " code { "plant.toml" }
             ". Times are machine time of every fiber that was attempted; offsets and losses are the truth \
              about every fiber that was attached, offsets in the table without sign. Percentiles are \
-             values that really came: p99 is the least that 99 % do not exceed. Where there are too few for a \
-             percentile, it is the greatest: p99.9 says more than that from 1000 fibers on."
+             values that really came: p99 is the least that 99 % do not exceed. Of fewer than 1000 fibers p99.9 would be \
+             the greatest again, and is not shown."
         }
         (faults(document))
         (failures(document))
@@ -115,7 +116,7 @@ fn percentiles(rows: &[(&str, &str, &Percentiles, usize)]) -> Markup {
                 tr {
                     td { (name) }
                     td.text { (unit) }
-                    @for value in [of.mean, of.p50, of.p90, of.p99, of.p999, of.max] {
+                    @for value in [of.mean, of.p50, of.p90, of.p99, far(of), of.max] {
                         td { (number(value, *digits)) }
                     }
                 }

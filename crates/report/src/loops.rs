@@ -36,7 +36,7 @@ pub fn loops(d: &LoopsDocument, loops: &[Loop]) -> Result<String> {
         (table(d))
         (figure(
             &over_input(&plain, WHOLE),
-            format!("What the output lacks of the input, against the input, as the machine is (thesis, Fig. {first}, which shows the output itself).")
+            format!("What the output is ahead of the input, against the input, as the machine is (thesis, Fig. {first}, which shows the output itself).")
         ))
         div.pair {
             (figure(

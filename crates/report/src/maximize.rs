@@ -144,13 +144,15 @@ fn lag(tracking: &[Tracking]) -> Markup {
             (name, points)
         })
         .collect();
-    let top = named
-        .iter()
-        .flat_map(|(_, points)| points.iter().map(|p| p.1))
-        .fold(0.5, f64::max);
+    let all = || named.iter().flat_map(|(_, points)| points);
+    let top = all().fold(0.5, |top: f64, p| top.max(p.1));
+    let fastest = all().fold(1.0, |fastest: f64, p| fastest.max(p.0));
     let axes = Axes {
         width: WHOLE,
-        x: (0.0..1.7, "drift, share of what should be followed"),
+        x: (
+            0.0..1.05 * fastest,
+            "drift, share of what should be followed",
+        ),
         y: (0.0..1.1 * top, "lag, um"),
     };
     let all: Vec<(&str, Vec<(f64, f64)>)> = named

@@ -255,7 +255,7 @@ fn profile(scan: &Scan, taken: &[usize], shape: &Shape) -> Markup {
     };
     Plot::new(&axes)
         .dots_as("all of the map", "faint small mixed", &all)
-        .dots("taken", "", &used)
+        .dots("taken", "large", &used)
         .line("the shape fitted to those taken", &curve)
         .draw()
 }

@@ -60,13 +60,9 @@ fn voltages(group: &[&Judged], unit: f64) -> Markup {
 
 /// A pulse at the middle displacement: milliseconds, and its voltage over the unit.
 fn over_time(judged: &Judged, unit: f64) -> Vec<(f64, f64)> {
-    const POINTS: u32 = 200;
-    let wave = judged.wave.with(judged.merit.amplitude);
-    (0..=POINTS)
-        .map(|k| {
-            let time = wave.period * f64::from(k) / f64::from(POINTS);
-            (1e3 * time, wave.voltage(time) / unit)
-        })
+    let played = judged.played(200);
+    played
+        .map(|(time, volts)| (1e3 * time, volts / unit))
         .collect()
 }
 

@@ -7,6 +7,7 @@ use comfy_table::{
 use pigtail_control::outcome::OutcomeCode;
 use pigtail_evaluate::align::{AlignmentDocument, TOLERANCE_Z_UM};
 use pigtail_evaluate::campaign::CampaignDocument;
+use pigtail_numerics::statistics::Percentiles;
 use pigtail_session::fleet::NOMINAL;
 use pigtail_session::procedure::Procedure;
 use std::fmt::Write as _;
@@ -109,6 +110,11 @@ pub fn wrapped(text: &str, room: Option<usize>) -> String {
 /// How many characters a line of the terminal at standard output has; `None` where there is no terminal.
 pub fn room() -> Option<usize> {
     Table::new().width().map(usize::from)
+}
+
+/// The 99.9th percentile; of fewer than 1000 it would be the greatest again.
+pub(super) fn far(of: &Percentiles) -> Option<f64> {
+    of.p999.filter(|p999| of.max.is_some_and(|max| max > *p999))
 }
 
 fn width_of(table: &Table) -> usize {
@@ -249,7 +255,7 @@ pub fn campaign(document: &CampaignDocument, devices_now: u64, room: Option<usiz
             value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
         };
         let mut row = vec![name.to_owned()];
-        row.extend([of.mean, of.p50, of.p90, of.p99, of.p999, of.max].map(number));
+        row.extend([of.mean, of.p50, of.p90, of.p99, far(of), of.max].map(number));
         row
     });
     out += &table(

@@ -90,6 +90,17 @@ pub struct Judged {
     pub merit: Merit,
 }
 
+impl Judged {
+    /// The pulse at the middle displacement, in so many steps: seconds and volts.
+    pub fn played(&self, steps: u32) -> impl Iterator<Item = (f64, f64)> {
+        let wave = self.wave.with(self.merit.amplitude);
+        (0..=steps).map(move |k| {
+            let time = wave.period * f64::from(k) / f64::from(steps);
+            (time, wave.voltage(time))
+        })
+    }
+}
+
 /// What a shape is worth; lengths in metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Merit {
