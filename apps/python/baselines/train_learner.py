@@ -19,6 +19,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+import torch
 from learner import Policy, Relative
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
@@ -74,6 +75,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--into", type=Path, default=HERE, help="folder for learner.npz and learner.csv")
     asked = parser.parse_args()
+    # Networks so small gain nothing by threads, which wait for each other on a machine that is busy.
+    torch.set_num_threads(1)
     envs = make_vec_env(make, n_envs=16, seed=asked.seed)
     model = PPO(
         "MlpPolicy", envs, seed=asked.seed, device="cpu", n_steps=256, batch_size=512, n_epochs=5, gamma=0.95, gae_lambda=0.9,

@@ -59,6 +59,7 @@ fn _pigtail(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(jobs::commission, module)?)?;
     module.add_function(wrap_pyfunction!(jobs::simulate_joint, module)?)?;
     module.add_function(wrap_pyfunction!(produce::produce, module)?)?;
+    module.add_function(wrap_pyfunction!(produce::produce_trays, module)?)?;
     add_class::<bench::BenchRig>(module)?;
     add_class::<bench::BenchTwin>(module)?;
     module.add_function(wrap_pyfunction!(bench::align_bench, module)?)?;

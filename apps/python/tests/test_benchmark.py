@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import importlib
 import math
+import subprocess
 import sys
+import warnings
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -166,6 +169,8 @@ def test_wrong_input_is_named() -> None:
         (lambda: pigtail.benchmark({"a": lambda bench, rig: "well"}, devices=1), "report"),  # type: ignore[dict-item, return-value]
         (lambda: pigtail.benchmark({"a": lambda bench, rig: {"out3": True}}, devices=1), "report"),
         (lambda: pigtail.benchmark({"a": lambda bench, rig: [True] * 4}, devices=1), "report"),
+        # A word is no verdict, whatever it says.
+        (lambda: pigtail.benchmark({"a": lambda bench, rig: {"input": "no"}}, devices=1), "report"),  # type: ignore[dict-item]
         (lambda: pigtail.with_climb(3), "climb"),  # type: ignore[arg-type]
         (lambda: pigtail.benchmark({"a": pigtail.with_climb(lambda probe: (float("nan"), 0.0))}, task="peak"), "x_um"),
     ]
@@ -181,12 +186,38 @@ def test_wrong_input_is_named() -> None:
         pigtail.benchmark({"a": pigtail.with_climb(broken)}, task="peak", devices=1)
 
 
-def test_a_learner_trains_unmodified() -> None:
-    """A few steps of stable-baselines3, where it is installed (its torch is of gigabytes: the suite does not install it)."""
-    reason = "stable-baselines3 is not installed, whose torch is of gigabytes: training is not tested here"
-    sb3 = pytest.importorskip("stable_baselines3", reason=reason)
-    import pigtail.gym  # noqa: F401
+NO_TORCH = "stable-baselines3 is not installed, or its torch is not: training is not tested here"
 
-    model = sb3.PPO("MlpPolicy", "pigtail/Peak-v0", n_steps=64, batch_size=32, device="cpu", seed=1)
-    model.learn(128)
-    assert model.num_timesteps == 128
+
+def test_a_learner_trains_unmodified() -> None:
+    """A few steps of stable-baselines3 as it comes, on each task as it comes."""
+    sb3 = pytest.importorskip("stable_baselines3", reason=NO_TORCH)
+    from stable_baselines3.common.env_checker import check_env
+
+    gym = pytest.importorskip("pigtail.gym")
+    for task in gym.TASKS:
+        # A warning would be of spaces that its policies do badly with.
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            check_env(gym.BenchEnv(task))
+        model = sb3.PPO("MlpPolicy", f"pigtail/{task}-v0", n_steps=64, batch_size=32, device="cpu", seed=1)
+        model.learn(128)
+        assert model.num_timesteps == 128
+    model = sb3.SAC("MlpPolicy", "pigtail/Peak-v0", learning_starts=32, buffer_size=256, device="cpu", seed=1)
+    model.learn(64)
+    assert model.num_timesteps == 64
+
+
+def test_the_script_of_the_learner_trains_what_is_played(tmp_path: Path) -> None:
+    """Two updates: a policy and a curve are written, and what is written plays."""
+    pytest.importorskip("stable_baselines3", reason=NO_TORCH)
+    script = [sys.executable, str(BASELINES / "train_learner.py"), "--steps", "8192", "--into", str(tmp_path)]
+    done = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    head, *rows = (tmp_path / "learner.csv").read_text().splitlines()
+    assert head == "steps,light_v,processor_s"
+    policy = importlib.import_module("learner").Policy(tmp_path / "learner.npz")
+    kept = importlib.import_module("learner").Policy()
+    seen = np.zeros(18, dtype=np.float32)
+    assert policy(seen).shape == kept(seen).shape == (2,)
+    assert not np.array_equal(policy(seen), kept(seen))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -262,7 +263,15 @@ def test_whoever_aborts_the_run_engine_stops_the_bench() -> None:
     devices = pb.Devices(own)
     documents: Documents = []
     engine: Any = RunEngine()
-    timer = threading.Timer(0.5, lambda: engine.request_pause(defer=False))
+
+    def pause() -> None:
+        # An engine that has not begun cannot be paused, and when it begins is for the machine to say.
+        while engine.state != "running":
+            time.sleep(0.01)
+        time.sleep(0.3)
+        engine.request_pause(defer=False)
+
+    timer = threading.Thread(target=pause, daemon=True)
     timer.start()
     with pytest.raises(RunEngineInterrupted):
         engine(pb.align(devices), lambda name, document: documents.append((name, document)))

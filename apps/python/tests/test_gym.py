@@ -123,6 +123,11 @@ def test_light_is_found_where_it_is() -> None:
     assert found >= 6
 
 
+def test_a_seed_may_be_numpys() -> None:
+    many = gym.make_vec("Peak", 2)
+    np.testing.assert_array_equal(many.reset(seed=np.int64(3))[0], many.reset(seed=3)[0])
+
+
 def test_wrong_input_is_named() -> None:
     env = gym.BenchEnv("Peak")
     with pytest.raises(gymnasium.error.ResetNeeded):
@@ -133,12 +138,18 @@ def test_wrong_input_is_named() -> None:
     for call, key in [
         (lambda: env.step(np.zeros(3)), "action"),
         (lambda: env.step(np.array([np.nan, 0.0])), "action"),
+        (lambda: env.step("up"), "action"),
+        (lambda: env.step([1e300, 0.0]), "action"),
         (lambda: many.step(np.full((2, 2), np.nan)), "actions"),
+        (lambda: many.step(np.zeros(4)), "actions"),
         (lambda: many.step(np.zeros((2, 3))), "actions"),
         (lambda: gym.make_vec("Peak", 0), "num_envs"),
         (lambda: gym.BenchEnv("Sleep"), "task"),
         (lambda: gym.make_vec("Peak", 2).step(np.zeros((2, 2))), "step"),
         (lambda: many.reset(seed=[1]), "seed"),
+        (lambda: gym.BenchEnv("Peak", limit_s=0.0), "limit_s"),
+        (lambda: gym.make_vec("Peak", 2, limit_s=-1.0), "limit_s"),
+        (lambda: gym.BenchEnv("Peak", limit_s=float("nan")), "limit_s"),
     ]:
         made: Any = call
         with pytest.raises(pigtail.InputError) as raised:

@@ -9,6 +9,7 @@ import pytest
 
 import pigtail
 from conftest import ROOT
+from pigtail.bench import Laser
 
 
 
@@ -42,11 +43,18 @@ CALLS: list[tuple[Callable[[], object], str, str]] = [
     (lambda: pigtail.Command(micro_v=np.full((2, 2), np.inf)), "micro_v", "inf"),
     (lambda: pigtail.Command(fiber=["drop", None]), "fiber", "drop"),
     (lambda: pigtail.Command(fiber=[None]), "fiber", "[None]"),
+    (lambda: pigtail.Command(laser="off"), "laser", "'off'"),  # type: ignore[arg-type]
+    (lambda: pigtail.BenchTwin().request(Laser("off")), "request.on", "'off'"),  # type: ignore[arg-type]
+    (lambda: pigtail.Rig().believing(3), "calibration", "3"),  # type: ignore[arg-type]
+    (lambda: pigtail.find_peak(pigtail.BenchTwin(), 1, gap_um=-1.0), "gap_um", "-1.0"),
     (lambda: pigtail.Twin(seed=0).exchange(1.0), "command", "1.0"),  # type: ignore[arg-type]
     (lambda: pigtail.campaign(0), "devices", "0"),
     (lambda: pigtail.campaign(1, threads=0), "threads", "0"),
     (lambda: pigtail.campaign(1, shards=2), "shards", "2"),
     (lambda: pigtail.campaign(2, seed=2**64 - 1), "seed", str(2**64 - 1)),
+    (lambda: pigtail.campaign(2, commissioned="no"), "commissioned", "'no'"),  # type: ignore[arg-type]
+    (lambda: pigtail.campaign(2, client=5), "client", "5"),  # type: ignore[arg-type]
+    (lambda: pigtail.align(progress=5), "progress", "5"),  # type: ignore[arg-type]
     (lambda: pigtail.run_shard("nowhere", 3, 2), "index", "3"),
     (lambda: _servo(force_per_volt=0.0), "force_per_volt", "0"),
     (lambda: _servo(force_per_volt=float("nan")), "force_per_volt", "nan"),

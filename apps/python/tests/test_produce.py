@@ -63,6 +63,34 @@ def test_fibers_and_steps_are_told(produced: pigtail.Production) -> None:
     assert '"produced"' not in str(produced)
 
 
+def test_many_trays_are_what_the_program_says(program: str, tmp_path: Path, tray: Path) -> None:
+    many = pigtail.produce(tray, seed=3, trays=3, threads=2)
+    done = subprocess.run(
+        [program, "produce", "--tray", str(tray), "--seed", "3", "--trays", "3", "--json", "--runs", str(tmp_path)],
+        cwd=tmp_path, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert done.returncode in (0, 1), done.stderr
+    *events, last = [json.loads(line) for line in done.stdout.splitlines()]
+    assert {key: many[key] for key in last} == last
+    assert [event["seed"] for event in events] == list(many.productions) == [3, 4, 5]
+    assert many.json() == pigtail.produce(tray, seed=3, trays=3, threads=1).json()
+    low, high = many["exact_95"]["yield"]
+    assert low <= many["yield"] <= high
+    assert len(many.pigtails) == many["fibers"] == 18 and not many.refused
+
+
+def test_each_of_many_is_the_one_of_its_seed(tray: Path, produced: pigtail.Production) -> None:
+    (one,) = pigtail.produce(tray, seed=3, trays=1).productions.values()
+    assert one.pigtails == produced.pigtails and not one.events
+
+
+def test_many_machines_are_commissioned_first(tray: Path) -> None:
+    of = pigtail.Rig(fleet="workshop")
+    many = pigtail.produce(tray, of, seed=9100, trays=2, commissioned=True)
+    assert many["commissioned"] and many["fleet"] == "workshop"
+    assert many["trays"] == len(many.productions) == 2 - len(many.refused) == 2 - many["trays_refused"]
+
+
 def test_what_recipes_say_can_be_overruled(tray: Path, produced: pigtail.Production) -> None:
     untracked = pigtail.produce(tray, seed=3, track=False)
     assert untracked["shift_um"]["tracked"] is None
@@ -93,6 +121,12 @@ def test_progress_is_told_and_ctrl_c_stops_it(tray: Path) -> None:
         ({"tray": 7}, "tray"),
         ({"tray": "four\0"}, ""),
         ({"seed": -1}, "seed"),
+        ({"trays": 0}, "trays"),
+        ({"trays": 2.5}, "trays"),
+        ({"trays": 2, "threads": 0}, "threads"),
+        ({"threads": 2}, "threads"),
+        ({"trays": 2, "seed": 2**64 - 1}, "seed"),
+        ({"trays": 2, "tray": "no-such-tray"}, ""),
         ({"track": "yes"}, "track"),
         ({"precompensate": 1}, "precompensate"),
         ({"commissioned": "no"}, "commissioned"),
@@ -101,7 +135,7 @@ def test_progress_is_told_and_ctrl_c_stops_it(tray: Path) -> None:
 )
 def test_what_is_wrong_is_said(arguments: dict[str, object], key: str) -> None:
     with pytest.raises(pigtail.InputError) as raised:
-        pigtail.produce(**arguments)  # type: ignore[arg-type]
+        pigtail.produce(**arguments)  # type: ignore[call-overload]
     assert raised.value.key == key
     assert str(raised.value)
 

@@ -5,7 +5,7 @@
 >>> print(device)
 
 :func:`align` aligns a device on the twin that a seed draws; :func:`campaign` does it for many. :class:`Rig` names a rig
-of your own; :func:`produce` takes a tray in and pigtailed devices out. :func:`tune`, :func:`identify`, :func:`characterize` and :func:`commission` are experiments on a machine;
+of your own; :func:`produce` takes trays in and pigtailed devices out. :func:`tune`, :func:`identify`, :func:`characterize` and :func:`commission` are experiments on a machine;
 :func:`simulate_joint` is one joint alone. :class:`Twin` is a machine, cycle by cycle; :class:`BenchTwin` one that
 is controlled by position, and :class:`Bench` what you implement to have :func:`align_bench` and :func:`find_peak` run on your
 own. :class:`Runs` is the store. :func:`benchmark` compares your algorithms with ours, :func:`identify_servo` tells of an axis from your log.
@@ -23,7 +23,7 @@ from ._document import Document, Experiment
 from ._errors import Error, FaultError, InputError, OutcomeError, Refused
 from ._jobs import Commissioning, characterize, commission, identify, simulate_joint, tune
 from ._pigtail import __version__
-from ._produce import Cured, Pigtail, Production, Step, produce
+from ._produce import Cured, Pigtail, Production, Step, Trays, produce
 from ._progress import Progress
 from ._records import Identified, identify_servo
 from ._rig import Calibration, Rig
@@ -72,6 +72,7 @@ __all__ = [
     "Step",
     "Taught",
     "Tip",
+    "Trays",
     "Twin",
     "__version__",
     "align",

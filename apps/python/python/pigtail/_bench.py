@@ -224,6 +224,14 @@ class Peak:
     """Light there beside the dark, volts."""
 
 
+def _gap(gap_um: float) -> float:
+    micrometres = number("gap_um", gap_um)
+    if micrometres < 0.0:
+        message = f"gap_um: is {gap_um!r}; accepted is 0 um or more"
+        raise InputError(message, key="gap_um", value=repr(gap_um))
+    return micrometres
+
+
 def find_peak(
     bench: Bench,
     group: int,
@@ -257,7 +265,7 @@ def find_peak(
         bench_rig(rig)._rig,
         index("group", group),
         index("channel", channel),
-        1e-6 * number("gap_um", gap_um),
+        1e-6 * _gap(gap_um),
         maybe_number("dark_v", dark_v),
     )
     with shown(progress, "peak") as tell:

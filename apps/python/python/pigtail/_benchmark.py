@@ -12,7 +12,7 @@ from . import _pigtail
 from ._bench import BenchRig, BenchTwin, align_bench, bench_rig, find_peak
 from ._document import Document
 from ._errors import FaultError, InputError, OutcomeError, Refused
-from ._input import number, text, whole
+from ._input import maybe_flag, number, text, whole
 from ._pigtail import __version__
 from ._progress import Progress, shown
 from .bench import Attach, Batch, Bench, Brake, Caps, Estimate, Event, Laser, Law, Light, Line, Load, Pose, Request
@@ -379,15 +379,15 @@ def _said(report: Any, fibers: int) -> list[bool | None]:
     """What was said of each fiber; ``None``: nothing."""
     names = PORTS[:fibers]
     if isinstance(report, bool) or type(report).__name__ == "bool_":
-        said = [bool(report)]
+        said: list[bool | None] = [bool(report)]
     elif isinstance(report, Mapping):
         unknown = [key for key in report if key not in names]
         if unknown:
             message = f"report: names {unknown[0]!r}; accepted is one of {list(names)}"
             raise InputError(message, key="report", value=repr(unknown[0]))
-        return [None if name not in report else bool(report[name]) for name in names]
+        return [None if name not in report else maybe_flag("report", report[name]) for name in names]
     elif isinstance(report, Sequence) and not isinstance(report, str):
-        said = [bool(each) for each in report]
+        said = [maybe_flag("report", each) for each in report]
     else:
         message = f"report: is {report!r}; accepted is whether each fiber is aligned, in order or by name"
         raise InputError(message, key="report", value=repr(report))

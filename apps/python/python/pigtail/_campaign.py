@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from . import _pigtail
 from ._document import Document
 from ._errors import Error, InputError
-from ._input import maybe_text, maybe_whole, text, whole
+from ._input import flag, maybe_text, maybe_whole, text, whole
 from ._progress import Progress, shown
 from ._rig import Rig, native
 
@@ -121,7 +121,7 @@ def _spec(
         whole("seed", seed),
         whole("devices", devices, 1),
         maybe_whole("machines", machines, 1),
-        bool(commissioned),
+        flag("commissioned", commissioned),
         maybe_text("faults", faults),
     )
 
@@ -181,6 +181,9 @@ def campaign(
     if client is None and shards is not None:
         raise InputError("shards: goes with a `client`; accepted is both", key="shards", value=repr(shards))
     if client is not None:
+        if not all(hasattr(client, name) for name in ("map", "cancel", "nthreads")):
+            message = f"client: is {client!r}; accepted is a dask.distributed.Client"
+            raise InputError(message, key="client", value=repr(client))
         if runs is None:
             message = "runs: is missing; accepted is a folder that every worker of the client sees"
             raise InputError(message, key="runs")

@@ -49,6 +49,26 @@ def maybe_number(name: str, value: Any) -> float | None:
     return None if value is None else number(name, value)
 
 
+def flag(name: str, value: Any) -> bool:
+    """Yes or no, numpy's too."""
+    if isinstance(value, bool) or type(value).__name__ in ("bool", "bool_"):
+        return bool(value)
+    raise InputError(f"{name}: is {value!r}; accepted is True or False", key=name, value=repr(value))
+
+
+def maybe_flag(name: str, value: Any) -> bool | None:
+    """The same, or nothing."""
+    return None if value is None else flag(name, value)
+
+
+def switch(name: str, value: Any) -> bool:
+    """On or off: a word such as "off" is neither."""
+    if isinstance(value, str) or getattr(value, "ndim", 0) != 0 or value not in (0, 1):
+        message = f"{name}: is {value!r}; accepted is True or False, or 1 or 0"
+        raise InputError(message, key=name, value=repr(value))
+    return bool(value)
+
+
 def floats(name: str, values: Any) -> NDArray[np.float64]:
     """An array of real numbers."""
     import numpy as np

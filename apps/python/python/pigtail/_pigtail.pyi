@@ -231,6 +231,17 @@ def produce(
     precompensate: bool | None,
     progress: _Progress,
 ) -> tuple[str, list[str]]: ...
+def produce_trays(
+    rig: Rig,
+    tray: str,
+    seed: int,
+    asked: int,
+    threads: int,
+    commission_in: _Path | None,
+    track: bool | None,
+    precompensate: bool | None,
+    progress: _Progress,
+) -> tuple[str, list[str]]: ...
 def simulate_joint(
     params: _Path | tuple[str],
     axis_name: str,

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, TypeAlias
 
+from ._errors import InputError
+
 Progress: TypeAlias = "bool | Callable[[int, int, str], object] | None"
 """How to show progress: a bar (``True``), nothing (``False``), a bar where somebody can see it (``None``), or a function
 that is called with how much is done, of how much (0 where nobody knows), and what is being done."""
@@ -30,6 +32,9 @@ def shown(progress: Progress, what: str) -> Iterator[_Called]:
     if callable(progress):
         yield progress
         return
+    if progress is not None and not isinstance(progress, bool):
+        message = f"progress: is {progress!r}; accepted is True, False, None or what is called with (done, total, text)"
+        raise InputError(message, key="progress", value=repr(progress))
     if progress is False or (progress is None and not _seen()):
         yield None
         return

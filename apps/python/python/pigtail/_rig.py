@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from . import _pigtail
+from ._errors import InputError
 from ._input import maybe_text, text, texts
 
 
@@ -81,6 +82,9 @@ class Rig:
 
     def believing(self, calibration: Calibration) -> Rig:
         """The same rig, believing this calibration."""
+        if not isinstance(calibration, Calibration):
+            message = f"calibration: is {calibration!r}; accepted is a Calibration"
+            raise InputError(message, key="calibration", value=repr(calibration))
         return Rig._of(self._rig.with_belief(calibration._belief))
 
     @property

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from . import _pigtail
 from ._errors import InputError
-from ._input import floats, texts, whole
+from ._input import floats, switch, texts, whole
 from ._rig import Rig, native
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class Command:
         self._command = _pigtail.Command(
             _table("motors_v", motors_v),
             _table("micro_v", micro_v),
-            bool(laser),
+            switch("laser", laser),
             handled,
             _table("references_counts", references_counts),
         )

@@ -7,6 +7,7 @@ from typing import Any
 
 from . import _pigtail
 from ._errors import FaultError, InputError, Refused, TicketOver
+from ._input import switch
 from .bench import (
     Attach,
     AxisCaps,
@@ -136,7 +137,7 @@ def law_of(wire: tuple[str, Any]) -> Law:
 def request_wire(what: Any) -> tuple[str, int, int]:
     """A request as its name, its arm and its port."""
     if isinstance(what, Laser):
-        return "laser", int(bool(what.on)), 0
+        return "laser", int(switch("request.on", what.on)), 0
     if isinstance(what, Load):
         return "load", index("request.arm", what.arm), index("request.port", what.port)
     if isinstance(what, Attach):

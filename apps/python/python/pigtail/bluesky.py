@@ -33,7 +33,7 @@ from ._align import Alignment
 from ._bench import BenchRig, align_bench, bench_rig
 from ._driver import LONGEST_S, Driver, Status, Waiting
 from ._errors import Error, FaultError, InputError
-from ._input import number, whole
+from ._input import number, switch, whole
 from .bench import (
     DEGREES,
     Attach,
@@ -324,7 +324,8 @@ class LaserSwitch(_Asked):
 
     def set(self, value: bool) -> Status:
         """On or off."""
-        return self._ask(Laser(bool(value)), int(bool(value)))
+        on = switch(self._name, value)
+        return self._ask(Laser(on), int(on))
 
 
 class Arm(_Asked):

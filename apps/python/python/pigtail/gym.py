@@ -167,7 +167,7 @@ class BenchEnv(_Env):
         render_mode: str | None = None,
     ) -> None:
         self.task = _task(task)
-        self.limit_s = self.task.limit_s if limit_s is None else number("limit_s", limit_s)
+        self.limit_s = _limit(self.task, limit_s)
         self.rig = bench_rig(rig)
         self._make: Callable[[int], Bench] = bench if bench is not None else lambda seed: BenchTwin(self.rig, seed)
         self.observation_space, self.action_space = _spaces(self.task)
@@ -198,7 +198,7 @@ class BenchEnv(_Env):
         bench = self.bench
         if bench is None:
             raise gymnasium.error.ResetNeeded("reset comes first")
-        by = np.asarray(action, dtype=np.float32)
+        by = _array("action", action, self.action_space)
         if by.shape != self.action_space.shape or not np.isfinite(by).all():
             message = f"action: is {action!r}; accepted are {len(self.task.axes)} finite numbers"
             raise InputError(message, key="action", value=repr(action))
@@ -304,6 +304,26 @@ def _task(task: Task | str) -> Task:
     return TASKS[task]
 
 
+def _array(name: str, value: Any, space: Any) -> _Floats:
+    try:
+        # What is too large to be held is infinite, and refused as that.
+        with np.errstate(over="ignore"):
+            return np.asarray(value, dtype=np.float32)
+    except (TypeError, ValueError):
+        message = f"{name}: is no array of shape {space.shape}"
+        raise InputError(message, key=name, value=repr(value)) from None
+
+
+def _limit(task: Task, limit_s: float | None) -> float:
+    if limit_s is None:
+        return task.limit_s
+    seconds = number("limit_s", limit_s)
+    if seconds <= 0.0:
+        message = f"limit_s: is {limit_s!r}; accepted are more than 0 s"
+        raise InputError(message, key="limit_s", value=repr(limit_s))
+    return seconds
+
+
 class BenchVectorEnv(_Vector):
     """Many environments over twins, in Rust: one call steps all, on all cores, without Python's lock. Each is
     :class:`BenchEnv` to the last bit. What has ended begins anew with the next step (``AutoresetMode.NEXT_STEP``).
@@ -329,7 +349,7 @@ class BenchVectorEnv(_Vector):
         self.task, self.rig = _task(task), bench_rig(rig)
         self.num_envs = whole("num_envs", num_envs, 1, 2**20)
         self.render_mode = render_mode
-        limit = self.task.limit_s if limit_s is None else number("limit_s", limit_s)
+        limit = _limit(self.task, limit_s)
         caps = self.rig.caps
         axes = []
         for axis in self.task.axes:
@@ -350,8 +370,8 @@ class BenchVectorEnv(_Vector):
         seeds: list[int | None]
         if seed is None:
             seeds = [None] * self.num_envs
-        elif isinstance(seed, int):
-            seeds = [seed + k for k in range(self.num_envs)]
+        elif isinstance(seed, (int, np.integer)):
+            seeds = [int(seed) + k for k in range(self.num_envs)]
         else:
             seeds = list(seed)
         if len(seeds) != self.num_envs:
@@ -379,11 +399,10 @@ class BenchVectorEnv(_Vector):
         seeds = [0] * self.num_envs
         for k in np.flatnonzero(over):
             seeds[k] = self._draw(int(k))
-        try:
-            by = np.asarray(actions, dtype=np.float32).reshape(self.num_envs, -1)
-        except (TypeError, ValueError):
-            message = f"actions: is no array of shape {self.action_space.shape}"
-            raise InputError(message, key="actions", value=repr(actions)) from None
+        by = _array("actions", actions, self.action_space)
+        if by.shape != self.action_space.shape:
+            message = f"actions: has the shape {by.shape}; accepted is {self.action_space.shape}"
+            raise InputError(message, key="actions", value=repr(by.shape))
         seen, reward, terminated, truncated = self._all.step(by, seeds)
         self._over = terminated | truncated
         info: dict[str, Any] = {"seed": np.array(seeds, dtype=np.uint64), "_seed": over.copy()} if over.any() else {}
