@@ -1,10 +1,12 @@
 //! What everything costs beside one joint: `cargo bench -p pigtail --bench table`.
 //!
 //! Each line is worked out once a round, one after the other, and divided by what a joint alone took in the same
-//! round: a machine that is busy slows all of them down alike. What is printed is the median of the rounds.
+//! round: a machine that is busy slows all of them down alike. What is counted is the time of a core, not that of a
+//! clock, so that waiting for a core is none of it. What is printed is the median of the rounds.
 //! `-- --rounds N` makes more of them, `-- --csv` prints lines that `.ci/compare` reads.
 
 use comfy_table::{ContentArrangement, Table};
+use cpu_time::ProcessTime;
 use pigtail_control::servo::{Pid, PidState};
 use pigtail_control::station::{Station, Unobserved};
 use pigtail_control::trajectory::Arc;
@@ -27,7 +29,6 @@ use std::f64::consts::TAU;
 use std::hint::black_box;
 use std::io::Write;
 use std::sync::atomic::AtomicBool;
-use std::time::Instant;
 
 /// Cycles of joints and of machines in a round.
 const CYCLES: usize = 5000;
@@ -46,7 +47,7 @@ struct Line<'a> {
     work: Box<dyn FnMut() -> f64 + 'a>,
     /// So many times another line, at most.
     bound: Option<(usize, f64)>,
-    /// Seconds a unit, and beside a joint alone, of each round.
+    /// Seconds of a core for a unit, and beside a joint alone, of each round.
     seconds: Vec<f64>,
     ratios: Vec<f64>,
 }
@@ -72,7 +73,8 @@ impl<'a> Line<'a> {
     }
 
     fn time(&mut self) -> f64 {
-        let begun = Instant::now();
+        // Of all threads: a campaign has one of its own for its rows.
+        let begun = ProcessTime::now();
         let units = (self.work)();
         begun.elapsed().as_secs_f64() / units
     }

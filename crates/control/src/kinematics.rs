@@ -186,8 +186,23 @@ impl Kinematics {
         let [a, b] = self
             .five_bar
             .inverse(self.home[0] + p.x, self.home[1] + p.y)?;
+        Ok(self.less_home([a, b], p))
+    }
+
+    /// The same of points that move little from one call to the next.
+    pub(crate) fn outputs_from(
+        &self,
+        turning: &mut [Turning; 2],
+        p: Point<Macro>,
+    ) -> Result<[f64; AXES], Unreachable> {
+        let (x, y) = (self.home[0] + p.x, self.home[1] + p.y);
+        let angles = self.five_bar.inverse_from(turning, x, y)?;
+        Ok(self.less_home(angles, p))
+    }
+
+    fn less_home(&self, [a, b]: [JointAngle; 2], p: Point<Macro>) -> [f64; AXES] {
         let [home_a, home_b] = self.home_angles;
-        Ok([a.0 - home_a.0, b.0 - home_b.0, self.screw.angle(p.z)])
+        [a.0 - home_a.0, b.0 - home_b.0, self.screw.angle(p.z)]
     }
 
     /// Where the endpoint is with these output angles from home, radians.

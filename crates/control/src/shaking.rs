@@ -27,6 +27,10 @@ const LEAST_LOOKED: f64 = 0.3e-9;
 const MOST_LOOKED: f64 = 150e-9;
 const LOOKED: u32 = 128;
 
+/// Deviations that are less probable than this are all but impossible: all of them together are far below what is
+/// called unsure.
+const IMPOSSIBLE: f64 = 1e-12;
+
 /// How far a tip that is held is from where it is held, along an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measured {
@@ -331,11 +335,15 @@ impl Shaking {
             let sigma = (always + left * variance).sqrt();
             2.0 * Across { sigma, ..known }.outside_along_an_axis(tolerance)
         };
-        let all: f64 = self
-            .believed()
-            .iter()
-            .map(|(v, share)| share * tail(*v))
-            .sum();
+        // What is all but impossible counts as outside: its tail is not worth working out.
+        let part = |(v, share): &(f64, f64)| {
+            if *share < IMPOSSIBLE {
+                *share
+            } else {
+                share * tail(*v)
+            }
+        };
+        let all: f64 = self.believed().iter().map(part).sum();
         all.min(1.0)
     }
 

@@ -45,17 +45,42 @@ impl Default for Turning {
 }
 
 impl Turning {
+    /// Farther on than this the series below would not do, radians.
+    const NEAR: f64 = 1.0 / 128.0;
+
+    fn begin(&mut self, angle: f64) {
+        let (sin, cos) = angle.sin_cos();
+        *self = Self {
+            at: angle,
+            sin,
+            cos,
+        };
+    }
+
+    /// Angle of a direction that is `length` long, radians: [`f64::atan2`] to its last bits.
+    #[inline]
+    fn angle_of(&mut self, direction: Displacement, length: f64) -> f64 {
+        let Displacement { x, y } = direction;
+        let sin = (y * self.cos - x * self.sin) / length;
+        let is_near = sin.abs() <= Self::NEAR && x * self.cos + y * self.sin > 0.0;
+        if !is_near {
+            let angle = y.atan2(x);
+            self.begin(angle);
+            return angle;
+        }
+        let square = sin * sin;
+        let more = square * (1.0 / 6.0 + square * (3.0 / 40.0 + square * (5.0 / 112.0)));
+        self.at + (sin + sin * more)
+    }
+
     /// Sine and cosine of `angle`, radians.
     #[inline]
     pub fn sin_cos(&mut self, angle: f64) -> (f64, f64) {
-        /// Farther on than this the series below would not do, radians.
-        const NEAR: f64 = 1.0 / 128.0;
         let by = angle - self.at;
-        let is_near = by.abs() <= NEAR;
+        let is_near = by.abs() <= Self::NEAR;
         if !is_near {
-            let (sin, cos) = angle.sin_cos();
-            (self.at, self.sin, self.cos) = (angle, sin, cos);
-            return (sin, cos);
+            self.begin(angle);
+            return (self.sin, self.cos);
         }
         let square = by * by;
         let sin = by * (1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0)));
@@ -66,6 +91,17 @@ impl Turning {
             self.cos + (self.cos * cos - self.sin * sin),
         )
     }
+}
+
+/// A leg of a five-bar to its endpoint.
+#[derive(Debug, Clone, Copy)]
+struct Leg {
+    /// The direction of the proximal link, as long as `reach`.
+    along: Displacement,
+    /// From the base to the endpoint, metres.
+    reach: f64,
+    /// Where the proximal link ends, metres.
+    elbow: Displacement,
 }
 
 /// A five-bar mechanism.
@@ -148,26 +184,62 @@ impl FiveBar {
     ///
     /// When the point is out of reach, or the mechanism would be singular there or in another
     /// working mode.
-    #[inline]
     pub fn inverse(&self, x: f64, y: f64) -> Result<[JointAngle; 2], Unreachable> {
+        let [a, b] = self.legs(x, y)?;
+        Ok([a, b].map(|leg| JointAngle(leg.along.y.atan2(leg.along.x))))
+    }
+
+    /// The same of points that move little from one call to the next.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::inverse`].
+    ///
+    /// ```
+    /// # use pigtail_model::fivebar::{FiveBar, Turning};
+    /// let five_bar = FiveBar::new(0.04, 0.045, 0.0725)?;
+    /// let mut turning = [Turning::default(); 2];
+    /// for k in 0..1000 {
+    ///     let (x, y) = (1e-5 * f64::from(k) - 5e-3, 0.095 - 1e-5 * f64::from(k));
+    ///     let (carried, anew) = (five_bar.inverse_from(&mut turning, x, y), five_bar.inverse(x, y));
+    ///     for (carried, anew) in carried?.iter().zip(anew?) {
+    ///         assert!((carried.0 - anew.0).abs() < 2e-15);
+    ///     }
+    /// }
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    #[inline]
+    pub fn inverse_from(
+        &self,
+        turning: &mut [Turning; 2],
+        x: f64,
+        y: f64,
+    ) -> Result<[JointAngle; 2], Unreachable> {
+        let [a, b] = self.legs(x, y)?;
+        let mut angle = |i: usize, leg: Leg| JointAngle(turning[i].angle_of(leg.along, leg.reach));
+        Ok([angle(0, a), angle(1, b)])
+    }
+
+    /// The legs to a point.
+    #[inline]
+    fn legs(&self, x: f64, y: f64) -> Result<[Leg; 2], Unreachable> {
         // Beyond the x axis the same elbows belong to the mirrored working mode.
         if y <= 0.0 {
             return Err(Unreachable::OutOfReach { x, y });
         }
-        let (a, elbow_a) = self.leg(x, y, -1.0)?;
-        let (b, elbow_b) = self.leg(x, y, 1.0)?;
-        let angles = [JointAngle(a), JointAngle(b)];
-        let [u, v] = [elbow_a, elbow_b].map(|elbow| Displacement::new(x, y) - elbow);
+        let legs = [self.leg(x, y, -1.0)?, self.leg(x, y, 1.0)?];
+        let [u, v] = legs.map(|leg| Displacement::new(x, y) - leg.elbow);
         // The endpoint lies above the line through the elbows exactly when the distal links
         // cross in this sense.
         if u.cross(v) < SINGULAR * self.distal * self.distal {
             return Err(Unreachable::Singular { x, y });
         }
-        Ok(angles)
+        Ok(legs)
     }
 
-    /// Angle of a proximal link, and its elbow.
-    fn leg(&self, x: f64, y: f64, outward: f64) -> Result<(f64, Displacement), Unreachable> {
+    /// A proximal link and its elbow.
+    #[inline]
+    fn leg(&self, x: f64, y: f64, outward: f64) -> Result<Leg, Unreachable> {
         let dx = x - self.base_x(outward);
         let square = dx * dx + y * y;
         let reach = square.sqrt();
@@ -185,7 +257,11 @@ impl FiveBar {
         let (tc, ts) = (outward * y * sine, -outward * dx * sine);
         let along = Displacement::new(c + tc, s + ts);
         let elbow = along * (self.proximal / reach) + Displacement::new(self.base_x(outward), 0.0);
-        Ok((along.y.atan2(along.x), elbow))
+        Ok(Leg {
+            along,
+            reach,
+            elbow,
+        })
     }
 
     /// Vectors from the elbows of A and B to the endpoint.

@@ -162,7 +162,7 @@ pub fn core_capture(offset: f64, core: f64, beam: f64) -> f64 {
     let scale = 2.0 / (beam * beam);
     let ring = |r: f64| {
         let gap = r - offset;
-        2.0 * scale * r * (-scale * gap * gap).exp() * bessel_i0_scaled(2.0 * scale * r * offset)
+        2.0 * scale * r * bessel_i0_damped(2.0 * scale * r * offset, scale * gap * gap)
     };
     let half = 0.5 * core;
     half * NODES
@@ -171,8 +171,8 @@ pub fn core_capture(offset: f64, core: f64, beam: f64) -> f64 {
         .sum::<f64>()
 }
 
-/// `exp(-x) I_0(x)` for `x >= 0`, to 3e-7 (Abramowitz and Stegun 9.8.1, 9.8.2).
-fn bessel_i0_scaled(x: f64) -> f64 {
+/// `exp(-x - y) I_0(x)` for `x >= 0`, to 3e-7 (Abramowitz and Stegun 9.8.1, 9.8.2), with one exponential in all.
+fn bessel_i0_damped(x: f64, y: f64) -> f64 {
     let horner = |t: f64, c: &[f64]| c.iter().rev().fold(0.0, |sum, c| sum * t + c);
     if x < 3.75 {
         let t = (x / 3.75).powi(2);
@@ -185,7 +185,7 @@ fn bessel_i0_scaled(x: f64) -> f64 {
             0.036_076_8,
             0.004_581_3,
         ];
-        (-x).exp() * horner(t, &c)
+        (-x - y).exp() * horner(t, &c)
     } else {
         let c = [
             0.398_942_28,
@@ -198,7 +198,7 @@ fn bessel_i0_scaled(x: f64) -> f64 {
             -0.016_476_33,
             0.003_923_77,
         ];
-        horner(3.75 / x, &c) / x.sqrt()
+        (-y).exp() * horner(3.75 / x, &c) / x.sqrt()
     }
 }
 

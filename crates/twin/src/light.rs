@@ -12,6 +12,9 @@ use pigtail_numerics::golden::least;
 use rand::RngExt;
 use std::f64::consts::PI;
 
+/// Less light than this is none, volts: a millionth of a step of a converter of 24 bits over 10 V.
+const NO_LIGHT: f64 = 1e-12;
+
 /// A fiber as it sits in its holder.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct FiberInHolder {
@@ -229,6 +232,10 @@ impl LightPath {
         }
         let mut sensing = missed * in_core * self.substrate(tips.sensing, self.core_radius);
         for (port, branch) in self.outputs.iter().zip(self.branch) {
+            let guided = self.full * branch * tips.input;
+            if guided < NO_LIGHT {
+                continue;
+            }
             // The beam leaves at an angle and spreads.
             let gap = port.gap(tips.sensing).max(0.0);
             let x = port.position.x + gap * port.sin_exit / port.cos_exit;
@@ -236,8 +243,7 @@ impl LightPath {
             let offset = beside.norm();
             let beam = self.coupler.beam_radius(gap);
             if offset < self.core_radius + 3.0 * beam {
-                sensing +=
-                    self.full * branch * tips.input * core_capture(offset, self.core_radius, beam);
+                sensing += guided * core_capture(offset, self.core_radius, beam);
             }
         }
         volts[Channel::Sensing.index()] += sensing;

@@ -36,6 +36,8 @@ pub(super) struct Arm {
     pub(super) kinematics: Kinematics,
     /// Sines and cosines of its joints by the encoders.
     pub(super) turning: Cell<[Turning; 2]>,
+    /// The same where they are wanted.
+    wanted_turning: [Turning; 2],
     pub(super) windups: [Windup; AXES],
     pub(super) windup_states: [WindupState; AXES],
     /// What the transmissions hold back by these at this moment, radians of the outputs.
@@ -78,6 +80,7 @@ impl Arm {
         Self {
             kinematics: Kinematics::new(spec, calibration, side),
             turning: Cell::default(),
+            wanted_turning: Default::default(),
             windups: Axis::ALL.map(|axis| {
                 let belief = match axis {
                     Axis::A | Axis::B => &calibration.windup.five_bar,
@@ -172,7 +175,8 @@ impl Arm {
         let over = elapsed >= motion.duration();
         // The motion lies inside the workspace, which was checked to be reachable; were it not,
         // holding is the answer.
-        if let Ok(outputs) = self.kinematics.outputs_at(self.wanted) {
+        let turning = &mut self.wanted_turning;
+        if let Ok(outputs) = self.kinematics.outputs_from(turning, self.wanted) {
             for (i, output) in outputs.into_iter().enumerate() {
                 // (2.22): the input that is needed for this output.
                 let windup = self.windups[i].next(&mut self.windup_states[i], output);

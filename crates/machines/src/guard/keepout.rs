@@ -130,6 +130,8 @@ pub(super) struct Keepout {
     /// The square of the share of a way that a piezo may still be off, from now on every [`EVERY`] cycles.
     late: Vec<f64>,
     recent: Vec<[Stand; SIDES]>,
+    /// For how many cycles each endpoint has been where it is, to the last bit.
+    stood: [usize; SIDES],
     /// Whether what was before says nothing of what comes.
     anew: bool,
     at: usize,
@@ -195,6 +197,7 @@ impl Keepout {
             settle,
             late,
             recent: vec![stands; cycles],
+            stood: [0; SIDES],
             anew: false,
             at: 0,
             seen_counts: [[Counts(0); 2]; SIDES],
@@ -255,10 +258,11 @@ impl Keepout {
     /// Whether a tip has been within so many metres of where it is for as long as piezos may swing.
     pub(super) fn is_still(&self, side: usize, metres: f64) -> bool {
         let now = self.stand(side, 0).endpoint;
-        // What moves mostly shows by the first of them.
+        // What moves mostly shows by the first of them. What has stood where it is needs no look at each cycle.
         self.squares(side, 0)
             .all(|square| square <= metres * metres)
-            && (1..=self.settle).all(|back| self.stand(side, back).endpoint.distance(now) <= metres)
+            && (self.stood[side] + 1..=self.settle)
+                .all(|back| self.stand(side, back).endpoint.distance(now) <= metres)
     }
 
     /// Squares of how far a micro may still have been from where it was told to be so many cycles ago, by where
@@ -321,6 +325,11 @@ impl Keepout {
                 added += *gain * (volts - self.middle);
             }
             let tip = arm.placement.chip_from_macro(endpoint.moved(added));
+            self.stood[i] = if endpoint == before[i].endpoint {
+                self.stood[i].saturating_add(1)
+            } else {
+                0
+            };
             self.recent[self.at][i] = Stand {
                 time: measured.time,
                 endpoint,
@@ -334,6 +343,7 @@ impl Keepout {
         if std::mem::take(&mut self.anew) {
             let now = self.recent[self.at];
             self.recent.fill(now);
+            self.stood = [0; SIDES];
         }
         whole
     }

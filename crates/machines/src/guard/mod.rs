@@ -620,11 +620,13 @@ impl<M: Machine> Machine for Guard<M> {
         if let Err(broken) = self.check_command(command) {
             return Err(self.trip(broken));
         }
-        let measured = match self.machine.exchange(command) {
+        // What was answered stays where it is until it is handed on: it is large.
+        let answer = self.machine.exchange(command);
+        let measured = match &answer {
             Ok(measured) => measured,
             Err(fault) => {
                 self.fault = Some(fault.clone());
-                return Err(fault);
+                return answer;
             }
         };
         if command.fiber != [None; SIDES] || measured.handled != [None; SIDES] {
@@ -634,7 +636,7 @@ impl<M: Machine> Machine for Guard<M> {
             self.light.change_device();
             self.changing = self.handling.contains(&Some(FiberHandling::Index));
         }
-        let checked = self.check_measurement(command, &measured);
+        let checked = self.check_measurement(command, measured);
         self.last = Some(Last {
             micro: command.micro,
             laser: (command.laser, command.laser_percent),
@@ -643,7 +645,7 @@ impl<M: Machine> Machine for Guard<M> {
             probes: measured.probes,
         });
         match checked {
-            Ok(()) => Ok(measured),
+            Ok(()) => answer,
             Err(broken) => Err(self.trip(broken)),
         }
     }
