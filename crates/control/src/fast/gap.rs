@@ -93,10 +93,15 @@ impl Shared<'_> {
         before: f64,
     ) -> Result<(), Halt> {
         let beam = Beam::new(&self.recipe.mode, self.exit());
-        let here = (self.recipe.approach.gap, 1);
+        let wanted = self.recipe.approach.gap;
         if vision_knows(cell.spec(), self.recipe) {
-            return self.approach(cell, aim, scan, before, here).await;
+            return self.approach(cell, aim, scan, before, (wanted, 1)).await;
         }
+        // Vision may be wrong by its bound, and a way that ends there goes beyond its end: the rest is for when light has told.
+        let bound = cell
+            .seen(aim.side, aim.tip)
+            .map_or(0.0, |seen| seen.bound_z);
+        let here = (wanted + bound, 1);
         cell.forget_told(aim.side);
         let holder = || cell.holder(aim.side).x;
         let mut from = holder();
