@@ -130,11 +130,8 @@ fn solve(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64], shortest: usize) -> Opti
     let freedom = (n - p) as f64;
     let variance = solution.residuals.iter().map(|l| l * l).sum::<f64>() / freedom;
     let bread = ztx.try_inverse()?;
-    let spread = |middle: &DMatrix<f64>| -> Vec<f64> {
-        let covariance = &bread * middle * bread.transpose();
-        (0..p).map(|j| covariance[(j, j)].max(0.0).sqrt()).collect()
-    };
-    solution.std = spread(&(z.transpose() * z * variance));
+    let covariance = &bread * (z.transpose() * z * variance) * bread.transpose();
+    solution.std = (0..p).map(|j| covariance[(j, j)].max(0.0).sqrt()).collect();
     solution.std_correlated = clustered(x, z, &solution.residuals, &bread, shortest);
     Some(solution)
 }
@@ -194,7 +191,7 @@ struct Part {
 /// What the fit has taken of a batch's own is given back: of white noise the corrected sum has on average the square
 /// that it would have without a fit (the estimator known as CR2). How many degrees of freedom the sum of squares has is
 /// Satterthwaite's number, again of white noise: fewer where a parameter rests on few of the batches. The deviation is
-/// wider by Student's quantile over the normal one, so that 1.96 of it hold what 95 % are. R. Bell and D. McCaffrey,
+/// wider by Student's quantile over the normal one, so that 1.96 of it hold what 95 % are. R. Bell and D. `McCaffrey`,
 /// *Bias Reduction in Standard Errors for Linear Regression with Multi-Stage Samples*, Survey Methodology 28, 2002.
 fn clustered(
     x: &DMatrix<f64>,

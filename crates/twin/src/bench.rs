@@ -371,8 +371,6 @@ impl BenchTwin {
             }
             match busy.request {
                 Request::Laser(on) => self.laser = on,
-                // What is asked for was found to be its full power.
-                Request::LaserPower { .. } => {}
                 Request::Load { arm, port } => {
                     let tray = &mut self.tray[arm];
                     let place = tray.iter().position(|fiber| fiber.port == port);
@@ -380,7 +378,8 @@ impl BenchTwin {
                 }
                 Request::Unload { arm } => self.tray[arm].extend(self.arms[arm].carried.take()),
                 Request::Attach { arm } => self.fix(arm, &busy),
-                Request::Handle { .. } => {}
+                // A power that was found to be its full one.
+                Request::LaserPower { .. } | Request::Handle { .. } => {}
             }
             self.events.push_back(Event::Done(busy.ticket));
         }

@@ -439,8 +439,8 @@ fn what_drives_a_simulation_is_read_right_or_refused() {
             (Ok(read), wanted) => {
                 // Each value holds until the next one.
                 let at = |t: f64| {
-                    let before = read.rows.iter().filter(|r| r.0 <= t + 1e-9);
-                    before.last().map_or(f64::NAN, |r| r.1)
+                    let mut before = read.rows.iter().filter(|r| r.0 <= t + 1e-9);
+                    before.next_back().map_or(f64::NAN, |r| r.1)
                 };
                 let found = [0.0, 1.0, 2.0].map(at);
                 let right =

@@ -39,7 +39,7 @@ pub(super) fn shifted(samples: &[Sample], by: f64) -> Vec<Sample> {
             while at + 2 < stretch.len() && stretch[at + 1].time < time {
                 at += 1;
             }
-            let Some([a, b]) = stretch.get(at..at + 2).and_then(|w| w.as_array()) else {
+            let Some([a, b, ..]) = stretch.get(at..) else {
                 continue;
             };
             if time < a.time || time > b.time || b.time <= a.time {

@@ -333,6 +333,25 @@ impl Identified {
     }
 }
 
+/// That the inertia is, or why it is not known.
+fn positive(first: &Variant, unknown: &mut Vec<Unknown>) -> Result<(), Unknown> {
+    if first.values[0] > 0.0 || unknown.iter().any(|u| u.covers("inertia")) {
+        return Ok(());
+    }
+    if unknown.is_empty() {
+        return Err(Unknown::all(
+            "the inertia that fits it best is negative: voltage or position has the wrong sign, or columns \
+             are swapped",
+        ));
+    }
+    unknown.push(Unknown {
+        parameters: vec!["inertia"],
+        because: "it moves at constant speed, nearly: the inertia that fits it best is negative"
+            .to_owned(),
+    });
+    Ok(())
+}
+
 /// Identifies an axis; `second` is another record of the same axis that says which variant
 /// generalises.
 ///
@@ -396,20 +415,7 @@ pub fn identify(
             "its equations depend on each other: nothing in it changes by itself",
         ));
     };
-    if first.values[0] <= 0.0 && !unknown.iter().any(|u| u.covers("inertia")) {
-        if unknown.is_empty() {
-            return Err(Unknown::all(
-                "the inertia that fits it best is negative: voltage or position has the wrong sign, or columns \
-                 are swapped",
-            ));
-        }
-        unknown.push(Unknown {
-            parameters: vec!["inertia"],
-            because:
-                "it moves at constant speed, nearly: the inertia that fits it best is negative"
-                    .to_owned(),
-        });
-    }
+    positive(first, &mut unknown)?;
     check::driving(first, &columns)?;
     if first.relative_error_percent > UNEXPLAINED {
         return Err(Unknown::all(format!(

@@ -21,6 +21,12 @@ const TELLS_ALL: f64 = 1.01;
 /// rest says which of them generalises.
 const FITTED: f64 = 0.7;
 
+/// A speed below which the axis may stick.
+fn slowest_motion(columns: &Equations) -> f64 {
+    let speeds: Vec<f64> = columns.velocity.iter().map(|v| v.abs()).collect();
+    SLOW * quantile(&speeds, 0.99)
+}
+
 /// Every law of friction by every method, and how each tells what it was not fitted to.
 pub(super) fn variants(
     record: &Record,
@@ -53,8 +59,7 @@ pub(super) fn variants(
         // What another sample of delay would change: nobody knows when within it a voltage acts.
         let pairs = columns.force.iter().zip(&columns.lag);
         let later: Vec<f64> = pairs.map(|(f, l)| f - l).collect();
-        let speeds: Vec<f64> = columns.velocity.iter().map(|v| v.abs()).collect();
-        let moving = SLOW * quantile(&speeds, 0.99);
+        let moving = slowest_motion(columns);
         let noise = check::acceleration_noise(record, set);
         // The same columns without the delay: what it is to be compared with.
         let without = delayed.clone().remove_column(delayed.ncols() - 1);
@@ -63,11 +68,7 @@ pub(super) fn variants(
         };
         let timing = least_squares(&x, &later).map(|s| s.values);
         let solve = |method: Method, rows: std::ops::Range<usize>| -> Option<Solution> {
-            let x = if method == Method::Delayed {
-                &delayed
-            } else {
-                &x
-            };
+            let x = [&x, &delayed][usize::from(method == Method::Delayed)];
             let part = x.rows(rows.start, rows.len()).into_owned();
             let force = &columns.force[rows.clone()];
             match method {
