@@ -57,7 +57,7 @@ impl Turning {
         };
     }
 
-    /// Angle of a direction that is `length` long, radians: [`f64::atan2`] to its last bits.
+    /// Angle of a direction that is `length` long, radians: [`f64::atan2`] to 1e-15 rad.
     #[inline]
     fn angle_of(&mut self, direction: Displacement, length: f64) -> f64 {
         let Displacement { x, y } = direction;

@@ -12,7 +12,7 @@ use pigtail_numerics::golden::least;
 use rand::RngExt;
 use std::f64::consts::PI;
 
-/// Less light than this is none, volts: a millionth of a step of a converter of 24 bits over 10 V.
+/// Less light than this is none, volts: less than two millionths of a step of a converter of 24 bits over 10 V.
 const NO_LIGHT: f64 = 1e-12;
 
 /// A fiber as it sits in its holder.
