@@ -120,6 +120,11 @@ impl Shared<'_> {
                     to_middle(cell, aim, scan, 0.5 * (gap + here.0)).await?;
                     from = holder();
                 }
+                // Looks are compared by encoders: where the axis turns back its transmission hides a part of the way.
+                if aim.gap(cell) < gap {
+                    let back = gap + 2.0 * cell.spec().guard.windup_z;
+                    self.approach(cell, aim, scan, before, (back, 0)).await?;
+                }
                 self.approach(cell, aim, scan, before, (gap, 1)).await?;
                 if !one {
                     to_middle(cell, aim, scan, gap).await?;
@@ -220,15 +225,17 @@ impl Shared<'_> {
         } else {
             self.fast.gap_tolerance
         };
-        if way.abs() > tolerance {
-            let end = cell.wanted(aim.side).shifted(0.0, 0.0, way);
-            cell.start_line(aim.side, end, None)?;
-            while cell.is_moving(aim.side) {
-                let led = aim.led(cell);
-                scan.step(cell, led, f64::INFINITY).await?;
-            }
+        if way.abs() <= tolerance {
+            return Ok(());
         }
-        Ok(())
+        // Vision sees what a transmission hides where the axis turns back; the light has told where the tip was, coming nearer.
+        let told = !vision_knows(cell.spec(), self.recipe);
+        let hides = cell.spec().guard.windup_z;
+        if told && way < 0.0 {
+            along(cell, aim, scan, way - hides).await?;
+            return along(cell, aim, scan, hides).await;
+        }
+        along(cell, aim, scan, way).await
     }
 
     /// Believes where fiber and chip touch, if that is known well enough for a fiber to be attached so many seconds later: whether it is.
@@ -253,6 +260,22 @@ impl Shared<'_> {
         cell.tell_z(aim.side, -outward(aim.side) * contact.at, contact.deviation);
         true
     }
+}
+
+/// Goes so far along z on the circle, metres.
+async fn along(
+    cell: &AlignmentCell<'_>,
+    aim: &Aim,
+    scan: &mut ConicalScan<'_>,
+    way: f64,
+) -> Result<(), Halt> {
+    let end = cell.wanted(aim.side).shifted(0.0, 0.0, way);
+    cell.start_line(aim.side, end, None)?;
+    while cell.is_moving(aim.side) {
+        let led = aim.led(cell);
+        scan.step(cell, led, f64::INFINITY).await?;
+    }
+    Ok(())
 }
 
 /// Where widths and vision together have it that fiber and chip touch, if vision does not contradict the light: what the gap by vision and encoders
