@@ -238,11 +238,11 @@ fn what_else_was_identified_goes_into_the_twin() {
     near(quantity(&joint["load_friction"]["static"]), 2.5 * way, 0.1);
     near(quantity(&joint["load_friction"]["coulomb"]), 2.0 * way, 0.1);
     near(quantity(&joint["stribeck"]), 1e-3 / way, 0.1);
-    // What the motor has to overcome in all is what it was.
+    // What the motor has to overcome in all is what it was, to 2.5 % of that in all (1.5 % before ends of a record were left out).
     near(
         quantity(&joint["motor_friction"]["coulomb"]),
         2.0 * way,
-        3.0,
+        5.0,
     );
     fs::write(at.join("r.toml"), "[resonance]\nfrequency_1 = 71.0\n").expect("a file");
     let plant = rig("b", &["r.toml", &whole]);

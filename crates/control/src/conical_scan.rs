@@ -222,6 +222,12 @@ impl<'r> ConicalScan<'r> {
         self.readings.clear();
     }
 
+    /// The level without the fiber's light is so many volts.
+    pub fn set_background(&mut self, background: f64) {
+        self.watch.background = background;
+        self.readings.clear();
+    }
+
     /// Its level without the fiber's light, volts.
     pub fn background(&self) -> f64 {
         self.watch.background
