@@ -180,12 +180,14 @@ fn difference(is: &Command, was: &Command) -> Option<(String, String, String)> {
             return Some((name, format!("{a:?}"), format!("{b:?}")));
         }
     }
-    let said = |of: &Command| match (of.laser, of.laser_percent) {
-        (false, _) => "off".to_owned(),
-        (true, percent) => format!("on at {percent} %"),
-    };
-    let (is, was) = (said(is), said(was));
-    (is != was).then(|| ("laser".to_owned(), is, was))
+    let of = |command: &Command| (command.laser, command.laser_percent);
+    (of(is) != of(was)).then(|| {
+        let said = |(on, percent): (bool, u8)| {
+            let on = if on { "on" } else { "off" };
+            format!("{on}, at {percent} %")
+        };
+        ("laser".to_owned(), said(of(is)), said(of(was)))
+    })
 }
 
 const _: () = assert!(AXES == 3, "differences name every axis");
