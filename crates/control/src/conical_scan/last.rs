@@ -257,7 +257,7 @@ impl ConicalScan<'_> {
             rings |= swing * shorter > QUIET;
             let quiet = swing < QUIET || !rings;
             // What swings near twice the circle's rate looks like a peak elsewhere, until it has died away.
-            let old = self.slower * f64::from(if led { turns } else { turns.min(FRESH) });
+            let old = aged(led, turns) * self.slower;
             if quiet && (turns == RINGING || Moved::of(foreseen, &seen, old).is_none()) {
                 break seen;
             }
@@ -281,7 +281,7 @@ impl ConicalScan<'_> {
         };
         // On the way to this circle and on it nothing has moved.
         self.moved = if led { self.moved } else { 0.0 };
-        let old = self.slower * f64::from(if led { turns } else { turns.min(FRESH) });
+        let old = aged(led, turns) * self.slower;
         Ok(Near { seen, old, rings })
     }
 
@@ -390,6 +390,11 @@ struct Near {
     old: f64,
     /// Whether the micro rang on the way there.
     rings: bool,
+}
+
+/// By how many of so many turns what was foreseen has got old, where the middle was led after what was seen, or was not.
+fn aged(led: bool, turns: u32) -> f64 {
+    f64::from(if led { turns } else { turns.min(FRESH) })
 }
 
 /// What was foreseen for one turn, so many turns later: piezos creep.
