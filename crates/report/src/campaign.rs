@@ -3,6 +3,7 @@
 use super::figure::{HALF, WHOLE};
 use super::histogram::histogram;
 use super::html::{configuration, figure, number, page, verdict};
+use super::sureness::sureness;
 use super::text::far;
 use anyhow::Result;
 use maud::{Markup, html};
@@ -38,6 +39,7 @@ pub fn campaign(store: &Store, document: &CampaignDocument) -> Result<String> {
         (faults(document))
         (failures(document))
         (figures(store, document)?)
+        (sureness(store, document)?)
         (phases(document))
         (configuration(
             &store.plan().configuration,

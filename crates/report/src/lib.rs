@@ -41,6 +41,7 @@ mod record;
 mod scale;
 mod scan;
 mod shapes;
+mod sureness;
 pub mod text;
 mod thesis;
 mod trays;

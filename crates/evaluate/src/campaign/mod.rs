@@ -10,6 +10,7 @@ mod rows;
 pub mod shard;
 mod store;
 mod summary;
+mod sureness;
 
 use crate::align::{self, align};
 use crate::bench;
@@ -30,6 +31,7 @@ use std::sync::mpsc;
 use std::time::{Duration, Instant};
 pub use store::{Plan, Store};
 pub use summary::{CampaignDocument, Cause, summarize};
+pub use sureness::{Known, SHARES, Shares, Sureness, reliability};
 
 /// Devices whose rows are kept together...
 const PART: u64 = 256;

@@ -3,11 +3,12 @@
 use super::commissioned::REFUSED;
 use super::rows::ROWS_PER_DEVICE;
 use super::store::Store;
+use super::sureness::Sureness;
 use anyhow::Result;
 use pigtail_control::outcome::OutcomeCode;
 use pigtail_hal::Rule;
 use pigtail_numerics::rounded;
-use pigtail_numerics::statistics::{CONFIDENCE, Percentiles, Sum, wilson};
+use pigtail_numerics::statistics::{CONFIDENCE, Percentiles, wilson};
 use pigtail_session::fleet::NOMINAL;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
@@ -102,75 +103,6 @@ pub struct CampaignDocument {
     pub version: &'static str,
     /// Path of the report.
     pub report: String,
-}
-
-/// How often the truth lies within control's own intervals, over attached fibers of which it has some.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Sureness {
-    /// Fibers with a belief.
-    pub fibers: u64,
-    /// Share of them whose truth lies within the intervals of 50 %...
-    pub within_50_percent: Shares,
-    /// ...of 80 %...
-    pub within_80_percent: Shares,
-    /// ...of 95 %...
-    pub within_95_percent: Shares,
-    /// ...and of 99 %.
-    pub within_99_percent: Shares,
-    /// Half widths of the intervals of 95 %, in the median, micrometres: x and y, z.
-    pub median_95_percent_um: [Option<f64>; 2],
-    /// Sum of control's own probabilities that a fiber is out of tolerance: so many wrong ones it expects itself.
-    pub stated_wrong: f64,
-    /// Fibers that it was not sure of, and did not attach.
-    pub unsure: u64,
-}
-
-/// Shares of fibers, by axis.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Shares {
-    /// Across the chip.
-    pub x: f64,
-    /// Up from the chip.
-    pub y: f64,
-    /// Of the gap.
-    pub z: f64,
-}
-
-impl Sureness {
-    fn of(rows: &Rows, unsure: u64) -> Result<Option<Self>> {
-        const SHARES: [f64; 4] = [0.5, 0.8, 0.95, 0.99];
-        let mut within = [[0_u64; 3]; SHARES.len()];
-        let mut fibers = 0_u64;
-        for (axis, name) in ["level_x", "level_y", "level_z"].iter().enumerate() {
-            fibers = 0;
-            rows.each_number(name, |level| {
-                fibers += 1;
-                for (within, share) in within.iter_mut().zip(SHARES) {
-                    within[axis] += u64::from(level <= share);
-                }
-            })?;
-        }
-        if fibers == 0 {
-            return Ok(None);
-        }
-        let shares = within.map(|within| {
-            let [x, y, z] = within.map(|count| rounded(count as f64 / fibers as f64, 1e-6));
-            Shares { x, y, z }
-        });
-        let median = |name: &str| -> Result<Option<f64>> { Ok(percentiles(rows, name)?.p50) };
-        let mut stated = Sum::default();
-        rows.each_number("stated_outside", |share| stated.add(share))?;
-        Ok(Some(Self {
-            fibers,
-            within_50_percent: shares[0],
-            within_80_percent: shares[1],
-            within_95_percent: shares[2],
-            within_99_percent: shares[3],
-            median_95_percent_um: [median("believed_x_um")?, median("believed_z_um")?],
-            stated_wrong: rounded(stated.value(), 1e-9),
-            unsure,
-        }))
-    }
 }
 
 /// A phase of an alignment.
@@ -466,7 +398,7 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<CampaignDocument> {
     }
     let devices = fibers / ROWS_PER_DEVICE;
     let unsure = failed.get(OutcomeCode::Unsure.name());
-    let sureness = Sureness::of(&rows, unsure.map_or(0, |of| of.count))?;
+    let sureness = Sureness::of(&rows, plan.devices_each, unsure.map_or(0, |of| of.count))?;
     Ok(CampaignDocument {
         sureness,
         devices,
