@@ -4,6 +4,7 @@ use crate::recipe::Mode;
 use nalgebra::{Matrix3, Vector3};
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::normal::{Normal, Problem, Rules, minimise};
+use pigtail_numerics::statistics::pooled;
 use std::f64::consts::PI;
 
 /// The coupling of a fiber to a guide of the same mode, by design. Only its shape is relied on.
@@ -11,12 +12,52 @@ use std::f64::consts::PI;
 pub struct Beam {
     /// Radius at which the field has fallen to 1/e, metres.
     radius: f64,
+    /// The same by design, metres.
+    design: f64,
     /// Rayleigh length, metres.
     rayleigh: f64,
     /// Cosine of the light's angle to the z axis.
     cos: f64,
     /// By which share the inverse square of the width is more in x, and less in y: modes are not quite round.
     oblong: f64,
+    /// What was known of that beforehand.
+    known: Oblong,
+}
+
+/// How wide the spot of light is where a fiber and a guide touch, in x and in y.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpotSize {
+    /// Distance from the peak at which the light has fallen to 1/e, metres of the micro's own scale.
+    pub radius: [f64; 2],
+    /// Standard deviations of their natural logarithms.
+    pub deviation: [f64; 2],
+}
+
+impl SpotSize {
+    /// What several fibers have told of one manipulator and one product, for another fiber of another device; `None` of none.
+    pub fn of_all(told: &[Self]) -> Option<Self> {
+        /// Another fiber and another guide: makers state a tenth of a micrometre or two for either radius, of 2 to 5. An estimate.
+        const ANOTHER: f64 = 0.035;
+        let axis = |i: usize| {
+            let each = told
+                .iter()
+                .map(|one| (one.radius[i].ln(), one.deviation[i]));
+            let (mean, deviation) = pooled(each);
+            (mean.exp(), deviation.hypot(ANOTHER))
+        };
+        let [x, y] = [axis(0), axis(1)];
+        (!told.is_empty()).then_some(Self {
+            radius: [x.0, y.0],
+            deviation: [x.1, y.1],
+        })
+    }
+
+    /// Whether it is known better than a design is.
+    pub fn is_known(&self) -> bool {
+        /// A fourth of what products differ by from what is usual; a choice.
+        const WELL: f64 = 0.05;
+        self.deviation.iter().all(|deviation| *deviation < WELL)
+    }
 }
 
 /// How oblong a spot is, by the turns around it so far.
@@ -35,11 +76,9 @@ const USUAL: f64 = 0.16;
 const MOST: f64 = 0.6;
 
 impl Oblong {
-    /// One that widths have told.
-    fn known(share: f64) -> Self {
-        /// How well they do, one standard deviation.
-        const KNOWN: f64 = 0.03;
-        let told = 1.0 / (KNOWN * KNOWN);
+    /// One that is known to a standard deviation.
+    fn known(share: f64, deviation: f64) -> Self {
+        let told = deviation.powi(-2);
         Self {
             told,
             sum: share * told,
@@ -81,18 +120,62 @@ impl Beam {
     pub fn new(mode: &Mode, exit: f64) -> Self {
         Self {
             radius: mode.radius,
+            design: mode.radius,
             rayleigh: PI * mode.radius * mode.radius * mode.gap_index / mode.wavelength,
             cos: exit.cos(),
             oblong: 0.0,
+            known: Oblong::default(),
         }
+    }
+
+    /// The same light with a spot that is as wide as it was measured.
+    #[must_use]
+    pub fn as_measured(self, size: &SpotSize) -> Self {
+        let [x, y] = size.radius.map(|radius| radius.powi(-2));
+        let radius = (0.5 * (x + y)).sqrt().recip();
+        let share = ((x - y) / (x + y)).clamp(-MOST, MOST);
+        Self {
+            radius,
+            rayleigh: self.rayleigh * (radius / self.radius).powi(2),
+            oblong: share,
+            known: Oblong::known(share, size.deviation[0].hypot(size.deviation[1])),
+            ..self
+        }
+    }
+
+    /// Distance from the peak at which the light has fallen to 1/e without a gap by design, whatever was measured, metres.
+    pub fn design(&self) -> f64 {
+        self.design
+    }
+
+    /// How oblong the spot is known to be before anything is seen of it.
+    pub fn known_oblong(&self) -> Oblong {
+        self.known
+    }
+
+    /// How wide the spot is where fiber and guide touch, of squared widths at a gap (square metres; metres) and their standard deviations.
+    /// `None` where no such spot is so narrow there.
+    pub fn at_contact(&self, gap: f64, squared: [f64; 2], deviation: [f64; 2]) -> Option<SpotSize> {
+        // `w^2 = S + s^2/S`, of which the larger root is that of a fiber within a Rayleigh length.
+        let spreads = 0.5 * self.radius * self.radius * gap / (self.cos * self.rayleigh);
+        let root = |w: f64| {
+            let rest = w * w - 4.0 * spreads * spreads;
+            (rest > 0.0).then(|| (0.5 * (w + rest.sqrt())).sqrt())
+        };
+        Some(SpotSize {
+            radius: [root(squared[0])?, root(squared[1])?],
+            deviation: [0, 1].map(|i| 0.5 * deviation[i] / squared[i]),
+        })
     }
 
     /// A spot of which the squares of the widths in x and in y are so many times those that are believed of a round one.
     pub fn widen(&mut self, times: [f64; 2]) -> Oblong {
+        /// How well widths tell how oblong it is, one standard deviation.
+        const KNOWN: f64 = 0.03;
         let [x, y] = times.map(f64::recip);
         self.radius *= (0.5 * (x + y)).sqrt().recip();
         self.oblong = ((x - y) / (x + y)).clamp(-MOST, MOST);
-        Oblong::known(self.oblong)
+        Oblong::known(self.oblong, KNOWN)
     }
 
     /// A spot that is as oblong as was seen.
@@ -334,6 +417,41 @@ mod tests {
             (0.6..1.2).contains(&(measured / prediction)),
             "{measured} {prediction}"
         );
+    }
+
+    #[test]
+    fn a_spot_as_measured_is_as_wide_at_every_gap_as_its_modes_make_it() {
+        // Half the sum of the squared radii of a fiber and a guide, in x and in y.
+        let s = [3.2e-6_f64, 2.1e-6].map(|guide| 0.5 * (guide * guide + 2.5e-6 * 2.5e-6));
+        let gap = 5e-6;
+        let squared = s.map(|s| s + (1.3e-6 * gap / std::f64::consts::TAU).powi(2) / s);
+        let size = beam()
+            .at_contact(gap, squared, squared.map(|w| 0.04 * w))
+            .unwrap();
+        for i in 0..2 {
+            assert!((size.radius[i].powi(2) / s[i] - 1.0).abs() < 1e-9);
+            assert!((size.deviation[i] - 0.02).abs() < 1e-12);
+        }
+        let measured = beam().as_measured(&size);
+        for (found, s) in measured.squared_widths(0.0).into_iter().zip(s) {
+            assert!((found / s - 1.0).abs() < 1e-9, "{found} {s}");
+        }
+        assert_eq!(measured.design(), beam().design());
+        // No spot of this light is so narrow at so wide a gap.
+        assert_eq!(beam().at_contact(60e-6, squared, squared), None);
+    }
+
+    #[test]
+    fn fibers_that_differ_by_more_than_they_say_make_the_next_one_less_known() {
+        let told = |radius: f64| SpotSize {
+            radius: [radius; 2],
+            deviation: [0.01; 2],
+        };
+        assert_eq!(SpotSize::of_all(&[]), None);
+        let alike = SpotSize::of_all(&[told(3e-6), told(3e-6)]).unwrap();
+        assert!((alike.radius[0] - 3e-6).abs() < 1e-15 && alike.is_known());
+        let unlike = SpotSize::of_all(&[told(2.5e-6), told(3.5e-6)]).unwrap();
+        assert!(!unlike.is_known(), "{unlike:?}");
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The belief about a machine: `calibration.toml`.
 
+use crate::beam::SpotSize;
 use crate::compensation::micro::MicroModel;
 use crate::gap_by_light::Spread;
 use crate::impulse::belief::ImpulseBeliefs;
@@ -30,6 +31,9 @@ pub struct Calibration {
     /// How light spreads over a gap in the scale of each manipulator's micro where it has been measured.
     #[serde(default)]
     pub spread: Spreads,
+    /// How wide the spot of light at the chip is in the scale of each manipulator's micro where it has been measured.
+    #[serde(default)]
+    pub spot: Spots,
     /// Pulses of each kind of axis where they have been measured.
     #[serde(default)]
     pub impulse: ImpulseBeliefs,
@@ -119,6 +123,53 @@ pub struct SpreadBelief {
     #[serde(with = "quantity::PositiveLength")]
     pub y: f64,
     /// How well that along x is known: the standard deviation of its natural logarithm.
+    #[serde(with = "quantity::Positive")]
+    pub deviation_x: f64,
+    /// How well that along y is.
+    #[serde(with = "quantity::Positive")]
+    pub deviation_y: f64,
+    /// When it was found.
+    pub date: String,
+    /// By which run.
+    pub origin: String,
+}
+
+/// How wide the spot of light at the chip is in the scale of each manipulator's micro where it has been measured.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Spots {
+    /// Of the input's manipulator.
+    pub left: Option<SpotBelief>,
+    /// Of the outputs' manipulator.
+    pub right: Option<SpotBelief>,
+}
+
+impl Spots {
+    /// What was measured with a manipulator's micro.
+    pub fn of(&self, side: Side) -> Option<SpotSize> {
+        let belief = match side {
+            Side::Left => &self.left,
+            Side::Right => &self.right,
+        };
+        belief.as_ref().map(|belief| SpotSize {
+            radius: [belief.x, belief.y],
+            deviation: [belief.deviation_x, belief.deviation_y],
+        })
+    }
+}
+
+/// How wide the spot of light is where a fiber and a guide touch, in a micro's own scale, as it was measured over some fibers: the distance
+/// from the peak at which the light has fallen to 1/e, which is the radius of both modes where these are alike.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SpotBelief {
+    /// Along x.
+    #[serde(with = "quantity::PositiveLength")]
+    pub x: f64,
+    /// Along y.
+    #[serde(with = "quantity::PositiveLength")]
+    pub y: f64,
+    /// How well that along x is known of the next fiber: the standard deviation of its natural logarithm.
     #[serde(with = "quantity::Positive")]
     pub deviation_x: f64,
     /// How well that along y is.

@@ -1,9 +1,11 @@
 //! A bench with a camera and a sensing fiber in the hands of an alignment: what is known of where its arms stand, and what
 //! the camera has seen so far.
 
+use crate::beam::{Beam, SpotSize};
 use crate::gap_by_light::Spread;
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::{Gate, Go, LONGEST, Listener, Reactor, Watched, refused};
+use crate::recipe::Recipe;
 use crate::shaking::Measured;
 use crate::station::{Level, Station, coarse, fine};
 use crate::tip_estimator::{Seen, Tip, TipEstimator};
@@ -26,6 +28,8 @@ pub struct Layout {
     pub shaking: [Option<Measured>; SIDES],
     /// How light spreads over a gap in the scale of the micros, where it was measured.
     pub spread: [Option<Spread>; SIDES],
+    /// How wide the spot of light at the chip is in the scale of the micros, where it was measured.
+    pub spot: [Option<SpotSize>; SIDES],
     /// Whether the micros go where they are told: whether their piezos have a model that is believed.
     pub follows: [bool; SIDES],
 }
@@ -144,6 +148,15 @@ impl<'b> AlignmentCell<'b> {
     /// How light spreads over a gap in the scale of an arm's micro, if it was measured.
     pub fn measured_spread(&self, side: Side) -> Option<Spread> {
         self.layout.spread[side.index()]
+    }
+
+    /// The light between the fiber of an arm and its guide: of the modes of a recipe, or as wide as it was measured.
+    pub fn beam(&self, side: Side, recipe: &Recipe) -> Beam {
+        let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
+        match &self.layout.spot[side.index()] {
+            None => beam,
+            Some(size) => beam.as_measured(size),
+        }
     }
 
     /// Whether the micro of an arm goes where it is told.

@@ -8,7 +8,7 @@
 mod last;
 mod told;
 
-use crate::beam::{Beam, Oblong, Peak, Reading};
+use crate::beam::{Beam, Oblong, Peak, Reading, SpotSize};
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::Reactor;
 use crate::recipe::ConicalScan as Shape;
@@ -104,7 +104,9 @@ pub struct ConicalScan<'r> {
     /// By how much the squares of the spot's widths are more than those of a round one that is as wide as believed, as two
     /// circles at the chip have told.
     wider: Option<[f64; 2]>,
-    /// Whether it is so much more that turns about it said too little.
+    /// How wide the spot is at the chip, as two circles have told at last.
+    spot: Option<SpotSize>,
+    /// Whether it is so much wider than believed that turns about it said too little.
     misjudged: bool,
     /// How the tip shakes.
     shaking: Shaking,
@@ -173,8 +175,9 @@ impl<'r> ConicalScan<'r> {
             aside: None,
             readings: VecDeque::with_capacity(64),
             most: ((period * rate).round() as usize).max(4),
-            oblong: Oblong::default(),
+            oblong: beam.known_oblong(),
             wider: None,
+            spot: None,
             misjudged: false,
             shaking: Shaking::new(before),
             moved: f64::INFINITY,
@@ -241,6 +244,11 @@ impl<'r> ConicalScan<'r> {
     /// Whether the spot is so much wider than believed that the last turns said too little of where the peak is.
     pub fn misjudges_width(&self) -> bool {
         self.misjudged
+    }
+
+    /// How wide the spot is at the chip, as the last turns have told.
+    pub fn spot(&self) -> Option<SpotSize> {
+        self.spot
     }
 
     /// Believes from now on what the last two circles at the chip have told of how wide the spot is.

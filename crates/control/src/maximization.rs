@@ -4,7 +4,6 @@
 //! manipulator and drifting of the piezoelectric actuators", up to a rate of a step a pattern. Here
 //! it is made to, and the circles of the fast procedure too.
 
-use crate::beam::Beam;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::{ConicalScan, Watch};
 use crate::outcome::{Halt, Outcome};
@@ -165,7 +164,7 @@ async fn followed(
                 still_degrees: f64::INFINITY,
             };
             let gap = recipe.approach.gap;
-            let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
+            let beam = cell.beam(SIDE, recipe);
             let at = cell.micro(SIDE);
             let shape = &recipe.fast.conical_scan;
             let (still, before) = (Displacement::ZERO, cell.measured_shaking(SIDE));

@@ -212,7 +212,7 @@ async fn search(
     let raster = &recipe.raster;
     cell.move_micro(side, Displacement::ZERO)?;
     let searcher = Searcher::measure(cell, side, job.channel, raster.significance, 0.5).await?;
-    let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
+    let beam = cell.beam(side, recipe);
     let pitch = PITCH * beam.width(raster.gap);
     let columns = (0.5 * raster.x / pitch).ceil() as i32 + 1;
     let mut evidence = SearchEvidence {
@@ -367,7 +367,7 @@ impl Nudger {
             channel: job.channel,
             background: searcher.background.mean,
             noise: searcher.background.sigma.max(step),
-            beam: Beam::new(&recipe.mode, recipe.ports.exit_angle),
+            beam: cell.beam(side, recipe),
             response: Response::curve(&belief),
             belief,
             columns,

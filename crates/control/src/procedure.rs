@@ -4,6 +4,7 @@ mod attach;
 
 pub(crate) use attach::{ATTACHED_LOOK, has_fallen, place_at};
 
+use crate::beam::SpotSize;
 use crate::belief::{Across, Place};
 use crate::cell::AlignmentCell;
 use crate::gap_by_light::Spread;
@@ -32,6 +33,8 @@ pub struct FiberReport {
     pub shaking: Option<Measured>,
     /// How light spreads in its micro's scale, where widths of the spot have told.
     pub spread: Option<Spread>,
+    /// How wide its spot of light was, where circles at the chip have told.
+    pub spot: Option<SpotSize>,
     /// Where it is believed to be, where it was attached and that is known.
     pub place: Option<Place>,
     /// Its phases in order, seconds of machine time each.
@@ -75,6 +78,8 @@ pub(crate) struct Job<'r> {
     shaking: Option<Shaking>,
     /// How light spreads in its micro's scale, where widths of the spot have told.
     pub(crate) spread: Option<Spread>,
+    /// How wide its spot of light was, where circles at the chip have told.
+    pub(crate) spot: Option<SpotSize>,
     /// By how much its light differs from one turn of a circle to the next by itself, of its own, as far as circles have told.
     pub(crate) flicker: f64,
     /// Where it is believed to be.
@@ -216,6 +221,7 @@ impl<'r> Job<'r> {
             phases: Vec::with_capacity(8),
             shaking: None,
             spread: None,
+            spot: None,
             flicker: 0.0,
             place: None,
             holds: false,
@@ -234,6 +240,7 @@ impl<'r> Job<'r> {
                 .filter(Shaking::is_watched)
                 .map(|shaking| shaking.measured()),
             spread: self.spread,
+            spot: self.spot,
             place: self.place.take(),
             phases: std::mem::take(&mut self.phases),
         }

@@ -19,7 +19,7 @@ const USUAL: Measured = Measured {
 /// machine started nearby. A choice, as one that happens now and then and not on most days.
 const CHANGED: f64 = 0.05;
 
-/// What is slower than a turn is believed to be as much as what is faster, worth so many degrees of freedom.
+/// What is slower than a turn is believed to be as much as what is faster, or as much as was measured, worth so many degrees of freedom.
 const WORTH_SLOW: f64 = 10.0;
 
 /// Deviations that are looked at, metres, and how many of them.
@@ -230,11 +230,18 @@ impl Shaking {
         self.wide.degrees + self.small.degrees > 0.0
     }
 
-    /// Variance from turn to turn, square metres.
+    /// Variance from turn to turn, square metres, beside what is left of means over as long as a bond takes. These hold what is slower than a
+    /// turn, for a bond takes less: of a tip that was measured only what is more than that counts.
     fn slow(&self) -> f64 {
         let (variance, degrees) = self.slow;
-        let usual = self.measured.unwrap_or(USUAL).deviation.powi(2);
-        (variance * degrees + usual * WORTH_SLOW) / (degrees + WORTH_SLOW)
+        let measured = self.measured.unwrap_or(USUAL);
+        let foreseen = measured.left * measured.deviation.powi(2);
+        let believed = (variance * degrees + foreseen * WORTH_SLOW) / (degrees + WORTH_SLOW);
+        if self.measured.is_some() {
+            (believed - foreseen).max(0.0)
+        } else {
+            believed
+        }
     }
 
     /// Whether the micro swings on the circle that finds the peak by much more than on the small one: by its own
@@ -459,6 +466,27 @@ mod tests {
         // One that was seen to wander from turn to turn.
         still.set_slow(16e-16, 1e-16, 10.0);
         assert!(still.outside(0.1e-6, Across::of(15e-9)) > 1e-4);
+    }
+
+    #[test]
+    fn what_is_slower_than_a_turn_counts_once_of_a_tip_that_was_measured() {
+        let measured = Measured {
+            deviation: 36e-9,
+            spread: 0.1,
+            left: 0.25,
+        };
+        let mut shaking = Shaking::new(Some(measured));
+        for _ in 0..6 {
+            shaking.add_wide(&seen(36e-9));
+        }
+        // From turn to turn the peak scatters as much as is left of means: no more of it than was measured.
+        shaking.set_slow(18e-9_f64.powi(2) + 1e-16, 1e-16, 10.0);
+        let bonded = shaking.bonded(Across::default()).sigma;
+        assert!((bonded - 18e-9).abs() < 2e-9, "{bonded}");
+        // And by more where it scatters by more.
+        shaking.set_slow(40e-9_f64.powi(2), 1e-16, 10.0);
+        let bonded = shaking.bonded(Across::default()).sigma;
+        assert!(bonded > 28e-9, "{bonded}");
     }
 
     #[test]

@@ -11,6 +11,7 @@ use self::arm::{Arm, Started};
 pub use self::bench::{coarse, fine};
 use self::past::Past;
 use self::playing::Playing;
+use crate::beam::SpotSize;
 use crate::calibration::Calibration;
 use crate::cell::Layout;
 use crate::gap_by_light::Spread;
@@ -81,6 +82,8 @@ pub struct Station<'a> {
     shaking: [Option<Measured>; SIDES],
     /// How light spreads over a gap in the scale of the micros, where it was measured.
     spread: [Option<Spread>; SIDES],
+    /// How wide the spot of light at the chip is in the scale of the micros, where it was measured.
+    spot: [Option<SpotSize>; SIDES],
     /// What is believed of pulses on a five-bar.
     five_bar_pulses: Option<ImpulseBelief>,
     /// Light samples that somebody has looked at, and the time of the last of them.
@@ -174,6 +177,7 @@ impl<'a> Station<'a> {
             settling,
             shaking: Side::ALL.map(|side| calibration.shaking.of(side)),
             spread: Side::ALL.map(|side| calibration.spread.of(side)),
+            spot: Side::ALL.map(|side| calibration.spot.of(side)),
             five_bar_pulses: calibration.impulse.five_bar.clone(),
             readings: Cell::new((0, f64::NEG_INFINITY)),
             limits: Limits {
@@ -224,6 +228,7 @@ impl<'a> Station<'a> {
             frames: Side::ALL.map(|side| self.kinematics(side).placement()),
             shaking: self.shaking,
             spread: self.spread,
+            spot: self.spot,
             follows: Side::ALL.map(|side| self.has_piezo_model(side)),
         }
     }

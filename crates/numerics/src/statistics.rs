@@ -324,6 +324,21 @@ pub fn within(value: f64, bound: f64, sigma: f64) -> f64 {
     0.5 * (near - far) / bound
 }
 
+/// The mean of values that are each known to a standard deviation, weighted by how well, and how well it is known itself: where they
+/// differ by more than they say, that is believed.
+pub fn pooled(told: impl Iterator<Item = (f64, f64)> + Clone) -> (f64, f64) {
+    let weight = |deviation: f64| deviation.powi(-2);
+    let sums = |(n, whole, sum), (value, deviation)| {
+        let weight = weight(deviation);
+        (n + 1.0, whole + weight, sum + weight * value)
+    };
+    let (n, whole, sum) = told.clone().fold((0.0, 0.0, 0.0), sums);
+    let mean = sum / whole;
+    let apart = |(value, deviation): (f64, f64)| weight(deviation) * (value - mean).powi(2);
+    let apart = told.map(apart).sum::<f64>() / f64::max(n - 1.0, 1.0);
+    (mean, (apart.max(1.0) / whole).sqrt())
+}
+
 /// Whether two sets of values may have one distribution (Kolmogorov, Smirnov): the greatest distance of their cumulative
 /// shares, 0 to 1, and the probability that chance alone makes it as great, by the asymptotic law with Stephens's
 /// correction for few values. The values of a set are taken as independent; `None` where a set has none.

@@ -182,6 +182,9 @@ fn advice(name: StepName) -> &'static str {
             "A tip is watched once a fiber has come to the light: the outcome above says what kept it from there. `pigtail align` \
              with this machine's seed shows the way in its report."
         }
+        StepName::Spot => {
+            "Circles around a fiber's peak at the chip tell how wide its spot is: the outcome above says what kept fibers from there."
+        }
         StepName::Spread => {
             "Light that is clear at several gaps tells how it spreads: the outcome above says what kept fibers from there."
         }
@@ -217,6 +220,10 @@ fn meaning(name: StepName) -> &'static str {
         StepName::Shaking => {
             "How far the tip shakes in x or y: a standard deviation, and how well that is known."
         }
+        StepName::Spot => {
+            "How far from the peak the light has fallen to 1/e where fiber and guide touch, in the micro's own scale, and by how much the \
+             next fiber's may be another (a standard deviation)."
+        }
         StepName::Spread => {
             "The light's wavelength over 2 pi in the micro's own scale, and how well it is known (a standard deviation); where \
              vision knows the gap, nothing is to be measured."
@@ -238,7 +245,7 @@ const fn named(key: &'static str, names: &'static [&'static str], scale: f64) ->
 }
 
 /// The keys that steps have.
-const NAMES: [Named; 31] = [
+const NAMES: [Named; 34] = [
     named("forward_V", &["moves at\nV"], 1.0),
     named("backward_V", &["back at\nV"], 1.0),
     named("way_counts", &["went\ncounts", "back\ncounts"], 1.0),
@@ -253,6 +260,7 @@ const NAMES: [Named; 31] = [
     named("settling_ms", &["settling\nms"], 1.0),
     named("overshoot_percent", &["overshoot\n%"], 1.0),
     named("settled", &["comes to rest"], 1.0),
+    named("swings", &["to and fro\ntimes"], 1.0),
     named("specified_met", &["as specified"], 1.0),
     named("w_max_um", &["windup\num"], 1.0),
     named("q_um", &["curvature q\num"], 1.0),
@@ -270,10 +278,17 @@ const NAMES: [Named; 31] = [
     named("left", &["left in a bond's time\n% of its variance"], 100.0),
     named("x_nm", &["along x\nnm"], 1.0),
     named("y_nm", &["along y\nnm"], 1.0),
+    named("x_um", &["along x\num"], 1.0),
+    named("y_um", &["along y\num"], 1.0),
 ];
 
 /// How well a value is known, which stands behind it, whatever the order of its step.
-const KNOWN: [(&str, &str); 2] = [("x_nm", "deviation_x"), ("y_nm", "deviation_y")];
+const KNOWN: [(&str, &str); 4] = [
+    ("x_nm", "deviation_x"),
+    ("y_nm", "deviation_y"),
+    ("x_um", "deviation_x"),
+    ("y_um", "deviation_y"),
+];
 
 type Table = (Vec<String>, Vec<Vec<String>>);
 

@@ -45,6 +45,8 @@ pub enum StepName {
     Piezos,
     /// How far the tips of both manipulators shake
     Shaking,
+    /// How wide the spot of light is at the chip
+    Spot,
     /// How light spreads over a gap in the scale of both micros, where vision cannot know the gap
     Spread,
     /// Devices aligned with all that was found
@@ -125,11 +127,10 @@ pub struct Plan {
 }
 
 /// What no step measures yet.
-const UNKNOWN: [&str; 3] = [
+const UNKNOWN: [&str; 2] = [
     "settling and lag of the micros: believed as they are in the calibration; one that rings costs turns of the \
      last circle",
     "home, yaw and squareness of the stages: vision sees where tips are, at every device",
-    "mode widths: those of the recipe; circles tell others at every device, for some turns more",
 ];
 
 /// Commissions the twin that a seed draws. `watch` is told of each step when it has been done.
@@ -263,6 +264,7 @@ impl Bench<'_, '_> {
             StepName::Windup => self.windup(),
             StepName::Piezos => self.piezos(),
             StepName::Shaking => self.shaking(),
+            StepName::Spot => self.spot(),
             StepName::Spread => self.spread(),
             StepName::Acceptance => self.acceptance(),
         }

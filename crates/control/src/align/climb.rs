@@ -97,7 +97,7 @@ async fn climb(
     scan.set_noise(sigma, degrees);
     scan.set_radius(radius);
     let accuracy = recipe.fast.accuracy.max(KNOWN * beam.width(gap));
-    let last = match scan.settle(bench, gap, accuracy, "final").await {
+    let last = match scan.settle(bench, gap, accuracy, "final", &|| true).await {
         Ok(peak) => scan.confirm(bench, gap, &peak, "final").await,
         Err(halt) => Err(halt),
     };

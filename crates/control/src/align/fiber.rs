@@ -391,7 +391,7 @@ impl<'d> Fiber<'d> {
             scan.rest(bench, gap).await?;
             self.learn_noise(bench, dark, STEADY).await?;
             let scan = self.circling(bench)?;
-            let last = match scan.settle(bench, gap, accuracy, "final").await {
+            let last = match scan.settle(bench, gap, accuracy, "final", &|| true).await {
                 Ok(peak) => scan.confirm(bench, gap, &peak, "final").await,
                 Err(halt) => Err(halt),
             };

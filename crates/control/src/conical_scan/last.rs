@@ -4,6 +4,7 @@ use super::told::FORGETS;
 use super::{ConicalScan, Gap, NEAR, NEARBY, SHRINK, SIGNIFICANT};
 use crate::beam::{Peak, Reading};
 use crate::belief::Across;
+use crate::gap_by_light::Width;
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::Reactor;
 use pigtail_model::frames::Displacement;
@@ -91,7 +92,7 @@ const QUIET: f64 = 20e-9;
 impl ConicalScan<'_> {
     /// Turns at a steady gap until it is known to `accuracy` metres (one standard deviation, by
     /// how the turns' peaks scatter about a straight line in time) where the peak will be in
-    /// [`Self::confirm`], and goes there. For piezos creep. The first turns only lead there. Light so dim that it is not known so
+    /// [`Self::confirm`], and until all else is `ready`; and goes there. For piezos creep. The first turns only lead there. Light so dim that it is not known so
     /// well after many turns tells as well as it does: it is the probability of being outside that decides.
     ///
     /// # Errors
@@ -103,6 +104,7 @@ impl ConicalScan<'_> {
         gap: f64,
         accuracy: f64,
         phase: &'static str,
+        ready: &impl Fn() -> bool,
     ) -> Result<Peak, Halt> {
         let start = self.centre;
         let expected = SIGNIFICANT * self.watch.noise;
@@ -186,7 +188,7 @@ impl ConicalScan<'_> {
             self.around
                 .extend(self.readings.iter().map(|r| (r.at - self.centre, r.volts)));
             let long = seen.len() >= 2 * self.shape.turns as usize;
-            if deviation < accuracy && (together < TOGETHER * accuracy || long) {
+            if deviation < accuracy && (together < TOGETHER * accuracy || long) && ready() {
                 return Ok(peak);
             }
             best = Some(peak).filter(|_| long);
@@ -312,6 +314,8 @@ impl ConicalScan<'_> {
         }
         let width = self.width_here(gap);
         let wider = width.map(|width| self.wider_by(gap, &width));
+        let at_contact = |w: Width| self.beam.at_contact(gap, w.squared, w.deviation);
+        self.spot = width.and_then(at_contact).or(self.spot);
         self.shaking
             .set_wider(wider.map_or(1.0, |(of_steps, _)| of_steps));
         self.misjudged = wider.is_some_and(|(of_steps, _)| of_steps > MISJUDGED);

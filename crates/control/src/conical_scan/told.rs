@@ -16,7 +16,8 @@ use std::f64::consts::TAU;
 /// shakes by 40 nm sends it there, and what a micro does on so short a way is nothing beside it.
 const SENT: f64 = 100e-9;
 
-/// Radii of the circles by which the width of the spot is seen, in its width at the chip.
+/// Radii of the circles by which the width of the spot is seen, in its width at the chip by design: how light spreads was measured on
+/// the same circles as it is used on, whatever is known of the spot meanwhile. A micro does not go as far on circles of another size.
 const WIDTHS: [f64; 2] = [0.35, 1.2];
 
 /// How often turns on both are repeated, to and fro, at least and at most.
@@ -62,7 +63,7 @@ impl ConicalScan<'_> {
             spot.begin_round();
             // To and fro, so that light which rises or falls steadily counts on both alike.
             for circle in [round % 2, 1 - round % 2].map(|i| WIDTHS[i as usize]) {
-                let radius = circle * self.beam.width(0.0) / self.beam.width(gap);
+                let radius = circle * self.beam.design() / self.beam.width(gap);
                 if radius != self.radius {
                     self.shrink(bench, gap, radius, OVER).await?;
                 }

@@ -2,7 +2,6 @@
 
 use super::approach_moves::Aim;
 use super::{Shared, hand_over};
-use crate::beam::Beam;
 use crate::belief::{Across, UNSURE};
 use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
@@ -93,7 +92,7 @@ impl Shared<'_> {
         scan: &mut ConicalScan<'_>,
         before: f64,
     ) -> Result<(), Halt> {
-        let beam = Beam::new(&self.recipe.mode, self.exit());
+        let beam = cell.beam(aim.side, self.recipe);
         let wanted = self.recipe.approach.gap;
         if vision_knows(cell.spec(), self.recipe) {
             return self.approach(cell, aim, scan, before, (wanted, 1)).await;
@@ -185,44 +184,27 @@ impl Shared<'_> {
         place.is_some_and(|place| place.outside_along(self.recipe.accept.gap) > UNSURE)
     }
 
-    /// Stays on the circle until vision knows the gap well.
-    pub(super) async fn know_gap(
-        &self,
-        cell: &AlignmentCell<'_>,
-        aim: &Aim,
-        scan: &mut ConicalScan<'_>,
-    ) -> Result<(), Halt> {
+    /// Whether vision may yet come to know the gap better, as well as it is to be known, after turns that began then (seconds).
+    pub(super) fn learns_gap(&self, cell: &AlignmentCell<'_>, aim: &Aim, begin: f64) -> bool {
         let sure = SURE_OF_GAP * self.fast.gap_tolerance;
-        let begin = cell.now();
-        let unsure = |cell: &AlignmentCell<'_>| {
-            let seen = cell.seen(aim.side, aim.tip);
-            seen.is_some_and(|seen| {
-                // Were the gap right: what is off can be corrected.
-                let doubt = outside(self.recipe.accept.gap, 0.0, seen.bound_z, seen.sigma_z());
-                let long = doubt > SPARE * UNSURE && seen.bound_z > 0.0;
-                let most = if long { MOST_DOUBTING } else { MOST_LOOKING };
-                // What the light has told vision does not know better.
-                let vague = seen.bound_z > 0.0 && seen.sigma[1] > sure;
-                (long || vague) && cell.now() < begin + most
-            })
-        };
-        while unsure(cell) {
-            let gap = aim.gap(cell);
-            scan.turn(cell, gap).await?;
-            if let Some(peak) = scan.peak() {
-                scan.go_to(cell, &peak, gap)?;
-            }
-        }
-        Ok(())
+        cell.seen(aim.side, aim.tip).is_some_and(|seen| {
+            // Were the gap right: what is off can be corrected.
+            let doubt = outside(self.recipe.accept.gap, 0.0, seen.bound_z, seen.sigma_z());
+            let long = doubt > SPARE * UNSURE && seen.bound_z > 0.0;
+            let most = if long { MOST_DOUBTING } else { MOST_LOOKING };
+            // What the light has told vision does not know better.
+            let vague = seen.bound_z > 0.0 && seen.sigma[1] > sure;
+            (long || vague) && cell.now() < begin + most
+        })
     }
 
-    /// Goes on the circle to the gap that is wanted, if that is farther than the tolerance.
+    /// Goes on the circle to the gap that is wanted, if that is farther than the tolerance; whether it was.
     pub(super) async fn correct_gap(
         &self,
         cell: &AlignmentCell<'_>,
         aim: &Aim,
         scan: &mut ConicalScan<'_>,
-    ) -> Result<(), Halt> {
+    ) -> Result<bool, Halt> {
         let way = aim.gap(cell) - self.recipe.approach.gap;
         let tolerance = if self.doubts_gap(cell, aim) {
             FINELY * self.fast.gap_tolerance
@@ -230,16 +212,20 @@ impl Shared<'_> {
             self.fast.gap_tolerance
         };
         if way.abs() <= tolerance {
-            return Ok(());
+            return Ok(false);
         }
         // Vision sees what a transmission hides where the axis turns back; the light has told where the tip was, coming nearer.
         let told = !vision_knows(cell.spec(), self.recipe);
         let hides = cell.spec().guard.windup_z;
-        if told && way < 0.0 {
-            along(cell, aim, scan, way - hides).await?;
-            return along(cell, aim, scan, hides).await;
+        let mut ways = if told && way < 0.0 {
+            vec![way - hides, hides]
+        } else {
+            vec![way]
+        };
+        for way in ways.drain(..) {
+            along(cell, aim, scan, way).await?;
         }
-        along(cell, aim, scan, way).await
+        Ok(true)
     }
 
     /// Believes where fiber and chip touch, if that is known well enough for a fiber to be attached so many seconds later: whether it is.
@@ -273,8 +259,10 @@ async fn along(
     scan: &mut ConicalScan<'_>,
     way: f64,
 ) -> Result<(), Halt> {
+    /// Slowly, metres a second: who guards the machine counts the way that it would take to stop.
+    const SLOWLY: f64 = 0.2e-3;
     let end = cell.wanted(aim.side).shifted(0.0, 0.0, way);
-    cell.start_line(aim.side, end, None)?;
+    cell.start_line(aim.side, end, Some(SLOWLY))?;
     while cell.is_moving(aim.side) {
         let led = aim.led(cell);
         scan.step(cell, led, f64::INFINITY).await?;

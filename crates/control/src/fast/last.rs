@@ -2,7 +2,7 @@
 
 use super::Shared;
 use super::approach_moves::Aim;
-use crate::beam::Beam;
+use crate::beam::Peak;
 use crate::belief::Across;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
@@ -17,6 +17,9 @@ const LATE: f64 = 1.3;
 /// Light samples for which a tip is watched that may shake too much, in x and in y: so many at first, then as many
 /// again until that is decided, and at most.
 pub(super) const WATCHED: (usize, usize) = (40, 1280);
+
+/// How often a gap is corrected before a look from near.
+const CORRECTED: u32 = 3;
 
 /// How much better a peak is to be known where that may make a fiber sure.
 const BETTER: f64 = 0.6;
@@ -44,7 +47,7 @@ impl Shared<'_> {
         scan: &mut ConicalScan<'_>,
         before: f64,
     ) -> Result<(Level, Across), Halt> {
-        let beam = Beam::new(&self.recipe.mode, self.exit());
+        let beam = cell.beam(aim.side, self.recipe);
         let mut doubt = Doubt {
             accuracy: self.fast.accuracy,
             watched: 0,
@@ -55,10 +58,7 @@ impl Shared<'_> {
         loop {
             attempt += 1;
             scan.set_radius(self.fast.conical_scan.radius);
-            self.know_gap(cell, aim, scan).await?;
-            self.correct_gap(cell, aim, scan).await?;
-            let gap = aim.gap(cell);
-            let peak = match scan.settle(cell, gap, doubt.accuracy, "final").await {
+            let (peak, gap) = match self.settle(cell, aim, scan, doubt.accuracy).await {
                 Err(Halt::Outcome(Outcome::Unsure { .. } | Outcome::Misshapen { .. }))
                     if attempt < ATTEMPTS =>
                 {
@@ -141,6 +141,33 @@ impl Shared<'_> {
             if attempt == ATTEMPTS {
                 return Err(why.into());
             }
+        }
+    }
+}
+
+impl Shared<'_> {
+    /// The peak by turns at the chip, until it is known to `accuracy` metres and vision knows the gap, which is corrected. Returns the gap
+    /// too for which the peak was found: what vision says of it later moves neither.
+    async fn settle(
+        &self,
+        cell: &AlignmentCell<'_>,
+        aim: &Aim,
+        scan: &mut ConicalScan<'_>,
+        accuracy: f64,
+    ) -> Result<(Peak, f64), Halt> {
+        let begin = cell.now();
+        let known = || !self.learns_gap(cell, aim, begin);
+        if known() {
+            self.correct_gap(cell, aim, scan).await?;
+        }
+        let mut corrected = 0;
+        loop {
+            let gap = aim.gap(cell);
+            let peak = scan.settle(cell, gap, accuracy, "final", &known).await?;
+            if corrected == CORRECTED || !self.correct_gap(cell, aim, scan).await? {
+                return Ok((peak, gap));
+            }
+            corrected += 1;
         }
     }
 }

@@ -19,7 +19,6 @@ mod ratio;
 mod seen;
 mod single;
 
-use crate::beam::Beam;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::{ConicalScan, Gap, Watch};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
@@ -393,7 +392,7 @@ impl<'r> Shared<'r> {
         }
         let dark = self.dark[job.channel.index()].level.mean;
         job.phase(cell, "approach", async |job| {
-            let beam = Beam::new(&self.recipe.mode, self.exit());
+            let beam = cell.beam(aim.side, self.recipe);
             let level = before * beam.share(aim.gap(cell));
             let scattered = scan.background() - dark;
             let least = DOUBTFUL * self.fast.significance * scan.noise();
@@ -417,6 +416,7 @@ impl<'r> Shared<'r> {
                 scan.watch_shaking(cell, gap, WATCHED.0).await?;
             }
             job.has_shaken(scan.shaking());
+            job.spot = scan.spot().or(job.spot);
             let (level, across) = last?;
             job.attach(cell, level, scan.background(), Some(across))
                 .await
@@ -454,7 +454,7 @@ impl<'r> Shared<'r> {
         };
         let (spot, evidence) = first_light(cell, eye, watch, &sweep, area, top, threshold).await?;
         // What is brightest at the end of a line has its peak beyond it as likely as not.
-        let beam = Beam::new(&self.recipe.mode, self.exit());
+        let beam = cell.beam(eye.0, self.recipe);
         let beyond = BEYOND * beam.width(look.gap);
         let spot = spot.map(|spot| Spot {
             at: spot.at + Displacement::new(spot.end * beyond, 0.0),
@@ -477,7 +477,7 @@ impl<'r> Shared<'r> {
         watch: Watch,
         spot: Spot,
     ) -> Result<(ConicalScan<'r>, f64), Halt> {
-        let beam = Beam::new(&self.recipe.mode, self.exit());
+        let beam = cell.beam(aim.side, self.recipe);
         let shape = &self.fast.conical_scan;
         let walk = aim.walk(cell, self.exit());
         let gap = aim.gap(cell);

@@ -2,7 +2,7 @@
 
 use super::{MISSHAPEN, Width, straightened};
 use nalgebra::{Matrix2, Vector2};
-use pigtail_numerics::statistics::within;
+use pigtail_numerics::statistics::{pooled, within};
 use std::f64::consts::TAU;
 
 /// How light spreads over a gap in the micro's own scale, in x and in y: the `lambda / 2 pi` of the parabola, of which a
@@ -40,17 +40,12 @@ impl Spread {
     pub fn of_all(told: &[Self]) -> Option<Self> {
         /// Another fiber, on another day: a piezo does not go as far as it went to half a percent. An estimate.
         const ANOTHER: f64 = 0.005;
-        let n = told.len() as f64;
         let axis = |i: usize| {
-            let weight = |one: &Self| one.deviation[i].powi(-2);
-            let whole: f64 = told.iter().map(weight).sum();
-            let mean = (told.iter())
-                .map(|one| weight(one) * one.length[i].ln())
-                .sum::<f64>()
-                / whole;
-            let apart = |one: &Self| weight(one) * (one.length[i].ln() - mean).powi(2);
-            let apart = told.iter().map(apart).sum::<f64>() / (n - 1.0).max(1.0);
-            (mean.exp(), (apart.max(1.0) / whole).sqrt().hypot(ANOTHER))
+            let each = told
+                .iter()
+                .map(|one| (one.length[i].ln(), one.deviation[i]));
+            let (mean, deviation) = pooled(each);
+            (mean.exp(), deviation.hypot(ANOTHER))
         };
         let [x, y] = [axis(0), axis(1)];
         (!told.is_empty()).then_some(Self {

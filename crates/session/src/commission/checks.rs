@@ -130,6 +130,18 @@ fn rise(station: &mut Station, at: AxisName, sign: f64) -> Result<Answer, Ended>
     })
 }
 
+/// How often an encoder goes from more than a count on one side of where it is to stand to more than a count on the other.
+pub(super) fn swings(encoder: &[f64], goal: f64) -> usize {
+    let off = encoder.iter().map(|count| count - goal);
+    let beyond = off.filter(|off| off.abs() > 1.0);
+    let sides = beyond.map(f64::is_sign_positive);
+    let (swings, _) = sides.fold((0, None), |(swings, before), side| {
+        let turned = before.is_some_and(|before| before != side);
+        (swings + usize::from(turned), Some(side))
+    });
+    swings
+}
+
 /// The photodiodes without the laser.
 pub(super) struct Dark;
 
@@ -152,5 +164,20 @@ impl Job for Dark {
 
     fn order(&self) -> Order {
         Order::Other
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::swings;
+
+    #[test]
+    fn an_axis_that_hunts_swings_and_one_that_overshoots_does_not() {
+        let comes: Vec<f64> = [0.0, 20.0, 43.0, 38.0, 40.0, 41.0, 39.0, 40.0].into();
+        assert_eq!(swings(&comes, 40.0), 2);
+        let hunts: Vec<f64> = (0..40)
+            .map(|k| 40.0 + 3.0 * f64::from(k % 2 * 2 - 1))
+            .collect();
+        assert_eq!(swings(&hunts, 40.0), 39);
     }
 }

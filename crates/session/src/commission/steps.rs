@@ -1,6 +1,6 @@
 //! The steps of commissioning: what each measures, and what it is failed for.
 
-use super::checks::{CheckAxes, Dark};
+use super::checks::{CheckAxes, Dark, swings};
 use super::{Bench, Found, NotDone};
 use crate::align::Align;
 use crate::calibrations::Change;
@@ -9,6 +9,7 @@ use crate::identify::{IdentifyWindup, Model};
 use crate::job::Ended;
 use crate::piezos::{MeasureRatios, SeePiezos};
 use crate::tune::{GainsRow, Method, Tune, step_of};
+use pigtail_control::beam::SpotSize;
 use pigtail_control::belief::Place;
 use pigtail_control::calibration::Windups;
 use pigtail_control::fast::{Ratio, vision_knows};
@@ -38,8 +39,9 @@ fn ended(fibers: &[FiberReport]) -> String {
 /// No photodiode reads more than this share of its range without light.
 const MOST_DARK: f64 = 0.1;
 
-/// For how long tips are watched whether they shake, in x and in y, seconds.
-const WATCH: f64 = 2.0;
+/// For how long tips are watched whether they shake, in x and in y, seconds: a dim input's means over as long as a bond takes tell in so long how
+/// far they scatter to a third.
+const WATCH: f64 = 4.0;
 
 /// However well it is seen, a tip shakes on another day and with another fiber by some tenth more or less: an estimate.
 const ANOTHER: f64 = 0.1;
@@ -133,8 +135,8 @@ impl Bench<'_, '_> {
             };
             let wrong = loop {
                 self.try_out(&change(self, &gains, limit))?;
-                let wrong = self.step_all(kind, &mut values)?;
-                if wrong.is_none() {
+                let (wrong, hunts) = self.step_all(kind, &mut values)?;
+                if wrong.is_none() && !(hunts && gentler < GENTLER) {
                     break None;
                 }
                 if gentler < GENTLER {
@@ -176,13 +178,19 @@ impl Bench<'_, '_> {
         Ok(Found { values, why })
     }
 
-    /// Steps all axes of a kind, and notes how they answer. One that does not come to rest, if there is one.
+    /// Steps all axes of a kind, far and a little, and notes how they answer to the former. One that does not come to rest, if there is one,
+    /// and whether one hunts: between counts its derivative alone is more than what moves it, so that it swings about where it is to
+    /// stand, until chance ends that.
     fn step_all(
         &mut self,
         kind: Axis,
         values: &mut Map<String, Value>,
-    ) -> Result<Option<AxisName>, Ended> {
-        let mut wrong = None;
+    ) -> Result<(Option<AxisName>, bool), Ended> {
+        /// Of the usual step.
+        const LITTLE: i64 = 10;
+        /// A step that does not hunt goes to and fro so often at most.
+        const SWINGS: usize = 6;
+        let (mut wrong, mut hunts) = (None, false);
         let alike = |axis: &Axis| (*axis == Axis::Z) == (kind == Axis::Z);
         for side in Side::ALL {
             for axis in Axis::ALL.into_iter().filter(alike) {
@@ -191,10 +199,18 @@ impl Bench<'_, '_> {
                     at,
                     size: step_of(&self.setup.rig, axis),
                 };
-                let (response, _) = self.run(&step, self.seed)?;
+                let (response, trace) = self.run(&step, self.seed)?;
+                let little = Step {
+                    size: (step.size / LITTLE).max(1),
+                    ..step
+                };
+                let (_, small) = self.run(&little, self.seed)?;
                 if !response.settled {
                     wrong = wrong.or(Some(at));
                 }
+                let swings = swings(&trace.encoder, step.size as f64)
+                    .max(swings(&small.encoder, little.size as f64));
+                hunts |= swings > SWINGS;
                 values.insert(
                     at.to_string(),
                     json!({
@@ -202,11 +218,12 @@ impl Bench<'_, '_> {
                         "settling_ms": response.settling_ms,
                         "overshoot_percent": response.overshoot_percent,
                         "settled": response.settled,
+                        "swings": swings,
                     }),
                 );
             }
         }
-        Ok(wrong)
+        Ok((wrong, hunts))
     }
 
     pub(super) fn windup(&mut self) -> Result<Found, NotDone> {
@@ -255,8 +272,10 @@ impl Bench<'_, '_> {
     pub(super) fn piezos(&mut self) -> Result<Found, NotDone> {
         // What is to be found is not believed meanwhile.
         let believed = std::mem::take(&mut self.setup.rig.calibration.hysteresis);
+        let spot = std::mem::take(&mut self.setup.rig.calibration.spot);
         let found = self.piezos_found();
         self.setup.rig.calibration.hysteresis = believed;
+        self.setup.rig.calibration.spot = spot;
         let (micros, ratios, fibers) = found?;
         let (mut values, mut why) = (Map::new(), String::new());
         let all = Side::ALL.into_iter().zip(&micros).zip(ratios);
@@ -365,9 +384,11 @@ impl Bench<'_, '_> {
         let watch = std::mem::replace(&mut recipe.fast.watch, WATCH);
         // What is to be found is not believed meanwhile.
         let before = std::mem::take(&mut believed.shaking);
+        let spot = std::mem::take(&mut believed.spot);
         let fibers = self.watched();
         self.setup.rig.recipe.fast.watch = watch;
         self.setup.rig.calibration.shaking = before;
+        self.setup.rig.calibration.spot = spot;
         let fibers = fibers?;
         let mut values = Map::new();
         let mut why = String::new();
@@ -426,6 +447,68 @@ impl Bench<'_, '_> {
             }
         }
         Ok(fibers)
+    }
+
+    /// Takes together how wide the spots of fibers were that are aligned, until the next one's is known or no device is left.
+    pub(super) fn spot(&mut self) -> Result<Found, NotDone> {
+        // What is to be found is not believed meanwhile.
+        let before = std::mem::take(&mut self.setup.rig.calibration.spot);
+        let told = self.spots();
+        self.setup.rig.calibration.spot = before;
+        let (mut values, mut why) = (Map::new(), String::new());
+        for (side, found) in Side::ALL.into_iter().zip(told?) {
+            let Some(found) = found else {
+                if why.is_empty() {
+                    why = format!(
+                        "no spot of {} was seen{}",
+                        side.name(),
+                        ended(&self.aligned.0)
+                    );
+                }
+                continue;
+            };
+            let [x, y] = found.radius.map(|radius| rounded(1e6 * radius, 1e-4));
+            let [of_x, of_y] = found.deviation.map(|deviation| rounded(deviation, 1e-4));
+            values.insert(
+                side.name().to_owned(),
+                json!({"x_um": x, "y_um": y, "deviation_x": of_x, "deviation_y": of_y}),
+            );
+            let origin = self.origin(&format!("spot, {}", side.name()));
+            let length = |um: f64| toml_edit::value(format!("{um:.4} um"));
+            self.believe(Change {
+                table: format!("spot.{}", side.name()),
+                values: vec![
+                    ("x", length(x)),
+                    ("y", length(y)),
+                    ("deviation_x", toml_edit::value(of_x)),
+                    ("deviation_y", toml_edit::value(of_y)),
+                    ("date", toml_edit::value(&self.plan.date)),
+                    ("origin", toml_edit::value(origin)),
+                ],
+                weights: None,
+            })?;
+        }
+        Ok(Found { values, why })
+    }
+
+    /// How wide spots are with both micros. Fibers that were aligned already tell too.
+    fn spots(&mut self) -> Result<[Option<SpotSize>; SIDES], Ended> {
+        // A device tells the same when it is asked again.
+        let mut spare = self.spare_devices().skip(self.aligned.1);
+        loop {
+            let found = Side::ALL.map(|side| {
+                let of_side = self.aligned.0.iter().filter(|fiber| fiber.side == side);
+                let told: Vec<SpotSize> = of_side.filter_map(|fiber| fiber.spot).collect();
+                SpotSize::of_all(&told)
+            });
+            let known = |found: &Option<SpotSize>| found.is_some_and(|found| found.is_known());
+            let Some(device) = spare.next().filter(|_| !found.iter().all(known)) else {
+                return Ok(found);
+            };
+            let fibers = self.run(&Align::default(), device)?.fibers;
+            self.aligned.0.extend(fibers);
+            self.aligned.1 += 1;
+        }
     }
 
     /// Takes together what spots have told of how light spreads, where the light is to tell the gap at all.
