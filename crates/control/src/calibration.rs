@@ -460,6 +460,10 @@ pub struct MicroGeometry {
     /// it.
     #[serde(default, with = "quantity::Optional::<quantity::PositiveTime>")]
     pub settling: Option<f64>,
+    /// From when it is told to be somewhere until a photodiode's sample of it, seconds; 1.2 ms, the printed machine's, where nobody has
+    /// measured it.
+    #[serde(default, with = "quantity::Optional::<quantity::NonNegativeTime>")]
+    pub lag: Option<f64>,
     /// When it was found.
     pub date: String,
     /// By which run.

@@ -14,7 +14,7 @@ use crate::outcome::Halt;
 use crate::procedure::{AROUND, Job};
 use crate::recipe::Recipe;
 use crate::search::{Hit, KNOTS, MORE_LINES, Searcher};
-use crate::station::Station;
+use crate::station::{Station, fine};
 use crate::tip_estimator::Tip;
 use pigtail_hal::{Channel, Side, Spec};
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
@@ -454,7 +454,8 @@ impl Scan<'_> {
             })
         };
         let input = move |elapsed: f64| across(of_input.at((TAU * frequency * elapsed).sin()));
-        let lag = self.recipe.fast.sweep.lag;
+        let lag =
+            (self.recipe.fast.sweep.lag).unwrap_or(cell.caps().groups[fine(Side::Left).0].lag.0);
         cell.start_line(
             Side::Left,
             self.starts[0].shifted(0.0, y, 0.0),

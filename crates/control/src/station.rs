@@ -165,14 +165,11 @@ impl<'a> Station<'a> {
             *micro = arm.kinematics.micro_volts(Displacement::ZERO);
         }
         let measurement = machine.exchange(&command)?;
-        let settling = calibration
-            .geometry
-            .micro
-            .settling
-            .unwrap_or(spec.micro.settling);
+        let micro = &calibration.geometry.micro;
+        let settling = micro.settling.unwrap_or(spec.micro.settling);
         let kinematics = [&arms[0].kinematics, &arms[1].kinematics];
         Ok(Self {
-            playing: Playing::new(bench::caps(&spec, settling, kinematics)),
+            playing: Playing::new(bench::caps(&spec, (settling, micro.lag), kinematics)),
             past: Past::new(&spec),
             settling,
             shaking: Side::ALL.map(|side| calibration.shaking.of(side)),

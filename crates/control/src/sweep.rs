@@ -37,31 +37,65 @@ const BACK: u32 = 10;
 /// So many lines more than there is height for are told to the micro: the macro sets out slowly.
 const MORE_LINES: f64 = 8.0;
 
-/// Where the micro is sent across, by the time from the sweep's start: at constant speed from one end
-/// to the other, a stop until it is there, and back.
-///
-/// At either end it stays for `hold`: light beyond them shines there, if anywhere.
-fn knots(sweep: &Sweep, reach: Reach, hold: f64, lines: u32) -> Vec<Knot> {
-    let (line, period) = (reach.width() / sweep.speed, period(sweep, reach, hold));
-    let one = |k: u32| {
-        let begin = f64::from(k) * period;
-        let knot = move |since: f64, x: f64| Knot {
-            time: begin + since,
-            at: Pose::at(x, 0.0, 0.0),
+/// Lines of a sweep: at constant speed from one end to the other, a stop until the micro is there, and back.
+#[derive(Debug, Clone, Copy)]
+struct Lines {
+    reach: Reach,
+    /// Metres a second.
+    speed: f64,
+    /// How long it stays at either end, seconds: light beyond them shines there, if anywhere.
+    hold: f64,
+    /// Of light behind the micro, seconds.
+    lag: f64,
+    /// Of the way back, seconds.
+    flyback: f64,
+}
+
+impl Lines {
+    /// From one end to the other, seconds.
+    fn line(&self) -> f64 {
+        self.reach.width() / self.speed
+    }
+
+    /// From a line's start until its way back, seconds.
+    fn forth(&self) -> f64 {
+        2.0 * self.hold + self.line() + self.lag
+    }
+
+    /// From the start of a line to the start of the next, seconds.
+    fn period(&self) -> f64 {
+        self.forth() + self.flyback
+    }
+
+    /// Where the micro is sent across, by the time from the sweep's start.
+    fn knots(self, lines: u32) -> Vec<Knot> {
+        let one = |k: u32| {
+            let begin = f64::from(k) * self.period();
+            let knot = move |since: f64, x: f64| Knot {
+                time: begin + since,
+                at: Pose::at(x, 0.0, 0.0),
+            };
+            let ends = [
+                knot(self.hold, self.reach.low),
+                knot(self.hold + self.line(), self.reach.high),
+                knot(self.forth(), self.reach.high),
+            ];
+            let back = (1..=BACK).map(move |k| {
+                let share = f64::from(k) / f64::from(BACK);
+                let since = self.forth() + share * self.flyback;
+                knot(since, self.reach.at((PI * share).cos()))
+            });
+            ends.into_iter().chain(back)
         };
-        let ends = [
-            knot(hold, reach.low),
-            knot(hold + line, reach.high),
-            knot(2.0 * hold + line + sweep.lag, reach.high),
-        ];
-        let back = (1..=BACK).map(move |k| {
-            let share = f64::from(k) / f64::from(BACK);
-            let since = 2.0 * hold + line + sweep.lag + share * sweep.flyback;
-            knot(since, reach.at((PI * share).cos()))
-        });
-        ends.into_iter().chain(back)
-    };
-    (0..lines).flat_map(one).collect()
+        (0..lines).flat_map(one).collect()
+    }
+
+    /// Whether the micro is slow enough to know where it is, so long after the sweep's start.
+    fn slow(&self, since: f64) -> bool {
+        let since = since.max(0.0) % self.period();
+        let back = (since - self.forth()) / self.flyback;
+        back < 0.0 || (PI * back).cos().abs() > 0.7
+    }
 }
 
 /// At which end of a reach a place is, to half of the way from a sample to the next.
@@ -73,19 +107,6 @@ fn end_of(reach: Reach, x: f64, way: f64) -> f64 {
     } else {
         0.0
     }
-}
-
-/// Whether the micro is slow enough to know where it is, so long after the sweep's start.
-fn slow(sweep: &Sweep, reach: Reach, hold: f64, since: f64) -> bool {
-    let line = reach.width() / sweep.speed;
-    let since = since.max(0.0) % period(sweep, reach, hold);
-    let back = (since - 2.0 * hold - line - sweep.lag) / sweep.flyback;
-    back < 0.0 || (PI * back).cos().abs() > 0.7
-}
-
-/// From the start of a line to the start of the next, seconds.
-fn period(sweep: &Sweep, reach: Reach, hold: f64) -> f64 {
-    2.0 * hold + reach.width() / sweep.speed + sweep.lag + sweep.flyback
 }
 
 /// A way over which a spot is seen, metres; at the usual speed that is two samples at most.
@@ -154,16 +175,22 @@ pub async fn first_light(
     let reach = reach(cell, side, width);
     let start = cell.wanted(side);
     let rate = cell.caps().channels[channel.index()].rate;
-    let hold = HELD / rate;
-    let line = period(sweep, reach, hold);
+    let lag = cell.caps().groups[fine(side).0].lag.0;
+    let lines = Lines {
+        reach,
+        speed: sweep.speed,
+        hold: HELD / rate,
+        lag: sweep.lag.unwrap_or(lag),
+        flyback: sweep.flyback,
+    };
     let way = sweep.speed / rate;
     let widest = (WIDE / way).round() as usize;
     let widest = widest.clamp(2, 16);
     let end = Point::new(start.x, top, start.z);
-    cell.start_line(side, end, Some(spacing / line))?;
+    cell.start_line(side, end, Some(spacing / lines.period()))?;
     let begin = cell.now();
-    let lines = ((top - start.y) / spacing).max(0.0) + MORE_LINES;
-    cell.play_micro(side, Law::Scan(knots(sweep, reach, hold, lines as u32)))?;
+    let count = ((top - start.y) / spacing).max(0.0) + MORE_LINES;
+    cell.play_micro(side, Law::Scan(lines.knots(count as u32)))?;
     let mut spot: Option<Spot> = None;
     let (mut samples, mut brightest, mut after) = (0, f64::NEG_INFINITY, 0);
     let (mut wander, mut best) = (0.0, threshold);
@@ -172,11 +199,11 @@ pub async fn first_light(
         let Some((time, volts)) = cell.sample(channel.index(), f64::INFINITY).await? else {
             continue;
         };
-        let Some(then) = cell.pose(fine(side), time - sweep.lag) else {
+        let Some(then) = cell.pose(fine(side), time - lines.lag) else {
             continue;
         };
         let commanded_x = then.pose.x();
-        let slow = slow(sweep, reach, hold, time - sweep.lag - begin);
+        let slow = lines.slow(time - lines.lag - begin);
         samples += 1;
         brightest = f64::max(brightest, volts);
         let level = volts - watch.background - wander;

@@ -173,9 +173,9 @@ pub struct Sweep {
     /// Time to fly back, seconds.
     #[serde(with = "quantity::PositiveTime")]
     pub flyback: f64,
-    /// How late micro and photodiode are, seconds.
-    #[serde(with = "quantity::NonNegativeTime")]
-    pub lag: f64,
+    /// How late micro and photodiode are, seconds; left out: as the machine's own belief has it.
+    #[serde(with = "quantity::Optional::<quantity::NonNegativeTime>")]
+    pub lag: Option<f64>,
 }
 
 impl Default for Sweep {
@@ -183,7 +183,7 @@ impl Default for Sweep {
         Self {
             speed: 5.5e-3,
             flyback: 8e-3,
-            lag: 1.2e-3,
+            lag: None,
         }
     }
 }
@@ -273,7 +273,7 @@ impl Fast {
             ("fast.output_spacing", self.output_spacing, 1e-6, 1e-4),
             ("fast.sweep.speed", self.sweep.speed, 1e-4, 0.1),
             ("fast.sweep.flyback", self.sweep.flyback, spec.period(), 1.0),
-            ("fast.sweep.lag", self.sweep.lag, 0.0, 0.1),
+            ("fast.sweep.lag", self.sweep.lag.unwrap_or(0.0), 0.0, 0.1),
             (
                 "fast.conical_scan.period",
                 self.conical_scan.period,

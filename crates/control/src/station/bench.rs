@@ -17,8 +17,8 @@ use pigtail_model::frames::{Displacement, Macro, Point};
 /// A micro follows circles up to half of its lowest resonance, of which it takes two and a half periods to settle.
 const FOLLOWS: f64 = 0.5 * 2.5;
 
-/// From when a micro is told to be somewhere until the photodiode's sample of it, seconds, and how well that is known: the
-/// printed machine's, with a micro of 200 Hz and a photodiode of 1 kHz.
+/// From when a micro is told to be somewhere until the photodiode's sample of it, seconds, and how well that is known, where no calibration
+/// says it: the printed machine's, with a micro of 200 Hz and a photodiode of 1 kHz.
 const LAG: (f64, f64) = (1.2e-3, 0.4e-3);
 
 /// The macro of a side, and its micro.
@@ -51,7 +51,11 @@ pub(super) fn side_of(arm: usize) -> Result<Side, Refused> {
 }
 
 /// What a datasheet says of a station over it, and its calibration of how far its micros reach.
-pub(super) fn caps(spec: &Spec, settling: f64, kinematics: [&Kinematics; SIDES]) -> Caps {
+pub(super) fn caps(
+    spec: &Spec,
+    (settling, lag): (f64, Option<f64>),
+    kinematics: [&Kinematics; SIDES],
+) -> Caps {
     let axis = |range: (f64, f64), resolution: f64, speed: f64| {
         Some(AxisCaps {
             range,
@@ -92,7 +96,7 @@ pub(super) fn caps(spec: &Spec, settling: f64, kinematics: [&Kinematics; SIDES])
             axes,
             settling,
             bandwidth,
-            lag: LAG,
+            lag: lag.map_or(LAG, |lag| (lag, LAG.1)),
             bends: true,
         }
     };
