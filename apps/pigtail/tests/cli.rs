@@ -202,6 +202,18 @@ fn what_no_machine_and_no_device_could_be_is_refused() {
             &["fast.input_gap", "20.0 um", "fast.doubtful_gap", "25.0 um"][..],
         ),
         (
+            "recipe.toml",
+            "[fast.conical_scan]",
+            "[fast.retry]\nlast_turns = 0\n\n[fast.conical_scan]",
+            &["rig/recipe.toml", "fast.retry.last_turns", "0", "1 to 100"][..],
+        ),
+        (
+            "recipe.toml",
+            "[fast.conical_scan]",
+            "[[fast.retry.passes]]\nslow = 0.01\n\n[fast.conical_scan]",
+            &["fast.retry.passes", "pass 1", "slow", "0.01", "0.1 to 100"][..],
+        ),
+        (
             "plant.toml",
             "transmission = [1.0, 1.0]",
             "transmission = [1.0, 1.5]",

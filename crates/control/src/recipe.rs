@@ -4,7 +4,7 @@ mod fast;
 
 use crate::calibration::Calibration;
 use crate::kinematics::Kinematics;
-pub use fast::{ConicalScan, Fast, Mode, OverTop, Sweep};
+pub use fast::{ConicalScan, Fast, Mode, OverTop, Pass, Retry, Sweep};
 use pigtail_hal::spec::OUTPUTS;
 use pigtail_hal::{Error, Side, Spec, config, quantity};
 use pigtail_model::frames::{Chip, Point};

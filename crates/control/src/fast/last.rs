@@ -27,15 +27,6 @@ const BETTER: f64 = 0.6;
 /// No peak need be known better, metres: what creeps until a fiber is fixed is as much.
 const FINEST: f64 = 5e-9;
 
-/// How often the last turns are begun...
-const ATTEMPTS: u32 = 3;
-
-/// ...and how often once more where what is missing can be known better: a dim peak takes as long as it takes.
-const PATIENT: u32 = 8;
-
-/// ...and how often where only the light at rest is not what circles have foreseen.
-const RESTING: u32 = 6;
-
 impl Shared<'_> {
     /// The last turns at the chip, and whether the light is what it should be. Returns it, and how well
     /// it is known where the fiber will be across.
@@ -54,13 +45,14 @@ impl Shared<'_> {
             best: f64::INFINITY,
         };
         let wanted = (self.fast.watch * cell.spec().photodiode.rate).round() as usize;
-        let (mut attempt, mut patience, mut still) = (0, PATIENT, 0);
+        let retry = &self.fast.retry;
+        let (mut attempt, mut patience, mut still) = (0, retry.patience, 0);
         loop {
             attempt += 1;
             scan.set_radius(self.fast.conical_scan.radius);
             let (peak, gap) = match self.settle(cell, aim, scan, doubt.accuracy).await {
                 Err(Halt::Outcome(Outcome::Unsure { .. } | Outcome::Misshapen { .. }))
-                    if attempt < ATTEMPTS =>
+                    if attempt < retry.last_turns =>
                 {
                     // What the turns of a circle make a micro do they do again and again.
                     scan.slow_down();
@@ -83,13 +75,13 @@ impl Shared<'_> {
             let why = match confirmed {
                 Ok((level, known))
                     if level > 0.9 * expected
-                        && (attempt == ATTEMPTS || !far && !scan.misjudges_width()) =>
+                        && (attempt == retry.last_turns || !far && !scan.misjudges_width()) =>
                 {
                     let aside = self.recipe.accept.aside;
                     match scan.shaking().is_sure(aside, known) {
                         Err(unsure) => {
                             let learns = doubt.learn(cell, scan, gap, (aside, known)).await?;
-                            if learns && attempt == ATTEMPTS && patience > 0 {
+                            if learns && attempt == retry.last_turns && patience > 0 {
                                 patience -= 1;
                                 attempt -= 1;
                             }
@@ -106,13 +98,15 @@ impl Shared<'_> {
                         Ok(()) => {
                             let fallen = match rests(job, cell, scan, level).await? {
                                 // Vision may have come to know better meanwhile.
-                                Ok(_) if attempt < ATTEMPTS && self.doubts_gap(cell, aim) => {
+                                Ok(_)
+                                    if attempt < retry.last_turns && self.doubts_gap(cell, aim) =>
+                                {
                                     continue;
                                 }
                                 Ok(rest) => return Ok((rest, scan.shaking().bonded(known))),
                                 Err(fallen) => fallen,
                             };
-                            if still < RESTING {
+                            if still < retry.resting {
                                 still += 1;
                                 attempt -= 1;
                             }
@@ -138,7 +132,7 @@ impl Shared<'_> {
                     doubt
                 }
             };
-            if attempt == ATTEMPTS {
+            if attempt == retry.last_turns {
                 return Err(why.into());
             }
         }

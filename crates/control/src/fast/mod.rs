@@ -23,7 +23,7 @@ use crate::cell::AlignmentCell;
 use crate::conical_scan::{ConicalScan, Gap, Watch};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::procedure::{FiberReport, Found, Job, each_fiber};
-use crate::recipe::{Fast, Recipe, Sweep};
+use crate::recipe::{Fast, Pass, Recipe, Sweep};
 use crate::station::{Station, coarse, fine};
 use crate::sweep::{Spot, first_light};
 use crate::tip_estimator::Tip;
@@ -39,45 +39,6 @@ pub use ratio::{Ratio, measure_ratios};
 use seen::DarkLevel;
 pub use single::{Aligner, Way};
 
-/// One pass of a search.
-#[derive(Debug, Clone, Copy)]
-struct Pass {
-    /// How far to the side of where the light is expected, in widths of the area.
-    aside: f64,
-    /// Its own width, in widths of the area.
-    width: f64,
-    /// Its lines' distance, of the usual one.
-    spacing: f64,
-    /// How much slower than usual its lines are.
-    slow: f64,
-    /// Where the sensing fiber stands meanwhile, in its sidesteps.
-    sensing: f64,
-}
-
-/// The passes of a search. What the first has missed is most likely at the edges of what vision can
-/// say, or too dim there: beside the sensing fiber, or between two lines. After the last one the
-/// thesis's procedure has its turn.
-const PASSES: [Pass; 7] = {
-    const fn pass(aside: f64, width: f64, spacing: f64, slow: f64, sensing: f64) -> Pass {
-        Pass {
-            aside,
-            width,
-            spacing,
-            slow,
-            sensing,
-        }
-    }
-    [
-        pass(0.0, 1.0, 1.0, 1.0, 0.0),
-        pass(0.35, 0.5, 1.0, 1.0, 0.0),
-        pass(-0.35, 0.5, 1.0, 1.0, 0.0),
-        pass(0.0, 1.0, 0.6, 1.5, 0.0),
-        pass(0.0, 1.0, 0.6, 8.0, 0.0),
-        pass(0.0, 1.0, 0.6, 8.0, 1.0),
-        pass(0.0, 1.0, 0.6, 8.0, -1.0),
-    ]
-};
-
 /// Time for the micro to come to rest where its lines begin, seconds.
 const COCKED: f64 = 0.008;
 
@@ -92,12 +53,6 @@ const SCATTERED: f64 = 5.0;
 
 /// ...for so many turns, in which it does not by chance stay as bright as a peak would.
 const DOUBTING: u64 = 3;
-
-/// How often a micro's ways are measured once more that could not be.
-const RATIO_AGAIN: u32 = 2;
-
-/// After so many bright places that were no peak a search ends.
-const MOST_DISMISSED: usize = 5;
 
 /// A pass of a search for one fiber.
 #[derive(Debug, Clone, Copy)]
@@ -200,7 +155,7 @@ impl<'r> Shared<'r> {
             })
             .await;
         let passes: &[Pass] = match over {
-            Ok(()) => &PASSES,
+            Ok(()) => &fast.retry.passes,
             Err(Halt::Fault(fault)) => return Err(fault.into()),
             // Without the sensing fiber in its place there is nothing to look for.
             Err(Halt::Outcome(_)) => &[],
@@ -238,8 +193,9 @@ impl<'r> Shared<'r> {
             self.change_fiber(cell, &aim, index).await
         })
         .await?;
-        // The last passes differ in the sensing fiber alone.
-        for (attempt, pass) in PASSES[..5].iter().enumerate() {
+        // The sensing fiber sees none of it.
+        let passes = fast.retry.passes.iter().filter(|pass| pass.sensing == 0.0);
+        for (attempt, pass) in passes.enumerate() {
             let look = self.look(pass, fast.output_gap, fast.output_spacing, attempt > 0);
             let result = self.attempt(job, cell, &aim, &look).await;
             if !again(&result, attempt) {
@@ -286,6 +242,7 @@ impl<'r> Shared<'r> {
         look: &Look,
     ) -> Result<(), Halt> {
         let (mut dismissed, mut begun): (usize, Option<(Watch, Point<Macro>)>) = (0, None);
+        let most_dismissed = self.fast.retry.dismissed as usize;
         let (scan, before) = loop {
             let (watch, spot) = job
                 .phase(cell, "search", async |job| {
@@ -322,7 +279,7 @@ impl<'r> Shared<'r> {
                 .await;
             match centred {
                 // What was bright there was no peak: on from here.
-                Err(Halt::Outcome(Outcome::LightLost { .. })) if dismissed < MOST_DISMISSED => {
+                Err(Halt::Outcome(Outcome::LightLost { .. })) if dismissed < most_dismissed => {
                     dismissed += 1;
                 }
                 centred => break centred?,
@@ -378,7 +335,7 @@ impl<'r> Shared<'r> {
                             // The macro did not go as believed, or the micro swings along with its turns.
                             Err(Halt::Outcome(
                                 Outcome::Unsure { .. } | Outcome::MicroRange { .. },
-                            )) if again < RATIO_AGAIN => {
+                            )) if again < self.fast.retry.ratio => {
                                 again += 1;
                                 scan.slow_down();
                             }
