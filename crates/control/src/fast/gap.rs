@@ -217,12 +217,10 @@ impl Shared<'_> {
         // Vision sees what a transmission hides where the axis turns back; the light has told where the tip was, coming nearer.
         let told = !vision_knows(cell.spec(), self.recipe);
         let hides = cell.spec().guard.windup_z;
-        let mut ways = if told && way < 0.0 {
-            vec![way - hides, hides]
+        if told && way < 0.0 {
+            along(cell, aim, scan, way - hides).await?;
+            along(cell, aim, scan, hides).await?;
         } else {
-            vec![way]
-        };
-        for way in ways.drain(..) {
             along(cell, aim, scan, way).await?;
         }
         Ok(true)
