@@ -227,3 +227,61 @@ fn habits_of_other_tools_are_read_or_refused_in_words() {
         assert!(error.contains(why), "{why}: {error}");
     }
 }
+
+/// A name that two columns have is no name, what a current drives is told as that, and what is left out of a .mat is said.
+#[test]
+fn what_a_name_leaves_open_is_asked_or_said() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("r.csv");
+    let read = |names: &str, scale: f64, [position, voltage]: [&str; 2]| {
+        let mut text = names.to_owned() + "\n";
+        for [t, r, q, u] in servo::plain(7).iter().take(3000) {
+            let _ = writeln!(text, "{t:.7},{r:.7},{q:.7},{:.7}", scale * u);
+        }
+        fs::write(&path, text).expect("a file");
+        let roles = Roles {
+            time: None,
+            rate: None,
+            reference: None,
+            position: Named::new(position),
+            voltage: Named::new(voltage),
+            injected: None,
+        };
+        roles.read(&path).map_err(|e| e.to_string())
+    };
+    let twice = read("t_s,q_m,q_m,u_V", 1.0, ["q_m", "u_V"]).expect_err("two columns");
+    assert!(twice.contains("stands over 2 columns"), "{twice}");
+    let volts = read("t_s,r_m,q_m,u_V", 1.0, ["q_m", "u_V"]).expect("volts");
+    let amperes = read("t_s,r_m,q_m,i_mA", 1e3, ["q_m", "i_mA"]).expect("a current");
+    let column =
+        |read: &pigtail_records::servo::Read| read.record.even().stretches[0].columns[1].clone();
+    for (a, b) in column(&volts).iter().zip(column(&amperes)) {
+        assert!((a - b).abs() < 2e-7, "{a} {b}");
+    }
+    let says = |remarks: &[String]| remarks.iter().any(|r| r.contains("is a current"));
+    assert!(says(&amperes.remarks) && !says(&volts.remarks));
+    // The end of a channel's name is no unit where no current is wanted.
+    let channel = read("t_s,r_m,encoder_A,u_V", 1.0, ["encoder_A", "u_V"]).expect("a channel");
+    assert_eq!(channel.record, volts.record);
+}
+
+#[test]
+fn vectors_of_another_length_are_named() {
+    let names = ["t_s", "x_um", "f_N"].map(str::to_owned);
+    let long: Vec<f64> = (0..300).map(f64::from).collect();
+    let columns = vec![long.clone(), long.clone(), long[..200].to_vec()];
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("r.mat");
+    fs::write(&path, crate::everywhere::mat(&names, &columns)).expect("a file");
+    let roles = pigtail_records::friction::Roles {
+        time: None,
+        rate: None,
+        displacement: Named::new("x_um"),
+        force: Named::new("f_N"),
+    };
+    let error = roles.read(&path).expect_err("no force").to_string();
+    assert!(
+        error.contains("f_N is left out: it has 200 values"),
+        "{error}"
+    );
+}

@@ -1,5 +1,7 @@
 //! A law of friction from force against displacement, presliding and sliding.
 
+mod beside;
+mod bristle;
 mod check;
 mod law;
 mod skew;
@@ -34,6 +36,8 @@ pub struct Record {
     has_time: bool,
     /// By how much later than its row's displacement the force was, seconds, where that was taken out.
     skew: f64,
+    /// The samples before that, where it was.
+    raw: Option<Vec<Sample>>,
     remarks: Vec<String>,
 }
 
@@ -111,6 +115,7 @@ impl Record {
             samples,
             has_time: time.is_some(),
             skew: 0.0,
+            raw: None,
             remarks,
         };
         record.check()?;
@@ -243,7 +248,8 @@ impl Record {
                 )));
             }
             Some(Skew::Of(by)) => {
-                self.samples = skew::shifted(&self.samples, by);
+                let shifted = skew::shifted(&self.samples, by);
+                self.raw = Some(std::mem::replace(&mut self.samples, shifted));
                 self.skew = by;
                 self.remarks.push(format!(
                     "force and displacement are not of the same moments: the force is {:.3e} s {} than its row's \
@@ -348,6 +354,8 @@ pub struct Fitted {
     pub validation_error_percent: f64,
     /// Condition number of the linear problem at the parameters, which are scaled to order one.
     pub condition: f64,
+    /// Of LuGre with one level, where a static friction of its own is not told: what it leaves with one, per cent.
+    two_levels: Option<f64>,
 }
 
 /// What a record says of friction.
@@ -407,6 +415,14 @@ pub fn identify(
             continue;
         };
         widen(law, record, &mut known);
+        if law.needs_time() && check::one_level(&whole, &known) {
+            let found = bristle::one_level(law, record, second, (&whole, to));
+            laws.extend(found.map(|found| Fitted {
+                two_levels: Some(error(law, &whole, &record.samples, 0)),
+                ..found
+            }));
+            continue;
+        }
         laws.push(Fitted {
             law,
             relative_error_percent: error(law, &whole, &record.samples, 0),
@@ -414,6 +430,7 @@ pub fn identify(
             values: whole,
             known,
             condition,
+            two_levels: None,
         });
     }
     let least = laws
@@ -426,6 +443,7 @@ pub fn identify(
     else {
         return Err(Unknown::all("no law could be fitted to it"));
     };
+    bristle::levels(&mut laws, best);
     let chosen = &laws[best];
     if chosen.relative_error_percent > UNEXPLAINED {
         let mut because = format!(
@@ -442,6 +460,9 @@ pub fn identify(
         return Err(Unknown::all(
             "the displacement depends on the force as friction does on displacement: the columns look swapped",
         ));
+    }
+    if let Some(why) = beside::beside(record, chosen.relative_error_percent) {
+        return Err(Unknown::all(why));
     }
     let unknown = doubts(record, chosen);
     let parameters = told(chosen, &unknown);
@@ -783,6 +804,7 @@ mod tests {
                 .collect(),
             has_time: true,
             skew: 0.0,
+            raw: None,
             remarks: Vec::new(),
         };
         let told = law.predict(parameters, &record.samples);
