@@ -2,7 +2,8 @@
 
 use crate::servo;
 use pigtail_records::columns::Named;
-use pigtail_records::servo::Roles;
+use pigtail_records::servo::{Roles, servo as servo_of};
+use pigtail_sysid::servo::{Friction, Settings};
 use std::fmt::Write as _;
 use std::fs;
 
@@ -284,4 +285,49 @@ fn vectors_of_another_length_are_named() {
         error.contains("f_N is left out: it has 200 values"),
         "{error}"
     );
+}
+
+/// What an inertia would be in another unit or at another rate is what it is when the record is read so.
+#[test]
+fn an_inertia_in_another_unit_is_the_one_that_is_said() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("r.csv");
+    fs::write(&path, written("r|q|u", ",", ".", "\n", &ALL[1..])).expect("a file");
+    let found = |position: &str, reference: &str, rate: f64| {
+        let roles = Roles {
+            time: None,
+            rate: Some(rate),
+            reference: Some(Named::new(reference)),
+            position: Named::new(position),
+            voltage: Named::new("u:V"),
+            injected: None,
+        };
+        let read = roles.read(&path).expect("a record");
+        // A hundredth of what it is, so that it is an axis in either unit.
+        let set = Settings::new(0.35);
+        let found = servo_of(&read, None, &set, (Friction::Symmetric, None)).answer;
+        let inertia = found.parameters[0].0.known.map(|k| k.value);
+        (
+            inertia.unwrap_or_else(|| panic!("{}", found.verdict)),
+            found.remarks,
+        )
+    };
+    let (_, remarks) = found("q", "r", 1000.0);
+    let said = |were: &str| -> f64 {
+        let remark = remarks.iter().find(|r| r.contains(were));
+        let remark = remark.unwrap_or_else(|| panic!("{were}: {remarks:?}"));
+        let (_, number) = remark
+            .split_once("the inertia would be ")
+            .expect("an inertia");
+        number.trim_end_matches(" kg").parse().expect("a number")
+    };
+    for (were, (is, _)) in [
+        ("were q in mm", found("q:mm", "r:mm", 1000.0)),
+        ("were the rows taken at 2000 Hz", found("q", "r", 2000.0)),
+    ] {
+        let said = said(were);
+        assert!((said / is - 1.0).abs() < 0.01, "{were}: {said} for {is}");
+    }
+    let (_, named) = found("q:m", "r:m", 1000.0);
+    assert!(!named.iter().any(|r| r.contains("in mm")), "{named:?}");
 }
