@@ -292,7 +292,12 @@ fn vectors_of_another_length_are_named() {
 fn an_inertia_in_another_unit_is_the_one_that_is_said() {
     let folder = tempfile::TempDir::new().expect("a folder");
     let path = folder.path().join("r.csv");
-    fs::write(&path, written("r|q|u", ",", ".", "\n", &ALL[1..])).expect("a file");
+    let mut text = "r,q,u\n".to_owned();
+    // Behind its first motion, which saturates.
+    for [_, r, q, u] in &servo::plain(7)[2000..10_000] {
+        let _ = writeln!(text, "{r:.9},{q:.9},{u:.6}");
+    }
+    fs::write(&path, text).expect("a file");
     let found = |position: &str, reference: &str, rate: f64| {
         let roles = Roles {
             time: None,

@@ -414,6 +414,11 @@ pub fn identify(
         let Some((mut known, condition)) = sure(law, record, &whole) else {
             continue;
         };
+        if let Some(joint) = with_skew(law, record, &record.samples, &whole) {
+            for (known, value) in known.iter_mut().zip(joint) {
+                known.value = value;
+            }
+        }
         widen(law, record, &mut known);
         if law.needs_time() && check::one_level(&whole, &known) {
             let found = bristle::one_level(law, record, second, (&whole, to));
@@ -668,8 +673,39 @@ fn displaced(samples: &[Sample], by: f64) -> Vec<Sample> {
         .collect()
 }
 
-/// Noise of the displacement moves the places where a contact turns, always outward: by how much parameters move where
-/// there is as much of it again in amplitude, they are less sure.
+/// Parameters beside what is left of a skew that was taken out, which another law told: the two go together. None where none
+/// was.
+fn with_skew(law: Law, record: &Record, samples: &[Sample], near: &[f64]) -> Option<Vec<f64>> {
+    if record.skew == 0.0 {
+        return None;
+    }
+    let force = record.largest_force();
+    let n = record.samples.len();
+    let period = (record.samples[n - 1].time - record.samples[0].time) / n as f64;
+    let scaled = |c: &[f64]| -> Vec<f64> {
+        let (by, coded) = c.split_last().unwrap_or((&0.0, c));
+        if coded.iter().any(|c| c.abs() > 60.0) {
+            return vec![f64::NAN; samples.len()];
+        }
+        let moved = displaced(samples, by * period);
+        let left = residuals(law, &law.decoded(coded, force), &moved, 0);
+        left.into_iter().map(|l| l / force).collect()
+    };
+    let start = [law.coded(near, force), vec![0.0]].concat();
+    let (mut found, _) = minimise(scaled, &start)?;
+    // Farther than neighbours are apart it is no more of this.
+    found.pop().filter(|by| by.abs() < 1.0)?;
+    Some(law.decoded(&found, force))
+}
+
+/// Middle and deviation of what is anywhere from a third to one.
+const OUTWARD: f64 = 2.0 / 3.0;
+const SPREAD: f64 = 0.192_45;
+
+/// Noise of the displacement moves the places where a contact turns, always outward. By how much parameters move where there
+/// is as much of it again in amplitude tells how far they were moved already (simulation and extrapolation, Cook and
+/// Stefanski 1994): by all of it where that goes with the amplitude, as where many samples lie near a turn, by a third where
+/// it goes with the power. By the middle they are corrected, and by the spread they are less sure.
 fn widen(law: Law, record: &Record, known: &mut [Known]) {
     // Of white noise the second difference has six times the power.
     let seconds: Vec<f64> = record
@@ -687,11 +723,17 @@ fn widen(law: Law, record: &Record, known: &mut [Known]) {
     for (k, s) in noisier.iter_mut().enumerate() {
         s.displacement += 3f64.sqrt() * noise * scattered(k);
     }
-    let Some(moved) = fit(law, record, &noisier, Some(&values)) else {
+    let moved = match record.skew {
+        0.0 => fit(law, record, &noisier, Some(&values)),
+        _ => with_skew(law, record, &noisier, &values),
+    };
+    let Some(moved) = moved else {
         return;
     };
     for (known, moved) in known.iter_mut().zip(moved) {
-        known.std_correlated = known.std_correlated.hypot(moved - known.value);
+        let more = moved - known.value;
+        known.value -= OUTWARD * more;
+        known.std_correlated = known.std_correlated.hypot(SPREAD * more);
     }
 }
 
