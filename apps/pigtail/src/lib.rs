@@ -140,6 +140,14 @@ fn positive(text: &str) -> Result<f64, String> {
         .ok_or_else(|| format!("\"{text}\" is not a finite number above zero"))
 }
 
+/// A number that is not zero.
+fn not_zero(text: &str) -> Result<f64, String> {
+    text.parse::<f64>()
+        .ok()
+        .filter(|value| value.is_finite() && *value != 0.0)
+        .ok_or_else(|| format!("\"{text}\" is not a finite number other than zero"))
+}
+
 /// Prints a text, on a terminal with its sentences wrapped.
 fn print(text: &[u8]) -> anyhow::Result<()> {
     match std::str::from_utf8(text) {

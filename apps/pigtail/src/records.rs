@@ -76,7 +76,7 @@ pub(crate) struct ServoArguments {
     /// Its column of what was added to the controller's voltage, volts or a force, where something was
     #[arg(long, value_name = "COLUMN")]
     injected: Option<Named>,
-    /// Force (N) or torque (N m) of a volt
+    /// Force (N) or torque (N m) of a volt, or of an ampere where the column is a current
     #[arg(long, value_name = "K", value_parser = crate::positive)]
     force_per_volt: f64,
     /// A second record of the same columns, to judge by
@@ -376,8 +376,10 @@ pub(crate) struct WindupRecordArguments {
     /// Rows a second, hertz: where no column says when they were taken, or the column of time counts them
     #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive), requires = "data")]
     rate: Option<f64>,
-    /// Turns of the output for a turn of the motor, where the motor's column is not yet in angles of the output
-    #[arg(long, value_name = "R", default_value_t = 1.0, value_parser = crate::positive, requires = "data")]
+    /// Turns of the output for a turn of the motor, where the motor's column is not yet in angles of the output; below
+    /// zero where the motor turns against it
+    #[arg(long, value_name = "R", default_value_t = 1.0, value_parser = crate::not_zero, allow_negative_numbers = true,
+        requires = "data")]
     ratio: f64,
     /// Travel for a turn of the screw, metres, where motor and load are lengths
     #[arg(long, value_name = "METRES", value_parser = in_unit(LENGTH, "m", Sign::Positive), requires = "data")]

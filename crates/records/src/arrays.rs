@@ -21,6 +21,8 @@ pub(crate) struct Arrays {
     pub(crate) others: Vec<Option<&'static str>>,
     /// Seconds between rows, where the file says so.
     pub(crate) period: Option<f64>,
+    /// What was left out for being of another length, and that.
+    pub(crate) left_out: Vec<(String, usize)>,
 }
 
 /// What a moment of a Parquet column counts, seconds; `None` where it counts none.
@@ -110,6 +112,7 @@ pub(crate) fn parquet(file: File) -> Result<Arrays, String> {
         moments: first.iter().map(Option::is_some).collect(),
         others,
         period: None,
+        left_out: Vec::new(),
     })
 }
 
@@ -205,6 +208,8 @@ pub(crate) fn mat(bytes: &[u8]) -> Result<Arrays, String> {
         .max()
         .map(|(_, length)| length)
         .ok_or("has no vectors of numbers; accepted are numeric arrays beside each other, not in a struct or table")?;
+    let other = all.iter().filter(|(_, v)| v.len() != length);
+    let left_out = other.map(|(name, v)| (name.clone(), v.len())).collect();
     all.retain(|(_, v)| v.len() == length);
     let (names, columns): (Vec<_>, Vec<_>) = all.into_iter().unzip();
     Ok(Arrays {
@@ -214,5 +219,6 @@ pub(crate) fn mat(bytes: &[u8]) -> Result<Arrays, String> {
         names,
         columns,
         period,
+        left_out,
     })
 }

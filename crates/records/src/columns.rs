@@ -12,9 +12,15 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 /// What a column may be of, each in any of its units.
-pub(crate) const DIMENSIONS: [Dimension; 9] = [
-    TIME, LENGTH, ANGLE, VOLTAGE, FORCE, TORQUE, FREQUENCY, RATIO, LEVEL,
+pub(crate) const DIMENSIONS: [Dimension; 10] = [
+    TIME, LENGTH, ANGLE, VOLTAGE, CURRENT, FORCE, TORQUE, FREQUENCY, RATIO, LEVEL,
 ];
+
+/// What drives a motor in place of a voltage; no file of a rig has one.
+pub(crate) const CURRENT: Dimension = Dimension {
+    name: "a current",
+    units: &[("A", 1.0), ("mA", 1e-3)],
+};
 
 /// A unit of places in a file.
 #[derive(
@@ -514,12 +520,23 @@ fn locate(table: &Table, want: &Wanted) -> Result<(usize, Column), Error> {
         }
     };
     let name = &names[place];
+    let alike = names.iter().filter(|n| *n == name).count();
+    if alike > 1 {
+        let message = format!(
+            "stands over {alike} columns, and {} could be any of them; accepted is a name that one column has alone",
+            want.option
+        );
+        return Err(table.error(&**name, message));
+    }
     let accepted = || {
         let units = want.of.iter().flat_map(|dimension| dimension.units);
         let names: Vec<&str> = units.map(|(unit, _)| *unit).collect();
         names.join(", ")
     };
-    let suffix = table.own_unit(place);
+    // `encoder_A` is a channel, where no current is wanted.
+    let suffix = table.own_unit(place).filter(|(of, unit)| {
+        *of != CURRENT || *unit != "A" || want.of.contains(of) || name.ends_with([']', ')'])
+    });
     let (dimension, unit, by) = match (given, suffix) {
         (Some(given), _) => {
             let Some((dimension, unit)) = unit_of(want.of, given) else {

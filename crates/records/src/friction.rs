@@ -1,6 +1,6 @@
 //! A law of friction from a record of force against displacement.
 
-use super::columns::{self, Named, Wanted};
+use super::columns::{self, Column, Named, Wanted};
 use super::fragment::Kind;
 use super::part::Slides;
 use super::{Answer, Figure, Rows, Shown, parameters_json, short, shown_of, told, with_units};
@@ -76,6 +76,7 @@ impl Roles {
         if let Some(time) = read.get(2) {
             columns::rising(path, time)?;
         }
+        farther(path, &read[0])?;
         if time.is_none() {
             remarks.push("no column of time: laws that need one were left out".to_owned());
         }
@@ -91,6 +92,30 @@ impl Roles {
             remarks,
         })
     }
+}
+
+/// Metres beyond which nothing rubs in one record.
+const FARTHEST: f64 = 10.0;
+
+/// That a contact moves no farther than one does: counts and micrometres that are taken as metres do.
+fn farther(path: &Path, displacement: &Column) -> Result<(), Error> {
+    let there = displacement.values.iter().filter(|v| v.is_finite());
+    let (low, high) = there.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
+        (l.min(*v), h.max(*v))
+    });
+    if displacement.dimension == ANGLE || high - low <= FARTHEST {
+        return Ok(());
+    }
+    let message = format!(
+        "moves over {:.3e} m; accepted are at most {FARTHEST} m: is its unit another one (as \"{}:um\"), or does it count?",
+        high - low,
+        displacement.name
+    );
+    Err(Error::new(
+        path.display().to_string(),
+        &*displacement.name,
+        message,
+    ))
 }
 
 impl Read {

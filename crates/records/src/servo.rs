@@ -1,6 +1,6 @@
 //! A servo axis from its record.
 
-use super::columns::{self, By, Named, Source, Wanted};
+use super::columns::{self, By, CURRENT, Named, Source, Wanted};
 use super::fragment::{AxisTable, ControllerTable, Fragment, Kind, MotionTable, RecordTable};
 use super::part::{Drive, Part};
 use super::{
@@ -67,7 +67,7 @@ impl Roles {
         let mut list = vec![
             wanted("--time", &time, &[TIME][..]),
             wanted("--position", &self.position, MOVES),
-            wanted("--voltage", &self.voltage, &[VOLTAGE]),
+            wanted("--voltage", &self.voltage, &[VOLTAGE, CURRENT]),
         ];
         if let Some(reference) = &self.reference {
             list.push(wanted("--reference", reference, MOVES));
@@ -109,13 +109,20 @@ impl Roles {
         if let Some(rate) = self.rate {
             assumed.push((format!("were the rows taken at {} Hz", 2.0 * rate), 0.25));
         }
+        let mut remarks = columns::remarks(&read);
+        if read[2].dimension == CURRENT {
+            remarks.push(format!(
+                "{} is a current: --force-per-volt is taken as the force of an ampere, and volts are amperes in all that follows",
+                read[2].name
+            ));
+        }
         Ok(Read {
             assumed,
             understood,
             record,
             kind,
             source: Source::new(path, &list, &read),
-            remarks: columns::remarks(&read),
+            remarks,
         })
     }
 }

@@ -6,6 +6,7 @@ use crate::layout::{self, Layout};
 use pigtail_hal::Error;
 use pigtail_hal::quantity::Dimension;
 use std::borrow::Cow;
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 /// A file of columns: text whose fields are divided by commas, semicolons, tabs, bars or blanks, Parquet, or MATLAB's
@@ -195,11 +196,20 @@ impl Table {
 
     /// The names, as an error says them, and how they were read.
     pub(crate) fn there_are(&self) -> String {
-        format!(
+        let mut text = format!(
             "there are {} (read as {})",
             self.names().join(", "),
             self.understood()
-        )
+        );
+        if let Content::Arrays(arrays) = &self.content {
+            for (name, length) in &arrays.left_out {
+                let _ = write!(
+                    text,
+                    "; {name} is left out: it has {length} values, and the others another number"
+                );
+            }
+        }
+        text
     }
 
     /// What is wrong with a column; with the file where `name` is empty.

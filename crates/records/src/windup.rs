@@ -68,6 +68,15 @@ impl Roles {
         for value in &mut read[1].values {
             *value *= self.ratio;
         }
+        // A motor that turns against its output pushes against it too.
+        for value in read
+            .get_mut(3)
+            .filter(|_| self.ratio < 0.0)
+            .into_iter()
+            .flat_map(|t| &mut t.values)
+        {
+            *value = -*value;
+        }
         let grid = columns::on_even_grid(path, &read, LEAST)?;
         let understood = columns::understood(path, &list, &read, Some(&grid))?;
         Ok(Read {
@@ -187,8 +196,14 @@ pub fn windup(first: &Read, second: Option<&Read>) -> Found {
     more.insert("models".to_owned(), models.collect());
     let model = answer.is_whole().then(|| calibrates(&found)).flatten();
     if answer.is_whole() && model.is_none() {
+        let why = if value(best, "w_max").is_some_and(|w| w < 0.0) {
+            "leads with the direction instead of lagging (w_max below zero), as where the torque has the motor's own friction \
+             in it"
+        } else {
+            "has no windup of friction in it"
+        };
         answer.remarks.push(format!(
-            "no fragment: {} has no windup of friction in it, which is what a calibration takes out",
+            "no fragment: {} {why}; a calibration takes out what lags",
             best.name
         ));
     }

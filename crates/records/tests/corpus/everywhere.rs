@@ -93,7 +93,7 @@ fn parquet(names: &[String], columns: &[Vec<f64>]) -> Vec<u8> {
 }
 
 /// Level 5, uncompressed: a column vector for each name.
-fn mat(names: &[String], columns: &[Vec<f64>]) -> Vec<u8> {
+pub(crate) fn mat(names: &[String], columns: &[Vec<f64>]) -> Vec<u8> {
     let mut bytes = vec![b' '; 124];
     let head = b"MATLAB 5.0 MAT-file, made by a test";
     bytes[..head.len()].copy_from_slice(head);

@@ -171,6 +171,33 @@ const CASES: &[(&str, Wanted, Mangle)] = &[
     ("force a hundred samples late", Wanted::Either, |rows, _| {
         late(rows, 100);
     }),
+    ("a spring beside it", Wanted::Refused, |rows, _| {
+        rows.iter_mut().for_each(|r| r[2] += 0.01 * r[1]);
+    }),
+    ("viscous friction beside it", Wanted::Refused, |rows, _| {
+        let old = rows.clone();
+        for k in 20..old.len() - 20 {
+            rows[k][2] +=
+                0.01 * (old[k + 20][1] - old[k - 20][1]) / (old[k + 20][0] - old[k - 20][0]);
+        }
+    }),
+    ("a mass beside it", Wanted::Refused, |rows, _| {
+        let old = rows.clone();
+        for k in 60..old.len() - 60 {
+            let second = old[k + 60][1] - 2.0 * old[k][1] + old[k - 60][1];
+            rows[k][2] += 0.004 * second / (old[k + 60][0] - old[k][0]).powi(2);
+        }
+    }),
+    ("a weight beside it", Wanted::Right, |rows, _| {
+        rows.iter_mut().for_each(|r| r[2] += 5.0);
+    }),
+    (
+        "micrometres said to be metres",
+        Wanted::Refused,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r[1] *= 1e6);
+        },
+    ),
 ];
 
 fn judged(name: &str, wanted: Wanted, rows: &Rows, wrong: &mut Vec<String>) {
@@ -283,9 +310,64 @@ fn a_record_of_two_million_rows_is_told() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// A contact that gives way evenly and then slides is no single bristle's: the fit comes to rest, at a bound, and that is said.
+/// A bristle by small implicit steps, a thing of its own beside the closed form that is fitted: what the speed tells of it is
+/// found, and where it tells nothing the rest is found and that is said.
 #[test]
-fn a_measured_presliding_is_fitted_by_one_bristle_and_refused() {
+fn a_bristle_is_found_and_a_stribeck_effect_where_there_is_one() {
+    const STIFFNESS: f64 = 1.5e5;
+    const COULOMB: f64 = 2.0;
+    let wave = |t: f64| 80e-6 * (1.3 * t + 0.4 * (0.5 * t).sin()).sin();
+    for (seed, fixed, stribeck) in [(1_u64, 3.0, 3e-5), (2, 2.4, 6e-5), (3, 2.0, 1e-5)] {
+        let mut rng = Pcg64Mcg::seed_from_u64(800 + seed);
+        let (period, fine) = (0.01, 20);
+        let h = period / f64::from(fine);
+        let (mut bristle, mut last) = (0.0_f64, wave(0.0));
+        let mut columns = [Vec::new(), Vec::new(), Vec::new()];
+        for k in 0..6000 {
+            for i in 1..=fine {
+                let x = wave(period * f64::from(k) + h * f64::from(i));
+                let way = x - last;
+                last = x;
+                let level = COULOMB + (fixed - COULOMB) * (-(way / h / stribeck).powi(2)).exp();
+                bristle = (bristle + way) / (1.0 + STIFFNESS * way.abs() / level);
+            }
+            columns[0].push(period * f64::from(k + 1));
+            columns[1].push(last + 2e-8 * normal(&mut rng));
+            columns[2].push(STIFFNESS * bristle + 0.01 * normal(&mut rng));
+        }
+        let [time, x, force] = &columns;
+        let record = Record::new(Some(time), x, force).expect("a record");
+        let found = identify(&record, None, 4).expect("laws");
+        let found = found.with(Law::LuGre, &record).expect("it was fitted");
+        let known = |k: usize| found.parameters[k].known;
+        let near = |k: usize, is: f64| {
+            let known = known(k).unwrap_or_else(|| panic!("{k}: {:?}", found.unknown));
+            let off = (known.value - is).abs();
+            eprintln!("{seed}, {k}: {known:?} for {is}");
+            assert!(
+                off < 0.1 * is && off < 3.0 * known.std_correlated + 0.01 * is,
+                "{known:?} for {is}"
+            );
+        };
+        near(0, COULOMB);
+        near(1, STIFFNESS);
+        if fixed > COULOMB {
+            near(2, fixed);
+            near(3, stribeck);
+        } else {
+            assert!(
+                known(2).is_none() && known(3).is_none(),
+                "{:?}",
+                found.parameters
+            );
+        }
+    }
+}
+
+/// A contact that gives way evenly and then slides is no single bristle's: its level and stiffness are found as far as they
+/// go, and what the speed does to it is not.
+#[test]
+fn a_measured_presliding_is_fitted_by_one_bristle_as_far_as_that_goes() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR"))
         .join("../../../shared/data/presliding_tribometer/reciprocating_5N.csv");
     let Ok(csv) = fs::read_to_string(file) else {
@@ -306,10 +388,14 @@ fn a_measured_presliding_is_fitted_by_one_bristle_and_refused() {
     let found = identify(&record, None, 4).expect("laws");
     let found = found.with(Law::LuGre, &record).expect("it was fitted");
     let chosen = &found.laws[found.best];
-    assert!(chosen.relative_error_percent < 12.0, "{chosen:?}");
+    assert!(chosen.relative_error_percent < 13.0, "{chosen:?}");
+    let known = |k: usize| found.parameters[k].known;
+    // What it slides at, by its authors.
+    let level = known(0).expect("a level");
     assert!(
-        found.unknown.iter().any(|u| u.covers("static_friction")),
-        "{:?}",
-        found.unknown
+        (level.value - 2.36).abs() < 2.0 * level.std_correlated,
+        "{level:?}"
     );
+    assert!(level.std_correlated < 0.2 * level.value, "{level:?}");
+    assert!(known(1).is_some() && known(2).is_none() && known(3).is_none());
 }

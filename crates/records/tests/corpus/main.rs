@@ -13,6 +13,8 @@
 mod coverage;
 #[path = "everywhere.rs"]
 mod everywhere;
+#[path = "forces.rs"]
+mod forces;
 #[path = "friction.rs"]
 mod friction;
 #[path = "map.rs"]

@@ -2,7 +2,8 @@
 
 use crate::servo;
 use pigtail_records::columns::Named;
-use pigtail_records::servo::Roles;
+use pigtail_records::servo::{Roles, servo as servo_of};
+use pigtail_sysid::servo::{Friction, Settings};
 use std::fmt::Write as _;
 use std::fs;
 
@@ -226,4 +227,112 @@ fn habits_of_other_tools_are_read_or_refused_in_words() {
         let error = read(&text, position).expect_err(why);
         assert!(error.contains(why), "{why}: {error}");
     }
+}
+
+/// A name that two columns have is no name, what a current drives is told as that, and what is left out of a .mat is said.
+#[test]
+fn what_a_name_leaves_open_is_asked_or_said() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("r.csv");
+    let read = |names: &str, scale: f64, [position, voltage]: [&str; 2]| {
+        let mut text = names.to_owned() + "\n";
+        for [t, r, q, u] in servo::plain(7).iter().take(3000) {
+            let _ = writeln!(text, "{t:.7},{r:.7},{q:.7},{:.7}", scale * u);
+        }
+        fs::write(&path, text).expect("a file");
+        let roles = Roles {
+            time: None,
+            rate: None,
+            reference: None,
+            position: Named::new(position),
+            voltage: Named::new(voltage),
+            injected: None,
+        };
+        roles.read(&path).map_err(|e| e.to_string())
+    };
+    let twice = read("t_s,q_m,q_m,u_V", 1.0, ["q_m", "u_V"]).expect_err("two columns");
+    assert!(twice.contains("stands over 2 columns"), "{twice}");
+    let volts = read("t_s,r_m,q_m,u_V", 1.0, ["q_m", "u_V"]).expect("volts");
+    let amperes = read("t_s,r_m,q_m,i_mA", 1e3, ["q_m", "i_mA"]).expect("a current");
+    let column =
+        |read: &pigtail_records::servo::Read| read.record.even().stretches[0].columns[1].clone();
+    for (a, b) in column(&volts).iter().zip(column(&amperes)) {
+        assert!((a - b).abs() < 2e-7, "{a} {b}");
+    }
+    let says = |remarks: &[String]| remarks.iter().any(|r| r.contains("is a current"));
+    assert!(says(&amperes.remarks) && !says(&volts.remarks));
+    // The end of a channel's name is no unit where no current is wanted.
+    let channel = read("t_s,r_m,encoder_A,u_V", 1.0, ["encoder_A", "u_V"]).expect("a channel");
+    assert_eq!(channel.record, volts.record);
+}
+
+#[test]
+fn vectors_of_another_length_are_named() {
+    let names = ["t_s", "x_um", "f_N"].map(str::to_owned);
+    let long: Vec<f64> = (0..300).map(f64::from).collect();
+    let columns = vec![long.clone(), long.clone(), long[..200].to_vec()];
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("r.mat");
+    fs::write(&path, crate::everywhere::mat(&names, &columns)).expect("a file");
+    let roles = pigtail_records::friction::Roles {
+        time: None,
+        rate: None,
+        displacement: Named::new("x_um"),
+        force: Named::new("f_N"),
+    };
+    let error = roles.read(&path).expect_err("no force").to_string();
+    assert!(
+        error.contains("f_N is left out: it has 200 values"),
+        "{error}"
+    );
+}
+
+/// What an inertia would be in another unit or at another rate is what it is when the record is read so.
+#[test]
+fn an_inertia_in_another_unit_is_the_one_that_is_said() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("r.csv");
+    let mut text = "r,q,u\n".to_owned();
+    // Behind its first motion, which saturates.
+    for [_, r, q, u] in &servo::plain(7)[2000..10_000] {
+        let _ = writeln!(text, "{r:.9},{q:.9},{u:.6}");
+    }
+    fs::write(&path, text).expect("a file");
+    let found = |position: &str, reference: &str, rate: f64| {
+        let roles = Roles {
+            time: None,
+            rate: Some(rate),
+            reference: Some(Named::new(reference)),
+            position: Named::new(position),
+            voltage: Named::new("u:V"),
+            injected: None,
+        };
+        let read = roles.read(&path).expect("a record");
+        // A hundredth of what it is, so that it is an axis in either unit.
+        let set = Settings::new(0.35);
+        let found = servo_of(&read, None, &set, (Friction::Symmetric, None)).answer;
+        let inertia = found.parameters[0].0.known.map(|k| k.value);
+        (
+            inertia.unwrap_or_else(|| panic!("{}", found.verdict)),
+            found.remarks,
+        )
+    };
+    let (_, remarks) = found("q", "r", 1000.0);
+    let said = |were: &str| -> f64 {
+        let remark = remarks.iter().find(|r| r.contains(were));
+        let remark = remark.unwrap_or_else(|| panic!("{were}: {remarks:?}"));
+        let (_, number) = remark
+            .split_once("the inertia would be ")
+            .expect("an inertia");
+        number.trim_end_matches(" kg").parse().expect("a number")
+    };
+    for (were, (is, _)) in [
+        ("were q in mm", found("q:mm", "r:mm", 1000.0)),
+        ("were the rows taken at 2000 Hz", found("q", "r", 2000.0)),
+    ] {
+        let said = said(were);
+        assert!((said / is - 1.0).abs() < 0.01, "{were}: {said} for {is}");
+    }
+    let (_, named) = found("q:m", "r:m", 1000.0);
+    assert!(!named.iter().any(|r| r.contains("in mm")), "{named:?}");
 }

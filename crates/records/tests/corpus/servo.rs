@@ -15,7 +15,7 @@ pub(crate) type Rows = Vec<[f64; 4]>;
 
 /// What is known of the axis that made it.
 #[derive(Clone, Copy)]
-struct Truth {
+pub(crate) struct Truth {
     force_per_volt: f64,
     /// Inertia, viscous and Coulomb friction.
     values: [f64; 3],
@@ -94,7 +94,7 @@ pub(crate) fn plain(seed: u64) -> Rows {
     read_at(&dense, &times, &times, seed + 1)
 }
 
-fn text(rows: &Rows) -> String {
+pub(crate) fn text(rows: &Rows) -> String {
     let mut text = "t_s,r_m,q_m,u_V\n".to_owned();
     for [t, r, q, u] in rows {
         let _ = writeln!(text, "{t:.7},{r:.9},{q:.9},{u:.6}");
@@ -104,7 +104,7 @@ fn text(rows: &Rows) -> String {
 
 /// What came of it: the answer's error in tolerances, or the refusal.
 #[derive(Debug)]
-enum Came {
+pub(crate) enum Came {
     Answered {
         worst: f64,
         told: String,
@@ -113,7 +113,7 @@ enum Came {
     Refused(String),
 }
 
-fn answer(csv: &str, truth: &Truth, reference: bool) -> Came {
+pub(crate) fn answer(csv: &str, truth: &Truth, reference: bool) -> Came {
     let folder = tempfile::TempDir::new().expect("a folder");
     let path = folder.path().join("r.csv");
     fs::write(&path, csv).expect("a file");
@@ -167,7 +167,7 @@ fn run(path: &Path, truth: &Truth, reference: bool) -> Came {
     }
 }
 
-const MADE: Truth = Truth {
+pub(crate) const MADE: Truth = Truth {
     force_per_volt: 35.0,
     values: [95.0, 205.0, 20.0],
     tolerance: [0.02, 0.05, 0.05],
@@ -685,7 +685,7 @@ fn what_was_injected_is_told_and_replayed() {
     }
 }
 
-fn judge(name: &str, wanted: Wanted, came: &Came, wrong: &mut Vec<String>) {
+pub(crate) fn judge(name: &str, wanted: Wanted, came: &Came, wrong: &mut Vec<String>) {
     match came {
         Came::Answered {
             worst,

@@ -273,3 +273,30 @@ fn no_mangled_record_of_a_transmission_is_wrong_and_looks_right() {
         wrong.join("\n")
     );
 }
+
+/// A motor that turns against its output, with a ratio below zero, is the same transmission.
+#[test]
+fn a_ratio_below_zero_turns_the_motor_and_its_torque() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("r.csv");
+    let found = |rows: &Rows, ratio: f64| {
+        let mut text = "t_s,mot_deg,se_deg,torque_Nm\n".to_owned();
+        for [t, m, l, p] in rows {
+            let _ = writeln!(text, "{t:.6},{:.9},{l:.6},{p:.5}", m / ratio);
+        }
+        fs::write(&path, text).expect("a file");
+        let roles = Roles {
+            time: None,
+            rate: None,
+            motor: Named::new("mot_deg"),
+            load: Named::new("se_deg"),
+            torque: Some(Named::new("torque_Nm")),
+            ratio,
+        };
+        format!("{:?}", roles.read(&path).expect("a record"))
+    };
+    let rows = made(1);
+    let turned: Rows = rows.iter().map(|[t, m, l, p]| [*t, *m, *l, -p]).collect();
+    let (forward, against) = (found(&rows, 0.01), found(&turned, -0.01));
+    assert_eq!(forward, against);
+}

@@ -2,7 +2,7 @@
 
 use super::law::{Law, MOST_RATIO};
 use super::{Fitted, Record, Sample, error, fit};
-use crate::Unknown;
+use crate::{Known, Unknown};
 use pigtail_numerics::signal::quantile;
 
 /// Whether the columns the other way round are friction, and these are not.
@@ -41,6 +41,13 @@ pub(super) fn swapped(record: &Record, error_percent: f64) -> bool {
         ..turned.clone()
     };
     fits(&turned).min(fits(&mirrored)) < 0.5 * error_percent
+}
+
+/// Whether a record does not tell LuGre's static friction from its Coulomb friction: it comes to a bound of what is tried,
+/// or the speed at which one becomes the other is not known.
+pub(super) fn one_level(values: &[f64], known: &[Known]) -> bool {
+    let loose = |k: &Known| k.std_correlated.is_nan() || k.std_correlated > 0.5 * k.value.abs();
+    (values[2] / values[0]).ln().abs() > 0.99 * MOST_RATIO || known[2..4].iter().any(loose)
 }
 
 /// What the chosen law's parameters leave in doubt.
@@ -93,17 +100,15 @@ pub(super) fn doubts(record: &Record, chosen: &Fitted) -> Vec<Unknown> {
             ),
         });
     }
-    if law.needs_time() {
-        let ratio = chosen.values[2] / chosen.values[0];
-        if ratio.ln().abs() > 0.99 * MOST_RATIO {
-            unknown.push(Unknown {
-                parameters: law.parameters()[..4].to_vec(),
-                because: format!(
-                    "its static friction comes to the bound of what is tried, {ratio:.3} of Coulomb friction: the speed \
-                     makes no such difference, and the contact gives way otherwise than one bristle does"
-                ),
-            });
-        }
+    if let Some(free) = chosen.two_levels {
+        unknown.push(Unknown {
+            parameters: law.parameters()[2..4].to_vec(),
+            because: format!(
+                "with a static friction of its own it leaves {free:.3} % of the force, and with one level {:.3} %: the speed \
+                 makes no difference that one bristle would make",
+                chosen.relative_error_percent
+            ),
+        });
     }
     for (name, known) in law.parameters().iter().zip(&chosen.known) {
         let offset = *name == "offset" || *name == "viscous_friction";

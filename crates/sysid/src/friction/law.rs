@@ -155,6 +155,14 @@ impl Law {
         }
     }
 
+    /// The level of friction where it slides, that of both directions together.
+    pub(super) fn level(self, p: &[f64]) -> f64 {
+        match self {
+            Self::PreslidingTwoSided => 0.5 * (p[0] + p[2]),
+            _ => p[0],
+        }
+    }
+
     /// Its offset.
     fn offset(self, p: &[f64]) -> f64 {
         match self {

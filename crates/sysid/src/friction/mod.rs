@@ -1,16 +1,20 @@
 //! A law of friction from force against displacement, presliding and sliding.
 
+mod beside;
+mod bristle;
 mod check;
 mod law;
 mod skew;
+mod sure;
 
 pub use law::Law;
 
 use check::{doubts, swapped};
 use skew::Skew;
+use sure::{sure, widen, with_skew};
 
 use super::{Account, Known, Parameter, Unknown};
-use pigtail_numerics::nonlinear::{minimise, uncertainty};
+use pigtail_numerics::nonlinear::minimise;
 use pigtail_numerics::regression::{least_squares, matrix, relative};
 use pigtail_numerics::signal::quantile;
 
@@ -34,6 +38,8 @@ pub struct Record {
     has_time: bool,
     /// By how much later than its row's displacement the force was, seconds, where that was taken out.
     skew: f64,
+    /// The samples before that, where it was.
+    raw: Option<Vec<Sample>>,
     remarks: Vec<String>,
 }
 
@@ -111,6 +117,7 @@ impl Record {
             samples,
             has_time: time.is_some(),
             skew: 0.0,
+            raw: None,
             remarks,
         };
         record.check()?;
@@ -243,7 +250,8 @@ impl Record {
                 )));
             }
             Some(Skew::Of(by)) => {
-                self.samples = skew::shifted(&self.samples, by);
+                let shifted = skew::shifted(&self.samples, by);
+                self.raw = Some(std::mem::replace(&mut self.samples, shifted));
                 self.skew = by;
                 self.remarks.push(format!(
                     "force and displacement are not of the same moments: the force is {:.3e} s {} than its row's \
@@ -348,6 +356,8 @@ pub struct Fitted {
     pub validation_error_percent: f64,
     /// Condition number of the linear problem at the parameters, which are scaled to order one.
     pub condition: f64,
+    /// Of LuGre with one level, where a static friction of its own is not told: what it leaves with one, per cent.
+    two_levels: Option<f64>,
 }
 
 /// What a record says of friction.
@@ -406,7 +416,20 @@ pub fn identify(
         let Some((mut known, condition)) = sure(law, record, &whole) else {
             continue;
         };
+        if let Some(joint) = with_skew(law, record, &record.samples, &whole) {
+            for (known, value) in known.iter_mut().zip(joint) {
+                known.value = value;
+            }
+        }
         widen(law, record, &mut known);
+        if law.needs_time() && check::one_level(&whole, &known) {
+            let found = bristle::one_level(law, record, second, (&whole, to));
+            laws.extend(found.map(|found| Fitted {
+                two_levels: Some(error(law, &whole, &record.samples, 0)),
+                ..found
+            }));
+            continue;
+        }
         laws.push(Fitted {
             law,
             relative_error_percent: error(law, &whole, &record.samples, 0),
@@ -414,6 +437,7 @@ pub fn identify(
             values: whole,
             known,
             condition,
+            two_levels: None,
         });
     }
     let least = laws
@@ -426,6 +450,7 @@ pub fn identify(
     else {
         return Err(Unknown::all("no law could be fitted to it"));
     };
+    bristle::levels(&mut laws, best);
     let chosen = &laws[best];
     if chosen.relative_error_percent > UNEXPLAINED {
         let mut because = format!(
@@ -442,6 +467,9 @@ pub fn identify(
         return Err(Unknown::all(
             "the displacement depends on the force as friction does on displacement: the columns look swapped",
         ));
+    }
+    if let Some(why) = beside::beside(record, chosen.relative_error_percent) {
+        return Err(Unknown::all(why));
     }
     let unknown = doubts(record, chosen);
     let parameters = told(chosen, &unknown);
@@ -621,140 +649,6 @@ fn stribeck(samples: &[Sample], way: f64) -> Option<(f64, f64, f64)> {
         .map(|(_, found)| found)
 }
 
-/// Samples whose displacement is read `by` seconds before, by its rate.
-fn displaced(samples: &[Sample], by: f64) -> Vec<Sample> {
-    let n = samples.len();
-    let rate = |k: usize| {
-        let from = if samples[k].begins || k == 0 {
-            k
-        } else {
-            k - 1
-        };
-        let to = if k + 1 == n || samples[k + 1].begins {
-            k
-        } else {
-            k + 1
-        };
-        let time = samples[to].time - samples[from].time;
-        let way = samples[to].displacement - samples[from].displacement;
-        if time > 0.0 { way / time } else { 0.0 }
-    };
-    (0..n)
-        .map(|k| Sample {
-            displacement: samples[k].displacement - by * rate(k),
-            ..samples[k]
-        })
-        .collect()
-}
-
-/// Noise of the displacement moves the places where a contact turns, always outward: by how much parameters move where
-/// there is as much of it again in amplitude, they are less sure.
-fn widen(law: Law, record: &Record, known: &mut [Known]) {
-    // Of white noise the second difference has six times the power.
-    let seconds: Vec<f64> = record
-        .samples
-        .windows(3)
-        .filter(|w| !w[1].begins && !w[2].begins)
-        .map(|w| (w[0].displacement - 2.0 * w[1].displacement + w[2].displacement).abs())
-        .collect();
-    let noise = 1.4826 * quantile(&seconds, 0.5) / 6f64.sqrt();
-    let values: Vec<f64> = known.iter().map(|k| k.value).collect();
-    if noise.is_nan() || noise <= 0.0 {
-        return;
-    }
-    let mut noisier = record.samples.clone();
-    for (k, s) in noisier.iter_mut().enumerate() {
-        s.displacement += 3f64.sqrt() * noise * scattered(k);
-    }
-    let Some(moved) = fit(law, record, &noisier, Some(&values)) else {
-        return;
-    };
-    for (known, moved) in known.iter_mut().zip(moved) {
-        known.std_correlated = known.std_correlated.hypot(moved - known.value);
-    }
-}
-
-/// A number of mean zero and deviation one, the same at every run: the sum of twelve even ones.
-fn scattered(k: usize) -> f64 {
-    (0..12)
-        .map(|part| {
-            let mut bits = (12 * k as u64 + part).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-            bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-            ((bits ^ (bits >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-        })
-        .sum::<f64>()
-        - 6.0
-}
-
-/// Values with their standard deviations, and the condition of the linear problem.
-fn sure(law: Law, record: &Record, parameters: &[f64]) -> Option<(Vec<Known>, f64)> {
-    let force = record.largest_force();
-    let coded = law.coded(parameters, force);
-    // A skew that was taken out is known no better than the record tells it.
-    let n = record.samples.len();
-    let period = (record.samples[n - 1].time - record.samples[0].time) / n as f64;
-    let left = |c: &[f64]| {
-        let decoded = law.decoded(&c[..parameters.len()], force);
-        match c.get(parameters.len()) {
-            Some(by) => residuals(law, &decoded, &displaced(&record.samples, by * period), 0),
-            None => residuals(law, &decoded, &record.samples, 0),
-        }
-    };
-    let coded = if record.skew == 0.0 {
-        coded
-    } else {
-        [coded, vec![0.0]].concat()
-    };
-    // What changes nothing, such as the speed of a Stribeck effect that is none, is not known, and the rest may be.
-    let base = left(&coded);
-    let matters: Vec<usize> = (0..coded.len())
-        .filter(|j| {
-            let mut moved = coded.clone();
-            moved[*j] += 1e-3;
-            let change = left(&moved)
-                .iter()
-                .zip(&base)
-                .map(|(a, b)| (a - b).powi(2))
-                .sum::<f64>();
-            change > 1e-18 * force * force
-        })
-        .collect();
-    if matters.is_empty() {
-        return None;
-    }
-    let own: Vec<f64> = matters.iter().map(|j| coded[*j]).collect();
-    let among = |c: &[f64]| {
-        let mut all = coded.clone();
-        for (j, value) in matters.iter().zip(c) {
-            all[*j] = *value;
-        }
-        left(&all)
-    };
-    let mut solution = uncertainty(among, &own)?;
-    for stds in [&mut solution.std, &mut solution.std_correlated] {
-        let mut wide = vec![f64::INFINITY; coded.len()];
-        for (j, std) in matters.iter().zip(stds.iter()) {
-            wide[*j] = *std;
-        }
-        *stds = wide;
-    }
-    let known = (0..parameters.len())
-        .map(|j| {
-            // What a step of the coded number is worth.
-            let mut moved = coded.clone();
-            moved[j] += 1e-6;
-            let slope = (law.decoded(&moved, force)[j] - parameters[j]).abs() / 1e-6;
-            Known {
-                value: parameters[j],
-                std: slope * solution.std[j],
-                std_correlated: slope * solution.std_correlated[j],
-            }
-        })
-        .collect();
-    Some((known, solution.condition))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -783,6 +677,7 @@ mod tests {
                 .collect(),
             has_time: true,
             skew: 0.0,
+            raw: None,
             remarks: Vec::new(),
         };
         let told = law.predict(parameters, &record.samples);

@@ -25,7 +25,7 @@ const ROUGH: f64 = 0.1;
 const ONE_WAY: f64 = 0.02;
 
 /// Least tolerance of a column beside the others: how much of it is its own.
-const OWN: f64 = 0.01;
+pub(super) const OWN: f64 = 0.01;
 
 /// Least power of the acceleration over that of the noise in it.
 const ABOVE_NOISE: f64 = 10.0;
@@ -85,7 +85,7 @@ pub(super) fn whole(
     saturation(&volts, remarks)?;
     if !record.has_reference {
         remarks.push(format!(
-            "no reference: a motion faster than {} Hz that sampling folded onto a slow one cannot be prediction from \
+            "no reference: a motion faster than {:.6} Hz that sampling folded onto a slow one cannot be told from \
              the slow one",
             0.5 / period
         ));
@@ -511,7 +511,7 @@ pub(super) fn together(
     let samples = found.value / period;
     if samples.abs() > super::LATEST {
         return Err(Unknown::all(format!(
-            "its voltage and its position are not of the same moments: with the voltage {:.0} samples {} it is prediction \
+            "its voltage and its position are not of the same moments: with the voltage {:.0} samples {} it is told \
              better",
             samples.abs(),
             if samples > 0.0 { "later" } else { "earlier" }

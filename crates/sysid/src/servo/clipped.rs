@@ -1,7 +1,7 @@
 //! A voltage that the record does not show whole: cut off at a converter's or a logger's bound, sharply or softly.
 //!
 //! An amplifier that gave what is written is told from a record that was cut off by the motion itself: what the
-//! axis does where the voltage is high is prediction of what it does where it is low.
+//! axis does where the voltage is high is told by what it does where it is low.
 
 use super::{Equations, Friction, Method, Record, Settings, VOLTAGE};
 use crate::Unknown;

@@ -1,6 +1,6 @@
 //! A record's equations: its columns filtered, differentiated and decimated alike.
 
-use super::{Friction, LEAST, Method, POSITION, Record, Settings, VOLTAGE};
+use super::{Friction, LEAST, Method, POSITION, Record, Settings, VOLTAGE, other};
 use nalgebra::DMatrix;
 use pigtail_numerics::regression::{matrix, robust};
 use pigtail_numerics::signal::{Lowpass, decimate, derivative, quantile, rms};
@@ -38,6 +38,8 @@ pub(super) struct Equations {
     pub(super) backward: [Vec<f64>; 2],
     /// Whether it moves one way only: the sign is then no column of its own.
     pub(super) one_way: bool,
+    /// What the force is told from, where what goes with the place is taken out of it.
+    pub(super) told: Option<Box<Self>>,
 }
 
 impl Equations {
@@ -98,6 +100,9 @@ impl Equations {
                 .collect();
             equations.extend(stretch.start, record.even.period, position, &force, set);
         }
+        if let Some(place) = set.place.filter(|_| !equations.force.is_empty()) {
+            other::taken_out(&mut equations, &place);
+        }
         equations
     }
 
@@ -128,7 +133,11 @@ impl Equations {
             forward,
             backward,
             one_way: _,
+            told,
         } = self;
+        if let Some(told) = told {
+            told.retain(keep);
+        }
         let [f0, f1] = forward;
         let [b0, b1] = backward;
         for column in [
@@ -152,10 +161,37 @@ impl Equations {
         }
     }
 
-    pub(super) fn columns(&self, friction: Friction) -> Vec<&[f64]> {
+    /// The columns that parameters multiply.
+    pub(super) fn regressors_mut(&mut self) -> [&mut Vec<f64>; 10] {
+        let Self {
+            acceleration,
+            exact,
+            velocity,
+            sign,
+            one,
+            forward: [f0, f1],
+            backward: [b0, b1],
+            lag,
+            ..
+        } = self;
+        [
+            acceleration,
+            exact,
+            velocity,
+            sign,
+            one,
+            f0,
+            f1,
+            b0,
+            b1,
+            lag,
+        ]
+    }
+
+    fn columns(&self, friction: Friction, one_way: bool) -> Vec<&[f64]> {
         match friction {
             // Coulomb friction and offset in one column, which stands where Coulomb friction does.
-            Friction::Symmetric if self.one_way => {
+            Friction::Symmetric if one_way => {
                 vec![&self.acceleration, &self.velocity, &self.one]
             }
             Friction::Symmetric => {
@@ -172,10 +208,11 @@ impl Equations {
     }
 
     pub(super) fn matrix(&self, friction: Friction, method: Method) -> DMatrix<f64> {
-        let mut columns = self.columns(friction);
+        let told = self.told.as_deref().unwrap_or(self);
+        let mut columns = told.columns(friction, self.one_way);
         if method == Method::Delayed {
-            columns[0] = &self.exact;
-            columns.push(&self.lag);
+            columns[0] = &told.exact;
+            columns.push(&told.lag);
         }
         matrix(&columns)
     }

@@ -18,6 +18,7 @@ mod clipped;
 mod controller;
 mod equations;
 mod motion;
+mod other;
 mod replay;
 mod skew;
 mod sliding;
@@ -25,6 +26,7 @@ mod variants;
 
 pub use controller::Controller;
 pub use motion::Motion;
+pub use other::Place;
 pub use replay::{Axis, Replay};
 pub use sliding::Sliding;
 
@@ -141,6 +143,8 @@ pub struct Settings {
     /// Whether equations are left out at either end of a stretch, where filters still settle: [`identify`] tells from the
     /// record.
     pub settle: bool,
+    /// What goes with the place and is taken out of the force: [`identify`] tells from the record.
+    pub place: Option<Place>,
 }
 
 impl Settings {
@@ -154,6 +158,7 @@ impl Settings {
             decimate: None,
             controller: None,
             settle: false,
+            place: None,
         }
     }
 
@@ -333,6 +338,17 @@ impl Identified {
     }
 }
 
+/// That a model has anything to say of the force.
+fn explains(first: &Variant) -> Result<(), Unknown> {
+    if first.relative_error_percent <= UNEXPLAINED {
+        return Ok(());
+    }
+    Err(Unknown::all(format!(
+        "inertia and friction leave {:.0} % of its force unexplained: are columns, units and signs right?",
+        first.relative_error_percent
+    )))
+}
+
 /// That the inertia is, or why it is not known.
 fn positive(first: &Variant, unknown: &mut Vec<Unknown>) -> Result<(), Unknown> {
     if first.values[0] > 0.0 || unknown.iter().any(|u| u.covers("inertia")) {
@@ -383,6 +399,12 @@ pub fn identify(
         ..*set
     };
     check::whole(record, set, &mut remarks)?;
+    let of_place = other::of_place(record, set, &mut remarks);
+    let raw = set;
+    let set = &Settings {
+        place: of_place.place,
+        ..*set
+    };
     let controller = set
         .controller
         .or_else(|| controller::fit(record).filter(|c| c.error_percent < 10.0));
@@ -394,9 +416,10 @@ pub fn identify(
     let second = second.map(|r| skew.taken_out(&r));
     let mut columns = Equations::of(record, set);
     enough(&columns, record)?;
-    check::bandwidth(record, &columns, set)?;
+    check::bandwidth(record, &Equations::of(record, raw), set)?;
     let mut unknown = check::excitation(record, &mut columns, set)?;
     let keep = believed(&mut columns, record, set, &mut remarks)?;
+    other::changing(&columns, &mut remarks)?;
     let second = second.map(|r| Equations {
         one_way: columns.one_way,
         ..Equations::of(&r, set)
@@ -417,15 +440,11 @@ pub fn identify(
     };
     positive(first, &mut unknown)?;
     check::driving(first, &columns)?;
-    if first.relative_error_percent > UNEXPLAINED {
-        return Err(Unknown::all(format!(
-            "inertia and friction leave {:.0} % of its force unexplained: are columns, units and signs right?",
-            first.relative_error_percent
-        )));
-    }
+    explains(first)?;
     for variant in &mut variants {
         skew.widen(&mut variant.parameters);
     }
+    of_place.widen(&mut variants);
     let first = &variants[0];
     check::uncertain(first, &columns, &mut unknown);
     check::robustly(&mut variants, &mut unknown);
@@ -506,6 +525,18 @@ fn believed(
         let all = keep.unwrap_or_else(|| vec![true; near.len()]);
         let mut near = near.into_iter();
         let both = all.into_iter().map(|k| k && near.next().unwrap_or(true));
+        keep = Some(both.collect());
+    }
+    if let Some(slides) = other::sliding(columns) {
+        remarks.push(format!(
+            "where it stands, friction is not that of its motion: equations below a tenth of its highest speed were left \
+             out, {:.0} % of them",
+            100.0 * out(&slides) as f64 / slides.len() as f64
+        ));
+        columns.retain(&slides);
+        let all = keep.unwrap_or_else(|| vec![true; slides.len()]);
+        let mut slides = slides.into_iter();
+        let both = all.into_iter().map(|k| k && slides.next().unwrap_or(true));
         keep = Some(both.collect());
     }
     Ok(keep)

@@ -3,9 +3,9 @@
 //! A voltage that is held until the next sample acts half a sample late, which every record shows and no fit needs to
 //! know. Channels of two instruments are further apart, and may have clocks that run apart.
 
-use super::{Equations, Friction, LATE, LATEST, Method, Record, SLOW, Settings, VOLTAGE};
+use super::{Equations, Friction, LATE, LATEST, Method, Record, SLOW, Settings, VOLTAGE, check};
 use crate::{Parameter, Unknown};
-use pigtail_numerics::regression::{least_squares, over};
+use pigtail_numerics::regression::{least_squares, over, tolerance};
 use pigtail_numerics::signal::{between, quantile};
 use std::fmt::Write as _;
 
@@ -169,6 +169,12 @@ fn estimate(record: &Record, set: &Settings, so_far: &Skew, drifts: bool) -> Opt
     let x = columns.matrix(Friction::Asymmetric, Method::Delayed);
     let plain = columns.matrix(Friction::Asymmetric, Method::LeastSquares);
     let solution = over(&x, &columns.force, moves)?;
+    // A rate that the other columns tell as well says nothing of when a voltage acts: what little of it is its own, noise
+    // tells.
+    let sliding: Vec<usize> = (0..n).filter(|i| moves(*i)).collect();
+    if tolerance(&x.select_rows(&sliding), x.ncols() - 1) < check::OWN {
+        return None;
+    }
     let error = least_squares(&plain, &columns.force)?.relative_error_percent;
     let (last, std) = (*solution.values.last()?, *solution.std_correlated.last()?);
     let mut skew = Skew {

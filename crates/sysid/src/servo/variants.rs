@@ -6,7 +6,7 @@ use super::{
 };
 use nalgebra::DMatrix;
 use pigtail_numerics::regression::{
-    Solution, instrumental, least_squares, over, relative, robust, without_attenuation,
+    Solution, instrumental, least_squares, over, relative, robust, tolerance, without_attenuation,
 };
 use pigtail_numerics::signal::quantile;
 
@@ -99,7 +99,8 @@ pub(super) fn variants(
                 .last()
                 .copied()
                 .zip(s.std_correlated.last().copied())?;
-            tells_delay(std, &s, &without).then_some(Late {
+            let own = tolerance(&delayed, delayed.ncols() - 1) > check::OWN;
+            (own && tells_delay(std, &s, &without)).then_some(Late {
                 samples,
                 std,
                 matters: samples.abs() > 5.0 * std

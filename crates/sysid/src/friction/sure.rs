@@ -1,0 +1,181 @@
+//! How surely the parameters of a law are known.
+
+use super::{Known, Law, Record, Sample, fit, residuals};
+use pigtail_numerics::nonlinear::{minimise, uncertainty};
+use pigtail_numerics::signal::quantile;
+
+/// Samples whose displacement is read `by` seconds before, by its rate.
+fn displaced(samples: &[Sample], by: f64) -> Vec<Sample> {
+    let n = samples.len();
+    let rate = |k: usize| {
+        let from = if samples[k].begins || k == 0 {
+            k
+        } else {
+            k - 1
+        };
+        let to = if k + 1 == n || samples[k + 1].begins {
+            k
+        } else {
+            k + 1
+        };
+        let time = samples[to].time - samples[from].time;
+        let way = samples[to].displacement - samples[from].displacement;
+        if time > 0.0 { way / time } else { 0.0 }
+    };
+    (0..n)
+        .map(|k| Sample {
+            displacement: samples[k].displacement - by * rate(k),
+            ..samples[k]
+        })
+        .collect()
+}
+
+/// Parameters beside what is left of a skew that was taken out, which another law told: the two go together. None where none
+/// was.
+pub(super) fn with_skew(
+    law: Law,
+    record: &Record,
+    samples: &[Sample],
+    near: &[f64],
+) -> Option<Vec<f64>> {
+    if record.skew == 0.0 {
+        return None;
+    }
+    let force = record.largest_force();
+    let n = record.samples.len();
+    let period = (record.samples[n - 1].time - record.samples[0].time) / n as f64;
+    let scaled = |c: &[f64]| -> Vec<f64> {
+        let (by, coded) = c.split_last().unwrap_or((&0.0, c));
+        if coded.iter().any(|c| c.abs() > 60.0) {
+            return vec![f64::NAN; samples.len()];
+        }
+        let moved = displaced(samples, by * period);
+        let left = residuals(law, &law.decoded(coded, force), &moved, 0);
+        left.into_iter().map(|l| l / force).collect()
+    };
+    let start = [law.coded(near, force), vec![0.0]].concat();
+    let (mut found, _) = minimise(scaled, &start)?;
+    // Farther than neighbours are apart it is no more of this.
+    found.pop().filter(|by| by.abs() < 1.0)?;
+    Some(law.decoded(&found, force))
+}
+
+/// Middle and deviation of what is anywhere from a third to one.
+const OUTWARD: f64 = 2.0 / 3.0;
+const SPREAD: f64 = 0.192_45;
+
+/// Noise of the displacement moves the places where a contact turns, always outward. By how much parameters move where there
+/// is as much of it again in amplitude tells how far they were moved already (simulation and extrapolation, Cook and
+/// Stefanski 1994): by all of it where that goes with the amplitude, as where many samples lie near a turn, by a third where
+/// it goes with the power. By the middle they are corrected, and by the spread they are less sure.
+pub(super) fn widen(law: Law, record: &Record, known: &mut [Known]) {
+    // Of white noise the second difference has six times the power.
+    let seconds: Vec<f64> = record
+        .samples
+        .windows(3)
+        .filter(|w| !w[1].begins && !w[2].begins)
+        .map(|w| (w[0].displacement - 2.0 * w[1].displacement + w[2].displacement).abs())
+        .collect();
+    let noise = 1.4826 * quantile(&seconds, 0.5) / 6f64.sqrt();
+    let values: Vec<f64> = known.iter().map(|k| k.value).collect();
+    if noise.is_nan() || noise <= 0.0 {
+        return;
+    }
+    let mut noisier = record.samples.clone();
+    for (k, s) in noisier.iter_mut().enumerate() {
+        s.displacement += 3f64.sqrt() * noise * scattered(k);
+    }
+    let moved = match record.skew {
+        0.0 => fit(law, record, &noisier, Some(&values)),
+        _ => with_skew(law, record, &noisier, &values),
+    };
+    let Some(moved) = moved else {
+        return;
+    };
+    for (known, moved) in known.iter_mut().zip(moved) {
+        let more = moved - known.value;
+        known.value -= OUTWARD * more;
+        known.std_correlated = known.std_correlated.hypot(SPREAD * more);
+    }
+}
+
+/// A number of mean zero and deviation one, the same at every run: the sum of twelve even ones.
+fn scattered(k: usize) -> f64 {
+    (0..12)
+        .map(|part| {
+            let mut bits = (12 * k as u64 + part).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            ((bits ^ (bits >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+        })
+        .sum::<f64>()
+        - 6.0
+}
+
+/// Values with their standard deviations, and the condition of the linear problem.
+pub(super) fn sure(law: Law, record: &Record, parameters: &[f64]) -> Option<(Vec<Known>, f64)> {
+    let force = record.largest_force();
+    let coded = law.coded(parameters, force);
+    // A skew that was taken out is known no better than the record tells it.
+    let n = record.samples.len();
+    let period = (record.samples[n - 1].time - record.samples[0].time) / n as f64;
+    let left = |c: &[f64]| {
+        let decoded = law.decoded(&c[..parameters.len()], force);
+        match c.get(parameters.len()) {
+            Some(by) => residuals(law, &decoded, &displaced(&record.samples, by * period), 0),
+            None => residuals(law, &decoded, &record.samples, 0),
+        }
+    };
+    let coded = if record.skew == 0.0 {
+        coded
+    } else {
+        [coded, vec![0.0]].concat()
+    };
+    // What changes nothing, such as the speed of a Stribeck effect that is none, is not known, and the rest may be.
+    let base = left(&coded);
+    let matters: Vec<usize> = (0..coded.len())
+        .filter(|j| {
+            let mut moved = coded.clone();
+            moved[*j] += 1e-3;
+            let change = left(&moved)
+                .iter()
+                .zip(&base)
+                .map(|(a, b)| (a - b).powi(2))
+                .sum::<f64>();
+            change > 1e-18 * force * force
+        })
+        .collect();
+    if matters.is_empty() {
+        return None;
+    }
+    let own: Vec<f64> = matters.iter().map(|j| coded[*j]).collect();
+    let among = |c: &[f64]| {
+        let mut all = coded.clone();
+        for (j, value) in matters.iter().zip(c) {
+            all[*j] = *value;
+        }
+        left(&all)
+    };
+    let mut solution = uncertainty(among, &own)?;
+    for stds in [&mut solution.std, &mut solution.std_correlated] {
+        let mut wide = vec![f64::INFINITY; coded.len()];
+        for (j, std) in matters.iter().zip(stds.iter()) {
+            wide[*j] = *std;
+        }
+        *stds = wide;
+    }
+    let known = (0..parameters.len())
+        .map(|j| {
+            // What a step of the coded number is worth.
+            let mut moved = coded.clone();
+            moved[j] += 1e-6;
+            let slope = (law.decoded(&moved, force)[j] - parameters[j]).abs() / 1e-6;
+            Known {
+                value: parameters[j],
+                std: slope * solution.std[j],
+                std_correlated: slope * solution.std_correlated[j],
+            }
+        })
+        .collect();
+    Some((known, solution.condition))
+}

@@ -1,0 +1,295 @@
+//! What drives or holds an axis beside its inertia and its friction, and what changes within a record: no parameter here
+//! stands for it, and those that there are would be off by it.
+
+use super::{Equations, Friction, LATE, Method, Record, SLOW, Settings, Unknown, Variant};
+use nalgebra::{DMatrix, DVector};
+use pigtail_numerics::regression::{Solution, least_squares, matrix, over, relative};
+use pigtail_numerics::signal::{quantile, rms};
+use std::f64::consts::TAU;
+
+/// A parameter is another one where it differs by more than this share of it, and by more than so many standard
+/// deviations.
+const OTHER: f64 = 0.1;
+const SURELY: f64 = 5.0;
+
+/// Equations over which decimation smears a step of friction.
+const REACH: usize = 3;
+
+/// Parts of a record whose inertias are compared.
+const PARTS: usize = 6;
+
+/// Waves of a force over the place that are looked for at most, the shortest of them as a share of the stroke, how many
+/// are tried, and the share of what is left that one has to tell.
+const WAVES: usize = 4;
+const SHORTEST: f64 = 0.02;
+const TRIED: usize = 160;
+const WORTH: f64 = 0.1;
+
+/// Share of the record to which a force of the place is fitted; the rest says whether there is one.
+const FITTED: f64 = 0.7;
+
+/// What is held back is told twice as well with a force of the place that is taken out.
+const TWICE: f64 = 0.5;
+
+fn symmetric(columns: &Equations) -> DMatrix<f64> {
+    columns.matrix(Friction::Symmetric, Method::LeastSquares)
+}
+
+/// Whether one solution has one of these parameters otherwise than another.
+fn differs(one: &Solution, other: &Solution, of: &[usize]) -> bool {
+    of.iter().any(|j| {
+        let off = (one.values[*j] - other.values[*j]).abs();
+        let sure = one.std_correlated[*j].hypot(other.std_correlated[*j]);
+        let size = one.values[*j].abs().max(other.values[*j].abs());
+        off > OTHER * size && off > SURELY * sure
+    })
+}
+
+/// Which equations are left where those at rest would decide on friction: where an axis stands, friction is whatever
+/// holds it, and not its Coulomb level. `None` where they say the same as the others, or too few of the others are there.
+pub(super) fn sliding(columns: &Equations) -> Option<Vec<bool>> {
+    if columns.one_way {
+        return None;
+    }
+    let speeds: Vec<f64> = columns.velocity.iter().map(|v| v.abs()).collect();
+    let slow = SLOW * quantile(&speeds, 0.99);
+    let slides: Vec<bool> = (0..speeds.len())
+        .map(|i| {
+            let near = &speeds[i.saturating_sub(REACH)..(i + REACH + 1).min(speeds.len())];
+            near.iter().all(|v| *v > slow)
+        })
+        .collect();
+    let moving = slides.iter().filter(|s| **s).count();
+    if moving < super::LEAST_EQUATIONS || moving == slides.len() {
+        return None;
+    }
+    let x = symmetric(columns);
+    let all = least_squares(&x, &columns.force)?;
+    let sliding = over(&x, &columns.force, |i| slides[i])?;
+    differs(&all, &sliding, &[0, 1, 2]).then_some(slides)
+}
+
+/// A force that goes with the place: the weight on a lever or a slope, a spring, a motor's cogging. One part of it is
+/// proportional to the place, the others are waves over it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    low: f64,
+    stroke: f64,
+    /// Waves over the stroke; none where it is zero.
+    cycles: [f64; WAVES],
+}
+
+impl Place {
+    fn share(&self, position: &[f64]) -> Vec<f64> {
+        let of = |p: &f64| (p - self.low) / self.stroke - 0.5;
+        position.iter().map(of).collect()
+    }
+
+    fn wave(share: &[f64], cycles: f64) -> [Vec<f64>; 2] {
+        let of = |f: fn(f64) -> f64| share.iter().map(|p| f(TAU * cycles * p)).collect();
+        [of(f64::sin), of(f64::cos)]
+    }
+
+    /// The columns whose sum such a force is.
+    pub(super) fn columns(&self, position: &[f64]) -> Vec<Vec<f64>> {
+        let share = self.share(position);
+        let waves = self.cycles.iter().filter(|c| **c > 0.0);
+        let mut columns: Vec<Vec<f64>> = waves.flat_map(|c| Self::wave(&share, *c)).collect();
+        columns.push(share);
+        columns
+    }
+
+    /// What tells best what inertia and friction leave, wave by wave.
+    fn of(columns: &Equations, x: &DMatrix<f64>) -> Option<Self> {
+        let ends = columns
+            .position
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| {
+                (low.min(*p), high.max(*p))
+            });
+        let mut place = Self {
+            low: ends.0,
+            stroke: ends.1 - ends.0,
+            cycles: [0.0; WAVES],
+        };
+        if place.stroke.is_nan() || place.stroke <= 0.0 {
+            return None;
+        }
+        let share = place.share(&columns.position);
+        for k in 0..WAVES {
+            let all = beside(x, &place.columns(&columns.position));
+            let span = all.qr().q();
+            let left = without(&span, &columns.force);
+            let told = |cycles: f64| {
+                let [a, b] = Self::wave(&share, cycles).map(|c| without(&span, &c));
+                let b = &b - &a * (a.dot(&b) / a.norm_squared().max(f64::MIN_POSITIVE));
+                // A column of which the others tell nearly all tells nothing.
+                let own = |c: &DVector<f64>| c.norm_squared() > 1e-6 * share.len() as f64;
+                let tells = |c: &DVector<f64>| c.dot(&left).powi(2) / c.norm_squared();
+                [a, b].iter().filter(|c| own(c)).map(tells).sum::<f64>()
+            };
+            let tried = (0..TRIED).map(|k| {
+                let cycles = 0.5 * (2.0 / SHORTEST).powf(k as f64 / (TRIED - 1) as f64);
+                (told(cycles), cycles)
+            });
+            let best = tried.max_by(|a, b| a.0.total_cmp(&b.0))?;
+            if best.0 < WORTH * left.norm_squared() {
+                break;
+            }
+            place.cycles[k] = best.1;
+        }
+        Some(place)
+    }
+}
+
+/// What an orthonormal span does not tell of a column.
+fn without(span: &DMatrix<f64>, column: &[f64]) -> DVector<f64> {
+    let column = DVector::from_column_slice(column);
+    &column - span * span.tr_mul(&column)
+}
+
+fn beside(x: &DMatrix<f64>, more: &[Vec<f64>]) -> DMatrix<f64> {
+    let own = x.ncols();
+    let mut all = x.clone().resize_horizontally(own + more.len(), 0.0);
+    for (k, column) in more.iter().enumerate() {
+        all.set_column(own + k, &DVector::from_column_slice(column));
+    }
+    all
+}
+
+/// Equations from which all that goes with the place is taken out: those of the rest of the force, whose parameters are
+/// the same.
+pub(super) fn taken_out(columns: &mut Equations, place: &Place) {
+    let of_place = place.columns(&columns.position);
+    let slices: Vec<&[f64]> = of_place.iter().map(|c| &c[..]).collect();
+    let span = matrix(&slices).qr().q();
+    let mut told = columns.clone();
+    for column in told.regressors_mut() {
+        *column = without(&span, column).iter().copied().collect();
+    }
+    for column in [&mut columns.force, &mut columns.lag, &mut columns.curve] {
+        *column = without(&span, column).iter().copied().collect();
+    }
+    columns.told = Some(Box::new(told));
+}
+
+/// What is left of the last part by what is fitted to the first, per cent of the force.
+fn held_back(x: &DMatrix<f64>, force: &[f64]) -> Option<f64> {
+    let n = force.len();
+    let to = (FITTED * n as f64) as usize;
+    let found = least_squares(&x.rows(0, to).into_owned(), &force[..to])?;
+    let told = x.rows(to, n - to) * DVector::from_column_slice(&found.values);
+    let pairs = force[to..].iter().zip(told.iter());
+    let left: Vec<f64> = pairs.map(|(f, t)| f - t).collect();
+    Some(relative(&left, &force[to..]))
+}
+
+/// A force of the place that a record has.
+#[derive(Debug, Default)]
+pub(super) struct OfPlace {
+    /// What is to be taken out.
+    pub(super) place: Option<Place>,
+    /// By how much less sure each symmetric parameter is, where it is too small to be taken out.
+    pub(super) off: Vec<f64>,
+}
+
+/// The force of the place, where there is one that tells what it was not fitted to.
+pub(super) fn of_place(record: &Record, set: &Settings, remarks: &mut Vec<String>) -> OfPlace {
+    let mut columns = Equations::of(record, set);
+    // An axis that rests at some places is held there by friction.
+    if let Some(slides) = sliding(&columns) {
+        columns.retain(&slides);
+    }
+    let columns = columns;
+    let x = symmetric(&columns);
+    let found = || {
+        let plain = least_squares(&x, &columns.force)?;
+        let place = Place::of(&columns, &x)?;
+        let parts = place.columns(&columns.position);
+        let all = beside(&x, &parts);
+        let joint = least_squares(&all, &columns.force)?;
+        let (before, after) = (
+            held_back(&x, &columns.force)?,
+            held_back(&all, &columns.force)?,
+        );
+        (after < LATE * before).then_some((plain, place, parts, joint, after / before))
+    };
+    let Some((plain, place, parts, joint, ratio)) = found() else {
+        return OfPlace::default();
+    };
+    if ratio > TWICE {
+        let off = |j: usize| (plain.values[j] - joint.values[j]).abs() - joint.std_correlated[j];
+        return OfPlace {
+            place: None,
+            off: (0..x.ncols()).map(|j| off(j).max(0.0)).collect(),
+        };
+    }
+    let force = |i: usize| {
+        let own = &joint.values[x.ncols()..];
+        parts.iter().zip(own).map(|(c, v)| c[i] * v).sum::<f64>()
+    };
+    // Decimation's own gain is in the column of ones.
+    let size = rms((0..columns.force.len()).map(force)) / rms(columns.one.iter().copied());
+    remarks.push(format!(
+        "a force goes with the place, {size:.3e} rms, as of a weight, a spring or a motor's cogging: it is taken out, and \
+         neither fragment nor replay has it"
+    ));
+    OfPlace {
+        place: Some(place),
+        off: Vec::new(),
+    }
+}
+
+impl OfPlace {
+    /// Makes parameters less sure by what a force of the place that stays would change.
+    pub(super) fn widen(&self, variants: &mut [Variant]) {
+        for variant in variants
+            .iter_mut()
+            .filter(|v| v.friction == Friction::Symmetric)
+        {
+            for (parameter, off) in variant.parameters.iter_mut().zip(&self.off) {
+                if let Some(known) = &mut parameter.known {
+                    known.std_correlated = known.std_correlated.hypot(*off);
+                }
+            }
+        }
+    }
+}
+
+/// That the axis is the same throughout the record.
+pub(super) fn changing(columns: &Equations, remarks: &mut Vec<String>) -> Result<(), Unknown> {
+    let x = symmetric(columns);
+    let n = columns.force.len();
+    let parts = (n / super::LEAST_EQUATIONS).min(PARTS);
+    let of = |part: usize| {
+        let rows = part * n / parts..(part + 1) * n / parts;
+        let force = &columns.force[rows.clone()];
+        least_squares(&x.rows(rows.start, rows.len()).into_owned(), force)
+    };
+    let found: Vec<Solution> = (0..parts).filter_map(of).collect();
+    let pairs = || (0..found.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
+    if let Some((i, j)) = pairs().find(|(i, j)| differs(&found[*i], &found[*j], &[0])) {
+        let of = |k: usize| found[k].values[0];
+        return Err(Unknown::all(format!(
+            "one part of it says an inertia of {:.4e} and another one {:.4e}: did a load, a gain or a unit change within it?",
+            of(j),
+            of(i)
+        )));
+    }
+    if columns.one_way || found.len() < 2 {
+        return Ok(());
+    }
+    // Friction at the usual speed, of which viscous and Coulomb friction are parts.
+    let speed = rms(columns.velocity.iter().copied()) / rms(columns.one.iter().copied());
+    let friction = |s: &Solution| s.values[1] * speed + s.values[2];
+    let (first, last) = (&found[0], &found[found.len() - 1]);
+    let (a, b) = (friction(first), friction(last));
+    let sure = first.std_correlated[2].hypot(last.std_correlated[2]);
+    if (a - b).abs() > (OTHER * a.abs().max(b.abs())).max(SURELY * sure) {
+        remarks.push(format!(
+            "friction changes within it: at the usual speed it is {a:.3e} at its beginning and {b:.3e} at its end; what is \
+             printed lies between"
+        ));
+    }
+    Ok(())
+}
