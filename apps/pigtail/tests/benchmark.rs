@@ -39,6 +39,7 @@ fn report(port: &'static str, outcome: Outcome) -> FiberReport {
         outcome,
         shaking: None,
         spread: None,
+        strokes: None,
         place: None,
         phases: Vec::new(),
     }

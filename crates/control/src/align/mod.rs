@@ -319,6 +319,7 @@ impl<'d> Device<'d, '_> {
             outcome,
             shaking: None,
             spread: None,
+            strokes: None,
             place: place.filter(|_| aligned),
             phases,
         });

@@ -150,6 +150,12 @@ impl ConicalScan<'_> {
             {
                 self.shaking.add_wide(&seen);
             }
+            if self.learn_piezos(bench, gap, &peak).await? {
+                // What was seen of other strokes does not count.
+                seen.clear();
+                best = None;
+                continue;
+            }
             if seen.len() < 3 {
                 self.go_to(bench, &peak, gap)?;
                 continue;
