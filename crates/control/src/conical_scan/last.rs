@@ -200,18 +200,7 @@ impl ConicalScan<'_> {
         if let Some(best) = best.filter(|_| deviation < ROUGHLY) {
             return Ok(best);
         }
-        if off > MISFIT {
-            return Err(Outcome::Misshapen {
-                misfit: off,
-                accepted: MISFIT,
-            }
-            .into());
-        }
-        Err(Outcome::Unsure {
-            deviation,
-            accuracy,
-        }
-        .into())
+        Err(undecided(off, (deviation, accuracy)).into())
     }
 
     /// Takes in by how much two peaks of turns that follow each other differ in their light.
@@ -378,6 +367,21 @@ impl ConicalScan<'_> {
             bound: self.surely.norm() * rest,
         };
         Ok((full * self.beam.share(gap), known))
+    }
+}
+
+/// Of turns that have come to no peak: their last light was so far `off` a peak's, or the peak is known no better than to a deviation where
+/// an accuracy was wanted (metres).
+fn undecided(off: f64, (deviation, accuracy): (f64, f64)) -> Outcome {
+    if off > MISFIT {
+        return Outcome::Misshapen {
+            misfit: off,
+            accepted: MISFIT,
+        };
+    }
+    Outcome::Unsure {
+        deviation,
+        accuracy,
     }
 }
 
