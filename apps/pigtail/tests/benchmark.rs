@@ -39,6 +39,8 @@ fn report(port: &'static str, outcome: Outcome) -> FiberReport {
         outcome,
         shaking: None,
         spread: None,
+        spot: None,
+        strokes: None,
         place: None,
         phases: Vec::new(),
     }

@@ -240,3 +240,28 @@ fn what_shakes_faster_than_a_bond_sets_is_no_matter() {
     let aligned = outcomes.iter().filter(|o| **o == "aligned").count();
     assert!(aligned >= 15, "{outcomes:?}");
 }
+
+/// Piezos that differ from what is believed of them by up to 30 %, each by itself: a circle is an ellipse along them then, which was
+/// taken for a peak of another shape and refused. The light on the circles teaches their strokes.
+#[test]
+fn piezos_of_other_strokes_are_learned_while_they_align() {
+    let learns = |learn: bool| {
+        let mut setup = setup();
+        setup.plant.variation.micro_gain = 0.3;
+        setup.rig.recipe.fast.conical_scan.learn = learn;
+        let documents = (935_000..935_008).map(move |seed| run(&setup, seed));
+        documents.collect::<Vec<_>>()
+    };
+    let documents = learns(true);
+    let fibers = || documents.iter().flat_map(|document| &document.fibers);
+    assert!(documents.iter().all(AlignmentDocument::is_success));
+    assert!(fibers().any(|fiber| fiber.micro_strokes.is_some()));
+    let seconds = fibers().map(|fiber| fiber.seconds);
+    let without: f64 = learns(false)
+        .iter()
+        .flat_map(|document| &document.fibers)
+        .map(|fiber| fiber.seconds)
+        .sum();
+    let with: f64 = seconds.sum();
+    assert!(with < 0.3 * without, "{with} s and {without} s");
+}

@@ -1,7 +1,7 @@
 //! What is known beforehand of the light between a fiber and a guide: two like Gaussian modes.
 
 use crate::recipe::Mode;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Vector2, Vector3};
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::normal::{Normal, Problem, Rules, minimise};
 use pigtail_numerics::statistics::pooled;
@@ -193,6 +193,32 @@ impl Beam {
             oblong.told += row * row;
             oblong.sum += row * (left + row * self.oblong);
         }
+    }
+
+    /// What readings around a peak tell of a spot that is oblong along other axes, beside what it is in x and y: by which share the inverse square
+    /// of its width is more along the first of them and less along the second, and the variance of that. Each axis is what a
+    /// place's x and y make of it. `None` where the axes are x and y, or nearly so.
+    pub fn oblong_along(
+        &self,
+        readings: &[Reading],
+        peak: &Peak,
+        noise: f64,
+        axes: [Displacement; 2],
+    ) -> Option<(f64, f64)> {
+        /// Least share of what readings tell that they do not tell of x and y as well.
+        const APART: f64 = 0.2;
+        let mut normal = Normal::<2>::default();
+        for r in readings {
+            let off = (r.at - peak.at) / self.width(r.gap);
+            let [u, v] = axes.map(|axis| axis.x * off.x + axis.y * off.y);
+            let across = Vector2::new(u * u - v * v, off.x * off.x - off.y * off.y);
+            let steep = -peak.full * self.light(r, peak.at) / noise;
+            normal.add(&(across * steep), self.left(r, peak) / noise);
+        }
+        let alone = normal.matrix[(0, 0)].recip();
+        let [share, _] = normal.solve()?.into();
+        let variance = normal.matrix.try_inverse()?[(0, 0)];
+        (alone > APART * variance).then_some((share, variance))
     }
 
     /// The gap at which the spot is so many times as wide, squared, as at the chip, and one more, metres: one
@@ -417,6 +443,29 @@ mod tests {
             (0.6..1.2).contains(&(measured / prediction)),
             "{measured} {prediction}"
         );
+    }
+
+    /// A spot that piezos at 45 degrees make oblong, for one goes farther; in x and y it is oblong too.
+    #[test]
+    fn how_oblong_a_spot_is_along_piezos_is_told_beside_how_oblong_it_is_in_x_and_y() {
+        let (mut beam, share, half) = (beam(), 0.12, std::f64::consts::FRAC_1_SQRT_2);
+        let axes = [
+            Displacement::new(half, half),
+            Displacement::new(-half, half),
+        ];
+        beam.oblong = 0.1;
+        let mut readings = circle(&beam, 1.4e-6, 0.0, Displacement::ZERO, 2.0);
+        beam.oblong = 0.0;
+        for r in &mut readings {
+            let off = r.at / beam.width(0.0);
+            r.volts *= (-share * 2.0 * off.x * off.y).exp();
+        }
+        let peak = beam.fit(&readings, 5e-3).unwrap();
+        let (told, variance) = beam.oblong_along(&readings, &peak, 5e-3, axes).unwrap();
+        assert!((told - share).abs() < 0.02, "{told}");
+        assert!(variance.sqrt() < 0.01, "{variance}");
+        let along = [Displacement::new(1.0, 0.0), Displacement::new(0.0, 1.0)];
+        assert_eq!(beam.oblong_along(&readings, &peak, 5e-3, along), None);
     }
 
     #[test]

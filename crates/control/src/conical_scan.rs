@@ -6,6 +6,7 @@
 //! What the micro lags behind is the same all around the circle.
 
 mod last;
+mod piezos;
 mod told;
 
 use crate::beam::{Beam, Oblong, Peak, Reading, SpotSize};

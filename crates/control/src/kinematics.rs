@@ -288,20 +288,29 @@ impl Kinematics {
         self.placement.macro_from_chip(p)
     }
 
-    /// Piezo inputs that displace the tip so far in the manipulator's frame, held within the range.
-    pub fn micro_volts(&self, by: Displacement) -> [Volts; MICRO_AXES] {
-        let m = &self.micro;
-        let along = by.turned(-m.sin, m.cos);
+    /// How far each piezo has to go, metres, to displace the tip so far in the manipulator's frame.
+    pub fn along_piezos(&self, by: Displacement) -> [f64; MICRO_AXES] {
+        let along = by.turned(-self.micro.sin, self.micro.cos);
         [along.x, along.y]
-            .map(|d| Volts(m.centre + d.clamp(-m.half_range, m.half_range) * m.volts_per_metre))
     }
 
-    /// Whether the micro can displace the tip so far, as far as is known of its piezos.
-    pub fn micro_reaches(&self, by: Displacement) -> bool {
+    /// Inputs of piezos that are to go so far, metres, held within the range.
+    pub fn piezo_volts(&self, along: [f64; MICRO_AXES]) -> [Volts; MICRO_AXES] {
         let m = &self.micro;
-        let along = by.turned(-m.sin, m.cos);
-        let within = |d: f64, range: &Range| d >= range.low && d <= range.high;
-        within(along.x, &m.ranges[0]) && within(along.y, &m.ranges[1])
+        along.map(|d| Volts(m.centre + d.clamp(-m.half_range, m.half_range) * m.volts_per_metre))
+    }
+
+    /// Piezo inputs that displace the tip so far in the manipulator's frame, held within the range.
+    pub fn micro_volts(&self, by: Displacement) -> [Volts; MICRO_AXES] {
+        self.piezo_volts(self.along_piezos(by))
+    }
+
+    /// Whether piezos can go so far, metres, as far as is known of them.
+    pub fn piezos_reach(&self, along: [f64; MICRO_AXES]) -> bool {
+        let ranges = self.micro.ranges.iter();
+        ranges
+            .zip(along)
+            .all(|(range, d)| d >= range.low && d <= range.high)
     }
 
     /// The least box around what the micro reaches in the manipulator's x and y, metres.

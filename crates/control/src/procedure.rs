@@ -16,7 +16,7 @@ use crate::shaking::{Measured, Shaking};
 use crate::station::{Level, Station};
 use crate::tip_estimator::Tip;
 use pigtail_hal::bench::Fix;
-use pigtail_hal::spec::OUTPUTS;
+use pigtail_hal::spec::{MICRO_AXES, OUTPUTS};
 use pigtail_hal::{Channel, Fault, Side};
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 
@@ -35,6 +35,8 @@ pub struct FiberReport {
     pub spread: Option<Spread>,
     /// How wide its spot of light was, where circles at the chip have told.
     pub spot: Option<SpotSize>,
+    /// How many times as far as its calibration says each piezo of its micro goes, where light has taught that and it was made use of.
+    pub strokes: Option<[f64; MICRO_AXES]>,
     /// Where it is believed to be, where it was attached and that is known.
     pub place: Option<Place>,
     /// Its phases in order, seconds of machine time each.
@@ -80,6 +82,8 @@ pub(crate) struct Job<'r> {
     pub(crate) spread: Option<Spread>,
     /// How wide its spot of light was, where circles at the chip have told.
     pub(crate) spot: Option<SpotSize>,
+    /// How many times as far as believed each piezo of its micro goes, where that was learned and made use of.
+    pub(crate) strokes: Option<[f64; MICRO_AXES]>,
     /// By how much its light differs from one turn of a circle to the next by itself, of its own, as far as circles have told.
     pub(crate) flicker: f64,
     /// Where it is believed to be.
@@ -222,6 +226,7 @@ impl<'r> Job<'r> {
             shaking: None,
             spread: None,
             spot: None,
+            strokes: None,
             flicker: 0.0,
             place: None,
             holds: false,
@@ -241,6 +246,7 @@ impl<'r> Job<'r> {
                 .map(|shaking| shaking.measured()),
             spread: self.spread,
             spot: self.spot,
+            strokes: self.strokes,
             place: self.place.take(),
             phases: std::mem::take(&mut self.phases),
         }

@@ -7,6 +7,7 @@
 //!
 //! Before an event is handed out, a [`Gate`] may hold it back: that is how a run is paused, or done step by step.
 
+use crate::compensation::online::Told;
 use crate::impulse::belief::ImpulseBelief;
 use crate::kinematics::Kinematics;
 use crate::outcome::{Halt, Outcome};
@@ -15,8 +16,9 @@ use pigtail_hal::bench::{
     Caps, Estimate, Event, Group, Law, Light, Pose, Refused, Request, Ticket,
 };
 use pigtail_hal::quantity::Volts;
+use pigtail_hal::spec::MICRO_AXES;
 use pigtail_hal::{AxisName, Bench, Fault, Pulse, Side};
-use pigtail_model::frames::{Macro, Point};
+use pigtail_model::frames::{Displacement, Macro, Point};
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::future::{Future, poll_fn};
@@ -41,6 +43,11 @@ pub trait VoltageMachine {
     fn micro_ratio(&self, side: Side) -> Option<f64>;
     /// Believes from now on that the piezos of a side make so much displacement in y for one in x.
     fn set_micro_ratio(&mut self, side: Side, ratio: f64);
+    /// Learns what was seen of the piezos of a side, and makes use of it within so many seconds where that is worth it. The tip does
+    /// not leave its place `at` by that (metres from its centre). Whether it does.
+    fn learn_micro(&mut self, side: Side, told: &Told, at: Displacement, within: f64) -> bool;
+    /// How many times as far as is believed each piezo of a side goes, where that was learned and is made use of.
+    fn learned_strokes(&self, side: Side) -> Option<[f64; MICRO_AXES]>;
     /// Where the probes at the outputs see an endpoint; `None` on a rig without probes.
     fn probed_endpoint(&self, side: Side) -> Option<Point<Macro>>;
     /// The believed kinematics of a manipulator.

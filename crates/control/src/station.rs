@@ -14,6 +14,7 @@ use self::playing::Playing;
 use crate::beam::SpotSize;
 use crate::calibration::Calibration;
 use crate::cell::Layout;
+use crate::compensation::online::Told;
 use crate::gap_by_light::Spread;
 use crate::impulse::belief::ImpulseBelief;
 use crate::kinematics::Kinematics;
@@ -647,6 +648,18 @@ impl<'a> Station<'a> {
     pub fn micro_ratio(&self, side: Side) -> Option<f64> {
         let piezos = self.arms[side.index()].piezos.as_ref()?;
         Some(piezos.ratio())
+    }
+
+    /// Learns what was seen of the piezos of a side, and makes use of it within so many seconds where that is worth it. The tip does
+    /// not leave its place `at` by that (metres from its centre). Whether it does.
+    pub fn learn_micro(&mut self, side: Side, told: &Told, at: Displacement, within: f64) -> bool {
+        let cycles = (within * self.spec().servo.rate).round() as u32;
+        self.arms[side.index()].learn(told, at, cycles)
+    }
+
+    /// How many times as far as is believed each piezo of a side goes, where that was learned and is made use of.
+    pub fn learned_strokes(&self, side: Side) -> Option<[f64; MICRO_AXES]> {
+        self.arms[side.index()].online.used()
     }
 
     /// The displacement commanded to a micro, metres.

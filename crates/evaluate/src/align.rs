@@ -6,6 +6,7 @@ use pigtail_control::procedure::{FiberReport, PORTS};
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::{Observer, Station};
 use pigtail_hal::Fault;
+use pigtail_hal::spec::MICRO_AXES;
 use pigtail_numerics::rounded;
 use pigtail_session::align::{Align, Aligned, align_by};
 use pigtail_session::job::{Ended, Job, Order, Work};
@@ -77,6 +78,10 @@ pub struct FiberRow {
     /// Extinction of the light here, by the fiber's roll about its axis alone, decibels; absent where fibers have none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub extinction_db: Option<f64>,
+    /// How many times as far as its calibration says each piezo of its micro goes, where light has taught that and it was made use of;
+    /// absent elsewhere.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub micro_strokes: Option<[f64; MICRO_AXES]>,
     /// Whether it really is where it should be; `null` unless attached.
     pub within_tolerance: Option<bool>,
     /// What control believes of where it is; `null` unless attached by a procedure that can say so.
@@ -374,6 +379,7 @@ pub(crate) fn nothing(port: &'static str, outcome: OutcomeCode, detail: &str) ->
         coupling_loss_db: None,
         extinction_db: None,
         within_tolerance: None,
+        micro_strokes: None,
         believed: None,
     }
 }
@@ -492,6 +498,9 @@ fn row(
             let [x, y, z] = [x, y, z].map(|metres| 1e6 * metres.abs());
             x <= tolerance_xy && y <= tolerance_xy && z <= TOLERANCE_Z_UM
         }),
+        micro_strokes: report
+            .strokes
+            .map(|strokes| strokes.map(|times| rounded(times, 1e-4))),
         believed: report.place.map(|place| Believed::of(place, tolerance_xy)),
     }
 }

@@ -1,5 +1,9 @@
 //! The generalised impulse, (4.7), with more harmonics.
 
+mod approximation;
+
+pub use approximation::Outside;
+
 use crate::joint::Voltage;
 use std::f64::consts::PI;
 

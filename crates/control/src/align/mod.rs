@@ -320,6 +320,7 @@ impl<'d> Device<'d, '_> {
             shaking: None,
             spread: None,
             spot: None,
+            strokes: None,
             place: place.filter(|_| aligned),
             phases,
         });

@@ -108,9 +108,18 @@ impl MicroCompensation {
     /// The voltages of the next cycle for a tip that is wanted so far from its centre in the
     /// manipulator's frame, held within the range.
     pub fn next(&mut self, to: Displacement) -> [Volts; MICRO_AXES] {
+        self.next_along(self.along(to))
+    }
+
+    /// How far each piezo has to go, metres, for a tip that is wanted so far from its centre.
+    pub fn along(&self, to: Displacement) -> [f64; MICRO_AXES] {
         let uncoupled = Displacement::new(to.x, to.y / self.model.ratio);
         let along = uncoupled.turned(-self.sin, self.cos);
-        let wanted = [along.x, along.y];
+        [along.x, along.y]
+    }
+
+    /// The voltages of the next cycle for piezos that are to go so far, metres.
+    pub fn next_along(&mut self, wanted: [f64; MICRO_AXES]) -> [Volts; MICRO_AXES] {
         std::array::from_fn(|i| {
             let d = wanted[i].clamp(-self.half_range, self.half_range) + self.zeros[i];
             let state = &mut self.states[i];

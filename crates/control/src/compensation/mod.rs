@@ -2,3 +2,4 @@
 
 pub mod hysteresis;
 pub mod micro;
+pub mod online;

@@ -152,6 +152,12 @@ impl ConicalScan<'_> {
             {
                 self.shaking.add_wide(&seen);
             }
+            if self.learn_piezos(bench, gap, &peak).await? {
+                // What was seen of other strokes does not count.
+                seen.clear();
+                best = None;
+                continue;
+            }
             if seen.len() < 3 {
                 self.go_to(bench, &peak, gap)?;
                 continue;
@@ -196,18 +202,7 @@ impl ConicalScan<'_> {
         if let Some(best) = best.filter(|_| deviation < ROUGHLY) {
             return Ok(best);
         }
-        if off > MISFIT {
-            return Err(Outcome::Misshapen {
-                misfit: off,
-                accepted: MISFIT,
-            }
-            .into());
-        }
-        Err(Outcome::Unsure {
-            deviation,
-            accuracy,
-        }
-        .into())
+        Err(undecided(off, (deviation, accuracy)).into())
     }
 
     /// Takes in by how much two peaks of turns that follow each other differ in their light.
@@ -376,6 +371,21 @@ impl ConicalScan<'_> {
             bound: self.surely.norm() * rest,
         };
         Ok((full * self.beam.share(gap), known))
+    }
+}
+
+/// Of turns that have come to no peak: their last light was so far `off` a peak's, or the peak is known no better than to a deviation where
+/// an accuracy was wanted (metres).
+fn undecided(off: f64, (deviation, accuracy): (f64, f64)) -> Outcome {
+    if off > MISFIT {
+        return Outcome::Misshapen {
+            misfit: off,
+            accepted: MISFIT,
+        };
+    }
+    Outcome::Unsure {
+        deviation,
+        accuracy,
     }
 }
 

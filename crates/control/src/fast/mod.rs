@@ -366,6 +366,8 @@ impl<'r> Shared<'r> {
         .await?;
         job.phase(cell, "final", async |job| {
             let last = self.finish(job, cell, aim, &mut scan, before).await;
+            let strokes = cell.voltage(|machine| machine.learned_strokes(job.side));
+            job.strokes = strokes.flatten();
             // Whoever goes to the peak next should know why this did not come to an end.
             let given_up = matches!(last, Err(Halt::Outcome(_))) && !scan.shaking().is_watched();
             if given_up && cell.follows(job.side) {

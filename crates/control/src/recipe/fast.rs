@@ -293,6 +293,9 @@ pub struct ConicalScan {
     pub lag: Option<f64>,
     /// Most turns in one place.
     pub turns: u32,
+    /// Whether the light on the circles teaches how much farther one piezo of a micro goes than the other, where the machine is one
+    /// that drives its piezos by volts.
+    pub learn: bool,
 }
 
 impl Default for ConicalScan {
@@ -302,6 +305,7 @@ impl Default for ConicalScan {
             radius: 0.55,
             lag: None,
             turns: 10,
+            learn: true,
         }
     }
 }

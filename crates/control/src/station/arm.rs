@@ -2,6 +2,7 @@
 
 use crate::calibration::{Calibration, WindupBelief};
 use crate::compensation::micro::MicroCompensation;
+use crate::compensation::online::{OnLine, Told};
 use crate::kinematics::Kinematics;
 use crate::servo::{Pid, PidState};
 use crate::trajectory::{Motion, Rates};
@@ -57,6 +58,8 @@ pub(super) struct Arm {
     pub(super) motion: Option<Started>,
     pub(super) micro: Displacement,
     pub(super) piezos: Option<MicroCompensation>,
+    /// What was learned of them since.
+    pub(super) online: OnLine,
     /// Voltages that an experiment gives the piezos, past every model.
     pub(super) micro_volts: Option<[Volts; MICRO_AXES]>,
     /// Whether the holder carries a fiber.
@@ -119,6 +122,7 @@ impl Arm {
                 .hysteresis
                 .of(side)
                 .map(|model| MicroCompensation::new(model, spec)),
+            online: OnLine::default(),
             micro_volts: None,
             loaded: false,
         }
@@ -139,15 +143,44 @@ impl Arm {
 
     /// The piezos' voltages for this cycle.
     pub(super) fn piezos(&mut self) -> [Volts; MICRO_AXES] {
+        self.online.pass();
+        let asked = self.asked(self.micro);
         match (&mut self.piezos, self.micro_volts) {
-            (None, None) => self.kinematics.micro_volts(self.micro),
+            (None, None) => self.kinematics.piezo_volts(asked),
             (None, Some(volts)) => volts,
-            (Some(model), None) => model.next(self.micro),
+            (Some(model), None) => model.next_along(asked),
             (Some(model), Some(volts)) => {
                 model.follow(volts);
                 volts
             }
         }
+    }
+
+    /// How far each piezo has to go, metres, to displace the tip so far.
+    fn along(&self, by: Displacement) -> [f64; MICRO_AXES] {
+        match &self.piezos {
+            Some(model) => model.along(by),
+            None => self.kinematics.along_piezos(by),
+        }
+    }
+
+    /// What its models are to be asked for then, by what was learned of the piezos.
+    fn asked(&self, by: Displacement) -> [f64; MICRO_AXES] {
+        self.online.asked(self.along(by))
+    }
+
+    /// Whether the micro can displace the tip so far, as far as is known of its piezos.
+    pub(super) fn micro_reaches(&self, by: Displacement) -> bool {
+        let along = self.kinematics.along_piezos(by);
+        self.kinematics.piezos_reach(self.online.asked(along))
+    }
+
+    /// Learns what was seen of the piezos, and makes use of it within so many cycles where that is worth it; the tip does not leave
+    /// its place `at` by that. Whether it does.
+    pub(super) fn learn(&mut self, told: &Told, at: Displacement, cycles: u32) -> bool {
+        self.online.learn(told);
+        let place = self.along(at);
+        self.online.make_use(place, cycles)
     }
 
     /// Lets a motion pass more slowly while z stays far behind it: its motor gives all it can, and what

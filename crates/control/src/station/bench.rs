@@ -1,6 +1,7 @@
 //! A station as a bench: it plays laws where its loops are closed, in every cycle.
 
 use super::{Observer, Station};
+use crate::compensation::online::Told;
 use crate::impulse::belief::ImpulseBelief;
 use crate::kinematics::Kinematics;
 use crate::outcome::Outcome;
@@ -10,7 +11,7 @@ use pigtail_hal::bench::{
     Stage, Ticket,
 };
 use pigtail_hal::quantity::Volts;
-use pigtail_hal::spec::SIDES;
+use pigtail_hal::spec::{MICRO_AXES, SIDES};
 use pigtail_hal::{AxisName, Bench, Channel, Fault, FiberHandling, Pulse, Side, Spec};
 use pigtail_model::frames::{Displacement, Macro, Point};
 
@@ -210,6 +211,14 @@ impl VoltageMachine for Station<'_> {
         Station::set_micro_ratio(self, side, ratio);
     }
 
+    fn learn_micro(&mut self, side: Side, told: &Told, at: Displacement, within: f64) -> bool {
+        Station::learn_micro(self, side, told, at, within)
+    }
+
+    fn learned_strokes(&self, side: Side) -> Option<[f64; MICRO_AXES]> {
+        Station::learned_strokes(self, side)
+    }
+
     fn probed_endpoint(&self, side: Side) -> Option<Point<Macro>> {
         Station::probed_endpoint(self, side)
     }
@@ -355,9 +364,9 @@ impl Bench for Station<'_> {
 
     fn reaches(&self, group: Group, pose: &Pose) -> bool {
         match of(group) {
-            Ok((side, Stage::Fine)) => self
-                .kinematics(side)
-                .micro_reaches(Displacement::new(pose.x(), pose.y())),
+            Ok((side, Stage::Fine)) => {
+                self.arms[side.index()].micro_reaches(Displacement::new(pose.x(), pose.y()))
+            }
             Ok((side, Stage::Coarse)) => {
                 let at = Point::new(pose.x(), pose.y(), pose.z());
                 self.kinematics(side).contains(at)

@@ -5,6 +5,7 @@ mod batch;
 mod group;
 mod maxwell;
 mod parameters;
+mod pulse;
 
 use parameters::{Pid, five_bar, joint, round_up, z_stage};
 use pigtail_model::friction::{Friction, Mode};

@@ -220,9 +220,13 @@ fn hysteresis(c: &Calibration) -> Vec<String> {
     let mut notes = Vec::new();
     if let Some(side) = missing.first() {
         let (what, seconds, option) = match missing.len() {
-            1 if side == "left" => ("no hysteresis.left".to_owned(), 16, " --side left"),
-            1 => ("no hysteresis.right".to_owned(), 20, " --side right"),
-            _ => ("no hysteresis.left, no hysteresis.right".to_owned(), 35, ""),
+            1 if side == "left" => ("no hysteresis.left".to_owned(), 1.5, " --side left"),
+            1 => ("no hysteresis.right".to_owned(), 1.7, " --side right"),
+            _ => (
+                "no hysteresis.left, no hysteresis.right".to_owned(),
+                2.1,
+                "",
+            ),
         };
         notes.push(format!(
             "{what}: a micro goes astray by its piezos' hysteresis, by the fast procedure {seconds} s a fiber on average \

@@ -10,9 +10,8 @@
 //!   still matters.
 //!
 //! [`fit_memory`] finds a [`Memory`] in a [`Record`]; [`judge`] says how well a model tells a
-//! record; [`Adaptive`] goes on learning while there is light.
+//! record; [`OnLine`](super::online::OnLine) goes on learning behind either while there is light.
 
-mod adapt;
 mod fit;
 mod memory;
 mod rbf;
@@ -20,7 +19,6 @@ mod record;
 mod spectrum;
 mod turns;
 
-pub use adapt::Adaptive;
 pub use fit::{Creep, fit_memory};
 pub use memory::{Memory, MemoryState};
 pub use rbf::{FORWARD, Network, RIDGE, Rbf, RbfState, Recursive, SPACING, Sample, UNITS};
