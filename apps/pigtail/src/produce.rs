@@ -737,6 +737,12 @@ pub(crate) fn run_plan(common: &Common, tray: &str) -> Result<u8, Failure> {
             "without work of its own, however that is overlapped, at least: left {left:.1} %, right {right:.1} %"
         )
         .map_err(anyhow::Error::from)?;
+        let [left, right] = planned.idle_at_least_percent;
+        writeln!(
+            text,
+            "idle in whatever order, each holding still for the other as here, at least: left {left:.1} %, right {right:.1} %"
+        )
+        .map_err(anyhow::Error::from)?;
     }
     crate::print(&text)?;
     Ok(DONE)

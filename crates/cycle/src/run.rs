@@ -501,7 +501,9 @@ impl Line<'_, '_, '_> {
             Action::Call,
         )?;
         let index = Step::Handle(FiberHandling::Index, 1);
-        let steps = vec![Step::Named("index"), index];
+        // Frames that come next still show the chip before: who went by them would be as far off as the two lie differently.
+        let seen = Step::Wait(self.cell.station().spec().vision.oldest());
+        let steps = vec![Step::Named("index"), index, seen];
         self.steps(Side::Right, on, steps, "index", Action::Call)
     }
 

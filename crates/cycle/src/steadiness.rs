@@ -34,18 +34,12 @@ const LASER: (f64, f64) = (2e-3, 1.2);
 /// by some 0.1 % a kelvin, and a bond that is young.
 const HELD_AGAINST: f64 = 0.002;
 
-/// What the sensing fiber's own drift does to its light over that time, relative: stages and chip that drift by 0.01 um/s each (0.1
-/// K a minute, 10 um/K), where the light falls by some 2 % a micrometre aside of it.
-const DRIFTS: f64 = 0.01;
-
-/// What light goes through, and what it is held against.
+/// What light is held against.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Way {
-    /// The input alone, as the sensing fiber sees it, and whether where that has drifted to was seen.
-    Witness(bool),
-    /// Input and output.
-    Guide,
-    /// An output, held against another one that is fixed.
+    /// What is held against nothing: the laser's wander is in it.
+    Alone,
+    /// An output, against another one that is fixed.
     HeldAgainst,
 }
 
@@ -66,8 +60,7 @@ impl Steadiness {
         let times = seconds / OVER;
         match way {
             Way::HeldAgainst => HELD_AGAINST,
-            Way::Guide | Way::Witness(true) => (self.square() * times).sqrt(),
-            Way::Witness(false) => (self.square() * times).sqrt().hypot(DRIFTS * times),
+            Way::Alone => (self.square() * times).sqrt(),
         }
     }
 
@@ -113,8 +106,8 @@ mod tests {
         // The mean square of a lognormal.
         let mean = LASER.0 * (LASER.1 * LASER.1).exp();
         let seen = Steadiness::default();
-        assert!((seen.of(Way::Guide, OVER) / mean - 1.0).abs() < 0.02);
-        assert!(seen.of(Way::Witness(false), OVER) > seen.of(Way::Witness(true), OVER));
+        assert!((seen.of(Way::Alone, OVER) / mean - 1.0).abs() < 0.02);
+        assert!(seen.of(Way::HeldAgainst, OVER) < mean);
     }
 
     #[test]
@@ -126,10 +119,10 @@ mod tests {
                 seen.learn(over_a_cure(by, 1e-5));
                 seen.learn(None);
             }
-            let told = seen.of(Way::Guide, OVER);
+            let told = seen.of(Way::Alone, OVER);
             assert!((told / by - 1.0).abs() < 0.1, "{told} of {by}");
             // A quarter of the time, half of the way.
-            let quarter = seen.of(Way::Guide, 0.25 * OVER);
+            let quarter = seen.of(Way::Alone, 0.25 * OVER);
             assert!((quarter / told - 0.5).abs() < 1e-9);
         }
     }
@@ -137,10 +130,10 @@ mod tests {
     #[test]
     fn a_laser_that_is_steady_is_believed_to_be_after_some_devices() {
         let mut seen = Steadiness::default();
-        let mut last = seen.of(Way::Guide, OVER);
+        let mut last = seen.of(Way::Alone, OVER);
         for _ in 0..4 {
             seen.learn(over_a_cure(2e-4, 1e-5));
-            let now = seen.of(Way::Guide, OVER);
+            let now = seen.of(Way::Alone, OVER);
             assert!(now < last);
             last = now;
         }
@@ -154,6 +147,6 @@ mod tests {
             let by = if k % 2 == 0 { 5e-3 } else { -5e-3 };
             seen.learn(over_a_cure(by, 5e-3));
         }
-        assert!(seen.of(Way::Guide, OVER) < 3e-3);
+        assert!(seen.of(Way::Alone, OVER) < 3e-3);
     }
 }

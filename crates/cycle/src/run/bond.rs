@@ -132,9 +132,10 @@ impl Line<'_, '_, '_> {
             self.follow(&held, until, &mut [Displacement::ZERO; N], &rest)?;
         }
         let alone = N == 1 && sides[0] == Side::Left;
-        let around = match alone {
-            true => Some(self.look_around(last.channel, last.background)?),
-            false => None,
+        let eye = (last.channel, last.background);
+        let around = match self.aside().filter(|_| alone) {
+            Some(aside) => Some(self.look_around(eye, aside)?),
+            None => None,
         };
         let before = self.look_at(last.channel, last.background, LOOK)?;
         self.ask_all(&sides, FiberHandling::Lamp(true))?;
@@ -170,7 +171,10 @@ impl Line<'_, '_, '_> {
         let verify = self.cell.now();
         let after = self.look_at(last.channel, last.background, production.verify.look)?;
         let drifted = match around {
-            Some(before) => before.drifted(&self.look_around(last.channel, last.background)?),
+            Some(before) => {
+                let later = self.look_around(eye, before.aside)?;
+                Some(before.drifted(&later))
+            }
             None => None,
         };
         for (i, side) in sides.into_iter().enumerate() {
@@ -187,8 +191,7 @@ impl Line<'_, '_, '_> {
         let wander = before.fixed_until(&after);
         let way = match wander {
             Some(_) => Way::HeldAgainst,
-            None if alone => Way::Witness(drifted.is_some()),
-            None => Way::Guide,
+            None => Way::Alone,
         };
         let wanders = self.steadiness.of(way, after.time - before.time);
         let light_sigma = noise.hypot(wanders);

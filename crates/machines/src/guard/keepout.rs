@@ -12,8 +12,8 @@ use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 
 /// By how much of a way lead and links may be wrong: what was seen from afar is known as much worse.
 const SCALE: f64 = 2e-3;
-/// By what angle a manipulator may stand askew, radians: what goes across goes so much of that along, too. Stages that are bolted to
-/// a table stand askew by 2 to 5 mrad before they are measured.
+/// By what angle a manipulator may stand askew, standard deviation, radians: what goes across goes so much of that along, too, and a
+/// frame shows it. Stages that are bolted to a table stand askew by 2 to 5 mrad before they are measured.
 const ASKEW: f64 = 2e-3;
 /// By what time a tip may lag behind its encoders, seconds.
 const LAG: f64 = 2e-3;
@@ -105,13 +105,6 @@ pub(super) struct Stand {
     micro: Displacement,
     /// Where the tip of a fiber without fault would be, chip's frame, metres.
     pub(super) tip: Point<Chip>,
-}
-
-/// What a way between two places adds to how little a tip's place along z is known, square metres: by lead and links, and as its
-/// manipulator may stand askew.
-fn strayed(from: &Point<Chip>, to: &Point<Chip>) -> f64 {
-    let across = (to.x - from.x).hypot(to.y - from.y);
-    (SCALE * (to.z - from.z)).powi(2) + (ASKEW * across).powi(2)
 }
 
 /// All tips, and where the holders were of late.
@@ -424,7 +417,9 @@ impl Keepout {
                 x_probed,
             });
         };
-        let variance = before.z_variance + strayed(&before.stood, &stood);
+        let across = (stood.x - before.stood.x).hypot(stood.y - before.stood.y);
+        let strayed = (SCALE * (stood.z - before.stood.z)).hypot(ASKEW * across);
+        let variance = before.z_variance + strayed * strayed;
         let by = seen[1] - before.z;
         surprise("z", by, sigmas * (variance + noise).sqrt() + metres)?;
         let (by_x, hidden) = if let (Some(now), Some(then)) = (x_probed, before.x_probed) {
@@ -583,7 +578,8 @@ impl Keepout {
             let aside = self.placement + self.windup;
             return facet.clearance(at.x, at.z, aside) - self.placement;
         };
-        let unsure = SIGMAS * (belief.z_variance + strayed(&belief.stood, &at)).sqrt();
+        let drift = SCALE * (at.z - belief.stood.z);
+        let unsure = SIGMAS * (belief.z_variance + drift * drift).sqrt();
         let now = self.stand(tip.side().index(), 0);
         // Outputs that are seen hide nothing.
         let (x, hidden) = match probed.zip(belief.x_probed) {
