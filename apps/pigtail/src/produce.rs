@@ -76,7 +76,7 @@ pub(crate) struct Arguments {
     real_time: bool,
     /// Runs so many trays, each on the machine that its own seed draws, from SEED on, and sums them up
     ///
-    /// With --commission each machine is commissioned first (kept in `commissioned/` below the runs); nothing is run on
+    /// With --commissioned each machine is commissioned first (kept in `commissioned/` below the runs); nothing is run on
     /// one that is refused. The JSON has the same keys, over all trays, and how many fibers were passed wrongly and chips
     /// touched, with exact 95 % intervals; it is the same, byte for byte, whatever the number of threads.
     #[arg(long, value_name = "N", value_parser = crate::trays::whole,
