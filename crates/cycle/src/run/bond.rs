@@ -18,6 +18,11 @@ const LOOK: f64 = 0.2;
 /// For how long two fibers are brought to their peaks again before the lamp is on, seconds.
 const AGAIN: f64 = 1.5;
 
+/// By how much two fibers that were cured together may differ from what each has lost on average though both have lost nothing,
+/// relative, standard deviation: light that goes to and fro in a gap makes ripples of some tenths of a decibel, and the adhesive changes the
+/// gap.
+const APART: f64 = 0.015;
+
 /// A look at the light: above the background, volts, with its relative standard deviation by its samples; and the same of
 /// the light through an output that is fixed.
 #[derive(Debug, Clone, Copy)]
@@ -196,10 +201,10 @@ impl Line<'_, '_, '_> {
         let wanders = self.steadiness.of(way, after.time - before.time);
         let light_sigma = noise.hypot(wanders);
         self.steadiness.learn(wander);
-        // Of what two fibers have lost together each has lost any share.
+        // Of what two fibers have lost together each has lost any share; or one has won what the other has lost.
         let (share, unknown) = match N {
             1 => (1.0, 0.0),
-            _ => (0.5, lost.max(0.0) / 12.0_f64.sqrt()),
+            _ => (0.5, (lost / 12.0_f64.sqrt()).hypot(APART)),
         };
         let sigma = (share * light_sigma).hypot(unknown);
         let decibels = 10.0 / std::f64::consts::LN_10;
