@@ -93,12 +93,12 @@ impl Steadiness {
 mod tests {
     use super::*;
 
-    fn over_a_cure(by: f64, sigma: f64) -> Option<Wander> {
-        Some(Wander {
+    fn over_a_cure(by: f64, sigma: f64) -> Wander {
+        Wander {
             by,
             sigma,
             seconds: OVER,
-        })
+        }
     }
 
     #[test]
@@ -116,7 +116,7 @@ mod tests {
             let mut seen = Steadiness::default();
             for k in 0..200 {
                 let by = if k % 2 == 0 { by } else { -by };
-                seen.learn(over_a_cure(by, 1e-5));
+                seen.learn(Some(over_a_cure(by, 1e-5)));
                 seen.learn(None);
             }
             let told = seen.of(Way::Alone, OVER);
@@ -132,7 +132,7 @@ mod tests {
         let mut seen = Steadiness::default();
         let mut last = seen.of(Way::Alone, OVER);
         for _ in 0..4 {
-            seen.learn(over_a_cure(2e-4, 1e-5));
+            seen.learn(Some(over_a_cure(2e-4, 1e-5)));
             let now = seen.of(Way::Alone, OVER);
             assert!(now < last);
             last = now;
@@ -145,7 +145,7 @@ mod tests {
         let mut seen = Steadiness::default();
         for k in 0..50 {
             let by = if k % 2 == 0 { 5e-3 } else { -5e-3 };
-            seen.learn(over_a_cure(by, 5e-3));
+            seen.learn(Some(over_a_cure(by, 5e-3)));
         }
         assert!(seen.of(Way::Alone, OVER) < 3e-3);
     }
