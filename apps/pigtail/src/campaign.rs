@@ -25,7 +25,7 @@ use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Named};
 use pigtail_session::scenario::Scenario;
 use pigtail_session::setup::Setup;
 use serde::Serialize;
-use std::io::{self, Write};
+
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::{Duration, Instant};
@@ -257,8 +257,7 @@ fn finish(
     }
     crate::print(&text)?;
     if !document.complete {
-        // Nobody may be there to read it.
-        let _ = writeln!(io::stderr(), "interrupted: {}", resumable(store));
+        crate::say(&format!("interrupted: {}", resumable(store)));
     }
     Ok(if document.is_success() {
         DONE

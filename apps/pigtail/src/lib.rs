@@ -160,6 +160,33 @@ fn print(text: &[u8]) -> anyhow::Result<()> {
     }
 }
 
+/// Says something beside the results: a note, an error. On a terminal it is wrapped.
+fn say(text: &str) {
+    let room = console::Term::stderr()
+        .size_checked()
+        .map(|(_, columns)| usize::from(columns));
+    let said = pigtail_report::text::wrapped(&format!("{text}\n"), room);
+    // Nobody may be there to read it.
+    let _ = io::stderr().lock().write_all(said.as_bytes());
+}
+
+/// What is wrong with the arguments, or what was asked of them.
+fn answered(error: &clap::Error) -> ExitCode {
+    if !error.use_stderr() {
+        // `--help` and `--version` come this way too. Nobody may be there to read them.
+        let _ = error.print();
+        return ExitCode::from(DONE);
+    }
+    let rendered = error.render();
+    let text = if console::colors_enabled_stderr() {
+        rendered.ansi().to_string()
+    } else {
+        rendered.to_string()
+    };
+    say(text.trim_end());
+    ExitCode::from(BAD_INPUT)
+}
+
 /// Prints a text. That whoever was reading has read enough is no failure.
 fn print_as_it_is(text: &[u8]) -> anyhow::Result<()> {
     let mut out = io::stdout().lock();
@@ -183,11 +210,7 @@ pub fn main() -> ExitCode {
     }
     let arguments = match Arguments::try_parse() {
         Ok(arguments) => arguments,
-        Err(error) => {
-            // `--help` and `--version` come this way too. Nobody may be there to read them.
-            let _ = error.print();
-            return ExitCode::from(if error.use_stderr() { BAD_INPUT } else { DONE });
-        }
+        Err(error) => return answered(&error),
     };
     let result = match arguments.command {
         Command::Align(arguments) => align::run(&arguments),
@@ -219,9 +242,9 @@ pub fn main() -> ExitCode {
         Ok(code) => ExitCode::from(code),
         Err(failure) => {
             if let Failure::Negative(outcome) = &failure {
-                eprintln!("{outcome}");
+                say(&outcome.to_string());
             } else {
-                eprintln!("error: {failure}");
+                say(&format!("error: {failure}"));
             }
             ExitCode::from(match failure {
                 Failure::Input(_) | Failure::Other(_) => BAD_INPUT,

@@ -76,7 +76,7 @@ pub(crate) struct Arguments {
     real_time: bool,
     /// Runs so many trays, each on the machine that its own seed draws, from SEED on, and sums them up
     ///
-    /// With --commission each machine is commissioned first (kept in `commissioned/` below the runs); nothing is run on
+    /// With --commissioned each machine is commissioned first (kept in `commissioned/` below the runs); nothing is run on
     /// one that is refused. The JSON has the same keys, over all trays, and how many fibers were passed wrongly and chips
     /// touched, with exact 95 % intervals; it is the same, byte for byte, whatever the number of threads.
     #[arg(long, value_name = "N", value_parser = crate::trays::whole,
@@ -735,6 +735,12 @@ pub(crate) fn run_plan(common: &Common, tray: &str) -> Result<u8, Failure> {
         writeln!(
             text,
             "without work of its own, however that is overlapped, at least: left {left:.1} %, right {right:.1} %"
+        )
+        .map_err(anyhow::Error::from)?;
+        let [left, right] = planned.idle_at_least_percent;
+        writeln!(
+            text,
+            "idle in whatever order, each holding still for the other as here, at least: left {left:.1} %, right {right:.1} %"
         )
         .map_err(anyhow::Error::from)?;
     }

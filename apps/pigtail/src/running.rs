@@ -31,7 +31,7 @@ pub(crate) fn begin(
 /// Says what is missing or out of date of what is believed of a rig and made use of, before anything runs.
 pub(crate) fn warn(setup: &Setup, parts: &[Part]) {
     for note in notes(&setup.rig, parts) {
-        eprintln!("note: {note}");
+        crate::say(&format!("note: {note}"));
     }
 }
 
@@ -120,7 +120,9 @@ pub(crate) fn stopped(run: &Run, setup: &Setup, ended: Ended) -> Failure {
         }
     });
     if let Err(why) = kept {
-        eprintln!("error: what there is of the run stays where it is: {why:#}");
+        crate::say(&format!(
+            "error: what there is of the run stays where it is: {why:#}"
+        ));
     }
     ended.into()
 }

@@ -148,7 +148,7 @@ fn input(
     };
     // The trajectory itself may go to standard output.
     if let Some((input, understood)) = file {
-        eprintln!("Read: {understood}");
+        crate::say(&format!("Read: {understood}"));
         return Ok(input);
     }
     if let Some(Numbers([a1, a2, period])) = *impulse {

@@ -131,7 +131,8 @@ async fn followed(
     })
 }
 
-/// Mean of the light of some meters over the same while, and the standard deviation of each mean by its samples, volts.
+/// Mean of the light of some meters over the same while, and the standard deviation of each mean, volts: by how far the means of
+/// parts of that while differ, as what is scattered, or shakes, fluctuates more slowly than light is sampled.
 ///
 /// # Errors
 ///
@@ -141,8 +142,9 @@ pub fn levels<const N: usize>(
     meters: [Meter; N],
     seconds: f64,
 ) -> Result<[(f64, f64); N], Halt> {
-    let end = bench.now() + seconds;
-    let mut sums = [(0.0, 0.0, 0.0); N];
+    let start = bench.now();
+    let end = start + seconds;
+    let mut sums = [[(0.0, 0.0); PARTS]; N];
     loop {
         let lights = match bench.next(end)? {
             Event::Light(light) => vec![light],
@@ -151,20 +153,33 @@ pub fn levels<const N: usize>(
             _ => continue,
         };
         for light in lights {
-            for (meter, (n, sum, squares)) in meters.iter().zip(&mut sums) {
+            // Below zero, of a sample from just before, is the first.
+            let part = (PARTS as f64 * (light.time - start) / seconds) as usize;
+            for (meter, parts) in meters.iter().zip(&mut sums) {
                 let volts = light.volts[meter.0];
                 if !volts.is_nan() {
+                    let (n, sum) = &mut parts[part.min(PARTS - 1)];
                     *n += 1.0;
                     *sum += volts;
-                    *squares += volts * volts;
                 }
             }
         }
     }
-    Ok(sums.map(|(n, sum, squares)| {
-        let n = f64::max(n, 1.0);
-        let mean = sum / n;
-        let variance = (squares / n - mean * mean).max(0.0);
-        (mean, (variance / n).sqrt())
+    Ok(sums.map(|parts| {
+        let means: Vec<f64> = parts
+            .iter()
+            .filter(|(n, _)| *n > 0.0)
+            .map(|(n, sum)| sum / n)
+            .collect();
+        let n = f64::max(means.len() as f64, 2.0);
+        let (all, sum) = parts
+            .iter()
+            .fold((0.0, 0.0), |(all, sum), part| (all + part.0, sum + part.1));
+        let mean = sum / f64::max(all, 1.0);
+        let squares: f64 = means.iter().map(|part| (part - mean).powi(2)).sum();
+        (mean, (squares / (n - 1.0) / n).sqrt())
     }))
 }
+
+/// Parts of a look whose means are compared.
+const PARTS: usize = 8;

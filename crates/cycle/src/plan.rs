@@ -35,6 +35,9 @@ pub struct Plan {
     /// fibers as unequal as those of this tray, however they are overlapped: one less its work over that of the manipulator that
     /// has more.
     pub idle_or_waiting_at_least_percent: [f64; SIDES],
+    /// Share of the time in which a manipulator is idle at least where each also holds still for the other's cures as it does here,
+    /// percent, left and right; see [`idle_at_least`].
+    pub idle_at_least_percent: [f64; SIDES],
     /// What is on the critical path, and how many seconds of it, the longest first.
     pub limits: Vec<(String, f64)>,
 }
@@ -106,6 +109,18 @@ pub fn at_least(bars: &[Bar], side: Side) -> f64 {
     };
     let most = work(Side::Left).max(work(Side::Right));
     100.0 * (1.0 - work(side) / most.max(1e-9))
+}
+
+/// What the idle time of a manipulator cannot be below, whatever the order of these steps, percent. It does one thing at a time: all of
+/// it takes no less time `T` than either of them is at work or holds still for the other, and whoever is at that for `t` is idle for
+/// `1 - t/T` of it, or for more where it takes longer.
+pub fn idle_at_least(bars: &[Bar], side: Side) -> f64 {
+    let at = |of: Side| -> f64 {
+        let own = bars.iter().filter(|bar| bar.side == of.name());
+        own.map(|bar| bar.end - bar.start).sum()
+    };
+    let least = at(Side::Left).max(at(Side::Right));
+    100.0 * (1.0 - at(side) / least.max(1e-9))
 }
 
 struct Planner<'p> {
@@ -242,7 +257,7 @@ pub fn plan(
             plan.bar(right, (&device.serial, ""), "retreat", false, back);
             // The left one need not be done with what it is at, only away from the chip.
             plan.free[right.index()] = plan.free[right.index()].max(left_clear);
-            let index = spec.handling.index;
+            let index = spec.handling.index + spec.vision.oldest();
             plan.bar(right, (&device.serial, ""), "index", false, index);
             if !ahead {
                 plan.meet();
@@ -336,7 +351,44 @@ pub fn plan(
         devices_per_hour: 3600.0 * devices / seconds.max(1e-9),
         idle_percent: Side::ALL.map(|side| idle(&plan.bars, side, seconds)),
         idle_or_waiting_at_least_percent: Side::ALL.map(|side| at_least(&plan.bars, side)),
+        idle_at_least_percent: Side::ALL.map(|side| idle_at_least(&plan.bars, side)),
         limits: limits(&plan.bars),
         bars: plan.bars,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_order_of_the_steps_leaves_less_idle_than_is_said() {
+        let bar = |side, what, start, end| Bar {
+            side,
+            device: String::new(),
+            port: String::new(),
+            what,
+            held: false,
+            start,
+            end,
+        };
+        // Left 10 s of work; right 20 s of work and 20 s as a witness.
+        let order = |gap: f64| {
+            vec![
+                bar("left", "cure", gap, gap + 10.0),
+                bar("right", "witness", 0.0, 20.0),
+                bar("right", "cure", 20.0, 40.0),
+            ]
+        };
+        for gap in [0.0, 15.0, 30.0, 50.0] {
+            let bars = order(gap);
+            let seconds = f64::max(40.0, gap + 10.0);
+            let least = Side::ALL.map(|side| idle_at_least(&bars, side));
+            assert_eq!(least, [75.0, 0.0]);
+            assert_eq!(at_least(&bars, Side::Left), 50.0);
+            for side in Side::ALL {
+                assert!(idle(&bars, side, seconds) >= least[side.index()] - 1e-9);
+            }
+        }
     }
 }

@@ -1,10 +1,12 @@
 //! Production recipes: phases with parameters, tolerances, time limits, and what to do when one fails.
 
 use pigtail_control::fast;
+use pigtail_control::outcome::OutcomeCode;
 use pigtail_hal::{Error, config, quantity};
 use pigtail_model::cure::{Cure as Kinetics, Cured, Heat};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 /// The content of a production recipe.
@@ -43,6 +45,87 @@ pub enum Action {
     Call,
 }
 
+/// What to do when an alignment has ended in some way.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Reaction {
+    /// It is tried again, as often as it may be; then what `failed` says.
+    Retry,
+    /// At once: the device goes on without this fiber, and counts as rejected.
+    NextFiber,
+    /// At once: the device is rejected, and the next one comes.
+    RejectDevice,
+    /// At once: the machine stops and calls a person.
+    Call,
+}
+
+impl Reaction {
+    /// What is done at once, if it is not tried again.
+    pub fn at_once(self) -> Option<Action> {
+        match self {
+            Self::Retry => None,
+            Self::NextFiber => Some(Action::NextFiber),
+            Self::RejectDevice => Some(Action::RejectDevice),
+            Self::Call => Some(Action::Call),
+        }
+    }
+}
+
+/// How an alignment may end that has not come to its peak.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum Ending {
+    /// No light was found.
+    NoLight,
+    /// Light was found, and was gone afterwards.
+    LightLost,
+    /// What was found is not coupled light.
+    FalseLight,
+    /// The light around the peak is not that of a peak.
+    Misshapen,
+    /// The peak, or the gap, is not known well enough.
+    Unsure,
+    /// An axis did not come to where it was sent.
+    NotArrived,
+    /// It would have taken what the machine does not reach, or does not have.
+    OutOfReach,
+}
+
+impl Ending {
+    /// Of an outcome; nothing of those that are no such end.
+    pub fn of(outcome: OutcomeCode) -> Option<Self> {
+        Some(match outcome {
+            OutcomeCode::NoLight => Self::NoLight,
+            OutcomeCode::LightLost => Self::LightLost,
+            OutcomeCode::FalseLight => Self::FalseLight,
+            OutcomeCode::Misshapen => Self::Misshapen,
+            OutcomeCode::Unsure => Self::Unsure,
+            OutcomeCode::NotArrived => Self::NotArrived,
+            OutcomeCode::OutOfReach => Self::OutOfReach,
+            OutcomeCode::Aligned
+            | OutcomeCode::Slipped
+            | OutcomeCode::NotAttempted
+            | OutcomeCode::Fault
+            | OutcomeCode::Panic => return None,
+        })
+    }
+
+    /// As it is written in a recipe.
+    fn name(self) -> &'static str {
+        match self {
+            Self::NoLight => "no_light",
+            Self::LightLost => "light_lost",
+            Self::FalseLight => "false_light",
+            Self::Misshapen => "misshapen",
+            Self::Unsure => "unsure",
+            Self::NotArrived => "not_arrived",
+            Self::OutOfReach => "out_of_reach",
+        }
+    }
+}
+
 /// Gripping a fiber.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -68,8 +151,16 @@ pub struct Adhesive {
     /// Longest from the needle to the lamp, seconds: then it is no longer what it was.
     #[serde(with = "quantity::PositiveTime")]
     pub open: f64,
+    /// How often a fiber may get adhesive, at most. One whose adhesive was in the air for too long when it came to its peak goes back,
+    /// gets fresh adhesive, and is aligned again.
+    #[serde(default = "once")]
+    pub attempts: u32,
     /// What to do when it fails.
     pub failed: Action,
+}
+
+fn once() -> u32 {
+    1
 }
 
 /// The ways to align.
@@ -93,7 +184,7 @@ impl Procedure {
 }
 
 /// Vision, coarse placement, search and peak.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Align {
     /// How.
@@ -108,6 +199,9 @@ pub struct Align {
     pub limit: f64,
     /// What to do when it fails.
     pub failed: Action,
+    /// What to do when it ends in a certain way; `retry` where that is left out.
+    #[serde(default)]
+    pub on: BTreeMap<Ending, Reaction>,
 }
 
 /// Holding a fiber under the lamp.
@@ -195,6 +289,7 @@ impl Production {
         }
         for (key, attempts) in [
             ("pick.attempts", self.pick.attempts),
+            ("adhesive.attempts", self.adhesive.attempts),
             ("align.attempts", self.align.attempts),
         ] {
             if attempts == 0 {
@@ -294,10 +389,11 @@ impl Production {
         line(
             "adhesive",
             format!(
-                "{} nl, {} s at the needle, under the lamp within {} s; else {}",
+                "{} nl, {} s at the needle, under the lamp within {} s, at most {} times; else {}",
                 adhesive.volume,
                 adhesive.dwell,
                 adhesive.open,
+                adhesive.attempts,
                 action(adhesive.failed)
             ),
         );
@@ -310,6 +406,10 @@ impl Production {
                 action(align.failed)
             ),
         );
+        for (ending, reaction) in &align.on {
+            let what = reaction.at_once().map_or("try again", action);
+            line("", format!("on {}: {what}", ending.name()));
+        }
         let follows = match (cure.track, cure.precompensate) {
             (false, _) => "held where it is".to_owned(),
             (true, false) => format!("at the light's peak until {:.1} s", self.rest()),

@@ -1,11 +1,12 @@
 //! Runs a tray on a station.
 
 mod bond;
+mod witness;
 
 use crate::cell::{Bar, Cell, Step};
 use crate::check::side_of;
-use crate::recipe::{Action, Production};
-use crate::steadiness::Steadiness;
+use crate::recipe::{Action, Ending, Production};
+use crate::steadiness::{Steadiness, Wander};
 use crate::teach::{Lesson, Teacher};
 use crate::tray::{Device, Tray};
 use pigtail_control::fast::Aligner;
@@ -92,6 +93,9 @@ pub struct Cured {
     /// By how much light through fibers that were fixed before has changed meanwhile, relative; nothing where there was none.
     #[serde(default)]
     pub wander: Option<f64>,
+    /// The same with how well it is known, and over what time.
+    #[serde(default)]
+    pub look: Option<Wander>,
 }
 
 impl Cured {
@@ -245,8 +249,7 @@ pub fn run<'l>(station: &mut Station, order: Order<'l>, tell: &'l mut dyn FnMut(
         tell,
     };
     for pigtail in order.taught {
-        let wander = pigtail.cured.and_then(|cured| cured.wander);
-        line.steadiness.learn(wander);
+        line.steadiness.learn(pigtail.cured.and_then(|c| c.look));
         if let Some(lesson) = pigtail.cured.and_then(|cured| cured.lesson()) {
             line.teachers[side_of(&pigtail.port).index()].learn(lesson);
         }
@@ -498,7 +501,9 @@ impl Line<'_, '_, '_> {
             Action::Call,
         )?;
         let index = Step::Handle(FiberHandling::Index, 1);
-        let steps = vec![Step::Named("index"), index];
+        // Frames that come next still show the chip before: who went by them would be as far off as the two lie differently.
+        let seen = Step::Wait(self.cell.station().spec().vision.oldest());
+        let steps = vec![Step::Named("index"), index, seen];
         self.steps(Side::Right, on, steps, "index", Action::Call)
     }
 
@@ -584,7 +589,7 @@ impl Line<'_, '_, '_> {
         let on = (serial.as_str(), port.as_str());
         let side = side_of(&port);
         let number = PORTS.iter().position(|p| *p == port).unwrap_or(0);
-        let mut attempt = 0;
+        let (mut attempt, mut wetted) = (0, 1);
         let held = loop {
             attempt += 1;
             let (picks, wets) = match (side, self.ahead) {
@@ -631,18 +636,28 @@ impl Line<'_, '_, '_> {
                 self.cell.note(other, on, "align", false, start);
             }
             pigtail.align_seconds += self.cell.now() - start;
+            let align = &production.align;
             match (held, report.outcome) {
-                (Some(held), _) => break held,
+                (Some(held), _) => {
+                    let since = self.wet[side.index()].unwrap_or(start);
+                    let stale = self.cell.now() - since > production.adhesive.open;
+                    if !stale || wetted >= production.adhesive.attempts {
+                        break held;
+                    }
+                    // That took too long for what is on the tip.
+                    self.put_back(side)?;
+                    wetted += 1;
+                    attempt -= 1;
+                }
                 (None, Outcome::Stopped(fault)) => return Err(fault.into()),
                 (None, outcome) => {
-                    let late = pigtail.align_seconds > production.align.limit;
-                    if attempt >= production.align.attempts || late {
+                    let on = Ending::of(outcome.code()).and_then(|ending| align.on.get(&ending));
+                    let at_once = on.and_then(|reaction| reaction.at_once());
+                    let late = pigtail.align_seconds > align.limit;
+                    if at_once.is_some() || attempt >= align.attempts || late {
+                        let action = at_once.unwrap_or(align.failed);
                         let cause = outcome.name().to_owned();
-                        return Err(End::Failed(
-                            cause,
-                            outcome.to_string(),
-                            production.align.failed,
-                        ));
+                        return Err(End::Failed(cause, outcome.to_string(), action));
                     }
                 }
             }

@@ -6,8 +6,9 @@ use super::plot::Plot;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_cycle::cell::Bar;
-use pigtail_cycle::plan::{critical, limits};
+use pigtail_cycle::plan::{at_least, critical, idle_at_least, limits};
 use pigtail_evaluate::produce::ProduceDocument;
+use pigtail_hal::Side;
 
 /// Kinds of bars, what they are called, and the class of their colour.
 const KINDS: [(&str, &[&str], &str); 6] = [
@@ -76,6 +77,18 @@ fn critical_table(bars: &[Bar], seconds: f64) -> Markup {
     table(&header.map(str::to_owned), &rows)
 }
 
+/// What idle time cannot be below.
+fn least(bars: &[Bar]) -> Markup {
+    let [idle, apart] = [idle_at_least, at_least].map(|of| Side::ALL.map(|side| of(bars, side)));
+    html! {
+        p {
+            "In whatever order these steps were done, each manipulator holding still for the other as here, it would be idle for at least: left "
+            (fixed(idle[0], 1)) " %, right " (fixed(idle[1], 1)) " %. Without work of its own, idle or still, it is for at least: left "
+            (fixed(apart[0], 1)) " %, right " (fixed(apart[1], 1)) " %."
+        }
+    }
+}
+
 /// The Gantt chart of a plan as one HTML text.
 ///
 /// # Errors
@@ -83,7 +96,8 @@ fn critical_table(bars: &[Bar], seconds: f64) -> Markup {
 /// When a figure cannot be drawn.
 pub fn tray_plan(title: &str, bars: &[Bar], seconds: f64) -> Result<String> {
     let body = html! {
-        (figure(&gantt(bars, 0.0, seconds), "What each manipulator will do. The black line is the critical path."))
+        (least(bars))
+        (figure(&gantt(bars, 0.0, seconds), "What each manipulator will do. The line above bars is the critical path."))
         (critical_table(bars, seconds))
     };
     Ok(page(title, &body))
@@ -109,11 +123,12 @@ pub fn produce(d: &ProduceDocument, bars: &[Bar]) -> Result<String> {
             (fixed(d.idle_percent.left, 1)) " %, right " (fixed(d.idle_percent.right, 1)) " %; under the lamp: left "
             (fixed(d.held_percent.left, 1)) " %, right " (fixed(d.held_percent.right, 1)) " %."
         }
+        @if begin.is_finite() { (least(bars)) }
         @if let Some(fault) = &d.fault { p { "The machine has stopped: " (fault.to_string()) } }
         @if let Some(called) = &d.called { p { "A person is called: " (called) } }
         @if begin.is_finite() {
             h2 { "What each manipulator did" }
-            (figure(&gantt(bars, begin, end), "All of the tray. The black line is the critical path: back from the end, what each step had to wait for."))
+            (figure(&gantt(bars, begin, end), "All of the tray. The line above bars is the critical path: back from the end, what each step had to wait for."))
             @if let Some(one) = one {
                 (figure(&gantt(bars, one.produced.start, one.produced.end), format!("Device {} alone.", one.produced.serial)))
             }

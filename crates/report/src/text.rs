@@ -74,22 +74,21 @@ pub fn table(rows: &[Vec<String>], room: Option<usize>) -> String {
 }
 
 /// Text in which no line is longer than `room`: words that are too many go on below, as far in as their line begins.
-/// What has no gap stays whole.
+/// What has no gap stays whole, as does a command between backticks, so that it can be copied.
 pub fn wrapped(text: &str, room: Option<usize>) -> String {
     let Some(room) = room else {
         return text.to_owned();
     };
     let mut out = String::with_capacity(text.len() + 64);
     for line in text.split_inclusive('\n') {
-        if line.trim_end_matches('\n').chars().count() <= room {
+        if columns(line.trim_end_matches('\n')) <= room {
             out += line;
             continue;
         }
         let indent = line.len() - line.trim_start_matches(' ').len();
         let mut used = 0;
-        for word in line.trim_end().split_inclusive(' ') {
-            let width = word.trim_end().chars().count();
-            if used > indent && used + width > room {
+        for word in words(line.trim_end(), room - indent.min(room)) {
+            if used > indent && used + columns(word.trim_end()) > room {
                 while out.ends_with(' ') {
                     out.pop();
                 }
@@ -98,13 +97,42 @@ pub fn wrapped(text: &str, room: Option<usize>) -> String {
                 used = indent;
             }
             out += word;
-            used += word.chars().count();
+            used += columns(word);
         }
         if line.ends_with('\n') {
             out.push('\n');
         }
     }
     out
+}
+
+/// How many characters of a terminal's line a text takes: what sets colours takes none.
+fn columns(text: &str) -> usize {
+    let mut coloured = false;
+    let shown = |c: &char| {
+        let was = coloured;
+        coloured = *c == '\x1b' || was && *c != 'm';
+        !coloured && !was
+    };
+    text.chars().filter(shown).count()
+}
+
+/// The words of a line with the gaps behind them. What is between backticks is one, where it fits on a line.
+fn words(line: &str, room: usize) -> Vec<&str> {
+    let mut words = Vec::new();
+    let (mut from, mut quoted) = (0, false);
+    for (at, c) in line.char_indices() {
+        if c == '`' {
+            let ahead = line[at + 1..].find('`');
+            quoted = !quoted && ahead.is_some_and(|far| columns(&line[at..at + far + 2]) <= room);
+        }
+        if c == ' ' && !quoted {
+            words.push(&line[from..=at]);
+            from = at + 1;
+        }
+    }
+    words.push(&line[from..]);
+    words
 }
 
 /// How many characters a line of the terminal at standard output has; `None` where there is no terminal.
@@ -384,5 +412,26 @@ mod tests {
         );
         assert!(text.ends_with("\nshort\n"));
         assert_eq!(text.matches("other").count(), 12);
+    }
+
+    #[test]
+    fn what_is_to_be_copied_is_not_split() {
+        let command = "`pigtail tune left.z --rig my-rig --write`";
+        let text = format!("note: gains are missing, which {command} finds in a minute or two\n");
+        let folded = wrapped(&text, Some(60));
+        assert!(widest(&folded) <= 60, "{folded}");
+        assert!(folded.contains(command), "{folded}");
+        // One that is longer than a line cannot but be.
+        assert!(widest(&wrapped(&text, Some(30))) <= 30);
+        let path = "/a/path/that/is/longer/than/forty/characters/calibration.toml";
+        let folded = wrapped(&format!("error: {path}: cannot be read\n"), Some(40));
+        assert_eq!(folded, format!("error:\n{path}:\ncannot be read\n"));
+    }
+
+    #[test]
+    fn colours_take_no_room() {
+        let text = "\x1b[1m\x1b[31merror:\x1b[0m invalid value for a key\n";
+        assert_eq!(wrapped(text, Some(31)), text);
+        assert!(wrapped(text, Some(20)).contains("value\nfor a key"));
     }
 }

@@ -2,6 +2,7 @@
 
 use super::{Begun, Cured, End, Line, SURE};
 use crate::recipe::Production;
+use crate::steadiness::{Wander, Way};
 use crate::teach::Lesson;
 use pigtail_control::beam::Beam;
 use pigtail_control::hold::{self, Followed};
@@ -17,10 +18,17 @@ const LOOK: f64 = 0.2;
 /// For how long two fibers are brought to their peaks again before the lamp is on, seconds.
 const AGAIN: f64 = 1.5;
 
+/// By how much two fibers that were cured together may differ from what each has lost on average though both have lost nothing,
+/// relative, standard deviation: light that goes to and fro in a gap makes ripples of some tenths of a decibel, and the adhesive changes the
+/// gap.
+const APART: f64 = 0.015;
+
 /// A look at the light: above the background, volts, with its relative standard deviation by its samples; and the same of
 /// the light through an output that is fixed.
 #[derive(Debug, Clone, Copy)]
 struct Look {
+    /// Its middle, seconds.
+    time: f64,
     light: (f64, f64),
     fixed: Option<(f64, f64)>,
 }
@@ -36,6 +44,16 @@ impl Look {
             sigma = sigma.hypot(a.1).hypot(b.1);
         }
         (ln, sigma)
+    }
+
+    /// By how much the light through a fixed output was another at a later look.
+    fn fixed_until(&self, later: &Self) -> Option<Wander> {
+        let (before, after) = self.fixed.zip(later.fixed)?;
+        Some(Wander {
+            by: (after.0 / before.0).ln(),
+            sigma: before.1.hypot(after.1),
+            seconds: later.time - self.time,
+        })
     }
 }
 
@@ -118,6 +136,12 @@ impl Line<'_, '_, '_> {
             let rest = |_: Side, _: Displacement, _: &mut Displacement| Displacement::ZERO;
             self.follow(&held, until, &mut [Displacement::ZERO; N], &rest)?;
         }
+        let alone = N == 1 && sides[0] == Side::Left;
+        let eye = (last.channel, last.background);
+        let around = match self.aside().filter(|_| alone) {
+            Some(aside) => Some(self.look_around(eye, aside)?),
+            None => None,
+        };
         let before = self.look_at(last.channel, last.background, LOOK)?;
         self.ask_all(&sides, FiberHandling::Lamp(true))?;
         let lit = self.cell.now();
@@ -140,7 +164,6 @@ impl Line<'_, '_, '_> {
         self.cell.wait_until(lit + cure.time - LOOK)?;
         let cured = self.look_at(last.channel, last.background, LOOK)?;
         self.ask_all(&sides, FiberHandling::Lamp(false))?;
-        let alone = N == 1 && sides[0] == Side::Left;
         for (i, side) in sides.into_iter().enumerate() {
             self.cell.note(side, on(i), "cure", true, start);
         }
@@ -152,23 +175,36 @@ impl Line<'_, '_, '_> {
         }
         let verify = self.cell.now();
         let after = self.look_at(last.channel, last.background, production.verify.look)?;
+        let drifted = match around {
+            Some(before) => {
+                let later = self.look_around(eye, before.aside)?;
+                Some(before.drifted(&later))
+            }
+            None => None,
+        };
         for (i, side) in sides.into_iter().enumerate() {
             self.cell.note(side, on(i), "verify", false, verify);
         }
         if alone {
             self.cell.note(Side::Right, on(0), "witness", true, start);
         }
-        let ((lost_cured, _), (lost, noise)) = (before.over(&cured), before.over(&after));
-        let wander = before
-            .fixed
-            .zip(after.fixed)
-            .map(|(before, after)| (after.0 / before.0).ln());
-        let light_sigma = noise.hypot(self.steadiness.of(wander.is_some()));
+        let ((lost_cured, _), (mut lost, mut noise)) = (before.over(&cured), before.over(&after));
+        // Light that the sensing fiber has lost or won by itself.
+        if let Some((by, sigma)) = drifted {
+            (lost, noise) = (lost + by, noise.hypot(sigma));
+        }
+        let wander = before.fixed_until(&after);
+        let way = match wander {
+            Some(_) => Way::HeldAgainst,
+            None => Way::Alone,
+        };
+        let wanders = self.steadiness.of(way, after.time - before.time);
+        let light_sigma = noise.hypot(wanders);
         self.steadiness.learn(wander);
-        // Of what two fibers have lost together each has lost any share.
+        // Of what two fibers have lost together each has lost any share; or one has won what the other has lost.
         let (share, unknown) = match N {
             1 => (1.0, 0.0),
-            _ => (0.5, lost.max(0.0) / 12.0_f64.sqrt()),
+            _ => (0.5, (lost / 12.0_f64.sqrt()).hypot(APART)),
         };
         let sigma = (share * light_sigma).hypot(unknown);
         let decibels = 10.0 / std::f64::consts::LN_10;
@@ -207,7 +243,8 @@ impl Line<'_, '_, '_> {
                 shift_um: 1e6 * all,
                 together_db: (N > 1).then_some(decibels * lost),
                 light_sigma_db: decibels * light_sigma,
-                wander,
+                wander: wander.map(|wander| wander.by),
+                look: wander,
             }
         }))
     }
@@ -246,10 +283,12 @@ impl Line<'_, '_, '_> {
             (light, sigma / light.abs().max(f64::MIN_POSITIVE))
         };
         let meter = Meter(channel.index());
+        let time = self.cell.now() + 0.5 * seconds;
         Ok(match self.reference {
             Some((fixed, dark)) if fixed != meter => {
                 let [light, other] = hold::levels(&mut self.cell, [meter, fixed], seconds)?;
                 Look {
+                    time,
                     light: above(light, background),
                     fixed: Some(above(other, dark)).filter(|(light, _)| *light > 0.0),
                 }
@@ -257,6 +296,7 @@ impl Line<'_, '_, '_> {
             _ => {
                 let [light] = hold::levels(&mut self.cell, [meter], seconds)?;
                 Look {
+                    time,
                     light: above(light, background),
                     fixed: None,
                 }
