@@ -477,10 +477,10 @@ mod tests {
         let size = beam()
             .at_contact(gap, squared, squared.map(|w| 0.04 * w))
             .unwrap();
-        for i in 0..2 {
-            assert!((size.radius[i].powi(2) / s[i] - 1.0).abs() < 1e-9);
-            assert!((size.deviation[i] - 0.02).abs() < 1e-12);
+        for (radius, s) in size.radius.into_iter().zip(s) {
+            assert!((radius.powi(2) / s - 1.0).abs() < 1e-9);
         }
+        assert!(size.deviation.iter().all(|of| (of - 0.02).abs() < 1e-12));
         let measured = beam().as_measured(&size);
         for (found, s) in measured.squared_widths(0.0).into_iter().zip(s) {
             assert!((found / s - 1.0).abs() < 1e-9, "{found} {s}");

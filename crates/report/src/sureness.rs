@@ -46,17 +46,17 @@ pub(super) fn sureness(store: &Store, document: &CampaignDocument) -> Result<Mar
     })
 }
 
+/// In x, y and z.
+fn each(shares: &Shares) -> [f64; 3] {
+    [shares.x, shares.y, shares.z]
+}
+
 fn table(sure: &Sureness) -> Markup {
     let shares = [
         &sure.within_50_percent,
         &sure.within_80_percent,
         &sure.within_95_percent,
         &sure.within_99_percent,
-    ];
-    let axes: [(&str, fn(&Shares) -> f64); 3] = [
-        ("x", |shares| shares.x),
-        ("y", |shares| shares.y),
-        ("z", |shares| shares.z),
     ];
     let between = |of: Option<[f64; 2]>| {
         of.map_or_else(String::new, |[low, high]| {
@@ -69,10 +69,10 @@ fn table(sure: &Sureness) -> Markup {
                 th { "within, % of fibers" }
                 @for known in &sure.known { th { "of " (number(Some(known.percent), 0)) " %" } }
             }
-            @for (i, (name, of)) in axes.iter().enumerate() {
+            @for (i, name) in ["x", "y", "z"].iter().enumerate() {
                 tr {
                     td { (name) }
-                    @for shares in shares { td { (format!("{:.1}", 100.0 * of(shares))) } }
+                    @for shares in shares { td { (format!("{:.1}", 100.0 * each(shares)[i])) } }
                 }
                 tr.soft {
                     td { "known to be" }

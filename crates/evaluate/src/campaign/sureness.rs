@@ -77,7 +77,7 @@ struct Within {
 /// Over machines.
 #[derive(Debug, Clone, Default)]
 struct Machines {
-    machines: f64,
+    count: f64,
     fibers: f64,
     squares: f64,
     within: [[Within; 3]; SHARES.len()],
@@ -90,7 +90,7 @@ impl Machines {
             return;
         }
         let n = fibers as f64;
-        self.machines += 1.0;
+        self.count += 1.0;
         self.fibers += n;
         self.squares += n * n;
         let all = self.within.iter_mut().flatten();
@@ -109,11 +109,11 @@ impl Machines {
     /// Where it is with a probability of 99 %; `None` of a single machine.
     fn interval(&self, of: usize, axis: usize) -> Option<[f64; 2]> {
         let (p, sums) = (self.share(of, axis), self.within[of][axis]);
-        if self.machines < 2.0 {
+        if self.count < 2.0 {
             return None;
         }
         let squares = sums.squares - 2.0 * p * sums.with_fibers + p * p * self.squares;
-        let free = self.machines / (self.machines - 1.0);
+        let free = self.count / (self.count - 1.0);
         let off = WITHIN_99 * (free * squares.max(0.0)).sqrt() / self.fibers;
         Some([(p - off).max(0.0), (p + off).min(1.0)].map(|share| rounded(share, 1e-6)))
     }
