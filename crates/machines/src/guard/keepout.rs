@@ -33,6 +33,9 @@ const LED: f64 = 30e-6;
 const SIGMAS: f64 = 3.0;
 /// Standard deviations, and metres beside them, by which a frame may differ from what was expected.
 const SURPRISE: (f64, f64) = (8.0, 5e-6);
+/// What is known of a tip is never worth more than the last 200 frames, 8 s: chip and holders warm, by 0.01 um/s and more, and the mean of all frames
+/// of a tip that stands for minutes is where it was long ago.
+const FORGETS: f64 = 1.0 / 200.0;
 /// Cycles until a stop takes effect: what was measured at the end of one is answered in the next, and an amplifier
 /// behind a fieldbus gets that a cycle later.
 const REACTION: f64 = 2.0;
@@ -448,7 +451,7 @@ impl Keepout {
         };
         Ok(Belief {
             z: before.z + share * by,
-            z_variance: ((1.0 - share) * variance).max(noise.min(variance) * 0.02),
+            z_variance: ((1.0 - share) * variance).max(FORGETS * fix.sigma * fix.sigma),
             stood,
             ..across
         })
