@@ -203,8 +203,18 @@ fn a_piezo_at_the_end_of_its_range_is_not_believed() {
         let arguments = ["align", "--json", "--no-record", "--seed", seed];
         let faults = ["--faults", "piezo-depolarised"];
         let (code, out, _) = pigtail(runs.path(), &[&arguments[..], &faults].concat());
-        assert_eq!(code, 1);
         let input = &json(&out)["fibers"][0];
+        // Its stroke may have been learned in time: then it is where it is believed to be.
+        if input["outcome"] == "aligned" {
+            assert_eq!(
+                (code, &input["within_tolerance"]),
+                (0, &true.into()),
+                "{input}"
+            );
+            assert!(input["micro_strokes"].is_array(), "{input}");
+            continue;
+        }
+        assert_eq!(code, 1);
         // What the last of its tries found, each of which is right: also that light around a piezo that stands is not that
         // around a peak.
         let outcome = input["outcome"].as_str().expect("a name");

@@ -115,7 +115,7 @@ impl ConicalScan<'_> {
         };
         let (mut dark, mut deviation, mut off, mut best) = (0, f64::INFINITY, 0.0, None);
         let mut seen: Vec<Peak> = Vec::with_capacity(self.shape.turns as usize);
-        for turn in 0..MOST_TURNS * self.shape.turns {
+        for _ in 0..MOST_TURNS * self.shape.turns {
             self.turn(bench, gap).await?;
             let peak = self.peak();
             let Some(mut peak) = peak.filter(|p| p.full > SIGNIFICANT * p.full_deviation) else {
@@ -185,11 +185,6 @@ impl ConicalScan<'_> {
             if slope > self.slower * FASTEST + SIGNIFICANT * noise || off > MISFIT {
                 seen.clear();
                 best = None;
-                continue;
-            }
-            // What moves faster than piezos creep comes to rest yet, such as a macro that has just come there: it does not go on as it does.
-            if self.surely.norm() > self.slower * CREEP && turn < 2 * self.shape.turns {
-                seen.remove(0);
                 continue;
             }
             // The small turn to come knows the less the smaller it is.

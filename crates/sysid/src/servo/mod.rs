@@ -419,7 +419,6 @@ pub fn identify(
     check::bandwidth(record, &Equations::of(record, raw), set)?;
     let mut unknown = check::excitation(record, &mut columns, set)?;
     let keep = believed(&mut columns, record, set, &mut remarks)?;
-    other::changing(&columns, &mut remarks)?;
     let second = second.map(|r| Equations {
         one_way: columns.one_way,
         ..Equations::of(&r, set)
@@ -439,6 +438,10 @@ pub fn identify(
         ));
     };
     positive(first, &mut unknown)?;
+    // Where all of it tells no inertia no part does.
+    if !unknown.iter().any(|u| u.covers("inertia")) {
+        other::changing(&columns, &mut remarks)?;
+    }
     check::driving(first, &columns)?;
     explains(first)?;
     for variant in &mut variants {
