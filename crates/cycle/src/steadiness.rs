@@ -4,7 +4,7 @@
 //! for a loss, or hides one. Where an output of the same device is fixed already its light tells how the laser has wandered: it
 //! is taken out, and remembered for the fibers that have nothing to be held against.
 //!
-//! Power is taken to wander as a random walk: its variance grows with time. The standard deviation over [`OVER`] is believed beforehand
+//! Power is taken to wander as a random walk: its variance grows with time. The standard deviation over `OVER` is believed beforehand
 //! to lie about a median on a logarithmic scale, as what makers state does; what is stated afterwards is the root of its mean
 //! square by what was seen. (An own light that is followed at its peak cannot tell: the adhesive draws the fiber along z too, and
 //! light that goes to and fro in the gap makes ripples of that.)

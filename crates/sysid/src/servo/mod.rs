@@ -438,10 +438,7 @@ pub fn identify(
         ));
     };
     positive(first, &mut unknown)?;
-    // Where all of it tells no inertia no part does.
-    if !unknown.iter().any(|u| u.covers("inertia")) {
-        other::changing(&columns, &mut remarks)?;
-    }
+    other::changing(&columns, &unknown, &mut remarks)?;
     check::driving(first, &columns)?;
     explains(first)?;
     for variant in &mut variants {

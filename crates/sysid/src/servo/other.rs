@@ -256,8 +256,15 @@ impl OfPlace {
     }
 }
 
-/// That the axis is the same throughout the record.
-pub(super) fn changing(columns: &Equations, remarks: &mut Vec<String>) -> Result<(), Unknown> {
+/// That the axis is the same throughout the record, of which the whole tells an inertia: else no part does.
+pub(super) fn changing(
+    columns: &Equations,
+    unknown: &[Unknown],
+    remarks: &mut Vec<String>,
+) -> Result<(), Unknown> {
+    if unknown.iter().any(|u| u.covers("inertia")) {
+        return Ok(());
+    }
     let x = symmetric(columns);
     let n = columns.force.len();
     let parts = (n / super::LEAST_EQUATIONS).min(PARTS);
