@@ -4,7 +4,6 @@
 //! up for. Where it stands at the end tells how far the fiber was pulled.
 
 use crate::align::Observed;
-use crate::beam::Beam;
 use crate::conical_scan::{ConicalScan, Watch};
 use crate::outcome::Halt;
 use crate::procedure::AtPeak;
@@ -97,7 +96,7 @@ async fn followed(
         still: held.level.sigma,
         still_degrees: 20.0,
     };
-    let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
+    let beam = held.beam;
     let shape = &recipe.fast.conical_scan;
     let start = bench
         .pose(group, bench.now())

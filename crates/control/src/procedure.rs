@@ -4,7 +4,7 @@ mod attach;
 
 pub(crate) use attach::{ATTACHED_LOOK, has_fallen, place_at};
 
-use crate::beam::SpotSize;
+use crate::beam::{Beam, SpotSize};
 use crate::belief::{Across, Place};
 use crate::cell::AlignmentCell;
 use crate::gap_by_light::Spread;
@@ -106,6 +106,8 @@ pub struct AtPeak {
     pub background: f64,
     /// How well its place across is known, where the procedure can say so.
     pub across: Option<Across>,
+    /// The light between it and its guide, as believed.
+    pub beam: Beam,
     /// The gap, metres.
     pub gap: f64,
     /// How the peak walks as the gap closes, metres in the manipulator's x and y for a metre.

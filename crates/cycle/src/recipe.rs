@@ -73,9 +73,20 @@ impl Reaction {
 
 /// How an alignment may end that has not come to its peak.
 #[derive(
-    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema,
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Serialize,
+    Deserialize,
+    JsonSchema,
+    strum::IntoStaticStr,
 )]
 #[serde(rename_all = "snake_case")]
+#[strum(serialize_all = "snake_case")]
 pub enum Ending {
     /// No light was found.
     NoLight,
@@ -110,19 +121,6 @@ impl Ending {
             | OutcomeCode::Fault
             | OutcomeCode::Panic => return None,
         })
-    }
-
-    /// As it is written in a recipe.
-    fn name(self) -> &'static str {
-        match self {
-            Self::NoLight => "no_light",
-            Self::LightLost => "light_lost",
-            Self::FalseLight => "false_light",
-            Self::Misshapen => "misshapen",
-            Self::Unsure => "unsure",
-            Self::NotArrived => "not_arrived",
-            Self::OutOfReach => "out_of_reach",
-        }
     }
 }
 
@@ -408,7 +406,7 @@ impl Production {
         );
         for (ending, reaction) in &align.on {
             let what = reaction.at_once().map_or("try again", action);
-            line("", format!("on {}: {what}", ending.name()));
+            line("", format!("on {}: {what}", <&str>::from(ending)));
         }
         let follows = match (cure.track, cure.precompensate) {
             (false, _) => "held where it is".to_owned(),

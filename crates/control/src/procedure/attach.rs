@@ -89,6 +89,7 @@ impl Job<'_> {
                 level: last,
                 background,
                 across,
+                beam: cell.beam(self.side, self.recipe),
                 gap: wanted + off,
                 walk: b.across() - a.across(),
             });

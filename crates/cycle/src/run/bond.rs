@@ -4,7 +4,6 @@ use super::{Begun, Cured, End, Line, SURE};
 use crate::recipe::Production;
 use crate::steadiness::{Wander, Way};
 use crate::teach::Lesson;
-use pigtail_control::beam::Beam;
 use pigtail_control::hold::{self, Followed};
 use pigtail_control::outcome::Halt;
 use pigtail_control::procedure::AtPeak;
@@ -212,10 +211,7 @@ impl Line<'_, '_, '_> {
         Ok(std::array::from_fn(|i| {
             let followed = followed.as_ref().map(|followed| followed[i]);
             let width = followed.map_or_else(
-                || {
-                    let recipe = self.order.recipe;
-                    Beam::new(&recipe.mode, recipe.ports.exit_angle).width(held[i].gap)
-                },
+                || held[i].beam.width(held[i].gap),
                 |followed| followed.width,
             );
             let squared = width * width * share * lost;

@@ -453,56 +453,47 @@ impl Bench<'_, '_> {
     pub(super) fn spot(&mut self) -> Result<Found, NotDone> {
         // What is to be found is not believed meanwhile.
         let before = std::mem::take(&mut self.setup.rig.calibration.spot);
-        let told = self.spots();
+        let told = self.until_known(|fiber| fiber.spot, SpotSize::of_all, SpotSize::is_known);
         self.setup.rig.calibration.spot = before;
-        let (mut values, mut why) = (Map::new(), String::new());
-        for (side, found) in Side::ALL.into_iter().zip(told?) {
-            let Some(found) = found else {
-                if why.is_empty() {
-                    why = format!(
-                        "no spot of {} was seen{}",
-                        side.name(),
-                        ended(&self.aligned.0)
-                    );
-                }
-                continue;
-            };
-            let [x, y] = found.radius.map(|radius| rounded(1e6 * radius, 1e-4));
-            let [of_x, of_y] = found.deviation.map(|deviation| rounded(deviation, 1e-4));
-            values.insert(
-                side.name().to_owned(),
-                json!({"x_um": x, "y_um": y, "deviation_x": of_x, "deviation_y": of_y}),
-            );
-            let origin = self.origin(&format!("spot, {}", side.name()));
-            let length = |um: f64| toml_edit::value(format!("{um:.4} um"));
-            self.believe(Change {
-                table: format!("spot.{}", side.name()),
-                values: vec![
-                    ("x", length(x)),
-                    ("y", length(y)),
-                    ("deviation_x", toml_edit::value(of_x)),
-                    ("deviation_y", toml_edit::value(of_y)),
-                    ("date", toml_edit::value(&self.plan.date)),
-                    ("origin", toml_edit::value(origin)),
-                ],
-                weights: None,
-            })?;
-        }
-        Ok(Found { values, why })
+        let found = told?.map(|found| found.map(|spot| (spot.radius, spot.deviation)));
+        let why = |side: Side| format!("no spot of {} was seen", side.name());
+        self.believe_lengths("spot", ("um", 1e6, 1e-4), found, Map::new(), why)
     }
 
-    /// How wide spots are with both micros. Fibers that were aligned already tell too.
-    fn spots(&mut self) -> Result<[Option<SpotSize>; SIDES], Ended> {
+    /// Takes together what spots have told of how light spreads, where the light is to tell the gap at all.
+    pub(super) fn spread(&mut self) -> Result<Found, NotDone> {
+        let known = vision_knows(&self.setup.rig.spec, &self.setup.rig.recipe);
+        let mut values = Map::new();
+        values.insert("vision_knows_the_gap".to_owned(), json!(known));
+        if known {
+            let why = String::new();
+            return Ok(Found { values, why });
+        }
+        let before = std::mem::take(&mut self.setup.rig.calibration.spread);
+        let told = self.until_known(|fiber| fiber.spread, Spread::of_all, Spread::is_known);
+        self.setup.rig.calibration.spread = before;
+        let found = told?.map(|found| found.map(|spread| (spread.length, spread.deviation)));
+        let why = |side: Side| format!("no spot of {} told how light spreads", side.name());
+        self.believe_lengths("spread", ("nm", 1e9, 1e-2), found, values, why)
+    }
+
+    /// What fibers of devices that are aligned tell together of both micros, until that is known or no device is left. Those that were aligned
+    /// already tell too.
+    fn until_known<T>(
+        &mut self,
+        told: impl Fn(&FiberReport) -> Option<T>,
+        of_all: impl Fn(&[T]) -> Option<T>,
+        known: impl Fn(&T) -> bool,
+    ) -> Result<[Option<T>; SIDES], Ended> {
         // A device tells the same when it is asked again.
         let mut spare = self.spare_devices().skip(self.aligned.1);
         loop {
             let found = Side::ALL.map(|side| {
                 let of_side = self.aligned.0.iter().filter(|fiber| fiber.side == side);
-                let told: Vec<SpotSize> = of_side.filter_map(|fiber| fiber.spot).collect();
-                SpotSize::of_all(&told)
+                of_all(&of_side.filter_map(&told).collect::<Vec<T>>())
             });
-            let known = |found: &Option<SpotSize>| found.is_some_and(|found| found.is_known());
-            let Some(device) = spare.next().filter(|_| !found.iter().all(known)) else {
+            let all = found.iter().all(|found| found.as_ref().is_some_and(&known));
+            let Some(device) = spare.next().filter(|_| !all) else {
                 return Ok(found);
             };
             let fibers = self.run(&Align::default(), device)?.fibers;
@@ -511,39 +502,37 @@ impl Bench<'_, '_> {
         }
     }
 
-    /// Takes together what spots have told of how light spreads, where the light is to tell the gap at all.
-    pub(super) fn spread(&mut self) -> Result<Found, NotDone> {
-        let mut values = Map::new();
-        let known = vision_knows(&self.setup.rig.spec, &self.setup.rig.recipe);
-        values.insert("vision_knows_the_gap".to_owned(), json!(known));
-        if known {
-            let why = String::new();
-            return Ok(Found { values, why });
-        }
-        // What is to be found is not believed meanwhile.
-        let before = std::mem::take(&mut self.setup.rig.calibration.spread);
-        let told = self.told();
-        self.setup.rig.calibration.spread = before;
-        let (told, fibers) = told?;
-        let mut why = String::new();
-        for (side, found) in Side::ALL.into_iter().zip(told) {
-            let Some(found) = found else {
-                if why.is_empty() {
-                    let side = side.name();
-                    why = format!("no spot of {side} told how light spreads{}", ended(&fibers));
+    /// Believes what was found of both micros: lengths along x and y in the micro's own scale (metres), with the standard deviations of their
+    /// logarithms; written in a unit, of which a metre has so many, to a step of it. `why` says what a side that told nothing lacks.
+    fn believe_lengths(
+        &mut self,
+        table: &str,
+        (unit, metre, step): (&str, f64, f64),
+        found: [Option<([f64; 2], [f64; 2])>; SIDES],
+        mut values: Map<String, Value>,
+        why: impl Fn(Side) -> String,
+    ) -> Result<Found, NotDone> {
+        let mut failed = String::new();
+        for (side, found) in Side::ALL.into_iter().zip(found) {
+            let Some((lengths, deviations)) = found else {
+                if failed.is_empty() {
+                    failed = why(side) + &ended(&self.aligned.0);
                 }
                 continue;
             };
-            let [x, y] = found.length.map(|length| rounded(1e9 * length, 1e-2));
-            let [of_x, of_y] = found.deviation.map(|deviation| rounded(deviation, 1e-5));
-            values.insert(
-                side.name().to_owned(),
-                json!({"x_nm": x, "y_nm": y, "deviation_x": of_x, "deviation_y": of_y}),
-            );
-            let origin = self.origin(&format!("spread, {}", side.name()));
-            let length = |nm: f64| toml_edit::value(format!("{nm:.2} nm"));
+            let [x, y] = lengths.map(|length| rounded(metre * length, step));
+            let [of_x, of_y] = deviations.map(|deviation| rounded(deviation, 1e-5));
+            let told = [
+                (format!("x_{unit}"), json!(x)),
+                (format!("y_{unit}"), json!(y)),
+                ("deviation_x".to_owned(), json!(of_x)),
+                ("deviation_y".to_owned(), json!(of_y)),
+            ];
+            values.insert(side.name().to_owned(), Value::Object(Map::from_iter(told)));
+            let origin = self.origin(&format!("{table}, {}", side.name()));
+            let length = |value: f64| toml_edit::value(format!("{value} {unit}"));
             self.believe(Change {
-                table: format!("spread.{}", side.name()),
+                table: format!("{table}.{}", side.name()),
                 values: vec![
                     ("x", length(x)),
                     ("y", length(y)),
@@ -555,27 +544,8 @@ impl Bench<'_, '_> {
                 weights: None,
             })?;
         }
+        let why = failed;
         Ok(Found { values, why })
-    }
-
-    /// How light spreads by fibers of devices that are aligned, until it is known with both micros or no device is left; and
-    /// those fibers.
-    fn told(&mut self) -> Result<([Option<Spread>; SIDES], Vec<FiberReport>), Ended> {
-        let (mut fibers, tried) = std::mem::take(&mut self.aligned);
-        // A device tells the same when it is asked again.
-        let mut spare = self.spare_devices().skip(tried);
-        loop {
-            let found = Side::ALL.map(|side| {
-                let of_side = fibers.iter().filter(|fiber| fiber.side == side);
-                let told: Vec<Spread> = of_side.filter_map(|fiber| fiber.spread).collect();
-                Spread::of_all(&told)
-            });
-            let known = |found: &Option<Spread>| found.is_some_and(|found| found.is_known());
-            let Some(device) = spare.next().filter(|_| !found.iter().all(known)) else {
-                return Ok((found, fibers));
-            };
-            fibers.extend(self.run(&Align::default(), device)?.fibers);
-        }
     }
 
     pub(super) fn acceptance(&mut self) -> Result<Found, NotDone> {
