@@ -521,6 +521,12 @@ impl<'r> ConicalScan<'r> {
         self.beam.fit(readings, self.watch.noise)
     }
 
+    /// The same, where it stands out of the noise.
+    pub fn clear_peak(&mut self) -> Option<Peak> {
+        self.peak()
+            .filter(|peak| peak.full > SIGNIFICANT * peak.full_deviation)
+    }
+
     /// Goes to a peak, at most its width at `gap` away. Returns how far it was away, metres.
     ///
     /// # Errors

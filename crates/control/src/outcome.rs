@@ -177,6 +177,17 @@ pub enum Outcome {
         /// Whose holder.
         side: Side,
     },
+    /// The peak walked otherwise than expected as the gap closed.
+    #[error(
+        "light lost: the peak strayed by {:.1} um on the approach, where {:.1} um are accepted (`fast.stray`)",
+        by * 1e6, accepted * 1e6
+    )]
+    Strayed {
+        /// How far, metres.
+        by: f64,
+        /// The farthest that is accepted, metres.
+        accepted: f64,
+    },
     /// Vision does not see a tip arrive where it was sent.
     #[error(
         "out of reach: vision does not see the {} tip arrive within {} um",
@@ -264,7 +275,7 @@ impl Outcome {
         match self {
             Self::Aligned => OutcomeCode::Aligned,
             Self::NoLight(_) => OutcomeCode::NoLight,
-            Self::LightLost { .. } => OutcomeCode::LightLost,
+            Self::LightLost { .. } | Self::Strayed { .. } => OutcomeCode::LightLost,
             Self::FalseLight { .. } => OutcomeCode::FalseLight,
             Self::Slipped { .. } => OutcomeCode::Slipped,
             Self::Misshapen { .. } => OutcomeCode::Misshapen,

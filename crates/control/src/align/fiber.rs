@@ -352,6 +352,10 @@ impl<'d> Fiber<'d> {
                     Ok(light) if light >= least && strayed <= stray && bench.now() < end => {
                         continue;
                     }
+                    Ok(light) if light >= least && strayed > stray => Outcome::Strayed {
+                        by: strayed,
+                        accepted: stray,
+                    },
                     Ok(level) => Outcome::LightLost {
                         phase: "approach",
                         level,

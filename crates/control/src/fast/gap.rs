@@ -344,6 +344,10 @@ pub(super) async fn to_middle(
     hand_over(cell, scan, aim.side, aside, gap).await?;
     for _ in 0..STILL {
         scan.turn(cell, gap).await?;
+        // What a macro's transmission hides of its way aside, the light tells.
+        if let Some(peak) = scan.clear_peak() {
+            scan.go_to(cell, &peak, gap)?;
+        }
     }
     Ok(())
 }
