@@ -300,7 +300,7 @@ async fn maximize(
         if after < recipe.accept.growth * before {
             return Err(Outcome::FalseLight { before, after }.into());
         }
-        job.attach(cell, last, found.background, None).await
+        job.attach(cell, last, found.background, (None, None)).await
     })
     .await
 }

@@ -80,6 +80,7 @@ pub mod search;
 pub mod servo;
 pub mod shaking;
 pub mod station;
+pub mod still_there;
 pub mod sweep;
 pub mod tip_estimator;
 pub mod trajectory;

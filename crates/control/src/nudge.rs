@@ -196,7 +196,8 @@ async fn held_and_nudged(
         if after < recipe.accept.growth * before {
             return Err(Outcome::FalseLight { before, after }.into());
         }
-        job.attach(cell, last, nudger.background, None).await
+        job.attach(cell, last, nudger.background, (None, None))
+            .await
     })
     .await
 }

@@ -2,7 +2,7 @@
 
 mod attach;
 
-pub(crate) use attach::{ATTACHED_LOOK, has_fallen, place_at};
+pub(crate) use attach::{place_at, still};
 
 use crate::beam::{Beam, SpotSize};
 use crate::belief::{Across, Place};
@@ -446,7 +446,7 @@ impl<'r> Job<'r> {
                 let known = recipe.last.accuracy.hypot(shaking.deviation());
                 shaking.is_sure(recipe.accept.aside, Across::of(known))?;
             }
-            job.attach(cell, last, found.background, None).await
+            job.attach(cell, last, found.background, (None, None)).await
         })
         .await
     }

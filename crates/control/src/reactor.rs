@@ -19,6 +19,7 @@ use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::MICRO_AXES;
 use pigtail_hal::{AxisName, Bench, Fault, Pulse, Side};
 use pigtail_model::frames::{Displacement, Macro, Point};
+use pigtail_numerics::line::Line;
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::future::{Future, poll_fn};
@@ -346,6 +347,33 @@ impl<'b> Reactor<'b> {
                 return Ok(volts);
             }
         }
+    }
+
+    /// Mean of so many samples of a meter (two or more), and their standard deviation about a straight line in time, volts.
+    ///
+    /// # Errors
+    ///
+    /// The bench's fault; [`Outcome::BenchFailed`] where the meter is silent.
+    pub async fn look(&self, meter: usize, samples: usize) -> Result<(f64, f64), Halt> {
+        let mut seen: Vec<(f64, f64)> = Vec::with_capacity(samples);
+        let rate = self.caps().channels[meter].rate;
+        let end = self.now() + LONGEST + 10.0 * samples as f64 / rate;
+        while seen.len() < samples {
+            match self.sample(meter, end).await? {
+                Some(seen_now) => seen.push(seen_now),
+                None if self.is_past(end) => {
+                    let why = "its meter is silent".to_owned();
+                    return Err(Outcome::BenchFailed { why }.into());
+                }
+                None => {}
+            }
+        }
+        let n = seen.len() as f64;
+        let mean = seen.iter().map(|(_, volts)| volts).sum::<f64>() / n;
+        let line = Line::through(seen.iter().copied());
+        let squares: f64 = seen.iter().map(|(t, v)| line.left(*t, *v).powi(2)).sum();
+        let sigma = (squares / (n - 2.0).max(1.0)).sqrt();
+        Ok((mean, sigma))
     }
 
     /// Lets time pass until a group has been brought to the end of what it plays.

@@ -251,10 +251,13 @@ impl Shaking {
         const RINGS: f64 = 6.0;
         /// A tip that shakes less than this is still, metres.
         const LEAST: f64 = 5e-9;
+        /// Standard deviations of what noise makes of a few turns.
+        const CHANCE: f64 = 2.0;
         let (wide, small) = (self.wide, self.small);
+        let chance = CHANCE * (2.0 / wide.degrees).sqrt() * wide.squares / wide.degrees;
         small.degrees > 0.0
             && wide.degrees > 0.0
-            && wide.beyond() > RINGS * small.beyond().max(LEAST * LEAST)
+            && wide.beyond() - chance > RINGS * small.beyond().max(LEAST * LEAST)
     }
 
     /// Variances of a tip (square metres) and how probable each is, after what was seen.

@@ -1,13 +1,14 @@
 //! One group to its peak, where there is light already: nothing else moves.
 
 use super::observed::Observed;
-use super::{Dark, LOOK, NEAR, STEADY, look};
+use super::{Dark, LOOK, NEAR, STEADY};
 use crate::beam::Beam;
 use crate::conical_scan::{ConicalScan, Watch};
 use crate::outcome::Halt;
 use crate::reactor::Reactor;
 use crate::recipe::Recipe;
 use crate::station::Unobserved;
+use crate::still_there::Foreseen;
 use pigtail_hal::Bench;
 use pigtail_hal::bench::{Degree, Group, Meter};
 use pigtail_model::frames::Displacement;
@@ -82,7 +83,7 @@ async fn climb(
     let mut scan = ConicalScan::new(watch, beam, shape, bench, (at, gap), still, None);
     let radius = circles(bench, group, beam.width(gap), shape.radius);
     let noise = async |samples: usize| -> Result<(f64, f64), Halt> {
-        let (_, sigma) = look(bench, meter, samples).await?;
+        let (_, sigma) = bench.look(meter.0, samples).await?;
         Ok((sigma.max(dark.sigma), samples as f64 - 2.0))
     };
     let (sigma, degrees) = noise(LOOK).await?;
@@ -105,7 +106,7 @@ async fn climb(
         // It stands where it was believed last, and not on a circle.
         scan.rest(bench, gap).await?;
     }
-    let (light, known) = last?;
+    let (Foreseen { level: light, .. }, known) = last?;
     let place = scan.place(gap);
     Ok(Found {
         at: [place.x, place.y],

@@ -1,13 +1,14 @@
 //! A fiber in the arm of a bench, from the tray to the chip.
 
 use super::climb::{circles, range};
-use super::{Dark, LOOK, NEAR, STEADY, Taught, line, look};
+use super::{Dark, LOOK, NEAR, STEADY, Taught, line};
 use crate::beam::Beam;
 use crate::belief::{Across, Place, UNSURE};
 use crate::conical_scan::{ConicalScan, Gap, Watch};
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::{LONGEST, Reactor, refused};
 use crate::recipe::Recipe;
+use crate::still_there::{Foreseen, Still};
 use pigtail_hal::bench::{
     AxisCaps, Degree, Dither, Glide, Group, Law, Limits, Meter, Pose, Request, Stage,
 };
@@ -40,9 +41,6 @@ const WATCHED: (usize, usize) = (40, 640);
 
 /// Share of its light that may be missing once a fiber is attached, beside noise.
 const ATTACHED_LESS: f64 = 0.01;
-
-/// Standard deviations of the difference of two looks that are noise.
-const ATTACHED_NOISE: f64 = 4.5;
 
 /// A fiber on its way.
 pub(super) struct Fiber<'d> {
@@ -248,7 +246,7 @@ impl<'d> Fiber<'d> {
         dark: &Dark,
         samples: usize,
     ) -> Result<(), Halt> {
-        let (_, sigma) = look(bench, self.meter, samples).await?;
+        let (_, sigma) = bench.look(self.meter.0, samples).await?;
         let degrees = samples as f64 - 2.0;
         let noise = sigma.max(dark.sigma);
         self.scan()?.set_noise(noise, degrees);
@@ -395,7 +393,7 @@ impl<'d> Fiber<'d> {
                 Ok(peak) => scan.confirm(bench, gap, &peak, "final").await,
                 Err(halt) => Err(halt),
             };
-            let (expected, known) = match last {
+            let (foreseen, known) = match last {
                 Ok(last) => last,
                 Err(Halt::Outcome(doubt)) => {
                     why = Some(doubt);
@@ -426,28 +424,33 @@ impl<'d> Fiber<'d> {
             }
             let across = scan.shaking().bonded(known);
             let noise = scan.noise();
-            self.bond(bench, dark, expected, noise).await?;
+            self.bond(bench, dark, foreseen, noise).await?;
             return Ok(Place { across, ..place });
         }
         Err(why.unwrap_or(Outcome::NotAttempted).into())
     }
 
-    /// Attaches the fiber and looks whether its light, so many volts, stays.
+    /// Attaches the fiber and looks whether its light stays as foreseen.
     async fn bond(
         &self,
         bench: &Reactor<'_>,
         dark: &Dark,
-        expected: f64,
+        foreseen: Foreseen,
         noise: f64,
     ) -> Result<(), Halt> {
         let arm = self.taught.arm;
         bench.ask(Request::Attach { arm }, LONGEST).await?;
-        let (after, _) = look(bench, self.meter, LOOK).await?;
-        let after = after - dark.mean;
-        let beside = ATTACHED_NOISE * noise * (2.0 / LOOK as f64).sqrt();
-        if after < (1.0 - ATTACHED_LESS) * expected - beside {
+        let still = Still {
+            meter: self.meter.0,
+            background: dark.mean,
+            noise,
+            samples: LOOK,
+            less: ATTACHED_LESS,
+        };
+        let (after, fallen) = still.look(bench, &[foreseen]).await?;
+        if fallen {
             return Err(Outcome::Slipped {
-                before: expected,
+                before: foreseen.level,
                 after,
             }
             .into());

@@ -1,7 +1,7 @@
 //! Light between fibers of which nobody has seen any: back where it has spread, it is there at once, or around.
 
+use super::Dark;
 use super::fiber::Fiber;
-use super::{Dark, look};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::reactor::Reactor;
 use pigtail_model::frames::Displacement;
@@ -42,12 +42,12 @@ pub(super) async fn first_light(
         for ((fiber, grid), i) in fibers.iter_mut().zip(&grids).zip(at) {
             fiber.stand_at(bench, grid[*i]).await?;
         }
-        let (mean, _) = look(bench, fibers[0].meter, SAMPLES).await?;
+        let (mean, _) = bench.look(fibers[0].meter.0, SAMPLES).await?;
         samples += SAMPLES;
         brightest = f64::max(brightest, mean);
         if mean - dark.mean > threshold {
             // Once more: what was chance will not be there.
-            let (again, _) = look(bench, fibers[0].meter, SAMPLES).await?;
+            let (again, _) = bench.look(fibers[0].meter.0, SAMPLES).await?;
             samples += SAMPLES;
             if again - dark.mean > threshold {
                 for fiber in fibers {

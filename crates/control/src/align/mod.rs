@@ -134,10 +134,10 @@ impl Dark {
         const SAMPLES: usize = 50;
         bench.ask(Request::Laser(false), LONGEST).await?;
         // A meter forgets the laser in some samples.
-        look(bench, meter, 5).await?;
-        let (mean, sigma) = look(bench, meter, SAMPLES).await?;
+        bench.look(meter.0, 5).await?;
+        let (mean, sigma) = bench.look(meter.0, SAMPLES).await?;
         bench.ask(Request::Laser(true), LONGEST).await?;
-        look(bench, meter, 5).await?;
+        bench.look(meter.0, 5).await?;
         let step = bench.caps().channels[meter.0].resolution;
         Ok(Self {
             mean,
@@ -348,27 +348,4 @@ async fn line(bench: &Reactor<'_>, group: Group, to: Pose, speed: Option<f64>) -
         .play(group, Law::Line { to, limits })
         .map_err(|why| refused(&why))?;
     bench.done(vec![ticket], LONGEST).await
-}
-
-/// Mean and standard deviation about a straight line in time of so many samples of light, volts.
-async fn look(bench: &Reactor<'_>, meter: Meter, samples: usize) -> Result<(f64, f64), Halt> {
-    let mut seen: Vec<(f64, f64)> = Vec::with_capacity(samples);
-    let rate = bench.caps().channels[meter.0].rate;
-    let end = bench.now() + LONGEST + 10.0 * samples as f64 / rate;
-    while seen.len() < samples {
-        match bench.sample(meter.0, end).await? {
-            Some(seen_now) => seen.push(seen_now),
-            None if bench.is_past(end) => {
-                let why = "its meter is silent".to_owned();
-                return Err(Outcome::BenchFailed { why }.into());
-            }
-            None => {}
-        }
-    }
-    let n = seen.len() as f64;
-    let mean = seen.iter().map(|(_, volts)| volts).sum::<f64>() / n;
-    let line = pigtail_numerics::line::Line::through(seen.iter().copied());
-    let squares: f64 = seen.iter().map(|(t, v)| line.left(*t, *v).powi(2)).sum();
-    let sigma = (squares / (n - 2.0).max(1.0)).sqrt();
-    Ok((mean, sigma))
 }

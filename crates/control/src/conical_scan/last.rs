@@ -7,6 +7,7 @@ use crate::belief::Across;
 use crate::gap_by_light::Width;
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::Reactor;
+use crate::still_there::Foreseen;
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::line::Line;
 
@@ -298,7 +299,7 @@ impl ConicalScan<'_> {
         gap: f64,
         foreseen: &Peak,
         phase: &'static str,
-    ) -> Result<(f64, Across), Halt> {
+    ) -> Result<(Foreseen, Across), Halt> {
         let radius = self.small(foreseen, gap);
         let small = radius * radius;
         let Near { seen, old, rings } = self.look_near(bench, gap, foreseen, radius, phase).await?;
@@ -352,7 +353,8 @@ impl ConicalScan<'_> {
         // Fiber and guide are not quite as designed: by how much the peak is wider than believed, two
         // circles tell.
         let wide = self.shape.radius * self.shape.radius;
-        let wider = (seen.full / foreseen.full).powf(small / (wide - small));
+        let power = small / (wide - small);
+        let wider = (seen.full / foreseen.full).powf(power);
         let full = seen.full * wider;
         let misfit = self.misfit(&Peak { full, ..seen }, gap, SHRINK);
         if misfit > accepted {
@@ -370,7 +372,17 @@ impl ConicalScan<'_> {
             // would lead makes offsets worse where it does not go on, so it is believed and not followed.
             bound: self.surely.norm() * rest,
         };
-        Ok((full * self.beam.share(gap), known))
+        let deviation = full
+            * f64::hypot(
+                (1.0 + power) * seen.full_deviation / seen.full,
+                power * foreseen.full_deviation / foreseen.full,
+            );
+        let share = self.beam.share(gap);
+        let foreseen = Foreseen {
+            level: full * share,
+            deviation: deviation * share,
+        };
+        Ok((foreseen, known))
     }
 }
 

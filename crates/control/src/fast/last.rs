@@ -7,8 +7,9 @@ use crate::belief::Across;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
 use crate::outcome::{Halt, Outcome};
-use crate::procedure::{ATTACHED_LOOK, Job, has_fallen};
+use crate::procedure::{Job, still};
 use crate::station::Level;
+use crate::still_there::Foreseen;
 
 /// A gap that turns out to be wrong by so many tolerances when all else is done is worth doing the
 /// last turns again.
@@ -28,8 +29,7 @@ const BETTER: f64 = 0.6;
 const FINEST: f64 = 5e-9;
 
 impl Shared<'_> {
-    /// The last turns at the chip, and whether the light is what it should be. Returns it, and how well
-    /// it is known where the fiber will be across.
+    /// The last turns at the chip, and whether the light is what it should be.
     pub(super) async fn finish(
         &self,
         job: &mut Job<'_>,
@@ -37,7 +37,7 @@ impl Shared<'_> {
         aim: &Aim,
         scan: &mut ConicalScan<'_>,
         before: f64,
-    ) -> Result<(Level, Across), Halt> {
+    ) -> Result<Rest, Halt> {
         let beam = cell.beam(aim.side, self.recipe);
         let mut doubt = Doubt {
             accuracy: self.fast.accuracy,
@@ -73,8 +73,8 @@ impl Shared<'_> {
             let far = way.abs() > LATE * self.fast.gap_tolerance || self.doubts_gap(cell, aim);
             let expected = peak.full * beam.share(gap);
             let why = match confirmed {
-                Ok((level, known))
-                    if level > 0.9 * expected
+                Ok((foreseen, known))
+                    if foreseen.level > 0.9 * expected
                         && (attempt == retry.last_turns || !far && !scan.misjudges_width()) =>
                 {
                     let aside = self.recipe.accept.aside;
@@ -96,14 +96,17 @@ impl Shared<'_> {
                             continue;
                         }
                         Ok(()) => {
-                            let fallen = match rests(job, cell, scan, level).await? {
+                            let fallen = match rests(job, cell, scan, foreseen).await? {
                                 // Vision may have come to know better meanwhile.
                                 Ok(_)
                                     if attempt < retry.last_turns && self.doubts_gap(cell, aim) =>
                                 {
                                     continue;
                                 }
-                                Ok(rest) => return Ok((rest, scan.shaking().bonded(known))),
+                                Ok(rest) => {
+                                    let across = scan.shaking().bonded(known);
+                                    return Ok(Rest { across, ..rest });
+                                }
                                 Err(fallen) => fallen,
                             };
                             if still < retry.resting {
@@ -114,7 +117,7 @@ impl Shared<'_> {
                         }
                     }
                 }
-                Ok((level, _)) => {
+                Ok((Foreseen { level, .. }, _)) => {
                     // Or the spot is not as wide as believed: then the wide circle has told of other light than there is.
                     scan.believe_width();
                     Outcome::LightLost {
@@ -166,6 +169,16 @@ impl Shared<'_> {
     }
 }
 
+/// A fiber at rest at its peak.
+pub(super) struct Rest {
+    /// Its light.
+    pub(super) look: Level,
+    /// What circles have foreseen it to be.
+    pub(super) foreseen: Foreseen,
+    /// How well it is known where the fiber will be across.
+    pub(super) across: Across,
+}
+
 /// What is done about a place that is not sure.
 struct Doubt {
     /// How well the peak is to be known, metres.
@@ -207,26 +220,36 @@ impl Doubt {
     }
 }
 
-/// The light at rest, if it is what circles have foreseen (volts above the background). A laser wanders meanwhile, or something has moved: that
-/// is found out where it can be mended yet.
+/// The light at rest, if it is what circles have `foreseen` (volts above the background). A laser wanders meanwhile, or something has moved:
+/// that is found out where it can be mended yet.
 async fn rests(
     job: &mut Job<'_>,
     cell: &AlignmentCell<'_>,
     scan: &ConicalScan<'_>,
-    foreseen: f64,
-) -> Result<Result<Level, Outcome>, Halt> {
+    foreseen: Foreseen,
+) -> Result<Result<Rest, Outcome>, Halt> {
     job.flicker = scan.flicker();
-    let rest = cell.level(job.channel, ATTACHED_LOOK).await?;
-    let light = rest.mean - scan.background();
-    if has_fallen(cell, foreseen, light, scan.noise(), 0.0) {
+    let wanders = job.flicker * foreseen.level;
+    let foreseen = Foreseen {
+        deviation: foreseen.deviation.hypot(wanders),
+        ..foreseen
+    };
+    let still = still(cell, job.channel, scan.background(), scan.noise());
+    let (level, fallen) = still.look(cell, &[foreseen]).await?;
+    if fallen {
         return Ok(Err(Outcome::LightLost {
             phase: "final",
-            level: light,
-            expected: foreseen,
+            level,
+            expected: foreseen.level,
         }));
     }
-    Ok(Ok(Level {
-        sigma: scan.noise(),
-        ..rest
+    let look = Level {
+        mean: level + still.background,
+        sigma: still.noise,
+    };
+    Ok(Ok(Rest {
+        look,
+        foreseen,
+        across: Across::default(),
     }))
 }

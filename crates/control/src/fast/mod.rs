@@ -29,7 +29,7 @@ use crate::sweep::{Spot, first_light};
 use crate::tip_estimator::Tip;
 use approach_moves::{Aim, cock};
 pub use gap::vision_knows;
-use last::WATCHED;
+use last::{Rest, WATCHED};
 use pigtail_hal::Side;
 use pigtail_hal::bench::Meter;
 use pigtail_hal::spec::{CHANNELS, Channel};
@@ -376,9 +376,13 @@ impl<'r> Shared<'r> {
             }
             job.has_shaken(scan.shaking());
             job.spot = scan.spot().or(job.spot);
-            let (level, across) = last?;
-            job.attach(cell, level, scan.background(), Some(across))
-                .await
+            let Rest {
+                look,
+                foreseen,
+                across,
+            } = last?;
+            let known = (Some(foreseen), Some(across));
+            job.attach(cell, look, scan.background(), known).await
         })
         .await
     }

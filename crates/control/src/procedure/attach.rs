@@ -5,25 +5,23 @@ use crate::belief::{Across, Place, UNSURE};
 use crate::cell::AlignmentCell;
 use crate::outcome::{Halt, Outcome};
 use crate::station::Level;
+use crate::still_there::{Foreseen, Still};
 use crate::tip_estimator::Tip;
-use pigtail_hal::Side;
+use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::{Chip, Point};
 
-/// For how long light is looked at once a fiber is attached, seconds.
-pub(crate) const ATTACHED_LOOK: f64 = 0.008;
+/// For how long light is looked at once a fiber is attached, seconds, at first.
+const LOOK: f64 = 0.008;
 
 /// Share of its light that may be missing then, beside noise.
-const ATTACHED_LESS: f64 = 0.003;
+const LESS: f64 = 0.003;
 
 /// So many times as much as it differs by from turn to turn the light may differ from one look to the other, over a bond's time: 4.5
 /// standard deviations of a wandering laser.
-const ATTACHED_FLICKER: f64 = 7.0;
+const FLICKER: f64 = 7.0;
 
 /// Standard deviations of a sample while a bond sets that are noise.
 const BONDED_NOISE: f64 = 6.0;
-
-/// Standard deviations of the difference of two looks that are noise.
-const ATTACHED_NOISE: f64 = 4.5;
 
 /// Where the fiber of a side is believed to be before a port, beyond a gap that is wanted (metres), where its place across is
 /// known so well; `None` before it was seen.
@@ -44,25 +42,28 @@ pub(crate) fn place_at(
     })
 }
 
-/// Whether light has fallen between two looks, by more than it may, by a noise (volts) of its samples, and by how much it differs from one turn
-/// of a circle to the next by itself, of its own.
-pub(crate) fn has_fallen(
+/// How the light at rest of a photodiode with such a background and noise (volts) is looked at.
+pub(crate) fn still(
     cell: &AlignmentCell<'_>,
-    before: f64,
-    after: f64,
+    channel: Channel,
+    background: f64,
     noise: f64,
-    flicker: f64,
-) -> bool {
-    let samples = (ATTACHED_LOOK * cell.spec().photodiode.rate).max(2.0);
-    let noise = noise * (2.0 / samples).sqrt();
-    let less = ATTACHED_LESS.hypot(ATTACHED_FLICKER * flicker);
-    after < (1.0 - less) * before - ATTACHED_NOISE * noise
+) -> Still {
+    let meter = channel.index();
+    let rate = cell.caps().channels[meter].rate;
+    Still {
+        meter,
+        background,
+        noise,
+        samples: ((LOOK * rate).round() as usize).max(2),
+        less: LESS,
+    }
 }
 
 impl Job<'_> {
     /// Attaches the fiber where it stands, and looks whether its light is still what it was in the
-    /// `last` look above the `background` (volts): what has moved since then would be believed to
-    /// be good. The spread of that look is that of light which stays; a look in which something
+    /// `last` look above the `background` (volts), and what it was `foreseen` to be before that: what has moved since then
+    /// would be believed to be good. The spread of that look is that of light which stays; a look in which something
     /// falls has a greater one.
     ///
     /// Where its place `across` is known, that is noted with the gap.
@@ -71,7 +72,7 @@ impl Job<'_> {
         cell: &AlignmentCell<'_>,
         last: Level,
         background: f64,
-        across: Option<Across>,
+        (foreseen, across): (Option<Foreseen>, Option<Across>),
     ) -> Result<(), Halt> {
         let wanted = self.recipe.approach.gap;
         let place = |across| place_at(cell, self.side, self.port, wanted, across);
@@ -95,20 +96,27 @@ impl Job<'_> {
             });
             return Ok(());
         }
-        let less = ATTACHED_LESS.hypot(ATTACHED_FLICKER * self.flicker);
+        let still = Still {
+            less: LESS.hypot(FLICKER * self.flicker),
+            ..still(cell, self.channel, background, last.sigma)
+        };
         let least = cell.attach(self.side, self.channel).await? - background;
         let before = last.mean - background;
+        let looked = Foreseen {
+            level: before,
+            deviation: last.sigma / (still.samples as f64).sqrt(),
+        };
         // What moves while the bond sets is fixed somewhere on its way: its light at the end may be what it should be, all but.
-        if least < (1.0 - less) * before - BONDED_NOISE * last.sigma {
+        if least < (1.0 - still.less) * before - BONDED_NOISE * last.sigma {
             return Err(Outcome::Slipped {
                 before,
                 after: least,
             }
             .into());
         }
-        let now = cell.level(self.channel, ATTACHED_LOOK).await?;
-        let after = now.mean - background;
-        if has_fallen(cell, before, after, last.sigma, self.flicker) {
+        let foreseen = [looked, foreseen.unwrap_or(looked)];
+        let (after, fallen) = still.look(cell, &foreseen).await?;
+        if fallen {
             return Err(Outcome::Slipped { before, after }.into());
         }
         Ok(())
