@@ -90,6 +90,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             .step
             .unwrap_or_else(|| step_of(&setup.rig, at.axis)),
         seed: arguments.common.seed,
+        one_size: false,
     };
     let range = setup.rig.range_counts(at.axis);
     if plan.step as f64 > 0.4 * range {

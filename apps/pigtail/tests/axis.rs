@@ -34,6 +34,7 @@ fn tuned(setup: &Setup, name: &str, method: Method, seed: u64) -> Tuned {
         trials: method.usual_trials(),
         step: usual_step(at.axis),
         seed,
+        one_size: false,
     };
     setup.run(&plan, seed, &mut Unobserved).expect("no fault")
 }

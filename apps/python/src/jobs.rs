@@ -118,6 +118,7 @@ pub(crate) fn tune<'py>(
             trials,
             step,
             seed,
+            one_size: false,
         };
         let tuned = setup.run(&plan, seed, &mut Told::new(watch))?;
         let kind = kind_of(at);

@@ -98,6 +98,8 @@ pub struct Reactor<'b> {
     count: Cell<u64>,
     last: RefCell<Result<Event, Fault>>,
     asked: Cell<f64>,
+    /// Of when the light is that control has looked at last, seconds.
+    looked: Cell<f64>,
     /// The earliest time that a line waits for.
     by: Cell<f64>,
     /// Events that came together.
@@ -117,6 +119,7 @@ impl<'b> Reactor<'b> {
             count: Cell::new(0),
             last: RefCell::new(Ok(Event::Time)),
             asked: Cell::new(f64::NEG_INFINITY),
+            looked: Cell::new(0.0),
             by: Cell::new(f64::INFINITY),
             queue: RefCell::default(),
         }
@@ -193,8 +196,14 @@ impl<'b> Reactor<'b> {
         self.bench.borrow_mut().voltage().map(work)
     }
 
+    /// Of when the light is that control has looked at last, seconds.
+    pub fn looked(&self) -> f64 {
+        self.looked.get()
+    }
+
     /// Control has looked at light of this time.
     pub fn note_reading(&self, time: f64) {
+        self.looked.set(time);
         self.bench.borrow_mut().note_reading(time);
     }
 

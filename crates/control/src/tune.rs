@@ -19,6 +19,8 @@ pub struct Experiment {
     pub at: AxisName,
     /// The larger of the two steps, counts; the other is half of it.
     pub step: i64,
+    /// Whether the cost is that of the larger step alone.
+    pub one_size: bool,
     /// How long each response is watched, `T` of (2.16), seconds.
     pub window: f64,
     /// Gains that are known to hold the axis, for going back after a trial that went wrong.
@@ -69,14 +71,15 @@ impl Experiment {
     /// The machine's fault.
     pub fn cost(&self, station: &mut Station, gains: Gains) -> Result<f64, Fault> {
         let home = station.encoder(self.at);
-        let half = self.step / 2;
+        let sizes = [self.step, -(self.step / 2)];
+        let sizes = if self.one_size { &sizes[..1] } else { &sizes };
         let mut cost = 0.0;
-        for size in [self.step, -half] {
+        for &size in sizes {
             station.set_pid(self.at, self.pid(station, gains));
             let trace = self.step_by(station, size)?;
             match itae(&trace, size as f64) {
                 Some(itae) if self.is_calm(&trace, size) => {
-                    cost += 0.5 * itae;
+                    cost += itae / sizes.len() as f64;
                     if size == self.step {
                         let response = step_response(&trace, size as f64);
                         cost *= 1.0 + MISSED * self.missed(&response, WITHIN).min(FAR);

@@ -58,6 +58,9 @@ pub struct Tune {
     pub trials: u32,
     /// The larger step, counts.
     pub step: i64,
+    /// Whether the cost is that of this step alone, and not averaged over it and half of it.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub one_size: bool,
     /// What random trials are drawn by; the seed of the machine in its document.
     pub seed: u64,
 }
@@ -319,6 +322,7 @@ fn tune(station: &mut Station, rig: &Rig, plan: &Tune) -> Result<Tuned, Ended> {
     let mut experiment = Experiment {
         at: plan.at,
         step: plan.step,
+        one_size: plan.one_size,
         window: WINDOW,
         safe: [believed.kp, believed.ki, believed.kd],
         integral_limit: believed.integral_limit,

@@ -116,6 +116,7 @@ impl Bench<'_, '_> {
                 method,
                 trials: method.usual_trials(),
                 step: step_of(&self.setup.rig, kind),
+                one_size: false,
                 seed: self.seed,
             };
             let tuned = self.run(&tune, self.seed)?.document;
