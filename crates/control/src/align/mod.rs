@@ -350,8 +350,12 @@ async fn line(bench: &Reactor<'_>, group: Group, to: Pose, speed: Option<f64>) -
     bench.done(vec![ticket], LONGEST).await
 }
 
-/// Mean and standard deviation about a straight line in time of so many samples of light, volts.
-async fn look(bench: &Reactor<'_>, meter: Meter, samples: usize) -> Result<(f64, f64), Halt> {
+/// So many samples of a meter from now on: their times, seconds, and volts.
+async fn samples(
+    bench: &Reactor<'_>,
+    meter: Meter,
+    samples: usize,
+) -> Result<Vec<(f64, f64)>, Halt> {
     let mut seen: Vec<(f64, f64)> = Vec::with_capacity(samples);
     let rate = bench.caps().channels[meter.0].rate;
     let end = bench.now() + LONGEST + 10.0 * samples as f64 / rate;
@@ -365,6 +369,12 @@ async fn look(bench: &Reactor<'_>, meter: Meter, samples: usize) -> Result<(f64,
             None => {}
         }
     }
+    Ok(seen)
+}
+
+/// Mean and standard deviation about a straight line in time of so many samples of light, volts.
+async fn look(bench: &Reactor<'_>, meter: Meter, count: usize) -> Result<(f64, f64), Halt> {
+    let seen = samples(bench, meter, count).await?;
     let n = seen.len() as f64;
     let mean = seen.iter().map(|(_, volts)| volts).sum::<f64>() / n;
     let line = pigtail_numerics::line::Line::through(seen.iter().copied());
