@@ -139,7 +139,7 @@ impl Fit {
             .iter()
             .map(|(k, seen, middle)| Self::turn(&at, *k, seen, middle).1)
             .collect();
-        let squares: f64 = left.iter().map(|left| left.norm_squared()).sum();
+        let squares: f64 = left.iter().map(Vector2::norm_squared).sum();
         let told = 2.0 - prior * (covariance[(4, 4)] + covariance[(5, 5)]);
         let free = (2.0 * n - 4.0 - told).max(1.0);
         let after: f64 = left.windows(2).map(|two| two[0].dot(&two[1])).sum();

@@ -178,22 +178,7 @@ impl ConicalScan<'_> {
             // A peak is that of the middle of its turn; the circle is left a turn later.
             let noise = peak.deviation;
             let last = peak;
-            let mut beyond_noise = false;
-            let [x, y] = if self.wary {
-                let answer = Answer::of(&seen, &middles, noise);
-                if let Some(why) = answer.is_foreign() {
-                    return Err(Outcome::BenchFailed { why }.into());
-                }
-                // What scatters for another reason than noise may be slow, and is watched for longer.
-                let free = 2.0 * seen.len() as f64 - 4.0;
-                beyond_noise = answer.scatter
-                    > noise * noise * (1.0 + CHANCE * (2.0 / free).sqrt())
-                    && seen.len() < WATCHED;
-                Ahead::answered(&answer, seen.len())
-            } else {
-                [|peak: &Peak| peak.at.x, |peak: &Peak| peak.at.y]
-                    .map(|of| Ahead::of(&seen, of, noise))
-            };
+            let ([x, y], unsettled) = self.foresee(&seen, &middles, noise)?;
             peak.at = Displacement::new(x.at, y.at);
             peak.deviation = x.deviation.max(y.deviation);
             self.drift = Displacement::new(x.slope, y.slope);
@@ -221,7 +206,7 @@ impl ConicalScan<'_> {
             self.around
                 .extend(self.readings.iter().map(|r| (r.at - self.centre, r.volts)));
             let long = seen.len() >= 2 * self.shape.turns as usize;
-            let ready = || !beyond_noise && ready();
+            let ready = || !unsettled && ready();
             if deviation < accuracy && (together < TOGETHER * accuracy || long) && ready() {
                 return Ok(peak);
             }
@@ -231,6 +216,28 @@ impl ConicalScan<'_> {
             return Ok(best);
         }
         Err(undecided(misfit, (deviation, accuracy)).into())
+    }
+
+    /// Where peaks lead, in x and in y, and whether they scatter by more than `noise` (metres), and not for long enough yet: what makes them may be
+    /// slow.
+    fn foresee(
+        &self,
+        seen: &[Peak],
+        middles: &[Displacement],
+        noise: f64,
+    ) -> Result<([Ahead; 2], bool), Outcome> {
+        if !self.wary {
+            let of = [|peak: &Peak| peak.at.x, |peak: &Peak| peak.at.y];
+            return Ok((of.map(|of| Ahead::of(seen, of, noise)), false));
+        }
+        let answer = Answer::of(seen, middles, noise);
+        if let Some(why) = answer.is_foreign() {
+            return Err(Outcome::BenchFailed { why });
+        }
+        let free = 2.0 * seen.len() as f64 - 4.0;
+        let most = noise * noise * (1.0 + CHANCE * (2.0 / free).sqrt());
+        let unsettled = answer.scatter > most && seen.len() < WATCHED;
+        Ok((Ahead::answered(&answer, seen.len()), unsettled))
     }
 
     /// Takes in by how much two peaks of turns that follow each other differ in their light.

@@ -65,208 +65,51 @@ impl Default for Make {
     }
 }
 
+/// The usual make, changed.
+fn with(change: impl Fn(&mut Make)) -> Make {
+    let mut make = Make::default();
+    change(&mut make);
+    make
+}
+
 /// The makes that are tried.
 pub(crate) fn makes() -> Vec<(&'static str, Make)> {
-    let usual = Make::default;
     vec![
-        ("usual", usual()),
-        (
-            "no noise",
-            Make {
-                white: 0.0,
-                ..usual()
-            },
-        ),
-        (
-            "little noise",
-            Make {
-                white: 2e-4,
-                ..usual()
-            },
-        ),
-        (
-            "noisy",
-            Make {
-                white: 1e-2,
-                ..usual()
-            },
-        ),
-        (
-            "very noisy",
-            Make {
-                white: 4e-2,
-                ..usual()
-            },
-        ),
-        (
-            "1000 samples a second",
-            Make {
-                rate: 1000.0,
-                ..usual()
-            },
-        ),
-        (
-            "50 samples a second",
-            Make {
-                rate: 50.0,
-                ..usual()
-            },
-        ),
-        (
-            "circles of 2 Hz",
-            Make {
-                bandwidth: 2.0,
-                ..usual()
-            },
-        ),
-        (
-            "wider by a fifth",
-            Make {
-                width: [5.04e-6; 2],
-                ..usual()
-            },
-        ),
-        (
-            "narrower by a fifth",
-            Make {
-                width: [3.36e-6; 2],
-                ..usual()
-            },
-        ),
-        (
-            "oblong",
-            Make {
-                width: [4.6e-6, 3.8e-6],
-                ..usual()
-            },
-        ),
-        (
-            "coloured, 10 ms",
-            Make {
-                coloured: (2e-3, 0.01),
-                ..usual()
-            },
-        ),
-        (
-            "coloured, 50 ms",
-            Make {
-                coloured: (2e-3, 0.05),
-                ..usual()
-            },
-        ),
-        (
-            "coloured, 300 ms",
-            Make {
-                coloured: (5e-3, 0.3),
-                ..usual()
-            },
-        ),
-        (
-            "flicker, 100 ms",
-            Make {
-                flicker: (5e-3, 0.1),
-                ..usual()
-            },
-        ),
-        (
-            "flicker, 1 s",
-            Make {
-                flicker: (2e-2, 1.0),
-                ..usual()
-            },
-        ),
-        (
-            "hum",
-            Make {
-                hum: (5e-3, 47.3),
-                ..usual()
-            },
-        ),
-        (
-            "hum near the circle's rate",
-            Make {
-                hum: (5e-3, 19.0),
-                ..usual()
-            },
-        ),
-        (
-            "coarse steps",
-            Make {
-                step: 5e-3,
-                ..usual()
-            },
-        ),
-        (
-            "lag, told",
-            Make {
-                lag: (8e-3, 8e-3),
-                ..usual()
-            },
-        ),
-        (
-            "lag, told wrongly by 3 ms",
-            Make {
-                lag: (5e-3, 8e-3),
-                ..usual()
-            },
-        ),
-        (
-            "lag, not told, 6 ms",
-            Make {
-                lag: (0.0, 6e-3),
-                ..usual()
-            },
-        ),
-        (
-            "follows in 10 ms",
-            Make {
-                follows: 0.01,
-                ..usual()
-            },
-        ),
-        (
-            "sensor 20 nm",
-            Make {
-                sensor: 20e-9,
-                ..usual()
-            },
-        ),
-        (
-            "sensor's step 50 nm",
-            Make {
-                sensor_step: 50e-9,
-                ..usual()
-            },
-        ),
-        (
-            "shakes 20 nm, 5 ms",
-            Make {
-                shakes: (20e-9, 0.005),
-                ..usual()
-            },
-        ),
-        (
-            "shakes 20 nm, 200 ms",
-            Make {
-                shakes: (20e-9, 0.2),
-                ..usual()
-            },
-        ),
+        ("usual", Make::default()),
+        ("no noise", with(|m| m.white = 0.0)),
+        ("little noise", with(|m| m.white = 2e-4)),
+        ("noisy", with(|m| m.white = 1e-2)),
+        ("very noisy", with(|m| m.white = 4e-2)),
+        ("1000 samples a second", with(|m| m.rate = 1000.0)),
+        ("50 samples a second", with(|m| m.rate = 50.0)),
+        ("circles of 2 Hz", with(|m| m.bandwidth = 2.0)),
+        ("wider by a fifth", with(|m| m.width = [5.04e-6; 2])),
+        ("narrower by a fifth", with(|m| m.width = [3.36e-6; 2])),
+        ("oblong", with(|m| m.width = [4.6e-6, 3.8e-6])),
+        ("coloured, 10 ms", with(|m| m.coloured = (2e-3, 0.01))),
+        ("coloured, 50 ms", with(|m| m.coloured = (2e-3, 0.05))),
+        ("coloured, 300 ms", with(|m| m.coloured = (5e-3, 0.3))),
+        ("flicker, 100 ms", with(|m| m.flicker = (5e-3, 0.1))),
+        ("flicker, 1 s", with(|m| m.flicker = (2e-2, 1.0))),
+        ("hum", with(|m| m.hum = (5e-3, 47.3))),
+        ("hum near the circle's rate", with(|m| m.hum = (5e-3, 19.0))),
+        ("coarse steps", with(|m| m.step = 5e-3)),
+        ("lag, told", with(|m| m.lag = (8e-3, 8e-3))),
+        ("lag, told wrongly by 3 ms", with(|m| m.lag = (5e-3, 8e-3))),
+        ("lag, not told, 6 ms", with(|m| m.lag = (0.0, 6e-3))),
+        ("follows in 10 ms", with(|m| m.follows = 0.01)),
+        ("sensor 20 nm", with(|m| m.sensor = 20e-9)),
+        ("sensor's step 50 nm", with(|m| m.sensor_step = 50e-9)),
+        ("shakes 20 nm, 5 ms", with(|m| m.shakes = (20e-9, 0.005))),
+        ("shakes 20 nm, 200 ms", with(|m| m.shakes = (20e-9, 0.2))),
         (
             "filter of 10 ms",
-            Make {
-                filter: 0.01,
-                lag: (0.01, 0.0),
-                ..usual()
-            },
+            with(|m| {
+                m.filter = 0.01;
+                m.lag = (0.01, 0.0);
+            }),
         ),
-        (
-            "drift 50 nm/s",
-            Make {
-                drift: 50e-9,
-                ..usual()
-            },
-        ),
+        ("drift 50 nm/s", with(|m| m.drift = 50e-9)),
     ]
 }
 
@@ -486,7 +329,7 @@ impl Foreign {
         self.filtered = light + (self.filtered - light) * keeps;
         let colour = self.colour.step(self.make.coloured, TICK, &mut self.rng);
         let every = (1.0 / self.make.rate / TICK).round() as u64;
-        if self.tick % every != 0 {
+        if !self.tick.is_multiple_of(every) {
             return None;
         }
         let hum = self.make.hum.0 * (TAU * (self.make.hum.1 * self.now + self.hum)).sin();
