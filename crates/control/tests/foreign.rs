@@ -44,6 +44,10 @@ impl Came {
         within as f64 / self.errors.len() as f64
     }
 
+    #[allow(
+        clippy::print_stdout,
+        reason = "what `--nocapture` shows are the book's figures"
+    )]
     fn print(&self, name: &str) {
         let n = self.beside_nm.len();
         if n == 0 {

@@ -71,6 +71,8 @@ pub fn scan(scan: &Scan, trial: &Trial) -> Result<String> {
 
 /// What a person should know of the readings.
 pub fn notes(document: &MapDocument) -> Vec<String> {
+    /// Lines that differ by less, percent, are no more than shapes are unlike.
+    const NOTICEABLE: f64 = 3.0;
     let mut notes = Vec::new();
     let level = document.fold_level.map_or_else(String::new, |level| {
         format!("{level} {}", document.power_unit)
@@ -105,8 +107,6 @@ pub fn notes(document: &MapDocument) -> Vec<String> {
              it is scanned, which no map tells from a peak elsewhere."
         ));
     }
-    // Rows that differ by less are no more than shapes are unlike.
-    const NOTICEABLE: f64 = 3.0;
     if let Some(light) = document.unsteady_light_percent
         && light > NOTICEABLE
     {

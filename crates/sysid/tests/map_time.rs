@@ -73,14 +73,11 @@ impl Map {
     }
 }
 
-fn families() -> Vec<(&'static str, Map)> {
+/// The light changed.
+fn lights() -> Vec<(&'static str, Map)> {
     let usual = Map::default;
     let light = |of: fn(f64, usize) -> f64| Map {
         light: Box::new(of),
-        ..usual()
-    };
-    let place = |of: fn(f64, usize) -> Displacement| Map {
-        place: Box::new(of),
         ..usual()
     };
     vec![
@@ -167,6 +164,17 @@ fn families() -> Vec<(&'static str, Map)> {
             "rows differ by a tenth",
             light(|_, row| 1.0 + 0.1 * ((row * 7919) as f64).sin()),
         ),
+    ]
+}
+
+/// Places were not reached as they are said to be.
+fn places() -> Vec<(&'static str, Map)> {
+    let usual = Map::default;
+    let place = |of: fn(f64, usize) -> Displacement| Map {
+        place: Box::new(of),
+        ..usual()
+    };
+    vec![
         (
             "backlash of 0.2 widths",
             Map {
@@ -200,7 +208,7 @@ fn truth(name: &str, map: &Map, peak: Displacement) -> Displacement {
 
 #[test]
 fn what_changed_during_a_scan_leaves_no_peak_believed_elsewhere() {
-    for (name, map) in families() {
+    for (name, map) in lights().into_iter().chain(places()) {
         let (mut refused, mut most, mut far, mut said) = (0, 0.0_f64, 0.0_f64, 0.0);
         for seed in 3000..3012 {
             let mut rng = Pcg64::seed_from_u64(seed);
