@@ -103,7 +103,7 @@ pub fn notes(document: &MapDocument) -> Vec<String> {
     if let Some(by) = document.deviation_by_readings_um {
         let unit = document.place_unit;
         notes.push(format!(
-            "By its readings alone the peak of the whole map is known to {by} {unit}; what is said allows for light that changes by a quarter while \
+            "By its readings alone the peak of the whole map is known to {by:.4} {unit}; what is said allows for light that changes by a quarter while \
              it is scanned, which no map tells from a peak elsewhere."
         ));
     }
