@@ -1,12 +1,13 @@
 """The leaderboard's learner: the policy that ``train_learner.py`` trained on ``pigtail/Peak-v0``, by numpy alone.
 
-It plays steps of the environment for two seconds, goes to the mean of where it was in the second of them, and says that this is the
+It plays steps of the environment for two seconds, goes to the mean of where it was in the last second of them, and says that this is the
 peak where there is light and it is within reach.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,8 +20,8 @@ import pigtail.gym as gym
 from pigtail.bench import Line, Pose
 
 POLICY = Path(__file__).with_name("learner.npz")
-REMEMBERED, SHOWN, CLOCK = 17, 4, 8
-"""Steps that the plane is fitted to, that are seen as they are, and of a turn of the clock."""
+REMEMBERED, CLOCK, SAID = 17, 8, 96
+"""Steps that the peak is fitted to, of a turn of the clock, and whose mean is said in the end."""
 
 Floats = NDArray[np.float32]
 if TYPE_CHECKING:
@@ -30,32 +31,35 @@ else:
 
 
 class Relative(_Wrapper):
-    """What does not depend on how bright the peak is, nor on where: the last places from where it is now, the logarithm of their
-    light over that of now, how far it still has to go, how far the peak would be by the slope of a plane through them, and a
-    clock to circle by. The reward is how the logarithm of the light grows, less what is missing to the brightest so far."""
+    """What does not depend on how bright the peak is, nor on where: where the peak would be from here by the last readings, and how well
+    those tell it; where the last turn's mean was; how far it still has to go; the last move; and a clock to circle by. The logarithm
+    of a Gaussian whose width is known is a parabola whose place is found by linear regression, if the readings lie around
+    something: light at one place tells nothing of where the peak is, so an agent has to move in order to see.
 
-    def __init__(self, env: Any) -> None:
+    Args:
+        env: An environment of the task Peak.
+        reward: What a step is worth; what the environment says if not given. It is for training: a policy never sees it.
+    """
+
+    def __init__(self, env: Any, reward: Callable[[Any], float] | None = None) -> None:
         super().__init__(env)
-        wide = np.full(3 * SHOWN + 6, 20.0, dtype=np.float32)
+        wide = np.full(14, 20.0, dtype=np.float32)
         self.observation_space = gymnasium.spaces.Box(-wide, wide, dtype=np.float32)
         task, rig = env.unwrapped.task, env.unwrapped.rig
-        self._width_um = rig.width_um(1e6 * task.gap_m(rig))
+        self._width_um, self._worth = rig.width_um(1e6 * task.gap_m(rig)), reward
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Floats, dict[str, Any]]:
         seen, info = self.env.reset(seed=seed, options=options)
         self._dark_v, self._steps = info["dark_v"], 0
-        self._past = deque([self._row(seen)] * REMEMBERED, maxlen=REMEMBERED)
-        self._best = self._past[-1][2]
+        self._past = deque([self._row(seen)] * (REMEMBERED + 1), maxlen=REMEMBERED + 1)
         return self._features(seen), info
 
     def step(self, action: Floats) -> tuple[Floats, float, bool, bool, dict[str, Any]]:
-        seen, _, terminated, truncated, info = self.env.step(action)
-        before, now = self._past[-1][2], self._row(seen)
-        self._past.append(now)
+        seen, reward, terminated, truncated, info = self.env.step(action)
+        self._past.append(self._row(seen))
         self._steps += 1
-        self._best = max(self._best, now[2])
-        reward = 5.0 * (now[2] - before) + 2.0 * (now[2] - self._best)
-        return self._features(seen), reward, terminated, truncated, info
+        worth = float(reward) if self._worth is None else self._worth(self.env.unwrapped)
+        return self._features(seen), worth, terminated, truncated, info
 
     def _row(self, seen: Floats) -> tuple[float, float, float]:
         light = max(float(seen[0]) - self._dark_v, 2e-4)
@@ -64,16 +68,24 @@ class Relative(_Wrapper):
     def _features(self, seen: Floats) -> Floats:
         past = np.array(self._past)
         # A sample is heard of some milliseconds after it was taken, on the way.
-        places, levels = 0.5 * (past[1:, :2] + past[:-1, :2]), past[1:, 2]
-        about, level = places - places.mean(axis=0), levels - levels.mean()
-        slope = np.linalg.solve(about.T @ about + 0.05 * np.eye(2), about.T @ level)
-        # The logarithm of a Gaussian is a parabola.
-        to_peak = np.clip(0.5 * self._width_um**2 * slope, -10.0, 10.0) / 3.0
-        from_now = past[-SHOWN - 1 : -1] - past[-1]
-        from_now[:, 2] = np.arcsinh(200.0 * from_now[:, 2]) / 3.0
+        places, levels = 0.5 * (past[1:, :2] + past[:-1, :2]) - past[-1, :2], past[1:, 2]
+        # ln(light) + |place|^2 / w^2 = constant + 2 place . peak / w^2
+        square = self._width_um**2
+        bowl = levels + (places**2).sum(axis=1) / square
+        mean = places.mean(axis=0)
+        about = 2.0 * (places - mean) / square
+        information = about.T @ about
+        # So little that only readings at one place are held to it: their peak is where they are.
+        ridge = 1e-4 * np.eye(2)
+        peak = mean + np.linalg.solve(information + ridge, about.T @ (bowl - bowl.mean()) - information @ mean)
+        told = np.log10(np.diag(information) + 1e-5) + 2.0
+        turn = past[-CLOCK:, :2].mean(axis=0) - past[-1, :2]
         clock = 2.0 * np.pi * self._steps / CLOCK
         circle = [np.cos(clock), np.sin(clock)]
-        return np.concatenate([from_now.ravel(), seen[1:3] - seen[3:5], to_peak, circle]).astype(np.float32)
+        moved = past[-1, :2] - past[-2, :2]
+        near = 4.0 * (peak - turn)
+        of = [np.clip(peak, -10.0, 10.0) / 2.0, np.clip(near, -3.0, 3.0), told, turn, seen[1:3] - seen[3:5], moved, circle]
+        return np.concatenate(of).astype(np.float32)
 
 
 class Policy:
@@ -93,7 +105,7 @@ class Policy:
 
 
 class Learner:
-    """learned by PPO (stable-baselines3) on pigtail/Peak-v0: two seconds of its steps, and the mean of the second of them"""
+    """learned by PPO (stable-baselines3) on pigtail/Peak-v0: two seconds of its steps, and the mean of the last of them"""
 
     def __init__(self, path: Path = POLICY, steps: int = 200) -> None:
         self._policy, self._steps = Policy(path), steps
@@ -109,7 +121,7 @@ class Learner:
             if over or out_of_time or at is None:
                 return False
             places.append(at.pose.xyz_um[:2])
-        x, y = np.mean(places[len(places) // 2 :], axis=0)
+        x, y = np.mean(places[-SAID:], axis=0)
         bench.until(bench.play(bench.caps.group("right.fine"), Line(Pose.um(float(x), float(y)))))
         light = bench.light(rig.meters[0]).volts[rig.meters[0]] - info["dark_v"]
         return bool(light > 0.005 and max(abs(x), abs(y)) < 9.7)

@@ -215,9 +215,9 @@ def test_the_script_of_the_learner_trains_what_is_played(tmp_path: Path) -> None
     done = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     head, *rows = (tmp_path / "learner.csv").read_text().splitlines()
-    assert head == "steps,light_v,processor_s"
+    assert head == "steps,light_v,beside_um,processor_s" and rows
     policy = importlib.import_module("learner").Policy(tmp_path / "learner.npz")
     kept = importlib.import_module("learner").Policy()
-    seen = np.zeros(18, dtype=np.float32)
+    seen = np.zeros(14, dtype=np.float32)
     assert policy(seen).shape == kept(seen).shape == (2,)
     assert not np.array_equal(policy(seen), kept(seen))

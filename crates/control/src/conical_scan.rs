@@ -5,6 +5,7 @@
 //! brighter on the peak's side, says where the peak is, by a fit of a Gaussian of known width.
 //! What the micro lags behind is the same all around the circle.
 
+mod answer;
 mod last;
 mod piezos;
 mod told;
@@ -120,6 +121,8 @@ pub struct ConicalScan<'r> {
     /// By how much the light itself differs from one turn to the next, of its own, squared: the sum of what was seen, less its noise, and
     /// how often.
     flickers: (f64, f64),
+    /// Whether it is a group of which nobody has measured how it follows circles, and a spot that nobody has measured.
+    wary: bool,
     /// Light of the last turn that found the peak, from the circle's middle.
     around: Vec<(Displacement, f64)>,
 }
@@ -185,6 +188,7 @@ impl<'r> ConicalScan<'r> {
             drift: Displacement::ZERO,
             surely: Displacement::ZERO,
             flickers: (0.0, 0.0),
+            wary: false,
             around: Vec::with_capacity(64),
         }
     }
@@ -192,6 +196,13 @@ impl<'r> ConicalScan<'r> {
     /// How the tip shakes, by all turns near the peak.
     pub fn shaking(&self) -> Shaking {
         self.shaking
+    }
+
+    /// The same on a bench that says itself how it follows: ways from one circle to another are waited for before anything counts, and
+    /// what was seen from aside counts little.
+    #[must_use]
+    pub fn wary(self) -> Self {
+        Self { wary: true, ..self }
     }
 
     /// What measures the light.
@@ -202,6 +213,11 @@ impl<'r> ConicalScan<'r> {
     /// Time of a turn, seconds.
     pub fn period(&self) -> f64 {
         self.period
+    }
+
+    /// Samples of a turn.
+    pub fn samples(&self) -> usize {
+        self.most
     }
 
     /// Standard deviation of its samples, volts.

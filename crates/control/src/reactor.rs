@@ -349,12 +349,12 @@ impl<'b> Reactor<'b> {
         }
     }
 
-    /// Mean of so many samples of a meter (two or more), and their standard deviation about a straight line in time, volts.
+    /// So many samples of a meter from now on: their times, seconds, and volts.
     ///
     /// # Errors
     ///
     /// The bench's fault; [`Outcome::BenchFailed`] where the meter is silent.
-    pub async fn look(&self, meter: usize, samples: usize) -> Result<(f64, f64), Halt> {
+    pub async fn samples(&self, meter: usize, samples: usize) -> Result<Vec<(f64, f64)>, Halt> {
         let mut seen: Vec<(f64, f64)> = Vec::with_capacity(samples);
         let rate = self.caps().channels[meter].rate;
         let end = self.now() + LONGEST + 10.0 * samples as f64 / rate;
@@ -368,6 +368,16 @@ impl<'b> Reactor<'b> {
                 None => {}
             }
         }
+        Ok(seen)
+    }
+
+    /// Mean of so many samples of a meter (two or more), and their standard deviation about a straight line in time, volts.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::samples`].
+    pub async fn look(&self, meter: usize, samples: usize) -> Result<(f64, f64), Halt> {
+        let seen = self.samples(meter, samples).await?;
         let n = seen.len() as f64;
         let mean = seen.iter().map(|(_, volts)| volts).sum::<f64>() / n;
         let line = Line::through(seen.iter().copied());

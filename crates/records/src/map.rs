@@ -193,6 +193,14 @@ pub struct MapDocument {
     /// Whether that peak leaves nothing but noise. Where not, the light has another shape, or was
     /// folded in a way that was not recognised; `null` without a peak.
     pub only_noise_left: Option<bool>,
+    /// How well the place by all readings would be known if nothing had changed while they were taken, micrometres. What is said of a peak
+    /// allows for light that changes by a quarter over the scan, unseen, and for what is seen:
+    pub deviation_by_readings_um: Option<f64>,
+    /// By how much the light of rows differs beside that of columns or the other way round, rms, percent of the peak; `null`
+    /// without a peak...
+    pub unsteady_light_percent: Option<f64>,
+    /// ...and how far aside of each other they are, rms, micrometres.
+    pub unsteady_aside_um: Option<f64>,
     /// Standard deviation of a reading from that peak, in `power_unit`.
     pub noise: Option<f64>,
     /// Distance of neighbours, micrometres.
@@ -214,7 +222,7 @@ pub struct Peak {
     pub x_um: f64,
     /// Up.
     pub y_um: f64,
-    /// Standard deviation of the place in the worse direction, micrometres; of the peak by the readings used no less
+    /// Standard deviation of the place in the worse direction, micrometres, with what may have changed while it was scanned; of the peak by the readings used no less
     /// than its distance from the one by all readings.
     pub deviation_um: f64,
     /// Power at the peak, the background included.
@@ -681,7 +689,7 @@ pub fn try_on(map: &str, read: &Map, start: Option<Displacement>, accuracy: Opti
     let peak = |looked: &Looked| {
         looked.peak.map(|shape| {
             let off = all.map_or(0.0, |all| (shape.at - all.peak.at).norm());
-            let own = looked.deviation.max(all.map_or(0.0, |all| all.deviation));
+            let own = looked.deviation.max(all.map_or(0.0, Examined::known));
             Peak::of(&shape, own.max(off))
         })
     };
@@ -693,13 +701,16 @@ pub fn try_on(map: &str, read: &Map, start: Option<Displacement>, accuracy: Opti
         readings_used: looked.as_ref().map_or(0, |l| l.taken.len()),
         readings_to_first_light: looked.as_ref().and_then(|l| l.first_light),
         peak: looked.as_ref().and_then(peak),
-        whole_map: all.map(|all| Peak::of(&all.peak, all.deviation)),
+        whole_map: all.map(|all| Peak::of(&all.peak, all.known())),
         fold: all.map(|all| all.fold.name()),
         fold_level: all.and_then(|all| all.fold.level()).map(digits),
         folded_readings: all.map_or(0, |all| all.folded),
         readings_apart: all.map_or(0, |all| all.apart),
         explained_percent: all.map(|all| rounded(100.0 * all.explained, 0.01)),
         only_noise_left: all.map(|all| all.only_noise_left),
+        deviation_by_readings_um: all.map(|all| digits(all.deviation * 1e6)),
+        unsteady_light_percent: all.map(|all| rounded(100.0 * all.unsteady.light, 0.01)),
+        unsteady_aside_um: all.map(|all| digits(all.unsteady.aside * 1e6)),
         noise: all.map(|all| digits(all.noise)),
         spacing_um: rounded(scan.spacing() * 1e6, 1e-4),
         power_unit: read.power.linear_name(),

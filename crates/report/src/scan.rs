@@ -71,6 +71,8 @@ pub fn scan(scan: &Scan, trial: &Trial) -> Result<String> {
 
 /// What a person should know of the readings.
 pub fn notes(document: &MapDocument) -> Vec<String> {
+    /// Lines that differ by less, percent, are no more than shapes are unlike.
+    const NOTICEABLE: f64 = 3.0;
     let mut notes = Vec::new();
     let level = document.fold_level.map_or_else(String::new, |level| {
         format!("{level} {}", document.power_unit)
@@ -97,6 +99,21 @@ pub fn notes(document: &MapDocument) -> Vec<String> {
         n => notes.push(format!(
             "{n} readings stand apart from their neighbours and are left out."
         )),
+    }
+    if let Some(by) = document.deviation_by_readings_um {
+        let unit = document.place_unit;
+        notes.push(format!(
+            "By its readings alone the peak of the whole map is known to {by:.4} {unit}; what is said allows for light that changes by a quarter while \
+             it is scanned, which no map tells from a peak elsewhere."
+        ));
+    }
+    if let Some(light) = document.unsteady_light_percent
+        && light > NOTICEABLE
+    {
+        notes.push(format!(
+            "Rows and columns do not fit each other: light differs by {light:.0} % from line to line, as a laser that wanders or a stage that slips \
+             makes it; what is said allows for that."
+        ));
     }
     if let (Some(false), Some(share)) = (document.only_noise_left, document.explained_percent) {
         notes.push(format!(

@@ -12,6 +12,8 @@ use crate::still_there::Foreseen;
 use pigtail_hal::Bench;
 use pigtail_hal::bench::{Degree, Group, Meter};
 use pigtail_model::frames::Displacement;
+use pigtail_numerics::line::Line;
+use std::f64::consts::TAU;
 
 /// Where a peak was found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,6 +28,15 @@ pub struct Found {
 
 /// How well a peak is to be known, in widths, where the recipe's accuracy is finer.
 const KNOWN: f64 = 0.03;
+
+/// Turns around the peak, at least: fewer do not tell how they scatter.
+const TURNS: f64 = 8.0;
+
+/// Turns for which the light is watched at rest, at least.
+const LOOKED_AT: usize = 4;
+
+/// What is the same in turns that follow each other makes a line through their peaks lead this much farther aside.
+const LEADS: f64 = 1.5;
 
 /// Brings a group to the light's peak on circles, and to rest there: the same as the alignment does at a gap.
 ///
@@ -79,26 +90,30 @@ async fn climb(
         still_degrees: f64::INFINITY,
     };
     let shape = &recipe.fast.conical_scan;
-    let still = Displacement::ZERO;
-    let mut scan = ConicalScan::new(watch, beam, shape, bench, (at, gap), still, None);
+    let settling = bench.caps().groups[group.0].settling;
+    let walk = Displacement::ZERO;
+    let mut scan = ConicalScan::new(watch, beam, shape, bench, (at, gap), walk, None).wary();
     let radius = circles(bench, group, beam.width(gap), shape.radius);
-    let noise = async |samples: usize| -> Result<(f64, f64), Halt> {
-        let (_, sigma) = bench.look(meter.0, samples).await?;
-        Ok((sigma.max(dark.sigma), samples as f64 - 2.0))
-    };
-    let (sigma, degrees) = noise(LOOK).await?;
-    scan.set_noise(sigma, degrees);
+    let (_, sigma) = bench.look(meter.0, LOOK).await?;
+    scan.set_noise(sigma.max(dark.sigma), LOOK as f64 - 2.0);
     scan.set_radius(radius);
     let near = scan
         .centre(bench, gap, NEAR * beam.width(gap), "centre", 1)
         .await;
     scan.rest(bench, gap).await?;
     near?;
-    let (sigma, degrees) = noise(STEADY).await?;
-    scan.set_noise(sigma, degrees);
+    // What is heard first is light of the way to rest, by as much as a meter's filter remembers.
+    bench.wait(scan.period() + settling).await?;
+    let still = Still::of(bench, meter, scan.period()).await?;
+    let noise = still.sigma.max(dark.sigma);
+    scan.set_noise(noise, still.degrees);
     scan.set_radius(radius);
     let accuracy = recipe.fast.accuracy.max(KNOWN * beam.width(gap));
-    let last = match scan.settle(bench, gap, accuracy, "final", &|| true).await {
+    let long = bench.now() + TURNS * scan.period();
+    let last = match scan
+        .settle(bench, gap, accuracy, "final", &|| bench.is_past(long))
+        .await
+    {
         Ok(peak) => scan.confirm(bench, gap, &peak, "final").await,
         Err(halt) => Err(halt),
     };
@@ -108,11 +123,65 @@ async fn climb(
     }
     let (Foreseen { level: light, .. }, known) = last?;
     let place = scan.place(gap);
+    // By how much a turn's peak is off for a volt that swings along with it.
+    let volt = beam.width(gap) / (2.0 * radius * (-radius * radius).exp() * light);
+    // A pose is no better than its steps, which are the same on every turn.
+    let axes = bench.caps().groups[group.0].axes;
+    let step =
+        [Degree::X, Degree::Y].map(|of| axes[of.index()].map_or(0.0, |axis| axis.resolution));
+    let steps = step[0].max(step[1]) / (6.0 * scan.samples() as f64).sqrt();
+    let known = known.sigma.hypot(known.bound / 3.0_f64.sqrt());
     Ok(Found {
         at: [place.x, place.y],
-        deviation: known.sigma,
+        deviation: known.hypot(LEADS * still.hum * volt).hypot(steps),
         light,
     })
+}
+
+/// The light of a fiber that stands still at its peak.
+struct Still {
+    /// Standard deviation of a sample, volts.
+    sigma: f64,
+    /// By how many degrees of freedom that is known.
+    degrees: f64,
+    /// Amplitude, in x and in y, that a turn makes of what swings at about its own rate beyond chance, volts: turns that follow each other
+    /// see much the same of it, so it is no less in their mean.
+    hum: f64,
+}
+
+impl Still {
+    /// By samples of some turns of a period, seconds.
+    async fn of(bench: &Reactor<'_>, meter: Meter, period: f64) -> Result<Self, Halt> {
+        /// Standard deviations that noise of one colour is above its mean by chance.
+        const CHANCE: f64 = 2.0;
+        let rate = bench.caps().channels[meter.0].rate;
+        let turn = (period * rate).round().max(4.0) as usize;
+        let seen = bench.samples(meter.0, STEADY.max(LOOKED_AT * turn)).await?;
+        let line = Line::through(seen.iter().copied());
+        let left: Vec<_> = seen.iter().map(|(t, v)| (*t, line.left(*t, *v))).collect();
+        let degrees = left.len() as f64 - 2.0;
+        let variance = left.iter().map(|(_, left)| left * left).sum::<f64>() / degrees;
+        let turns = left.chunks_exact(turn).map(|turn| {
+            let part = |of: fn(f64) -> f64| -> f64 {
+                let each = turn.iter().map(|(t, left)| left * of(TAU * t / period));
+                each.sum::<f64>()
+            };
+            (part(f64::cos).powi(2) + part(f64::sin).powi(2)) / turn.len() as f64
+        });
+        let n = turns.len() as f64;
+        let at_rate = turns.sum::<f64>() / n;
+        let chance = variance * (1.0 + CHANCE / n.sqrt());
+        let beyond = if at_rate > chance {
+            at_rate - variance
+        } else {
+            0.0
+        };
+        Ok(Self {
+            sigma: variance.sqrt(),
+            degrees,
+            hum: (2.0 * beyond / turn as f64).sqrt(),
+        })
+    }
 }
 
 /// Radius of circles of a group, in widths: the one that is wanted, or as much as its range has.

@@ -220,7 +220,7 @@ impl<'d> Fiber<'d> {
         let still = Displacement::ZERO;
         // The coarse group goes along the beam: no peak walks for the fine one.
         let start = (at, self.gap);
-        let scan = ConicalScan::new(watch, self.beam, shape, bench, start, still, None);
+        let scan = ConicalScan::new(watch, self.beam, shape, bench, start, still, None).wary();
         self.scan = Some(scan);
     }
 

@@ -1,5 +1,6 @@
 //! The last turns at the chip: the peak as it will be, a look at it from near, and the way to rest.
 
+use super::answer::Answer;
 use super::told::FORGETS;
 use super::{ConicalScan, Gap, NEAR, NEARBY, SHRINK, SIGNIFICANT};
 use crate::beam::{Peak, Reading};
@@ -76,6 +77,9 @@ const CREEP: f64 = 15e-9;
 /// to move, where that takes longer than a turn.
 const UNFORESEEN: f64 = 0.3;
 
+/// Turns for which a peak is watched that scatters by more than noise.
+const WATCHED: usize = 24;
+
 /// Fastest that it may.
 const FASTEST: f64 = 5.0 * CREEP;
 
@@ -114,8 +118,13 @@ impl ConicalScan<'_> {
             level,
             expected,
         };
-        let (mut dark, mut deviation, mut off, mut best) = (0, f64::INFINITY, 0.0, None);
+        let (mut dark, mut deviation, mut misfit, mut best) = (0, f64::INFINITY, 0.0, None);
         let mut seen: Vec<Peak> = Vec::with_capacity(self.shape.turns as usize);
+        let mut middles: Vec<Displacement> = Vec::new();
+        if self.wary && self.played.is_some_and(|(_, law)| law.radius.to == 0.0) {
+            // The way from rest to the circle is no part of it.
+            self.turn(bench, gap).await?;
+        }
         for _ in 0..MOST_TURNS * self.shape.turns {
             self.turn(bench, gap).await?;
             let peak = self.peak();
@@ -127,8 +136,8 @@ impl ConicalScan<'_> {
                 }
                 continue;
             };
-            let way = (peak.at - self.centre).norm();
-            if way > NEAR * self.beam.width(gap) {
+            let off = peak.at - self.centre;
+            if off.norm() > NEAR * self.beam.width(gap) {
                 // Not there yet: what was seen from there does not count.
                 seen.clear();
                 best = None;
@@ -143,6 +152,10 @@ impl ConicalScan<'_> {
                 self.flickers(before, &peak);
             }
             seen.push(peak);
+            if self.wary {
+                middles.resize(seen.len() - 1, self.centre);
+                middles.push(self.centre);
+            }
             // What a micro does that does not go where it is told is oblong askew: piezos do not move in x and y.
             let readings: &[Reading] = self.readings.make_contiguous();
             self.beam
@@ -166,8 +179,7 @@ impl ConicalScan<'_> {
             // A peak is that of the middle of its turn; the circle is left a turn later.
             let noise = peak.deviation;
             let last = peak;
-            let x = Ahead::of(&seen, |peak| peak.at.x, noise);
-            let y = Ahead::of(&seen, |peak| peak.at.y, noise);
+            let ([x, y], unsettled) = self.foresee(&seen, &middles, noise)?;
             peak.at = Displacement::new(x.at, y.at);
             peak.deviation = x.deviation.max(y.deviation);
             self.drift = Displacement::new(x.slope, y.slope);
@@ -182,8 +194,8 @@ impl ConicalScan<'_> {
             deviation = peak.deviation;
             // A peak that a circle's middle runs after, or that is no peak's shape, is that of a micro
             // which does not go where it is told.
-            off = self.misfit(&last, gap, 1.0);
-            if slope > self.slower * FASTEST + SIGNIFICANT * noise || off > MISFIT {
+            misfit = self.misfit(&last, gap, 1.0);
+            if slope > self.slower * FASTEST + SIGNIFICANT * noise || misfit > MISFIT {
                 seen.clear();
                 best = None;
                 continue;
@@ -195,6 +207,7 @@ impl ConicalScan<'_> {
             self.around
                 .extend(self.readings.iter().map(|r| (r.at - self.centre, r.volts)));
             let long = seen.len() >= 2 * self.shape.turns as usize;
+            let ready = || !unsettled && ready();
             if deviation < accuracy && (together < TOGETHER * accuracy || long) && ready() {
                 return Ok(peak);
             }
@@ -203,7 +216,29 @@ impl ConicalScan<'_> {
         if let Some(best) = best.filter(|_| deviation < ROUGHLY) {
             return Ok(best);
         }
-        Err(undecided(off, (deviation, accuracy)).into())
+        Err(undecided(misfit, (deviation, accuracy)).into())
+    }
+
+    /// Where peaks lead, in x and in y, and whether they scatter by more than `noise` (metres), and not for long enough yet: what makes them may be
+    /// slow.
+    fn foresee(
+        &self,
+        seen: &[Peak],
+        middles: &[Displacement],
+        noise: f64,
+    ) -> Result<([Ahead; 2], bool), Outcome> {
+        if !self.wary {
+            let of = [|peak: &Peak| peak.at.x, |peak: &Peak| peak.at.y];
+            return Ok((of.map(|of| Ahead::of(seen, of, noise)), false));
+        }
+        let answer = Answer::of(seen, middles, noise);
+        if let Some(why) = answer.is_foreign() {
+            return Err(Outcome::BenchFailed { why });
+        }
+        let free = 2.0 * seen.len() as f64 - 4.0;
+        let most = noise * noise * (1.0 + CHANCE * (2.0 / free).sqrt());
+        let unsettled = answer.scatter > most && seen.len() < WATCHED;
+        Ok((Ahead::answered(&answer, seen.len()), unsettled))
     }
 
     /// Takes in by how much two peaks of turns that follow each other differ in their light.
@@ -238,6 +273,9 @@ impl ConicalScan<'_> {
         phase: &'static str,
     ) -> Result<Near, Halt> {
         self.shrink(bench, gap, radius, SHRINK).await?;
+        if self.wary {
+            self.last_for(bench, Gap::Steady(gap), self.period).await?;
+        }
         // The way to rest makes the micro ring as the way to this circle did, and is this much shorter.
         let shorter = radius / (self.shape.radius - radius);
         let (mut turns, mut before, mut rings, mut led) = (0, f64::INFINITY, false, false);
@@ -469,6 +507,20 @@ struct Ahead {
 }
 
 impl Ahead {
+    /// The same in x and in y by how the turns' peaks answer to where their middles were.
+    fn answered(of: &Answer, turns: usize) -> [Self; 2] {
+        let lever = turns as f64 - 1.0 + AHEAD;
+        let (at, deviation) = of.at(lever);
+        let [x, y] = [(at.x, of.slope.x), (at.y, of.slope.y)];
+        [x, y].map(|(at, slope)| Self {
+            at,
+            deviation,
+            slope,
+            slope_deviation: of.slope_deviation,
+            scatter: of.scatter,
+        })
+    }
+
     /// By the straight line through a coordinate of peaks that are a turn apart. A few peaks may
     /// happen to lie well: they scatter by `noise` (metres) at least.
     fn of(peaks: &[Peak], coordinate: impl Fn(&Peak) -> f64 + Clone, noise: f64) -> Self {

@@ -2,6 +2,8 @@
 
 #![allow(dead_code, reason = "no user of this module uses all of it")]
 
+pub(crate) mod foreign;
+
 use pigtail_control::calibration::{Calibration, WindupBelief, WindupModel};
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, CHANNELS, SIDES};
@@ -92,4 +94,14 @@ impl Machine for Obedient {
     }
 
     fn stop(&mut self) {}
+}
+
+/// The recipe that ships, for the default rig.
+pub(crate) fn recipe() -> pigtail_control::recipe::Recipe {
+    let text = concat!(env!("CARGO_MANIFEST_DIR"), "/../../recipes/y-branch.toml");
+    let text = std::fs::read_to_string(text).expect("the recipe is there");
+    let (spec, rig) = (spec(), read("calibration.toml"));
+    let calibration = Calibration::parse("calibration.toml", &rig, &spec).expect("it is good");
+    pigtail_control::recipe::Recipe::parse("recipe", &text, &spec, &calibration)
+        .expect("it is good")
 }

@@ -2,6 +2,7 @@
 
 use super::fold::{Fold, Folding, SEES, Spread, explain, leaves_noise, left_over, noise_of};
 use super::shape::{Datum, Fit, NUMBERS, Shape, fit};
+use super::unsteady::Unsteady;
 use super::{Reading, Refusal, Scan, surround};
 use std::f64::consts::PI;
 
@@ -10,8 +11,10 @@ use std::f64::consts::PI;
 pub struct Examined {
     /// The peak by all readings.
     pub peak: Shape,
-    /// Standard deviation of its place in the worse direction, metres.
+    /// Standard deviation of its place in the worse direction by the readings, metres.
     pub deviation: f64,
+    /// What changed while it was scanned.
+    pub unsteady: Unsteady,
     /// Standard deviation of a reading from the shape.
     pub noise: f64,
     /// The share of the readings' variance that the shape explains.
@@ -45,6 +48,14 @@ const SEEN: usize = 6;
 const ALONE: usize = 2;
 /// And so many such peaks, one after the other.
 const ALONE_TRIES: usize = 3;
+
+impl Examined {
+    /// Standard deviation of the peak's place in the worse direction, metres: by the readings, and by what may have changed while they
+    /// were taken.
+    pub fn known(&self) -> f64 {
+        self.deviation.hypot(self.unsteady.deviation)
+    }
+}
 
 /// Examines a scan.
 ///
@@ -172,8 +183,11 @@ fn attempt(scan: &Scan, numbered: &[(usize, Datum)]) -> Result<Examined, Refused
     }
     let kept: Vec<Datum> = all.iter().map(|(_, d)| *d).collect();
     let is_folded = |d: &Datum| d.at_least || d.share != 0.0;
+    let unsteady = Unsteady::of(scan, &found, &all, own_noise);
+    surround::sure(&found, &unsteady).map_err(|why| Box::new((why, Some(found.shape))))?;
     Ok(Examined {
         peak: found.shape,
+        unsteady,
         deviation: found
             .deviation(noise)
             .max(surround::apart(&found, &all, fold.is_free(), noise)),

@@ -15,11 +15,13 @@ mod fold;
 mod look;
 mod shape;
 mod surround;
+mod unsteady;
 
 pub use examine::{Examined, examine};
 pub use fold::Fold;
 pub use look::{Look, Looked, look};
 pub use shape::Shape;
+pub use unsteady::Unsteady;
 
 use pigtail_model::frames::Displacement;
 
@@ -199,6 +201,15 @@ pub enum Refusal {
         /// The share of the readings on the light that are.
         share: f64,
     },
+    /// The light or the places changed so much while it was scanned that the peak's place is not told.
+    Unsteady {
+        /// By how much the light of rows differs, rms, as a share of the peak.
+        light: f64,
+        /// How far aside of each other they are, rms, metres.
+        aside: f64,
+        /// How far off the peak may be, metres.
+        deviation: f64,
+    },
     /// There may be a peak, but its place is not told.
     Vague {
         /// Standard deviation of its place, metres.
@@ -218,7 +229,7 @@ impl Refusal {
                 "no_single_peak"
             }
             Self::Saturated { .. } => "saturated",
-            Self::Vague { .. } => "unsure",
+            Self::Vague { .. } | Self::Unsteady { .. } => "unsure",
             Self::TooCoarse { .. } => "too_coarse",
             Self::AtEdge { .. } => "at_edge",
         }
@@ -274,6 +285,18 @@ impl std::fmt::Display for Refusal {
                 "the light is saturated: {:.0} % of the readings on the peak stand at one level, and its middle is \
                  not told by what is left of it; less light or less gain shows it",
                 share * 100.0
+            ),
+            Self::Unsteady {
+                light,
+                aside,
+                deviation,
+            } => write!(
+                f,
+                "rows or columns do not fit each other: their light differs by {:.0} %, and they are {:.3} um aside of each other; so the \
+                 light or the stage changed while they were scanned, and the peak may be {:.3} um elsewhere",
+                light * 100.0,
+                aside * 1e6,
+                deviation * 1e6
             ),
             Self::Vague { deviation, radius } => write!(
                 f,

@@ -5,6 +5,7 @@
 
 use super::fold::leaves_noise;
 use super::shape::{Datum, Fit, Shape, fit};
+use super::unsteady::Unsteady;
 use super::{Refusal, Scan};
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::regression::{least_squares, matrix};
@@ -84,6 +85,21 @@ pub(super) fn check(
         return Err(Refusal::Saturated { share });
     }
     brightest(scan, found, all, noise)
+}
+
+/// Refuses a peak whose place what changed while it was scanned leaves open.
+pub(super) fn sure(found: &Fit, unsteady: &Unsteady) -> Result<(), Refusal> {
+    let (_, short, _) = found.shape.ellipse();
+    let deviation = unsteady.deviation;
+    if deviation > PLACE * short {
+        let Unsteady { light, aside, .. } = *unsteady;
+        return Err(Refusal::Unsteady {
+            light,
+            aside,
+            deviation,
+        });
+    }
+    Ok(())
 }
 
 /// Whether there are readings to all sides of a peak; of one that few see, in all quarters.
