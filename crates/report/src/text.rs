@@ -135,9 +135,16 @@ fn words(line: &str, room: usize) -> Vec<&str> {
     words
 }
 
-/// How many characters a line of the terminal at standard output has; `None` where there is no terminal.
+/// How many characters a line of the terminal at standard output has; where there is none, what `COLUMNS` says, and
+/// `None` where it says nothing: another program reads rows whole.
 pub fn room() -> Option<usize> {
-    Table::new().width().map(usize::from)
+    Table::new().width().map(usize::from).or_else(environment)
+}
+
+/// What the environment says of the width of lines. Few characters are no width of anything.
+pub fn environment() -> Option<usize> {
+    let said = std::env::var("COLUMNS").ok()?.parse().ok()?;
+    (20..=10_000).contains(&said).then_some(said)
 }
 
 /// The 99.9th percentile; of fewer than 1000 it would be the greatest again.
