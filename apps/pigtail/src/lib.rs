@@ -16,6 +16,7 @@ mod found;
 mod hysteresis;
 mod identify;
 mod impulse;
+mod kinds;
 mod maximize;
 mod methods;
 mod phases;

@@ -27,8 +27,7 @@ pub fn table(rows: &[Vec<String>], room: Option<usize>) -> String {
     };
     let turned: Vec<Vec<String>> = (0..rows[0].len())
         .map(|i| {
-            let cell =
-                |row: &Vec<String>| row.get(i).map_or(String::new(), |c| c.replace('\n', " "));
+            let cell = |row: &Vec<String>| row.get(i).map_or(String::new(), |c| one_line(c));
             rows.iter().map(cell).collect()
         })
         .collect();
@@ -139,6 +138,11 @@ fn words(line: &str, room: usize) -> Vec<&str> {
 /// `None` where it says nothing: another program reads rows whole.
 pub fn room() -> Option<usize> {
     Table::new().width().map(usize::from).or_else(environment)
+}
+
+/// A header's lines as one; what was parted by a hyphen is one word again.
+fn one_line(cell: &str) -> String {
+    cell.replace("-\n", "").replace('\n', " ")
 }
 
 /// What the environment says of the width of lines. Few characters are no width of anything.
