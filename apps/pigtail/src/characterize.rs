@@ -4,6 +4,7 @@ use crate::common::{Common, OwnAxes, in_unit, write_table};
 use crate::found::{self, WriteArguments};
 use crate::progress::Busy;
 use crate::running::{self, stopped};
+use crate::way::{Way, way};
 use crate::{DONE, Failure};
 use clap::{Args, ValueEnum};
 use pigtail_control::characterize::Trace;
@@ -30,18 +31,24 @@ use std::fmt::Write as _;
 
 /// Measure what an axis can do: step, sine, resolution, frequency response, windup or pulses
 ///
-/// step        rise (10 to 90 %), settling (until the encoder stays within one count), overshoot; by the
-///             probe where the load comes to rest, and when it stays within 5 to 0.2 um of there
+/// step        rise (10 to 90 %), settling (until the encoder stays within one
+///             count), overshoot; by the probe where the load comes to rest,
+///             and when it stays within 5 to 0.2 um of there
 /// sine        gain and phase at the encoder and at the output
-/// resolution  1000 steps in one direction; the step size is raised by a count until at most 1 %
-///             of the steps move the output by less than half the mean (thesis 2.5)
-/// frequency   gain, phase and coherence up to 300 Hz, from a random reference; of the open loop gain and
-///             phase margin and the peak of the sensitivity, with their standard deviations
-/// windup      input against output forward and back, on this machine and on the same one with other
-///             load friction, preload and law of friction (thesis 2.4.1, 2.4.2)
-/// impulse     what pulses of the amplifier move: one of them, the map over both harmonics, the second
-///             harmonic that leaves no dead zone, the parabola (4.8), its spread, and how to relax the
-///             transmission between pulses (thesis 4.3.1); with --write into the rig's calibration
+/// resolution  1000 steps in one direction; the step size is raised by a count
+///             until at most 1 % of the steps move the output by less than
+///             half the mean (thesis 2.5)
+/// frequency   gain, phase and coherence up to 300 Hz, from a random
+///             reference; of the open loop gain and phase margin and the peak
+///             of the sensitivity, with their standard deviations
+/// windup      input against output forward and back, on this machine and on
+///             the same one with other load friction, preload and law of
+///             friction (thesis 2.4.1, 2.4.2)
+/// impulse     what pulses of the amplifier move: one of them, the map over
+///             both harmonics, the second harmonic that leaves no dead zone,
+///             the parabola (4.8), its spread, and how to relax the
+///             transmission between pulses (thesis 4.3.1); with --write into
+///             the rig's calibration
 #[derive(Debug, Args)]
 #[command(
     verbatim_doc_comment,
@@ -62,9 +69,9 @@ pub(crate) struct Arguments {
     common: Common,
     #[command(flatten)]
     own: OwnAxes,
-    /// Size of the step, or amplitude of sine or noise, counts
-    #[arg(long, value_parser = clap::value_parser!(i64).range(1..), allow_negative_numbers = true)]
-    size: Option<i64>,
+    /// Size of the step, or amplitude of sine or noise: counts, or "81 um" of z, "0.9 deg" of a joint
+    #[arg(long, value_parser = way, allow_hyphen_values = true)]
+    size: Option<Way>,
     /// Frequency of the sine, hertz; 10 for a five-bar joint, 8 for z
     #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive))]
     frequency: Option<f64>,
@@ -231,14 +238,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         _ => &[],
     };
     let mut setup = common.setup_with(DEFAULT_RECIPE_NAME, &own, true, without)?;
-    let range = setup.rig.range_counts(at.axis);
-    if let Some(size) = arguments.size.filter(|size| *size as f64 > 0.4 * range) {
-        let message = format!(
-            "{size} counts are beyond the axis's range; accepted is at most {:.0}",
-            0.4 * range
-        );
-        return Err(Error::new("--size", "", message).into());
-    }
+    let size = arguments
+        .size
+        .map(|size| size.counts(&setup.rig, at.axis, "--size", 1))
+        .transpose()?;
     if let Some(hertz) = arguments
         .frequency
         .filter(|f| *f > 0.2 * setup.rig.spec.servo.rate)
@@ -258,7 +261,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         What::Windup => on_variants(arguments, &setup),
         What::Impulse if arguments.shapes => shapes(arguments, &setup),
         What::Impulse => pulses(arguments, &setup, &run),
-        _ => experiment(arguments, &setup),
+        _ => experiment(arguments, size, &setup),
     };
     drop(busy);
     let done = done.map_err(|ended| stopped(&run, &setup, ended))??;
@@ -279,19 +282,19 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 
 type Experiment = Result<anyhow::Result<Outcome>, Ended>;
 
-fn experiment(arguments: &Arguments, setup: &Setup) -> Experiment {
+fn experiment(arguments: &Arguments, size: Option<i64>, setup: &Setup) -> Experiment {
     let (at, seed) = (arguments.axis, arguments.common.seed);
     let usual = step_of(&setup.rig, at.axis);
     let mut text = String::new();
     Ok(match arguments.what {
         // Those that take machines of their own are not asked here.
         What::Windup | What::Impulse => return on_variants(arguments, setup),
-        What::Step => return step(arguments, setup),
+        What::Step => return step(arguments, size, setup),
         What::Sine => {
             let hertz = arguments
                 .frequency
                 .unwrap_or(if at.axis == Axis::Z { 8.0 } else { 10.0 });
-            let amplitude = arguments.size.unwrap_or(usual / 4) as f64;
+            let amplitude = size.unwrap_or(usual / 4) as f64;
             let job = Sine {
                 at,
                 frequency: hertz,
@@ -343,16 +346,16 @@ fn experiment(arguments: &Arguments, setup: &Setup) -> Experiment {
                 .and_then(|html| result(&documents, text, html))
                 .map(|outcome| Outcome { samples, ..outcome })
         }
-        What::Frequency => return frequency(arguments, setup),
+        What::Frequency => return frequency(arguments, size, setup),
     })
 }
 
 /// What a step tells.
-fn step(arguments: &Arguments, setup: &Setup) -> Experiment {
+fn step(arguments: &Arguments, size: Option<i64>, setup: &Setup) -> Experiment {
     let (at, seed) = (arguments.axis, arguments.common.seed);
     let usual = step_of(&setup.rig, at.axis);
     let mut text = String::new();
-    let size = arguments.size.unwrap_or(usual);
+    let size = size.unwrap_or(usual);
     let (d, trace) = setup.run(&Step { at, size }, seed, &mut Unobserved)?;
     let _ = writeln!(
         text,
@@ -380,11 +383,11 @@ fn step(arguments: &Arguments, setup: &Setup) -> Experiment {
 }
 
 /// What a random reference tells.
-fn frequency(arguments: &Arguments, setup: &Setup) -> Experiment {
+fn frequency(arguments: &Arguments, size: Option<i64>, setup: &Setup) -> Experiment {
     let (at, seed) = (arguments.axis, arguments.common.seed);
     let usual = step_of(&setup.rig, at.axis);
     let mut text = String::new();
-    let amplitude = arguments.size.unwrap_or(usual / 20) as f64;
+    let amplitude = size.unwrap_or(usual / 20) as f64;
     let job = Frequency {
         at,
         amplitude,

@@ -16,6 +16,7 @@ mod found;
 mod hysteresis;
 mod identify;
 mod impulse;
+mod kinds;
 mod maximize;
 mod methods;
 mod phases;
@@ -38,6 +39,7 @@ mod trace;
 mod trays;
 mod tune;
 mod twin;
+mod way;
 
 use clap::{CommandFactory, Parser, Subcommand};
 use pigtail_control::outcome::Outcome;
@@ -164,7 +166,8 @@ fn print(text: &[u8]) -> anyhow::Result<()> {
 fn say(text: &str) {
     let room = console::Term::stderr()
         .size_checked()
-        .map(|(_, columns)| usize::from(columns));
+        .map(|(_, columns)| usize::from(columns))
+        .or_else(pigtail_report::text::environment);
     let said = pigtail_report::text::wrapped(&format!("{text}\n"), room);
     // Nobody may be there to read it.
     let _ = io::stderr().lock().write_all(said.as_bytes());

@@ -2,11 +2,11 @@
 
 use crate::choice::choice;
 use crate::common::{Common, quantity, write_table};
+use crate::progress::Searching;
 use crate::running;
 use crate::{DONE, Failure, NEGATIVE};
 use clap::Args;
 use pigtail_control::methods::Space;
-use pigtail_control::station::Unobserved;
 use pigtail_evaluate::methods::{Method, SearchDocument, check, run as search};
 use pigtail_hal::quantity::{FREQUENCY, LENGTH};
 use pigtail_session::calibrations::Part;
@@ -47,7 +47,8 @@ pub(crate) fn run(
     space.frequency = arguments.scan_rate.unwrap_or(space.frequency);
     check(setup, &space)?;
     running::warn(setup, Part::ALIGNMENT);
-    let document = search(setup, &space, common.seed, &mut Unobserved).map_err(Failure::from)?;
+    let document =
+        search(setup, &space, common.seed, &mut Searching::new()).map_err(Failure::from)?;
     let mut text = Vec::new();
     if common.json {
         let on = running::on(setup, &document, None);

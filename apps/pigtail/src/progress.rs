@@ -94,6 +94,40 @@ impl Busy {
     }
 }
 
+/// A search for first light whose end is not known: its machine time and the brightest light so far.
+pub(crate) struct Searching {
+    busy: Busy,
+    brightest: f64,
+    /// Machine time that was told last, seconds.
+    told: f64,
+}
+
+impl Searching {
+    pub(crate) fn new() -> Self {
+        Self {
+            busy: Busy::new("align", "searching"),
+            brightest: 0.0,
+            told: 0.0,
+        }
+    }
+}
+
+impl Observer for Searching {
+    fn phase(&mut self, _: &str, _: &'static str, _: f64) {}
+
+    fn sample(&mut self, sample: &Sample) {
+        self.brightest = sample.light.iter().copied().fold(self.brightest, f64::max);
+        // Millions of readings come: a text for each would take longer than they do.
+        if sample.time - self.told >= 1.0 {
+            self.told = sample.time;
+            self.busy.0.set_message(format!(
+                "searched {:.0} s of machine time, brightest {:.3} V",
+                sample.time, self.brightest
+            ));
+        }
+    }
+}
+
 impl Drop for Busy {
     fn drop(&mut self) {
         self.0.finish_and_clear();

@@ -49,11 +49,16 @@ const DRIVE: &str = "Its drive, for the fragment";
 /// A column is NAME or NAME:UNIT; without, its unit is the one its name ends with (`q_mm`, `q [mm]`), else SI.
 /// With a reference, the controller is identified too, and the record replayed in closed loop.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(
+    override_usage = "\
+pigtail identify servo [OPTIONS] --data <FILE> --position <COLUMN>
+       --voltage <COLUMN> --force-per-volt <K>",
+    after_help = "\
 Examples:
   pigtail identify servo --data log.csv --time t_s --reference q_ref_m --position q_meas_m --voltage u_V \
 --force-per-volt 35.15
-  pigtail identify servo --data log.csv --position pos:mm --voltage cmd:V --force-per-volt 12 --validate b.csv")]
+  pigtail identify servo --data log.csv --position pos:mm --voltage cmd:V --force-per-volt 12 --validate b.csv"
+)]
 pub(crate) struct ServoArguments {
     /// A file of columns; delimiter, decimal comma, encoding, names and units are told from it
     #[arg(long, value_name = "FILE")]
@@ -246,10 +251,15 @@ pub(crate) fn servo(a: &ServoArguments) -> Result<u8, Failure> {
 /// A force that does negative work is what friction does to the body: its sign is turned. What the record
 /// does not tell has no value, and the exit code is 1.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(
+    override_usage = "\
+pigtail identify friction [OPTIONS] --data <FILE>
+       --displacement <COLUMN> --force <COLUMN>",
+    after_help = "\
 Examples:
   pigtail identify friction --data d.csv --displacement position_mm --force friction_uN
-  pigtail identify friction --data d.csv --displacement x:um --force f:N --law lugre")]
+  pigtail identify friction --data d.csv --displacement x:um --force f:N --law lugre"
+)]
 pub(crate) struct FrictionArguments {
     /// A file of columns; delimiter, decimal comma, encoding, names and units are told from it
     #[arg(long, value_name = "FILE")]

@@ -2,7 +2,7 @@
 
 use crate::choice::choice;
 use crate::common::write_table;
-use crate::{DONE, Failure, NEGATIVE, exchanges};
+use crate::{DONE, Failure, NEGATIVE, exchanges, kinds};
 use clap::{Args, Subcommand};
 use pigtail_hal::Error;
 use pigtail_session::records::{RECORD, records_in};
@@ -449,17 +449,14 @@ fn show(arguments: &ShowArguments, runs: &Path) -> Result<u8, Failure> {
 }
 
 fn compare(arguments: &CompareArguments, runs: &Path) -> Result<u8, Failure> {
-    let side = |run: &str| {
-        let named = runs.join(run);
-        let folder = [Path::new(run), &named]
-            .into_iter()
-            .find(|folder| folder.is_dir());
-        match folder {
-            Some(folder) => Side::read(folder).map_err(Failure::from),
-            None => Err(unknown(run, runs, &[])),
-        }
+    let folder = |run: &str| {
+        let found = [PathBuf::from(run), runs.join(run)];
+        let found = found.into_iter().find(|folder| folder.is_dir());
+        found.ok_or_else(|| unknown(run, runs, &[]))
     };
-    let (a, b) = (side(&arguments.a)?, side(&arguments.b)?);
+    let (a, b) = (folder(&arguments.a)?, folder(&arguments.b)?);
+    kinds::alike(&a, &b)?;
+    let (a, b) = (Side::read(&a)?, Side::read(&b)?);
     let found = compared(&a, &b);
     if let Some(file) = &arguments.report {
         let page = pigtail_report::compare(&found, &a, &b)?;

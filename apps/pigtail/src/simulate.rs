@@ -33,11 +33,17 @@ enum Part {
 /// Writes a row for each moment: time, voltage from then on, positions and velocities of motor and
 /// load, output, modes (-1, 0 stuck, +1), encoder count, reference.
 #[derive(Debug, Args)]
-#[command(after_help = "\
+#[command(
+    override_usage = "\
+pigtail simulate joint [OPTIONS] --params <FILE> --axis <NAME>
+       <--input <FILE>|--reference <FILE>|--impulse <A1,A2,T>|
+        --step <N>|--triangle <N,PERIOD>>",
+    after_help = "\
 Examples:
   pigtail simulate joint --params axes.toml --axis z --impulse 1.5,12.5,1e-3
   pigtail simulate joint --params axes.toml --axis fivebar --step 400 --out step.csv
-  pigtail simulate joint --params axes.toml --axis z --reference wanted_um.csv --out followed.csv")]
+  pigtail simulate joint --params axes.toml --axis z --reference wanted_um.csv --out followed.csv"
+)]
 struct JointArguments {
     /// A TOML or JSON file with a table for each axis
     #[arg(long, value_name = "FILE")]

@@ -15,7 +15,7 @@ use pigtail_twin::Specimen;
 use serde::Serialize;
 use std::io::Write;
 use std::sync::atomic::AtomicBool;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// What is kept: the sums, and every tray.
 #[derive(Serialize)]
@@ -105,7 +105,9 @@ fn all(
         Some(seeds.len() as u64),
         ProgressDrawTarget::stderr_with_hz(10),
     );
-    let template = "{pos}/{len} trays [{wide_bar}] {msg} {eta} left";
+    // The first tray takes seconds: that there is one is told before it ends.
+    bar.enable_steady_tick(Duration::from_millis(100));
+    let template = "{spinner} {pos}/{len} trays [{wide_bar}] {msg} {eta} left";
     if let Ok(style) = ProgressStyle::with_template(template) {
         bar.set_style(style.progress_chars("=> "));
     }

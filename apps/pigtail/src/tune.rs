@@ -4,6 +4,7 @@ use crate::choice::choice;
 use crate::common::{Common, OwnAxes};
 use crate::found::{self, FoundDocument, WriteArguments};
 use crate::running::{self, stopped};
+use crate::way::{Way, way};
 use crate::{DONE, Failure};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -46,10 +47,10 @@ pub(crate) struct Arguments {
     /// Trials of each start, 100 at most; 50 for the simplex, 100 for the random search
     #[arg(long, value_parser = clap::value_parser!(u32).range(5..=100))]
     trials: Option<u32>,
-    /// The larger of the two steps, counts; if not given, 0.9 degrees of a five-bar joint and 81 um of z,
-    /// which are 400 and 1300 of the shipped rig
-    #[arg(long, value_parser = clap::value_parser!(i64).range(20..), allow_negative_numbers = true)]
-    step: Option<i64>,
+    /// The larger of the two steps: counts, 20 or more, or "81 um" of z, "0.9 deg" of a joint; if not given, these
+    /// two, which are 1300 and 400 counts of the shipped rig
+    #[arg(long, value_parser = way, allow_hyphen_values = true)]
+    step: Option<Way>,
     #[command(flatten)]
     write: WriteArguments,
 }
@@ -82,29 +83,18 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     write.check(&common.rig)?;
     let mut setup = common.setup_with(DEFAULT_RECIPE_NAME, &own, true, &[])?;
+    let step = match arguments.step {
+        Some(step) => step.counts(&setup.rig, at.axis, "--step", 20)?,
+        None => step_of(&setup.rig, at.axis),
+    };
     let plan = Tune {
         at,
         method: arguments.search,
         trials: arguments.trials.unwrap_or(arguments.search.usual_trials()),
-        step: arguments
-            .step
-            .unwrap_or_else(|| step_of(&setup.rig, at.axis)),
+        step,
         seed: arguments.common.seed,
         one_size: false,
     };
-    let range = setup.rig.range_counts(at.axis);
-    if plan.step as f64 > 0.4 * range {
-        return Err(Error::new(
-            "--step",
-            "",
-            format!(
-                "{} counts are beyond the axis's range; accepted is at most {:.0}",
-                plan.step,
-                0.4 * range
-            ),
-        )
-        .into());
-    }
     let seed = arguments.common.seed;
     let run = running::begin(&mut setup, &arguments.common.runs, "tune", seed, true)?;
     let bar = ProgressBar::new(u64::from(3 * plan.trials));

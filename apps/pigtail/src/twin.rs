@@ -1,11 +1,13 @@
 //! `pigtail twin`.
 
 use crate::Failure;
+use crate::common::spaced;
 use crate::progress::Busy;
 use crate::records::{Files, Output, finish, hash_of};
 use clap::{Args, ValueEnum};
 use pigtail_hal::Error;
-use pigtail_records::fragment::Fragment;
+use pigtail_hal::quantity::{ANGLE, Dimension, LENGTH, ROTATION, SPEED, Sign};
+use pigtail_records::fragment::{Fragment, Kind};
 use pigtail_records::twin::twin;
 use pigtail_store::runs::Run;
 use pigtail_sysid::servo::Sliding;
@@ -31,16 +33,16 @@ pub(crate) struct Arguments {
     /// How friction gives way before it slides
     #[arg(long, value_enum, default_value = "coulomb")]
     friction: Law,
-    /// Way over which it gives way, m or rad
-    #[arg(long, value_name = "WAY", value_parser = crate::positive, required_if_eq_any = [
+    /// Way over which it gives way, m or rad, or with a unit, such as "5 um"
+    #[arg(long, value_name = "WAY", value_parser = of_axis(LENGTH, ANGLE), allow_hyphen_values = true, required_if_eq_any = [
         ("friction", "coulomb-presliding"), ("friction", "maxwell-slip"), ("friction", "lugre")])]
-    presliding: Option<f64>,
+    presliding: Option<OfAxis>,
     /// Static over Coulomb friction, for lugre
     #[arg(long, value_name = "RATIO", default_value_t = 1.0, value_parser = crate::positive)]
     static_ratio: f64,
-    /// Velocity above which static friction falls to Coulomb friction, m/s or rad/s, for lugre
-    #[arg(long, value_name = "VELOCITY", default_value_t = 1e-3, value_parser = crate::positive)]
-    stribeck: f64,
+    /// Velocity above which static friction falls to Coulomb friction, m/s or rad/s, or with a unit, for lugre
+    #[arg(long, value_name = "VELOCITY", default_value = "0.001", value_parser = of_axis(SPEED, ROTATION), allow_hyphen_values = true)]
+    stribeck: OfAxis,
     #[command(flatten)]
     output: Output,
 }
@@ -57,15 +59,69 @@ enum Law {
     Lugre,
 }
 
+/// A value in the unit of the axis, metres or radians; with its own unit it says which of both the axis must be.
+#[derive(Debug, Clone, Copy)]
+struct OfAxis {
+    value: f64,
+    kind: Option<Kind>,
+}
+
+/// A parser of such values above zero.
+fn of_axis(
+    linear: Dimension,
+    rotary: Dimension,
+) -> impl Fn(&str) -> Result<OfAxis, String> + Clone + Send + Sync + 'static {
+    move |text| {
+        let named = spaced(text);
+        let plain = named.parse::<f64>().is_ok();
+        let turns = rotary.units.iter();
+        let turns = turns.map(|(unit, _)| format!(" {unit}"));
+        let (kind, dimension) = if turns.into_iter().any(|unit| named.ends_with(&unit)) {
+            (Kind::Rotary, rotary)
+        } else {
+            (Kind::Linear, linear)
+        };
+        let value = if plain {
+            crate::positive(&named)
+        } else {
+            dimension.parse(&named, Sign::Positive)
+        };
+        value.map(|value| OfAxis {
+            value,
+            kind: (!plain).then_some(kind),
+        })
+    }
+}
+
+impl OfAxis {
+    /// The value, where the axis is of its kind.
+    fn on(self, kind: Kind, flag: &str) -> Result<f64, Error> {
+        let message = match (self.kind, kind) {
+            (Some(Kind::Linear), Kind::Rotary) => {
+                "this axis turns; accepted is an angle (or a speed of rotation)"
+            }
+            (Some(Kind::Rotary), Kind::Linear) => {
+                "this axis moves along a line; accepted is a length (or a speed)"
+            }
+            _ => return Ok(self.value),
+        };
+        Err(Error::new(flag, "", message))
+    }
+}
+
 pub(crate) fn run(a: &Arguments) -> Result<u8, Failure> {
     let from = Fragment::file(&a.from);
     let fragment = Fragment::read(&from)?;
-    let way = a.presliding.unwrap_or_default();
+    let kind = fragment.axis.kind;
+    let way = a
+        .presliding
+        .map_or(Ok(0.0), |way| way.on(kind, "--presliding"))?;
+    let stribeck = a.stribeck.on(kind, "--stribeck")?;
     let law = match a.friction {
         Law::Coulomb => Ok(("coulomb", Sliding::Coulomb)),
         Law::CoulombPresliding => Ok(("coulomb-presliding", Sliding::CoulombPresliding(way))),
         Law::MaxwellSlip => Sliding::maxwell_slip(way).map(|law| ("maxwell-slip", law)),
-        Law::Lugre => Sliding::lugre(way, a.static_ratio, a.stribeck).map(|law| ("lugre", law)),
+        Law::Lugre => Sliding::lugre(way, a.static_ratio, stribeck).map(|law| ("lugre", law)),
     }
     .map_err(|invalid| Error::new("--friction", "", invalid.to_string()))?;
     let busy = Busy::new("twin", "running the record again");

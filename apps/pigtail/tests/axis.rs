@@ -365,6 +365,18 @@ fn bad_input_is_refused() {
         (&["tune", "z", "--trials", "1000"], &["--trials", "5..=100"]),
         (&["characterize", "z", "dance"], &["dance", "resolution"]),
         (
+            &["tune", "z", "--step", "0.9 deg"],
+            &["--step", "accepted is a length"],
+        ),
+        (
+            &["characterize", "fivebar", "step", "--size", "81 um"],
+            &["--size", "accepted is an angle"],
+        ),
+        (
+            &["characterize", "z", "step", "--size", "3 nm"],
+            &["--size", "0 counts", "accepted is at least 1"],
+        ),
+        (
             &["characterize", "z", "step", "--size", "99999999"],
             &["--size", "at most"],
         ),

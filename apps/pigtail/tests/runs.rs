@@ -214,6 +214,23 @@ fn two_runs_are_compared() {
     let nothing = pigtail(folder, &format!("runs compare {one} nothing"));
     assert_eq!(nothing.code, Some(2));
     assert!(nothing.error.contains("nothing"), "{}", nothing.error);
+
+    // Runs that measured different things are no pair, whatever keys their results share.
+    done(folder, "align --seed 20");
+    done(folder, "characterize z step");
+    done(folder, "characterize --seed 1 z sine");
+    let all = listed(folder);
+    let [align, step, sine] = [3, 4, 5].map(|i| name(&all[i]));
+    for (a, b, said) in [
+        (one, align, ["`align`", "`campaign`"]),
+        (step, sine, ["`characterize sine`", "`characterize step`"]),
+    ] {
+        let unlike = pigtail(folder, &format!("runs compare {a} {b}"));
+        assert_eq!(unlike.code, Some(2), "{}", unlike.error);
+        for word in said.iter().chain(&["two runs of one kind"]) {
+            assert!(unlike.error.contains(word), "{word}: {}", unlike.error);
+        }
+    }
 }
 
 #[test]

@@ -27,8 +27,7 @@ pub fn table(rows: &[Vec<String>], room: Option<usize>) -> String {
     };
     let turned: Vec<Vec<String>> = (0..rows[0].len())
         .map(|i| {
-            let cell =
-                |row: &Vec<String>| row.get(i).map_or(String::new(), |c| c.replace('\n', " "));
+            let cell = |row: &Vec<String>| row.get(i).map_or(String::new(), |c| one_line(c));
             rows.iter().map(cell).collect()
         })
         .collect();
@@ -135,9 +134,21 @@ fn words(line: &str, room: usize) -> Vec<&str> {
     words
 }
 
-/// How many characters a line of the terminal at standard output has; `None` where there is no terminal.
+/// How many characters a line of the terminal at standard output has; where there is none, what `COLUMNS` says, and
+/// `None` where it says nothing: another program reads rows whole.
 pub fn room() -> Option<usize> {
-    Table::new().width().map(usize::from)
+    Table::new().width().map(usize::from).or_else(environment)
+}
+
+/// A header's lines as one; what was parted by a hyphen is one word again.
+fn one_line(cell: &str) -> String {
+    cell.replace("-\n", "").replace('\n', " ")
+}
+
+/// What the environment says of the width of lines. Few characters are no width of anything.
+pub fn environment() -> Option<usize> {
+    let said = std::env::var("COLUMNS").ok()?.parse().ok()?;
+    (20..=10_000).contains(&said).then_some(said)
 }
 
 /// The 99.9th percentile; of fewer than 1000 it would be the greatest again.

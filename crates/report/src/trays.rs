@@ -16,7 +16,7 @@ use pigtail_evaluate::trays::{TrayDone, TraysDocument};
 /// When a figure cannot be drawn.
 pub fn trays(d: &TraysDocument, all: &[TrayDone], accepted: f64) -> Result<String> {
     let title = format!(
-        "{} trays {}, fleet {}, seed {}",
+        "{} trays of {}, fleet {}, seed {}",
         d.trays, d.tray, d.fleet, d.seed
     );
     let body = html! {
@@ -42,8 +42,8 @@ fn counts(d: &TraysDocument) -> Markup {
             what.to_owned(),
             count.to_string(),
             of.to_string(),
-            percent(low),
-            percent(high),
+            fixed(100.0 * low, 3),
+            fixed(100.0 * high, 3),
         ]
     };
     let passed = d.devices - d.rejected.values().sum::<usize>();
@@ -77,14 +77,14 @@ fn counts(d: &TraysDocument) -> Markup {
         "what",
         "count",
         "of",
-        "share in truth\nfrom",
-        "share in truth\nto",
+        "share at least\n%",
+        "share at most\n%",
     ];
     html! {
         (table(&header.map(str::to_owned), &rows))
         p.soft {
-            "Shares lie between the last two columns with 95 % confidence (Clopper and Pearson, exact). Nothing came nearer to a \
-             chip than " (number(d.smallest_gap_um, 2)) " um, nor one holder to the other than " (number(d.smallest_apart_mm, 2)) " mm."
+            "In truth shares lie between the last two columns, with 95 % confidence (Clopper and Pearson, exact). Nothing came \
+             nearer to a chip than " (number(d.smallest_gap_um, 2)) " um, nor one holder to the other than " (number(d.smallest_apart_mm, 2)) " mm."
         }
     }
 }
@@ -141,8 +141,14 @@ fn told(all: &[TrayDone]) -> Markup {
         y: (range.clone(), "added by the light, dB"),
     };
     let line = [(range.start, range.start), (range.end, range.end)];
+    // A dot of a few must be seen, and those of thousands must not hide each other.
+    let class = match points.len() {
+        ..100 => "large",
+        100..1000 => "",
+        _ => "small mixed",
+    };
     let plot = Plot::new(&axes)
-        .dots("fibers", "small", &points)
+        .dots("fibers", class, &points)
         .line("equal", &line);
     figure(
         &plot.draw(),

@@ -80,13 +80,17 @@ pub fn step_of(rig: &Rig, axis: Axis) -> i64 {
         Axis::A | Axis::B => 400.0 * TAU / (2000.0 * 80.0),
         Axis::Z => 1300.0 * 0.635e-3 / (2048.0 * 5.0),
     };
+    ((way / way_of_count(rig, axis)).round() as i64).max(20)
+}
+
+/// The way of an axis's output for a count of its encoder: radians of a five-bar joint, metres of z.
+pub fn way_of_count(rig: &Rig, axis: Axis) -> f64 {
     let drive = rig.spec.drive(axis);
     let turn = match axis {
         Axis::A | Axis::B => TAU,
         Axis::Z => rig.calibration.geometry.z.lead,
     };
-    let count = turn / drive.gear_ratio / f64::from(drive.counts_per_turn);
-    ((way / count).round() as i64).max(20)
+    turn / drive.gear_ratio / f64::from(drive.counts_per_turn)
 }
 
 /// So many unsafe trials are borne: where there are more, the starts themselves are not to be trusted.

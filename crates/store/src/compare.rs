@@ -262,7 +262,8 @@ pub fn compare(a: &Side, b: &Side) -> Comparison {
                 key: key.clone(),
                 a: of_a.clone(),
                 b: of_b.clone(),
-                change: change(of_a, of_b),
+                // A seed is a name, not a size.
+                change: (key != "seed").then(|| change(of_a, of_b)).flatten(),
             }),
             None => {}
         }
