@@ -550,16 +550,6 @@ impl<'r> Shared<'r> {
                 None => Ok(0.0),
             };
             let strayed = (scan.place(0.0) - start).norm();
-            eprintln!(
-                "T {:.4} gap {:.2} place0 {:.3} {:.3} start {:.3} {:.3} light {:?}",
-                cell.now(),
-                gap * 1e6,
-                scan.place(0.0).x * 1e6,
-                scan.place(0.0).y * 1e6,
-                start.x * 1e6,
-                start.y * 1e6,
-                peak.map(|p| (p.full, p.deviation * 1e9))
-            );
             // Light that does not come out of the guide does not grow as the gap closes.
             let least = self.fast.accept * before;
             let stray = self.fast.stray;
