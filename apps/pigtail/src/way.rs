@@ -29,19 +29,22 @@ pub(crate) fn way(text: &str) -> Result<Way, String> {
         };
     }
     let of = |unit: &&str| named.ends_with(&format!(" {unit}"));
-    let angles = ANGLE.units.iter().map(|(unit, _)| unit).any(|u| of(u));
+    let angles = ANGLE.units.iter().map(|(unit, _)| unit).any(of);
     if angles {
         return ANGLE.parse(&named, Sign::Positive).map(Way::Angle);
     }
     LENGTH
         .parse(&named, Sign::Positive)
         .map(Way::Length)
-        .map_err(|why| match named.contains(' ') && why.contains("positive") {
-            true => why,
-            false => format!(
-                "\"{text}\" is no way of an axis; accepted is a whole number of counts, a length of z \
-                 (\"81 um\") or an angle of a five-bar joint (\"0.9 deg\")"
-            ),
+        .map_err(|why| {
+            if named.contains(' ') && why.contains("positive") {
+                why
+            } else {
+                format!(
+                    "\"{text}\" is no way of an axis; accepted is a whole number of counts, a length of z \
+                     (\"81 um\") or an angle of a five-bar joint (\"0.9 deg\")"
+                )
+            }
         })
 }
 
