@@ -166,8 +166,7 @@ fn print(text: &[u8]) -> anyhow::Result<()> {
 fn say(text: &str) {
     let room = console::Term::stderr()
         .size_checked()
-        .map(|(_, columns)| usize::from(columns))
-        .or_else(pigtail_report::text::environment);
+        .map(|(_, columns)| usize::from(columns));
     let said = pigtail_report::text::wrapped(&format!("{text}\n"), room);
     // Nobody may be there to read it.
     let _ = io::stderr().lock().write_all(said.as_bytes());

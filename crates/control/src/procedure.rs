@@ -2,7 +2,7 @@
 
 mod attach;
 
-pub(crate) use attach::{place_at, still};
+pub(crate) use attach::{light_check, place_at};
 
 use crate::beam::{Beam, SpotSize};
 use crate::belief::{Across, Place};

@@ -23,7 +23,7 @@ pub struct Foreseen {
 
 /// A meter of light without its `background`, volts, and how its light is looked at.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Still {
+pub(crate) struct LightCheck {
     pub(crate) meter: usize,
     pub(crate) background: f64,
     /// Standard deviation of a sample, volts.
@@ -34,7 +34,7 @@ pub(crate) struct Still {
     pub(crate) less: f64,
 }
 
-impl Still {
+impl LightCheck {
     /// Looks at light until it is all but certainly there, or has fallen by more than noise may make of it: what is missing is told from
     /// noise the better the longer it is looked at. Returns what was seen, volts above the background, and whether it has fallen below
     /// any that was foreseen.

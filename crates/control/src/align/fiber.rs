@@ -8,7 +8,7 @@ use crate::conical_scan::{ConicalScan, Gap, Watch};
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::{LONGEST, Reactor, refused};
 use crate::recipe::Recipe;
-use crate::still_there::{Foreseen, Still};
+use crate::still_there::{Foreseen, LightCheck};
 use pigtail_hal::bench::{
     AxisCaps, Degree, Dither, Glide, Group, Law, Limits, Meter, Pose, Request, Stage,
 };
@@ -444,14 +444,14 @@ impl<'d> Fiber<'d> {
     ) -> Result<(), Halt> {
         let arm = self.taught.arm;
         bench.ask(Request::Attach { arm }, LONGEST).await?;
-        let still = Still {
+        let check = LightCheck {
             meter: self.meter.0,
             background: dark.mean,
             noise,
             samples: LOOK,
             less: ATTACHED_LESS,
         };
-        let (after, fallen) = still.look(bench, &[foreseen]).await?;
+        let (after, fallen) = check.look(bench, &[foreseen]).await?;
         if fallen {
             return Err(Outcome::Slipped {
                 before: foreseen.level,

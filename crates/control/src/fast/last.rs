@@ -7,7 +7,7 @@ use crate::belief::Across;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
 use crate::outcome::{Halt, Outcome};
-use crate::procedure::{Job, still};
+use crate::procedure::{Job, light_check};
 use crate::station::Level;
 use crate::still_there::Foreseen;
 
@@ -96,17 +96,14 @@ impl Shared<'_> {
                             continue;
                         }
                         Ok(()) => {
-                            let fallen = match rests(job, cell, scan, foreseen).await? {
+                            let fallen = match rests(job, cell, scan, (foreseen, known)).await? {
                                 // Vision may have come to know better meanwhile.
                                 Ok(_)
                                     if attempt < retry.last_turns && self.doubts_gap(cell, aim) =>
                                 {
                                     continue;
                                 }
-                                Ok(rest) => {
-                                    let across = scan.shaking().bonded(known);
-                                    return Ok(Rest { across, ..rest });
-                                }
+                                Ok(rest) => return Ok(rest),
                                 Err(fallen) => fallen,
                             };
                             if still < retry.resting {
@@ -220,13 +217,13 @@ impl Doubt {
     }
 }
 
-/// The light at rest, if it is what circles have `foreseen` (volts above the background). A laser wanders meanwhile, or something has moved:
-/// that is found out where it can be mended yet.
+/// The fiber at rest, if its light is what circles have `foreseen`, at a peak that is `known` so well. A laser wanders meanwhile, or something
+/// has moved: that is found out where it can be mended yet.
 async fn rests(
     job: &mut Job<'_>,
     cell: &AlignmentCell<'_>,
     scan: &ConicalScan<'_>,
-    foreseen: Foreseen,
+    (foreseen, known): (Foreseen, Across),
 ) -> Result<Result<Rest, Outcome>, Halt> {
     job.flicker = scan.flicker();
     let wanders = job.flicker * foreseen.level;
@@ -234,8 +231,8 @@ async fn rests(
         deviation: foreseen.deviation.hypot(wanders),
         ..foreseen
     };
-    let still = still(cell, job.channel, scan.background(), scan.noise());
-    let (level, fallen) = still.look(cell, &[foreseen]).await?;
+    let check = light_check(cell, job.channel, scan.background(), scan.noise());
+    let (level, fallen) = check.look(cell, &[foreseen]).await?;
     if fallen {
         return Ok(Err(Outcome::LightLost {
             phase: "final",
@@ -244,12 +241,12 @@ async fn rests(
         }));
     }
     let look = Level {
-        mean: level + still.background,
-        sigma: still.noise,
+        mean: level + check.background,
+        sigma: check.noise,
     };
     Ok(Ok(Rest {
         look,
         foreseen,
-        across: Across::default(),
+        across: scan.shaking().bonded(known),
     }))
 }

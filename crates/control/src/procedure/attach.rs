@@ -5,7 +5,7 @@ use crate::belief::{Across, Place, UNSURE};
 use crate::cell::AlignmentCell;
 use crate::outcome::{Halt, Outcome};
 use crate::station::Level;
-use crate::still_there::{Foreseen, Still};
+use crate::still_there::{Foreseen, LightCheck};
 use crate::tip_estimator::Tip;
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::{Chip, Point};
@@ -43,15 +43,15 @@ pub(crate) fn place_at(
 }
 
 /// How the light at rest of a photodiode with such a background and noise (volts) is looked at.
-pub(crate) fn still(
+pub(crate) fn light_check(
     cell: &AlignmentCell<'_>,
     channel: Channel,
     background: f64,
     noise: f64,
-) -> Still {
+) -> LightCheck {
     let meter = channel.index();
     let rate = cell.caps().channels[meter].rate;
-    Still {
+    LightCheck {
         meter,
         background,
         noise,
@@ -96,18 +96,18 @@ impl Job<'_> {
             });
             return Ok(());
         }
-        let still = Still {
+        let check = LightCheck {
             less: LESS.hypot(FLICKER * self.flicker),
-            ..still(cell, self.channel, background, last.sigma)
+            ..light_check(cell, self.channel, background, last.sigma)
         };
         let least = cell.attach(self.side, self.channel).await? - background;
         let before = last.mean - background;
         let looked = Foreseen {
             level: before,
-            deviation: last.sigma / (still.samples as f64).sqrt(),
+            deviation: last.sigma / (check.samples as f64).sqrt(),
         };
         // What moves while the bond sets is fixed somewhere on its way: its light at the end may be what it should be, all but.
-        if least < (1.0 - still.less) * before - BONDED_NOISE * last.sigma {
+        if least < (1.0 - check.less) * before - BONDED_NOISE * last.sigma {
             return Err(Outcome::Slipped {
                 before,
                 after: least,
@@ -115,7 +115,7 @@ impl Job<'_> {
             .into());
         }
         let foreseen = [looked, foreseen.unwrap_or(looked)];
-        let (after, fallen) = still.look(cell, &foreseen).await?;
+        let (after, fallen) = check.look(cell, &foreseen).await?;
         if fallen {
             return Err(Outcome::Slipped { before, after }.into());
         }
