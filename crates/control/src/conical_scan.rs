@@ -118,6 +118,9 @@ pub struct ConicalScan<'r> {
     drift: Displacement,
     /// The part of it that chance has not made.
     surely: Displacement,
+    /// Variance of a turn's peak beyond what the photodiode's noise makes of it, in x and in y, square metres: a tip that shakes
+    /// moves it on a circle of any radius alike.
+    unrest: [f64; 2],
     /// By how much the light itself differs from one turn to the next, of its own, squared: the sum of what was seen, less its noise, and
     /// how often.
     flickers: (f64, f64),
@@ -187,6 +190,7 @@ impl<'r> ConicalScan<'r> {
             moved: f64::INFINITY,
             drift: Displacement::ZERO,
             surely: Displacement::ZERO,
+            unrest: [0.0; 2],
             flickers: (0.0, 0.0),
             wary: false,
             around: Vec::with_capacity(64),
@@ -600,7 +604,7 @@ impl<'r> ConicalScan<'r> {
                 continue;
             };
             last = self.go_to(bench, &peak, gap)?;
-            if turn >= least && last < accuracy && peak.deviation < accuracy {
+            if turn >= least && last < accuracy && peak.deviation() < accuracy {
                 return Ok(peak);
             }
             let far = (self.centre - start).norm();
