@@ -523,7 +523,7 @@ impl<'r> Shared<'r> {
     ) -> Result<(), Halt> {
         let way = aim.gap(cell) - gap;
         let end = cell.wanted(aim.side).shifted(0.0, 0.0, way);
-        cell.start_line(aim.side, end, None)?;
+        cell.start_line(aim.side, end, Some(self.unhurried(cell, aim, gap)))?;
         let turn = scan.period();
         let start = scan.place(0.0);
         let (mut next, mut end) = (cell.now() + turn, f64::INFINITY);
