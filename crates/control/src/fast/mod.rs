@@ -54,6 +54,10 @@ const SCATTERED: f64 = 5.0;
 /// ...for so many turns, in which it does not by chance stay as bright as a peak would.
 const DOUBTING: u64 = 3;
 
+/// Radii of the circles on which light is looked for that was there and is not where it was to be, in widths of its peak: the first where it may
+/// have been a little aside, all of them where the macro has gone aside since, of which its transmissions hide some.
+const AROUND: [f64; 4] = [1.5, 2.5, 3.5, 4.5];
+
 /// A pass of a search for one fiber.
 #[derive(Debug, Clone, Copy)]
 struct Look {
@@ -449,20 +453,18 @@ impl<'r> Shared<'r> {
         let before = cell.measured_shaking(aim.side);
         let mut scan = ConicalScan::new(watch, beam, shape, cell, (at, gap), walk, before);
         // What the micro will not reach, here or at the chip, the macro must.
-        self.make_room(cell, aim, &mut scan, beam.width(gap), gap)
-            .await?;
+        let room = beam.width(gap);
+        let handed_over = self.make_room(cell, aim, &mut scan, room, gap).await?;
         let coarse = 0.15 * beam.width(gap);
         let mut peak = match scan.centre(cell, gap, coarse, "centre", 1).await {
             Ok(peak) => peak,
             Err(Halt::Outcome(Outcome::LightLost { .. })) => {
-                // Once around farther out.
-                scan.set_radius(1.5);
-                scan.turn(cell, gap).await?;
-                let peak = scan.peak();
-                scan.set_radius(self.fast.conical_scan.radius);
-                if let Some(peak) = peak {
-                    scan.go_to(cell, &peak, gap)?;
-                }
+                let farther = if handed_over {
+                    &AROUND[..]
+                } else {
+                    &AROUND[..1]
+                };
+                self.look_around(cell, aim, &mut scan, gap, farther).await?;
                 scan.centre(cell, gap, coarse, "centre", 1).await?
             }
             Err(halt) => return Err(halt),
@@ -483,6 +485,41 @@ impl<'r> Shared<'r> {
             .into());
         }
         Ok((scan, peak.full))
+    }
+
+    /// Farther and farther out around where light was to be, on circles of so many widths of the peak, until there is some; then to where it is
+    /// brightest.
+    async fn look_around(
+        &self,
+        cell: &AlignmentCell<'_>,
+        aim: &Aim,
+        scan: &mut ConicalScan<'_>,
+        gap: f64,
+        farther: &[f64],
+    ) -> Result<(), Halt> {
+        /// Turns on each: what is seen on the way there does not count.
+        const TURNS: f64 = 1.25;
+        for radius in farther {
+            let out = radius * scan.beam_width(gap);
+            let place = scan.place(gap);
+            let reaches = [(out, 0.0), (-out, 0.0), (0.0, out), (0.0, -out)]
+                .map(|(x, y)| cell.micro_reaches(aim.side, place + Displacement::new(x, y)));
+            if reaches.contains(&false) {
+                break;
+            }
+            scan.set_radius(*radius);
+            let seconds = TURNS * scan.period();
+            scan.run(cell, Gap::Steady(gap), seconds).await?;
+            if let Some(peak) = scan.clear_peak() {
+                scan.go_to(cell, &peak, gap)?;
+                break;
+            }
+            if scan.to_brightest() {
+                break;
+            }
+        }
+        scan.set_radius(self.fast.conical_scan.radius);
+        Ok(())
     }
 
     /// Hands over to the macro what the micro would not reach, here or at the chip, with a circle
