@@ -19,6 +19,7 @@ mod ratio;
 mod seen;
 mod single;
 
+use crate::beam::Peak;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::{ConicalScan, Gap, Watch};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
@@ -456,7 +457,7 @@ impl<'r> Shared<'r> {
         let room = beam.width(gap);
         let handed_over = self.make_room(cell, aim, &mut scan, room, gap).await?;
         let coarse = 0.15 * beam.width(gap);
-        let mut peak = match scan.centre(cell, gap, coarse, "centre", 1).await {
+        let mut peak = match self.circle_to(cell, &mut scan, gap, coarse).await {
             Ok(peak) => peak,
             Err(Halt::Outcome(Outcome::LightLost { .. })) => {
                 let farther = if handed_over {
@@ -465,13 +466,13 @@ impl<'r> Shared<'r> {
                     &AROUND[..1]
                 };
                 self.look_around(cell, aim, &mut scan, gap, farther).await?;
-                scan.centre(cell, gap, coarse, "centre", 1).await?
+                self.circle_to(cell, &mut scan, gap, coarse).await?
             }
             Err(halt) => return Err(halt),
         };
         let margin = 0.5 * beam.width(gap);
         if self.make_room(cell, aim, &mut scan, margin, gap).await? {
-            peak = scan.centre(cell, gap, coarse, "centre", 1).await?;
+            peak = self.circle_to(cell, &mut scan, gap, coarse).await?;
         }
         // A peak is brighter than what was seen of it in passing; a fluctuation is gone by now.
         let level = peak.full * beam.share(gap);
@@ -485,6 +486,25 @@ impl<'r> Shared<'r> {
             .into());
         }
         Ok((scan, peak.full))
+    }
+
+    /// Circles until the peak is in the middle, to `accuracy` metres, or twice as far where a micro that swings does not come so near: nearer to
+    /// the chip it is found anew.
+    async fn circle_to(
+        &self,
+        cell: &AlignmentCell<'_>,
+        scan: &mut ConicalScan<'_>,
+        gap: f64,
+        accuracy: f64,
+    ) -> Result<Peak, Halt> {
+        let mut accuracy = accuracy;
+        for _ in 0..self.fast.retry.centre {
+            match scan.centre(cell, gap, accuracy, "centre", 1).await {
+                Err(Halt::Outcome(Outcome::Unsure { .. })) => accuracy *= 2.0,
+                peak => return peak,
+            }
+        }
+        scan.centre(cell, gap, accuracy, "centre", 1).await
     }
 
     /// Farther and farther out around where light was to be, on circles of so many widths of the peak, until there is some; then to where it is
