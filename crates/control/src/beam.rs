@@ -111,8 +111,15 @@ pub struct Peak {
     pub full: f64,
     /// Standard deviation of `full` by the noise of the readings, volts.
     pub full_deviation: f64,
-    /// Standard deviation of the place in the worse direction by the noise, metres.
-    pub deviation: f64,
+    /// Standard deviations of the place in x and in y by the noise, metres.
+    pub deviations: [f64; 2],
+}
+
+impl Peak {
+    /// The greater of the place's standard deviations, metres.
+    pub fn deviation(&self) -> f64 {
+        self.deviations[0].max(self.deviations[1])
+    }
 }
 
 impl Beam {
@@ -296,7 +303,7 @@ impl Beam {
             at: through.place(&at),
             full: at[0] * level,
             full_deviation: level * covariance[(0, 0)].sqrt(),
-            deviation: scale * covariance[(1, 1)].max(covariance[(2, 2)]).sqrt(),
+            deviations: [1, 2].map(|i| scale * covariance[(i, i)].sqrt()),
         })
     }
 }
@@ -436,7 +443,7 @@ mod tests {
             }
             let peak = beam.fit(&readings, sigma).unwrap();
             squares += (peak.at.x - at.x).powi(2);
-            prediction += peak.deviation;
+            prediction += peak.deviation();
         }
         let (measured, prediction) = ((squares / f64::from(n)).sqrt(), prediction / f64::from(n));
         assert!(

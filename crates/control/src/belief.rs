@@ -6,33 +6,53 @@ use pigtail_numerics::statistics::outside;
 /// Probability of being outside a tolerance from which on a fiber is not believed.
 pub(crate) const UNSURE: f64 = 1e-4;
 
-/// How well it is known where a fiber is beside its peak, along x and along y.
+/// How well it is known where a fiber is beside its peak, along x and along y: a guide's mode is wider in x than in y, so that
+/// light tells less of where a fiber is in x.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Across {
-    /// Standard deviation of a normal error, metres...
-    pub sigma: f64,
+    /// Standard deviations of normal errors, metres...
+    pub sigma: [f64; 2],
     /// ...and how far it may be off beside that: a drift that goes on or does not, metres.
-    pub bound: f64,
+    pub bound: [f64; 2],
 }
 
 impl Across {
-    /// What is known to a standard deviation, metres.
+    /// What is known to one standard deviation along both, metres.
     pub const fn of(sigma: f64) -> Self {
-        Self { sigma, bound: 0.0 }
+        Self {
+            sigma: [sigma; 2],
+            bound: [0.0; 2],
+        }
+    }
+
+    /// The greater standard deviation, metres.
+    pub fn worse(&self) -> f64 {
+        self.sigma[0].max(self.sigma[1])
+    }
+
+    /// The greater standard deviation of the whole error, metres.
+    pub fn deviation(&self) -> f64 {
+        let of = |i: usize| self.sigma[i].hypot(self.bound[i] / 3.0_f64.sqrt());
+        of(0).max(of(1))
     }
 
     /// The same with all errors so many times as large.
     #[must_use]
     pub fn times(self, factor: f64) -> Self {
         Self {
-            sigma: factor * self.sigma,
-            bound: factor * self.bound,
+            sigma: self.sigma.map(|sigma| factor * sigma),
+            bound: self.bound.map(|bound| factor * bound),
         }
     }
 
-    /// Probability of an error beyond a tolerance (metres) along one of both axes.
-    pub fn outside_along_an_axis(&self, tolerance: f64) -> f64 {
-        outside(tolerance, 0.0, self.bound, self.sigma)
+    /// Probability of an error beyond a tolerance (metres) along an axis, 0 or 1.
+    pub fn outside_along(&self, axis: usize, tolerance: f64) -> f64 {
+        outside(tolerance, 0.0, self.bound[axis], self.sigma[axis])
+    }
+
+    /// Probability of an error beyond a tolerance (metres) along x or along y, at most.
+    pub fn outside(&self, tolerance: f64) -> f64 {
+        self.outside_along(0, tolerance) + self.outside_along(1, tolerance)
     }
 }
 
@@ -42,10 +62,11 @@ impl Across {
 ///
 /// ```
 /// # use pigtail_control::belief::{Across, Place};
-/// let across = Across { sigma: 10e-9, bound: 0.0 };
+/// let across = Across { sigma: [10e-9, 5e-9], bound: [0.0; 2] };
 /// let place = Place { across, off: 0.1e-6, bound: 0.5e-6, sigma: 0.0 };
-/// let [x, _, z] = place.half_widths(0.95);
+/// let [x, y, z] = place.half_widths(0.95);
 /// assert!((x - 19.6e-9).abs() < 0.1e-9);
+/// assert!((y - 9.8e-9).abs() < 0.1e-9);
 /// // A bound that dominates is no normal deviate.
 /// assert!((z - 0.475e-6).abs() < 1e-9);
 /// ```
@@ -65,28 +86,28 @@ impl Place {
     /// Half widths of the intervals in x, y and z that hold the truth with a probability of `share`, metres; those in x
     /// and y lie around the peak, that in z around the gap that is believed.
     pub fn half_widths(&self, share: f64) -> [f64; 3] {
-        let [x, y, z] = [
-            (self.across.bound, self.across.sigma),
-            (self.across.bound, self.across.sigma),
+        let Across { sigma, bound } = self.across;
+        [
+            (bound[0], sigma[0]),
+            (bound[1], sigma[1]),
             (self.bound, self.sigma),
-        ];
-        [x, y, z].map(|(bound, sigma)| half_width(share, bound, sigma))
+        ]
+        .map(|(bound, sigma)| half_width(share, bound, sigma))
     }
 
     /// The least shares whose intervals hold the truth, x, y and gap beyond the wanted one (metres): even between 0 and
     /// 1 where the belief is right.
     pub fn levels(&self, [x, y, z]: [f64; 3]) -> [f64; 3] {
         [
-            1.0 - self.across.outside_along_an_axis(x.abs()),
-            1.0 - self.across.outside_along_an_axis(y.abs()),
+            1.0 - self.across.outside_along(0, x.abs()),
+            1.0 - self.across.outside_along(1, y.abs()),
             1.0 - outside((z - self.off).abs(), 0.0, self.bound, self.sigma),
         ]
     }
 
     /// Probability that the fiber is farther off than `aside` in x or in y, or than `along` in its gap, metres.
     pub fn outside(&self, aside: f64, along: f64) -> f64 {
-        let across = 2.0 * self.across.outside_along_an_axis(aside);
-        (across + self.outside_along(along)).min(1.0)
+        (self.across.outside(aside) + self.outside_along(along)).min(1.0)
     }
 
     /// Probability that its gap is farther off than a tolerance, metres.

@@ -420,7 +420,10 @@ impl<'b> AlignmentCell<'b> {
     pub async fn load(&self, side: Side, port: usize) -> Result<(), Halt> {
         self.another_fiber(side, true);
         let arm = side.index();
-        self.ask(Request::Load { arm, port }, LONGEST).await
+        self.ask(Request::Load { arm, port }, LONGEST).await?;
+        // A frame of the very cycle in which it came says nothing of it: who guards the machine does not believe that either.
+        self.tips.borrow_mut().forget(side, self.now());
+        Ok(())
     }
 
     /// The fiber of an arm goes back into the tray, if it carries one.

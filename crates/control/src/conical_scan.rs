@@ -118,6 +118,9 @@ pub struct ConicalScan<'r> {
     drift: Displacement,
     /// The part of it that chance has not made.
     surely: Displacement,
+    /// Variance of a turn's peak beyond what the photodiode's noise makes of it, in x and in y, square metres: a tip that shakes
+    /// moves it on a circle of any radius alike.
+    unrest: [f64; 2],
     /// By how much the light itself differs from one turn to the next, of its own, squared: the sum of what was seen, less its noise, and
     /// how often.
     flickers: (f64, f64),
@@ -187,6 +190,7 @@ impl<'r> ConicalScan<'r> {
             moved: f64::INFINITY,
             drift: Displacement::ZERO,
             surely: Displacement::ZERO,
+            unrest: [0.0; 2],
             flickers: (0.0, 0.0),
             wary: false,
             around: Vec::with_capacity(64),
@@ -543,6 +547,20 @@ impl<'r> ConicalScan<'r> {
             .filter(|peak| peak.full > SIGNIFICANT * peak.full_deviation)
     }
 
+    /// Goes to where the last turn was brightest, if that stands out of the noise; whether it does.
+    pub fn to_brightest(&mut self) -> bool {
+        let brightest = self
+            .readings
+            .iter()
+            .max_by(|a, b| a.volts.total_cmp(&b.volts));
+        let clear = brightest.filter(|reading| reading.volts > SIGNIFICANT * self.watch.noise);
+        let Some(at) = clear.map(|reading| reading.at) else {
+            return false;
+        };
+        self.shift(at - self.centre);
+        true
+    }
+
     /// Goes to a peak, at most its width at `gap` away. Returns how far it was away, metres.
     ///
     /// # Errors
@@ -600,7 +618,7 @@ impl<'r> ConicalScan<'r> {
                 continue;
             };
             last = self.go_to(bench, &peak, gap)?;
-            if turn >= least && last < accuracy && peak.deviation < accuracy {
+            if turn >= least && last < accuracy && peak.deviation() < accuracy {
                 return Ok(peak);
             }
             let far = (self.centre - start).norm();

@@ -43,6 +43,11 @@ pub struct Measured {
 }
 
 impl Measured {
+    /// Variance of the mean over as long as a bond takes, square metres.
+    fn left_of_means(&self) -> f64 {
+        self.left * self.deviation.powi(2)
+    }
+
     /// Density over the logarithm of a deviation.
     fn density(&self, deviation: f64) -> f64 {
         let z = (deviation / self.deviation).ln() / self.spread;
@@ -107,8 +112,8 @@ pub struct Shaking {
     /// The same on the small circle from which the tip comes to rest.
     small: Turns,
     /// Of what is slower: variance from turn to turn beyond what the photodiode makes of it, and its degrees of
-    /// freedom; of the last turns.
-    slow: (f64, f64),
+    /// freedom; of the last turns, in x and in y.
+    slow: ([f64; 2], f64),
     /// By how many degrees of freedom the photodiode's noise is known.
     still_degrees: f64,
     /// Whether it was looked at on its own, with the circle's middle held: the turns are means then, each over as long as a
@@ -127,7 +132,7 @@ impl Shaking {
             measured,
             wide: Turns::default(),
             small: Turns::default(),
-            slow: (0.0, 0.0),
+            slow: ([0.0; 2], 0.0),
             still_degrees: f64::INFINITY,
             watched: false,
             samples: Turns::default(),
@@ -184,18 +189,20 @@ impl Shaking {
         self.still_degrees = seen.still_degrees;
     }
 
-    /// From turn to turn the peak's variance is so much where a photodiode's noise alone would make it `noise`
+    /// From turn to turn the peak's variance in x and in y is so much where a photodiode's noise alone would make it `noise`
     /// (square metres), by so many degrees of freedom. What chance may have made of the noise is none of it: a few
     /// turns say little.
-    pub fn set_slow(&mut self, variance: f64, noise: f64, degrees: f64) {
+    pub fn set_slow(&mut self, variance: [f64; 2], noise: [f64; 2], degrees: f64) {
         /// Standard deviations of the noise's own variance.
         const CHANCE: f64 = 3.0;
-        let most = noise * (1.0 + CHANCE * (2.0 / degrees).sqrt());
-        let more = if variance > most {
-            variance - noise
-        } else {
-            0.0
-        };
+        let more = [0, 1].map(|i| {
+            let most = noise[i] * (1.0 + CHANCE * (2.0 / degrees).sqrt());
+            if variance[i] > most {
+                variance[i] - noise[i]
+            } else {
+                0.0
+            }
+        });
         self.slow = (more, degrees);
     }
 
@@ -230,18 +237,25 @@ impl Shaking {
         self.wide.degrees + self.small.degrees > 0.0
     }
 
-    /// Variance from turn to turn, square metres, beside what is left of means over as long as a bond takes. These hold what is slower than a
+    /// Variance from turn to turn in x and in y, square metres, beside what is left of means over as long as a bond takes. These hold what is slower than a
     /// turn, for a bond takes less: of a tip that was measured only what is more than that counts.
-    fn slow(&self) -> f64 {
+    fn slow(&self) -> [f64; 2] {
         let (variance, degrees) = self.slow;
-        let measured = self.measured.unwrap_or(USUAL);
-        let foreseen = measured.left * measured.deviation.powi(2);
-        let believed = (variance * degrees + foreseen * WORTH_SLOW) / (degrees + WORTH_SLOW);
-        if self.measured.is_some() {
-            (believed - foreseen).max(0.0)
-        } else {
-            believed
-        }
+        let foreseen = self.measured.unwrap_or(USUAL).left_of_means();
+        variance.map(|variance| {
+            let believed = (variance * degrees + foreseen * WORTH_SLOW) / (degrees + WORTH_SLOW);
+            if self.measured.is_some() {
+                (believed - foreseen).max(0.0)
+            } else {
+                believed
+            }
+        })
+    }
+
+    /// Variance of a mean over as long as a bond takes that was measured of the tip before, square metres; none where it was not.
+    pub fn measured_means(&self) -> f64 {
+        self.measured
+            .map_or(0.0, |measured| measured.left_of_means())
     }
 
     /// Whether the micro swings on the circle that finds the peak by much more than on the small one: by its own
@@ -295,10 +309,11 @@ impl Shaking {
         probable
     }
 
-    /// Standard deviation of the tip along an axis, metres.
+    /// Standard deviation of the tip along an axis, the worse one, metres.
     pub fn deviation(&self) -> f64 {
         let fast: f64 = self.believed().iter().map(|(v, share)| v * share).sum();
-        (fast + self.slow()).sqrt()
+        let [x, y] = self.slow();
+        (fast + x.max(y)).sqrt()
     }
 
     /// What to believe of the tip from now on, of what it did while it was watched: slower and faster alike.
@@ -339,11 +354,12 @@ impl Shaking {
     /// Probability that a tip whose place is `known` so well is farther than `tolerance` from the peak
     /// while its bond sets, on average, in x or in y.
     pub fn outside(&self, tolerance: f64, known: Across) -> f64 {
-        let always = known.sigma * known.sigma + self.slow();
+        let slow = self.slow();
+        let always = [0, 1].map(|i| known.sigma[i].powi(2) + slow[i]);
         let left = self.measured.map_or(1.0, |measured| measured.left);
         let tail = |variance: f64| {
-            let sigma = (always + left * variance).sqrt();
-            2.0 * Across { sigma, ..known }.outside_along_an_axis(tolerance)
+            let sigma = always.map(|always| (always + left * variance).sqrt());
+            Across { sigma, ..known }.outside(tolerance)
         };
         // What is all but impossible counts as outside: its tail is not worth working out.
         let part = |(v, share): &(f64, f64)| {
@@ -366,7 +382,8 @@ impl Shaking {
         } else {
             (self.wider, known)
         };
-        let sigma = (left * fast + self.slow() + place.sigma.powi(2)).sqrt();
+        let slow = self.slow();
+        let sigma = [0, 1].map(|i| (left * fast + slow[i] + place.sigma[i].powi(2)).sqrt());
         Across { sigma, ..place }.times(all)
     }
 
@@ -387,8 +404,8 @@ impl Shaking {
             return Ok(());
         }
         Err(Outcome::UnsurePlace {
-            deviation: known.sigma,
-            drift: known.bound,
+            deviation: known.worse(),
+            drift: known.bound[0].max(known.bound[1]),
             shaking: self.deviation(),
             tolerance,
             probability,
@@ -467,7 +484,7 @@ mod tests {
         }
         assert!(rang.outside(0.1e-6, Across::of(15e-9)) < 1e-3);
         // One that was seen to wander from turn to turn.
-        still.set_slow(16e-16, 1e-16, 10.0);
+        still.set_slow([16e-16; 2], [1e-16; 2], 10.0);
         assert!(still.outside(0.1e-6, Across::of(15e-9)) > 1e-4);
     }
 
@@ -483,12 +500,12 @@ mod tests {
             shaking.add_wide(&seen(36e-9));
         }
         // From turn to turn the peak scatters as much as is left of means: no more of it than was measured.
-        shaking.set_slow(18e-9_f64.powi(2) + 1e-16, 1e-16, 10.0);
-        let bonded = shaking.bonded(Across::default()).sigma;
+        shaking.set_slow([18e-9_f64.powi(2) + 1e-16; 2], [1e-16; 2], 10.0);
+        let bonded = shaking.bonded(Across::default()).worse();
         assert!((bonded - 18e-9).abs() < 2e-9, "{bonded}");
         // And by more where it scatters by more.
-        shaking.set_slow(40e-9_f64.powi(2), 1e-16, 10.0);
-        let bonded = shaking.bonded(Across::default()).sigma;
+        shaking.set_slow([40e-9_f64.powi(2); 2], [1e-16; 2], 10.0);
+        let bonded = shaking.bonded(Across::default()).worse();
         assert!(bonded > 28e-9, "{bonded}");
     }
 

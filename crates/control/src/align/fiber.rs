@@ -408,7 +408,7 @@ impl<'d> Fiber<'d> {
             if scan.misjudges_width() {
                 scan.believe_width();
                 why = Some(Outcome::Unsure {
-                    deviation: known.sigma,
+                    deviation: known.worse(),
                     accuracy,
                 });
                 continue;

@@ -198,7 +198,7 @@ mod tests {
                 at: middle,
                 full: 1.0,
                 full_deviation: 0.0,
-                deviation: 2e-9,
+                deviations: [2e-9; 2],
             });
         }
         (seen, middles)

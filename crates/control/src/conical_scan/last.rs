@@ -12,8 +12,8 @@ use crate::still_there::Foreseen;
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::line::Line;
 
-/// From the middle of the last wide turn to that of the small one, turns. Foreseeing as far as the fiber's
-/// attaching makes offsets in x twice as large, and those in y larger by a third.
+/// From the middle of the last wide turn to that of the small one, turns, but for what is waited on the way. Foreseeing as far as
+/// the fiber's attaching makes offsets in x twice as large, and those in y larger by a third.
 const AHEAD: f64 = 1.3;
 
 /// Radius of the small turn in widths, of which the least is enough for light without noise: the
@@ -177,21 +177,23 @@ impl ConicalScan<'_> {
                 continue;
             }
             // A peak is that of the middle of its turn; the circle is left a turn later.
-            let noise = peak.deviation;
+            let noise = peak.deviation();
             let last = peak;
-            let ([x, y], unsettled) = self.foresee(&seen, &middles, noise)?;
+            let (ahead, unsettled) = self.foresee(bench, &seen, &middles, &last)?;
+            let [x, y] = &ahead;
             peak.at = Displacement::new(x.at, y.at);
-            peak.deviation = x.deviation.max(y.deviation);
+            peak.deviations = [x.deviation, y.deviation];
             self.drift = Displacement::new(x.slope, y.slope);
-            self.surely = self.drift * surely(self.drift, x.slope_deviation.max(y.slope_deviation));
+            self.surely = Displacement::new(x.surely(), y.surely());
             let slope = self.drift.norm();
+            let noises = last.deviations.map(|noise| noise * noise);
+            self.unrest = [0, 1].map(|i| (ahead[i].each - noises[i]).max(0.0));
             if !self.shaking.is_watched() {
-                let scatter = x.scatter.max(y.scatter);
                 let free = seen.len() as f64 - 2.0;
-                self.shaking.set_slow(scatter, noise * noise, free);
+                self.shaking.set_slow([x.scatter, y.scatter], noises, free);
             }
             self.go_to(bench, &peak, gap)?;
-            deviation = peak.deviation;
+            deviation = peak.deviation();
             // A peak that a circle's middle runs after, or that is no peak's shape, is that of a micro
             // which does not go where it is told.
             misfit = self.misfit(&last, gap, 1.0);
@@ -201,7 +203,7 @@ impl ConicalScan<'_> {
                 continue;
             }
             // The small turn to come knows the less the smaller it is.
-            let small = last.deviation * self.shape.radius / self.small(&last, gap);
+            let small = last.deviation() * self.shape.radius / self.small(&last, gap);
             let together = deviation * small / deviation.hypot(small);
             self.around.clear();
             self.around
@@ -219,18 +221,26 @@ impl ConicalScan<'_> {
         Err(undecided(misfit, (deviation, accuracy)).into())
     }
 
-    /// Where peaks lead, in x and in y, and whether they scatter by more than `noise` (metres), and not for long enough yet: what makes them may be
-    /// slow.
+    /// Where peaks lead, in x and in y, and whether they scatter by more than the noise of the `last` of them, and not for long enough yet:
+    /// what makes them may be slow.
     fn foresee(
         &self,
+        bench: &Reactor<'_>,
         seen: &[Peak],
         middles: &[Displacement],
-        noise: f64,
+        last: &Peak,
     ) -> Result<([Ahead; 2], bool), Outcome> {
+        let ahead = AHEAD + self.waits(bench) / self.period;
         if !self.wary {
             let of = [|peak: &Peak| peak.at.x, |peak: &Peak| peak.at.y];
-            return Ok((of.map(|of| Ahead::of(seen, of, noise)), false));
+            let means = self.shaking.measured_means();
+            let foreseen = [0, 1].map(|i| {
+                let least = last.deviations[i].powi(2) + means;
+                Ahead::of(seen, of[i], least, ahead)
+            });
+            return Ok((foreseen, false));
         }
+        let noise = last.deviation();
         let answer = Answer::of(seen, middles, noise);
         if let Some(why) = answer.is_foreign() {
             return Err(Outcome::BenchFailed { why });
@@ -238,7 +248,17 @@ impl ConicalScan<'_> {
         let free = 2.0 * seen.len() as f64 - 4.0;
         let most = noise * noise * (1.0 + CHANCE * (2.0 / free).sqrt());
         let unsettled = answer.scatter > most && seen.len() < WATCHED;
-        Ok((Ahead::answered(&answer, seen.len()), unsettled))
+        Ok((Ahead::answered(&answer, seen.len(), ahead), unsettled))
+    }
+
+    /// How long the micro is left to itself on the small circle before light on it counts, seconds: on its first turn a tip is elsewhere than on
+    /// those that follow.
+    fn waits(&self, bench: &Reactor<'_>) -> f64 {
+        if self.wary {
+            self.period
+        } else {
+            self.group(bench).settling
+        }
     }
 
     /// Takes in by how much two peaks of turns that follow each other differ in their light.
@@ -273,15 +293,14 @@ impl ConicalScan<'_> {
         phase: &'static str,
     ) -> Result<Near, Halt> {
         self.shrink(bench, gap, radius, SHRINK).await?;
-        if self.wary {
-            self.last_for(bench, Gap::Steady(gap), self.period).await?;
-        }
+        self.last_for(bench, Gap::Steady(gap), self.waits(bench))
+            .await?;
         // The way to rest makes the micro ring as the way to this circle did, and is this much shorter.
         let shorter = radius / (self.shape.radius - radius);
         let (mut turns, mut before, mut rings, mut led) = (0, f64::INFINITY, false, false);
         let seen = loop {
             self.turn(bench, gap).await?;
-            let Some(seen) = self.peak() else {
+            let Some(mut seen) = self.peak() else {
                 return Err(Outcome::LightLost {
                     phase,
                     level: 0.0,
@@ -289,6 +308,9 @@ impl ConicalScan<'_> {
                 }
                 .into());
             };
+            for (deviation, unrest) in seen.deviations.iter_mut().zip(self.unrest) {
+                *deviation = deviation.hypot(unrest.sqrt());
+            }
             let swing = self.swing(&seen, gap);
             rings |= swing * shorter > QUIET;
             let quiet = swing < QUIET || !rings;
@@ -362,21 +384,17 @@ impl ConicalScan<'_> {
             }
             .into());
         }
-        let (by, deviation) = apart(foreseen, &seen);
         let accepted = SMALL_MISFIT * small;
         let misfit = self.misfit(&seen, gap, 1.0);
         if misfit > accepted {
             return Err(Outcome::Misshapen { misfit, accepted }.into());
         }
-        let share = (foreseen.deviation / deviation).powi(2);
+        let (at, known) = together(foreseen, &seen);
         let last = if rings { GENTLE } else { COME_TO_REST };
         // It comes to rest, and not a moment longer than it may swing: piezos creep.
         let settling = self.group(bench).settling;
         let rest = HALF_TURN + last + settling / self.period;
-        let peak = Peak {
-            at: foreseen.at + by * share,
-            ..seen
-        };
+        let peak = Peak { at, ..seen };
         self.go_to(bench, &peak, gap)?;
         self.shrink(bench, gap, 0.0, last).await?;
         self.last_for(bench, Gap::Steady(gap), settling).await?;
@@ -398,17 +416,16 @@ impl ConicalScan<'_> {
         if misfit > accepted {
             return Err(Outcome::Misshapen { misfit, accepted }.into());
         }
-        let known = foreseen.deviation * seen.deviation / deviation;
         // How far piezos creep until the fiber is fixed was foreseen, but for a part; and as much of
         // what moves on while a micro that rings comes to rest, such as a macro that creeps.
         let creep = CREEP * self.slower;
         let moves = creep + creep.max(self.drift.norm()) * later;
         let known = Across {
-            sigma: known.hypot(UNFORESEEN * moves),
+            sigma: known.map(|known| known.hypot(UNFORESEEN * moves)),
             // A drift that was seen for sure goes on as it did, or less, or not at all: what comes to rest does so soon, and
             // piezos creep by the logarithm of time, by much where their model knows no creep. To go where it
             // would lead makes offsets worse where it does not go on, so it is believed and not followed.
-            bound: self.surely.norm() * rest,
+            bound: [self.surely.x, self.surely.y].map(|surely| surely.abs() * rest),
         };
         let deviation = full
             * f64::hypot(
@@ -439,13 +456,6 @@ fn undecided(off: f64, (deviation, accuracy): (f64, f64)) -> Outcome {
     }
 }
 
-/// Which share of a drift is one for sure where it is known to a standard deviation: of one that chance may have made
-/// none, of one far beyond that all but all.
-fn surely(drift: Displacement, deviation: f64) -> f64 {
-    let chance = CHANCE * deviation / drift.norm().max(f64::MIN_POSITIVE);
-    (1.0 - chance * chance).max(0.0)
-}
-
 /// What a small circle has told.
 struct Near {
     /// The peak by its last turn.
@@ -464,16 +474,21 @@ fn aged(led: bool, turns: u32) -> f64 {
 /// What was foreseen for one turn, so many turns later: piezos creep.
 fn late(foreseen: &Peak, turns: f64) -> Peak {
     Peak {
-        deviation: foreseen.deviation.hypot(CREEP * turns),
+        deviations: foreseen.deviations.map(|d| d.hypot(CREEP * turns)),
         ..*foreseen
     }
 }
 
-/// How far a peak was seen from where it was foreseen, and how well that is known, metres.
-fn apart(foreseen: &Peak, seen: &Peak) -> (Displacement, f64) {
+/// The place of a peak by where it was foreseen and where it was seen, each as far as it is sure, and how well it is known then in x and in y,
+/// metres.
+fn together(foreseen: &Peak, seen: &Peak) -> (Displacement, [f64; 2]) {
+    let by = seen.at - foreseen.at;
+    let (before, after) = (foreseen.deviations, seen.deviations);
+    let apart = [0, 1].map(|i| before[i].hypot(after[i]).max(f64::MIN_POSITIVE));
+    let share = [0, 1].map(|i| (before[i] / apart[i]).powi(2));
     (
-        seen.at - foreseen.at,
-        seen.deviation.hypot(foreseen.deviation),
+        foreseen.at + Displacement::new(share[0] * by.x, share[1] * by.y),
+        [0, 1].map(|i| before[i] * after[i] / apart[i]),
     )
 }
 
@@ -486,15 +501,16 @@ struct Moved {
 impl Moved {
     /// Of what was foreseen so many turns ago; `None` where it is there.
     fn of(foreseen: &Peak, seen: &Peak, turns: f64) -> Option<Self> {
-        let (by, deviation) = apart(&late(foreseen, turns), seen);
-        let (way, near) = (by.norm(), MOVED.0 + MOVED.1 * deviation);
+        let deviation = late(foreseen, turns).deviation().hypot(seen.deviation());
+        let way = (seen.at - foreseen.at).norm();
+        let near = MOVED.0 + MOVED.1 * deviation;
         (way > near).then_some(Self { way, near })
     }
 }
 
 /// A coordinate of the peak as it will be.
 struct Ahead {
-    /// [`AHEAD`] of the last turn, metres.
+    /// So many turns ahead of the last one as it was asked for, metres.
     at: f64,
     /// Its standard deviation, metres.
     deviation: f64,
@@ -502,14 +518,16 @@ struct Ahead {
     slope: f64,
     /// ...and how well that is known.
     slope_deviation: f64,
-    /// Variance of a turn's peak about that, square metres.
+    /// Variance of a turn's peak about that as it was seen, square metres...
     scatter: f64,
+    /// ...and as it is believed.
+    each: f64,
 }
 
 impl Ahead {
     /// The same in x and in y by how the turns' peaks answer to where their middles were.
-    fn answered(of: &Answer, turns: usize) -> [Self; 2] {
-        let lever = turns as f64 - 1.0 + AHEAD;
+    fn answered(of: &Answer, turns: usize, ahead: f64) -> [Self; 2] {
+        let lever = turns as f64 - 1.0 + ahead;
         let (at, deviation) = of.at(lever);
         let [x, y] = [(at.x, of.slope.x), (at.y, of.slope.y)];
         [x, y].map(|(at, slope)| Self {
@@ -518,20 +536,26 @@ impl Ahead {
             slope,
             slope_deviation: of.slope_deviation,
             scatter: of.scatter,
+            each: of.scatter,
         })
     }
 
-    /// By the straight line through a coordinate of peaks that are a turn apart. A few peaks may
-    /// happen to lie well: they scatter by `noise` (metres) at least.
-    fn of(peaks: &[Peak], coordinate: impl Fn(&Peak) -> f64 + Clone, noise: f64) -> Self {
+    /// By the straight line through a coordinate of peaks that are a turn apart, so many turns `ahead`. A few peaks may
+    /// happen to lie well: their variance is `least` (square metres) or more.
+    fn of(
+        peaks: &[Peak],
+        coordinate: impl Fn(&Peak) -> f64 + Clone,
+        least: f64,
+        ahead: f64,
+    ) -> Self {
         let n = peaks.len() as f64;
         let turns = peaks.iter().map(coordinate).enumerate();
         let points = turns.map(|(k, at)| (k as f64, at));
         let line = Line::through(points.clone());
         let squares: f64 = points.map(|(k, at)| line.left(k, at).powi(2)).sum();
-        let lever = line.x + AHEAD;
+        let lever = line.x + ahead;
         let scatter = squares / (n - 2.0);
-        let each = scatter.max(noise * noise);
+        let each = scatter.max(least);
         let variance = each * (1.0 / n + lever * lever / line.spread);
         Self {
             at: line.y + line.slope * lever,
@@ -539,7 +563,14 @@ impl Ahead {
             slope: line.slope,
             slope_deviation: (each / line.spread).sqrt(),
             scatter,
+            each,
         }
+    }
+
+    /// How much of its way is one for sure: of one that chance may have made nothing, of one far beyond that all but all.
+    fn surely(&self) -> f64 {
+        let chance = CHANCE * self.slope_deviation / self.slope.abs().max(f64::MIN_POSITIVE);
+        self.slope * (1.0 - chance * chance).max(0.0)
     }
 }
 
@@ -552,14 +583,14 @@ mod tests {
             at: Displacement::new(x, 0.0),
             full: 1.0,
             full_deviation: 0.0,
-            deviation: 0.0,
+            deviations: [0.0; 2],
         }
     }
 
     #[test]
     fn a_steady_creep_is_foreseen() {
         let peaks = [0.0, 10e-9, 20e-9, 30e-9].map(peak);
-        let ahead = Ahead::of(&peaks, |peak| peak.at.x, 0.0);
+        let ahead = Ahead::of(&peaks, |peak| peak.at.x, 0.0, AHEAD);
         let expected = 30e-9 + AHEAD * 10e-9;
         assert!((ahead.at - expected).abs() < 1e-15, "{}", ahead.at);
         assert!(ahead.deviation < 1e-15, "{}", ahead.deviation);
@@ -568,7 +599,8 @@ mod tests {
 
     #[test]
     fn three_peaks_that_happen_to_lie_well_are_not_believed_more_than_their_noise() {
-        let Ahead { deviation, .. } = Ahead::of(&[0.0; 3].map(peak), |peak| peak.at.x, 10e-9);
+        let Ahead { deviation, .. } =
+            Ahead::of(&[0.0; 3].map(peak), |peak| peak.at.x, 1e-16, AHEAD);
         assert!(deviation > 10e-9, "{deviation}");
     }
 }

@@ -261,7 +261,7 @@ impl ConicalScan<'_> {
                 if together == bond {
                     shaking.add_wide(&seen);
                     // What is slower than a turn is in it.
-                    shaking.set_slow(0.0, 0.0, seen.degrees);
+                    shaking.set_slow([0.0; 2], [0.0; 2], seen.degrees);
                 }
             }
         }

@@ -200,8 +200,8 @@ impl Doubt {
         let sure = |scan: &ConicalScan<'_>, known: Across| {
             scan.shaking().is_sure(tolerance, known).is_ok()
         };
-        let dim = known.sigma > BETTER.sqrt() * self.best;
-        self.best = self.best.min(known.sigma);
+        let dim = known.worse() > BETTER.sqrt() * self.best;
+        self.best = self.best.min(known.worse());
         let missing = |scan: &ConicalScan<'_>| !dim && sure(scan, known.times(BETTER * BETTER));
         if self.watched > 0 || missing(scan) {
             self.accuracy = (BETTER * self.accuracy).max(FINEST);
@@ -213,7 +213,7 @@ impl Doubt {
             samples = self.watched;
         }
         // A drift may have been seen by chance.
-        Ok(sure(scan, Across::of(FINEST.min(known.sigma))))
+        Ok(sure(scan, Across::of(FINEST.min(known.worse()))))
     }
 }
 

@@ -19,6 +19,7 @@ mod ratio;
 mod seen;
 mod single;
 
+use crate::beam::Peak;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::{ConicalScan, Gap, Watch};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
@@ -53,6 +54,10 @@ const SCATTERED: f64 = 5.0;
 
 /// ...for so many turns, in which it does not by chance stay as bright as a peak would.
 const DOUBTING: u64 = 3;
+
+/// Radii of the circles on which light is looked for that was there and is not where it was to be, in widths of its peak: the first where it may
+/// have been a little aside, all of them where the macro has gone aside since, of which its transmissions hide some.
+const AROUND: [f64; 4] = [1.5, 2.5, 3.5, 4.5];
 
 /// A pass of a search for one fiber.
 #[derive(Debug, Clone, Copy)]
@@ -449,27 +454,25 @@ impl<'r> Shared<'r> {
         let before = cell.measured_shaking(aim.side);
         let mut scan = ConicalScan::new(watch, beam, shape, cell, (at, gap), walk, before);
         // What the micro will not reach, here or at the chip, the macro must.
-        self.make_room(cell, aim, &mut scan, beam.width(gap), gap)
-            .await?;
+        let room = beam.width(gap);
+        let handed_over = self.make_room(cell, aim, &mut scan, room, gap).await?;
         let coarse = 0.15 * beam.width(gap);
-        let mut peak = match scan.centre(cell, gap, coarse, "centre", 1).await {
+        let mut peak = match self.circle_to(cell, &mut scan, gap, coarse).await {
             Ok(peak) => peak,
             Err(Halt::Outcome(Outcome::LightLost { .. })) => {
-                // Once around farther out.
-                scan.set_radius(1.5);
-                scan.turn(cell, gap).await?;
-                let peak = scan.peak();
-                scan.set_radius(self.fast.conical_scan.radius);
-                if let Some(peak) = peak {
-                    scan.go_to(cell, &peak, gap)?;
-                }
-                scan.centre(cell, gap, coarse, "centre", 1).await?
+                let farther = if handed_over {
+                    &AROUND[..]
+                } else {
+                    &AROUND[..1]
+                };
+                self.look_around(cell, aim, &mut scan, gap, farther).await?;
+                self.circle_to(cell, &mut scan, gap, coarse).await?
             }
             Err(halt) => return Err(halt),
         };
         let margin = 0.5 * beam.width(gap);
         if self.make_room(cell, aim, &mut scan, margin, gap).await? {
-            peak = scan.centre(cell, gap, coarse, "centre", 1).await?;
+            peak = self.circle_to(cell, &mut scan, gap, coarse).await?;
         }
         // A peak is brighter than what was seen of it in passing; a fluctuation is gone by now.
         let level = peak.full * beam.share(gap);
@@ -483,6 +486,60 @@ impl<'r> Shared<'r> {
             .into());
         }
         Ok((scan, peak.full))
+    }
+
+    /// Circles until the peak is in the middle, to `accuracy` metres, or twice as far where a micro that swings does not come so near: nearer to
+    /// the chip it is found anew.
+    async fn circle_to(
+        &self,
+        cell: &AlignmentCell<'_>,
+        scan: &mut ConicalScan<'_>,
+        gap: f64,
+        accuracy: f64,
+    ) -> Result<Peak, Halt> {
+        let mut accuracy = accuracy;
+        for _ in 0..self.fast.retry.centre {
+            match scan.centre(cell, gap, accuracy, "centre", 1).await {
+                Err(Halt::Outcome(Outcome::Unsure { .. })) => accuracy *= 2.0,
+                peak => return peak,
+            }
+        }
+        scan.centre(cell, gap, accuracy, "centre", 1).await
+    }
+
+    /// Farther and farther out around where light was to be, on circles of so many widths of the peak, until there is some; then to where it is
+    /// brightest.
+    async fn look_around(
+        &self,
+        cell: &AlignmentCell<'_>,
+        aim: &Aim,
+        scan: &mut ConicalScan<'_>,
+        gap: f64,
+        farther: &[f64],
+    ) -> Result<(), Halt> {
+        /// Turns on each: what is seen on the way there does not count.
+        const TURNS: f64 = 1.25;
+        for radius in farther {
+            let out = radius * scan.beam_width(gap);
+            let place = scan.place(gap);
+            let reaches = [(out, 0.0), (-out, 0.0), (0.0, out), (0.0, -out)]
+                .map(|(x, y)| cell.micro_reaches(aim.side, place + Displacement::new(x, y)));
+            if reaches.contains(&false) {
+                break;
+            }
+            scan.set_radius(*radius);
+            let seconds = TURNS * scan.period();
+            scan.run(cell, Gap::Steady(gap), seconds).await?;
+            if let Some(peak) = scan.clear_peak() {
+                scan.go_to(cell, &peak, gap)?;
+                break;
+            }
+            if scan.to_brightest() {
+                break;
+            }
+        }
+        scan.set_radius(self.fast.conical_scan.radius);
+        Ok(())
     }
 
     /// Hands over to the macro what the micro would not reach, here or at the chip, with a circle
@@ -523,7 +580,7 @@ impl<'r> Shared<'r> {
     ) -> Result<(), Halt> {
         let way = aim.gap(cell) - gap;
         let end = cell.wanted(aim.side).shifted(0.0, 0.0, way);
-        cell.start_line(aim.side, end, None)?;
+        cell.start_line(aim.side, end, Some(self.unhurried(cell, aim, gap)))?;
         let turn = scan.period();
         let start = scan.place(0.0);
         let (mut next, mut end) = (cell.now() + turn, f64::INFINITY);

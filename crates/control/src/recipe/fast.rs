@@ -142,6 +142,8 @@ pub struct Retry {
     pub passes: Vec<Pass>,
     /// Bright places that were no peak, at most, until a pass ends.
     pub dismissed: u32,
+    /// How often a peak that is not come to is circled once more, to be known half as well.
+    pub centre: u32,
     /// How often a micro's ways are measured once more that could not be.
     pub ratio: u32,
     /// How often the last turns are begun...
@@ -212,6 +214,7 @@ impl Default for Retry {
                 slow(8.0, -1.0),
             ],
             dismissed: 5,
+            centre: 1,
             ratio: 2,
             last_turns: 3,
             patience: 8,
