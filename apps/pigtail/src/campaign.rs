@@ -253,7 +253,7 @@ fn finish(
     } else {
         let told = report::text::campaign(&document, store.done() - before, report::text::room());
         text.extend(told.bytes());
-        text.extend(format!("Ran on {rig}\n").bytes());
+        text.extend(running::ran_on(rig, store.plan().commissioned).bytes());
     }
     crate::print(&text)?;
     if !document.complete {

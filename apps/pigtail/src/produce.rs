@@ -14,7 +14,7 @@ use pigtail_evaluate::produce::{Heard, ProduceDocument, Told, produce};
 use pigtail_hal::digest::hash;
 use pigtail_hal::{Error, Side};
 use pigtail_report as report;
-use pigtail_session::calibrations::Part;
+use pigtail_session::calibrations::{Part, RunsOn};
 use pigtail_session::own::Own;
 use pigtail_session::produce::{DEFAULT_TRAY, InPlace, Loaded};
 use pigtail_session::setup::Setup;
@@ -468,6 +468,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         Some(named) => resumed(named, &common.runs, &head, &loaded)?,
         None => Left::default(),
     };
+    // Of a machine that is commissioned: what that began with.
+    let rig = RunsOn::of(&setup.rig);
     if arguments.commission {
         setup = commissioned(&setup, common)?;
     } else {
@@ -532,7 +534,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         return Err(why.into());
     }
     let document = &outcome.document;
-    run.write_json("summary.json", &running::on(&setup, document, None))?;
+    run.write_json(
+        "summary.json",
+        &running::on_rig(rig.clone(), document, None),
+    )?;
     run.write("report.html", report::produce(document, &outcome.run.bars)?)?;
     running::close_records(&run, &setup)?;
     match &document.fault {
@@ -551,7 +556,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         words(&mut text, document, &planned, wall).map_err(anyhow::Error::from)?;
         let report = run.path("report.html");
         text.extend(format!("Report: {}\n", report.display()).bytes());
-        text.extend(running::line(&setup).bytes());
+        text.extend(running::ran_on(&rig, arguments.commission).bytes());
     }
     crate::print(&text)?;
     Ok(match (&document.fault, document.rejected.is_empty()) {

@@ -69,7 +69,17 @@ pub(crate) fn told(
 
 /// What it ran on, in a line.
 pub(crate) fn line(setup: &Setup) -> String {
-    format!("Ran on {}\n", RunsOn::of(&setup.rig))
+    ran_on(&RunsOn::of(&setup.rig), false)
+}
+
+/// The same of a rig; `commissioned` where each machine was measured first, and what was found was believed.
+pub(crate) fn ran_on(rig: &RunsOn, commissioned: bool) -> String {
+    let first = if commissioned {
+        "; each machine was commissioned first, from there on"
+    } else {
+        ""
+    };
+    format!("Ran on {rig}{first}\n")
 }
 
 /// Keeps the light samples of an alignment as CSV, and the same numbers as Parquet.

@@ -13,14 +13,19 @@ use std::path::PathBuf;
 /// Write records to try the commands on that read records
 ///
 /// Files of columns as laboratories bring them, made by the twin of a seed: a servo axis, a joint with two encoders, a
-/// piezo, a map of light. What is true of them is known, so that an answer can be judged: the axes are those of the rig's
-/// `plant.toml` as the seed draws them, the map's peak is at 17.2, 10.6 um.
+/// piezo, a map of light, a contact, a stage's frequency response; and the parameters of two joints to simulate. What is
+/// true of them is known, so that an answer can be judged: the axes are those of the rig's `plant.toml` as the seed draws
+/// them; the map's peak is at 17.2, 10.6 um; the contact gives way by 12 um before it slides at 2 N; the stage has modes at 180
+/// and 540 Hz, damped by 0.03 and 0.015, and answers 0.3 ms late.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   pigtail sample-data data
   pigtail identify windup --data data/two-encoders.csv --motor motor_deg --load load_deg
-  pigtail align --map data/map.csv --map-columns x_um,y_um,power_V")]
+  pigtail identify friction --data data/friction.csv --displacement x_um --force force_N
+  pigtail identify resonance --data data/response.csv
+  pigtail align --map data/map.csv --map-columns x_um,y_um,power_V
+  pigtail simulate joint --params data/axes.toml --axis z --step 400 --out step.csv")]
 pub(crate) struct Arguments {
     /// The folder to write them into
     folder: PathBuf,
@@ -73,8 +78,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         let mut rows = vec![["file", "rows", "what it is"].map(str::to_owned).to_vec()];
         rows.extend(files.iter().map(|file| {
             let path = folder.join(file.name).display().to_string();
-            let lines = file.content.lines().count() - 1;
-            vec![path, lines.to_string(), file.about.to_owned()]
+            let is_table = std::path::Path::new(file.name).extension() == Some("csv".as_ref());
+            let rows = is_table.then(|| file.content.lines().count() - 1);
+            let rows = rows.map_or_else(|| "-".to_owned(), |rows| rows.to_string());
+            vec![path, rows, file.about.to_owned()]
         }));
         write_table(&mut text, &rows).map_err(anyhow::Error::from)?;
     }

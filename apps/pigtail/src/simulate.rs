@@ -28,7 +28,8 @@ enum Part {
 /// The parameters are a TOML table an axis (or a JSON object), named as in the equations, SI units:
 /// Jm, Jl, r, P (metres of output a radian of the load), km, kb, R, ks, kh, bm, bl, fsm, fcm, fsl,
 /// fcl, qp, Tp (preload); the servo's Nenc (counts a turn), Ts, Vmax, Vint (bound of the integral's
-/// voltage), kp (V/count), ki (V/(count s)), kd (V s/count).
+/// voltage), kp (V/count), ki (V/(count s)), kd (V s/count). `pigtail sample-data data` writes those of the shipped
+/// rig's axes to data/axes.toml.
 ///
 /// Writes a row for each moment: time, voltage from then on, positions and velocities of motor and
 /// load, output, modes (-1, 0 stuck, +1), encoder count, reference.

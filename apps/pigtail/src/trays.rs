@@ -7,7 +7,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use pigtail_evaluate::campaign::Commissioned;
 use pigtail_evaluate::trays::{TrayDone, TraysDocument, summarize, trays};
 use pigtail_report as report;
-use pigtail_session::calibrations::Part;
+use pigtail_session::calibrations::{Part, RunsOn};
 use pigtail_session::produce::Loaded;
 use pigtail_session::setup::Setup;
 use pigtail_store::runs::Run;
@@ -172,7 +172,8 @@ fn all(
         words(&mut text, &document, threads, seconds).map_err(anyhow::Error::from)?;
         let report = run.path("report.html");
         text.extend(format!("Report: {}\n", report.display()).bytes());
-        text.extend(running::line(setup).bytes());
+        let rig = RunsOn::of(&setup.rig);
+        text.extend(running::ran_on(&rig, arguments.commission).bytes());
     }
     crate::print(&text)?;
     Ok(if document.stopped > 0 {

@@ -297,6 +297,74 @@ fn what_differs_is_seen_and_what_may_differ_is_not() {
     assert!(!agree(&["a 1.5", "...", "y"], &one));
 }
 
+/// What a page names of the program between backticks, as words; what stands for something else (`FOLDER`, `N`, `...`) is none.
+fn named(text: &str, commands: &BTreeSet<String>) -> Vec<Vec<String>> {
+    let span = Regex::new(r"`([^`]+)`").expect("a pattern");
+    let fence = Regex::new(r"(?s)```.*?```").expect("a pattern");
+    let prose = fence.replace_all(text, "");
+    let stands = |word: &str| {
+        word.contains("...")
+            || word.contains(['<', '>', '|', '(', ')', '[', ']', '"', '*'])
+            || word
+                .split(['=', ',', '/', '-'])
+                .any(|part| !part.is_empty() && part.chars().all(|c| c.is_ascii_uppercase()))
+    };
+    let mut all = Vec::new();
+    for found in span.captures_iter(&prose) {
+        let words = found[1].trim_start_matches("cargo run --release -- ");
+        let mut words: Vec<String> = words.split_whitespace().map(str::to_owned).collect();
+        let whole = words.first().is_some_and(|word| word == "pigtail");
+        if whole {
+            words.remove(0);
+        }
+        let is_one = words.first().is_some_and(|word| commands.contains(word));
+        if (whole || words.len() > 1 && is_one) && !words.iter().any(|word| stands(word)) {
+            all.push(words);
+        }
+    }
+    all
+}
+
+#[test]
+fn commands_that_pages_name_are_those_of_the_program() {
+    let program = env!("CARGO_BIN_EXE_pigtail");
+    let ask = |words: &[String]| {
+        let asked = Command::new(program).args(words).arg("--help").output();
+        asked.expect("the program starts")
+    };
+    let help = String::from_utf8(ask(&[]).stdout).expect("text");
+    let of_help = Regex::new(r"(?m)^  ([a-z-]+)  ").expect("a pattern");
+    let commands = of_help.captures_iter(&help).map(|c| c[1].to_owned());
+    let commands: BTreeSet<String> = commands.collect();
+    assert!(commands.contains("align"), "{commands:?}");
+    let (mut wrong, mut asked) = (Vec::new(), BTreeSet::new());
+    for page in pages() {
+        for words in named(&read(&page), &commands) {
+            if !asked.insert(words.clone()) {
+                continue;
+            }
+            let answer = ask(&words);
+            let error = String::from_utf8_lossy(&answer.stderr).into_owned();
+            // A flag that is named without what it takes is no mistake.
+            if !answer.status.success() && !error.contains("a value is required for") {
+                wrong.push(format!("{}: {}: {error}", page.display(), words.join(" ")));
+            }
+        }
+    }
+    assert!(asked.len() > 100, "{}", asked.len());
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn a_command_that_is_none_is_seen_and_a_placeholder_is_not() {
+    let commands = BTreeSet::from(["align".to_owned()]);
+    let text = "`pigtail tune w`, `align --seed 7`, `align`, `pigtail tune AXIS`, `run --seed`\n```\n`align x`\n```\n";
+    assert_eq!(
+        named(text, &commands),
+        [vec!["tune", "w"], vec!["align", "--seed", "7"]]
+    );
+}
+
 /// The name by which a heading is linked to.
 fn anchor(heading: &str) -> String {
     let plain = heading.trim_start_matches('#').trim().to_lowercase();

@@ -387,6 +387,12 @@ fn what_is_missing_or_stale_is_said_before_a_run() {
             text.replacen("date = \"2026-11-20\"", "date = \"2027-01-01\"", 1),
             "windup.five_bar of 2026-11-21 is older",
         ),
+        // What was never dated is neither old nor new.
+        (
+            text.replacen("date = \"2026-11-20\"", "date = \"2027-01-01\"", 1)
+                .replace("date = \"2026-11-21\"", "date = \"\""),
+            "",
+        ),
         (text.replace("settling", "# settling"), "no settling"),
     ];
     for (text, part) in cases {

@@ -226,36 +226,10 @@ fn a_name_means_one_thing_in_all_commands() {
     }
 }
 
-/// A frequency response of two modes, and a loop of friction, as laboratories bring them.
-fn records(folder: &Path) {
-    use std::f64::consts::TAU;
-    use std::fmt::Write as _;
-    let mut response = "frequency_Hz,magnitude\n".to_owned();
-    for k in 1..400 {
-        let hz = 4.0 * f64::from(k);
-        let (f, z) = (hz / 210.0, 0.03);
-        let below = (1.0 - f * f).hypot(2.0 * z * f);
-        let _ = writeln!(response, "{hz},{:.6}", 1.0 / below);
-    }
-    fs::write(folder.join("response.csv"), response).expect("a file");
-    let mut friction = "t_s,x_um,force_N\n".to_owned();
-    let (mut force, mut before) = (0.0, 0.0);
-    for k in 0..4000 {
-        let t = 1e-3 * f64::from(k);
-        let x = 20.0 * (1.0 - 0.1 * t) * (TAU * 0.7 * t).sin();
-        let by: f64 = x - before;
-        before = x;
-        force += 0.8 * (1.0 - 0.5 * force * by.signum()) * by;
-        let _ = writeln!(friction, "{t:.4},{x:.5},{force:.5}");
-    }
-    fs::write(folder.join("friction.csv"), friction).expect("a file");
-}
-
 #[test]
 fn experiments_keep_their_samples() {
     let folder = TempDir::new().expect("a folder");
     let words = |text: &str| -> Vec<String> { text.split(' ').map(str::to_owned).collect() };
-    records(folder.path());
     run(folder.path(), &words("sample-data data"));
     for (k, called) in [
         "align",
@@ -267,8 +241,8 @@ fn experiments_keep_their_samples() {
         "impulse z --target-nm 100",
         "impulse z --target-nm 0.1um --machines 2",
         "identify hysteresis --data data/piezo.csv --input u_V --output x_um",
-        "identify friction --data friction.csv --displacement x_um --force force_N",
-        "identify resonance --data response.csv",
+        "identify friction --data data/friction.csv --displacement x_um --force force_N",
+        "identify resonance --data data/response.csv",
     ]
     .iter()
     .enumerate()

@@ -66,6 +66,43 @@ fn a_known_friction_is_found_whatever_its_sign() {
 }
 
 #[test]
+#[ignore = "long: a fit of friction and one of modes, seconds each"]
+fn records_that_are_written_to_try_on_tell_what_is_said_to_be_true_of_them() {
+    let folder = TempDir::new().expect("a folder");
+    let (code, _, error) = made::pigtail(folder.path(), &["sample-data", "data"]);
+    assert_eq!(code, Some(0), "{error}");
+    let rubbed = [
+        "identify",
+        "friction",
+        "--data",
+        "data/friction.csv",
+        "--displacement",
+        "x_um",
+        "--force",
+        "force_N",
+    ];
+    let (friction, code) = answer(folder.path(), &rubbed);
+    assert_eq!(code, 0, "{friction}");
+    near(
+        value(&friction, "static_friction").expect("known"),
+        2.0,
+        1.0,
+    );
+    near(value(&friction, "presliding").expect("known"), 12e-6, 1.0);
+    let swept = ["identify", "resonance", "--data", "data/response.csv"];
+    let (modes, code) = answer(folder.path(), &swept);
+    assert_eq!(code, 0, "{modes}");
+    for (name, truth) in [
+        ("frequency_1", 180.0),
+        ("frequency_2", 540.0),
+        ("damping_1", 0.03),
+        ("damping_2", 0.015),
+    ] {
+        near(value(&modes, name).expect("known"), truth, 1.0);
+    }
+}
+
+#[test]
 fn a_friction_record_that_does_not_tell_is_not_believed() {
     let none: Spoil = |_| {};
     let cases: [(&str, Vec<Vec<f64>>, Spoil, &str); 6] = [

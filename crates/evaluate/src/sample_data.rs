@@ -2,9 +2,10 @@
 
 use anyhow::Result;
 use pigtail_control::characterize::record;
-use pigtail_hal::AxisName;
+use pigtail_hal::{Axis, AxisName};
 use pigtail_model::hysteresis::{Hysteresis, HysteresisParameters, HysteresisState};
 use pigtail_model::optics::{Coupler, GaussianMode, Misalignment};
+use pigtail_numerics::fourier::Complex64;
 use pigtail_session::characterize::metres_per_count;
 use pigtail_session::identify::scale;
 use pigtail_session::job::Ended;
@@ -53,7 +54,116 @@ pub fn sample_data(setup: &Setup, seed: u64) -> Result<Vec<SampleFile>, Ended> {
             about: "the light that a fiber gets at the places of a grid",
             content: map(&mut rng),
         },
+        SampleFile {
+            name: "friction.csv",
+            about: "a contact's force over its displacement, to and fro, slowly",
+            content: friction(&mut rng),
+        },
+        SampleFile {
+            name: "response.csv",
+            about: "a stage's frequency response, magnitude and phase",
+            content: response(&mut rng),
+        },
+        SampleFile {
+            name: "axes.toml",
+            about: "what `simulate joint` takes: the rig's axes in the middle of their make",
+            content: axes(setup)?,
+        },
     ])
+}
+
+/// A contact that gives way by 12 um before it slides at 2 N (2.13), between turning points that come nearer and go apart
+/// again.
+fn friction(rng: &mut Pcg64Mcg) -> String {
+    const TURNS: [f64; 14] = [
+        0.0, 60.0, -60.0, 45.0, -30.0, 18.0, -10.0, 30.0, -45.0, 60.0, -38.0, 22.0, 8.0, 45.0,
+    ];
+    let (level, way) = (2.0, 12.0);
+    let mut csv = "t_s,x_um,force_N\n".to_owned();
+    let (mut time, mut deflection, mut last) = (0.0, 0.0_f64, 0.0);
+    for turn in TURNS.windows(2) {
+        let rows = (3.0 * (turn[1] - turn[0]).abs()) as u32;
+        for row in 0..rows {
+            let um = turn[0] + (turn[1] - turn[0]) * f64::from(row) / f64::from(rows);
+            deflection = (deflection + um - last).clamp(-way, way);
+            last = um;
+            let newton = level * deflection / way + 0.02 * (rng.random::<f64>() - 0.5);
+            let _ = writeln!(csv, "{time:.3},{um:.3},{newton:.5}");
+            time += 0.01;
+        }
+    }
+    csv
+}
+
+/// A stage with modes at 180 and 540 Hz, damped by 0.03 and 0.015, answered 0.3 ms late.
+fn response(rng: &mut Pcg64Mcg) -> String {
+    const ROWS: u32 = 500;
+    let mode = |hertz: f64, natural: f64, damping: f64| {
+        let x = hertz / natural;
+        Complex64::new(1.0, 0.0) / Complex64::new(1.0 - x * x, 2.0 * damping * x)
+    };
+    let mut csv = "f_Hz,magnitude,phase_deg\n".to_owned();
+    for row in 0..ROWS {
+        // From 20 Hz to 1 kHz, evenly on a logarithmic scale.
+        let hertz = 20.0 * 50_f64.powf(f64::from(row) / f64::from(ROWS - 1));
+        let late = Complex64::from_polar(1.0, -TAU * hertz * 3e-4);
+        let noise = 1.0 + 0.01 * (rng.random::<f64>() - 0.5);
+        let answer = (mode(hertz, 180.0, 0.03) + 0.2 * mode(hertz, 540.0, 0.015)) * late * noise;
+        let _ = writeln!(
+            csv,
+            "{hertz:.3},{:.6},{:.4}",
+            answer.norm(),
+            answer.arg().to_degrees()
+        );
+    }
+    csv
+}
+
+/// Parameters of (2.1)-(2.13) of the rig's axes, as [`Parameters`](crate::simulate::Parameters) reads them.
+fn axes(setup: &Setup) -> Result<String, Ended> {
+    let (plant, rig) = (&setup.plant, &setup.rig);
+    let gains = &rig.calibration.gains;
+    let of = [
+        ("fivebar", Axis::A, &plant.five_bar.joint, &gains.five_bar),
+        ("z", Axis::Z, &plant.z_stage.joint, &gains.z),
+    ];
+    let mut toml =
+        "# Letters are those of (2.1)-(2.13), units SI; counts are those of the motor's encoder.\n"
+            .to_owned();
+    for (name, axis, joint, gains) in of {
+        let (drive, period) = (rig.spec.drive(axis), rig.spec.period());
+        let (motor, load) = (&joint.motor_friction, &joint.load_friction);
+        let _ = writeln!(toml, "\n[{name}]");
+        for (key, value) in [
+            ("Jm", joint.motor_inertia),
+            ("Jl", joint.load_inertia),
+            ("r", 1.0 / drive.gear_ratio),
+            ("P", scale(rig, axis)?.metres_per_radian),
+            ("km", joint.motor.torque_constant),
+            ("kb", joint.motor.back_emf),
+            ("R", joint.motor.resistance),
+            ("ks", joint.transmission.linear),
+            ("kh", joint.transmission.cubic),
+            ("bm", motor.viscous()),
+            ("bl", load.viscous()),
+            ("fsm", motor.static_level()),
+            ("fcm", motor.coulomb()),
+            ("fsl", load.static_level()),
+            ("fcl", load.coulomb()),
+            ("qp", joint.presliding),
+            ("Tp", joint.preload),
+            ("Nenc", f64::from(drive.counts_per_turn)),
+            ("Ts", period),
+            ("Vmax", drive.voltage),
+            ("Vint", gains.integral_limit),
+            ("kp", gains.kp),
+            ("ki", gains.ki),
+            ("kd", gains.kd),
+        ] {
+            let _ = writeln!(toml, "{key} = {value:?}");
+        }
+    }
+    Ok(toml)
 }
 
 /// Seconds of the servo's record.

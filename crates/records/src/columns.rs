@@ -594,12 +594,18 @@ fn locate(table: &Table, want: &Wanted) -> Result<(usize, Column), Error> {
     Ok((place, column))
 }
 
+/// The unit of what has none.
+const UNITLESS: &str = "1";
+
 /// A remark for each column whose unit had to be assumed.
 pub fn remarks(columns: &[Column]) -> Vec<String> {
     columns
         .iter()
         .filter(|c| c.by == By::Nothing)
-        .map(|c| format!("column {} taken as in {}", c.name, c.unit))
+        .map(|c| match c.unit {
+            UNITLESS => format!("column {} taken as a ratio", c.name),
+            unit => format!("column {} taken as in {unit}", c.name),
+        })
         .collect()
 }
 
@@ -622,7 +628,11 @@ pub fn understood(
             By::Nothing => ", taken so",
             By::Option | By::Name => "",
         };
-        let _ = write!(text, "; {role} is {} in {}{by}", column.name, column.unit);
+        let unit = match column.unit {
+            UNITLESS => "as a ratio".to_owned(),
+            unit => format!("in {unit}"),
+        };
+        let _ = write!(text, "; {role} is {} {unit}{by}", column.name);
     }
     if let Some(even) = even {
         let samples = even.samples();

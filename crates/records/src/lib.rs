@@ -171,7 +171,7 @@ fn parameters_json(parameters: &[(Parameter, String)], unknown: &[Unknown]) -> M
 
 /// A parameter in a table: its value, plus or minus a standard deviation.
 fn told(name: &str, value: f64, std: f64, unit: &str) -> String {
-    let name = name.replace('_', " ");
+    let name = name.replace('_', " ").replace("coulomb", "Coulomb");
     format!("{name} {} ± {} {unit}", short(value), short(std))
 }
 

@@ -11,6 +11,7 @@ use pigtail_evaluate::align::{AlignmentDocument, FiberRow};
 use pigtail_hal::{Channel, Side};
 use pigtail_session::samples::{PhaseRecord, Record};
 use pigtail_session::setup::Setup;
+use std::borrow::Borrow;
 
 /// Phases in which a fiber looks for light or follows it.
 const SEARCHING: [&str; 6] = ["raster", "search", "climb", "centre", "approach", "final"];
@@ -96,7 +97,7 @@ pub fn bench_alignment(
             @if !seen.is_empty() {
                 (figure(
                     &light(&seen, &["power meter"], &broken(document)),
-                    "Light of the power meter, with the phases."
+                    format!("Light of the power meter, with the phases: {}.", phases_of(&seen))
                 ))
             }
         }
@@ -137,7 +138,7 @@ fn summary(document: &AlignmentDocument) -> Markup {
 fn table(document: &AlignmentDocument) -> Markup {
     let names = document.phase_names();
     html! {
-        div.scroll { table {
+        div.scroll { table.dense {
             tr {
                 th { "fiber" }
                 th.text { "outcome" }
@@ -278,13 +279,14 @@ fn section(
             (figure(
                 &light(seen, &diodes, broken),
                 format!(
-                    "Light of the photodiodes, with the phases; {} is the one that is followed. The others see light \
-                     that goes elsewhere.",
+                    "Light of the photodiodes, with the phases: {}. {} is the photodiode that is followed; the others see \
+                     light that goes elsewhere.",
+                    phases_of(seen),
                     diodes[first.followed]
                 )
             ))
         }
-        @if approach.len() > 1 {
+        @if closes(&approach) {
             (figure(
                 &along_z(&approach, setup.rig.recipe.approach.gap * 1e6),
                 "The endpoint against z on approach: light leaves the angled facet at an angle, so the \
@@ -294,10 +296,19 @@ fn section(
     }
 }
 
+/// Micrometres that a gap closes by at least, so that a picture over it shows something.
+const CLOSES: f64 = 2.0;
+
+/// Whether the gap closed on approach: an axis that broke may have stood.
+fn closes(approach: &[&Seen]) -> bool {
+    let ends = range_of(approach.iter().map(|s| s.z), 0.0);
+    ends.end - ends.start > CLOSES
+}
+
 /// The phases in which this was seen, in order.
-fn phases_of(seen: &[&Seen]) -> String {
+fn phases_of<S: Borrow<Seen>>(seen: &[S]) -> String {
     let mut names: Vec<&str> = Vec::new();
-    for s in seen {
+    for s in seen.iter().map(Borrow::borrow) {
         if !names.contains(&s.phase) {
             names.push(s.phase);
         }

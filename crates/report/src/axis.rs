@@ -214,7 +214,7 @@ fn steps(row: &ResolutionRow, test: &Increments) -> Markup {
         }
         div.pair {
             (figure(
-                &bars(HALF, &um, &range, 60, "increment, um", "steps"),
+                &bars(HALF, &um, &range, 60, "increment, um", "steps").draw(),
                 "How many steps moved the output how far."
             ))
             (figure(

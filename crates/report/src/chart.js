@@ -29,10 +29,14 @@
       }
       return all;
     }
-    const raw = (high - low) / count, power = 10 ** Math.floor(Math.log10(raw));
-    let step = ([1, 2, 5].find(m => raw <= m * power * 1.0001) || 10) * power;
-    if (axis.whole) step = Math.max(step, 1);
+    const nice = raw => {
+      const power = 10 ** Math.floor(Math.log10(raw));
+      return Math.max(([1, 2, 5].find(m => raw <= m * power * 1.0001) || 10) * power, axis.whole ? 1 : 0);
+    };
+    let step = nice((high - low) / count);
     if (!(step > 0)) return all;
+    const finer = nice(0.35 * step);
+    if (Math.floor(high / step + 1e-9) - Math.ceil(low / step - 1e-9) < 3 && finer * count > 0.6 * (high - low)) step = finer;
     const digits = Math.min(9, Math.max(0, -Math.floor(Math.log10(step * 1.0001))));
     for (let k = Math.ceil(low / step - 1e-9); k <= high / step + 1e-9; k++)
       all.push([k * step, (k * step).toFixed(digits).replace(/^-(0\.?0*)$/, '$1')]);
@@ -127,14 +131,15 @@
         if (k % 2 === 0) bands.append(tag('path', { d: `M${from} ${top}H${to}V${bottom}H${from}Z` }));
         if (to - from > 9 * b.name.length + 6) marks.append(tag('text', { class: 'soft', x: from + 4, y: top + 15 }, b.name));
       });
+      const upward = this.d.marks.some(m => m.axis === 'x');
       this.d.marks.forEach((m, k) => {
         const at = this.at(m.axis, m.at), across = m.axis === 'x';
         if (at < (across ? left : top) || at > (across ? right : bottom)) return;
         marks.append(tag('path', { class: m.class, d: across ? `M${at} ${bottom}V${top}` : `M${left} ${at}H${right}` }));
-        const out = !across || at + 9 * m.name.length + 6 > right;
+        const out = across ? at + 9 * m.name.length + 6 > right : !upward;
         marks.append(tag('text', {
           class: m.class, 'text-anchor': out ? 'end' : 'start',
-          x: across ? at + (out ? -5 : 5) : right - 5,
+          x: across ? at + (out ? -5 : 5) : out ? right - 5 : left + 5,
           y: across ? top + 15 + 17 * (k % 4 + (this.d.bands.length ? 1 : 0)) : at - top < 20 ? at + 15 : at - 5,
         }, m.name));
       });

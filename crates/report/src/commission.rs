@@ -3,7 +3,7 @@
 //! On top what it came to; then what failed and what to do about it, how much room its tolerances leave, what each
 //! step has measured, and what is not known.
 
-use super::html::{configuration, fixed, page, table, th, verdict};
+use super::html::{configuration, fixed, page, prose, table, th, verdict};
 use maud::{Markup, html};
 use pigtail_control::recipe::Accept;
 use pigtail_numerics::statistics::wilson;
@@ -47,8 +47,8 @@ pub fn commission(d: &CommissionDocument, setup: &Setup, plan: &Plan) -> String 
         @if !failed.is_empty() {
             h2 { "What failed, and what to do" }
             @for step in &failed {
-                p { b { (step.name) } ": " (step.why) "." }
-                @if let Some(advice) = name_of(step).map(advice) { p.soft { (advice) } }
+                p { b { (step.name) } ": " (prose(&step.why)) "." }
+                @if let Some(advice) = name_of(step).map(advice) { p.soft { (prose(advice)) } }
             }
         }
         @if let Some(step) = acceptance { (devices(step, &setup.rig.recipe.accept)) }
@@ -344,7 +344,9 @@ fn turned((header, rows): Table) -> Table {
 fn ordered(inner: &Map<String, Value>) -> Vec<&str> {
     let mut keys: Vec<&str> = inner.keys().map(String::as_str).collect();
     keys.sort_by_key(|key| {
-        let of = KNOWN.iter().find(|(_, known)| known == key);
+        let of = KNOWN
+            .iter()
+            .find(|(value, known)| known == key && inner.contains_key(*value));
         let value = of.map_or(*key, |(value, _)| value);
         let place = NAMES.iter().position(|named| named.key == value);
         (place.unwrap_or(NAMES.len()), of.is_some())
@@ -439,6 +441,12 @@ mod tests {
             ["", "along x\nnm", "±\n%", "along y\nnm", "±\n%"]
         );
         assert_eq!(tables[0].1[0], ["left", "246.7", "1.2", "250.0", "2.0"]);
+        let side = json!({"deviation_x": 0.036, "deviation_y": 0.036, "x_um": 2.6, "y_um": 2.5});
+        let tables = tables_of(&json!({ "left": side }));
+        assert_eq!(
+            tables[0].0,
+            ["", "along x\num", "±\n%", "along y\num", "±\n%"]
+        );
         let tables = tables_of(&json!({"left": {"known_nm": [1.5, 2.5]}}));
         assert_eq!(tables[0].0, ["", "known in x\n± nm", "known in y\n± nm"]);
     }

@@ -6,12 +6,12 @@ use super::plot::Plot;
 use super::text::room;
 use anyhow::Result;
 use maud::{Markup, html};
-use pigtail_store::compare::{Comparison, Side};
+use pigtail_store::compare::{Comparison, Difference, Side};
 use std::fmt::Write as _;
 
 /// Points of a curve that a page keeps.
 const POINTS: usize = 1500;
-/// Lines of a terminal beyond which differences are counted.
+/// So many differences are read one by one; of more those of one name, as of all fibers of a tray, are one row.
 const LINES: usize = 40;
 
 /// The report of a comparison as one HTML text.
@@ -38,7 +38,14 @@ pub fn compare(d: &Comparison, a: &Side, b: &Side) -> Result<String> {
         (samples(a, b))
         @if !d.differences.is_empty() {
             h2 { "Differences" }
-            (html::table(&DIFFERENCES.map(str::to_owned), &differences(d)))
+            (html::table(&DIFFERENCES.map(str::to_owned), &folded(d)))
+            @if folded(d).len() < d.differences.len() {
+                p.soft { (FOLDED) }
+                details {
+                    summary { "Each of the " (d.differences.len()) " values" }
+                    (html::table(&DIFFERENCES.map(str::to_owned), &differences(d)))
+                }
+            }
         }
         @for (run, keys) in [(&d.a, &d.only_in_a), (&d.b, &d.only_in_b)] {
             @if !keys.is_empty() { p { "Only in " (run) ": " (keys.join(", ")) } }
@@ -63,15 +70,15 @@ pub fn compared(d: &Comparison) -> String {
         text += &super::text::table(&rows, room());
     }
     let mut rows = vec![DIFFERENCES.map(str::to_owned).to_vec()];
-    rows.extend(differences(d).into_iter().take(LINES));
+    rows.extend(folded(d));
     if rows.len() > 1 {
         text += &super::text::table(&rows, room());
     }
-    let more = d.differences.len().saturating_sub(LINES);
-    if more > 0 {
+    if rows.len() - 1 < d.differences.len() {
         let _ = writeln!(
             text,
-            "{more} more values differ: --json and --report have all of them"
+            "{FOLDED} --json and --report have each of the {} values.",
+            d.differences.len()
         );
     }
     let _ = write!(text, "{} values are the same", d.same);
@@ -133,7 +140,10 @@ fn distributions(d: &Comparison) -> Vec<Vec<String>> {
 
 const DIFFERENCES: [&str; 4] = ["value", "a", "b", "change\n%"];
 
-fn differences(d: &Comparison) -> Vec<Vec<String>> {
+const FOLDED: &str =
+    "(most of N): N values differ that differ in their index alone, and this one most.";
+
+fn row(of: &Difference) -> Vec<String> {
     let text = |value: &serde_json::Value| match value {
         serde_json::Value::String(text) => text.clone(),
         serde_json::Value::Number(number) if number.is_f64() => {
@@ -141,13 +151,61 @@ fn differences(d: &Comparison) -> Vec<Vec<String>> {
         }
         other => other.to_string(),
     };
-    let row = |of: &pigtail_store::compare::Difference| {
-        let change = of
-            .change
-            .map_or_else(|| "-".to_owned(), |c| format!("{:+.2}", 100.0 * c));
-        vec![of.key.clone(), text(&of.a), text(&of.b), change]
-    };
+    let change = of
+        .change
+        .map_or_else(|| "-".to_owned(), |c| format!("{:+.2}", 100.0 * c));
+    vec![of.key.clone(), text(&of.a), text(&of.b), change]
+}
+
+fn differences(d: &Comparison) -> Vec<Vec<String>> {
     d.differences.iter().map(row).collect()
+}
+
+/// The differences, those of one name in a row where there are many: hundreds of lines hide what differs most.
+fn folded(d: &Comparison) -> Vec<Vec<String>> {
+    if d.differences.len() <= LINES {
+        return differences(d);
+    }
+    let mut names: Vec<(String, Vec<&Difference>)> = Vec::new();
+    for of in &d.differences {
+        let name = name(&of.key);
+        match names.iter_mut().find(|(n, _)| *n == name) {
+            Some((_, all)) => all.push(of),
+            None => names.push((name, vec![of])),
+        }
+    }
+    let size = |of: &Difference| of.change.map_or(0.0, f64::abs);
+    let mut rows = Vec::with_capacity(names.len());
+    for (_, all) in names {
+        // Of two that differ alike the first.
+        let most = all.iter().rev().max_by(|p, q| size(p).total_cmp(&size(q)));
+        match most {
+            Some(most) if all.len() > 1 => {
+                let mut row = row(most);
+                row[0] = format!("{} (most of {})", most.key, all.len());
+                rows.push(row);
+            }
+            _ => rows.extend(all.into_iter().map(row)),
+        }
+    }
+    rows
+}
+
+/// A key without what its rows are called by: `fibers[*].loss_db` of `fibers[3].loss_db`.
+fn name(key: &str) -> String {
+    let mut name = String::with_capacity(key.len());
+    let mut inside = false;
+    for c in key.chars() {
+        inside &= c != ']';
+        if !inside {
+            name.push(c);
+        }
+        if c == '[' {
+            inside = true;
+            name.push('*');
+        }
+    }
+    name
 }
 
 /// A range around values, of some width even where all are the same.
@@ -293,5 +351,50 @@ fn samples(a: &Side, b: &Side) -> Markup {
             };
             (figure(&curves(&axes, &lines), html! { (name) " of both runs; each curve keeps its lowest and highest points." }))
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn many_values_of_one_name_are_one_row_and_none_is_lost() {
+        let difference = |key: String, change: f64| Difference {
+            key,
+            a: json!(1.0),
+            b: json!(1.0 + change),
+            change: Some(change),
+        };
+        let mut differences: Vec<_> = (0..45)
+            .map(|k| difference(format!("fibers[{k}].loss_db"), -0.1 * f64::from(k % 7)))
+            .collect();
+        differences.push(difference("wall_seconds".to_owned(), 0.5));
+        differences.extend(["x", "y"].map(|axis| difference(format!("gains[{axis}].kp"), 0.2)));
+        let mut d = Comparison {
+            a: "one".to_owned(),
+            b: "other".to_owned(),
+            same: 3,
+            differences,
+            only_in_a: Vec::new(),
+            only_in_b: Vec::new(),
+            curves: Vec::new(),
+            distributions: Vec::new(),
+        };
+        let keys = |d: &Comparison| -> Vec<String> {
+            folded(d).into_iter().map(|row| row[0].clone()).collect()
+        };
+        let folded = [
+            "fibers[6].loss_db (most of 45)",
+            "wall_seconds",
+            "gains[x].kp (most of 2)",
+        ];
+        assert_eq!(keys(&d), folded);
+        let text = compared(&d);
+        assert!(text.contains("each of the 48 values"), "{text}");
+        d.differences.truncate(LINES);
+        assert_eq!(keys(&d).len(), LINES);
+        assert!(!compared(&d).contains("most of"));
     }
 }

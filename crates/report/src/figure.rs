@@ -37,7 +37,7 @@ pub(super) fn points(axes: &Axes, points: &[(f64, f64)]) -> Markup {
     Plot::new(axes).dots("", "small", points).draw()
 }
 
-/// A histogram of `values` over a range in so many bars.
+/// A histogram of `values` over a range in so many bars, to be drawn.
 pub(super) fn bars(
     width: u32,
     values: &[f64],
@@ -45,7 +45,7 @@ pub(super) fn bars(
     count: usize,
     x: &str,
     y: &str,
-) -> Markup {
+) -> Plot {
     let size = (range.end - range.start) / count as f64;
     let mut heights = vec![0.0; count];
     for value in values {
@@ -67,7 +67,7 @@ pub(super) fn bars(
             [(left, 0.0), (left + 0.92 * size, *height)]
         })
         .collect();
-    Plot::new(&axes).whole_y().boxes("", "c0", &boxes).draw()
+    Plot::new(&axes).whole_y().boxes("", "c0", &boxes)
 }
 
 /// A range around `values` with some room, at least `least` wide.

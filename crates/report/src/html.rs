@@ -36,6 +36,15 @@ pub(super) fn figure(svg: &Markup, caption: impl Render) -> Markup {
     html! { figure { (svg) figcaption { (caption) } } }
 }
 
+/// A text with what stands between backticks as code.
+pub(super) fn prose(text: &str) -> Markup {
+    html! {
+        @for (k, part) in text.split('`').enumerate() {
+            @if k % 2 == 1 { code { (part) } } @else { (part) }
+        }
+    }
+}
+
 /// A cell of a table's header: a name, and below it the unit.
 pub(super) fn th(name: impl Render, unit: &str) -> Markup {
     html! { th { (name) small { (unit) } } }
@@ -47,20 +56,25 @@ pub(super) fn table(header: &[String], rows: &[Vec<String>]) -> Markup {
     let columns: Vec<Column> = (0..header.len())
         .map(|k| Column::of(rows.iter().filter_map(|row| row.get(k)).map(String::as_str)))
         .collect();
+    // Many columns stand close together where there is little room.
+    let dense = header.len() > 8;
     html! {
-        div.scroll { table {
-            tr {
+        div.scroll { table.dense[dense] {
+            // Repeated on each sheet of paper.
+            thead { tr {
                 @for (cell, column) in header.iter().zip(&columns) {
                     @let class = column.class();
                     @if let Some((name, unit)) = cell.split_once('\n') {
                         th class=[class] { (name) small { (unit) } }
                     } @else { th class=[class] { (cell) } }
                 }
-            }
-            @for row in rows {
-                tr {
-                    @for (cell, column) in row.iter().zip(&columns) {
-                        td class=[column.class()] { (lines(&column.padded(cell))) }
+            } }
+            tbody {
+                @for row in rows {
+                    tr {
+                        @for (cell, column) in row.iter().zip(&columns) {
+                            td class=[column.class()] { (lines(&column.padded(cell))) }
+                        }
                     }
                 }
             }
@@ -122,8 +136,9 @@ impl Column {
     }
 }
 
-/// How many digits a number has behind its point; `None` for what is no plain number.
+/// How many digits a number, or a bound such as `< 5`, has behind its point; `None` for what is no plain number.
 fn behind(cell: &str) -> Option<usize> {
+    let cell = cell.strip_prefix(['<', '>']).map_or(cell, str::trim_start);
     let digits = cell.strip_prefix(['-', '+']).unwrap_or(cell);
     if !digits.starts_with(|c: char| c.is_ascii_digit())
         || !digits.chars().all(|c| c.is_ascii_digit() || c == '.')
@@ -201,6 +216,12 @@ mod tests {
     }
 
     #[test]
+    fn what_is_between_backticks_is_code() {
+        let text = prose("see `a < b` and `c`").into_string();
+        assert_eq!(text, "see <code>a &lt; b</code> and <code>c</code>");
+    }
+
+    #[test]
     fn a_unit_stands_below_its_name() {
         let header = ["time\ns".to_owned(), "name".to_owned()];
         let table = table(&header, &[]).into_string();
@@ -222,6 +243,12 @@ mod tests {
             assert!(table.contains(cell), "{cell} in {table}");
         }
         assert!(table.contains("<td class=\"text\">4</td>"), "{table}");
+        let bounds = ["< 5", "6.7", "-"].map(|x| vec![x.to_owned()]);
+        let bounds = super::table(&["x".to_owned()], &bounds).into_string();
+        assert!(
+            bounds.contains("<td>&lt; 5\u{2008}\u{2007}</td>"),
+            "{bounds}"
+        );
         let mixed = ["209.99", "2e-4", "1"].map(|x| vec![x.to_owned()]);
         let mixed = super::table(&["x".to_owned()], &mixed).into_string();
         assert!(!mixed.contains('\u{2007}'), "{mixed}");

@@ -148,7 +148,7 @@ fn over_both(d: &ResponseDocument) -> Markup {
         y: (0.0..*top, "second harmonic a2, fsm"),
     };
     let plot = Plot::new(&axes)
-        .colour(0.0, highest, "nm", true)
+        .colour(0.0, highest, "moved, nm", true)
         .shaded_boxes("displacement", &cells);
     html! {
         (heading)

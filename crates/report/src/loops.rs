@@ -36,7 +36,10 @@ pub fn loops(d: &LoopsDocument, loops: &[Loop]) -> Result<String> {
         (table(d))
         (figure(
             &over_input(&plain, WHOLE),
-            format!("What the output is ahead of the input, against the input, as the machine is (thesis, Fig. {first}, which shows the output itself).")
+            format!(
+                "What the output is ahead of the input, against the input, as the machine is (thesis, Fig. {first}, which shows \
+                 the output itself). Here and below a curve has the means of {MEANS} stretches of time."
+            )
         ))
         div.pair {
             (figure(
@@ -91,6 +94,10 @@ fn table(d: &LoopsDocument) -> Markup {
     }
 }
 
+/// Points of a curve over input, each the mean of what lies between it and the next: a windup that is as small as a
+/// count of the encoder would be hidden by it.
+const MEANS: usize = 300;
+
 /// Output against input, from the first turn on.
 fn over_input(loops: &[&Loop], width: u32) -> Markup {
     let series: Vec<(&str, Vec<(f64, f64)>)> = loops
@@ -98,16 +105,15 @@ fn over_input(loops: &[&Loop], width: u32) -> Markup {
         .map(|l| {
             let um = l.um_per_radian;
             let (from, to) = (l.record.input.len() / 4, 3 * l.record.input.len() / 4);
-            let every = (to - from).div_ceil(POINTS);
-            let points = (from..to)
-                .step_by(every)
-                .map(|k| {
-                    (
-                        um * l.record.input[k],
-                        um * (l.record.output[k] - l.record.input[k]),
-                    )
-                })
-                .collect();
+            let every = (to - from).div_ceil(MEANS);
+            let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+            let input = l.record.input[from..to].chunks(every);
+            let output = l.record.output[from..to].chunks(every);
+            let points = input.zip(output).map(|(input, output)| {
+                let (input, output) = (mean(input), mean(output));
+                (um * input, um * (output - input))
+            });
+            let points = points.collect();
             (l.case.name.as_str(), points)
         })
         .collect();

@@ -230,6 +230,12 @@ fn compensated(found: &Identified) -> Markup {
         ("rbf", errors(1)),
         ("memory", errors(2)),
     ];
+    let models = || all[1..].iter().flat_map(|(_, points)| points);
+    let axes = Axes {
+        width: HALF,
+        x: (range_of(models().map(|p| p.0), 1e-6), x),
+        y: (range_of(models().map(|p| p.1), 1e-6), y),
+    };
     html! {
         h2 { "With and without compensation" }
         div.pair {
@@ -237,7 +243,11 @@ fn compensated(found: &Identified) -> Markup {
                 &plot(HALF, x, y, &all),
                 "Error over forward and back scans, by the truth (Fig. 4.10)."
             ))
-            (figure(&plot(HALF, x, y, &all[1..]), "The same, of the models alone."))
+            (figure(
+                // A model keeps its colour.
+                &Plot::new(&axes).line_as(all[1].0, "c1", &all[1].1).line_as(all[2].0, "c2", &all[2].1).draw(),
+                "The same, of the models alone."
+            ))
         }
     }
 }

@@ -32,7 +32,7 @@ pub fn plan(d: &PlanDocument) -> Result<String> {
 }
 
 fn name(row: &SearchRow) -> String {
-    format!("{}, {} um", row.method, row.mesh_um)
+    format!("{}, {} um, {:.0} Hz", row.method, row.mesh_um, row.scan_hz)
 }
 
 /// Times of each search on a logarithmic axis.

@@ -260,11 +260,13 @@ pub fn pulse_campaign(c: &Campaign, documents: &[PulseDocument]) -> Result<Strin
         60,
         "true error in the end, nm",
         "runs",
-    );
+    )
+    .mark_x("", -c.tolerance_nm, "limit")
+    .mark_x("tolerance", c.tolerance_nm, "limit");
     let body = html! {
         p { (text) }
         (figure(
-            &ends,
+            &ends.draw(),
             format!(
                 "The true error in the end, of all runs; the tolerance is {} nm. What is beyond the \
                  figure stands at its edge.",

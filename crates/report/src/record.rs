@@ -116,7 +116,7 @@ fn parameters(answer: &Answer) -> Markup {
         .parameters
         .iter()
         .map(|(parameter, unit)| {
-            let mut row = vec![parameter.name.replace('_', " "), (*unit).clone()];
+            let mut row = vec![name(parameter.name), (*unit).clone()];
             row.extend(parameter.known.map_or_else(
                 || ["not known", "", ""].map(str::to_owned),
                 |known| [known.value, known.std, known.std_correlated].map(short),
@@ -125,6 +125,11 @@ fn parameters(answer: &Answer) -> Markup {
         })
         .collect();
     html::table(&header.map(str::to_owned), &rows)
+}
+
+/// A key as words.
+fn name(key: &str) -> String {
+    key.replace('_', " ").replace("coulomb", "Coulomb")
 }
 
 fn account(shown: &Shown) -> Markup {
@@ -204,7 +209,7 @@ fn account(shown: &Shown) -> Markup {
                 "The residual against velocity."
             ))
             (figure(
-                &bars(HALF, &inside, &range, 60, &y_residual, "samples"),
+                &bars(HALF, &inside, &range, 60, &y_residual, "samples").draw(),
                 "Histogram of the residual, without its furthest thousandths."
             ))
             (correlation(&residuals))

@@ -37,20 +37,31 @@ impl Scale {
         if self.log {
             return decades(low, high, count);
         }
-        let step = nice((high - low) / count).max(if whole { 1.0 } else { 0.0 });
+        let least = if whole { 1.0 } else { 0.0 };
+        let mut step = nice((high - low) / count).max(least);
         if !step.is_normal() {
             return Vec::new();
         }
-        let digits = (-(step * 1.0001).log10().floor()).clamp(0.0, 9.0) as usize;
-        let (first, last) = ((low / step - 1e-9).ceil(), (high / step + 1e-9).floor());
-        let mut ticks = Vec::new();
-        let mut k = first;
-        while k <= last {
-            ticks.push((k * step, written(k * step, digits)));
-            k += 1.0;
+        // An axis with a number or two tells little: the next finer step, if there is room for it.
+        let finer = nice(0.35 * step).max(least);
+        if steps(low, high, step).count() < FEW && finer * count > CLOSE * (high - low) {
+            step = finer;
         }
-        ticks
+        let digits = (-(step * 1.0001).log10().floor()).clamp(0.0, 9.0) as usize;
+        let ticks = steps(low, high, step);
+        ticks.map(|v| (v, written(v, digits))).collect()
     }
+}
+
+/// Fewer numbers at an axis than this are too few, if more have room: as near as this share of the usual distance.
+const FEW: usize = 4;
+const CLOSE: f64 = 0.6;
+
+/// The whole multiples of a step from a value to another one.
+fn steps(low: f64, high: f64, step: f64) -> impl Iterator<Item = f64> {
+    let (first, last) = ((low / step - 1e-9).ceil(), (high / step + 1e-9).floor());
+    let count = (last - first + 1.0).max(0.0) as usize;
+    (0..count).map(move |k| (first + k as f64) * step)
 }
 
 /// The next of 1, 2 and 5 times a power of ten.
@@ -132,6 +143,21 @@ mod tests {
             texts(30.0..0.0, false, false).join(" "),
             "0 5 10 15 20 25 30"
         );
+    }
+
+    #[test]
+    fn an_axis_has_more_than_two_numbers_where_there_is_room() {
+        let narrow = |ends| Scale {
+            ends,
+            place: 0.0..280.0,
+            log: false,
+        };
+        let of = |ends| -> Vec<String> {
+            let ticks = narrow(ends).ticks(82.0, false);
+            ticks.into_iter().map(|t| t.1).collect()
+        };
+        assert_eq!(of(-159.0..-52.0).join(" "), "-140 -120 -100 -80 -60");
+        assert_eq!(of(0.0..1.0).join(" "), "0 0.2 0.4 0.6 0.8 1.0");
     }
 
     #[test]

@@ -271,8 +271,8 @@ fn profile(scan: &Scan, taken: &[usize], shape: &Shape) -> Markup {
         y: (power, "power"),
     };
     Plot::new(&axes)
-        .dots_as("all of the map", "faint small mixed", &all)
-        .dots("taken", "large", &used)
-        .line("the shape fitted to those taken", &curve)
+        .line_as("the shape fitted to those taken", "c1", &curve)
+        .dots_as("taken", "c0 large", &used)
+        .dots_as("all of the map", "ink small", &all)
         .draw()
 }

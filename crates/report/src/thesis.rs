@@ -2,7 +2,7 @@
 
 use super::accounts::{changes, drawn, summary};
 use super::figure::{Axes, HALF, WHOLE, all as with_curves, bars, decades_of, range_of};
-use super::html::{figure, page_with_style, verdict};
+use super::html::{figure, page_with_style, prose, verdict};
 use super::plot::Plot;
 use anyhow::Result;
 use maud::{Markup, html};
@@ -31,7 +31,7 @@ h3 { font-size: 1.05rem; margin: 2rem 0 .25rem; break-after: avoid; }
 .claims td.number, .claims th.number { text-align: right; white-space: nowrap; }
 .claims tr { break-inside: avoid; }
 .claims q { color: var(--soft); font-style: italic; display: block; }
-.claims .basis { display: block; font-size: .88rem; color: var(--soft); }
+.claims .basis { display: block; font-size: .96em; color: var(--soft); }
 .claims .basis b { color: var(--ink); font-weight: 600; }
 .mark { white-space: nowrap; }
 .accounts { margin: 1rem 0; } .accounts td:first-child { white-space: normal; max-width: 44rem; }
@@ -50,8 +50,8 @@ dl.tolerances dt { font-weight: 600; } dl.tolerances dd { margin: 0 0 .4rem 1rem
   .claims td[data-of]::before { content: attr(data-of) ': '; color: var(--soft); }
 }
 @media print {
-  h2 { break-before: auto; } nav, details { display: none; }
-  .pair { grid-template-columns: 1fr 1fr; } .claims { font-size: 8.5pt; }
+  h2 { break-before: auto; } nav { display: none; }
+  .pair { grid-template-columns: 1fr 1fr; } .claims { font-size: 8.5pt; break-inside: auto; }
 }
 ";
 
@@ -129,8 +129,8 @@ fn figure_of(claim: &Claim) -> &str {
 /// A figure: pictures, what to say of them, claims.
 fn one(f: &Figure, claims: &[Claim]) -> Markup {
     let claims: Vec<&Claim> = claims.iter().filter(|c| figure_of(c) == f.id).collect();
-    // One curve alone has the whole page; a map keeps its form.
-    let alone = matches!(&f.pictures[..], [one] if !matches!(one.content, Content::Cells(..)));
+    // One curve alone has the whole page; a map and a path keep their form.
+    let alone = matches!(&f.pictures[..], [one] if !one.equal && !matches!(one.content, Content::Cells(..)));
     let width = if alone { WHOLE } else { HALF };
     html! {
         h3 id={ "f" (f.id) } { (label(f.id)) (f.id) " " (f.title) }
@@ -141,7 +141,7 @@ fn one(f: &Figure, claims: &[Claim]) -> Markup {
                 }
             }
         }
-        @if !f.remark.is_empty() { p { (f.remark) } }
+        @if !f.remark.is_empty() { p { (prose(&f.remark)) } }
         @if !claims.is_empty() { (table(&claims, false)) }
     }
 }
@@ -287,7 +287,10 @@ pub(crate) fn svg(picture: &Picture, printed: &[(char, f64, String)], width: u32
         ),
         y: (upward(picture.y.1), picture.y.0),
     };
-    let plot = || Plot::new(&axes).scaled(picture.log_y, printed);
+    let plot = || {
+        let plot = Plot::new(&axes).scaled(picture.log_y, printed);
+        if picture.equal { plot.equal() } else { plot }
+    };
     match &picture.content {
         Content::Curves(named) => {
             let named: Vec<(&str, Vec<(f64, f64)>)> = named
@@ -297,7 +300,8 @@ pub(crate) fn svg(picture: &Picture, printed: &[(char, f64, String)], width: u32
             with_curves(plot(), &named).draw()
         }
         Content::Bars(values, count) => {
-            bars(width, values, &axes.x.0, *count, picture.x.0, picture.y.0)
+            let bars = bars(width, values, &axes.x.0, *count, picture.x.0, picture.y.0);
+            bars.scaled(picture.log_y, printed).draw()
         }
         Content::Cells(points, (width, height)) => {
             let boxes: Vec<_> = points

@@ -16,6 +16,8 @@ pub struct Picture {
     pub caption: String,
     /// Whether the axis upward is logarithmic.
     pub log_y: bool,
+    /// Whether both axes have one scale: places on a plane, whose form is to be seen.
+    pub equal: bool,
     /// What the values from 0 to 1 of cells and dots are; empty where they are all one.
     pub colour: &'static str,
 }
@@ -66,6 +68,7 @@ impl Picture {
             content,
             caption: String::new(),
             log_y: false,
+            equal: false,
             colour: "",
         }
     }
@@ -88,6 +91,13 @@ impl Picture {
     #[must_use]
     pub fn log_y(mut self) -> Self {
         self.log_y = true;
+        self
+    }
+
+    /// With one scale for both axes.
+    #[must_use]
+    pub fn equal(mut self) -> Self {
+        self.equal = true;
         self
     }
 

@@ -11,8 +11,16 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-/// What of a summary says where it lies, or repeats what was found as text for a calibration: it differs always.
-const PLACES: [&str; 4] = ["report", "run", "calibration", "found"];
+/// What of a summary says where it lies, what it is called by, or repeats what was found as text for a calibration: it
+/// differs always.
+const PLACES: [&str; 6] = [
+    "report",
+    "run",
+    "calibration",
+    "found",
+    "rows",
+    "rows_sha256",
+];
 
 /// Rows from which on a table of a summary is a curve, and its values are not listed one by one.
 const CURVE: usize = 8;

@@ -55,10 +55,11 @@ impl Plot {
     /// The picture, its legend and its numbers.
     pub(in super::super) fn draw(mut self) -> Markup {
         let (x, y) = self.scales();
-        let size = if self.width > HALF {
-            "chart whole"
-        } else {
-            "chart half"
+        let size = match (self.width > HALF, &self.colour) {
+            (true, None) => "chart whole",
+            (false, None) => "chart half",
+            (true, Some(_)) => "chart whole map",
+            (false, Some(_)) => "chart half map",
         };
         // What colours mean stands at their bar.
         let keyed = |s: &&Series| !s.name.is_empty() && s.v.is_empty();
@@ -261,6 +262,13 @@ impl Plot {
                 );
             }
         }
+        // Names of lines across stand at the right, but at the left where lines upward have theirs.
+        let upward = self.marks.iter().any(|mark| mark.axis == 'x');
+        let (side, anchor_across) = if upward {
+            (left + 5.0, "start")
+        } else {
+            (right - 5.0, "end")
+        };
         for (k, mark) in self.marks.iter().enumerate() {
             let (scale, across) = if mark.axis == 'x' {
                 (x, true)
@@ -296,8 +304,7 @@ impl Plot {
                 );
                 let _ = write!(
                     svg,
-                    "<text class=\"{class}\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>",
-                    right - 5.0,
+                    "<text class=\"{class}\" x=\"{side:.1}\" y=\"{:.1}\" text-anchor=\"{anchor_across}\">{}</text>",
                     if at - top < 20.0 { at + 15.0 } else { at - 5.0 },
                     escaped(&mark.name)
                 );

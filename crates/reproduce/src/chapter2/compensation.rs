@@ -361,8 +361,9 @@ pub(super) fn squares(bench: &Bench) -> Result<Vec<Figure>, Ended> {
                 "y, um",
                 [("measured", measured), ("desired", wanted)],
             )
-            .x(-350.0, 350.0)
-            .y(-350.0, 350.0)
+            .x(-200.0, 200.0)
+            .y(-200.0, 200.0)
+            .equal()
             .caption("A square of 300 um, both joints together."),
         )
     };

@@ -136,6 +136,7 @@ pub(super) fn profile(bench: &Bench) -> Result<Vec<Figure>, Ended> {
             .colour("light, share")
             .x(-8.0, 8.0)
             .y(-8.0, 8.0)
+            .equal()
             .caption(
                 "Light at the first output over the input fiber's place around the peak, the output \
                          coupled.",

@@ -125,6 +125,7 @@ fn alone(figure: Figure, [plain, reversal, memory]: [Covered; 3]) -> Figure {
                 )
                 .x(-80.0, 80.0)
                 .y(-80.0, 80.0)
+                .equal()
                 .caption(format!(
                     "The macro's own raster of 100 um by 100 um, {:.1} times a second back and forth, by the probes.",
                     memory.hertz

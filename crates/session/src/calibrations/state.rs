@@ -236,8 +236,12 @@ fn hysteresis(c: &Calibration) -> Vec<String> {
     notes
 }
 
-/// That something was measured before what it rests on was written, if so.
+/// That something was measured before what it rests on was written, if so. What has no date, as what a campaign's
+/// machines were commissioned with, tells nothing of that.
 fn stale(name: &str, date: &str, on: &[(&str, &str)], again: &str) -> Option<String> {
+    if date.is_empty() {
+        return None;
+    }
     // Days are written year first: their order is that of their letters.
     let (newer, when) = on.iter().find(|(_, written)| *written > date)?;
     Some(format!(
