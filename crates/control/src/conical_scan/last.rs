@@ -1,6 +1,6 @@
 //! The last turns at the chip: the peak as it will be, a look at it from near, and the way to rest.
 
-use super::answer::Answer;
+use super::answer::{Answer, Turn};
 use super::told::FORGETS;
 use super::{ConicalScan, Gap, NEAR, NEARBY, SHRINK, SIGNIFICANT};
 use crate::beam::{Peak, Reading};
@@ -15,6 +15,9 @@ use pigtail_numerics::line::Line;
 /// From the middle of the last wide turn to that of the small one, turns. Foreseeing as far as the fiber's
 /// attaching makes offsets in x twice as large, and those in y larger by a third.
 const AHEAD: f64 = 1.3;
+
+/// ...and so many more on a bench that nobody has measured, which goes around once before it counts.
+const WARY: f64 = 1.0;
 
 /// Radius of the small turn in widths, of which the least is enough for light without noise: the
 /// smaller, the better the light on it tells that at its middle...
@@ -119,8 +122,7 @@ impl ConicalScan<'_> {
             expected,
         };
         let (mut dark, mut deviation, mut misfit, mut best) = (0, f64::INFINITY, 0.0, None);
-        let mut seen: Vec<Peak> = Vec::with_capacity(self.shape.turns as usize);
-        let mut middles: Vec<Displacement> = Vec::new();
+        let mut seen: Vec<Turn> = Vec::with_capacity(self.shape.turns as usize);
         if self.wary && self.played.is_some_and(|(_, law)| law.radius.to == 0.0) {
             // The way from rest to the circle is no part of it.
             self.turn(bench, gap).await?;
@@ -149,13 +151,9 @@ impl ConicalScan<'_> {
                 continue;
             }
             if let Some(before) = seen.last() {
-                self.flickers(before, &peak);
+                self.flickers(&before.peak, &peak);
             }
-            seen.push(peak);
-            if self.wary {
-                middles.resize(seen.len() - 1, self.centre);
-                middles.push(self.centre);
-            }
+            seen.push(self.turned(bench, peak));
             // What a micro does that does not go where it is told is oblong askew: piezos do not move in x and y.
             let readings: &[Reading] = self.readings.make_contiguous();
             self.beam
@@ -179,7 +177,7 @@ impl ConicalScan<'_> {
             // A peak is that of the middle of its turn; the circle is left a turn later.
             let noise = peak.deviation;
             let last = peak;
-            let ([x, y], unsettled) = self.foresee(&seen, &middles, noise)?;
+            let ([x, y], unsettled) = self.foresee(&seen, noise)?;
             peak.at = Displacement::new(x.at, y.at);
             peak.deviation = x.deviation.max(y.deviation);
             self.drift = Displacement::new(x.slope, y.slope);
@@ -209,11 +207,13 @@ impl ConicalScan<'_> {
             let long = seen.len() >= 2 * self.shape.turns as usize;
             let ready = || !unsettled && ready();
             if deviation < accuracy && (together < TOGETHER * accuracy || long) && ready() {
+                self.turns = seen;
                 return Ok(peak);
             }
             best = Some(peak).filter(|_| long);
         }
         if let Some(best) = best.filter(|_| deviation < ROUGHLY) {
+            self.turns = seen;
             return Ok(best);
         }
         Err(undecided(misfit, (deviation, accuracy)).into())
@@ -221,24 +221,29 @@ impl ConicalScan<'_> {
 
     /// Where peaks lead, in x and in y, and whether they scatter by more than `noise` (metres), and not for long enough yet: what makes them may be
     /// slow.
-    fn foresee(
-        &self,
-        seen: &[Peak],
-        middles: &[Displacement],
-        noise: f64,
-    ) -> Result<([Ahead; 2], bool), Outcome> {
+    fn foresee(&self, seen: &[Turn], noise: f64) -> Result<([Ahead; 2], bool), Outcome> {
         if !self.wary {
             let of = [|peak: &Peak| peak.at.x, |peak: &Peak| peak.at.y];
             return Ok((of.map(|of| Ahead::of(seen, of, noise)), false));
         }
-        let answer = Answer::of(seen, middles, noise);
+        let ahead = AHEAD + WARY;
+        let answer = Answer::of(seen, self.period, noise, (ahead, ahead));
         if let Some(why) = answer.is_foreign() {
             return Err(Outcome::BenchFailed { why });
         }
         let free = 2.0 * seen.len() as f64 - 4.0;
         let most = noise * noise * (1.0 + CHANCE * (2.0 / free).sqrt());
         let unsettled = answer.scatter > most && seen.len() < WATCHED;
-        Ok((Ahead::answered(&answer, seen.len()), unsettled))
+        Ok((Ahead::answered(&answer), unsettled))
+    }
+
+    /// A turn that is over now, and the peak that it has found.
+    fn turned(&self, bench: &Reactor<'_>, peak: Peak) -> Turn {
+        Turn {
+            peak,
+            middle: self.centre,
+            time: bench.now(),
+        }
     }
 
     /// Takes in by how much two peaks of turns that follow each other differ in their light.
@@ -368,23 +373,32 @@ impl ConicalScan<'_> {
         if misfit > accepted {
             return Err(Outcome::Misshapen { misfit, accepted }.into());
         }
-        let share = (foreseen.deviation / deviation).powi(2);
         let last = if rings { GENTLE } else { COME_TO_REST };
         // It comes to rest, and not a moment longer than it may swing: piezos creep.
         let settling = self.group(bench).settling;
         let rest = HALF_TURN + last + settling / self.period;
-        let peak = Peak {
-            at: foreseen.at + by * share,
-            ..seen
-        };
-        self.go_to(bench, &peak, gap)?;
-        self.shrink(bench, gap, 0.0, last).await?;
-        self.last_for(bench, Gap::Steady(gap), settling).await?;
         let longer = if self.shaking.rings() {
             (FORGETS - 1.0) * settling
         } else {
             0.0
         };
+        let (at, known) = if self.wary {
+            let until = rest + longer / self.period;
+            let noise = self.turns.last().map_or(0.0, |turn| turn.peak.deviation);
+            let small = self.turned(bench, seen);
+            self.turns.push(small);
+            let answer = Answer::of(&self.turns, self.period, noise, (0.0, until));
+            (answer.at, answer.deviation)
+        } else {
+            let share = (foreseen.deviation / deviation).powi(2);
+            (
+                foreseen.at + by * share,
+                foreseen.deviation * seen.deviation / deviation,
+            )
+        };
+        self.go_to(bench, &Peak { at, ..seen }, gap)?;
+        self.shrink(bench, gap, 0.0, last).await?;
+        self.last_for(bench, Gap::Steady(gap), settling).await?;
         // The peak moves on meanwhile as it did from turn to turn.
         self.follow_drift(bench, gap, longer).await?;
         let later = longer / self.period;
@@ -398,7 +412,6 @@ impl ConicalScan<'_> {
         if misfit > accepted {
             return Err(Outcome::Misshapen { misfit, accepted }.into());
         }
-        let known = foreseen.deviation * seen.deviation / deviation;
         // How far piezos creep until the fiber is fixed was foreseen, but for a part; and as much of
         // what moves on while a micro that rings comes to rest, such as a macro that creeps.
         let creep = CREEP * self.slower;
@@ -508,13 +521,11 @@ struct Ahead {
 
 impl Ahead {
     /// The same in x and in y by how the turns' peaks answer to where their middles were.
-    fn answered(of: &Answer, turns: usize) -> [Self; 2] {
-        let lever = turns as f64 - 1.0 + AHEAD;
-        let (at, deviation) = of.at(lever);
-        let [x, y] = [(at.x, of.slope.x), (at.y, of.slope.y)];
+    fn answered(of: &Answer) -> [Self; 2] {
+        let [x, y] = [(of.at.x, of.slope.x), (of.at.y, of.slope.y)];
         [x, y].map(|(at, slope)| Self {
             at,
-            deviation,
+            deviation: of.deviation,
             slope,
             slope_deviation: of.slope_deviation,
             scatter: of.scatter,
@@ -523,9 +534,9 @@ impl Ahead {
 
     /// By the straight line through a coordinate of peaks that are a turn apart. A few peaks may
     /// happen to lie well: they scatter by `noise` (metres) at least.
-    fn of(peaks: &[Peak], coordinate: impl Fn(&Peak) -> f64 + Clone, noise: f64) -> Self {
-        let n = peaks.len() as f64;
-        let turns = peaks.iter().map(coordinate).enumerate();
+    fn of(turns: &[Turn], coordinate: impl Fn(&Peak) -> f64 + Clone, noise: f64) -> Self {
+        let n = turns.len() as f64;
+        let turns = turns.iter().map(|turn| coordinate(&turn.peak)).enumerate();
         let points = turns.map(|(k, at)| (k as f64, at));
         let line = Line::through(points.clone());
         let squares: f64 = points.map(|(k, at)| line.left(k, at).powi(2)).sum();
@@ -547,19 +558,25 @@ impl Ahead {
 mod tests {
     use super::*;
 
-    fn peak(x: f64) -> Peak {
-        Peak {
-            at: Displacement::new(x, 0.0),
+    fn turn(x: f64) -> Turn {
+        let at = Displacement::new(x, 0.0);
+        let peak = Peak {
+            at,
             full: 1.0,
             full_deviation: 0.0,
             deviation: 0.0,
+        };
+        Turn {
+            peak,
+            middle: at,
+            time: 0.0,
         }
     }
 
     #[test]
     fn a_steady_creep_is_foreseen() {
-        let peaks = [0.0, 10e-9, 20e-9, 30e-9].map(peak);
-        let ahead = Ahead::of(&peaks, |peak| peak.at.x, 0.0);
+        let turns = [0.0, 10e-9, 20e-9, 30e-9].map(turn);
+        let ahead = Ahead::of(&turns, |peak| peak.at.x, 0.0);
         let expected = 30e-9 + AHEAD * 10e-9;
         assert!((ahead.at - expected).abs() < 1e-15, "{}", ahead.at);
         assert!(ahead.deviation < 1e-15, "{}", ahead.deviation);
@@ -568,7 +585,7 @@ mod tests {
 
     #[test]
     fn three_peaks_that_happen_to_lie_well_are_not_believed_more_than_their_noise() {
-        let Ahead { deviation, .. } = Ahead::of(&[0.0; 3].map(peak), |peak| peak.at.x, 10e-9);
+        let Ahead { deviation, .. } = Ahead::of(&[0.0; 3].map(turn), |peak| peak.at.x, 10e-9);
         assert!(deviation > 10e-9, "{deviation}");
     }
 }
