@@ -169,7 +169,7 @@ def campaign(
         KeyboardInterrupt: On Ctrl-C. Devices that were begun are finished, and what is done is kept below ``runs``.
     """
     cores = os.cpu_count() or 1
-    at_once = whole("threads", threads if threads is not None else (1 if client else cores), 1, 1024)
+    at_once = whole("threads", threads if threads is not None else (cores if client is None else 1), 1, 1024)
     if resume is not None:
         if devices is not None or client is not None:
             raise InputError("resume: goes without `devices` and `client`", key="resume", value=repr(resume))
