@@ -1,5 +1,7 @@
 """Environments: equal to driving a bench by hand, and many of them equal to one."""
 
+import multiprocessing
+import sys
 from dataclasses import replace
 from typing import Any
 
@@ -127,6 +129,27 @@ def test_light_is_found_where_it_is() -> None:
 def test_a_seed_may_be_numpys() -> None:
     many = gym.make_vec("Peak", 2)
     np.testing.assert_array_equal(many.reset(seed=np.int64(3))[0], many.reset(seed=3)[0])
+
+
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_a_forked_process_steps_too() -> None:
+    """Threads do not come along: whoever waits for them waits for ever."""
+    many = gym.make_vec("Peak", 4)
+    many.reset(seed=1)
+    expected = many.step(np.ones((4, 2)))[0].tolist()
+
+    def child() -> None:
+        again = gym.make_vec("Peak", 4)
+        again.reset(seed=1)
+        sys.exit(7 if again.step(np.ones((4, 2)))[0].tolist() == expected else 1)
+
+    forked = multiprocessing.get_context("fork").Process(target=child)
+    forked.start()
+    forked.join(60)
+    if forked.is_alive():
+        forked.kill()
+        pytest.fail("it hangs")
+    assert forked.exitcode == 7
 
 
 def test_wrong_input_is_named() -> None:

@@ -166,7 +166,8 @@ def campaign(
 
     Raises:
         InputError: For what is not accepted.
-        KeyboardInterrupt: On Ctrl-C. Devices that were begun are finished, and what is done is kept below ``runs``.
+        KeyboardInterrupt: On Ctrl-C. Devices and machines that were begun are finished (with ``commissioned`` that takes
+            seconds), and what is done is kept below ``runs``.
     """
     cores = os.cpu_count() or 1
     at_once = whole("threads", threads if threads is not None else (cores if client is None else 1), 1, 1024)
