@@ -1,7 +1,7 @@
 """Trains the leaderboard's learner: stable-baselines3's PPO, as it comes, on ``pigtail/Peak-v0``.
 
     pip install "./apps/python[gym]" stable-baselines3
-    python train_learner.py --steps 3000000
+    python train_learner.py --steps 1000000
 
 The light says how far away the peak is, and not where: an agent has to see how it changed with its own moves, so what it sees is
 what :class:`learner.Relative` makes of the last observations, and what it is told is :class:`Beside`. Episodes draw their twins from seeds below 2**32, and the
@@ -136,7 +136,7 @@ def export(model: PPO, path: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--steps", type=int, default=3_000_000)
+    parser.add_argument("--steps", type=int, default=1_000_000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--validate", type=int, default=98_304, metavar="STEPS", help="how often a policy is judged")
     parser.add_argument("--into", type=Path, default=HERE, help="folder for learner.npz and learner.csv")
