@@ -4,6 +4,7 @@
 use crate::bench::BenchRig;
 use crate::failure::Failure;
 use crate::input::refused;
+use crate::work::on_all_cores;
 use numpy::ndarray::{Array1, Array2};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2, PyUntypedArrayMethods};
 use pigtail_control::align::Taught;
@@ -344,10 +345,8 @@ impl Environments {
 
     fn reset<'py>(&self, py: Python<'py>, seeds: Vec<u64>) -> PyResult<Bound<'py, PyArray2<f32>>> {
         let began = py.detach(|| {
-            let all = seeds.into_par_iter();
-            let all: Vec<_> = all
-                .map(|seed| One::begin(&self.setup, &self.task, seed).map(Box::new))
-                .collect();
+            let begin = |seed| One::begin(&self.setup, &self.task, seed).map(Box::new);
+            let all: Vec<_> = on_all_cores(|| seeds.into_par_iter().map(begin).collect());
             all.into_iter().collect::<Result<Vec<_>, Failure>>()
         });
         let began = began.map_err(|failure| failure.raise(py))?;
@@ -391,7 +390,8 @@ impl Environments {
                 let action: Vec<f32> = actions.row(k).to_vec();
                 Ok(one.step(&self.task, &self.setup.rig.recipe, &action))
             };
-            let seen: Vec<_> = all.par_iter_mut().enumerate().map(one).collect();
+            let all = &mut *all;
+            let seen: Vec<_> = on_all_cores(|| all.par_iter_mut().enumerate().map(one).collect());
             seen.into_iter().collect::<Result<Vec<_>, Failure>>()
         });
         let seen = seen.map_err(|failure| failure.raise(py))?;

@@ -38,6 +38,7 @@ fn add_class<T: PyClass>(module: &Bound<'_, PyModule>) -> PyResult<()> {
 
 #[pymodule]
 fn _pigtail(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    work::imported();
     module.add("__version__", env!("CARGO_PKG_VERSION"))?;
     module.add(
         "CHANNELS",

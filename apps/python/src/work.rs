@@ -2,10 +2,11 @@
 
 use crate::failure::Failure;
 use pyo3::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 /// How often Python is asked for Ctrl-C and told of progress.
@@ -45,6 +46,40 @@ impl Watch {
     }
 }
 
+/// The process that imported this.
+static IMPORTED_BY: OnceLock<u32> = OnceLock::new();
+
+/// Notes which process this is.
+pub(crate) fn imported() {
+    IMPORTED_BY.get_or_init(std::process::id);
+}
+
+/// Works on all cores. Threads do not come along into a process that is forked, and what waits for them there waits for
+/// ever: such a process has threads of its own.
+pub(crate) fn on_all_cores<T: Send>(job: impl FnOnce() -> T + Send) -> T {
+    static OWN: Mutex<Option<(u32, &'static ThreadPool)>> = Mutex::new(None);
+    let process = std::process::id();
+    if IMPORTED_BY.get() == Some(&process) {
+        return job();
+    }
+    let mut own = OWN.lock().unwrap_or_else(PoisonError::into_inner);
+    let pool = match *own {
+        Some((of, pool)) if of == process => Some(pool),
+        _ => {
+            let made = ThreadPoolBuilder::new().build().ok();
+            // As long as the process: to end one whose threads are elsewhere is to wait for them too.
+            let made = made.map(|pool| &*Box::leak(Box::new(pool)));
+            *own = made.map(|pool| (process, pool));
+            made
+        }
+    };
+    drop(own);
+    match pool {
+        Some(pool) => pool.install(job),
+        None => job(),
+    }
+}
+
 /// Does work on a thread of its own, without the interpreter's lock. An exception of the interpreter, be it
 /// Ctrl-C's, or one of `progress`, stops the work, and is raised when that has ended.
 pub(crate) fn work<T: Send>(
@@ -59,7 +94,7 @@ pub(crate) fn work<T: Send>(
         let worker = scope.spawn(move || {
             // Dropped when the work is over, however it ended.
             let _sender = sender;
-            catch_unwind(AssertUnwindSafe(|| job(watch)))
+            catch_unwind(AssertUnwindSafe(|| on_all_cores(|| job(watch))))
         });
         let mut raised = None;
         let mut told = State::default();

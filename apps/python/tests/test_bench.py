@@ -8,6 +8,7 @@ import subprocess
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import pytest
 import pigtail
 from pigtail.bench import (
     AxisCaps,
+    Batch,
     Brake,
     Caps,
     ChannelCaps,
@@ -319,6 +321,9 @@ class Mistaken(Through):
         ("next", "light", "Mistaken.next"),
         ("next", Light(3.0, (1.0, 2.0)), "Mistaken.next: volts"),
         ("next", Light(3.0, ("bright",)), "Mistaken.next: volts"),  # type: ignore[arg-type]
+        ("next", Light(3.0, None), "Mistaken.next: volts"),  # type: ignore[arg-type]
+        ("next", Light(3.0, 1.0), "Mistaken.next: volts"),  # type: ignore[arg-type]
+        ("next", Batch(None), "Mistaken.next: lights"),  # type: ignore[arg-type]
         ("next", Light(math.nan, (1.0,)), "Mistaken.next: time_s"),
         ("next", Done(-4), "Mistaken.next: ticket"),
         ("pose", (0.0, 0.0, 0.0), "Mistaken.pose"),
@@ -336,6 +341,39 @@ def test_what_a_bench_says_wrongly_is_named(method: str, what: Any, key: str) ->
 
 
 @pytest.mark.parametrize(
+    ("part", "changed", "key"),
+    [
+        ("caps", {"groups": None}, "caps.groups"),
+        ("caps", {"groups": (None,)}, "caps.groups"),
+        ("caps", {"arms": 2}, "caps.arms"),
+        ("caps", {"channels": (None,)}, "caps.channels"),
+        ("caps", {"bond_s": -1.0}, "caps.bond_s"),
+        ("channel", {"full_scale_v": 0.0}, "caps.channels['power']"),
+        ("group", {"settling_s": -1.0}, ".settling_s"),
+        ("group", {"bandwidth_hz": -3.0}, ".bandwidth_hz"),
+        ("group", {"lag_s": 0.01}, ".lag_s"),
+        ("group", {"axes": None}, ".axes"),
+        ("group", {"axes": (3,) * 6}, ".axes[0]"),
+        ("group", {"axes": (AxisCaps(-1e-5, 1e-5, -1.0, 0.0, 1e-3),) * 6}, ".resolution"),
+    ],
+)
+def test_caps_that_are_none_are_named(part: str, changed: dict[str, Any], key: str) -> None:
+    class Odd(Through):
+        @property
+        def caps(self) -> Caps:
+            of = self.twin.caps
+            if part == "group":
+                return replace(of, groups=tuple(replace(group, **changed) for group in of.groups))
+            if part == "channel":
+                return replace(of, channels=tuple(replace(channel, **changed) for channel in of.channels))
+            return replace(of, **changed)
+
+    with pytest.raises(pigtail.InputError) as raised:
+        pigtail.align_bench(Odd(1))
+    assert raised.value.key.startswith("Odd.caps.") and key in raised.value.key
+
+
+@pytest.mark.parametrize(
     ("what", "code"),
     [
         (Done(999_999), "event-order"),
@@ -343,6 +381,8 @@ def test_what_a_bench_says_wrongly_is_named(method: str, what: Any, key: str) ->
         (Light(1e6, (0.1,)), "event-order"),
         (Light(3.0, (math.inf,)), "sensor-silence"),
         (Time(), "event-order"),
+        # A clock that stands still with it would never be found silent.
+        (Batch(()), "event-order"),
     ],
 )
 def test_events_out_of_order_stop_the_bench(what: Event, code: str) -> None:

@@ -215,7 +215,7 @@ def test_the_script_of_the_learner_trains_what_is_played(tmp_path: Path) -> None
     done = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     head, *rows = (tmp_path / "learner.csv").read_text().splitlines()
-    assert head == "steps,light_v,beside_um,processor_s" and rows
+    assert head == "steps,light_v,beside_um,processor_s,right" and rows
     policy = importlib.import_module("learner").Policy(tmp_path / "learner.npz")
     kept = importlib.import_module("learner").Policy()
     seen = np.zeros(14, dtype=np.float32)

@@ -1,5 +1,8 @@
 """Environments: equal to driving a bench by hand, and many of them equal to one."""
 
+import multiprocessing
+import sys
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -128,6 +131,27 @@ def test_a_seed_may_be_numpys() -> None:
     np.testing.assert_array_equal(many.reset(seed=np.int64(3))[0], many.reset(seed=3)[0])
 
 
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_a_forked_process_steps_too() -> None:
+    """Threads do not come along: whoever waits for them waits for ever."""
+    many = gym.make_vec("Peak", 4)
+    many.reset(seed=1)
+    expected = many.step(np.ones((4, 2)))[0].tolist()
+
+    def child() -> None:
+        again = gym.make_vec("Peak", 4)
+        again.reset(seed=1)
+        sys.exit(7 if again.step(np.ones((4, 2)))[0].tolist() == expected else 1)
+
+    forked = multiprocessing.get_context("fork").Process(target=child)
+    forked.start()
+    forked.join(60)
+    if forked.is_alive():
+        forked.kill()
+        pytest.fail("it hangs")
+    assert forked.exitcode == 7
+
+
 def test_wrong_input_is_named() -> None:
     env = gym.BenchEnv("Peak")
     with pytest.raises(gymnasium.error.ResetNeeded):
@@ -150,6 +174,24 @@ def test_wrong_input_is_named() -> None:
         (lambda: gym.BenchEnv("Peak", limit_s=0.0), "limit_s"),
         (lambda: gym.make_vec("Peak", 2, limit_s=-1.0), "limit_s"),
         (lambda: gym.BenchEnv("Peak", limit_s=float("nan")), "limit_s"),
+        (lambda: many.reset(seed=True), "seed"),
+        (lambda: many.reset(seed=1.5), "seed"),
+        (lambda: many.reset(seed=[1, -1]), "seed"),
+        (lambda: many.reset(seed=2**64 - 1), "seed"),
+        (lambda: gym.BenchEnv("Peak", bench=3), "bench"),
+        (lambda: gym.BenchEnv("Peak", begin=3), "begin"),
+        (lambda: gym.BenchEnv(np.zeros(2)), "task"),
+        (lambda: gym.Axis(7, True, "x", -1.0, 1.0), "arm"),
+        (lambda: gym.Axis(1, True, "q", -1.0, 1.0), "degree"),
+        (lambda: gym.Axis(1, True, "x", 1.0, -1.0), "low_um"),
+        (lambda: gym.Axis(1, True, "x", float("nan"), 1.0), "low_um"),
+        (lambda: gym.Axis(1, True, "x", -1.0, float("inf")), "high_um"),
+        (lambda: replace(gym.PEAK, axes=()), "axes"),
+        (lambda: replace(gym.PEAK, gap_um=float("nan")), "gap_um"),
+        (lambda: replace(gym.PEAK, most_um=0.0), "most_um"),
+        (lambda: replace(gym.PEAK, limit_s=-1.0), "limit_s"),
+        (lambda: replace(gym.PEAK, found_v=True), "found_v"),
+        (lambda: gym.make_vec(replace(gym.PEAK, axes=(gym.Axis(1, False, "beam", 200.0, 300.0),)), 2), "low_um"),
     ]:
         made: Any = call
         with pytest.raises(pigtail.InputError) as raised:

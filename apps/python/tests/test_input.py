@@ -9,12 +9,19 @@ import pytest
 
 import pigtail
 from conftest import ROOT
-from pigtail.bench import Laser
-
+from pigtail.bench import Dither, Knot, Laser, Law, Lead, Line, Pose, Scan, Widens
 
 
 def _servo(**changed: Any) -> object:
     return pigtail.identify_servo("nowhere.csv", **{"position": "q", "voltage": "u", "force_per_volt": 1.0, **changed})
+
+
+def _play(law: Any) -> object:
+    return pigtail.BenchTwin().play(1, law)
+
+
+def _circle(**changed: Any) -> Law:
+    return Dither(**{"centre_m": (0.0, 0.0), "radius_m": 1e-6, "rate_hz": 5.0, **changed})
 
 
 CALLS: list[tuple[Callable[[], object], str, str]] = [
@@ -43,6 +50,23 @@ CALLS: list[tuple[Callable[[], object], str, str]] = [
     (lambda: pigtail.Command(micro_v=np.full((2, 2), np.inf)), "micro_v", "inf"),
     (lambda: pigtail.Command(fiber=["drop", None]), "fiber", "drop"),
     (lambda: pigtail.Command(fiber=[None]), "fiber", "[None]"),
+    (lambda: pigtail.Command(fiber=3), "fiber", "3"),  # type: ignore[arg-type]
+    (lambda: pigtail.Command(fiber=[("load", "0"), None]), "fiber", "'0'"),  # type: ignore[list-item]
+    (lambda: pigtail.Command(fiber=[("load",), None]), "fiber", "[('load',), None]"),  # type: ignore[list-item]
+    (lambda: _play(Scan(1.0)), "law.knots", "1.0"),  # type: ignore[arg-type]
+    (lambda: _play(Scan((Pose(),))), "law.knots", repr(Pose())),  # type: ignore[arg-type]
+    (lambda: _play(Scan((Knot("1 s", Pose()),))), "law.time_s", "'1 s'"),  # type: ignore[arg-type]
+    (lambda: _play(Line(Pose(True))), "law.to", "True"),
+    (lambda: _play(_circle(centre_m=0.0)), "law.centre_m", "0.0"),
+    (lambda: _play(_circle(lead=3)), "law.lead", "3"),
+    (lambda: _play(_circle(lead=Lead(0, Pose(), 1.0))), "law.lead.gain", "1.0"),  # type: ignore[arg-type]
+    (lambda: _play(_circle(lead=Lead(0, Pose(), ((0.0,) * 3,) * 2), widens=Widens("1 um", 1.0))), "law.widens.contact_m", "'1 um'"),  # type: ignore[arg-type]
+    (lambda: pigtail.BenchTwin().light(1), "channel", "1"),
+    (lambda: pigtail.BenchTwin().light(0, float("nan")), "longest_s", "nan"),
+    (lambda: pigtail.BenchTwin().until(-1), "tickets", "-1"),
+    (lambda: pigtail.BenchTwin().until(1, longest_s="1 s"), "longest_s", "'1 s'"),  # type: ignore[arg-type]
+    (lambda: pigtail.BenchRig().width_um(-1.0), "gap_um", "-1.0"),
+    (lambda: pigtail.BenchRig().pose_at(0, 0, 10**400), "gap_m", str(10**400)),
     (lambda: pigtail.Command(laser="off"), "laser", "'off'"),  # type: ignore[arg-type]
     (lambda: pigtail.BenchTwin().request(Laser("off")), "request.on", "'off'"),  # type: ignore[arg-type]
     (lambda: pigtail.Rig().believing(3), "calibration", "3"),  # type: ignore[arg-type]

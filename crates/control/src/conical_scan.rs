@@ -9,7 +9,9 @@ mod answer;
 mod last;
 mod piezos;
 mod told;
+mod wander;
 
+use self::answer::Turn;
 use crate::beam::{Beam, Oblong, Peak, Reading, SpotSize};
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::Reactor;
@@ -126,6 +128,8 @@ pub struct ConicalScan<'r> {
     flickers: (f64, f64),
     /// Whether it is a group of which nobody has measured how it follows circles, and a spot that nobody has measured.
     wary: bool,
+    /// The last turns that have found the peak.
+    turns: Vec<Turn>,
     /// Light of the last turn that found the peak, from the circle's middle.
     around: Vec<(Displacement, f64)>,
 }
@@ -193,6 +197,7 @@ impl<'r> ConicalScan<'r> {
             unrest: [0.0; 2],
             flickers: (0.0, 0.0),
             wary: false,
+            turns: Vec::new(),
             around: Vec::with_capacity(64),
         }
     }

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::foreign::{Foreign, Make, makes};
+use common::foreign::{Foreign, Make, makes, wanderers};
 use pigtail_control::align::find_peak;
 use pigtail_hal::bench::{Group, Meter};
 
@@ -38,9 +38,9 @@ impl Came {
         came
     }
 
-    /// The share within 95 % intervals.
-    fn covered(&self) -> f64 {
-        let within = self.errors.iter().filter(|z| z.abs() < 1.96).count();
+    /// The share within intervals that should hold it.
+    fn covered(&self, deviations: f64) -> f64 {
+        let within = self.errors.iter().filter(|z| z.abs() < deviations).count();
         within as f64 / self.errors.len() as f64
     }
 
@@ -54,16 +54,21 @@ impl Came {
             println!("{name:28} refused {}", self.refused);
             return;
         }
+        let within =
+            LEVELS.map(|(_, deviations)| format!("{:5.1}", 100.0 * self.covered(deviations)));
         println!(
-            "{name:28} refused {:3}  within 95 % {:5.1} %  beside {:5.1} nm, at most {:5.1}  said {:5.1} nm",
+            "{name:28} refused {:3}  within 50, 80, 95, 99 % {}  beside {:5.1} nm, at most {:5.1}  said {:5.1} nm",
             self.refused,
-            100.0 * self.covered(),
+            within.join(" "),
             self.beside_nm[n / 2],
             self.beside_nm[n - 1],
             self.said_nm[n / 2]
         );
     }
 }
+
+/// Shares, and the standard deviations within which they are of what is normal.
+const LEVELS: [(f64, f64); 4] = [(0.5, 0.674), (0.8, 1.282), (0.95, 1.960), (0.99, 2.576)];
 
 #[test]
 fn a_peak_on_another_make_is_known_as_well_as_is_said() {
@@ -80,25 +85,33 @@ fn a_peak_on_another_make_is_known_as_well_as_is_said() {
         came.print(name);
         assert!(came.refused <= 2, "{name}: {}", came.refused);
         // Of 80 less than 88 % within 95 % intervals: once in 200 times by chance.
-        assert!(came.covered() > 0.88, "{name}: {}", came.covered());
+        assert!(came.covered(1.96) > 0.88, "{name}: {}", came.covered(1.96));
     }
 }
+
+/// What does not hold, as the book says: a peak that comes to rest within seconds goes on the same way while the tip does, so that its error
+/// has a direction, and is beyond two thirds of a deviation more often than half of the time.
+const LIMITS: [(&str, f64); 1] = [("rests, 1 um, 3 s", 0.5)];
+
+/// Seeds that figures are of. Whatever was chosen was chosen by those below 200.
+const SEEDS: std::ops::Range<u64> = 8000..8400;
 
 #[test]
 #[ignore = "long: many seeds on many makes"]
 fn peaks_on_many_makes_are_known_as_well_as_is_said() {
-    for (name, make) in makes() {
-        let came = Came::of(&make, 7000..7400);
+    let mut fewer = Vec::new();
+    for (name, make) in makes().into_iter().chain(wanderers()) {
+        let came = Came::of(&make, SEEDS);
         came.print(name);
-        // A tip that wanders slower than it is watched is not seen to: the limit that the book names.
-        if name == "shakes 20 nm, 200 ms" || came.errors.is_empty() {
+        if came.errors.is_empty() {
             continue;
         }
-        assert!(came.covered() > 0.93, "{name}: {}", came.covered());
-        let worst = came
-            .errors
-            .iter()
-            .fold(0.0_f64, |most, z| most.max(z.abs()));
-        assert!(worst < 5.0, "{name}: {worst} standard deviations");
+        for (share, deviations) in LEVELS {
+            let covered = came.covered(deviations);
+            if covered < share - 0.02 && !LIMITS.contains(&(name, share)) {
+                fewer.push(format!("{name}: {covered:.3} within {share}"));
+            }
+        }
     }
+    assert!(fewer.is_empty(), "{fewer:#?}");
 }

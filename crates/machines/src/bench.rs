@@ -255,6 +255,15 @@ impl<B: Bench> Guard<B> {
         }
         match event {
             Event::Light(light) => self.light(light)?,
+            // Else a bench whose clock stands could go on with it for ever.
+            Event::Batch(batch) if batch.is_empty() => {
+                return Err(self.halt(
+                    Rule::EventOrder,
+                    &name,
+                    "a batch without light".to_owned(),
+                    "one with some".to_owned(),
+                ));
+            }
             Event::Batch(batch) => {
                 for light in batch {
                     self.light(light)?;

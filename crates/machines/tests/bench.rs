@@ -88,6 +88,7 @@ enum Bad {
     Lost,
     Infinite,
     Short,
+    Empty,
 }
 
 /// A twin that does not, from a time on.
@@ -143,6 +144,7 @@ impl Bench for Broken {
                 }
                 Bad::Infinite => light.volts[0] = f64::INFINITY,
                 Bad::Short => light.volts.clear(),
+                Bad::Empty => event = Event::Batch(Vec::new()),
             }
             return Ok(event);
         }
@@ -168,6 +170,7 @@ fn a_bench_that_does_not_keep_to_its_word_is_stopped_in_words() {
         (Bad::Lost, Rule::SensorSilence, "connection"),
         (Bad::Infinite, Rule::SensorSilence, "inf"),
         (Bad::Short, Rule::SensorSilence, "[]"),
+        (Bad::Empty, Rule::EventOrder, "without light"),
     ] {
         let broken = Broken {
             twin: twin(5),

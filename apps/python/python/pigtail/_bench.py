@@ -34,6 +34,13 @@ class Taught:
     """How far off it is at the most, metres: that plane is never passed."""
 
 
+def _gap(name: str, gap: float, unit: str) -> float:
+    value = number(name, gap)
+    if value < 0.0:
+        raise InputError(f"{name}: is {gap!r}; accepted is 0 {unit} or more", key=name, value=repr(gap))
+    return value
+
+
 class BenchRig:
     """A rig that is controlled by position (``kind = "bench"`` in its ``machine.toml``), and a recipe.
 
@@ -102,11 +109,11 @@ class BenchRig:
 
     def width_um(self, gap_um: float) -> float:
         """Distance from a peak, micrometres, at which the light has fallen to 1/e, at a gap, micrometres: by the recipe's modes."""
-        return 1e6 * self._rig.width(1e-6 * number("gap_um", gap_um))
+        return 1e6 * self._rig.width(1e-6 * _gap("gap_um", gap_um, "um"))
 
     def pose_at(self, arm: int, port: int, gap_m: float) -> Pose:
         """Pose of an arm's coarse group on the beam of a port at a gap, metres, as it was taught."""
-        return Pose(*self._rig.pose_at(whole("arm", arm), whole("port", port), number("gap_m", gap_m)))
+        return Pose(*self._rig.pose_at(whole("arm", arm), whole("port", port), _gap("gap_m", gap_m, "m")))
 
     def __repr__(self) -> str:
         return f"<pigtail.BenchRig: {self._rig.runs_on()}>"
@@ -224,14 +231,6 @@ class Peak:
     """Light there beside the dark, volts."""
 
 
-def _gap(gap_um: float) -> float:
-    micrometres = number("gap_um", gap_um)
-    if micrometres < 0.0:
-        message = f"gap_um: is {gap_um!r}; accepted is 0 um or more"
-        raise InputError(message, key="gap_um", value=repr(gap_um))
-    return micrometres
-
-
 def find_peak(
     bench: Bench,
     group: int,
@@ -265,7 +264,7 @@ def find_peak(
         bench_rig(rig)._rig,
         index("group", group),
         index("channel", channel),
-        1e-6 * _gap(gap_um),
+        1e-6 * _gap("gap_um", gap_um, "um"),
         maybe_number("dark_v", dark_v),
     )
     with shown(progress, "peak") as tell:

@@ -166,10 +166,11 @@ def campaign(
 
     Raises:
         InputError: For what is not accepted.
-        KeyboardInterrupt: On Ctrl-C. Devices that were begun are finished, and what is done is kept below ``runs``.
+        KeyboardInterrupt: On Ctrl-C. Devices and machines that were begun are finished (with ``commissioned`` that takes
+            seconds), and what is done is kept below ``runs``.
     """
     cores = os.cpu_count() or 1
-    at_once = whole("threads", threads if threads is not None else (1 if client else cores), 1, 1024)
+    at_once = whole("threads", threads if threads is not None else (cores if client is None else 1), 1, 1024)
     if resume is not None:
         if devices is not None or client is not None:
             raise InputError("resume: goes without `devices` and `client`", key="resume", value=repr(resume))

@@ -35,13 +35,28 @@ def maybe_whole(name: str, value: Any, least: int = 0, most: int = _MOST) -> int
 def number(name: str, value: Any) -> float:
     """A finite number."""
     try:
+        if isinstance(value, (str, bytes, bool)):
+            raise TypeError
         result = float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         result = float("nan")
     if result - result != 0.0:
         message = f"{name}: is {value!r}; accepted is a finite number"
         raise InputError(message, key=name, value=repr(value))
     return result
+
+
+def duration(name: str, value: Any) -> float:
+    """A time of zero or more, which may be without end."""
+    try:
+        if isinstance(value, (str, bytes, bool)):
+            raise TypeError
+        if (seconds := float(value)) >= 0.0:
+            return seconds
+    except (TypeError, ValueError, OverflowError):
+        pass
+    message = f"{name}: is {value!r}; accepted is a number of seconds, zero or more"
+    raise InputError(message, key=name, value=repr(value))
 
 
 def maybe_number(name: str, value: Any) -> float | None:

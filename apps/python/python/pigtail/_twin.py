@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from . import _pigtail
 from ._errors import InputError
@@ -18,6 +18,34 @@ if TYPE_CHECKING:
 
 def _table(name: str, values: ArrayLike | None) -> NDArray[np.float64] | None:
     return None if values is None else floats(name, values)
+
+
+def _no_fiber(fiber: object) -> InputError:
+    message = (
+        f"fiber: is {fiber!r}; accepted are two, for the left and the right holder, each None, \"attach\", \"unload\" or "
+        "(\"load\", port)"
+    )
+    return InputError(message, key="fiber", value=repr(fiber))
+
+
+def _each(fiber: object, values: Any) -> list[Any]:
+    try:
+        if isinstance(values, (str, bytes)):
+            raise TypeError
+        return list(values)
+    except TypeError:
+        raise _no_fiber(fiber) from None
+
+
+def _handled(fiber: object, what: object) -> tuple[str, int] | None:
+    if what is None:
+        return None
+    if isinstance(what, str):
+        return what, 0
+    pair = _each(fiber, what)
+    if len(pair) != 2 or not isinstance(pair[0], str):
+        raise _no_fiber(fiber)
+    return pair[0], whole("fiber", pair[1], 0, 255)
 
 
 class Command:
@@ -49,17 +77,9 @@ class Command:
         fiber: Sequence[str | tuple[str, int] | None] = (None, None),
         references_counts: ArrayLike | None = None,
     ) -> None:
-        handled: list[tuple[str, int] | None] = []
-        for what in fiber:
-            if what is None:
-                handled.append(None)
-            elif isinstance(what, str):
-                handled.append((what, 0))
-            else:
-                handled.append((str(what[0]), whole("fiber", what[1], 0, 255)))
+        handled = [_handled(fiber, what) for what in _each(fiber, fiber)]
         if len(handled) != 2:
-            message = f"fiber: is {fiber!r}; accepted are two: for the left and the right holder"
-            raise InputError(message, key="fiber", value=repr(fiber))
+            raise _no_fiber(fiber)
         self._command = _pigtail.Command(
             _table("motors_v", motors_v),
             _table("micro_v", micro_v),

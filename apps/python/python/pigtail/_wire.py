@@ -46,10 +46,10 @@ def wrong(what: str, value: Any, accepted: str) -> InputError:
 def real(what: str, value: Any) -> float:
     """A number, be it finite or not: whoever moves by it asks for more."""
     try:
-        if isinstance(value, (str, bytes)):
+        if isinstance(value, (str, bytes, bool)):
             raise TypeError
         return float(value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise wrong(what, value, "a number") from None
 
 
@@ -72,6 +72,24 @@ def index(what: str, value: Any) -> int:
     return number
 
 
+def least(what: str, value: Any) -> float:
+    """A finite number of zero or more."""
+    number = finite(what, value)
+    if number < 0.0:
+        raise wrong(what, value, "zero or more")
+    return number
+
+
+def many(what: str, values: Any, accepted: str) -> tuple[Any, ...]:
+    """What is in a list."""
+    try:
+        if isinstance(values, (str, bytes)):
+            raise TypeError
+        return tuple(values)
+    except TypeError:
+        raise wrong(what, values, accepted) from None
+
+
 def pose_wire(what: str, pose: Any) -> tuple[float, ...]:
     """A pose as six numbers. Whether they are finite, who plays it asks."""
     if not isinstance(pose, Pose):
@@ -85,19 +103,33 @@ def law_wire(law: Any) -> tuple[str, Any]:
         speed = None if law.speed_m_s is None else real("law.speed_m_s", law.speed_m_s)
         return "line", (pose_wire("law.to", law.to), speed)
     if isinstance(law, Scan):
-        return "scan", [(real("law.time_s", k.time_s), pose_wire("law.at", k.at)) for k in law.knots]
+        knots = []
+        for knot in many("law.knots", law.knots, "those of pigtail.bench.Knot"):
+            if not isinstance(knot, Knot):
+                raise wrong("law.knots", knot, "a pigtail.bench.Knot")
+            knots.append((real("law.time_s", knot.time_s), pose_wire("law.at", knot.at)))
+        return "scan", knots
     if isinstance(law, Brake):
         return "brake", None
     if isinstance(law, Dither):
         lead = law.lead
         follows = None
         if lead is not None:
-            rows = tuple(tuple(real("law.lead.gain", gain) for gain in row) for row in lead.gain)
+            if not isinstance(lead, Lead):
+                raise wrong("law.lead", lead, "a pigtail.bench.Lead, or None")
+            of = "two rows of three numbers"
+            of_rows = [many("law.lead.gain", row, of) for row in many("law.lead.gain", lead.gain, of)]
+            rows = tuple(tuple(real("law.lead.gain", gain) for gain in row) for row in of_rows)
             if [len(row) for row in rows] != [3, 3]:
-                raise wrong("law.lead.gain", lead.gain, "two rows of three numbers")
+                raise wrong("law.lead.gain", lead.gain, of)
             follows = (index("law.lead.group", lead.group), pose_wire("law.lead.start", lead.start), rows)
-        widens = None if law.widens is None else (law.widens.contact_m, law.widens.doubles_m)
-        centre = tuple(real("law.centre_m", at) for at in law.centre_m)
+        widens = None
+        if law.widens is not None:
+            if not isinstance(law.widens, Widens):
+                raise wrong("law.widens", law.widens, "a pigtail.bench.Widens, or None")
+            contact = real("law.widens.contact_m", law.widens.contact_m)
+            widens = (contact, real("law.widens.doubles_m", law.widens.doubles_m))
+        centre = tuple(real("law.centre_m", at) for at in many("law.centre_m", law.centre_m, "two numbers: x and y"))
         if len(centre) != 2:
             raise wrong("law.centre_m", law.centre_m, "two numbers: x and y")
         return "dither", (
@@ -212,46 +244,56 @@ class Checked:
         key, caps = self._key("caps"), self._bench.caps
         if not isinstance(caps, Caps):
             raise wrong(key, caps, "a pigtail.bench.Caps")
+        arms = [str(arm) for arm in many(f"{key}.arms", caps.arms, "names")]
         groups = []
-        for group in caps.groups:
+        for group in many(f"{key}.groups", caps.groups, "those of pigtail.bench.GroupCaps"):
+            if not isinstance(group, GroupCaps):
+                raise wrong(f"{key}.groups", group, "a pigtail.bench.GroupCaps")
             name = f"{key}.groups[{group.name!r}]"
-            if len(group.axes) != 6:
-                raise wrong(f"{name}.axes", group.axes, "six of them, None where it does not move")
-            if not 0 <= index(f"{name}.arm", group.arm) < len(caps.arms):
-                raise wrong(f"{name}.arm", group.arm, f"below {len(caps.arms)}")
+            six = "six of pigtail.bench.AxisCaps, None where it does not move"
+            of_group = many(f"{name}.axes", group.axes, six)
+            if len(of_group) != 6:
+                raise wrong(f"{name}.axes", group.axes, six)
+            if not 0 <= index(f"{name}.arm", group.arm) < len(arms):
+                raise wrong(f"{name}.arm", group.arm, f"below {len(arms)}")
             axes: list[tuple[float, ...] | None] = []
-            for place, axis in enumerate(group.axes):
+            for place, axis in enumerate(of_group):
                 if axis is None:
                     axes.append(None)
                     continue
+                if not isinstance(axis, AxisCaps):
+                    raise wrong(f"{name}.axes[{place}]", axis, "a pigtail.bench.AxisCaps, or None")
                 numbers = (axis.low, axis.high, axis.resolution, axis.repeatability, axis.backlash, axis.speed)
                 checked = tuple(finite(f"{name}.axes[{place}]", number) for number in numbers)
                 if not (axis.low <= axis.high and axis.speed > 0.0):
                     raise wrong(f"{name}.axes[{place}]", axis, "low up to high, and a speed above zero")
+                for what in ("resolution", "repeatability", "backlash"):
+                    least(f"{name}.axes[{place}].{what}", getattr(axis, what))
                 axes.append(checked)
-            lag = tuple(finite(f"{name}.lag_s", each) for each in group.lag_s)
+            two = "two numbers: the lag and its deviation"
+            lag = tuple(finite(f"{name}.lag_s", each) for each in many(f"{name}.lag_s", group.lag_s, two))
             if len(lag) != 2:
-                raise wrong(f"{name}.lag_s", group.lag_s, "two numbers: the lag and its deviation")
-            settling = finite(f"{name}.settling_s", group.settling_s)
-            bandwidth = finite(f"{name}.bandwidth_hz", group.bandwidth_hz)
+                raise wrong(f"{name}.lag_s", group.lag_s, two)
+            least(f"{name}.lag_s[1]", lag[1])
+            settling = least(f"{name}.settling_s", group.settling_s)
+            bandwidth = least(f"{name}.bandwidth_hz", group.bandwidth_hz)
             groups.append(
                 (str(group.name), group.arm, bool(group.fine), axes, settling, bandwidth, lag, bool(group.bends))
             )
         channels = []
-        for of in caps.channels:
+        for of in many(f"{key}.channels", caps.channels, "those of pigtail.bench.ChannelCaps"):
+            if not isinstance(of, ChannelCaps):
+                raise wrong(f"{key}.channels", of, "a pigtail.bench.ChannelCaps")
             name = f"{key}.channels[{of.name!r}]"
             numbers3 = tuple(finite(name, number) for number in (of.rate_hz, of.resolution_v, of.full_scale_v))
-            if numbers3[0] <= 0.0 or numbers3[1] <= 0.0:
-                raise wrong(name, of, "a rate and a resolution above zero")
+            if min(numbers3) <= 0.0:
+                raise wrong(name, of, "a rate, a resolution and a full scale above zero")
             channels.append((str(of.name), *numbers3))
         if not channels:
             raise wrong(f"{key}.channels", caps.channels, "one or more")
         self._channels = len(channels)
-        arms = [str(arm) for arm in caps.arms]
-        cycle = finite(f"{key}.cycle_s", caps.cycle_s)
-        if cycle < 0.0:
-            raise wrong(f"{key}.cycle_s", caps.cycle_s, "zero or more")
-        return str(caps.name), arms, groups, channels, finite(f"{key}.bond_s", caps.bond_s), cycle
+        cycle = least(f"{key}.cycle_s", caps.cycle_s)
+        return str(caps.name), arms, groups, channels, least(f"{key}.bond_s", caps.bond_s), cycle
 
     def now(self) -> float:
         return finite(self._key("now_s"), self._bench.now_s)
@@ -278,9 +320,10 @@ class Checked:
         key = self._key("next")
         if not isinstance(light, Light):
             raise wrong(key, light, "a Light")
-        volts = [real(f"{key}: volts", each) for each in light.volts]
+        accepted = f"as many as there are channels, {self._channels}"
+        volts = [real(f"{key}: volts", each) for each in many(f"{key}: volts", light.volts, accepted)]
         if len(volts) != self._channels:
-            raise wrong(f"{key}: volts", light.volts, f"as many as there are channels, {self._channels}")
+            raise wrong(f"{key}: volts", light.volts, accepted)
         return finite(f"{key}: time_s", light.time_s), volts
 
     def next(self, by_s: float) -> tuple[Any, Any]:
@@ -289,7 +332,7 @@ class Checked:
             event = self._bench.next(by_s)
         except FaultError as fault:
             told = (fault.code, fault.rule or fault.message, fault.axis, fault.value, fault.limit)
-            return None, (*told, float(fault.time_s))
+            return None, (*(str(each) for each in told), real(f"{key}: FaultError.time_s", fault.time_s))
         if isinstance(event, Light):
             return ("light", [self._light(event)], 0, ""), None
         if isinstance(event, Done):
@@ -299,7 +342,7 @@ class Checked:
         if isinstance(event, Failed):
             return ("failed", [], index(f"{key}: ticket", event.ticket), str(event.why)), None
         if isinstance(event, Batch):
-            return ("batch", [self._light(light) for light in event.lights], 0, ""), None
+            return ("batch", [self._light(light) for light in many(f"{key}: lights", event.lights, "lights")], 0, ""), None
         raise wrong(key, event, "a Light, Batch, Done, Failed or Time of pigtail.bench")
 
     def pose(self, group: int, at_s: float) -> tuple[list[float], bool] | None:

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 from ._errors import Refused, TicketOver
+from ._input import duration, whole
 
 DEGREES = ("x", "y", "z", "rx", "ry", "rz")
 """Degrees of freedom of a pose, in the order of all that is indexed by them."""
@@ -393,8 +394,8 @@ class Bench(ABC):
             Refused: When one of them fails.
             TimeoutError: When they are not done within so many seconds of the bench's time.
         """
-        left, lights = set(tickets), list[Light]()
-        end = self.now_s + longest_s
+        left, lights = {whole("tickets", ticket) for ticket in tickets}, list[Light]()
+        end = self.now_s + duration("longest_s", longest_s)
         while left:
             event = self.next(end)
             if isinstance(event, Done):
@@ -415,7 +416,8 @@ class Bench(ABC):
         Raises:
             TimeoutError: When there is none within so many seconds of the bench's time.
         """
-        end = self.now_s + longest_s
+        channel = whole("channel", channel, 0, len(self.caps.channels) - 1)
+        end = self.now_s + duration("longest_s", longest_s)
         while True:
             event = self.next(end)
             if isinstance(event, Time):

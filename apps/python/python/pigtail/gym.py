@@ -49,8 +49,8 @@ except ImportError as error:  # pragma: no cover
 from . import _pigtail
 from ._bench import BenchRig, BenchTwin, bench_rig
 from ._errors import FaultError, InputError, Refused
-from ._input import number, whole
-from .bench import DEGREES, Bench, Laser, Light, Line, Load, Pose
+from ._input import flag, number, whole
+from .bench import DEGREES, Bench, Caps, Laser, Light, Line, Load, Pose
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -65,9 +65,17 @@ _RUN_UP_M = 40e-6
 _REMEMBERED = 5
 
 
+def _wrong(key: str, value: object, accepted: str) -> InputError:
+    return InputError(f"{key}: is {value!r}; accepted is {accepted}", key=key, value=repr(value))
+
+
 @dataclass(frozen=True)
 class Axis:
-    """An axis of an action."""
+    """An axis of an action.
+
+    Raises:
+        InputError: For what is no axis.
+    """
 
     arm: int
     fine: bool
@@ -79,10 +87,25 @@ class Axis:
     high_um: float
     """Highest."""
 
+    def __post_init__(self) -> None:
+        whole("arm", self.arm, 0, 1)
+        flag("fine", self.fine)
+        if self.degree not in ("x", "y", "beam"):
+            raise _wrong("degree", self.degree, "one of 'x', 'y' and 'beam'")
+        for key, value, endless in (("low_um", self.low_um, -math.inf), ("high_um", self.high_um, math.inf)):
+            if value != endless or self.degree != "beam":
+                number(key, value)
+        if not self.low_um <= self.high_um:
+            raise _wrong("low_um", self.low_um, f"up to `high_um`, {self.high_um!r}")
+
 
 @dataclass(frozen=True)
 class Task:
-    """What an environment asks for."""
+    """What an environment asks for.
+
+    Raises:
+        InputError: For what is no task.
+    """
 
     name: str
     axes: tuple[Axis, ...]
@@ -95,6 +118,15 @@ class Task:
     found_v: float | None = None
     """Light above the dark that ends it, volts."""
 
+    def __post_init__(self) -> None:
+        if not isinstance(self.axes, tuple) or not self.axes or not all(isinstance(axis, Axis) for axis in self.axes):
+            raise _wrong("axes", self.axes, "a tuple of one or more of pigtail.gym.Axis")
+        for key, value in (("gap_um", self.gap_um), ("most_um", self.most_um), ("limit_s", self.limit_s), ("found_v", self.found_v)):
+            if value is None and key in ("gap_um", "found_v"):
+                continue
+            if number(key, value) <= 0.0:
+                raise _wrong(key, value, "more than zero")
+
     def gap_m(self, rig: BenchRig) -> float:
         """Gap at the start, metres."""
         return rig.search_gap_m if self.gap_um is None else 1e-6 * self.gap_um
@@ -103,7 +135,10 @@ class Task:
         """Lowest and highest place of an axis from where it stands at the start, micrometres."""
         if axis.degree != "beam":
             return axis.low_um, axis.high_um
-        return axis.low_um, min(axis.high_um, 1e6 * (self.gap_m(rig) - rig.gap_m))
+        high_um = min(axis.high_um, 1e6 * (self.gap_m(rig) - rig.gap_m))
+        if axis.low_um > high_um:
+            raise _wrong("low_um", axis.low_um, f"at most {high_um:g}, where the gap is that at which fibers are attached")
+        return axis.low_um, high_um
 
 
 def _degree(axis: Axis) -> int:
@@ -131,11 +166,15 @@ def _spaces(task: Task) -> tuple[Any, Any]:
     return spaces.Box(-seen, seen, dtype=np.float32), spaces.Box(-most, most, dtype=np.float32)
 
 
-def _group(bench: Bench, arm: int, fine: bool) -> int:
-    for place, group in enumerate(bench.caps.groups):
+def _place(caps: Caps, arm: int, fine: bool) -> int:
+    for place, group in enumerate(caps.groups):
         if (group.arm, group.fine) == (arm, fine):
             return place
-    raise InputError(f"bench: has no such group: arm {arm}, fine {fine}", key="bench", value=bench.caps.name)
+    raise InputError(f"bench: has no such group: arm {arm}, fine {fine}", key="bench", value=caps.name)
+
+
+def _group(bench: Bench, arm: int, fine: bool) -> int:
+    return _place(bench.caps, arm, fine)
 
 
 class BenchEnv(_Env):
@@ -167,6 +206,9 @@ class BenchEnv(_Env):
         render_mode: str | None = None,
     ) -> None:
         self.task = _task(task)
+        for key, make in (("bench", bench), ("begin", begin)):
+            if make is not None and not callable(make):
+                raise _wrong(key, make, "a function, or None")
         self.limit_s = _limit(self.task, limit_s)
         self.rig = bench_rig(rig)
         self._make: Callable[[int], Bench] = bench if bench is not None else lambda seed: BenchTwin(self.rig, seed)
@@ -299,7 +341,7 @@ def _dark(lights: list[Light], rig: BenchRig) -> float:
 def _task(task: Task | str) -> Task:
     if isinstance(task, Task):
         return task
-    if task not in TASKS:
+    if not isinstance(task, str) or task not in TASKS:
         raise InputError(f"task: is {task!r}; accepted is one of {list(TASKS)}", key="task", value=repr(task))
     return TASKS[task]
 
@@ -353,7 +395,7 @@ class BenchVectorEnv(_Vector):
         caps = self.rig.caps
         axes = []
         for axis in self.task.axes:
-            group = next(k for k, of in enumerate(caps.groups) if (of.arm, of.fine) == (axis.arm, axis.fine))
+            group = _place(caps, axis.arm, axis.fine)
             axes.append((group, _degree(axis), *self.task.range_um(axis, self.rig)))
         gap, found = self.task.gap_m(self.rig), self.task.found_v
         self._all = _pigtail.Environments(self.rig._rig, self.num_envs, gap, axes, self.task.most_um, limit, found)
@@ -370,10 +412,11 @@ class BenchVectorEnv(_Vector):
         seeds: list[int | None]
         if seed is None:
             seeds = [None] * self.num_envs
-        elif isinstance(seed, (int, np.integer)):
-            seeds = [int(seed) + k for k in range(self.num_envs)]
+        elif isinstance(seed, (list, tuple)):
+            seeds = [None if of is None else whole("seed", of) for of in seed]
         else:
-            seeds = list(seed)
+            first = whole("seed", seed, 0, 2**64 - self.num_envs)
+            seeds = [first + k for k in range(self.num_envs)]
         if len(seeds) != self.num_envs:
             message = f"seed: has {len(seeds)} of them; accepted are {self.num_envs}"
             raise InputError(message, key="seed", value=str(len(seeds)))
@@ -384,7 +427,7 @@ class BenchVectorEnv(_Vector):
                 self._draws.append(seeding.np_random(of)[0])
             elif of is not None:
                 self._draws[k] = seeding.np_random(of)[0]
-            drawn.append(self._draw(k) if of is None else whole("seed", of))
+            drawn.append(self._draw(k) if of is None else of)
         self._over[:] = False
         return self._all.reset(drawn), {"seed": np.array(drawn, dtype=np.uint64)}
 

@@ -35,8 +35,9 @@ const TURNS: f64 = 8.0;
 /// Turns for which the light is watched at rest, at least.
 const LOOKED_AT: usize = 4;
 
-/// What is the same in turns that follow each other makes a line through their peaks lead this much farther aside.
-const LEADS: f64 = 1.5;
+/// What goes slowly around from turn to turn makes a line through [`TURNS`] of them lead this much farther aside, two turns ahead, where it
+/// goes around at the worst rate.
+const LEADS: f64 = 2.0;
 
 /// Brings a group to the light's peak on circles, and to rest there: the same as the alignment does at a gap.
 ///
@@ -144,8 +145,9 @@ struct Still {
     sigma: f64,
     /// By how many degrees of freedom that is known.
     degrees: f64,
-    /// Amplitude, in x and in y, that a turn makes of what swings at about its own rate beyond chance, volts: turns that follow each other
-    /// see much the same of it, so it is no less in their mean.
+    /// Amplitude that a turn makes of what swings at about its own rate beyond chance, volts: turns that follow each other see much the same
+    /// of it, so it is no less in their mean. It counts in full along each axis: an error of one size in a direction that nobody knows is within
+    /// two thirds of a deviation half of the time only where the deviation is that size.
     hum: f64,
 }
 
@@ -179,7 +181,7 @@ impl Still {
         Ok(Self {
             sigma: variance.sqrt(),
             degrees,
-            hum: (2.0 * beyond / turn as f64).sqrt(),
+            hum: (4.0 * beyond / turn as f64).sqrt(),
         })
     }
 }

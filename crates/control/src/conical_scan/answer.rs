@@ -1,9 +1,10 @@
 //! How peaks that turns have seen answer to where the circles' middles were, on a bench that nobody has measured: a spot wider than
 //! believed answers by less than it should, a meter that is late answers aside. Both are the same from turn to turn, so that what was
-//! seen from aside is no drift of the peak.
+//! seen from aside is no drift of the peak. How the peak wanders beside is not known either, and told by the same turns.
 
+use super::wander::{Track, Wander};
 use crate::beam::Peak;
-use nalgebra::{Matrix6, SMatrix, Vector2, Vector6};
+use nalgebra::{Matrix2, Matrix6, SMatrix, Vector2, Vector6};
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::normal::Normal;
 
@@ -12,60 +13,75 @@ use pigtail_numerics::normal::Normal;
 /// a turn. A choice.
 const UNKNOWN: f64 = 0.3;
 
-/// Steps to the fit, which is nearly linear.
+/// Steps to the fit, which is nearly linear...
 const STEPS: usize = 6;
 
-/// Most that is believed of how alike what turns in succession leave is.
-const MOST_ALIKE: f64 = 0.8;
+/// ...and from there to that of another wander.
+const MORE_STEPS: usize = 2;
+
+/// A turn that has found the peak.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Turn {
+    pub(super) peak: Peak,
+    /// The circle's middle.
+    pub(super) middle: Displacement,
+    /// When it was over, seconds.
+    pub(super) time: f64,
+}
 
 /// Where the peak is in time, by turns, and how the bench answers.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Answer {
-    /// Where it was in the first turn, from the origin.
-    start: Displacement,
+    /// Where it will be...
+    pub(super) at: Displacement,
+    /// ...and the standard deviation of that in the worse direction, metres.
+    pub(super) deviation: f64,
     /// Its way, metres a turn...
     pub(super) slope: Displacement,
     /// ...and how well that is known.
     pub(super) slope_deviation: f64,
     /// Variance of a turn's peak about all that, along an axis, square metres.
     pub(super) scatter: f64,
-    /// How much of an offset is seen along it, and aside.
+    /// How much of an offset is seen along it, and aside...
     answers: [f64; 2],
-    /// Covariance: of the start in x and in y and of the way, square metres; of what is seen of an offset.
-    covariance: Matrix6<f64>,
+    /// ...and how well that is known.
+    answers_deviation: f64,
 }
 
 impl Answer {
-    /// Of peaks a turn apart and the middles of their circles; each is known to `noise` (metres) along an axis, or worse.
-    pub(super) fn of(seen: &[Peak], middles: &[Displacement], noise: f64) -> Self {
-        let scale = noise.max(f64::EPSILON * seen[0].at.norm()).max(1e-15);
-        let origin = seen[0].at;
+    /// Of turns that take `period` seconds, each known to `noise` (metres) along an axis, or worse where it says so itself. The peak is
+    /// foreseen so many turns after the last of them as far as it goes on steadily, and so many as it wanders.
+    pub(super) fn of(turns: &[Turn], period: f64, noise: f64, after: (f64, f64)) -> Self {
+        let origin = turns[0].peak.at;
+        let scale = noise.max(f64::EPSILON * origin.norm()).max(1e-15);
         let vector = |at: Displacement| Vector2::new(at.x - origin.x, at.y - origin.y) / scale;
-        let turns = seen.iter().zip(middles).enumerate();
-        let turns: Vec<_> = turns
-            .map(|(k, (peak, middle))| (k as f64, vector(peak.at), vector(*middle)))
-            .collect();
-        let first = Fit::of(&turns, 1.0);
-        let excess = first.scatter.max(1.0);
-        let fit = if excess > 1.0 {
-            Fit::of(&turns, excess)
-        } else {
-            first
+        let row = |turn: &Turn| Row {
+            time: (turn.time - turns[0].time) / period,
+            seen: vector(turn.peak.at),
+            middle: vector(turn.middle),
+            noise: (turn.peak.deviation() / scale).powi(2).max(1.0),
         };
-        // What is alike in turns that follow each other is less often new.
-        let together = scale * scale * fit.alike;
-        let mut covariance = fit.covariance * together;
-        for i in 4..6 {
-            covariance[(i, i)] = fit.covariance[(i, i)];
-        }
-        let [x, y] = [0, 1].map(|i| scale * fit.at[i]);
+        let rows: Vec<Row> = turns.iter().map(row).collect();
+        let last = rows.last().map_or(0.0, |row| row.time);
+        let first = Fit::of(&rows, Wander::NONE, Fit::start(&rows), STEPS);
+        let scatter = first.scatter(rows.len());
+        let wanders = Wander::all(last, scatter.sqrt());
+        let fits = wanders.into_iter();
+        let fits: Vec<Fit> = fits
+            .map(|wander| Fit::of(&rows, wander, first.at, MORE_STEPS))
+            .collect();
+        let all = Together::of(&fits, last + after.0, last + after.1);
+        let metres = |at: Vector2<f64>| Displacement::new(scale * at.x, scale * at.y);
+        let deviation =
+            |i: usize, j: usize| all.covariance[(i, i)].max(all.covariance[(j, j)]).sqrt();
         Self {
-            start: origin + Displacement::new(x, y),
-            slope: Displacement::new(scale * fit.at[2], scale * fit.at[3]),
-            slope_deviation: covariance[(2, 2)].max(covariance[(3, 3)]).sqrt(),
-            scatter: fit.scatter * scale * scale,
-            answers: [fit.at[4], fit.at[5]],
-            covariance,
+            at: origin + metres(all.place),
+            deviation: scale * all.spread[(0, 0)].max(all.spread[(1, 1)]).sqrt(),
+            slope: metres(Vector2::new(all.at[2], all.at[3])),
+            slope_deviation: scale * deviation(2, 3),
+            scatter: scatter * scale * scale,
+            answers: [all.at[4], all.at[5]],
+            answers_deviation: deviation(4, 5),
         }
     }
 
@@ -79,7 +95,7 @@ impl Answer {
         let (along, aside) = (self.answers[0], self.answers[1]);
         let gain = along.hypot(aside);
         let off = gain.ln().hypot(aside.atan2(along));
-        let known = self.covariance[(4, 4)].max(self.covariance[(5, 5)]).sqrt() / gain;
+        let known = self.answers_deviation / gain;
         (off - SURELY * known > MOST).then(|| {
             let degrees = aside.atan2(along).to_degrees();
             format!(
@@ -88,96 +104,194 @@ impl Answer {
             )
         })
     }
-
-    /// Where the peak is at a turn, and the standard deviation of that in the worse direction, metres.
-    pub(super) fn at(&self, turn: f64) -> (Displacement, f64) {
-        let variance = [0, 1].map(|i| {
-            let c = |a: usize, b: usize| self.covariance[(a, b)];
-            c(i, i) + 2.0 * turn * c(i, i + 2) + turn * turn * c(i + 2, i + 2)
-        });
-        let deviation = variance[0].max(variance[1]).sqrt();
-        (self.start + self.slope * turn, deviation)
-    }
 }
 
-/// The start in x and y, the way in x and y, and what of an offset is seen: along, and aside. In units of a turn's noise.
+/// A turn, in units of its noise.
+struct Row {
+    /// Turns since the first.
+    time: f64,
+    seen: Vector2<f64>,
+    middle: Vector2<f64>,
+    /// Variance.
+    noise: f64,
+}
+
+/// The start in x and y, the way in x and y, and what of an offset is seen: along, and aside; where the peak wanders in one way. By
+/// generalised least squares, in units of a turn's noise.
 struct Fit {
     at: Vector6<f64>,
     covariance: Matrix6<f64>,
-    scatter: f64,
-    /// By how much more variance a mean has, as what turns in succession leave is alike.
-    alike: f64,
+    /// What it leaves of all turns, by their deviations, squared.
+    squares: f64,
+    /// Logarithm of how likely the turns are, whatever start, way and answers, times how probable the wander is without them.
+    likelihood: f64,
+    wander: Wander,
+    /// The wander at the last turn, as it is seen: by what the fit leaves, and what each of its numbers would be taken for one.
+    track: Track<7>,
+    /// The last step to the fit, from where the track was followed.
+    step: Vector6<f64>,
 }
 
 impl Fit {
-    fn of(turns: &[(f64, Vector2<f64>, Vector2<f64>)], variance: f64) -> Self {
-        let n = turns.len() as f64;
-        let mean = turns.iter().map(|(_, seen, _)| seen).sum::<Vector2<f64>>() / n;
-        let mut at = Vector6::new(mean.x, mean.y, 0.0, 0.0, 1.0, 0.0);
+    fn start(rows: &[Row]) -> Vector6<f64> {
+        let mean = rows.iter().map(|row| row.seen).sum::<Vector2<f64>>() / rows.len() as f64;
+        Vector6::new(mean.x, mean.y, 0.0, 0.0, 1.0, 0.0)
+    }
+
+    fn of(rows: &[Row], wander: Wander, mut at: Vector6<f64>, steps: usize) -> Self {
         let prior = UNKNOWN.powi(-2);
-        let mut covariance = Matrix6::identity();
-        for _ in 0..STEPS {
+        let mut fit = None;
+        for _ in 0..steps {
+            let mut track = Track::new(wander, 0.0);
             let mut normal = Normal::<6>::default();
-            for (k, seen, middle) in turns {
-                let (rows, left) = Self::turn(&at, *k, seen, middle);
-                for i in 0..2 {
-                    let row = rows.row(i).transpose() / variance.sqrt();
-                    normal.add(&row, left[i] / variance.sqrt());
+            let (mut squares, mut volume) = (0.0, 0.0);
+            for row in rows {
+                track.until(row.time);
+                let (new, variance) = track.see(&row.against(&at), row.noise);
+                volume += 2.0 * variance.ln();
+                for new in new.row_iter() {
+                    let of = new.fixed_columns::<6>(0).transpose();
+                    normal.add_weighted(&of, new[6], variance.recip());
+                    squares += new[6] * new[6] / variance;
                 }
             }
             for (i, expected) in [(4, 1.0), (5, 0.0)] {
+                let off = expected - at[i];
                 normal.matrix[(i, i)] += prior;
-                normal.right[i] += prior * (expected - at[i]);
+                normal.right[i] += prior * off;
+                squares += prior * off * off;
             }
-            let Some(inverse) = normal.matrix.try_inverse() else {
+            let Some(cholesky) = normal.matrix.cholesky() else {
                 break;
             };
-            at += inverse * normal.right;
-            covariance = inverse;
+            let step = cholesky.solve(&normal.right);
+            let squares = squares - step.dot(&normal.right);
+            let volume = volume + 2.0 * cholesky.l_dirty().diagonal().map(f64::ln).sum();
+            at += step;
+            fit = Some(Self {
+                at,
+                covariance: cholesky.inverse(),
+                squares,
+                likelihood: wander.prior().ln() - 0.5 * (squares + volume),
+                wander,
+                track,
+                step,
+            });
         }
-        let left: Vec<_> = turns
-            .iter()
-            .map(|(k, seen, middle)| Self::turn(&at, *k, seen, middle).1)
-            .collect();
-        let squares: f64 = left.iter().map(Vector2::norm_squared).sum();
-        let told = 2.0 - prior * (covariance[(4, 4)] + covariance[(5, 5)]);
-        let free = (2.0 * n - 4.0 - told).max(1.0);
-        let after: f64 = left.windows(2).map(|two| two[0].dot(&two[1])).sum();
-        // A line through turns makes what is left of them less alike, by so much.
-        let alike = (after / squares.max(f64::MIN_POSITIVE) + 2.0 / n).clamp(0.0, MOST_ALIKE);
-        Self {
+        fit.unwrap_or_else(|| Self {
             at,
-            covariance,
-            scatter: squares / free,
-            alike: (1.0 + alike) / (1.0 - alike),
-        }
+            covariance: Matrix6::identity() * f64::INFINITY,
+            squares: f64::INFINITY,
+            likelihood: f64::NEG_INFINITY,
+            wander,
+            track: Track::new(wander, 0.0),
+            step: Vector6::zeros(),
+        })
     }
 
-    /// How a turn's peak goes with all that, and what that leaves of it.
-    fn turn(
-        at: &Vector6<f64>,
-        k: f64,
-        seen: &Vector2<f64>,
-        middle: &Vector2<f64>,
-    ) -> (SMatrix<f64, 2, 6>, Vector2<f64>) {
-        let off = Vector2::new(at[0] + k * at[2], at[1] + k * at[3]) - middle;
+    /// Variance of a turn about it.
+    fn scatter(&self, turns: usize) -> f64 {
+        let told = 2.0 - UNKNOWN.powi(-2) * (self.covariance[(4, 4)] + self.covariance[(5, 5)]);
+        self.squares / (2.0 * turns as f64 - 4.0 - told).max(1.0)
+    }
+
+    /// Where the peak is when it has gone on steadily until one time and wandered until another, and the covariance of that.
+    fn place(&self, line: f64, until: f64) -> (Vector2<f64>, Matrix2<f64>) {
+        let at = &self.at;
+        let mut place = Vector2::new(at[0] + line * at[2], at[1] + line * at[3]);
+        let mut rows = SMatrix::<f64, 2, 6>::zeros();
+        for i in 0..2 {
+            rows[(i, i)] = 1.0;
+            rows[(i, i + 2)] = line;
+        }
+        let mut covariance = Matrix2::zeros();
+        if self.wander.takes_the_peak() {
+            let mut track = self.track;
+            track.until(until);
+            // What is seen of it is what is seen of every offset.
+            let (g, h) = (at[4], at[5]);
+            let gain = (g * g + h * h).max(f64::MIN_POSITIVE);
+            let back = Matrix2::new(g, h, -h, g) / gain;
+            let taken = back * track.at.fixed_columns::<6>(0);
+            place += back * track.at.column(6) - taken * self.step;
+            rows -= taken;
+            covariance += Matrix2::identity() * (track.variance / gain);
+        }
+        (
+            place,
+            covariance + rows * self.covariance * rows.transpose(),
+        )
+    }
+}
+
+impl Row {
+    /// How the turn's peak goes with all numbers of a fit, and what they leave of it.
+    fn against(&self, at: &Vector6<f64>) -> SMatrix<f64, 2, 7> {
+        let k = self.time;
+        let off = Vector2::new(at[0] + k * at[2], at[1] + k * at[3]) - self.middle;
         let (g, h) = (at[4], at[5]);
         let expected = Vector2::new(g * off.x - h * off.y, h * off.x + g * off.y);
-        let rows = SMatrix::<f64, 2, 6>::new(
+        let left = self.seen - self.middle - expected;
+        SMatrix::<f64, 2, 7>::from_row_slice(&[
             g,
             -h,
             k * g,
             -k * h,
             off.x,
             -off.y,
+            left.x,
             h,
             g,
             k * h,
             k * g,
             off.y,
             off.x,
-        );
-        (rows, seen - middle - expected)
+            left.y,
+        ])
+    }
+}
+
+/// What the fits of all ways to wander say, each by how likely it is.
+struct Together {
+    /// The start, the way, and the answers...
+    at: Vector6<f64>,
+    covariance: Matrix6<f64>,
+    /// ...and where the peak will be.
+    place: Vector2<f64>,
+    spread: Matrix2<f64>,
+}
+
+impl Together {
+    fn of(fits: &[Fit], line: f64, until: f64) -> Self {
+        let likely = fits.iter().map(|fit| fit.likelihood);
+        let most = likely.fold(f64::NEG_INFINITY, f64::max);
+        let weights: Vec<f64> = fits
+            .iter()
+            .map(|fit| (fit.likelihood - most).exp())
+            .collect();
+        let sum: f64 = weights.iter().sum();
+        let mut all = Self {
+            at: Vector6::zeros(),
+            covariance: Matrix6::zeros(),
+            place: Vector2::zeros(),
+            spread: Matrix2::zeros(),
+        };
+        let said: Vec<_> = fits
+            .iter()
+            .zip(weights)
+            .filter(|(_, weight)| *weight > 0.0)
+            .map(|(fit, weight)| (fit, fit.place(line, until), weight / sum))
+            .collect();
+        for (fit, (place, _), weight) in &said {
+            all.at += fit.at * *weight;
+            all.place += place * *weight;
+        }
+        for (fit, (place, spread), weight) in &said {
+            let (at, place) = (fit.at - all.at, place - all.place);
+            all.covariance += (fit.covariance + at * at.transpose()) * *weight;
+            all.spread += (spread + place * place.transpose()) * *weight;
+        }
+        all
     }
 }
 
@@ -185,32 +299,35 @@ impl Fit {
 mod tests {
     use super::*;
 
-    /// Peaks of a bench that answers by `gain` and `aside` of an offset, whose circles go where they saw the peak.
-    fn turns(gain: f64, aside: f64, way: f64) -> (Vec<Peak>, Vec<Displacement>) {
-        let (mut seen, mut middles) = (Vec::new(), Vec::new());
+    /// Turns of a bench that answers by `gain` and `aside` of an offset, whose circles go where they saw the peak.
+    fn turns(gain: f64, aside: f64, way: f64) -> Vec<Turn> {
+        let mut turns = Vec::new();
         let mut middle = Displacement::new(400e-9, -150e-9);
         for k in 0..8 {
             let off = Displacement::new(way * f64::from(k), 0.0) - middle;
             let by = Displacement::new(gain * off.x - aside * off.y, aside * off.x + gain * off.y);
-            middles.push(middle);
-            middle += by;
-            seen.push(Peak {
-                at: middle,
+            let peak = Peak {
+                at: middle + by,
                 full: 1.0,
                 full_deviation: 0.0,
                 deviations: [2e-9; 2],
+            };
+            turns.push(Turn {
+                peak,
+                middle,
+                time: f64::from(k),
             });
+            middle += by;
         }
-        (seen, middles)
+        turns
     }
 
     #[test]
     fn what_is_seen_from_aside_is_no_drift() {
         for (gain, aside) in [(1.0, 0.0), (0.7, 0.0), (1.3, 0.0), (0.8, 0.4), (0.6, -0.3)] {
             for way in [0.0, 10e-9] {
-                let (seen, middles) = turns(gain, aside, way);
-                let answer = Answer::of(&seen, &middles, 2e-9);
-                let (at, deviation) = answer.at(9.0);
+                let turns = turns(gain, aside, way);
+                let Answer { at, deviation, .. } = Answer::of(&turns, 1.0, 2e-9, (2.0, 2.0));
                 let error = (at - Displacement::new(9.0 * way, 0.0)).norm();
                 assert!(
                     error < 3.0 * deviation,
@@ -230,18 +347,18 @@ mod tests {
             (0.6, 0.8, true),
             (0.3, 0.0, true),
         ] {
-            let (seen, middles) = turns(gain, aside, 0.0);
-            let answer = Answer::of(&seen, &middles, 2e-9);
+            let answer = Answer::of(&turns(gain, aside, 0.0), 1.0, 2e-9, (2.0, 2.0));
             assert_eq!(answer.is_foreign().is_some(), foreign, "{gain} {aside}");
         }
     }
 
     #[test]
     fn a_middle_that_stays_tells_nothing_of_the_answer_and_that_is_said() {
-        let (seen, _) = turns(1.0, 0.0, 0.0);
-        let aside = [Displacement::new(-300e-9, 0.0); 8];
-        let answer = Answer::of(&seen[1..], &aside[1..], 2e-9);
-        let (_, deviation) = answer.at(9.0);
+        let mut turns = turns(1.0, 0.0, 0.0);
+        for turn in &mut turns {
+            turn.middle = Displacement::new(-300e-9, 0.0);
+        }
+        let Answer { deviation, .. } = Answer::of(&turns[1..], 1.0, 2e-9, (2.0, 2.0));
         assert!(deviation > 60e-9, "{deviation}");
     }
 }

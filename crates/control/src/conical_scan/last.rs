@@ -1,6 +1,6 @@
 //! The last turns at the chip: the peak as it will be, a look at it from near, and the way to rest.
 
-use super::answer::Answer;
+use super::answer::{Answer, Turn};
 use super::told::FORGETS;
 use super::{ConicalScan, Gap, NEAR, NEARBY, SHRINK, SIGNIFICANT};
 use crate::beam::{Peak, Reading};
@@ -119,8 +119,7 @@ impl ConicalScan<'_> {
             expected,
         };
         let (mut dark, mut deviation, mut misfit, mut best) = (0, f64::INFINITY, 0.0, None);
-        let mut seen: Vec<Peak> = Vec::with_capacity(self.shape.turns as usize);
-        let mut middles: Vec<Displacement> = Vec::new();
+        let mut seen: Vec<Turn> = Vec::with_capacity(self.shape.turns as usize);
         if self.wary && self.played.is_some_and(|(_, law)| law.radius.to == 0.0) {
             // The way from rest to the circle is no part of it.
             self.turn(bench, gap).await?;
@@ -149,13 +148,9 @@ impl ConicalScan<'_> {
                 continue;
             }
             if let Some(before) = seen.last() {
-                self.flickers(before, &peak);
+                self.flickers(&before.peak, &peak);
             }
-            seen.push(peak);
-            if self.wary {
-                middles.resize(seen.len() - 1, self.centre);
-                middles.push(self.centre);
-            }
+            seen.push(self.turned(bench, peak));
             // What a micro does that does not go where it is told is oblong askew: piezos do not move in x and y.
             let readings: &[Reading] = self.readings.make_contiguous();
             self.beam
@@ -179,19 +174,12 @@ impl ConicalScan<'_> {
             // A peak is that of the middle of its turn; the circle is left a turn later.
             let noise = peak.deviation();
             let last = peak;
-            let (ahead, unsettled) = self.foresee(bench, &seen, &middles, &last)?;
+            let (ahead, unsettled) = self.foresee(bench, &seen, &last)?;
             let [x, y] = &ahead;
             peak.at = Displacement::new(x.at, y.at);
             peak.deviations = [x.deviation, y.deviation];
-            self.drift = Displacement::new(x.slope, y.slope);
-            self.surely = Displacement::new(x.surely(), y.surely());
+            self.note_motion(&ahead, &last, seen.len());
             let slope = self.drift.norm();
-            let noises = last.deviations.map(|noise| noise * noise);
-            self.unrest = [0, 1].map(|i| (ahead[i].each - noises[i]).max(0.0));
-            if !self.shaking.is_watched() {
-                let free = seen.len() as f64 - 2.0;
-                self.shaking.set_slow([x.scatter, y.scatter], noises, free);
-            }
             self.go_to(bench, &peak, gap)?;
             deviation = peak.deviation();
             // A peak that a circle's middle runs after, or that is no peak's shape, is that of a micro
@@ -211,11 +199,13 @@ impl ConicalScan<'_> {
             let long = seen.len() >= 2 * self.shape.turns as usize;
             let ready = || !unsettled && ready();
             if deviation < accuracy && (together < TOGETHER * accuracy || long) && ready() {
+                self.turns = seen;
                 return Ok(peak);
             }
             best = Some(peak).filter(|_| long);
         }
         if let Some(best) = best.filter(|_| deviation < ROUGHLY) {
+            self.turns = seen;
             return Ok(best);
         }
         Err(undecided(misfit, (deviation, accuracy)).into())
@@ -226,8 +216,7 @@ impl ConicalScan<'_> {
     fn foresee(
         &self,
         bench: &Reactor<'_>,
-        seen: &[Peak],
-        middles: &[Displacement],
+        seen: &[Turn],
         last: &Peak,
     ) -> Result<([Ahead; 2], bool), Outcome> {
         let ahead = AHEAD + self.waits(bench) / self.period;
@@ -241,14 +230,30 @@ impl ConicalScan<'_> {
             return Ok((foreseen, false));
         }
         let noise = last.deviation();
-        let answer = Answer::of(seen, middles, noise);
+        let answer = Answer::of(seen, self.period, noise, (ahead, ahead));
         if let Some(why) = answer.is_foreign() {
             return Err(Outcome::BenchFailed { why });
         }
         let free = 2.0 * seen.len() as f64 - 4.0;
         let most = noise * noise * (1.0 + CHANCE * (2.0 / free).sqrt());
         let unsettled = answer.scatter > most && seen.len() < WATCHED;
-        Ok((Ahead::answered(&answer, seen.len(), ahead), unsettled))
+        Ok((Ahead::answered(&answer), unsettled))
+    }
+
+    /// Notes how the peak drifts and how turns scatter about that, of so many that lead there.
+    fn note_motion(&mut self, ahead: &[Ahead; 2], last: &Peak, turns: usize) {
+        let [x, y] = ahead;
+        self.drift = Displacement::new(x.slope, y.slope);
+        self.surely = Displacement::new(x.surely(), y.surely());
+        let noises = last.deviations.map(|noise| noise * noise);
+        // Whoever knows nothing of a bench follows what wanders by all turns together.
+        if !self.wary {
+            self.unrest = [0, 1].map(|i| (ahead[i].each - noises[i]).max(0.0));
+        }
+        if !self.shaking.is_watched() {
+            let free = turns as f64 - 2.0;
+            self.shaking.set_slow([x.scatter, y.scatter], noises, free);
+        }
     }
 
     /// How long the micro is left to itself on the small circle before light on it counts, seconds: on its first turn a tip is elsewhere than on
@@ -258,6 +263,15 @@ impl ConicalScan<'_> {
             self.period
         } else {
             self.group(bench).settling
+        }
+    }
+
+    /// A turn that is over now, and the peak that it has found.
+    fn turned(&self, bench: &Reactor<'_>, peak: Peak) -> Turn {
+        Turn {
+            peak,
+            middle: self.centre,
+            time: bench.now(),
         }
     }
 
@@ -389,20 +403,28 @@ impl ConicalScan<'_> {
         if misfit > accepted {
             return Err(Outcome::Misshapen { misfit, accepted }.into());
         }
-        let (at, known) = together(foreseen, &seen);
         let last = if rings { GENTLE } else { COME_TO_REST };
         // It comes to rest, and not a moment longer than it may swing: piezos creep.
         let settling = self.group(bench).settling;
         let rest = HALF_TURN + last + settling / self.period;
-        let peak = Peak { at, ..seen };
-        self.go_to(bench, &peak, gap)?;
-        self.shrink(bench, gap, 0.0, last).await?;
-        self.last_for(bench, Gap::Steady(gap), settling).await?;
         let longer = if self.shaking.rings() {
             (FORGETS - 1.0) * settling
         } else {
             0.0
         };
+        let (at, known) = if self.wary {
+            let until = rest + longer / self.period;
+            let noise = self.turns.last().map_or(0.0, |turn| turn.peak.deviation());
+            let small = self.turned(bench, seen);
+            self.turns.push(small);
+            let answer = Answer::of(&self.turns, self.period, noise, (0.0, until));
+            (answer.at, [answer.deviation; 2])
+        } else {
+            together(foreseen, &seen)
+        };
+        self.go_to(bench, &Peak { at, ..seen }, gap)?;
+        self.shrink(bench, gap, 0.0, last).await?;
+        self.last_for(bench, Gap::Steady(gap), settling).await?;
         // The peak moves on meanwhile as it did from turn to turn.
         self.follow_drift(bench, gap, longer).await?;
         let later = longer / self.period;
@@ -526,13 +548,11 @@ struct Ahead {
 
 impl Ahead {
     /// The same in x and in y by how the turns' peaks answer to where their middles were.
-    fn answered(of: &Answer, turns: usize, ahead: f64) -> [Self; 2] {
-        let lever = turns as f64 - 1.0 + ahead;
-        let (at, deviation) = of.at(lever);
-        let [x, y] = [(at.x, of.slope.x), (at.y, of.slope.y)];
+    fn answered(of: &Answer) -> [Self; 2] {
+        let [x, y] = [(of.at.x, of.slope.x), (of.at.y, of.slope.y)];
         [x, y].map(|(at, slope)| Self {
             at,
-            deviation,
+            deviation: of.deviation,
             slope,
             slope_deviation: of.slope_deviation,
             scatter: of.scatter,
@@ -543,13 +563,13 @@ impl Ahead {
     /// By the straight line through a coordinate of peaks that are a turn apart, so many turns `ahead`. A few peaks may
     /// happen to lie well: their variance is `least` (square metres) or more.
     fn of(
-        peaks: &[Peak],
+        turns: &[Turn],
         coordinate: impl Fn(&Peak) -> f64 + Clone,
         least: f64,
         ahead: f64,
     ) -> Self {
-        let n = peaks.len() as f64;
-        let turns = peaks.iter().map(coordinate).enumerate();
+        let n = turns.len() as f64;
+        let turns = turns.iter().map(|turn| coordinate(&turn.peak)).enumerate();
         let points = turns.map(|(k, at)| (k as f64, at));
         let line = Line::through(points.clone());
         let squares: f64 = points.map(|(k, at)| line.left(k, at).powi(2)).sum();
@@ -578,19 +598,25 @@ impl Ahead {
 mod tests {
     use super::*;
 
-    fn peak(x: f64) -> Peak {
-        Peak {
-            at: Displacement::new(x, 0.0),
+    fn turn(x: f64) -> Turn {
+        let at = Displacement::new(x, 0.0);
+        let peak = Peak {
+            at,
             full: 1.0,
             full_deviation: 0.0,
             deviations: [0.0; 2],
+        };
+        Turn {
+            peak,
+            middle: at,
+            time: 0.0,
         }
     }
 
     #[test]
     fn a_steady_creep_is_foreseen() {
-        let peaks = [0.0, 10e-9, 20e-9, 30e-9].map(peak);
-        let ahead = Ahead::of(&peaks, |peak| peak.at.x, 0.0, AHEAD);
+        let turns = [0.0, 10e-9, 20e-9, 30e-9].map(turn);
+        let ahead = Ahead::of(&turns, |peak| peak.at.x, 0.0, AHEAD);
         let expected = 30e-9 + AHEAD * 10e-9;
         assert!((ahead.at - expected).abs() < 1e-15, "{}", ahead.at);
         assert!(ahead.deviation < 1e-15, "{}", ahead.deviation);
@@ -600,7 +626,7 @@ mod tests {
     #[test]
     fn three_peaks_that_happen_to_lie_well_are_not_believed_more_than_their_noise() {
         let Ahead { deviation, .. } =
-            Ahead::of(&[0.0; 3].map(peak), |peak| peak.at.x, 1e-16, AHEAD);
+            Ahead::of(&[0.0; 3].map(turn), |peak| peak.at.x, 1e-16, AHEAD);
         assert!(deviation > 10e-9, "{deviation}");
     }
 }

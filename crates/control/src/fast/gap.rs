@@ -175,29 +175,6 @@ impl Shared<'_> {
         by_vision < least_gap(cell, aim)
     }
 
-    /// The greatest speed of a way to a `gap` (metres) at which an axis that brakes late is not stopped by who guards the machine, metres a
-    /// second. The guard asks at every moment how near a tip would come were it stopped now, from the speed of the motor: one that drives
-    /// a soft transmission is faster on its way to rest than it was told to be.
-    pub(super) fn unhurried(&self, cell: &AlignmentCell<'_>, aim: &Aim, gap: f64) -> f64 {
-        /// So many times as fast as told, at most. A choice: on one of 40 machines that were commissioned 1.5 was seen, on the others 1.2.
-        const FASTER: f64 = 1.5;
-        /// By how many times the acceleration that it is moved with the guard believes an axis to be braked, and in how many cycles.
-        const BRAKES: (f64, f64) = (2.0, 2.0);
-        /// No slower than this, metres a second: it stands nearly still.
-        const LEAST: f64 = 0.2e-3;
-        let spec = cell.spec();
-        let accelerates = spec.z_stage.acceleration;
-        let spare = gap - nearest_by_vision(cell, aim);
-        if spare <= 0.0 {
-            return LEAST;
-        }
-        // What is left of the way, v^2 / 2a, and the gap at its end are to be more than the way in which the guard would stop it.
-        let more = (FASTER * FASTER / BRAKES.0 - 1.0) / (2.0 * accelerates);
-        let late = FASTER * BRAKES.1 / spec.servo.rate;
-        let root = (late * late + 4.0 * more * spare).sqrt();
-        (0.5 * (root - late) / more).max(LEAST)
-    }
-
     /// Whether a fiber would not be attached at this gap, for what is known of it.
     pub(super) fn doubts_gap(&self, cell: &AlignmentCell<'_>, aim: &Aim) -> bool {
         let wanted = self.recipe.approach.gap;
@@ -269,6 +246,29 @@ impl Shared<'_> {
         cell.tell_z(aim.side, -outward(aim.side) * contact.at, contact.deviation);
         true
     }
+}
+
+/// The greatest speed of a way to a `gap` (metres) at which an axis that brakes late is not stopped by who guards the machine, metres a
+/// second. The guard asks at every moment how near a tip would come were it stopped now, from the speed of the motor: one that drives
+/// a soft transmission is faster on its way to rest than it was told to be.
+pub(super) fn unhurried(cell: &AlignmentCell<'_>, aim: &Aim, gap: f64) -> f64 {
+    /// So many times as fast as told, at most. A choice: on one of 40 machines that were commissioned 1.5 was seen, on the others 1.2.
+    const FASTER: f64 = 1.5;
+    /// By how many times the acceleration that it is moved with the guard believes an axis to be braked, and in how many cycles.
+    const BRAKES: (f64, f64) = (2.0, 2.0);
+    /// No slower than this, metres a second: it stands nearly still.
+    const LEAST: f64 = 0.2e-3;
+    let spec = cell.spec();
+    let accelerates = spec.z_stage.acceleration;
+    let spare = gap - nearest_by_vision(cell, aim);
+    if spare <= 0.0 {
+        return LEAST;
+    }
+    // What is left of the way, v^2 / 2a, and the gap at its end are to be more than the way in which the guard would stop it.
+    let more = (FASTER * FASTER / BRAKES.0 - 1.0) / (2.0 * accelerates);
+    let late = FASTER * BRAKES.1 / spec.servo.rate;
+    let root = (late * late + 4.0 * more * spare).sqrt();
+    (0.5 * (root - late) / more).max(LEAST)
 }
 
 /// How near to the chip who guards the machine lets a tip come, by vision alone, metres.

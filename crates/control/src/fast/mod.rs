@@ -29,6 +29,7 @@ use crate::station::{Station, coarse, fine};
 use crate::sweep::{Spot, first_light};
 use crate::tip_estimator::Tip;
 use approach_moves::{Aim, cock};
+use gap::unhurried;
 pub use gap::vision_knows;
 use last::{Rest, WATCHED};
 use pigtail_hal::Side;
@@ -580,7 +581,7 @@ impl<'r> Shared<'r> {
     ) -> Result<(), Halt> {
         let way = aim.gap(cell) - gap;
         let end = cell.wanted(aim.side).shifted(0.0, 0.0, way);
-        cell.start_line(aim.side, end, Some(self.unhurried(cell, aim, gap)))?;
+        cell.start_line(aim.side, end, Some(unhurried(cell, aim, gap)))?;
         let turn = scan.period();
         let start = scan.place(0.0);
         let (mut next, mut end) = (cell.now() + turn, f64::INFINITY);

@@ -41,7 +41,20 @@ pub(crate) struct Make {
     pub(crate) filter: f64,
     /// The peak moves, metres a second.
     pub(crate) drift: f64,
+    /// It walks at random, metres in the root of a second.
+    pub(crate) walk: f64,
+    /// It wanders by so much in each of [`OCTAVES`], metres: its spectrum is one over frequency.
+    pub(crate) pink: f64,
+    /// It sways by so much, metres, as a first-order process of a time constant, seconds.
+    pub(crate) sways: (f64, f64),
+    /// It comes to rest from so far, metres, within a time constant, seconds.
+    pub(crate) settles: (f64, f64),
+    /// It jumps by so much, metres, every so many seconds on average.
+    pub(crate) jumps: (f64, f64),
 }
+
+/// Time constants of what makes one over frequency, seconds.
+const OCTAVES: [f64; 6] = [0.1, 0.3, 1.0, 3.0, 10.0, 30.0];
 
 impl Default for Make {
     fn default() -> Self {
@@ -61,6 +74,11 @@ impl Default for Make {
             shakes: (0.0, 1.0),
             filter: 0.0,
             drift: 0.0,
+            walk: 0.0,
+            pink: 0.0,
+            sways: (0.0, 1.0),
+            settles: (0.0, 1.0),
+            jumps: (0.0, 1.0),
         }
     }
 }
@@ -110,6 +128,40 @@ pub(crate) fn makes() -> Vec<(&'static str, Make)> {
             }),
         ),
         ("drift 50 nm/s", with(|m| m.drift = 50e-9)),
+    ]
+}
+
+/// More of them, whose tips and peaks wander otherwise.
+pub(crate) fn wanderers() -> Vec<(&'static str, Make)> {
+    vec![
+        ("shakes 20 nm, 50 ms", with(|m| m.shakes = (20e-9, 0.05))),
+        ("shakes 60 nm, 200 ms", with(|m| m.shakes = (60e-9, 0.2))),
+        (
+            "shakes 20 nm, 200 ms, noisy",
+            with(|m| {
+                m.shakes = (20e-9, 0.2);
+                m.white = 1e-2;
+            }),
+        ),
+        ("sways 20 nm, 1 s", with(|m| m.sways = (20e-9, 1.0))),
+        ("walks 20 nm in 1 s", with(|m| m.walk = 20e-9)),
+        ("walks 60 nm in 1 s", with(|m| m.walk = 60e-9)),
+        (
+            "walks 60 nm in 1 s, noisy",
+            with(|m| {
+                m.walk = 60e-9;
+                m.white = 1e-2;
+            }),
+        ),
+        ("walks 200 nm in 1 s", with(|m| m.walk = 200e-9)),
+        ("1/f, 10 nm an octave", with(|m| m.pink = 10e-9)),
+        ("1/f, 30 nm an octave", with(|m| m.pink = 30e-9)),
+        ("rests, 300 nm, 300 ms", with(|m| m.settles = (300e-9, 0.3))),
+        ("rests, 300 nm, 1 s", with(|m| m.settles = (300e-9, 1.0))),
+        ("rests, 1 um, 1 s", with(|m| m.settles = (1e-6, 1.0))),
+        ("rests, 1 um, 3 s", with(|m| m.settles = (1e-6, 3.0))),
+        ("jumps 30 nm every 500 ms", with(|m| m.jumps = (30e-9, 0.5))),
+        ("jumps 100 nm every 2 s", with(|m| m.jumps = (100e-9, 2.0))),
     ]
 }
 
@@ -175,6 +227,11 @@ pub(crate) struct Foreign {
     colour: Process,
     flicker: Process,
     shake: [Process; 2],
+    pink: [[Process; 2]; OCTAVES.len()],
+    sway: [Process; 2],
+    /// How far the peak has gone, metres.
+    gone: [f64; 2],
+    swayed: [f64; 2],
     hum: f64,
     pub(crate) trace: Option<Vec<Dither>>,
 }
@@ -216,6 +273,9 @@ impl Foreign {
             cycle: 0.0,
         };
         let hum = rng.random();
+        let mut others = Pcg64::seed_from_u64(seed ^ 0x00c7_a7e5);
+        let pink = OCTAVES.map(|_| [0; 2].map(|_| Process(normal(&mut others))));
+        let sway = [0; 2].map(|_| Process(normal(&mut others)));
         Self {
             make,
             caps,
@@ -235,6 +295,10 @@ impl Foreign {
             colour: Process::default(),
             flicker: Process::default(),
             shake: [Process::default(), Process::default()],
+            pink,
+            sway,
+            gone: [0.0; 2],
+            swayed: [0.0; 2],
             hum,
             trace: None,
         }
@@ -242,7 +306,41 @@ impl Foreign {
 
     /// The truth, now.
     pub(crate) fn peak(&self) -> [f64; 2] {
-        [self.peak[0] + self.make.drift * self.now, self.peak[1]]
+        let (from, within) = self.make.settles;
+        let rests = from * (-self.now / within).exp();
+        let still = [
+            self.peak[0] + self.make.drift * self.now + rests,
+            self.peak[1] - rests,
+        ];
+        [0, 1].map(|i| still[i] + self.gone[i] + self.swayed[i])
+    }
+
+    /// The peak goes on.
+    fn wander(&mut self) {
+        let Make {
+            walk,
+            pink,
+            jumps,
+            sways,
+            ..
+        } = self.make;
+        for i in 0..2 {
+            self.swayed[i] = 0.0;
+            if sways.0 > 0.0 {
+                self.swayed[i] += self.sway[i].step(sways, TICK, &mut self.rng);
+            }
+            if walk > 0.0 {
+                self.gone[i] += walk * TICK.sqrt() * normal(&mut self.rng);
+            }
+            if jumps.0 > 0.0 && self.rng.random::<f64>() < TICK / jumps.1 {
+                self.gone[i] += jumps.0 * normal(&mut self.rng);
+            }
+            if pink > 0.0 {
+                for (constant, of) in OCTAVES.iter().zip(&mut self.pink) {
+                    self.swayed[i] += of[i].step((pink, *constant), TICK, &mut self.rng);
+                }
+            }
+        }
     }
 
     fn ticket(&mut self) -> Ticket {
@@ -275,6 +373,7 @@ impl Foreign {
     fn go_on(&mut self) -> Option<Light> {
         self.tick += 1;
         self.now = self.tick as f64 * TICK;
+        self.wander();
         if let Some(playing) = &self.playing {
             let (middle, radius, angle) = playing.at(self.now);
             self.told = [
