@@ -3,7 +3,7 @@
 use crate::common::{Common, believed, write_table};
 use crate::methods::{duration, duration_or_dash};
 use crate::running::stopped;
-use crate::{DONE, Failure, produce, running};
+use crate::{DONE, Failure, running, tray_plan};
 use clap::Args;
 use indicatif::{ProgressBar, ProgressStyle};
 use pigtail_evaluate::plan::{PlanDocument, plan, rows};
@@ -80,7 +80,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
             json: arguments.json,
             runs: arguments.runs.clone(),
         };
-        return produce::run_plan(&common, tray);
+        return tray_plan::run(&common, tray);
     }
     let calibration = arguments.calibration.as_deref();
     let calibration = believed(&arguments.rig, calibration, &arguments.runs)?;

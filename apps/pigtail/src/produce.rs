@@ -1,30 +1,28 @@
-//! `pigtail produce`, and `pigtail plan --tray`.
+//! `pigtail produce`.
 
 use crate::common::Common;
+use crate::journal::{Head, Journal, Left, Who, resumed};
+use crate::tray_plan::planned;
 use crate::{DONE, FAULT, Failure, NEGATIVE, campaign, running, trays};
-use anyhow::Context;
 use clap::Args;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use pigtail_control::station::{Observer, Sample};
-use pigtail_cycle::plan::{Plan, plan};
-use pigtail_cycle::recipe::Action;
-use pigtail_cycle::run::{Event, Pigtail, Produced};
+use pigtail_cycle::plan::Plan;
+use pigtail_cycle::run::{Event, Pigtail};
 use pigtail_evaluate::campaign::Commissioned;
 use pigtail_evaluate::produce::{Heard, ProduceDocument, Told, produce};
+use pigtail_hal::Side;
 use pigtail_hal::digest::hash;
-use pigtail_hal::{Error, Side};
 use pigtail_report as report;
 use pigtail_session::calibrations::{Part, RunsOn};
 use pigtail_session::own::Own;
 use pigtail_session::produce::{DEFAULT_TRAY, InPlace, Loaded};
 use pigtail_session::setup::Setup;
-use pigtail_store::database::{Database, Pigtail as Entered, partial_folder};
-use pigtail_store::runs::Run;
+use pigtail_store::database::{Database, Pigtail as Entered};
 use pigtail_twin::Specimen;
-use serde::{Deserialize, Serialize};
-use std::fs::{self, File};
+use serde::Serialize;
 use std::io::{IsTerminal, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
@@ -59,6 +57,10 @@ pub(crate) struct Arguments {
     /// Goes on with the tray of a run that was interrupted, by the run's name or folder
     #[arg(long, value_name = "RUN")]
     resume: Option<String>,
+    /// With --resume: a person has taken the half-done device off the machine. It counts as rejected also where its recipe
+    /// calls a person for it
+    #[arg(long, requires = "resume")]
+    cleared: bool,
     /// Commissions the machine first, as a machine of a fleet needs it
     #[arg(long = "commissioned", alias = "commission")]
     pub(crate) commission: bool,
@@ -85,46 +87,6 @@ pub(crate) struct Arguments {
     /// How many trays to run at a time, with --trays [default: one for each core]
     #[arg(long, value_name = "T", value_parser = campaign::threads, requires = "trays")]
     pub(crate) threads: Option<usize>,
-}
-
-/// The first line of a journal: what has to be the same to go on.
-#[derive(Debug, PartialEq, Serialize, Deserialize)]
-struct Head {
-    tray: String,
-    seed: u64,
-    rig: String,
-    fleet: String,
-    configuration: Vec<(String, String)>,
-}
-
-/// Its second: who was there.
-#[derive(Debug, Clone, Default, Serialize, Deserialize)]
-struct Who {
-    operator: String,
-    calibration: String,
-}
-
-/// What a run that was interrupted has left.
-#[derive(Default)]
-struct Left {
-    /// The run's name.
-    run: String,
-    who: Who,
-    /// Its fibers, one by one.
-    fibers: Vec<Pigtail>,
-    /// All devices up to its end, those of runs before it too.
-    told: Vec<Told>,
-}
-
-/// A line of a journal.
-#[derive(Debug, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-enum Line {
-    Head(Head),
-    Who(Who),
-    Begin(String),
-    Fiber(Pigtail),
-    Device(Told),
 }
 
 /// The last line of `--json`.
@@ -168,95 +130,12 @@ pub(crate) fn load(common: &Common, tray: &str) -> Result<(Loaded, Setup), Failu
     }
     let all: Vec<String> = wrong.iter().map(ToString::to_string).collect();
     Err(anyhow::anyhow!(
-        "{} mistakes, and nothing has moved:\n  {}",
+        "{} mistake{}, and nothing has moved:\n  {}",
         all.len(),
+        if all.len() == 1 { "" } else { "s" },
         all.join("\n  ")
     )
     .into())
-}
-
-/// What there was in a journal.
-fn resumed(named: &str, runs: &Path, head: &Head, loaded: &Loaded) -> Result<Left, Failure> {
-    let folders = [
-        PathBuf::from(named),
-        partial_folder(runs, named),
-        runs.join(named),
-    ];
-    let file = folders
-        .iter()
-        .map(|folder| folder.join(JOURNAL))
-        .find(|file| file.is_file())
-        .ok_or_else(|| {
-            let message = format!(
-                "no run of `produce` is called so in {}; accepted is the name or the folder of one",
-                runs.display()
-            );
-            Error::new(format!("--resume {named}"), "", message)
-        })?;
-    let text = fs::read_to_string(&file).with_context(|| file.display().to_string())?;
-    let name = file.display().to_string();
-    let folder = file.parent().and_then(Path::file_name);
-    let folder = folder.map_or_else(String::new, |name| name.to_string_lossy().into_owned());
-    let mut left = Left {
-        run: folder
-            .strip_prefix('.')
-            .and_then(|name| name.strip_suffix(".partial"))
-            .unwrap_or(&folder)
-            .to_owned(),
-        ..Left::default()
-    };
-    let (mut begun, mut fibers) = (None, Vec::new());
-    for (i, line) in text.split_inclusive('\n').enumerate() {
-        // A line that was being written when all ended says nothing.
-        if !line.ends_with('\n') {
-            break;
-        }
-        let line: Line = serde_json::from_str(line)
-            .map_err(|why| Error::new(&name, "", format!("line {}: {why}", i + 1)))?;
-        match line {
-            Line::Head(of) if of == *head => {}
-            Line::Head(_) => {
-                let message = "is of another tray, rig, fleet, recipe, calibration or seed; accepted is the same";
-                return Err(Error::new(&name, "", message).into());
-            }
-            Line::Who(who) => left.who = who,
-            Line::Begin(serial) => (begun, fibers) = (Some(serial), Vec::new()),
-            Line::Fiber(fiber) => {
-                left.fibers.push(fiber.clone());
-                fibers.push(fiber);
-            }
-            Line::Device(device) => {
-                begun = None;
-                left.told.push(device);
-            }
-        }
-    }
-    let Some(serial) = begun else { return Ok(left) };
-    let Some(device) = loaded.tray.devices.get(left.told.len()) else {
-        return Ok(left);
-    };
-    let production = &loaded.productions[loaded.tray.recipe_of(device)];
-    if production.interrupted == Action::Call {
-        let detail = format!(
-            "{serial} was half done when the work was interrupted, and {} calls a person for that",
-            production.name
-        );
-        return Err(anyhow::anyhow!(detail).into());
-    }
-    let truth = vec![None; fibers.len()];
-    left.told.push(Told {
-        produced: Produced {
-            serial,
-            place: device.place.clone(),
-            recipe: production.name.clone(),
-            rejected: "interrupted".to_owned(),
-            start: 0.0,
-            end: 0.0,
-            fibers,
-        },
-        truth,
-    });
-    Ok(left)
 }
 
 /// What the store may have missed of a run that was killed between its journal and the store.
@@ -271,8 +150,6 @@ fn complete(left: &Left, loaded: &Loaded, runs: &Path) -> Result<(), Failure> {
     }
     Ok(())
 }
-
-const JOURNAL: &str = "journal.jsonl";
 
 /// What a person sees: a line on a terminal, plain lines elsewhere, or events.
 struct View {
@@ -465,7 +342,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         configuration: setup.rig.hashes.clone(),
     };
     let left = match &arguments.resume {
-        Some(named) => resumed(named, &common.runs, &head, &loaded)?,
+        Some(named) => resumed(named, &common.runs, &head, &loaded, arguments.cleared)?,
         None => Left::default(),
     };
     // Of a machine that is commissioned: what that began with.
@@ -550,6 +427,14 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     }
     let mut text = Vec::new();
     if common.json {
+        if let Some(why) = &document.called {
+            let event = serde_json::json!({ "event": "call", "why": why });
+            text.extend(format!("{event}\n").bytes());
+        }
+        if let Some(fault) = &document.fault {
+            let event = serde_json::json!({ "event": "fault", "why": fault.to_string() });
+            text.extend(format!("{event}\n").bytes());
+        }
         serde_json::to_writer(&mut text, &Last::of(document)).map_err(anyhow::Error::from)?;
         text.push(b'\n');
     } else {
@@ -582,6 +467,12 @@ fn words(
     )?;
     for (cause, n) in &d.rejected {
         writeln!(out, "rejected for {cause}: {n}")?;
+    }
+    if let Some(fault) = &d.fault {
+        writeln!(out, "the machine has stopped, and is safe: {fault}")?;
+    }
+    if let Some(called) = &d.called {
+        writeln!(out, "a person is called: {called}")?;
     }
     writeln!(
         out,
@@ -641,49 +532,6 @@ fn entered<'a>(loaded: &'a Loaded, pigtail: &'a Pigtail, who: &'a Who) -> Option
     })
 }
 
-/// What is done, line by line, on the disk before anything goes on.
-struct Journal(std::cell::RefCell<File>);
-
-impl Journal {
-    /// What it begins with is there whole or not at all: whoever goes on from it finds all that was done before.
-    fn begin(run: &Run, head: &Head, who: &Who, before: &[Told]) -> anyhow::Result<Self> {
-        const BEING_WRITTEN: &str = "journal.jsonl.partial";
-        let mut lines = vec![
-            serde_json::json!({ "head": head }),
-            serde_json::json!({ "who": who }),
-        ];
-        lines.extend(
-            before
-                .iter()
-                .map(|told| serde_json::json!({ "device": told })),
-        );
-        let text: Vec<String> = lines.iter().map(|line| format!("{line}\n")).collect();
-        let text = text.concat();
-        run.write(BEING_WRITTEN, text)?;
-        let (from, to) = (run.partial_path(BEING_WRITTEN), run.partial_path(JOURNAL));
-        File::open(&from)?.sync_all()?;
-        fs::rename(from, &to)?;
-        Ok(Self(File::options().append(true).open(to)?.into()))
-    }
-
-    fn line(&self, line: &serde_json::Value) -> anyhow::Result<()> {
-        let mut file = self.0.borrow_mut();
-        file.write_all(format!("{line}\n").as_bytes())?;
-        Ok(file.sync_data()?)
-    }
-
-    fn keep(&self, heard: &Heard) -> anyhow::Result<()> {
-        match heard {
-            Heard::Event(Event::Begin { device, .. }) => {
-                self.line(&serde_json::json!({ "begin": device }))
-            }
-            Heard::Event(Event::Fiber(fiber)) => self.line(&serde_json::json!({ "fiber": fiber })),
-            Heard::Device(told) => self.line(&serde_json::json!({ "device": told })),
-            Heard::Event(_) => Ok(()),
-        }
-    }
-}
-
 /// The setup with what commissioning has found of its machine.
 fn commissioned(setup: &Setup, common: &Common) -> Result<Setup, Failure> {
     let machine = Specimen::from(common.seed).machine();
@@ -695,60 +543,4 @@ fn commissioned(setup: &Setup, common: &Common) -> Result<Setup, Failure> {
             Err(anyhow::anyhow!("machine {machine} was refused when it was commissioned").into())
         }
     }
-}
-
-/// What a tray will take on a rig.
-pub(crate) fn planned(loaded: &Loaded, setup: &Setup) -> Plan {
-    let geometry = &setup.rig.calibration.geometry;
-    plan(
-        &loaded.tray,
-        &loaded.productions,
-        &setup.rig.recipe,
-        &setup.rig.spec,
-        [geometry.left.home, geometry.right.home],
-    )
-}
-
-/// `pigtail plan --tray`.
-pub(crate) fn run_plan(common: &Common, tray: &str) -> Result<u8, Failure> {
-    let (loaded, setup) = load(common, tray)?;
-    let planned = planned(&loaded, &setup);
-    let mut text = Vec::new();
-    if common.json {
-        serde_json::to_writer(&mut text, &planned).map_err(anyhow::Error::from)?;
-        text.push(b'\n');
-    } else {
-        let mut rows = vec![vec!["on the critical path".to_owned(), "s".to_owned()]];
-        rows.extend(
-            planned
-                .limits
-                .iter()
-                .map(|(what, s)| vec![what.clone(), format!("{s:.1}")]),
-        );
-        crate::common::write_table(&mut text, &rows).map_err(anyhow::Error::from)?;
-        let [left, right] = planned.idle_percent;
-        writeln!(
-            text,
-            "\n{:.0} s for {} devices: {:.1} s a device, {:.1} devices an hour; idle: left {left:.1} %, right {right:.1} %",
-            planned.seconds,
-            loaded.tray.devices.len(),
-            planned.seconds_per_device,
-            planned.devices_per_hour
-        )
-        .map_err(anyhow::Error::from)?;
-        let [left, right] = planned.idle_or_waiting_at_least_percent;
-        writeln!(
-            text,
-            "without work of its own, however that is overlapped, at least: left {left:.1} %, right {right:.1} %"
-        )
-        .map_err(anyhow::Error::from)?;
-        let [left, right] = planned.idle_at_least_percent;
-        writeln!(
-            text,
-            "idle in whatever order, each holding still for the other as here, at least: left {left:.1} %, right {right:.1} %"
-        )
-        .map_err(anyhow::Error::from)?;
-    }
-    crate::print(&text)?;
-    Ok(DONE)
 }

@@ -1,7 +1,8 @@
 //! Holding a fiber at its peak while adhesive pulls at it.
 //!
 //! Small circles find the peak again and again, and the micro follows it: what the adhesive moves before its gel point is made
-//! up for. Where it stands at the end tells how far the fiber was pulled.
+//! up for. Where it stands at the end tells how far the fiber was pulled, once what piezos creep meanwhile is told apart: a peak that is
+//! followed before anything pulls shows how they do, and what comes later is foreseen, as they creep by the logarithm of time.
 
 use crate::align::Observed;
 use crate::conical_scan::{ConicalScan, Watch};
@@ -13,6 +14,7 @@ use crate::station::{Unobserved, fine};
 use pigtail_hal::Bench;
 use pigtail_hal::bench::{Event, Meter};
 use pigtail_model::frames::Displacement;
+use pigtail_numerics::line::Line;
 
 /// What following a peak has told.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,6 +27,40 @@ pub struct Followed {
     pub turns: u32,
     /// Radius at which the light has fallen to 1/e, metres, as believed.
     pub width: f64,
+    /// How the peak was going meanwhile.
+    pub creep: Creep,
+}
+
+/// How a peak goes on that nothing pulls at: by the logarithm of the time since something moved, as piezos creep.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Creep {
+    /// Since when, seconds of the bench.
+    since: f64,
+    /// For each factor of e in time, the micro's x and y, metres.
+    by: Displacement,
+}
+
+impl Creep {
+    /// Of places at times; none where they are too few to tell.
+    fn through(since: f64, seen: &[(f64, Displacement)]) -> Self {
+        /// With less it is noise.
+        const TURNS: usize = 12;
+        let slope = |of: fn(&Displacement) -> f64| {
+            let points = seen.iter().map(|(t, at)| ((t - since).ln(), of(at)));
+            Line::through(points).slope
+        };
+        let by = if seen.len() < TURNS {
+            Displacement::ZERO
+        } else {
+            Displacement::new(slope(|at| at.x), slope(|at| at.y))
+        };
+        Self { since, by }
+    }
+
+    /// How far it goes from one time to another, metres.
+    pub fn between(&self, from: f64, to: f64) -> Displacement {
+        self.by * ((to - self.since) / (from - self.since)).ln()
+    }
 }
 
 /// Radius of the circles, of that of the fast procedure: they only have to keep what is there.
@@ -33,7 +69,10 @@ const SMALLER: f64 = 0.6;
 /// Share of the way to where a turn has seen the peak that is gone: turns are noisy, and there are many.
 const GAIN: f64 = 0.3;
 
-/// Follows the peak of a fiber that is held until a time of the bench, then goes beyond it and comes to rest there: as far as
+/// Turns until a circle goes on as it does from then on.
+const BEGINS: u32 = 5;
+
+/// Follows the peak of a fiber that is held, whose micro has rested since a time of the bench, until another, then goes beyond it and comes to rest there: as far as
 /// `beyond` says of how far the fiber was pulled until then, metres in the manipulator's x and y.
 ///
 /// # Errors
@@ -43,13 +82,13 @@ pub fn follow(
     bench: &mut dyn Bench,
     recipe: &Recipe,
     held: &AtPeak,
-    until: f64,
+    (since, until): (f64, f64),
     beyond: impl FnOnce(Displacement) -> Displacement,
 ) -> Result<Followed, Halt> {
     let mut unobserved = Unobserved;
     let mut bench = Observed::new(bench, &mut unobserved);
     let bench = Reactor::new(&mut bench);
-    bench.run(followed(&bench, recipe, held, until, beyond))
+    bench.run(followed(&bench, recipe, held, (since, until), beyond))
 }
 
 /// Follows the peaks of two fibers of one guide at once, by the light that goes through both: their circles take times as two
@@ -62,7 +101,7 @@ pub fn follow_two(
     bench: &mut dyn Bench,
     recipe: &Recipe,
     held: [&AtPeak; 2],
-    until: f64,
+    (since, until): ([f64; 2], f64),
     beyond: [&mut dyn FnMut(Displacement) -> Displacement; 2],
 ) -> Result<[Followed; 2], Halt> {
     /// Of the time of a turn.
@@ -74,8 +113,8 @@ pub fn follow_two(
     slower.fast.conical_scan.period *= SLOWER;
     let [a, b] = beyond;
     let (a, b) = bench.run(both_well(
-        followed(&bench, recipe, held[0], until, a),
-        followed(&bench, &slower, held[1], until, b),
+        followed(&bench, recipe, held[0], (since[0], until), a),
+        followed(&bench, &slower, held[1], (since[1], until), b),
     ))?;
     Ok([a, b])
 }
@@ -84,7 +123,7 @@ async fn followed(
     bench: &Reactor<'_>,
     recipe: &Recipe,
     held: &AtPeak,
-    until: f64,
+    (since, until): (f64, f64),
     beyond: impl FnOnce(Displacement) -> Displacement,
 ) -> Result<Followed, Halt> {
     let group = fine(held.side);
@@ -106,7 +145,7 @@ async fn followed(
     let gap = held.gap;
     let mut scan = ConicalScan::new(watch, beam, shape, bench, (start, gap), held.walk, None);
     scan.set_radius(SMALLER * shape.radius);
-    let mut turns = 0;
+    let (mut turns, mut seen) = (0, Vec::new());
     while bench.now() + 2.0 * scan.period() < until {
         scan.turn(bench, gap).await?;
         let Some(peak) = scan.peak() else { continue };
@@ -114,9 +153,13 @@ async fn followed(
             continue;
         }
         let here = scan.place(gap);
-        let by = (peak.at - scan.place(0.0)) * GAIN;
-        scan.expect_at(here + by, gap);
+        let by = peak.at - scan.place(0.0);
+        scan.expect_at(here + by * GAIN, gap);
         turns += 1;
+        // The first come from the rest before.
+        if turns > BEGINS {
+            seen.push((bench.now(), here + by));
+        }
     }
     let by = scan.place(gap) - start;
     let beyond = beyond(by * -1.0);
@@ -127,6 +170,7 @@ async fn followed(
         beyond,
         turns,
         width: scan.beam_width(gap),
+        creep: Creep::through(since, &seen),
     })
 }
 
@@ -182,3 +226,31 @@ pub fn levels<const N: usize>(
 
 /// Parts of a look whose means are compared.
 const PARTS: usize = 8;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_piezos_creep_later_is_foreseen_by_what_they_did_before() {
+        let law = |t: f64| Displacement::new(-0.02e-6, 0.08e-6) * (t - 3.0).ln();
+        let seen = |turns: u32| -> Vec<(f64, Displacement)> {
+            let times = (0..turns).map(|k| 3.2 + 0.024 * f64::from(k));
+            // A generator of no randomness: to either side of the law.
+            let off = |k: usize| Displacement::new(4e-9, -4e-9) * [1.0, -1.0][k % 2];
+            times
+                .enumerate()
+                .map(|(k, t)| (t, law(t) + off(k)))
+                .collect()
+        };
+        let creep = Creep::through(3.0, &seen(40));
+        let foreseen = creep.between(4.2, 13.6);
+        assert!(
+            (foreseen - (law(13.6) - law(4.2))).norm() < 0.01e-6,
+            "{foreseen:?}"
+        );
+        // What a few turns tell is noise.
+        let few = Creep::through(3.0, &seen(8)).between(4.2, 13.6);
+        assert!(few.norm() == 0.0, "{few:?}");
+    }
+}

@@ -43,8 +43,8 @@ pub enum Step {
     Back(f64),
     /// Its micro goes to the middle.
     Centre,
-    /// A step of the handling, tried so many times.
-    Handle(FiberHandling, u32),
+    /// A step of the handling, tried so many times, but not once more when all of it has taken longer, seconds.
+    Handle(FiberHandling, u32, f64),
     /// Seconds.
     Wait(f64),
     /// It takes the needle for itself, or gives it back.
@@ -67,6 +67,8 @@ struct Runner {
     doing: Option<Doing>,
     failed: Option<String>,
     bar: Option<(&'static str, f64)>,
+    /// When a step of the handling has begun, seconds.
+    since: f64,
     /// Serial number and port of what it works on.
     on: (String, String),
 }
@@ -203,7 +205,8 @@ impl<'s, 'm> Cell<'s, 'm> {
             }
             if self.now() >= until {
                 let why = format!("{} has not come on for {LONGEST} s", side.name());
-                return Err(Outcome::BenchFailed { why }.into());
+                self.give_up(side, why);
+                break;
             }
             self.next(self.station.time() + 0.25)?;
         }
@@ -367,12 +370,13 @@ impl<'s, 'm> Cell<'s, 'm> {
                 let ticket = self.station.play(fine(side), law);
                 Some(Doing::Ticket(ticket.map_err(|why| why.to_string())?, step))
             }
-            Step::Handle(what, _) => {
+            Step::Handle(what, ..) => {
                 let request = Request::Handle {
                     arm: side.index(),
                     what,
                 };
                 let ticket = self.station.request(request);
+                self.runners[side.index()].since = now;
                 Some(Doing::Ticket(ticket.map_err(|why| why.to_string())?, step))
             }
         })
@@ -399,9 +403,15 @@ impl<'s, 'm> Cell<'s, 'm> {
             }
             match (step, failed) {
                 (_, None) => {}
-                (Step::Handle(what, attempts), Some(_)) if attempts > 1 => {
-                    let again = Step::Handle(what, attempts - 1);
-                    self.runners[i].steps.push_front(again);
+                (Step::Handle(what, attempts, limit), Some(why)) if attempts > 1 => {
+                    let left = limit - (self.station.time() - self.runners[i].since);
+                    if left > 0.0 {
+                        let again = Step::Handle(what, attempts - 1, left);
+                        self.runners[i].steps.push_front(again);
+                    } else {
+                        let late = format!("{why}, and there is no time left to try it again");
+                        self.give_up(side, late);
+                    }
                 }
                 (_, Some(why)) => self.give_up(side, why),
             }

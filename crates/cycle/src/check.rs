@@ -33,6 +33,10 @@ pub fn mistakes(
             "is empty; accepted is one device or more".to_owned(),
         );
     }
+    for key in unnamed(tray) {
+        let message = "is empty; accepted is what it is to be found by later";
+        add(key, message.to_owned());
+    }
     twice(
         tray.devices.iter().map(|d| d.place.as_str()),
         |i, place, first| {
@@ -98,11 +102,7 @@ pub fn mistakes(
         let key = |port: &str| format!("devices[{i}].fibers.{port}");
         let named = tray.recipe_of(device);
         let Some(recipe) = recipes.get(named) else {
-            let names: Vec<&String> = recipes.keys().collect();
-            add(
-                format!("devices[{i}].recipe"),
-                format!("{named} is no recipe that could be read; these could: {names:?}"),
-            );
+            // What is wrong with it is said once, by who has read it.
             continue;
         };
         for port in &recipe.ports {
@@ -162,6 +162,20 @@ pub fn mistakes(
         }
     }
     all
+}
+
+/// The keys of names that are empty.
+fn unnamed(tray: &Tray) -> Vec<String> {
+    let mut names = vec![("name".to_owned(), &tray.name)];
+    for (i, device) in tray.devices.iter().enumerate() {
+        names.push((format!("devices[{i}].serial"), &device.serial));
+        names.push((format!("devices[{i}].place"), &device.place));
+    }
+    for (i, fiber) in tray.fibers.iter().enumerate() {
+        names.push((format!("fibers[{i}].serial"), &fiber.serial));
+    }
+    let empty = names.into_iter().filter(|(_, name)| name.trim().is_empty());
+    empty.map(|(key, _)| key).collect()
 }
 
 /// Tells of each value that was there before: its index, itself, and the index of the first.

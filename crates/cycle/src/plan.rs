@@ -48,8 +48,9 @@ const REST: f64 = 0.06;
 /// Looks before the lamp is on, and requests that are over in a cycle or two, seconds.
 const LOOKS: f64 = 0.2;
 
-/// For two fibers to be brought to their peaks again before the lamp is on, seconds.
-const AGAIN: f64 = 1.5;
+/// For how long a fiber, or two, are followed before the lamp is on, seconds.
+const BEFORE: f64 = 1.0;
+const BEFORE_TWO: f64 = 1.5;
 
 /// How far back a holder stays clear, metres: as when the tray is run.
 const CLEAR: f64 = 2e-3;
@@ -317,8 +318,12 @@ pub fn plan(
                 let waits = plan.free[right.index()] - plan.free[left.index()];
                 plan.bar(left, on, "witness", true, waits.max(0.0));
             }
-            let again = if sides.len() > 1 { AGAIN } else { 0.0 };
-            let cure = production.cure.time + LOOKS + again;
+            let before = match (production.cure.track, sides.len() > 1) {
+                (false, _) => 0.0,
+                (true, false) => BEFORE,
+                (true, true) => BEFORE_TWO,
+            };
+            let cure = production.cure.time + LOOKS + before;
             for side in sides {
                 plan.bar(*side, on, "cure", true, cure);
                 plan.bar(*side, on, "release", false, spec.handling.release);

@@ -130,7 +130,7 @@ impl Ending {
 pub struct Pick {
     /// How often it is tried, at most.
     pub attempts: u32,
-    /// Longest that it may take, seconds.
+    /// Longest that it may take, seconds: it is not tried again when it has taken longer.
     #[serde(with = "quantity::PositiveTime")]
     pub limit: f64,
     /// What to do when it fails.
@@ -192,7 +192,7 @@ pub struct Align {
     /// What it takes for the plan, the input and an output, seconds: as measured on such machines.
     #[serde(with = "quantity::Times::<2>")]
     pub expected: [f64; 2],
-    /// Longest that it may take, seconds.
+    /// Longest that it may take, seconds, all attempts together: it is not tried again when it has taken longer.
     #[serde(with = "quantity::PositiveTime")]
     pub limit: f64,
     /// What to do when it fails.
@@ -245,6 +245,14 @@ pub struct Verify {
     pub failed: Action,
 }
 
+/// More than these are slips of the keyboard: times of UV adhesive and of a tip that stands still, seconds; attempts; how much earlier than
+/// the gel point a fiber comes to rest; and a scatter at which nothing is precompensated, metres.
+const LONGEST_CURE: f64 = 600.0;
+const LONGEST_STAND: f64 = 60.0;
+const MOST_ATTEMPTS: u32 = 100;
+const MOST_MARGIN: f64 = 0.5;
+const MOST_SCATTER: f64 = 10e-6;
+
 impl Production {
     /// Reads a production recipe, `text` of `file`, and checks it.
     ///
@@ -260,6 +268,7 @@ impl Production {
     }
 
     /// All that does not fit together in it.
+    #[expect(clippy::too_many_lines, reason = "a list of mistakes")]
     pub fn mistakes(&self, file: &str) -> Vec<Error> {
         let mut all = Vec::new();
         let mut add = |key: &str, message: String| all.push(Error::new(file, key, message));
@@ -285,13 +294,42 @@ impl Production {
         if self.adhesive.volume == 0 {
             add("adhesive.volume", "is 0; accepted is 1 to 255".to_owned());
         }
+        for (key, seconds, most) in [
+            ("adhesive.dwell", self.adhesive.dwell, LONGEST_STAND),
+            ("cure.time", cure.time, LONGEST_CURE),
+            ("verify.look", self.verify.look, LONGEST_STAND),
+        ] {
+            if seconds > most {
+                add(key, format!("is {seconds} s; accepted is at most {most} s"));
+            }
+        }
+        if self.adhesive.dwell >= self.adhesive.open {
+            let message = format!(
+                "is {} s, and adhesive must be under the lamp within {} s; accepted is less than that",
+                self.adhesive.dwell, self.adhesive.open
+            );
+            add("adhesive.dwell", message);
+        }
+        if cure.margin > MOST_MARGIN {
+            let message = format!("is {}; accepted is 0 to {MOST_MARGIN}", cure.margin);
+            add("cure.margin", message);
+        }
+        if cure.scatter > MOST_SCATTER {
+            let message = format!(
+                "is {} um; accepted is at most {} um",
+                1e6 * cure.scatter,
+                1e6 * MOST_SCATTER
+            );
+            add("cure.scatter", message);
+        }
         for (key, attempts) in [
             ("pick.attempts", self.pick.attempts),
             ("adhesive.attempts", self.adhesive.attempts),
             ("align.attempts", self.align.attempts),
         ] {
-            if attempts == 0 {
-                add(key, "is 0; accepted is 1 or more".to_owned());
+            if !(1..=MOST_ATTEMPTS).contains(&attempts) {
+                let message = format!("is {attempts}; accepted is 1 to {MOST_ATTEMPTS}");
+                add(key, message);
             }
         }
         if self.ports.is_empty() {
@@ -378,7 +416,7 @@ impl Production {
         line(
             "pick",
             format!(
-                "at most {} times, {} s; then {}",
+                "at most {} times, no more after {} s; then {}",
                 pick.attempts,
                 pick.limit,
                 action(pick.failed)
@@ -398,7 +436,7 @@ impl Production {
         line(
             "align",
             format!(
-                "by the {procedure} procedure, at most {} times, {} s; then {}",
+                "by the {procedure} procedure, at most {} times, no more after {} s; then {}",
                 align.attempts,
                 align.limit,
                 action(align.failed)

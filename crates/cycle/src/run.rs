@@ -81,6 +81,8 @@ pub struct Cured {
     pub off_um: f64,
     /// ...and how well that is known, one standard deviation.
     pub off_sigma_um: f64,
+    /// The square of that, square micrometres, below zero where it has more light than before; and how well that is known.
+    pub squared_um2: [f64; 2],
     /// How far the adhesive has shifted it in all, micrometres.
     pub shift_um: f64,
     /// What it and another fiber that was cured with it have lost together, decibels: the light tells no more. What is said of
@@ -110,11 +112,11 @@ impl Cured {
     /// What it has taught.
     fn lesson(&self) -> Option<Lesson> {
         let metres = |[x, y]: [f64; 2]| Displacement::new(1e-6 * x, 1e-6 * y);
-        let (off, sigma) = (1e-6 * self.off_um, 1e-6 * self.off_sigma_um);
+        let [squared, noise] = self.squared_um2;
         Some(Lesson {
             before: metres(self.before_um?),
             beyond: metres(self.beyond_um),
-            squared: (off * off, 2.0 * off.max(sigma) * sigma),
+            squared: (1e-12 * squared, 1e-12 * noise),
         })
     }
 }
@@ -321,9 +323,9 @@ impl Line<'_, '_, '_> {
             }
             let mut begun = self.begun(device, port);
             let reached = self.reach(k, &production, &mut aligner, &mut begun.pigtail);
+            begun.peak = self.cell.now();
             let reached = match reached {
                 Ok(held) if production.cure.together && n == 0 => {
-                    begun.peak = self.cell.now();
                     waiting = Some((begun, held));
                     continue;
                 }
@@ -427,8 +429,8 @@ impl Line<'_, '_, '_> {
                 *end = Some(End::Fault(fault));
             }
             Err(End::Failed(cause, detail, action)) => {
-                if let Err(fault) = self.put_back(side_of(&pigtail.port)) {
-                    *end = Some(End::Fault(fault));
+                if let Err(why) = self.put_back(side_of(&pigtail.port)) {
+                    *end = Some(why);
                 }
                 (pigtail.cause, pigtail.detail) = (cause.clone(), detail.clone());
                 if produced.rejected.is_empty() || cause != "not_cured" {
@@ -460,8 +462,9 @@ impl Line<'_, '_, '_> {
         self.look_ahead(k, last);
     }
 
-    /// A fiber that has failed and is still in its holder goes back to the tray.
-    fn put_back(&mut self, side: Side) -> Result<(), Fault> {
+    /// A fiber that has failed and is still in its holder goes back to the tray. Where it does not, a person is called: the next one
+    /// could not be picked.
+    fn put_back(&mut self, side: Side) -> Result<(), End> {
         if self.cell.is_busy(side) || !self.cell.station().carries(side) {
             return Ok(());
         }
@@ -471,10 +474,16 @@ impl Line<'_, '_, '_> {
             let arm = side.index();
             self.ask_for(Request::Unload { arm })
         });
-        match gone {
-            Err(Halt::Fault(fault)) => Err(fault),
-            Ok(()) | Err(Halt::Outcome(_)) => Ok(()),
-        }
+        gone.map_err(|halt| match halt {
+            Halt::Fault(fault) => End::Fault(fault),
+            Halt::Outcome(outcome) => {
+                let detail = format!(
+                    "the {} manipulator has not put its fiber back: {outcome}",
+                    side.name()
+                );
+                End::Failed("not_put_back".to_owned(), detail, Action::Call)
+            }
+        })
     }
 
     /// The next device, with both manipulators clear.
@@ -500,7 +509,7 @@ impl Line<'_, '_, '_> {
             "retreat",
             Action::Call,
         )?;
-        let index = Step::Handle(FiberHandling::Index, 1);
+        let index = Step::Handle(FiberHandling::Index, 1, f64::INFINITY);
         // Frames that come next still show the chip before: who went by them would be as far off as the two lie differently.
         let seen = Step::Wait(self.cell.station().spec().vision.oldest());
         let steps = vec![Step::Named("index"), index, seen];
@@ -556,7 +565,11 @@ impl Line<'_, '_, '_> {
             Step::Named("pick"),
             Step::Centre,
             Step::Go(at),
-            Step::Handle(FiberHandling::Pick(number), production.pick.attempts),
+            Step::Handle(
+                FiberHandling::Pick(number),
+                production.pick.attempts,
+                production.pick.limit,
+            ),
         ]
     }
 
@@ -570,7 +583,11 @@ impl Line<'_, '_, '_> {
             Step::Named("adhesive"),
             Step::Needle(true),
             Step::Go(at),
-            Step::Handle(FiberHandling::Wet(production.adhesive.volume), 1),
+            Step::Handle(
+                FiberHandling::Wet(production.adhesive.volume),
+                1,
+                f64::INFINITY,
+            ),
             Step::Wait(production.adhesive.dwell),
             Step::Needle(false),
         ]

@@ -32,9 +32,9 @@ pub struct Teacher {
 /// Relative standard deviation of the shift that is expected beforehand.
 const BEFOREHAND: f64 = 0.33;
 
-/// How far the micro goes after other things than the pull until the gel point, standard deviation, metres: piezos that creep
-/// by 2 % of 10 um in a decade of time, and a machine that warms up.
-const CREEPS: f64 = 0.2e-6;
+/// How far the micro goes after other things than the pull until the gel point, standard deviation, metres: a bracket of 10 um/K that
+/// warms up by 0.1 K a minute on either side, for 10 s. How piezos creep is told apart before that.
+const DRIFTS: f64 = 0.15e-6;
 
 /// How far from what was found before the mean is looked for, standard deviations; in how many steps to either side; and how
 /// often.
@@ -63,9 +63,9 @@ impl Teacher {
         let n = (self.lessons.len() + 1) as f64;
         let sum = self.lessons.iter().fold(before, |sum, l| sum + l.before);
         let prior = sum * (ratio / n);
-        // Piezos creep, machines warm up: what the micro went after is not all pull.
+        // Machines warm up: what the micro went after is not all pull.
         let wide = (BEFOREHAND * prior.norm())
-            .hypot(CREEPS * ratio / n.sqrt())
+            .hypot(DRIFTS * ratio / n.sqrt())
             .hypot(scatter);
         let ln = |a: Displacement| {
             let away = (a - prior).norm() / wide;

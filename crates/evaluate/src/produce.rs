@@ -135,6 +135,9 @@ pub struct Offset {
     pub loss_db: f64,
     /// What of it cure and release have added, from when the lamp was switched on, decibels.
     pub added_db: f64,
+    /// What of that comes of where it is across; the rest is what the gap has done, by its length and its ripples.
+    #[serde(default)]
+    pub added_across_db: f64,
 }
 
 /// A twin whose truth is noted whenever a fiber is let go.
@@ -146,8 +149,8 @@ struct Noted {
 #[derive(Default)]
 struct Notes {
     truth: RefCell<Option<Truth>>,
-    /// Coupling when the lamp was switched on.
-    before: RefCell<[Option<f64>; SIDES]>,
+    /// The fibers when the lamp was switched on.
+    before: RefCell<[Option<FiberTruth>; SIDES]>,
     ended: Cell<u64>,
 }
 
@@ -159,7 +162,7 @@ impl Machine for Noted {
     fn exchange(&mut self, command: &Command) -> Result<Measurement, Fault> {
         for side in Side::ALL {
             if command.fiber[side.index()] == Some(pigtail_hal::FiberHandling::Lamp(true)) {
-                self.notes.before.borrow_mut()[side.index()] = self.twin.held_coupling(side);
+                self.notes.before.borrow_mut()[side.index()] = self.twin.held_truth(side);
             }
         }
         let measured = self.twin.exchange(command)?;
@@ -302,7 +305,8 @@ fn offset(notes: &Notes, pigtail: &Pigtail, wanted: f64) -> Option<Offset> {
     Some(Offset {
         offset_um: [fiber.x, fiber.y, fiber.gap - wanted].map(|m| rounded(1e6 * m, 1e-6)),
         loss_db: rounded(-10.0 * fiber.coupling.log10(), 1e-6),
-        added_db: rounded(10.0 * (before / fiber.coupling).log10(), 1e-6),
+        added_db: rounded(10.0 * (before.coupling / fiber.coupling).log10(), 1e-6),
+        added_across_db: rounded(fiber.across_db() - before.across_db(), 1e-6),
     })
 }
 

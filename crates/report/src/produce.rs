@@ -6,7 +6,7 @@ use super::plot::Plot;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_cycle::cell::Bar;
-use pigtail_cycle::plan::{at_least, critical, idle_at_least, limits};
+use pigtail_cycle::plan::{Plan, at_least, critical, idle_at_least, limits};
 use pigtail_evaluate::produce::ProduceDocument;
 use pigtail_hal::Side;
 
@@ -89,15 +89,34 @@ fn least(bars: &[Bar]) -> Markup {
     }
 }
 
-/// The Gantt chart of a plan as one HTML text.
+/// The Gantt chart of a plan as one HTML text; `says` is what it comes to.
 ///
 /// # Errors
 ///
 /// When a figure cannot be drawn.
-pub fn tray_plan(title: &str, bars: &[Bar], seconds: f64) -> Result<String> {
+pub fn tray_plan(title: &str, says: &str, plan: &Plan) -> Result<String> {
+    let (bars, seconds) = (&plan.bars, plan.seconds);
+    let begins = |name: &str| {
+        let of = bars.iter().filter(|b| b.device == name);
+        of.map(|b| (b.start, b.end))
+            .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+    };
+    let mut names: Vec<&str> = Vec::new();
+    for bar in bars {
+        if !names.contains(&bar.device.as_str()) {
+            names.push(&bar.device);
+        }
+    }
+    // The second is the first that has others before and behind it.
+    let one = names.get(1).or(names.first());
+    let one = one.and_then(|name| Some((*name, begins(name)?)));
     let body = html! {
+        p { (says) "." }
         (least(bars))
-        (figure(&gantt(bars, 0.0, seconds), "What each manipulator will do. The line above bars is the critical path."))
+        (figure(&gantt(bars, 0.0, seconds), "What each manipulator will do. The line above bars is the critical path: back from the end, what each step has to wait for."))
+        @if let Some((name, (from, to))) = one {
+            (figure(&gantt(bars, from, to), format!("Device {name} alone.")))
+        }
         (critical_table(bars, seconds))
     };
     Ok(page(title, &body))

@@ -676,11 +676,18 @@ pub struct FiberTruth {
     pub gap: f64,
     /// Power coupled at this interface, 0 to 1.
     pub coupling: f64,
+    /// What of it there would be at the lateral peak, at the same gap.
+    pub best: f64,
     /// Roll of its slow axis from the polarization of the guides, radians.
     pub roll: f64,
 }
 
 impl FiberTruth {
+    /// Loss by where it is across: what there would be at the lateral peak of its gap over what there is, decibels.
+    pub fn across_db(&self) -> f64 {
+        10.0 * (self.best / self.coupling).log10()
+    }
+
     /// Extinction of the light that passes here, by this roll alone, decibels: what is in the axis that it should
     /// be in over what is in the other. `None` where the fiber has no roll.
     pub fn extinction_db(&self) -> Option<f64> {

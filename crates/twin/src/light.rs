@@ -267,11 +267,13 @@ impl LightPath {
     pub(super) fn truth(&self, side: Side, port: usize, fixed: &Fixed) -> FiberTruth {
         let at = self.port(side, port);
         let peak = self.peak(at, fixed.tip, fixed.fiber.tilt);
+        let best = Point::new(peak.x, peak.y, fixed.tip.z);
         FiberTruth {
             x: fixed.tip.x - peak.x,
             y: fixed.tip.y - peak.y,
             gap: at.gap(fixed.tip),
             coupling: fixed.coupling,
+            best: self.coupling(at, best, &fixed.fiber),
             roll: fixed.fiber.roll,
         }
     }

@@ -134,13 +134,17 @@ impl Twin {
         gone.chain([self.truth()]).collect()
     }
 
-    /// Power coupled by the fiber that a holder carries, 0 to 1. Not part of [`pigtail_hal::Machine`].
-    pub fn held_coupling(&self, side: Side) -> Option<f64> {
+    /// Where the fiber that a holder carries really is before its port. Not part of [`pigtail_hal::Machine`].
+    pub fn held_truth(&self, side: Side) -> Option<super::FiberTruth> {
         let held = self.held[side.index()]?;
-        let holder = self.holders[side.index()];
-        let tip = self.held_tip(side, holder, &held.fiber);
+        let tip = self.held_tip(side, self.holders[side.index()], &held.fiber);
         let port = self.light.port(side, held.port);
-        Some(self.light.coupling(port, tip, &held.fiber))
+        let fixed = Fixed {
+            tip,
+            fiber: held.fiber,
+            coupling: self.light.coupling(port, tip, &held.fiber),
+        };
+        Some(self.light.truth(side, held.port, &fixed))
     }
 
     /// How far fibers lie from their places on a tray, standard deviation, metres.

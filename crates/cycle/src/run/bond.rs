@@ -1,26 +1,31 @@
 //! Fibers at their peaks become pigtails: held under the lamp, let go, and looked at.
 
+use super::witness::unseen;
 use super::{Begun, Cured, End, Line, SURE};
 use crate::recipe::Production;
 use crate::steadiness::{Wander, Way};
-use crate::teach::Lesson;
 use pigtail_control::hold::{self, Followed};
 use pigtail_control::outcome::Halt;
 use pigtail_control::procedure::AtPeak;
 use pigtail_hal::bench::Meter;
 use pigtail_hal::{Bench, Channel, FiberHandling, Side};
 use pigtail_model::frames::Displacement;
+use std::cell::RefCell;
 
 /// Looks at the light before and after, seconds.
 const LOOK: f64 = 0.2;
 
-/// For how long two fibers are brought to their peaks again before the lamp is on, seconds.
-const AGAIN: f64 = 1.5;
+/// For how long a fiber is followed before the lamp is on, seconds. How piezos creep is to be told apart from the pull: that is no
+/// pull. Two of which one has waited for the other come to their peaks again.
+const BEFORE: f64 = 1.0;
+const BEFORE_TWO: f64 = 1.5;
 
-/// By how much two fibers that were cured together may differ from what each has lost on average though both have lost nothing,
-/// relative, standard deviation: light that goes to and fro in a gap makes ripples of some tenths of a decibel, and the adhesive changes the
-/// gap.
-const APART: f64 = 0.015;
+/// How long before a fiber is at its peak its micro still moved, seconds: a circle comes to rest within two turns.
+const CIRCLED: f64 = 0.05;
+
+/// What a gap that the adhesive changes does to the light, relative, standard deviation. By so much the light is wrong of how far across
+/// a fiber is, and two fibers that were cured together may differ though both have lost nothing: light that goes to and fro in it makes ripples of some tenths of a decibel.
+const RIPPLES: f64 = 0.015;
 
 /// A look at the light: above the background, volts, with its relative standard deviation by its samples; and the same of
 /// the light through an output that is fixed.
@@ -129,34 +134,38 @@ impl Line<'_, '_, '_> {
         for (i, (begun, _)) in fibers.iter().enumerate().take(N - 1) {
             self.cell.note(sides[i], on(i), "witness", true, begun.peak);
         }
-        if N > 1 && cure.track {
-            // The machine has warmed up and piezos have crept while one waited for the other: that is no pull.
-            let until = self.cell.now() + AGAIN;
-            let rest = |_: Side, _: Displacement, _: &mut Displacement| Displacement::ZERO;
-            self.follow(&held, until, &mut [Displacement::ZERO; N], &rest)?;
-        }
+        let since: [f64; N] = std::array::from_fn(|i| fibers[i].0.peak - CIRCLED);
+        let creep = if cure.track {
+            let until = start + if N > 1 { BEFORE_TWO } else { BEFORE };
+            let rest = |_: usize, _: Displacement| Displacement::ZERO;
+            self.follow(&held, (since, until), rest)?
+        } else {
+            None
+        };
+        let creep = creep.map(|followed| followed.map(|followed| followed.creep));
+        let known = self.cell.now();
         let alone = N == 1 && sides[0] == Side::Left;
         let eye = (last.channel, last.background);
-        let around = match self.aside().filter(|_| alone) {
-            Some(aside) => Some(self.look_around(eye, aside)?),
-            None => None,
-        };
+        let around = if alone { self.look_around(eye)? } else { None };
         let before = self.look_at(last.channel, last.background, LOOK)?;
         self.ask_all(&sides, FiberHandling::Lamp(true))?;
         let lit = self.cell.now();
         let mut expected = [Displacement::ZERO; N];
-        let followed = if cure.track {
+        let mut pulled = [Displacement::ZERO; N];
+        let followed = if let Some(creep) = creep {
             let (rest, ratio) = (lit + production.rest(), production.ratio());
             let teachers = self.teachers.clone();
-            let beyond = |side: Side, before: Displacement, expected: &mut Displacement| {
-                *expected = teachers[side.index()].expect(before, ratio, cure.scatter);
+            let beyond = |i: usize, gone: Displacement| {
+                // What the micro has crept by itself was no pull.
+                pulled[i] = gone + creep[i].between(known, rest);
+                expected[i] = teachers[sides[i].index()].expect(pulled[i], ratio, cure.scatter);
                 if cure.precompensate {
-                    *expected * -1.0
+                    expected[i] * -1.0
                 } else {
                     Displacement::ZERO
                 }
             };
-            self.follow(&held, rest, &mut expected, &beyond)?
+            self.follow(&held, (since, rest), beyond)?
         } else {
             None
         };
@@ -174,11 +183,8 @@ impl Line<'_, '_, '_> {
         }
         let verify = self.cell.now();
         let after = self.look_at(last.channel, last.background, production.verify.look)?;
-        let drifted = match around {
-            Some(before) => {
-                let later = self.look_around(eye, before.aside)?;
-                Some(before.drifted(&later))
-            }
+        let later = match &around {
+            Some(before) => self.look_again(eye, before.aside)?,
             None => None,
         };
         for (i, side) in sides.into_iter().enumerate() {
@@ -189,9 +195,12 @@ impl Line<'_, '_, '_> {
         }
         let ((lost_cured, _), (mut lost, mut noise)) = (before.over(&cured), before.over(&after));
         // Light that the sensing fiber has lost or won by itself.
-        if let Some((by, sigma)) = drifted {
-            (lost, noise) = (lost + by, noise.hypot(sigma));
-        }
+        let (by, sigma) = match (around, later) {
+            (Some(around), Some(later)) => around.drifted(&later),
+            _ if alone => (0.0, unseen(after.time - before.time)),
+            _ => (0.0, 0.0),
+        };
+        (lost, noise) = (lost + by, noise.hypot(sigma));
         let wander = before.fixed_until(&after);
         let way = match wander {
             Some(_) => Way::HeldAgainst,
@@ -203,7 +212,7 @@ impl Line<'_, '_, '_> {
         // Of what two fibers have lost together each has lost any share; or one has won what the other has lost.
         let (share, unknown) = match N {
             1 => (1.0, 0.0),
-            _ => (0.5, (lost / 12.0_f64.sqrt()).hypot(APART)),
+            _ => (0.5, (lost / 12.0_f64.sqrt()).hypot(RIPPLES)),
         };
         let sigma = (share * light_sigma).hypot(unknown);
         let decibels = 10.0 / std::f64::consts::LN_10;
@@ -215,19 +224,13 @@ impl Line<'_, '_, '_> {
                 |followed| followed.width,
             );
             let squared = width * width * share * lost;
-            let noise = width * width * sigma;
-            let pulled = followed.map(|followed| followed.by * -1.0);
+            // What of it the gap has done, nobody sees.
+            let noise = width * width * if N > 1 { sigma } else { sigma.hypot(RIPPLES) };
+            let pulled = followed.map(|_| pulled[i]);
             let beyond = followed.map_or(Displacement::ZERO, |followed| followed.beyond);
-            if let Some(before) = pulled {
-                self.teachers[sides[i].index()].learn(Lesson {
-                    before,
-                    beyond,
-                    squared: (squared, noise),
-                });
-            }
             let off = squared.max(0.0).sqrt();
             let all = pulled.map_or(off, |pulled| (pulled + expected[i]).norm());
-            Cured {
+            let cured = Cured {
                 after_cure_db: decibels * share * lost_cured,
                 after_release_db: decibels * share * lost,
                 sigma_db: decibels * sigma,
@@ -235,37 +238,46 @@ impl Line<'_, '_, '_> {
                 beyond_um: um(beyond),
                 expected_um: um(beyond + expected[i]),
                 off_um: 1e6 * off,
+                squared_um2: [1e12 * squared, 1e12 * noise],
                 off_sigma_um: 1e6 * noise / (2.0 * off.max(noise.sqrt())),
                 shift_um: 1e6 * all,
                 together_db: (N > 1).then_some(decibels * lost),
                 light_sigma_db: decibels * light_sigma,
                 wander: wander.map(|wander| wander.by),
                 look: wander,
+            };
+            if let Some(lesson) = cured.lesson() {
+                self.teachers[sides[i].index()].learn(lesson);
             }
+            cured
         }))
     }
 
-    /// Follows the peaks of one fiber or two until a time, and goes beyond each as far as `beyond` says of its side and of how
-    /// far it was pulled, which also says what it is expected to shift from then on.
+    /// Follows the peaks of one fiber or two, whose micros have rested since some times, until another, and goes beyond each as far as
+    /// `beyond` says of its number and of how far it was pulled until then, were all of it a pull.
     fn follow<const N: usize>(
         &mut self,
         held: &[AtPeak; N],
-        until: f64,
-        expected: &mut [Displacement; N],
-        beyond: &dyn Fn(Side, Displacement, &mut Displacement) -> Displacement,
+        (since, until): ([f64; N], f64),
+        beyond: impl FnMut(usize, Displacement) -> Displacement,
     ) -> Result<Option<[Followed; N]>, Halt> {
         let recipe = self.order.recipe;
+        let beyond = RefCell::new(beyond);
+        let go = |i: usize| {
+            let beyond = &beyond;
+            move |gone| (beyond.borrow_mut())(i, gone)
+        };
         let mut all: Vec<Followed> = Vec::with_capacity(N);
-        match (&held[..], &mut expected[..]) {
-            ([one], [of]) => {
-                let go = |before| beyond(one.side, before, of);
-                all.push(hold::follow(&mut self.cell, recipe, one, until, go)?);
+        match (&held[..], &since[..]) {
+            ([one], [since]) => {
+                let times = (*since, until);
+                all.push(hold::follow(&mut self.cell, recipe, one, times, go(0))?);
             }
             ([a, b], [of_a, of_b]) => {
-                let mut go_a = |before| beyond(a.side, before, of_a);
-                let mut go_b = |before| beyond(b.side, before, of_b);
-                let go: [&mut dyn FnMut(Displacement) -> Displacement; 2] = [&mut go_a, &mut go_b];
-                all.extend(hold::follow_two(&mut self.cell, recipe, [a, b], until, go)?);
+                let times = ([*of_a, *of_b], until);
+                let go: [&mut dyn FnMut(Displacement) -> Displacement; 2] =
+                    [&mut go(0), &mut go(1)];
+                all.extend(hold::follow_two(&mut self.cell, recipe, [a, b], times, go)?);
             }
             _ => return Ok(None),
         }

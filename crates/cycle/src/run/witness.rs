@@ -22,7 +22,7 @@ const SETTLED: f64 = 0.03;
 /// of 10 um/K at 0.1 K a minute.
 const DRIFTS: f64 = 0.014e-6;
 
-/// Standard deviations that a curvature has to be above none.
+/// Standard deviations that a curvature, or light, has to be above none.
 const SEEN: f64 = 3.0;
 
 /// Logarithms of the light around the sensing fiber, with their variances: in the middle, and to both sides along x and y.
@@ -79,47 +79,81 @@ impl Around {
     }
 }
 
-impl Line<'_, '_, '_> {
-    /// How far to all sides the right micro can go, as far as that is looked at; nothing where it has no room.
-    pub(super) fn aside(&self) -> Option<f64> {
-        let group = fine(Side::Right);
-        let here = Bench::reference(&self.cell, group).unwrap_or(Pose::ZERO);
-        let reaches = |aside: &f64| {
-            let sides = [(-aside, 0.0), (*aside, 0.0), (0.0, -aside), (0.0, *aside)];
-            sides.iter().all(|(x, y)| {
-                let to = Pose::at(here.x() + x, here.y() + y, here.z());
-                self.cell.reaches(group, &to)
-            })
-        };
-        ASIDE.into_iter().find(reaches)
-    }
+/// By what natural logarithm light may have changed, standard deviation, as the sensing fiber has drifted for so many seconds and nobody
+/// saw where to.
+pub(super) fn unseen(seconds: f64) -> f64 {
+    /// Slope on which it mostly stands, for each metre.
+    const SLOPE: f64 = 0.03e6;
+    SLOPE * DRIFTS * seconds
+}
 
-    /// Looks at the sensing fiber's light where it stands and around it, by the right micro.
+/// A round, from the middle: to both sides along x and y, and back.
+fn round(aside: f64) -> [(f64, f64); 5] {
+    [
+        (-aside, 0.0),
+        (aside, 0.0),
+        (0.0, -aside),
+        (0.0, aside),
+        (0.0, 0.0),
+    ]
+}
+
+impl Line<'_, '_, '_> {
+    /// Looks around the sensing fiber, as far as its micro has room and there is light; nothing where there is neither.
     pub(super) fn look_around(
         &mut self,
         (channel, background): (Channel, f64),
+    ) -> Result<Option<Around>, Halt> {
+        for aside in ASIDE {
+            let here = self.sensing();
+            let there = |(x, y): &(f64, f64)| {
+                let to = Pose::at(here.x() + x, here.y() + y, here.z());
+                self.cell.reaches(fine(Side::Right), &to)
+            };
+            if !round(aside).iter().all(there) {
+                continue;
+            }
+            // What piezos keep of where they were is the same after each round, but not before the first.
+            for (x, y) in round(aside) {
+                self.micro_to(Pose::at(here.x() + x, here.y() + y, here.z()))?;
+            }
+            let seen = self.look_again((channel, background), aside)?;
+            if seen.is_some() {
+                return Ok(seen);
+            }
+        }
+        Ok(None)
+    }
+
+    /// The same round once more; nothing where there is no light on it.
+    pub(super) fn look_again(
+        &mut self,
+        (channel, background): (Channel, f64),
         aside: f64,
-    ) -> Result<Around, Halt> {
-        let (time, group) = (self.cell.now(), fine(Side::Right));
-        let here = Bench::reference(&self.cell, group).unwrap_or(Pose::ZERO);
-        let mut look = |x: f64, y: f64| -> Result<(f64, f64), Halt> {
+    ) -> Result<Option<Around>, Halt> {
+        let (time, here) = (self.cell.now(), self.sensing());
+        let mut seen = [(0.0, 0.0); 5];
+        let mut dark = false;
+        for ((x, y), seen) in round(aside).into_iter().zip(&mut seen) {
             self.micro_to(Pose::at(here.x() + x, here.y() + y, here.z()))?;
             let [(volts, sigma)] = hold::levels(&mut self.cell, [Meter(channel.index())], LOOK)?;
-            let light = (volts - background).max(f64::MIN_POSITIVE);
-            Ok((light.ln(), (sigma / light).powi(2)))
-        };
-        // The same round each time: what piezos keep of where they were is then the same too.
-        let sides = [
-            [look(-aside, 0.0)?, look(aside, 0.0)?],
-            [look(0.0, -aside)?, look(0.0, aside)?],
-        ];
-        let middle = look(0.0, 0.0)?;
-        Ok(Around {
+            let light = volts - background;
+            dark |= light < SEEN * sigma || light <= 0.0;
+            *seen = (light.ln(), (sigma / light).powi(2));
+        }
+        let [left, right, down, up, middle] = seen;
+        let around = Around {
             time,
             aside,
             middle,
-            sides,
-        })
+            sides: [[left, right], [down, up]],
+        };
+        Ok((!dark).then_some(around))
+    }
+
+    /// Where the right micro is.
+    fn sensing(&self) -> Pose {
+        Bench::reference(&self.cell, fine(Side::Right)).unwrap_or(Pose::ZERO)
     }
 
     /// Brings the right micro to a place, and lets it come to rest.
