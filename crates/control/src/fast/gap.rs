@@ -414,8 +414,15 @@ async fn beside(
     const TURNS: u32 = 2;
     let gap = aim.gap(cell);
     let (spot, by) = (scan.place(gap), ASIDE * scan.beam_width(gap));
-    // Away from where the micro's way ends.
-    scan.expect_at(spot - Displacement::new(by.copysign(spot.x), 0.0), gap);
+    // Below it: what goes across before an inclined facet is believed to come nearer to the chip. Or away from where the micro's way ends.
+    let below = spot - Displacement::new(0.0, by);
+    let lowest = below - Displacement::new(0.0, scan.beam_width(gap));
+    let there = if cell.micro_reaches(aim.side, lowest) {
+        below
+    } else {
+        spot - Displacement::new(by.copysign(spot.x), 0.0)
+    };
+    scan.expect_at(there, gap);
     for _ in 0..TURNS {
         scan.turn(cell, gap).await?;
     }
