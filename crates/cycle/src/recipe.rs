@@ -268,7 +268,6 @@ impl Production {
     }
 
     /// All that does not fit together in it.
-    #[expect(clippy::too_many_lines, reason = "a list of mistakes")]
     pub fn mistakes(&self, file: &str) -> Vec<Error> {
         let mut all = Vec::new();
         let mut add = |key: &str, message: String| all.push(Error::new(file, key, message));

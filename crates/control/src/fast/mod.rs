@@ -601,11 +601,10 @@ impl<'r> Shared<'r> {
             next += turn;
             let gap = aim.gap(cell);
             // A peak that the micro does not reach is lost too: whatever happens, the macro is
-            // stopped before anyone tries again.
-            let peak = scan.peak();
-            let reached = match peak {
+            // stopped before anyone tries again. What is as dim as noise leads nowhere.
+            let reached = match scan.clear_peak() {
                 Some(peak) => scan.go_to(cell, &peak, gap).map(|_| peak.full),
-                None => Ok(0.0),
+                None => Ok(scan.peak().map_or(0.0, |peak| peak.full)),
             };
             let strayed = (scan.place(0.0) - start).norm();
             // Light that does not come out of the guide does not grow as the gap closes.
