@@ -303,6 +303,12 @@ mod tests {
         let setup = Setup::load("afpm", "y-branch").unwrap();
         let files = sample_data(&setup, 3).unwrap();
         assert_eq!(files, sample_data(&setup, 3).unwrap());
-        assert!(files.iter().all(|file| file.content.lines().count() > 200));
+        let records = files.iter().filter(|file| file.name.ends_with(".csv"));
+        assert!(records.clone().count() > 8);
+        assert!(
+            records
+                .into_iter()
+                .all(|file| file.content.lines().count() > 200)
+        );
     }
 }

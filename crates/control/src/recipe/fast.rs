@@ -214,7 +214,7 @@ impl Default for Retry {
                 slow(8.0, -1.0),
             ],
             dismissed: 5,
-            centre: 1,
+            centre: 2,
             ratio: 2,
             last_turns: 3,
             patience: 8,

@@ -19,6 +19,9 @@ const ASKEW: f64 = 2e-3;
 const LAG: f64 = 2e-3;
 /// So many times longer than it takes to settle a piezo may be seen to swing.
 const LATE: usize = 4;
+/// So many times as far as it was from where it is told to be one that is hardly damped may be beyond it: as far again, and lines
+/// that repeat near its resonance make it swing farther. A choice.
+const SWINGS: f64 = 2.0;
 /// Cycles from one look at where piezos were told to be to the next.
 const EVERY: usize = 4;
 /// What hysteresis may make of a way of the micro, as a share of it.
@@ -433,7 +436,7 @@ impl Keepout {
             let lag = 2.0 * lag(stood.x - earlier.x);
             (seen[0] - before.x, hidden + lag)
         };
-        let late = arriving + before.arriving;
+        let late = SWINGS * (arriving + before.arriving);
         surprise("x", by_x, sigmas * fix.sigma + 4.0 * metres + hidden + late)?;
         let share = variance / (variance + noise);
         let across = Belief {
