@@ -303,7 +303,11 @@ mod tests {
         let setup = Setup::load("afpm", "y-branch").unwrap();
         let files = sample_data(&setup, 3).unwrap();
         assert_eq!(files, sample_data(&setup, 3).unwrap());
-        let records = files.iter().filter(|file| file.name.ends_with(".csv"));
+        let records = files.iter().filter(|file| {
+            std::path::Path::new(file.name)
+                .extension()
+                .is_some_and(|of| of == "csv")
+        });
         assert!(records.clone().count() > 8);
         assert!(
             records
