@@ -74,6 +74,7 @@ pub(super) fn one_level(
         values,
         known,
         condition,
+        misfit_percent: 0.0,
         two_levels: None,
     })
 }
