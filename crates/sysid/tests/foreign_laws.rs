@@ -232,8 +232,13 @@ fn said(k: usize, wave: bool, disturbed: Disturbed, seed: u64) -> Said {
             continue;
         };
         let truth = match parameter.name {
-            // What a bristle with two levels breaks away at is another one of them.
-            "static_friction" if k == CONTACTS - 1 => continue,
+            // A law that knows no speed tells a bristle's level at those of the record, which is no truth of its own.
+            "static_friction" | "coulomb_friction"
+                if k == CONTACTS - 1
+                    && (!best.law.needs_time() || parameter.name == "static_friction") =>
+            {
+                continue;
+            }
             "static_friction" | "coulomb_friction" => LEVEL,
             "stiffness" => contact.stiffness,
             _ => continue,
@@ -282,58 +287,64 @@ fn a_contact_of_a_law_is_told_as_surely_as_noise_allows() {
     }
 }
 
-#[test]
-#[ignore = "long: every contact, disturbed in five ways"]
-fn intervals_of_foreign_contacts_hold_the_truth() {
-    let disturbances = [
-        ("quiet", QUIET),
-        (
-            "noise",
-            Disturbed {
-                noise: 0.04,
-                ..QUIET
-            },
-        ),
-        (
-            "slow noise",
-            Disturbed {
-                slow: 0.03,
-                ..QUIET
-            },
-        ),
-        ("skew", Disturbed { late: 3.3, ..QUIET }),
-        (
-            "shaken",
-            Disturbed {
-                shaken: 5e-8,
-                ..QUIET
-            },
-        ),
-    ];
-    let seeds: u64 = std::env::var("FOREIGN_SEEDS").map_or(2, |s| s.parse().expect("a number"));
-    let mut wrong = Vec::new();
-    let (mut told, mut answered, mut all) = (0, 0, 0);
-    for seed in 0..seeds {
-        for (name, disturbed) in disturbances {
-            for k in 0..CONTACTS {
-                let wave = (seed + k as u64) % 2 == 0;
-                let said = said(k, wave, disturbed, 5000 + 100 * seed + k as u64);
-                eprintln!("{name}: {}", said.words);
-                all += 1;
-                answered += u32::from(!said.off.is_empty());
-                told += said.off.len();
-                // An error below a thousandth misleads nobody.
-                let far = |o: &&(&str, f64, f64)| o.1.abs() > 1.96 && o.2.abs() > 1e-3;
-                if said.off.iter().any(|o| far(&o)) {
-                    wrong.push(format!("{name}: {}", said.words));
+mod acceptance {
+    use super::*;
+
+    // Not held: along a wave of few strokes Dahl's law is chosen for the twin's elements, cross-validation sees no misfit,
+    // and its stiffness is half of theirs with a deviation of a hundredth.
+    #[test]
+    #[ignore = "acceptance: every contact, disturbed in five ways; does not hold for the twin's elements along some waves"]
+    fn intervals_of_foreign_contacts_hold_the_truth() {
+        let disturbances = [
+            ("quiet", QUIET),
+            (
+                "noise",
+                Disturbed {
+                    noise: 0.04,
+                    ..QUIET
+                },
+            ),
+            (
+                "slow noise",
+                Disturbed {
+                    slow: 0.03,
+                    ..QUIET
+                },
+            ),
+            ("skew", Disturbed { late: 3.3, ..QUIET }),
+            (
+                "shaken",
+                Disturbed {
+                    shaken: 5e-8,
+                    ..QUIET
+                },
+            ),
+        ];
+        let seeds: u64 = std::env::var("FOREIGN_SEEDS").map_or(2, |s| s.parse().expect("a number"));
+        let mut wrong = Vec::new();
+        let (mut told, mut answered, mut all) = (0, 0, 0);
+        for seed in 0..seeds {
+            for (name, disturbed) in disturbances {
+                for k in 0..CONTACTS {
+                    let wave = (seed + k as u64) % 2 == 0;
+                    let said = said(k, wave, disturbed, 5000 + 100 * seed + k as u64);
+                    eprintln!("{name}: {}", said.words);
+                    all += 1;
+                    answered += u32::from(!said.off.is_empty());
+                    told += said.off.len();
+                    // An error below a thousandth misleads nobody.
+                    let far = |o: &&(&str, f64, f64)| o.1.abs() > 1.96 && o.2.abs() > 1e-3;
+                    if said.off.iter().any(|o| far(&o)) {
+                        wrong.push(format!("{name}: {}", said.words));
+                    }
                 }
             }
         }
+        eprintln!(
+            "{answered} of {all} answered, {told} parameters, {} wrong",
+            wrong.len()
+        );
+        assert!(answered > all / 4, "{answered} of {all}");
+        assert!(wrong.len() * 20 <= told, "{}", wrong.join("\n"));
     }
-    eprintln!(
-        "{answered} of {all} answered, {told} parameters, {} wrong",
-        wrong.len()
-    );
-    assert!(answered > all / 4, "{answered} of {all}");
-    assert!(wrong.len() * 20 <= told, "{}", wrong.join("\n"));
 }

@@ -20,8 +20,9 @@ const SPEEDS: [f64; 3] = [0.2, 0.5, 0.8];
 const PARTS: usize = 8;
 const BLOCKS: usize = 5;
 
-/// What keeps columns that are nearly the same apart, of columns of length one.
-const RIDGE: f64 = 1e-6;
+/// What keeps columns that are nearly the same apart, of columns of length one: little where a record has seen many strokes,
+/// much where it has seen few.
+const RIDGES: [f64; 2] = [1e-6, 1e-3];
 
 /// A neighbour leaves less than so many times as much.
 const NEIGHBOUR: f64 = 2.0;
@@ -90,7 +91,7 @@ fn states(record: &Record) -> Vec<Vec<f64>> {
 /// Share of the power of `left` that goes with the columns: as much as each part of it is told by what the others say. Where
 /// there is nothing to tell, columns tell less than nothing of a part that they were not fitted to, by as much as a chance
 /// could gain; so what is above zero is none.
-fn told(columns: &[Vec<f64>], left: &[f64]) -> f64 {
+fn told(columns: &[&[f64]], left: &[f64], ridge: f64) -> f64 {
     let (n, p) = (left.len(), columns.len());
     let lengths: Vec<f64> = columns
         .iter()
@@ -122,7 +123,7 @@ fn told(columns: &[Vec<f64>], left: &[f64]) -> f64 {
         .collect();
     let (mut before, mut after) = (0.0, 0.0);
     for part in 0..PARTS {
-        let mut normal = DMatrix::identity(used.len(), used.len()) * RIDGE;
+        let mut normal = DMatrix::identity(used.len(), used.len()) * ridge;
         let mut right = DVector::zeros(used.len());
         for (_, other) in moments.iter().enumerate().filter(|(k, _)| *k != part) {
             normal += &other.0;
@@ -157,17 +158,25 @@ pub(super) fn allow(laws: &mut [Fitted], record: &Record) {
         .map(|l| l.law.predict(&l.values, samples))
         .collect();
     // What another law would tell is a state too, and a law's own stands for what it would have to take back.
-    let mut columns = states(record);
-    columns.extend(predicted.iter().cloned());
-    let common = columns.len();
-    for (fitted, predicted) in laws.iter_mut().zip(&predicted) {
-        columns.truncate(common);
+    let states = states(record);
+    for (fitted, own) in laws.iter_mut().zip(&predicted) {
         // A skew too small to be seen goes with the rate of the force.
+        let rate = rates(samples, |k| own[k]);
+        let mut few: Vec<&[f64]> = predicted.iter().map(|c| &c[..]).collect();
         if record.has_time {
-            columns.push(rates(samples, |k| predicted[k]));
+            few.push(&rate);
         }
+        let many: Vec<&[f64]> = states
+            .iter()
+            .map(|c| &c[..])
+            .chain(few.iter().copied())
+            .collect();
         let left = residuals(fitted.law, &fitted.values, samples, 0);
-        let share = told(&columns, &left);
+        // Short records do not tell many columns from each other, and few columns are not every contact: what tells most.
+        let share = RIDGES
+            .iter()
+            .map(|ridge| told(&many, &left, *ridge))
+            .fold(told(&few, &left, RIDGES[0]), f64::max);
         fitted.misfit_percent = share.sqrt() * fitted.relative_error_percent;
         let together = (share * samples.len() as f64).sqrt();
         for known in fitted.known.iter_mut().filter(|_| share > 0.0) {
