@@ -256,6 +256,15 @@ impl ConicalScan<'_> {
         }
     }
 
+    /// A peak of one turn as well as that knows it beside what moves it from turn to turn.
+    fn unsteady(&self, seen: &Peak) -> Peak {
+        let deviations = [0, 1].map(|i| seen.deviations[i].hypot(self.unrest[i].sqrt()));
+        Peak {
+            deviations,
+            ..*seen
+        }
+    }
+
     /// How long the micro is left to itself on the small circle before light on it counts, seconds: on its first turn a tip is elsewhere than on
     /// those that follow.
     fn waits(&self, bench: &Reactor<'_>) -> f64 {
@@ -314,7 +323,7 @@ impl ConicalScan<'_> {
         let (mut turns, mut before, mut rings, mut led) = (0, f64::INFINITY, false, false);
         let seen = loop {
             self.turn(bench, gap).await?;
-            let Some(mut seen) = self.peak() else {
+            let Some(seen) = self.peak() else {
                 return Err(Outcome::LightLost {
                     phase,
                     level: 0.0,
@@ -322,15 +331,13 @@ impl ConicalScan<'_> {
                 }
                 .into());
             };
-            for (deviation, unrest) in seen.deviations.iter_mut().zip(self.unrest) {
-                *deviation = deviation.hypot(unrest.sqrt());
-            }
             let swing = self.swing(&seen, gap);
             rings |= swing * shorter > QUIET;
             let quiet = swing < QUIET || !rings;
             // What swings near twice the circle's rate looks like a peak elsewhere, until it has died away.
             let old = aged(led, turns) * self.slower;
-            if quiet && (turns == RINGING || Moved::of(foreseen, &seen, old).is_none()) {
+            let moved = || Moved::of(foreseen, &self.unsteady(&seen), old);
+            if quiet && (turns == RINGING || moved().is_none()) {
                 break seen;
             }
             if !quiet && (swing > LASTING * before || turns == RINGING) {
@@ -391,7 +398,7 @@ impl ConicalScan<'_> {
         self.misjudged = wider.is_some_and(|(of_steps, _)| of_steps > MISJUDGED);
         self.wider = wider.map(|(_, squared)| squared);
         let foreseen = &late(foreseen, old);
-        if let Some(Moved { way, near }) = Moved::of(foreseen, &seen, 0.0) {
+        if let Some(Moved { way, near }) = Moved::of(foreseen, &self.unsteady(&seen), 0.0) {
             return Err(Outcome::Unsure {
                 deviation: way,
                 accuracy: near,
@@ -420,7 +427,7 @@ impl ConicalScan<'_> {
             let answer = Answer::of(&self.turns, self.period, noise, (0.0, until));
             (answer.at, [answer.deviation; 2])
         } else {
-            together(foreseen, &seen)
+            together(foreseen, &seen, self.unrest)
         };
         self.go_to(bench, &Peak { at, ..seen }, gap)?;
         self.shrink(bench, gap, 0.0, last).await?;
@@ -501,16 +508,17 @@ fn late(foreseen: &Peak, turns: f64) -> Peak {
     }
 }
 
-/// The place of a peak by where it was foreseen and where it was seen, each as far as it is sure, and how well it is known then in x and in y,
-/// metres.
-fn together(foreseen: &Peak, seen: &Peak) -> (Displacement, [f64; 2]) {
+/// The place of a peak by where it was foreseen and where it was seen, each as far as it is sure by its noise, and how well it is known then in
+/// x and in y, metres, where the turn on which it was seen has an unrest of its own (square metres). That does not count against the small
+/// turn: what makes a micro swing along with wide turns moves all of them alike.
+fn together(foreseen: &Peak, seen: &Peak, unrest: [f64; 2]) -> (Displacement, [f64; 2]) {
     let by = seen.at - foreseen.at;
     let (before, after) = (foreseen.deviations, seen.deviations);
     let apart = [0, 1].map(|i| before[i].hypot(after[i]).max(f64::MIN_POSITIVE));
     let share = [0, 1].map(|i| (before[i] / apart[i]).powi(2));
     (
         foreseen.at + Displacement::new(share[0] * by.x, share[1] * by.y),
-        [0, 1].map(|i| before[i] * after[i] / apart[i]),
+        [0, 1].map(|i| (before[i] * after[i] / apart[i]).hypot(share[i] * unrest[i].sqrt())),
     )
 }
 
