@@ -326,7 +326,7 @@ mod acceptance {
         for seed in 0..seeds {
             for (name, disturbed) in disturbances {
                 for k in 0..CONTACTS {
-                    let wave = (seed + k as u64) % 2 == 0;
+                    let wave = (seed + k as u64).is_multiple_of(2);
                     let said = said(k, wave, disturbed, 5000 + 100 * seed + k as u64);
                     eprintln!("{name}: {}", said.words);
                     all += 1;

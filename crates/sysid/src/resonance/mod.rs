@@ -511,7 +511,7 @@ fn search_from(record: &Record, delay: f64) -> Found {
 /// delay. In the end one is kept only where the Bayesian information criterion asks for it (G. Schwarz, 1978), with as many
 /// points as what is left has of its own, the correlation of neighbours taken off. It is the stricter side of what a residue is known to: one
 /// within its own deviation gains a hundredth of what is asked for.
-fn without_idle_poles(record: &Record, found: Found) -> Option<(Record, Found)> {
+fn without_idle_poles(record: &Record, found: &Found) -> Option<(Record, Found)> {
     let mut own = record.with_poles(found.poles);
     let mut coded = minimise(|c| own.residuals(c), &found.coded)?.0;
     while own.poles > 0 {
@@ -536,7 +536,8 @@ fn without_idle_poles(record: &Record, found: Found) -> Option<(Record, Found)> 
         Found {
             coded,
             poles,
-            ..found
+            error: found.error,
+            none: found.none,
         },
     ))
 }
@@ -690,7 +691,7 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
         (record, plain)
     };
     modes_of(&found)?;
-    let (record, found) = without_idle_poles(record, found)
+    let (record, found) = without_idle_poles(record, &found)
         .ok_or_else(|| Unknown::all("the fit to all of its points failed"))?;
     let record = &record;
     let every = record.frequency.len().div_ceil(2 * ENOUGH);
