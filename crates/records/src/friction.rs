@@ -219,13 +219,6 @@ pub fn friction(first: &Read, second: Option<&Read>, most: usize, law: Option<La
     } else {
         "tells the force best:"
     };
-    if best.misfit_percent > 0.0 {
-        answer.remarks.push(format!(
-            "{} % of the force go with the contact's state and are not in the law: the contact is of another one. Deviations \
-             in brackets count that in: no parameter is known better than by what leaves as much again",
-            short(best.misfit_percent)
-        ));
-    }
     let chosen = format!(
         "{} {how} {} % {judged} with {} parameters (others: {})",
         best.law.name(),
@@ -265,7 +258,6 @@ fn laws(first: &Read, found: &Identified) -> serde_json::Value {
                 "relative_error_percent": l.relative_error_percent,
                 "validation_error_percent": l.validation_error_percent,
                 "condition": l.condition,
-                "misfit_percent": l.misfit_percent,
             })
         })
         .collect()

@@ -74,7 +74,6 @@ pub(super) fn one_level(
         values,
         known,
         condition,
-        misfit_percent: 0.0,
         two_levels: None,
     })
 }

@@ -163,24 +163,6 @@ impl Law {
         }
     }
 
-    /// Whether a parameter of this name is a level at which a contact slides or breaks away.
-    pub(super) fn is_level(name: &str) -> bool {
-        name.starts_with("static_friction") || name == "coulomb_friction"
-    }
-
-    /// Stiffness of a contact at rest, N/m or N m/rad, that of both directions together.
-    pub(super) fn stiffness(self, p: &[f64]) -> f64 {
-        match self {
-            Self::Presliding => p[0] / p[1],
-            Self::PreslidingTwoSided => 0.5 * (p[0] / p[1] + p[2] / p[3]),
-            Self::Dahl | Self::LuGre | Self::LuGreViscous => p[1],
-            Self::MaxwellSlip => {
-                let each = (0..ELEMENTS).map(|e| 1.0 / slips(p, e));
-                p[0] * each.sum::<f64>() / ELEMENTS as f64
-            }
-        }
-    }
-
     /// Its offset.
     fn offset(self, p: &[f64]) -> f64 {
         match self {
@@ -232,11 +214,6 @@ fn ratio(p: &[f64]) -> f64 {
 /// Number of elements of a [`Law::MaxwellSlip`].
 const ELEMENTS: usize = 24;
 
-/// The way after which an element of a [`Law::MaxwellSlip`] slips.
-fn slips(p: &[f64], element: usize) -> f64 {
-    p[1] + (p[2] - p[1]) * (element as f64 + 0.5) / ELEMENTS as f64
-}
-
 /// `l` after a way, from `l' = -l^n`.
 fn decayed(l: f64, way: f64, n: f64) -> f64 {
     let m = 1.0 - n;
@@ -283,7 +260,8 @@ impl State {
             Law::PreslidingTwoSided => self.contact = (self.contact + way).clamp(-p[3], p[1]),
             Law::MaxwellSlip => {
                 for (e, share) in self.elements.iter_mut().enumerate() {
-                    *share = (*share + way / slips(p, e)).clamp(-1.0, 1.0);
+                    let own = p[1] + (p[2] - p[1]) * (e as f64 + 0.5) / ELEMENTS as f64;
+                    *share = (*share + way / own).clamp(-1.0, 1.0);
                 }
             }
             Law::Dahl => {

@@ -4,7 +4,6 @@ mod beside;
 mod bristle;
 mod check;
 mod law;
-mod misfit;
 mod skew;
 mod sure;
 
@@ -357,9 +356,6 @@ pub struct Fitted {
     pub validation_error_percent: f64,
     /// Condition number of the linear problem at the parameters, which are scaled to order one.
     pub condition: f64,
-    /// What of it goes with the contact's state, so that noise it is not: by as much the contact is of another law, per cent
-    /// of the force. Zero where none is seen.
-    pub misfit_percent: f64,
     /// Of LuGre with one level, where a static friction of its own is not told: what it leaves with one, per cent.
     two_levels: Option<f64>,
 }
@@ -441,7 +437,6 @@ pub fn identify(
             values: whole,
             known,
             condition,
-            misfit_percent: 0.0,
             two_levels: None,
         });
     }
@@ -456,7 +451,6 @@ pub fn identify(
         return Err(Unknown::all("no law could be fitted to it"));
     };
     bristle::levels(&mut laws, best);
-    misfit::allow(&mut laws, record);
     let chosen = &laws[best];
     if chosen.relative_error_percent > UNEXPLAINED {
         let mut because = format!(
