@@ -418,11 +418,11 @@ impl<'b> AlignmentCell<'b> {
     ///
     /// A fault; [`Outcome::BenchFailed`].
     pub async fn load(&self, side: Side, port: usize) -> Result<(), Halt> {
-        self.another_fiber(side, true);
         let arm = side.index();
         self.ask(Request::Load { arm, port }, LONGEST).await?;
-        // A frame of the very cycle in which it came says nothing of it: who guards the machine does not believe that either.
-        self.tips.borrow_mut().forget(side, self.now());
+        // Once it is there: a frame of the very cycle in which it came says nothing of it, and who guards the machine does not believe
+        // that either.
+        self.another_fiber(side, true);
         Ok(())
     }
 

@@ -7,6 +7,7 @@
 use crate::cell::Bar;
 use crate::check::side_of;
 use crate::recipe::Production;
+use crate::run::bond::{BEFORE, BEFORE_TWO};
 use crate::tray::{Device, Tray};
 use pigtail_control::procedure::PORTS;
 use pigtail_control::recipe::Recipe;
@@ -47,10 +48,6 @@ const REST: f64 = 0.06;
 
 /// Looks before the lamp is on, and requests that are over in a cycle or two, seconds.
 const LOOKS: f64 = 0.2;
-
-/// For how long a fiber, or two, are followed before the lamp is on, seconds.
-const BEFORE: f64 = 1.0;
-const BEFORE_TWO: f64 = 1.5;
 
 /// How far back a holder stays clear, metres: as when the tray is run.
 const CLEAR: f64 = 2e-3;

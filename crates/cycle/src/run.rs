@@ -1,6 +1,6 @@
 //! Runs a tray on a station.
 
-mod bond;
+pub(crate) mod bond;
 mod witness;
 
 use crate::cell::{Bar, Cell, Step};

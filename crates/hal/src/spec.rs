@@ -317,6 +317,17 @@ pub struct GuardSpec {
     pub retract: f64,
 }
 
+impl GuardSpec {
+    /// Standard deviations of what vision knows that are taken off a distance from the chip.
+    pub const SIGMAS: f64 = 3.0;
+    /// Cycles until a stop takes effect: what was measured at the end of one is answered in the next, and an amplifier
+    /// behind a fieldbus gets that a cycle later.
+    pub const REACTION: f64 = 2.0;
+    /// A z-stage is braked by so many times the acceleration that it is moved with, at least: it is driven back with more
+    /// than half of its voltage.
+    pub const BRAKES: f64 = 2.0;
+}
+
 impl Default for GuardSpec {
     fn default() -> Self {
         Self {

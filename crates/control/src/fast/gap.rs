@@ -11,6 +11,7 @@ use crate::procedure::{Job, outward, place_at};
 use crate::recipe::Recipe;
 use crate::tip_estimator::WARMS;
 use pigtail_hal::Spec;
+use pigtail_hal::spec::GuardSpec;
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::statistics::outside;
 
@@ -105,8 +106,8 @@ impl Shared<'_> {
         if vision_knows(cell.spec(), self.recipe) {
             // The rest is for when it has seen more of the tip.
             let here = wanted.max(least_gap(cell, aim));
-            let before_it = (here + BEYOND, 0);
-            self.approach(cell, aim, scan, before, before_it).await?;
+            self.approach(cell, aim, scan, before, (here + BEYOND, 0))
+                .await?;
             let way = aim.gap(cell) - here;
             return along(cell, aim, scan, way, NEARLY).await;
         }
@@ -263,33 +264,34 @@ impl Shared<'_> {
 /// second. The guard asks at every moment how near a tip would come were it stopped now, from the speed of the motor: one that drives
 /// a soft transmission is faster on its way to rest than it was told to be.
 pub(super) fn unhurried(cell: &AlignmentCell<'_>, aim: &Aim, gap: f64) -> f64 {
-    /// So many times as fast as told, at most. A choice: on one of 40 machines that were commissioned 1.5 was seen, on the others 1.2.
-    const FASTER: f64 = 1.5;
-    /// By how many times the acceleration that it is moved with the guard believes an axis to be braked, and in how many cycles.
-    const BRAKES: (f64, f64) = (2.0, 2.0);
+    let spec = cell.spec();
+    let spare = gap - nearest_by_vision(cell, aim);
+    greatest_speed(spare, spec.z_stage.acceleration, spec.servo.rate)
+}
+
+/// So many times as fast as told an axis may be on its way to rest, at most. A choice: 1.5 was seen on one of 40 machines that were commissioned.
+const FASTER: f64 = 1.5;
+
+/// The greatest speed, metres a second, of a way at whose end so much is to `spare` (metres), of an axis of so much acceleration (m/s2) and a
+/// servo's `rate`.
+fn greatest_speed(spare: f64, acceleration: f64, rate: f64) -> f64 {
     /// No slower than this, metres a second: it stands nearly still.
     const LEAST: f64 = 0.2e-3;
-    let spec = cell.spec();
-    let accelerates = spec.z_stage.acceleration;
-    let spare = gap - nearest_by_vision(cell, aim);
-    if spare <= 0.0 {
-        return LEAST;
-    }
-    // What is left of the way, v^2 / 2a, and the gap at its end are to be more than the way in which the guard would stop it.
-    let more = (FASTER * FASTER / BRAKES.0 - 1.0) / (2.0 * accelerates);
-    let late = FASTER * BRAKES.1 / spec.servo.rate;
-    let root = (late * late + 4.0 * more * spare).sqrt();
+    // What is left of the way, v^2 / 2a, and what is to spare at its end are to be more than the way in which the guard would stop it.
+    let more = (FASTER * FASTER / GuardSpec::BRAKES - 1.0) / (2.0 * acceleration);
+    let late = FASTER * GuardSpec::REACTION / rate;
+    let root = (late * late + 4.0 * more * spare.max(0.0)).sqrt();
     (0.5 * (root - late) / more).max(LEAST)
 }
 
 /// How near to the chip who guards the machine lets a tip come, by vision alone, metres.
 fn nearest_by_vision(cell: &AlignmentCell<'_>, aim: &Aim) -> f64 {
-    /// Standard deviations of vision that the guard takes off, and one more, for its own frames are not quite the same.
-    const SIGMAS: f64 = 4.0;
+    /// Standard deviations more than the guard takes off, for its own frames are not quite the same.
+    const MORE: f64 = 1.0;
     let sigma = cell
         .seen(aim.side, aim.tip)
         .map_or(0.0, |seen| seen.sigma[1]);
-    cell.spec().guard.clearance + SIGMAS * sigma
+    cell.spec().guard.clearance + (GuardSpec::SIGMAS + MORE) * sigma
 }
 
 /// The same for a tip that moves slowly, metres.
@@ -463,4 +465,33 @@ async fn width(
         sigma: seen.sigma[1],
         time: cell.now(),
     }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_axis_that_brakes_late_is_nowhere_stopped() {
+        let (acceleration, rate) = (0.2, 2500.0);
+        for spare in [1e-6, 3e-6, 6e-6, 20e-6] {
+            let greatest = greatest_speed(spare, acceleration, rate);
+            let worst = |times: f64| {
+                // From standing still to as fast as it goes, and the way that is left at each speed.
+                let left = (0..=100).map(|k| {
+                    let told = greatest * f64::from(k) / 100.0;
+                    let speed = times * told;
+                    let way = 0.5 * told * told / acceleration;
+                    let stop = speed * GuardSpec::REACTION / rate
+                        + 0.5 * speed * speed / (GuardSpec::BRAKES * acceleration);
+                    spare + way - stop
+                });
+                left.fold(f64::INFINITY, f64::min)
+            };
+            assert!(worst(FASTER) > -1e-12, "{spare} {}", worst(FASTER));
+            // It is no slower than it has to be.
+            assert!(worst(1.02 * FASTER) < 0.0, "{spare}");
+        }
+        assert!(greatest_speed(-1e-6, acceleration, rate) > 0.0);
+    }
 }

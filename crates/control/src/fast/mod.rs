@@ -522,20 +522,18 @@ impl<'r> Shared<'r> {
         const TURNS: f64 = 1.25;
         for radius in farther {
             let out = radius * scan.beam_width(gap);
-            let place = scan.place(gap);
-            let reaches = [(out, 0.0), (-out, 0.0), (0.0, out), (0.0, -out)]
-                .map(|(x, y)| cell.micro_reaches(aim.side, place + Displacement::new(x, y)));
-            if reaches.contains(&false) {
+            if !reaches_around(cell, aim.side, scan.place(gap), out, 1.0) {
                 break;
             }
             scan.set_radius(*radius);
             let seconds = TURNS * scan.period();
             scan.run(cell, Gap::Steady(gap), seconds).await?;
-            if let Some(peak) = scan.clear_peak() {
-                scan.go_to(cell, &peak, gap)?;
+            if scan.to_brightest() {
                 break;
             }
-            if scan.to_brightest() {
+            // Many dim readings together tell what none does alone.
+            if let Some(peak) = scan.clear_peak() {
+                scan.go_to(cell, &peak, gap)?;
                 break;
             }
         }
@@ -556,12 +554,9 @@ impl<'r> Shared<'r> {
         /// Share of its range that a micro can be relied on to have.
         const SURE: f64 = 0.93;
         let (at, end) = (scan.place(gap), scan.place(self.recipe.approach.gap));
-        let around = [(room, 0.0), (-room, 0.0), (0.0, room), (0.0, -room)]
-            .map(|(x, y)| Displacement::new(x, y));
-        let reached = [at, end].iter().all(|at| {
-            let reaches = |by: &Displacement| cell.micro_reaches(aim.side, (*at + *by) / SURE);
-            around.iter().all(reaches)
-        });
+        let reached = [at, end]
+            .into_iter()
+            .all(|at| reaches_around(cell, aim.side, at, room, SURE));
         if !reached {
             let middle = (at + end) * 0.5;
             hand_over(cell, scan, aim.side, middle, gap).await?;
@@ -628,6 +623,22 @@ impl<'r> Shared<'r> {
             return Err(why.into());
         }
     }
+}
+
+/// Whether a micro reaches all of a circle of `radius` metres around a displacement within so much of its range.
+fn reaches_around(
+    cell: &AlignmentCell<'_>,
+    side: Side,
+    at: Displacement,
+    radius: f64,
+    share: f64,
+) -> bool {
+    [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]
+        .into_iter()
+        .all(|(x, y)| {
+            let by = Displacement::new(x, y) * radius;
+            cell.micro_reaches(side, (at + by) / share)
+        })
 }
 
 /// The macro goes aside and comes to rest there, while the micro stays in its

@@ -17,8 +17,8 @@ const LOOK: f64 = 0.2;
 
 /// For how long a fiber is followed before the lamp is on, seconds. How piezos creep is to be told apart from the pull: that is no
 /// pull. Two of which one has waited for the other come to their peaks again.
-const BEFORE: f64 = 1.0;
-const BEFORE_TWO: f64 = 1.5;
+pub(crate) const BEFORE: f64 = 1.0;
+pub(crate) const BEFORE_TWO: f64 = 1.5;
 
 /// How long before a fiber is at its peak its micro still moved, seconds: a circle comes to rest within two turns.
 const CIRCLED: f64 = 0.05;

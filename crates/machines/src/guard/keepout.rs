@@ -5,7 +5,7 @@
 use super::Geometry;
 use pigtail_hal::measurement::TipFix;
 use pigtail_hal::quantity::{Counts, Volts};
-use pigtail_hal::spec::{HolderSpec, MICRO_AXES, SIDES};
+use pigtail_hal::spec::{GuardSpec, HolderSpec, MICRO_AXES, SIDES};
 use pigtail_hal::{Axis, Measurement, Side, Spec, VisionFrame};
 use pigtail_model::fivebar::Turning;
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
@@ -32,19 +32,11 @@ const CROSS: f64 = 0.15;
 const BESIDE: f64 = 8e-6;
 /// Nearer than this a fiber is where it is because its light led it there, metres.
 const LED: f64 = 30e-6;
-/// Standard deviations that are allowed for.
-const SIGMAS: f64 = 3.0;
 /// Standard deviations, and metres beside them, by which a frame may differ from what was expected.
 const SURPRISE: (f64, f64) = (8.0, 5e-6);
 /// What is known of a tip is never worth more than the last 200 frames, 8 s: chip and holders warm, by 0.01 um/s and more, and the mean of all frames
 /// of a tip that stands for minutes is where it was long ago.
 const FORGETS: f64 = 1.0 / 200.0;
-/// Cycles until a stop takes effect: what was measured at the end of one is answered in the next, and an amplifier
-/// behind a fieldbus gets that a cycle later.
-const REACTION: f64 = 2.0;
-/// A z-stage is braked by so many times the acceleration that it is moved with, at least: it is driven back with more
-/// than half of its voltage.
-const BRAKES: f64 = 2.0;
 /// Cycles over which the speed of this moment is seen.
 const AT_ONCE: usize = 4;
 /// Cycles over which speeds are seen.
@@ -202,7 +194,7 @@ impl Keepout {
             placement: spec.guard.placement,
             windup: spec.guard.windup,
             holder: spec.holder,
-            brake: BRAKES * spec.z_stage.acceleration,
+            brake: GuardSpec::BRAKES * spec.z_stage.acceleration,
             settle,
             late,
             recent: vec![stands; cycles],
@@ -259,9 +251,9 @@ impl Keepout {
     }
 
     /// How far a micro may have been from where it was told to be so many cycles ago, metres: on its way from
-    /// anywhere that it was told of late.
+    /// anywhere that it was told of late, or swinging about it.
     fn arriving(&self, side: usize, back: usize) -> f64 {
-        self.squares(side, back).fold(0.0, f64::max).sqrt()
+        SWINGS * self.squares(side, back).fold(0.0, f64::max).sqrt()
     }
 
     /// Whether a tip has been within so many metres of where it is for as long as piezos may swing.
@@ -436,7 +428,7 @@ impl Keepout {
             let lag = 2.0 * lag(stood.x - earlier.x);
             (seen[0] - before.x, hidden + lag)
         };
-        let late = SWINGS * (arriving + before.arriving);
+        let late = arriving + before.arriving;
         surprise("x", by_x, sigmas * fix.sigma + 4.0 * metres + hidden + late)?;
         let share = variance / (variance + noise);
         let across = Belief {
@@ -517,7 +509,7 @@ impl Keepout {
             let speeds =
                 [WHILE, AT_ONCE].map(|back| self.moved_along(i, back) * self.rate / back as f64);
             let speed = speeds[0].max(speeds[1]).max(0.0);
-            let stop = speed * REACTION / self.rate + 0.5 * speed * speed / self.brake;
+            let stop = speed * GuardSpec::REACTION / self.rate + 0.5 * speed * speed / self.brake;
             let facet = &self.geometry.facets[i];
             let carried = if self.held[i] {
                 let tip = Tip::Fiber(side);
@@ -585,7 +577,7 @@ impl Keepout {
             return facet.clearance(at.x, at.z, aside) - self.placement;
         };
         let drift = SCALE * (at.z - belief.stood.z);
-        let unsure = SIGMAS * (belief.z_variance + drift * drift).sqrt();
+        let unsure = GuardSpec::SIGMAS * (belief.z_variance + drift * drift).sqrt();
         let now = self.stand(tip.side().index(), 0);
         // Outputs that are seen hide nothing.
         let (x, hidden) = match probed.zip(belief.x_probed) {
