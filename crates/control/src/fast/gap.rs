@@ -109,7 +109,8 @@ impl Shared<'_> {
             self.approach(cell, aim, scan, before, (here + BEYOND, 0))
                 .await?;
             let way = aim.gap(cell) - here;
-            return along(cell, aim, scan, way, NEARLY).await;
+            along(cell, aim, scan, way, NEARLY).await?;
+            return lead(cell, aim, scan).await;
         }
         // Vision may be wrong by its bound, and a way that ends there goes beyond its end: the rest is for when light has told.
         let bound = cell
@@ -393,11 +394,18 @@ pub(super) async fn to_middle(
     let aside = scan.place(at);
     hand_over(cell, scan, aim.side, aside, gap).await?;
     for _ in 0..STILL {
-        scan.turn(cell, gap).await?;
         // What a macro's transmission hides of its way aside, the light tells.
-        if let Some(peak) = scan.clear_peak() {
-            scan.go_to(cell, &peak, gap)?;
-        }
+        lead(cell, aim, scan).await?;
+    }
+    Ok(())
+}
+
+/// A turn, and to where it found the peak.
+async fn lead(cell: &AlignmentCell<'_>, aim: &Aim, scan: &mut ConicalScan<'_>) -> Result<(), Halt> {
+    let gap = aim.gap(cell);
+    scan.turn(cell, gap).await?;
+    if let Some(peak) = scan.clear_peak() {
+        scan.go_to(cell, &peak, gap)?;
     }
     Ok(())
 }
