@@ -93,6 +93,24 @@ impl Hysteresis {
     /// When a parameter is out of the range in which displacement grows with voltage, or plays of
     /// this spread cannot open a loop so wide.
     pub fn new(parameters: &HysteresisParameters) -> Result<Self, Invalid> {
+        let (hysteresis, reached) = Self::nearest(parameters)?;
+        let HysteresisParameters {
+            opening, spread, ..
+        } = *parameters;
+        if (reached - opening).abs() > 1e-3 {
+            let accepted = format!("at most {reached:.3} with a spread of {spread}");
+            return Err(Invalid::new("hysteresis", opening, accepted));
+        }
+        Ok(hysteresis)
+    }
+
+    /// The hysteresis whose loop is as near to these parameters as plays of this spread can open one, and its
+    /// opening.
+    ///
+    /// # Errors
+    ///
+    /// When a parameter is out of the range in which displacement grows with voltage.
+    pub fn nearest(parameters: &HysteresisParameters) -> Result<(Self, f64), Invalid> {
         let &HysteresisParameters {
             opening,
             spread,
@@ -140,12 +158,8 @@ impl Hysteresis {
         }
         let mut hysteresis = with(share);
         let (reached, range) = hysteresis.full_stroke();
-        if (reached - opening).abs() > 1e-3 {
-            let accepted = format!("at most {reached:.3} with a spread of {spread}");
-            return Err(Invalid::new("hysteresis", opening, accepted));
-        }
         hysteresis.scale = 2.0 / range;
-        Ok(hysteresis)
+        Ok((hysteresis, reached))
     }
 
     /// Largest opening as a share of the range, and the range, over a cycle at full stroke.

@@ -62,7 +62,7 @@ fn every_shipped_fleet_draws_machines() {
         let setup = setup(name);
         assert_eq!(setup.fleet_name(), name);
         assert_eq!(setup.fleet.is_none(), name == "nominal");
-        for seed in 0..50 {
+        for seed in 0..300 {
             let told = setup
                 .at(seed)
                 .unwrap_or_else(|why| panic!("{name}, {seed}: {why}"));

@@ -653,7 +653,7 @@ impl MicroPlant {
     ) -> Result<(Hysteresis, Creep), Invalid> {
         let mut vary = |value: f64| value * variation.factor(rng, variation.hysteresis);
         // As far as there are such piezos.
-        let hysteresis = Hysteresis::new(&HysteresisParameters {
+        let (hysteresis, _) = Hysteresis::nearest(&HysteresisParameters {
             opening: vary(self.hysteresis).min(0.2),
             spread: vary(self.spread).clamp(0.3, 10.0),
             skew: vary(self.skew).min(0.2),
