@@ -57,6 +57,7 @@ impl ConicalScan<'_> {
         at: f64,
         share: f64,
     ) -> Result<Option<Width>, Halt> {
+        let believed = self.beam.squared_widths(gap);
         let mut spot = Circles::default();
         let mut width = None;
         for round in 1..=ROUNDS.1 {
@@ -73,7 +74,7 @@ impl ConicalScan<'_> {
                 }
             }
             if round >= ROUNDS.0 && round % 2 == 0 {
-                width = spot.width(at, self.watch.noise);
+                width = spot.width(at, self.watch.noise, believed);
                 if width.is_none_or(|width| width.is_known_to(share)) {
                     break;
                 }
@@ -185,7 +186,7 @@ impl ConicalScan<'_> {
         for reading in &self.readings {
             spot.add(reading.at - self.centre, reading.volts);
         }
-        let width = spot.width(gap, self.watch.still);
+        let width = spot.width(gap, self.watch.still, self.beam.squared_widths(gap));
         width.filter(|width| width.is_known_to(KNOWN_ROUGHLY))
     }
 
