@@ -12,6 +12,7 @@ mod told;
 mod wander;
 
 use self::answer::Turn;
+pub use self::last::Ready;
 use crate::beam::{Beam, Oblong, Peak, Reading, SpotSize};
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::Reactor;

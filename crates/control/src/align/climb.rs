@@ -3,7 +3,7 @@
 use super::observed::Observed;
 use super::{Dark, LOOK, NEAR, STEADY};
 use crate::beam::Beam;
-use crate::conical_scan::{ConicalScan, Watch};
+use crate::conical_scan::{ConicalScan, Ready, Watch};
 use crate::outcome::Halt;
 use crate::reactor::Reactor;
 use crate::recipe::Recipe;
@@ -112,7 +112,13 @@ async fn climb(
     let accuracy = recipe.fast.accuracy.max(KNOWN * beam.width(gap));
     let long = bench.now() + TURNS * scan.period();
     let last = match scan
-        .settle(bench, gap, accuracy, "final", &|| bench.is_past(long))
+        .settle(bench, gap, accuracy, "final", &|| {
+            if bench.is_past(long) {
+                Ready::Yes
+            } else {
+                Ready::NotYet
+            }
+        })
         .await
     {
         Ok(peak) => scan.confirm(bench, gap, &peak, "final").await,

@@ -4,7 +4,7 @@ use super::climb::{circles, range};
 use super::{Dark, LOOK, NEAR, STEADY, Taught, line};
 use crate::beam::Beam;
 use crate::belief::{Across, Place, UNSURE};
-use crate::conical_scan::{ConicalScan, Gap, Watch};
+use crate::conical_scan::{ConicalScan, Gap, Ready, Watch};
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::{LONGEST, Reactor, refused};
 use crate::recipe::Recipe;
@@ -393,7 +393,10 @@ impl<'d> Fiber<'d> {
             scan.rest(bench, gap).await?;
             self.learn_noise(bench, dark, STEADY).await?;
             let scan = self.circling(bench)?;
-            let last = match scan.settle(bench, gap, accuracy, "final", &|| true).await {
+            let last = match scan
+                .settle(bench, gap, accuracy, "final", &|| Ready::Yes)
+                .await
+            {
                 Ok(peak) => scan.confirm(bench, gap, &peak, "final").await,
                 Err(halt) => Err(halt),
             };

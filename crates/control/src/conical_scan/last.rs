@@ -12,6 +12,9 @@ use crate::still_there::Foreseen;
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::line::Line;
 
+/// Turns that foresee a peak, at least.
+const FEWEST: usize = 3;
+
 /// From the middle of the last wide turn to that of the small one, turns, but for what is waited on the way. Foreseeing as far as
 /// the fiber's attaching makes offsets in x twice as large, and those in y larger by a third.
 const AHEAD: f64 = 1.3;
@@ -94,11 +97,23 @@ const MISJUDGED: f64 = 1.5;
 /// How far a micro that rings may swing where the fiber is attached, metres.
 const QUIET: f64 = 20e-9;
 
+/// Whether turns at a steady gap may end, for all but the peak.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ready {
+    /// As soon as the peak is known.
+    Yes,
+    /// Something else is to be known yet.
+    NotYet,
+    /// They are to be made at another gap.
+    Elsewhere,
+}
+
 impl ConicalScan<'_> {
     /// Turns at a steady gap until it is known to `accuracy` metres (one standard deviation, by
     /// how the turns' peaks scatter about a straight line in time) where the peak will be in
     /// [`Self::confirm`], and until all else is `ready`; and goes there. For piezos creep. The first turns only lead there. Light so dim that it is not known so
     /// well after many turns tells as well as it does: it is the probability of being outside that decides.
+    /// Where they are to be made at another gap ([`Ready::Elsewhere`]) the peak is that of the last turn.
     ///
     /// # Errors
     ///
@@ -109,7 +124,7 @@ impl ConicalScan<'_> {
         gap: f64,
         accuracy: f64,
         phase: &'static str,
-        ready: &impl Fn() -> bool,
+        ready: &impl Fn() -> Ready,
     ) -> Result<Peak, Halt> {
         let start = self.centre;
         let expected = SIGNIFICANT * self.watch.noise;
@@ -167,7 +182,11 @@ impl ConicalScan<'_> {
                 best = None;
                 continue;
             }
-            if seen.len() < 3 {
+            if matches!(ready(), Ready::Elsewhere) {
+                self.go_to(bench, &peak, gap)?;
+                return Ok(peak);
+            }
+            if seen.len() < FEWEST {
                 self.go_to(bench, &peak, gap)?;
                 continue;
             }
@@ -197,7 +216,7 @@ impl ConicalScan<'_> {
             self.around
                 .extend(self.readings.iter().map(|r| (r.at - self.centre, r.volts)));
             let long = seen.len() >= 2 * self.shape.turns as usize;
-            let ready = || !unsettled && ready();
+            let ready = || !unsettled && matches!(ready(), Ready::Yes);
             if deviation < accuracy && (together < TOGETHER * accuracy || long) && ready() {
                 self.turns = seen;
                 return Ok(peak);
@@ -298,6 +317,11 @@ impl ConicalScan<'_> {
         (sum / n.max(1.0)).max(0.0).sqrt()
     }
 
+    /// By how much less piezos creep in a turn by now than after the fewest turns that foresee a peak: they do by the logarithm of time.
+    fn creeps(&self) -> f64 {
+        FEWEST as f64 / self.turns.len().max(FEWEST) as f64
+    }
+
     /// Radius of the small turn around a peak, in its widths.
     fn small(&self, peak: &Peak, gap: f64) -> f64 {
         let noise = self.watch.noise / (peak.full * self.beam.share(gap));
@@ -321,6 +345,7 @@ impl ConicalScan<'_> {
         // The way to rest makes the micro ring as the way to this circle did, and is this much shorter.
         let shorter = radius / (self.shape.radius - radius);
         let (mut turns, mut before, mut rings, mut led) = (0, f64::INFINITY, false, false);
+        let creeps = self.slower * self.creeps();
         let seen = loop {
             self.turn(bench, gap).await?;
             let Some(seen) = self.peak() else {
@@ -335,7 +360,7 @@ impl ConicalScan<'_> {
             rings |= swing * shorter > QUIET;
             let quiet = swing < QUIET || !rings;
             // What swings near twice the circle's rate looks like a peak elsewhere, until it has died away.
-            let old = aged(led, turns) * self.slower;
+            let old = aged(led, turns) * creeps;
             let moved = || Moved::of(foreseen, &self.unsteady(&seen), old);
             if quiet && (turns == RINGING || moved().is_none()) {
                 break seen;
@@ -360,7 +385,7 @@ impl ConicalScan<'_> {
         };
         // On the way to this circle and on it nothing has moved.
         self.moved = if led { self.moved } else { 0.0 };
-        let old = aged(led, turns) * self.slower;
+        let old = aged(led, turns) * creeps;
         Ok(Near { seen, old, rings })
     }
 
@@ -489,7 +514,7 @@ fn undecided(off: f64, (deviation, accuracy): (f64, f64)) -> Outcome {
 struct Near {
     /// The peak by its last turn.
     seen: Peak,
-    /// For how many turns what was foreseen has got old meanwhile.
+    /// For how many turns what was foreseen has got old meanwhile, of turns in which piezos creep as after the fewest.
     old: f64,
     /// Whether the micro rang on the way there.
     rings: bool,

@@ -24,11 +24,11 @@ const MOST_LOOKING: f64 = 0.3;
 /// ...or that many, where it does not come to rest about a gap that is known as vaguely as that.
 const MOST_DOUBTING: f64 = 2.0;
 
-/// What is as good as in doubt, of the probability that is accepted: the gap will not be quite right.
-const SPARE: f64 = 0.1;
-
 /// What a gap is corrected by at least where that is in doubt, in tolerances.
 const FINELY: f64 = 0.2;
+
+/// For how long vision may look at a tip at the chip where it could then know the gap, seconds: the light would take as long to tell it.
+const LOOKS: f64 = 0.8;
 
 /// Where the spot is looked at on the way, if the light is to say where the chip is: at gaps where its squared
 /// width is so many times that at the chip, and one more; and at the chip.
@@ -81,13 +81,19 @@ const BEYOND: f64 = 2.5e-6;
 const NEARLY: f64 = 0.5e-3;
 const SLOWLY: f64 = 0.2e-3;
 
-/// Whether the vision of a datasheet could ever know a gap well enough for a fiber to be attached by a recipe; otherwise the light has to
-/// tell.
+/// Whether the vision of a datasheet comes to know a gap well enough for a fiber to be attached by a recipe, as soon as light would;
+/// otherwise the light has to tell.
 pub fn vision_knows(spec: &Spec, recipe: &Recipe) -> bool {
-    let off = 0.5 * recipe.fast.gap_tolerance;
-    let sigma = off.hypot(spec.vision.facet_z);
-    let bound = spec.vision.believed()[1];
-    outside(recipe.accept.gap, off, bound, sigma) <= UNSURE
+    let vision = &spec.vision;
+    let frames = vision.sigma / (LOOKS * vision.rate).sqrt();
+    !is_doubtful(recipe, vision.believed()[1], frames.hypot(vision.facet_z))
+}
+
+/// Whether a fiber would not be attached by a recipe at a gap that was corrected as finely as is, for it is known but for this bound and
+/// standard deviation, metres.
+fn is_doubtful(recipe: &Recipe, bound: f64, sigma: f64) -> bool {
+    let off = FINELY * recipe.fast.gap_tolerance;
+    outside(recipe.accept.gap, off, bound, sigma) > UNSURE
 }
 
 impl Shared<'_> {
@@ -108,7 +114,7 @@ impl Shared<'_> {
             let here = wanted.max(least_gap(cell, aim));
             self.approach(cell, aim, scan, before, (here + BEYOND, 0))
                 .await?;
-            let way = aim.gap(cell) - here;
+            let way = aim.gap_at_rest(cell) - here;
             along(cell, aim, scan, way, NEARLY).await?;
             return lead(cell, aim, scan).await;
         }
@@ -121,14 +127,17 @@ impl Shared<'_> {
         let holder = || cell.holder(aim.side).x;
         let mut from = holder();
         let mode = &self.recipe.mode;
-        let by_design = || Spread::by_design(mode.wavelength / mode.gap_index, self.exit());
-        let spread = cell.measured_spread(aim.side).unwrap_or_else(by_design);
+        let design = Spread::by_design(mode.wavelength / mode.gap_index, self.exit());
+        let spread = cell.measured_spread(aim.side).unwrap_or(design);
+        // In the scale of a micro that goes farther than it is told light spreads more slowly.
+        let [slower, _] = design.length;
+        let slower = slower / (spread.length[0] * spread.length[1]).sqrt();
         let quick = if spread.is_known() { &QUICK[..] } else { &[] };
         let (mut widths, mut latest) = (Vec::new(), None);
         for looks in quick.iter().chain(&WHOLE) {
             let one = looks.wider.len() == 1;
             for share in looks.wider {
-                let gap = beam.gap_of(*share);
+                let gap = slower * beam.gap_of(*share);
                 // From one gap to the chip it is not far: the micro's middle lies between both. The macro goes aside far away from the
                 // chip, for near to it a holder that goes aside is believed to come nearer to an inclined facet.
                 if one && widths.is_empty() {
@@ -199,9 +208,8 @@ impl Shared<'_> {
     pub(super) fn learns_gap(&self, cell: &AlignmentCell<'_>, aim: &Aim, begin: f64) -> bool {
         let sure = SURE_OF_GAP * self.fast.gap_tolerance;
         cell.seen(aim.side, aim.tip).is_some_and(|seen| {
-            // Were the gap right: what is off can be corrected.
-            let doubt = outside(self.recipe.accept.gap, 0.0, seen.bound_z, seen.sigma_z());
-            let long = doubt > SPARE * UNSURE && seen.bound_z > 0.0;
+            let doubtful = is_doubtful(self.recipe, seen.bound_z, seen.sigma_z());
+            let long = doubtful && seen.bound_z > 0.0;
             let most = if long { MOST_DOUBTING } else { MOST_LOOKING };
             // What the light has told vision does not know better.
             let vague = seen.bound_z > 0.0 && seen.sigma[1] > sure;
@@ -209,22 +217,29 @@ impl Shared<'_> {
         })
     }
 
-    /// Goes on the circle to the gap that is wanted, if that is farther than the tolerance; whether it was.
+    /// Whether the gap is farther from the one that is wanted than the tolerance.
+    pub(super) fn is_off(&self, cell: &AlignmentCell<'_>, aim: &Aim) -> bool {
+        let finely = if self.doubts_gap(cell, aim) {
+            FINELY
+        } else {
+            1.0
+        };
+        self.way_off(cell, aim).abs() > finely * self.fast.gap_tolerance
+    }
+
+    /// How much nearer the tip is to come, metres.
+    fn way_off(&self, cell: &AlignmentCell<'_>, aim: &Aim) -> f64 {
+        aim.gap_at_rest(cell) - self.recipe.approach.gap.max(least_gap(cell, aim))
+    }
+
+    /// Goes on the circle to the gap that is wanted.
     pub(super) async fn correct_gap(
         &self,
         cell: &AlignmentCell<'_>,
         aim: &Aim,
         scan: &mut ConicalScan<'_>,
-    ) -> Result<bool, Halt> {
-        let way = aim.gap(cell) - self.recipe.approach.gap.max(least_gap(cell, aim));
-        let tolerance = if self.doubts_gap(cell, aim) {
-            FINELY * self.fast.gap_tolerance
-        } else {
-            self.fast.gap_tolerance
-        };
-        if way.abs() <= tolerance {
-            return Ok(false);
-        }
+    ) -> Result<(), Halt> {
+        let way = self.way_off(cell, aim);
         // Vision sees what a transmission hides where the axis turns back; the light has told where the tip was, coming nearer.
         let told = !vision_knows(cell.spec(), self.recipe);
         let hides = cell.spec().guard.windup_z;
@@ -234,7 +249,7 @@ impl Shared<'_> {
         } else {
             along(cell, aim, scan, way, SLOWLY).await?;
         }
-        Ok(true)
+        Ok(())
     }
 
     /// Believes where fiber and chip touch, if that is known well enough for a fiber to be attached so many seconds later: whether it is.

@@ -5,7 +5,7 @@ use super::approach_moves::Aim;
 use crate::beam::Peak;
 use crate::belief::Across;
 use crate::cell::AlignmentCell;
-use crate::conical_scan::ConicalScan;
+use crate::conical_scan::{ConicalScan, Ready};
 use crate::outcome::{Halt, Outcome};
 use crate::procedure::{Job, light_check};
 use crate::station::Level;
@@ -150,16 +150,21 @@ impl Shared<'_> {
         accuracy: f64,
     ) -> Result<(Peak, f64), Halt> {
         let begin = cell.now();
-        let known = || !self.learns_gap(cell, aim, begin);
-        if known() {
-            self.correct_gap(cell, aim, scan).await?;
-        }
         let mut corrected = 0;
         loop {
+            let ready = || match self.learns_gap(cell, aim, begin) {
+                true => Ready::NotYet,
+                false if corrected < CORRECTED && self.is_off(cell, aim) => Ready::Elsewhere,
+                false => Ready::Yes,
+            };
             let gap = aim.gap(cell);
-            let peak = scan.settle(cell, gap, accuracy, "final", &known).await?;
-            if corrected == CORRECTED || !self.correct_gap(cell, aim, scan).await? {
-                return Ok((peak, gap));
+            let peak = match ready() {
+                Ready::Elsewhere => None,
+                _ => Some(scan.settle(cell, gap, accuracy, "final", &ready).await?),
+            };
+            match peak.filter(|_| ready() != Ready::Elsewhere) {
+                Some(peak) => return Ok((peak, gap)),
+                None => self.correct_gap(cell, aim, scan).await?,
             }
             corrected += 1;
         }

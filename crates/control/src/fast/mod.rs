@@ -574,7 +574,7 @@ impl<'r> Shared<'r> {
         before: f64,
         (gap, turns): (f64, u64),
     ) -> Result<(), Halt> {
-        let way = aim.gap(cell) - gap;
+        let way = aim.gap_at_rest(cell) - gap;
         let end = cell.wanted(aim.side).shifted(0.0, 0.0, way);
         cell.start_line(aim.side, end, Some(unhurried(cell, aim, gap)))?;
         let turn = scan.period();
