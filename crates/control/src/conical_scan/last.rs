@@ -33,6 +33,11 @@ const MOST_TURNS: u32 = 12;
 /// No peak is worth a look from near that is not even known so well after these, metres.
 const ROUGHLY: f64 = 30e-9;
 
+/// How far piezos take the middle of a circle along as it becomes a small one, of that way, by what a model of their hysteresis does not know: the
+/// fiber comes to rest from the small one. A choice: on ten machines of the nominal fleet that were commissioned it was 2 to 34 nm of 1 um, on each
+/// of them the same way.
+const HIDDEN: f64 = 0.01;
+
 /// From the middle of the small turn to its end, turns.
 const HALF_TURN: f64 = 0.5;
 
@@ -452,7 +457,13 @@ impl ConicalScan<'_> {
             let answer = Answer::of(&self.turns, self.period, noise, (0.0, until));
             (answer.at, [answer.deviation; 2])
         } else {
-            together(foreseen, &seen, self.unrest)
+            let way = (self.shape.radius - radius) * self.beam.width(gap);
+            let deviations = foreseen.deviations.map(|d| d.hypot(HIDDEN * way));
+            let foreseen = Peak {
+                deviations,
+                ..*foreseen
+            };
+            together(&foreseen, &seen, self.unrest)
         };
         self.go_to(bench, &Peak { at, ..seen }, gap)?;
         self.shrink(bench, gap, 0.0, last).await?;
