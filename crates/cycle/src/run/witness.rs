@@ -26,6 +26,17 @@ const DRIFTS: f64 = 0.014e-6;
 /// that is held by its servo hardly ever.
 const SLIPS: (f64, f64) = (1e-3, 5e-6);
 
+/// How fast the micro goes on a round, metres a second.
+const SPEED: f64 = 2e-3;
+
+/// How long rounds take: those before the lamp is on, of which the first goes without looks, and the one after the release, seconds.
+pub(crate) const ROUNDS: [f64; 2] = {
+    // There and back, across, there and back again, as it is in `round`.
+    let goes = 7.0 * ASIDE[0] / SPEED + 5.0 * SETTLED;
+    let looks = 5.0 * LOOK;
+    [2.0 * goes + looks, goes + looks]
+};
+
 /// Standard deviations that a curvature, or light, has to be above none.
 const SEEN: f64 = 3.0;
 
@@ -234,7 +245,7 @@ impl Line<'_, '_, '_> {
     /// Brings the right micro to a place, and lets it come to rest.
     fn micro_to(&mut self, to: Pose) -> Result<(), Halt> {
         let failed = |why: String| Halt::from(Outcome::BenchFailed { why });
-        let limits = Limits { speed: Some(2e-3) };
+        let limits = Limits { speed: Some(SPEED) };
         let law = Law::Line { to, limits };
         let ticket = self.cell.play(fine(Side::Right), law);
         let ticket = ticket.map_err(|why| failed(why.to_string()))?;
