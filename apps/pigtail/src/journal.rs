@@ -108,7 +108,11 @@ fn lines<L: DeserializeOwned>(file: &Path) -> anyhow::Result<Vec<L>> {
 /// Begins a journal. What it begins with is there whole or not at all: whoever goes on from it finds all that was done before.
 fn begin(run: &Run, journal: &str, lines: &[serde_json::Value]) -> anyhow::Result<File> {
     let being_written = format!("{journal}.partial");
-    let text: String = lines.iter().map(|line| format!("{line}\n")).collect();
+    let mut text = String::new();
+    for line in lines {
+        text += &line.to_string();
+        text.push('\n');
+    }
     run.write(&being_written, text)?;
     let (from, to) = (run.partial_path(&being_written), run.partial_path(journal));
     File::open(&from)?.sync_all()?;
