@@ -1,14 +1,16 @@
-//! The journal of a tray: every device on the disk before the next begins, and how `--resume` goes on from there.
+//! The journals of a tray and of many: what is done on the disk before anything goes on, and how `--resume` goes on from there.
 
 use crate::Failure;
 use anyhow::Context;
 use pigtail_cycle::recipe::Action;
 use pigtail_cycle::run::{Event, Pigtail, Produced};
 use pigtail_evaluate::produce::{Heard, Told};
+use pigtail_evaluate::trays::TrayDone;
 use pigtail_hal::Error;
-use pigtail_session::produce::Loaded;
+use pigtail_session::produce::{InPlace, Loaded};
 use pigtail_store::database::partial_folder;
 use pigtail_store::runs::Run;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File};
 use std::io::Write;
@@ -24,6 +26,11 @@ pub(crate) struct Head {
     pub(crate) rig: String,
     pub(crate) fleet: String,
     pub(crate) configuration: Vec<(String, String)>,
+    /// What was said beside the recipes, and whether machines were commissioned.
+    #[serde(default)]
+    pub(crate) in_place: InPlace,
+    #[serde(default)]
+    pub(crate) commissioned: bool,
 }
 
 /// Its second: who was there.
@@ -56,6 +63,69 @@ enum Line {
     Device(Told),
 }
 
+impl Head {
+    /// Refuses what is of another.
+    fn is(&self, head: &Self, file: &Path) -> Result<(), Error> {
+        if self == head {
+            return Ok(());
+        }
+        let message = "is of another tray, rig, fleet, recipe, calibration, seed or options; accepted are the same";
+        Err(Error::new(file.display().to_string(), "", message))
+    }
+}
+
+/// The journal of a run that is named so.
+fn found(named: &str, runs: &Path, journal: &str, command: &str) -> Result<PathBuf, Error> {
+    let folders = [
+        PathBuf::from(named),
+        partial_folder(runs, named),
+        runs.join(named),
+    ];
+    let mut files = folders.iter().map(|folder| folder.join(journal));
+    files.find(|file| file.is_file()).ok_or_else(|| {
+        let message = format!(
+            "no run of `{command}` is called so in {}; accepted is the name or the folder of one",
+            runs.display()
+        );
+        Error::new(format!("--resume {named}"), "", message)
+    })
+}
+
+/// The lines of a journal. One that was being written when all ended says nothing.
+fn lines<L: DeserializeOwned>(file: &Path) -> anyhow::Result<Vec<L>> {
+    let name = file.display().to_string();
+    let text = fs::read_to_string(file).with_context(|| name.clone())?;
+    let whole = text
+        .split_inclusive('\n')
+        .take_while(|line| line.ends_with('\n'));
+    let read = whole.enumerate().map(|(i, line)| {
+        let line = serde_json::from_str(line);
+        line.map_err(|why| Error::new(&name, "", format!("line {}: {why}", i + 1)).into())
+    });
+    read.collect()
+}
+
+/// Begins a journal. What it begins with is there whole or not at all: whoever goes on from it finds all that was done before.
+fn begin(run: &Run, journal: &str, lines: &[serde_json::Value]) -> anyhow::Result<File> {
+    let being_written = format!("{journal}.partial");
+    let mut text = String::new();
+    for line in lines {
+        text += &line.to_string();
+        text.push('\n');
+    }
+    run.write(&being_written, text)?;
+    let (from, to) = (run.partial_path(&being_written), run.partial_path(journal));
+    File::open(&from)?.sync_all()?;
+    fs::rename(from, &to)?;
+    Ok(File::options().append(true).open(to)?)
+}
+
+/// Writes a line, on the disk before anything goes on.
+fn write(file: &mut File, line: &serde_json::Value) -> anyhow::Result<()> {
+    file.write_all(format!("{line}\n").as_bytes())?;
+    Ok(file.sync_data()?)
+}
+
 /// What there was in a journal; `cleared` says that a person has taken a half-done device off the machine.
 pub(crate) fn resumed(
     named: &str,
@@ -64,24 +134,7 @@ pub(crate) fn resumed(
     loaded: &Loaded,
     cleared: bool,
 ) -> Result<Left, Failure> {
-    let folders = [
-        PathBuf::from(named),
-        partial_folder(runs, named),
-        runs.join(named),
-    ];
-    let file = folders
-        .iter()
-        .map(|folder| folder.join(JOURNAL))
-        .find(|file| file.is_file())
-        .ok_or_else(|| {
-            let message = format!(
-                "no run of `produce` is called so in {}; accepted is the name or the folder of one",
-                runs.display()
-            );
-            Error::new(format!("--resume {named}"), "", message)
-        })?;
-    let text = fs::read_to_string(&file).with_context(|| file.display().to_string())?;
-    let name = file.display().to_string();
+    let file = found(named, runs, JOURNAL, "produce")?;
     let folder = file.parent().and_then(Path::file_name);
     let folder = folder.map_or_else(String::new, |name| name.to_string_lossy().into_owned());
     let mut left = Left {
@@ -93,19 +146,9 @@ pub(crate) fn resumed(
         ..Left::default()
     };
     let (mut begun, mut fibers) = (None, Vec::new());
-    for (i, line) in text.split_inclusive('\n').enumerate() {
-        // A line that was being written when all ended says nothing.
-        if !line.ends_with('\n') {
-            break;
-        }
-        let line: Line = serde_json::from_str(line)
-            .map_err(|why| Error::new(&name, "", format!("line {}: {why}", i + 1)))?;
+    for line in lines(&file)? {
         match line {
-            Line::Head(of) if of == *head => {}
-            Line::Head(_) => {
-                let message = "is of another tray, rig, fleet, recipe, calibration or seed; accepted is the same";
-                return Err(Error::new(&name, "", message).into());
-            }
+            Line::Head(of) => of.is(head, &file)?,
             Line::Who(who) => left.who = who,
             Line::Begin(serial) => (begun, fibers) = (Some(serial), Vec::new()),
             Line::Fiber(fiber) => {
@@ -150,36 +193,23 @@ pub(crate) fn resumed(
 pub(crate) struct Journal(std::cell::RefCell<File>);
 
 impl Journal {
-    /// What it begins with is there whole or not at all: whoever goes on from it finds all that was done before.
     pub(crate) fn begin(
         run: &Run,
         head: &Head,
         who: &Who,
         before: &[Told],
     ) -> anyhow::Result<Self> {
-        const BEING_WRITTEN: &str = "journal.jsonl.partial";
         let mut lines = vec![
             serde_json::json!({ "head": head }),
             serde_json::json!({ "who": who }),
         ];
-        lines.extend(
-            before
-                .iter()
-                .map(|told| serde_json::json!({ "device": told })),
-        );
-        let text: Vec<String> = lines.iter().map(|line| format!("{line}\n")).collect();
-        let text = text.concat();
-        run.write(BEING_WRITTEN, text)?;
-        let (from, to) = (run.partial_path(BEING_WRITTEN), run.partial_path(JOURNAL));
-        File::open(&from)?.sync_all()?;
-        fs::rename(from, &to)?;
-        Ok(Self(File::options().append(true).open(to)?.into()))
+        let devices = before.iter();
+        lines.extend(devices.map(|told| serde_json::json!({ "device": told })));
+        Ok(Self(begin(run, JOURNAL, &lines)?.into()))
     }
 
     fn line(&self, line: &serde_json::Value) -> anyhow::Result<()> {
-        let mut file = self.0.borrow_mut();
-        file.write_all(format!("{line}\n").as_bytes())?;
-        Ok(file.sync_data()?)
+        write(&mut self.0.borrow_mut(), line)
     }
 
     pub(crate) fn keep(&self, heard: &Heard) -> anyhow::Result<()> {
@@ -191,5 +221,57 @@ impl Journal {
             Heard::Device(told) => self.line(&serde_json::json!({ "device": told })),
             Heard::Event(_) => Ok(()),
         }
+    }
+}
+
+/// A line of a journal of many trays.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum TrayLine {
+    Head(Head),
+    Tray(Box<TrayDone>),
+}
+
+/// Many trays, each on the disk once it and all before it are done.
+pub(crate) struct TrayJournal {
+    file: File,
+    /// Those that were run, not refused.
+    run: usize,
+}
+
+impl TrayJournal {
+    const FILE: &'static str = "trays.jsonl";
+
+    pub(crate) fn begin(run: &Run, head: &Head, before: &[TrayDone]) -> anyhow::Result<Self> {
+        let mut lines = vec![serde_json::json!({ "head": head })];
+        let trays = before.iter();
+        lines.extend(trays.map(|tray| serde_json::json!({ "tray": tray })));
+        Ok(Self {
+            file: begin(run, Self::FILE, &lines)?,
+            run: before.iter().filter(|tray| tray.document.is_some()).count(),
+        })
+    }
+
+    pub(crate) fn keep(&mut self, tray: &TrayDone) -> anyhow::Result<()> {
+        self.run += usize::from(tray.document.is_some());
+        write(&mut self.file, &serde_json::json!({ "tray": tray }))
+    }
+
+    /// Whether no tray was run.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.run == 0
+    }
+
+    /// The trays that a run which was interrupted has done.
+    pub(crate) fn resumed(named: &str, runs: &Path, head: &Head) -> Result<Vec<TrayDone>, Failure> {
+        let file = found(named, runs, Self::FILE, "produce --trays")?;
+        let mut trays = Vec::new();
+        for line in lines(&file)? {
+            match line {
+                TrayLine::Head(of) => of.is(head, &file)?,
+                TrayLine::Tray(tray) => trays.push(*tray),
+            }
+        }
+        Ok(trays)
     }
 }

@@ -54,9 +54,10 @@ pub(crate) struct Arguments {
     /// Who is at the machine; it is kept with every fiber
     #[arg(long, value_name = "NAME", default_value = "")]
     operator: String,
-    /// Goes on with the tray of a run that was interrupted, by the run's name or folder
+    /// Goes on with the tray of a run that was interrupted, or with --trays behind the last one that it has done, by the run's name or
+    /// folder
     #[arg(long, value_name = "RUN")]
-    resume: Option<String>,
+    pub(crate) resume: Option<String>,
     /// With --resume: a person has taken the half-done device off the machine. It counts as rejected also where its recipe
     /// calls a person for it
     #[arg(long, requires = "resume")]
@@ -82,7 +83,7 @@ pub(crate) struct Arguments {
     /// one that is refused. The JSON has the same keys, over all trays, and how many fibers were passed wrongly and chips
     /// touched, with exact 95 % intervals; it is the same, byte for byte, whatever the number of threads.
     #[arg(long, value_name = "N", value_parser = crate::trays::whole,
-        conflicts_with_all = ["resume", "record", "real_time", "operator"])]
+        conflicts_with_all = ["cleared", "record", "real_time", "operator"])]
     pub(crate) trays: Option<u64>,
     /// How many trays to run at a time, with --trays [default: one for each core]
     #[arg(long, value_name = "T", value_parser = campaign::threads, requires = "trays")]
@@ -325,22 +326,27 @@ impl Observer for Light<'_> {
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let common = &arguments.common;
     let (mut loaded, mut setup) = load(common, &arguments.tray)?;
-    loaded.put(InPlace {
+    let in_place = InPlace {
         track: arguments.track,
         precompensate: arguments.precompensate,
-    });
-    if let Some(asked) = arguments.trays {
-        return trays::run(arguments, setup, &loaded, asked);
-    }
-    setup.options.real_time = arguments.real_time;
-    setup.rig.hashes.extend(loaded.hashes.iter().cloned());
+    };
+    loaded.put(in_place);
+    let mut configuration = setup.rig.hashes.clone();
+    configuration.extend(loaded.hashes.iter().cloned());
     let head = Head {
         tray: loaded.tray.name.clone(),
         seed: common.seed,
         rig: setup.rig.name.clone(),
         fleet: setup.fleet_name().to_owned(),
-        configuration: setup.rig.hashes.clone(),
+        configuration,
+        in_place,
+        commissioned: arguments.commission,
     };
+    if let Some(asked) = arguments.trays {
+        return trays::run(arguments, setup, &loaded, asked, &head);
+    }
+    setup.options.real_time = arguments.real_time;
+    setup.rig.hashes.extend(loaded.hashes.iter().cloned());
     let left = match &arguments.resume {
         Some(named) => resumed(named, &common.runs, &head, &loaded, arguments.cleared)?,
         None => Left::default(),

@@ -78,7 +78,7 @@ pub(crate) fn run(common: &Common, tray: &str) -> Result<u8, Failure> {
 }
 
 /// What it comes to, and what idle time cannot be below.
-fn words(planned: &Plan, devices: usize) -> [String; 3] {
+fn words(planned: &Plan, devices: usize) -> [String; 4] {
     let sides = |[left, right]: [f64; 2]| format!("left {left:.1} %, right {right:.1} %");
     [
         format!(
@@ -95,6 +95,10 @@ fn words(planned: &Plan, devices: usize) -> [String; 3] {
         format!(
             "idle in whatever order, each holding still for the other as here, at least: {}",
             sides(planned.idle_at_least_percent)
+        ),
+        format!(
+            "idle were everything but the other's cures done in no time, at least: {}",
+            sides(planned.idle_by_cures_at_least_percent)
         ),
     ]
 }

@@ -1,6 +1,7 @@
 //! `pigtail produce --trays`.
 
 use crate::common::Common;
+use crate::journal::{Head, TrayJournal};
 use crate::produce::Arguments;
 use crate::{DONE, FAULT, Failure, NEGATIVE, campaign, running, stop};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -44,8 +45,13 @@ pub(crate) fn run(
     mut setup: Setup,
     loaded: &Loaded,
     asked: u64,
+    head: &Head,
 ) -> Result<u8, Failure> {
     let common: &Common = &arguments.common;
+    let before = match &arguments.resume {
+        Some(named) => TrayJournal::resumed(named, &common.runs, head)?,
+        None => Vec::new(),
+    };
     let stop = stop::on_signal()?;
     let threads = arguments
         .threads
@@ -67,19 +73,23 @@ pub(crate) fn run(
     };
     setup.rig.hashes.extend(loaded.hashes.iter().cloned());
     let run = Run::begin(&common.runs, "produce", common.seed, &setup.rig.hashes)?;
+    let mut journal = TrayJournal::begin(&run, head, &before)?;
     match all(
         arguments,
         &setup,
         loaded,
         machines.as_ref(),
-        &seeds,
+        (&seeds, before),
         threads,
         &stop,
-        &run,
+        (&run, &mut journal),
     ) {
         Ok(code) => Ok(code),
         Err(why) => {
-            run.abandon();
+            // What was done is gone on from.
+            if journal.is_empty() {
+                run.abandon();
+            }
             Err(why)
         }
     }
@@ -94,10 +104,10 @@ fn all(
     setup: &Setup,
     loaded: &Loaded,
     machines: Option<&Commissioned>,
-    seeds: &[u64],
+    (seeds, mut each): (&[u64], Vec<TrayDone>),
     threads: usize,
     stop: &AtomicBool,
-    run: &Run,
+    (run, journal): (&Run, &mut TrayJournal),
 ) -> Result<u8, Failure> {
     let common: &Common = &arguments.common;
     let wall = Instant::now();
@@ -111,13 +121,26 @@ fn all(
     if let Ok(style) = ProgressStyle::with_template(template) {
         bar.set_style(style.progress_chars("=> "));
     }
-    let (mut devices, mut passed) = (0, 0);
+    let counts = |tray: &TrayDone| {
+        let of = tray.document.as_ref();
+        of.map_or((0, 0), |d| {
+            (d.devices, d.devices - d.rejected.values().sum::<usize>())
+        })
+    };
+    // More than are asked for now are none the less done.
+    let left = seeds.get(each.len()..).unwrap_or_default();
+    let (mut devices, mut passed) = each
+        .iter()
+        .map(counts)
+        .fold((0, 0), |sum, of| (sum.0 + of.0, sum.1 + of.1));
+    bar.set_position(each.len() as u64);
     let mut written = Ok(());
     let watch = |tray: &TrayDone| {
-        let of = tray.document.as_ref().map_or((0, 0), |d| {
-            (d.devices, d.devices - d.rejected.values().sum::<usize>())
-        });
+        let of = counts(tray);
         (devices, passed) = (devices + of.0, passed + of.1);
+        if written.is_ok() {
+            written = journal.keep(tray);
+        }
         bar.set_message(format!("{passed} of {devices} devices passed"));
         bar.inc(1);
         if common.json && written.is_ok() {
@@ -133,9 +156,9 @@ fn all(
                 .and_then(|line| Ok(writeln!(std::io::stdout(), "{line}")?));
         }
     };
-    let each = trays(setup, loaded, machines, seeds, threads, stop, watch);
+    let done = trays(setup, loaded, machines, left, threads, stop, watch);
     bar.finish_and_clear();
-    let each = each?;
+    each.extend(done?);
     written?;
     let seed = common.seed;
     let document = summarize(

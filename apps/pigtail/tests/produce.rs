@@ -225,6 +225,22 @@ fn many_trays_are_summed_up_the_same_whatever_the_threads() {
         ),
         (&0.into(), &0.into(), &0.into())
     );
+    // As it is when the power goes while the second is written: what was done is not done again.
+    let runs = fs::read_dir(folder.path().join("runs")).expect("runs");
+    let mut journals = runs.map(|run| run.expect("an entry").path().join("trays.jsonl"));
+    let journal = journals.find(|file| file.is_file()).expect("a journal");
+    let journal = fs::read_to_string(journal).expect("a journal");
+    let ends: Vec<usize> = journal.match_indices('\n').map(|(at, _)| at).collect();
+    let killed = folder.path().join("killed");
+    fs::create_dir(&killed).expect("a folder");
+    fs::write(killed.join("trays.jsonl"), &journal[..ends[1] + 100]).expect("it is written");
+    let (on, resumed) = of_trays(folder.path(), &["--resume", "killed"]);
+    assert_eq!(resumed, result);
+    assert_eq!(on.matches("\"event\":\"tray\"").count(), 2);
+    let other = [
+        "produce", "--trays", "3", "--seed", "8300", "--track", "false", "--resume", "killed",
+    ];
+    assert_eq!(pigtail(folder.path(), &other).status.code(), Some(2));
     // Nothing in 36 fibers is no more than 9.7 % of all, with 95 % confidence.
     let most = result["exact_95"]["wrongly_passed"][1].as_f64();
     assert!((most.expect("a number") - 0.0974).abs() < 1e-4, "{result}");

@@ -8,6 +8,7 @@ use crate::cell::Bar;
 use crate::check::side_of;
 use crate::recipe::Production;
 use crate::run::bond::{BEFORE, BEFORE_TWO};
+use crate::run::witness::ROUNDS;
 use crate::tray::{Device, Tray};
 use pigtail_control::procedure::PORTS;
 use pigtail_control::recipe::Recipe;
@@ -39,8 +40,24 @@ pub struct Plan {
     /// Share of the time in which a manipulator is idle at least where each also holds still for the other's cures as it does here,
     /// percent, left and right; see [`idle_at_least`].
     pub idle_at_least_percent: [f64; SIDES],
+    /// Share of the time in which a manipulator is idle at least were everything but the other's cures done in no time, percent, left and
+    /// right.
+    pub idle_by_cures_at_least_percent: [f64; SIDES],
+    /// What each manipulator has to do, the longest first.
+    pub work: Vec<Work>,
     /// What is on the critical path, and how many seconds of it, the longest first.
     pub limits: Vec<(String, f64)>,
+}
+
+/// For how long each manipulator is at something, seconds of the whole tray.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Work {
+    /// What; `witness` is to hold still for the other one's cure.
+    pub what: String,
+    /// The left one.
+    pub left: f64,
+    /// The right one.
+    pub right: f64,
 }
 
 /// For axes to come to rest at the end of a line, seconds.
@@ -119,6 +136,41 @@ pub fn idle_at_least(bars: &[Bar], side: Side) -> f64 {
     };
     let least = at(Side::Left).max(at(Side::Right));
     100.0 * (1.0 - at(side) / least.max(1e-9))
+}
+
+/// See [`Plan::idle_by_cures_at_least_percent`]: whoever has more to cure takes no less time than that.
+pub fn idle_by_cures(bars: &[Bar], side: Side) -> f64 {
+    let cures = |of: Side| -> f64 {
+        let own = bars
+            .iter()
+            .filter(|b| b.side == of.name() && b.what == "cure");
+        own.map(|bar| bar.end - bar.start).sum()
+    };
+    let own = bars
+        .iter()
+        .filter(|b| b.side == side.name() && b.what != "witness");
+    let own: f64 = own.map(|bar| bar.end - bar.start).sum();
+    let least = Side::ALL.map(cures).into_iter().fold(own, f64::max);
+    100.0 * (1.0 - own / least.max(1e-9))
+}
+
+/// What each manipulator has done, for how long, the longest first.
+pub fn work(bars: &[Bar]) -> Vec<Work> {
+    let mut sums: BTreeMap<&str, [f64; SIDES]> = BTreeMap::new();
+    for bar in bars {
+        let of = sums.entry(bar.what).or_default();
+        of[usize::from(bar.side == Side::Right.name())] += bar.end - bar.start;
+    }
+    let mut all: Vec<Work> = sums
+        .into_iter()
+        .map(|(what, [left, right])| Work {
+            what: what.to_owned(),
+            left,
+            right,
+        })
+        .collect();
+    all.sort_by(|a, b| (b.left + b.right).total_cmp(&(a.left + a.right)));
+    all
 }
 
 struct Planner<'p> {
@@ -320,14 +372,17 @@ pub fn plan(
                 (true, false) => BEFORE,
                 (true, true) => BEFORE_TWO,
             };
-            let cure = production.cure.time + LOOKS + before;
+            // Of an input that is cured alone the sensing fiber is the witness.
+            let rounds = if input { ROUNDS } else { [0.0; 2] };
+            let cure = production.cure.time + LOOKS + before + rounds[0];
+            let verify = production.verify.look + rounds[1];
             for side in sides {
                 plan.bar(*side, on, "cure", true, cure);
                 plan.bar(*side, on, "release", false, spec.handling.release);
-                plan.bar(*side, on, "verify", false, production.verify.look);
+                plan.bar(*side, on, "verify", false, verify);
             }
             if input {
-                let all = cure + spec.handling.release + production.verify.look;
+                let all = cure + spec.handling.release + verify;
                 plan.bar(right, on, "witness", true, all);
             }
             if sides.contains(&left) {
@@ -354,6 +409,8 @@ pub fn plan(
         idle_percent: Side::ALL.map(|side| idle(&plan.bars, side, seconds)),
         idle_or_waiting_at_least_percent: Side::ALL.map(|side| at_least(&plan.bars, side)),
         idle_at_least_percent: Side::ALL.map(|side| idle_at_least(&plan.bars, side)),
+        idle_by_cures_at_least_percent: Side::ALL.map(|side| idle_by_cures(&plan.bars, side)),
+        work: work(&plan.bars),
         limits: limits(&plan.bars),
         bars: plan.bars,
     }
@@ -388,6 +445,10 @@ mod tests {
             let least = Side::ALL.map(|side| idle_at_least(&bars, side));
             assert_eq!(least, [75.0, 0.0]);
             assert_eq!(at_least(&bars, Side::Left), 50.0);
+            assert_eq!(
+                Side::ALL.map(|side| idle_by_cures(&bars, side)),
+                [50.0, 0.0]
+            );
             for side in Side::ALL {
                 assert!(idle(&bars, side, seconds) >= least[side.index()] - 1e-9);
             }

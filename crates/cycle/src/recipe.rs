@@ -5,7 +5,8 @@ use pigtail_control::outcome::OutcomeCode;
 use pigtail_hal::{Error, config, quantity};
 use pigtail_model::cure::{Cure as Kinetics, Cured, Heat};
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
@@ -129,6 +130,7 @@ impl Ending {
 #[serde(deny_unknown_fields)]
 pub struct Pick {
     /// How often it is tried, at most.
+    #[serde(deserialize_with = "attempts")]
     pub attempts: u32,
     /// Longest that it may take, seconds: it is not tried again when it has taken longer.
     #[serde(with = "quantity::PositiveTime")]
@@ -142,6 +144,7 @@ pub struct Pick {
 #[serde(deny_unknown_fields)]
 pub struct Adhesive {
     /// How much, nanolitres, 1 to 255.
+    #[serde(deserialize_with = "nanolitres")]
     pub volume: u8,
     /// How long the tip stays at the needle afterwards, seconds.
     #[serde(with = "quantity::NonNegativeTime")]
@@ -152,6 +155,7 @@ pub struct Adhesive {
     /// How often a fiber may get adhesive, at most. One whose adhesive was in the air for too long when it came to its peak goes back,
     /// gets fresh adhesive, and is aligned again.
     #[serde(default = "once")]
+    #[serde(deserialize_with = "attempts")]
     pub attempts: u32,
     /// What to do when it fails.
     pub failed: Action,
@@ -188,6 +192,7 @@ pub struct Align {
     /// How.
     pub procedure: Procedure,
     /// How often it is tried, at most, each time from the tray on.
+    #[serde(deserialize_with = "attempts")]
     pub attempts: u32,
     /// What it takes for the plan, the input and an output, seconds: as measured on such machines.
     #[serde(with = "quantity::Times::<2>")]
@@ -243,6 +248,23 @@ pub struct Verify {
     pub added_loss_db: f64,
     /// What to do with one that lost more.
     pub failed: Action,
+}
+
+fn nanolitres<'de, D: Deserializer<'de>>(number: D) -> Result<u8, D::Error> {
+    whole(number, "a whole number from 1 to 255")
+}
+
+fn attempts<'de, D: Deserializer<'de>>(number: D) -> Result<u32, D::Error> {
+    whole(number, "a whole number from 1 to 100")
+}
+
+fn whole<'de, D: Deserializer<'de>, N: TryFrom<i64>>(
+    number: D,
+    accepted: &str,
+) -> Result<N, D::Error> {
+    let number = i64::deserialize(number)?;
+    N::try_from(number)
+        .map_err(|_| D::Error::custom(format!("is {number}; accepted is {accepted}")))
 }
 
 /// More than these are slips of the keyboard: times of UV adhesive and of a tip that stands still, seconds; attempts; how much earlier than
@@ -476,5 +498,25 @@ impl Production {
             format!("a half-done device: {}", action(self.interrupted)),
         );
         text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_beyond_their_types_are_told_what_is_accepted() {
+        let shipped = include_str!("../../../recipes/produce-fast.toml");
+        for (is, put, key, accepted) in [
+            ("volume = 20", "volume = -3", "adhesive.volume", "1 to 255"),
+            ("volume = 20", "volume = 256", "adhesive.volume", "1 to 255"),
+            ("attempts = 3", "attempts = -1", "pick.attempts", "1 to 100"),
+        ] {
+            let text = shipped.replacen(is, put, 1);
+            let why = Production::parse("a.toml", &text).expect_err("it is refused");
+            let said = format!("{why:?}");
+            assert!(said.contains(key) && said.contains(accepted), "{said}");
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! Runs a tray on a station.
 
 pub(crate) mod bond;
-mod witness;
+pub(crate) mod witness;
 
 use crate::cell::{Bar, Cell, Step};
 use crate::check::side_of;

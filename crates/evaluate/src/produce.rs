@@ -5,7 +5,7 @@ use pigtail_control::station::Observer;
 use pigtail_cycle::check::side_of;
 use pigtail_cycle::run::{Event, Pigtail, Produced, Run};
 use pigtail_hal::spec::SIDES;
-use pigtail_hal::{Command, Error, Fault, Handled, Machine, Measurement, Side, Spec};
+use pigtail_hal::{Command, Error, Fault, Handled, Machine, Measurement, Rule, Side, Spec};
 use pigtail_numerics::rounded;
 use pigtail_session::job::Ended;
 use pigtail_session::produce::{Loaded, Produce};
@@ -15,14 +15,14 @@ use pigtail_twin::{FiberTruth, Specimen, Truth, Twin};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64Mcg;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
 use std::rc::Rc;
 use std::time::Instant;
 
 /// What `produce` prints as JSON. Keys are a contract: more may come, none changes its name or meaning.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ProduceDocument {
     /// Devices that were begun.
     pub devices: usize,
@@ -51,8 +51,10 @@ pub struct ProduceDocument {
     /// Whether anything touched a chip: the truth.
     pub collision: bool,
     /// The least distance of anything from a chip, micrometres: the truth.
+    #[serde(deserialize_with = "or_infinite")]
     pub smallest_gap_um: f64,
     /// The least distance between both holders, millimetres: the truth.
+    #[serde(deserialize_with = "or_infinite")]
     pub smallest_apart_mm: f64,
     /// Share of the time in which a manipulator held something under the lamp, percent.
     pub held_percent: Sides,
@@ -61,6 +63,7 @@ pub struct ProduceDocument {
     /// How many times faster than real time it was simulated; not the same from run to run.
     pub times_real_time: f64,
     /// Why the machine stopped by itself; `null` where it did not.
+    #[serde(deserialize_with = "kept_fault")]
     pub fault: Option<Fault>,
     /// What a person is called for; `null` where nobody is.
     pub called: Option<String>,
@@ -74,8 +77,32 @@ pub struct ProduceDocument {
     pub produced: Vec<Told>,
 }
 
+/// What nothing came near to is infinitely far, which JSON has no number for.
+fn or_infinite<'d, D: Deserializer<'d>>(kept: D) -> Result<f64, D::Error> {
+    Ok(Option::deserialize(kept)?.unwrap_or(f64::INFINITY))
+}
+
+fn kept_fault<'d, D: Deserializer<'d>>(kept: D) -> Result<Option<Fault>, D::Error> {
+    #[derive(Deserialize)]
+    struct Kept {
+        rule: String,
+        axis: String,
+        value: String,
+        limit: String,
+        time: f64,
+    }
+    let kept = Option::<Kept>::deserialize(kept)?;
+    Ok(kept.map(|kept| Fault {
+        rule: Rule::from_text(&kept.rule),
+        axis: kept.axis,
+        value: kept.value,
+        limit: kept.limit,
+        time: kept.time,
+    }))
+}
+
 /// Percentiles of a quantity; not there where there is none.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Percentiles {
     /// The median.
     pub p50: Option<f64>,
@@ -99,7 +126,7 @@ impl Percentiles {
 }
 
 /// A number for each manipulator.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Sides {
     /// The left one.
     pub left: f64,
@@ -108,7 +135,7 @@ pub struct Sides {
 }
 
 /// See [`ProduceDocument::shift_um`].
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Shift {
     /// With the light's peak followed; `null` where nobody did.
     pub tracked: Option<f64>,

@@ -10,13 +10,13 @@ use pigtail_numerics::statistics::exact;
 use pigtail_session::produce::Loaded;
 use pigtail_session::setup::Setup;
 use pigtail_twin::Specimen;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError, mpsc};
 
 /// A tray of many.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TrayDone {
     /// The seed of its machine, and of all that lies on it.
     pub seed: u64,

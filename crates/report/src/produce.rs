@@ -6,7 +6,7 @@ use super::plot::Plot;
 use anyhow::Result;
 use maud::{Markup, html};
 use pigtail_cycle::cell::Bar;
-use pigtail_cycle::plan::{Plan, at_least, critical, idle_at_least, limits};
+use pigtail_cycle::plan::{Plan, at_least, critical, idle_at_least, idle_by_cures, limits, work};
 use pigtail_evaluate::produce::ProduceDocument;
 use pigtail_hal::Side;
 
@@ -23,6 +23,12 @@ const KINDS: [(&str, &[&str], &str); 6] = [
         "c5",
     ),
 ];
+
+/// What something is called: as in the legend, where that has words for it alone.
+fn named(what: &str) -> String {
+    let kind = KINDS.iter().find(|(_, whats, _)| *whats == [what]);
+    kind.map_or(what, |(name, ..)| *name).to_owned()
+}
 
 /// A Gantt chart of bars within so many seconds, with the critical path.
 fn gantt(bars: &[Bar], from: f64, to: f64) -> Markup {
@@ -67,10 +73,11 @@ fn critical_table(bars: &[Bar], seconds: f64) -> Markup {
     let rows: Vec<Vec<String>> = limits(bars)
         .into_iter()
         .map(|(what, s)| {
-            // As in the legend, where that has words for it alone.
-            let named = KINDS.iter().find(|(_, whats, _)| *whats == [what.as_str()]);
-            let name = named.map_or(what.as_str(), |(name, ..)| *name).to_owned();
-            vec![name, fixed(s, 1), fixed(100.0 * s / seconds.max(1e-9), 1)]
+            vec![
+                named(&what),
+                fixed(s, 1),
+                fixed(100.0 * s / seconds.max(1e-9), 1),
+            ]
         })
         .collect();
     let header = ["on the critical path", "time\ns", "share\n%"];
@@ -79,13 +86,21 @@ fn critical_table(bars: &[Bar], seconds: f64) -> Markup {
 
 /// What idle time cannot be below.
 fn least(bars: &[Bar]) -> Markup {
-    let [idle, apart] = [idle_at_least, at_least].map(|of| Side::ALL.map(|side| of(bars, side)));
+    let [idle, apart, cures] =
+        [idle_at_least, at_least, idle_by_cures].map(|of| Side::ALL.map(|side| of(bars, side)));
+    let rows: Vec<Vec<String>> = work(bars)
+        .into_iter()
+        .map(|of| vec![named(&of.what), fixed(of.left, 1), fixed(of.right, 1)])
+        .collect();
+    let header = ["work", "left\ns", "right\ns"].map(str::to_owned);
     html! {
         p {
             "In whatever order these steps were done, each manipulator holding still for the other as here, it would be idle for at least: left "
             (fixed(idle[0], 1)) " %, right " (fixed(idle[1], 1)) " %. Without work of its own, idle or still, it is for at least: left "
-            (fixed(apart[0], 1)) " %, right " (fixed(apart[1], 1)) " %."
+            (fixed(apart[0], 1)) " %, right " (fixed(apart[1], 1)) " %. Were everything but the other's cures done in no time, still: left "
+            (fixed(cures[0], 1)) " %, right " (fixed(cures[1], 1)) " %."
         }
+        (table(&header, &rows))
     }
 }
 
