@@ -98,8 +98,9 @@ mod acceptance {
     #[test]
     #[ignore = "acceptance: thirty records of two lengths"]
     fn intervals_of_modes_and_delay_hold_the_truth() {
-        // None of these was looked at while the criterion was chosen.
-        const FIRST: u64 = 4000;
+        // Seeds that were not looked at while the criterion was chosen: of 30 from 4000 on one had got a pole while residuals
+        // that carry nothing were counted as points.
+        const FIRST: u64 = 5000;
         const OF_EACH: u64 = 30;
         for points in [200, 500] {
             let (mut held, mut invented) = ([0; 5], 0);
@@ -107,6 +108,9 @@ mod acceptance {
                 let (truth, record) = made(seed, points, &[], true);
                 let found = identify(&record).expect("modes");
                 invented += found.real_poles.len();
+                if !found.real_poles.is_empty() {
+                    eprintln!("{points}, {seed}: invented {:?}", found.real_poles);
+                }
                 assert!(found.modes == 2 && found.unknown.is_empty(), "{found:?}");
                 let off = off(&found, &truth);
                 if off.iter().any(|z| z.abs() > 1.96) {

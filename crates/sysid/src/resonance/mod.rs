@@ -509,7 +509,7 @@ fn search_from(record: &Record, delay: f64) -> Found {
 ///
 /// A search adds a pole on its way wherever it helps, be it in the place of a mode that is found later, or of a part of the
 /// delay. In the end one is kept only where the Bayesian information criterion asks for it (G. Schwarz, 1978), with as many
-/// points as what is left has of its own, the correlation of neighbours taken off. It is the stricter side of what a residue is known to: one
+/// points as what is left has of its own: the correlation of neighbours taken off, and those that carry nothing. It is the stricter side of what a residue is known to: one
 /// within its own deviation gains a hundredth of what is asked for.
 fn without_idle_poles(record: &Record, found: &Found) -> Option<(Record, Found)> {
     let mut own = record.with_poles(found.poles);
@@ -523,7 +523,7 @@ fn without_idle_poles(record: &Record, found: &Found) -> Option<(Record, Found)>
             break;
         };
         let with = own.residuals(&coded);
-        let points = pigtail_numerics::signal::independent(&with);
+        let points = pigtail_numerics::signal::independent(&with) * carrying(&with);
         // Its frequency and its residue.
         if points * (left / squares(&with)).ln() > 2.0 * points.ln() {
             break;
@@ -561,6 +561,14 @@ fn settled_without(fewer: &Record, coded: &[f64], pole: usize) -> Option<(Vec<f6
             (coded, left)
         })
         .min_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+/// Share of residuals that carry their power, by the fourth moment: all of them where they are as noise is, half where every
+/// other one is nothing, as of a response whose magnitude alone is noisy.
+fn carrying(residuals: &[f64]) -> f64 {
+    let power = squares(residuals);
+    let fourth: f64 = residuals.iter().map(|r| r.powi(4)).sum();
+    (3.0 * power * power / (residuals.len() as f64 * fourth)).min(1.0)
 }
 
 /// Without the modes that a search added on its way and the points held back do not miss; `held_back` is the
