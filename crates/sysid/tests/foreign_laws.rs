@@ -105,12 +105,15 @@ fn contact(k: usize, rng: &mut Pcg64Mcg) -> Contact {
             ("a power of the way", elements(each.collect()))
         }
         _ => {
-            // A bristle by small implicit steps, with a static level far above.
+            // A bristle at one speed from sample to sample, with a static level far above.
             let (fixed, stribeck, stiff) = (FIXED, 4e-5, FIXED / way);
             let mut bristle = 0.0_f64;
             let force = move |way: f64, speed: f64| {
                 let level = LEVEL + (fixed - LEVEL) * (-(speed / stribeck).powi(2)).exp();
-                bristle = (bristle + way) / (1.0 + stiff * way.abs() / level);
+                let end = way.signum() * level / stiff;
+                if way != 0.0 {
+                    bristle = end + (bristle - end) * (-stiff * way.abs() / level).exp();
+                }
                 stiff * bristle
             };
             (
