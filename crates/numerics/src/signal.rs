@@ -159,6 +159,13 @@ pub fn autocorrelation(signal: &[f64], lags: usize) -> Vec<f64> {
         .collect()
 }
 
+/// How many values of their own tell as much as these, whose neighbours go together.
+pub fn independent(values: &[f64]) -> f64 {
+    let together = autocorrelation(values, 1);
+    let next = together.last().copied().unwrap_or(0.0).clamp(0.0, 0.999);
+    values.len() as f64 * (1.0 - next) / (1.0 + next)
+}
+
 /// Root mean square.
 pub fn rms(signal: impl IntoIterator<Item = f64>) -> f64 {
     let (mut squares, mut n) = (0.0, 0.0);

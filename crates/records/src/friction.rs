@@ -219,6 +219,13 @@ pub fn friction(first: &Read, second: Option<&Read>, most: usize, law: Option<La
     } else {
         "tells the force best:"
     };
+    if best.misfit_percent > 0.0 {
+        answer.remarks.push(format!(
+            "the contact is of another law: {} % of the force are told by other laws, or by elements of every length, and not by \
+             this one. Deviations in brackets count in by how much those differ from it in level, way and stiffness",
+            short(best.misfit_percent)
+        ));
+    }
     let chosen = format!(
         "{} {how} {} % {judged} with {} parameters (others: {})",
         best.law.name(),
@@ -258,6 +265,7 @@ fn laws(first: &Read, found: &Identified) -> serde_json::Value {
                 "relative_error_percent": l.relative_error_percent,
                 "validation_error_percent": l.validation_error_percent,
                 "condition": l.condition,
+                "misfit_percent": l.misfit_percent,
             })
         })
         .collect()

@@ -338,12 +338,32 @@ pub fn servo(
     if let Some(r) = second.and_then(again) {
         answer.more.insert("validation_replay".to_owned(), tell(&r));
     }
+    if best.friction != asked.friction && found.unknown.is_empty() {
+        answer.remarks.push(fragment_of(&name(&best), &best, unit));
+    }
     let shown = shown(&found, &best, replayed.as_ref(), first.kind);
     Servo {
         answer,
         shown: Some(shown),
         best: Some((best, found)),
     }
+}
+
+/// What fragment and replay hold, where that is not what is printed.
+fn fragment_of(name: &str, best: &Variant, unit: impl Fn(&str) -> String) -> String {
+    let told: Vec<String> = best
+        .parameters
+        .iter()
+        .filter_map(|p| {
+            Some(format!(
+                "{} {} {}",
+                p.name,
+                short(p.known?.value),
+                unit(p.name)
+            ))
+        })
+        .collect();
+    format!("fragment and replay are of {name}: {}", told.join(", "))
 }
 
 /// What no servo axis is or does: one unit that is wrong for all of a record's columns shows nowhere else.

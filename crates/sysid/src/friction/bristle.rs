@@ -3,20 +3,6 @@
 use super::{Fitted, Law, Record, Sample, error, residuals, sure};
 use pigtail_numerics::nonlinear::minimise;
 
-/// A LuGre that leaves twice of what the best law does knows its level no better than by what that law says of it: its
-/// bristle's exponential never ends, and where a contact gives way otherwise the level takes that up.
-pub(super) fn levels(laws: &mut [Fitted], best: usize) {
-    let (level, least) = (
-        laws[best].law.level(&laws[best].values),
-        laws[best].validation_error_percent,
-    );
-    let far = |l: &&mut Fitted| l.law.needs_time() && l.validation_error_percent > 2.0 * least;
-    for fitted in laws.iter_mut().filter(far) {
-        let known = &mut fitted.known[0];
-        known.std_correlated = known.std_correlated.hypot(known.value - level);
-    }
-}
-
 /// LuGre whose static friction is its Coulomb friction: what is left of it where the record does not tell them apart.
 pub(super) fn one_level(
     law: Law,
@@ -74,6 +60,7 @@ pub(super) fn one_level(
         values,
         known,
         condition,
+        misfit_percent: 0.0,
         two_levels: None,
     })
 }

@@ -50,6 +50,17 @@ pub(super) fn one_level(values: &[f64], known: &[Known]) -> bool {
     (values[2] / values[0]).ln().abs() > 0.99 * MOST_RATIO || known[2..4].iter().any(loose)
 }
 
+/// That a contact is of another law, in words that follow another reason.
+fn foreign(chosen: &Fitted) -> String {
+    if chosen.misfit_percent <= 0.0 {
+        return String::new();
+    }
+    format!(
+        ": the contact is of another law, which tells {:.3} % of the force more",
+        chosen.misfit_percent
+    )
+}
+
 /// What the chosen law's parameters leave in doubt.
 pub(super) fn doubts(record: &Record, chosen: &Fitted) -> Vec<Unknown> {
     let mut unknown = Vec::new();
@@ -117,8 +128,10 @@ pub(super) fn doubts(record: &Record, chosen: &Fitted) -> Vec<Unknown> {
             unknown.push(Unknown {
                 parameters: vec![name],
                 because: format!(
-                    "what it says of {name} is {:.3e} with a standard deviation of {:.3e}",
-                    known.value, known.std_correlated
+                    "what it says of {name} is {:.3e} with a standard deviation of {:.3e}{}",
+                    known.value,
+                    known.std_correlated,
+                    foreign(chosen)
                 ),
             });
         }

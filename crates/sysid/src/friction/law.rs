@@ -155,11 +155,37 @@ impl Law {
         }
     }
 
-    /// The level of friction where it slides, that of both directions together.
-    pub(super) fn level(self, p: &[f64]) -> f64 {
+    /// What it takes to slide forward and backward, N or N m, its offset among it.
+    pub(super) fn sides(self, p: &[f64]) -> [f64; 2] {
         match self {
-            Self::PreslidingTwoSided => 0.5 * (p[0] + p[2]),
-            _ => p[0],
+            Self::PreslidingTwoSided => [p[0], p[2]],
+            _ => [p[0] + self.offset(p), p[0] - self.offset(p)],
+        }
+    }
+
+    /// The ways over which the level is reached forward and backward: twice the integral of `1 - F / f` along a first loading,
+    /// which is its end where a contact gives way evenly, and the elements' mean way of those in parallel. Infinite where it never ends.
+    pub(super) fn ways(self, p: &[f64]) -> [f64; 2] {
+        match self {
+            Self::Presliding => [p[1]; 2],
+            Self::PreslidingTwoSided => [p[1], p[3]],
+            Self::MaxwellSlip => [0.5 * (p[1] + p[2]); 2],
+            Self::Dahl if p[2] < 2.0 => [2.0 * p[0] / (p[1] * (2.0 - p[2])); 2],
+            Self::Dahl => [f64::INFINITY; 2],
+            Self::LuGre | Self::LuGreViscous => [2.0 * p[0] / p[1]; 2],
+        }
+    }
+
+    /// Stiffness of a contact at rest, N/m or N m/rad, that of both directions together.
+    pub(super) fn stiffness(self, p: &[f64]) -> f64 {
+        match self {
+            Self::Presliding => p[0] / p[1],
+            Self::PreslidingTwoSided => 0.5 * (p[0] / p[1] + p[2] / p[3]),
+            Self::Dahl | Self::LuGre | Self::LuGreViscous => p[1],
+            Self::MaxwellSlip => {
+                let each = (0..ELEMENTS).map(|e| 1.0 / slips(p, e));
+                p[0] * each.sum::<f64>() / ELEMENTS as f64
+            }
         }
     }
 
@@ -214,6 +240,11 @@ fn ratio(p: &[f64]) -> f64 {
 /// Number of elements of a [`Law::MaxwellSlip`].
 const ELEMENTS: usize = 24;
 
+/// The way after which an element of a [`Law::MaxwellSlip`] slips.
+fn slips(p: &[f64], element: usize) -> f64 {
+    p[1] + (p[2] - p[1]) * (element as f64 + 0.5) / ELEMENTS as f64
+}
+
 /// `l` after a way, from `l' = -l^n`.
 fn decayed(l: f64, way: f64, n: f64) -> f64 {
     let m = 1.0 - n;
@@ -260,8 +291,7 @@ impl State {
             Law::PreslidingTwoSided => self.contact = (self.contact + way).clamp(-p[3], p[1]),
             Law::MaxwellSlip => {
                 for (e, share) in self.elements.iter_mut().enumerate() {
-                    let own = p[1] + (p[2] - p[1]) * (e as f64 + 0.5) / ELEMENTS as f64;
-                    *share = (*share + way / own).clamp(-1.0, 1.0);
+                    *share = (*share + way / slips(p, e)).clamp(-1.0, 1.0);
                 }
             }
             Law::Dahl => {

@@ -3,7 +3,9 @@
 mod beside;
 mod bristle;
 mod check;
+mod elements;
 mod law;
+mod misfit;
 mod skew;
 mod sure;
 
@@ -356,6 +358,9 @@ pub struct Fitted {
     pub validation_error_percent: f64,
     /// Condition number of the linear problem at the parameters, which are scaled to order one.
     pub condition: f64,
+    /// What of the error another law, or elements of every length, would tell: by so much the contact is of another law, per
+    /// cent of the force. Zero where none tells more.
+    pub misfit_percent: f64,
     /// Of LuGre with one level, where a static friction of its own is not told: what it leaves with one, per cent.
     two_levels: Option<f64>,
 }
@@ -437,6 +442,7 @@ pub fn identify(
             values: whole,
             known,
             condition,
+            misfit_percent: 0.0,
             two_levels: None,
         });
     }
@@ -450,7 +456,7 @@ pub fn identify(
     else {
         return Err(Unknown::all("no law could be fitted to it"));
     };
-    bristle::levels(&mut laws, best);
+    misfit::allow(&mut laws, record);
     let chosen = &laws[best];
     if chosen.relative_error_percent > UNEXPLAINED {
         let mut because = format!(
