@@ -198,7 +198,7 @@ fn played(page: &Path) -> Vec<String> {
     let path = std::env::var("PATH").unwrap_or_default();
     let path = format!("{}:{path}", program.parent().expect("has one").display());
     // As in a clone: what is there is found there.
-    for there in ["recipes", "rigs"] {
+    for there in ["recipes", "rigs", "trays"] {
         copied(&root().join(there), &folder.path().join(there));
     }
     for (name, range) in files(&lines) {
