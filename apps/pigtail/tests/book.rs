@@ -144,6 +144,7 @@ fn compared(line: &str) -> String {
             (r"[0-9.]+ s here, [0-9.]+ devices/s", "SPEED"),
             (r"Simulated in [0-9.]+ (s|min)", "SPEED"),
             (r"took +[0-9.]+ s", "SPEED"),
+            (r"machine time in [0-9.]+ s", "SPEED"),
             (r"\([0-9.]+ s\)", "SPEED"),
             // The last column of a list of runs is how long they took.
             (
