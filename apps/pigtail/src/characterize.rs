@@ -76,7 +76,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive))]
     frequency: Option<f64>,
     /// Steps of the resolution test
-    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(10..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(10..=10_000))]
     steps: u32,
     /// With impulse: instead, which pulse would be best at equal peak voltage: the thesis's, more
     /// harmonics, other lengths and other families, each optimised over the whole uncertainty on the

@@ -37,7 +37,7 @@ pub(crate) struct Arguments {
     #[arg(long, default_value = DEFAULT_RECIPE_NAME)]
     recipe: String,
     /// Devices that each procedure aligns, of successive seeds
-    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     devices: u64,
     /// What a tray will take, from recipe and machine alone, and what limits it: a tray file, or the name of one below
     /// `trays`

@@ -252,8 +252,8 @@ fn a_thing_has_one_name_in_all_commands() {
     things.retain(|thing, names| names.len() > 1 && !FEW.contains(&thing.as_str()));
     assert!(things.is_empty(), "{things:?}");
     // The other way round: what a flag takes is called alike, but for words that are two things to the trade. Each of these
-    // says which by the name of its value: a record's column, a file, a name, a length or counts.
-    const TWO: [&str; 4] = ["frequency", "model", "reference", "step"];
+    // says which by the name of its value: a record's column, a file, a name, a length or counts, names or a number.
+    const TWO: [&str; 5] = ["frequency", "model", "reference", "step", "steps"];
     let mut taken: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     for (_, command) in all() {
         for argument in command.get_arguments().filter(|a| takes_value(a)) {
