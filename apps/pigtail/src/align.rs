@@ -63,7 +63,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_parser = choice::<Scenario>(), default_value = <&str>::from(Scenario::default()))]
     scenario: Scenario,
     /// Which device on the machine of this seed, from 0
-    #[arg(long, value_name = "N", default_value_t = 0)]
+    #[arg(long, value_name = "N", default_value_t = 0, value_parser = crate::from_zero::<u64>)]
     device: u64,
     /// Breaks something at a time: NAME[:WHERE][:SIZE]@TIME; may be given more than once, `help`
     /// lists what there is

@@ -34,7 +34,7 @@ pub(crate) struct Arguments {
     #[arg(long, default_value = DEFAULT_RECIPE_NAME)]
     recipe: String,
     /// Devices that each algorithm aligns, of successive seeds
-    #[arg(long, default_value_t = 40, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    #[arg(long, value_name = "N", default_value_t = 40, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     devices: u64,
     /// What is wrong with device, fixture or light
     #[arg(long, value_parser = choice::<Scenario>(), default_value = <&str>::from(Scenario::default()))]

@@ -101,7 +101,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "all|NAME,...")]
     faults: Option<Faults>,
     /// The first device's seed; each next device has the next one [default: 0]
-    #[arg(long, allow_negative_numbers = true)]
+    #[arg(long, value_parser = crate::from_zero::<u64>)]
     seed: Option<u64>,
     /// A folder with the three files of a rig, or the name of one below `rigs` [default: afpm]
     #[arg(long)]

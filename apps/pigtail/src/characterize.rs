@@ -70,13 +70,13 @@ pub(crate) struct Arguments {
     #[command(flatten)]
     own: OwnAxes,
     /// Size of the step, or amplitude of sine or noise: counts, or "81 um" of z, "0.9 deg" of a joint
-    #[arg(long, value_parser = way, allow_hyphen_values = true)]
+    #[arg(long, value_parser = way)]
     size: Option<Way>,
     /// Frequency of the sine, hertz; 10 for a five-bar joint, 8 for z
     #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive))]
     frequency: Option<f64>,
     /// Steps of the resolution test
-    #[arg(long, default_value_t = 1000, value_parser = clap::value_parser!(u32).range(10..=10_000))]
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u32).range(10..=10_000))]
     steps: u32,
     /// With impulse: instead, which pulse would be best at equal peak voltage: the thesis's, more
     /// harmonics, other lengths and other families, each optimised over the whole uncertainty on the
@@ -88,10 +88,10 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FSM", value_parser = crate::positive)]
     a2: Option<f64>,
     /// The third beside it; 0 if not given
-    #[arg(long, value_name = "FSM", requires = "a2", allow_negative_numbers = true, value_parser = harmonic)]
+    #[arg(long, value_name = "FSM", requires = "a2", value_parser = harmonic)]
     a3: Option<f64>,
     /// The fourth beside it; 0 if not given
-    #[arg(long, value_name = "FSM", requires = "a2", allow_negative_numbers = true, value_parser = harmonic)]
+    #[arg(long, value_name = "FSM", requires = "a2", value_parser = harmonic)]
     a4: Option<f64>,
     /// With impulse: length of the pulses, milliseconds; 1 if not given
     #[arg(long, value_name = "MS", value_parser = in_unit(TIME, "ms", Sign::Positive))]

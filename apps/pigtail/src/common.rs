@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Args)]
 pub(crate) struct Common {
     /// What to draw: machine, device, fixture and noise
-    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 0, value_parser = crate::from_zero::<u64>)]
     pub(crate) seed: u64,
     /// A folder with the three files of a rig, or the name of one below `rigs`
     #[arg(long, default_value = DEFAULT_RIG_NAME)]

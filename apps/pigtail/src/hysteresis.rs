@@ -45,17 +45,27 @@ use std::path::{Path, PathBuf};
 Examples:
   pigtail identify hysteresis --side left
   pigtail identify hysteresis --rig my-rig --write
-  pigtail identify hysteresis --data loops.csv --input u_V --output disp_um
-  pigtail identify hysteresis --data loops.csv --input u_V --output x_nm --unit nm --model rbf")]
+  pigtail identify hysteresis --data loops.csv --voltage u_V --displacement disp_um
+  pigtail identify hysteresis --data loops.csv --voltage u_V --displacement x_nm --model rbf")]
 pub(crate) struct IdentifyArguments {
     /// A file of columns; delimiter, decimal comma, encoding, names and units are told from it
     #[arg(long, value_name = "FILE", requires_all = ["input", "output"])]
     data: Option<PathBuf>,
     /// Its column of voltage
-    #[arg(long, value_name = "COLUMN", requires = "data")]
+    #[arg(
+        long = "voltage",
+        alias = "input",
+        value_name = "COLUMN",
+        requires = "data"
+    )]
     input: Option<String>,
     /// Its column of displacement
-    #[arg(long, value_name = "COLUMN", requires = "data")]
+    #[arg(
+        long = "displacement",
+        alias = "output",
+        value_name = "COLUMN",
+        requires = "data"
+    )]
     output: Option<String>,
     /// Its column of time; `t_s`, `time_s`, `t` or `time` if there is one, else samples are a second apart
     #[arg(long, value_name = "COLUMN", requires = "data")]
@@ -93,7 +103,7 @@ pub(crate) struct IdentifyArguments {
 #[command(after_help = "\
 Examples:
   pigtail predict --model runs/20260101T120000-hysteresis-0/model.json --data other.csv
-  pigtail predict --model model.json --data path.csv --output wanted_um --inverse")]
+  pigtail predict --model model.json --data path.csv --displacement wanted_um --inverse")]
 pub(crate) struct PredictArguments {
     /// The model.json of `pigtail identify hysteresis`
     #[arg(long, value_name = "FILE")]
@@ -102,10 +112,10 @@ pub(crate) struct PredictArguments {
     #[arg(long, value_name = "FILE")]
     data: PathBuf,
     /// Its column of voltage; named as in the model's record if not given
-    #[arg(long, value_name = "COLUMN")]
+    #[arg(long = "voltage", alias = "input", value_name = "COLUMN")]
     input: Option<String>,
     /// Its column of displacement; named as in the model's record if not given
-    #[arg(long, value_name = "COLUMN")]
+    #[arg(long = "displacement", alias = "output", value_name = "COLUMN")]
     output: Option<String>,
     /// Its column of time
     #[arg(long, value_name = "COLUMN")]

@@ -54,7 +54,7 @@ Examples:
   pigtail identify windup fivebar
   pigtail identify windup fivebar --rig my-rig --write
   pigtail identify windup --data d.csv --motor mot1_deg --load se1_deg --torque torque1_Nm
-  pigtail identify windup --data d.csv --motor q_m:rad --ratio 0.0125 --load q_l:rad")]
+  pigtail identify windup --data d.csv --motor q_m:rad --gear-ratio 0.0125 --load q_l:rad")]
 #[command(group(clap::ArgGroup::new("from").required(true).args(["axis", "data"])))]
 struct WindupArguments {
     /// fivebar, z, or left.a, left.b, left.z, right.a, right.b, right.z

@@ -42,10 +42,10 @@ pub(crate) struct Arguments {
     /// fivebar, z, or left.a, left.b, left.z, right.a, right.b, right.z
     axis: AxisName,
     /// The way to go, nanometres; backward where negative
-    #[arg(long, value_name = "NM", allow_hyphen_values = true, value_parser = in_unit(LENGTH, "nm", Sign::Any))]
+    #[arg(long, value_name = "NM", value_parser = in_unit(LENGTH, "nm", Sign::Any))]
     target_nm: f64,
     /// What to draw: machine, device, fixture and noise
-    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 0, value_parser = crate::from_zero::<u64>)]
     seed: u64,
     /// A folder with the three files of a rig, or the name of one below `rigs`
     #[arg(long, default_value = DEFAULT_RIG_NAME)]
@@ -66,7 +66,7 @@ pub(crate) struct Arguments {
     #[arg(long, value_parser = choice::<Condition>(), default_value = <&str>::from(Condition::default()))]
     condition: Condition,
     /// `k_c` of (4.10): the share of the error that a pulse is to take away, above 0 and below 2
-    #[arg(long, default_value_t = 1.0, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 1.0)]
     gain: f64,
     /// Pulses at most
     #[arg(long, default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]

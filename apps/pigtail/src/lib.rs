@@ -43,13 +43,16 @@ mod tune;
 mod twin;
 mod way;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 use pigtail_control::outcome::Outcome;
 use pigtail_hal::{Error, Fault};
 use pigtail_session::job::Ended;
 pub use schema::FileKind;
+use std::any::TypeId;
 use std::io::{self, Write};
+use std::path::PathBuf;
 use std::process::ExitCode;
+use std::str::FromStr;
 
 const DONE: u8 = 0;
 const NEGATIVE: u8 = 1;
@@ -136,6 +139,12 @@ impl From<Ended> for Failure {
     }
 }
 
+/// Parses a whole number, zero among them.
+fn from_zero<T: FromStr>(text: &str) -> Result<T, String> {
+    text.parse()
+        .map_err(|_| "accepted is a whole number from 0 on".to_owned())
+}
+
 /// Parses a finite number above zero.
 fn positive(text: &str) -> Result<f64, String> {
     text.parse::<f64>()
@@ -202,7 +211,24 @@ fn print_as_it_is(text: &[u8]) -> anyhow::Result<()> {
 
 /// The program's commands and options, for whoever describes them.
 pub fn command() -> clap::Command {
-    Arguments::command().name("pigtail")
+    values_below_zero(Arguments::command().name("pigtail"))
+}
+
+/// What begins with a minus behind an option that takes a number or a quantity is its value: where nothing below zero is
+/// accepted the option says so, and no option "-1" is missed.
+fn values_below_zero(command: clap::Command) -> clap::Command {
+    command
+        .mut_args(|argument| {
+            let parsed = argument.get_value_parser().type_id();
+            let free = parsed == TypeId::of::<String>() || parsed == TypeId::of::<PathBuf>();
+            let takes = argument.get_action().takes_values() && argument.get_long().is_some();
+            if takes && !free {
+                argument.allow_hyphen_values(true)
+            } else {
+                argument
+            }
+        })
+        .mut_subcommands(values_below_zero)
 }
 
 /// Runs the program with the process's arguments.
@@ -212,7 +238,8 @@ pub fn main() -> ExitCode {
         let _ = print(answer.as_bytes());
         return ExitCode::from(DONE);
     }
-    let arguments = match Arguments::try_parse() {
+    let matches = command().try_get_matches();
+    let arguments = match matches.and_then(|matches| Arguments::from_arg_matches(&matches)) {
         Ok(arguments) => arguments,
         Err(error) => return answered(&error),
     };

@@ -43,7 +43,7 @@ pub(crate) struct Arguments {
     #[arg(long, default_value = "4 ms", value_parser = quantity(TIME, Sign::NonNegative, 1.0))]
     pause: f64,
     /// Devices over which times are averaged
-    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=1000))]
+    #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=1000))]
     devices: u64,
     /// Record the exchanges with every machine, some 0.8 GB, so that the trials can be replayed
     #[arg(long)]

@@ -1,6 +1,6 @@
 //! `pigtail plan`.
 
-use crate::common::{Common, believed, write_table};
+use crate::common::{Common, write_table};
 use crate::methods::{duration, duration_or_dash};
 use crate::running::stopped;
 use crate::{DONE, Failure, running, tray_plan};
@@ -9,12 +9,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 use pigtail_evaluate::plan::{PlanDocument, plan, rows};
 use pigtail_report as report;
 use pigtail_session::calibrations::Part;
-use pigtail_session::fleet::NOMINAL;
-use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Named};
-use pigtail_session::setup::Setup;
+use pigtail_session::rig::DEFAULT_RECIPE_NAME;
 use serde::Serialize;
 use std::io::{self, Write};
-use std::path::PathBuf;
 use std::time::Duration;
 
 /// Compare the ways to align: by formula, and on the rig's twin
@@ -34,31 +31,18 @@ Examples:
   pigtail plan --seed 7 --json          another machine and device, as one JSON document
   pigtail plan --rig my-rig/ --recipe my-chip.toml --devices 100")]
 pub(crate) struct Arguments {
-    /// What to draw: machine, device, fixture and noise
-    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
-    seed: u64,
-    /// A folder with the three files of a rig, or the name of one below `rigs`
-    #[arg(long, default_value = DEFAULT_RIG_NAME)]
-    rig: String,
-    /// A calibration in place of the rig's: the number of a version, the folder of a run that found it, or a file
-    #[arg(long, value_name = "VERSION|RUN|FILE")]
-    calibration: Option<String>,
+    #[command(flatten)]
+    common: Common,
     /// A recipe file, or the name of one below `recipes`
     #[arg(long, default_value = DEFAULT_RECIPE_NAME)]
     recipe: String,
     /// Devices that each procedure aligns, of successive seeds
-    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     devices: u64,
     /// What a tray will take, from recipe and machine alone, and what limits it: a tray file, or the name of one below
     /// `trays`
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["recipe", "devices"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["recipe", "devices", "fleet"])]
     tray: Option<String>,
-    /// Print JSON instead of text
-    #[arg(long)]
-    json: bool,
-    /// Where to write the run's folder
-    #[arg(long, value_name = "FOLDER", default_value = "runs")]
-    runs: PathBuf,
 }
 
 /// A plan, and where its report is.
@@ -71,27 +55,13 @@ struct Reported<'d> {
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
+    let common = &arguments.common;
     if let Some(tray) = &arguments.tray {
-        let common = Common {
-            seed: arguments.seed,
-            rig: arguments.rig.clone(),
-            fleet: NOMINAL.to_owned(),
-            calibration: arguments.calibration.clone(),
-            json: arguments.json,
-            runs: arguments.runs.clone(),
-        };
-        return tray_plan::run(&common, tray);
+        return tray_plan::run(common, tray);
     }
-    let calibration = arguments.calibration.as_deref();
-    let calibration = believed(&arguments.rig, calibration, &arguments.runs)?;
-    let mut setup = Setup::load_named(&Named {
-        rig: &arguments.rig,
-        recipe: &arguments.recipe,
-        calibration: calibration.as_deref(),
-        ..Named::default()
-    })?;
+    let mut setup = common.setup(&arguments.recipe)?;
     running::warn(&setup, Part::ALIGNMENT);
-    let run = running::begin(&mut setup, &arguments.runs, "plan", arguments.seed, false)?;
+    let run = running::begin(&mut setup, &common.runs, "plan", common.seed, false)?;
     let bar = ProgressBar::new(rows(&setup) as u64);
     if let Ok(style) = ProgressStyle::with_template("plan [{bar:20}] {elapsed} {msg}") {
         bar.set_style(style.progress_chars("=> "));
@@ -101,7 +71,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         bar.inc(1);
     };
     bar.enable_steady_tick(Duration::from_millis(200));
-    let planned = plan(&setup, arguments.seed, arguments.devices, &mut step);
+    let planned = plan(&setup, common.seed, arguments.devices, &mut step);
     bar.finish_and_clear();
     let document = planned.map_err(|ended| stopped(&run, &setup, ended))?;
     let reported = Reported {
@@ -113,7 +83,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     run.write("report.html", report::plan(&document)?)?;
     run.finish("done")?;
     let mut text = Vec::new();
-    if arguments.json {
+    if common.json {
         serde_json::to_writer(&mut text, &on).map_err(anyhow::Error::from)?;
         text.push(b'\n');
     } else {

@@ -2,6 +2,7 @@
 
 use crate::common::Common;
 use crate::journal::{Head, Journal, Left, Who, resumed};
+use crate::progress::light;
 use crate::tray_plan::planned;
 use crate::{DONE, FAULT, Failure, NEGATIVE, campaign, running, trays};
 use clap::Args;
@@ -163,6 +164,8 @@ struct View {
     fibers: usize,
     passed: usize,
     start: Option<f64>,
+    /// When the last device was done, seconds of machine time.
+    done_at: f64,
     now: f64,
     /// Seconds a device by the plan.
     each: f64,
@@ -190,6 +193,7 @@ impl View {
             fibers: 0,
             passed: 0,
             start: None,
+            done_at: 0.0,
             now: 0.0,
             each,
             failed: None,
@@ -207,27 +211,35 @@ impl View {
 
     fn show(&self) {
         let (done, all, before) = self.devices;
-        let seconds = self.now - self.start.unwrap_or(self.now);
+        let start = self.start.unwrap_or(self.now);
+        let seconds = self.now - start;
         let here = done - before;
+        // Of those that are done: the time of one that is not yet would count for all that are to come.
         let each = if here > 0 {
-            seconds / here as f64
+            (self.done_at - start) / here as f64
         } else {
             self.each
+        };
+        let passed = if here > 0 {
+            format!("{:.0} %", 100.0 * self.passed as f64 / here as f64)
+        } else {
+            "-".to_owned()
         };
         let ahead = (all - before) as f64 * each - seconds;
         let fiber = seconds / self.fibers.max(1) as f64;
         self.bar.set_position(done as u64);
         // Two lines of 80 columns.
         self.bar.set_prefix(format!(
-            "device {}/{all}  fibers {}  yield {:.0} %  {fiber:.0} s a fiber  {:.0} min left",
+            "device {}/{all}  fibers {}  yield {passed}  {fiber:.0} s a fiber  {:.0} min left",
             (done + 1).min(all),
             self.fibers,
-            100.0 * self.passed as f64 / here.max(1) as f64,
             (ahead / 60.0).max(0.0).ceil(),
         ));
         self.bar.set_message(format!(
-            "left {:9} right {:9} {:5.3} V",
-            self.left, self.right, self.light
+            "left {:9} right {:9} {}",
+            self.left,
+            self.right,
+            light(self.light)
         ));
     }
 
@@ -260,6 +272,7 @@ impl View {
                 self.devices.0 += 1;
                 self.passed += usize::from(produced.rejected.is_empty());
                 self.now = produced.end;
+                self.done_at = produced.end;
                 if self.json {
                     #[derive(Serialize)]
                     struct Tagged<'t> {

@@ -17,6 +17,18 @@ pub(crate) struct Progress {
     channel: Channel,
 }
 
+/// Light, in a unit that shows it: what couples first is a thousandth of what couples in the end.
+pub(crate) fn light(volts: f64) -> String {
+    let size = volts.abs();
+    if size >= 0.1 {
+        format!("{volts:5.3} V ")
+    } else if size >= 1e-4 {
+        format!("{:5.2} mV", 1e3 * volts)
+    } else {
+        format!("{:5.1} uV", 1e6 * volts)
+    }
+}
+
 /// Resolution of the bar.
 const PARTS: u64 = 1000;
 
@@ -41,9 +53,9 @@ impl Progress {
 
     fn message(&self) {
         self.bar.set_message(format!(
-            "{:5.1} s  {:.3} V",
+            "{:5.1} s  {}",
             self.last - self.start,
-            self.brightest
+            light(self.brightest)
         ));
     }
 }
@@ -121,8 +133,9 @@ impl Observer for Searching {
         if sample.time - self.told >= 1.0 {
             self.told = sample.time;
             self.busy.0.set_message(format!(
-                "searched {:.0} s of machine time, brightest {:.3} V",
-                sample.time, self.brightest
+                "searched {:.0} s of machine time, brightest {}",
+                sample.time,
+                light(self.brightest)
             ));
         }
     }

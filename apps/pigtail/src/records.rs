@@ -101,7 +101,7 @@ pub(crate) struct ServoArguments {
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u8).range(1..=8))]
     order: u8,
     /// Samples left out at the start
-    #[arg(long, default_value_t = 49)]
+    #[arg(long, default_value_t = 49, value_parser = crate::from_zero::<usize>)]
     skip: usize,
     /// One equation in so many samples; sample rate over cutoff if not given
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
@@ -388,9 +388,9 @@ pub(crate) struct WindupRecordArguments {
     rate: Option<f64>,
     /// Turns of the output for a turn of the motor, where the motor's column is not yet in angles of the output; below
     /// zero where the motor turns against it
-    #[arg(long, value_name = "R", default_value_t = 1.0, value_parser = crate::not_zero, allow_negative_numbers = true,
+    #[arg(long, alias = "ratio", value_name = "R", default_value_t = 1.0, value_parser = crate::not_zero,
         requires = "data")]
-    ratio: f64,
+    gear_ratio: f64,
     /// Travel for a turn of the screw, metres, where motor and load are lengths
     #[arg(long, value_name = "METRES", value_parser = in_unit(LENGTH, "m", Sign::Positive), requires = "data")]
     lead: Option<f64>,
@@ -421,7 +421,7 @@ pub(crate) fn windup(a: &WindupRecordArguments, json: bool, runs: &Path) -> Resu
         motor: motor.clone(),
         load: load.clone(),
         torque: a.torque.clone(),
-        ratio: a.ratio,
+        ratio: a.gear_ratio,
     };
     let first = roles.read(data)?;
     let second = a

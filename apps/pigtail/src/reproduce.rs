@@ -32,7 +32,7 @@ use std::time::Duration;
 /// after a result was seen is told with the results before and after.
 ///
 /// The exit code is 1 where a claim does not hold for a reason that is not known. Those whose reason was
-/// found stay in the list, and say it. What drawn machines (`--specimens`) give does not change it.
+/// found stay in the list, and say it. What drawn machines (`--machines`) give does not change it.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -41,7 +41,7 @@ Examples:
   pigtail reproduce 2.8 4.20        some figures
   pigtail reproduce 3 --seed 7      a chapter, with another device
   pigtail reproduce 2 --specimen    a chapter, on a machine that the seed draws
-  pigtail reproduce --specimens 20 --quick
+  pigtail reproduce --machines 20 --quick
                                     and each claim on how many of 20 machines
   pigtail reproduce budget          the times of 3.4")]
 pub(crate) struct Arguments {
@@ -57,9 +57,9 @@ pub(crate) struct Arguments {
     #[arg(long)]
     specimen: bool,
     /// Run them on so many drawn machines too, and say of each claim on how many it holds
-    #[arg(long, value_name = "N", conflicts_with = "specimen",
+    #[arg(long, alias = "specimens", value_name = "M", conflicts_with = "specimen",
           value_parser = clap::value_parser!(u32).range(1..=1000))]
-    specimens: Option<u32>,
+    machines: Option<u32>,
 }
 
 pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
@@ -67,12 +67,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let selected = select(&arguments.names)?;
     let setup = common.setup(DEFAULT_RECIPE_NAME)?;
     if setup.fleet.is_some() {
-        let message = "the thesis is reproduced on its own machine; accepted is nominal, and --specimens for what \
+        let message = "the thesis is reproduced on its own machine; accepted is nominal, and --machines for what \
                        else is drawn";
         return Err(Error::new("--fleet", "", message).into());
     }
     let drawn = arguments
-        .specimens
+        .machines
         .map(|n| Specimens::new(&setup, (common.seed, arguments.quick), n, &selected))
         .transpose()?;
     let bench = Bench::new(setup, common.seed, arguments.quick, arguments.specimen)?;

@@ -153,7 +153,7 @@ struct ListArguments {
     #[command(flatten)]
     filter: Filter,
     /// Only the last N
-    #[arg(long, value_name = "N")]
+    #[arg(long, value_name = "N", value_parser = crate::from_zero::<usize>)]
     last: Option<usize>,
     /// Print JSON instead of text
     #[arg(long)]
@@ -167,7 +167,7 @@ struct Filter {
     #[arg(long)]
     kind: Option<String>,
     /// Only those in which the device of this seed was
-    #[arg(long)]
+    #[arg(long, value_parser = crate::from_zero::<u64>)]
     seed: Option<u64>,
     /// Only those that came so far
     #[arg(long, value_parser = choice::<State>())]

@@ -13,10 +13,11 @@ use std::path::PathBuf;
 /// Write records to try the commands on that read records
 ///
 /// Files of columns as laboratories bring them, made by the twin of a seed: a servo axis, a joint with two encoders, a
-/// piezo, a map of light, a contact, a stage's frequency response; and the parameters of two joints to simulate. What is
-/// true of them is known, so that an answer can be judged: the axes are those of the rig's `plant.toml` as the seed draws
-/// them; the map's peak is at 17.2, 10.6 um; the contact gives way by 12 um before it slides at 2 N; the stage has modes at 180
-/// and 540 Hz, damped by 0.03 and 0.015, and answers 0.3 ms late.
+/// piezo, a map of light, a contact, a stage's frequency response, a sled; and the parameters of two joints to simulate.
+/// What is true of them is known, so that an answer can be judged: the axes are those of the rig's `plant.toml` as the seed
+/// draws them; the map's peak is at 17.2, 10.6 um; the contact gives way by 12 um before it slides at 2 N; the stage has modes
+/// at 180 and 540 Hz, damped by 0.03 and 0.015, and answers 0.3 ms late; the sled has 95 kg and 200 N s/m, slides at 20 N after
+/// 5 um, and gets 35 N from a volt of its controller (160/s, 240 V s/m, 10 V at most).
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
@@ -25,12 +26,12 @@ Examples:
   pigtail identify friction --data data/friction.csv --displacement x_um --force force_N
   pigtail identify resonance --data data/response.csv
   pigtail align --map data/map.csv --map-columns x_um,y_um,power_V
-  pigtail simulate joint --params data/axes.toml --axis z --step 400 --out step.csv")]
+  pigtail simulate joint --params data/axes.toml --axis z --step 400 --to step.csv")]
 pub(crate) struct Arguments {
     /// The folder to write them into
     folder: PathBuf,
     /// What to draw: machine and noise
-    #[arg(long, default_value_t = 0, allow_negative_numbers = true)]
+    #[arg(long, default_value_t = 0, value_parser = crate::from_zero::<u64>)]
     seed: u64,
     /// A folder with the three files of a rig, or the name of one below `rigs`
     #[arg(long, default_value = DEFAULT_RIG_NAME)]

@@ -47,7 +47,7 @@ pub(crate) struct MapArguments {
     #[arg(long, requires = "map")]
     map_inverted: bool,
     /// Where the search begins, such as "5 um,-3 um"; the map's middle where not given
-    #[arg(long, value_name = "X,Y", requires = "map", value_parser = place, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y", requires = "map", value_parser = place)]
     map_start: Option<Displacement>,
     /// How well the peak's place is to be known (a standard deviation), such as "0.1 um"; a fiftieth
     /// of its radius where not given

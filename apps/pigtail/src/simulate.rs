@@ -42,8 +42,8 @@ pigtail simulate joint [OPTIONS] --params <FILE> --axis <NAME>
     after_help = "\
 Examples:
   pigtail simulate joint --params axes.toml --axis z --impulse 1.5,12.5,1e-3
-  pigtail simulate joint --params axes.toml --axis fivebar --step 400 --out step.csv
-  pigtail simulate joint --params axes.toml --axis z --reference wanted_um.csv --out followed.csv"
+  pigtail simulate joint --params axes.toml --axis fivebar --step 400 --to step.csv
+  pigtail simulate joint --params axes.toml --axis z --reference wanted_um.csv --to followed.csv"
 )]
 struct JointArguments {
     /// A TOML or JSON file with a table for each axis
@@ -58,8 +58,8 @@ struct JointArguments {
     #[arg(long, value_name = "HERTZ", value_parser = in_unit(FREQUENCY, "Hz", Sign::Positive), conflicts_with_all = ["impulse", "step", "triangle"])]
     rate: Option<f64>,
     /// Where to write the trajectory; standard output if not given
-    #[arg(long, value_name = "FILE")]
-    out: Option<PathBuf>,
+    #[arg(long, alias = "out", value_name = "FILE")]
+    to: Option<PathBuf>,
     /// How long, seconds; what the input needs if not given
     #[arg(long, value_name = "SECONDS", value_parser = in_unit(TIME, "s", Sign::Positive))]
     duration: Option<f64>,
@@ -83,13 +83,13 @@ struct InputArguments {
     #[arg(long, value_name = "FILE")]
     reference: Option<PathBuf>,
     /// The impulse (4.7): amplitudes over the motor's static friction, and its length in seconds
-    #[arg(long, value_name = "A1,A2,T", allow_negative_numbers = true)]
+    #[arg(long, value_name = "A1,A2,T")]
     impulse: Option<Numbers<3>>,
     /// A step of the PID's reference, counts
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N")]
     step: Option<Numbers<1>>,
     /// A reference that rises to N counts and falls back in PERIOD seconds, twice
-    #[arg(long, value_name = "N,PERIOD", allow_negative_numbers = true)]
+    #[arg(long, value_name = "N,PERIOD")]
     triangle: Option<Numbers<2>>,
 }
 
@@ -122,7 +122,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     };
     let mut trajectory = Vec::new();
     joint(&parameters, &input, &grid, &mut trajectory)?;
-    match &arguments.out {
+    match &arguments.to {
         Some(path) => File::create(path)
             .and_then(|file| {
                 let mut file = BufWriter::new(file);

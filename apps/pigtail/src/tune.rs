@@ -49,7 +49,7 @@ pub(crate) struct Arguments {
     trials: Option<u32>,
     /// The larger of the two steps: counts, 20 or more, or "81 um" of z, "0.9 deg" of a joint; if not given, these
     /// two, which are 1300 and 400 counts of the shipped rig
-    #[arg(long, value_parser = way, allow_hyphen_values = true)]
+    #[arg(long, value_parser = way)]
     step: Option<Way>,
     #[command(flatten)]
     write: WriteArguments,

@@ -22,7 +22,7 @@ use std::path::PathBuf;
 #[command(after_help = "\
 Examples:
   pigtail twin --from runs/20260101T120000-servo-0/plant.toml
-  pigtail twin --from plant.toml --data other.csv --friction lugre --presliding 5e-6")]
+  pigtail twin --from plant.toml --data other.csv --law lugre --presliding 5e-6")]
 pub(crate) struct Arguments {
     /// The plant.toml of `pigtail identify servo`, or the folder of its run
     #[arg(long, value_name = "FRAGMENT")]
@@ -31,17 +31,17 @@ pub(crate) struct Arguments {
     #[arg(long, value_name = "FILE")]
     data: Option<PathBuf>,
     /// How friction gives way before it slides
-    #[arg(long, value_enum, default_value = "coulomb")]
-    friction: Law,
+    #[arg(long, alias = "friction", value_enum, default_value = "coulomb")]
+    law: Law,
     /// Way over which it gives way, m or rad, or with a unit, such as "5 um"
-    #[arg(long, value_name = "WAY", value_parser = of_axis(LENGTH, ANGLE), allow_hyphen_values = true, required_if_eq_any = [
-        ("friction", "coulomb-presliding"), ("friction", "maxwell-slip"), ("friction", "lugre")])]
+    #[arg(long, value_name = "WAY", value_parser = of_axis(LENGTH, ANGLE), required_if_eq_any = [
+        ("law", "coulomb-presliding"), ("law", "maxwell-slip"), ("law", "lugre")])]
     presliding: Option<OfAxis>,
     /// Static over Coulomb friction, for lugre
     #[arg(long, value_name = "RATIO", default_value_t = 1.0, value_parser = crate::positive)]
     static_ratio: f64,
     /// Velocity above which static friction falls to Coulomb friction, m/s or rad/s, or with a unit, for lugre
-    #[arg(long, value_name = "VELOCITY", default_value = "0.001", value_parser = of_axis(SPEED, ROTATION), allow_hyphen_values = true)]
+    #[arg(long, value_name = "VELOCITY", default_value = "0.001", value_parser = of_axis(SPEED, ROTATION))]
     stribeck: OfAxis,
     #[command(flatten)]
     output: Output,
@@ -117,13 +117,13 @@ pub(crate) fn run(a: &Arguments) -> Result<u8, Failure> {
         .presliding
         .map_or(Ok(0.0), |way| way.on(kind, "--presliding"))?;
     let stribeck = a.stribeck.on(kind, "--stribeck")?;
-    let law = match a.friction {
+    let law = match a.law {
         Law::Coulomb => Ok(("coulomb", Sliding::Coulomb)),
         Law::CoulombPresliding => Ok(("coulomb-presliding", Sliding::CoulombPresliding(way))),
         Law::MaxwellSlip => Sliding::maxwell_slip(way).map(|law| ("maxwell-slip", law)),
         Law::Lugre => Sliding::lugre(way, a.static_ratio, stribeck).map(|law| ("lugre", law)),
     }
-    .map_err(|invalid| Error::new("--friction", "", invalid.to_string()))?;
+    .map_err(|invalid| Error::new("--law", "", invalid.to_string()))?;
     let busy = Busy::new("twin", "running the record again");
     let answered = twin(&from, &fragment, a.data.as_deref(), law);
     drop(busy);

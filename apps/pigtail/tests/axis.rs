@@ -460,6 +460,7 @@ fn simulations_refuse_what_they_cannot_do() {
         "static.toml",
         &parameters.replace("fsm = 2.58e-3", "fsm = 2.0e-3"),
     );
+    write("load.toml", &parameters.replace("bl = 5.7e-3", "bl = -1"));
     write("unknown.toml", &format!("{parameters}colour = 1\n"));
     write("back.csv", "time_s,u_V\n0,1\n0.2,2\n0.1,3\n");
     write("empty.csv", "time_s,u_V\n");
@@ -485,7 +486,12 @@ fn simulations_refuse_what_they_cannot_do() {
         (
             "static.toml",
             &["--axis", "z", "--step", "1"],
-            &["static_friction", "at least"],
+            &["`z.fsm`", "is 0.002", "at least"],
+        ),
+        (
+            "load.toml",
+            &["--axis", "z", "--step", "1"],
+            &["`z.bl`", "is -1", "zero or more"],
         ),
         (
             "unknown.toml",

@@ -144,6 +144,7 @@ fn compared(line: &str) -> String {
             (r"[0-9.]+ s here, [0-9.]+ devices/s", "SPEED"),
             (r"Simulated in [0-9.]+ (s|min)", "SPEED"),
             (r"took +[0-9.]+ s", "SPEED"),
+            (r"machine time in [0-9.]+ s", "SPEED"),
             (r"\([0-9.]+ s\)", "SPEED"),
             // The last column of a list of runs is how long they took.
             (
@@ -198,7 +199,7 @@ fn played(page: &Path) -> Vec<String> {
     let path = std::env::var("PATH").unwrap_or_default();
     let path = format!("{}:{path}", program.parent().expect("has one").display());
     // As in a clone: what is there is found there.
-    for there in ["recipes", "rigs"] {
+    for there in ["recipes", "rigs", "trays"] {
         copied(&root().join(there), &folder.path().join(there));
     }
     for (name, range) in files(&lines) {

@@ -226,6 +226,76 @@ fn a_name_means_one_thing_in_all_commands() {
     }
 }
 
+/// What an argument is, without what goes for one command alone.
+fn said(argument: &Arg) -> String {
+    let help = argument.get_help().map(ToString::to_string);
+    let help = help.unwrap_or_default();
+    let end = help.find([',', ';', '.', ':', '(', '[']);
+    help[..end.unwrap_or(help.len())].trim().to_owned()
+}
+
+#[test]
+fn a_thing_has_one_name_in_all_commands() {
+    // Words that are too few to tell a thing: files to write are told by what is in them, ways to align by whose they are.
+    const FEW: [&str; 3] = ["A file to write", "Which model", "With impulse"];
+    let mut things: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for (_, command) in all() {
+        for argument in command.get_arguments() {
+            if let Some(long) = argument.get_long() {
+                things
+                    .entry(said(argument))
+                    .or_default()
+                    .insert(long.to_owned());
+            }
+        }
+    }
+    things.retain(|thing, names| names.len() > 1 && !FEW.contains(&thing.as_str()));
+    assert!(things.is_empty(), "{things:?}");
+    // The other way round: what a flag takes is called alike, but for words that are two things to the trade. Each of these
+    // says which by the name of its value: a record's column, a file, a name, a length or counts, names or a number.
+    const TWO: [&str; 5] = ["frequency", "model", "reference", "step", "steps"];
+    let mut taken: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
+    for (_, command) in all() {
+        for argument in command.get_arguments().filter(|a| takes_value(a)) {
+            let (Some(long), Some(names)) = (argument.get_long(), argument.get_value_names())
+            else {
+                continue;
+            };
+            let names: Vec<&str> = names.iter().map(|name| name.as_str()).collect();
+            let of = taken.entry(long.to_owned()).or_default();
+            of.insert(names.join(" "));
+        }
+    }
+    taken.retain(|name, values| values.len() > 1 && !TWO.contains(&name.as_str()));
+    assert!(taken.is_empty(), "{taken:?}");
+}
+
+#[test]
+fn a_value_below_zero_is_refused_by_the_flag_that_it_was_meant_for() {
+    let folder = TempDir::new().expect("a folder");
+    for called in [
+        "align --mesh -10um",
+        "align --seed -1",
+        "align --device -1",
+        "campaign --devices -3",
+        "campaign --threads -1",
+        "maximize --dwell -4ms",
+        "trace square --size -1mm",
+        "characterize z sine --frequency -1",
+        "runs list --last -1",
+        "simulate joint --params no.toml --axis z --step 1 --duration -1s",
+    ] {
+        let words: Vec<String> = called.split(' ').map(str::to_owned).collect();
+        let said = refused(&folder, &words);
+        let (flag, value) = (&words[words.len() - 2], &words[words.len() - 1]);
+        assert!(said.contains(flag) && said.contains(value), "{said}");
+        assert!(
+            said.contains("accepted") || said.contains("not in"),
+            "{said}"
+        );
+    }
+}
+
 #[test]
 fn experiments_keep_their_samples() {
     let folder = TempDir::new().expect("a folder");
@@ -240,7 +310,7 @@ fn experiments_keep_their_samples() {
         "characterize z sine",
         "impulse z --target-nm 100",
         "impulse z --target-nm 0.1um --machines 2",
-        "identify hysteresis --data data/piezo.csv --input u_V --output x_um",
+        "identify hysteresis --data data/piezo.csv --voltage u_V --displacement x_um",
         "identify friction --data data/friction.csv --displacement x_um --force force_N",
         "identify resonance --data data/response.csv",
     ]

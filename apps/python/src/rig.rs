@@ -235,6 +235,21 @@ pub(crate) struct Belief(pub(crate) calibrations::Belief);
 
 #[pymethods]
 impl Belief {
+    /// Of its parts.
+    #[new]
+    fn new(name: String, text: String, weights: Vec<(String, String)>) -> Self {
+        Self(calibrations::Belief {
+            name,
+            text,
+            weights,
+        })
+    }
+
+    /// What it is called, its text, and name and content of its weights: from these it is made again.
+    fn parts(&self) -> (&str, &str, Vec<(String, String)>) {
+        (&self.0.name, &self.0.text, self.0.weights.clone())
+    }
+
     /// File names and texts.
     fn files(&self) -> Vec<(String, String)> {
         let files = self.0.files();

@@ -69,6 +69,11 @@ pub fn sample_data(setup: &Setup, seed: u64) -> Result<Vec<SampleFile>, Ended> {
             about: "what `simulate joint` takes: the rig's axes in the middle of their make",
             content: axes(setup)?,
         },
+        SampleFile {
+            name: "sled.csv",
+            about: "a sled whose controller a record tells: reference, encoder, voltage",
+            content: sled(),
+        },
     ])
 }
 
@@ -199,6 +204,45 @@ fn servo(setup: &Setup, seed: u64) -> Result<String, Ended> {
     Ok(csv)
 }
 
+/// A sled of 95 kg under a controller without an integral, which its record tells; friction gives way by 5 um (2.13).
+fn sled() -> String {
+    const SECONDS: f64 = 12.0;
+    const PERIOD: f64 = 1e-3;
+    // Steps of the integration in a period of the controller.
+    const STEPS: u32 = 50;
+    let (mass, viscous, coulomb, way) = (95.0, 200.0, 20.0, 5e-6);
+    let (newton_per_volt, position_gain, velocity_gain, most) = (35.0, 160.0, 240.0, 10.0);
+    let reference = |t: f64| {
+        // Begins and ends at rest, where it was.
+        let fade = (t.min(SECONDS - t) / 0.5).clamp(0.0, 1.0);
+        let way = 0.1 * (TAU * 0.25 * t).sin()
+            + 0.02 * (TAU * 0.75 * t).sin()
+            + 0.002 * (TAU * 4.0 * t).sin();
+        fade * way
+    };
+    let mut csv = "t_s,q_ref_m,q_m,u_V\n".to_owned();
+    let (mut place, mut speed, mut deflection) = (0.0, 0.0, 0.0_f64);
+    let mut before = [0.0; 2];
+    for row in 0..(SECONDS / PERIOD) as u32 {
+        let time = f64::from(row) * PERIOD;
+        // As an encoder of 0.1 um reads it.
+        let read = 1e-7 * (place / 1e-7_f64).round();
+        let read_speed = (read - before[1]) / (2.0 * PERIOD);
+        before = [read, before[0]];
+        let volts = velocity_gain * (position_gain * (reference(time) - read) - read_speed);
+        let volts = volts.clamp(-most, most);
+        let _ = writeln!(csv, "{time:.3},{:.9},{read:.7},{volts:.5}", reference(time));
+        let step = PERIOD / f64::from(STEPS);
+        for _ in 0..STEPS {
+            let friction = viscous * speed + coulomb * deflection / way;
+            speed += step * (newton_per_volt * volts - friction) / mass;
+            place += step * speed;
+            deflection = (deflection + step * speed).clamp(-way, way);
+        }
+    }
+    csv
+}
+
 /// Seconds of the record of two encoders.
 const TWO_ENCODERS: f64 = 24.0;
 
@@ -308,7 +352,7 @@ mod tests {
                 .extension()
                 .is_some_and(|of| of == "csv")
         });
-        assert!(records.clone().count() >= 6);
+        assert!(records.clone().count() >= 7);
         assert!(
             records
                 .into_iter()

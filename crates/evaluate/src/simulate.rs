@@ -140,9 +140,41 @@ impl Parameters {
                 ));
             }
         }
-        self.joint(self.Ts)
-            .map(|_| ())
-            .map_err(|invalid| Error::new(file, axis, invalid.to_string()))
+        self.joint(self.Ts).map(|_| ()).map_err(|invalid| {
+            let (value, accepted) = (invalid.value, &invalid.accepted);
+            match self.letter(&invalid) {
+                Some(key) => Error::new(
+                    file,
+                    format!("{axis}.{key}"),
+                    format!("is {value}; accepted is {accepted}"),
+                ),
+                None => Error::new(file, axis, invalid.to_string()),
+            }
+        })
+    }
+
+    /// The letter of a parameter that is none, as the file has it; of motor and load the one that has the value.
+    fn letter(&self, invalid: &pigtail_model::Invalid) -> Option<&'static str> {
+        let of_either = |motor: (&'static str, f64), load| {
+            let is_motor = motor.1.to_bits() == invalid.value.to_bits();
+            if is_motor { motor.0 } else { load }
+        };
+        Some(match invalid.parameter {
+            "motor_inertia" => "Jm",
+            "load_inertia" => "Jl",
+            "ratio" => "r",
+            "torque_constant" => "km",
+            "back_emf" => "kb",
+            "resistance" => "R",
+            "linear" => "ks",
+            "cubic" => "kh",
+            "static_friction" => of_either(("fsm", self.fsm), "fsl"),
+            "coulomb_friction" => of_either(("fcm", self.fcm), "fcl"),
+            "viscous_friction" => of_either(("bm", self.bm), "bl"),
+            "presliding" => "qp",
+            "load_torque" => "Tp",
+            _ => return None,
+        })
     }
 
     /// The joint, integrated in steps of at most `max_step` seconds.

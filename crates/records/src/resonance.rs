@@ -301,8 +301,9 @@ fn answer(found: &Identified, remarks: Vec<String>) -> Answer {
         .insert("set_aside_Hz".to_owned(), found.set_aside.clone().into());
     if !poles.is_empty() {
         let poles: Vec<String> = poles.iter().map(text).collect();
+        let many = if poles.len() == 1 { "pole" } else { "poles" };
         answer.remarks.push(format!(
-            "beside the modes {} real poles (creep, a filter), at {}",
+            "beside the modes {} real {many} (creep, a filter), at {}",
             poles.len(),
             poles.join(", ")
         ));

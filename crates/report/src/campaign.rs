@@ -11,7 +11,10 @@ use pigtail_control::procedure::PORTS;
 use pigtail_evaluate::align::TOLERANCE_Z_UM;
 use pigtail_evaluate::campaign::{CampaignDocument, Store};
 use pigtail_numerics::statistics::Percentiles;
+use pigtail_session::fleet::NOMINAL;
 use pigtail_session::procedure::Procedure;
+use pigtail_session::scenario::Scenario;
+use std::fmt::Write as _;
 
 /// Seeds shown of each cause.
 const SEEDS: usize = 5;
@@ -23,14 +26,18 @@ const SEEDS: usize = 5;
 /// When the rows cannot be read or a figure cannot be drawn.
 pub fn campaign(store: &Store, document: &CampaignDocument) -> Result<String> {
     let title = format!(
-        "{} devices, {} on {}, seed {}",
-        document.devices, document.recipe, document.rig, document.seed
+        "{} devices, {} on {}, seed {}{}",
+        document.devices,
+        document.recipe,
+        document.rig,
+        document.seed,
+        otherwise(document)
     );
     let body = html! {
         (summary(document))
         (measures(document))
         p.soft {
-            "Each device has its own machine, chip and fixture, drawn around " code { "plant.toml" }
+            (drawn_on(document)) ", drawn around " code { "plant.toml" }
             ". Times are machine time of every fiber that was attempted; offsets and losses are the truth \
              about every fiber that was attached, offsets in the table without sign. Percentiles are \
              values that really came: p99 is the least that 99 % do not exceed. Of fewer than 1000 fibers p99.9 would be \
@@ -67,6 +74,36 @@ pub fn percent(share: f64) -> String {
 
 fn share(part: u64, of: u64) -> String {
     percent(part as f64 / of.max(1) as f64)
+}
+
+/// What is not as it is if nothing is said.
+fn otherwise(document: &CampaignDocument) -> String {
+    let mut text = String::new();
+    for (name, usual, is) in [
+        ("fleet", NOMINAL, &document.fleet),
+        ("scenario", Scenario::default().name(), &document.scenario),
+        ("faults", "none", &document.faults),
+    ] {
+        if is != usual {
+            let _ = write!(text, ", {name} {is}");
+        }
+    }
+    if document.commissioned {
+        text += ", each machine commissioned first";
+    }
+    text
+}
+
+/// Which machines and devices there are.
+fn drawn_on(document: &CampaignDocument) -> String {
+    if document.devices_each <= 1 {
+        return "Each device has its own machine, chip and fixture".to_owned();
+    }
+    let machines = document.machines;
+    format!(
+        "{machines} machines with up to {} devices each: a chip and a place in its fixture for every device",
+        document.devices_each
+    )
 }
 
 fn summary(document: &CampaignDocument) -> Markup {

@@ -148,12 +148,21 @@ fn behind(cell: &str) -> Option<usize> {
     Some(digits.split_once('.').map_or(0, |(_, rest)| rest.len()))
 }
 
+/// Whether a word is a serial number, a date or the like, which no line ends within, though a hyphen might end one.
+/// A path is longer, and has to fold where there is little room.
+fn is_whole(word: &str) -> bool {
+    let parted = word.trim_start_matches('-').contains('-');
+    parted && word.contains(|c: char| c.is_ascii_digit()) && word.len() <= 24
+}
+
 /// A text of some lines.
 fn lines(text: &str) -> Markup {
     html! {
         @for (k, line) in text.lines().enumerate() {
             @if k > 0 { br; }
-            (line)
+            @for word in line.split_inclusive(' ') {
+                @if is_whole(word) { span.whole { (word) } } @else { (word) }
+            }
         }
     }
 }
@@ -243,6 +252,10 @@ mod tests {
             assert!(table.contains(cell), "{cell} in {table}");
         }
         assert!(table.contains("<td class=\"text\">4</td>"), "{table}");
+        let serials = [vec!["T1-07 low-index".to_owned()]];
+        let serials = super::table(&["x".to_owned()], &serials).into_string();
+        let whole = "<span class=\"whole\">T1-07 </span>low-index";
+        assert!(serials.contains(whole), "{serials}");
         let bounds = ["< 5", "6.7", "-"].map(|x| vec![x.to_owned()]);
         let bounds = super::table(&["x".to_owned()], &bounds).into_string();
         assert!(

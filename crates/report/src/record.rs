@@ -50,11 +50,12 @@ pub fn record(title: &str, answer: &Answer, shown: Option<&Shown>) -> Result<Str
     let body = html! {
         p class=(verdict(answer.is_whole())) { (capital(&answer.verdict)) }
         p {
-            "Relative error " (percent(answer.relative_error_percent)) " on the record, "
-            (percent(answer.validation_error_percent)) " on what it was not fitted to; condition "
-            (answer.condition.map_or("-".to_owned(), short)) "."
+            "Relative error " (percent(answer.relative_error_percent)) " on the record"
+            @if let Some(error) = answer.validation_error_percent { ", " (short(error)) " % on what it was not fitted to" }
+            @if let Some(condition) = answer.condition { "; condition " (short(condition)) }
+            "."
         }
-        @for remark in &answer.remarks { p.soft { (remark) } }
+        @for remark in &answer.remarks { p.soft { (capital(remark)) } }
         (parameters(answer))
         @if let Some(shown) = shown {
             (account(shown))

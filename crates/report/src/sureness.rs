@@ -35,7 +35,7 @@ pub(super) fn sureness(store: &Store, document: &CampaignDocument) -> Result<Mar
             "Of " (sure.fibers) " fibers with a belief: the share whose true place lies within the interval that control stated \
              with so many percent. Control expects " (number(Some(sure.stated_wrong), 4)) " fibers out of tolerance by its own \
              probabilities. Below each share, where it is known: an interval of 99 % over machines, of which "
-            (document.machines) " there are."
+            (document.machines) " there are; where all fibers are within, exact for so many."
         }
         div.pair {
             (figure(&diagram(&whole), "Share of fibers whose true place lies within control's interval, against what was stated. Below the \

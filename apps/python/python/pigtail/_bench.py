@@ -12,6 +12,7 @@ from ._align import Alignment
 from ._errors import InputError
 from ._input import maybe_number, maybe_text, number, text, whole
 from ._progress import Progress, shown
+from ._rig import same_files
 from ._wire import caps_of, event_of, finite, index, law_wire, native_bench, pose_wire, real, request_wire
 from .bench import Bench, Caps, Estimate, Event, Law, Pose, Request
 
@@ -44,6 +45,8 @@ def _gap(name: str, gap: float, unit: str) -> float:
 class BenchRig:
     """A rig that is controlled by position (``kind = "bench"`` in its ``machine.toml``), and a recipe.
 
+    It can be pickled as a :class:`pigtail.Rig` can.
+
     Args:
         rig: A folder, or the name of one below ``rigs``; ``bench-piezo`` is built in.
         recipe: A recipe's file, or the name of one below ``recipes``.
@@ -60,7 +63,17 @@ class BenchRig:
         *,
         calibration: str | os.PathLike[str] | None = None,
     ) -> None:
-        self._rig = _pigtail.BenchRig(text("rig", rig), text("recipe", recipe), maybe_text("calibration", calibration))
+        self._named = text("rig", rig), text("recipe", recipe), maybe_text("calibration", calibration)
+        self._rig = _pigtail.BenchRig(*self._named)
+
+    @staticmethod
+    def _of(named: tuple[str, str, str | None], hashes: dict[str, str]) -> BenchRig:
+        made = BenchRig(named[0], named[1], calibration=named[2])
+        same_files(made.hashes, hashes)
+        return made
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return BenchRig._of, (self._named, self.hashes)
 
     @property
     def name(self) -> str:

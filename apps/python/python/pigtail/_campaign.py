@@ -38,6 +38,10 @@ class Campaign(Document):
         # A folder that is gone with this.
         self._kept = kept
 
+    def __getstate__(self) -> dict[str, Any]:
+        # A copy in another process does not keep the folder.
+        return self.__dict__ | {"_kept": None}
+
     @property
     def path(self) -> str:
         """The Parquet file of the rows, one a fiber; what a column means is in its metadata. It is gone with this object

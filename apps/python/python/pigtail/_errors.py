@@ -79,6 +79,9 @@ class TicketOver(Refused):
         super().__init__(f"ticket {ticket} is not being played")
         self.ticket = ticket
 
+    def __reduce__(self) -> tuple[type[TicketOver], tuple[int]]:
+        return type(self), (self.ticket,)
+
 
 class OutcomeError(Error, RuntimeError):
     """The machine is well; what was looked for is not there, or was lost.

@@ -34,9 +34,19 @@ class Calibration:
     def __str__(self) -> str:
         return self.files["calibration.toml"]
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Calibration._of, self._belief.parts()
+
+    @staticmethod
+    def _of(name: str, text: str, weights: list[tuple[str, str]]) -> Calibration:
+        return Calibration(_pigtail.Belief(name, text, weights))
+
 
 class Rig:
     """A rig, a recipe, and what machines and devices may be.
+
+    It can be pickled, as for a worker of Dask: what is believed goes with it, its files are read again by their names. Where
+    they are others than here, that is an :class:`InputError`.
 
     Args:
         rig: A folder with the files of a rig, or the name of one below ``rigs``; ``afpm`` is built in.
@@ -64,7 +74,7 @@ class Rig:
     ) -> None:
         if isinstance(calibration, int):
             calibration = str(calibration)
-        self._rig = _pigtail.Rig(
+        self._named = (
             text("rig", rig),
             text("recipe", recipe),
             text("fleet", fleet),
@@ -73,19 +83,29 @@ class Rig:
             texts("axes", axes),
             text("runs", runs),
         )
+        self._believed: Calibration | None = None
+        self._rig = _pigtail.Rig(*self._named)
 
-    @classmethod
-    def _of(cls, rig: _pigtail.Rig) -> Rig:
-        made = super().__new__(cls)
-        made._rig = rig
+    @staticmethod
+    def _of(named: tuple[Any, ...], believed: Calibration | None, hashes: dict[str, str]) -> Rig:
+        made = Rig.__new__(Rig)
+        made._named, made._believed, made._rig = named, None, _pigtail.Rig(*named)
+        made = made if believed is None else made.believing(believed)
+        same_files(made.hashes, hashes)
         return made
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Rig._of, (self._named, self._believed, self.hashes)
 
     def believing(self, calibration: Calibration) -> Rig:
         """The same rig, believing this calibration."""
         if not isinstance(calibration, Calibration):
             message = f"calibration: is {calibration!r}; accepted is a Calibration"
             raise InputError(message, key="calibration", value=repr(calibration))
-        return Rig._of(self._rig.with_belief(calibration._belief))
+        made = Rig.__new__(Rig)
+        made._named, made._believed = self._named, calibration
+        made._rig = self._rig.with_belief(calibration._belief)
+        return made
 
     @property
     def name(self) -> str:
@@ -134,6 +154,14 @@ class Rig:
 
     def __repr__(self) -> str:
         return f"<pigtail.Rig: {self._rig.runs_on()}>"
+
+
+def same_files(here: dict[str, str], there: dict[str, str]) -> None:
+    """Refuses files that are others than those of which a rig was made elsewhere."""
+    for name in there | here:
+        if here.get(name) != there.get(name):
+            message = f"{name}: is another file here than where the rig was made; accepted is the same"
+            raise InputError(message, file=name)
 
 
 def native(rig: Any) -> _pigtail.Rig:

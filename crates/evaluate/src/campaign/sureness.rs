@@ -14,6 +14,9 @@ pub const SHARES: [f64; 4] = [0.5, 0.8, 0.95, 0.99];
 /// Standard deviations within which a normal error is with a probability of 99 %.
 const WITHIN_99: f64 = 2.575_829_303_548_901;
 
+/// What an interval of 99 % leaves out at an end.
+const OUTSIDE_ONE_END: f64 = 0.005;
+
 /// Columns of the least shares whose intervals hold the truth.
 const LEVELS: [&str; 3] = ["level_x", "level_y", "level_z"];
 
@@ -53,7 +56,7 @@ pub struct Shares {
 
 /// Intervals of 99 % for the shares within control's intervals of so many percent. Machines differ, and the fibers of one machine are alike:
 /// they are what drawing machines anew, with their fibers, would give (the variance of a ratio of sums over machines), where there are
-/// enough machines for that to be normal.
+/// enough machines for that to be normal; where all are within, or none, exact bounds of as many machines.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Known {
     /// Of control's intervals.
@@ -115,7 +118,16 @@ impl Machines {
         let squares = sums.squares - 2.0 * p * sums.with_fibers + p * p * self.squares;
         let free = self.count / (self.count - 1.0);
         let off = WITHIN_99 * (free * squares.max(0.0)).sqrt() / self.fibers;
-        Some([(p - off).max(0.0), (p + off).min(1.0)].map(|share| rounded(share, 1e-6)))
+        let mut ends = [(p - off).max(0.0), (p + off).min(1.0)];
+        // Machines that do not differ tell no variance. That all of so many have all of their fibers within (or outside) bounds
+        // the share of machines of which that is true, and with it the fibers'.
+        let alike = OUTSIDE_ONE_END.powf(1.0 / self.count);
+        if sums.all >= self.fibers {
+            ends[0] = alike;
+        } else if sums.all <= 0.0 {
+            ends[1] = 1.0 - alike;
+        }
+        Some(ends.map(|share| rounded(share, 1e-6)))
     }
 }
 
@@ -221,6 +233,23 @@ mod tests {
         let [low, high] = machines.interval(2, 0).unwrap();
         let off = WITHIN_99 * (0.95_f64 * 0.05 / 400.0).sqrt();
         assert!((high - low - 2.0 * off).abs() < 1e-3, "{low} {high} {off}");
+    }
+
+    #[test]
+    fn that_all_are_within_is_known_no_better_than_so_many_machines_tell() {
+        for (count, low) in [(5, 0.3466), (1000, 0.9947)] {
+            let (mut all, mut none) = (Machines::default(), Machines::default());
+            for _ in 0..count {
+                all.add(3, &counts(3));
+                none.add(3, &counts(0));
+            }
+            let [from, to] = all.interval(1, 2).unwrap();
+            assert!((from - low).abs() < 1e-4, "{from}");
+            assert_eq!(to, 1.0);
+            let [from, to] = none.interval(1, 2).unwrap();
+            assert_eq!(from, 0.0);
+            assert!((1.0 - to - low).abs() < 1e-4, "{to}");
+        }
     }
 
     #[test]

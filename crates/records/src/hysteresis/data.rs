@@ -133,14 +133,14 @@ impl Data {
                 of: &[TIME],
             },
             Wanted {
-                option: "--output",
+                option: "--displacement",
                 named: &output,
                 of: &[LENGTH],
             },
         ];
         if !is_path {
             list.push(Wanted {
-                option: "--input",
+                option: "--voltage",
                 named: &input,
                 of: &[VOLTAGE],
             });

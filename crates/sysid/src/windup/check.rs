@@ -44,7 +44,7 @@ pub(super) fn check(signals: &Signals, even: &Even) -> Result<(), Unknown> {
     if !(0.8..=1.25).contains(&slope) {
         return Err(Unknown::all(format!(
             "the load moves {slope:.5} times as far as the motor: both must be in angles of the output; is the \
-             gear ratio or a unit missing (--ratio), or a column another one?"
+             gear ratio or a unit missing (--gear-ratio), or a column another one?"
         )));
     }
     // Jumps: each sample must lie near the middle of its neighbours, or the motion is not resolved.
