@@ -73,16 +73,16 @@ impl Aim {
     /// The same once the holder is where it is wanted at this moment: right after a way it is some way from there.
     pub(super) fn gap_at_rest(&self, cell: &AlignmentCell<'_>) -> f64 {
         let (_, z) = self.offset(cell);
-        self.from_port(cell, cell.wanted(self.side)) + outward(self.side) * z
+        self.off_the_port(cell, cell.wanted(self.side)) + outward(self.side) * z
     }
 
     /// The gap if the tip stood where the holder is, metres.
     pub(super) fn gap_by_encoders(&self, cell: &AlignmentCell<'_>) -> f64 {
-        self.from_port(cell, cell.endpoint(self.side))
+        self.off_the_port(cell, cell.endpoint(self.side))
     }
 
     /// How far a holder is from the port, outward, metres.
-    fn from_port(&self, cell: &AlignmentCell<'_>, holder: Point<Macro>) -> f64 {
+    fn off_the_port(&self, cell: &AlignmentCell<'_>, holder: Point<Macro>) -> f64 {
         let holder = cell.frame(self.side).chip_from_macro(holder);
         outward(self.side) * (holder.z - self.port.z)
     }

@@ -24,6 +24,9 @@ const MOST_LOOKING: f64 = 0.3;
 /// ...or that many, where it does not come to rest about a gap that is known as vaguely as that.
 const MOST_DOUBTING: f64 = 2.0;
 
+/// What is as good as in doubt, of the probability that is accepted: vision may yet come to see it a little otherwise.
+const SPARE: f64 = 0.1;
+
 /// What a gap is corrected by at least where that is in doubt, in tolerances.
 const FINELY: f64 = 0.2;
 
@@ -199,9 +202,14 @@ impl Shared<'_> {
 
     /// Whether a fiber would not be attached at this gap, for what is known of it.
     pub(super) fn doubts_gap(&self, cell: &AlignmentCell<'_>, aim: &Aim) -> bool {
+        self.outside_along(cell, aim) > UNSURE
+    }
+
+    /// The probability that a fiber is too near or too far here.
+    fn outside_along(&self, cell: &AlignmentCell<'_>, aim: &Aim) -> f64 {
         let wanted = self.recipe.approach.gap;
         let place = place_at(cell, aim.side, aim.port, wanted, Across::default());
-        place.is_some_and(|place| place.outside_along(self.recipe.accept.gap) > UNSURE)
+        place.map_or(0.0, |place| place.outside_along(self.recipe.accept.gap))
     }
 
     /// Whether vision may yet come to know the gap better, as well as it is to be known, after turns that began then (seconds).
@@ -219,7 +227,7 @@ impl Shared<'_> {
 
     /// Whether the gap is farther from the one that is wanted than the tolerance.
     pub(super) fn is_off(&self, cell: &AlignmentCell<'_>, aim: &Aim) -> bool {
-        let finely = if self.doubts_gap(cell, aim) {
+        let finely = if self.outside_along(cell, aim) > SPARE * UNSURE {
             FINELY
         } else {
             1.0
