@@ -238,6 +238,9 @@ fn said(argument: &Arg) -> String {
 fn a_thing_has_one_name_in_all_commands() {
     // Words that are too few to tell a thing: files to write are told by what is in them, ways to align by whose they are.
     const FEW: [&str; 3] = ["A file to write", "Which model", "With impulse"];
+    // Words that are two things to the trade. Each of these says which by the name of its value: a record's column, a file, a
+    // name, a length or counts, names or a number.
+    const TWO: [&str; 5] = ["frequency", "model", "reference", "step", "steps"];
     let mut things: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     for (_, command) in all() {
         for argument in command.get_arguments() {
@@ -251,9 +254,7 @@ fn a_thing_has_one_name_in_all_commands() {
     }
     things.retain(|thing, names| names.len() > 1 && !FEW.contains(&thing.as_str()));
     assert!(things.is_empty(), "{things:?}");
-    // The other way round: what a flag takes is called alike, but for words that are two things to the trade. Each of these
-    // says which by the name of its value: a record's column, a file, a name, a length or counts, names or a number.
-    const TWO: [&str; 5] = ["frequency", "model", "reference", "step", "steps"];
+    // The other way round: what a flag takes is called alike.
     let mut taken: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     for (_, command) in all() {
         for argument in command.get_arguments().filter(|a| takes_value(a)) {
@@ -261,7 +262,7 @@ fn a_thing_has_one_name_in_all_commands() {
             else {
                 continue;
             };
-            let names: Vec<&str> = names.iter().map(|name| name.as_str()).collect();
+            let names: Vec<&str> = names.iter().map(clap::builder::Str::as_str).collect();
             let of = taken.entry(long.to_owned()).or_default();
             of.insert(names.join(" "));
         }
