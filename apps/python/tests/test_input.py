@@ -162,7 +162,7 @@ def test_a_joint_moves_and_refuses_nonsense() -> None:
         with pytest.raises(pigtail.InputError) as raised:
             pigtail.simulate_joint(JOINT, **arguments)  # type: ignore[arg-type]
         assert raised.value.key == key
-    with pytest.raises(pigtail.InputError, match="motor_inertia"):
+    with pytest.raises(pigtail.InputError, match=r"params\.Jm: is -1"):
         pigtail.simulate_joint({**JOINT, "Jm": -1.0}, step=1.0)
     with pytest.raises(pigtail.InputError, match="params: unknown field `Jx`"):
         pigtail.simulate_joint({**JOINT, "Jx": 1.0}, step=1.0)
