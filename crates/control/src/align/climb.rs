@@ -3,7 +3,7 @@
 use super::observed::Observed;
 use super::{Dark, LOOK, NEAR, STEADY};
 use crate::beam::Beam;
-use crate::conical_scan::{ConicalScan, Ready, Watch};
+use crate::conical_scan::{ConicalScan, Watch};
 use crate::outcome::Halt;
 use crate::reactor::Reactor;
 use crate::recipe::Recipe;
@@ -113,11 +113,7 @@ async fn climb(
     let long = bench.now() + TURNS * scan.period();
     let last = match scan
         .settle(bench, gap, accuracy, "final", &|| {
-            if bench.is_past(long) {
-                Ready::Yes
-            } else {
-                Ready::NotYet
-            }
+            bench.is_past(long).into()
         })
         .await
     {
