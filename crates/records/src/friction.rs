@@ -221,7 +221,7 @@ pub fn friction(first: &Read, second: Option<&Read>, most: usize, law: Option<La
     };
     if best.misfit_percent > 0.0 {
         answer.remarks.push(format!(
-            "the contact is of another law: {} % of the force are told by other laws, or by elements of every length, and not by \
+            "the contact may be of another law: {} % of the force are told by other laws, or by elements of every length, and not by \
              this one. Deviations in brackets count in by how much those differ from it in level, way and stiffness",
             short(best.misfit_percent)
         ));

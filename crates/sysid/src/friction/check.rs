@@ -50,13 +50,13 @@ pub(super) fn one_level(values: &[f64], known: &[Known]) -> bool {
     (values[2] / values[0]).ln().abs() > 0.99 * MOST_RATIO || known[2..4].iter().any(loose)
 }
 
-/// That a contact is of another law, in words that follow another reason.
+/// That a contact may be of another law, in words that follow another reason.
 fn foreign(chosen: &Fitted) -> String {
     if chosen.misfit_percent <= 0.0 {
         return String::new();
     }
     format!(
-        ": the contact is of another law, which tells {:.3} % of the force more",
+        ": the contact may be of another law, which tells {:.3} % of the force more",
         chosen.misfit_percent
     )
 }

@@ -358,7 +358,7 @@ pub struct Fitted {
     pub validation_error_percent: f64,
     /// Condition number of the linear problem at the parameters, which are scaled to order one.
     pub condition: f64,
-    /// What of the error another law, or elements of every length, would tell: by so much the contact is of another law, per
+    /// What of the error another law, or elements of every length, would tell: by so much the contact may be of another law, per
     /// cent of the force. Zero where none tells more.
     pub misfit_percent: f64,
     /// Of LuGre with one level, where a static friction of its own is not told: what it leaves with one, per cent.
