@@ -577,7 +577,7 @@ impl<'r> Job<'r> {
         cell.move_micro(side, Displacement::ZERO)?;
         let clear = at_gap(cell, coarse.clearance);
         self.arrive(cell, side, clear).await?;
-        let far = at_gap(cell, coarse.first_look(cell.spec()));
+        let far = at_gap(cell, self.recipe.first_look(cell.spec()));
         cell.line(side, far, None).await?;
         for _ in 0..4 {
             let (x, z) = look(cell, side, tip, coarse.frames).await?;

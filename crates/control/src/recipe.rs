@@ -59,6 +59,26 @@ pub struct Ports {
     pub exit_angle: f64,
 }
 
+impl Ports {
+    /// By how much larger z is on the facet of the outputs for so much more in x, by design.
+    pub fn slope(&self) -> f64 {
+        let [[ax, _, az], [bx, _, bz]] = self.outputs;
+        if ax == bx { 0.0 } else { (az - bz) / (ax - bx) }
+    }
+}
+
+impl Recipe {
+    /// Gap of the first look, metres: where a tip may stand farther out of its holder than usual, or farther aside, where
+    /// an inclined facet stands out, from farther away.
+    pub fn first_look(&self, spec: &Spec) -> f64 {
+        /// What is left where a tip stands out, and aside, as far as it may, metres.
+        const LEFT: f64 = 50e-6;
+        let guard = &spec.guard;
+        let aside = self.ports.slope().abs() * (guard.placement + guard.windup);
+        self.coarse.far.max(guard.placement + aside + LEFT)
+    }
+}
+
 /// Placement by vision (thesis 3.2.2).
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -77,15 +97,6 @@ pub struct Coarse {
     /// Way from below on every arrival, which leaves the transmissions wound up alike, metres.
     #[serde(with = "quantity::PositiveLength")]
     pub run_up: f64,
-}
-
-impl Coarse {
-    /// Gap of the first look, metres: where a tip may stand farther out of its holder than usual, from farther away.
-    pub fn first_look(&self, spec: &Spec) -> f64 {
-        /// What is left where a tip stands out as far as it may, metres.
-        const LEFT: f64 = 150e-6;
-        self.far.max(spec.guard.placement + LEFT)
-    }
 }
 
 /// Finding the chip's top with the sensing fiber (thesis 3.2.2).

@@ -38,9 +38,6 @@ pub fn geometry(calibration: &Calibration, recipe: &Recipe) -> Geometry {
     };
     let ports = &recipe.ports;
     let point = |[x, y, z]: [f64; 3]| Point::new(x, y, z);
-    let [[ax, _, az], [bx, _, bz]] = ports.outputs;
-    // The facets are each other's mirror images.
-    let stands_out = if ax == bx { 0.0 } else { (az - bz) / (ax - bx) };
     let facet = |side: Side| Facet {
         ports: match side {
             Side::Left => vec![point(ports.input)],
@@ -50,7 +47,8 @@ pub fn geometry(calibration: &Calibration, recipe: &Recipe) -> Geometry {
             Side::Left => -1.0,
             Side::Right => 1.0,
         },
-        stands_out,
+        // The facets are each other's mirror images.
+        stands_out: ports.slope(),
         exit: ports.exit_angle.tan(),
     };
     Geometry {

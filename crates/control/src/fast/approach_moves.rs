@@ -138,7 +138,7 @@ impl Shared<'_> {
     ) -> Result<(), Halt> {
         let (recipe, fast) = (self.recipe, self.fast);
         let run_up = recipe.coarse.run_up;
-        let far = recipe.coarse.first_look(cell.spec());
+        let far = recipe.first_look(cell.spec());
         let s = &fast.sensing;
         let exit = self.exit();
         let below = self.below();
@@ -223,15 +223,6 @@ impl Shared<'_> {
         .into())
     }
 
-    /// How much larger z is on the outputs' facet so far in x from any place of it, by design, metres.
-    fn facet(&self, x: f64) -> f64 {
-        let [[ax, _, az], [bx, _, bz]] = self.recipe.ports.outputs;
-        if ax == bx {
-            return 0.0;
-        }
-        x * (az - bz) / (ax - bx)
-    }
-
     /// Takes the next output fiber from the tray and brings it to the start of its search.
     pub(super) async fn change_fiber(
         &mut self,
@@ -240,13 +231,14 @@ impl Shared<'_> {
         index: usize,
     ) -> Result<(), Halt> {
         let recipe = self.recipe;
-        let far = recipe.coarse.first_look(cell.spec());
+        let far = recipe.first_look(cell.spec());
         let run_up = recipe.coarse.run_up;
         let here = cell.wanted(aim.side);
         // The next fiber's place in the holder is not known yet: as far away as for any, from the
         // inclined facet where the holder stands now too.
         let k = cell.frame(aim.side);
-        let stands_out = outward(aim.side) * self.facet(k.chip_from_macro(here).x - aim.port.x);
+        let aside = k.chip_from_macro(here).x - aim.port.x;
+        let stands_out = outward(aim.side) * recipe.ports.slope() * aside;
         let away = far + stands_out.max(0.0);
         let clear = k.macro_from_chip(aim.port.shifted(0.0, 0.0, outward(aim.side) * away));
         let back = Point::new(here.x, here.y, here.z.min(clear.z));
@@ -297,7 +289,7 @@ impl Shared<'_> {
     ) -> Result<(), Halt> {
         let recipe = self.recipe;
         let here = cell.wanted(aim.side);
-        let first_look = recipe.coarse.first_look(cell.spec());
+        let first_look = recipe.first_look(cell.spec());
         let far = aim.holder(cell, self.exit(), 0.0, first_look);
         let back = Point::new(here.x, here.y, here.z.min(far.z));
         cell.go(aim.side, back).await?;
