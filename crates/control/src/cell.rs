@@ -167,6 +167,11 @@ impl<'b> AlignmentCell<'b> {
         }
     }
 
+    /// Whether it was measured how wide the spot of light of an arm is.
+    pub fn has_measured_spot(&self, side: Side) -> bool {
+        self.layout.spot[side.index()].is_some()
+    }
+
     /// Whether the micro of an arm goes where it is told.
     pub fn follows(&self, side: Side) -> bool {
         self.layout.follows[side.index()]

@@ -326,6 +326,9 @@ impl GuardSpec {
     /// A z-stage is braked by so many times the acceleration that it is moved with, at least: it is driven back with more
     /// than half of its voltage.
     pub const BRAKES: f64 = 2.0;
+    /// Nearer than this a fiber is where it is because its light led it there, metres: whoever goes aside then, to where an inclined facet
+    /// stands out, is believed to come nearer to it.
+    pub const LED: f64 = 30e-6;
 }
 
 impl Default for GuardSpec {

@@ -112,7 +112,7 @@ async fn climb(
     let accuracy = recipe.fast.accuracy.max(KNOWN * beam.width(gap));
     let long = bench.now() + TURNS * scan.period();
     let last = match scan
-        .settle(bench, gap, accuracy, "final", &|| {
+        .settle(bench, gap, (accuracy, 1.0), "final", &|| {
             bench.is_past(long).into()
         })
         .await

@@ -394,7 +394,7 @@ impl<'d> Fiber<'d> {
             self.learn_noise(bench, dark, STEADY).await?;
             let scan = self.circling(bench)?;
             let last = match scan
-                .settle(bench, gap, accuracy, "final", &|| Ready::Yes)
+                .settle(bench, gap, (accuracy, 1.0), "final", &|| Ready::Yes)
                 .await
             {
                 Ok(peak) => scan.confirm(bench, gap, &peak, "final").await,

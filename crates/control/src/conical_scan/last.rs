@@ -30,6 +30,10 @@ const NOISY: f64 = 10.0;
 /// So many times the most turns in one place are made at the chip, at most.
 const MOST_TURNS: u32 = 12;
 
+/// Of more turns than those this share is left out, of the first: piezos creep by the logarithm of time, which is no straight line where all
+/// of it is looked at.
+const OLD: usize = 3;
+
 /// No peak is worth a look from near that is not even known so well after these, metres.
 const ROUGHLY: f64 = 30e-9;
 
@@ -120,7 +124,7 @@ impl From<bool> for Ready {
 }
 
 impl ConicalScan<'_> {
-    /// Turns at a steady gap until it is known to `accuracy` metres (one standard deviation, by
+    /// Turns at a steady gap, `more` times as many as usual at most, until it is known to `accuracy` metres (one standard deviation, by
     /// how the turns' peaks scatter about a straight line in time) where the peak will be in
     /// [`Self::confirm`], and until all else is `ready`; and goes there. For piezos creep. The first turns only lead there. Light so dim that it is not known so
     /// well after many turns tells as well as it does: it is the probability of being outside that decides.
@@ -133,10 +137,11 @@ impl ConicalScan<'_> {
         &mut self,
         bench: &Reactor<'_>,
         gap: f64,
-        accuracy: f64,
+        (accuracy, more): (f64, f64),
         phase: &'static str,
         ready: &impl Fn() -> Ready,
     ) -> Result<Peak, Halt> {
+        let most = MOST_TURNS * self.shape.turns;
         let start = self.centre;
         let expected = SIGNIFICANT * self.watch.noise;
         let lost = |level: f64| Outcome::LightLost {
@@ -150,7 +155,7 @@ impl ConicalScan<'_> {
             // The way from rest to the circle is no part of it.
             self.turn(bench, gap).await?;
         }
-        for _ in 0..MOST_TURNS * self.shape.turns {
+        for _ in 0..(f64::from(most) * more) as u32 {
             self.turn(bench, gap).await?;
             let peak = self.peak();
             let Some(mut peak) = peak.filter(|p| p.full > SIGNIFICANT * p.full_deviation) else {
@@ -204,11 +209,12 @@ impl ConicalScan<'_> {
             // A peak is that of the middle of its turn; the circle is left a turn later.
             let noise = peak.deviation();
             let last = peak;
-            let (ahead, unsettled) = self.foresee(bench, &seen, &last)?;
+            let recent = recent(&seen, most as usize);
+            let (ahead, unsettled) = self.foresee(bench, recent, &last)?;
             let [x, y] = &ahead;
             peak.at = Displacement::new(x.at, y.at);
             peak.deviations = [x.deviation, y.deviation];
-            self.note_motion(&ahead, &last, seen.len());
+            self.note_motion(&ahead, &last, recent.len());
             let slope = self.drift.norm();
             self.go_to(bench, &peak, gap)?;
             deviation = peak.deviation();
@@ -525,6 +531,16 @@ fn undecided(off: f64, (deviation, accuracy): (f64, f64)) -> Outcome {
         deviation,
         accuracy,
     }
+}
+
+/// What leads to a peak, of turns of which so many were the most.
+fn recent(turns: &[Turn], most: usize) -> &[Turn] {
+    let old = if turns.len() > most {
+        turns.len() / OLD
+    } else {
+        0
+    };
+    &turns[old..]
 }
 
 /// What a small circle has told.

@@ -80,6 +80,10 @@ const FAR_OFF: f64 = 4.0;
 /// one of 60 machines that were commissioned 2 um were seen.
 const BEYOND: f64 = 2.5e-6;
 
+/// Gaps that are this little more than where whoever guards the machine has a fiber led by its light count as nearer: there it is told what vision
+/// knows less what it does not know.
+const NEAR: f64 = 1.2;
+
 /// How fast that is gone, and what a gap is corrected by, metres a second: who guards the machine counts the way that it would take to stop.
 const NEARLY: f64 = 0.5e-3;
 const SLOWLY: f64 = 0.2e-3;
@@ -100,6 +104,11 @@ fn is_doubtful(recipe: &Recipe, bound: f64, sigma: f64) -> bool {
 }
 
 impl Shared<'_> {
+    /// Whether the gap is left to vision.
+    pub(super) fn vision_tells(&self, cell: &AlignmentCell<'_>) -> bool {
+        !self.asks_light && vision_knows(cell.spec(), self.recipe)
+    }
+
     /// From a gap at which there is no doubt to the chip; where vision could never know the gap, the spot's width is
     /// looked at on the way.
     pub(super) async fn come_close(
@@ -112,7 +121,7 @@ impl Shared<'_> {
     ) -> Result<(), Halt> {
         let beam = cell.beam(aim.side, self.recipe);
         let wanted = self.recipe.approach.gap;
-        if vision_knows(cell.spec(), self.recipe) {
+        if self.vision_tells(cell) {
             // The rest is for when it has seen more of the tip.
             let here = wanted.max(least_gap(cell, aim));
             self.approach(cell, aim, scan, before, (here + BEYOND, 0))
@@ -129,6 +138,8 @@ impl Shared<'_> {
         cell.forget_told(aim.side);
         let holder = || cell.holder(aim.side).x;
         let mut from = holder();
+        let hides = 2.0 * cell.spec().guard.windup_z;
+        let afar = NEAR * GuardSpec::LED;
         let mode = &self.recipe.mode;
         let design = Spread::by_design(mode.wavelength / mode.gap_index, self.exit());
         let spread = cell.measured_spread(aim.side).unwrap_or(design);
@@ -149,12 +160,15 @@ impl Shared<'_> {
                 }
                 // Looks are compared by encoders: where the axis turns back its transmission hides a part of the way.
                 if aim.gap(cell) < gap {
-                    let back = gap + 2.0 * cell.spec().guard.windup_z;
-                    self.approach(cell, aim, scan, before, (back, 0)).await?;
+                    self.approach(cell, aim, scan, before, (gap + hides, 0))
+                        .await?;
                 }
                 self.approach(cell, aim, scan, before, (gap, 1)).await?;
                 if !one {
                     to_middle(cell, aim, scan, gap).await?;
+                    if gap > afar {
+                        from = holder();
+                    }
                 }
                 if share == &looks.wider[0] {
                     beside(job, cell, aim, scan).await?;
@@ -167,13 +181,21 @@ impl Shared<'_> {
             }
             widths.extend(width(cell, aim, scan, looks.share_here).await?);
             let contact = touching(cell, aim, &widths, (scan, spread));
-            let aside = holder() - from;
             if looks.wider.len() > 1 {
                 job.spread = contact.map(|contact| contact.spread).or(job.spread);
             }
-            if self.would_be_stopped(cell, aim, contact, aside)
-                || self.tell(cell, aim, contact, LATER)
-            {
+            let stopped = |aside: f64| self.would_be_stopped(cell, aim, contact, aside);
+            let mut aside = holder() - from;
+            if stopped(aside) && !stopped(0.0) {
+                // Aside as far as it is, but not so near.
+                self.approach(cell, aim, scan, before, (afar + hides, 0))
+                    .await?;
+                to_middle(cell, aim, scan, here.0).await?;
+                from = holder();
+                self.approach(cell, aim, scan, before, here).await?;
+                aside = holder() - from;
+            }
+            if stopped(aside) || self.tell(cell, aim, contact, LATER) {
                 return Ok(());
             }
             latest = contact;
@@ -183,8 +205,7 @@ impl Shared<'_> {
     }
 
     /// Whether vision is so wrong that by it the tip would be too near to the chip at the gap that is wanted: who guards the machine asks
-    /// vision alone, and would stop it. Where the macro has gone `aside` near the chip (towards the chip's x, metres), it has the facet stand out by
-    /// as much as light leaves it at an angle, at most.
+    /// vision alone, and would stop it. Where the macro has gone `aside` near the chip (towards the chip's x, metres), it has the facet stand out.
     fn would_be_stopped(
         &self,
         cell: &AlignmentCell<'_>,
@@ -195,7 +216,7 @@ impl Shared<'_> {
         let Some(contact) = contact else {
             return false;
         };
-        let stands_out = (aside * self.exit().tan()).max(0.0);
+        let stands_out = (aside * self.recipe.ports.slope()).max(0.0);
         let by_vision = self.recipe.approach.gap + contact.at.min(0.0) - stands_out;
         by_vision < least_gap(cell, aim)
     }
@@ -249,7 +270,7 @@ impl Shared<'_> {
     ) -> Result<(), Halt> {
         let way = self.way_off(cell, aim);
         // Vision sees what a transmission hides where the axis turns back; the light has told where the tip was, coming nearer.
-        let told = !vision_knows(cell.spec(), self.recipe);
+        let told = !self.vision_tells(cell);
         let hides = cell.spec().guard.windup_z;
         if told && way < 0.0 {
             along(cell, aim, scan, way - hides, SLOWLY).await?;

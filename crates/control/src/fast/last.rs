@@ -2,7 +2,7 @@
 
 use super::Shared;
 use super::approach_moves::Aim;
-use crate::beam::Peak;
+use crate::beam::{Beam, Peak};
 use crate::belief::Across;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::{ConicalScan, Ready};
@@ -29,14 +29,15 @@ const BETTER: f64 = 0.6;
 const FINEST: f64 = 5e-9;
 
 impl Shared<'_> {
-    /// The last turns at the chip, and whether the light is what it should be.
+    /// The last turns at the chip, and whether the light is what it should be, where `before`, at a gap `far` from it (metres), it seemed to be so
+    /// much (volts, at no gap).
     pub(super) async fn finish(
         &self,
         job: &mut Job<'_>,
         cell: &AlignmentCell<'_>,
         aim: &Aim,
         scan: &mut ConicalScan<'_>,
-        before: f64,
+        (before, far): (f64, f64),
     ) -> Result<Rest, Halt> {
         let beam = cell.beam(aim.side, self.recipe);
         let mut doubt = Doubt {
@@ -60,22 +61,21 @@ impl Shared<'_> {
                 }
                 peak => peak?,
             };
-            if peak.full < self.fast.accept * before {
-                return Err(Outcome::FalseLight {
-                    before,
-                    after: peak.full,
-                }
-                .into());
+            if peak.full < self.least_light(cell, aim, before) {
+                return Err(false_light(before, &peak));
             }
             let confirmed = scan.confirm(cell, gap, &peak, "final").await;
+            if confirmed.is_ok() {
+                self.comes_out_of_guide(scan, (before, far), &beam, &peak)?;
+            }
             // Meanwhile vision may have come to know better.
             let way = aim.gap(cell) - self.recipe.approach.gap;
-            let far = way.abs() > LATE * self.fast.gap_tolerance || self.doubts_gap(cell, aim);
+            let off = way.abs() > LATE * self.fast.gap_tolerance || self.doubts_gap(cell, aim);
             let expected = peak.full * beam.share(gap);
             let why = match confirmed {
                 Ok((foreseen, known))
                     if foreseen.level > 0.9 * expected
-                        && (attempt == retry.last_turns || !far && !scan.misjudges_width()) =>
+                        && (attempt == retry.last_turns || !off && !scan.misjudges_width()) =>
                 {
                     let aside = self.recipe.accept.aside;
                     match scan.shaking().is_sure(aside, known) {
@@ -140,6 +140,25 @@ impl Shared<'_> {
 }
 
 impl Shared<'_> {
+    /// That there is as much light at a peak as there seemed to be `before`, at a gap `far` from it (volts; metres), by how wide the spot turned out to
+    /// be: so much of it crosses that gap.
+    fn comes_out_of_guide(
+        &self,
+        scan: &ConicalScan<'_>,
+        (before, far): (f64, f64),
+        beam: &Beam,
+        peak: &Peak,
+    ) -> Result<(), Halt> {
+        let crosses = |spot| beam.as_measured(&spot).share(far);
+        let times = scan
+            .spot()
+            .map_or(1.0, |spot| beam.share(far) / crosses(spot));
+        if peak.full < self.fast.accept * times * before {
+            return Err(false_light(times * before, peak));
+        }
+        Ok(())
+    }
+
     /// The peak by turns at the chip, until it is known to `accuracy` metres and vision knows the gap, which is corrected. Returns the gap
     /// too for which the peak was found: what vision says of it later moves neither.
     async fn settle(
@@ -150,6 +169,8 @@ impl Shared<'_> {
         accuracy: f64,
     ) -> Result<(Peak, f64), Halt> {
         let begin = cell.now();
+        // Light that is noise beside its peak takes so many more turns for that.
+        let more = (self.fast.accuracy / accuracy).powi(2);
         let mut corrected = 0;
         loop {
             let ready = || match self.learns_gap(cell, aim, begin) {
@@ -160,7 +181,10 @@ impl Shared<'_> {
             let gap = aim.gap(cell);
             let peak = match ready() {
                 Ready::Elsewhere => None,
-                _ => Some(scan.settle(cell, gap, accuracy, "final", &ready).await?),
+                _ => Some(
+                    scan.settle(cell, gap, (accuracy, more), "final", &ready)
+                        .await?,
+                ),
             };
             match peak.filter(|_| ready() != Ready::Elsewhere) {
                 Some(peak) => return Ok((peak, gap)),
@@ -169,6 +193,12 @@ impl Shared<'_> {
             corrected += 1;
         }
     }
+}
+
+/// A peak that is not as bright as there was light `before`, volts.
+fn false_light(before: f64, peak: &Peak) -> Halt {
+    let after = peak.full;
+    Outcome::FalseLight { before, after }.into()
 }
 
 /// A fiber at rest at its peak.

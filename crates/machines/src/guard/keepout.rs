@@ -30,8 +30,6 @@ const HYSTERESIS: f64 = 0.25;
 const CROSS: f64 = 0.15;
 /// How far beside its port the light may be, and vision's noise, metres.
 const BESIDE: f64 = 8e-6;
-/// Nearer than this a fiber is where it is because its light led it there, metres.
-const LED: f64 = 30e-6;
 /// Standard deviations, and metres beside them, by which a frame may differ from what was expected.
 const SURPRISE: (f64, f64) = (8.0, 5e-6);
 /// What is known of a tip is never worth more than the last 200 frames, 8 s: chip and holders warm, by 0.01 um/s and more, and the mean of all frames
@@ -515,18 +513,18 @@ impl Keepout {
                 let tip = Tip::Fiber(side);
                 let mut clearance = self.clearance(tip, self.fibers[i].as_ref(), probed[i]);
                 let stand = self.stand(i, 0);
-                let x = if clearance < LED {
+                let x = if clearance < GuardSpec::LED {
                     probed[i].unwrap_or(stand.tip.x)
                 } else {
                     stand.tip.x
                 };
                 // From where it came near it may not go where the facet stands out.
                 match self.led[i] {
-                    Some(from) if clearance < LED => {
+                    Some(from) if clearance < GuardSpec::LED => {
                         clearance -= ((x - from) * facet.stands_out).max(0.0);
                     }
                     Some(_) => self.led[i] = None,
-                    None if clearance < LED => self.led[i] = Some(x),
+                    None if clearance < GuardSpec::LED => self.led[i] = Some(x),
                     None => {}
                 }
                 (tip.name(), clearance)

@@ -271,12 +271,17 @@ impl Bench<'_, '_> {
 
     /// By the camera first, then, with what that found, by the light of a device.
     pub(super) fn piezos(&mut self) -> Result<Found, NotDone> {
-        // What is to be found is not believed meanwhile.
-        let believed = std::mem::take(&mut self.setup.rig.calibration.hysteresis);
-        let spot = std::mem::take(&mut self.setup.rig.calibration.spot);
+        // What is to be found, by this step and by those that follow, is not believed meanwhile.
+        let calibration = &mut self.setup.rig.calibration;
+        let believed = std::mem::take(&mut calibration.hysteresis);
+        let (spot, shaking) = (
+            std::mem::take(&mut calibration.spot),
+            std::mem::take(&mut calibration.shaking),
+        );
         let found = self.piezos_found();
-        self.setup.rig.calibration.hysteresis = believed;
-        self.setup.rig.calibration.spot = spot;
+        let calibration = &mut self.setup.rig.calibration;
+        calibration.hysteresis = believed;
+        (calibration.spot, calibration.shaking) = (spot, shaking);
         let (micros, ratios, fibers) = found?;
         let (mut values, mut why) = (Map::new(), String::new());
         let all = Side::ALL.into_iter().zip(&micros).zip(ratios);
