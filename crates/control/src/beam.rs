@@ -150,6 +150,14 @@ impl Beam {
         }
     }
 
+    /// The same light, which spreads over a gap by a `lambda / 2 pi` (metres) as it was measured in the micro's own scale: of a micro that goes farther
+    /// than it is told, spots are wider than they seem, and light spreads more slowly.
+    #[must_use]
+    pub fn spreading(self, length: f64) -> Self {
+        let rayleigh = 0.5 * self.radius * self.radius / (length * self.cos);
+        Self { rayleigh, ..self }
+    }
+
     /// Distance from the peak at which the light has fallen to 1/e without a gap by design, whatever was measured, metres.
     pub fn design(&self) -> f64 {
         self.design
@@ -493,6 +501,11 @@ mod tests {
             assert!((found / s - 1.0).abs() < 1e-9, "{found} {s}");
         }
         assert_eq!(measured.design(), beam().design());
+        // By design light spreads as the recipe's does.
+        let design = 1.3e-6 / std::f64::consts::TAU / beam().cos;
+        let same = beam().spreading(design);
+        assert!((same.share(gap) / beam().share(gap) - 1.0).abs() < 1e-9);
+        assert!(beam().spreading(0.8 * design).share(gap) > beam().share(gap));
         // No spot of this light is so narrow at so wide a gap.
         assert_eq!(beam().at_contact(60e-6, squared, squared), None);
     }

@@ -158,18 +158,17 @@ impl<'b> AlignmentCell<'b> {
         self.layout.spread[side.index()]
     }
 
-    /// The light between the fiber of an arm and its guide: of the modes of a recipe, or as wide as it was measured.
+    /// The light between the fiber of an arm and its guide: of the modes of a recipe, or as wide as it was measured and spreading as it was.
     pub fn beam(&self, side: Side, recipe: &Recipe) -> Beam {
         let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
-        match &self.layout.spot[side.index()] {
+        let beam = match &self.layout.spot[side.index()] {
             None => beam,
             Some(size) => beam.as_measured(size),
+        };
+        match self.measured_spread(side) {
+            None => beam,
+            Some(spread) => beam.spreading(spread.middle()),
         }
-    }
-
-    /// Whether it was measured how wide the spot of light of an arm is.
-    pub fn has_measured_spot(&self, side: Side) -> bool {
-        self.layout.spot[side.index()].is_some()
     }
 
     /// Whether the micro of an arm goes where it is told.

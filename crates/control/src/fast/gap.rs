@@ -143,15 +143,12 @@ impl Shared<'_> {
         let mode = &self.recipe.mode;
         let design = Spread::by_design(mode.wavelength / mode.gap_index, self.exit());
         let spread = cell.measured_spread(aim.side).unwrap_or(design);
-        // In the scale of a micro that goes farther than it is told light spreads more slowly.
-        let [slower, _] = design.length;
-        let slower = slower / (spread.length[0] * spread.length[1]).sqrt();
         let quick = if spread.is_known() { &QUICK[..] } else { &[] };
         let (mut widths, mut latest) = (Vec::new(), None);
         for looks in quick.iter().chain(&WHOLE) {
             let one = looks.wider.len() == 1;
             for share in looks.wider {
-                let gap = slower * beam.gap_of(*share);
+                let gap = beam.gap_of(*share);
                 // From one gap to the chip it is not far: the micro's middle lies between both. The macro goes aside far away from the
                 // chip, for near to it a holder that goes aside is believed to come nearer to an inclined facet.
                 if one && widths.is_empty() {

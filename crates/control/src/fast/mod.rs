@@ -579,14 +579,11 @@ impl<'r> Shared<'r> {
     /// The least light of a fiber at no gap, volts, that comes out of the guide, after so much `before`. Of modes wider than designed a
     /// greater share crosses the gap of a search, so that there seems to be more light than there is: by how much the spot tells, at the chip.
     fn least_light(&self, cell: &AlignmentCell<'_>, aim: &Aim, before: f64) -> f64 {
-        /// So much less where nobody has measured the modes: those twice as wide, squared, come near to it. What does not grow is an eighth
-        /// of what it seemed to be.
+        /// So much less where nobody has measured how light spreads: modes twice as wide, squared, come near to it. What does not grow is an
+        /// eighth of what it seemed to be.
         const UNLIKE: f64 = 0.5;
-        let share = if cell.has_measured_spot(aim.side) {
-            1.0
-        } else {
-            UNLIKE
-        };
+        let known = cell.measured_spread(aim.side).is_some();
+        let share = if known { 1.0 } else { UNLIKE };
         share * self.fast.accept * before
     }
 

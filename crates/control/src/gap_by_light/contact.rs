@@ -27,6 +27,11 @@ impl Spread {
         }
     }
 
+    /// Of a spot that is as wide in x as in y, metres.
+    pub fn middle(&self) -> f64 {
+        (self.length[0] * self.length[1]).sqrt()
+    }
+
     /// Whether it is known well enough for two gaps to tell where the chip is: the way between them, some 20 um, is wrong by
     /// as great a share.
     pub fn is_known(&self) -> bool {
