@@ -568,15 +568,23 @@ fn late(foreseen: &Peak, turns: f64) -> Peak {
 
 /// The place of a peak by where it was foreseen and where it was seen, each as far as it is sure by its noise, and how well it is known then in
 /// x and in y, metres, where the turn on which it was seen has an unrest of its own (square metres). That does not count against the small
-/// turn: what makes a micro swing along with wide turns moves all of them alike.
+/// turn: what makes a micro swing along with wide turns moves all of them alike. What is farther from where it was foreseen than chance makes it has
+/// been moved, and may go on.
 fn together(foreseen: &Peak, seen: &Peak, unrest: [f64; 2]) -> (Displacement, [f64; 2]) {
     let by = seen.at - foreseen.at;
     let (before, after) = (foreseen.deviations, seen.deviations);
     let apart = [0, 1].map(|i| before[i].hypot(after[i]).max(f64::MIN_POSITIVE));
     let share = [0, 1].map(|i| (before[i] / apart[i]).powi(2));
+    let moved = [0, 1].map(|i| {
+        let by = [by.x, by.y][i];
+        (by * by - (MOVED.1 * apart[i]).powi(2)).max(0.0).sqrt()
+    });
     (
         foreseen.at + Displacement::new(share[0] * by.x, share[1] * by.y),
-        [0, 1].map(|i| (before[i] * after[i] / apart[i]).hypot(share[i] * unrest[i].sqrt())),
+        [0, 1].map(|i| {
+            let known = before[i] * after[i] / apart[i];
+            known.hypot(share[i] * unrest[i].sqrt()).hypot(moved[i])
+        }),
     )
 }
 
@@ -687,6 +695,22 @@ mod tests {
         assert!((ahead.at - expected).abs() < 1e-15, "{}", ahead.at);
         assert!(ahead.deviation < 1e-15, "{}", ahead.deviation);
         assert!((ahead.slope - 10e-9).abs() < 1e-15, "{}", ahead.slope);
+    }
+
+    #[test]
+    fn a_peak_that_is_not_where_it_was_foreseen_is_not_believed_to_be_known() {
+        let foreseen = Peak {
+            deviations: [10e-9; 2],
+            ..turn(0.0).peak
+        };
+        let seen = |x: f64| Peak {
+            at: Displacement::new(x, 0.0),
+            ..foreseen
+        };
+        let (at, known) = together(&foreseen, &seen(30e-9), [0.0; 2]);
+        assert!((at.x - 15e-9).abs() < 1e-12 && known[0] < 8e-9, "{known:?}");
+        let (_, known) = together(&foreseen, &seen(90e-9), [0.0; 2]);
+        assert!(known[0] > 70e-9 && known[1] < 8e-9, "{known:?}");
     }
 
     #[test]
