@@ -8,7 +8,12 @@ import pytest
 
 from conftest import ROOT
 
-PAGES: dict[str, tuple[str, ...]] = {"python-bench.md": (), "python-benchmark.md": (), "python-bluesky.md": ("bluesky",)}
+PAGES: dict[str, tuple[str, ...]] = {
+    "python.md": ("pyarrow",),
+    "python-bench.md": (),
+    "python-benchmark.md": (),
+    "python-bluesky.md": ("bluesky",),
+}
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -123,7 +123,10 @@ class Samples:
 
     def to_arrow(self) -> pyarrow.Table:
         """The same as an Arrow table; needs ``pyarrow``."""
-        import pyarrow as pa
+        try:
+            import pyarrow as pa
+        except ImportError as error:
+            raise ImportError("tables of Arrow need pyarrow: pip install 'pigtail[arrow]'") from error
 
         return pa.table({name: pa.array(values) for name, values in self.columns().items()})
 

@@ -55,8 +55,10 @@ class Campaign(Document):
 
     def to_arrow(self) -> pyarrow.Table:
         """The rows as an Arrow table; needs ``pyarrow``."""
-        import pyarrow.parquet
-
+        try:
+            import pyarrow.parquet
+        except ImportError as error:
+            raise ImportError("tables of Arrow need pyarrow: pip install 'pigtail[arrow]'") from error
         return pyarrow.parquet.read_table(self.path)
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
