@@ -104,18 +104,21 @@ fn solve(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64], shortest: usize) -> Opti
     let target = DVector::from_column_slice(y);
     let ztx = z.transpose() * x;
     let zty = z.transpose() * &target;
+    // The same of the instruments.
+    let own = DVector::from_fn(p, |j, _| z.column(j).norm());
+    let unit = DMatrix::from_fn(p, p, |i, j| ztx[(i, j)] / (own[i] * scale[j]));
     let values = if std::ptr::eq(x, z) {
         let scaled = DMatrix::from_fn(n, p, |i, j| x[(i, j)] / scale[j]);
         let qr = scaled.qr();
         let right = qr.q().transpose() * &target;
-        let solved = qr.r().solve_upper_triangular(&right)?;
-        solved.component_div(&scale)
+        qr.r().solve_upper_triangular(&right)?
     } else {
-        ztx.clone().lu().solve(&zty)?
+        unit.clone().lu().solve(&zty.component_div(&own))?
     };
+    let values = values.component_div(&scale);
     let singular = x.clone().qr().r().singular_values();
     let condition = singular.max() / singular.min();
-    if !condition.is_finite() || values.iter().any(|v| !v.is_finite()) {
+    if values.iter().any(|v| !v.is_finite()) {
         return None;
     }
     let mut solution = Solution {
@@ -129,7 +132,8 @@ fn solve(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64], shortest: usize) -> Opti
     judge(x, y, &mut solution);
     let freedom = (n - p) as f64;
     let variance = solution.residuals.iter().map(|l| l * l).sum::<f64>() / freedom;
-    let bread = ztx.try_inverse()?;
+    let inverse = unit.try_inverse()?;
+    let bread = DMatrix::from_fn(p, p, |i, j| inverse[(i, j)] / (scale[i] * own[j]));
     let covariance = &bread * (z.transpose() * z * variance) * bread.transpose();
     solution.std = (0..p).map(|j| covariance[(j, j)].max(0.0).sqrt()).collect();
     solution.std_correlated = clustered(x, z, &solution.residuals, &bread, shortest);
@@ -207,10 +211,8 @@ fn clustered(
     let Some(root) = (&scale * own * &scale).cholesky().map(|c| c.l()) else {
         return vec![0.0; p];
     };
+    let back = bread * DMatrix::from_diagonal(&scale.diagonal().map(|s| 1.0 / s)) * &root;
     let Some(turn) = root.try_inverse().map(|inverse| inverse * &scale) else {
-        return vec![0.0; p];
-    };
-    let Some(back) = turn.clone().try_inverse().map(|inverse| bread * inverse) else {
         return vec![0.0; p];
     };
     let batches = batches(residuals, shortest);
