@@ -430,6 +430,25 @@ mod tests {
     }
 
     #[test]
+    fn deviations_go_with_the_unit_of_a_column() {
+        let n = 400;
+        let (a, b, e) = (noise(n, 11), noise(n, 12), noise(n, 13));
+        let y: Vec<f64> = (0..n).map(|k| 2.0 * a[k] - b[k] + e[k]).collect();
+        let of = |size: f64| {
+            let scaled: Vec<f64> = b.iter().map(|b| size * b).collect();
+            least_squares(&matrix(&[&a, &scaled, &vec![1.0; n]]), &y).unwrap()
+        };
+        let (usual, large) = (of(1.0), of(1e18));
+        for (a, b) in [
+            (usual.std[1], 1e18 * large.std[1]),
+            (usual.std_correlated[1], 1e18 * large.std_correlated[1]),
+            (usual.std_correlated[0], large.std_correlated[0]),
+        ] {
+            assert!((a / b - 1.0).abs() < 1e-9, "{a} {b}");
+        }
+    }
+
+    #[test]
     fn instruments_undo_the_bias_of_a_noisy_column() {
         let n = 4000;
         let (true_a, e, d) = (noise(n, 2), noise(n, 3), noise(n, 4));
