@@ -104,18 +104,21 @@ fn solve(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64], shortest: usize) -> Opti
     let target = DVector::from_column_slice(y);
     let ztx = z.transpose() * x;
     let zty = z.transpose() * &target;
+    // The same of the instruments.
+    let own = DVector::from_fn(p, |j, _| z.column(j).norm());
+    let unit = DMatrix::from_fn(p, p, |i, j| ztx[(i, j)] / (own[i] * scale[j]));
     let values = if std::ptr::eq(x, z) {
         let scaled = DMatrix::from_fn(n, p, |i, j| x[(i, j)] / scale[j]);
         let qr = scaled.qr();
         let right = qr.q().transpose() * &target;
-        let solved = qr.r().solve_upper_triangular(&right)?;
-        solved.component_div(&scale)
+        qr.r().solve_upper_triangular(&right)?
     } else {
-        ztx.clone().lu().solve(&zty)?
+        unit.clone().lu().solve(&zty.component_div(&own))?
     };
+    let values = values.component_div(&scale);
     let singular = x.clone().qr().r().singular_values();
     let condition = singular.max() / singular.min();
-    if !condition.is_finite() || values.iter().any(|v| !v.is_finite()) {
+    if values.iter().any(|v| !v.is_finite()) {
         return None;
     }
     let mut solution = Solution {
@@ -129,7 +132,8 @@ fn solve(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64], shortest: usize) -> Opti
     judge(x, y, &mut solution);
     let freedom = (n - p) as f64;
     let variance = solution.residuals.iter().map(|l| l * l).sum::<f64>() / freedom;
-    let bread = ztx.try_inverse()?;
+    let inverse = unit.try_inverse()?;
+    let bread = DMatrix::from_fn(p, p, |i, j| inverse[(i, j)] / (scale[i] * own[j]));
     let covariance = &bread * (z.transpose() * z * variance) * bread.transpose();
     solution.std = (0..p).map(|j| covariance[(j, j)].max(0.0).sqrt()).collect();
     solution.std_correlated = clustered(x, z, &solution.residuals, &bread, shortest);
@@ -207,10 +211,8 @@ fn clustered(
     let Some(root) = (&scale * own * &scale).cholesky().map(|c| c.l()) else {
         return vec![0.0; p];
     };
+    let back = bread * DMatrix::from_diagonal(&scale.diagonal().map(|s| 1.0 / s)) * &root;
     let Some(turn) = root.try_inverse().map(|inverse| inverse * &scale) else {
-        return vec![0.0; p];
-    };
-    let Some(back) = turn.clone().try_inverse().map(|inverse| bread * inverse) else {
         return vec![0.0; p];
     };
     let batches = batches(residuals, shortest);
@@ -425,6 +427,25 @@ mod tests {
             "{} {prediction}",
             squares.sqrt()
         );
+    }
+
+    #[test]
+    fn deviations_go_with_the_unit_of_a_column() {
+        let n = 400;
+        let (a, b, e) = (noise(n, 11), noise(n, 12), noise(n, 13));
+        let y: Vec<f64> = (0..n).map(|k| 2.0 * a[k] - b[k] + e[k]).collect();
+        let of = |size: f64| {
+            let scaled: Vec<f64> = b.iter().map(|b| size * b).collect();
+            least_squares(&matrix(&[&a, &scaled, &vec![1.0; n]]), &y).unwrap()
+        };
+        let (usual, large) = (of(1.0), of(1e18));
+        for (a, b) in [
+            (usual.std[1], 1e18 * large.std[1]),
+            (usual.std_correlated[1], 1e18 * large.std_correlated[1]),
+            (usual.std_correlated[0], large.std_correlated[0]),
+        ] {
+            assert!((a / b - 1.0).abs() < 1e-9, "{a} {b}");
+        }
     }
 
     #[test]

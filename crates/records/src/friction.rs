@@ -219,13 +219,9 @@ pub fn friction(first: &Read, second: Option<&Read>, most: usize, law: Option<La
     } else {
         "tells the force best:"
     };
-    if best.misfit_percent > 0.0 {
-        answer.remarks.push(format!(
-            "the contact may be of another law: {} % of the force are told by other laws, or by elements of every length, and not by \
-             this one. Deviations in brackets count in by how much those differ from it in level, way and stiffness",
-            short(best.misfit_percent)
-        ));
-    }
+    answer
+        .remarks
+        .extend(other_laws(best, &unit(best.law.parameters()[0])));
     let chosen = format!(
         "{} {how} {} % {judged} with {} parameters (others: {})",
         best.law.name(),
@@ -266,9 +262,34 @@ fn laws(first: &Read, found: &Identified) -> serde_json::Value {
                 "validation_error_percent": l.validation_error_percent,
                 "condition": l.condition,
                 "misfit_percent": l.misfit_percent,
+                "level_by_speed": l.by_speed,
             })
         })
         .collect()
+}
+
+/// What tells the force and is not in a law; `unit` is that of its level.
+fn other_laws(best: &Fitted, unit: &str) -> Vec<String> {
+    let mut remarks = Vec::new();
+    if let Some([slow, fast]) = best.by_speed {
+        remarks.push(format!(
+            "the level goes with the speed, from {} at the slowest to {} {} at the fastest twentieth of the sliding, and {} knows no \
+             speed: deviations in brackets count that in; with --most-parameters 6 LuGre with viscous friction and an offset is \
+             among the laws",
+            short(slow),
+            short(fast),
+            unit,
+            best.law.name()
+        ));
+    }
+    if best.misfit_percent > 0.0 {
+        remarks.push(format!(
+            "the contact is of another law: {} % of the force are told by other laws, or by elements of every length, and not by \
+             this one. Deviations in brackets count in by how much those differ from it in level, way and stiffness",
+            short(best.misfit_percent)
+        ));
+    }
+    remarks
 }
 
 /// The keys of a joint in a `plant.toml` that a law sets, in its units where the record is of a turning

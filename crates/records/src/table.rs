@@ -80,7 +80,11 @@ impl Table {
             );
             return Err(refuse(None, message));
         }
-        let (text, encoding) = layout::decode(&bytes);
+        let (mut text, encoding) = layout::decode(&bytes);
+        if !text.contains('\n') {
+            // Lines as Macs ended them.
+            text = text.replace('\r', "\n");
+        }
         if text.trim().is_empty() {
             return Err(refuse(
                 None,

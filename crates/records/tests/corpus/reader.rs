@@ -63,11 +63,17 @@ fn a_record_is_the_same_however_it_is_written() {
     let units = written("t|r|q|u\n[s]|[m]|[m]|[V]", ";", ".", "\n", &ALL);
     let bare = ["r", "q", "u"];
     let usual = ["r_m", "q_m", "u_V"];
-    let cases: [File; 11] = [
+    let cases: [File; 12] = [
         ("commas", plain("t_s,r_m,q_m,u_V").into(), usual, None),
         (
             "a byte-order mark",
             format!("\u{feff}{}", plain("t_s,r_m,q_m,u_V")).into(),
+            usual,
+            None,
+        ),
+        (
+            "carriage returns alone",
+            written(names, ",", ".", "\r", &ALL).into(),
             usual,
             None,
         ),

@@ -85,6 +85,17 @@ const MANGLED: &[(&str, Wanted, bool, Mangle)] = &[
             rows.iter_mut().for_each(|r| r.swap(1, 2));
         },
     ),
+    (
+        "motor and load swapped, torque negated",
+        Wanted::Either,
+        true,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| {
+                r.swap(1, 2);
+                r[3] = -r[3];
+            });
+        },
+    ),
     ("torque negated", Wanted::Refused, true, |rows, _| {
         rows.iter_mut().for_each(|r| r[3] = -r[3]);
     }),
@@ -227,7 +238,7 @@ fn over(good: &Rows, truth: (f64, Option<f64>), wrong: &mut Vec<String>) {
             value("w_max").map(f64::to_degrees),
             found.answer.remarks.join(" | ")
         );
-        let sign = if name.contains("swapped, without") {
+        let sign = if name.contains("swapped, ") {
             -1.0
         } else {
             1.0
@@ -235,7 +246,14 @@ fn over(good: &Rows, truth: (f64, Option<f64>), wrong: &mut Vec<String>) {
         let known = truth.1.filter(|_| !name.contains("noise")).zip(compliance);
         let off = (sign * skew - truth.0).abs() > 4e-4
             || known.is_some_and(|(is, found)| (found / is - 1.0).abs() > 0.15);
-        let bad = off || *wanted == Wanted::Refused;
+        // A robot's arm rubs, and what it winds up does not show the motor's side without its torque.
+        let remarks = &found.answer.remarks;
+        let silent = truth.1.is_none()
+            && name.contains("swapped")
+            && !remarks
+                .iter()
+                .any(|r| r.contains("which of the two columns"));
+        let bad = off || silent || *wanted == Wanted::Refused;
         eprintln!("{} {name}: {told}", if bad { "WRONG" } else { "right" });
         if bad {
             wrong.push(format!("{name}: {told}"));

@@ -61,6 +61,7 @@ pub(super) fn one_level(
         known,
         condition,
         misfit_percent: 0.0,
+        by_speed: None,
         two_levels: None,
     })
 }

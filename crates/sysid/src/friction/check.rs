@@ -5,6 +5,9 @@ use super::{Fitted, Record, Sample, error, fit};
 use crate::{Known, Unknown};
 use pigtail_numerics::signal::quantile;
 
+/// What is known to worse than this share of itself is no answer.
+const LOOSE: f64 = 1.0 / 3.0;
+
 /// Whether the columns the other way round are friction, and these are not.
 pub(super) fn swapped(record: &Record, error_percent: f64) -> bool {
     if error_percent < 15.0 {
@@ -123,7 +126,7 @@ pub(super) fn doubts(record: &Record, chosen: &Fitted) -> Vec<Unknown> {
     }
     for (name, known) in law.parameters().iter().zip(&chosen.known) {
         let offset = *name == "offset" || *name == "viscous_friction";
-        let loose = known.std_correlated > 0.5 * known.value.abs();
+        let loose = known.std_correlated > LOOSE * known.value.abs();
         if !offset && loose && !unknown.iter().any(|u: &Unknown| u.covers(name)) {
             unknown.push(Unknown {
                 parameters: vec![name],

@@ -58,10 +58,32 @@ impl Told {
     /// model identification*, 1974), with as many points as what it leaves has of its own. The criterion is a lenient one: to
     /// be less sure than need be misleads nobody.
     fn beats(&self, other: &Self) -> bool {
-        let more = self.used.saturating_sub(other.used).max(1);
-        let points = independent(&self.left);
-        points * (other.squares() / self.squares()).ln() > 2.0 * more as f64
+        self.gain(other) > 2.0 * self.more(other)
     }
+
+    /// Whether chance would make it tell so much more than `other` in one record of ten thousand at most: a record has a
+    /// dozen of rivals, so that all together may be wrong in one of a thousand.
+    fn surely_beats(&self, other: &Self) -> bool {
+        self.gain(other) > chi_squared(self.more(other))
+    }
+
+    /// Twice the logarithm of the ratio of likelihoods: of a law that is right, a chi-squared of the parameters that are more.
+    fn gain(&self, other: &Self) -> f64 {
+        independent(&self.left) * (other.squares() / self.squares()).ln()
+    }
+
+    /// How many parameters it has more.
+    fn more(&self, other: &Self) -> f64 {
+        self.used.saturating_sub(other.used).max(1) as f64
+    }
+}
+
+/// What a chi-squared of so many degrees of freedom exceeds once in ten thousand times (E. Wilson and M. Hilferty, *The
+/// distribution of chi-square*, 1931).
+fn chi_squared(freedom: f64) -> f64 {
+    const NORMAL: f64 = 3.719;
+    let part = 2.0 / (9.0 * freedom);
+    freedom * (1.0 - part + NORMAL * part.sqrt()).powi(3)
 }
 
 fn of_law(fitted: &Fitted, record: &Record) -> Told {
@@ -102,11 +124,9 @@ pub(super) fn allow(laws: &mut [Fitted], record: &Record) {
         let rivals: Vec<&Told> = told.iter().chain(&every).filter(|t| t.beats(own)).collect();
         let least = rivals
             .iter()
-            .map(|r| r.squares())
-            .fold(f64::INFINITY, f64::min);
-        if least.is_infinite() {
-            continue;
-        }
+            .filter(|rival| rival.surely_beats(own))
+            .map(|rival| rival.squares())
+            .fold(own.squares(), f64::min);
         fitted.misfit_percent =
             (1.0 - least / own.squares()).sqrt() * fitted.relative_error_percent;
         for (j, name) in fitted.law.parameters().iter().enumerate() {

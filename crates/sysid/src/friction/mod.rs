@@ -7,6 +7,7 @@ mod elements;
 mod law;
 mod misfit;
 mod skew;
+mod speeds;
 mod sure;
 
 pub use law::Law;
@@ -358,9 +359,11 @@ pub struct Fitted {
     pub validation_error_percent: f64,
     /// Condition number of the linear problem at the parameters, which are scaled to order one.
     pub condition: f64,
-    /// What of the error another law, or elements of every length, would tell: by so much the contact may be of another law, per
-    /// cent of the force. Zero where none tells more.
+    /// What of the error another law, or elements of every length, would tell: by so much the contact is of another law, per
+    /// cent of the force. Zero where none tells more than chance would in one record of a thousand.
     pub misfit_percent: f64,
+    /// Of a law without a speed, levels at the slowest and the fastest twentieth of the sliding, N, where they differ.
+    pub by_speed: Option<[f64; 2]>,
     /// Of LuGre with one level, where a static friction of its own is not told: what it leaves with one, per cent.
     two_levels: Option<f64>,
 }
@@ -443,6 +446,7 @@ pub fn identify(
             known,
             condition,
             misfit_percent: 0.0,
+            by_speed: None,
             two_levels: None,
         });
     }
@@ -457,6 +461,7 @@ pub fn identify(
         return Err(Unknown::all("no law could be fitted to it"));
     };
     misfit::allow(&mut laws, record);
+    speeds::allow(&mut laws, record);
     let chosen = &laws[best];
     if chosen.relative_error_percent > UNEXPLAINED {
         let mut because = format!(
@@ -714,6 +719,27 @@ mod tests {
                 let allowed = 6.0 * known.std_correlated + 0.02 * is.abs();
                 assert!(off < allowed, "{law:?}: {value} for {is}");
             }
+        }
+    }
+
+    /// LuGre with an offset has more parameters than are allowed, and Dahl's law tells it with a level that lies between.
+    #[test]
+    fn a_level_that_goes_with_the_speed_is_said_to() {
+        let of_speed = made(Law::LuGreViscous, &[1.5, 2e5, 2.2, 1e-4, 0.0, 0.4]);
+        let found = identify(&of_speed, None, 4).unwrap();
+        let [slow, fast] = found.laws[found.best].by_speed.unwrap();
+        assert!(
+            slow > 2.0 && slow < 2.3 && fast > 1.4 && fast < 1.9,
+            "{slow} {fast}"
+        );
+        let level = found.parameters[0].known.unwrap();
+        assert!(level.std_correlated > 0.05, "{level:?}");
+        for (law, truth) in [
+            (Law::Presliding, &[2.0, 1.5e-5, 0.1][..]),
+            (Law::MaxwellSlip, &[2.0, 5e-6, 3e-5, 0.1]),
+        ] {
+            let found = identify(&made(law, truth), None, 4).unwrap();
+            assert_eq!(found.laws[found.best].by_speed, None, "{law:?}");
         }
     }
 

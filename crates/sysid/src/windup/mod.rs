@@ -12,9 +12,11 @@
 //! a second at a rad/s is a thousandth of a radian, more than most transmissions wind up.
 
 mod check;
+mod role;
 mod signals;
 
 use check::{check, excitation};
+use role::{either, lags, passive};
 use signals::Signals;
 
 use super::outliers;
@@ -180,9 +182,6 @@ const AS_GOOD: f64 = 1.02;
 /// Half of a record lies within such a ratio of speeds where it moves at one.
 const ONE_SPEED: f64 = 1.5;
 
-/// A part of the windup is worth speaking of from this share of it.
-const WORTH: f64 = 0.03;
-
 /// Most often that all models are fitted, each time with a better skew.
 const ROUNDS: usize = 3;
 
@@ -236,26 +235,22 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
     let bound = if blind { 0.0 } else { most };
     let (signals, models, best) = all_models(record, second, &mut skew, bound)?;
     let chosen = &models[best];
-    if unknown.is_empty() && chosen.residual > raw / 3.0 {
-        let speeds: Vec<f64> = plain.velocity.iter().map(|v| v.abs()).collect();
-        let (slow, fast) = (quantile(&speeds, 0.25), quantile(&speeds, 0.75));
-        if fast < ONE_SPEED * slow {
-            return Err(Unknown::all(format!(
-                "it moves at one speed, nearly (half of the time between {slow:.3e} and {fast:.3e}), where a time skew \
-                 looks as a windup does: move at changing speed, to and fro, or record the torque too"
-            )));
-        }
-        return Err(Unknown::all(format!(
-            "its best model, {}, leaves {:.0} % of the windup: an encoder stands still or slips, or the columns are of \
-             other axes",
-            chosen.name,
-            100.0 * chosen.residual / raw
-        )));
+    // A second record has a windup of its own.
+    let left = if second.is_none() {
+        chosen.residual.max(chosen.held_back)
+    } else {
+        chosen.residual
+    };
+    if unknown.is_empty() && left > raw / 3.0 {
+        return Err(unexplained(&plain, chosen, left / raw));
     }
     remarks.push(
         "a windup that goes with the speed, as by viscous friction, cannot be told from the time skew".to_owned(),
     );
     unknown.extend(passive(record, &models, chosen, &signals, raw)?);
+    if unknown.is_empty() && !record.has_torque && !lags(&models, &signals, raw) {
+        either(chosen, &mut unknown, &mut remarks);
+    }
     let parameters = chosen
         .parameters
         .iter()
@@ -289,93 +284,22 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
     })
 }
 
-/// What no drive does: a load that runs ahead of its motor, a transmission that winds up against its torque.
-///
-/// # Errors
-///
-/// Where nothing of the record is to be believed.
-fn passive(
-    record: &Record,
-    models: &[Fitted],
-    chosen: &Fitted,
-    signals: &Signals,
-    raw: f64,
-) -> Result<Option<Unknown>, Unknown> {
-    // Friction on the motor's side takes a part of a measured torque that winds nothing up, so that
-    // beside a torque (2.20) may have either sign; alone it may not, and nor may a compliance.
-    let sign = |name: &str| {
-        let known = chosen.parameters.iter().find(|(n, _)| *n == name);
-        known.is_some_and(|(_, k)| k.value < -4.0 * k.std_correlated)
-    };
-    let torque = record.has_torque && chosen.parts.compliance;
-    // What drives a load through something that gives way is ahead of it: of its friction, and of its inertia too.
-    let ahead = "the load would run ahead of its motor: the two columns may be swapped";
-    let backward: f64 = chosen.elements.iter().map(|e| e[1]).sum();
-    if !torque && (sign("w_max") || backward < -WORTH * raw) {
-        return Ok(Some(Unknown {
-            parameters: vec!["w_max", "q", "offset", "time_skew"],
-            because: ahead.to_owned(),
-        }));
+/// Why a model that leaves such a share of the windup is none.
+fn unexplained(plain: &Signals, chosen: &Fitted, share: f64) -> Unknown {
+    let speeds: Vec<f64> = plain.velocity.iter().map(|v| v.abs()).collect();
+    let (slow, fast) = (quantile(&speeds, 0.25), quantile(&speeds, 0.75));
+    if fast < ONE_SPEED * slow {
+        return Unknown::all(format!(
+            "it moves at one speed, nearly (half of the time between {slow:.3e} and {fast:.3e}), where a time skew \
+             looks as a windup does: move at changing speed, to and fro, or record the torque too"
+        ));
     }
-    if !record.has_torque && runs_ahead(models, signals, raw) {
-        return Err(Unknown::all(ahead));
-    }
-    let against: Vec<f64> = models
-        .iter()
-        .filter_map(|m| with_torque(m, signals, raw))
-        .collect();
-    let against = against.iter().sum::<f64>() / against.len().max(1) as f64;
-    let own = signals.torque.as_deref();
-    let own = own.and_then(|t| share(chosen, "compliance", t, raw));
-    let linear = own.is_some_and(|own| own < -2.0 * WORTH);
-    let turned = torque && sign("compliance") || linear || against < -0.5 * WORTH;
-    Ok((record.has_torque && turned).then(|| Unknown {
-        parameters: vec![
-            "compliance",
-            "cubic_compliance",
-            "inertial_compliance",
-            "w_max",
-            "q",
-            "offset",
-        ],
-        because: "it would wind up against the torque: columns may be swapped, or the torque's sign turned".to_owned(),
-    }))
-}
-
-/// A parameter's part of the windup, with its sign, as a share of all of it.
-fn share(model: &Fitted, name: &str, column: &[f64], raw: f64) -> Option<f64> {
-    let known = model.parameters.iter().find(|(n, _)| *n == name)?.1;
-    let mean = column.iter().sum::<f64>() / column.len().max(1) as f64;
-    Some(known.value * rms(column.iter().map(|c| c - mean)) / raw)
-}
-
-/// How far it winds up with the torque, its cube's part too, as a share of all windup; negative against it.
-fn with_torque(model: &Fitted, signals: &Signals, raw: f64) -> Option<f64> {
-    let value = |name: &str| {
-        model
-            .parameters
-            .iter()
-            .find(|(n, _)| *n == name)
-            .map(|(_, k)| k.value)
-    };
-    let (linear, cubic) = (value("compliance")?, value("cubic_compliance")?);
-    let torque = signals.torque.as_ref()?;
-    let mean = torque.iter().sum::<f64>() / torque.len() as f64;
-    let (mut together, mut squares) = (0.0, 0.0);
-    for t in torque {
-        together += (linear * t + cubic * t.powi(3)) * (t - mean);
-        squares += (t - mean).powi(2);
-    }
-    (squares > 0.0).then(|| together / (squares * torque.len() as f64).sqrt() / raw)
-}
-
-/// Whether a load that accelerates runs ahead of its motor, in all models that ask.
-fn runs_ahead(models: &[Fitted], signals: &Signals, raw: f64) -> bool {
-    let shares: Vec<f64> = models
-        .iter()
-        .filter_map(|m| share(m, "inertial_compliance", &signals.acceleration, raw))
-        .collect();
-    !shares.is_empty() && shares.iter().all(|s| *s < -WORTH)
+    Unknown::all(format!(
+        "its best model, {}, leaves {:.0} % of the windup: an encoder stands still or slips, or the columns are of \
+         other axes",
+        chosen.name,
+        100.0 * share
+    ))
 }
 
 /// A record without what no motion makes.
