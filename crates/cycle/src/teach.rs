@@ -11,6 +11,7 @@
 //! lie on this side or on that, and who takes one of them for true is off by the whole of it if it is the other. The loss goes with the
 //! square of what is left, and its mean is least at the mean.
 
+use pigtail_control::hold;
 use pigtail_model::frames::Displacement;
 
 /// What a fiber has told.
@@ -42,9 +43,9 @@ pub struct Teacher {
 /// Relative standard deviation of the shift that is expected beforehand.
 const BEFOREHAND: f64 = 0.33;
 
-/// How far the micro goes after other things than the pull until the gel point, standard deviation, metres: a bracket of 10 um/K that
-/// warms up by 0.1 K a minute on either side, for 10 s. How piezos creep is told apart before that.
-const DRIFTS: f64 = 0.15e-6;
+/// How far the micro goes after other things than the pull until the gel point, standard deviation, metres: what drifts, for 10 s. How
+/// piezos creep is told apart before that, and of a side's first fiber the drift is, mostly.
+const DRIFTS: f64 = 10.0 * hold::DRIFTS;
 
 /// How far from what was found before the mean is looked for, standard deviations; in how many steps to either side; and how
 /// often.

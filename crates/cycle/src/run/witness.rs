@@ -8,7 +8,7 @@
 //! Of a fiber that has cured and is still held, where it is beside its peak, as the holder bends it a little.
 
 use super::Line;
-use pigtail_control::hold;
+use pigtail_control::hold::{self, DRIFTS};
 use pigtail_control::outcome::{Halt, Outcome};
 use pigtail_control::station::fine;
 use pigtail_hal::bench::{Event, Law, Limits, Meter, Pose};
@@ -21,10 +21,6 @@ const ASIDE: [f64; 4] = [20e-6, 15e-6, 10e-6, 5e-6];
 /// For how long, seconds, and how long the micro rests before that.
 const LOOK: f64 = 0.08;
 const SETTLED: f64 = 0.03;
-
-/// How fast it drifts against the chip along an axis, standard deviation, metres a second: each of both by 0.01 um/s, as a bracket does
-/// of 10 um/K at 0.1 K a minute.
-const DRIFTS: f64 = 0.014e-6;
 
 /// How often it slips meanwhile, and how far along an axis then, standard deviation, metres: joints with friction give way by micrometres, and one
 /// that is held by its servo hardly ever.
