@@ -1,9 +1,8 @@
 //! Looks around: what light at four places around a fiber tells, which its micro goes to.
 //!
 //! Of the sensing fiber, the witness of the input's cure, where it has drifted to meanwhile, and what that did to its light. It stands set
-//! back in a spot about as wide as its core. Beside its middle what drifts by tenths of a micrometre makes percents of its light: so it is
-//! brought to where the spot is brightest first. Slope and curvature are told by the looks, and by how the slope has changed how far it
-//! has drifted.
+//! back in a spot about as wide as its core, and mostly beside its middle: what drifts by tenths of a micrometre makes percents of its
+//! light. The looks tell slope and curvature, and how the slope has changed how far it has drifted.
 //!
 //! Of a fiber that has cured and is still held, where it is beside its peak, as the holder bends it a little.
 
@@ -36,10 +35,10 @@ const SLOWLY: f64 = 20e-6;
 /// How long looks take on a round.
 const LOOKS: f64 = 5.0 * LOOK;
 
-/// How long rounds take: those before the lamp is on, of which one goes without looks, and the one after the release, seconds.
+/// How long rounds take: those before the lamp is on, of which the first goes without looks, and the one after the release, seconds.
 pub(crate) const ROUNDS: [f64; 2] = {
     let goes = goes(ASIDE[0], SPEED);
-    [3.0 * goes + 2.0 * LOOKS, goes + LOOKS]
+    [2.0 * goes + LOOKS, goes + LOOKS]
 };
 
 /// How long it takes to go round so far aside, metres, with such a speed, seconds: there and back, across, there and back again, as it is in
@@ -86,19 +85,6 @@ impl Around {
                 (noise + 4.0 * self.middle.1) / (2.0 * aside * aside).powi(2),
             ),
         ]
-    }
-
-    /// Where the light is brightest from the middle, metres along both axes; none along an axis where it has no shape.
-    fn brightest(&self) -> [f64; 2] {
-        /// No farther than so many times as what was seen: beyond nobody knows the shape.
-        const FAR: f64 = 2.0;
-        [0, 1].map(|axis| {
-            let [(slope, _), (curvature, unsure)] = self.shape(axis);
-            if curvature > -SEEN * unsure.sqrt() {
-                return 0.0;
-            }
-            (-0.5 * slope / curvature).clamp(-FAR * self.aside, FAR * self.aside)
-        })
     }
 
     /// Where a fiber that has cured is, from its peak, metres, and the standard deviation along both axes: by its light as its holder
@@ -247,31 +233,22 @@ fn round(aside: f64) -> [(f64, f64); 5] {
 }
 
 impl Line<'_, '_, '_> {
-    /// Brings the sensing fiber to where the spot is brightest, as far as its micro has room, and looks around there; nothing where there
-    /// is no room or no light. On the top of the spot it makes hardly any difference that it drifts.
+    /// Looks around the sensing fiber, as far as its micro has room and there is light; nothing where there is neither.
     pub(super) fn look_around(&mut self, eye: Eye) -> Result<Option<Around>, Halt> {
         let side = Side::Right;
-        let mut rough = None;
         for aside in ASIDE {
-            if rough.is_none() && self.has_room(side, self.micro(side), aside) {
-                rough = self.look_again(eye, aside)?;
-            }
-        }
-        let Some(rough) = rough else {
-            return Ok(None);
-        };
-        let (here, [x, y]) = (self.micro(side), rough.brightest());
-        for share in [1.0, 0.75, 0.5, 0.25, 0.0] {
-            let to = Pose::at(here.x() + share * x, here.y() + share * y, here.z());
-            let Some(aside) = ASIDE.into_iter().find(|a| self.has_room(side, to, *a)) else {
+            let here = self.micro(side);
+            if !self.has_room(side, here, aside) {
                 continue;
-            };
-            self.micro_to(side, to, SPEED)?;
+            }
             // What piezos keep of where they were is the same after each round, but not before the first.
             for (x, y) in round(aside) {
-                self.micro_to(side, Pose::at(to.x() + x, to.y() + y, to.z()), SPEED)?;
+                self.micro_to(side, Pose::at(here.x() + x, here.y() + y, here.z()), SPEED)?;
             }
-            return self.look_again(eye, aside);
+            let seen = self.look_again(eye, aside)?;
+            if seen.is_some() {
+                return Ok(seen);
+            }
         }
         Ok(None)
     }
@@ -443,17 +420,6 @@ mod tests {
             bent(0.02, (place.x, place.y), 0.02).beside_peak(width, 0.0),
             None
         );
-    }
-
-    #[test]
-    fn the_brightest_place_is_found_from_beside_it() {
-        let [x, y] = around(0.0, 25.0, -10.0, 1e-4).brightest();
-        assert!(
-            (x + 25e-6).abs() < 0.5e-6 && (y - 10e-6).abs() < 0.5e-6,
-            "{x}, {y}"
-        );
-        // Light without a shape leads nowhere.
-        assert_eq!(around(0.0, 25.0, -10.0, 0.3).brightest(), [0.0, 0.0]);
     }
 
     #[test]
