@@ -110,7 +110,7 @@ fn every_mistake_is_listed_before_anything_moves() {
             "serial = \"F-0004\"\nplace = \"L3\"",
         )
         .replace("R6 = { at = [\"3.5 mm\"", "R6 = { at = [\"35 mm\"");
-    fs::write(folder.path().join("bad.toml"), text).expect("it is written");
+    fs::write(folder.path().join("bad.toml"), &text).expect("it is written");
     let output = pigtail(folder.path(), &["produce", "--tray", "bad.toml"]);
     assert_eq!(output.status.code(), Some(2));
     let said = String::from_utf8_lossy(&output.stderr);
@@ -122,6 +122,22 @@ fn every_mistake_is_listed_before_anything_moves() {
         "place L4 is empty",
         "does not get to R6",
     ] {
+        assert!(said.contains(what), "{what}: {said}");
+    }
+    // A recipe that is wrong itself hides nothing of the tray.
+    let shipped = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../recipes/produce-fast.toml"
+    );
+    let recipe = fs::read_to_string(shipped).expect("a recipe");
+    let recipe = recipe.replace("gel = \"10 s\"", "gel = \"40 s\"");
+    fs::write(folder.path().join("late.toml"), recipe).expect("it is written");
+    let text = text.replace("\"produce-fast\"", "\"late.toml\"");
+    fs::write(folder.path().join("bad.toml"), text).expect("it is written");
+    let output = pigtail(folder.path(), &["produce", "--tray", "bad.toml"]);
+    assert_eq!(output.status.code(), Some(2));
+    let said = String::from_utf8_lossy(&output.stderr);
+    for what in ["cure.gel", "R1 is double-booked", "place L4 is empty"] {
         assert!(said.contains(what), "{what}: {said}");
     }
     assert!(!folder.path().join("runs").exists());

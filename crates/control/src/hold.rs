@@ -1,8 +1,9 @@
 //! Holding a fiber at its peak while adhesive pulls at it.
 //!
 //! Small circles find the peak again and again, and the micro follows it: what the adhesive moves before its gel point is made
-//! up for. Where it stands at the end tells how far the fiber was pulled, once what piezos creep meanwhile is told apart: a peak that is
-//! followed before anything pulls shows how they do, and what comes later is foreseen, as they creep by the logarithm of time.
+//! up for. Where it stands at the end tells how far the fiber was pulled, once what piezos creep and machines drift meanwhile is told apart: a
+//! peak that is followed before anything pulls shows how they do, and what comes later is foreseen, as they creep by the logarithm of time
+//! and warm up steadily.
 
 use crate::align::Observed;
 use crate::conical_scan::{ConicalScan, Watch};
@@ -11,6 +12,7 @@ use crate::procedure::AtPeak;
 use crate::reactor::{Reactor, both_well};
 use crate::recipe::Recipe;
 use crate::station::{Unobserved, fine};
+use nalgebra::{Matrix2, Vector2};
 use pigtail_hal::Bench;
 use pigtail_hal::bench::{Event, Meter};
 use pigtail_model::frames::Displacement;
@@ -31,36 +33,72 @@ pub struct Followed {
     pub creep: Creep,
 }
 
-/// How a peak goes on that nothing pulls at: by the logarithm of the time since something moved, as piezos creep.
+/// How a peak goes on that nothing pulls at: by the logarithm of the time since something moved, as piezos creep, and steadily, as
+/// machines warm up.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Creep {
     /// Since when, seconds of the bench.
     since: f64,
     /// For each factor of e in time, the micro's x and y, metres.
     by: Displacement,
+    /// The same for each second.
+    drift: Displacement,
 }
+
+/// How fast a fiber drifts against its chip along an axis, standard deviation, metres a second: each of both by 0.01 um/s, as a bracket
+/// does of 10 um/K at 0.1 K a minute.
+pub const DRIFTS: f64 = 0.014e-6;
 
 impl Creep {
     /// Of places at times; none where they are too few to tell.
+    ///
+    /// In a second, creep and a drift look alike: beforehand the drift is none, give or take [`DRIFTS`], and as much of it is believed as the
+    /// places tell it apart.
     fn through(since: f64, seen: &[(f64, Displacement)]) -> Self {
         /// With less it is noise.
         const TURNS: usize = 12;
-        let slope = |of: fn(&Displacement) -> f64| {
-            let points = seen.iter().map(|(t, at)| ((t - since).ln(), of(at)));
-            Line::through(points).slope
+        let along = |of: fn(&Displacement) -> f64| {
+            let points = seen.iter().map(|(t, at)| (*t - since, of(at)));
+            creep_and_drift(points).unwrap_or([0.0; 2])
         };
-        let by = if seen.len() < TURNS {
-            Displacement::ZERO
+        let [[by_x, drift_x], [by_y, drift_y]] = if seen.len() < TURNS {
+            [[0.0; 2]; 2]
         } else {
-            Displacement::new(slope(|at| at.x), slope(|at| at.y))
+            [along(|at| at.x), along(|at| at.y)]
         };
-        Self { since, by }
+        Self {
+            since,
+            by: Displacement::new(by_x, by_y),
+            drift: Displacement::new(drift_x, drift_y),
+        }
     }
 
     /// How far it goes from one time to another, metres.
     pub fn between(&self, from: f64, to: f64) -> Displacement {
-        self.by * ((to - self.since) / (from - self.since)).ln()
+        self.by * ((to - self.since) / (from - self.since)).ln() + self.drift * (to - from)
     }
+}
+
+/// What places along an axis at times go by for each factor of e in time, and for each second; nothing where all times are one.
+fn creep_and_drift(points: impl Iterator<Item = (f64, f64)> + Clone) -> Option<[f64; 2]> {
+    let logarithmic = Line::through(points.clone().map(|(t, x)| (t.ln(), x)));
+    let n = points.clone().count() as f64;
+    let left = points
+        .clone()
+        .map(|(t, x)| logarithmic.left(t.ln(), x).powi(2));
+    let noise = left.sum::<f64>() / (n - 2.0);
+    let mean = points.clone().fold([0.0; 3], |[a, b, c], (t, x)| {
+        [a + t.ln() / n, b + t / n, c + x / n]
+    });
+    let (mut squares, mut sums) = (Matrix2::zeros(), Vector2::zeros());
+    for (t, x) in points {
+        let row = Vector2::new(t.ln() - mean[0], t - mean[1]);
+        squares += row * row.transpose();
+        sums += row * (x - mean[2]);
+    }
+    squares[(1, 1)] += noise / (DRIFTS * DRIFTS);
+    let [by, drift] = (squares.try_inverse()? * sums).into();
+    Some([by, drift])
 }
 
 /// Radius of the circles, of that of the fast procedure: they only have to keep what is there.
@@ -249,8 +287,34 @@ mod tests {
             (foreseen - (law(13.6) - law(4.2))).norm() < 0.01e-6,
             "{foreseen:?}"
         );
+        // Nor is a drift seen where there is none.
+        assert!(creep.drift.norm() < 0.005e-6, "{creep:?}");
         // What a few turns tell is noise.
         let few = Creep::through(3.0, &seen(8)).between(4.2, 13.6);
         assert!(few.norm() == 0.0, "{few:?}");
+    }
+
+    #[test]
+    fn a_machine_that_warms_up_is_seen_to_in_some_seconds_and_not_in_one() {
+        let law = |t: f64| {
+            let creeps = Displacement::new(-0.02e-6, 0.08e-6) * (t - 3.0).ln();
+            creeps + Displacement::new(0.02e-6, -0.01e-6) * (t - 3.0)
+        };
+        let foreseen = |seconds: f64| {
+            let turns = (seconds / 0.024) as usize;
+            let seen: Vec<(f64, Displacement)> = (0..turns)
+                .map(|k| {
+                    let t = 3.2 + 0.024 * k as f64;
+                    let noise = [1.0, 1.0, -1.0, -1.0][k % 4] * 20e-9;
+                    (t, law(t) + Displacement::new(noise, -noise))
+                })
+                .collect();
+            let from = 3.2 + seconds;
+            let by = Creep::through(3.0, &seen).between(from, from + 10.0);
+            (by - (law(from + 10.0) - law(from))).norm()
+        };
+        assert!(foreseen(6.0) < 0.03e-6, "{}", foreseen(6.0));
+        assert!(foreseen(1.0) > 0.1e-6, "{}", foreseen(1.0));
+        assert!(foreseen(1.0) < 0.3e-6, "{}", foreseen(1.0));
     }
 }

@@ -101,11 +101,8 @@ pub fn mistakes(
     for (i, device) in tray.devices.iter().enumerate() {
         let key = |port: &str| format!("devices[{i}].fibers.{port}");
         let named = tray.recipe_of(device);
-        let Some(recipe) = recipes.get(named) else {
-            // What is wrong with it is said once, by who has read it.
-            continue;
-        };
-        for port in &recipe.ports {
+        // What is wrong with one that is not there is said once, by who has read it.
+        for port in recipes.get(named).map_or(&[][..], |recipe| &recipe.ports) {
             if !PORTS.contains(&port.as_str()) {
                 add(
                     format!("devices[{i}].recipe"),

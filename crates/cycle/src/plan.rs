@@ -7,7 +7,7 @@
 use crate::cell::Bar;
 use crate::check::side_of;
 use crate::recipe::Production;
-use crate::run::bond::{BEFORE, BEFORE_TWO};
+use crate::run::bond::{BEFORE, BEFORE_FIRST, BEFORE_TWO};
 use crate::run::witness::ROUNDS;
 use crate::tray::{Device, Tray};
 use pigtail_control::procedure::PORTS;
@@ -300,6 +300,7 @@ pub fn plan(
     };
     let of = |device: &Device| &productions[tray.recipe_of(device)];
     let (mut ahead, mut left_clear) = (false, 0.0);
+    let mut taught = [false; SIDES];
     for (k, device) in tray.devices.iter().enumerate() {
         let production = of(device);
         if k > 0 {
@@ -367,8 +368,13 @@ pub fn plan(
                 let waits = plan.free[right.index()] - plan.free[left.index()];
                 plan.bar(left, on, "witness", true, waits.max(0.0));
             }
+            let first = sides.iter().any(|side| !taught[side.index()]);
+            for side in sides {
+                taught[side.index()] = true;
+            }
             let before = match (production.cure.track, sides.len() > 1) {
                 (false, _) => 0.0,
+                _ if first => BEFORE_FIRST,
                 (true, false) => BEFORE,
                 (true, true) => BEFORE_TWO,
             };

@@ -223,6 +223,13 @@ pub struct Cure {
     /// Share of the shift that comes after the gel point, as the adhesive's maker says.
     #[serde(with = "quantity::Fraction")]
     pub after_gel: f64,
+    /// Share of the shift after the gel point that comes when the holder lets go; a tenth where that is left out.
+    #[serde(with = "quantity::Fraction", default = "tenth")]
+    pub released: f64,
+    /// How far the holder goes aside once the adhesive has cured, metres, so that it bends the fiber a little and the light tells where
+    /// that is from its peak; 5 um where that is left out, and zero for not at all.
+    #[serde(with = "quantity::NonNegativeLength", default = "five_micrometres")]
+    pub bend: f64,
     /// How much the shift after the gel point differs from one fiber to the next, standard deviation, metres.
     #[serde(with = "quantity::PositiveLength")]
     pub scatter: f64,
@@ -250,6 +257,14 @@ pub struct Verify {
     pub failed: Action,
 }
 
+fn tenth() -> f64 {
+    0.1
+}
+
+fn five_micrometres() -> f64 {
+    5e-6
+}
+
 fn nanolitres<'de, D: Deserializer<'de>>(number: D) -> Result<u8, D::Error> {
     whole(number, "a whole number from 1 to 255")
 }
@@ -268,11 +283,13 @@ fn whole<'de, D: Deserializer<'de>, N: TryFrom<i64>>(
 }
 
 /// More than these are slips of the keyboard: times of UV adhesive and of a tip that stands still, seconds; attempts; how much earlier than
-/// the gel point a fiber comes to rest; and a scatter at which nothing is precompensated, metres.
+/// the gel point a fiber comes to rest; a share that comes when it is let go; how far a holder bends a fiber; and a scatter at which nothing is precompensated, metres.
 const LONGEST_CURE: f64 = 600.0;
 const LONGEST_STAND: f64 = 60.0;
 const MOST_ATTEMPTS: u32 = 100;
 const MOST_MARGIN: f64 = 0.5;
+const MOST_RELEASED: f64 = 0.5;
+const MOST_BEND: f64 = 20e-6;
 const MOST_SCATTER: f64 = 10e-6;
 
 impl Production {
@@ -311,6 +328,15 @@ impl Production {
         if !(0.05..=0.95).contains(&cure.after_gel) {
             let message = format!("is {}; accepted is 0.05 to 0.95", cure.after_gel);
             add("cure.after_gel", message);
+        }
+        if cure.released > MOST_RELEASED {
+            let message = format!("is {}; accepted is 0 to {MOST_RELEASED}", cure.released);
+            add("cure.released", message);
+        }
+        if cure.bend > MOST_BEND {
+            let most = 1e6 * MOST_BEND;
+            let message = format!("is {} um; accepted is at most {most} um", 1e6 * cure.bend);
+            add("cure.bend", message);
         }
         if self.adhesive.volume == 0 {
             add("adhesive.volume", "is 0; accepted is 1 to 255".to_owned());
@@ -484,6 +510,15 @@ impl Production {
             "cure",
             format!("{} s under the lamp, {follows}{together}", cure.time),
         );
+        if cure.track && cure.bend > 0.0 {
+            line(
+                "",
+                format!(
+                    "at last bent: its holder goes {:.0} um aside and back, for where it is from its peak",
+                    1e6 * cure.bend
+                ),
+            );
+        }
         line(
             "verify",
             format!(

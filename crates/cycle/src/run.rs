@@ -7,7 +7,7 @@ use crate::cell::{Bar, Cell, Step};
 use crate::check::side_of;
 use crate::recipe::{Action, Ending, Production};
 use crate::steadiness::{Steadiness, Wander};
-use crate::teach::{Lesson, Teacher};
+use crate::teach::{Lesson, Teacher, Told};
 use crate::tray::{Device, Tray};
 use pigtail_control::fast::Aligner;
 use pigtail_control::outcome::{Halt, Outcome};
@@ -77,11 +77,15 @@ pub struct Cured {
     pub beyond_um: [f64; 2],
     /// Where it is expected to be in the end, from its peak, micrometres.
     pub expected_um: [f64; 2],
-    /// How far it is from its peak in the end, by the light, micrometres...
+    /// Where it is in the end, from its peak, x and y of the manipulator, micrometres, as its holder bent it a little before it let go; and
+    /// the standard deviations. Nothing where that was not to be seen.
+    #[serde(default)]
+    pub beside_um: Option<[[f64; 2]; 2]>,
+    /// How far it is from its peak in the end, by that or else by what light was lost, micrometres...
     pub off_um: f64,
     /// ...and how well that is known, one standard deviation.
     pub off_sigma_um: f64,
-    /// The square of that, square micrometres, below zero where it has more light than before; and how well that is known.
+    /// The square of that by the light that was lost, square micrometres, below zero where it has more light than before; and how well that is known.
     pub squared_um2: [f64; 2],
     /// How far the adhesive has shifted it in all, micrometres.
     pub shift_um: f64,
@@ -113,10 +117,14 @@ impl Cured {
     fn lesson(&self) -> Option<Lesson> {
         let metres = |[x, y]: [f64; 2]| Displacement::new(1e-6 * x, 1e-6 * y);
         let [squared, noise] = self.squared_um2;
+        let told = match self.beside_um {
+            Some([at, sigma]) => Told::Place(metres(at), sigma.map(|s| 1e-6 * s)),
+            None => Told::Squared(1e-12 * squared, 1e-12 * noise),
+        };
         Some(Lesson {
             before: metres(self.before_um?),
             beyond: metres(self.beyond_um),
-            squared: (1e-12 * squared, 1e-12 * noise),
+            told,
         })
     }
 }

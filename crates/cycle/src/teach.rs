@@ -1,7 +1,8 @@
 //! What earlier fibers have taught of how adhesive shifts a fiber after its gel point.
 //!
 //! Until the gel point the micro follows the light's peak: where it went tells how far the fiber was pulled, and in which
-//! direction. After it only the light is left to tell, and that only how far off the peak a fiber is: a loss of `r` nepers at a
+//! direction. After it the fiber is fixed. Bent a little by its holder, its light tells where it is from its peak. Where that was not to be
+//! seen, what was lost tells how far off the peak it is, and no more: a loss of `r` nepers at a
 //! place `p` beside the peak, where the light falls as `exp(-d^2/w^2)`, says `|p + a|^2 = w^2 r` of the shift `a`. Fibers
 //! that were fixed at different places `p` tell where `a` is, as distances from known points do.
 //!
@@ -10,6 +11,7 @@
 //! lie on this side or on that, and who takes one of them for true is off by the whole of it if it is the other. The loss goes with the
 //! square of what is left, and its mean is least at the mean.
 
+use pigtail_control::hold;
 use pigtail_model::frames::Displacement;
 
 /// What a fiber has told.
@@ -19,8 +21,17 @@ pub struct Lesson {
     pub before: Displacement,
     /// Where it was fixed, from the peak, metres.
     pub beyond: Displacement,
-    /// Square of its distance from the peak in the end, by the light, square metres; and the standard deviation of that.
-    pub squared: (f64, f64),
+    /// Where it is in the end.
+    pub told: Told,
+}
+
+/// What is known of where a fiber is in the end, from its peak.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Told {
+    /// The place, metres, and its standard deviation along both axes.
+    Place(Displacement, [f64; 2]),
+    /// The square of the distance, by the light that it has lost, square metres, and the standard deviation of that.
+    Squared(f64, f64),
 }
 
 /// What is known of the shift on one side.
@@ -32,9 +43,9 @@ pub struct Teacher {
 /// Relative standard deviation of the shift that is expected beforehand.
 const BEFOREHAND: f64 = 0.33;
 
-/// How far the micro goes after other things than the pull until the gel point, standard deviation, metres: a bracket of 10 um/K that
-/// warms up by 0.1 K a minute on either side, for 10 s. How piezos creep is told apart before that.
-const DRIFTS: f64 = 0.15e-6;
+/// How far the micro goes after other things than the pull until the gel point, standard deviation, metres: what drifts, for 10 s. How
+/// piezos creep is told apart before that, and of a side's first fiber the drift is, mostly.
+const DRIFTS: f64 = 10.0 * hold::DRIFTS;
 
 /// How far from what was found before the mean is looked for, standard deviations; in how many steps to either side; and how
 /// often.
@@ -70,12 +81,23 @@ impl Teacher {
         let ln = |a: Displacement| {
             let away = (a - prior).norm() / wide;
             let told = self.lessons.iter().map(|lesson| {
-                let (squared, noise) = lesson.squared;
-                let off = (lesson.beyond + a).norm();
-                // A distance squared of which both parts scatter.
-                let spread = 4.0 * scatter.powi(4) + (2.0 * scatter * off).powi(2) + noise * noise;
-                let by = squared - off * off - 2.0 * scatter * scatter;
-                by * by / spread + spread.ln()
+                let there = lesson.beyond + a;
+                match lesson.told {
+                    Told::Place(at, sigma) => {
+                        let by = at - there;
+                        let along =
+                            |by: f64, sigma: f64| by * by / (scatter * scatter + sigma * sigma);
+                        along(by.x, sigma[0]) + along(by.y, sigma[1])
+                    }
+                    Told::Squared(squared, noise) => {
+                        let off = there.norm();
+                        // A distance squared of which both parts scatter.
+                        let spread =
+                            4.0 * scatter.powi(4) + (2.0 * scatter * off).powi(2) + noise * noise;
+                        let by = squared - off * off - 2.0 * scatter * scatter;
+                        by * by / spread + spread.ln()
+                    }
+                }
             });
             -0.5 * (away * away + told.sum::<f64>())
         };
@@ -149,7 +171,7 @@ mod tests {
             teacher.learn(Lesson {
                 before,
                 beyond,
-                squared: (off * off, 1e-15),
+                told: Told::Squared(off * off, 1e-15),
             });
         }
         teacher.expect(before, 1.0, 0.1e-6)
@@ -171,7 +193,7 @@ mod tests {
         teacher.learn(Lesson {
             before,
             beyond: first * -1.0,
-            squared: (0.3e-6_f64.powi(2), 1e-15),
+            told: Told::Squared(0.3e-6_f64.powi(2), 1e-15),
         });
         let then = teacher.expect(before, 1.0, 0.1e-6);
         assert!(
@@ -186,5 +208,27 @@ mod tests {
         let first = (after(truth, 0, 0.05e-6) - truth).norm();
         let later = (after(truth, 24, 0.05e-6) - truth).norm();
         assert!(later < 0.5 * first, "{first} m, then {later} m");
+    }
+
+    #[test]
+    fn one_place_tells_most_of_the_shift_and_no_more_than_scatter_allows() {
+        let (before, scatter) = (Displacement::new(0.0, -0.7e-6), 0.1e-6);
+        let truth = Displacement::new(0.2e-6, -0.9e-6);
+        let mut teacher = Teacher::default();
+        let beyond = teacher.expect(before, 1.0, scatter) * -1.0;
+        teacher.learn(Lesson {
+            before,
+            beyond,
+            told: Told::Place(beyond + truth, [0.02e-6; 2]),
+        });
+        let then = teacher.expect(before, 1.0, scatter);
+        // Of the way from what was expected, the share of two normal laws.
+        let wide = (BEFOREHAND * 0.7e-6)
+            .hypot(DRIFTS / 2.0_f64.sqrt())
+            .hypot(scatter)
+            .powi(2);
+        let share = wide / (wide + scatter * scatter + 0.02e-6_f64.powi(2));
+        let expected = before + (truth - before) * share;
+        assert!((then - expected).norm() < 0.01e-6, "{then:?}, {expected:?}");
     }
 }

@@ -1,6 +1,6 @@
 //! Fibers at their peaks become pigtails: held under the lamp, let go, and looked at.
 
-use super::witness::unseen;
+use super::witness::{Beside, bending, unseen};
 use super::{Begun, Cured, End, Line, SURE};
 use crate::recipe::Production;
 use crate::steadiness::{Wander, Way};
@@ -20,12 +20,21 @@ const LOOK: f64 = 0.2;
 pub(crate) const BEFORE: f64 = 1.0;
 pub(crate) const BEFORE_TWO: f64 = 1.5;
 
+/// For how long the first fiber of a side is, seconds: no other has told where it ended, and a machine that warms up takes it along by
+/// 0.014 um/s, which is told from creep in some seconds. What is left of that after 10 s under the lamp is 0.13 um by a second,
+/// and 0.02 to 0.065 um by six, where a turn knows its peak to 0.02 to 0.08 um.
+pub(crate) const BEFORE_FIRST: f64 = 6.0;
+
 /// How long before a fiber is at its peak its micro still moved, seconds: a circle comes to rest within two turns.
 const CIRCLED: f64 = 0.05;
 
 /// What a gap that the adhesive changes does to the light, relative, standard deviation. By so much the light is wrong of how far across
 /// a fiber is, and two fibers that were cured together may differ though both have lost nothing: light that goes to and fro in it makes ripples of some tenths of a decibel.
 const RIPPLES: f64 = 0.015;
+
+/// By how much a fiber goes another way once it is let go than is expected, standard deviation, metres: half of what a tenth of a micrometre's
+/// shift is, and as much for 3 K of a lamp at 5 to 10 nm/K.
+const LET_GO: f64 = 0.04e-6;
 
 /// A look at the light: above the background, volts, with its relative standard deviation by its samples; and the same of
 /// the light through an output that is fixed.
@@ -58,6 +67,27 @@ impl Look {
             sigma: before.1.hypot(after.1),
             seconds: later.time - self.time,
         })
+    }
+}
+
+impl Beside {
+    /// The same of a fiber once it is let go, which was fixed `beyond` its peak, metres: the adhesive then pulls by the share `released` of
+    /// its shift since, which the holder has kept from it.
+    fn once_let_go(self, beyond: Displacement, released: f64) -> Self {
+        let times = 1.0 / (1.0 - released);
+        Self {
+            at: beyond + (self.at - beyond) * times,
+            // How much that share differs, and the lamp's warmth, nobody sees.
+            sigma: self.sigma.map(|sigma| (times * sigma).hypot(LET_GO)),
+        }
+    }
+
+    /// How far that is from the peak, metres, and its standard deviation.
+    fn distance(self) -> (f64, f64) {
+        let far = self.at.norm();
+        let share = |x: f64| if far > 0.0 { x / far } else { 0.5_f64.sqrt() };
+        let [x, y] = self.sigma;
+        (far, (share(self.at.x) * x).hypot(share(self.at.y) * y))
     }
 }
 
@@ -136,7 +166,13 @@ impl Line<'_, '_, '_> {
         }
         let since: [f64; N] = std::array::from_fn(|i| fibers[i].0.peak - CIRCLED);
         let creep = if cure.track {
-            let until = start + if N > 1 { BEFORE_TWO } else { BEFORE };
+            let taught = |side: &Side| self.teachers[side.index()].fibers() > 0;
+            let until = start
+                + match N {
+                    _ if !sides.iter().all(taught) => BEFORE_FIRST,
+                    1 => BEFORE,
+                    _ => BEFORE_TWO,
+                };
             let rest = |_: usize, _: Displacement| Displacement::ZERO;
             self.follow(&held, (since, until), rest)?
         } else {
@@ -168,6 +204,10 @@ impl Line<'_, '_, '_> {
             self.follow(&held, (since, rest), beyond)?
         } else {
             None
+        };
+        let bent = match &followed {
+            Some(followed) => self.bend(production, lit, eye, (&sides, followed))?,
+            None => [None; N],
         };
         self.cell.wait_until(lit + cure.time - LOOK)?;
         let cured = self.look_at(last.channel, last.background, LOOK)?;
@@ -228,8 +268,15 @@ impl Line<'_, '_, '_> {
             let noise = width * width * if N > 1 { sigma } else { sigma.hypot(RIPPLES) };
             let pulled = followed.map(|_| pulled[i]);
             let beyond = followed.map_or(Displacement::ZERO, |followed| followed.beyond);
-            let off = squared.max(0.0).sqrt();
-            let all = pulled.map_or(off, |pulled| (pulled + expected[i]).norm());
+            let (off, off_sigma) = match bent[i] {
+                Some(beside) => beside.distance(),
+                None => {
+                    let off = squared.max(0.0).sqrt();
+                    (off, noise / (2.0 * off.max(noise.sqrt())))
+                }
+            };
+            let came = bent[i].map_or(expected[i], |beside| beside.at - beyond);
+            let all = pulled.map_or(off, |pulled| (pulled + came).norm());
             let cured = Cured {
                 after_cure_db: decibels * share * lost_cured,
                 after_release_db: decibels * share * lost,
@@ -237,9 +284,10 @@ impl Line<'_, '_, '_> {
                 before_um: pulled.map(um),
                 beyond_um: um(beyond),
                 expected_um: um(beyond + expected[i]),
+                beside_um: bent[i].map(|beside| [um(beside.at), beside.sigma.map(|s| 1e6 * s)]),
                 off_um: 1e6 * off,
                 squared_um2: [1e12 * squared, 1e12 * noise],
-                off_sigma_um: 1e6 * noise / (2.0 * off.max(noise.sqrt())),
+                off_sigma_um: 1e6 * off_sigma,
                 shift_um: 1e6 * all,
                 together_db: (N > 1).then_some(decibels * lost),
                 light_sigma_db: decibels * light_sigma,
@@ -251,6 +299,36 @@ impl Line<'_, '_, '_> {
             }
             cured
         }))
+    }
+
+    /// Bends fibers that have cured a little by their holders, one after the other, just before the lamp goes off: where each will be from
+    /// its peak once it is let go. Nothing where the cure is too short for that: at twice the time of the gel point it is a solid.
+    fn bend<const N: usize>(
+        &mut self,
+        production: &Production,
+        lit: f64,
+        eye: (Channel, f64),
+        (sides, followed): (&[Side; N], &[Followed; N]),
+    ) -> Result<[Option<Beside>; N], Halt> {
+        let cure = &production.cure;
+        let each = bending(cure.bend);
+        let begins = cure.time - LOOK - each * N as f64;
+        let mut bent = [None; N];
+        if cure.bend == 0.0 || begins < 2.0 * cure.gel {
+            return Ok(bent);
+        }
+        self.cell.wait_until(lit + begins)?;
+        // From one look to the next.
+        let flickers = self.steadiness.of(Way::Alone, 0.2 * each);
+        for i in 0..N {
+            let Some(around) = self.look_bent(sides[i], eye, cure.bend)? else {
+                continue;
+            };
+            let Followed { width, beyond, .. } = followed[i];
+            let beside = around.beside_peak(width, flickers);
+            bent[i] = beside.map(|beside| beside.once_let_go(beyond, cure.released));
+        }
+        Ok(bent)
     }
 
     /// Follows the peaks of one fiber or two, whose micros have rested since some times, until another, and goes beyond each as far as

@@ -1,15 +1,18 @@
-//! The sensing fiber as a witness of the input's cure: where it has drifted to meanwhile, and what that did to its light.
+//! Looks around: what light at four places around a fiber tells, which its micro goes to.
 //!
-//! It stands set back in a spot about as wide as its core, and mostly beside its middle: what drifts by tenths of a micrometre makes
-//! percents of its light. Light at four places around it tells slope and curvature, and how the slope has changed how far it has
-//! drifted.
+//! Of the sensing fiber, the witness of the input's cure, where it has drifted to meanwhile, and what that did to its light. It stands set
+//! back in a spot about as wide as its core, and mostly beside its middle: what drifts by tenths of a micrometre makes percents of its
+//! light. The looks tell slope and curvature, and how the slope has changed how far it has drifted.
+//!
+//! Of a fiber that has cured and is still held, where it is beside its peak, as the holder bends it a little.
 
 use super::Line;
-use pigtail_control::hold;
+use pigtail_control::hold::{self, DRIFTS};
 use pigtail_control::outcome::{Halt, Outcome};
 use pigtail_control::station::fine;
 use pigtail_hal::bench::{Event, Law, Limits, Meter, Pose};
 use pigtail_hal::{Bench, Channel, Side};
+use pigtail_model::frames::Displacement;
 
 /// How far aside light is looked at, metres: a fifth of the core, or less where the micro has no more room.
 const ASIDE: [f64; 4] = [20e-6, 15e-6, 10e-6, 5e-6];
@@ -18,10 +21,6 @@ const ASIDE: [f64; 4] = [20e-6, 15e-6, 10e-6, 5e-6];
 const LOOK: f64 = 0.08;
 const SETTLED: f64 = 0.03;
 
-/// How fast it drifts against the chip along an axis, standard deviation, metres a second: each of both by 0.01 um/s, as a bracket does
-/// of 10 um/K at 0.1 K a minute.
-const DRIFTS: f64 = 0.014e-6;
-
 /// How often it slips meanwhile, and how far along an axis then, standard deviation, metres: joints with friction give way by micrometres, and one
 /// that is held by its servo hardly ever.
 const SLIPS: (f64, f64) = (1e-3, 5e-6);
@@ -29,18 +28,37 @@ const SLIPS: (f64, f64) = (1e-3, 5e-6);
 /// How fast the micro goes on a round, metres a second.
 const SPEED: f64 = 2e-3;
 
+/// The same of one that bends a fiber. Frames show that the tip stays, by 0.08 s late; until then it seems to have gone along, and a guard
+/// that sees it beside its port by more than it should be stops the machine: by 1.6 um at most.
+const SLOWLY: f64 = 20e-6;
+
+/// How long looks take on a round.
+const LOOKS: f64 = 5.0 * LOOK;
+
 /// How long rounds take: those before the lamp is on, of which the first goes without looks, and the one after the release, seconds.
 pub(crate) const ROUNDS: [f64; 2] = {
-    // There and back, across, there and back again, as it is in `round`.
-    let goes = 7.0 * ASIDE[0] / SPEED + 5.0 * SETTLED;
-    let looks = 5.0 * LOOK;
-    [2.0 * goes + looks, goes + looks]
+    let goes = goes(ASIDE[0], SPEED);
+    [2.0 * goes + LOOKS, goes + LOOKS]
 };
+
+/// How long it takes to go round so far aside, metres, with such a speed, seconds: there and back, across, there and back again, as it is in
+/// [`round`].
+const fn goes(aside: f64, speed: f64) -> f64 {
+    7.0 * aside / speed + 5.0 * SETTLED
+}
+
+/// How long a fiber that has cured is bent, seconds, by a holder that goes so far aside, metres.
+pub(super) const fn bending(aside: f64) -> f64 {
+    goes(aside, SLOWLY) + LOOKS
+}
 
 /// Standard deviations that a curvature, or light, has to be above none.
 const SEEN: f64 = 3.0;
 
-/// Logarithms of the light around the sensing fiber, with their variances: in the middle, and to both sides along x and y.
+/// What light is looked at with: a photodiode, and its level without that light, volts.
+type Eye = (Channel, f64);
+
+/// Logarithms of the light around a fiber, with their variances: in the middle, and to both sides along x and y.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Around {
     /// When, seconds, and how far to the sides, metres.
@@ -67,6 +85,31 @@ impl Around {
                 (noise + 4.0 * self.middle.1) / (2.0 * aside * aside).powi(2),
             ),
         ]
+    }
+
+    /// Where a fiber that has cured is, from its peak, metres, and the standard deviation along both axes: by its light as its holder
+    /// was moved. `width` is the radius at which light falls to 1/e, `flickers` by what share light changes meanwhile by itself.
+    ///
+    /// The bond holds the tip; of what the holder moves, a share `g` bends it along, which nobody knows. At a place `p` from the peak light
+    /// that falls as `exp(-d^2/w^2)` has a slope of `-2 g p/w^2` and a curvature of `-g^2/w^2` for each metre of the holder: the second
+    /// tells the share, and both tell the place. What makes all light more or less, as gap and laser do, is in neither.
+    pub(super) fn beside_peak(&self, width: f64, flickers: f64) -> Option<Beside> {
+        /// How well the width of a spot is known, relative: as the fast procedure finds it.
+        const WIDTH: f64 = 0.05;
+        let [[x, of_x], [y, of_y]] = [self.shape(0), self.shape(1)];
+        let flicker = flickers / (2.0 * self.aside);
+        let curvature = 0.5 * (of_x.0 + of_y.0);
+        // The middle is in both.
+        let unsure = (0.5 * (of_x.1.sqrt() + of_y.1.sqrt())).hypot(2.0 * flicker / self.aside);
+        if curvature > -SEEN * unsure {
+            return None;
+        }
+        let per_slope = -0.5 * width / (-curvature).sqrt();
+        let at = Displacement::new(per_slope * x.0, per_slope * y.0);
+        let scale = WIDTH.hypot(0.5 * unsure / curvature);
+        let sigma = [(x, at.x), (y, at.y)]
+            .map(|(slope, at)| (per_slope * slope.1.sqrt().hypot(flicker)).hypot(scale * at));
+        Some(Beside { at, sigma })
     }
 
     /// By what natural logarithm the light has changed as the sensing fiber has drifted until later, and its standard deviation.
@@ -107,6 +150,13 @@ impl Around {
         }
         (by, variance.sqrt())
     }
+}
+
+/// Where a fiber is from its peak, metres, with its standard deviation along both axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Beside {
+    pub(super) at: Displacement,
+    pub(super) sigma: [f64; 2],
 }
 
 /// Of two values with their variances the mean, and its variance: the noisier counts less, and as far as they differ nobody knows.
@@ -184,24 +234,18 @@ fn round(aside: f64) -> [(f64, f64); 5] {
 
 impl Line<'_, '_, '_> {
     /// Looks around the sensing fiber, as far as its micro has room and there is light; nothing where there is neither.
-    pub(super) fn look_around(
-        &mut self,
-        (channel, background): (Channel, f64),
-    ) -> Result<Option<Around>, Halt> {
+    pub(super) fn look_around(&mut self, eye: Eye) -> Result<Option<Around>, Halt> {
+        let side = Side::Right;
         for aside in ASIDE {
-            let here = self.sensing();
-            let there = |(x, y): &(f64, f64)| {
-                let to = Pose::at(here.x() + x, here.y() + y, here.z());
-                self.cell.reaches(fine(Side::Right), &to)
-            };
-            if !round(aside).iter().all(there) {
+            let here = self.micro(side);
+            if !self.has_room(side, here, aside) {
                 continue;
             }
             // What piezos keep of where they were is the same after each round, but not before the first.
             for (x, y) in round(aside) {
-                self.micro_to(Pose::at(here.x() + x, here.y() + y, here.z()))?;
+                self.micro_to(side, Pose::at(here.x() + x, here.y() + y, here.z()), SPEED)?;
             }
-            let seen = self.look_again((channel, background), aside)?;
+            let seen = self.look_again(eye, aside)?;
             if seen.is_some() {
                 return Ok(seen);
             }
@@ -209,17 +253,37 @@ impl Line<'_, '_, '_> {
         Ok(None)
     }
 
-    /// The same round once more; nothing where there is no light on it.
-    pub(super) fn look_again(
+    /// Looks around a fiber that has cured, as its holder bends it; nothing where there is no room or no light.
+    pub(super) fn look_bent(
         &mut self,
-        (channel, background): (Channel, f64),
+        side: Side,
+        eye: Eye,
         aside: f64,
     ) -> Result<Option<Around>, Halt> {
-        let (time, here) = (self.cell.now(), self.sensing());
+        if self.has_room(side, self.micro(side), aside) {
+            self.look_round(side, eye, (aside, SLOWLY))
+        } else {
+            Ok(None)
+        }
+    }
+
+    /// One round with the sensing fiber; nothing where there is no light on it.
+    pub(super) fn look_again(&mut self, eye: Eye, aside: f64) -> Result<Option<Around>, Halt> {
+        self.look_round(Side::Right, eye, (aside, SPEED))
+    }
+
+    /// One round; nothing where there is no light on it.
+    fn look_round(
+        &mut self,
+        side: Side,
+        (channel, background): Eye,
+        (aside, speed): (f64, f64),
+    ) -> Result<Option<Around>, Halt> {
+        let (time, here) = (self.cell.now(), self.micro(side));
         let mut seen = [(0.0, 0.0); 5];
         let mut dark = false;
         for ((x, y), seen) in round(aside).into_iter().zip(&mut seen) {
-            self.micro_to(Pose::at(here.x() + x, here.y() + y, here.z()))?;
+            self.micro_to(side, Pose::at(here.x() + x, here.y() + y, here.z()), speed)?;
             let [(volts, sigma)] = hold::levels(&mut self.cell, [Meter(channel.index())], LOOK)?;
             let light = volts - background;
             dark |= light < SEEN * sigma || light <= 0.0;
@@ -237,17 +301,26 @@ impl Line<'_, '_, '_> {
         Ok((!dark).then_some(around))
     }
 
-    /// Where the right micro is.
-    fn sensing(&self) -> Pose {
-        Bench::reference(&self.cell, fine(Side::Right)).unwrap_or(Pose::ZERO)
+    /// Whether a micro reaches all of a round about a place.
+    fn has_room(&self, side: Side, about: Pose, aside: f64) -> bool {
+        let there = |(x, y): &(f64, f64)| {
+            let to = Pose::at(about.x() + x, about.y() + y, about.z());
+            self.cell.reaches(fine(side), &to)
+        };
+        round(aside).iter().all(there)
     }
 
-    /// Brings the right micro to a place, and lets it come to rest.
-    fn micro_to(&mut self, to: Pose) -> Result<(), Halt> {
+    /// Where a micro is.
+    fn micro(&self, side: Side) -> Pose {
+        Bench::reference(&self.cell, fine(side)).unwrap_or(Pose::ZERO)
+    }
+
+    /// Brings a micro to a place, and lets it come to rest.
+    fn micro_to(&mut self, side: Side, to: Pose, speed: f64) -> Result<(), Halt> {
         let failed = |why: String| Halt::from(Outcome::BenchFailed { why });
-        let limits = Limits { speed: Some(SPEED) };
+        let limits = Limits { speed: Some(speed) };
         let law = Law::Line { to, limits };
-        let ticket = self.cell.play(fine(Side::Right), law);
+        let ticket = self.cell.play(fine(side), law);
         let ticket = ticket.map_err(|why| failed(why.to_string()))?;
         let until = self.cell.now() + 1.0;
         loop {
@@ -306,6 +379,47 @@ mod tests {
             assert!(by.abs() < 2.0 * sigma, "{bright}: {by}, known to {sigma}");
             assert!(sigma < 0.05, "{bright}: {sigma}");
         }
+    }
+
+    #[test]
+    fn a_bent_fiber_tells_where_it_is_whatever_share_it_goes_along() {
+        let (width, aside) = (2.7e-6, 5e-6);
+        let bent = |share: f64, (x, y): (f64, f64), noise: f64| {
+            let of = |dx: f64, dy: f64| {
+                let (x, y) = (x + share * dx, y + share * dy);
+                (-(x * x + y * y) / (width * width), noise * noise)
+            };
+            Around {
+                time: 0.0,
+                aside,
+                stray: 0.0,
+                middle: of(0.0, 0.0),
+                sides: [
+                    [of(-aside, 0.0), of(aside, 0.0)],
+                    [of(0.0, -aside), of(0.0, aside)],
+                ],
+            }
+        };
+        let place = Displacement::new(0.3e-6, -0.5e-6);
+        for share in [0.03, 0.05, 0.2] {
+            let told = bent(share, (place.x, place.y), 5e-4).beside_peak(width, 0.0);
+            let told = told.unwrap_or_else(|| panic!("nothing was seen of {share}"));
+            assert!((told.at - place).norm() < 1e-9, "{share}: {told:?}");
+            // No better than the width of the spot is known.
+            assert!(
+                told.sigma[1] > 0.02e-6 && told.sigma[1] < 0.2e-6,
+                "{share}: {told:?}"
+            );
+        }
+        // A tip that does not go along at all, or noise, tells nothing.
+        assert_eq!(
+            bent(0.0, (place.x, place.y), 5e-4).beside_peak(width, 0.0),
+            None
+        );
+        assert_eq!(
+            bent(0.02, (place.x, place.y), 0.02).beside_peak(width, 0.0),
+            None
+        );
     }
 
     #[test]
