@@ -59,7 +59,7 @@ enum Line {
     Head(Head),
     Who(Who),
     Begin(String),
-    Fiber(Pigtail),
+    Fiber(Box<Pigtail>),
     Device(Told),
 }
 
@@ -152,8 +152,8 @@ pub(crate) fn resumed(
             Line::Who(who) => left.who = who,
             Line::Begin(serial) => (begun, fibers) = (Some(serial), Vec::new()),
             Line::Fiber(fiber) => {
-                left.fibers.push(fiber.clone());
-                fibers.push(fiber);
+                left.fibers.push((*fiber).clone());
+                fibers.push(*fiber);
             }
             Line::Device(device) => {
                 begun = None;

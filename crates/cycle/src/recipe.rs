@@ -433,11 +433,6 @@ impl Production {
     /// What it does, in words.
     pub fn explain(&self) -> String {
         let mut text = String::new();
-        let action = |action: Action| match action {
-            Action::NextFiber => "go on with the next fiber",
-            Action::RejectDevice => "reject the device",
-            Action::Call => "stop and call a person",
-        };
         let Self {
             pick,
             adhesive,
@@ -466,7 +461,7 @@ impl Production {
                 "at most {} times, no more after {} s; then {}",
                 pick.attempts,
                 pick.limit,
-                action(pick.failed)
+                pick.failed.words()
             ),
         );
         line(
@@ -477,7 +472,7 @@ impl Production {
                 adhesive.dwell,
                 adhesive.open,
                 adhesive.attempts,
-                action(adhesive.failed)
+                adhesive.failed.words()
             ),
         );
         line(
@@ -486,11 +481,11 @@ impl Production {
                 "by the {procedure} procedure, at most {} times, no more after {} s; then {}",
                 align.attempts,
                 align.limit,
-                action(align.failed)
+                align.failed.words()
             ),
         );
         for (ending, reaction) in &align.on {
-            let what = reaction.at_once().map_or("try again", action);
+            let what = reaction.at_once().map_or("try again", Action::words);
             line("", format!("on {}: {what}", <&str>::from(ending)));
         }
         let follows = match (cure.track, cure.precompensate) {
@@ -525,14 +520,25 @@ impl Production {
                 "released, light looked at for {} s; lost more than {} dB: {}",
                 verify.look,
                 verify.added_loss_db,
-                action(verify.failed)
+                verify.failed.words()
             ),
         );
         line(
             "resume",
-            format!("a half-done device: {}", action(self.interrupted)),
+            format!("a half-done device: {}", self.interrupted.words()),
         );
         text
+    }
+}
+
+impl Action {
+    /// The same in words.
+    const fn words(self) -> &'static str {
+        match self {
+            Self::NextFiber => "go on with the next fiber",
+            Self::RejectDevice => "reject the device",
+            Self::Call => "stop and call a person",
+        }
     }
 }
 

@@ -268,13 +268,11 @@ impl Line<'_, '_, '_> {
             let noise = width * width * if N > 1 { sigma } else { sigma.hypot(RIPPLES) };
             let pulled = followed.map(|_| pulled[i]);
             let beyond = followed.map_or(Displacement::ZERO, |followed| followed.beyond);
-            let (off, off_sigma) = match bent[i] {
-                Some(beside) => beside.distance(),
-                None => {
-                    let off = squared.max(0.0).sqrt();
-                    (off, noise / (2.0 * off.max(noise.sqrt())))
-                }
+            let by_loss = || {
+                let off = squared.max(0.0).sqrt();
+                (off, noise / (2.0 * off.max(noise.sqrt())))
             };
+            let (off, off_sigma) = bent[i].map_or_else(by_loss, Beside::distance);
             let came = bent[i].map_or(expected[i], |beside| beside.at - beyond);
             let all = pulled.map_or(off, |pulled| (pulled + came).norm());
             let cured = Cured {
