@@ -80,8 +80,8 @@ const FAR_OFF: f64 = 4.0;
 /// one of 60 machines that were commissioned 2 um were seen.
 const BEYOND: f64 = 2.5e-6;
 
-/// Gaps that are this little more than where whoever guards the machine has a fiber led by its light count as nearer: there it is told what vision
-/// knows less what it does not know.
+/// From so many times the gap at which the guard takes a fiber to be led by its light the macro may go aside: the guard takes off what vision does not
+/// know, and has it nearer than it is.
 const NEAR: f64 = 1.2;
 
 /// How fast that is gone, and what a gap is corrected by, metres a second: who guards the machine counts the way that it would take to stop.
