@@ -76,15 +76,11 @@ const CENTRED: (f64, u32) = (0.05, 6);
 /// Standard deviations by which light and vision may differ beside vision's bound.
 const FAR_OFF: f64 = 4.0;
 
-/// How far an axis that drives a soft transmission may go beyond the end of a way at speed, metres: what is left is gone slowly. A choice: on
-/// one of 60 machines that were commissioned 2 um were seen.
-const BEYOND: f64 = 2.5e-6;
-
 /// From so many times the gap at which the guard takes a fiber to be led by its light the macro may go aside: the guard takes off what vision does not
 /// know, and has it nearer than it is.
 const NEAR: f64 = 1.2;
 
-/// How fast that is gone, and what a gap is corrected by, metres a second: who guards the machine counts the way that it would take to stop.
+/// How fast the rest of the way to the chip is gone, and what a gap is corrected by, metres a second: who guards the machine counts the way that it would take to stop.
 const NEARLY: f64 = 0.5e-3;
 const SLOWLY: f64 = 0.2e-3;
 
@@ -124,17 +120,13 @@ impl Shared<'_> {
         if self.vision_tells(cell) {
             // The rest is for when it has seen more of the tip.
             let here = wanted.max(least_gap(cell, aim));
-            self.approach(cell, aim, scan, before, (here + BEYOND, 0))
-                .await?;
-            let way = aim.gap_at_rest(cell) - here;
-            along(cell, aim, scan, way, NEARLY).await?;
-            return lead(cell, aim, scan).await;
+            return self.come_to(cell, aim, scan, before, here).await;
         }
-        // Vision may be wrong by its bound, and a way that ends there goes beyond its end: the rest is for when light has told.
+        // Vision may be wrong by its bound: the rest is for when light has told.
         let bound = cell
             .seen(aim.side, aim.tip)
             .map_or(0.0, |seen| seen.bound_z);
-        let here = (wanted + bound, 1);
+        let here = wanted + bound;
         cell.forget_told(aim.side);
         let holder = || cell.holder(aim.side).x;
         let mut from = holder();
@@ -152,7 +144,7 @@ impl Shared<'_> {
                 // From one gap to the chip it is not far: the micro's middle lies between both. The macro goes aside far away from the
                 // chip, for near to it a holder that goes aside is believed to come nearer to an inclined facet.
                 if one && widths.is_empty() {
-                    to_middle(cell, aim, scan, 0.5 * (gap + here.0)).await?;
+                    to_middle(cell, aim, scan, 0.5 * (gap + here)).await?;
                     from = holder();
                 }
                 // Looks are compared by encoders: where the axis turns back its transmission hides a part of the way.
@@ -172,9 +164,9 @@ impl Shared<'_> {
                 }
                 widths.extend(width(cell, aim, scan, looks.share).await?);
             }
-            self.approach(cell, aim, scan, before, here).await?;
+            self.come_to(cell, aim, scan, before, here).await?;
             if !one {
-                to_middle(cell, aim, scan, here.0).await?;
+                to_middle(cell, aim, scan, here).await?;
             }
             widths.extend(width(cell, aim, scan, looks.share_here).await?);
             let contact = touching(cell, aim, &widths, (scan, spread));
@@ -187,9 +179,9 @@ impl Shared<'_> {
                 // Aside as far as it is, but not so near.
                 self.approach(cell, aim, scan, before, (afar + hides, 0))
                     .await?;
-                to_middle(cell, aim, scan, here.0).await?;
+                to_middle(cell, aim, scan, here).await?;
                 from = holder();
-                self.approach(cell, aim, scan, before, here).await?;
+                self.come_to(cell, aim, scan, before, here).await?;
                 aside = holder() - from;
             }
             if stopped(aside) || self.tell(cell, aim, contact, LATER) {
@@ -199,6 +191,24 @@ impl Shared<'_> {
         }
         self.tell(cell, aim, latest, 0.0);
         Ok(())
+    }
+
+    /// To a gap near the chip, and a turn there. A way at speed ends before it by what a transmission may hide: as far as that an endpoint
+    /// may swing beyond the end of its way, which no encoder at a motor sees. The rest is gone slowly.
+    async fn come_to(
+        &self,
+        cell: &AlignmentCell<'_>,
+        aim: &Aim,
+        scan: &mut ConicalScan<'_>,
+        before: f64,
+        gap: f64,
+    ) -> Result<(), Halt> {
+        let beyond = cell.spec().guard.windup_z;
+        self.approach(cell, aim, scan, before, (gap + beyond, 0))
+            .await?;
+        let way = aim.gap_at_rest(cell) - gap;
+        along(cell, aim, scan, way, NEARLY).await?;
+        lead(cell, aim, scan).await
     }
 
     /// Whether vision is so wrong that by it the tip would be too near to the chip at the gap that is wanted: who guards the machine asks
