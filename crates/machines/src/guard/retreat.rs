@@ -15,8 +15,10 @@ const MOST: f64 = 0.6;
 const BACK: f64 = 0.5;
 /// Braking, as a multiple of the datasheet's acceleration: an emergency.
 const BRAKE: f64 = 2.0;
-/// An axis whose encoder cannot be trusted is pushed back by this share of its voltage for a while,
-/// seconds.
+/// An axis whose encoder cannot be trusted may be on its way to the chip: it is driven back with most of its voltage for so
+/// long, seconds, as one that is seen to go there...
+const STOP: f64 = 4e-3;
+/// ...and pushed back by this share of its voltage for a while, seconds.
 const PUSH: (f64, f64) = (0.25, 0.03);
 /// A way back has come to its end when so little of it is left, metres.
 const ARRIVED: f64 = 2e-6;
@@ -79,10 +81,12 @@ impl<M: Machine> Guard<M> {
             for (i, way) in ways.iter_mut().enumerate() {
                 let share = if way.trusted {
                     way.next(speed, acceleration, period, back)
-                } else if (cycle as f64) * period < PUSH.1 {
-                    Some(-PUSH.0)
                 } else {
-                    None
+                    match cycle as f64 * period {
+                        since if since < STOP => Some(-MOST),
+                        since if since < PUSH.1 => Some(-PUSH.0),
+                        _ => None,
+                    }
                 };
                 going |= share.is_some();
                 let share = share.unwrap_or(0.0).clamp(-MOST, MOST);

@@ -121,9 +121,14 @@ impl Sensors {
 /// seconds; the less, the more it is given. After a hard reversal a load that still swings holds one for
 /// 6 ms where no probe sees it swing.
 const STALLED: f64 = 10e-3;
-/// An output that goes against the voltage by so many counts in a cycle still swings: one is the least that
-/// an encoder would see.
-const SWINGS_ON: f64 = 1.0;
+/// An output that goes by so many counts in a cycle moves: one is the least that an encoder would see. One that goes against the
+/// voltage still swings.
+const MOVES: f64 = 1.0;
+/// An output has come to rest once it has not moved for so long, seconds: no swing is as slow for as long.
+const RESTED: f64 = 10e-3;
+/// One that was at rest and has gone so many counts with the voltage is turned by its motor. A choice: what an encoder may not have
+/// seen yet, eight times.
+const SET_OFF: f64 = 8.0;
 
 /// Motors that are given voltage and do not turn, or whose encoders do not say so.
 ///
@@ -131,13 +136,25 @@ const SWINGS_ON: f64 = 1.0;
 /// and then back leaves it none; and while its output still goes the other way, what it is given stops
 /// the load. Neither is a motor that should have turned. One that is dead, or whose encoder is, is given
 /// more and more one way, and its output does not go the other way for long.
+///
+/// Where an output is at rest nothing but its motor sets it off: an encoder that sees none of that is stuck, and nobody waits until
+/// it has gone on for as long as that.
 #[derive(Debug, Clone)]
 pub(super) struct Stalls {
     start: [f64; AXES],
     period: f64,
-    /// What each motor was given beyond its starting voltage since it last turned, forward less back, volt
-    /// seconds.
-    given: [[f64; AXES]; SIDES],
+    each: [[Stall; AXES]; SIDES],
+}
+
+/// Of one motor since it last turned.
+#[derive(Debug, Clone, Copy, Default)]
+struct Stall {
+    /// What it was given beyond its starting voltage, forward less back, volt seconds.
+    given: f64,
+    /// For how long its output has not moved, seconds...
+    rests: f64,
+    /// ...and how far it has gone with the voltage since then, counts.
+    gone: f64,
 }
 
 impl Stalls {
@@ -145,7 +162,7 @@ impl Stalls {
         Self {
             start: Axis::ALL.map(|axis| spec.drive(axis).start()),
             period: spec.period(),
-            given: [[0.0; AXES]; SIDES],
+            each: Default::default(),
         }
     }
 
@@ -160,26 +177,44 @@ impl Stalls {
         output: impl FnOnce() -> Option<f64>,
     ) -> Result<(), Broken> {
         let (i, k) = (at.side.index(), at.axis.index());
-        let (given, start) = (&mut self.given[i][k], self.start[k]);
-        let more = volts.abs() - start;
-        if turned || more <= 0.0 {
-            *given = 0.0;
+        let (stall, start) = (&mut self.each[i][k], self.start[k]);
+        if turned {
+            *stall = Stall::default();
             return Ok(());
         }
-        if output().is_some_and(|went| went * volts.signum() <= -SWINGS_ON) {
+        let more = volts.abs() - start;
+        let went = output().map_or(0.0, |went| went * volts.signum());
+        let sets_off = more > 0.0 && went >= MOVES && stall.rests >= RESTED;
+        if sets_off {
+            stall.gone += went;
+        } else if went.abs() < MOVES {
+            stall.rests += self.period;
+        } else {
+            (stall.rests, stall.gone) = (0.0, 0.0);
+        }
+        if more <= 0.0 {
+            stall.given = 0.0;
+            return Ok(());
+        }
+        if went <= -MOVES {
             return Ok(());
         }
         // What it had been given when the cycle began, this cycle would show: a motor that turns round within
         // one stands where it stood.
-        let had = given.abs();
-        *given += more.copysign(volts) * self.period;
-        if had.min(given.abs()) <= STALLED * start {
+        let had = stall.given.abs();
+        stall.given += more.copysign(volts) * self.period;
+        if had.min(stall.given.abs()) <= STALLED * start && stall.gone < SET_OFF {
             return Ok(());
         }
+        let though = if stall.gone < SET_OFF {
+            ""
+        } else {
+            ", though its output is set off"
+        };
         Err(Broken::new(
             Rule::MotorStall,
             at.to_string(),
-            format!("no count, at {volts:.1} V"),
+            format!("no count, at {volts:.1} V{though}"),
             format!("counts above {start} V"),
         ))
     }
@@ -334,7 +369,7 @@ mod tests {
         let mut stalls = Stalls {
             start: [1.2; AXES],
             period: 0.4e-3,
-            given: [[0.0; AXES]; SIDES],
+            each: Default::default(),
         };
         let at = AxisName {
             side: Side::Left,
@@ -374,6 +409,21 @@ mod tests {
             stopped([17.5, 16.8, 20.0].map(|volts| (volts, volts == 20.0, Some(8.0)))),
             None
         );
+    }
+
+    #[test]
+    fn an_output_at_rest_that_goes_with_the_voltage_tells_that_an_encoder_is_stuck() {
+        let rests = [(0.5, false, Some(0.1)); 30];
+        let rises = [2.0, 2.5, 3.0, 3.5, 4.0, 4.5].map(|volts| (volts, false, Some(2.0)));
+        assert_eq!(stopped(rests.into_iter().chain(rises)), Some(34));
+        // Not one that swings, nor one that has hardly come to rest.
+        let swings = [-3.0, 3.0].repeat(15).into_iter();
+        let swings = swings.map(|went| (0.5, false, Some(went)));
+        assert_eq!(stopped(swings.clone().chain(rises)), None);
+        assert_eq!(stopped(rests[..20].iter().copied().chain(rises)), None);
+        // Nor by what its noise makes of a probe, until it is given too much.
+        let noise = rises.map(|(volts, turned, _)| (volts, turned, Some(0.9)));
+        assert_eq!(stopped(rests.into_iter().chain(noise)), None);
     }
 
     #[test]
