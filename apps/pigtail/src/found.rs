@@ -6,13 +6,14 @@ use crate::running::stopped;
 use clap::Args;
 use pigtail_hal::Error;
 use pigtail_session::calibrations::{
-    ABOUT, About, Change, Difference, FILE, Origin, Versions, Written, differences, is_own,
+    ABOUT, About, Belief, Change, Difference, FILE, Origin, Versions, Written, differences, is_own,
 };
 use pigtail_session::rig::{Named, belief};
 use pigtail_session::setup::Setup;
 use pigtail_store::runs::{Run, now};
 use serde::Serialize;
 use std::fmt::Write as _;
+use std::path::Path;
 
 /// Whether to write into the rig.
 #[derive(Debug, Clone, Copy, Args)]
@@ -74,15 +75,32 @@ pub(crate) fn keep(
     what: &str,
     changes: &[Change],
 ) -> Result<FoundDocument, Failure> {
+    let check = |found: &Belief| {
+        let checked = found.check(&setup.rig.spec);
+        checked.map_err(|error| stopped(run, setup, error.into()))
+    };
+    let believing = setup.rig.believing.as_deref();
+    keep_checked(write, run, common, (what, believing), &check, changes)
+}
+
+/// The same of any rig: `check` whether the calibration with what was found is one. What found it, and the calibration that was named
+/// in place of the rig's.
+pub(crate) fn keep_checked(
+    write: WriteArguments,
+    run: &Run,
+    common: &Common,
+    (what, believing): (&str, Option<&Path>),
+    check: &dyn Fn(&Belief) -> Result<(), Failure>,
+    changes: &[Change],
+) -> Result<FoundDocument, Failure> {
     let origin = Origin {
         what: what.to_owned(),
         date: now(),
         run: Some(run.name()),
     };
-    let spec = &setup.rig.spec;
     let before = belief(&Named {
         rig: &common.rig,
-        calibration: setup.rig.believing.as_deref(),
+        calibration: believing,
         ..Named::default()
     })?;
     let mut found = before.clone();
@@ -90,8 +108,7 @@ pub(crate) fn keep(
         found.change(change)?;
     }
     "what was found".clone_into(&mut found.name);
-    let unfit = |error: Error| stopped(run, setup, error.into());
-    found.check(spec).map_err(unfit)?;
+    check(&found)?;
     let tables: Vec<_> = changes.iter().map(|change| change.table.clone()).collect();
     for (file, text) in found.files() {
         run.write(file, text)?;
@@ -112,7 +129,7 @@ pub(crate) fn keep(
     };
     if write.write {
         let versions = Versions::writable(&common.rig)?;
-        let written = versions.write(&origin, spec, |belief| {
+        let written = versions.write(&origin, |belief| {
             changes.iter().try_for_each(|change| belief.change(change))
         })?;
         for table in &document.tables {

@@ -116,7 +116,7 @@ fn check(arguments: &CheckArguments) -> Result<u8, Failure> {
             .iter()
             .map(|(file, _)| format!("{file}: well\n"));
         let can = if bench && twin {
-            "It is a bench that is controlled by position, and has a twin: align and campaign run on it.\n"
+            "It is a bench that is controlled by position, and has a twin: align, campaign and commission run on it.\n"
         } else if twin {
             "It has a twin: every command runs on it.\n"
         } else {
@@ -148,21 +148,30 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
         recipe: DEFAULT_RECIPE_NAME,
         ..Named::default()
     };
-    if is_bench(&arguments.rig)? {
-        let message = "is controlled by position, and has no axes to be replaced; accepted is a machine of volts, or a copy \
-                       of its folder";
+    let bench = is_bench(&arguments.rig)?;
+    if bench && !own.is_empty() {
+        let message = "is controlled by position, and has no axes to be replaced; accepted is a machine of volts";
         return Err(Error::new(&arguments.rig, "", message).into());
     }
     let files = rig_files(&named, &own, false)?;
     // That it is a rig, before anything is written.
-    let setup = Setup::load_with(&named, &own, false)?;
+    let weights: Vec<(String, String)> = if bench {
+        BenchSetup::load_named(&named)?;
+        Vec::new()
+    } else {
+        let setup = Setup::load_with(&named, &own, false)?;
+        let weights = setup.rig.weights();
+        weights
+            .map(|(file, text)| (file.to_owned(), text.to_owned()))
+            .collect()
+    };
     let partial = folder.with_extension(format!("partial-{}", std::process::id()));
     let write = || -> std::io::Result<()> {
         fs::create_dir(&partial)?;
         for (file, source) in FILES.iter().zip(&files) {
             fs::write(partial.join(file), &source.text)?;
         }
-        for (file, text) in setup.rig.weights() {
+        for (file, text) in &weights {
             fs::write(partial.join(file), text)?;
         }
         fs::rename(&partial, folder)

@@ -50,6 +50,7 @@ const ROUNDING: f64 = 1e-6;
 /// a bench whose events come late, out of order or unasked, or not at all; and when somebody asks to stop.
 pub struct Guard<B> {
     bench: B,
+    caps: Caps,
     planes: Vec<Plane>,
     /// Which port the fiber of an arm is for, as far as that is known.
     carried: Vec<Option<usize>>,
@@ -86,8 +87,15 @@ impl<B: Bench> Guard<B> {
             stop: Arc::default(),
             longest: f64::INFINITY,
             began,
+            caps: bench.caps().clone(),
             bench,
         }
+    }
+
+    /// The same, of which more is known than the bench itself says: what was measured of its groups.
+    #[must_use]
+    pub fn with_caps(self, caps: Caps) -> Self {
+        Self { caps, ..self }
     }
 
     /// The same, with planes that no tip passes.
@@ -304,7 +312,7 @@ impl<B: Bench> Guard<B> {
 
 impl<B: Bench> Bench for Guard<B> {
     fn caps(&self) -> &Caps {
-        self.bench.caps()
+        &self.caps
     }
 
     fn now(&self) -> f64 {

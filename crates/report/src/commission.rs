@@ -7,14 +7,18 @@ use super::html::{configuration, fixed, page, prose, table, th, verdict};
 use maud::{Markup, html};
 use pigtail_control::recipe::Accept;
 use pigtail_numerics::statistics::wilson;
-use pigtail_session::Setup;
 use pigtail_session::commission::{CommissionDocument, Plan, StepDocument, StepName, Verdict};
 use serde_json::{Map, Value};
 use std::str::FromStr;
 use strum::EnumMessage;
 
 /// The report of a machine that was commissioned, as one HTML text.
-pub fn commission(d: &CommissionDocument, setup: &Setup, plan: &Plan) -> String {
+pub fn commission(
+    d: &CommissionDocument,
+    hashes: &[(String, String)],
+    accept: &Accept,
+    plan: &Plan,
+) -> String {
     let title = format!("Commissioning of {}, machine {}", d.rig, d.seed);
     let step = |name: StepName| d.steps.iter().find(|step| step.name == <&str>::from(name));
     let acceptance = step(StepName::Acceptance);
@@ -51,7 +55,7 @@ pub fn commission(d: &CommissionDocument, setup: &Setup, plan: &Plan) -> String 
                 @if let Some(advice) = name_of(step).map(advice) { p.soft { (prose(advice)) } }
             }
         }
-        @if let Some(step) = acceptance { (devices(step, &setup.rig.recipe.accept)) }
+        @if let Some(step) = acceptance { (devices(step, accept)) }
         h2 { "Steps" }
         (table(&["step", "verdict", "machine time\ns", "what it asks"].map(str::to_owned), &steps(d)))
         @for step in d.steps.iter().filter(|step| step.name != <&str>::from(StepName::Acceptance)) {
@@ -62,7 +66,7 @@ pub fn commission(d: &CommissionDocument, setup: &Setup, plan: &Plan) -> String 
         }
         h2 { "What is not known" }
         ul { @for unknown in &d.unknown { li { (unknown) } } }
-        (configuration(&setup.rig.hashes, env!("CARGO_PKG_VERSION")))
+        (configuration(hashes, env!("CARGO_PKG_VERSION")))
     };
     page(&title, &body)
 }
@@ -188,6 +192,10 @@ fn advice(name: StepName) -> &'static str {
         StepName::Spread => {
             "Light that is clear at several gaps tells how it spreads: the outcome above says what kept fibers from there."
         }
+        StepName::Groups => {
+            "Where no light was found, see to the laser and to the poses that were taught. A coarse axis that falls short by more than any \
+             screw of its kind, or stands elsewhere than told, is to be mended: what was measured of its arm is not believed."
+        }
         StepName::Acceptance => {
             "`pigtail align` with this machine's seed shows how a fiber is lost, in its report. What was found before stands; the \
              steps before it that failed come first."
@@ -228,6 +236,12 @@ fn meaning(name: StepName) -> &'static str {
             "The light's wavelength over 2 pi in the micro's own scale, and how well it is known (a standard deviation); where \
              vision knows the gap, nothing is to be measured."
         }
+        StepName::Groups => {
+            "Each with its standard deviation, at the gap and the light that are said. Lag: how much later a sample of light is than the pose \
+             that it is of, by the group's own sensors. Backlash: how far a coarse axis falls short when it comes from above. The spot: \
+             where light has fallen to 1/e, as it is at the chip. Where the coarse group stands is seen over some micrometres only, \
+             root mean square."
+        }
         StepName::Acceptance => "",
     }
 }
@@ -245,11 +259,30 @@ const fn named(key: &'static str, names: &'static [&'static str], scale: f64) ->
 }
 
 /// The keys that steps have.
-const NAMES: [Named; 34] = [
+const NAMES: [Named; 49] = [
     named("forward_V", &["moves at\nV"], 1.0),
     named("backward_V", &["back at\nV"], 1.0),
     named("way_counts", &["went\ncounts", "back\ncounts"], 1.0),
     named("way_of_output_um", &["output went\num"], 1.0),
+    named("told_um", &["told\num"], 1.0),
+    named("went_um", &["went\num"], 1.0),
+    named("seconds", &["within\ns"], 1.0),
+    named("gap_um", &["gap\num"], 1.0),
+    named("light_V", &["light\nV"], 1.0),
+    named("noise_percent", &["its noise\n%"], 1.0),
+    named("fine_lag_ms", &["fine group's lag\nms", "±\nms"], 1.0),
+    named("coarse_lag_ms", &["coarse group's lag\nms", "±\nms"], 1.0),
+    named("backlash_x_um", &["backlash in x\num", "±\num"], 1.0),
+    named("backlash_y_um", &["backlash in y\num", "±\num"], 1.0),
+    named("backlash_z_um", &["backlash in z\num", "±\num"], 1.0),
+    named(
+        "stands_nm",
+        &["stands off in x\nnm", "stands off in y\nnm"],
+        1.0,
+    ),
+    named("over_um", &["over\num"], 1.0),
+    named("spot_x_um", &["spot in x\num", "±\num"], 1.0),
+    named("spot_y_um", &["spot in y\num", "±\num"], 1.0),
     named("mean_V", &["dark\nmV"], 1e3),
     named("noise_V", &["a reading's noise\nmV"], 1e3),
     named("kp_V_per_count", &["kp\nV/count"], 1.0),

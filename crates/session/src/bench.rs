@@ -26,7 +26,7 @@ use pigtail_control::procedure::FiberReport;
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::Observer;
 use pigtail_hal::bench::spec::{ARMS, BenchSpec};
-use pigtail_hal::bench::{Bench, Meter, Pose};
+use pigtail_hal::bench::{Bench, Caps, GroupCaps, Meter, Pose, Stage};
 use pigtail_hal::digest::hash;
 use pigtail_hal::spec::OUTPUTS;
 use pigtail_hal::{Error, config, quantity};
@@ -46,6 +46,75 @@ pub struct BenchCalibration {
     pub taught: Vec<TaughtPose>,
     /// Which meters measure the light of the outputs.
     pub meters: Meters,
+    /// What was measured of its groups of axes, in place of what the datasheet says.
+    #[serde(default)]
+    pub groups: Arms,
+}
+
+/// What was measured of the groups of both arms.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Arms {
+    /// The input's arm.
+    #[serde(default)]
+    pub left: ArmGroups,
+    /// The outputs' arm.
+    #[serde(default)]
+    pub right: ArmGroups,
+}
+
+/// What was measured of the groups of an arm.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct ArmGroups {
+    /// The group that goes far.
+    #[serde(default)]
+    pub coarse: MeasuredGroup,
+    /// The one that goes exactly.
+    #[serde(default)]
+    pub fine: MeasuredGroup,
+}
+
+/// What was measured of a group: what is left out is as the datasheet says.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MeasuredGroup {
+    /// By how much a sample of light is later than the pose that it is of, as the group's own sensors have it, seconds.
+    #[serde(default, with = "quantity::Optional::<quantity::NonNegativeTime>")]
+    pub lag: Option<f64>,
+    /// Standard deviation of that, seconds; goes with it.
+    #[serde(default, with = "quantity::Optional::<quantity::NonNegativeTime>")]
+    pub lag_deviation: Option<f64>,
+    /// How far its axes fall short when they turn back, metres: x...
+    #[serde(default, with = "quantity::Optional::<quantity::NonNegativeLength>")]
+    pub backlash_x: Option<f64>,
+    /// ...y...
+    #[serde(default, with = "quantity::Optional::<quantity::NonNegativeLength>")]
+    pub backlash_y: Option<f64>,
+    /// ...and z.
+    #[serde(default, with = "quantity::Optional::<quantity::NonNegativeLength>")]
+    pub backlash_z: Option<f64>,
+    /// When that was measured.
+    #[serde(default)]
+    pub date: Option<String>,
+    /// By what.
+    #[serde(default)]
+    pub origin: Option<String>,
+}
+
+impl MeasuredGroup {
+    /// Puts it in place of what the datasheet says of the group.
+    fn put(&self, caps: &mut GroupCaps) {
+        if let Some(lag) = self.lag.zip(self.lag_deviation) {
+            caps.lag = lag;
+        }
+        let measured = [self.backlash_x, self.backlash_y, self.backlash_z];
+        for (axis, backlash) in caps.axes.iter_mut().zip(measured) {
+            if let Some((axis, backlash)) = axis.as_mut().zip(backlash) {
+                axis.backlash = backlash;
+            }
+        }
+    }
 }
 
 /// A pose that was taught: the coarse group stands at it, each axis having come from below, the fine group in its middle,
@@ -92,15 +161,16 @@ pub struct Meters {
 }
 
 impl BenchCalibration {
-    /// Parses the content of a `calibration.toml` and checks it against the datasheet; `file` is its name in errors.
+    /// Parses the content of a `calibration.toml` and checks it against the datasheet; `file` is its name in errors. What is believed, and
+    /// what the bench is able to do by both.
     ///
     /// # Errors
     ///
     /// When a key is missing, unknown or out of range; a port was not taught, or twice; or there is no such arm or meter.
-    pub fn parse(file: &str, text: &str, spec: &BenchSpec) -> Result<Belief, Error> {
+    pub fn parse(file: &str, text: &str, spec: &BenchSpec) -> Result<(Belief, Caps), Error> {
         let read: Self = config::parse(file, text)?;
         let error = |key: String, message: String| Error::new(file, key, message);
-        let caps = spec.caps();
+        let mut caps = spec.caps();
         let mut taught: Vec<Taught> = Vec::new();
         for (index, pose) in read.taught.iter().enumerate() {
             let key = |key: &str| format!("taught[{index}].{key}");
@@ -169,7 +239,25 @@ impl BenchCalibration {
             })
         });
         let meters = meters.collect::<Result<_, _>>()?;
-        Ok(Belief { taught, meters })
+        for (arm, of) in [&read.groups.left, &read.groups.right]
+            .into_iter()
+            .enumerate()
+        {
+            for (stage, name, measured) in [
+                (Stage::Coarse, "coarse", &of.coarse),
+                (Stage::Fine, "fine", &of.fine),
+            ] {
+                if measured.lag.is_some() != measured.lag_deviation.is_some() {
+                    let message = "comes without the other; accepted are `lag` and `lag_deviation`, or neither";
+                    let key = format!("groups.{}.{name}.lag", ARMS[arm]);
+                    return Err(error(key, message.to_owned()));
+                }
+                if let Some(group) = caps.group(arm, stage) {
+                    measured.put(&mut caps.groups[group.0]);
+                }
+            }
+        }
+        Ok((Belief { taught, meters }, caps))
     }
 }
 
@@ -196,6 +284,8 @@ pub struct BenchRig {
     pub recipe_name: String,
     /// The datasheet.
     pub spec: BenchSpec,
+    /// What the bench is able to do, by its datasheet and by what was measured of it.
+    pub caps: Caps,
     /// The belief, for control.
     pub belief: Belief,
     /// What is to be done.
@@ -226,7 +316,7 @@ impl BenchRig {
         let spec = BenchSpec::parse(&machine.name, &machine.text)?;
         let truth = file(1)?;
         let calibration = file(2)?.ok_or_else(|| missing(FILES[2]))?;
-        let belief = BenchCalibration::parse(&calibration.name, &calibration.text, &spec)?;
+        let (belief, caps) = BenchCalibration::parse(&calibration.name, &calibration.text, &spec)?;
         let source = recipe_file(named.recipe)?;
         let recipe: Recipe = config::parse(&source.name, &source.text)?;
         check(&recipe, &belief).map_err(|(key, why)| Error::new(&source.name, key, why))?;
@@ -241,6 +331,7 @@ impl BenchRig {
             name: named.rig.to_owned(),
             recipe_name: named.recipe.to_owned(),
             spec,
+            caps,
             belief,
             recipe,
             calibration_date: newest_date(&calibration.text),
@@ -341,6 +432,7 @@ pub fn align(
 /// A bench of this rig behind its guard.
 pub fn guarded<B: Bench>(rig: &BenchRig, bench: B, options: &Options) -> Guard<B> {
     Guard::new(bench)
+        .with_caps(rig.caps.clone())
         .with_planes(rig.planes())
         .with_stop(options.stop.clone())
         .with_longest(LONGEST.min(options.longest))
@@ -454,6 +546,22 @@ mod tests {
                 assert!(error.to_string().contains(part), "{error}");
             }
         }
+        let half = format!("{CALIBRATION}\n[groups.left.fine]\nlag = \"2 ms\"\n");
+        let error = BenchCalibration::parse("calibration.toml", &half, &spec).unwrap_err();
+        assert!(
+            error.to_string().contains("groups.left.fine.lag"),
+            "{error}"
+        );
+        let whole = format!(
+            "{half}lag_deviation = \"0.1 ms\"\n[groups.right.coarse]\nbacklash_z = \"0.7 um\"\n"
+        );
+        let (_, caps) = BenchCalibration::parse("calibration.toml", &whole, &spec).expect("whole");
+        assert_eq!(caps.groups[1].lag, (2e-3, 0.1e-3));
+        assert_eq!(caps.groups[3].lag, (1.5e-3, 0.3e-3));
+        let backlash = caps.groups[2]
+            .axes
+            .map(|axis| axis.map(|axis| axis.backlash));
+        assert_eq!(backlash[..3], [Some(1e-6), Some(1e-6), Some(0.7e-6)]);
         let cut = CALIBRATION
             .find("[[taught]]\narm = \"right\"")
             .expect("it is there");

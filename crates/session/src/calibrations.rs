@@ -18,7 +18,9 @@ pub use difference::{Difference, TableRow, differences, rows};
 pub use find::{Found, find};
 pub use state::{On, Part, RunsOn, notes};
 
-use crate::rig::{FILES, Rig, rig_folder, shipped};
+use crate::bench::BenchCalibration;
+use crate::rig::{FILES, Rig, is_built_in, rig_folder, shipped};
+use pigtail_hal::bench::spec::BenchSpec;
 use pigtail_hal::digest::hash;
 use pigtail_hal::{Error, Spec};
 use serde::{Deserialize, Serialize};
@@ -159,8 +161,8 @@ impl Versions {
     /// Where it is in no folder.
     pub fn of(rig: &str) -> Result<Self, Error> {
         let nowhere = || {
-            let message = "is no folder, and a rig that is built in has no versions; accepted is a rig of your own: \
-                           `pigtail rig my-rig` makes one";
+            let message = "is no folder, and only a rig in a folder has versions; accepted is a rig of your own: `pigtail rig \
+                           my-rig` makes one";
             Error::new(rig, "", message)
         };
         let rig = rig_folder(rig).ok_or_else(nowhere)?;
@@ -175,7 +177,12 @@ impl Versions {
     pub fn writable(rig: &str) -> Result<Self, Error> {
         let own = "accepted is a rig of your own: `pigtail rig my-rig` makes one, then name it with --rig my-rig";
         let Some(folder) = rig_folder(rig) else {
-            let message = format!("is built in, and never written to; {own}");
+            let what = if is_built_in(rig) {
+                "is built in, and never written to"
+            } else {
+                "is no rig"
+            };
+            let message = format!("{what}; {own}");
             return Err(Error::new(rig, "", message));
         };
         if let Some(marker) = shipped(&folder) {
@@ -203,13 +210,17 @@ impl Versions {
         Belief::read(&self.rig.join(FILE))
     }
 
-    /// The datasheet that its calibrations have to fit.
-    fn spec(&self) -> Result<Spec, Error> {
+    /// Whether a calibration fits the rig's datasheet.
+    fn check(&self, belief: &Belief) -> Result<(), Error> {
         let path = self.rig.join(FILES[0]);
         let name = path.display().to_string();
         let text = fs::read_to_string(&path)
             .map_err(|error| Error::new(&name, "", format!("cannot be read: {error}")))?;
-        Spec::parse(&name, &text)
+        if BenchSpec::is_of(&name, &text)? {
+            let spec = BenchSpec::parse(&name, &text)?;
+            return BenchCalibration::parse(&belief.name, &belief.text, &spec).map(drop);
+        }
+        belief.check(&Spec::parse(&name, &text)?)
     }
 
     /// The numbers that there are, ascending.
@@ -301,7 +312,6 @@ impl Versions {
     pub fn write(
         &self,
         origin: &Origin,
-        spec: &Spec,
         change: impl FnOnce(&mut Belief) -> Result<(), Error>,
     ) -> Result<Written, Error> {
         let mut last = self.lock()?;
@@ -309,7 +319,7 @@ impl Versions {
         let mut belief = before.clone();
         change(&mut belief)?;
         belief.name_by_content()?;
-        belief.check(spec)?;
+        self.check(&belief)?;
         let file = self.rig.join(FILE);
         // From what is not TOML everything differs.
         let readable = before.document().is_ok();
@@ -377,7 +387,7 @@ impl Versions {
             date: date.to_owned(),
             run: None,
         };
-        self.write(&origin, &self.spec()?, |belief| {
+        self.write(&origin, |belief| {
             *belief = old;
             Ok(())
         })
@@ -398,7 +408,7 @@ impl Versions {
             date: date.to_owned(),
             run,
         };
-        self.write(&origin, &self.spec()?, |belief| match &found.about {
+        self.write(&origin, |belief| match &found.about {
             // What else was believed when it ran is no finding of the run.
             Some(about) if about.version.is_none() => about
                 .tables

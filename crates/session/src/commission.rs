@@ -5,8 +5,12 @@
 //! piezos; and at last an acceptance test on devices, judged by control's own word. A step that fails is said,
 //! with what it fails for, and the machine is not accepted.
 
+mod acceptance;
 mod checks;
+mod positioned;
 mod steps;
+
+pub use positioned::{CommissionedBench, commission_bench};
 
 use crate::calibrations::{Belief, Change};
 use crate::job::{Ended, Job};
@@ -49,8 +53,20 @@ pub enum StepName {
     Spot,
     /// How light spreads over a gap in the scale of both micros, where vision cannot know the gap
     Spread,
+    /// Lag, backlash and spot of both arms by light, on a bench that is controlled by position
+    Groups,
     /// Devices aligned with all that was found
     Acceptance,
+}
+
+impl StepName {
+    /// Those of a bench that is controlled by position, in order.
+    pub const OF_BENCHES: [Self; 4] = [Self::Axes, Self::Dark, Self::Groups, Self::Acceptance];
+
+    /// Whether a machine of volts has it.
+    pub fn is_of_machines(self) -> bool {
+        self != Self::Groups
+    }
 }
 
 /// What a step came to.
@@ -100,6 +116,30 @@ pub struct CommissionDocument {
     pub calibration: String,
     /// Path of the report; empty where there is none.
     pub report: String,
+}
+
+impl CommissionDocument {
+    /// Of the steps that were done on a machine: its rig, fleet and seed, and machine time in seconds.
+    fn of(
+        (rig, fleet, seed): (&str, &str, u64),
+        seconds: f64,
+        steps: Vec<StepDocument>,
+        unknown: Vec<&'static str>,
+    ) -> Self {
+        let acceptance = <&str>::from(StepName::Acceptance);
+        let tried = steps.iter().any(|step| step.name == acceptance);
+        Self {
+            rig: rig.to_owned(),
+            fleet: fleet.to_owned(),
+            seed,
+            seconds_machine: rounded(seconds, 1e-4),
+            accepted: tried && steps.iter().all(|step| step.verdict == Verdict::Passed),
+            steps,
+            unknown,
+            calibration: String::new(),
+            report: String::new(),
+        }
+    }
 }
 
 /// A machine that was commissioned.
@@ -181,7 +221,7 @@ pub fn commission_with(
     };
     let mut steps = Vec::new();
     for name in <StepName as strum::VariantArray>::VARIANTS {
-        if !plan.steps.contains(name) {
+        if !plan.steps.contains(name) || !name.is_of_machines() {
             continue;
         }
         let before = bench.seconds;
@@ -203,20 +243,8 @@ pub fn commission_with(
         watch(&step);
         steps.push(step);
     }
-    let tried = steps
-        .iter()
-        .any(|step| step.name == <&str>::from(StepName::Acceptance));
-    let document = CommissionDocument {
-        rig: bench.setup.rig.name.clone(),
-        fleet: bench.setup.fleet_name().to_owned(),
-        seed,
-        seconds_machine: rounded(bench.seconds, 1e-4),
-        accepted: tried && steps.iter().all(|step| step.verdict == Verdict::Passed),
-        steps,
-        unknown: UNKNOWN.to_vec(),
-        calibration: String::new(),
-        report: String::new(),
-    };
+    let names = (&*bench.setup.rig.name, bench.setup.fleet_name(), seed);
+    let document = CommissionDocument::of(names, bench.seconds, steps, UNKNOWN.to_vec());
     Ok(Commissioned {
         document,
         changes: bench.changes,
@@ -267,6 +295,10 @@ impl Bench<'_, '_> {
             StepName::Spot => self.spot(),
             StepName::Spread => self.spread(),
             StepName::Acceptance => self.acceptance(),
+            StepName::Groups => Ok(Found {
+                values: Map::new(),
+                why: "is of a bench that is controlled by position".to_owned(),
+            }),
         }
     }
 

@@ -416,7 +416,8 @@ impl BenchTwin {
         let since = self.now - (samples * period);
         let due = since < STEP * (1.0 - 1e-6);
         let until_next = if due { 0.0 } else { period - since };
-        if until_next < self.plant.meter.averaging.max(0.5 * STEP) {
+        // Half a step less: what rounding makes of the time is not to decide on a step.
+        if until_next < self.plant.meter.averaging.max(STEP) - 0.5 * STEP {
             let signal = if self.laser {
                 wander * self.signal(tips, level)
             } else {

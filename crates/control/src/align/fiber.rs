@@ -92,6 +92,17 @@ impl<'d> Fiber<'d> {
         self.taught.across
     }
 
+    /// The arm that carries it.
+    pub(super) fn arm(&self) -> usize {
+        self.taught.arm
+    }
+
+    /// How far the light goes across, in x of the arm, for each metre of gap.
+    pub(super) fn walk(&self) -> f64 {
+        let at = |gap| self.taught.at_gap(self.recipe, gap, [0.0; 2]).x();
+        at(1.0) - at(0.0)
+    }
+
     /// Pose of the coarse group on the beam at a gap.
     fn at_gap(&self, gap: f64) -> Pose {
         let Displacement { x, y } = self.aside;
@@ -99,7 +110,7 @@ impl<'d> Fiber<'d> {
     }
 
     /// The gap by the coarse group's own measure, metres.
-    fn measured_gap(&self, bench: &Reactor<'_>) -> f64 {
+    pub(super) fn measured_gap(&self, bench: &Reactor<'_>) -> f64 {
         let pose = bench.pose(self.coarse, bench.now());
         pose.map_or(self.gap, |at| self.taught.pose.z() - at.pose.z())
     }
@@ -314,9 +325,13 @@ impl<'d> Fiber<'d> {
         Ok(true)
     }
 
-    /// Closes the gap along the beam, from one gap to the next, on circles.
-    pub(super) async fn approach(&mut self, bench: &Reactor<'_>, dark: &Dark) -> Result<(), Halt> {
-        let wanted = self.recipe.approach.gap;
+    /// Closes the gap along the beam to the one that is wanted, metres, from one gap to the next, on circles.
+    pub(super) async fn approach(
+        &mut self,
+        bench: &Reactor<'_>,
+        dark: &Dark,
+        wanted: f64,
+    ) -> Result<(), Halt> {
         let before = self.before;
         let stray = self.recipe.fast.stray;
         while self.gap > wanted {

@@ -9,9 +9,11 @@
 mod climb;
 mod fiber;
 mod first_light;
+mod measure;
 mod observed;
 
 pub use climb::{Found, find_peak};
+pub use measure::{Known, MeasuredArm, MeasuredDark, MovedAxis, measure, measure_dark, move_axes};
 
 use crate::beam::Beam;
 use crate::outcome::{Halt, Outcome};
@@ -212,8 +214,9 @@ impl<'d> Device<'d, '_> {
         })
         .await?;
         self.phase(0, phases, "approach", async |device: &mut Self| {
-            right.approach(device.bench, &device.dark).await?;
-            left.approach(device.bench, &device.dark).await
+            let gap = device.recipe.approach.gap;
+            right.approach(device.bench, &device.dark, gap).await?;
+            left.approach(device.bench, &device.dark, gap).await
         })
         .await?;
         self.phase(0, phases, "final", async |device: &mut Self| {
@@ -252,7 +255,8 @@ impl<'d> Device<'d, '_> {
             })
             .await?;
             self.phase(1 + port, phases, "approach", async |device: &mut Self| {
-                fiber.approach(device.bench, &device.dark).await
+                let gap = device.recipe.approach.gap;
+                fiber.approach(device.bench, &device.dark, gap).await
             })
             .await?;
             fiber

@@ -1,5 +1,6 @@
 //! The steps of commissioning: what each measures, and what it is failed for.
 
+use super::acceptance::{DEVICES, judged};
 use super::checks::{CheckAxes, Dark, swings};
 use super::{Bench, Found, NotDone};
 use crate::align::Align;
@@ -10,23 +11,17 @@ use crate::job::Ended;
 use crate::piezos::{MeasureRatios, SeePiezos};
 use crate::tune::{GainsRow, Method, Tune, step_of};
 use pigtail_control::beam::SpotSize;
-use pigtail_control::belief::Place;
 use pigtail_control::calibration::Windups;
 use pigtail_control::fast::{Ratio, vision_knows};
 use pigtail_control::gap_by_light::Spread;
-use pigtail_control::outcome::Outcome;
 use pigtail_control::piezo::camera::{Seen, SeenMicro};
 use pigtail_control::procedure::FiberReport;
 use pigtail_control::shaking::Measured;
 use pigtail_hal::spec::SIDES;
 use pigtail_hal::{Axis, AxisName, Error, Side};
 use pigtail_numerics::rounded;
-use pigtail_numerics::statistics::Sorted;
 use pigtail_twin::Specimen;
 use serde_json::{Map, Value, json};
-
-/// The first device of the acceptance test: nobody's production comes so far.
-const DEVICES: u64 = 900_000;
 
 /// How the first fiber ended that was not aligned, if there is one, to go on with after what that prevented.
 fn ended(fibers: &[FiberReport]) -> String {
@@ -37,7 +32,7 @@ fn ended(fibers: &[FiberReport]) -> String {
 }
 
 /// No photodiode reads more than this share of its range without light.
-const MOST_DARK: f64 = 0.1;
+pub(super) const MOST_DARK: f64 = 0.1;
 
 /// For how long tips are watched whether they shake, in x and in y, seconds: a dim input's means over as long as a bond takes tell in so long how
 /// far they scatter to a third.
@@ -555,71 +550,12 @@ impl Bench<'_, '_> {
     }
 
     pub(super) fn acceptance(&mut self) -> Result<Found, NotDone> {
-        /// Of the fibers that were attempted so many are to be aligned: of those that are not it is known, and they are tried with another
-        /// fiber. A choice.
-        const YIELD: f64 = 0.9;
         let machine = Specimen::from(self.seed).machine();
-        let (mut aligned, mut fibers, mut why) = (0_u64, 0_u64, String::new());
-        let mut stopped = false;
-        let mut seconds = Vec::new();
-        let mut places = Vec::new();
+        let mut devices = Vec::new();
         for k in 0..self.plan.devices {
             let device = Specimen::of(machine, DEVICES + k).seed();
-            for fiber in self.run(&Align::default(), device)?.fibers {
-                fibers += 1;
-                if fiber.outcome == Outcome::NotAttempted {
-                    continue;
-                }
-                seconds.push(fiber.seconds());
-                stopped |= fiber.outcome.fault().is_some();
-                if fiber.outcome.is_aligned() {
-                    aligned += 1;
-                    places.extend(fiber.place);
-                } else if why.is_empty() {
-                    why = format!("device {}, {}: {}", k + 1, fiber.port, fiber.outcome);
-                }
-            }
+            devices.push(self.run(&Align::default(), device)?.fibers);
         }
-        let attempted = seconds.len() as f64;
-        if !stopped && attempted > 0.0 && aligned as f64 >= YIELD * attempted {
-            why.clear();
-        }
-        let capability = self.capability(&places);
-        let seconds = Sorted::new(seconds);
-        let mut values = Map::new();
-        if let Some(capability) = capability {
-            let [x, y, z] = capability.map(|cpk| rounded(cpk, 1e-3));
-            let least = if z < x.min(y) { "z" } else { "x and y" };
-            values.insert("cpk".to_owned(), json!({"x": x, "y": y, "z": z}));
-            values.insert("limited_by".to_owned(), json!(least));
-        }
-        values.insert("devices".to_owned(), json!(self.plan.devices));
-        values.insert("attempted".to_owned(), json!(attempted));
-        values.insert("fibers".to_owned(), json!(fibers));
-        values.insert("aligned".to_owned(), json!(aligned));
-        for (name, share) in [("seconds_p50", 0.5), ("seconds_max", 1.0)] {
-            let value = seconds.percentile(share).map(|value| rounded(value, 1e-4));
-            values.insert(name.to_owned(), json!(value));
-        }
-        Ok(Found { values, why })
-    }
-
-    /// Process capability, Cpk, in x, y and z by control's own belief of where fibers are: the tolerance, less what they are believed to be
-    /// off, over half the width that holds 99.73 % (three standard deviations of a normal error). The median fiber's; `None` of none.
-    fn capability(&self, places: &[Place]) -> Option<[f64; 3]> {
-        /// What three standard deviations to either side hold.
-        const HELD: f64 = 0.9973;
-        let accept = &self.setup.rig.recipe.accept;
-        let of = |place: &Place| {
-            let [x, y, z] = place.half_widths(HELD);
-            [
-                accept.aside / x,
-                accept.aside / y,
-                (accept.gap - place.off.abs()) / z,
-            ]
-        };
-        let all: Vec<[f64; 3]> = places.iter().map(of).collect();
-        let median = |i: usize| Sorted::new(all.iter().map(|cpk| cpk[i]).collect()).percentile(0.5);
-        Some([median(0)?, median(1)?, median(2)?])
+        Ok(judged(&devices, &self.setup.rig.recipe.accept))
     }
 }

@@ -1,0 +1,608 @@
+//! A bench measured by its light alone: what its groups lag behind, how far its coarse axes fall short when they turn back, where
+//! they come to stand, and how wide the spot is.
+//!
+//! Both fibers of a guide are brought to their peaks and stay back from the chip, where an axis may go by more than its backlash
+//! either way. Then one axis at a time goes to and fro over the peak. To the light at a time belongs where the group was a lag
+//! earlier: forward the peak is seen that much late, and backward that much early.
+//!
+//! ```text
+//! lag = (c+ - c-) / 2 v                 c+, c-: where a group is measured to be as it passes the peak at speed v
+//! lag = (d(v) - d(u)) / 2 (v - u)       d = c+ - c- of an axis with backlash, which adds the same at every speed
+//! ```
+//!
+//! Backlash is how far the fine group's peak moves when the coarse one comes to the same place from above and not from below. Along
+//! z no peak is seen; but the light leaves the chip at an angle, so that a gap that differs moves the peak across.
+
+use super::fiber::Fiber;
+use super::first_light::first_light;
+use super::observed::Observed;
+use super::{Belief, Dark, line};
+use crate::beam::Beam;
+use crate::outcome::{Halt, Outcome};
+use crate::reactor::{LONGEST, Reactor, refused};
+use crate::recipe::Recipe;
+use crate::station::Observer;
+use nalgebra::Vector3;
+use pigtail_hal::Bench;
+use pigtail_hal::bench::{Degree, Group, Law, Limits, Meter, Pose, Request, Stage};
+use pigtail_numerics::normal::Normal;
+
+/// A value and its standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Known {
+    /// The value.
+    pub value: f64,
+    /// Its standard deviation.
+    pub deviation: f64,
+}
+
+/// How an axis went where it was told to go, far from the chip.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MovedAxis {
+    /// The axis, such as `left.fine.x`.
+    pub name: String,
+    /// How far it was sent, metres.
+    pub told: f64,
+    /// How far it is measured to have gone, metres.
+    pub went: f64,
+    /// How long it took until it was done, seconds.
+    pub seconds: f64,
+    /// What it may be off by its datasheet, metres.
+    pub accepted: f64,
+}
+
+impl MovedAxis {
+    /// Whether it went where it was told to go.
+    pub fn is_well(&self) -> bool {
+        (self.went - self.told).abs() <= self.accepted
+    }
+}
+
+/// A meter without fibers before it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MeasuredDark {
+    /// Its level without the laser, volts.
+    pub level: f64,
+    /// Standard deviation of a sample, volts.
+    pub noise: f64,
+}
+
+/// What the light told of an arm.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MeasuredArm {
+    /// Gap at which all of it was measured, metres.
+    pub gap: f64,
+    /// Light at the peak there, volts.
+    pub light: f64,
+    /// Standard deviation of its samples, as a share of it.
+    pub noise: f64,
+    /// How much later light is than the fine group's pose, seconds.
+    pub fine_lag: Known,
+    /// The same of the coarse group.
+    pub coarse_lag: Known,
+    /// How far the coarse axes fall short when they turn back, x, y and z, metres; `None` where light does not tell.
+    pub backlash: [Option<Known>; 3],
+    /// How far, rms, the coarse group is from where it was told to stand, x and y, from below, metres...
+    pub stands: [f64; 2],
+    /// ...over a way of so many metres.
+    pub over: f64,
+    /// How wide the spot is at the chip, x and y: where light has fallen to 1/e, metres.
+    pub spot: [Known; 2],
+}
+
+/// A peak on lines to and fro.
+struct Passed {
+    /// Where it is, the middle of both ways, metres.
+    centre: Known,
+    /// How far forward it is seen beyond where backward, metres.
+    apart: Known,
+    /// Distance at which light has fallen to 1/e, metres.
+    width: Known,
+}
+
+/// Samples on a line over the peak.
+const SAMPLES: f64 = 16.0;
+
+/// How far to either side of it a line goes, in widths.
+const HALF: f64 = 1.1;
+
+/// How much farther, in widths: by then it goes evenly, and is not yet at rest.
+const BEYOND: f64 = 0.1;
+
+/// Lines to and fro that lag and width are taken from, and a place.
+const LINES: usize = 12;
+const FEW: usize = 4;
+
+/// The same of a coarse group, whose screw wanders.
+const MANY: usize = 24;
+
+/// A place is come to from so many times the backlash of the datasheet, and from so far at least, metres.
+const RUN: f64 = 3.0;
+const LEAST_RUN: f64 = 5e-6;
+
+/// How often a peak is looked for that is beside where it was looked for.
+const LOOKS: usize = 4;
+
+/// How often a backlash is measured.
+const TURNED: usize = 6;
+
+/// Places at which the coarse group stands, to either side.
+const PLACES: i32 = 3;
+
+/// Share of the fine group's range to which the coarse one goes aside for it to follow.
+const FOLLOWS: f64 = 0.6;
+
+/// Light below this share of the brightest tells next to nothing of a Gaussian's shape, and most of what is beside it.
+const DIM: f64 = 0.15;
+
+/// Tangent of the angle of the light below which z does not move the peak enough to be told.
+const STEEP: f64 = 0.05;
+
+/// Sends each axis of each group forth and back, z away from the chip.
+///
+/// # Errors
+///
+/// A fault; what a bench refuses or fails.
+pub fn move_axes(
+    bench: &mut dyn Bench,
+    observer: &mut dyn Observer,
+) -> Result<Vec<MovedAxis>, Halt> {
+    /// Share of its range that an axis goes.
+    const WAY: f64 = 0.1;
+    let mut bench = Observed::new(bench, observer);
+    let bench = Reactor::new(&mut bench);
+    bench.run(async {
+        let mut moved = Vec::new();
+        let groups = bench.caps().groups.clone();
+        for (i, caps) in groups.iter().enumerate() {
+            let group = Group(i);
+            for degree in Degree::ALL {
+                let Some(axis) = caps.axes[degree.index()] else {
+                    continue;
+                };
+                let before = pose(&bench, group)?;
+                let way = WAY * (axis.range.1 - axis.range.0);
+                let away = before.0[degree.index()] - way;
+                let told = if degree == Degree::Z || away >= axis.range.0 {
+                    -way
+                } else {
+                    way
+                };
+                let to = before.with(degree, before.0[degree.index()] + told);
+                let begin = bench.now();
+                line(&bench, group, to, None).await?;
+                let seconds = bench.now() - begin;
+                let went = pose(&bench, group)?.0[degree.index()] - before.0[degree.index()];
+                line(&bench, group, before, None).await?;
+                moved.push(MovedAxis {
+                    name: format!("{}.{}", caps.name, degree.name()),
+                    told,
+                    went,
+                    seconds,
+                    accepted: axis.backlash + 5.0 * axis.repeatability.max(axis.resolution),
+                });
+            }
+        }
+        Ok(moved)
+    })
+}
+
+/// Each meter in the dark, and the laser off.
+///
+/// # Errors
+///
+/// A fault; a meter that is silent.
+pub fn measure_dark(
+    bench: &mut dyn Bench,
+    observer: &mut dyn Observer,
+) -> Result<Vec<MeasuredDark>, Halt> {
+    let mut bench = Observed::new(bench, observer);
+    let bench = Reactor::new(&mut bench);
+    bench.run(async {
+        let mut meters = Vec::new();
+        for meter in 0..bench.caps().channels.len() {
+            let dark = Dark::measure(&bench, Meter(meter)).await?;
+            meters.push(MeasuredDark {
+                level: dark.mean,
+                noise: dark.sigma,
+            });
+        }
+        bench.ask(Request::Laser(false), LONGEST).await?;
+        Ok(meters)
+    })
+}
+
+/// Brings both fibers of the first guide to their peaks and measures both arms there. The fibers go back afterwards.
+///
+/// # Errors
+///
+/// A fault; how the alignment ended where there is no light or no peak; [`Misshapen`](Outcome::Misshapen) where what is seen on
+/// lines is no peak.
+pub fn measure(
+    bench: &mut dyn Bench,
+    belief: &Belief,
+    recipe: &Recipe,
+    observer: &mut dyn Observer,
+) -> Result<[MeasuredArm; 2], Halt> {
+    let mut bench = Observed::new(bench, observer);
+    let bench = Reactor::new(&mut bench);
+    bench.run(async {
+        let taught = |arm| belief.taught(arm, 0).ok_or(Outcome::NotTaught);
+        let meter = *belief.meters.first().ok_or(Outcome::NotTaught)?;
+        let mut left = Fiber::new(&bench, recipe, taught(0)?, meter)?;
+        let mut right = Fiber::new(&bench, recipe, taught(1)?, meter)?;
+        let dark = Dark::measure(&bench, meter).await?;
+        for fiber in [&mut left, &mut right] {
+            fiber.load(&bench).await?;
+        }
+        Fiber::come_near(&bench, [&mut left, &mut right]).await?;
+        first_light(&bench, &dark, &mut [&mut left, &mut right]).await?;
+        for _ in 0..2 {
+            left.centre(&bench, &dark, "centre").await?;
+            right.centre(&bench, &dark, "centre").await?;
+        }
+        // There the spot is hardly wider than at the chip, and axes may go either way.
+        let gap = Beam::new(&recipe.mode, recipe.ports.exit_angle).gap_of(1.0);
+        right.approach(&bench, &dark, gap).await?;
+        left.approach(&bench, &dark, gap).await?;
+        let both = [
+            measure_arm(&bench, &dark, &left, recipe).await?,
+            measure_arm(&bench, &dark, &right, recipe).await?,
+        ];
+        for fiber in [&left, &right] {
+            fiber.go_back(&bench).await?;
+            let arm = fiber.arm();
+            bench.ask(Request::Unload { arm }, LONGEST).await?;
+        }
+        Ok(both)
+    })
+}
+
+async fn measure_arm(
+    bench: &Reactor<'_>,
+    dark: &Dark,
+    fiber: &Fiber<'_>,
+    recipe: &Recipe,
+) -> Result<MeasuredArm, Halt> {
+    let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
+    let arm = Lines {
+        bench,
+        dark: dark.mean,
+        meter: fiber.meter.0,
+    };
+    let (coarse, fine) = (
+        group(bench, fiber, Stage::Coarse)?,
+        group(bench, fiber, Stage::Fine)?,
+    );
+    let gap = fiber.measured_gap(bench);
+    let width = beam.width(gap);
+    let (light, sigma) = bench.look(arm.meter, 40).await?;
+    let light = light - dark.mean;
+    let middle = pose(bench, fine)?;
+    let rate = bench.caps().channels[arm.meter].rate;
+    let speed = 2.0 * HALF * width * rate / SAMPLES;
+    let fine_line = Line {
+        width,
+        speed,
+        beyond: BEYOND * width,
+        lower: 0.0,
+        times: LINES,
+    };
+    let x = arm.passed(fine, Degree::X, middle, fine_line).await?;
+    let y = arm.passed(fine, Degree::Y, middle, fine_line).await?;
+    let peak = middle
+        .with(Degree::X, x.centre.value)
+        .with(Degree::Y, y.centre.value);
+    line(bench, fine, peak, None).await?;
+    let lag = |passed: &Passed| over(passed.apart, 2.0 * speed);
+    let fine_lag = together(lag(&x), lag(&y));
+    let here = pose(bench, coarse)?;
+    let stated = bench.caps().groups[coarse.0].axes[0].map_or(0.0, |axis| axis.backlash);
+    let run = (RUN * stated).max(LEAST_RUN).min(0.25 * gap);
+    let steps = Steps {
+        arm: &arm,
+        run,
+        coarse,
+        fine,
+        here,
+        peak,
+        width,
+        speed,
+    };
+    // Along z, coming from above is coming from nearer to the chip.
+    let walk = fiber.walk();
+    let backlash = [
+        Some(steps.backlash(Degree::X, Degree::X, 1.0).await?),
+        Some(steps.backlash(Degree::Y, Degree::Y, 1.0).await?),
+        if walk.abs() > STEEP {
+            Some(steps.backlash(Degree::Z, Degree::X, walk).await?)
+        } else {
+            None
+        },
+    ];
+    let play = backlash[0].map_or(0.0, |play| play.value.max(0.0));
+    let at = |speed| Line {
+        width,
+        speed,
+        // Before it is seen the play has been used up, and on the way back it is seen as much lower.
+        beyond: run.max(2.0 * play),
+        lower: play,
+        times: MANY,
+    };
+    let fast = arm.passed(coarse, Degree::X, here, at(2.0 * speed)).await?;
+    let slow = arm.passed(coarse, Degree::X, here, at(speed)).await?;
+    line(bench, coarse, here, None).await?;
+    let coarse_lag = over(
+        Known {
+            value: fast.apart.value - slow.apart.value,
+            deviation: fast.apart.deviation.hypot(slow.apart.deviation),
+        },
+        2.0 * speed,
+    );
+    let (stands_x, over_x) = steps.stands(Degree::X).await?;
+    let (stands_y, over_y) = steps.stands(Degree::Y).await?;
+    // What the gap adds to the squared width is known from the modes.
+    let wider = (width / beam.width(0.0)).powi(2);
+    let spot = [x.width, y.width].map(|seen| over(seen, wider.sqrt()));
+    Ok(MeasuredArm {
+        gap,
+        light,
+        noise: sigma / light,
+        fine_lag,
+        coarse_lag,
+        backlash,
+        stands: [stands_x, stands_y],
+        over: over_x.min(over_y),
+        spot,
+    })
+}
+
+fn group(bench: &Reactor<'_>, fiber: &Fiber<'_>, stage: Stage) -> Result<Group, Outcome> {
+    bench
+        .caps()
+        .group(fiber.arm(), stage)
+        .ok_or(Outcome::NotTaught)
+}
+
+fn pose(bench: &Reactor<'_>, group: Group) -> Result<Pose, Outcome> {
+    let at = bench.pose(group, bench.now()).map(|at| at.pose);
+    at.ok_or_else(|| Outcome::BenchFailed {
+        why: format!(
+            "{} does not say where it is",
+            bench.caps().groups[group.0].name
+        ),
+    })
+}
+
+fn over(of: Known, by: f64) -> Known {
+    Known {
+        value: of.value / by,
+        deviation: of.deviation / by.abs(),
+    }
+}
+
+/// The mean of two that should be the same; known no better than they agree.
+fn together(a: Known, b: Known) -> Known {
+    let value = 0.5 * (a.value + b.value);
+    let stated = 0.5 * a.deviation.hypot(b.deviation);
+    Known {
+        value,
+        deviation: stated.max(0.5 * (a.value - b.value).abs()),
+    }
+}
+
+/// Mean of four or more values and its standard deviation: by so few that is Student's.
+fn mean(values: &[f64]) -> Known {
+    let n = values.len() as f64;
+    let value = values.iter().sum::<f64>() / n;
+    let squares: f64 = values.iter().map(|v| (v - value).powi(2)).sum();
+    Known {
+        value,
+        deviation: (squares / ((n - 3.0) * n)).sqrt(),
+    }
+}
+
+/// A line to and fro over a peak.
+#[derive(Clone, Copy)]
+struct Line {
+    /// Width of the light, metres.
+    width: f64,
+    /// Metres a second.
+    speed: f64,
+    /// How much farther it goes than light is looked at, metres.
+    beyond: f64,
+    /// How much lower the peak is on the way back, metres.
+    lower: f64,
+    /// How often.
+    times: usize,
+}
+
+/// Lines over a peak, and what measures its light.
+struct Lines<'l, 'b> {
+    bench: &'l Reactor<'b>,
+    /// Volts.
+    dark: f64,
+    meter: usize,
+}
+
+impl Lines<'_, '_> {
+    /// To and fro over the peak so many times along an axis of a group, about a middle.
+    async fn passed(
+        &self,
+        group: Group,
+        degree: Degree,
+        middle: Pose,
+        of: Line,
+    ) -> Result<Passed, Halt> {
+        let at = middle.0[degree.index()];
+        let half = HALF * of.width;
+        let far = half + of.beyond;
+        let [low, high] = [-far, far].map(|by| middle.with(degree, at + by));
+        line(self.bench, group, low, None).await?;
+        let (mut centres, mut aparts, mut widths) = (Vec::new(), Vec::new(), Vec::new());
+        for _ in 0..of.times {
+            let forth = self.peak(group, (degree, at, half), high, of.speed).await?;
+            let back = self
+                .peak(group, (degree, at - of.lower, half), low, of.speed)
+                .await?;
+            centres.push(0.5 * (forth.0 + back.0));
+            aparts.push(forth.0 - back.0);
+            widths.push(0.5 * (forth.1 + back.1));
+        }
+        Ok(Passed {
+            centre: mean(&centres),
+            apart: mean(&aparts),
+            width: mean(&widths),
+        })
+    }
+
+    /// Where the peak is seen on the way to a pose, and how wide, metres: by light that is no farther than so much from a middle.
+    async fn peak(
+        &self,
+        group: Group,
+        (degree, middle, half): (Degree, f64, f64),
+        to: Pose,
+        speed: f64,
+    ) -> Result<(f64, f64), Halt> {
+        let limits = Limits { speed: Some(speed) };
+        let (bench, begin) = (self.bench, self.bench.now());
+        bench
+            .play(group, Law::Line { to, limits })
+            .map_err(|why| refused(&why))?;
+        let mut seen = Vec::new();
+        while bench.moving(group) {
+            if let Some((time, volts)) = bench.sample(self.meter, begin + LONGEST).await?
+                && let Some(at) = bench.pose(group, time)
+            {
+                let at = at.pose.0[degree.index()];
+                if (at - middle).abs() <= half {
+                    seen.push((at, volts - self.dark));
+                }
+            }
+            if bench.is_past(begin + LONGEST) {
+                let why = "a line was not done".to_owned();
+                return Err(Outcome::BenchFailed { why }.into());
+            }
+        }
+        gaussian(&seen).ok_or_else(|| {
+            let name = &bench.caps().groups[group.0].name;
+            let why = format!(
+                "light has no peak on a line of {name} along {}",
+                degree.name()
+            );
+            Outcome::BenchFailed { why }.into()
+        })
+    }
+}
+
+/// Peak and 1/e width of light over places, by the parabola of its logarithm; `None` where it is no peak.
+fn gaussian(seen: &[(f64, f64)]) -> Option<(f64, f64)> {
+    let brightest = seen.iter().map(|(_, volts)| *volts).fold(0.0, f64::max);
+    let (first, last) = (seen.first()?.0, seen.last()?.0);
+    let (middle, scale) = (0.5 * (first + last), 0.5 * (last - first).abs());
+    let mut normal = Normal::<3>::default();
+    let bright = seen.iter().filter(|(_, volts)| *volts > DIM * brightest);
+    let mut count = 0;
+    for (at, volts) in bright {
+        let u = (at - middle) / scale;
+        normal.add_weighted(&Vector3::new(1.0, u, u * u), volts.ln(), volts * volts);
+        count += 1;
+    }
+    let [_, slope, curvature] = normal.solve()?.into();
+    let centre = -0.5 * slope / curvature;
+    (count >= 4 && curvature < 0.0 && centre.abs() < 2.0)
+        .then(|| (middle + scale * centre, scale / (-curvature).sqrt()))
+}
+
+/// A coarse group that is set to places, and a fine one that finds the peak from each.
+struct Steps<'s, 'l, 'b> {
+    arm: &'s Lines<'l, 'b>,
+    /// From how far below, or above, a place is come to, metres.
+    run: f64,
+    coarse: Group,
+    fine: Group,
+    /// Where the coarse group stands, come from below.
+    here: Pose,
+    /// Where the fine group has its peak then.
+    peak: Pose,
+    width: f64,
+    speed: f64,
+}
+
+impl Steps<'_, '_, '_> {
+    /// The coarse group to a pose, every axis from below but `above`.
+    async fn stand(&self, at: Pose, above: Option<Degree>) -> Result<(), Halt> {
+        let (bench, run) = (self.arm.bench, self.run);
+        let mut before = at + Pose::at(-run, -run, -run);
+        if let Some(degree) = above {
+            before = before.with(degree, at.0[degree.index()] + run);
+        }
+        line(bench, self.coarse, before, None).await?;
+        line(bench, self.coarse, at, None).await
+    }
+
+    /// Where the fine group sees the peak along an axis, from so far from where it was, metres.
+    async fn sees(&self, degree: Degree, from: f64) -> Result<f64, Halt> {
+        let (fine, width, bench) = (self.fine, self.width, self.arm.bench);
+        let line_of = Line {
+            width,
+            speed: self.speed,
+            beyond: BEYOND * width,
+            lower: 0.0,
+            times: FEW,
+        };
+        let most = super::climb::range(bench, fine, degree) - (HALF + BEYOND) * width;
+        let mut about = self.peak.0[degree.index()] + from;
+        let mut seen = about;
+        for _ in 0..LOOKS {
+            about = about.clamp(-most, most);
+            let middle = self.peak.with(degree, about);
+            seen = self
+                .arm
+                .passed(fine, degree, middle, line_of)
+                .await?
+                .centre
+                .value;
+            if (seen - about).abs() < 0.5 * HALF * width {
+                break;
+            }
+            about = seen;
+        }
+        line(bench, fine, self.peak, None).await?;
+        Ok(seen)
+    }
+
+    /// How far an axis falls short when it comes from above: by that the peak is lower along `seen`, `gain` times.
+    async fn backlash(&self, degree: Degree, seen: Degree, gain: f64) -> Result<Known, Halt> {
+        let mut short = Vec::new();
+        for _ in 0..TURNED {
+            self.stand(self.here, None).await?;
+            let below = self.sees(seen, 0.0).await?;
+            self.stand(self.here, Some(degree)).await?;
+            short.push((below - self.sees(seen, 0.0).await?) / gain);
+        }
+        self.stand(self.here, None).await?;
+        Ok(mean(&short))
+    }
+
+    /// How far the coarse group is from where it was told to stand along an axis, rms about the mean, from below; and over which way.
+    async fn stands(&self, degree: Degree) -> Result<(f64, f64), Halt> {
+        let bench = self.arm.bench;
+        let range = super::climb::range(bench, self.fine, degree);
+        let beyond = self.peak.0[degree.index()].abs() + (HALF + BEYOND) * self.width;
+        let far = (FOLLOWS * range).min(range - beyond).max(0.0);
+        let step = far / f64::from(PLACES);
+        let mut left = Vec::new();
+        for k in -PLACES..=PLACES {
+            let by = f64::from(k) * step;
+            let at = self.here.with(degree, self.here.0[degree.index()] + by);
+            self.stand(at, None).await?;
+            left.push((by, self.sees(degree, -by).await? + by));
+        }
+        self.stand(self.here, None).await?;
+        let n = left.len() as f64;
+        let mean = left.iter().map(|(_, at)| at).sum::<f64>() / n;
+        let squares: f64 = left.iter().map(|(_, at)| (at - mean).powi(2)).sum();
+        Ok(((squares / (n - 1.0)).sqrt(), 2.0 * far))
+    }
+}
