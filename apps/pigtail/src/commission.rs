@@ -3,6 +3,7 @@
 use crate::choice::choice;
 use crate::common::{Common, believed, write_table};
 use crate::found::{self, FoundDocument, WriteArguments};
+use crate::journal::{CommissionHead, CommissionJournal};
 use crate::running::{self, stopped};
 use crate::{DONE, Failure, NEGATIVE, bench, stop};
 use clap::Args;
@@ -14,7 +15,8 @@ use pigtail_report as report;
 use pigtail_session::bench::{BenchCalibration, BenchSetup, is_bench};
 use pigtail_session::calibrations::{Belief, RunsOn};
 use pigtail_session::commission::{
-    CommissionDocument, Plan, StepDocument, StepName, Verdict, commission, commission_bench,
+    CommissionDocument, Plan, StepDocument, StepDone, StepName, Verdict, commission,
+    commission_bench,
 };
 use pigtail_session::fleet::NOMINAL;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, Named};
@@ -22,7 +24,6 @@ use pigtail_store::rows::{Cell, Column, Kind, Table};
 use pigtail_store::runs::Run;
 use serde_json::Value;
 use std::io::{self, Write};
-use strum::VariantArray;
 
 /// Commission a machine: from its datasheet to a calibration that was tried on devices
 ///
@@ -41,6 +42,8 @@ Examples:
   pigtail commission --fleet workshop --seed 7     the machine that seed 7 draws of what labs have
   pigtail commission --rig my-rig --write          and believe what is found from now on
   pigtail commission --steps axes,dark             the first two steps alone
+  pigtail commission --seed 7 --resume 20261124T101500-commission-7
+                                                   what was interrupted, or failed, and the rest
   pigtail commission --rig bench-piezo             one that is controlled by position
 
 Exit codes:
@@ -58,6 +61,10 @@ pub(crate) struct Arguments {
     /// The steps to do, with commas between them [default: all]
     #[arg(long, value_name = "STEP,...", value_delimiter = ',', value_parser = choice::<StepName>())]
     steps: Vec<StepName>,
+    /// Goes on with a run of this machine that was interrupted, or that had a step which failed: by its name, or its folder. Steps
+    /// that passed before the first that did not are taken over
+    #[arg(long, value_name = "RUN")]
+    resume: Option<String>,
     /// Devices of the acceptance test
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=1000))]
     devices: u64,
@@ -69,29 +76,25 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     if is_bench(&common.rig)? {
         return run_bench(arguments);
     }
-    arguments.all_are_of("a machine of volts", StepName::is_of_machines)?;
+    let all = StepName::of_machines();
+    arguments.all_are_of("a machine of volts", &all)?;
     let mut setup = common.setup(&arguments.recipe)?;
     let seed = common.seed;
+    let head = arguments.head(setup.fleet_name(), &setup.rig.hashes);
+    let before = arguments.before(&head)?;
     let run = running::begin(&mut setup, &common.runs, "commission", seed, false)?;
-    let all = StepName::VARIANTS.iter().copied();
-    let plan = arguments.plan(&run, all.filter(|step| step.is_of_machines()));
-    let progress = Progress::of(&plan);
+    let mut progress = Progress::begin(&run, &head, &before)?;
+    let plan = arguments.plan(&run, &all, before);
     let done = commission(&setup, seed, &plan, &mut Unobserved, |step| {
         progress.tell(step);
     })
     .map_err(|ended| stopped(&run, &setup, ended))?;
-    progress.0.finish_and_clear();
-    let kept = match done.changes.as_slice() {
-        [] => None,
-        changes => Some(found::keep(
-            write,
-            &run,
-            common,
-            &setup,
-            "commission",
-            changes,
-        )?),
-    };
+    progress.end()?;
+    let unfit = |error: Error| stopped(&run, &setup, error.into());
+    let check = |belief: &Belief| belief.check(&setup.rig.spec).map_err(unfit);
+    let what = ("commission", setup.rig.believing.as_deref());
+    let found = (&done.belief, &*done.tables);
+    let kept = found::keep_tables(write, &run, common, what, &check, found)?;
     let rig = RunsOn::of(&setup.rig);
     let of = (&*setup.rig.hashes, &setup.rig.recipe.accept);
     arguments.tell(&run, &plan, of, done.document, kept.as_ref(), rig)
@@ -101,10 +104,8 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 fn run_bench(arguments: &Arguments) -> Result<u8, Failure> {
     let (common, write) = (&arguments.common, arguments.write);
     bench::refuse(&[("--fleet", common.fleet != NOMINAL)])?;
-    let of_benches = StepName::OF_BENCHES;
-    arguments.all_are_of("a bench that is controlled by position", |step| {
-        of_benches.contains(&step)
-    })?;
+    let all = StepName::OF_BENCHES;
+    arguments.all_are_of("a bench that is controlled by position", &all)?;
     let calibration = believed(&common.rig, common.calibration.as_deref(), &common.runs)?;
     let mut setup = BenchSetup::load_named(&Named {
         rig: &common.rig,
@@ -112,63 +113,75 @@ fn run_bench(arguments: &Arguments) -> Result<u8, Failure> {
         calibration: calibration.as_deref(),
         ..Named::default()
     })?;
+    let head = arguments.head(NOMINAL, &setup.rig.hashes);
+    let before = arguments.before(&head)?;
     let run = Run::begin(&common.runs, "commission", common.seed, &setup.rig.hashes)?;
     setup.options.stop = stop::on_signal()?;
-    let plan = arguments.plan(&run, of_benches);
-    let progress = Progress::of(&plan);
+    let mut progress = Progress::begin(&run, &head, &before)?;
+    let plan = arguments.plan(&run, &all, before);
     let done = commission_bench(&setup, common.seed, &plan, &mut Unobserved, |step| {
         progress.tell(step);
     });
-    progress.0.finish_and_clear();
     let unfit = |error: Error| {
         run.abandon();
         Failure::from(error)
     };
     let done = done.map_err(unfit)?;
-    let spec = &setup.rig.spec;
+    progress.end()?;
     let check = |belief: &Belief| {
-        let read = BenchCalibration::parse(&belief.name, &belief.text, spec);
+        let read = BenchCalibration::parse(&belief.name, &belief.text, &setup.rig.spec);
         read.map(drop).map_err(unfit)
     };
-    let kept = match done.changes.as_slice() {
-        [] => None,
-        changes => {
-            let what = ("commission", setup.rig.believing.as_deref());
-            Some(found::keep_checked(
-                write, &run, common, what, &check, changes,
-            )?)
-        }
-    };
+    let what = ("commission", setup.rig.believing.as_deref());
+    let found = (&done.belief, &*done.tables);
+    let kept = found::keep_tables(write, &run, common, what, &check, found)?;
     let rig = RunsOn::of_bench(&setup.rig);
     let of = (&*setup.rig.hashes, &setup.rig.recipe.accept);
     arguments.tell(&run, &plan, of, done.document, kept.as_ref(), rig)
 }
 
 impl Arguments {
-    /// That all steps that were asked for are of this kind of rig.
-    fn all_are_of(&self, kind: &str, is: impl Fn(StepName) -> bool) -> Result<(), Error> {
-        let Some(other) = self.steps.iter().find(|step| !is(**step)) else {
+    /// That all steps that were asked for are among those of this kind of rig.
+    fn all_are_of(&self, kind: &str, all: &[StepName]) -> Result<(), Error> {
+        let Some(other) = self.steps.iter().find(|step| !all.contains(step)) else {
             return Ok(());
         };
-        let names = StepName::VARIANTS.iter().filter(|step| is(**step));
-        let names: Vec<&str> = names.map(<&str>::from).collect();
+        let names: Vec<&str> = all.iter().map(<&str>::from).collect();
         let message = format!(
-            "is {}, which {kind} has not; accepted is {}",
-            <&str>::from(other),
+            "is {other}, which {kind} has not; accepted is {}",
             names.join(", ")
         );
         Err(Error::new("--steps", "", message))
     }
 
-    fn plan(&self, run: &Run, all: impl IntoIterator<Item = StepName>) -> Plan {
+    /// What has to be the same to go on.
+    fn head(&self, fleet: &str, hashes: &[(String, String)]) -> CommissionHead {
+        CommissionHead {
+            rig: self.common.rig.clone(),
+            fleet: fleet.to_owned(),
+            seed: self.common.seed,
+            configuration: hashes.to_vec(),
+        }
+    }
+
+    /// What the run that is gone on with has done.
+    fn before(&self, head: &CommissionHead) -> Result<Vec<StepDone>, Failure> {
+        match &self.resume {
+            Some(named) => CommissionJournal::resumed(named, &self.common.runs, head),
+            None => Ok(Vec::new()),
+        }
+    }
+
+    fn plan(&self, run: &Run, all: &[StepName], before: Vec<StepDone>) -> Plan {
         Plan {
             devices: self.devices,
             date: run.date(),
             run: run.name(),
             steps: match self.steps.as_slice() {
-                [] => all.into_iter().collect(),
+                [] => all.to_vec(),
                 steps => steps.to_vec(),
             },
+            before,
         }
     }
 
@@ -213,21 +226,38 @@ impl Arguments {
     }
 }
 
-/// How far it is, on a terminal.
-struct Progress(ProgressBar);
+/// How far it is: on a terminal, and on the disk, from where it is gone on with.
+struct Progress {
+    bar: ProgressBar,
+    journal: CommissionJournal,
+    kept: anyhow::Result<()>,
+}
 
 impl Progress {
-    fn of(plan: &Plan) -> Self {
-        let bar = ProgressBar::new(plan.steps.len() as u64);
-        if let Ok(style) = ProgressStyle::with_template("commission [{bar:20}] {msg}") {
-            bar.set_style(style.progress_chars("=> "));
+    fn begin(run: &Run, head: &CommissionHead, before: &[StepDone]) -> Result<Self, Failure> {
+        let bar = ProgressBar::new_spinner();
+        if let Ok(style) = ProgressStyle::with_template("commission: {pos} steps done, {msg}") {
+            bar.set_style(style);
         }
-        Self(bar)
+        Ok(Self {
+            bar,
+            journal: CommissionJournal::begin(run, head, before)?,
+            kept: Ok(()),
+        })
     }
 
-    fn tell(&self, step: &StepDocument) {
-        self.0.inc(1);
-        self.0.set_message(format!("{} done", step.name));
+    fn tell(&mut self, done: &StepDone) {
+        self.bar.inc(1);
+        self.bar.set_message(done.step.name.to_string());
+        let kept = self.journal.keep(done);
+        if self.kept.is_ok() {
+            self.kept = kept;
+        }
+    }
+
+    fn end(self) -> anyhow::Result<()> {
+        self.bar.finish_and_clear();
+        self.kept
     }
 }
 
@@ -262,7 +292,8 @@ fn keep_values(run: &Run, steps: &[StepDocument]) -> anyhow::Result<()> {
                         Value::Bool(yes) => Some(f64::from(u8::from(*yes))),
                         value => value.as_f64(),
                     };
-                    let texts = [step.name, of, quantity].map(|text| Cell::Text(Some(text)));
+                    let texts =
+                        [<&str>::from(step.name), of, quantity].map(|text| Cell::Text(Some(text)));
                     let numbers = [Some(k as f64), number].map(Cell::Number);
                     table.add(texts.into_iter().chain(numbers).collect());
                 }
@@ -286,7 +317,7 @@ fn account(
             Verdict::Failed => "failed",
         };
         vec![
-            step.name.to_owned(),
+            step.name.to_string(),
             verdict.to_owned(),
             format!("{:.1}", step.seconds),
         ]
@@ -300,9 +331,7 @@ fn account(
     }
     let verdict = match (document.accepted, document.steps.last()) {
         (true, _) => "Accepted",
-        (false, Some(last)) if last.name != <&str>::from(StepName::Acceptance) => {
-            "Not tried on devices"
-        }
+        (false, Some(last)) if last.name != StepName::Acceptance => "Not tried on devices",
         _ => "Not accepted",
     };
     writeln!(

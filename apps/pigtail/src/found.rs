@@ -80,43 +80,63 @@ pub(crate) fn keep(
         checked.map_err(|error| stopped(run, setup, error.into()))
     };
     let believing = setup.rig.believing.as_deref();
-    keep_checked(write, run, common, (what, believing), &check, changes)
+    let mut found = believed_of(common, believing)?;
+    for change in changes {
+        found.change(change)?;
+    }
+    let tables: Vec<_> = changes.iter().map(|change| change.table.clone()).collect();
+    let kept = keep_tables(
+        write,
+        run,
+        common,
+        (what, believing),
+        &check,
+        (&found, &tables),
+    )?;
+    Ok(kept.expect("something was found"))
 }
 
-/// The same of any rig: `check` whether the calibration with what was found is one. What found it, and the calibration that was named
-/// in place of the rig's.
-pub(crate) fn keep_checked(
+/// The calibration of the rig, or the one that was named in its place.
+fn believed_of(common: &Common, believing: Option<&Path>) -> Result<Belief, Error> {
+    belief(&Named {
+        rig: &common.rig,
+        calibration: believing,
+        ..Named::default()
+    })
+}
+
+/// The same of any rig, and of a whole belief, some tables of which were found. `check` whether it is a calibration of the rig. What found
+/// it, and the calibration that was named in place of the rig's. `None` where nothing was found.
+pub(crate) fn keep_tables(
     write: WriteArguments,
     run: &Run,
     common: &Common,
     (what, believing): (&str, Option<&Path>),
     check: &dyn Fn(&Belief) -> Result<(), Failure>,
-    changes: &[Change],
-) -> Result<FoundDocument, Failure> {
+    (believed, tables): (&Belief, &[String]),
+) -> Result<Option<FoundDocument>, Failure> {
+    if tables.is_empty() {
+        return Ok(None);
+    }
     let origin = Origin {
         what: what.to_owned(),
         date: now(),
         run: Some(run.name()),
     };
-    let before = belief(&Named {
-        rig: &common.rig,
-        calibration: believing,
-        ..Named::default()
-    })?;
+    let before = believed_of(common, believing)?;
     let mut found = before.clone();
-    for change in changes {
-        found.change(change)?;
+    for table in tables {
+        found.take(believed, table)?;
     }
     "what was found".clone_into(&mut found.name);
     check(&found)?;
-    let tables: Vec<_> = changes.iter().map(|change| change.table.clone()).collect();
     for (file, text) in found.files() {
         run.write(file, text)?;
     }
-    let about = About::of(&found, &origin, tables.clone());
+    let about = About::of(&found, &origin, tables.to_vec());
     run.write_json(ABOUT, &about)?;
     let mut document = FoundDocument {
-        tables,
+        tables: tables.to_vec(),
         file: run.path(FILE).display().to_string(),
         changes: differences(&before, &found)?,
         version: None,
@@ -130,7 +150,9 @@ pub(crate) fn keep_checked(
     if write.write {
         let versions = Versions::writable(&common.rig)?;
         let written = versions.write(&origin, |belief| {
-            changes.iter().try_for_each(|change| belief.change(change))
+            tables
+                .iter()
+                .try_for_each(|table| belief.take(believed, table))
         })?;
         for table in &document.tables {
             run.calibrated(Some(&written.file), table)?;
@@ -140,7 +162,7 @@ pub(crate) fn keep_checked(
         document.kept = written.kept;
         document.written = Some(written.file);
     }
-    Ok(document)
+    Ok(Some(document))
 }
 
 impl FoundDocument {

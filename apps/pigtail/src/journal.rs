@@ -7,6 +7,7 @@ use pigtail_cycle::run::{Event, Pigtail, Produced};
 use pigtail_evaluate::produce::{Heard, Told};
 use pigtail_evaluate::trays::TrayDone;
 use pigtail_hal::Error;
+use pigtail_session::commission::StepDone;
 use pigtail_session::produce::{InPlace, Loaded};
 use pigtail_store::database::partial_folder;
 use pigtail_store::runs::Run;
@@ -273,5 +274,65 @@ impl TrayJournal {
             }
         }
         Ok(trays)
+    }
+}
+
+/// What has to be the same for commissioning to go on.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+pub(crate) struct CommissionHead {
+    pub(crate) rig: String,
+    pub(crate) fleet: String,
+    pub(crate) seed: u64,
+    pub(crate) configuration: Vec<(String, String)>,
+}
+
+/// A line of a journal of commissioning.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum StepLine {
+    Head(CommissionHead),
+    Step(Box<StepDone>),
+}
+
+/// Steps of commissioning, each on the disk before the next begins.
+pub(crate) struct CommissionJournal(File);
+
+impl CommissionJournal {
+    const FILE: &'static str = "steps.jsonl";
+
+    pub(crate) fn begin(
+        run: &Run,
+        head: &CommissionHead,
+        before: &[StepDone],
+    ) -> anyhow::Result<Self> {
+        let mut lines = vec![serde_json::json!({ "head": head })];
+        let steps = before.iter();
+        lines.extend(steps.map(|step| serde_json::json!({ "step": step })));
+        Ok(Self(begin(run, Self::FILE, &lines)?))
+    }
+
+    pub(crate) fn keep(&mut self, step: &StepDone) -> anyhow::Result<()> {
+        write(&mut self.0, &serde_json::json!({ "step": step }))
+    }
+
+    /// The steps that a run has done.
+    pub(crate) fn resumed(
+        named: &str,
+        runs: &Path,
+        head: &CommissionHead,
+    ) -> Result<Vec<StepDone>, Failure> {
+        let file = found(named, runs, Self::FILE, "commission")?;
+        let mut steps = Vec::new();
+        for line in lines(&file)? {
+            match line {
+                StepLine::Head(of) if of != *head => {
+                    let message = "is of another rig, fleet, recipe, calibration or seed; accepted are the same";
+                    return Err(Error::new(file.display().to_string(), "", message).into());
+                }
+                StepLine::Head(_) => {}
+                StepLine::Step(step) => steps.push(*step),
+            }
+        }
+        Ok(steps)
     }
 }

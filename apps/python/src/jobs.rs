@@ -14,7 +14,7 @@ use pigtail_evaluate::simulate::{Grid, Input, Parameters, joint};
 use pigtail_hal::Axis;
 use pigtail_session::calibrations::{Change, On};
 use pigtail_session::characterize::{Frequency, Resolution, Sine, Step};
-use pigtail_session::commission::{Plan, StepDocument, StepName, commission as commissioned};
+use pigtail_session::commission::{Plan, StepDone, StepName, commission as commissioned};
 use pigtail_session::identify::{IdentifyWindup, Model};
 use pigtail_session::impulse::kind_of;
 use pigtail_session::setup::Setup;
@@ -24,7 +24,6 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use serde::Serialize;
 use std::path::PathBuf;
-use strum::VariantArray;
 
 /// A document, arrays by their names, and what is believed with what was found.
 type Found<'py> = (String, Bound<'py, PyDict>, Option<Belief>);
@@ -353,7 +352,7 @@ pub(crate) fn commission(
         let setup = stoppable(rig.setup()?, watch);
         let chosen = steps.iter().map(|step| choice::<StepName>("steps", step));
         let chosen = match chosen.collect::<Result<Vec<_>, _>>()? {
-            none if none.is_empty() => StepName::VARIANTS.to_vec(),
+            none if none.is_empty() => StepName::of_machines(),
             some => some,
         };
         if !(1..=1000).contains(&devices) {
@@ -370,14 +369,15 @@ pub(crate) fn commission(
             date: today(),
             run: String::new(),
             steps: chosen,
+            before: Vec::new(),
         };
         let mut done = 0;
-        let told = |step: &StepDocument| {
+        let told = |done_now: &StepDone| {
             done += 1;
-            watch.tell(done, total, format!("{} done", step.name));
+            watch.tell(done, total, format!("{} done", done_now.step.name));
         };
         let found = commissioned(&setup, seed, &plan, &mut Unobserved, told)?;
-        let belief = (!found.changes.is_empty()).then_some(Belief(found.belief));
+        let belief = (!found.tables.is_empty()).then_some(Belief(found.belief));
         Ok((json(&setup, &found.document)?, belief))
     })
 }

@@ -9,7 +9,6 @@ use pigtail_control::recipe::Accept;
 use pigtail_numerics::statistics::wilson;
 use pigtail_session::commission::{CommissionDocument, Plan, StepDocument, StepName, Verdict};
 use serde_json::{Map, Value};
-use std::str::FromStr;
 use strum::EnumMessage;
 
 /// The report of a machine that was commissioned, as one HTML text.
@@ -20,7 +19,7 @@ pub fn commission(
     plan: &Plan,
 ) -> String {
     let title = format!("Commissioning of {}, machine {}", d.rig, d.seed);
-    let step = |name: StepName| d.steps.iter().find(|step| step.name == <&str>::from(name));
+    let step = |name: StepName| d.steps.iter().find(|step| step.name == name);
     let acceptance = step(StepName::Acceptance);
     let failed: Vec<&StepDocument> = (d.steps.iter())
         .filter(|step| step.verdict == Verdict::Failed)
@@ -52,15 +51,15 @@ pub fn commission(
             h2 { "What failed, and what to do" }
             @for step in &failed {
                 p { b { (step.name) } ": " (prose(&step.why)) "." }
-                @if let Some(advice) = name_of(step).map(advice) { p.soft { (prose(advice)) } }
+                p.soft { (prose(advice(step.name))) }
             }
         }
         @if let Some(step) = acceptance { (devices(step, accept)) }
         h2 { "Steps" }
         (table(&["step", "verdict", "machine time\ns", "what it asks"].map(str::to_owned), &steps(d)))
-        @for step in d.steps.iter().filter(|step| step.name != <&str>::from(StepName::Acceptance)) {
+        @for step in d.steps.iter().filter(|step| step.name != StepName::Acceptance) {
             h2 { "Measured: " (step.name) }
-            @if let Some(name) = name_of(step) { p.soft { (meaning(name)) } }
+            p.soft { (meaning(step.name)) }
             @if step.values.is_empty() { p { "Nothing: " (step.why) "." } }
             @for (header, rows) in measured(&step.values) { (table(&header, &rows)) }
         }
@@ -69,10 +68,6 @@ pub fn commission(
         (configuration(hashes, env!("CARGO_PKG_VERSION")))
     };
     page(&title, &body)
-}
-
-fn name_of(step: &StepDocument) -> Option<StepName> {
-    StepName::from_str(step.name).ok()
 }
 
 /// What it is a report of.
@@ -94,9 +89,9 @@ fn about(d: &CommissionDocument, plan: &Plan) -> [(&'static str, String); 6] {
 fn steps(d: &CommissionDocument) -> Vec<Vec<String>> {
     let row = |step: &StepDocument| {
         let passed = step.verdict == Verdict::Passed;
-        let asks = name_of(step).and_then(|name| name.get_documentation());
+        let asks = step.name.get_documentation();
         vec![
-            step.name.to_owned(),
+            step.name.to_string(),
             if passed { "passed" } else { "failed" }.to_owned(),
             fixed(step.seconds, 1),
             asks.unwrap_or_default().to_owned(),

@@ -20,7 +20,7 @@ use pigtail_control::procedure::FiberReport;
 use pigtail_control::station::Observer;
 use pigtail_hal::{Error, Machine};
 use pigtail_numerics::rounded;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 /// A step of commissioning, in order.
@@ -30,11 +30,15 @@ use serde_json::{Map, Value};
     Copy,
     PartialEq,
     Eq,
+    Serialize,
+    Deserialize,
+    strum::Display,
     strum::EnumMessage,
     strum::EnumString,
     strum::IntoStaticStr,
     strum::VariantArray,
 )]
+#[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum StepName {
     /// Whether every axis moves, and the right way, and at what voltage
@@ -63,14 +67,15 @@ impl StepName {
     /// Those of a bench that is controlled by position, in order.
     pub const OF_BENCHES: [Self; 4] = [Self::Axes, Self::Dark, Self::Groups, Self::Acceptance];
 
-    /// Whether a machine of volts has it.
-    pub fn is_of_machines(self) -> bool {
-        self != Self::Groups
+    /// Those of a machine of volts, in order.
+    pub fn of_machines() -> Vec<Self> {
+        let all = <Self as strum::VariantArray>::VARIANTS.iter().copied();
+        all.filter(|name| *name != Self::Groups).collect()
     }
 }
 
 /// What a step came to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
     /// As it should be.
@@ -80,10 +85,10 @@ pub enum Verdict {
 }
 
 /// A step, as documents have it. Keys are a contract.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct StepDocument {
     /// Its name.
-    pub name: &'static str,
+    pub name: StepName,
     /// Machine time, seconds.
     pub seconds: f64,
     /// What it came to.
@@ -92,6 +97,17 @@ pub struct StepDocument {
     pub why: String,
     /// What was measured, in units that its keys name.
     pub values: Map<String, Value>,
+}
+
+/// A step that is done, and all that is believed with it: from there a commissioning that was interrupted goes on.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct StepDone {
+    /// The step.
+    pub step: StepDocument,
+    /// What is believed from then on.
+    pub belief: Belief,
+    /// The tables of it that were found, by this step and those before it.
+    pub tables: Vec<String>,
 }
 
 /// What `commission` prints as JSON and keeps as `summary.json`. Keys are a contract.
@@ -126,8 +142,7 @@ impl CommissionDocument {
         steps: Vec<StepDocument>,
         unknown: Vec<&'static str>,
     ) -> Self {
-        let acceptance = <&str>::from(StepName::Acceptance);
-        let tried = steps.iter().any(|step| step.name == acceptance);
+        let tried = steps.iter().any(|step| step.name == StepName::Acceptance);
         Self {
             rig: rig.to_owned(),
             fleet: fleet.to_owned(),
@@ -147,10 +162,10 @@ impl CommissionDocument {
 pub struct Commissioned {
     /// What to print.
     pub document: CommissionDocument,
-    /// What was found.
-    pub changes: Vec<Change>,
-    /// All that is believed with it.
+    /// All that is believed with what was found.
     pub belief: Belief,
+    /// The tables of it that were found.
+    pub tables: Vec<String>,
 }
 
 /// What is to be done.
@@ -164,6 +179,20 @@ pub struct Plan {
     pub date: String,
     /// By which run.
     pub run: String,
+    /// Steps that a run has done before, which was interrupted or had one that failed: those that passed, up to the first that did not,
+    /// are taken over, for each step believes what the ones before it found.
+    pub before: Vec<StepDone>,
+}
+
+impl Plan {
+    /// The steps that are taken over, if the first of `all` are among them.
+    fn taken_over(&self, all: &[StepName]) -> &[StepDone] {
+        let wanted = all.iter().filter(|name| self.steps.contains(name));
+        let passed = self.before.iter().zip(wanted).take_while(|(done, name)| {
+            done.step.name == **name && done.step.verdict == Verdict::Passed
+        });
+        &self.before[..passed.count()]
+    }
 }
 
 /// What no step measures yet.
@@ -183,7 +212,7 @@ pub fn commission(
     seed: u64,
     plan: &Plan,
     observer: &mut dyn Observer,
-    watch: impl FnMut(&StepDocument),
+    watch: impl FnMut(&StepDone),
 ) -> Result<Commissioned, Ended> {
     let mut twins = |setup: &Setup, seed| -> Result<Box<dyn Machine>, Error> {
         Ok(Box::new(setup.twin(seed)?))
@@ -205,7 +234,7 @@ pub fn commission_with(
     plan: &Plan,
     machines: &mut Machines<'_>,
     observer: &mut dyn Observer,
-    mut watch: impl FnMut(&StepDocument),
+    mut watch: impl FnMut(&StepDone),
 ) -> Result<Commissioned, Ended> {
     let setup = setup.at(seed)?.into_owned();
     let mut bench = Bench {
@@ -214,16 +243,22 @@ pub fn commission_with(
         seed,
         plan,
         machines,
-        changes: Vec::new(),
+        tables: Vec::new(),
         aligned: (Vec::new(), 0),
         seconds: 0.0,
         observer,
     };
-    let mut steps = Vec::new();
-    for name in <StepName as strum::VariantArray>::VARIANTS {
-        if !plan.steps.contains(name) || !name.is_of_machines() {
-            continue;
-        }
+    let all = StepName::of_machines();
+    let before = plan.taken_over(&all);
+    let mut steps: Vec<_> = before.iter().map(|done| done.step.clone()).collect();
+    bench.seconds = steps.iter().map(|step| step.seconds).sum();
+    if let Some(last) = before.last() {
+        let rig = bench.setup.rig.with_belief(&last.belief);
+        bench.setup.rig = rig.map_err(Ended::Input)?;
+        (bench.belief, bench.tables) = (last.belief.clone(), last.tables.clone());
+    }
+    let wanted = all.iter().filter(|name| plan.steps.contains(name));
+    for name in wanted.skip(before.len()) {
         let before = bench.seconds;
         let (verdict, why, values) = match bench.step(*name) {
             Ok(Found { values, why }) if why.is_empty() => (Verdict::Passed, why, values),
@@ -234,21 +269,26 @@ pub fn commission_with(
             Err(not_done) => (Verdict::Failed, not_done.to_string(), Map::new()),
         };
         let step = StepDocument {
-            name: name.into(),
+            name: *name,
             seconds: rounded(bench.seconds - before, 1e-4),
             verdict,
             why,
             values,
         };
-        watch(&step);
-        steps.push(step);
+        let done = StepDone {
+            step,
+            belief: bench.belief.clone(),
+            tables: bench.tables.clone(),
+        };
+        watch(&done);
+        steps.push(done.step);
     }
     let names = (&*bench.setup.rig.name, bench.setup.fleet_name(), seed);
     let document = CommissionDocument::of(names, bench.seconds, steps, UNKNOWN.to_vec());
     Ok(Commissioned {
         document,
-        changes: bench.changes,
         belief: bench.belief,
+        tables: bench.tables,
     })
 }
 
@@ -275,7 +315,8 @@ struct Bench<'b, 'm> {
     seed: u64,
     plan: &'b Plan,
     machines: &'b mut Machines<'m>,
-    changes: Vec<Change>,
+    /// The tables that were found.
+    tables: Vec<String>,
     /// Fibers of spare devices that were aligned already, and how many devices that were.
     aligned: (Vec<FiberReport>, usize),
     /// Machine time so far.
@@ -316,7 +357,9 @@ impl Bench<'_, '_> {
     /// Believes what was found from now on.
     fn believe(&mut self, change: Change) -> Result<(), NotDone> {
         self.try_out(&change)?;
-        self.changes.push(change);
+        if !self.tables.contains(&change.table) {
+            self.tables.push(change.table);
+        }
         Ok(())
     }
 

@@ -23,7 +23,6 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
-use strum::VariantArray;
 
 /// Devices of the acceptance test, as many as the command's own.
 const DEVICES: u64 = 5;
@@ -209,11 +208,12 @@ fn read(place: &Path) -> Option<Commissioning> {
 /// Commissions a machine, and keeps what is found.
 fn commissioned(setup: &Setup, seed: u64, place: &Path) -> Result<Commissioning> {
     let plan = Plan {
-        steps: StepName::VARIANTS.to_vec(),
+        steps: StepName::of_machines(),
         devices: DEVICES,
         // No date: the same seed gives the same bytes.
         date: String::new(),
         run: format!("campaign, machine {seed}"),
+        before: Vec::new(),
     };
     let done = catch_unwind(AssertUnwindSafe(|| {
         commission(setup, seed, &plan, &mut Unobserved, |_| ())

@@ -3,6 +3,7 @@
 use pigtail_control::calibration::Calibration;
 use pigtail_hal::digest::hash;
 use pigtail_hal::{Error, Spec};
+use serde::{Deserialize, Serialize};
 use std::path::Path;
 use toml_edit::{DocumentMut, Item, Table, value};
 
@@ -10,7 +11,7 @@ use toml_edit::{DocumentMut, Item, Table, value};
 pub const SHORT: usize = 8;
 
 /// A calibration as its text, and the weights that it names.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Belief {
     /// What to call it in errors.
     pub name: String,

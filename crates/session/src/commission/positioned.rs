@@ -2,7 +2,7 @@
 
 use super::acceptance::{DEVICES, judged};
 use super::steps::MOST_DARK;
-use super::{CommissionDocument, Found, Plan, StepDocument, StepName, Verdict};
+use super::{CommissionDocument, Found, Plan, StepDocument, StepDone, StepName, Verdict};
 use crate::bench::{BenchCalibration, BenchSetup, guarded};
 use crate::calibrations::{Belief, Change};
 use crate::rig::{Named, belief};
@@ -22,8 +22,10 @@ use serde_json::{Map, Value, json};
 pub struct CommissionedBench {
     /// What to print.
     pub document: CommissionDocument,
-    /// What was found: tables of its calibration.
-    pub changes: Vec<Change>,
+    /// All that is believed with what was found.
+    pub belief: Belief,
+    /// The tables of it that were found.
+    pub tables: Vec<String>,
 }
 
 /// What is not known of a bench however it was measured.
@@ -50,7 +52,7 @@ pub fn commission_bench(
     seed: u64,
     plan: &Plan,
     observer: &mut dyn Observer,
-    mut watch: impl FnMut(&StepDocument),
+    mut watch: impl FnMut(&StepDone),
 ) -> Result<CommissionedBench, Error> {
     let belief = belief(&Named {
         rig: &setup.rig.name,
@@ -62,15 +64,21 @@ pub fn commission_bench(
         belief,
         seed,
         plan,
-        changes: Vec::new(),
+        tables: Vec::new(),
         seconds: 0.0,
         observer,
     };
-    let mut steps: Vec<StepDocument> = Vec::new();
-    for name in StepName::OF_BENCHES {
-        if !plan.steps.contains(&name) {
-            continue;
-        }
+    let before = plan.taken_over(&StepName::OF_BENCHES);
+    let mut steps: Vec<StepDocument> = before.iter().map(|done| done.step.clone()).collect();
+    work.seconds = steps.iter().map(|step| step.seconds).sum();
+    if let Some(last) = before.last() {
+        (work.belief, work.tables) = (last.belief.clone(), last.tables.clone());
+        work.take()?;
+    }
+    let wanted = StepName::OF_BENCHES
+        .into_iter()
+        .filter(|name| plan.steps.contains(name));
+    for name in wanted.skip(before.len()) {
         let before = work.seconds;
         let found = match name {
             StepName::Axes => work.axes(),
@@ -79,7 +87,7 @@ pub fn commission_bench(
             _ => work.acceptance(),
         }?;
         let step = StepDocument {
-            name: name.into(),
+            name,
             seconds: rounded(work.seconds - before, 1e-4),
             verdict: if found.why.is_empty() {
                 Verdict::Passed
@@ -89,8 +97,13 @@ pub fn commission_bench(
             why: found.why,
             values: found.values,
         };
-        watch(&step);
-        steps.push(step);
+        let done = StepDone {
+            step,
+            belief: work.belief.clone(),
+            tables: work.tables.clone(),
+        };
+        watch(&done);
+        steps.push(done.step);
     }
     let document = CommissionDocument::of(
         (&setup.rig.name, crate::fleet::NOMINAL, seed),
@@ -100,7 +113,8 @@ pub fn commission_bench(
     );
     Ok(CommissionedBench {
         document,
-        changes: work.changes,
+        belief: work.belief,
+        tables: work.tables,
     })
 }
 
@@ -110,7 +124,7 @@ struct Work<'w> {
     belief: Belief,
     seed: u64,
     plan: &'w Plan,
-    changes: Vec<Change>,
+    tables: Vec<String>,
     /// Bench time so far.
     seconds: f64,
     observer: &'w mut dyn Observer,
@@ -278,8 +292,13 @@ impl Work<'_> {
     fn believe(&mut self, changes: impl IntoIterator<Item = Change>) -> Result<(), Error> {
         for change in changes {
             self.belief.change(&change)?;
-            self.changes.push(change);
+            self.tables.push(change.table);
         }
+        self.take()
+    }
+
+    /// The rig as it is believed to be now.
+    fn take(&mut self) -> Result<(), Error> {
         let rig = &mut self.setup.rig;
         (rig.belief, rig.caps) =
             BenchCalibration::parse("what was found", &self.belief.text, &rig.spec)?;
@@ -340,6 +359,7 @@ mod tests {
             devices: 1,
             date: "2026-01-01".to_owned(),
             run: "a-run".to_owned(),
+            before: Vec::new(),
         };
         commission_bench(setup, seed, &plan, &mut Unobserved, |_| ()).expect("a bench")
     }
@@ -372,7 +392,7 @@ mod tests {
         }
         // Nothing was tried, so nothing is accepted; and what was found is a calibration of this rig.
         assert!(!done.document.accepted);
-        assert_eq!(done.changes.len(), 4);
+        assert_eq!(done.tables.len(), 4);
     }
 
     #[test]
@@ -383,7 +403,7 @@ mod tests {
         let step = &done.document.steps[0];
         assert_eq!(step.verdict, Verdict::Failed);
         assert!(step.why.contains("when it turns back"), "{}", step.why);
-        assert!(done.changes.is_empty());
+        assert!(done.tables.is_empty());
     }
 
     #[test]
