@@ -59,7 +59,7 @@ pub fn commission(
         (table(&["step", "verdict", "machine time\ns", "what it asks"].map(str::to_owned), &steps(d)))
         @for step in d.steps.iter().filter(|step| step.name != StepName::Acceptance) {
             h2 { "Measured: " (step.name) }
-            p.soft { (meaning(step.name)) }
+            p.soft { (meaning(step)) }
             @if step.values.is_empty() { p { "Nothing: " (step.why) "." } }
             @for (header, rows) in measured(&step.values) { (table(&header, &rows)) }
         }
@@ -148,7 +148,7 @@ fn devices(step: &StepDocument, accept: &Accept) -> Markup {
 fn relief(limit: &str) -> &'static str {
     if limit == "z" {
         "Along z the gap limits: how well vision knows where tip and facet are (its bounds are in the datasheet), or, where light \
-         tells the gap, how well it is known how light spreads."
+         tells the gap, how well it is known how light spreads; or, on a bench without vision, how well the poses at the chip were taught."
     } else {
         "Across the light it is how far tips shake (below) and how well the piezos' models hold that limit: a calmer place, or \
          longer looks at the last circle (the recipe's), give more room."
@@ -199,15 +199,17 @@ fn advice(name: StepName) -> &'static str {
 }
 
 /// What a step's numbers are, and how well they are known.
-fn meaning(name: StepName) -> &'static str {
-    match name {
+fn meaning(step: &StepDocument) -> &'static str {
+    let told = |value: &Value| value.get("told_um").is_some();
+    match step.name {
+        StepName::Axes if step.values.values().any(told) => {
+            "How far each axis was told to go and went, by its own sensors, and how long that took until it was at rest."
+        }
         StepName::Axes => {
             "The voltage rises until the axis has moved a few counts, first forward, then back. Known to the rise in a servo cycle. \
              What is left of the way at the output, by its probe, once the voltage is off."
         }
-        StepName::Dark => {
-            "Mean and standard deviation of single readings in a second without the laser."
-        }
+        StepName::Dark => "Mean and standard deviation of single readings without the laser.",
         StepName::Gains => {
             "Gains are choices, not measurements: how each axis answers a step under them is what was measured, once each. Times to \
              rise are from 10 to 90 %; times are known to a servo cycle, overshoot to a count."
@@ -234,7 +236,7 @@ fn meaning(name: StepName) -> &'static str {
         StepName::Groups => {
             "Each with its standard deviation, at the gap and the light that are said. Lag: how much later a sample of light is than the pose \
              that it is of, by the group's own sensors. Backlash: how far a coarse axis falls short when it comes from above. The spot: \
-             where light has fallen to 1/e, as it is at the chip. Where the coarse group stands is seen over some micrometres only, \
+             where light has fallen to 1/e along x and y of the arm, at the chip. Where the coarse group stands is seen over some micrometres only, \
              root mean square."
         }
         StepName::Acceptance => "",

@@ -41,7 +41,7 @@ use serde_json::{Map, Value};
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum StepName {
-    /// Whether every axis moves, and the right way, and at what voltage
+    /// Whether every axis moves, and the right way, and at what voltage (or whether it comes to where it is told to)
     Axes,
     /// The photodiodes without light
     Dark,

@@ -115,6 +115,11 @@ impl<'d> Fiber<'d> {
         pose.map_or(self.gap, |at| self.taught.pose.z() - at.pose.z())
     }
 
+    /// How far off the gap may be: its bound, or three standard deviations of it, metres.
+    pub(super) fn unsure_of_gap(&self) -> f64 {
+        self.taught.bound_z.max(3.0 * self.taught.sigma_z)
+    }
+
     fn led(&self) -> Gap {
         Gap::Led {
             by: self.coarse,

@@ -26,6 +26,7 @@ use nalgebra::Vector3;
 use pigtail_hal::Bench;
 use pigtail_hal::bench::{Degree, Group, Law, Limits, Meter, Pose, Request, Stage};
 use pigtail_numerics::normal::Normal;
+use std::f64::consts::TAU;
 
 /// A value and its standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -86,7 +87,8 @@ pub struct MeasuredArm {
     pub stands: [f64; 2],
     /// ...over a way of so many metres.
     pub over: f64,
-    /// How wide the spot is at the chip, x and y: where light has fallen to 1/e, metres.
+    /// How wide the spot is at the chip, along x and y of the arm: where light has fallen to 1/e, metres. Along x it is wider than across the
+    /// light, which leaves the chip at an angle.
     pub spot: [Known; 2],
 }
 
@@ -245,10 +247,14 @@ pub fn measure(
         let gap = Beam::new(&recipe.mode, recipe.ports.exit_angle).gap_of(1.0);
         right.approach(&bench, &dark, gap).await?;
         left.approach(&bench, &dark, gap).await?;
-        let both = [
+        let mut both = [
             measure_arm(&bench, &dark, &left, recipe).await?,
             measure_arm(&bench, &dark, &right, recipe).await?,
         ];
+        for (fiber, measured) in [&mut left, &mut right].into_iter().zip(&mut both) {
+            fiber.approach(&bench, &dark, recipe.approach.gap).await?;
+            measured.spot = spot(&bench, &dark, fiber, recipe).await?;
+        }
         for fiber in [&left, &right] {
             fiber.go_back(&bench).await?;
             let arm = fiber.arm();
@@ -341,9 +347,6 @@ async fn measure_arm(
     );
     let (stands_x, over_x) = steps.stands(Degree::X).await?;
     let (stands_y, over_y) = steps.stands(Degree::Y).await?;
-    // What the gap adds to the squared width is known from the modes.
-    let wider = (width / beam.width(0.0)).powi(2);
-    let spot = [x.width, y.width].map(|seen| over(seen, wider.sqrt()));
     Ok(MeasuredArm {
         gap,
         light,
@@ -353,8 +356,53 @@ async fn measure_arm(
         backlash,
         stands: [stands_x, stands_y],
         over: over_x.min(over_y),
-        spot,
+        spot: [x.width, y.width],
     })
+}
+
+/// How wide the spot of a fiber is at the chip, which stands near to it. Two Gaussian modes a way `z` apart see a spot of the squared width
+/// `S + (lambda z / 2 pi)^2 / S`, of which `S` is looked for. Farther off, where both parts are as large, it would tell nothing of `S`.
+async fn spot(
+    bench: &Reactor<'_>,
+    dark: &Dark,
+    fiber: &Fiber<'_>,
+    recipe: &Recipe,
+) -> Result<[Known; 2], Halt> {
+    let arm = Lines {
+        bench,
+        dark: dark.mean,
+        meter: fiber.meter.0,
+    };
+    let fine = group(bench, fiber, Stage::Fine)?;
+    let gap = fiber.measured_gap(bench);
+    let width = Beam::new(&recipe.mode, recipe.ports.exit_angle).width(gap);
+    let rate = bench.caps().channels[arm.meter].rate;
+    let of = Line {
+        width,
+        speed: 2.0 * HALF * width * rate / SAMPLES,
+        beyond: BEYOND * width,
+        lower: 0.0,
+        times: LINES,
+    };
+    let middle = pose(bench, fine)?;
+    let x = arm.passed(fine, Degree::X, middle, of).await?.width;
+    let y = arm.passed(fine, Degree::Y, middle, of).await?.width;
+    line(bench, fine, middle, None).await?;
+    let length = recipe.mode.wavelength / recipe.mode.gap_index / TAU;
+    let spread = |gap: f64| length * gap / recipe.ports.exit_angle.cos();
+    let unsure = fiber.unsure_of_gap();
+    let at_chip = |seen: Known| {
+        let of = |gap: f64| {
+            let squared = 0.5 * seen.value * seen.value;
+            let root = (squared * squared - spread(gap).powi(2)).max(0.0).sqrt();
+            (squared + root).sqrt()
+        };
+        Known {
+            value: of(gap),
+            deviation: seen.deviation.hypot(of(gap) - of(gap + unsure)),
+        }
+    };
+    Ok([at_chip(x), at_chip(y)])
 }
 
 fn group(bench: &Reactor<'_>, fiber: &Fiber<'_>, stage: Stage) -> Result<Group, Outcome> {

@@ -370,12 +370,22 @@ mod tests {
     fn light_tells_lag_and_backlash_as_well_as_it_says() {
         let setup = BenchSetup::load(BENCH_RIG_NAME, "y-branch").expect("it ships");
         let plant = &setup.plant;
+        let spot = |k: usize| {
+            let (guide, fiber) = (plant.device.mode_radius[k], plant.fiber.mode_radius);
+            (0.5 * (guide * guide + fiber * fiber)).sqrt()
+        };
         let truth = [
             ("fine_lag_ms", 2.0 - 1e3 * plant.fine.sensor_lag),
             ("coarse_lag_ms", 2.0),
             ("backlash_x_um", 1e6 * plant.coarse.backlash),
             ("backlash_y_um", 1e6 * plant.coarse.backlash),
             ("backlash_z_um", 1e6 * plant.coarse.backlash),
+            // Across the chip light that leaves it at an angle is wider than across itself.
+            (
+                "spot_x_um",
+                1e6 * spot(0) / setup.rig.recipe.ports.exit_angle.cos(),
+            ),
+            ("spot_y_um", 1e6 * spot(1)),
         ];
         let done = commissioned(&setup, 61, &[StepName::Groups]);
         let step = &done.document.steps[0];
