@@ -18,6 +18,7 @@ pub mod check;
 pub mod plan;
 pub mod recipe;
 pub mod run;
+pub mod spread;
 pub mod steadiness;
 pub mod teach;
 pub mod tray;
