@@ -15,6 +15,7 @@
 
 pub mod cell;
 pub mod check;
+mod losses;
 pub mod plan;
 pub mod recipe;
 pub mod run;

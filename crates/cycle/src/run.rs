@@ -9,6 +9,7 @@ pub use told::{Cured, Event, Pigtail, Produced, Run};
 
 use crate::cell::{Cell, Step};
 use crate::check::side_of;
+use crate::losses::Ripples;
 use crate::recipe::{Action, Production};
 use crate::steadiness::Steadiness;
 use crate::teach::Teacher;
@@ -94,6 +95,7 @@ struct Line<'l, 's, 'm> {
     /// When the adhesive on a tip has been in the air since, seconds.
     wet: [Option<f64>; SIDES],
     steadiness: Steadiness,
+    ripples: Ripples,
     /// An output of this device that is fixed: its meter, and the level without light, volts.
     reference: Option<(Meter, f64)>,
     /// Bars that somebody was told of.
@@ -111,12 +113,14 @@ pub fn run<'l>(station: &mut Station, order: Order<'l>, tell: &'l mut dyn FnMut(
         ahead: Ahead::Nothing,
         wet: [None; SIDES],
         steadiness: Steadiness::default(),
+        ripples: Ripples::default(),
         reference: None,
         told: 0,
         tell,
     };
     for pigtail in order.taught {
         line.steadiness.learn(pigtail.cured.and_then(|c| c.look));
+        line.ripples.learn(pigtail.cured.and_then(|c| c.rippled));
         if let Some(lesson) = pigtail.cured.and_then(|cured| cured.lesson()) {
             line.teachers[side_of(&pigtail.port).index()].learn(lesson);
         }

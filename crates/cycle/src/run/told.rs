@@ -1,6 +1,7 @@
 //! What is told of a tray: its fibers, its devices, and what happens meanwhile.
 
 use crate::cell::Bar;
+use crate::spread::Seen;
 use crate::steadiness::Wander;
 use crate::teach::{Lesson, Told};
 use pigtail_hal::Fault;
@@ -37,10 +38,16 @@ pub struct Pigtail {
 pub struct Cured {
     /// Loss that the cure has added when the lamp went off, decibels.
     pub after_cure_db: f64,
-    /// And once the fiber was let go, decibels.
+    /// And once the fiber was let go, decibels: by its light, and by where it is.
     pub after_release_db: f64,
-    /// Standard deviation of both, decibels.
+    /// Standard deviation of that, decibels.
     pub sigma_db: f64,
+    /// What light alone tells of what it has lost, or all that were cured together, decibels, and the standard deviation.
+    #[serde(default)]
+    pub by_light_db: Option<[f64; 2]>,
+    /// What its place beside the peak costs, decibels, and the standard deviation; nothing where that was not to be seen.
+    #[serde(default)]
+    pub by_place_db: Option<[f64; 2]>,
     /// How far the adhesive pulled it until it came to rest, x and y of the manipulator, micrometres; nothing where nobody
     /// followed.
     pub before_um: Option<[f64; 2]>,
@@ -60,19 +67,23 @@ pub struct Cured {
     pub squared_um2: [f64; 2],
     /// How far the adhesive has shifted it in all, micrometres.
     pub shift_um: f64,
-    /// What it and another fiber that was cured with it have lost together, decibels: the light tells no more. What is said of
-    /// this one alone is then half of it, give or take as much as is not known.
+    /// What it and another fiber that was cured with it have lost together, decibels. Where their places were not seen light tells no more, and
+    /// what is said of this one alone is half of it, give or take as much as is not known.
     #[serde(default)]
     pub together_db: Option<f64>,
-    /// Standard deviation of that, or of what one fiber alone has lost, as far as the light's own steadiness goes, decibels.
+    /// Standard deviation of that, or of what one fiber alone has lost, decibels.
     #[serde(default)]
     pub light_sigma_db: f64,
     /// By how much light through fibers that were fixed before has changed meanwhile, relative; nothing where there was none.
     #[serde(default)]
     pub wander: Option<f64>,
-    /// The same with how well it is known, and over what time.
+    /// The same with how well it is known, and over what time; where none was fixed before, what its own light has changed by beyond what
+    /// places cost.
     #[serde(default)]
     pub look: Option<Wander>,
+    /// What light has changed by beyond what the places of all cost that were cured with it: what ripples of the gap have done, nepers.
+    #[serde(default)]
+    pub rippled: Option<Seen>,
 }
 
 impl Cured {
