@@ -24,6 +24,7 @@ use pigtail_hal::spec::SIDES;
 use pigtail_hal::{Bench, Fault, FiberHandling, Side};
 use pigtail_model::frames::Point;
 use std::collections::BTreeMap;
+use witness::Shares;
 
 /// A tray and all that is needed to run it.
 #[derive(Debug, Clone, Copy)]
@@ -96,6 +97,7 @@ struct Line<'l, 's, 'm> {
     wet: [Option<f64>; SIDES],
     steadiness: Steadiness,
     ripples: Ripples,
+    shares: [Shares; SIDES],
     /// An output of this device that is fixed: its meter, and the level without light, volts.
     reference: Option<(Meter, f64)>,
     /// Bars that somebody was told of.
@@ -114,6 +116,7 @@ pub fn run<'l>(station: &mut Station, order: Order<'l>, tell: &'l mut dyn FnMut(
         wet: [None; SIDES],
         steadiness: Steadiness::default(),
         ripples: Ripples::default(),
+        shares: Default::default(),
         reference: None,
         told: 0,
         tell,
@@ -121,8 +124,10 @@ pub fn run<'l>(station: &mut Station, order: Order<'l>, tell: &'l mut dyn FnMut(
     for pigtail in order.taught {
         line.steadiness.learn(pigtail.cured.and_then(|c| c.look));
         line.ripples.learn(pigtail.cured.and_then(|c| c.rippled));
+        let side = side_of(&pigtail.port).index();
+        line.shares[side].learn(pigtail.cured.and_then(|c| c.share));
         if let Some(lesson) = pigtail.cured.and_then(|cured| cured.lesson()) {
-            line.teachers[side_of(&pigtail.port).index()].learn(lesson);
+            line.teachers[side].learn(lesson);
         }
     }
     let mut run = Run::default();

@@ -1,6 +1,6 @@
 //! Fibers at their peaks become pigtails: held under the lamp, let go, and looked at.
 
-use super::witness::{Beside, bending, unseen};
+use super::witness::{Beside, SEEN, bending, unseen};
 use super::{Begun, Cured, End, Line, SURE};
 use crate::losses::{Loss, Losses};
 use crate::recipe::{Cure, Production};
@@ -30,6 +30,9 @@ pub(crate) const BEFORE_FIRST: f64 = 6.0;
 /// How long before a fiber is at its peak its micro still moved, seconds: a circle comes to rest within two turns.
 const CIRCLED: f64 = 0.05;
 
+/// What a fiber has lost without whose light nobody knows, nepers: all of it, or anything.
+const GONE: Loss = (14.0, 14.0);
+
 /// A look at the light: above the background, volts, with its relative standard deviation by its samples; and the same of
 /// the light through an output that is fixed.
 #[derive(Debug, Clone, Copy)]
@@ -42,15 +45,21 @@ struct Look {
 
 impl Look {
     /// Natural logarithm of the light of one look over that of another, with what both have in common taken out where a fixed
-    /// output tells it; and its standard deviation by the samples.
-    fn over(&self, later: &Self) -> (f64, f64) {
+    /// output tells it; and its standard deviation by the samples. Nothing where there is no light to be seen before or after.
+    fn over(&self, later: &Self) -> Option<Loss> {
         let [a, b] = [self.light, later.light];
-        let (mut ln, mut sigma) = ((a.0 / b.0.max(1e-6 * a.0)).ln(), a.1.hypot(b.1));
+        if [a, b]
+            .iter()
+            .any(|(v, sigma)| *v <= 0.0 || SEEN * sigma > 1.0)
+        {
+            return None;
+        }
+        let (mut ln, mut sigma) = ((a.0 / b.0).ln(), a.1.hypot(b.1));
         if let (Some(a), Some(b)) = (self.fixed, later.fixed) {
             ln -= (a.0 / b.0).ln();
             sigma = sigma.hypot(a.1).hypot(b.1);
         }
-        (ln, sigma)
+        Some((ln, sigma))
     }
 
     /// By how much the light through a fixed output was another at a later look.
@@ -62,6 +71,13 @@ impl Look {
             seconds: later.time - self.time,
         })
     }
+}
+
+/// What bending a fiber has told: the square of the share of its holder's way that it goes along, with its standard deviation, and where it is.
+#[derive(Debug, Clone, Copy)]
+struct Bent {
+    share: [f64; 2],
+    beside: Option<Beside>,
 }
 
 impl Beside {
@@ -223,6 +239,8 @@ impl Line<'_, '_, '_> {
             Some(followed) => self.bend(production, lit, eye, (&sides, followed))?,
             None => [None; N],
         };
+        let shares = bent.map(|bent| bent.map(|bent| bent.share));
+        let bent = bent.map(|bent| bent.and_then(|bent| bent.beside));
         self.cell.wait_until(lit + cure.time - LOOK)?;
         let cured = self.look_at(last.channel, last.background, LOOK)?;
         self.ask_all(&sides, FiberHandling::Lamp(false))?;
@@ -243,7 +261,9 @@ impl Line<'_, '_, '_> {
         if alone {
             self.cell.note(Side::Right, on(0), "witness", true, start);
         }
-        let ((lost_cured, _), (lost, noise)) = (before.over(&cured), before.over(&after));
+        let (lost_cured, told) = (before.over(&cured), before.over(&after));
+        let ((lost_cured, _), (lost, noise)) = (lost_cured.unwrap_or(GONE), told.unwrap_or(GONE));
+        let seen = told.is_some();
         let passed = after.time - before.time;
         // Light that the sensing fiber has lost or won by itself.
         let drifts = match around {
@@ -265,8 +285,9 @@ impl Line<'_, '_, '_> {
                 .as_ref()
                 .map_or_else(beam, |followed| followed[i].width)
         });
+        // A place tells nothing of a fiber whose light is not there.
         let places: [Option<Loss>; N] =
-            std::array::from_fn(|i| bent[i].map(|beside| beside.cost(width[i])));
+            std::array::from_fn(|i| bent[i].filter(|_| seen).map(|beside| beside.cost(width[i])));
         let ripple = self.ripples.sigma();
         let losses = Losses::told((lost, light_sigma), places, ripple);
         // What light does beyond places and ripples the laser does.
@@ -283,6 +304,7 @@ impl Line<'_, '_, '_> {
             sigma: unsure.hypot(light_sigma),
             times: N as f64,
         });
+        let shown = shown.filter(|_| seen);
         self.steadiness.learn(shown);
         self.ripples.learn(rippled);
         let share = 1.0 / N as f64;
@@ -295,7 +317,7 @@ impl Line<'_, '_, '_> {
             let squared = width[i] * width[i] * share * lost;
             // What of it the gap has done, nobody sees.
             let noise = width[i] * width[i] * if N > 1 { sigma } else { sigma.hypot(ripple) };
-            let pulled = followed.map(|_| pulled[i]);
+            let pulled = followed.filter(|_| seen).map(|_| pulled[i]);
             let beyond = followed.map_or(Displacement::ZERO, |followed| followed.beyond);
             let by_loss = || {
                 let off = squared.max(0.0).sqrt();
@@ -314,6 +336,7 @@ impl Line<'_, '_, '_> {
                 beyond_um: um(beyond),
                 expected_um: um(beyond + expected[i]),
                 beside_um: bent[i].map(|beside| [um(beside.at), beside.sigma.map(|s| 1e6 * s)]),
+                share: shares[i],
                 off_um: 1e6 * off,
                 squared_um2: [1e12 * squared, 1e12 * noise],
                 off_sigma_um: 1e6 * off_sigma,
@@ -340,7 +363,7 @@ impl Line<'_, '_, '_> {
         lit: f64,
         eye: (Channel, f64),
         (sides, followed): (&[Side; N], &[Followed; N]),
-    ) -> Result<[Option<Beside>; N], Halt> {
+    ) -> Result<[Option<Bent>; N], Halt> {
         let cure = &production.cure;
         let each = bending(cure.bend);
         let begins = cure.time - LOOK - each * N as f64;
@@ -356,8 +379,12 @@ impl Line<'_, '_, '_> {
                 continue;
             };
             let Followed { width, beyond, .. } = followed[i];
-            let beside = around.beside_peak(width, flickers);
-            bent[i] = beside.map(|beside| beside.once_let_go(beyond, cure));
+            let share = around.share(width, flickers);
+            let shares = &mut self.shares[sides[i].index()];
+            let beside = around.beside_peak(width, flickers, shares.of(share));
+            shares.learn(Some(share));
+            let beside = beside.map(|beside| beside.once_let_go(beyond, cure));
+            bent[i] = Some(Bent { share, beside });
         }
         Ok(bent)
     }
@@ -437,7 +464,7 @@ mod tests {
 
     /// Why a fiber of which light alone tells is not accepted.
     fn told(before: Look, after: Look) -> Option<String> {
-        let light = before.over(&after);
+        let light = before.over(&after).unwrap_or(GONE);
         let all = Losses::told(light, [None], 0.02).all;
         let decibels = 10.0 / std::f64::consts::LN_10;
         not_accepted((decibels * all.0, decibels * all.1), 0.5, "")
@@ -461,7 +488,8 @@ mod tests {
         let (full, dark) = (1.0, 1e-3);
         for (before, after) in [(full, dark), (dark, full), (full, 0.5 * full)] {
             let light = look(before, dark).over(&look(after, dark));
-            let told = Losses::told(light, [Some((0.01, 0.005))], 0.02).all;
+            let place = light.map(|_| (0.01, 0.005));
+            let told = Losses::told(light.unwrap_or(GONE), [place], 0.02).all;
             let decibels = 10.0 / std::f64::consts::LN_10;
             let why = not_accepted((decibels * told.0, decibels * told.1), 0.5, "");
             assert!(why.is_some(), "{before} V, then {after} V: {told:?}");

@@ -59,6 +59,9 @@ pub struct Cured {
     /// the standard deviations. Nothing where that was not to be seen.
     #[serde(default)]
     pub beside_um: Option<[[f64; 2]; 2]>,
+    /// The square of the share of its holder's way that it then went along, and the standard deviation.
+    #[serde(default)]
+    pub share: Option<[f64; 2]>,
     /// How far it is from its peak in the end, by that or else by what light was lost, micrometres...
     pub off_um: f64,
     /// ...and how well that is known, one standard deviation.

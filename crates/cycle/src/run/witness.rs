@@ -46,7 +46,7 @@ pub(super) const fn bending(aside: f64) -> f64 {
 }
 
 /// Standard deviations that a curvature, or light, has to be above none.
-const SEEN: f64 = 3.0;
+pub(super) const SEEN: f64 = 3.0;
 
 /// What light is looked at with: a photodiode, and its level without that light, volts.
 type Eye = (Channel, f64);
@@ -76,26 +76,39 @@ impl Around {
         ]
     }
 
+    /// The square of the share of its holder's way that the tip of a fiber has gone along in its bond, and its standard deviation. `width` is the
+    /// radius at which light falls to 1/e, `flickers` by what share light changes meanwhile by itself.
+    pub(super) fn share(&self, width: f64, flickers: f64) -> [f64; 2] {
+        let [[_, x], [_, y]] = [self.shape(0), self.shape(1)];
+        let curvature = 0.5 * (x.0 + y.0);
+        // The middle is in both.
+        let noise = 0.5 * (x.1.sqrt() + y.1.sqrt());
+        let unsure = noise.hypot(flickers / (self.aside * self.aside));
+        [-curvature, unsure].map(|by| width * width * by)
+    }
+
     /// Where a fiber that has cured is, from its peak, metres, and the standard deviation along both axes: by its light as its holder
-    /// was moved. `width` is the radius at which light falls to 1/e, `flickers` by what share light changes meanwhile by itself.
+    /// was moved, and by the square of the share that the tip has gone along. Nothing where that is not known.
     ///
-    /// The bond holds the tip; of what the holder moves, a share `g` bends it along, which nobody knows. At a place `p` from the peak light
+    /// The bond holds the tip; of what the holder moves, a share `g` bends it along. At a place `p` from the peak light
     /// that falls as `exp(-d^2/w^2)` has a slope of `-2 g p/w^2` and a curvature of `-g^2/w^2` for each metre of the holder: the second
     /// tells the share, and both tell the place. What makes all light more or less, as gap and laser do, is in neither.
-    pub(super) fn beside_peak(&self, width: f64, flickers: f64) -> Option<Beside> {
+    pub(super) fn beside_peak(
+        &self,
+        width: f64,
+        flickers: f64,
+        [share, unsure]: [f64; 2],
+    ) -> Option<Beside> {
         /// How well the width of a spot is known, relative: as the fast procedure finds it.
         const WIDTH: f64 = 0.05;
-        let [[x, of_x], [y, of_y]] = [self.shape(0), self.shape(1)];
-        let flicker = flickers / (2.0 * self.aside);
-        let curvature = 0.5 * (of_x.0 + of_y.0);
-        // The middle is in both.
-        let unsure = (0.5 * (of_x.1.sqrt() + of_y.1.sqrt())).hypot(2.0 * flicker / self.aside);
-        if curvature > -SEEN * unsure {
+        if share < SEEN * unsure {
             return None;
         }
-        let per_slope = -0.5 * width / (-curvature).sqrt();
+        let [[x, _], [y, _]] = [self.shape(0), self.shape(1)];
+        let flicker = flickers / (2.0 * self.aside);
+        let per_slope = -0.5 * width * width / share.sqrt();
         let at = Displacement::new(per_slope * x.0, per_slope * y.0);
-        let scale = WIDTH.hypot(0.5 * unsure / curvature);
+        let scale = WIDTH.hypot(0.5 * unsure / share);
         let sigma = [(x, at.x), (y, at.y)]
             .map(|(slope, at)| (per_slope * slope.1.sqrt().hypot(flicker)).hypot(scale * at));
         Some(Beside { at, sigma })
@@ -121,6 +134,35 @@ impl Around {
 pub(super) struct Beside {
     pub(super) at: Displacement,
     pub(super) sigma: [f64; 2],
+}
+
+/// Shares of their holder's way that fibers of a side have gone along in their bonds, squared, with standard deviations.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Shares(Vec<[f64; 2]>);
+
+impl Shares {
+    /// Another fiber was bent.
+    pub(super) fn learn(&mut self, share: Option<[f64; 2]>) {
+        self.0.extend(share);
+    }
+
+    /// That of a fiber that has shown `own`: where noise hides it, it is as with the others.
+    pub(super) fn of(&self, own: [f64; 2]) -> [f64; 2] {
+        /// How far bonds of one recipe differ in that, relative.
+        const DIFFER: f64 = 0.5;
+        let weigh = |all: &[[f64; 2]]| {
+            let weights = all.iter().map(|[_, sigma]| 1.0 / (sigma * sigma));
+            let sum: f64 = weights.clone().sum();
+            let mean = weights.zip(all).map(|(w, [share, _])| w * share);
+            [mean.sum::<f64>() / sum, sum.sqrt().recip()]
+        };
+        let [others, sigma] = weigh(&self.0);
+        if others > SEEN * sigma {
+            weigh(&[own, [others, sigma.hypot(DIFFER * others)]])
+        } else {
+            own
+        }
+    }
 }
 
 /// By what natural logarithm light may have changed, standard deviation, as the sensing fiber has drifted for so many seconds and nobody
@@ -251,7 +293,10 @@ mod tests {
         };
         let place = Displacement::new(0.3e-6, -0.5e-6);
         for share in [0.03, 0.05, 0.2] {
-            let told = bent(share, (place.x, place.y), 5e-4).beside_peak(width, 0.0);
+            let around = bent(share, (place.x, place.y), 5e-4);
+            let [seen, unsure] = around.share(width, 0.0);
+            assert!((seen / share.powi(2) - 1.0).abs() < 1e-6, "{share}: {seen}");
+            let told = around.beside_peak(width, 0.0, [seen, unsure]);
             let told = told.unwrap_or_else(|| panic!("nothing was seen of {share}"));
             assert!((told.at - place).norm() < 1e-9, "{share}: {told:?}");
             // No better than the width of the spot is known.
@@ -260,15 +305,26 @@ mod tests {
                 "{share}: {told:?}"
             );
         }
-        // A tip that does not go along at all, or noise, tells nothing.
-        assert_eq!(
-            bent(0.0, (place.x, place.y), 5e-4).beside_peak(width, 0.0),
-            None
-        );
-        assert_eq!(
-            bent(0.02, (place.x, place.y), 0.02).beside_peak(width, 0.0),
-            None
-        );
+        // A tip that does not go along at all, or noise, tells nothing...
+        let alone = |share: f64, noise: f64| {
+            let around = bent(share, (place.x, place.y), noise);
+            around.beside_peak(width, 0.0, around.share(width, 0.0))
+        };
+        assert_eq!(alone(0.0, 5e-4), None);
+        assert_eq!(alone(0.02, 0.02), None);
+        // ...unless others have shown how far it goes along.
+        let mut shares = Shares::default();
+        for _ in 0..3 {
+            shares.learn(Some([0.05 * 0.05, 0.1 * 0.05 * 0.05]));
+        }
+        let around = bent(0.05, (place.x, place.y), 3e-3);
+        let own = around.share(width, 0.0);
+        assert_eq!(Shares::default().of(own), own);
+        assert_eq!(around.beside_peak(width, 0.0, own), None);
+        let told = around.beside_peak(width, 0.0, shares.of(own));
+        let told = told.expect("others have shown it");
+        assert!((told.at - place).norm() < 0.05e-6, "{told:?}");
+        assert!((0.05e-6..0.3e-6).contains(&told.sigma[1]), "{told:?}");
     }
 
     #[test]
