@@ -202,6 +202,23 @@ fn a_tray_goes_on_where_its_journal_ends() {
     );
     assert!(text.contains("\"event\":\"device\",\"serial\":\"YB-0004\""));
     assert_eq!(last(&whole)["devices"], 4);
+    // What was learned is not forgotten: how steady the laser is, by which the first device's output is not known.
+    let known = |output: &std::process::Output, serial: &str| {
+        let text = String::from_utf8_lossy(&output.stdout).into_owned();
+        let events = text.lines().map(|line| serde_json::from_str::<Value>(line));
+        let device = events
+            .map(|event| event.expect("an event"))
+            .find(|event| event["event"] == "device" && event["serial"] == serial);
+        let device = device.expect("it was told of");
+        device["fibers"][1]["cured"]["sigma_db"].as_f64()
+    };
+    let (first, resumed) = (known(&whole, "YB-0001"), known(&on, "YB-0004"));
+    assert!(
+        first
+            .zip(resumed)
+            .is_some_and(|(first, then)| then < 0.5 * first),
+        "{first:?}, then {resumed:?}"
+    );
     let other = pigtail(
         folder.path(),
         &["produce", "--seed", "4", "--resume", "killed"],

@@ -15,9 +15,11 @@
 
 pub mod cell;
 pub mod check;
+mod losses;
 pub mod plan;
 pub mod recipe;
 pub mod run;
+pub mod spread;
 pub mod steadiness;
 pub mod teach;
 pub mod tray;

@@ -8,7 +8,7 @@ use crate::cell::Bar;
 use crate::check::side_of;
 use crate::recipe::Production;
 use crate::run::bond::{BEFORE, BEFORE_FIRST, BEFORE_TWO};
-use crate::run::witness::ROUNDS;
+use crate::run::witness::ROUND;
 use crate::tray::{Device, Tray};
 use pigtail_control::procedure::PORTS;
 use pigtail_control::recipe::Recipe;
@@ -379,9 +379,9 @@ pub fn plan(
                 (true, true) => BEFORE_TWO,
             };
             // Of an input that is cured alone the sensing fiber is the witness.
-            let rounds = if input { ROUNDS } else { [0.0; 2] };
-            let cure = production.cure.time + LOOKS + before + rounds[0];
-            let verify = production.verify.look + rounds[1];
+            let round = if input { ROUND } else { 0.0 };
+            let cure = production.cure.time + LOOKS + before + round;
+            let verify = production.verify.look;
             for side in sides {
                 plan.bar(*side, on, "cure", true, cure);
                 plan.bar(*side, on, "release", false, spec.handling.release);

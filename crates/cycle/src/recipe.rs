@@ -226,6 +226,10 @@ pub struct Cure {
     /// Share of the shift after the gel point that comes when the holder lets go; a tenth where that is left out.
     #[serde(with = "quantity::Fraction", default = "tenth")]
     pub released: f64,
+    /// How far a fiber goes another way than that when the holder lets go, along an axis, standard deviation, metres: how much that share differs,
+    /// half of what a tenth of a micrometre's shift is, and what goes with the lamp's warmth, 3 K at 5 to 10 nm/K; 0.04 um where that is left out.
+    #[serde(with = "quantity::NonNegativeLength", default = "forty_nanometres")]
+    pub let_go: f64,
     /// How far the holder goes aside once the adhesive has cured, metres, so that it bends the fiber a little and the light tells where
     /// that is from its peak; 5 um where that is left out, and zero for not at all.
     #[serde(with = "quantity::NonNegativeLength", default = "five_micrometres")]
@@ -259,6 +263,10 @@ pub struct Verify {
 
 fn tenth() -> f64 {
     0.1
+}
+
+fn forty_nanometres() -> f64 {
+    40e-9
 }
 
 fn five_micrometres() -> f64 {
@@ -332,6 +340,11 @@ impl Production {
         if cure.released > MOST_RELEASED {
             let message = format!("is {}; accepted is 0 to {MOST_RELEASED}", cure.released);
             add("cure.released", message);
+        }
+        if cure.let_go > MOST_SCATTER {
+            let (is, most) = (1e6 * cure.let_go, 1e6 * MOST_SCATTER);
+            let message = format!("is {is} um; accepted is at most {most} um");
+            add("cure.let_go", message);
         }
         if cure.bend > MOST_BEND {
             let most = 1e6 * MOST_BEND;

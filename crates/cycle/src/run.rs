@@ -1,13 +1,18 @@
 //! Runs a tray on a station.
 
 pub(crate) mod bond;
+mod reach;
+mod told;
 pub(crate) mod witness;
 
-use crate::cell::{Bar, Cell, Step};
+pub use told::{Cured, Event, Pigtail, Produced, Run};
+
+use crate::cell::{Cell, Step};
 use crate::check::side_of;
-use crate::recipe::{Action, Ending, Production};
-use crate::steadiness::{Steadiness, Wander};
-use crate::teach::{Lesson, Teacher, Told};
+use crate::losses::Ripples;
+use crate::recipe::{Action, Production};
+use crate::steadiness::Steadiness;
+use crate::teach::Teacher;
 use crate::tray::{Device, Tray};
 use pigtail_control::fast::Aligner;
 use pigtail_control::outcome::{Halt, Outcome};
@@ -17,9 +22,9 @@ use pigtail_control::station::Station;
 use pigtail_hal::bench::{Event as Happened, Meter, Request};
 use pigtail_hal::spec::SIDES;
 use pigtail_hal::{Bench, Fault, FiberHandling, Side};
-use pigtail_model::frames::{Displacement, Point};
-use serde::{Deserialize, Serialize};
+use pigtail_model::frames::Point;
 use std::collections::BTreeMap;
+use witness::Shares;
 
 /// A tray and all that is needed to run it.
 #[derive(Debug, Clone, Copy)]
@@ -34,152 +39,6 @@ pub struct Order<'o> {
     pub from: usize,
     /// Fibers that were done before, which have taught what the adhesive does.
     pub taught: &'o [Pigtail],
-}
-
-/// How a fiber's production went.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Pigtail {
-    /// The device's serial number.
-    pub device: String,
-    /// The port.
-    pub port: String,
-    /// The fiber's serial number.
-    pub fiber: String,
-    /// Where it lay.
-    pub place: String,
-    /// Whether it passed.
-    pub passed: bool,
-    /// What was wrong with it; empty where it passed.
-    pub cause: String,
-    /// The same in a sentence.
-    pub detail: String,
-    /// From when it was begun until it was verified, seconds.
-    pub seconds: f64,
-    /// Time of its alignment, seconds.
-    pub align_seconds: f64,
-    /// What the cure has done to it; nothing where it did not come to that.
-    pub cured: Option<Cured>,
-}
-
-/// What the cure of a fiber has done to it, as far as its light tells.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Cured {
-    /// Loss that the cure has added when the lamp went off, decibels.
-    pub after_cure_db: f64,
-    /// And once the fiber was let go, decibels.
-    pub after_release_db: f64,
-    /// Standard deviation of both, decibels.
-    pub sigma_db: f64,
-    /// How far the adhesive pulled it until it came to rest, x and y of the manipulator, micrometres; nothing where nobody
-    /// followed.
-    pub before_um: Option<[f64; 2]>,
-    /// Where it came to rest, from its peak, micrometres.
-    pub beyond_um: [f64; 2],
-    /// Where it is expected to be in the end, from its peak, micrometres.
-    pub expected_um: [f64; 2],
-    /// Where it is in the end, from its peak, x and y of the manipulator, micrometres, as its holder bent it a little before it let go; and
-    /// the standard deviations. Nothing where that was not to be seen.
-    #[serde(default)]
-    pub beside_um: Option<[[f64; 2]; 2]>,
-    /// How far it is from its peak in the end, by that or else by what light was lost, micrometres...
-    pub off_um: f64,
-    /// ...and how well that is known, one standard deviation.
-    pub off_sigma_um: f64,
-    /// The square of that by the light that was lost, square micrometres, below zero where it has more light than before; and how well that is known.
-    pub squared_um2: [f64; 2],
-    /// How far the adhesive has shifted it in all, micrometres.
-    pub shift_um: f64,
-    /// What it and another fiber that was cured with it have lost together, decibels: the light tells no more. What is said of
-    /// this one alone is then half of it, give or take as much as is not known.
-    #[serde(default)]
-    pub together_db: Option<f64>,
-    /// Standard deviation of that, or of what one fiber alone has lost, as far as the light's own steadiness goes, decibels.
-    #[serde(default)]
-    pub light_sigma_db: f64,
-    /// By how much light through fibers that were fixed before has changed meanwhile, relative; nothing where there was none.
-    #[serde(default)]
-    pub wander: Option<f64>,
-    /// The same with how well it is known, and over what time.
-    #[serde(default)]
-    pub look: Option<Wander>,
-}
-
-impl Cured {
-    /// What has to be accepted: what was lost by all fibers that were cured with it, and the standard deviation, decibels.
-    fn lost(&self) -> (f64, f64) {
-        match self.together_db {
-            Some(both) => (both, self.light_sigma_db),
-            None => (self.after_release_db, self.sigma_db),
-        }
-    }
-
-    /// What it has taught.
-    fn lesson(&self) -> Option<Lesson> {
-        let metres = |[x, y]: [f64; 2]| Displacement::new(1e-6 * x, 1e-6 * y);
-        let [squared, noise] = self.squared_um2;
-        let told = match self.beside_um {
-            Some([at, sigma]) => Told::Place(metres(at), sigma.map(|s| 1e-6 * s)),
-            None => Told::Squared(1e-12 * squared, 1e-12 * noise),
-        };
-        Some(Lesson {
-            before: metres(self.before_um?),
-            beyond: metres(self.beyond_um),
-            told,
-        })
-    }
-}
-
-/// How a device's production went.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Produced {
-    /// Its serial number.
-    pub serial: String,
-    /// Its place.
-    pub place: String,
-    /// Its production recipe.
-    pub recipe: String,
-    /// Why it is rejected; empty where it is not.
-    pub rejected: String,
-    /// From when it was begun until it was over, seconds of machine time.
-    pub start: f64,
-    /// When it was over.
-    pub end: f64,
-    /// Its fibers, in order.
-    pub fibers: Vec<Pigtail>,
-}
-
-/// What happens on a tray.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-#[serde(tag = "event", rename_all = "kebab-case")]
-pub enum Event<'e> {
-    /// A device begins.
-    Begin {
-        /// Its serial number.
-        device: &'e str,
-        /// Machine time, seconds.
-        time: f64,
-    },
-    /// A manipulator is done with something.
-    Did(&'e Bar),
-    /// A fiber is done with.
-    Fiber(&'e Pigtail),
-    /// A device is done with.
-    Device(&'e Produced),
-}
-
-/// What came of a tray.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Run {
-    /// The devices that were begun.
-    pub devices: Vec<Produced>,
-    /// What each manipulator did.
-    pub bars: Vec<Bar>,
-    /// Machine time of it all, seconds.
-    pub seconds: f64,
-    /// Why the machine stopped by itself.
-    pub fault: Option<Fault>,
-    /// Whether a person is called.
-    pub called: Option<String>,
 }
 
 /// How far a holder stays clear of a facet while it goes across, metres.
@@ -237,6 +96,8 @@ struct Line<'l, 's, 'm> {
     /// When the adhesive on a tip has been in the air since, seconds.
     wet: [Option<f64>; SIDES],
     steadiness: Steadiness,
+    ripples: Ripples,
+    shares: [Shares; SIDES],
     /// An output of this device that is fixed: its meter, and the level without light, volts.
     reference: Option<(Meter, f64)>,
     /// Bars that somebody was told of.
@@ -254,14 +115,19 @@ pub fn run<'l>(station: &mut Station, order: Order<'l>, tell: &'l mut dyn FnMut(
         ahead: Ahead::Nothing,
         wet: [None; SIDES],
         steadiness: Steadiness::default(),
+        ripples: Ripples::default(),
+        shares: Default::default(),
         reference: None,
         told: 0,
         tell,
     };
     for pigtail in order.taught {
         line.steadiness.learn(pigtail.cured.and_then(|c| c.look));
+        line.ripples.learn(pigtail.cured.and_then(|c| c.rippled));
+        let side = side_of(&pigtail.port).index();
+        line.shares[side].learn(pigtail.cured.and_then(|c| c.share));
         if let Some(lesson) = pigtail.cured.and_then(|cured| cured.lesson()) {
-            line.teachers[side_of(&pigtail.port).index()].learn(lesson);
+            line.teachers[side].learn(lesson);
         }
     }
     let mut run = Run::default();
@@ -560,159 +426,6 @@ impl Line<'_, '_, '_> {
             Halt::Fault(fault) => End::Fault(fault),
             Halt::Outcome(outcome) => End::Failed(cause.to_owned(), outcome.to_string(), action),
         })
-    }
-
-    fn pick(&self, side: Side, k: usize, port: &str, production: &Production) -> Vec<Step> {
-        let tray = self.order.tray;
-        let at = point(tray.places[&tray.devices[k].fibers[port]].at);
-        let of_side = PORTS.iter().position(|p| *p == port).unwrap_or(0);
-        let number = of_side.saturating_sub(1) as u8;
-        vec![
-            Step::Named("retreat"),
-            Step::Back(self.clear(side)),
-            Step::Named("pick"),
-            Step::Centre,
-            Step::Go(at),
-            Step::Handle(
-                FiberHandling::Pick(number),
-                production.pick.attempts,
-                production.pick.limit,
-            ),
-        ]
-    }
-
-    fn adhesive(&self, side: Side, production: &Production) -> Vec<Step> {
-        let dispenser = &self.order.tray.dispenser;
-        let at = point(match side {
-            Side::Left => dispenser.left,
-            Side::Right => dispenser.right,
-        });
-        vec![
-            Step::Named("adhesive"),
-            Step::Needle(true),
-            Step::Go(at),
-            Step::Handle(
-                FiberHandling::Wet(production.adhesive.volume),
-                1,
-                f64::INFINITY,
-            ),
-            Step::Wait(production.adhesive.dwell),
-            Step::Needle(false),
-        ]
-    }
-
-    /// A fiber from its place to its peak.
-    fn reach(
-        &mut self,
-        k: usize,
-        production: &Production,
-        aligner: &mut Aligner,
-        pigtail: &mut Pigtail,
-    ) -> Result<AtPeak, End> {
-        let serial = self.order.tray.devices[k].serial.clone();
-        let port = pigtail.port.clone();
-        let on = (serial.as_str(), port.as_str());
-        let side = side_of(&port);
-        let number = PORTS.iter().position(|p| *p == port).unwrap_or(0);
-        let (mut attempt, mut wetted) = (0, 1);
-        let held = loop {
-            attempt += 1;
-            let (picks, wets) = match (side, self.ahead) {
-                (Side::Left, Ahead::Picks) => (false, true),
-                (Side::Left, Ahead::Wets) => (false, false),
-                _ => (true, true),
-            };
-            if side == Side::Left && self.ahead != Ahead::Nothing {
-                self.ahead = Ahead::Nothing;
-                self.settle(side, "pick", production.pick.failed)?;
-            }
-            if picks {
-                let steps = self.pick(side, k, &port, production);
-                self.steps(side, on, steps, "pick", production.pick.failed)?;
-            }
-            if wets {
-                let steps = self.adhesive(side, production);
-                self.steps(side, on, steps, "adhesive", production.adhesive.failed)?;
-                self.wet[side.index()] = Some(self.cell.now());
-            }
-            let other = [Side::Right, Side::Left][side.index()];
-            // The input is aligned by both; an output beside whatever the left one is at, where there is room for that.
-            let alone = side == Side::Right && self.cell.reserve(side, self.facet(side));
-            if !alone && self.cell.is_busy(other) {
-                match self.cell.finish(other) {
-                    Err(Halt::Fault(fault)) => return Err(fault.into()),
-                    // It is told when its turn comes.
-                    Err(Halt::Outcome(_)) => self.ahead = Ahead::Nothing,
-                    Ok(()) => {}
-                }
-            }
-            let start = self.cell.now();
-            let station = self.cell.station();
-            let known = (
-                station.layout(),
-                Side::ALL.map(|side| station.carries(side)),
-            );
-            let (report, held) = aligner.reach(&mut self.cell, known, number.checked_sub(1));
-            if alone {
-                self.cell.give_back(side);
-            }
-            self.cell.note(side, on, "align", false, start);
-            if side == Side::Left {
-                self.cell.note(other, on, "align", false, start);
-            }
-            pigtail.align_seconds += self.cell.now() - start;
-            let align = &production.align;
-            match (held, report.outcome) {
-                (Some(held), _) => {
-                    let since = self.wet[side.index()].unwrap_or(start);
-                    let stale = self.cell.now() - since > production.adhesive.open;
-                    if !stale || wetted >= production.adhesive.attempts {
-                        break held;
-                    }
-                    // That took too long for what is on the tip.
-                    self.put_back(side)?;
-                    wetted += 1;
-                    attempt -= 1;
-                }
-                (None, Outcome::Stopped(fault)) => return Err(fault.into()),
-                (None, outcome) => {
-                    let on = Ending::of(outcome.code()).and_then(|ending| align.on.get(&ending));
-                    let at_once = on.and_then(|reaction| reaction.at_once());
-                    let late = pigtail.align_seconds > align.limit;
-                    if at_once.is_some() || attempt >= align.attempts || late {
-                        let action = at_once.unwrap_or(align.failed);
-                        let cause = outcome.name().to_owned();
-                        return Err(End::Failed(cause, outcome.to_string(), action));
-                    }
-                }
-            }
-        };
-        Ok(held)
-    }
-
-    /// The left manipulator, which is free, goes on with the fiber of the next device: it picks it up, and gets adhesive only
-    /// when that will soon be needed.
-    fn look_ahead(&mut self, k: usize, soon: bool) {
-        let tray = self.order.tray;
-        let Some(next) = tray.devices.get(k + 1) else {
-            return;
-        };
-        let production = self.production(next).clone();
-        if production.ports[0] != PORTS[0] {
-            return;
-        }
-        let on = (next.serial.as_str(), PORTS[0]);
-        if self.ahead == Ahead::Nothing && !self.cell.station().carries(Side::Left) {
-            let steps = self.pick(Side::Left, k + 1, PORTS[0], &production);
-            self.cell.begin(Side::Left, on, steps);
-            self.ahead = Ahead::Picks;
-        }
-        if soon && self.ahead == Ahead::Picks {
-            let steps = self.adhesive(Side::Left, &production);
-            self.cell.begin(Side::Left, on, steps);
-            self.wet[Side::Left.index()] = Some(self.cell.now());
-            self.ahead = Ahead::Wets;
-        }
     }
 
     /// Something that an arm is asked for, until it is done.

@@ -4,11 +4,11 @@
 //! for a loss, or hides one. Where an output of the same device is fixed already its light tells how the laser has wandered: it
 //! is taken out, and remembered for the fibers that have nothing to be held against.
 //!
-//! Power is taken to wander as a random walk: its variance grows with time. The standard deviation over `OVER` is believed beforehand
-//! to lie about a median on a logarithmic scale, as what makers state does; what is stated afterwards is the root of its mean
-//! square by what was seen. (An own light that is followed at its peak cannot tell: the adhesive draws the fiber along z too, and
+//! Power is taken to wander as a random walk: its variance grows with time. The standard deviation over `OVER` is learned from what was seen,
+//! as a [`spread`](crate::spread). (An own light that is followed at its peak cannot tell: the adhesive draws the fiber along z too, and
 //! light that goes to and fro in the gap makes ripples of that.)
 
+use crate::spread::{Seen, Spread};
 use serde::{Deserialize, Serialize};
 
 /// By how much light has changed that nothing has touched.
@@ -44,15 +44,27 @@ pub enum Way {
 }
 
 /// What looks have told of a laser.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Steadiness {
-    seen: Vec<Wander>,
+    laser: Spread,
+}
+
+impl Default for Steadiness {
+    fn default() -> Self {
+        let (about, differs) = LASER;
+        Self {
+            laser: Spread::about(about, differs),
+        }
+    }
 }
 
 impl Steadiness {
     /// Light that nothing has touched has changed by so much; nothing where that was not seen.
     pub fn learn(&mut self, wander: Option<Wander>) {
-        self.seen.extend(wander);
+        if let Some(Wander { by, sigma, seconds }) = wander {
+            let times = seconds / OVER;
+            self.laser.learn(Seen { by, sigma, times });
+        }
     }
 
     /// Relative standard deviation of light from one look to another so many seconds later.
@@ -60,32 +72,8 @@ impl Steadiness {
         let times = seconds / OVER;
         match way {
             Way::HeldAgainst => HELD_AGAINST,
-            Way::Alone => (self.square() * times).sqrt(),
+            Way::Alone => (self.laser.square() * times).sqrt(),
         }
-    }
-
-    /// Mean of the square of the laser's standard deviation over [`OVER`], by what was seen.
-    fn square(&self) -> f64 {
-        /// Standard deviations that are tried, from as many spreads below the median to as many above.
-        const TRIED: i32 = 200;
-        const SPREADS: f64 = 5.0;
-        let (about, spread) = LASER;
-        let tried = (-TRIED..=TRIED).map(|k| {
-            let away = SPREADS * f64::from(k) / f64::from(TRIED);
-            let square = (about * (spread * away).exp()).powi(2);
-            let told = self.seen.iter().map(|wander| {
-                let variance = square * wander.seconds / OVER + wander.sigma * wander.sigma;
-                variance.ln() + wander.by * wander.by / variance
-            });
-            (square, -0.5 * (away * away + told.sum::<f64>()))
-        });
-        let tried: Vec<(f64, f64)> = tried.collect();
-        let most = tried.iter().fold(f64::NEG_INFINITY, |m, t| m.max(t.1));
-        let (sum, all) = tried.iter().fold((0.0, 0.0), |(sum, all), (square, ln)| {
-            let weight = (ln - most).exp();
-            (sum + weight * square, all + weight)
-        });
-        sum / all
     }
 }
 

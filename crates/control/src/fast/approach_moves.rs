@@ -87,7 +87,15 @@ impl Aim {
         outward(self.side) * (holder.z - self.port.z)
     }
 
-    /// The same for circles: how it follows the macro.
+    /// How far the inclined facet stands out from the port before the tip, metres; none where it recedes. `slope` is by how much for each metre in x.
+    pub(super) fn stands_out(&self, cell: &AlignmentCell<'_>, slope: f64) -> f64 {
+        let (x, _) = self.offset(cell);
+        let holder = cell.endpoint(self.side).moved(cell.micro(self.side));
+        let at = cell.frame(self.side).chip_from_macro(holder).x + x;
+        (slope * (at - self.port.x)).max(0.0)
+    }
+
+    /// The gap for circles: how it follows the macro.
     pub(super) fn led(&self, cell: &AlignmentCell<'_>) -> Gap {
         Gap::Led {
             by: coarse(self.side),

@@ -373,8 +373,9 @@ impl<'r> Shared<'r> {
             let least = DOUBTFUL * self.fast.significance * scan.noise();
             if level < least.max(SCATTERED * scattered) {
                 // What is no peak may stand far aside, where the inclined facet is nearer.
-                let first = self.fast.doubtful_gap;
+                let (first, slope) = (self.fast.doubtful_gap, self.recipe.ports.slope());
                 for gap in [first, 0.5 * first] {
+                    let gap = gap + aim.stands_out(cell, slope);
                     self.approach(cell, aim, &mut scan, before, (gap, DOUBTING))
                         .await?;
                 }

@@ -1,8 +1,10 @@
 //! Fibers at their peaks become pigtails: held under the lamp, let go, and looked at.
 
-use super::witness::{Beside, bending, unseen};
+use super::witness::{Beside, SEEN, bending, unseen};
 use super::{Begun, Cured, End, Line, SURE};
-use crate::recipe::Production;
+use crate::losses::{Loss, Losses};
+use crate::recipe::{Cure, Production};
+use crate::spread::Seen;
 use crate::steadiness::{Wander, Way};
 use pigtail_control::hold::{self, Followed};
 use pigtail_control::outcome::Halt;
@@ -28,13 +30,8 @@ pub(crate) const BEFORE_FIRST: f64 = 6.0;
 /// How long before a fiber is at its peak its micro still moved, seconds: a circle comes to rest within two turns.
 const CIRCLED: f64 = 0.05;
 
-/// What a gap that the adhesive changes does to the light, relative, standard deviation. By so much the light is wrong of how far across
-/// a fiber is, and two fibers that were cured together may differ though both have lost nothing: light that goes to and fro in it makes ripples of some tenths of a decibel.
-const RIPPLES: f64 = 0.015;
-
-/// By how much a fiber goes another way once it is let go than is expected, standard deviation, metres: half of what a tenth of a micrometre's
-/// shift is, and as much for 3 K of a lamp at 5 to 10 nm/K.
-const LET_GO: f64 = 0.04e-6;
+/// What a fiber has lost without whose light nobody knows, nepers: all of it, or anything.
+const GONE: Loss = (14.0, 14.0);
 
 /// A look at the light: above the background, volts, with its relative standard deviation by its samples; and the same of
 /// the light through an output that is fixed.
@@ -48,15 +45,21 @@ struct Look {
 
 impl Look {
     /// Natural logarithm of the light of one look over that of another, with what both have in common taken out where a fixed
-    /// output tells it; and its standard deviation by the samples.
-    fn over(&self, later: &Self) -> (f64, f64) {
+    /// output tells it; and its standard deviation by the samples. Nothing where there is no light to be seen before or after.
+    fn over(&self, later: &Self) -> Option<Loss> {
         let [a, b] = [self.light, later.light];
-        let (mut ln, mut sigma) = ((a.0 / b.0.max(1e-6 * a.0)).ln(), a.1.hypot(b.1));
+        if [a, b]
+            .iter()
+            .any(|(v, sigma)| *v <= 0.0 || SEEN * sigma > 1.0)
+        {
+            return None;
+        }
+        let (mut ln, mut sigma) = ((a.0 / b.0).ln(), a.1.hypot(b.1));
         if let (Some(a), Some(b)) = (self.fixed, later.fixed) {
             ln -= (a.0 / b.0).ln();
             sigma = sigma.hypot(a.1).hypot(b.1);
         }
-        (ln, sigma)
+        Some((ln, sigma))
     }
 
     /// By how much the light through a fixed output was another at a later look.
@@ -70,16 +73,31 @@ impl Look {
     }
 }
 
+/// What bending a fiber has told: the square of the share of its holder's way that it goes along, with its standard deviation, and where it is.
+#[derive(Debug, Clone, Copy)]
+struct Bent {
+    share: [f64; 2],
+    beside: Option<Beside>,
+}
+
 impl Beside {
-    /// The same of a fiber once it is let go, which was fixed `beyond` its peak, metres: the adhesive then pulls by the share `released` of
-    /// its shift since, which the holder has kept from it.
-    fn once_let_go(self, beyond: Displacement, released: f64) -> Self {
-        let times = 1.0 / (1.0 - released);
+    /// The same of a fiber once it is let go, which was fixed `beyond` its peak, metres: the adhesive then pulls by the share of its shift since
+    /// that the holder has kept from it.
+    fn once_let_go(self, beyond: Displacement, cure: &Cure) -> Self {
+        let times = 1.0 / (1.0 - cure.released);
         Self {
             at: beyond + (self.at - beyond) * times,
-            // How much that share differs, and the lamp's warmth, nobody sees.
-            sigma: self.sigma.map(|sigma| (times * sigma).hypot(LET_GO)),
+            sigma: self.sigma.map(|sigma| (times * sigma).hypot(cure.let_go)),
         }
+    }
+
+    /// What that costs in a light that falls to 1/e at `width`, nepers.
+    fn cost(self, width: f64) -> Loss {
+        let Self { at, sigma: [x, y] } = self;
+        let widths = [(at.x, x), (at.y, y)].map(|(at, sigma)| (at / width, sigma / width));
+        let cost = widths.map(|(at, sigma)| at * at + sigma * sigma);
+        let square = widths.map(|(at, sigma)| (2.0 * at * sigma).powi(2) + 2.0 * sigma.powi(4));
+        (cost.iter().sum(), square.iter().sum::<f64>().sqrt())
     }
 
     /// How far that is from the peak, metres, and its standard deviation.
@@ -89,6 +107,23 @@ impl Beside {
         let [x, y] = self.sigma;
         (far, (share(self.at.x) * x).hypot(share(self.at.y) * y))
     }
+}
+
+/// Why a loss is not accepted, decibels with its standard deviation, where at most so much is; `of` says of what.
+fn not_accepted((lost, sigma): Loss, accepted: f64, of: &str) -> Option<String> {
+    let at_most = lost + SURE * sigma;
+    if at_most > accepted || !at_most.is_finite() {
+        return Some(format!(
+            "cure and release{of} have added {lost:.3} dB, known to {sigma:.3} dB; accepted are {accepted} dB"
+        ));
+    }
+    // What was at its peak has no more light afterwards: the laser was off before, or something stood in the light.
+    (at_most < -accepted).then(|| {
+        format!(
+            "after cure and release{of} there is more light than before, by {:.3} dB, known to {sigma:.3} dB; more than {accepted} dB are not believed",
+            -lost
+        )
+    })
 }
 
 impl Line<'_, '_, '_> {
@@ -121,13 +156,8 @@ impl Line<'_, '_, '_> {
             begun.pigtail.cured = Some(cured);
         }
         let verify = &production.verify;
-        let (lost, sigma) = cured[0].lost();
-        if lost + SURE * sigma > verify.added_loss_db || !lost.is_finite() {
-            let of = if N > 1 { " of both fibers" } else { "" };
-            let detail = format!(
-                "cure and release{of} have added {lost:.3} dB, known to {sigma:.3} dB; accepted are {} dB",
-                verify.added_loss_db
-            );
+        let of = if N > 1 { " of both fibers" } else { "" };
+        if let Some(detail) = not_accepted(cured[0].lost(), verify.added_loss_db, of) {
             return Err(End::Failed("added_loss".to_owned(), detail, verify.failed));
         }
         let last = fibers[N - 1].1;
@@ -209,6 +239,8 @@ impl Line<'_, '_, '_> {
             Some(followed) => self.bend(production, lit, eye, (&sides, followed))?,
             None => [None; N],
         };
+        let shares = bent.map(|bent| bent.map(|bent| bent.share));
+        let bent = bent.map(|bent| bent.and_then(|bent| bent.beside));
         self.cell.wait_until(lit + cure.time - LOOK)?;
         let cured = self.look_at(last.channel, last.background, LOOK)?;
         self.ask_all(&sides, FiberHandling::Lamp(false))?;
@@ -223,50 +255,69 @@ impl Line<'_, '_, '_> {
         }
         let verify = self.cell.now();
         let after = self.look_at(last.channel, last.background, production.verify.look)?;
-        let later = match &around {
-            Some(before) => self.look_again(eye, before.aside)?,
-            None => None,
-        };
         for (i, side) in sides.into_iter().enumerate() {
             self.cell.note(side, on(i), "verify", false, verify);
         }
         if alone {
             self.cell.note(Side::Right, on(0), "witness", true, start);
         }
-        let ((lost_cured, _), (mut lost, mut noise)) = (before.over(&cured), before.over(&after));
+        let (lost_cured, told) = (before.over(&cured), before.over(&after));
+        let ((lost_cured, _), (lost, noise)) = (lost_cured.unwrap_or(GONE), told.unwrap_or(GONE));
+        let seen = told.is_some();
+        let passed = after.time - before.time;
         // Light that the sensing fiber has lost or won by itself.
-        let (by, sigma) = match (around, later) {
-            (Some(around), Some(later)) => around.drifted(&later),
-            _ if alone => (0.0, unseen(after.time - before.time)),
-            _ => (0.0, 0.0),
+        let drifts = match around {
+            _ if !alone => 0.0,
+            Some(around) => around.drifts_in(passed),
+            None => unseen(passed),
         };
-        (lost, noise) = (lost + by, noise.hypot(sigma));
+        let noise = noise.hypot(drifts);
         let wander = before.fixed_until(&after);
         let way = match wander {
             Some(_) => Way::HeldAgainst,
             None => Way::Alone,
         };
-        let wanders = self.steadiness.of(way, after.time - before.time);
+        let wanders = self.steadiness.of(way, passed);
         let light_sigma = noise.hypot(wanders);
-        self.steadiness.learn(wander);
-        // Of what two fibers have lost together each has lost any share; or one has won what the other has lost.
-        let (share, unknown) = match N {
-            1 => (1.0, 0.0),
-            _ => (0.5, (lost / 12.0_f64.sqrt()).hypot(RIPPLES)),
-        };
-        let sigma = (share * light_sigma).hypot(unknown);
+        let width: [f64; N] = std::array::from_fn(|i| {
+            let beam = || held[i].beam.width(held[i].gap);
+            followed
+                .as_ref()
+                .map_or_else(beam, |followed| followed[i].width)
+        });
+        // A place tells nothing of a fiber whose light is not there.
+        let places: [Option<Loss>; N] =
+            std::array::from_fn(|i| bent[i].filter(|_| seen).map(|beside| beside.cost(width[i])));
+        let ripple = self.ripples.sigma();
+        let losses = Losses::told((lost, light_sigma), places, ripple);
+        // What light does beyond places and ripples the laser does.
+        let shown = wander.or_else(|| {
+            let unsure = losses.places?.1;
+            Some(Wander {
+                by: lost - losses.places?.0,
+                sigma: unsure.hypot(noise).hypot(ripple * (N as f64).sqrt()),
+                seconds: passed,
+            })
+        });
+        let rippled = losses.places.map(|(cost, unsure)| Seen {
+            by: lost - cost,
+            sigma: unsure.hypot(light_sigma),
+            times: N as f64,
+        });
+        let shown = shown.filter(|_| seen);
+        self.steadiness.learn(shown);
+        self.ripples.learn(rippled);
+        let share = 1.0 / N as f64;
         let decibels = 10.0 / std::f64::consts::LN_10;
+        let in_db = |(lost, sigma): Loss| [decibels * lost, decibels * sigma];
         let um = |d: Displacement| [1e6 * d.x, 1e6 * d.y];
         Ok(std::array::from_fn(|i| {
             let followed = followed.as_ref().map(|followed| followed[i]);
-            let width = followed.map_or_else(
-                || held[i].beam.width(held[i].gap),
-                |followed| followed.width,
-            );
-            let squared = width * width * share * lost;
+            let (own, sigma) = losses.each[i];
+            let squared = width[i] * width[i] * share * lost;
             // What of it the gap has done, nobody sees.
-            let noise = width * width * if N > 1 { sigma } else { sigma.hypot(RIPPLES) };
-            let pulled = followed.map(|_| pulled[i]);
+            let noise = width[i] * width[i] * if N > 1 { sigma } else { sigma.hypot(ripple) };
+            let pulled = followed.filter(|_| seen).map(|_| pulled[i]);
             let beyond = followed.map_or(Displacement::ZERO, |followed| followed.beyond);
             let by_loss = || {
                 let off = squared.max(0.0).sqrt();
@@ -277,20 +328,25 @@ impl Line<'_, '_, '_> {
             let all = pulled.map_or(off, |pulled| (pulled + came).norm());
             let cured = Cured {
                 after_cure_db: decibels * share * lost_cured,
-                after_release_db: decibels * share * lost,
+                after_release_db: decibels * own,
                 sigma_db: decibels * sigma,
+                by_light_db: Some(in_db((lost, light_sigma))),
+                by_place_db: places[i].map(in_db),
                 before_um: pulled.map(um),
                 beyond_um: um(beyond),
                 expected_um: um(beyond + expected[i]),
                 beside_um: bent[i].map(|beside| [um(beside.at), beside.sigma.map(|s| 1e6 * s)]),
+                share: shares[i],
                 off_um: 1e6 * off,
                 squared_um2: [1e12 * squared, 1e12 * noise],
                 off_sigma_um: 1e6 * off_sigma,
                 shift_um: 1e6 * all,
-                together_db: (N > 1).then_some(decibels * lost),
-                light_sigma_db: decibels * light_sigma,
+                together_db: (N > 1).then_some(decibels * losses.all.0),
+                light_sigma_db: decibels * losses.all.1,
                 wander: wander.map(|wander| wander.by),
-                look: wander,
+                // Of two that were cured together one carries what both have shown.
+                look: shown.filter(|_| i + 1 == N),
+                rippled: rippled.filter(|_| i + 1 == N),
             };
             if let Some(lesson) = cured.lesson() {
                 self.teachers[sides[i].index()].learn(lesson);
@@ -307,7 +363,7 @@ impl Line<'_, '_, '_> {
         lit: f64,
         eye: (Channel, f64),
         (sides, followed): (&[Side; N], &[Followed; N]),
-    ) -> Result<[Option<Beside>; N], Halt> {
+    ) -> Result<[Option<Bent>; N], Halt> {
         let cure = &production.cure;
         let each = bending(cure.bend);
         let begins = cure.time - LOOK - each * N as f64;
@@ -323,8 +379,12 @@ impl Line<'_, '_, '_> {
                 continue;
             };
             let Followed { width, beyond, .. } = followed[i];
-            let beside = around.beside_peak(width, flickers);
-            bent[i] = beside.map(|beside| beside.once_let_go(beyond, cure.released));
+            let share = around.share(width, flickers);
+            let shares = &mut self.shares[sides[i].index()];
+            let beside = around.beside_peak(width, flickers, shares.of(share));
+            shares.learn(Some(share));
+            let beside = beside.map(|beside| beside.once_let_go(beyond, cure));
+            bent[i] = Some(Bent { share, beside });
         }
         Ok(bent)
     }
@@ -386,5 +446,53 @@ impl Line<'_, '_, '_> {
                 }
             }
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A look at a light, volts, with what else is read.
+    fn look(light: f64, noise: f64) -> Look {
+        Look {
+            time: 0.0,
+            light: (light, noise / light.abs()),
+            fixed: None,
+        }
+    }
+
+    /// Why a fiber of which light alone tells is not accepted.
+    fn told(before: Look, after: Look) -> Option<String> {
+        let light = before.over(&after).unwrap_or(GONE);
+        let all = Losses::told(light, [None], 0.02).all;
+        let decibels = 10.0 / std::f64::consts::LN_10;
+        not_accepted((decibels * all.0, decibels * all.1), 0.5, "")
+    }
+
+    #[test]
+    fn a_fiber_whose_light_fails_is_never_accepted() {
+        let (full, dark) = (1.0, 1e-3);
+        assert_eq!(told(look(full, dark), look(0.98 * full, dark)), None);
+        // The laser off afterwards, before, and both times: what is left is noise, above zero or below.
+        for left in [2.0 * dark, 0.1 * dark, -0.5 * dark] {
+            for (before, after) in [(full, left), (left, full), (left, left), (left, -left)] {
+                let why = told(look(before, dark), look(after, dark));
+                assert!(why.is_some(), "{before} V, then {after} V");
+            }
+        }
+    }
+
+    #[test]
+    fn what_a_place_costs_saves_no_fiber_whose_light_fails() {
+        let (full, dark) = (1.0, 1e-3);
+        for (before, after) in [(full, dark), (dark, full), (full, 0.5 * full)] {
+            let light = look(before, dark).over(&look(after, dark));
+            let place = light.map(|_| (0.01, 0.005));
+            let told = Losses::told(light.unwrap_or(GONE), [place], 0.02).all;
+            let decibels = 10.0 / std::f64::consts::LN_10;
+            let why = not_accepted((decibels * told.0, decibels * told.1), 0.5, "");
+            assert!(why.is_some(), "{before} V, then {after} V: {told:?}");
+        }
     }
 }
