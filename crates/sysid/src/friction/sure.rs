@@ -103,18 +103,22 @@ pub(super) fn widen(law: Law, record: &Record, known: &mut [Known]) {
     if noise.is_nan() || noise <= 0.0 {
         return;
     }
-    let mut noisier = record.samples.clone();
-    for (k, s) in noisier.iter_mut().enumerate() {
-        s.displacement += 3f64.sqrt() * noise * scattered(k);
-    }
-    let moved = if record.has_time {
-        with_skew(law, record, &noisier, &values)
-    } else {
-        fit(law, record, &noisier, Some(&values))
+    let moved = |sign: f64| {
+        let mut noisier = record.samples.clone();
+        for (k, s) in noisier.iter_mut().enumerate() {
+            s.displacement += sign * 3f64.sqrt() * noise * scattered(k);
+        }
+        if record.has_time {
+            with_skew(law, record, &noisier, &values)
+        } else {
+            fit(law, record, &noisier, Some(&values))
+        }
     };
-    let Some(moved) = moved else {
+    // What one noise moves by chance its opposite moves back.
+    let (Some(one), Some(other)) = (moved(1.0), moved(-1.0)) else {
         return;
     };
+    let moved = one.iter().zip(&other).map(|(a, b)| 0.5 * (a + b));
     for (known, moved) in known.iter_mut().zip(moved) {
         let more = moved - known.value;
         known.value -= OUTWARD * more;
