@@ -32,13 +32,19 @@ pub fn matrix(columns: &[&[f64]]) -> DMatrix<f64> {
 
 /// Ordinary least squares. `None` where the columns are too few rows, or are no independent columns.
 pub fn least_squares(x: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
-    solve(x, x, y, usual(y.len()))
+    solve(x, x, y, Some(usual(y.len())))
+}
+
+/// The same without [`Solution::std_correlated`], which is empty: most of the work, where many problems are solved and only the last
+/// one is asked how sure it is.
+pub fn least_squares_alone(x: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
+    solve(x, x, y, None)
 }
 
 /// The same of rows that are measured one by one, as the points of a frequency response are: what is left of one may
 /// go with that of its neighbours, but with nothing further off than it shows.
 pub fn least_squares_of_points(x: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
-    solve(x, x, y, 1)
+    solve(x, x, y, Some(1))
 }
 
 /// Length of the batches of a record of time, by which what is left may be slow without showing it.
@@ -48,10 +54,19 @@ fn usual(rows: usize) -> usize {
 
 /// Least squares with a weight for each row: the error and what is left are those without weights.
 pub fn weighted(x: &DMatrix<f64>, y: &[f64], weights: &[f64]) -> Option<Solution> {
+    by_weights(x, y, weights, Some(usual(y.len())))
+}
+
+fn by_weights(
+    x: &DMatrix<f64>,
+    y: &[f64],
+    weights: &[f64],
+    shortest: Option<usize>,
+) -> Option<Solution> {
     let root: Vec<f64> = weights.iter().map(|w| w.sqrt()).collect();
     let scaled = DMatrix::from_fn(x.nrows(), x.ncols(), |i, j| root[i] * x[(i, j)]);
     let target: Vec<f64> = y.iter().zip(&root).map(|(y, w)| y * w).collect();
-    let mut solution = solve(&scaled, &scaled, &target, usual(y.len()))?;
+    let mut solution = solve(&scaled, &scaled, &target, shortest)?;
     judge(x, y, &mut solution);
     Some(solution)
 }
@@ -59,14 +74,15 @@ pub fn weighted(x: &DMatrix<f64>, y: &[f64], weights: &[f64]) -> Option<Solution
 /// Instrumental variables: `p = (Z' X)^-1 Z' y`. What is not correlated with the instruments `z`, such
 /// as the noise of a measured position, does not bias it.
 pub fn instrumental(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
-    solve(x, z, y, usual(y.len()))
+    solve(x, z, y, Some(usual(y.len())))
 }
 
 /// Least squares by Huber's weights: what lies further out than 1.345 times the spread counts less, so
 /// that a few samples that the model says nothing about (such as those at a reversal) do not decide.
 pub fn robust(x: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
     const ROUNDS: usize = 20;
-    let mut solution = least_squares(x, y)?;
+    let mut solution = least_squares_alone(x, y)?;
+    let mut last = vec![1.0; y.len()];
     for _ in 0..ROUNDS {
         let sizes: Vec<f64> = solution.residuals.iter().map(|l| l.abs()).collect();
         // 1.4826 times the median is the standard deviation of a normal distribution.
@@ -75,7 +91,7 @@ pub fn robust(x: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
             break;
         }
         let weights: Vec<f64> = sizes.iter().map(|s| edge / s.max(edge)).collect();
-        let next = weighted(x, y, &weights)?;
+        let next = by_weights(x, y, &weights, None)?;
         let moved = next
             .values
             .iter()
@@ -84,14 +100,21 @@ pub fn robust(x: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
             .map(|((a, b), s)| (a - b).abs() / s.max(f64::MIN_POSITIVE))
             .fold(0.0, f64::max);
         solution = next;
+        last = weights;
         if moved < 1e-3 {
             break;
         }
     }
-    Some(solution)
+    weighted(x, y, &last)
 }
 
-fn solve(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64], shortest: usize) -> Option<Solution> {
+/// `shortest` is the length of the batches by which correlation is told; without one it is not.
+fn solve(
+    x: &DMatrix<f64>,
+    z: &DMatrix<f64>,
+    y: &[f64],
+    shortest: Option<usize>,
+) -> Option<Solution> {
     let (n, p) = x.shape();
     if n <= p || p == 0 {
         return None;
@@ -107,16 +130,17 @@ fn solve(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64], shortest: usize) -> Opti
     // The same of the instruments.
     let own = DVector::from_fn(p, |j, _| z.column(j).norm());
     let unit = DMatrix::from_fn(p, p, |i, j| ztx[(i, j)] / (own[i] * scale[j]));
+    let qr = DMatrix::from_fn(n, p, |i, j| x[(i, j)] / scale[j]).qr();
+    let triangle = qr.r();
     let values = if std::ptr::eq(x, z) {
-        let scaled = DMatrix::from_fn(n, p, |i, j| x[(i, j)] / scale[j]);
-        let qr = scaled.qr();
-        let right = qr.q().transpose() * &target;
-        qr.r().solve_upper_triangular(&right)?
+        let mut right = target.clone();
+        qr.q_tr_mul(&mut right);
+        triangle.solve_upper_triangular(&right.rows(0, p))?
     } else {
         unit.clone().lu().solve(&zty.component_div(&own))?
     };
     let values = values.component_div(&scale);
-    let singular = x.clone().qr().r().singular_values();
+    let singular = (triangle * DMatrix::from_diagonal(&scale)).singular_values();
     let condition = singular.max() / singular.min();
     if values.iter().any(|v| !v.is_finite()) {
         return None;
@@ -136,8 +160,49 @@ fn solve(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64], shortest: usize) -> Opti
     let bread = DMatrix::from_fn(p, p, |i, j| inverse[(i, j)] / (scale[i] * own[j]));
     let covariance = &bread * (z.transpose() * z * variance) * bread.transpose();
     solution.std = (0..p).map(|j| covariance[(j, j)].max(0.0).sqrt()).collect();
-    solution.std_correlated = clustered(x, z, &solution.residuals, &bread, shortest);
+    if let Some(shortest) = shortest {
+        solution.std_correlated = clustered(x, z, &solution.residuals, &bread, shortest);
+    }
     Some(solution)
+}
+
+/// What columns leave of `y`, for a search over the shape of one column more: to solve the whole problem, with how sure it is,
+/// for each shape costs many times as much.
+#[derive(Debug, Clone)]
+pub struct Rest {
+    basis: DMatrix<f64>,
+    left: DVector<f64>,
+}
+
+impl Rest {
+    /// What the columns of `x` leave of `y`. `None` where they are too few rows, or are no independent columns.
+    pub fn new(x: &DMatrix<f64>, y: &[f64]) -> Option<Self> {
+        let (n, p) = x.shape();
+        let scale = DVector::from_fn(p, |j, _| x.column(j).norm());
+        if n <= p || scale.iter().any(|s| !(s.is_finite() && *s > 0.0)) {
+            return None;
+        }
+        let qr = DMatrix::from_fn(n, p, |i, j| x[(i, j)] / scale[j]).qr();
+        let own = qr.r().diagonal().map(f64::abs);
+        if own.min() < 1e-12 {
+            return None;
+        }
+        let basis = qr.q();
+        let target = DVector::from_column_slice(y);
+        let left = &target - &basis * basis.tr_mul(&target);
+        Some(Self { basis, left })
+    }
+
+    /// The sum of squares of what is left with this column too.
+    pub fn squares(&self, column: &[f64]) -> f64 {
+        let column = DVector::from_column_slice(column);
+        let own = &column - &self.basis * self.basis.tr_mul(&column);
+        if own.norm() <= 1e-12 * column.norm() {
+            return self.left.norm_squared();
+        }
+        let value = own.dot(&self.left) / own.norm_squared();
+        (&self.left - own * value).norm_squared()
+    }
 }
 
 /// A batch of neighbours: where it lies, and by how much each of them counts.
@@ -396,6 +461,20 @@ pub fn tolerance(x: &DMatrix<f64>, column: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_left_with_one_column_more_is_that_of_the_whole_problem() {
+        let of = |by: usize| -> Vec<f64> {
+            let number = |k: usize| (k * by % 101) as f64 / 50.0 - 1.0;
+            (0..80).map(number).collect()
+        };
+        let (a, b, more, y) = (of(37), of(53), of(71), of(29));
+        let rest = Rest::new(&matrix(&[&a, &b]), &y).unwrap();
+        let whole = least_squares(&matrix(&[&a, &b, &more]), &y).unwrap();
+        let squares: f64 = whole.residuals.iter().map(|l| l * l).sum();
+        assert!((rest.squares(&more) / squares - 1.0).abs() < 1e-12);
+        assert!(Rest::new(&matrix(&[&a, &a]), &y).is_none());
+    }
     use rand::{RngExt, SeedableRng};
 
     fn noise(n: usize, seed: u64) -> Vec<f64> {

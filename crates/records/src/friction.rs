@@ -219,6 +219,7 @@ pub fn friction(first: &Read, second: Option<&Read>, most: usize, law: Option<La
     } else {
         "tells the force best:"
     };
+    answer.remarks.extend(found.remarks.clone());
     answer
         .remarks
         .extend(other_laws(best, &unit(best.law.parameters()[0])));
@@ -270,7 +271,16 @@ fn laws(first: &Read, found: &Identified) -> serde_json::Value {
 
 /// What tells the force and is not in a law; `unit` is that of its level.
 fn other_laws(best: &Fitted, unit: &str) -> Vec<String> {
+    /// Relative error beyond which it is said, per cent.
+    const MUCH: f64 = 10.0;
     let mut remarks = Vec::new();
+    if best.relative_error_percent > MUCH {
+        remarks.push(format!(
+            "{} leaves {:.0} % of the force, more than noise or another contact should: look at where that is before it is believed",
+            best.law.name(),
+            best.relative_error_percent
+        ));
+    }
     if let Some([slow, fast]) = best.by_speed {
         remarks.push(format!(
             "the level goes with the speed, from {} at the slowest to {} {} at the fastest twentieth of the sliding, and {} knows no \

@@ -213,6 +213,7 @@ impl Data {
         self.saturated((&found.output, &output), (&input, 0.02))?;
         // What is held moves on by creep alone.
         self.saturated((&found.input, &input), (&output, 0.1))?;
+        self.lags(&found, &input, &output)?;
         let record =
             Record::new(time, input, output).map_err(|invalid| self.explain(&invalid, &found))?;
         Ok(Read {
@@ -308,6 +309,31 @@ impl Data {
                 }
                 from = k + 1;
             }
+        }
+        Ok(())
+    }
+
+    /// Displacement lags behind voltage, as what takes work has to: a loop that goes round the other way is of columns that are
+    /// swapped, of time that runs backwards, or of a voltage that was stamped late.
+    fn lags(&self, found: &Columns, input: &[f64], output: &[f64]) -> Result<(), Error> {
+        /// Mean of the way by which a displacement may lead, as a share of its range: what a voltage that is a part of a
+        /// sample late makes of a stage that has no hysteresis.
+        const LEADS: f64 = 0.003;
+        let (u, x) = (Range::of(input), Range::of(output));
+        let at = |k: usize| (input[k] - u.low, output[k] - x.low);
+        let area = |a: (f64, f64), b: (f64, f64)| 0.5 * (a.0 * b.1 - a.1 * b.0);
+        let steps = (1..input.len()).map(|k| (at(k - 1), at(k)));
+        let way: f64 = steps.clone().map(|(a, b)| (b.0 - a.0).abs()).sum();
+        let round: f64 = steps.map(|(a, b)| area(a, b)).sum();
+        let round = round + area(at(input.len() - 1), at(0));
+        let leads = -round / (way * x.width()).max(f64::MIN_POSITIVE);
+        if leads > LEADS {
+            let message = format!(
+                "runs ahead of the voltage, by {:.2} % of its range on average, where a piezo's lags: are the two columns \
+                 swapped, their times reversed, or is the voltage stamped late? Accepted is a displacement that lags",
+                100.0 * leads
+            );
+            return Err(self.table.error(&*found.output, message));
         }
         Ok(())
     }

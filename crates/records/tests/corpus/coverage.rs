@@ -6,10 +6,11 @@
 use crate::normal;
 use crate::servo::{PERIOD, Rows, SLED, read_at, sled};
 use nalgebra::Complex;
+use pigtail_model::frames::Displacement;
 use pigtail_model::windup::{Reversal, ReversalState};
 use pigtail_numerics::signal::between;
 use pigtail_sysid::servo::{Friction, Method, Record, Settings, identify};
-use pigtail_sysid::{Known, friction, resonance, timeline, windup};
+use pigtail_sysid::{Known, friction, map, resonance, timeline, windup};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::collections::BTreeMap;
@@ -46,7 +47,10 @@ const fn kind(
     }
 }
 
-const KINDS: [Kind; 15] = [
+/// Of the whole map, then of the search's readings alone.
+const MAP: &[&str] = &["x", "y", "x searched", "y searched"];
+
+const KINDS: [Kind; 17] = [
     kind("plain", SERVO, servo),
     kind("jitter", SERVO, servo),
     kind("coloured", SERVO, servo),
@@ -62,6 +66,8 @@ const KINDS: [Kind; 15] = [
     kind("windup-coloured", WINDUP, windup),
     kind("resonance", RESONANCE, resonance),
     kind("resonance-coloured", RESONANCE, resonance),
+    kind("map", MAP, power_map),
+    kind("map-tilted", MAP, power_map),
 ];
 
 /// Noise that forgets itself within a hundred samples, of about this size.
@@ -334,6 +340,74 @@ fn resonance(kind: &str, seed: u64) -> Said {
     }
     let truth = [modes[0][0], modes[0][1], modes[1][0], modes[1][1], delay];
     said("2", found.parameters.iter().map(|p| p.known).zip(truth))
+}
+
+/// A round peak, or an ellipse on a slope, on a grid of 21 by 21 places; by its readings, for what may have changed while they were
+/// taken is a choice.
+fn power_map(kind: &str, seed: u64) -> Said {
+    const SIDE: u32 = 21;
+    let mut rng = Pcg64Mcg::seed_from_u64(83_000 + seed);
+    let tilted = kind == "map-tilted";
+    let step = 1e-6;
+    let middle = 0.5 * step * f64::from(SIDE - 1);
+    let mut place = || middle + step * rng.random_range(-4.0..4.0);
+    let peak = Displacement::new(place(), place());
+    let (radius, noise) = (
+        rng.random_range(2.5..5.0) * step,
+        rng.random_range(0.003..0.03),
+    );
+    let long = if tilted {
+        rng.random_range(1.1..2.0)
+    } else {
+        1.0
+    };
+    let (sin, cos) = if tilted {
+        rng.random_range(0.0..TAU).sin_cos()
+    } else {
+        (0.0, 1.0)
+    };
+    let slope = if tilted {
+        rng.random_range(-0.2..0.2)
+    } else {
+        0.0
+    };
+    let readings = (0..SIDE * SIDE).map(|k| {
+        let at = Displacement::new(step * f64::from(k % SIDE), step * f64::from(k / SIDE));
+        let off = at - peak;
+        let (u, v) = (
+            cos * off.x + sin * off.y,
+            (cos * off.y - sin * off.x) / long,
+        );
+        let light = (-(u * u + v * v) / (radius * radius)).exp();
+        let power = 0.1 + slope * at.x / middle + light + noise * normal(&mut rng);
+        map::Reading { at, power }
+    });
+    let scan = map::Scan::new(readings.collect()).expect("readings over an area");
+    let Ok(found) = map::examine(&scan) else {
+        return Said::default();
+    };
+    let how = map::Look {
+        start: scan.middle(),
+        accuracy: None,
+    };
+    let looked = map::look(&scan, &found, &how);
+    let Some(searched) = looked.peak else {
+        return said("unsearched", None);
+    };
+    let known = |value, std| {
+        Some(Known {
+            value,
+            std,
+            std_correlated: std,
+        })
+    };
+    let told = [
+        (known(found.peak.at.x, found.deviation), peak.x),
+        (known(found.peak.at.y, found.deviation), peak.y),
+        (known(searched.at.x, looked.deviation), peak.x),
+        (known(searched.at.y, looked.deviation), peak.y),
+    ];
+    said("peak", told)
 }
 
 impl Said {

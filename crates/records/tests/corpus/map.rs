@@ -271,6 +271,33 @@ const CASES: &[Case] = &[
         }
         map
     }),
+    ("two wild neighbours", Wanted::Either, |s, rng| {
+        let mut map = plain(s, rng);
+        let k = rng.random_range(0..map.len() - 1);
+        map[k][2] = 3.0;
+        map[k + 1][2] = 3.1;
+        map
+    }),
+    ("two peaks that merge", Wanted::Either, |s, rng| {
+        let a = *s;
+        let away = if a.x < 0.5 * side(s, 0) { 1.5 } else { -1.5 };
+        let b = Spot {
+            x: a.x + away * a.radii[0],
+            y: a.y - 0.3 * a.radii[0],
+            ..a
+        };
+        let light = |x: f64, y: f64| a.light(x, y) + 0.9 * b.light(x, y);
+        let map = s.map(rng, light);
+        // It is brightest somewhere between them.
+        let place = |k: i32| {
+            let share = f64::from(k) / 200.0;
+            (a.x + share * (b.x - a.x), a.y + share * (b.y - a.y))
+        };
+        let places = (0..=200).map(place);
+        let by = |p: &(f64, f64), q: &(f64, f64)| light(p.0, p.1).total_cmp(&light(q.0, q.1));
+        (s.x, s.y) = places.max_by(by).unwrap_or((a.x, a.y));
+        map
+    }),
     (
         "rows of a scan shifted, as by backlash",
         Wanted::Either,

@@ -150,7 +150,7 @@ const CASES: &[(&str, Wanted, Mangle)] = &[
     ("the displacement negated", Wanted::Either, |rows, _| {
         rows.iter_mut().for_each(|r| r[2] = -r[2]);
     }),
-    ("columns swapped", Wanted::Either, |rows, _| {
+    ("columns swapped", Wanted::Refused, |rows, _| {
         rows.iter_mut().for_each(|r| r.swap(1, 2));
     }),
     ("the displacement cut off", Wanted::Refused, |rows, _| {
@@ -182,6 +182,12 @@ const CASES: &[(&str, Wanted, Mangle)] = &[
     ),
     ("backwards in time", Wanted::Refused, |rows, _| {
         rows.reverse();
+    }),
+    ("values backwards in time", Wanted::Refused, |rows, _| {
+        let old = rows.clone();
+        for (row, last) in rows.iter_mut().zip(old.iter().rev()) {
+            (row[1], row[2]) = (last[1], last[2]);
+        }
     }),
     ("a sensor that drifts", Wanted::Either, |rows, _| {
         let n = rows.len() as f64;

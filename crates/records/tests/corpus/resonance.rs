@@ -107,6 +107,13 @@ const CASES: &[(&str, Wanted, Mangle)] = &[
     ("the other sign of phase", Wanted::Refused, |rows, _| {
         rows.iter_mut().for_each(|r| r[2] *= -1.0);
     }),
+    ("the magnitude two rows late", Wanted::Refused, |rows, _| {
+        let old = rows.clone();
+        for (row, before) in rows[2..].iter_mut().zip(&old) {
+            let size = before[1].hypot(before[2]) / row[1].hypot(row[2]);
+            (row[1], row[2]) = (size * row[1], size * row[2]);
+        }
+    }),
     ("cut below its modes", Wanted::Refused, |rows, _| {
         rows.retain(|r| r[0] < 100.0);
     }),

@@ -500,6 +500,16 @@ const MANGLED: &[(&str, Wanted, Mangle)] = &[
             }
         }
     }),
+    (
+        "position read every fourth row",
+        Wanted::Refused,
+        |rows, _| {
+            let old = rows.clone();
+            for (k, row) in rows.iter_mut().enumerate() {
+                row[2] = old[k - k % 4][2];
+            }
+        },
+    ),
     ("every fifth sample only", Wanted::Either, |rows, _| {
         let old = std::mem::take(rows);
         rows.extend(old.into_iter().step_by(5));

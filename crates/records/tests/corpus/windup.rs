@@ -87,13 +87,46 @@ const MANGLED: &[(&str, Wanted, bool, Mangle)] = &[
     ),
     (
         "motor and load swapped, torque negated",
-        Wanted::Either,
+        Wanted::Refused,
         true,
         |rows, _| {
             rows.iter_mut().for_each(|r| {
                 r.swap(1, 2);
                 r[3] = -r[3];
             });
+        },
+    ),
+    (
+        "motor and load swapped, both negated",
+        Wanted::Refused,
+        true,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| (r[1], r[2]) = (-r[2], -r[1]));
+        },
+    ),
+    (
+        "times in milliseconds, said to be seconds",
+        Wanted::Refused,
+        true,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r[0] *= 1e3);
+        },
+    ),
+    (
+        "times in seconds, said to be milliseconds",
+        Wanted::Refused,
+        true,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r[0] *= 1e-3);
+        },
+    ),
+    (
+        "a torque that has nothing to do with it",
+        Wanted::Either,
+        true,
+        |rows, _| {
+            rows.iter_mut()
+                .for_each(|r| r[3] = 9.0 * (1.7 * r[0]).sin() + 5.0 * (0.53 * r[0]).cos());
         },
     ),
     ("torque negated", Wanted::Refused, true, |rows, _| {
@@ -290,6 +323,66 @@ fn no_mangled_record_of_a_transmission_is_wrong_and_looks_right() {
         wrong.len(),
         wrong.join("\n")
     );
+}
+
+/// A servo that is soft winds up against its command as a transmission does against its load; and the torque of another axis tells
+/// nothing of this one.
+#[test]
+fn commands_and_torques_of_other_axes_are_not_taken_for_the_axis() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("r.csv");
+    let told = |rows: &Rows| {
+        fs::write(&path, text(rows)).expect("a file");
+        let answer = windup(&roles(true).read(&path).expect("a record"), None).answer;
+        eprintln!("{} | {}", answer.verdict, answer.remarks.join(" | "));
+        answer
+    };
+    let mut soft = made(1);
+    let mut rng = Pcg64Mcg::seed_from_u64(9);
+    for row in &mut soft {
+        // Where the motor was to be, and where it is.
+        row[2] = 20.0 * (1.1 * row[0]).sin() + 6.0 * (2.9 * row[0]).sin();
+        row[1] = row[2] - 4e-3 * row[3] + 1e-4 * normal(&mut rng);
+    }
+    assert!(!told(&soft).is_whole());
+    let file = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../../../shared/data/kuka_kr300_dual_encoder/trajectory_A.csv");
+    let Ok(csv) = fs::read_to_string(file) else {
+        return;
+    };
+    let numbers: Vec<Vec<f64>> = csv
+        .lines()
+        .skip(1)
+        .map(|line| {
+            line.split(',')
+                .map(|f| f.parse().expect("a number"))
+                .collect()
+        })
+        .collect();
+    let rows = |motor: usize, load: usize, torque: usize| -> Rows {
+        let row = |v: &Vec<f64>| [v[0], v[motor], v[load], v[torque]];
+        numbers.iter().map(row).collect()
+    };
+    for axis in 0..3 {
+        let [command, motor, load, torque] = std::array::from_fn(|k| 1 + 4 * axis + k);
+        assert!(told(&rows(motor, load, torque)).is_whole(), "axis {axis}");
+        assert!(
+            !told(&rows(motor, command, torque)).is_whole(),
+            "axis {axis}"
+        );
+        for other in [4, 8, 12, 15, 18, 21].into_iter().filter(|t| *t != torque) {
+            let answer = told(&rows(motor, load, other));
+            let known = |name: &str| {
+                let of = answer.parameters.iter().find(|(p, _)| p.name == name);
+                of.is_some_and(|(p, _)| p.known.is_some())
+            };
+            // A model without a torque is right whatever stands there.
+            assert!(
+                !answer.is_whole() || !known("compliance"),
+                "axis {axis}, {other}"
+            );
+        }
+    }
 }
 
 /// A motor that turns against its output, with a ratio below zero, is the same transmission.

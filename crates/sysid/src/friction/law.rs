@@ -203,6 +203,11 @@ impl Law {
     /// to be in the state that the measured force says.
     pub fn predict(self, p: &[f64], samples: &[Sample]) -> Vec<f64> {
         let offset = self.offset(p);
+        // A product where each element of each sample would take a quotient: elements are most of what a search costs.
+        let stiff: [f64; ELEMENTS] = match self {
+            Self::MaxwellSlip => std::array::from_fn(|e| slips(p, e).recip()),
+            _ => [0.0; ELEMENTS],
+        };
         let mut state = State::default();
         let mut last: Option<&Sample> = None;
         samples
@@ -217,7 +222,7 @@ impl Law {
                         let way = sample.displacement - before.displacement;
                         let time = sample.time - before.time;
                         let speed = if time > 0.0 { way / time } else { 0.0 };
-                        state.moves(self, p, way, speed);
+                        state.moves(self, (p, &stiff), way, speed);
                         state.force(self, p, speed)
                     }
                 };
@@ -285,13 +290,14 @@ impl State {
         state
     }
 
-    fn moves(&mut self, law: Law, p: &[f64], way: f64, speed: f64) {
+    /// `stiff` is one over the way after which each element slips.
+    fn moves(&mut self, law: Law, (p, stiff): (&[f64], &[f64; ELEMENTS]), way: f64, speed: f64) {
         match law {
             Law::Presliding => self.contact = (self.contact + way).clamp(-p[1], p[1]),
             Law::PreslidingTwoSided => self.contact = (self.contact + way).clamp(-p[3], p[1]),
             Law::MaxwellSlip => {
-                for (e, share) in self.elements.iter_mut().enumerate() {
-                    *share = (*share + way / slips(p, e)).clamp(-1.0, 1.0);
+                for (share, stiff) in self.elements.iter_mut().zip(stiff) {
+                    *share = (*share + way * stiff).clamp(-1.0, 1.0);
                 }
             }
             Law::Dahl => {
@@ -322,7 +328,16 @@ impl State {
             Law::PreslidingTwoSided => p[2] * self.contact / p[3],
             Law::Dahl | Law::LuGre => self.contact,
             Law::LuGreViscous => self.contact + p[4] * speed,
-            Law::MaxwellSlip => p[0] * self.elements.iter().sum::<f64>() / ELEMENTS as f64,
+            Law::MaxwellSlip => {
+                // Four sums side by side.
+                let mut sums = [0.0; 4];
+                for part in self.elements.as_chunks::<4>().0 {
+                    for (sum, share) in sums.iter_mut().zip(part) {
+                        *sum += share;
+                    }
+                }
+                p[0] * sums.iter().sum::<f64>() / ELEMENTS as f64
+            }
         }
     }
 }

@@ -2,6 +2,7 @@
 
 mod beside;
 mod bristle;
+mod changes;
 mod check;
 mod elements;
 mod law;
@@ -267,6 +268,12 @@ impl Record {
         Ok(())
     }
 
+    /// Mean time from one sample to the next, seconds.
+    fn period(&self) -> f64 {
+        let n = self.samples.len();
+        (self.samples[n - 1].time - self.samples[0].time) / n as f64
+    }
+
     fn largest_force(&self) -> f64 {
         let sizes: Vec<f64> = self.samples.iter().map(|s| s.force.abs()).collect();
         quantile(&sizes, 0.95)
@@ -381,6 +388,8 @@ pub struct Identified {
     pub unknown: Vec<Unknown>,
     /// First sample that was held back.
     pub held_back_from: usize,
+    /// Remarks on what the record is of.
+    pub remarks: Vec<String>,
 }
 
 /// Share of a record that laws are fitted to; the rest is held back.
@@ -482,9 +491,11 @@ pub fn identify(
     if let Some(why) = beside::beside(record, chosen.relative_error_percent) {
         return Err(Unknown::all(why));
     }
+    let remarks = changes::same(record, chosen)?.into_iter().collect();
     let unknown = doubts(record, chosen);
     let parameters = told(chosen, &unknown);
     Ok(Identified {
+        remarks,
         best,
         parameters,
         unknown,

@@ -3,9 +3,12 @@
 //! A contact turns where its motion turns. A force that turns before or after it, and by the same time whatever the
 //! speed, was taken at another moment.
 
-use super::{Record, Sample, error, fit, law::Law, turned};
+use super::elements::elements;
+use super::sure::joint;
+use super::{Law, Record, Sample, error, fit, turned};
 use pigtail_numerics::golden::least;
-use pigtail_numerics::signal::quantile;
+use pigtail_numerics::regression::relative;
+use pigtail_numerics::signal::{quantile, rms};
 
 /// Samples that are enough to see a skew by.
 const ENOUGH: usize = 4000;
@@ -13,8 +16,9 @@ const ENOUGH: usize = 4000;
 /// A skew is believed where it leaves less than this share of the error.
 const LATE: f64 = 0.93;
 
-/// The law by which it is seen: its contact gives way evenly or at once, and needs no time.
-const LAW: Law = Law::MaxwellSlip;
+/// Share of the stroke after which the shortest of the elements slips by which it is seen: any contact that gives way by displacement
+/// alone, so that a law's own misfit is taken for no skew.
+const SHORTEST: f64 = 1.0 / 300.0;
 
 /// Longest skew that is looked for, as a share of the usual time from one reversal to the next.
 const LONGEST: f64 = 0.25;
@@ -76,16 +80,12 @@ pub(super) fn skew(record: &Record) -> Option<Skew> {
         return None;
     }
     let longest = LONGEST * quantile(&between, 0.5);
-    let part = Record {
-        samples: samples.to_vec(),
-        ..record.clone()
-    };
-    let start = fit(LAW, &part, samples, None)?;
-    let left = |by: f64, near: Option<&[f64]>| {
-        let moved = shifted(samples, by);
-        let found = fit(LAW, &part, &moved, near);
-        let error = found.as_ref().map(|p| error(LAW, p, &moved, 0));
-        (error.unwrap_or(f64::INFINITY), found)
+    let left = |by: f64| {
+        let part = Record {
+            samples: shifted(samples, by),
+            ..record.clone()
+        };
+        elements(&part, SHORTEST, false).map_or(f64::INFINITY, |e| rms(e.left))
     };
     // Twice as far each time, both ways.
     let mut places = vec![0.0];
@@ -96,21 +96,74 @@ pub(super) fn skew(record: &Record) -> Option<Skew> {
     }
     places.extend([longest, -longest]);
     places.sort_by(f64::total_cmp);
-    let (errors, laws): (Vec<f64>, Vec<_>) = places.iter().map(|by| left(*by, None)).unzip();
+    let errors: Vec<f64> = places.iter().map(|by| left(*by)).collect();
     let best = (0..places.len()).min_by(|a, b| errors[*a].total_cmp(&errors[*b]))?;
-    let plain = error(LAW, &start, samples, 0);
-    if errors[best] > LATE * plain {
+    if errors[best] > LATE * left(0.0) {
         return None;
     }
     if best == 0 || best + 1 == places.len() {
         return Some(Skew::Beyond(longest));
     }
     let around = (places[best - 1], places[best + 1]);
-    let found = least(around, 0.02 * period, |by| {
-        left(by, laws[best].as_deref()).0
-    });
+    let found = least(around, 0.02 * period, left);
     // What a sample is a mean over may be anywhere within it.
-    (found.abs() > 0.5 * period).then_some(Skew::Of(found))
+    settled(record, samples, found)
+        .filter(|by| by.abs() > 0.5 * period)
+        .map(Skew::Of)
+}
+
+/// What elements leave of a force, what the best law leaves of it, with its values, and the samples.
+type Told = (f64, Option<(f64, Law, Vec<f64>)>, Record);
+
+fn least_of((own, best, _): &Told) -> f64 {
+    best.as_ref().map_or(*own, |(error, ..)| own.min(*error))
+}
+
+/// The skew as what tells the force best has it, near one that elements show. None where nothing tells the force better for it: a law
+/// that is no sum of elements, as Dahl's, would take its own misfit for one.
+fn settled(record: &Record, samples: &[Sample], by: f64) -> Option<f64> {
+    const TIMES: usize = 4;
+    let of = |by: f64| -> Told {
+        let samples = shifted(samples, by);
+        let part = Record {
+            samples,
+            ..record.clone()
+        };
+        let own = elements(&part, SHORTEST, false);
+        let force: Vec<f64> = part.samples.iter().map(|s| s.force).collect();
+        let own = own.map_or(f64::INFINITY, |e| relative(&e.left, &force));
+        let laws = Law::ALL.iter().filter(|law| !law.needs_time());
+        let best = laws
+            .filter_map(|law| {
+                let values = fit(*law, &part, &part.samples, None)?;
+                Some((error(*law, &values, &part.samples, 0), *law, values))
+            })
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        (own, best, part)
+    };
+    let plain = least_of(&of(0.0));
+    let (mut by, mut told) = (by, of(by));
+    for _ in 0..TIMES {
+        let (own, best, part) = &told;
+        let Some((error, law, values)) = best else {
+            break;
+        };
+        // Of no law that is known, elements say it.
+        if *error > 1.5 * own {
+            break;
+        }
+        let Some((_, more)) = joint(*law, part, &part.samples, values) else {
+            break;
+        };
+        let more = more.clamp(-2.0, 2.0) * part.period();
+        let enough = more.abs() < 0.05 * part.period();
+        by += more;
+        told = of(by);
+        if enough {
+            break;
+        }
+    }
+    (least_of(&told) < LATE * plain).then_some(by)
 }
 
 #[cfg(test)]

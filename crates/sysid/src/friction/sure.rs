@@ -1,5 +1,6 @@
 //! How surely the parameters of a law are known.
 
+use super::skew::shifted;
 use super::{Known, Law, Record, Sample, fit, residuals};
 use pigtail_numerics::nonlinear::{minimise, uncertainty};
 use pigtail_numerics::signal::quantile;
@@ -30,20 +31,42 @@ fn displaced(samples: &[Sample], by: f64) -> Vec<Sample> {
         .collect()
 }
 
-/// Parameters beside what is left of a skew that was taken out, which another law told: the two go together. None where none
-/// was.
+/// Parameters beside a skew between force and displacement, which is told with them: what nobody knows of the moments moves where a
+/// contact seems to turn. None where there is no time, or none is found.
 pub(super) fn with_skew(
     law: Law,
     record: &Record,
     samples: &[Sample],
     near: &[f64],
 ) -> Option<Vec<f64>> {
-    if record.skew == 0.0 {
+    /// A skew that is left is one that reading at neighbouring samples tells, samples; and most times that it is taken out first.
+    const NEAR: f64 = 0.5;
+    const TIMES: usize = 4;
+    if !record.has_time {
         return None;
     }
+    let period = record.period();
+    let (mut samples, mut values) = (samples.to_vec(), near.to_vec());
+    for _ in 0..TIMES {
+        let (found, by) = joint(law, record, &samples, &values)?;
+        values = found;
+        if by.abs() < NEAR {
+            return Some(values);
+        }
+        samples = shifted(&samples, by.clamp(-4.0, 4.0) * period);
+    }
+    None
+}
+
+/// Parameters with a small skew, by how many samples the force is later than its row's displacement.
+pub(super) fn joint(
+    law: Law,
+    record: &Record,
+    samples: &[Sample],
+    near: &[f64],
+) -> Option<(Vec<f64>, f64)> {
     let force = record.largest_force();
-    let n = record.samples.len();
-    let period = (record.samples[n - 1].time - record.samples[0].time) / n as f64;
+    let period = record.period();
     let scaled = |c: &[f64]| -> Vec<f64> {
         let (by, coded) = c.split_last().unwrap_or((&0.0, c));
         if coded.iter().any(|c| c.abs() > 60.0) {
@@ -53,21 +76,20 @@ pub(super) fn with_skew(
         let left = residuals(law, &law.decoded(coded, force), &moved, 0);
         left.into_iter().map(|l| l / force).collect()
     };
-    let start = [law.coded(near, force), vec![0.0]].concat();
-    let (mut found, _) = minimise(scaled, &start)?;
-    // Farther than neighbours are apart it is no more of this.
-    found.pop().filter(|by| by.abs() < 1.0)?;
-    Some(law.decoded(&found, force))
+    let (mut found, _) = minimise(scaled, &[law.coded(near, force), vec![0.0]].concat())?;
+    let by = found.pop()?;
+    Some((law.decoded(&found, force), by))
 }
 
-/// Middle and deviation of what is anywhere from a third to one.
-const OUTWARD: f64 = 2.0 / 3.0;
-const SPREAD: f64 = 0.192_45;
+/// Middle and deviation of what is anywhere from none to one.
+const OUTWARD: f64 = 0.5;
+const SPREAD: f64 = 0.288_675;
 
-/// Noise of the displacement moves the places where a contact turns, always outward. By how much parameters move where there
-/// is as much of it again in amplitude tells how far they were moved already (simulation and extrapolation, Cook and
-/// Stefanski 1994): by all of it where that goes with the amplitude, as where many samples lie near a turn, by a third where
-/// it goes with the power. By the middle they are corrected, and by the spread they are less sure.
+/// Noise of the displacement moves the places where a contact turns. By how much parameters move where there is as much of it again
+/// in amplitude tells how far they were moved already (simulation and extrapolation, Cook and Stefanski 1994): by all of it where
+/// that goes with the amplitude, as where many samples lie near a turn, by a third where it goes with the power, by hardly any of it
+/// where noise matters only once it is as large as a step, as in Dahl's law. By the middle they are corrected, and by the spread
+/// they are less sure.
 pub(super) fn widen(law: Law, record: &Record, known: &mut [Known]) {
     // Of white noise the second difference has six times the power.
     let seconds: Vec<f64> = record
@@ -81,17 +103,22 @@ pub(super) fn widen(law: Law, record: &Record, known: &mut [Known]) {
     if noise.is_nan() || noise <= 0.0 {
         return;
     }
-    let mut noisier = record.samples.clone();
-    for (k, s) in noisier.iter_mut().enumerate() {
-        s.displacement += 3f64.sqrt() * noise * scattered(k);
-    }
-    let moved = match record.skew {
-        0.0 => fit(law, record, &noisier, Some(&values)),
-        _ => with_skew(law, record, &noisier, &values),
+    let moved = |sign: f64| {
+        let mut noisier = record.samples.clone();
+        for (k, s) in noisier.iter_mut().enumerate() {
+            s.displacement += sign * 3f64.sqrt() * noise * scattered(k);
+        }
+        if record.has_time {
+            with_skew(law, record, &noisier, &values)
+        } else {
+            fit(law, record, &noisier, Some(&values))
+        }
     };
-    let Some(moved) = moved else {
+    // What one noise moves by chance its opposite moves back.
+    let (Some(one), Some(other)) = (moved(1.0), moved(-1.0)) else {
         return;
     };
+    let moved = one.iter().zip(&other).map(|(a, b)| 0.5 * (a + b));
     for (known, moved) in known.iter_mut().zip(moved) {
         let more = moved - known.value;
         known.value -= OUTWARD * more;
@@ -116,9 +143,8 @@ fn scattered(k: usize) -> f64 {
 pub(super) fn sure(law: Law, record: &Record, parameters: &[f64]) -> Option<(Vec<Known>, f64)> {
     let force = record.largest_force();
     let coded = law.coded(parameters, force);
-    // A skew that was taken out is known no better than the record tells it.
-    let n = record.samples.len();
-    let period = (record.samples[n - 1].time - record.samples[0].time) / n as f64;
+    // A skew is known no better than the record tells it.
+    let period = record.period();
     let left = |c: &[f64]| {
         let decoded = law.decoded(&c[..parameters.len()], force);
         match c.get(parameters.len()) {
@@ -126,10 +152,10 @@ pub(super) fn sure(law: Law, record: &Record, parameters: &[f64]) -> Option<(Vec
             None => residuals(law, &decoded, &record.samples, 0),
         }
     };
-    let coded = if record.skew == 0.0 {
-        coded
-    } else {
+    let coded = if record.has_time {
         [coded, vec![0.0]].concat()
+    } else {
+        coded
     };
     // What changes nothing, such as the speed of a Stribeck effect that is none, is not known, and the rest may be.
     let base = left(&coded);
@@ -177,5 +203,13 @@ pub(super) fn sure(law: Law, record: &Record, parameters: &[f64]) -> Option<(Vec
             }
         })
         .collect();
-    Some((known, solution.condition))
+    // A skew counts in another unit than the coded parameters, which are of order one.
+    let bare = |c: &[f64]| {
+        let mut all = own.clone();
+        all[..c.len()].copy_from_slice(c);
+        among(&all)
+    };
+    let count = matters.iter().filter(|j| **j < parameters.len()).count();
+    let condition = uncertainty(bare, &own[..count])?.condition;
+    Some((known, condition))
 }

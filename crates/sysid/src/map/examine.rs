@@ -42,10 +42,13 @@ const SIGNIFICANT: f64 = 40.0;
 const MOSTLY: f64 = 0.6;
 /// And where it leaves no more than this share of its height on the peak itself, beside the readings' own noise.
 const LIKE: f64 = 0.12;
+/// Light that was folded, by an explanation of its own for each reading, is one that leaves no more than this share.
+const FOLDED: f64 = 0.05;
 /// Fewest readings that must: a peak without its background is six numbers.
 const SEEN: usize = 6;
-/// So many readings may be a peak of their own by accident.
+/// So many readings may be a peak of their own by accident, they that stand above a third of it.
 const ALONE: usize = 2;
+const BRIGHT: f64 = 1.0 / 3.0;
 /// And so many such peaks, one after the other.
 const ALONE_TRIES: usize = 3;
 
@@ -63,8 +66,14 @@ impl Examined {
 ///
 /// Why no peak can be told from it.
 pub fn examine(scan: &Scan) -> Result<Examined, Refusal> {
-    let mut data: Vec<(usize, Datum)> =
-        scan.readings.iter().map(Datum::plain).enumerate().collect();
+    let data: Vec<(usize, Datum)> = scan.readings.iter().map(Datum::plain).enumerate().collect();
+    let found = among(scan, data.clone())?;
+    two_alone(scan, &found, data)?;
+    Ok(found)
+}
+
+/// Examines some of a scan's readings, without those that stand alone where they hide a peak.
+fn among(scan: &Scan, mut data: Vec<(usize, Datum)>) -> Result<Examined, Refusal> {
     let first = attempt(scan, &data);
     let mut last = first.clone();
     // One reading alone is no peak, but may hide one.
@@ -86,6 +95,23 @@ pub fn examine(scan: &Scan) -> Result<Examined, Refusal> {
         }
     }
     last.or(first).map_err(|refused| refused.0)
+}
+
+/// That a peak which two readings make stands beside no other: wild neighbours look as a narrow peak does, and nobody knows which of
+/// the two is meant.
+fn two_alone(scan: &Scan, found: &Examined, mut data: Vec<(usize, Datum)>) -> Result<(), Refusal> {
+    let stands = |d: &Datum| found.peak.share(d.at) > BRIGHT;
+    if data.iter().filter(|(_, d)| stands(d)).count() > ALONE {
+        return Ok(());
+    }
+    data.retain(|(_, d)| found.peak.share(d.at) <= SEES);
+    match among(scan, data) {
+        Ok(other) => Err(Refusal::Several {
+            other: other.peak.at,
+            share: other.peak.height / found.peak.height,
+        }),
+        Err(_) => Ok(()),
+    }
 }
 
 /// Readings that are far brighter or darker than all around them, if they are few: by their numbers, in order.
@@ -157,6 +183,13 @@ fn attempt(scan: &Scan, numbered: &[(usize, Datum)]) -> Result<Examined, Refused
     }
     let used = all.iter().filter(|(_, d)| !d.at_least).count();
     let noise = (found.squares / used.saturating_sub(NUMBERS).max(1) as f64).sqrt();
+    let unexplained = found.squares / whole.squares;
+    if fold.is_free() && unexplained > FOLDED {
+        return Err(Box::new((
+            Refusal::Shapeless { unexplained },
+            Some(found.shape),
+        )));
+    }
     check(scan, &found, &all, (noise, own_noise), &whole)
         .and_then(|()| surround::check(scan, &found, &all, (noise, own_noise)))
         .map_err(|why| Box::new((why, Some(found.shape))))?;
@@ -185,15 +218,25 @@ fn attempt(scan: &Scan, numbered: &[(usize, Datum)]) -> Result<Examined, Refused
     let is_folded = |d: &Datum| d.at_least || d.share != 0.0;
     let unsteady = Unsteady::of(scan, &found, &all, own_noise);
     surround::sure(&found, &unsteady).map_err(|why| Box::new((why, Some(found.shape))))?;
+    let only_noise_left = leaves_noise(&kept, &found, own_noise);
+    let crest = if only_noise_left {
+        0.0
+    } else {
+        surround::crest(scan, &found, &all)
+    };
+    let deviation = found
+        .deviation(noise)
+        .max(surround::apart(&found, &all, fold.is_free(), noise))
+        .max(crest);
+    surround::told(&found, found.deviation(noise).max(crest))
+        .map_err(|why| Box::new((why, Some(found.shape))))?;
     Ok(Examined {
         peak: found.shape,
         unsteady,
-        deviation: found
-            .deviation(noise)
-            .max(surround::apart(&found, &all, fold.is_free(), noise)),
+        deviation,
         noise,
         explained: 1.0 - (found.squares / whole.squares).min(1.0),
-        only_noise_left: leaves_noise(&kept, &found, own_noise),
+        only_noise_left,
         fold: fold.with_level(found.level),
         folded: all.iter().filter(|(_, d)| is_folded(d)).count(),
         apart: scan.readings.len() - all.len(),

@@ -4,7 +4,7 @@
 //! and rises nowhere else as high, the readings have to say.
 
 use super::fold::leaves_noise;
-use super::shape::{Datum, Fit, Shape, fit};
+use super::shape::{Datum, Fit, NUMBERS, Shape, fit};
 use super::unsteady::Unsteady;
 use super::{Refusal, Scan};
 use pigtail_model::frames::Displacement;
@@ -60,14 +60,7 @@ pub(super) fn check(
     (noise, own_noise): (f64, f64),
 ) -> Result<(), Refusal> {
     let shape = &found.shape;
-    let (_, short, _) = shape.ellipse();
-    let deviation = found.deviation(noise);
-    if deviation.is_nan() || deviation > PLACE * short {
-        return Err(Refusal::Vague {
-            deviation,
-            radius: short,
-        });
-    }
+    told(found, found.deviation(noise))?;
     let from = shape.at - scan.middle;
     let (rx, ry) = shape.radii();
     let room = Displacement::new(scan.half.x - from.x.abs(), scan.half.y - from.y.abs());
@@ -85,6 +78,15 @@ pub(super) fn check(
         return Err(Refusal::Saturated { share });
     }
     brightest(scan, found, all, noise)
+}
+
+/// Refuses a peak whose place is not told.
+pub(super) fn told(found: &Fit, deviation: f64) -> Result<(), Refusal> {
+    let (_, radius, _) = found.shape.ellipse();
+    if deviation.is_nan() || deviation > PLACE * radius {
+        return Err(Refusal::Vague { deviation, radius });
+    }
+    Ok(())
 }
 
 /// Refuses a peak whose place what changed while it was scanned leaves open.
@@ -307,6 +309,45 @@ pub(super) fn apart(found: &Fit, all: &[(usize, Datum)], free: bool, noise: f64)
         most = most.max(beyond(core, (found.shape.at, 0.0)));
     }
     most
+}
+
+/// How far from a peak the readings next to the brightest place, alone, put one, metres, beyond what their noise explains: two peaks
+/// that merge have their middle where neither is.
+pub(super) fn crest(scan: &Scan, found: &Fit, all: &[(usize, Datum)]) -> f64 {
+    /// Short radii about the brightest place.
+    const NEAR: f64 = 0.8;
+    let plain = |d: &Datum| d.sign > 0.0 && d.share == 0.0 && !d.at_least;
+    if !all.iter().all(|(_, d)| plain(d)) {
+        return 0.0;
+    }
+    let (_, short, _) = found.shape.ellipse();
+    let readings: Vec<(Displacement, f64)> = all.iter().map(|(_, d)| (d.at, d.power)).collect();
+    let smooth = Smooth::new(&readings, scan.spacing());
+    let by = |a: &usize, b: &usize| smooth.value[*a].total_cmp(&smooth.value[*b]);
+    let Some(top) = (0..readings.len()).max_by(by).map(|k| smooth.at[k]) else {
+        return 0.0;
+    };
+    let near = all.iter().map(|(_, d)| *d);
+    let near: Vec<Datum> = near
+        .filter(|d| (d.at - top).norm() < NEAR * short)
+        .collect();
+    let free = near.len().saturating_sub(NUMBERS);
+    let start = Shape {
+        at: top,
+        ..found.shape
+    };
+    let Some(own) = fit(&near, &start, found.level, false).filter(|_| free > 2) else {
+        return 0.0;
+    };
+    let off = (own.shape.at - found.shape.at).norm();
+    let known = own.deviation((own.squares / free as f64).sqrt());
+    // Farther than its readings it has found nothing.
+    let inside = own.shape.height > 0.0 && (own.shape.at - top).norm() < NEAR * short;
+    if inside && off > 3.0 * known {
+        off
+    } else {
+        0.0
+    }
 }
 
 /// Whether light that comes down again in its middle is a ring as well as it is light that was mirrored: a ring is

@@ -15,6 +15,7 @@
 //! Where there is no phase, the least one that goes with the magnitude is taken (`magnitude.rs`).
 
 mod magnitude;
+mod rows;
 mod search;
 
 use self::search::{Found, extend_pole, pruned, search, squares, without_idle_poles};
@@ -330,16 +331,28 @@ impl Record {
         let x = self.columns(coded);
         let y = nalgebra::DVector::from_vec(self.target());
         // Normal equations of columns of length one: these are many small problems.
-        let scale: Vec<f64> = x.column_iter().map(|c| c.norm().max(1e-300)).collect();
-        let scaled = DMatrix::from_fn(x.nrows(), x.ncols(), |i, j| x[(i, j)] / scale[j]);
-        let mut normal = scaled.tr_mul(&scaled);
-        for j in 0..normal.ncols() {
-            normal[(j, j)] += 1e-12;
+        let p = x.ncols();
+        let mut normal = DMatrix::zeros(p, p);
+        for i in 0..p {
+            for j in 0..=i {
+                normal[(i, j)] = x.column(i).dot(&x.column(j));
+            }
         }
-        let solved = normal.cholesky()?.solve(&scaled.tr_mul(&y));
-        let residuals = &y - scaled * &solved;
-        let values = solved.iter().zip(&scale).map(|(v, s)| v / s).collect();
-        Some((values, residuals.as_slice().to_vec()))
+        let scale: Vec<f64> = (0..p).map(|j| normal[(j, j)].sqrt().max(1e-300)).collect();
+        for i in 0..p {
+            for j in 0..=i {
+                normal[(i, j)] /= scale[i] * scale[j];
+                normal[(j, i)] = normal[(i, j)];
+            }
+            normal[(i, i)] += 1e-12;
+        }
+        let right = nalgebra::DVector::from_fn(p, |j, _| x.column(j).dot(&y) / scale[j]);
+        let mut values = normal.cholesky()?.solve(&right);
+        for (value, scale) in values.iter_mut().zip(&scale) {
+            *value /= scale;
+        }
+        let residuals = &y - x * &values;
+        Some((values.as_slice().to_vec(), residuals.as_slice().to_vec()))
     }
 
     /// Relative error of a linear part found elsewhere.
@@ -472,6 +485,7 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
     let modes = record.modes(&coded);
     let (coded, _) = minimise(|c| record.residuals(c), &coded)
         .ok_or_else(|| Unknown::all("the fit to all of its points failed"))?;
+    rows::of_one(record, &coded)?;
     let solution = uncertainty_of_points(|c| record.residuals(c), &coded)
         .ok_or_else(|| Unknown::all("its modes depend on each other"))?;
     let (values, _) = record

@@ -86,14 +86,27 @@ pub(super) struct Found {
 /// The error has many minima over the delay, and the slope of the phase is that of the modes too: from
 /// several shares of what it says.
 pub(super) fn search(record: &Record) -> Found {
+    /// Radians at the highest frequency by which delays differ that are of one minimum.
+    const ONE: f64 = 1e-4;
     let slope = record.delay();
-    [0.0, 0.15, 0.3, 0.5, 0.75, 1.0]
-        .into_iter()
-        .map(|share| search_from(record, share * slope))
+    let every = record.frequency.len().div_ceil(2 * ENOUGH);
+    let even = record.points(0, 2 * every);
+    let mut delays: Vec<f64> = Vec::new();
+    for share in [0.0, 0.15, 0.3, 0.5, 0.75, 1.0] {
+        let start = share * slope;
+        let settled = minimise(|c| even.residuals(c), &[start]).map_or(start, |(c, _)| c[0]);
+        if delays.iter().all(|d| (d - settled).abs() > ONE) {
+            delays.push(settled);
+        }
+    }
+    delays
+        .iter()
+        .map(|delay| search_from(record, *delay))
         .min_by(|a, b| a.error.total_cmp(&b.error))
         .unwrap_or_else(|| search_from(record, 0.0))
 }
 
+/// A search from a delay that a response without modes has settled at.
 fn search_from(record: &Record, delay: f64) -> Found {
     let every = record.frequency.len().div_ceil(2 * ENOUGH);
     let (even, odd) = (record.points(0, 2 * every), record.points(every, 2 * every));
@@ -104,9 +117,6 @@ fn search_from(record: &Record, delay: f64) -> Found {
             .map_or(f64::INFINITY, |(values, _)| odd.error(coded, &values))
     };
     let mut coded = vec![delay];
-    if let Some((settled, _)) = minimise(|c| even.residuals(c), &coded) {
-        coded = settled;
-    }
     let mut poles = 0;
     let mut error = judged(&coded, poles);
     let none = error;

@@ -82,6 +82,7 @@ pub(super) fn whole(
     if record.has_reference {
         against_reference(record, &position, &column(REFERENCE))?;
     }
+    held(record)?;
     saturation(&volts, remarks)?;
     if !record.has_reference {
         remarks.push(format!(
@@ -201,6 +202,36 @@ fn lead_of(record: &Record) -> f64 {
         0.0
     };
     best as f64 - MOST as f64 + aside
+}
+
+/// A position that is read by a slower clock than its rows stands for some rows at a time, and its acceleration is that of steps.
+fn held(record: &Record) -> Result<(), Unknown> {
+    /// Share of the steps that come after as many rows.
+    const EVENLY: f64 = 0.95;
+    let (mut ways, mut rows) = (Vec::new(), Vec::new());
+    for stretch in &record.even.stretches {
+        let q = &stretch.columns[POSITION];
+        let steps: Vec<usize> = (1..q.len()).filter(|k| q[*k] != q[k - 1]).collect();
+        for w in steps.windows(2) {
+            ways.push((q[w[1]] - q[w[0]]).abs());
+            rows.push(w[1] - w[0]);
+        }
+    }
+    // Where it is fast an encoder counts in every row.
+    let fast = quantile(&ways, 0.75);
+    let of_fast = || rows.iter().zip(&ways).filter(|(_, way)| **way >= fast);
+    let mut most = of_fast().map(|(rows, _)| *rows).collect::<Vec<_>>();
+    most.sort_unstable();
+    let Some(usual) = most.get(most.len() / 2).copied().filter(|n| *n > 1) else {
+        return Ok(());
+    };
+    let evenly = most.iter().filter(|n| **n == usual).count();
+    if evenly as f64 > EVENLY * most.len() as f64 {
+        return Err(Unknown::all(format!(
+            "its position stands for {usual} rows at a time, and its acceleration is that of steps: take every {usual}th row"
+        )));
+    }
+    Ok(())
 }
 
 fn saturation(volts: &[f64], remarks: &mut Vec<String>) -> Result<(), Unknown> {

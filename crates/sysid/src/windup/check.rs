@@ -7,7 +7,18 @@ use crate::timeline::{Clock, Even};
 use pigtail_numerics::regression::{least_squares, matrix, tolerance};
 use pigtail_numerics::signal::{quantile, rms};
 
+/// Encoders of a servo are read faster than this, seconds, and more slowly than [`FASTEST`].
+const SLOWEST: f64 = 0.1;
+const FASTEST: f64 = 5e-6;
+
 pub(super) fn check(signals: &Signals, even: &Even) -> Result<(), Unknown> {
+    if !(FASTEST..=SLOWEST).contains(&even.period) {
+        return Err(Unknown::all(format!(
+            "its samples are {:.6} s apart, too far or too close for the encoders of a servo, which are read every {FASTEST} to \
+             {SLOWEST} s: is the unit of time right?",
+            even.period
+        )));
+    }
     let n = signals.time.len();
     if n < LEAST {
         return Err(Unknown::all(format!(

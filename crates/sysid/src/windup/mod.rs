@@ -16,7 +16,7 @@ mod role;
 mod signals;
 
 use check::{check, excitation};
-use role::{either, lags, passive};
+use role::{commanded, either, idle, lags, passive, turned_unseen};
 use signals::Signals;
 
 use super::outliers;
@@ -204,8 +204,8 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
     let second = second.as_ref();
     let plain = Signals::new(record, 0.0);
     check(&plain, &record.even)?;
+    commanded(record, &mut remarks)?;
     let n = plain.time.len();
-    let all: Vec<usize> = (0..n).collect();
     let mean = plain.windup.iter().sum::<f64>() / n as f64;
     let raw = rms(plain.windup.iter().map(|w| w - mean));
     let mut unknown = excitation(&plain);
@@ -217,7 +217,7 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
     if !blind {
         for _ in 0..4 {
             let shifted = Signals::new(record, skew);
-            let Some(solution) = shifted.fit(MODELS[2].1, 0.0, &all) else {
+            let Some(solution) = shifted.fit(MODELS[2].1, 0.0) else {
                 break;
             };
             skew += solution.values[1];
@@ -248,8 +248,14 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
         "a windup that goes with the speed, as by viscous friction, cannot be told from the time skew".to_owned(),
     );
     unknown.extend(passive(record, &models, chosen, &signals, raw)?);
-    if unknown.is_empty() && !record.has_torque && !lags(&models, &signals, raw) {
-        either(chosen, &mut unknown, &mut remarks);
+    let open = if record.has_torque {
+        turned_unseen(chosen, &signals, raw)
+    } else {
+        !lags(&models, &signals, raw)
+    };
+    remarks.extend(idle(chosen).filter(|_| record.has_torque && unknown.is_empty()));
+    if unknown.is_empty() && open {
+        either(record.has_torque, chosen, &mut unknown, &mut remarks);
     }
     let parameters = chosen
         .parameters
@@ -259,7 +265,7 @@ pub fn identify(record: &Record, second: Option<&Record>) -> Result<Identified, 
             known: (!unknown.iter().any(|u| u.covers(name))).then_some(*known),
         })
         .collect();
-    let residuals = signals.residuals(chosen.parts, chosen.way, &chosen.values);
+    let residuals = signals.residuals(&signals.columns(chosen.parts, chosen.way), &chosen.values);
     let account = Account {
         modelled: signals
             .windup
@@ -342,11 +348,10 @@ fn all_models(
     let mut round = 0;
     loop {
         let signals = Signals::new(record, *skew);
-        let all: Vec<usize> = (0..signals.time.len()).collect();
         let other = second.map(|r| Signals::new(r, *skew));
         let models: Vec<Fitted> = MODELS
             .into_iter()
-            .filter_map(|(name, parts)| fit(name, parts, &signals, other.as_ref(), *skew, &all))
+            .filter_map(|(name, parts)| fit(name, parts, &signals, other.as_ref(), *skew))
             .collect();
         let least = models
             .iter()
@@ -391,31 +396,30 @@ fn fit(
     signals: &Signals,
     second: Option<&Signals>,
     skew: f64,
-    all: &[usize],
 ) -> Option<Fitted> {
     const FOLDS: usize = 5;
-    let n = all.len();
-    let way = signals.way(parts, all);
-    let whole = signals.fit(parts, way, all)?;
+    let n = signals.time.len();
+    let way = signals.way(parts);
+    let whole = signals.fit(parts, way)?;
+    let columns = signals.columns(parts, way);
     let (mut squares, mut others) = (0.0, Vec::with_capacity(FOLDS));
     for fold in 0..FOLDS {
         let (from, to) = (fold * n / FOLDS, (fold + 1) * n / FOLDS);
         let rows: Vec<usize> = (0..from).chain(to..n).collect();
-        let part = signals.fit(parts, way, &rows)?;
-        let residuals = signals.residuals(parts, way, &part.values);
+        let part = signals.values(&columns, &rows)?;
+        let residuals = signals.residuals(&columns, &part);
         squares += residuals[from..to].iter().map(|l| l * l).sum::<f64>();
-        others.push(part.values);
+        others.push(part);
     }
     let held_back = match second {
         // Where an encoder's zero is says nothing of a transmission.
         Some(second) => {
-            let residuals = second.residuals(parts, way, &whole.values);
+            let residuals = second.residuals(&second.columns(parts, way), &whole.values);
             let mean = residuals.iter().sum::<f64>() / residuals.len().max(1) as f64;
             rms(residuals.iter().map(|r| r - mean))
         }
         None => (squares / n as f64).sqrt(),
     };
-    let names = signals.columns(parts, way);
     // With the way unknown too the rest is less sure.
     let sure = parts
         .reversal
@@ -427,7 +431,7 @@ fn fit(
     };
     let mut parameters = Vec::new();
     let mut elements = Vec::new();
-    for (j, (name, _)) in names.iter().enumerate() {
+    for (j, (name, _)) in columns.iter().enumerate() {
         let (std, std_correlated) = stds(j);
         let known = Known {
             value: whole.values[j] + if *name == "time_skew" { skew } else { 0.0 },
@@ -443,7 +447,7 @@ fn fit(
     }
     if parts.reversal {
         let (std, std_correlated) = if let Some(sure) = &sure {
-            (sure.std[names.len()], sure.std_correlated[names.len()])
+            (sure.std[columns.len()], sure.std_correlated[columns.len()])
         } else {
             (f64::INFINITY, f64::INFINITY)
         };

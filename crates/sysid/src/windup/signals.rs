@@ -1,23 +1,25 @@
 //! What models of a transmission are made of, and how they are fitted.
 
 use super::{LEAST, LOAD, MOTOR, Parts, Record, TORQUE, WAYS};
+use nalgebra::DMatrix;
 use pigtail_model::windup::{Reversal, ReversalState};
 use pigtail_numerics::golden::least;
-use pigtail_numerics::regression::{Solution, least_squares, matrix};
+use pigtail_numerics::regression::{Rest, Solution, least_squares, least_squares_alone, matrix};
 use pigtail_numerics::signal::{Lowpass, between, derivative, quantile};
 
 /// Spacing of the ways that are tried first, as a factor.
 const SPACING: f64 = 1.45;
 
 /// The signals that models are made of.
+#[derive(Clone)]
 pub(super) struct Signals {
     pub(super) time: Vec<f64>,
     pub(super) windup: Vec<f64>,
     pub(super) position: Vec<f64>,
     /// The same without its noise, whose steps are no reversals.
-    path: Vec<f64>,
+    pub(super) path: Vec<f64>,
     /// Steps of the path that are its noise.
-    dead: f64,
+    pub(super) dead: f64,
     pub(super) velocity: Vec<f64>,
     pub(super) acceleration: Vec<f64>,
     pub(super) torque: Option<Vec<f64>>,
@@ -195,16 +197,29 @@ impl Signals {
         columns
     }
 
-    pub(super) fn fit(&self, parts: Parts, way: f64, rows: &[usize]) -> Option<Solution> {
+    /// A fit to all samples.
+    pub(super) fn fit(&self, parts: Parts, way: f64) -> Option<Solution> {
         let columns = self.columns(parts, way);
-        let pick = |c: &[f64]| -> Vec<f64> { rows.iter().map(|k| c[*k]).collect() };
-        let picked: Vec<Vec<f64>> = columns.iter().map(|(_, c)| pick(c)).collect();
-        let views: Vec<&[f64]> = picked.iter().map(Vec::as_slice).collect();
-        least_squares(&matrix(&views), &pick(&self.windup))
+        let views: Vec<&[f64]> = columns.iter().map(|(_, c)| &c[..]).collect();
+        least_squares(&matrix(&views), &self.windup)
     }
 
-    pub(super) fn residuals(&self, parts: Parts, way: f64, values: &[f64]) -> Vec<f64> {
-        let columns = self.columns(parts, way);
+    /// Values of `columns` that fit best over some of the samples.
+    pub(super) fn values(
+        &self,
+        columns: &[(&'static str, Vec<f64>)],
+        rows: &[usize],
+    ) -> Option<Vec<f64>> {
+        let x = DMatrix::from_fn(rows.len(), columns.len(), |i, j| columns[j].1[rows[i]]);
+        let windup: Vec<f64> = rows.iter().map(|k| self.windup[*k]).collect();
+        least_squares_alone(&x, &windup).map(|s| s.values)
+    }
+
+    pub(super) fn residuals(
+        &self,
+        columns: &[(&'static str, Vec<f64>)],
+        values: &[f64],
+    ) -> Vec<f64> {
         (0..self.time.len())
             .map(|k| {
                 let prediction: f64 = columns.iter().zip(values).map(|((_, c), v)| c[k] * v).sum();
@@ -214,14 +229,20 @@ impl Signals {
     }
 
     /// The way `Q` of (2.20) that fits best.
-    pub(super) fn way(&self, parts: Parts, rows: &[usize]) -> f64 {
+    pub(super) fn way(&self, parts: Parts) -> f64 {
         if !parts.reversal {
             return 0.0;
         }
-        let squares = |way: f64| {
-            self.fit(parts, way, rows)
-                .map_or(f64::INFINITY, |s| s.residuals.iter().map(|l| l * l).sum())
+        let others = Parts {
+            reversal: false,
+            ..parts
         };
+        let others = self.columns(others, 0.0);
+        let others: Vec<&[f64]> = others.iter().map(|(_, c)| &c[..]).collect();
+        let Some(rest) = Rest::new(&matrix(&others), &self.windup) else {
+            return self.range;
+        };
+        let squares = |way: f64| rest.squares(&self.reversal(way));
         let coarse = (0..14)
             .map(|k| 0.003 * SPACING.powi(k) * self.range)
             .map(|way| (squares(way), way))
