@@ -402,14 +402,15 @@ fn no_map_is_wrong_and_called_aligned() {
 }
 
 /// None is what is wanted. On these seeds, which nothing was tuned on, 7 of 725 maps were wrong when they were first
-/// looked at, 5 of several peaks and 2 with spikes, and still are: the bound is of after that.
+/// looked at, 5 of several peaks and 2 with spikes. Of 775 with merging peaks and wild neighbours among them one is, since those are
+/// told: the bound is of after that.
 #[test]
 #[ignore = "long: two minutes of maps"]
 fn hardly_a_map_of_many_is_wrong_and_called_aligned() {
     let wrong = report(100..125);
     eprintln!("{} wrong", wrong.len());
     assert!(
-        wrong.len() <= 7,
+        wrong.len() <= 1,
         "{} wrong:\n{}",
         wrong.len(),
         wrong.join("\n")
