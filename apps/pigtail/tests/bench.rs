@@ -69,7 +69,7 @@ fn what_drives_volts_and_what_a_bench_has_not_is_refused_in_a_line() {
         (&["tune", "z"][..], "`kind`"),
         (&["benchmark"], "`kind`"),
         (&["maximize"], "`kind`"),
-        (&["commission"], "`kind`"),
+        (&["commission", "--steps", "windup"], "--steps"),
         (&["align", "--procedure", "thesis"], "--procedure"),
         (&["align", "--fleet", "workshop"], "--fleet"),
         (&["align", "--scenario", "drift"], "--scenario"),
@@ -81,7 +81,6 @@ fn what_drives_volts_and_what_a_bench_has_not_is_refused_in_a_line() {
             &["campaign", "--devices", "2", "--machines", "2"],
             "--machines",
         ),
-        (&["rig", "mine"], "position"),
     ] {
         let output = pigtail(
             folder.path(),

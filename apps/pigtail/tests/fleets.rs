@@ -44,7 +44,9 @@ fn the_first_steps_of_commissioning_are_told() {
     let (code, _, error) = pigtail(folder.path(), &["commission", "--steps", "axis"]);
     assert_eq!(code, Some(2));
     assert!(
-        error.contains("axes, dark, gains, windup, piezos, shaking, spot, spread, acceptance"),
+        error.contains(
+            "axes, dark, gains, windup, piezos, shaking, spot, spread, groups, acceptance"
+        ),
         "{error}"
     );
 }

@@ -10,7 +10,7 @@ use crate::shaking::Measured;
 use crate::station::{Level, Station, coarse, fine};
 use crate::tip_estimator::{Seen, Tip, TipEstimator};
 use pigtail_hal::bench::{Event, Frame, Knot, Law, Limits, Pose, Request};
-use pigtail_hal::spec::SIDES;
+use pigtail_hal::spec::{GuardSpec, SIDES};
 use pigtail_hal::{Bench, Channel, Fault, Side, Spec};
 use pigtail_model::frames::{Chip, Displacement, Macro, Placement, Point};
 use std::cell::{Cell, RefCell};
@@ -522,6 +522,17 @@ impl<'b> AlignmentCell<'b> {
     /// Where a tip stands from its holder, by all frames so far; `None` before the first.
     pub fn seen(&self, side: Side, tip: Tip) -> Option<Seen> {
         self.tips.borrow().seen(side, tip)
+    }
+
+    /// How much nearer to the facet at `port` (chip's z, metres) who guards the machine would let the fiber of a side come, which asks vision
+    /// alone, metres; `None` before the first frame.
+    pub fn room_before(&self, side: Side, port: f64) -> Option<f64> {
+        /// Standard deviations more than the guard takes off, for its own frames are not quite the same.
+        const MORE: f64 = 1.0;
+        let seen = self.tips.borrow().by_vision(side, Tip::Fiber)?;
+        let outward = if side == Side::Left { -1.0 } else { 1.0 };
+        let gap = outward * (self.holder(side).z + seen.z - port);
+        Some(gap - self.spec().guard.clearance - (GuardSpec::SIGMAS + MORE) * seen.sigma[1])
     }
 
     /// Where the tip would stand that is where its holder is, in the chip's frame.

@@ -112,6 +112,8 @@ pub struct AtPeak {
     pub gap: f64,
     /// How the peak walks as the gap closes, metres in the manipulator's x and y for a metre.
     pub walk: Displacement,
+    /// How much nearer to the facet who guards the machine would let it come, who asks vision alone, metres.
+    pub room: f64,
 }
 
 /// Aligns the input fiber and the output fibers of one device, as the thesis does.

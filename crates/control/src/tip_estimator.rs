@@ -134,31 +134,36 @@ impl TipEstimator {
         }
     }
 
-    pub(crate) fn seen(&self, side: Side, tip: Tip) -> Option<Seen> {
+    /// Where a tip stands from its holder by vision alone.
+    pub(crate) fn by_vision(&self, side: Side, tip: Tip) -> Option<Seen> {
         let estimate = match tip {
             Tip::Fiber => self.fibers[side.index()],
             Tip::Sensing => self.sensing[side.index()],
         }?;
-        let vision = Seen {
+        Some(Seen {
             x: estimate.x.value,
             z: estimate.z.value,
             sigma: [estimate.x, estimate.z].map(|offset| offset.variance.sqrt()),
             bound_z: self.bound,
             facet_z: self.facet,
-        };
+        })
+    }
+
+    pub(crate) fn seen(&self, side: Side, tip: Tip) -> Option<Seen> {
+        let vision = self.by_vision(side, tip)?;
         let told = match tip {
-            Tip::Fiber => self.told[side.index()],
+            Tip::Fiber => self.told[side.index()].zip(self.fibers[side.index()]),
             Tip::Sensing => None,
         };
         Some(match told {
             None => vision,
-            Some((farther, deviation, holder)) => Seen {
+            Some(((farther, deviation, holder), Estimate { holder: stood, .. })) => Seen {
                 z: vision.z + farther,
                 sigma: [
                     vision.sigma[0],
                     vision.sigma[1]
                         .hypot(deviation)
-                        .hypot(SCALE * (estimate.holder.z - holder.z)),
+                        .hypot(SCALE * (stood.z - holder.z)),
                 ],
                 bound_z: 0.0,
                 facet_z: 0.0,

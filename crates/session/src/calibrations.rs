@@ -161,7 +161,7 @@ impl Versions {
     /// Where it is in no folder.
     pub fn of(rig: &str) -> Result<Self, Error> {
         let nowhere = || {
-            let message = "is no folder, and only a rig in a folder has versions; accepted is a rig of your own: `pigtail rig \
+            let message = "is no folder, and what is built in has no versions; accepted is a rig of your own: `pigtail rig \
                            my-rig` makes one";
             Error::new(rig, "", message)
         };

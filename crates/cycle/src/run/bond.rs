@@ -236,7 +236,7 @@ impl Line<'_, '_, '_> {
             None
         };
         let bent = match &followed {
-            Some(followed) => self.bend(production, lit, eye, (&sides, followed))?,
+            Some(followed) => self.bend(production, lit, eye, (&held, followed))?,
             None => [None; N],
         };
         let shares = bent.map(|bent| bent.map(|bent| bent.share));
@@ -362,7 +362,7 @@ impl Line<'_, '_, '_> {
         production: &Production,
         lit: f64,
         eye: (Channel, f64),
-        (sides, followed): (&[Side; N], &[Followed; N]),
+        (held, followed): (&[AtPeak; N], &[Followed; N]),
     ) -> Result<[Option<Bent>; N], Halt> {
         let cure = &production.cure;
         let each = bending(cure.bend);
@@ -375,18 +375,33 @@ impl Line<'_, '_, '_> {
         // From one look to the next.
         let flickers = self.steadiness.of(Way::Alone, 0.2 * each);
         for i in 0..N {
-            let Some(around) = self.look_bent(sides[i], eye, cure.bend)? else {
+            let aside = cure.bend.min(self.room_aside(held[i].room));
+            let Some(around) = self.look_bent(held[i].side, eye, aside)? else {
                 continue;
             };
             let Followed { width, beyond, .. } = followed[i];
             let share = around.share(width, flickers);
-            let shares = &mut self.shares[sides[i].index()];
+            let shares = &mut self.shares[held[i].side.index()];
             let beside = around.beside_peak(width, flickers, shares.of(share));
             shares.learn(Some(share));
             let beside = beside.map(|beside| beside.once_let_go(beyond, cure));
             bent[i] = Some(Bent { share, beside });
         }
         Ok(bent)
+    }
+
+    /// How far aside, metres, a fiber may seem to go before its inclined facet, for who guards the machine: it has it come nearer by that, and
+    /// one whose gap light has told may stand near by vision. `room` is how much nearer it may come, metres.
+    fn room_aside(&self, room: f64) -> f64 {
+        /// How much less room there may be by now, for what warms, metres; and how much farther aside the fiber is than when it came
+        /// near, for the circles that it was on: choices.
+        const WARMS: f64 = 0.2e-6;
+        const CIRCLES: f64 = 3e-6;
+        let slope = self.order.recipe.ports.slope().abs();
+        if slope == 0.0 {
+            return f64::INFINITY;
+        }
+        ((room - WARMS) / slope - CIRCLES).max(0.0)
     }
 
     /// Follows the peaks of one fiber or two, whose micros have rested since some times, until another, and goes beyond each as far as

@@ -24,6 +24,9 @@ const SETTLED: f64 = 0.03;
 /// for some tenths of a second.
 const BENT: f64 = 0.3;
 
+/// Less far aside nothing is told, metres.
+const LEAST: f64 = 1e-6;
+
 /// How fast the micro goes on a round, metres a second.
 const SPEED: f64 = 2e-3;
 
@@ -197,6 +200,9 @@ impl Line<'_, '_, '_> {
         eye: Eye,
         aside: f64,
     ) -> Result<Option<Around>, Halt> {
+        if aside < LEAST {
+            return Ok(None);
+        }
         self.look_round(side, eye, (aside, SLOWLY), BENT)
     }
 

@@ -324,6 +324,10 @@ impl Data {
         let area = |a: (f64, f64), b: (f64, f64)| 0.5 * (a.0 * b.1 - a.1 * b.0);
         let steps = (1..input.len()).map(|k| (at(k - 1), at(k)));
         let way: f64 = steps.clone().map(|(a, b)| (b.0 - a.0).abs()).sum();
+        // Without a way back there is no loop to go round.
+        if way < 1.5 * u.width() {
+            return Ok(());
+        }
         let round: f64 = steps.map(|(a, b)| area(a, b)).sum();
         let round = round + area(at(input.len() - 1), at(0));
         let leads = -round / (way * x.width()).max(f64::MIN_POSITIVE);
