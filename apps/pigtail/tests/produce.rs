@@ -205,7 +205,7 @@ fn a_tray_goes_on_where_its_journal_ends() {
     // What was learned is not forgotten: how steady the laser is, by which the first device's output is not known.
     let known = |output: &std::process::Output, serial: &str| {
         let text = String::from_utf8_lossy(&output.stdout).into_owned();
-        let events = text.lines().map(|line| serde_json::from_str::<Value>(line));
+        let events = text.lines().map(serde_json::from_str::<Value>);
         let device = events
             .map(|event| event.expect("an event"))
             .find(|event| event["event"] == "device" && event["serial"] == serial);
