@@ -26,7 +26,7 @@ use pigtail_control::procedure::FiberReport;
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::Observer;
 use pigtail_hal::bench::spec::{ARMS, BenchSpec};
-use pigtail_hal::bench::{Bench, Caps, GroupCaps, Meter, Pose, Stage};
+use pigtail_hal::bench::{Bench, Caps, GroupCaps, Meter, Pose};
 use pigtail_hal::digest::hash;
 use pigtail_hal::spec::OUTPUTS;
 use pigtail_hal::{Error, config, quantity};
@@ -61,6 +61,28 @@ pub struct Arms {
     /// The outputs' arm.
     #[serde(default)]
     pub right: ArmGroups,
+}
+
+impl Arms {
+    /// The groups by their names.
+    fn all(&self) -> [(&'static str, &MeasuredGroup); 4] {
+        let (left, right) = (&self.left, &self.right);
+        [
+            ("left.coarse", &left.coarse),
+            ("left.fine", &left.fine),
+            ("right.coarse", &right.coarse),
+            ("right.fine", &right.fine),
+        ]
+    }
+
+    /// Puts it in place of what a bench says of its groups of these names.
+    pub fn put(&self, caps: &mut Caps) {
+        for (name, measured) in self.all() {
+            if let Some(group) = caps.groups.iter_mut().find(|group| group.name == name) {
+                measured.put(group);
+            }
+        }
+    }
 }
 
 /// What was measured of the groups of an arm.
@@ -162,15 +184,15 @@ pub struct Meters {
 
 impl BenchCalibration {
     /// Parses the content of a `calibration.toml` and checks it against the datasheet; `file` is its name in errors. What is believed, and
-    /// what the bench is able to do by both.
+    /// what was measured of its groups.
     ///
     /// # Errors
     ///
     /// When a key is missing, unknown or out of range; a port was not taught, or twice; or there is no such arm or meter.
-    pub fn parse(file: &str, text: &str, spec: &BenchSpec) -> Result<(Belief, Caps), Error> {
+    pub fn parse(file: &str, text: &str, spec: &BenchSpec) -> Result<(Belief, Arms), Error> {
         let read: Self = config::parse(file, text)?;
         let error = |key: String, message: String| Error::new(file, key, message);
-        let mut caps = spec.caps();
+        let caps = spec.caps();
         let mut taught: Vec<Taught> = Vec::new();
         for (index, pose) in read.taught.iter().enumerate() {
             let key = |key: &str| format!("taught[{index}].{key}");
@@ -239,25 +261,14 @@ impl BenchCalibration {
             })
         });
         let meters = meters.collect::<Result<_, _>>()?;
-        for (arm, of) in [&read.groups.left, &read.groups.right]
-            .into_iter()
-            .enumerate()
-        {
-            for (stage, name, measured) in [
-                (Stage::Coarse, "coarse", &of.coarse),
-                (Stage::Fine, "fine", &of.fine),
-            ] {
-                if measured.lag.is_some() != measured.lag_deviation.is_some() {
-                    let message = "comes without the other; accepted are `lag` and `lag_deviation`, or neither";
-                    let key = format!("groups.{}.{name}.lag", ARMS[arm]);
-                    return Err(error(key, message.to_owned()));
-                }
-                if let Some(group) = caps.group(arm, stage) {
-                    measured.put(&mut caps.groups[group.0]);
-                }
+        for (name, measured) in read.groups.all() {
+            if measured.lag.is_some() != measured.lag_deviation.is_some() {
+                let message =
+                    "comes without the other; accepted are `lag` and `lag_deviation`, or neither";
+                return Err(error(format!("groups.{name}.lag"), message.to_owned()));
             }
         }
-        Ok((Belief { taught, meters }, caps))
+        Ok((Belief { taught, meters }, read.groups))
     }
 }
 
@@ -284,8 +295,8 @@ pub struct BenchRig {
     pub recipe_name: String,
     /// The datasheet.
     pub spec: BenchSpec,
-    /// What the bench is able to do, by its datasheet and by what was measured of it.
-    pub caps: Caps,
+    /// What was measured of its groups, in place of what the datasheet says.
+    pub groups: Arms,
     /// The belief, for control.
     pub belief: Belief,
     /// What is to be done.
@@ -316,7 +327,8 @@ impl BenchRig {
         let spec = BenchSpec::parse(&machine.name, &machine.text)?;
         let truth = file(1)?;
         let calibration = file(2)?.ok_or_else(|| missing(FILES[2]))?;
-        let (belief, caps) = BenchCalibration::parse(&calibration.name, &calibration.text, &spec)?;
+        let (belief, groups) =
+            BenchCalibration::parse(&calibration.name, &calibration.text, &spec)?;
         let source = recipe_file(named.recipe)?;
         let recipe: Recipe = config::parse(&source.name, &source.text)?;
         check(&recipe, &belief).map_err(|(key, why)| Error::new(&source.name, key, why))?;
@@ -331,7 +343,7 @@ impl BenchRig {
             name: named.rig.to_owned(),
             recipe_name: named.recipe.to_owned(),
             spec,
-            caps,
+            groups,
             belief,
             recipe,
             calibration_date: newest_date(&calibration.text),
@@ -431,8 +443,10 @@ pub fn align(
 
 /// A bench of this rig behind its guard.
 pub fn guarded<B: Bench>(rig: &BenchRig, bench: B, options: &Options) -> Guard<B> {
+    let mut caps = bench.caps().clone();
+    rig.groups.put(&mut caps);
     Guard::new(bench)
-        .with_caps(rig.caps.clone())
+        .with_caps(caps)
         .with_planes(rig.planes())
         .with_stop(options.stop.clone())
         .with_longest(LONGEST.min(options.longest))
@@ -555,7 +569,10 @@ mod tests {
         let whole = format!(
             "{half}lag_deviation = \"0.1 ms\"\n[groups.right.coarse]\nbacklash_z = \"0.7 um\"\n"
         );
-        let (_, caps) = BenchCalibration::parse("calibration.toml", &whole, &spec).expect("whole");
+        let (_, groups) =
+            BenchCalibration::parse("calibration.toml", &whole, &spec).expect("whole");
+        let mut caps = spec.caps();
+        groups.put(&mut caps);
         assert_eq!(caps.groups[1].lag, (2e-3, 0.1e-3));
         assert_eq!(caps.groups[3].lag, (1.5e-3, 0.3e-3));
         let backlash = caps.groups[2]

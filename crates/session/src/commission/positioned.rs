@@ -182,7 +182,8 @@ impl Work<'_> {
             Err(halt) => return Ok(failed(&halt)),
         };
         let (mut values, mut why) = (Map::new(), String::new());
-        for (channel, dark) in self.setup.rig.caps.channels.iter().zip(meters) {
+        let caps = self.setup.rig.spec.caps();
+        for (channel, dark) in caps.channels.iter().zip(meters) {
             if dark.level > MOST_DARK * channel.full_scale {
                 let name = &channel.name;
                 why = format!("the meter {name} reads {:.3} V without light", dark.level);
@@ -300,7 +301,7 @@ impl Work<'_> {
     /// The rig as it is believed to be now.
     fn take(&mut self) -> Result<(), Error> {
         let rig = &mut self.setup.rig;
-        (rig.belief, rig.caps) =
+        (rig.belief, rig.groups) =
             BenchCalibration::parse("what was found", &self.belief.text, &rig.spec)?;
         Ok(())
     }
