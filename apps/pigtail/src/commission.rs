@@ -93,8 +93,11 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let unfit = |error: Error| stopped(&run, &setup, error.into());
     let check = |belief: &Belief| belief.check(&setup.rig.spec).map_err(unfit);
     let what = ("commission", setup.rig.believing.as_deref());
-    let found = (&done.belief, &*done.tables);
-    let kept = found::keep_tables(write, &run, common, what, &check, found)?;
+    let keep = || {
+        let found = (&done.belief, &*done.tables);
+        found::keep_tables(write, &run, common, what, &check, found)
+    };
+    let kept = (!done.tables.is_empty()).then(keep).transpose()?;
     let rig = RunsOn::of(&setup.rig);
     let of = (&*setup.rig.hashes, &setup.rig.recipe.accept);
     arguments.tell(&run, &plan, of, done.document, kept.as_ref(), rig)
@@ -133,8 +136,11 @@ fn run_bench(arguments: &Arguments) -> Result<u8, Failure> {
         read.map(drop).map_err(unfit)
     };
     let what = ("commission", setup.rig.believing.as_deref());
-    let found = (&done.belief, &*done.tables);
-    let kept = found::keep_tables(write, &run, common, what, &check, found)?;
+    let keep = || {
+        let found = (&done.belief, &*done.tables);
+        found::keep_tables(write, &run, common, what, &check, found)
+    };
+    let kept = (!done.tables.is_empty()).then(keep).transpose()?;
     let rig = RunsOn::of_bench(&setup.rig);
     let of = (&*setup.rig.hashes, &setup.rig.recipe.accept);
     arguments.tell(&run, &plan, of, done.document, kept.as_ref(), rig)
@@ -160,6 +166,7 @@ impl Arguments {
             rig: self.common.rig.clone(),
             fleet: fleet.to_owned(),
             seed: self.common.seed,
+            devices: self.devices,
             configuration: hashes.to_vec(),
         }
     }

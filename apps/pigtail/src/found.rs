@@ -85,15 +85,8 @@ pub(crate) fn keep(
         found.change(change)?;
     }
     let tables: Vec<_> = changes.iter().map(|change| change.table.clone()).collect();
-    let kept = keep_tables(
-        write,
-        run,
-        common,
-        (what, believing),
-        &check,
-        (&found, &tables),
-    )?;
-    Ok(kept.expect("something was found"))
+    let found = (&found, &*tables);
+    keep_tables(write, run, common, (what, believing), &check, found)
 }
 
 /// The calibration of the rig, or the one that was named in its place.
@@ -106,7 +99,7 @@ fn believed_of(common: &Common, believing: Option<&Path>) -> Result<Belief, Erro
 }
 
 /// The same of any rig, and of a whole belief, some tables of which were found. `check` whether it is a calibration of the rig. What found
-/// it, and the calibration that was named in place of the rig's. `None` where nothing was found.
+/// it, and the calibration that was named in place of the rig's.
 pub(crate) fn keep_tables(
     write: WriteArguments,
     run: &Run,
@@ -114,10 +107,7 @@ pub(crate) fn keep_tables(
     (what, believing): (&str, Option<&Path>),
     check: &dyn Fn(&Belief) -> Result<(), Failure>,
     (believed, tables): (&Belief, &[String]),
-) -> Result<Option<FoundDocument>, Failure> {
-    if tables.is_empty() {
-        return Ok(None);
-    }
+) -> Result<FoundDocument, Failure> {
     let origin = Origin {
         what: what.to_owned(),
         date: now(),
@@ -162,7 +152,7 @@ pub(crate) fn keep_tables(
         document.kept = written.kept;
         document.written = Some(written.file);
     }
-    Ok(Some(document))
+    Ok(document)
 }
 
 impl FoundDocument {

@@ -283,6 +283,8 @@ pub(crate) struct CommissionHead {
     pub(crate) rig: String,
     pub(crate) fleet: String,
     pub(crate) seed: u64,
+    /// Of the acceptance test.
+    pub(crate) devices: u64,
     pub(crate) configuration: Vec<(String, String)>,
 }
 
@@ -326,7 +328,7 @@ impl CommissionJournal {
         for line in lines(&file)? {
             match line {
                 StepLine::Head(of) if of != *head => {
-                    let message = "is of another rig, fleet, recipe, calibration or seed; accepted are the same";
+                    let message = "is of another rig, fleet, recipe, calibration, seed or number of devices; accepted are the same";
                     return Err(Error::new(file.display().to_string(), "", message).into());
                 }
                 StepLine::Head(_) => {}

@@ -4,6 +4,7 @@
 use crate::beam::{Beam, SpotSize};
 use crate::gap_by_light::Spread;
 use crate::outcome::{Halt, Outcome};
+use crate::procedure::outward;
 use crate::reactor::{Gate, Go, LONGEST, Listener, Reactor, Watched, refused};
 use crate::recipe::Recipe;
 use crate::shaking::Measured;
@@ -527,12 +528,16 @@ impl<'b> AlignmentCell<'b> {
     /// How much nearer to the facet at `port` (chip's z, metres) who guards the machine would let the fiber of a side come, which asks vision
     /// alone, metres; `None` before the first frame.
     pub fn room_before(&self, side: Side, port: f64) -> Option<f64> {
+        let seen = self.tips.borrow().by_vision(side, Tip::Fiber)?;
+        let gap = outward(side) * (self.holder(side).z + seen.z - port);
+        Some(gap - self.kept_off(seen.sigma[1]))
+    }
+
+    /// How near to the chip who guards the machine lets a tip come that vision knows to a standard deviation along z, metres.
+    pub(crate) fn kept_off(&self, sigma: f64) -> f64 {
         /// Standard deviations more than the guard takes off, for its own frames are not quite the same.
         const MORE: f64 = 1.0;
-        let seen = self.tips.borrow().by_vision(side, Tip::Fiber)?;
-        let outward = if side == Side::Left { -1.0 } else { 1.0 };
-        let gap = outward * (self.holder(side).z + seen.z - port);
-        Some(gap - self.spec().guard.clearance - (GuardSpec::SIGMAS + MORE) * seen.sigma[1])
+        self.spec().guard.clearance + (GuardSpec::SIGMAS + MORE) * sigma
     }
 
     /// Where the tip would stand that is where its holder is, in the chip's frame.

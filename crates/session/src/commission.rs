@@ -10,7 +10,7 @@ mod checks;
 mod positioned;
 mod steps;
 
-pub use positioned::{CommissionedBench, commission_bench};
+pub use positioned::commission_bench;
 
 use crate::calibrations::{Belief, Change};
 use crate::job::{Ended, Job};
@@ -97,6 +97,23 @@ pub struct StepDocument {
     pub why: String,
     /// What was measured, in units that its keys name.
     pub values: Map<String, Value>,
+}
+
+impl StepDocument {
+    /// Of what a step found within so many seconds.
+    fn of(name: StepName, seconds: f64, Found { values, why }: Found) -> Self {
+        Self {
+            name,
+            seconds: rounded(seconds, 1e-4),
+            verdict: if why.is_empty() {
+                Verdict::Passed
+            } else {
+                Verdict::Failed
+            },
+            why,
+            values,
+        }
+    }
 }
 
 /// A step that is done, and all that is believed with it: from there a commissioning that was interrupted goes on.
@@ -260,21 +277,17 @@ pub fn commission_with(
     let wanted = all.iter().filter(|name| plan.steps.contains(name));
     for name in wanted.skip(before.len()) {
         let before = bench.seconds;
-        let (verdict, why, values) = match bench.step(*name) {
-            Ok(Found { values, why }) if why.is_empty() => (Verdict::Passed, why, values),
-            Ok(Found { values, why }) => (Verdict::Failed, why, values),
+        let found = match bench.step(*name) {
+            Ok(found) => found,
             Err(NotDone::Ended(error @ (Ended::Input(_) | Ended::Unrecorded(_)))) => {
                 return Err(error);
             }
-            Err(not_done) => (Verdict::Failed, not_done.to_string(), Map::new()),
+            Err(not_done) => Found {
+                values: Map::new(),
+                why: not_done.to_string(),
+            },
         };
-        let step = StepDocument {
-            name: *name,
-            seconds: rounded(bench.seconds - before, 1e-4),
-            verdict,
-            why,
-            values,
-        };
+        let step = StepDocument::of(*name, bench.seconds - before, found);
         let done = StepDone {
             step,
             belief: bench.belief.clone(),

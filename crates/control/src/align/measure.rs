@@ -214,12 +214,13 @@ pub fn measure_dark(
     })
 }
 
-/// Brings both fibers of the first guide to their peaks and measures both arms there. The fibers go back afterwards.
+/// Brings both fibers of the first guide to their peaks and measures both arms there. The fibers go back afterwards, however it ends but by a
+/// fault.
 ///
 /// # Errors
 ///
-/// A fault; how the alignment ended where there is no light or no peak; [`Misshapen`](Outcome::Misshapen) where what is seen on
-/// lines is no peak.
+/// A fault; how the alignment ended where there is no light or no peak; [`BenchFailed`](Outcome::BenchFailed) where what is seen on
+/// a line is no peak.
 pub fn measure(
     bench: &mut dyn Bench,
     belief: &Belief,
@@ -233,35 +234,51 @@ pub fn measure(
         let meter = *belief.meters.first().ok_or(Outcome::NotTaught)?;
         let mut left = Fiber::new(&bench, recipe, taught(0)?, meter)?;
         let mut right = Fiber::new(&bench, recipe, taught(1)?, meter)?;
-        let dark = Dark::measure(&bench, meter).await?;
-        for fiber in [&mut left, &mut right] {
-            fiber.load(&bench).await?;
-        }
-        Fiber::come_near(&bench, [&mut left, &mut right]).await?;
-        first_light(&bench, &dark, &mut [&mut left, &mut right]).await?;
-        for _ in 0..2 {
-            left.centre(&bench, &dark, "centre").await?;
-            right.centre(&bench, &dark, "centre").await?;
-        }
-        // There the spot is hardly wider than at the chip, and axes may go either way.
-        let gap = Beam::new(&recipe.mode, recipe.ports.exit_angle).gap_of(1.0);
-        right.approach(&bench, &dark, gap).await?;
-        left.approach(&bench, &dark, gap).await?;
-        let mut both = [
-            measure_arm(&bench, &dark, &left, recipe).await?,
-            measure_arm(&bench, &dark, &right, recipe).await?,
-        ];
-        for (fiber, measured) in [&mut left, &mut right].into_iter().zip(&mut both) {
-            fiber.approach(&bench, &dark, recipe.approach.gap).await?;
-            measured.spot = spot(&bench, &dark, fiber, recipe).await?;
+        let measured = measure_both(&bench, [&mut left, &mut right], recipe).await;
+        if let Err(Halt::Fault(_)) = measured {
+            return measured;
         }
         for fiber in [&left, &right] {
             fiber.go_back(&bench).await?;
             let arm = fiber.arm();
-            bench.ask(Request::Unload { arm }, LONGEST).await?;
+            match bench.ask(Request::Unload { arm }, LONGEST).await {
+                // One that was not loaded is not there.
+                Err(Halt::Outcome(_)) if measured.is_err() => {}
+                unloaded => unloaded?,
+            }
         }
-        Ok(both)
+        measured
     })
+}
+
+/// The fibers of both arms to their peaks, and what is measured there.
+async fn measure_both(
+    bench: &Reactor<'_>,
+    [left, right]: [&mut Fiber<'_>; 2],
+    recipe: &Recipe,
+) -> Result<[MeasuredArm; 2], Halt> {
+    let dark = Dark::measure(bench, left.meter).await?;
+    left.load(bench).await?;
+    right.load(bench).await?;
+    Fiber::come_near(bench, [&mut *left, &mut *right]).await?;
+    first_light(bench, &dark, &mut [&mut *left, &mut *right]).await?;
+    for _ in 0..2 {
+        left.centre(bench, &dark, "centre").await?;
+        right.centre(bench, &dark, "centre").await?;
+    }
+    // There the spot is hardly wider than at the chip, and axes may go either way.
+    let gap = Beam::new(&recipe.mode, recipe.ports.exit_angle).gap_of(1.0);
+    right.approach(bench, &dark, gap).await?;
+    left.approach(bench, &dark, gap).await?;
+    let mut both = [
+        measure_arm(bench, &dark, left, recipe).await?,
+        measure_arm(bench, &dark, right, recipe).await?,
+    ];
+    for (fiber, measured) in [left, right].into_iter().zip(&mut both) {
+        fiber.approach(bench, &dark, recipe.approach.gap).await?;
+        measured.spot = spot(bench, &dark, fiber, recipe).await?;
+    }
+    Ok(both)
 }
 
 async fn measure_arm(

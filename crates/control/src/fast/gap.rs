@@ -341,12 +341,8 @@ fn greatest_speed(spare: f64, acceleration: f64, rate: f64) -> f64 {
 
 /// How near to the chip who guards the machine lets a tip come, by vision alone, metres.
 fn nearest_by_vision(cell: &AlignmentCell<'_>, aim: &Aim) -> f64 {
-    /// Standard deviations more than the guard takes off, for its own frames are not quite the same.
-    const MORE: f64 = 1.0;
-    let sigma = cell
-        .seen(aim.side, aim.tip)
-        .map_or(0.0, |seen| seen.sigma[1]);
-    cell.spec().guard.clearance + (GuardSpec::SIGMAS + MORE) * sigma
+    let seen = cell.seen(aim.side, aim.tip);
+    cell.kept_off(seen.map_or(0.0, |seen| seen.sigma[1]))
 }
 
 /// The same for a tip that moves slowly, metres.

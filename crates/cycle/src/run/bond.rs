@@ -393,15 +393,15 @@ impl Line<'_, '_, '_> {
     /// How far aside, metres, a fiber may seem to go before its inclined facet, for who guards the machine: it has it come nearer by that, and
     /// one whose gap light has told may stand near by vision. `room` is how much nearer it may come, metres.
     fn room_aside(&self, room: f64) -> f64 {
-        /// How much less room there may be by now, for what warms, metres; and how much farther aside the fiber is than when it came
-        /// near, for the circles that it was on: choices.
-        const WARMS: f64 = 0.2e-6;
+        /// How much less room there may be by now, for what warms and for what the adhesive has drawn along since, metres (1.5 um was seen in
+        /// 30 s); and how much farther aside the fiber is than when it came near, for the circles that it was on: choices.
+        const DRAWN: f64 = 2e-6;
         const CIRCLES: f64 = 3e-6;
         let slope = self.order.recipe.ports.slope().abs();
         if slope == 0.0 {
             return f64::INFINITY;
         }
-        ((room - WARMS) / slope - CIRCLES).max(0.0)
+        ((room - DRAWN) / slope - CIRCLES).max(0.0)
     }
 
     /// Follows the peaks of one fiber or two, whose micros have rested since some times, until another, and goes beyond each as far as

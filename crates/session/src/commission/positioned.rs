@@ -2,7 +2,7 @@
 
 use super::acceptance::{DEVICES, judged};
 use super::steps::MOST_DARK;
-use super::{CommissionDocument, Found, Plan, StepDocument, StepDone, StepName, Verdict};
+use super::{CommissionDocument, Commissioned, Found, Plan, StepDocument, StepDone, StepName};
 use crate::bench::{BenchCalibration, BenchSetup, guarded};
 use crate::calibrations::{Belief, Change};
 use crate::rig::{Named, belief};
@@ -16,17 +16,6 @@ use pigtail_hal::quantity::{LENGTH, TIME};
 use pigtail_numerics::rounded;
 use pigtail_twin::Specimen;
 use serde_json::{Map, Value, json};
-
-/// A bench that was commissioned.
-#[derive(Debug, Clone)]
-pub struct CommissionedBench {
-    /// What to print.
-    pub document: CommissionDocument,
-    /// All that is believed with what was found.
-    pub belief: Belief,
-    /// The tables of it that were found.
-    pub tables: Vec<String>,
-}
 
 /// What is not known of a bench however it was measured.
 const UNKNOWN: [&str; 3] = [
@@ -53,7 +42,7 @@ pub fn commission_bench(
     plan: &Plan,
     observer: &mut dyn Observer,
     mut watch: impl FnMut(&StepDone),
-) -> Result<CommissionedBench, Error> {
+) -> Result<Commissioned, Error> {
     let belief = belief(&Named {
         rig: &setup.rig.name,
         calibration: setup.rig.believing.as_deref(),
@@ -86,17 +75,7 @@ pub fn commission_bench(
             StepName::Groups => work.groups(),
             _ => work.acceptance(),
         }?;
-        let step = StepDocument {
-            name,
-            seconds: rounded(work.seconds - before, 1e-4),
-            verdict: if found.why.is_empty() {
-                Verdict::Passed
-            } else {
-                Verdict::Failed
-            },
-            why: found.why,
-            values: found.values,
-        };
+        let step = StepDocument::of(name, work.seconds - before, found);
         let done = StepDone {
             step,
             belief: work.belief.clone(),
@@ -111,7 +90,7 @@ pub fn commission_bench(
         steps,
         UNKNOWN.to_vec(),
     );
-    Ok(CommissionedBench {
+    Ok(Commissioned {
         document,
         belief: work.belief,
         tables: work.tables,
@@ -351,10 +330,11 @@ fn values_of(arm: &MeasuredArm) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::commission::Verdict;
     use crate::rig::BENCH_RIG_NAME;
     use pigtail_control::station::Unobserved;
 
-    fn commissioned(setup: &BenchSetup, seed: u64, steps: &[StepName]) -> CommissionedBench {
+    fn commissioned(setup: &BenchSetup, seed: u64, steps: &[StepName]) -> Commissioned {
         let plan = Plan {
             steps: steps.to_vec(),
             devices: 1,
