@@ -13,6 +13,7 @@ mod wander;
 
 use self::answer::Turn;
 pub use self::last::Ready;
+pub use self::told::WATCHED;
 use crate::beam::{Beam, Oblong, Peak, Reading, SpotSize};
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::Reactor;

@@ -373,6 +373,19 @@ impl Shaking {
         all.min(1.0)
     }
 
+    /// Whether a tip whose place is `known` so well may turn out to be within `tolerance` for sure where it is watched for longer: as still as
+    /// it may be by what was seen so far, it would be.
+    pub fn may_be_sure(&self, tolerance: f64, known: Across) -> bool {
+        /// Standard deviations by which it may be stiller than it seems.
+        const STILLER: f64 = 2.0;
+        let seen = self.known();
+        let stillest = seen.deviation * (-STILLER * seen.spread).exp();
+        let left = self.measured.map_or(1.0, |measured| measured.left);
+        let place = known.times(self.wider);
+        let sigma = place.sigma.map(|sigma| sigma.hypot(left.sqrt() * stillest));
+        Across { sigma, ..place }.outside(tolerance) <= UNSURE
+    }
+
     /// How well it is known along an axis where a tip, of which the place is `known` so well, is while its bond sets.
     pub fn bonded(&self, known: Across) -> Across {
         let left = self.measured.map_or(1.0, |measured| measured.left);

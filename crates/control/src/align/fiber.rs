@@ -36,9 +36,6 @@ const CLEAR: f64 = 0.5e-3;
 /// How often the last turns are begun.
 const ATTEMPTS: u32 = 4;
 
-/// Samples for which a tip is watched that may shake too much, at first and at most.
-const WATCHED: (usize, usize) = (40, 640);
-
 /// Share of its light that may be missing once a fiber is attached, beside noise.
 const ATTACHED_LESS: f64 = 0.01;
 
@@ -437,14 +434,10 @@ impl<'d> Fiber<'d> {
                 continue;
             }
             if let Err(unsure) = scan.shaking().is_sure(aside, known) {
-                let mut samples = WATCHED.0;
-                while watched + samples <= WATCHED.1
-                    && scan.shaking().is_sure(aside, known).is_err()
-                {
-                    scan.watch_shaking(bench, gap, samples).await?;
-                    watched += samples;
-                    samples = watched;
-                }
+                scan.watch_while(bench, gap, &mut watched, |shaking| {
+                    shaking.is_sure(aside, known).is_err() && shaking.may_be_sure(aside, known)
+                })
+                .await?;
                 accuracy *= 0.6;
                 why = Some(unsure);
                 continue;

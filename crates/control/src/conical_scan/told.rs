@@ -6,7 +6,7 @@ use crate::beam::{Peak, Reading};
 use crate::gap_by_light::{Circles, Width};
 use crate::outcome::Halt;
 use crate::reactor::Reactor;
-use crate::shaking::Scatter;
+use crate::shaking::{Scatter, Shaking};
 use pigtail_hal::Fault;
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::line::Line;
@@ -26,6 +26,10 @@ const ROUNDS: (u32, u32) = (4, 192);
 /// Turns from one to the other. In whole turns, so that light is always sampled at the same places of a circle: a micro that rings
 /// there does so at every gap alike, and all widths are wrong by the same share.
 const OVER: f64 = 1.0;
+
+/// Light samples for which a tip is watched that may shake too much, in x and in y: so many at first, then as many
+/// again until that is decided, and at most.
+pub const WATCHED: (usize, usize) = (40, 1280);
 
 /// How far beside the peak light is watched, in its widths: there it is steepest.
 const STEEP: f64 = 0.7;
@@ -269,6 +273,28 @@ impl ConicalScan<'_> {
         self.glide_to(bench, gap, peak).await?;
         if shaking.is_known() {
             self.shaking = shaking;
+        }
+        Ok(())
+    }
+
+    /// Watches how the tip shakes ([`Self::watch_shaking`]), longer and longer while it `helps`, until it was for as many light samples as are
+    /// worth it: of these `watched` is the count.
+    ///
+    /// # Errors
+    ///
+    /// The machine's fault.
+    pub async fn watch_while(
+        &mut self,
+        bench: &Reactor<'_>,
+        gap: f64,
+        watched: &mut usize,
+        helps: impl Fn(&Shaking) -> bool,
+    ) -> Result<(), Halt> {
+        let mut samples = WATCHED.0;
+        while *watched + samples <= WATCHED.1 && helps(&self.shaking) {
+            self.watch_shaking(bench, gap, samples).await?;
+            *watched += samples;
+            samples = *watched;
         }
         Ok(())
     }

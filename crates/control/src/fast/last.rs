@@ -8,16 +8,13 @@ use crate::cell::AlignmentCell;
 use crate::conical_scan::{ConicalScan, Ready};
 use crate::outcome::{Halt, Outcome};
 use crate::procedure::{Job, light_check};
+use crate::shaking::Shaking;
 use crate::station::Level;
 use crate::still_there::Foreseen;
 
 /// A gap that turns out to be wrong by so many tolerances when all else is done is worth doing the
 /// last turns again.
 const LATE: f64 = 1.3;
-
-/// Light samples for which a tip is watched that may shake too much, in x and in y: so many at first, then as many
-/// again until that is decided, and at most.
-pub(super) const WATCHED: (usize, usize) = (40, 1280);
 
 /// How often a gap is corrected before a look from near.
 const CORRECTED: u32 = 3;
@@ -232,23 +229,21 @@ impl Doubt {
         gap: f64,
         (tolerance, known): (f64, Across),
     ) -> Result<bool, Halt> {
-        let sure = |scan: &ConicalScan<'_>, known: Across| {
-            scan.shaking().is_sure(tolerance, known).is_ok()
-        };
+        let sure = |shaking: &Shaking, known| shaking.is_sure(tolerance, known).is_ok();
         let dim = known.worse() > BETTER.sqrt() * self.best;
         self.best = self.best.min(known.worse());
-        let missing = |scan: &ConicalScan<'_>| !dim && sure(scan, known.times(BETTER * BETTER));
-        if self.watched > 0 || missing(scan) {
+        let better = known.times(BETTER * BETTER);
+        let watching_helps = |shaking: &Shaking| {
+            let by_turns = !dim && sure(shaking, better);
+            !by_turns && !sure(shaking, known) && shaking.may_be_sure(tolerance, known)
+        };
+        if self.watched > 0 || !watching_helps(&scan.shaking()) {
             self.accuracy = (BETTER * self.accuracy).max(FINEST);
         }
-        let mut samples = WATCHED.0;
-        while self.watched + samples <= WATCHED.1 && !missing(scan) && !sure(scan, known) {
-            scan.watch_shaking(cell, gap, samples).await?;
-            self.watched += samples;
-            samples = self.watched;
-        }
+        scan.watch_while(cell, gap, &mut self.watched, watching_helps)
+            .await?;
         // A drift may have been seen by chance.
-        Ok(sure(scan, Across::of(FINEST.min(known.worse()))))
+        Ok(sure(&scan.shaking(), Across::of(FINEST.min(known.worse()))))
     }
 }
 

@@ -21,7 +21,7 @@ mod single;
 
 use crate::beam::Peak;
 use crate::cell::AlignmentCell;
-use crate::conical_scan::{ConicalScan, Gap, Watch};
+use crate::conical_scan::{ConicalScan, Gap, WATCHED, Watch};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::procedure::{FiberReport, Found, Job, each_fiber};
 use crate::recipe::{Fast, Pass, Recipe, Sweep};
@@ -31,7 +31,7 @@ use crate::tip_estimator::Tip;
 use approach_moves::{Aim, cock};
 use gap::unhurried;
 pub use gap::vision_knows;
-use last::{Rest, WATCHED};
+use last::Rest;
 use pigtail_hal::Side;
 use pigtail_hal::bench::Meter;
 use pigtail_hal::spec::{CHANNELS, Channel};
