@@ -5,6 +5,7 @@
 //! brighter on the peak's side, says where the peak is, by a fit of a Gaussian of known width.
 //! What the micro lags behind is the same all around the circle.
 
+mod ahead;
 mod answer;
 mod last;
 mod piezos;

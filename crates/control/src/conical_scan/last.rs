@@ -1,5 +1,6 @@
 //! The last turns at the chip: the peak as it will be, a look at it from near, and the way to rest.
 
+use super::ahead::{AHEAD, Ahead, CHANCE, CREEP, Moved, aged, late, recent, together};
 use super::answer::{Answer, Turn};
 use super::told::FORGETS;
 use super::{ConicalScan, Gap, NEAR, NEARBY, SHRINK, SIGNIFICANT};
@@ -10,14 +11,9 @@ use crate::outcome::{Halt, Outcome};
 use crate::reactor::Reactor;
 use crate::still_there::Foreseen;
 use pigtail_model::frames::Displacement;
-use pigtail_numerics::line::Line;
 
 /// Turns that foresee a peak, at least.
 const FEWEST: usize = 3;
-
-/// From the middle of the last wide turn to that of the small one, turns, but for what is waited on the way. Foreseeing as far as
-/// the fiber's attaching makes offsets in x twice as large, and those in y larger by a third.
-const AHEAD: f64 = 1.3;
 
 /// Radius of the small turn in widths, of which the least is enough for light without noise: the
 /// smaller, the better the light on it tells that at its middle...
@@ -30,10 +26,6 @@ const NOISY: f64 = 10.0;
 /// So many times the most turns in one place are made at the chip, at most.
 const MOST_TURNS: u32 = 12;
 
-/// Of more turns than those this share is left out, of the first: piezos creep by the logarithm of time, which is no straight line where all
-/// of it is looked at.
-const OLD: usize = 3;
-
 /// No peak is worth a look from near that is not even known so well after these, metres.
 const ROUGHLY: f64 = 30e-9;
 
@@ -44,9 +36,6 @@ const HIDDEN: f64 = 0.01;
 
 /// From the middle of the small turn to its end, turns.
 const HALF_TURN: f64 = 0.5;
-
-/// Standard deviations of a drift that is no drift for sure.
-const CHANCE: f64 = 2.0;
 
 /// How well the wide turns and the small one together must know the peak, of what the wide ones must;
 /// but for light so dim that it takes very many.
@@ -68,22 +57,12 @@ const SHAKES: f64 = 2.0;
 /// Small turns, at most, until it no longer rings.
 const RINGING: u32 = 10;
 
-/// What was foreseen gets no older than so many turns where the middle stays: else all would be believed in the end.
-const FRESH: u32 = 2;
-
 /// A swing that is more than this share of that of the turn before does not die away.
 const LASTING: f64 = 0.8;
-
-/// How far the small turn may find the peak from where the wide ones foresaw it, metres and standard
-/// deviations: what is farther has been moved meanwhile. Rather once too often: it costs some turns.
-const MOVED: (f64, f64) = (40e-9, 3.0);
 
 /// As [`MISFIT`], for the small turn, times its radius squared: a peak that was moved in the middle of
 /// it, or a piezo that does not move, which makes `1 / sqrt(8)`.
 const SMALL_MISFIT: f64 = 0.2;
-
-/// How fast a peak moves when all is done, metres a turn: as piezos creep.
-const CREEP: f64 = 15e-9;
 
 /// Of that, what is not foreseen on the way from the last turn to where the fiber is fixed; and of how fast it has been seen
 /// to move, where that takes longer than a turn.
@@ -533,16 +512,6 @@ fn undecided(off: f64, (deviation, accuracy): (f64, f64)) -> Outcome {
     }
 }
 
-/// What leads to a peak, of turns of which so many were the most.
-fn recent(turns: &[Turn], most: usize) -> &[Turn] {
-    let old = if turns.len() > most {
-        turns.len() / OLD
-    } else {
-        0
-    };
-    &turns[old..]
-}
-
 /// What a small circle has told.
 struct Near {
     /// The peak by its last turn.
@@ -551,172 +520,4 @@ struct Near {
     old: f64,
     /// Whether the micro rang on the way there.
     rings: bool,
-}
-
-/// By how many of so many turns what was foreseen has got old, where the middle was led after what was seen, or was not.
-fn aged(led: bool, turns: u32) -> f64 {
-    f64::from(if led { turns } else { turns.min(FRESH) })
-}
-
-/// What was foreseen for one turn, so many turns later: piezos creep.
-fn late(foreseen: &Peak, turns: f64) -> Peak {
-    Peak {
-        deviations: foreseen.deviations.map(|d| d.hypot(CREEP * turns)),
-        ..*foreseen
-    }
-}
-
-/// The place of a peak by where it was foreseen and where it was seen, each as far as it is sure by its noise, and how well it is known then in
-/// x and in y, metres, where the turn on which it was seen has an unrest of its own (square metres). That does not count against the small
-/// turn: what makes a micro swing along with wide turns moves all of them alike. What is farther from where it was foreseen than chance makes it has
-/// been moved, and may go on.
-fn together(foreseen: &Peak, seen: &Peak, unrest: [f64; 2]) -> (Displacement, [f64; 2]) {
-    let by = seen.at - foreseen.at;
-    let (before, after) = (foreseen.deviations, seen.deviations);
-    let apart = [0, 1].map(|i| before[i].hypot(after[i]).max(f64::MIN_POSITIVE));
-    let share = [0, 1].map(|i| (before[i] / apart[i]).powi(2));
-    let moved = [0, 1].map(|i| {
-        let by = [by.x, by.y][i];
-        (by * by - (MOVED.1 * apart[i]).powi(2)).max(0.0).sqrt()
-    });
-    (
-        foreseen.at + Displacement::new(share[0] * by.x, share[1] * by.y),
-        [0, 1].map(|i| {
-            let known = before[i] * after[i] / apart[i];
-            known.hypot(share[i] * unrest[i].sqrt()).hypot(moved[i])
-        }),
-    )
-}
-
-/// A peak that is not where it was foreseen: how far it is, and how far it might be, metres.
-struct Moved {
-    way: f64,
-    near: f64,
-}
-
-impl Moved {
-    /// Of what was foreseen so many turns ago; `None` where it is there.
-    fn of(foreseen: &Peak, seen: &Peak, turns: f64) -> Option<Self> {
-        let deviation = late(foreseen, turns).deviation().hypot(seen.deviation());
-        let way = (seen.at - foreseen.at).norm();
-        let near = MOVED.0 + MOVED.1 * deviation;
-        (way > near).then_some(Self { way, near })
-    }
-}
-
-/// A coordinate of the peak as it will be.
-struct Ahead {
-    /// So many turns ahead of the last one as it was asked for, metres.
-    at: f64,
-    /// Its standard deviation, metres.
-    deviation: f64,
-    /// How it moves, metres a turn...
-    slope: f64,
-    /// ...and how well that is known.
-    slope_deviation: f64,
-    /// Variance of a turn's peak about that as it was seen, square metres...
-    scatter: f64,
-    /// ...and as it is believed.
-    each: f64,
-}
-
-impl Ahead {
-    /// The same in x and in y by how the turns' peaks answer to where their middles were.
-    fn answered(of: &Answer) -> [Self; 2] {
-        let [x, y] = [(of.at.x, of.slope.x), (of.at.y, of.slope.y)];
-        [x, y].map(|(at, slope)| Self {
-            at,
-            deviation: of.deviation,
-            slope,
-            slope_deviation: of.slope_deviation,
-            scatter: of.scatter,
-            each: of.scatter,
-        })
-    }
-
-    /// By the straight line through a coordinate of peaks that are a turn apart, so many turns `ahead`. A few peaks may
-    /// happen to lie well: their variance is `least` (square metres) or more.
-    fn of(
-        turns: &[Turn],
-        coordinate: impl Fn(&Peak) -> f64 + Clone,
-        least: f64,
-        ahead: f64,
-    ) -> Self {
-        let n = turns.len() as f64;
-        let turns = turns.iter().map(|turn| coordinate(&turn.peak)).enumerate();
-        let points = turns.map(|(k, at)| (k as f64, at));
-        let line = Line::through(points.clone());
-        let squares: f64 = points.map(|(k, at)| line.left(k, at).powi(2)).sum();
-        let lever = line.x + ahead;
-        let scatter = squares / (n - 2.0);
-        let each = scatter.max(least);
-        let variance = each * (1.0 / n + lever * lever / line.spread);
-        Self {
-            at: line.y + line.slope * lever,
-            deviation: variance.sqrt(),
-            slope: line.slope,
-            slope_deviation: (each / line.spread).sqrt(),
-            scatter,
-            each,
-        }
-    }
-
-    /// How much of its way is one for sure: of one that chance may have made nothing, of one far beyond that all but all.
-    fn surely(&self) -> f64 {
-        let chance = CHANCE * self.slope_deviation / self.slope.abs().max(f64::MIN_POSITIVE);
-        self.slope * (1.0 - chance * chance).max(0.0)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn turn(x: f64) -> Turn {
-        let at = Displacement::new(x, 0.0);
-        let peak = Peak {
-            at,
-            full: 1.0,
-            full_deviation: 0.0,
-            deviations: [0.0; 2],
-        };
-        Turn {
-            peak,
-            middle: at,
-            time: 0.0,
-        }
-    }
-
-    #[test]
-    fn a_steady_creep_is_foreseen() {
-        let turns = [0.0, 10e-9, 20e-9, 30e-9].map(turn);
-        let ahead = Ahead::of(&turns, |peak| peak.at.x, 0.0, AHEAD);
-        let expected = 30e-9 + AHEAD * 10e-9;
-        assert!((ahead.at - expected).abs() < 1e-15, "{}", ahead.at);
-        assert!(ahead.deviation < 1e-15, "{}", ahead.deviation);
-        assert!((ahead.slope - 10e-9).abs() < 1e-15, "{}", ahead.slope);
-    }
-
-    #[test]
-    fn a_peak_that_is_not_where_it_was_foreseen_is_not_believed_to_be_known() {
-        let foreseen = Peak {
-            deviations: [10e-9; 2],
-            ..turn(0.0).peak
-        };
-        let seen = |x: f64| Peak {
-            at: Displacement::new(x, 0.0),
-            ..foreseen
-        };
-        let (at, known) = together(&foreseen, &seen(30e-9), [0.0; 2]);
-        assert!((at.x - 15e-9).abs() < 1e-12 && known[0] < 8e-9, "{known:?}");
-        let (_, known) = together(&foreseen, &seen(90e-9), [0.0; 2]);
-        assert!(known[0] > 70e-9 && known[1] < 8e-9, "{known:?}");
-    }
-
-    #[test]
-    fn three_peaks_that_happen_to_lie_well_are_not_believed_more_than_their_noise() {
-        let Ahead { deviation, .. } =
-            Ahead::of(&[0.0; 3].map(turn), |peak| peak.at.x, 1e-16, AHEAD);
-        assert!(deviation > 10e-9, "{deviation}");
-    }
 }
