@@ -373,16 +373,20 @@ impl Shaking {
         all.min(1.0)
     }
 
-    /// Whether a tip whose place is `known` so well may turn out to be within `tolerance` for sure where it is watched for longer: as still as
-    /// it may be by what was seen so far, it would be.
+    /// Whether a tip whose place is `known` so well may turn out to be within `tolerance` for sure where it is watched, or watched for longer:
+    /// as still as it may yet be, it would be. Of one that was not watched nobody knows what is left of means over as long as a bond takes.
     pub fn may_be_sure(&self, tolerance: f64, known: Across) -> bool {
         /// Standard deviations by which it may be stiller than it seems.
         const STILLER: f64 = 2.0;
-        let seen = self.known();
-        let stillest = seen.deviation * (-STILLER * seen.spread).exp();
-        let left = self.measured.map_or(1.0, |measured| measured.left);
+        let stillest = if self.watched {
+            let seen = self.known();
+            let left = self.measured.map_or(1.0, |measured| measured.left);
+            left.sqrt() * seen.deviation * (-STILLER * seen.spread).exp()
+        } else {
+            0.0
+        };
         let place = known.times(self.wider);
-        let sigma = place.sigma.map(|sigma| sigma.hypot(left.sqrt() * stillest));
+        let sigma = place.sigma.map(|sigma| sigma.hypot(stillest));
         Across { sigma, ..place }.outside(tolerance) <= UNSURE
     }
 
