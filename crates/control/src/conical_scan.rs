@@ -7,6 +7,7 @@
 
 mod ahead;
 mod answer;
+mod around;
 mod last;
 mod piezos;
 mod told;
@@ -553,20 +554,6 @@ impl<'r> ConicalScan<'r> {
     pub fn clear_peak(&mut self) -> Option<Peak> {
         self.peak()
             .filter(|peak| peak.full > SIGNIFICANT * peak.full_deviation)
-    }
-
-    /// Goes to where the last turn was brightest, if that stands out of the noise; whether it does.
-    pub fn to_brightest(&mut self) -> bool {
-        let brightest = self
-            .readings
-            .iter()
-            .max_by(|a, b| a.volts.total_cmp(&b.volts));
-        let clear = brightest.filter(|reading| reading.volts > SIGNIFICANT * self.watch.noise);
-        let Some(at) = clear.map(|reading| reading.at) else {
-            return false;
-        };
-        self.shift(at - self.centre);
-        true
     }
 
     /// Goes to a peak, at most its width at `gap` away. Returns how far it was away, metres.

@@ -1,7 +1,8 @@
 //! The gap between fiber and chip: by vision, and where that cannot know it well enough by light.
 
+use super::Shared;
 use super::approach_moves::Aim;
-use super::{Shared, hand_over};
+use super::centre::hand_over;
 use crate::belief::{Across, UNSURE};
 use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;

@@ -12,6 +12,7 @@
 //! last turn.
 
 mod approach_moves;
+mod centre;
 mod gap;
 mod laser;
 mod last;
@@ -19,13 +20,12 @@ mod ratio;
 mod seen;
 mod single;
 
-use crate::beam::Peak;
 use crate::cell::AlignmentCell;
-use crate::conical_scan::{ConicalScan, Gap, WATCHED, Watch};
+use crate::conical_scan::{ConicalScan, WATCHED, Watch};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::procedure::{FiberReport, Found, Job, each_fiber};
 use crate::recipe::{Fast, Pass, Recipe, Sweep};
-use crate::station::{Station, coarse, fine};
+use crate::station::{Station, fine};
 use crate::sweep::{Spot, first_light};
 use crate::tip_estimator::Tip;
 use approach_moves::{Aim, cock};
@@ -55,10 +55,6 @@ const SCATTERED: f64 = 5.0;
 
 /// ...for so many turns, in which it does not by chance stay as bright as a peak would.
 const DOUBTING: u64 = 3;
-
-/// Radii of the circles on which light is looked for that was there and is not where it was to be, in widths of its peak: the first where it may
-/// have been a little aside, all of them where the macro has gone aside since, of which its transmissions hide some.
-const AROUND: [f64; 4] = [1.5, 2.5, 3.5, 4.5];
 
 /// A pass of a search for one fiber.
 #[derive(Debug, Clone, Copy)]
@@ -451,132 +447,6 @@ impl<'r> Shared<'r> {
         })
     }
 
-    /// From first light to the peak at the gap of the search. A spot that is none is passed by.
-    async fn centre(
-        &self,
-        cell: &AlignmentCell<'_>,
-        aim: &Aim,
-        watch: Watch,
-        spot: Spot,
-    ) -> Result<(ConicalScan<'r>, f64), Halt> {
-        let beam = cell.beam(aim.side, self.recipe);
-        let shape = &self.fast.conical_scan;
-        let walk = aim.walk(cell, self.exit());
-        let gap = aim.gap(cell);
-        let rest = cell.wanted(aim.side);
-        let at = spot.at - rest.across();
-        let before = cell.measured_shaking(aim.side);
-        let mut scan = ConicalScan::new(watch, beam, shape, cell, (at, gap), walk, before);
-        // What the micro will not reach, here or at the chip, the macro must.
-        let room = beam.width(gap);
-        let handed_over = self.make_room(cell, aim, &mut scan, room, gap).await?;
-        let coarse = 0.15 * beam.width(gap);
-        let mut peak = match self.circle_to(cell, &mut scan, gap, coarse).await {
-            Ok(peak) => peak,
-            Err(Halt::Outcome(Outcome::LightLost { .. })) => {
-                let farther = if handed_over {
-                    &AROUND[..]
-                } else {
-                    &AROUND[..1]
-                };
-                self.look_around(cell, aim, &mut scan, gap, farther).await?;
-                self.circle_to(cell, &mut scan, gap, coarse).await?
-            }
-            Err(halt) => return Err(halt),
-        };
-        let margin = 0.5 * beam.width(gap);
-        if self.make_room(cell, aim, &mut scan, margin, gap).await? {
-            peak = self.circle_to(cell, &mut scan, gap, coarse).await?;
-        }
-        // A peak is brighter than what was seen of it in passing; a fluctuation is gone by now.
-        let level = peak.full * beam.share(gap);
-        let expected = 0.6 * spot.level;
-        if level < expected {
-            return Err(Outcome::LightLost {
-                phase: "centre",
-                level,
-                expected,
-            }
-            .into());
-        }
-        Ok((scan, peak.full))
-    }
-
-    /// Circles until the peak is in the middle, to `accuracy` metres, or twice as far where a micro that swings does not come so near: nearer to
-    /// the chip it is found anew.
-    async fn circle_to(
-        &self,
-        cell: &AlignmentCell<'_>,
-        scan: &mut ConicalScan<'_>,
-        gap: f64,
-        accuracy: f64,
-    ) -> Result<Peak, Halt> {
-        let mut accuracy = accuracy;
-        for _ in 0..self.fast.retry.centre {
-            match scan.centre(cell, gap, accuracy, "centre", 1).await {
-                Err(Halt::Outcome(Outcome::Unsure { .. })) => accuracy *= 2.0,
-                peak => return peak,
-            }
-        }
-        scan.centre(cell, gap, accuracy, "centre", 1).await
-    }
-
-    /// Farther and farther out around where light was to be, on circles of so many widths of the peak, until there is some; then to where it is
-    /// brightest.
-    async fn look_around(
-        &self,
-        cell: &AlignmentCell<'_>,
-        aim: &Aim,
-        scan: &mut ConicalScan<'_>,
-        gap: f64,
-        farther: &[f64],
-    ) -> Result<(), Halt> {
-        /// Turns on each: what is seen on the way there does not count.
-        const TURNS: f64 = 1.25;
-        for radius in farther {
-            let out = radius * scan.beam_width(gap);
-            if !reaches_around(cell, aim.side, scan.place(gap), out, 1.0) {
-                break;
-            }
-            scan.set_radius(*radius);
-            let seconds = TURNS * scan.period();
-            scan.run(cell, Gap::Steady(gap), seconds).await?;
-            if scan.to_brightest() {
-                break;
-            }
-            // Many dim readings together tell what none does alone.
-            if let Some(peak) = scan.clear_peak() {
-                scan.go_to(cell, &peak, gap)?;
-                break;
-            }
-        }
-        scan.set_radius(self.fast.conical_scan.radius);
-        Ok(())
-    }
-
-    /// Hands over to the macro what the micro would not reach, here or at the chip, with a circle
-    /// of `room` metres around it. Returns whether it was so.
-    async fn make_room(
-        &self,
-        cell: &AlignmentCell<'_>,
-        aim: &Aim,
-        scan: &mut ConicalScan<'_>,
-        room: f64,
-        gap: f64,
-    ) -> Result<bool, Halt> {
-        /// Share of its range that a micro can be relied on to have.
-        const SURE: f64 = 0.93;
-        let (at, end) = (scan.place(gap), scan.place(self.recipe.approach.gap));
-        let reached = [at, end]
-            .into_iter()
-            .all(|at| reaches_around(cell, aim.side, at, room, SURE));
-        if !reached {
-            let middle = (at + end) * 0.5;
-            hand_over(cell, scan, aim.side, middle, gap).await?;
-        }
-        Ok(!reached)
-    }
-
     /// The least light of a fiber at no gap, volts, that comes out of the guide, after so much `before`. Of modes wider than designed a
     /// greater share crosses the gap of a search, so that there seems to be more light than there is: by how much the spot tells, at the chip.
     fn least_light(&self, cell: &AlignmentCell<'_>, aim: &Aim, before: f64) -> f64 {
@@ -647,55 +517,6 @@ impl<'r> Shared<'r> {
             return Err(why.into());
         }
     }
-}
-
-/// Whether a micro reaches all of a circle of `radius` metres around a displacement within so much of its range.
-fn reaches_around(
-    cell: &AlignmentCell<'_>,
-    side: Side,
-    at: Displacement,
-    radius: f64,
-    share: f64,
-) -> bool {
-    [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]
-        .into_iter()
-        .all(|(x, y)| {
-            let by = Displacement::new(x, y) * radius;
-            cell.micro_reaches(side, (at + by) / share)
-        })
-}
-
-/// The macro goes aside and comes to rest there, while the micro stays in its
-/// scan.
-async fn hand_over(
-    cell: &AlignmentCell<'_>,
-    scan: &mut ConicalScan<'_>,
-    side: Side,
-    by: Displacement,
-    gap: f64,
-) -> Result<(), Halt> {
-    /// For the servo to come to rest, seconds.
-    const REST: f64 = 0.02;
-    let goal = cell.wanted(side).moved(by);
-    let before = cell.endpoint(side);
-    cell.start_line(side, goal, None)?;
-    let place = scan.place(gap);
-    if !cell.micro_reaches(side, place) {
-        // Where the micro does not get to yet it need not wait.
-        cell.stands(side).await?;
-        cell.wait(REST).await?;
-        scan.hand_over(cell.endpoint(side).across() - before.across());
-        return Ok(());
-    }
-    scan.begin_aside(cell, coarse(side));
-    let aside = Gap::Aside(gap, coarse(side));
-    while cell.is_moving(side) {
-        scan.step(cell, aside, f64::INFINITY).await?;
-    }
-    scan.run(cell, aside, REST).await?;
-    scan.hand_over(cell.endpoint(side).across() - before.across());
-    scan.end_aside();
-    Ok(())
 }
 
 /// Whether to try a fiber again after this many tries, of which the last came to this.

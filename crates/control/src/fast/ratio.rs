@@ -1,9 +1,10 @@
 //! How far a micro goes in y for a displacement in x, which no camera sees: the macro goes aside and up by some
 //! micrometres, circles follow the peak with the micro, and what the one has gone, the other has made up for.
 
+use super::Shared;
 use super::approach_moves::Aim;
+use super::centre::hand_over;
 use super::gap::to_middle;
-use super::{Shared, hand_over};
 use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
 use crate::outcome::{Halt, Outcome};
