@@ -7,8 +7,9 @@ use crate::progress::Busy;
 use crate::running::{self, stopped};
 use crate::{DONE, Failure};
 use clap::{Args, Subcommand};
+use pigtail_control::calibration::Windups;
 use pigtail_control::station::Unobserved;
-use pigtail_hal::{Axis, AxisName};
+use pigtail_hal::AxisName;
 use pigtail_report as report;
 use pigtail_session::calibrations::Change;
 use pigtail_session::identify::{Identified, IdentifyWindup, Model, WindupDocument};
@@ -87,9 +88,9 @@ fn run_windup(arguments: &WindupArguments) -> Result<u8, Failure> {
     };
     let (common, write) = (&arguments.common, arguments.write);
     write.check(&common.rig)?;
-    let kind = if at.axis == Axis::Z { "z" } else { "five_bar" };
-    let entry = format!("windup.{kind}");
-    let mut setup = common.setup_with(DEFAULT_RECIPE_NAME, &Own::default(), true, &[&entry])?;
+    let kind = Windups::default().table(at);
+    let mut setup = common.setup_with(DEFAULT_RECIPE_NAME, &Own::default(), true, &[&kind])?;
+    let entry = setup.rig.calibration.windup.table(at);
     let (runs, seed) = (&arguments.common.runs, arguments.common.seed);
     let run = running::begin(&mut setup, runs, "identify windup", seed, true)?;
     let job = IdentifyWindup {

@@ -5,6 +5,7 @@ use crate::input::{Refused, axis, choice, refused};
 use crate::rig::{Belief, Rig, Told};
 use crate::work::{Watch, work};
 use numpy::PyArray1;
+use pigtail_control::calibration::Windups;
 use pigtail_control::characterize::Trace;
 use pigtail_control::identify::WindupRecord;
 use pigtail_control::station::Unobserved;
@@ -169,8 +170,9 @@ pub(crate) fn identify<'py>(
     let (document, columns, belief) = work(py, progress, |watch| {
         let at = axis(axis_name)?;
         let model: Model = choice("model", model)?;
-        let table = format!("windup.{}", kind_of(at));
-        let setup = stoppable(rig.bench(&[&table])?, watch);
+        let kind = Windups::default().table(at);
+        let setup = stoppable(rig.bench(&[&kind])?, watch);
+        let table = setup.rig.calibration.windup.table(at);
         let job = IdentifyWindup { at, model, seed };
         let found = setup.run(&job, seed, &mut Told::new(watch))?;
         let change = Change {

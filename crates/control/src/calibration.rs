@@ -5,7 +5,7 @@ use crate::compensation::micro::MicroModel;
 use crate::gap_by_light::Spread;
 use crate::impulse::belief::ImpulseBeliefs;
 use crate::shaking::Measured;
-use pigtail_hal::{Error, Side, Spec, config, quantity};
+use pigtail_hal::{Axis, AxisName, Error, Side, Spec, config, quantity};
 use pigtail_model::windup::{ELEMENTS, Memory, POWERS, Reversal, Windup};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
 use serde::Deserialize;
@@ -276,7 +276,7 @@ impl HysteresisBelief {
     }
 }
 
-/// Windup of each kind of axis where it has been identified.
+/// Windup where it has been identified: of each kind of axis, and of axes of their own, which differ as their friction does.
 #[derive(Debug, Clone, PartialEq, Default, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Windups {
@@ -284,6 +284,66 @@ pub struct Windups {
     pub five_bar: Option<WindupBelief>,
     /// Of a z-stage.
     pub z: Option<WindupBelief>,
+    /// Of the left manipulator's axes.
+    #[serde(default)]
+    pub left: AxisWindups,
+    /// Of the right manipulator's axes.
+    #[serde(default)]
+    pub right: AxisWindups,
+}
+
+/// Windup of one manipulator's axes, each in place of that of its kind.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct AxisWindups {
+    /// Of the first joint of the five-bar.
+    pub a: Option<WindupBelief>,
+    /// Of the second.
+    pub b: Option<WindupBelief>,
+    /// Of the z-stage.
+    pub z: Option<WindupBelief>,
+}
+
+impl Windups {
+    /// Of an axis: its own, or that of its kind.
+    pub fn of(&self, at: AxisName) -> Option<&WindupBelief> {
+        let kind = match at.axis {
+            Axis::A | Axis::B => &self.five_bar,
+            Axis::Z => &self.z,
+        };
+        self.own(at).or(kind.as_ref())
+    }
+
+    /// Of an axis, where it was identified on its own.
+    pub fn own(&self, at: AxisName) -> Option<&WindupBelief> {
+        let side = match at.side {
+            Side::Left => &self.left,
+            Side::Right => &self.right,
+        };
+        match at.axis {
+            Axis::A => side.a.as_ref(),
+            Axis::B => side.b.as_ref(),
+            Axis::Z => side.z.as_ref(),
+        }
+    }
+
+    /// The table for what is found of an axis: that of its kind, unless it has its own, which would hide it.
+    pub fn table(&self, at: AxisName) -> String {
+        match (self.own(at), at.axis) {
+            (Some(_), _) => format!("windup.{at}"),
+            (None, Axis::A | Axis::B) => "windup.five_bar".to_owned(),
+            (None, Axis::Z) => "windup.z".to_owned(),
+        }
+    }
+
+    /// All of them, each by its key in the table.
+    fn each(&self) -> impl Iterator<Item = (String, &WindupBelief)> {
+        let kinds = [("five_bar", &self.five_bar), ("z", &self.z)];
+        let kinds = kinds.map(|(key, belief)| (key.to_owned(), belief.as_ref()));
+        let own = AxisName::ALL.map(|at| (at.to_string(), self.own(at)));
+        let all = kinds.into_iter().chain(own);
+        all.filter_map(|(key, belief)| Some((key, belief?)))
+    }
 }
 
 /// Windup of an axis as it was identified.
@@ -512,15 +572,10 @@ impl Calibration {
                 }
             }
         }
-        for (key, belief) in [
-            ("five_bar", &calibration.windup.five_bar),
-            ("z", &calibration.windup.z),
-        ] {
-            if let Some(belief) = belief {
-                belief.check().map_err(|message| {
-                    Error::new(file, format!("windup.{key}.elements"), message)
-                })?;
-            }
+        for (key, belief) in calibration.windup.each() {
+            belief
+                .check()
+                .map_err(|message| Error::new(file, format!("windup.{key}.elements"), message))?;
         }
         for (name, belief) in [
             ("five_bar", &calibration.impulse.five_bar),

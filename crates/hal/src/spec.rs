@@ -86,6 +86,23 @@ pub struct AxisName {
 }
 
 /// `left.a` and the like; `fivebar` and `z` stand for those of the left manipulator.
+impl AxisName {
+    /// Those of a machine: left.a, left.b, left.z, right.a, right.b, right.z.
+    pub const ALL: [Self; SIDES * AXES] = [
+        Self::new(Side::Left, Axis::A),
+        Self::new(Side::Left, Axis::B),
+        Self::new(Side::Left, Axis::Z),
+        Self::new(Side::Right, Axis::A),
+        Self::new(Side::Right, Axis::B),
+        Self::new(Side::Right, Axis::Z),
+    ];
+
+    /// An axis of a manipulator.
+    pub const fn new(side: Side, axis: Axis) -> Self {
+        Self { side, axis }
+    }
+}
+
 impl From<AxisName> for String {
     fn from(name: AxisName) -> Self {
         name.to_string()

@@ -102,42 +102,55 @@ pub struct Identified {
 }
 
 impl Identified {
+    /// The model as a table of a calibration; found on a `date`, by an `origin`.
+    pub fn values(&self, date: &str, origin: &str) -> Vec<(&'static str, toml_edit::Item)> {
+        let residual = self.document.residual_um / self.um_per_radian;
+        let models = (&self.reversal, &self.memory);
+        values(self.document.model, models, residual, (date, origin))
+    }
+
     /// Way (radians) and share of the torque of each element that has one.
     pub fn elements(&self) -> Vec<[f64; 2]> {
-        let pairs = self.memory.ways.iter().zip(&self.memory.stiffness);
-        pairs
-            .filter(|(_, k)| **k != 0.0)
-            .map(|(way, k)| [*way, way * k])
-            .collect()
+        elements(&self.memory)
     }
 }
 
-impl Identified {
-    /// The model as a table of a calibration; found on a `date`, by an `origin`.
-    pub fn values(&self, date: &str, origin: &str) -> Vec<(&'static str, toml_edit::Item)> {
-        let radians = |value: f64| format!("{value:.6e} rad");
-        let model: &str = self.document.model.into();
-        let hardening = self.memory.hardening.iter().map(|part| radians(*part));
-        let elements = self.elements().into_iter();
-        let elements = elements.map(|pair| pair.into_iter().collect::<toml_edit::Array>());
-        let residual = self.document.residual_um / self.um_per_radian;
-        vec![
-            ("model", toml_edit::value(model)),
-            ("w_max", toml_edit::value(radians(self.reversal.maximum))),
-            ("q", toml_edit::value(radians(self.reversal.way))),
-            (
-                "hardening",
-                toml_edit::value(hardening.collect::<toml_edit::Array>()),
-            ),
-            (
-                "elements",
-                toml_edit::value(elements.collect::<toml_edit::Array>()),
-            ),
-            ("residual", toml_edit::value(radians(residual))),
-            ("date", toml_edit::value(date)),
-            ("origin", toml_edit::value(origin)),
-        ]
-    }
+fn elements(memory: &Memory) -> Vec<[f64; 2]> {
+    let pairs = memory.ways.iter().zip(&memory.stiffness);
+    pairs
+        .filter(|(_, k)| **k != 0.0)
+        .map(|(way, k)| [*way, way * k])
+        .collect()
+}
+
+/// Models of windup as a table of a calibration, of which one is to be used; what it leaves is in radians. Found on a date, by an origin.
+fn values(
+    model: Model,
+    (reversal, memory): (&Reversal, &Memory),
+    residual: f64,
+    (date, origin): (&str, &str),
+) -> Vec<(&'static str, toml_edit::Item)> {
+    let radians = |value: f64| format!("{value:.6e} rad");
+    let model: &str = model.into();
+    let hardening = memory.hardening.iter().map(|part| radians(*part));
+    let elements = elements(memory).into_iter();
+    let elements = elements.map(|pair| pair.into_iter().collect::<toml_edit::Array>());
+    vec![
+        ("model", toml_edit::value(model)),
+        ("w_max", toml_edit::value(radians(reversal.maximum))),
+        ("q", toml_edit::value(radians(reversal.way))),
+        (
+            "hardening",
+            toml_edit::value(hardening.collect::<toml_edit::Array>()),
+        ),
+        (
+            "elements",
+            toml_edit::value(elements.collect::<toml_edit::Array>()),
+        ),
+        ("residual", toml_edit::value(radians(residual))),
+        ("date", toml_edit::value(date)),
+        ("origin", toml_edit::value(origin)),
+    ]
 }
 
 /// What counts and radians of an axis are at its output.
@@ -166,6 +179,12 @@ pub fn range(axis: Axis) -> f64 {
     }
 }
 
+/// The same in radians of the output, and how fast it is gone over, radians a second.
+fn range_and_speed(axis: Axis, scale: &Scale) -> (f64, f64) {
+    let range = range(axis) / scale.metres_per_radian;
+    (range, 0.25 * range)
+}
+
 /// Both models of an axis's windup, and the scan to which they were fitted.
 #[derive(Debug, Clone)]
 pub struct Models {
@@ -178,6 +197,18 @@ pub struct Models {
 }
 
 impl Models {
+    /// Scans an axis, and fits both models.
+    fn of(
+        station: &mut Station,
+        at: AxisName,
+        scale: &Scale,
+        (range, speed): (f64, f64),
+    ) -> Result<Self, Ended> {
+        let path = Path::identification(range, speed);
+        let record = scan(station, at, scale, &path, &Windup::None)?;
+        Ok(Self::fit(record, range, speed))
+    }
+
     /// Fits both models to a scan along [`Path::identification`] over `range` at `speed` (radians of the
     /// output, and a second).
     pub fn fit(record: WindupRecord, range: f64, speed: f64) -> Self {
@@ -237,15 +268,12 @@ pub fn windup(
 ) -> Result<Identified, Ended> {
     let scale = scale(rig, at.axis)?;
     let um = 1e6 * scale.metres_per_radian;
-    let range = range(at.axis) / scale.metres_per_radian;
-    let speed = 0.25 * range;
-    let path = Path::identification(range, speed);
-    let record = scan(station, at, &scale, &path, &Windup::None)?;
+    let (range, speed) = range_and_speed(at.axis, &scale);
     let Models {
         record,
         reversal,
         memory,
-    } = Models::fit(record, range, speed);
+    } = Models::of(station, at, &scale, (range, speed))?;
     let tried_models = [
         Windup::None,
         Windup::Reversal(reversal.model),
@@ -341,6 +369,82 @@ fn random_turns(seed: u64) -> Vec<f64> {
     let mut turns = vec![0.0, 1.0, 0.0];
     turns.extend((0..12).map(|_| rng.random::<f64>()));
     turns
+}
+
+/// Windup of an axis as it was measured, and one scan that tried the model that remembers.
+#[derive(Debug, Clone)]
+pub struct MeasuredWindup {
+    models: Models,
+    um_per_radian: f64,
+    /// Gap between the forward and the backward path over the full range without compensation, micrometres.
+    pub gap_without: f64,
+    /// The same with compensation.
+    pub gap_with: f64,
+}
+
+impl MeasuredWindup {
+    /// The model as a table of a calibration; found on a `date`, by an `origin`.
+    pub fn values(&self, date: &str, origin: &str) -> Vec<(&'static str, toml_edit::Item)> {
+        let Models {
+            reversal, memory, ..
+        } = &self.models;
+        let models = (&reversal.model, &memory.model);
+        values(Model::Memory, models, memory.residual, (date, origin))
+    }
+
+    /// `W_max` and `Q` of (2.20), and the root mean square that the model that remembers leaves, micrometres.
+    pub fn in_um(&self) -> [f64; 3] {
+        let Models {
+            reversal, memory, ..
+        } = &self.models;
+        let radians = [reversal.model.maximum, reversal.model.way, memory.residual];
+        radians.map(|value| self.um_per_radian * value)
+    }
+}
+
+/// So many times as fast as it is identified by itself windup is measured with that of all others: by how fast an axis goes it hardly changes.
+const FASTER: f64 = 2.0;
+
+/// Measure the windup of an axis, and try the model that remembers on it once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct MeasureWindup {
+    /// The axis.
+    pub at: AxisName,
+}
+
+impl Job for MeasureWindup {
+    type Output = MeasuredWindup;
+
+    fn run(&self, work: &mut Work<'_>) -> Result<MeasuredWindup, Ended> {
+        let (at, scale) = (self.at, scale(work.rig(), self.at.axis)?);
+        let mut station = work.station()?;
+        let (range, usual) = range_and_speed(at.axis, &scale);
+        let speed = FASTER * usual;
+        let models = Models::of(&mut station, at, &scale, (range, speed))?;
+        let turns = [0.0, 1.0, 0.0, 1.0, 0.0].map(|turn| turn * range).to_vec();
+        let path = Path { turns, speed };
+        let model = Windup::Memory(models.memory.model);
+        let tried = scan(&mut station, at, &scale, &path, &model)?;
+        // Two ways over the range come first, after which every transmission is wound up as all others are.
+        let skip = (2.0 * range / speed / tried.period) as usize;
+        let ways = 5 * (range / speed / models.record.period) as usize;
+        let full = |record: &WindupRecord| WindupRecord {
+            output: record.output.iter().take(ways).copied().collect(),
+            wanted: record.wanted.iter().take(ways).copied().collect(),
+            ..WindupRecord::default()
+        };
+        let um = 1e6 * scale.metres_per_radian;
+        Ok(MeasuredWindup {
+            gap_without: um * backlash(&full(&models.record), skip),
+            gap_with: um * backlash(&tried, skip),
+            um_per_radian: um,
+            models,
+        })
+    }
+
+    fn order(&self) -> Order {
+        Order::MeasureWindup(*self)
+    }
 }
 
 /// Identify the windup of an axis.

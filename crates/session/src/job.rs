@@ -5,7 +5,7 @@ use crate::characterize::{Frequency, Resolution, Sine, Step};
 use crate::contour::FollowContour;
 use crate::first_light::FirstLight;
 use crate::follow::Follow;
-use crate::identify::{IdentifyWindup, ScanWindup};
+use crate::identify::{IdentifyWindup, MeasureWindup, ScanWindup};
 use crate::impulse::Impulse;
 use crate::piezos::IdentifyPiezos;
 use crate::produce::Kept;
@@ -168,6 +168,8 @@ pub enum Order {
     Tune(Tune),
     /// Identify the windup of an axis.
     IdentifyWindup(IdentifyWindup),
+    /// Measure the windup of an axis.
+    MeasureWindup(MeasureWindup),
     /// Identify the piezos of a micro.
     IdentifyPiezos(IdentifyPiezos),
     /// Bring an axis to a target by pulses.

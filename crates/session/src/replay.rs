@@ -152,6 +152,7 @@ fn again(
         Order::Frequency(job) => done(rig, machine, job),
         Order::Tune(job) => done(rig, machine, job),
         Order::IdentifyWindup(job) => done(rig, machine, job),
+        Order::MeasureWindup(job) => done(rig, machine, job),
         Order::IdentifyPiezos(job) => done(rig, machine, job),
         Order::Impulse(job) => done(rig, machine, job),
         Order::FirstLight(job) => done(rig, machine, job),

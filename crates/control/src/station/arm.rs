@@ -8,7 +8,7 @@ use crate::servo::{Pid, PidState};
 use crate::trajectory::{Motion, Rates};
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, MICRO_AXES};
-use pigtail_hal::{Axis, Side, Spec};
+use pigtail_hal::{Axis, AxisName, Side, Spec};
 use pigtail_model::fivebar::Turning;
 use pigtail_model::frames::{Displacement, Macro, Point};
 use pigtail_model::windup::{Windup, WindupState};
@@ -90,11 +90,8 @@ impl Arm {
             turning: Cell::default(),
             wanted_turning: Default::default(),
             windups: Axis::ALL.map(|axis| {
-                let belief = match axis {
-                    Axis::A | Axis::B => &calibration.windup.five_bar,
-                    Axis::Z => &calibration.windup.z,
-                };
-                belief.as_ref().map_or(Windup::None, WindupBelief::windup)
+                let belief = calibration.windup.of(AxisName::new(side, axis));
+                belief.map_or(Windup::None, WindupBelief::windup)
             }),
             windup_states: [WindupState::default(); AXES],
             windup: [0.0; AXES],

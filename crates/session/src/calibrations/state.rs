@@ -4,6 +4,7 @@ use super::{SHORT, Versions};
 use crate::bench::BenchRig;
 use crate::rig::{Rig, Role, Source, is_built_in, rig_folder, shipped};
 use pigtail_control::calibration::Calibration;
+use pigtail_hal::{Axis, AxisName};
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
 
@@ -169,23 +170,36 @@ pub fn notes(rig: &Rig, parts: &[Part]) -> Vec<String> {
     let mut notes = Vec::new();
     for part in parts {
         match part {
-            Part::Windup => match &c.windup.five_bar {
-                None => notes.push(
-                    "no windup.five_bar: the five-bars search as without it, by the fast procedure 6.6 s a fiber on \
-                     average where 1.1 s is usual with it; `pigtail identify windup fivebar` measures it"
-                        .to_owned(),
-                ),
-                Some(w) => {
-                    let again = "identify windup fivebar";
-                    notes.extend(stale("windup.five_bar", &w.date, &five_bar, again));
+            Part::Windup => {
+                let joints = AxisName::ALL.into_iter().filter(|at| at.axis != Axis::Z);
+                for at in joints {
+                    let note = match c.windup.of(at) {
+                        None => Some(
+                            "no windup.five_bar: the five-bars search as without it, by the fast procedure 6.6 s a fiber on \
+                             average where 1.1 s is usual with it; `pigtail identify windup fivebar` measures it"
+                                .to_owned(),
+                        ),
+                        Some(w) => {
+                            let axis = c.windup.own(at).map_or("fivebar".to_owned(), |_| at.to_string());
+                            stale(&c.windup.table(at), &w.date, &five_bar, &format!("identify windup {axis}"))
+                        }
+                    };
+                    // What joints have in common is said once.
+                    notes.extend(note.filter(|note| !notes.contains(note)));
                 }
-            },
+            }
             Part::Micro => {
                 notes.extend(hysteresis(c));
-                for (side, belief) in [("left", &c.hysteresis.left), ("right", &c.hysteresis.right)] {
+                for (side, belief) in [("left", &c.hysteresis.left), ("right", &c.hysteresis.right)]
+                {
                     let Some(belief) = belief else { continue };
                     let again = format!("identify hysteresis --side {side}");
-                    notes.extend(stale(&format!("hysteresis.{side}"), &belief.date, &micro, &again));
+                    notes.extend(stale(
+                        &format!("hysteresis.{side}"),
+                        &belief.date,
+                        &micro,
+                        &again,
+                    ));
                 }
                 if geometry.micro.settling.is_none() {
                     notes.push(format!(
@@ -197,7 +211,12 @@ pub fn notes(rig: &Rig, parts: &[Part]) -> Vec<String> {
             }
             Part::Impulse => {
                 for (name, belief, on, axis) in [
-                    ("impulse.five_bar", &c.impulse.five_bar, &five_bar, "fivebar"),
+                    (
+                        "impulse.five_bar",
+                        &c.impulse.five_bar,
+                        &five_bar,
+                        "fivebar",
+                    ),
                     ("impulse.z", &c.impulse.z, &z, "z"),
                 ] {
                     // What is missing is said by whoever would play pulses.

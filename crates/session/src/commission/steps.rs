@@ -6,7 +6,7 @@ use super::{Bench, Found, NotDone};
 use crate::align::Align;
 use crate::calibrations::Change;
 use crate::characterize::Step;
-use crate::identify::{IdentifyWindup, Model};
+use crate::identify::MeasureWindup;
 use crate::job::Ended;
 use crate::piezos::{MeasureRatios, SeePiezos};
 use crate::tune::{GainsRow, Method, Tune, step_of};
@@ -222,46 +222,39 @@ impl Bench<'_, '_> {
         Ok((wrong, hunts))
     }
 
+    /// Of every joint of both five-bars: friction, which winds transmissions up, differs from one to the next.
     pub(super) fn windup(&mut self) -> Result<Found, NotDone> {
-        let at = AxisName {
-            side: Side::Left,
-            axis: Axis::A,
-        };
-        let job = IdentifyWindup {
-            at,
-            model: Model::Memory,
-            seed: self.seed,
-        };
-        let identified = self.run(&job, self.seed)?;
-        let d = &identified.document;
-        let mut values = Map::new();
-        values.insert(
-            at.to_string(),
-            json!({
-                "w_max_um": d.w_max_um,
-                "q_um": d.q_um,
-                "residual_um": d.residual_um,
-                "gap_without_um": d.uncompensated_um,
-                "gap_with_um": d.compensated_um,
-            }),
-        );
-        if d.factor < LEAST_FACTOR {
-            let why = format!(
-                "{at}: the model makes its gap {:.1} times narrower only",
-                d.factor
+        let (mut values, mut why) = (Map::new(), String::new());
+        let joints = AxisName::ALL.into_iter().filter(|at| at.axis != Axis::Z);
+        for at in joints {
+            let measured = self.run(&MeasureWindup { at }, self.seed)?;
+            let [w_max, q, residual] = measured.in_um();
+            let (without, with) = (measured.gap_without, measured.gap_with);
+            values.insert(
+                at.to_string(),
+                json!({
+                    "w_max_um": rounded(w_max, 1e-4),
+                    "q_um": rounded(q, 1e-4),
+                    "residual_um": rounded(residual, 1e-4),
+                    "gap_without_um": rounded(without, 1e-4),
+                    "gap_with_um": rounded(with, 1e-4),
+                }),
             );
-            return Ok(Found { values, why });
+            let factor = without / with;
+            if factor < LEAST_FACTOR {
+                if why.is_empty() {
+                    why = format!("{at}: the model makes its gap {factor:.1} times narrower only");
+                }
+                continue;
+            }
+            let origin = self.origin(&format!("windup of {at}"));
+            self.believe(Change {
+                table: format!("windup.{at}"),
+                values: measured.values(&self.plan.date, &origin),
+                weights: None,
+            })?;
         }
-        let origin = self.origin(&format!("identify windup {at}"));
-        self.believe(Change {
-            table: "windup.five_bar".to_owned(),
-            values: identified.values(&self.plan.date, &origin),
-            weights: None,
-        })?;
-        Ok(Found {
-            values,
-            why: String::new(),
-        })
+        Ok(Found { values, why })
     }
 
     /// By the camera first, then, with what that found, by the light of a device.
