@@ -75,6 +75,16 @@ pub(crate) fn noted<T>(
     Ok((result, machine.cycles))
 }
 
+/// The cycles of a run that begin at a time, seconds, or later.
+pub(crate) fn since(cycles: &[Cycle], time: f64) -> &[Cycle] {
+    let period = cycles
+        .windows(2)
+        .next()
+        .map_or(0.0, |pair| pair[1].begun - pair[0].begun);
+    // Times are sums of periods.
+    &cycles[cycles.partition_point(|cycle| cycle.begun < time - 0.5 * period)..]
+}
+
 /// The cycles of a run from the one on in which its first pulse begins.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct FromPulse<'c> {

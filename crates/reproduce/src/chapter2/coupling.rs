@@ -1,6 +1,6 @@
 //! Fig. 2.2: whether joints may be controlled as if each were alone.
 
-use super::super::noted::noted;
+use super::super::noted::{noted, since};
 use super::super::picture::{Picture, Points, thin};
 use super::super::{Bench, Figure};
 use super::FIVE_BAR;
@@ -46,9 +46,7 @@ fn stepped(bench: &Bench, carried: f64) -> Result<Stepped, Ended> {
     };
     let ((own, other, begun), cycles) = noted(&setup, bench.seed, FIVE_BAR, run)?;
     let count = setup.rig.spec.drive(FIVE_BAR.axis).count();
-    // From the middle of a cycle on: times are sums of periods.
-    let from = cycles.partition_point(|c| c.begun < begun - 0.5 * own.period);
-    let turned = cycles[from..]
+    let turned = since(&cycles, begun)
         .iter()
         .take(own.encoder.len())
         .map(|c| c.motor / count)

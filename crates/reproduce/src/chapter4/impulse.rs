@@ -1,7 +1,7 @@
 //! Figs. 4.11 to 4.24: impulse control.
 
 use super::super::chapter2::{FIVE_BAR, Z, pid_resolution};
-use super::super::noted::{FromPulse, noted};
+use super::super::noted::{FromPulse, noted, since};
 use super::super::picture::{Content, Picture, Points, thin};
 use super::super::{Bench, Figure};
 use pigtail_control::impulse::Shape;
@@ -65,12 +65,17 @@ pub(super) fn input(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let setup = &bench.machine;
     let belief = believed(&setup.rig, Z)?;
     let pulse = Shape::second_harmonic(0.0, PERIOD).pulse(4.0 * belief.unit, true);
-    let ((), cycles) = noted(setup, bench.seed, Z, |station| {
+    let (begun, cycles) = noted(setup, bench.seed, Z, |station| {
         let impulses = belief.impulses(Z, READINGS);
         impulses.begin(station)?;
-        Ok(impulses.play(station, pulse)?)
+        let begun = station.time();
+        // One measurement stands before it, as before any pulse of a run.
+        impulses.measure(station)?;
+        impulses.play(station, pulse)?;
+        Ok(begun)
     })?;
-    let voltages = FromPulse::of(&cycles).map_or_else(Points::new, |run| played(&run, 2e-3));
+    let voltages =
+        FromPulse::of(since(&cycles, begun)).map_or_else(Points::new, |run| played(&run, 2e-3));
     let points = voltages
         .into_iter()
         .map(|(t, volts)| (1e3 * t, volts / belief.unit));
@@ -87,18 +92,28 @@ pub(super) fn input(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     ])
 }
 
-/// Fig. 4.12: what the stage does in a run by the pulse that control chooses for so much, metres.
+/// Fig. 4.12: what the stage does in a run by a pulse that displaces it by so much, metres. What control believes of pulses is what is left once the
+/// transmission has been relaxed too; this is the way before that, so the amplitude is raised until the probe tells of it.
 fn typical(bench: &Bench, wanted: f64) -> Result<Picture, Ended> {
+    const RAISED: f64 = 1.05;
     let setup = &bench.machine;
     let belief = believed(&setup.rig, Z)?;
-    let choice = Response::curve(belief).choose(wanted, 1.0, true);
-    let (moved, cycles) = noted(setup, bench.seed, Z, |station| {
+    let most = belief.curve.last().map_or(0.0, |last| last[0]);
+    let ((moved, a1, begun), cycles) = noted(setup, bench.seed, Z, |station| {
         let impulses = belief.impulses(Z, READINGS);
         impulses.begin(station)?;
-        Ok(impulses.respond(station, belief.shape().pulse(choice.a1, true))?)
+        let mut a1 = Response::curve(belief).choose(wanted, 1.0, true).a1;
+        loop {
+            let begun = station.time();
+            let moved = impulses.respond(station, belief.shape().pulse(a1, true))?;
+            if moved.displacement >= wanted || a1 >= most {
+                return Ok((moved, a1, begun));
+            }
+            a1 = (RAISED * a1).min(most);
+        }
     })?;
     let mut points = vec![(0.0, 0.0)];
-    if let Some(run) = FromPulse::of(&cycles) {
+    if let Some(run) = FromPulse::of(since(&cycles, begun)) {
         let ends = run.cycles.iter().map(|c| {
             let time = c.begun - run.begun + run.period;
             (1e3 * time, 1e9 * (c.output - run.from))
@@ -108,11 +123,11 @@ fn typical(bench: &Bench, wanted: f64) -> Result<Picture, Ended> {
     Ok(Picture::curves("time, ms", "z, nm", [("", points)])
         .x(0.0, 20.0)
         .caption(format!(
-            "The output in a run, by the pulse that control chooses for {:.0} nm (a1 = {:.2} fsm). At rest its probe \
-             tells control of {:.1} nm.",
+            "The output in a run, its transmission at rest before. Control has raised the pulse until its probe tells of {:.0} nm: of {:.1} nm at \
+             a1 = {:.2} fsm.",
             1e9 * wanted,
-            choice.a1 / belief.unit,
-            1e9 * moved.displacement
+            1e9 * moved.displacement,
+            a1 / belief.unit
         )))
 }
 
