@@ -155,7 +155,7 @@ pub const CHANGES: &[Change] = &[
             "difference of two encoders, in whole counts",
             "difference of where the motor is",
         ),
-        (Some(failed(0.01)), held(0.008818)),
+        (Some(failed(0.01)), held(0.008_818)),
         "A count is a quarter of the bound, and both traces were rounded to counts: 4 of 400 where 3.5 are the motor's.",
     ),
     change(
