@@ -1,5 +1,6 @@
 //! One device aligned on a twin, and the document that holds what control says against the truth.
 
+use super::arms::{Arms, Counted};
 use pigtail_control::belief::Place;
 use pigtail_control::outcome::{Outcome, OutcomeCode};
 use pigtail_control::procedure::{FiberReport, PORTS};
@@ -48,6 +49,9 @@ pub struct AlignmentDocument {
     pub collision: bool,
     /// The least distance between the chip and any of these: the truth.
     pub smallest_gap_um: Option<f64>,
+    /// What the manipulators did of the time; absent where nothing tells.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub arms: Option<Arms>,
     /// What was broken on purpose, and when.
     pub injected: Vec<String>,
     /// Why the machine stopped by itself; `null` where it did not.
@@ -164,15 +168,12 @@ pub fn align(
     let setup = setup.at(seed)?;
     let (mut twin, injected) = setup.broken_twin(seed, procedure.seconds())?;
     let job = Align { procedure };
-    let aligned = setup.perform(&mut twin, &job, seed, observer)?;
-    Ok(document(
-        &setup,
-        &of(procedure),
-        seed,
-        &injected,
-        &twin,
-        &aligned.fibers,
-    ))
+    let mut counted = Counted::new(observer);
+    let aligned = setup.perform(&mut twin, &job, seed, &mut counted)?;
+    let arms = counted.arms();
+    let way = of(procedure);
+    let document = document(&setup, &way, seed, &injected, &twin, &aligned.fibers);
+    Ok(AlignmentDocument { arms, ..document })
 }
 
 /// A way to align a device, as documents call and judge it.
@@ -306,6 +307,7 @@ pub(crate) fn judged(
         smallest_gap_um: Some(truth.smallest_gap)
             .filter(|gap| gap.is_finite())
             .map(|gap| rounded(gap * 1e6, 1e-6)),
+        arms: None,
         injected: injected.iter().map(ToString::to_string).collect(),
         fault: reports
             .iter()
@@ -355,6 +357,7 @@ pub fn empty(
         seconds_per_fiber: 0.0,
         collision: false,
         smallest_gap_um: None,
+        arms: None,
         injected: setup
             .faults
             .of(seed, procedure.seconds())

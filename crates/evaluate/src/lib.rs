@@ -17,6 +17,7 @@
 //! ```
 
 pub mod align;
+pub mod arms;
 pub mod bench;
 pub mod benchmark;
 pub mod campaign;

@@ -132,6 +132,12 @@ fn summary(document: &AlignmentDocument) -> Markup {
                 " " span.bad { "One that control believes aligned is not." }
             }
         }
+        @if let Some(arms) = &document.arms {
+            p {
+                "Of this time the left manipulator stands still for " (fixed(arms.idle_percent.left, 1)) " %, the right one for "
+                (fixed(arms.idle_percent.right, 1)) " %; both move for " (fixed(arms.both_moving_percent, 1)) " %."
+            }
+        }
     }
 }
 

@@ -29,6 +29,7 @@ mod chapter3;
 mod chapter4;
 pub mod claims;
 pub mod errata;
+mod noted;
 pub mod picture;
 mod queue;
 pub mod specimens;

@@ -1,9 +1,11 @@
 //! Fig. 2.2: whether joints may be controlled as if each were alone.
 
+use super::super::noted::{noted, since};
 use super::super::picture::{Picture, Points, thin};
 use super::super::{Bench, Figure};
 use super::FIVE_BAR;
 use pigtail_control::characterize::{Trace, record};
+use pigtail_control::station::Station;
 use pigtail_hal::quantity::Counts;
 use pigtail_hal::{Axis, AxisName};
 use pigtail_session::job::Ended;
@@ -16,6 +18,9 @@ const SECONDS: f64 = 0.2;
 struct Stepped {
     own: Trace,
     other: Trace,
+    /// Where the motor of the joint that steps really is at the end of each cycle of its step, counts: the encoder's whole counts
+    /// would hide how little the other changes it.
+    turned: Vec<f64>,
 }
 
 fn stepped(bench: &Bench, carried: f64) -> Result<Stepped, Ended> {
@@ -26,18 +31,27 @@ fn stepped(bench: &Bench, carried: f64) -> Result<Stepped, Ended> {
         axis: Axis::B,
         ..FIVE_BAR
     };
-    setup.experiment(bench.seed, |station| {
+    let run = |station: &mut Station| {
         let Counts(home) = station.encoder(FIVE_BAR);
         let Counts(there) = station.encoder(other);
         station.reference(other, Counts(there + size));
+        let begun = station.time();
         let own = record(station, FIVE_BAR, SECONDS, |_| size as f64, |_| true)?;
         station.reference(FIVE_BAR, Counts(home));
         station.reference(other, Counts(there));
         station.run(2.0 * SECONDS)?;
         station.reference(FIVE_BAR, Counts(home + size));
         let other = record(station, other, SECONDS, |_| 0.0, |_| true)?;
-        Ok(Stepped { own, other })
-    })
+        Ok((own, other, begun))
+    };
+    let ((own, other, begun), cycles) = noted(&setup, bench.seed, FIVE_BAR, run)?;
+    let count = setup.rig.spec.drive(FIVE_BAR.axis).count();
+    let turned = since(&cycles, begun)
+        .iter()
+        .take(own.encoder.len())
+        .map(|c| c.motor / count)
+        .collect();
+    Ok(Stepped { own, other, turned })
 }
 
 fn counts(trace: &Trace) -> Points {
@@ -56,7 +70,7 @@ pub(super) fn joints(bench: &Bench) -> Result<Vec<Figure>, Ended> {
     let size = usual_step(FIVE_BAR.axis) as f64;
     let most = |values: &mut dyn Iterator<Item = f64>| values.map(f64::abs).fold(0.0, f64::max);
     let change = |with: &Stepped| {
-        let pairs = alone.own.encoder.iter().zip(&with.own.encoder);
+        let pairs = alone.turned.iter().zip(&with.turned);
         most(&mut pairs.map(|(a, b)| a - b))
     };
     let changed = change(&coupled);
@@ -88,7 +102,7 @@ pub(super) fn joints(bench: &Bench) -> Result<Vec<Figure>, Ended> {
                 "2.2-own",
                 changed / size,
                 format!(
-                    "{changed:.0} counts of {size:.0} at most; {:.0} with half of that mass.",
+                    "{changed:.2} counts of {size:.0} at most; {:.2} with half of that mass.",
                     change(&half)
                 ),
             )

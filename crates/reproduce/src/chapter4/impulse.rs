@@ -1,10 +1,12 @@
 //! Figs. 4.11 to 4.24: impulse control.
 
 use super::super::chapter2::{FIVE_BAR, Z, pid_resolution};
+use super::super::noted::{FromPulse, noted, since};
 use super::super::picture::{Content, Picture, Points, thin};
 use super::super::{Bench, Figure};
 use pigtail_control::impulse::Shape;
 use pigtail_control::impulse::experiment::{MOVES, parabola};
+use pigtail_control::impulse::response::Response;
 use pigtail_evaluate::impulse::condition::Condition;
 use pigtail_evaluate::impulse::response::{
     Form, MACHINES, PERIOD, ResponseDocument, Trace, response, single,
@@ -30,24 +32,103 @@ fn fsm(setup: &Setup, axis: Axis) -> f64 {
     joint.motor.resistance / joint.motor.torque_constant * joint.motor_friction.static_level()
 }
 
-#[expect(clippy::unnecessary_wraps, reason = "the others may fail")]
+/// Readings of the probe that make a measurement of what a pulse did.
+const READINGS: u32 = 100;
+
+/// What control has the amplifier of an axis play in a run, volts over seconds since its first pulse began.
+fn played(run: &FromPulse<'_>, until: f64) -> Points {
+    /// Looks within a servo cycle, in which a pulse changes by much.
+    const LOOKS: u32 = 20;
+    let mut playing = None;
+    let mut points = Points::new();
+    for cycle in run.cycles {
+        if let Some(pulse) = cycle.pulse {
+            playing = Some((cycle.begun, pulse));
+        }
+        for look in 0..LOOKS {
+            let time = cycle.begun + run.period * f64::from(look) / f64::from(LOOKS);
+            if time - run.begun > until {
+                return points;
+            }
+            let voltage = match playing {
+                Some((begun, pulse)) if time - begun <= pulse.period => pulse.at(time - begun),
+                _ => cycle.held,
+            };
+            points.push((time - run.begun, voltage));
+        }
+    }
+    points
+}
+
+/// Fig. 4.11, as the control of a run plays it.
 pub(super) fn input(bench: &Bench) -> Result<Vec<Figure>, Ended> {
-    let unit = fsm(&bench.nominal, Axis::Z);
-    let pulse = Shape::second_harmonic(0.0, PERIOD).pulse(4.0 * unit, true);
-    let points: Points = (0..=100)
-        .map(|k| PERIOD * f64::from(k) / 100.0)
-        .map(|t| (1e3 * t, pulse.at(t) / unit))
-        .collect();
+    let setup = &bench.machine;
+    let belief = believed(&setup.rig, Z)?;
+    let pulse = Shape::second_harmonic(0.0, PERIOD).pulse(4.0 * belief.unit, true);
+    let (begun, cycles) = noted(setup, bench.seed, Z, |station| {
+        let impulses = belief.impulses(Z, READINGS);
+        impulses.begin(station)?;
+        let begun = station.time();
+        // One measurement stands before it, as before any pulse of a run.
+        impulses.measure(station)?;
+        impulses.play(station, pulse)?;
+        Ok(begun)
+    })?;
+    let voltages =
+        FromPulse::of(since(&cycles, begun)).map_or_else(Points::new, |run| played(&run, 2e-3));
+    let points = voltages
+        .into_iter()
+        .map(|(t, volts)| (1e3 * t, volts / belief.unit));
     Ok(vec![
         Figure::new("4.11", "Impulse control input").picture(
-            Picture::curves("time, ms", "u / fsm", [("", points)])
+            Picture::curves("time, ms", "u / fsm", [("", points.collect())])
                 .x(0.0, 2.0)
                 .y(0.0, 5.0)
                 .caption(
-                    "Four times the static friction for a millisecond, here the first harmonic.",
+                    "Four times the static friction for a millisecond, here the first harmonic: what control has the \
+                     amplifier play in a run, by the static friction that control believes.",
                 ),
         ),
     ])
+}
+
+/// Fig. 4.12: what the stage does in a run by a pulse that displaces it by so much, metres. What control believes of pulses is what is left once the
+/// transmission has been relaxed too; this is the way before that, so the amplitude is raised until the probe tells of it.
+fn typical(bench: &Bench, wanted: f64) -> Result<Picture, Ended> {
+    const RAISED: f64 = 1.05;
+    let setup = &bench.machine;
+    let belief = believed(&setup.rig, Z)?;
+    let most = belief.curve.last().map_or(0.0, |last| last[0]);
+    let ((moved, a1, begun), cycles) = noted(setup, bench.seed, Z, |station| {
+        let impulses = belief.impulses(Z, READINGS);
+        impulses.begin(station)?;
+        let mut a1 = Response::curve(belief).choose(wanted, 1.0, true).a1;
+        loop {
+            let begun = station.time();
+            let moved = impulses.respond(station, belief.shape().pulse(a1, true))?;
+            if moved.displacement >= wanted || a1 >= most {
+                return Ok((moved, a1, begun));
+            }
+            a1 = (RAISED * a1).min(most);
+        }
+    })?;
+    let mut points = vec![(0.0, 0.0)];
+    if let Some(run) = FromPulse::of(since(&cycles, begun)) {
+        let ends = run.cycles.iter().map(|c| {
+            let time = c.begun - run.begun + run.period;
+            (1e3 * time, 1e9 * (c.output - run.from))
+        });
+        points.extend(ends.take_while(|(ms, _)| *ms <= 20.0));
+    }
+    Ok(Picture::curves("time, ms", "z, nm", [("", points)])
+        .x(0.0, 20.0)
+        .caption(format!(
+            "The output in a run, its transmission at rest before. Control has raised the pulse until its probe tells of {:.0} nm: of {:.1} nm at \
+             a1 = {:.2} fsm.",
+            1e9 * wanted,
+            1e9 * moved.displacement,
+            a1 / belief.unit
+        )))
 }
 
 fn over_time(trace: &Trace, until: f64, of: &dyn Fn(usize) -> f64) -> Points {
@@ -554,17 +635,8 @@ pub(super) fn z_resolution(bench: &Bench) -> Result<Vec<Figure>, Ended> {
         .filter(|done| stuck(done) < 0.01)
         .map(|done| done.mean_nm)
         .fold(f64::INFINITY, f64::min);
-    let trace = moving_by(bench, Z, 20e-9)?;
     let typical = Figure::new("4.12", "Impulse response of z-stage")
-        .picture(
-            Picture::curves(
-                "time, ms",
-                "z, nm",
-                [("", over_time(&trace, 20.0, &|k| 1e9 * trace.output[k]))],
-            )
-            .x(0.0, 20.0)
-            .caption("A pulse that moves the stage by 20 nm, its transmission at rest before."),
-        )
+        .picture(typical(bench, 20e-9)?)
         .result("4.12-step", least);
     let done = &all[1];
     let pid = pid_resolution(bench, Z)?.unwrap_or(f64::NAN);

@@ -148,6 +148,17 @@ pub const CHANGES: &[Change] = &[
         "A joint that rests is held by its friction: nothing couples then, which the other claim says.",
     ),
     change(
+        "2.2-own",
+        ("2026-11-26", "2755b87"),
+        What::Method,
+        (
+            "difference of two encoders, in whole counts",
+            "difference of where the motor is",
+        ),
+        (Some(failed(0.01)), held(0.008_818)),
+        "A count is a quarter of the bound, and both traces were rounded to counts: 4 of 400 where 3.5 are the motor's.",
+    ),
+    change(
         "2.4-detuned",
         ("2026-11-21", "2f10f7f"),
         What::Method,

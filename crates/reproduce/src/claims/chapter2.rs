@@ -30,13 +30,13 @@ pub(super) const CLAIMS: &[Statement] = &[
     claim(
         "2.2-own",
         ("2.2", "the coupling centripetal and Coriolis terms ... act as small disturbances to the motor output"),
-        "greatest change of a step by the mass that both joints carry while the other steps too, share of the step; small is \
-            below a hundredth",
+        "greatest change of a motor's step by the mass that both joints carry while the other steps too, share of the step; \
+            small is below a hundredth",
         (0.01, "", Below),
         Prediction,
     )
-    .because(0.01, "Just at the bound, and the most that it can be: all of the load's inertia as mass at the endpoint, both \
-        joints stepping at full voltage. What links and motors really weigh is not printed."),
+    .on_others_because(0.0113, "By the most that it can be: all of the load's inertia as mass at the endpoint, both joints stepping at full \
+        voltage. What links and motors really weigh is not printed."),
     claim(
         "2.2-other",
         ("2.3", "the coupling between the motor actuators is negligible due to the large gear ratios"),

@@ -32,8 +32,12 @@ const STEP: f64 = UNITS / INTERVALS as f64;
 /// The least slope of displacement over voltage, both in units: no piezo's is less after a turn.
 const LEAST_SLOPE: f64 = 0.2;
 
-/// So many turns are remembered. Of more the innermost two are forgotten, which are the least.
+/// So many turns are remembered. Of more those two are forgotten between which the voltage went least.
 const TURNS: usize = 40;
+
+/// A displacement that is nearer than this to where the piezo is is there, units: what rounding makes of it is no turn. Less than a millionth of
+/// a nanometre.
+const ROUNDING: f64 = 1e-10;
 
 /// Turns of a piezo that is cycled with falling amplitude.
 const CYCLED: usize = 24;
@@ -182,10 +186,22 @@ impl Turns {
             return;
         }
         if self.n == TURNS {
-            self.n -= 2;
+            self.forget_least();
         }
         self.past[self.n] = self.now;
         self.n += 1;
+    }
+
+    /// Forgets the two neighbours between which the voltage went least. Never the last turn: from there the way ahead goes on, also one that
+    /// turns back at once.
+    fn forget_least(&mut self) {
+        let apart = |k: usize| (self.past[k].volts - self.past[k + 1].volts).abs();
+        let neighbours = 1..self.n - 2;
+        let least = neighbours.min_by(|a, b| apart(*a).total_cmp(&apart(*b)));
+        if let Some(least) = least {
+            self.past.copy_within(least + 2..self.n, least);
+            self.n -= 2;
+        }
     }
 
     /// The turn that the way ahead passes, before which it and the last one are forgotten.
@@ -233,7 +249,7 @@ impl Turns {
 
     /// Goes to a displacement, or as near as limits of the voltage allow; the voltage there.
     pub(super) fn reach(&mut self, everett: &Everett, wanted: f64, limits: &Range) -> f64 {
-        if wanted == self.now.displacement {
+        if (wanted - self.now.displacement).abs() <= ROUNDING {
             return self.now.volts;
         }
         self.face(wanted > self.now.displacement);
@@ -291,5 +307,91 @@ impl Turns {
         };
         self.go(everett, volts);
         volts
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A piezo whose ways bend upward: a loop is open by half of what the square of its width says.
+    fn bending() -> Everett {
+        let mut nodes = vec![0.0; NODES * NODES];
+        for i in 0..NODES {
+            for j in 0..NODES {
+                let way = (i as f64 - j as f64) * STEP;
+                nodes[i * NODES + j] = way * (0.8 + 0.02 * way.abs());
+            }
+        }
+        Everett { nodes, bottom: 0.0 }
+    }
+
+    /// A fiber at rest at its peak jumped by 0.2 um: rounding turned its piezo there and back, and where all turns were taken the one between
+    /// had made two others forgotten.
+    #[test]
+    fn a_way_that_turns_back_at_once_goes_on_from_where_it_was_however_many_turns_there_were() {
+        let everett = bending();
+        for turns in [TURNS - 6, TURNS, TURNS + 7] {
+            let mut piezo = Turns::bottom(&everett);
+            // Ever closer together, and so that each lies between the two before it.
+            for k in 0..turns {
+                let far = 4.0 * 0.9_f64.powi(k as i32);
+                let to = if k % 2 == 0 { 5.0 + far } else { 5.0 - far };
+                piezo.follow(&everett, to);
+            }
+            piezo.follow(&everett, 5.0);
+            let before = piezo;
+            // There and back, and no way between.
+            piezo.face(!piezo.rising);
+            piezo.face(!piezo.rising);
+            let after = |mut piezo: Turns, by: f64| {
+                piezo.follow(&everett, 5.0 + by);
+                piezo.displacement()
+            };
+            for by in [-1e-6, 0.0, 1e-6, 1e-2] {
+                let off = after(piezo, by) - after(before, by);
+                assert!(off.abs() < 1e-7, "{turns} turns, {by}: {off}");
+            }
+        }
+    }
+
+    #[test]
+    fn of_too_many_turns_those_are_forgotten_that_matter_least() {
+        let everett = bending();
+        let mut piezo = Turns::bottom(&everett);
+        let far = |k: usize| 4.0 * 0.9_f64.powi(k as i32);
+        for k in 0..2 * TURNS {
+            let to = if k % 2 == 0 {
+                5.0 + far(k)
+            } else {
+                5.0 - far(k)
+            };
+            piezo.follow(&everett, to);
+        }
+        // The widest loops are there yet: up to the first turn and beyond it all is as without what lay between.
+        let mut without = Turns::bottom(&everett);
+        for volts in [9.0, 9.5] {
+            without.follow(&everett, volts);
+            piezo.follow(&everett, volts);
+            let off = piezo.displacement() - without.displacement();
+            assert!(off.abs() < 1e-9, "{volts}: {off}");
+        }
+    }
+
+    #[test]
+    fn what_rounding_makes_of_a_displacement_is_no_turn() {
+        let everett = bending();
+        let limits = Range {
+            low: 0.0,
+            high: UNITS,
+        };
+        let mut piezo = Turns::cycled(&everett, 5.0);
+        let at = piezo.displacement() + 0.5;
+        let volts = piezo.reach(&everett, at, &limits);
+        let turns = piezo.n;
+        for by in [1e-15, -1e-15, 2e-15, -2e-15] {
+            assert_eq!(piezo.reach(&everett, at + by, &limits), volts);
+        }
+        assert_eq!(piezo.n, turns);
     }
 }
