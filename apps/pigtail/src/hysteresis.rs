@@ -167,7 +167,7 @@ pub(crate) fn identify(arguments: &IdentifyArguments) -> Result<u8, Failure> {
     let mut tried =
         fit(record, arguments.model).map_err(|invalid| data_file.explain(&invalid, &columns))?;
     tried.document.read = understood;
-    tried.document.remarks = remarks;
+    tried.document.remarks.splice(0..0, remarks);
     let seed = arguments.common.seed;
     let hashes = [hash_of(data)];
     let run = Run::begin(&arguments.common.runs, KIND, seed, &hashes)?;
@@ -386,7 +386,7 @@ pub(crate) fn predict(arguments: &PredictArguments) -> Result<u8, Failure> {
         (tell(&file.model, record), None)
     };
     tried.document.read = understood;
-    tried.document.remarks = remarks;
+    tried.document.remarks.splice(0..0, remarks);
     let run = Run::begin(&arguments.runs, "predict", 0, &hashes)?;
     tried.document.model_file = arguments.model.display().to_string();
     tried.document.report = run.path("report.html").display().to_string();

@@ -84,10 +84,14 @@ pub fn minimise(residuals: impl Fn(&[f64]) -> Vec<f64>, start: &[f64]) -> Option
     least.is_finite().then_some((parameters, least))
 }
 
-/// How sure parameters at a minimum are: the linear problem there. Its values are the step that is
-/// left, which is nearly nothing.
-pub fn uncertainty(residuals: impl Fn(&[f64]) -> Vec<f64>, at: &[f64]) -> Option<Solution> {
-    regression::least_squares(&jacobian(&residuals, at), &residuals(at))
+/// How sure parameters at a minimum are: the linear problem there, of a record of time whose residual may be alike over `coherent` rows
+/// ([`regression::least_squares_of_time`]). Its values are the step that is left, which is nearly nothing.
+pub fn uncertainty(
+    residuals: impl Fn(&[f64]) -> Vec<f64>,
+    at: &[f64],
+    coherent: usize,
+) -> Option<Solution> {
+    regression::least_squares_of_time(&jacobian(&residuals, at), &residuals(at), coherent)
 }
 
 /// The same of points that are measured one by one ([`regression::least_squares_of_points`]).
@@ -123,7 +127,7 @@ mod tests {
             (p[0] - 2.0).abs() < 5e-3 && (p[1].exp() - 0.7).abs() < 5e-3,
             "{p:?}"
         );
-        let sure = uncertainty(residuals, &p).unwrap();
+        let sure = uncertainty(residuals, &p, 1).unwrap();
         assert!(sure.std[0] > 1e-4 && sure.std[0] < 5e-3, "{:?}", sure.std);
         assert!(sure.values.iter().all(|step| step.abs() < 1e-5));
     }

@@ -32,7 +32,7 @@ pub fn matrix(columns: &[&[f64]]) -> DMatrix<f64> {
 
 /// Ordinary least squares. `None` where the columns are too few rows, or are no independent columns.
 pub fn least_squares(x: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
-    solve(x, x, y, Some(usual(y.len())))
+    solve(x, x, y, Some((usual(y.len()), false)))
 }
 
 /// The same without [`Solution::std_correlated`], which is empty: most of the work, where many problems are solved and only the last
@@ -44,7 +44,17 @@ pub fn least_squares_alone(x: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
 /// The same of rows that are measured one by one, as the points of a frequency response are: what is left of one may
 /// go with that of its neighbours, but with nothing further off than it shows.
 pub fn least_squares_of_points(x: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
-    solve(x, x, y, Some(1))
+    solve(x, x, y, Some((1, false)))
+}
+
+/// The same of a record of time whose residual may be alike over `coherent` rows without showing it, or may remember longer than an
+/// eighth of the record: what is told of its parameters.
+///
+/// Where batches are too short to have forgotten what enters them, sums of neighbours go together, and their squares miss that: what a
+/// noise of the same memory makes of all rows and of the batches is asked, and the deviation is as much wider.
+pub fn least_squares_of_time(x: &DMatrix<f64>, y: &[f64], coherent: usize) -> Option<Solution> {
+    let batch = usual(y.len()).max(coherent);
+    solve(x, x, y, Some((batch, true)))
 }
 
 /// Length of the batches of a record of time, by which what is left may be slow without showing it.
@@ -54,19 +64,19 @@ fn usual(rows: usize) -> usize {
 
 /// Least squares with a weight for each row: the error and what is left are those without weights.
 pub fn weighted(x: &DMatrix<f64>, y: &[f64], weights: &[f64]) -> Option<Solution> {
-    by_weights(x, y, weights, Some(usual(y.len())))
+    by_weights(x, y, weights, Some((usual(y.len()), false)))
 }
 
 fn by_weights(
     x: &DMatrix<f64>,
     y: &[f64],
     weights: &[f64],
-    shortest: Option<usize>,
+    batch: Option<(usize, bool)>,
 ) -> Option<Solution> {
     let root: Vec<f64> = weights.iter().map(|w| w.sqrt()).collect();
     let scaled = DMatrix::from_fn(x.nrows(), x.ncols(), |i, j| root[i] * x[(i, j)]);
     let target: Vec<f64> = y.iter().zip(&root).map(|(y, w)| y * w).collect();
-    let mut solution = solve(&scaled, &scaled, &target, shortest)?;
+    let mut solution = solve(&scaled, &scaled, &target, batch)?;
     judge(x, y, &mut solution);
     Some(solution)
 }
@@ -74,7 +84,7 @@ fn by_weights(
 /// Instrumental variables: `p = (Z' X)^-1 Z' y`. What is not correlated with the instruments `z`, such
 /// as the noise of a measured position, does not bias it.
 pub fn instrumental(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
-    solve(x, z, y, Some(usual(y.len())))
+    solve(x, z, y, Some((usual(y.len()), false)))
 }
 
 /// Least squares by Huber's weights: what lies further out than 1.345 times the spread counts less, so
@@ -108,12 +118,13 @@ pub fn robust(x: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
     weighted(x, y, &last)
 }
 
-/// `shortest` is the length of the batches by which correlation is told; without one it is not.
+/// `batch` is the least length of the batches by which correlation is told, and whether batches too short for it are corrected; without
+/// one it is not told.
 fn solve(
     x: &DMatrix<f64>,
     z: &DMatrix<f64>,
     y: &[f64],
-    shortest: Option<usize>,
+    batch: Option<(usize, bool)>,
 ) -> Option<Solution> {
     let (n, p) = x.shape();
     if n <= p || p == 0 {
@@ -160,8 +171,8 @@ fn solve(
     let bread = DMatrix::from_fn(p, p, |i, j| inverse[(i, j)] / (scale[i] * own[j]));
     let covariance = &bread * (z.transpose() * z * variance) * bread.transpose();
     solution.std = (0..p).map(|j| covariance[(j, j)].max(0.0).sqrt()).collect();
-    if let Some(shortest) = shortest {
-        solution.std_correlated = clustered(x, z, &solution.residuals, &bread, shortest);
+    if let Some(batch) = batch {
+        solution.std_correlated = clustered(x, z, &solution.residuals, &bread, batch);
     }
     Some(solution)
 }
@@ -243,6 +254,69 @@ fn batches(residuals: &[f64], shortest: usize) -> Vec<Batch> {
 const FEWEST: usize = 8;
 const FORGOTTEN: usize = 10;
 
+/// What is left, as white noise and a share of one that forgets itself by a factor from row to row.
+struct Memory {
+    share: f64,
+    factor: f64,
+}
+
+impl Memory {
+    /// That of `residuals`, where batches of `longest` are too short to have forgotten it; by how it falls to a half of what it has at
+    /// the next row.
+    fn longer_than(residuals: &[f64], longest: usize) -> Option<Self> {
+        let power: f64 = residuals.iter().map(|r| r * r).sum();
+        let at = |lag: usize| -> f64 {
+            let pairs = residuals.iter().zip(&residuals[lag..]);
+            pairs.map(|(a, b)| a * b).sum::<f64>() / power
+        };
+        let first = at(1);
+        if residuals.len() < 16 || first.is_nan() || first < 0.1 {
+            return None;
+        }
+        // Between lags that are twice as long each time, as it falls between them.
+        let (mut lag, mut before) = (1, first);
+        let half = loop {
+            let (next, here) = (2 * lag, at((2 * lag).min(residuals.len() - 1)));
+            if next > longest {
+                break longest as f64;
+            }
+            if here < 0.5 * first {
+                let part = (before / (0.5 * first)).ln() / (before / here.max(1e-3 * first)).ln();
+                break lag as f64 * (1.0 + part);
+            }
+            (lag, before) = (next, here);
+        };
+        let factor = 0.5_f64.powf(1.0 / half);
+        let forgotten = 0.1_f64.ln() / factor.ln();
+        (FORGOTTEN as f64 * forgotten > longest as f64).then(|| Self {
+            share: (first / factor).min(1.0),
+            factor,
+        })
+    }
+
+    /// The variance of a sum of this noise by these weights, where that of each row is one.
+    fn variance(&self, weights: impl Iterator<Item = f64>) -> f64 {
+        let (mut carried, mut slow, mut white) = (0.0, 0.0, 0.0);
+        for w in weights {
+            slow += w * (w + 2.0 * self.factor * carried);
+            carried = self.factor * carried + w;
+            white += w * w;
+        }
+        self.share * slow + (1.0 - self.share) * white
+    }
+
+    /// By how much a deviation from batches is to be wider, of what rows count `reach` in: what the noise makes of all of them, over
+    /// what it makes of each batch alone.
+    fn lost(&self, reach: &DVector<f64>, batches: &[Batch]) -> f64 {
+        let whole = self.variance(reach.iter().copied());
+        let parts: f64 = batches
+            .iter()
+            .map(|b| self.variance(b.rows.clone().zip(&b.weights).map(|(i, w)| w * reach[i])))
+            .sum();
+        (whole / parts).sqrt().max(1.0)
+    }
+}
+
 /// What a batch tells of the parameters.
 struct Part {
     /// Its sum of `z e`, what the fit has taken given back.
@@ -267,7 +341,7 @@ fn clustered(
     z: &DMatrix<f64>,
     residuals: &[f64],
     bread: &DMatrix<f64>,
-    shortest: usize,
+    (shortest, corrected): (usize, bool),
 ) -> Vec<f64> {
     let p = x.ncols();
     // Instruments of unit moment among themselves, so that all matrices are of numbers of order one.
@@ -281,6 +355,8 @@ fn clustered(
         return vec![0.0; p];
     };
     let batches = batches(residuals, shortest);
+    let longest = (residuals.len() / FEWEST).max(1);
+    let memory = Memory::longer_than(residuals, longest).filter(|_| corrected);
     let moment = |rows: std::ops::Range<usize>, weight: &dyn Fn(usize) -> f64| {
         let part = z.rows(rows.start, rows.len());
         let counted = DMatrix::from_fn(part.nrows(), p, |i, j| {
@@ -341,7 +417,10 @@ fn clustered(
             } else {
                 1.0
             };
-            student(freedom) * square.max(0.0).sqrt()
+            let lost = memory
+                .as_ref()
+                .map_or(1.0, |m| m.lost(&(z * bread.row(j).transpose()), &batches));
+            lost * student(freedom) * square.max(0.0).sqrt()
         })
         .collect()
 }
@@ -506,6 +585,30 @@ mod tests {
             "{} {prediction}",
             squares.sqrt()
         );
+    }
+
+    /// Of what remembers for a tenth of a record, batches of an eighth miss nearly half.
+    #[test]
+    fn deviations_of_what_remembers_long_are_what_repeated_records_scatter_by() {
+        let (n, records) = (2000, 120);
+        let x = matrix(&[&vec![1.0; n]]);
+        let (mut squares, mut told) = (0.0, 0.0);
+        for seed in 0..records {
+            let mut slow = 0.0;
+            let y: Vec<f64> = noise(n + 1000, 300 + seed)
+                .into_iter()
+                .map(|e| {
+                    slow = 0.995 * slow + e;
+                    slow
+                })
+                .skip(1000)
+                .collect();
+            let solution = least_squares_of_time(&x, &y, 1).unwrap();
+            squares += solution.values[0].powi(2) / records as f64;
+            told += solution.std_correlated[0].powi(2) / records as f64;
+        }
+        let ratio = (told / squares).sqrt();
+        assert!((0.8..1.4).contains(&ratio), "{ratio}");
     }
 
     #[test]

@@ -13,6 +13,7 @@
 //! ```
 
 mod arrays;
+mod cells;
 pub mod columns;
 pub mod fragment;
 pub mod friction;
@@ -25,6 +26,7 @@ pub mod resonance;
 pub mod servo;
 mod table;
 pub mod twin;
+mod units;
 pub mod windup;
 
 use pigtail_sysid::{Account, Parameter, Unknown};

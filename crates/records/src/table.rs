@@ -1,6 +1,7 @@
 //! A file of columns and how it is written.
 
 use crate::arrays::{self, Arrays};
+use crate::cells;
 use crate::columns::{DIMENSIONS, OTHER_UNITS, ending, of_name, unit_of};
 use crate::layout::{self, Layout};
 use pigtail_hal::Error;
@@ -153,7 +154,7 @@ impl Table {
             if line.trim().is_empty() || line.trim_start().starts_with(['#', '%']) {
                 continue;
             }
-            let mut row = layout::split(line, self.layout.delimiter);
+            let mut row = cells::split(line, self.layout.delimiter);
             let number = self.layout.first_line + k;
             if self.layout.trailing && row.len() == width + 1 {
                 row.pop();
@@ -316,7 +317,7 @@ impl Table {
         let Content::Text(_) = &self.content else {
             return Ok(None);
         };
-        let value = |text: &str| layout::number(text, self.layout.decimal_comma);
+        let value = |text: &str| cells::number(text, self.layout.decimal_comma);
         let mut rows = Vec::new();
         if self.layout.names_line.is_some() {
             let names = self.names();
@@ -348,17 +349,17 @@ fn number(
     decimal_comma: bool,
     first: &mut Option<i128>,
 ) -> Result<f64, String> {
-    if gaps == Gaps::Allowed && layout::is_missing(text) {
+    if gaps == Gaps::Allowed && cells::is_missing(text) {
         return Ok(f64::NAN);
     }
-    if let Some(value) = layout::number(text, decimal_comma) {
+    if let Some(value) = cells::number(text, decimal_comma) {
         return if value.is_finite() {
             Ok(value)
         } else {
             Err("is not finite".to_owned())
         };
     }
-    if let Some(moment) = layout::moment(text) {
+    if let Some(moment) = cells::moment(text) {
         let first = *first.get_or_insert(moment);
         return Ok((moment - first) as f64 * 1e-9);
     }

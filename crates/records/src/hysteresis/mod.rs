@@ -10,6 +10,7 @@ use pigtail_control::compensation::hysteresis::{
     straight,
 };
 use pigtail_hal::{Error, Side};
+use pigtail_numerics::regression::{least_squares, matrix};
 use pigtail_numerics::rounded;
 use pigtail_numerics::signal::rms;
 use serde::{Deserialize, Serialize};
@@ -242,6 +243,55 @@ fn doubt(own: f64, line: f64, mean: f64) -> String {
     }
 }
 
+/// Parts of a record whose gains are held against each other, and the share of all range that each has at least.
+const PARTS: usize = 4;
+const RANGE: f64 = 0.3;
+
+/// Deviations by which gains differ where they do, and by which share of them that is said, and more than any piezo does.
+const SURE: f64 = 3.0;
+const SAID: f64 = 0.05;
+const MOST: f64 = 0.15;
+
+/// By which share the gains of a record's parts differ, by displacement over the model's; zero where they do not for certain.
+fn gains_apart(prediction: &[f64], output: &[f64], over: &ops::Range<usize>) -> f64 {
+    let whole = Range::of(&output[over.clone()]).width();
+    let gains: Vec<[f64; 2]> = (0..PARTS)
+        .filter_map(|part| {
+            let at = |k: usize| over.start + k * over.len() / PARTS;
+            let rows = at(part)..at(part + 1);
+            let (told, is) = (&prediction[rows.clone()], &output[rows]);
+            if Range::of(is).width() < RANGE * whole {
+                return None;
+            }
+            let found = least_squares(&matrix(&[told, &vec![1.0; told.len()]]), is)?;
+            Some([found.values[0], found.std_correlated[0]])
+        })
+        .collect();
+    let by = |a: &&[f64; 2], b: &&[f64; 2]| a[0].total_cmp(&b[0]);
+    let (Some(least), Some(most)) = (gains.iter().min_by(by), gains.iter().max_by(by)) else {
+        return 0.0;
+    };
+    let apart = most[0] - least[0];
+    if apart > SURE * most[1].hypot(least[1]) {
+        apart
+    } else {
+        0.0
+    }
+}
+
+/// Says that a gain changes within a record, and doubts a model of what changes by more than any piezo.
+fn doubt_gain(document: &mut HysteresisDocument, apart: f64) {
+    let said = format!(
+        "its gain changes within the record: that of quarters differs by {:.0} %. Was a gain of the amplifier or the sensor another one?",
+        100.0 * apart
+    );
+    if apart > MOST && document.doubt.is_empty() {
+        document.doubt = said;
+    } else if apart > SAID {
+        document.remarks.push(said);
+    }
+}
+
 /// Root mean square about the mean.
 fn about_mean(values: &[f64]) -> f64 {
     let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
@@ -295,6 +345,10 @@ pub fn fit(record: Record, kind: Kind) -> Result<Tried, Invalid> {
     );
     document.fitted = Some(fitted);
     document.held_back = Some(held_back);
+    doubt_gain(
+        &mut document,
+        gains_apart(&prediction, &record.output, &(from..record.len())),
+    );
     Ok(Tried {
         document,
         judged: to..record.len(),
@@ -324,6 +378,10 @@ pub fn tell(model: &Model, record: Record) -> Tried {
         over.len(),
     );
     document.offset_um = Some(rounded(errors.offset, 1e-6));
+    doubt_gain(
+        &mut document,
+        gains_apart(&prediction, &record.output, &over),
+    );
     Tried {
         document,
         prediction,

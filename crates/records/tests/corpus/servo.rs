@@ -183,6 +183,24 @@ type Mangle = fn(&mut Rows, &mut Pcg64Mcg);
 
 const MANGLED: &[(&str, Wanted, Mangle)] = &[
     ("as it is", Wanted::Right, |_, _| {}),
+    ("a voltage that was low-passed", Wanted::Right, |rows, _| {
+        let mut last = rows[0][3];
+        for row in rows {
+            last += 0.4 * (row[3] - last);
+            row[3] = last;
+        }
+    }),
+    (
+        "a voltage that is a moving average",
+        Wanted::Right,
+        |rows, _| {
+            let old: Vec<f64> = rows.iter().map(|r| r[3]).collect();
+            for (k, row) in rows.iter_mut().enumerate() {
+                let from = k.saturating_sub(4);
+                row[3] = old[from..=k].iter().sum::<f64>() / (k + 1 - from) as f64;
+            }
+        },
+    ),
     (
         "1 % stamped late, to 0.8 periods",
         Wanted::Right,

@@ -1,6 +1,7 @@
 //! Forces beside friction: a spring, a damper, a mass.
 
-use super::{Law, Record, Sample, fit, turned};
+use super::smooth::parabola;
+use super::{Law, Record, fit, turned};
 use pigtail_numerics::regression::{least_squares, matrix, relative};
 use pigtail_numerics::signal::rms;
 
@@ -10,29 +11,6 @@ const LEFT: f64 = 3.0;
 const TWICE: f64 = 0.5;
 
 const ROUNDS: usize = 6;
-
-/// Displacement, velocity and acceleration by parabolas through so many samples on either side; none where a stretch ends.
-fn motion(samples: &[Sample], reach: usize) -> Vec<Option<[f64; 3]>> {
-    let of = |k: usize| {
-        let from = k.checked_sub(reach)?;
-        let near = samples.get(from..=k + reach)?;
-        if near[1..].iter().any(|s| s.begins) {
-            return None;
-        }
-        let span = near[near.len() - 1].time - near[0].time;
-        let at: Vec<f64> = near
-            .iter()
-            .map(|s| (s.time - samples[k].time) / span)
-            .collect();
-        let squared: Vec<f64> = at.iter().map(|t| t * t).collect();
-        let x = matrix(&[&vec![1.0; at.len()], &at, &squared]);
-        let y = near.iter().map(|s| s.displacement);
-        let y = nalgebra::DVector::from_iterator(at.len(), y);
-        let found = (x.transpose() * &x).cholesky()?.solve(&(x.transpose() * y));
-        Some([found[0], found[1] / span, 2.0 * found[2] / (span * span)])
-    };
-    (0..samples.len()).map(of).collect()
-}
 
 /// What else the force has in it, where that and friction tell it twice as well as the best law of friction, which leaves
 /// `error` per cent.
@@ -45,7 +23,9 @@ pub(super) fn beside(record: &Record, error: f64) -> Option<String> {
     let (low, high) = record.range(|s| s.displacement);
     let turns = turned(samples, high - low).len().max(1);
     let reach = (samples.len() / turns / 20).clamp(2, 50);
-    let motion = motion(samples, reach);
+    let motion: Vec<Option<[f64; 3]>> = (0..samples.len())
+        .map(|k| parabola(samples, k, reach))
+        .collect();
     let kept: Vec<usize> = (0..samples.len())
         .filter(|k| motion[*k].is_some())
         .collect();

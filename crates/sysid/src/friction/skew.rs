@@ -107,8 +107,12 @@ pub(super) fn skew(record: &Record) -> Option<Skew> {
     let around = (places[best - 1], places[best + 1]);
     let found = least(around, 0.02 * period, left);
     // What a sample is a mean over may be anywhere within it.
+    let within = 0.5 * period;
+    if found.abs() < 0.5 * within {
+        return None;
+    }
     settled(record, samples, found)
-        .filter(|by| by.abs() > 0.5 * period)
+        .filter(|by| by.abs() > within)
         .map(Skew::Of)
 }
 
@@ -123,7 +127,7 @@ fn least_of((own, best, _): &Told) -> f64 {
 /// that is no sum of elements, as Dahl's, would take its own misfit for one.
 fn settled(record: &Record, samples: &[Sample], by: f64) -> Option<f64> {
     const TIMES: usize = 4;
-    let of = |by: f64| -> Told {
+    let of = |by: f64, near: Option<(Law, &[f64])>| -> Told {
         let samples = shifted(samples, by);
         let part = Record {
             samples,
@@ -132,17 +136,20 @@ fn settled(record: &Record, samples: &[Sample], by: f64) -> Option<f64> {
         let own = elements(&part, SHORTEST, false);
         let force: Vec<f64> = part.samples.iter().map(|s| s.force).collect();
         let own = own.map_or(f64::INFINITY, |e| relative(&e.left, &force));
-        let laws = Law::ALL.iter().filter(|law| !law.needs_time());
+        let laws = Law::ALL.into_iter().filter(|law| match near {
+            Some((own, _)) => *law == own,
+            None => !law.needs_time(),
+        });
         let best = laws
             .filter_map(|law| {
-                let values = fit(*law, &part, &part.samples, None)?;
-                Some((error(*law, &values, &part.samples, 0), *law, values))
+                let values = fit(law, &part, &part.samples, near.map(|n| n.1))?;
+                Some((error(law, &values, &part.samples, 0), law, values))
             })
             .min_by(|a, b| a.0.total_cmp(&b.0));
         (own, best, part)
     };
-    let plain = least_of(&of(0.0));
-    let (mut by, mut told) = (by, of(by));
+    let plain = least_of(&of(0.0, None));
+    let (mut by, mut told) = (by, of(by, None));
     for _ in 0..TIMES {
         let (own, best, part) = &told;
         let Some((error, law, values)) = best else {
@@ -158,7 +165,7 @@ fn settled(record: &Record, samples: &[Sample], by: f64) -> Option<f64> {
         let more = more.clamp(-2.0, 2.0) * part.period();
         let enough = more.abs() < 0.05 * part.period();
         by += more;
-        told = of(by);
+        told = of(by, Some((*law, values)));
         if enough {
             break;
         }

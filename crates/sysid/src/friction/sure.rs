@@ -1,7 +1,8 @@
 //! How surely the parameters of a law are known.
 
+use super::fit::{counted, settled};
 use super::skew::shifted;
-use super::{Known, Law, Record, Sample, fit, residuals};
+use super::{Known, Law, Record, Sample, fit, turned};
 use pigtail_numerics::nonlinear::{minimise, uncertainty};
 use pigtail_numerics::signal::quantile;
 
@@ -67,13 +68,14 @@ pub(super) fn joint(
 ) -> Option<(Vec<f64>, f64)> {
     let force = record.largest_force();
     let period = record.period();
+    let counts = settled(law, near, samples);
     let scaled = |c: &[f64]| -> Vec<f64> {
         let (by, coded) = c.split_last().unwrap_or((&0.0, c));
         if coded.iter().any(|c| c.abs() > 60.0) {
             return vec![f64::NAN; samples.len()];
         }
         let moved = displaced(samples, by * period);
-        let left = residuals(law, &law.decoded(coded, force), &moved, 0);
+        let left = counted(law, &law.decoded(coded, force), &moved, &counts);
         left.into_iter().map(|l| l / force).collect()
     };
     let (mut found, _) = minimise(scaled, &[law.coded(near, force), vec![0.0]].concat())?;
@@ -145,11 +147,17 @@ pub(super) fn sure(law: Law, record: &Record, parameters: &[f64]) -> Option<(Vec
     let coded = law.coded(parameters, force);
     // A skew is known no better than the record tells it.
     let period = record.period();
+    let counts = settled(law, parameters, &record.samples);
     let left = |c: &[f64]| {
         let decoded = law.decoded(&c[..parameters.len()], force);
         match c.get(parameters.len()) {
-            Some(by) => residuals(law, &decoded, &displaced(&record.samples, by * period), 0),
-            None => residuals(law, &decoded, &record.samples, 0),
+            Some(by) => counted(
+                law,
+                &decoded,
+                &displaced(&record.samples, by * period),
+                &counts,
+            ),
+            None => counted(law, &decoded, &record.samples, &counts),
         }
     };
     let coded = if record.has_time {
@@ -182,7 +190,11 @@ pub(super) fn sure(law: Law, record: &Record, parameters: &[f64]) -> Option<(Vec
         }
         left(&all)
     };
-    let mut solution = uncertainty(among, &own)?;
+    // What noise makes of a turn lies in all of the way to the next one.
+    let (low, high) = record.range(|s| s.displacement);
+    let turns = turned(&record.samples, high - low).len();
+    let coherent = record.samples.len() / turns.max(1);
+    let mut solution = uncertainty(among, &own, coherent)?;
     for stds in [&mut solution.std, &mut solution.std_correlated] {
         let mut wide = vec![f64::INFINITY; coded.len()];
         for (j, std) in matters.iter().zip(stds.iter()) {
@@ -210,6 +222,6 @@ pub(super) fn sure(law: Law, record: &Record, parameters: &[f64]) -> Option<(Vec
         among(&all)
     };
     let count = matters.iter().filter(|j| **j < parameters.len()).count();
-    let condition = uncertainty(bare, &own[..count])?.condition;
+    let condition = uncertainty(bare, &own[..count], coherent)?.condition;
     Some((known, condition))
 }

@@ -257,6 +257,8 @@ pub struct Variant {
     pub parameters: Vec<Parameter>,
     /// Whether the record says when its voltage acts, and the delay tells all of it: of [`Method::Delayed`] only.
     tells_delay: bool,
+    /// Whether the voltage shows to have been filtered, and what that makes of the answer was taken out: of [`Method::Delayed`] only.
+    filtered: bool,
     /// Values of the equations' columns: by the order of [`Friction::names`], whether or not they may be
     /// told, then the delay in samples, where it was looked for.
     pub values: Vec<f64>,
@@ -368,6 +370,15 @@ fn positive(first: &Variant, unknown: &mut Vec<Unknown>) -> Result<(), Unknown> 
     Ok(())
 }
 
+/// That the voltage was filtered, where a variant shows it.
+fn filtered(variants: &[Variant]) -> Option<String> {
+    variants.iter().any(|v| v.filtered).then(|| {
+        "the voltage is weaker where it changes fast than what moved the axis, as one that was filtered before it was written; told \
+         with that taken out"
+            .to_owned()
+    })
+}
+
 /// Identifies an axis; `second` is another record of the same axis that says which variant
 /// generalises.
 ///
@@ -455,6 +466,7 @@ pub fn identify(
         }
     }
     let supported = supported(&variants);
+    remarks.extend(filtered(&variants).filter(|_| supported == Method::Delayed));
     let error = |v: &Variant| v.validation_error_percent.unwrap_or(f64::INFINITY);
     let least = variants.iter().map(error).fold(f64::INFINITY, f64::min);
     let best = variants

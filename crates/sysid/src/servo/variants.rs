@@ -67,6 +67,7 @@ pub(super) fn variants(
             continue;
         };
         let timing = least_squares(&x, &later).map(|s| s.values);
+        let filtered = was_filtered(&delayed, columns, moving);
         let solve = |method: Method, rows: std::ops::Range<usize>| -> Option<Solution> {
             let x = [&x, &delayed][usize::from(method == Method::Delayed)];
             let part = x.rows(rows.start, rows.len()).into_owned();
@@ -76,12 +77,8 @@ pub(super) fn variants(
                 // Where the axis sticks, force leads motion for another reason than a delay.
                 Method::Delayed => {
                     let slides = |i: usize| columns.velocity[rows.start + i].abs() > moving;
-                    let first = over(&part, force, slides)?;
                     let curve = &columns.curve[rows.clone()];
-                    let held = held(first.values[first.values.len() - 1]);
-                    let force: Vec<f64> =
-                        force.iter().zip(curve).map(|(f, c)| f + held * c).collect();
-                    let mut solution = over(&part, &force, slides)?;
+                    let mut solution = delayed_by(&part, (force, curve), slides, filtered)?;
                     without_attenuation(&part, slides, 0, noise, &mut solution);
                     Some(solution)
                 }
@@ -118,6 +115,7 @@ pub(super) fn variants(
             let period = record.even.period;
             let mut found = variant(friction, method, &solution, period, unknown);
             found.tells_delay = method == Method::Delayed && late.is_some();
+            found.filtered = method == Method::Delayed && filtered;
             found.validation_error_percent = if let Some(second) = second {
                 (second.force.len() > 10).then(|| {
                     judged(
@@ -145,6 +143,64 @@ pub(super) fn variants(
 /// a step that is held for a sample takes from what is fast.
 fn held(delay: f64) -> f64 {
     0.5 * delay * (delay - 1.0) + 1.0 / 24.0
+}
+
+/// The columns with a delay, told to the second order, of a force and its second difference; what a filter takes of it beside.
+fn delayed_by(
+    x: &DMatrix<f64>,
+    (force, curve): (&[f64], &[f64]),
+    slides: impl Fn(usize) -> bool,
+    filtered: bool,
+) -> Option<Solution> {
+    let first = over(x, force, &slides)?;
+    let held = held(first.values[first.values.len() - 1]);
+    let force: Vec<f64> = force.iter().zip(curve).map(|(f, c)| f + held * c).collect();
+    if filtered {
+        Some(beside(x, curve, &force, slides)?.0)
+    } else {
+        over(x, &force, slides)
+    }
+}
+
+/// A solution with one column more, without that one's value, and the value with its standard deviation.
+fn beside(
+    x: &DMatrix<f64>,
+    column: &[f64],
+    force: &[f64],
+    keep: impl Fn(usize) -> bool,
+) -> Option<(Solution, Known)> {
+    let last = x.ncols();
+    let mut wider = x.clone().insert_column(last, 0.0);
+    wider.column_mut(last).copy_from_slice(column);
+    let mut solution = over(&wider, force, keep)?;
+    let known = Known {
+        value: solution.values.pop()?,
+        std: solution.std.pop()?,
+        std_correlated: solution.std_correlated.pop()?,
+    };
+    Some((solution, known))
+}
+
+/// Whether the force shows that its voltage was filtered before it was written: where it changes fast it is weaker, and a delay alone
+/// does not make it so. Of a filter a delay tells the phase, and the force's second difference what it takes of the size.
+fn was_filtered(delayed: &DMatrix<f64>, columns: &Equations, moving: f64) -> bool {
+    /// Deviations by which it shows.
+    const SURE: f64 = 5.0;
+    let rows: Vec<usize> = (0..columns.force.len())
+        .filter(|i| columns.velocity[*i].abs() > moving)
+        .collect();
+    let pick = |column: &[f64]| rows.iter().map(|i| column[*i]).collect::<Vec<f64>>();
+    let (x, curve, force) = (
+        delayed.select_rows(&rows),
+        pick(&columns.curve),
+        pick(&columns.force),
+    );
+    let found = beside(&x, &curve, &force, |_| true);
+    let Some((delay, known)) = found.and_then(|(s, known)| Some((*s.values.last()?, known))) else {
+        return false;
+    };
+    // What a held voltage has of it is known.
+    (known.value + held(delay)).abs() > SURE * known.std_correlated
 }
 
 /// What values leave of a force, per cent.
@@ -227,6 +283,7 @@ fn variant(
         method,
         parameters,
         tells_delay: false,
+        filtered: false,
         values: solution.values.clone(),
         condition: solution.condition,
         relative_error_percent: solution.relative_error_percent,

@@ -173,6 +173,19 @@ pub(super) fn idle(chosen: &Fitted) -> Option<String> {
     })
 }
 
+/// That the load's column is ahead of the motor's in time, as a command is whose servo follows it: by its noise alone it is not told from a
+/// measured position where it was written as coarsely.
+pub(super) fn ahead(chosen: &Fitted) -> Option<String> {
+    let (_, known) = chosen.parameters.iter().find(|(n, _)| *n == "time_skew")?;
+    (known.value < -SURE * known.std_correlated).then(|| {
+        format!(
+            "the load was read {:.1e} s before the motor: a commanded position is ahead of its motor, too, and what winds up is \
+             the servo then",
+            -known.value
+        )
+    })
+}
+
 /// Says that nothing tells the two sides apart, and takes back what hangs on it.
 pub(super) fn either(
     has_torque: bool,

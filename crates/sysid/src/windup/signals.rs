@@ -4,7 +4,7 @@ use super::{LEAST, LOAD, MOTOR, Parts, Record, TORQUE, WAYS};
 use nalgebra::DMatrix;
 use pigtail_model::windup::{Reversal, ReversalState};
 use pigtail_numerics::golden::least;
-use pigtail_numerics::regression::{Rest, Solution, least_squares, least_squares_alone, matrix};
+use pigtail_numerics::regression::{Rest, Solution, least_squares_alone, least_squares_of_time};
 use pigtail_numerics::signal::{Lowpass, between, derivative, quantile};
 
 /// Spacing of the ways that are tried first, as a factor.
@@ -25,6 +25,8 @@ pub(super) struct Signals {
     pub(super) torque: Option<Vec<f64>>,
     /// Where stretches begin.
     pub(super) begins: Vec<usize>,
+    /// Samples that models are fitted to.
+    pub(super) settled: Vec<usize>,
     pub(super) middle: f64,
     pub(super) range: f64,
 }
@@ -43,6 +45,7 @@ impl Signals {
             acceleration: Vec::new(),
             torque: record.has_torque.then(Vec::new),
             begins: Vec::new(),
+            settled: Vec::new(),
             middle: 0.0,
             range: 0.0,
         };
@@ -84,6 +87,7 @@ impl Signals {
         signals.range = high - low;
         signals.dead = dead.min(1e-4 * signals.range);
         signals.middle = 0.5 * (low + high);
+        signals.settle();
         signals
     }
 
@@ -197,11 +201,37 @@ impl Signals {
         columns
     }
 
-    /// A fit to all samples.
+    /// The samples at which a windup has forgotten in what state its stretch began, which nobody knows: once the path has ranged over the
+    /// way of the longest element both ways. The same for all models, which are held against each other. All, where that would leave out more than a
+    /// tenth: what a short record tells is worth more.
+    fn settle(&mut self) {
+        let n = self.path.len();
+        let reach = 2.0 * WAYS[WAYS.len() - 1] * self.range;
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        self.settled = (0..n)
+            .filter(|k| {
+                let q = self.path[*k];
+                if self.begins.binary_search(k).is_ok() {
+                    (low, high) = (q, q);
+                }
+                (low, high) = (low.min(q), high.max(q));
+                high - low >= reach
+            })
+            .collect();
+        if 10 * self.settled.len() < 9 * n {
+            self.settled = (0..n).collect();
+        }
+    }
+
+    /// A fit to the settled samples.
     pub(super) fn fit(&self, parts: Parts, way: f64) -> Option<Solution> {
         let columns = self.columns(parts, way);
-        let views: Vec<&[f64]> = columns.iter().map(|(_, c)| &c[..]).collect();
-        least_squares(&matrix(&views), &self.windup)
+        let rows = &self.settled;
+        least_squares_of_time(&over(&columns, rows), &self.windup_at(rows), 1)
+    }
+
+    fn windup_at(&self, rows: &[usize]) -> Vec<f64> {
+        rows.iter().map(|k| self.windup[*k]).collect()
     }
 
     /// Values of `columns` that fit best over some of the samples.
@@ -210,9 +240,7 @@ impl Signals {
         columns: &[(&'static str, Vec<f64>)],
         rows: &[usize],
     ) -> Option<Vec<f64>> {
-        let x = DMatrix::from_fn(rows.len(), columns.len(), |i, j| columns[j].1[rows[i]]);
-        let windup: Vec<f64> = rows.iter().map(|k| self.windup[*k]).collect();
-        least_squares_alone(&x, &windup).map(|s| s.values)
+        least_squares_alone(&over(columns, rows), &self.windup_at(rows)).map(|s| s.values)
     }
 
     pub(super) fn residuals(
@@ -238,11 +266,15 @@ impl Signals {
             ..parts
         };
         let others = self.columns(others, 0.0);
-        let others: Vec<&[f64]> = others.iter().map(|(_, c)| &c[..]).collect();
-        let Some(rest) = Rest::new(&matrix(&others), &self.windup) else {
+        let rows = &self.settled;
+        let Some(rest) = Rest::new(&over(&others, rows), &self.windup_at(rows)) else {
             return self.range;
         };
-        let squares = |way: f64| rest.squares(&self.reversal(way));
+        let squares = |way: f64| {
+            let reversal = self.reversal(way);
+            let own: Vec<f64> = rows.iter().map(|k| reversal[*k]).collect();
+            rest.squares(&own)
+        };
         let coarse = (0..14)
             .map(|k| 0.003 * SPACING.powi(k) * self.range)
             .map(|way| (squares(way), way))
@@ -256,8 +288,8 @@ impl Signals {
     /// How sure a model's values are, its way (the last) among them, from what it leaves.
     pub(super) fn uncertainty(&self, parts: Parts, way: f64, whole: &Solution) -> Option<Solution> {
         const STEP: f64 = 0.02;
-        let names = self.columns(parts, way);
-        let maximum = names.iter().position(|(name, _)| *name == "w_max")?;
+        let mut columns = self.columns(parts, way);
+        let maximum = columns.iter().position(|(name, _)| *name == "w_max")?;
         let size = whole.values[maximum];
         let (more, less) = (
             self.reversal(way * (1.0 + STEP)),
@@ -268,10 +300,14 @@ impl Signals {
             .zip(&less)
             .map(|(a, b)| size * (a - b) / (2.0 * STEP * way))
             .collect();
-        let mut columns: Vec<&[f64]> = names.iter().map(|(_, c)| &c[..]).collect();
-        columns.push(&slope);
-        least_squares(&matrix(&columns), &whole.residuals)
+        columns.push(("q", slope));
+        least_squares_of_time(&over(&columns, &self.settled), &whole.residuals, 1)
     }
+}
+
+/// Columns at the samples `rows`.
+fn over(columns: &[(&'static str, Vec<f64>)], rows: &[usize]) -> DMatrix<f64> {
+    DMatrix::from_fn(rows.len(), columns.len(), |i, j| columns[j].1[rows[i]])
 }
 
 /// A column filtered both ways, turned over at its ends for so long that the filter has settled where it begins:

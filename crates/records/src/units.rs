@@ -1,0 +1,148 @@
+//! Units that columns of a file may have, and what people call them.
+
+use pigtail_hal::quantity::{
+    ANGLE, Dimension, FORCE, FREQUENCY, LENGTH, LEVEL, RATIO, TIME, TORQUE, VOLTAGE,
+};
+use serde::{Deserialize, Serialize};
+
+/// What a column may be of, each in any of its units.
+pub(crate) const DIMENSIONS: [Dimension; 10] = [
+    TIME, LENGTH, ANGLE, VOLTAGE, CURRENT, FORCE, TORQUE, FREQUENCY, RATIO, LEVEL,
+];
+
+/// What drives a motor in place of a voltage; no file of a rig has one.
+pub(crate) const CURRENT: Dimension = Dimension {
+    name: "a current",
+    units: &[("A", 1.0), ("mA", 1e-3)],
+};
+
+/// A unit of places in a file.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    strum::EnumMessage,
+    strum::EnumString,
+    strum::IntoStaticStr,
+    strum::VariantArray,
+    Serialize,
+    Deserialize,
+)]
+#[strum(serialize_all = "kebab-case")]
+#[serde(rename_all = "lowercase")]
+pub enum LengthUnit {
+    /// Nanometres
+    Nm,
+    /// Micrometres
+    Um,
+    /// Millimetres
+    Mm,
+    /// Metres
+    M,
+}
+
+impl LengthUnit {
+    /// The unit of that name, `um` or `nm`, where it is one of places.
+    pub fn named(name: &str) -> Option<Self> {
+        name.parse().ok()
+    }
+
+    /// Metres in one.
+    pub fn metres(self) -> f64 {
+        LENGTH.unit(self.into()).map_or(1.0, |(_, metres)| metres)
+    }
+
+    /// Micrometres in one.
+    pub fn micrometres(self) -> f64 {
+        1e6 * self.metres()
+    }
+}
+
+/// Units of columns that no command asks for.
+pub(crate) const OTHER_UNITS: [&str; 14] = [
+    "A", "mA", "W", "mW", "uW", "rpm", "1/min", "m/s", "mm/s", "deg/s", "rad/s", "%", "C", "bar",
+];
+
+/// What else units are called.
+const CALLED: [(&str, &[&str]); 14] = [
+    (
+        "um",
+        &[
+            "\u{b5}m",
+            "\u{3bc}m",
+            "micron",
+            "microns",
+            "micrometer",
+            "micrometre",
+        ],
+    ),
+    ("us", &["\u{b5}s", "\u{3bc}s", "usec", "microseconds"]),
+    ("uV", &["\u{b5}V", "\u{3bc}V"]),
+    ("deg", &["\u{b0}", "degree", "degrees", "Grad"]),
+    ("rad", &["radian", "radians"]),
+    ("s", &["sec", "secs", "second", "seconds", "S"]),
+    ("ms", &["msec", "milliseconds", "millisecond"]),
+    ("m", &["meter", "meters", "metre", "metres"]),
+    (
+        "mm",
+        &[
+            "millimeter",
+            "millimetre",
+            "millimeters",
+            "millimetres",
+            "MM",
+        ],
+    ),
+    ("V", &["v", "volt", "volts", "Volt", "Volts"]),
+    ("N", &["newton", "newtons", "Newton"]),
+    ("N m", &["N*m", "N.m", "N\u{b7}m", "N-m", "nm_torque"]),
+    ("Hz", &["hz", "HZ", "hertz"]),
+    ("dB", &["DB"]),
+];
+
+/// A unit by its name, of one of these dimensions.
+pub(crate) fn unit_of(dimensions: &[Dimension], name: &str) -> Option<(Dimension, &'static str)> {
+    let called = CALLED.iter().find(|(_, others)| others.contains(&name));
+    let name = called.map_or(name, |(unit, _)| *unit);
+    dimensions
+        .iter()
+        .find_map(|dimension| Some((*dimension, dimension.unit(name)?.0)))
+}
+
+/// What a column's name ends with, in brackets or behind an underscore.
+pub(crate) fn ending(name: &str) -> Option<&str> {
+    let bracketed = name
+        .strip_suffix([']', ')'])
+        .and_then(|rest| rest.rsplit_once(['[', '(']))
+        .map(|(_, unit)| unit);
+    let suffix = bracketed.or_else(|| name.rsplit_once('_').map(|(_, unit)| unit))?;
+    Some(suffix.trim())
+}
+
+/// A unit that the name of a column of lengths, forces or volts ends with, but none of ours: what is in it is not SI.
+pub(crate) fn foreign<'a>(name: &'a str, of: &[Dimension]) -> Option<&'a str> {
+    const COUNTS: [&str; 3] = ["counts", "cts", "ticks"];
+    let own = |si: &str| -> &[&str] {
+        match si {
+            "m" => &[
+                "in", "inch", "inches", "ft", "mil", "mils", "thou", "cm", "dm",
+            ],
+            "N" => &["lbf", "ozf", "kgf", "lb"],
+            _ => &[],
+        }
+    };
+    // What may be counted may be in counts.
+    let counted = of.contains(&RATIO);
+    ending(name).filter(|unit| {
+        let unit = unit.to_lowercase();
+        let counts = COUNTS.contains(&&*unit) && !counted && ["m", "N", "V"].contains(&of[0].si());
+        counts || of.iter().any(|d| own(d.si()).contains(&&*unit))
+    })
+}
+
+/// The unit that a column's name ends with.
+pub(crate) fn of_name(name: &str) -> Option<(Dimension, &'static str)> {
+    unit_of(&DIMENSIONS, ending(name)?)
+}

@@ -1,0 +1,310 @@
+//! A frequency response, made ready for modes.
+
+use super::{POLES, Unknown};
+use nalgebra::{Complex, DMatrix};
+use pigtail_numerics::signal::quantile;
+use std::f64::consts::TAU;
+
+/// Fewest points.
+const LEAST: usize = 20;
+
+/// More points are thinned.
+const MOST: usize = 1500;
+
+/// A point stands apart by so many of the usual deviations from the middle of its neighbours, and by so much of the
+/// logarithm of magnitude; largest share of points that may.
+const FAR: f64 = 8.0;
+const LEAST_APART: f64 = 0.35;
+const MOST_APART: f64 = 0.05;
+
+/// Points are set aside where this share of the error is left at most.
+pub(super) const ASIDE: f64 = 0.5;
+
+/// A frequency response.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Record {
+    /// Hertz, rising.
+    pub frequency: Vec<f64>,
+    /// The response.
+    pub response: Vec<Complex<f64>>,
+    /// How much each point counts.
+    pub weight: Vec<f64>,
+    /// Whether modes have a part that goes with frequency, `s_k`.
+    pub(super) skewed: bool,
+    /// Whether its phase was measured; else the response is a magnitude, without a sign.
+    pub(super) phased: bool,
+    /// Real poles that stand behind the delay in what is searched, and most of them.
+    pub(super) poles: usize,
+    pub(super) most_poles: usize,
+}
+
+impl Record {
+    /// Points of frequency (Hz), response and weight; those without a value are left out.
+    ///
+    /// # Errors
+    ///
+    /// When they are too few, or frequencies are not above zero and rising.
+    pub fn new(
+        frequency: &[f64],
+        response: &[Complex<f64>],
+        weight: Option<&[f64]>,
+    ) -> Result<Self, Unknown> {
+        let whole = |k: &usize| {
+            frequency[*k].is_finite() && response[*k].re.is_finite() && response[*k].im.is_finite()
+        };
+        let mut kept: Vec<usize> = (0..frequency.len()).filter(whole).collect();
+        // A response at no frequency at all has no phase to speak of.
+        kept.retain(|k| frequency[*k] != 0.0);
+        if kept.len() < LEAST {
+            return Err(Unknown::all(format!(
+                "it has {} points; wanted are at least {LEAST}",
+                kept.len()
+            )));
+        }
+        if let Some(w) = kept.windows(2).find(|w| frequency[w[1]] <= frequency[w[0]]) {
+            return Err(Unknown::all(format!(
+                "frequency {} Hz comes after {} Hz: it must rise throughout",
+                frequency[w[1]], frequency[w[0]]
+            )));
+        }
+        if frequency[kept[0]] < 0.0 {
+            return Err(Unknown::all("it has frequencies below zero"));
+        }
+        let every = kept.len().div_ceil(MOST);
+        let kept: Vec<usize> = kept.into_iter().step_by(every).collect();
+        let sizes: Vec<f64> = kept.iter().map(|k| response[*k].norm()).collect();
+        let floor = 0.1 * quantile(&sizes, 0.5);
+        if sizes.iter().all(|s| *s <= 0.0) {
+            return Err(Unknown::all("the response is zero throughout"));
+        }
+        let given =
+            |k: usize| weight.map_or(1.0, |w| if w[k].is_finite() { w[k].max(0.0) } else { 0.0 });
+        Ok(Self {
+            frequency: kept.iter().map(|k| frequency[*k]).collect(),
+            response: kept.iter().map(|k| response[*k]).collect(),
+            weight: kept
+                .iter()
+                .zip(&sizes)
+                .map(|(k, size)| given(*k) / (size + floor))
+                .collect(),
+            skewed: false,
+            phased: true,
+            poles: 0,
+            most_poles: POLES,
+        })
+    }
+
+    /// The same of magnitudes alone: modes can be told from them, a delay cannot.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::new`].
+    pub fn of_magnitude(
+        frequency: &[f64],
+        magnitude: &[f64],
+        weight: Option<&[f64]>,
+    ) -> Result<Self, Unknown> {
+        // Nothing has no logarithm.
+        let response: Vec<Complex<f64>> = magnitude
+            .iter()
+            .map(|m| Complex::new(if *m > 0.0 { *m } else { f64::NAN }, 0.0))
+            .collect();
+        let record = Self::new(frequency, &response, weight)?;
+        Ok(Self {
+            phased: false,
+            ..record
+        })
+    }
+
+    /// Whether its phase was measured.
+    pub fn is_phased(&self) -> bool {
+        self.phased
+    }
+
+    pub(super) fn points(&self, from: usize, every: usize) -> Self {
+        Self {
+            frequency: self
+                .frequency
+                .iter()
+                .copied()
+                .skip(from)
+                .step_by(every)
+                .collect(),
+            response: self
+                .response
+                .iter()
+                .copied()
+                .skip(from)
+                .step_by(every)
+                .collect(),
+            weight: self
+                .weight
+                .iter()
+                .copied()
+                .skip(from)
+                .step_by(every)
+                .collect(),
+            skewed: self.skewed,
+            phased: self.phased,
+            poles: self.poles,
+            most_poles: self.most_poles,
+        }
+    }
+
+    /// Points whose magnitude stands apart from that of their neighbours on either side, if they are few.
+    pub(super) fn apart(&self) -> Vec<usize> {
+        let sizes: Vec<f64> = self
+            .response
+            .iter()
+            .map(|h| h.norm().max(f64::MIN_POSITIVE).ln())
+            .collect();
+        let middle = |w: &[f64]| quantile(w, 0.5);
+        let off: Vec<f64> = sizes.windows(5).map(|w| (w[2] - middle(w)).abs()).collect();
+        let far = FAR * 1.4826 * quantile(&off, 0.5) + LEAST_APART;
+        let apart: Vec<usize> = (0..off.len())
+            .filter(|k| off[*k] > far)
+            .map(|k| k + 2)
+            .collect();
+        if apart.len() as f64 > MOST_APART * sizes.len() as f64 {
+            return Vec::new();
+        }
+        apart
+    }
+
+    /// The same without some points.
+    pub(super) fn without(&self, points: &[usize]) -> Self {
+        let kept = |k: &usize| points.binary_search(k).is_err();
+        let pick: Vec<usize> = (0..self.frequency.len()).filter(kept).collect();
+        Self {
+            frequency: pick.iter().map(|k| self.frequency[*k]).collect(),
+            response: pick.iter().map(|k| self.response[*k]).collect(),
+            weight: pick.iter().map(|k| self.weight[*k]).collect(),
+            ..self.clone()
+        }
+    }
+
+    /// Number of modes in what is searched.
+    pub(super) fn modes(&self, coded: &[f64]) -> usize {
+        (coded.len() - 1 - self.poles) / 2
+    }
+
+    pub(super) fn with_poles(&self, poles: usize) -> Self {
+        Self {
+            poles,
+            ..self.clone()
+        }
+    }
+
+    pub(super) fn highest(&self) -> f64 {
+        self.frequency.last().copied().unwrap_or(1.0)
+    }
+
+    /// The columns of what is linear: real parts of all points, then imaginary ones.
+    pub(super) fn columns(&self, coded: &[f64]) -> DMatrix<f64> {
+        let n = self.frequency.len();
+        let top = TAU * self.highest();
+        let modes = self.modes(coded);
+        let tau = coded[2 * modes] / top;
+        let each = if self.skewed { 2 } else { 1 };
+        let mut x = DMatrix::zeros(2 * n, each * modes + 3 + self.poles);
+        // Exponentials once for all frequencies: they are half of what a search takes.
+        let own: Vec<(f64, f64)> = (0..modes)
+            .map(|k| (coded[2 * k].exp(), coded[2 * k + 1].exp()))
+            .collect();
+        let poles: Vec<f64> = coded[2 * modes + 1..].iter().map(|p| p.exp()).collect();
+        for i in 0..n {
+            let w = TAU * self.frequency[i];
+            let turn = Complex::from_polar(self.weight[i], -w * tau);
+            let mut set = |j: usize, value: Complex<f64>| {
+                let value = turn * value;
+                x[(i, j)] = value.re;
+                x[(n + i, j)] = value.im;
+            };
+            for (k, (own, zeta)) in own.iter().copied().enumerate() {
+                let below = Complex::new(own * own - w * w, 2.0 * zeta * own * w);
+                set(each * k, own * own / below);
+                if self.skewed {
+                    set(each * k + 1, Complex::new(0.0, own * w) / below);
+                }
+            }
+            let s = w / top;
+            set(each * modes, Complex::new(1.0, 0.0));
+            set(each * modes + 1, Complex::new(0.0, -1.0 / s));
+            set(each * modes + 2, Complex::new(-1.0 / (s * s), 0.0));
+            for (m, pole) in poles.iter().enumerate() {
+                let pole = 1.0 / Complex::new(1.0, w / pole);
+                set(each * modes + 3 + m, pole);
+            }
+        }
+        x
+    }
+
+    pub(super) fn target(&self) -> Vec<f64> {
+        let weighted = || self.response.iter().zip(&self.weight).map(|(h, w)| h * *w);
+        weighted()
+            .map(|h| h.re)
+            .chain(weighted().map(|h| h.im))
+            .collect()
+    }
+
+    /// What is left with the best linear part; NaN where there is none.
+    pub(super) fn residuals(&self, coded: &[f64]) -> Vec<f64> {
+        let bad = || vec![f64::NAN; 2 * self.frequency.len()];
+        if coded.iter().any(|c| c.is_nan() || c.abs() >= 60.0) {
+            return bad();
+        }
+        self.linear(coded)
+            .map_or_else(bad, |(_, residuals)| residuals)
+    }
+
+    pub(super) fn linear(&self, coded: &[f64]) -> Option<(Vec<f64>, Vec<f64>)> {
+        let x = self.columns(coded);
+        let y = nalgebra::DVector::from_vec(self.target());
+        // Normal equations of columns of length one: these are many small problems.
+        let p = x.ncols();
+        let mut normal = DMatrix::zeros(p, p);
+        for i in 0..p {
+            for j in 0..=i {
+                normal[(i, j)] = x.column(i).dot(&x.column(j));
+            }
+        }
+        let scale: Vec<f64> = (0..p).map(|j| normal[(j, j)].sqrt().max(1e-300)).collect();
+        for i in 0..p {
+            for j in 0..=i {
+                normal[(i, j)] /= scale[i] * scale[j];
+                normal[(j, i)] = normal[(i, j)];
+            }
+            normal[(i, i)] += 1e-12;
+        }
+        let right = nalgebra::DVector::from_fn(p, |j, _| x.column(j).dot(&y) / scale[j]);
+        let mut values = normal.cholesky()?.solve(&right);
+        for (value, scale) in values.iter_mut().zip(&scale) {
+            *value /= scale;
+        }
+        let residuals = &y - x * &values;
+        Some((values.as_slice().to_vec(), residuals.as_slice().to_vec()))
+    }
+
+    /// Relative error of a linear part found elsewhere.
+    pub(super) fn error(&self, coded: &[f64], values: &[f64]) -> f64 {
+        let prediction = self.columns(coded) * nalgebra::DVector::from_column_slice(values);
+        let target = self.target();
+        let residuals: Vec<f64> = target
+            .iter()
+            .zip(prediction.iter())
+            .map(|(a, b)| a - b)
+            .collect();
+        pigtail_numerics::regression::relative(&residuals, &target)
+    }
+
+    /// Delay by the median slope of the phase, in units of the inverse of the highest angular frequency.
+    pub(super) fn delay(&self) -> f64 {
+        let slopes: Vec<f64> = self
+            .frequency
+            .windows(2)
+            .zip(self.response.windows(2))
+            .map(|(f, h)| -(h[1] * h[0].conj()).arg() / (TAU * (f[1] - f[0])))
+            .collect();
+        quantile(&slopes, 0.5) * TAU * self.highest()
+    }
+}
