@@ -49,8 +49,7 @@ pub struct AlignmentDocument {
     pub collision: bool,
     /// The least distance between the chip and any of these: the truth.
     pub smallest_gap_um: Option<f64>,
-    /// What the manipulators did of the time; absent where nothing tells.
-    #[serde(skip_serializing_if = "Option::is_none")]
+    /// What the manipulators did of the time; none where nothing tells, as on a bench that is controlled by position.
     pub arms: Option<Arms>,
     /// What was broken on purpose, and when.
     pub injected: Vec<String>,
