@@ -84,6 +84,13 @@ fn found(named: &str, runs: &Path, journal: &str, command: &str) -> Result<PathB
     ];
     let mut files = folders.iter().map(|folder| folder.join(journal));
     files.find(|file| file.is_file()).ok_or_else(|| {
+        if folders.iter().any(|folder| folder.is_dir()) {
+            let message = format!(
+                "has no {journal}: it ended before anything was done; accepted is a run of `{command}` that has one, such as that which it was \
+                 to go on from. Without --resume all is begun anew"
+            );
+            return Error::new(format!("--resume {named}"), "", message);
+        }
         let message = format!(
             "no run of `{command}` is called so in {}; accepted is the name or the folder of one",
             runs.display()

@@ -378,8 +378,9 @@ fn a_tray_that_is_killed_loses_nothing_and_does_nothing_twice() {
                 .into_iter()
                 .filter(|run| !before.contains(run))
                 .collect();
-            // Killed before it had a folder: it has done nothing.
-            if let Some(run) = made.first() {
+            // Killed before it had a folder with a journal: it has done nothing.
+            let has_begun = |run: &&String| runs.join(run).join("journal.jsonl").is_file();
+            if let Some(run) = made.iter().find(has_begun) {
                 resume = Some(
                     run.trim_start_matches('.')
                         .trim_end_matches(".partial")

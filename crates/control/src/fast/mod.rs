@@ -118,7 +118,7 @@ impl<'r> Shared<'r> {
     }
 }
 
-impl<'r> Shared<'r> {
+impl Shared<'_> {
     fn exit(&self) -> f64 {
         self.recipe.ports.exit_angle
     }

@@ -335,7 +335,7 @@ mod tests {
             let mut piezo = Turns::bottom(&everett);
             // Ever closer together, and so that each lies between the two before it.
             for k in 0..turns {
-                let far = 4.0 * 0.9_f64.powi(k as i32);
+                let far = 4.0 * 0.9_f64.powf(k as f64);
                 let to = if k % 2 == 0 { 5.0 + far } else { 5.0 - far };
                 piezo.follow(&everett, to);
             }
@@ -359,7 +359,7 @@ mod tests {
     fn of_too_many_turns_those_are_forgotten_that_matter_least() {
         let everett = bending();
         let mut piezo = Turns::bottom(&everett);
-        let far = |k: usize| 4.0 * 0.9_f64.powi(k as i32);
+        let far = |k: usize| 4.0 * 0.9_f64.powf(k as f64);
         for k in 0..2 * TURNS {
             let to = if k % 2 == 0 {
                 5.0 + far(k)
