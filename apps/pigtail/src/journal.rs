@@ -86,8 +86,8 @@ fn found(named: &str, runs: &Path, journal: &str, command: &str) -> Result<PathB
     files.find(|file| file.is_file()).ok_or_else(|| {
         if folders.iter().any(|folder| folder.is_dir()) {
             let message = format!(
-                "has no {journal}: it ended before anything was done; accepted is a run of `{command}` that has one, such as that which it was \
-                 to go on from. Without --resume all is begun anew"
+                "has no {journal}: it is none of `{command}`, or ended before anything was done; accepted is one that has it, such as that which \
+                 it was to go on from. Without --resume all is begun anew"
             );
             return Error::new(format!("--resume {named}"), "", message);
         }

@@ -592,3 +592,37 @@ impl Calibration {
         Ok(calibration)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_axis_goes_by_its_own_windup_and_else_by_that_of_its_kind() {
+        let belief = |w_max: f64| WindupBelief {
+            model: WindupModel::Reversal,
+            w_max,
+            q: 2e-3,
+            hardening: [0.0; POWERS],
+            elements: Vec::new(),
+            residual: 0.0,
+            date: String::new(),
+            origin: String::new(),
+        };
+        let mut windups = Windups {
+            five_bar: Some(belief(1e-3)),
+            ..Windups::default()
+        };
+        windups.right.b = Some(belief(0.5e-3));
+        let of = |side, axis| windups.of(AxisName::new(side, axis)).map(|w| w.w_max);
+        assert_eq!(of(Side::Left, Axis::B), Some(1e-3));
+        assert_eq!(of(Side::Right, Axis::A), Some(1e-3));
+        assert_eq!(of(Side::Right, Axis::B), Some(0.5e-3));
+        assert_eq!(of(Side::Right, Axis::Z), None);
+        // What is found of an axis goes where it is looked for.
+        let table = |side, axis| windups.table(AxisName::new(side, axis));
+        assert_eq!(table(Side::Left, Axis::B), "windup.five_bar");
+        assert_eq!(table(Side::Right, Axis::B), "windup.right.b");
+        assert_eq!(table(Side::Left, Axis::Z), "windup.z");
+    }
+}

@@ -506,6 +506,24 @@ mod tests {
     }
 
     #[test]
+    fn a_tip_is_worth_watching_where_that_may_make_it_sure() {
+        let (tolerance, near, far) = (0.1e-6, Across::of(15e-9), Across::of(28e-9));
+        let mut shakes = Shaking::new(None);
+        for _ in 0..3 {
+            shakes.add_wide(&seen(30e-9));
+        }
+        assert!(shakes.is_sure(tolerance, near).is_err());
+        // Nobody knows what is left of its means, but however still, it is not sure at a place that is known so badly.
+        assert!(shakes.may_be_sure(tolerance, near) && !shakes.may_be_sure(tolerance, far));
+        // Means that were watched for long are known.
+        let mut watched = shakes.to_watch();
+        for _ in 0..100 {
+            watched.add_wide(&seen(30e-9));
+        }
+        assert!(!watched.may_be_sure(tolerance, near));
+    }
+
+    #[test]
     fn what_is_slower_than_a_turn_counts_once_of_a_tip_that_was_measured() {
         let measured = Measured {
             deviation: 36e-9,

@@ -97,6 +97,11 @@ impl AxisName {
         Self::new(Side::Right, Axis::Z),
     ];
 
+    /// Those of them that are joints of a five-bar.
+    pub fn joints() -> impl Iterator<Item = Self> {
+        Self::ALL.into_iter().filter(|at| at.axis != Axis::Z)
+    }
+
     /// An axis of a manipulator.
     pub const fn new(side: Side, axis: Axis) -> Self {
         Self { side, axis }
@@ -132,9 +137,7 @@ impl FromStr for AxisName {
             "z" => return named(Axis::Z),
             _ => {}
         }
-        let all = Side::ALL
-            .into_iter()
-            .flat_map(|side| Axis::ALL.into_iter().map(move |axis| Self { side, axis }));
+        let all = Self::ALL.into_iter();
         all.clone()
             .find(|name| name.to_string() == text)
             .ok_or_else(|| {

@@ -56,7 +56,7 @@ impl<'r> Shared<'r> {
             &AROUND[..1]
         };
         let peak = self
-            .within_reach(cell, aim, &mut scan, gap, (handed_over, farther))
+            .bring_within_reach(cell, aim, &mut scan, gap, (handed_over, farther))
             .await?;
         // A peak is brighter than what was seen of it in passing; a fluctuation is gone by now.
         let level = peak.full * beam.share(gap);
@@ -93,7 +93,7 @@ impl<'r> Shared<'r> {
 
     /// Circles until the peak is in the middle, and the macro has taken over what the micro would not reach at the chip. It has `handed_over`
     /// something before, or has not; light that is not there is looked for on circles of so many widths of the peak.
-    async fn within_reach(
+    async fn bring_within_reach(
         &self,
         cell: &AlignmentCell<'_>,
         aim: &Aim,
@@ -123,9 +123,8 @@ impl<'r> Shared<'r> {
             let room = (0.5 * width, most);
             handed_over = step < STEPS && self.make_room(cell, aim, scan, room, gap).await?;
             farther = &AROUND;
-            match peak {
-                Some(peak) if !handed_over => return Ok(peak),
-                _ => {}
+            if let (Some(peak), false) = (peak, handed_over) {
+                return Ok(peak);
             }
         }
     }

@@ -4,7 +4,7 @@ use super::{SHORT, Versions};
 use crate::bench::BenchRig;
 use crate::rig::{Rig, Role, Source, is_built_in, rig_folder, shipped};
 use pigtail_control::calibration::Calibration;
-use pigtail_hal::{Axis, AxisName};
+use pigtail_hal::AxisName;
 use serde::Serialize;
 use std::fmt::{self, Display, Formatter};
 
@@ -171,8 +171,7 @@ pub fn notes(rig: &Rig, parts: &[Part]) -> Vec<String> {
     for part in parts {
         match part {
             Part::Windup => {
-                let joints = AxisName::ALL.into_iter().filter(|at| at.axis != Axis::Z);
-                for at in joints {
+                for at in AxisName::joints() {
                     let note = match c.windup.of(at) {
                         None => Some(
                             "no windup.five_bar: the five-bars search as without it, by the fast procedure 6.6 s a fiber on \

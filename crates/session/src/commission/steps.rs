@@ -225,8 +225,7 @@ impl Bench<'_, '_> {
     /// Of every joint of both five-bars: friction, which winds transmissions up, differs from one to the next.
     pub(super) fn windup(&mut self) -> Result<Found, NotDone> {
         let (mut values, mut why) = (Map::new(), String::new());
-        let joints = AxisName::ALL.into_iter().filter(|at| at.axis != Axis::Z);
-        for at in joints {
+        for at in AxisName::joints() {
             let measured = self.run(&MeasureWindup { at }, self.seed)?;
             let [w_max, q, residual] = measured.in_um();
             let (without, with) = (measured.gap_without, measured.gap_with);
