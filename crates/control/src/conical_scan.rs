@@ -118,6 +118,8 @@ pub struct ConicalScan<'r> {
     misjudged: bool,
     /// How the tip shakes.
     shaking: Shaking,
+    /// What was seen of that while it was watched, if it was.
+    looks: Option<told::Looks>,
     /// How far the middle went at last, metres.
     moved: f64,
     /// How the peak moves, metres a turn, as the last turns have seen it.
@@ -195,6 +197,7 @@ impl<'r> ConicalScan<'r> {
             spot: None,
             misjudged: false,
             shaking: Shaking::new(before),
+            looks: None,
             moved: f64::INFINITY,
             drift: Displacement::ZERO,
             surely: Displacement::ZERO,

@@ -238,16 +238,19 @@ impl<'r> Job<'r> {
         }
     }
 
+    /// How its tip shakes, where it was watched.
+    pub(crate) fn shakes(&self) -> Option<Measured> {
+        let watched = self.shaking.filter(Shaking::is_watched);
+        watched.map(|shaking| shaking.measured())
+    }
+
     /// How it went.
     pub(crate) fn report(&mut self, outcome: Outcome) -> FiberReport {
         FiberReport {
             port: self.name,
             side: self.side,
             outcome,
-            shaking: self
-                .shaking
-                .filter(Shaking::is_watched)
-                .map(|shaking| shaking.measured()),
+            shaking: self.shakes(),
             spread: self.spread,
             spot: self.spot,
             strokes: self.strokes,
@@ -275,7 +278,7 @@ impl<'r> Job<'r> {
     }
 
     /// Takes the fiber away from the chip and back into the tray.
-    async fn put_back(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Fault> {
+    pub(crate) async fn put_back(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Fault> {
         let well = |result: Result<(), Halt>| match result {
             Err(Halt::Fault(fault)) => Err(fault),
             Ok(()) | Err(Halt::Outcome(_)) => Ok(()),

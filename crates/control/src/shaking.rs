@@ -316,6 +316,20 @@ impl Shaking {
         (fast + x.max(y)).sqrt()
     }
 
+    /// Whether it was watched for so long that more would say little: how far it shakes is known, or that it is nothing beside a `tolerance`
+    /// (metres).
+    pub fn is_told(&self, tolerance: f64) -> bool {
+        /// As well as it is the same on another day.
+        const KNOWN: f64 = 0.1;
+        /// Share of the tolerance.
+        const NOTHING: f64 = 0.05;
+        /// Standard deviations.
+        const SURELY: f64 = 3.0;
+        let means = self.known();
+        let most = means.deviation * (SURELY * means.spread).exp();
+        self.watched && (self.measured().spread <= KNOWN || most <= NOTHING * tolerance)
+    }
+
     /// What to believe of the tip from now on, of what it did while it was watched: slower and faster alike.
     pub fn measured(&self) -> Measured {
         /// Standard deviations by which more may be left of means than it seems.

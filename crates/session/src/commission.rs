@@ -53,10 +53,10 @@ pub enum StepName {
     Piezos,
     /// How far the tips of both manipulators shake
     Shaking,
-    /// How wide the spot of light is at the chip
-    Spot,
     /// How light spreads over a gap in the scale of both micros, where vision cannot know the gap
     Spread,
+    /// How wide the spot of light is at the chip
+    Spot,
     /// Lag, backlash and spot of both arms by light, on a bench that is controlled by position
     Groups,
     /// Devices aligned with all that was found
@@ -346,8 +346,8 @@ impl Bench<'_, '_> {
             StepName::Windup => self.windup(),
             StepName::Piezos => self.piezos(),
             StepName::Shaking => self.shaking(),
-            StepName::Spot => self.spot(),
             StepName::Spread => self.spread(),
+            StepName::Spot => self.spot(),
             StepName::Acceptance => self.acceptance(),
             StepName::Groups => Ok(Found {
                 values: Map::new(),

@@ -3,7 +3,7 @@
 use crate::align::LONGEST;
 use crate::job::{Ended, Job, Order, Work};
 use pigtail_control::calibration::{Calibration, Hystereses};
-use pigtail_control::fast::{Ratio, measure_ratios};
+use pigtail_control::fast::{Ratio, measure_ratios, watch_tips};
 use pigtail_control::piezo::camera::{SeenMicro, by_camera};
 use pigtail_control::piezo::{self, Micro};
 use pigtail_control::procedure::FiberReport;
@@ -69,6 +69,30 @@ impl Job for MeasureRatios {
     fn run(&self, work: &mut Work<'_>) -> Result<Self::Output, Ended> {
         let recipe = &work.rig.recipe;
         Ok(measure_ratios(&mut work.station()?, recipe))
+    }
+
+    fn order(&self) -> Order {
+        Order::Other
+    }
+
+    fn longest(&self) -> f64 {
+        LONGEST
+    }
+}
+
+/// Watch how the tips of both micros shake, each for so many seconds in x and in y, by the light that goes through a guide whose fibers
+/// both hold at their peaks.
+pub struct WatchTips {
+    /// For how long.
+    pub seconds: f64,
+}
+
+impl Job for WatchTips {
+    type Output = Vec<FiberReport>;
+
+    fn run(&self, work: &mut Work<'_>) -> Result<Self::Output, Ended> {
+        let recipe = &work.rig.recipe;
+        Ok(watch_tips(&mut work.station()?, recipe, self.seconds))
     }
 
     fn order(&self) -> Order {

@@ -220,11 +220,7 @@ impl ConicalScan<'_> {
         gap: f64,
         samples: usize,
     ) -> Result<(), Halt> {
-        let mut shaking = if self.shaking.is_watched() {
-            self.shaking
-        } else {
-            self.shaking.to_watch()
-        };
+        let mut looks = self.looks.unwrap_or_else(|| Looks::before(self.shaking));
         let (width, peak) = (self.beam.width(gap), self.place(gap));
         // One that still swings after a short rest is watched again, after a longer one.
         let again = self.shaking.is_watched() || self.shaking.rings();
@@ -234,8 +230,15 @@ impl ConicalScan<'_> {
         // Piezos creep meanwhile, ever more slowly.
         let straight = (STRAIGHT * rate).round() as usize;
         let straight = straight.max(4 * bond);
+        // A circle is no rest: what it makes of the light would pass for noise.
+        self.glide_to(bench, gap, peak).await?;
+        self.last_for(bench, Gap::Steady(gap), rest).await?;
         let at_peak = self.look(bench, samples).await?;
         let top = at_peak.iter().map(|(_, volts)| volts).sum::<f64>() / samples as f64;
+        for (look, together) in looks.each.iter_mut().zip([1, bond]) {
+            look.at_peak
+                .add(Unrest::of(&at_peak, together, straight), (1.0, 1.0));
+        }
         for direction in [Displacement::new(1.0, 0.0), Displacement::new(0.0, 1.0)] {
             self.glide_to(bench, gap, peak + direction * (STEEP * width))
                 .await?;
@@ -248,32 +251,23 @@ impl ConicalScan<'_> {
             // How wide the spot is in this direction the light tells by itself; it is not much narrower than believed.
             let fallen = (top / light).ln().clamp(LEAST_FALL, 2.0 * STEEP * STEEP);
             let scale = STEEP * width / (2.0 * fallen * light);
-            for together in [1, bond] {
-                let Some(unrest) = Unrest::of(&beside, together, straight) else {
-                    continue;
-                };
-                let still = Unrest::of(&at_peak, together, straight);
-                let still = self.still_or(still, together);
-                let seen = Scatter {
-                    variance: unrest.variance * scale * scale,
-                    still: still.variance * scale * scale,
-                    still_degrees: still.degrees,
-                    degrees: unrest.degrees,
-                };
-                if together == 1 {
-                    shaking.add_sample(&seen);
-                }
-                if together == bond {
-                    shaking.add_wide(&seen);
-                    // What is slower than a turn is in it.
-                    shaking.set_slow([0.0; 2], [0.0; 2], seen.degrees);
-                }
+            let fallen = (light / top).powi(2).min(1.0);
+            for (look, together) in looks.each.iter_mut().zip([1, bond]) {
+                let unrest = Unrest::of(&beside, together, straight);
+                look.beside.add(unrest, (scale * scale, fallen));
             }
         }
         self.glide_to(bench, gap, peak).await?;
-        if shaking.is_known() {
+        let [samples, means] = &looks.each;
+        if means.beside.degrees > 0.0 {
+            let mut shaking = looks.before;
+            shaking.add_sample(&self.scatter(samples, 1));
+            shaking.add_wide(&self.scatter(means, bond));
+            // What is slower than a turn is in it.
+            shaking.set_slow([0.0; 2], [0.0; 2], means.beside.degrees);
             self.shaking = shaking;
         }
+        self.looks = Some(looks);
         Ok(())
     }
 
@@ -310,19 +304,34 @@ impl ConicalScan<'_> {
         Ok(seen)
     }
 
-    /// The light's unrest where no shaking makes any: the photodiode's in the dark, or as much as was seen at the peak
-    /// where that is more than chance makes of it. Scattered light fluctuates there as everywhere.
-    fn still_or(&self, seen: Option<Unrest>, together: usize) -> Unrest {
+    /// What looks of means of so many samples `together` say of the tip's place, beside the light's unrest where no shaking makes any: that
+    /// of the photodiode in the dark and of the peak, or where there is more of it at the peak than chance makes, what is in the dark and as great a
+    /// share of the light as goes on at the peak: lasers wander, and tips at its other end shake. (Light that is scattered fluctuates as
+    /// much everywhere: as much of it counts as the tip's.)
+    fn scatter(&self, look: &Look, together: usize) -> Scatter {
         /// Standard deviations.
         const CHANCE: f64 = 2.0;
+        let (variance, degrees) = (self.watch.still.powi(2), self.watch.still_degrees);
         let dark = Unrest {
-            variance: self.watch.still.powi(2) / together as f64,
-            degrees: self.watch.still_degrees,
+            variance: variance / together as f64,
+            degrees,
         };
-        let more = |seen: &Unrest| {
-            seen.variance > dark.variance * (1.0 + CHANCE * (2.0 / seen.degrees).sqrt())
+        let (mut still, beside) = (look.at_peak, &look.beside);
+        let chance = CHANCE * (2.0 / still.degrees).sqrt();
+        let (still, known) = if still.mean() > dark.variance * (1.0 + chance) {
+            let more = (still.mean() - dark.variance) * beside.share;
+            (dark.variance * beside.scale + more, still.degrees)
+        } else {
+            // (Of a peak that nobody has looked at for long enough there is nothing.)
+            still.add(Some(dark), (1.0, 1.0));
+            (still.mean() * beside.scale, still.degrees)
         };
-        seen.filter(more).unwrap_or(dark)
+        Scatter {
+            variance: beside.mean(),
+            still: still / beside.degrees,
+            still_degrees: known,
+            degrees: beside.degrees,
+        }
     }
 
     /// The micro goes straight to a displacement at a gap, without a jump of its speed, and rests there.
@@ -340,6 +349,56 @@ impl ConicalScan<'_> {
     }
 }
 
+/// What was seen of a tip while it was watched: by samples, and by their means over as long as a bond takes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Looks {
+    /// What is believed of it beforehand.
+    before: Shaking,
+    each: [Look; 2],
+}
+
+impl Looks {
+    fn before(seen: Shaking) -> Self {
+        Self {
+            before: seen.to_watch(),
+            each: Default::default(),
+        }
+    }
+}
+
+/// Where no shaking makes any unrest (square volts), and where it makes the most (square metres).
+#[derive(Debug, Clone, Copy, Default)]
+struct Look {
+    at_peak: Squares,
+    beside: Squares,
+}
+
+/// Squares of what scatters, each in a scale of its own.
+#[derive(Debug, Clone, Copy, Default)]
+struct Squares {
+    sum: f64,
+    degrees: f64,
+    /// Sum of the scales, one for each degree of freedom...
+    scale: f64,
+    /// ...and of those times the share of the light, squared, that there is.
+    share: f64,
+}
+
+impl Squares {
+    fn add(&mut self, seen: Option<Unrest>, (scale, share): (f64, f64)) {
+        if let Some(Unrest { variance, degrees }) = seen {
+            self.sum += scale * variance * degrees;
+            self.degrees += degrees;
+            self.scale += scale * degrees;
+            self.share += scale * share * degrees;
+        }
+    }
+
+    fn mean(&self) -> f64 {
+        self.sum / self.degrees
+    }
+}
+
 /// How much the means of some light samples each scatter about straight lines in time.
 #[derive(Debug, Clone, Copy)]
 struct Unrest {
@@ -349,26 +408,76 @@ struct Unrest {
 }
 
 impl Unrest {
-    /// Of means of so many samples `together`, about lines through so many samples; `None` for too few.
+    /// Of means of so many samples `together`, about lines through so many samples; `None` for too few. Many lines tell by how much they differ what
+    /// their degrees of freedom are worth: what is slow, as a laser that wanders, has fewer than there are samples.
     fn of(seen: &[(f64, f64)], together: usize, straight: usize) -> Option<Self> {
+        /// Lines.
+        const MANY: f64 = 8.0;
         let n = together as f64;
-        let (mut squares, mut degrees) = (0.0, 0.0);
-        for seen in seen.chunks(straight) {
+        let each = seen.chunks(straight).filter_map(|seen| {
             let means = seen.chunks_exact(together).map(|each| {
                 let sum = |of: fn(&(f64, f64)) -> f64| each.iter().map(of).sum::<f64>() / n;
                 (sum(|each| each.0), sum(|each| each.1))
             });
             let free = means.len() as f64 - 2.0;
-            if free < 1.0 {
-                continue;
-            }
             let line = Line::through(means.clone());
-            squares += means.map(|(k, v)| line.left(k, v).powi(2)).sum::<f64>();
-            degrees += free;
-        }
-        (degrees > 0.0).then(|| Self {
-            variance: squares / degrees,
-            degrees,
+            let squares = means.map(|(k, v)| line.left(k, v).powi(2)).sum::<f64>();
+            (free >= 1.0).then_some((free, squares))
+        });
+        let each: Vec<_> = each.collect();
+        let (free, squares) = each
+            .iter()
+            .fold((0.0, 0.0), |(free, sum), (f, s)| (free + f, sum + s));
+        let (variance, lines) = (squares / free, each.len() as f64);
+        // Of white noise they scatter by 2/free.
+        let apart = each
+            .iter()
+            .map(|(free, squares)| free * (squares / free / variance - 1.0).powi(2));
+        let apart = apart.sum::<f64>() / (lines - 1.0);
+        let worth = if lines >= MANY {
+            (2.0 / apart).min(1.0)
+        } else {
+            1.0
+        };
+        (free > 0.0).then_some(Self {
+            variance,
+            degrees: worth * free,
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::RngExt;
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64Mcg;
+
+    #[test]
+    fn what_is_slow_is_known_by_fewer_degrees_than_there_are_samples() {
+        let (samples, straight) = (4000, 100);
+        let mut rng = Pcg64Mcg::seed_from_u64(31);
+        let mut normal = || (0..12).map(|_| rng.random::<f64>()).sum::<f64>() - 6.0;
+        let white: Vec<_> = (0..samples).map(|k| (f64::from(k), normal())).collect();
+        let known = Unrest::of(&white, 1, straight).expect("many samples");
+        let free = f64::from(samples) * 0.98;
+        assert!(
+            known.degrees > 0.5 * free && known.degrees <= free,
+            "{known:?}"
+        );
+        assert!((known.variance - 1.0).abs() < 0.1, "{known:?}");
+        // A walk, of which each piece is one excursion or two.
+        let mut at = 0.0;
+        let slow: Vec<_> = (0..samples)
+            .map(|k| {
+                at += normal();
+                (f64::from(k), at)
+            })
+            .collect();
+        let known = Unrest::of(&slow, 1, straight).expect("many samples");
+        assert!(known.degrees < 0.1 * free, "{known:?}");
+        // Of one piece nobody can tell.
+        let few = Unrest::of(&white[..40], 1, straight).expect("some samples");
+        assert!((few.degrees - 38.0).abs() < 1e-9);
     }
 }

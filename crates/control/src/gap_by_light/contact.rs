@@ -40,17 +40,32 @@ impl Spread {
         self.deviation.iter().all(|deviation| *deviation < WELL)
     }
 
+    /// Whether it is known as well as it pays to know it: another fiber on another day adds half as much.
+    pub fn is_well_known(&self) -> bool {
+        const WELL: f64 = 0.01;
+        self.deviation.iter().all(|deviation| *deviation < WELL)
+    }
+
     /// What several fibers have told of one manipulator, for another fiber; `None` of none. Where they differ by more than
     /// they say, that is believed.
     pub fn of_all(told: &[Self]) -> Option<Self> {
         /// Another fiber, on another day: a piezo does not go as far as it went to half a percent. An estimate.
         const ANOTHER: f64 = 0.005;
+        let all = Self::of_one(told)?;
+        Some(Self {
+            deviation: all.deviation.map(|deviation| deviation.hypot(ANOTHER)),
+            ..all
+        })
+    }
+
+    /// What looks at the same fiber have told together; `None` of none. Where they differ by more than they say, that is believed.
+    pub fn of_one(told: &[Self]) -> Option<Self> {
         let axis = |i: usize| {
             let each = told
                 .iter()
                 .map(|one| (one.length[i].ln(), one.deviation[i]));
             let (mean, deviation) = pooled(each);
-            (mean.exp(), deviation.hypot(ANOTHER))
+            (mean.exp(), deviation)
         };
         let [x, y] = [axis(0), axis(1)];
         (!told.is_empty()).then_some(Self {

@@ -8,7 +8,7 @@ use crate::calibrations::Change;
 use crate::characterize::Step;
 use crate::identify::MeasureWindup;
 use crate::job::Ended;
-use crate::piezos::{MeasureRatios, SeePiezos};
+use crate::piezos::{MeasureRatios, SeePiezos, WatchTips};
 use crate::tune::{GainsRow, Method, Tune, step_of};
 use pigtail_control::beam::SpotSize;
 use pigtail_control::calibration::Windups;
@@ -371,15 +371,13 @@ impl Bench<'_, '_> {
         (1..=TRIED).map(move |k| Specimen::of(machine, DEVICES - k).seed())
     }
 
-    /// Watches the tips of a device before they are attached.
+    /// Watches the tips of a device that hold their fibers at their peaks.
     pub(super) fn shaking(&mut self) -> Result<Found, NotDone> {
-        let (recipe, believed) = (&mut self.setup.rig.recipe, &mut self.setup.rig.calibration);
-        let watch = std::mem::replace(&mut recipe.fast.watch, WATCH);
+        let believed = &mut self.setup.rig.calibration;
         // What is to be found is not believed meanwhile.
         let before = std::mem::take(&mut believed.shaking);
         let spot = std::mem::take(&mut believed.spot);
         let fibers = self.watched();
-        self.setup.rig.recipe.fast.watch = watch;
         self.setup.rig.calibration.shaking = before;
         self.setup.rig.calibration.spot = spot;
         let fibers = fibers?;
@@ -425,11 +423,11 @@ impl Bench<'_, '_> {
         Ok(Found { values, why })
     }
 
-    /// Fibers of devices that were aligned to watch their tips, until tips of both sides were watched.
+    /// Fibers of devices that were held to watch their tips, until tips of both sides were watched.
     fn watched(&mut self) -> Result<Vec<FiberReport>, Ended> {
         let mut fibers = Vec::new();
         for (k, device) in self.spare_devices().enumerate() {
-            fibers.extend(self.run(&Align::default(), device)?.fibers);
+            fibers.extend(self.run(&WatchTips { seconds: WATCH }, device)?);
             self.aligned = (fibers.clone(), k + 1);
             let watched = |side: Side| {
                 let mut of_side = fibers.iter().filter(|fiber| fiber.side == side);
@@ -463,7 +461,7 @@ impl Bench<'_, '_> {
             return Ok(Found { values, why });
         }
         let before = std::mem::take(&mut self.setup.rig.calibration.spread);
-        let told = self.until_known(|fiber| fiber.spread, Spread::of_all, Spread::is_known);
+        let told = self.until_known(|fiber| fiber.spread, Spread::of_all, Spread::is_well_known);
         self.setup.rig.calibration.spread = before;
         let found = told?.map(|found| found.map(|spread| (spread.length, spread.deviation)));
         let why = |side: Side| format!("no spot of {} told how light spreads", side.name());
