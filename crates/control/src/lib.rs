@@ -79,6 +79,7 @@ pub mod recipe;
 pub mod search;
 pub mod servo;
 pub mod shaking;
+pub mod stages;
 pub mod station;
 pub mod still_there;
 pub mod sweep;

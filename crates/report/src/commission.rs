@@ -173,6 +173,9 @@ fn advice(name: StepName) -> &'static str {
             "`pigtail identify windup AXIS` draws the loops: a transmission without windup needs no model, one that slips is to be \
              mended first."
         }
+        StepName::Geometry => {
+            "The camera has to see both tips around home: see to its light, its focus and its field."
+        }
         StepName::Piezos => {
             "A fiber that shows light is what tells: see to the laser and to the device that was tried. Where camera and macro \
              disagree, one of their scales is wrong: the camera's pixel, or the gear in the datasheet."
@@ -217,6 +220,9 @@ fn meaning(step: &StepDocument) -> &'static str {
         StepName::Windup => {
             "The level of windup, what the model leaves of the loop (root mean square), and the gap between forward and backward \
              without and with the model."
+        }
+        StepName::Geometry => {
+            "How much farther than believed both tips are at home in x and z, on average over chips and fibers that were placed anew, and how well              that is known by how they differ; how much more than believed the axis along the light is turned about y, how much more the one across it              (squareness), how much a way in y goes along x and z (roll, pitch), and how much farther than told stages go by the camera. Each with              its standard deviation. Home and yaw are believed; the others are for whoever sets the stages up."
         }
         StepName::Piezos => {
             "What the model leaves of the camera's frames (its noise, above all), how well the model is known by them (a standard \

@@ -7,6 +7,7 @@
 
 mod acceptance;
 mod checks;
+mod geometry;
 mod positioned;
 mod steps;
 
@@ -49,6 +50,8 @@ pub enum StepName {
     Gains,
     /// Windup of the five-bars' joints
     Windup,
+    /// Where both stages stand and how their axes lie, by the camera
+    Geometry,
     /// Hysteresis of the piezos of both micros
     Piezos,
     /// How far the tips of both manipulators shake
@@ -216,7 +219,7 @@ impl Plan {
 const UNKNOWN: [&str; 2] = [
     "settling and lag of the micros: believed as they are in the calibration; one that rings costs turns of the \
      last circle",
-    "home, yaw and squareness of the stages: vision sees where tips are, at every device",
+    "where the stages stand in y: the camera looks along it, and light finds it at every device",
 ];
 
 /// Commissions the twin that a seed draws. `watch` is told of each step when it has been done.
@@ -344,6 +347,7 @@ impl Bench<'_, '_> {
             StepName::Dark => self.dark(),
             StepName::Gains => self.gains(),
             StepName::Windup => self.windup(),
+            StepName::Geometry => self.geometry(),
             StepName::Piezos => self.piezos(),
             StepName::Shaking => self.shaking(),
             StepName::Spread => self.spread(),

@@ -364,7 +364,7 @@ impl Bench<'_, '_> {
 
     /// Devices that are tried one after the other, until one has told what is to be known: nobody's production, and none
     /// of the acceptance test.
-    fn spare_devices(&self) -> impl Iterator<Item = u64> + use<> {
+    pub(super) fn spare_devices(&self) -> impl Iterator<Item = u64> + use<> {
         /// So many.
         const TRIED: u64 = 5;
         let machine = Specimen::from(self.seed).machine();

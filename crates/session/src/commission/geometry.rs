@@ -1,0 +1,98 @@
+//! Where both stages stand and how their axes lie, by the camera.
+
+use super::{Bench, Found, NotDone};
+use crate::calibrations::Change;
+use crate::job::{Ended, Job, Order, Work};
+use pigtail_control::stages::{SeenStage, see_stages};
+use pigtail_hal::Side;
+use pigtail_hal::spec::SIDES;
+use pigtail_numerics::rounded;
+use serde_json::{Map, json};
+
+/// Chips and fibers that are looked at, each placed anew: home is where they stand on average.
+const TRIED: u64 = 4;
+
+/// Look at both stages.
+struct SeeStages {
+    axes: bool,
+}
+
+impl Job for SeeStages {
+    type Output = [SeenStage; SIDES];
+
+    fn run(&self, work: &mut Work<'_>) -> Result<Self::Output, Ended> {
+        Ok(see_stages(&mut work.station()?, self.axes)?)
+    }
+
+    fn order(&self) -> Order {
+        Order::Other
+    }
+}
+
+impl Bench<'_, '_> {
+    /// Home in x and z and the direction of the axis along the light are believed; how the others lie is told.
+    pub(super) fn geometry(&mut self) -> Result<Found, NotDone> {
+        let mut seen = Vec::with_capacity(TRIED as usize);
+        for device in self.spare_devices().take(TRIED as usize) {
+            let axes = seen.is_empty();
+            seen.push(self.run(&SeeStages { axes }, device)?);
+        }
+        let mut values = Map::new();
+        for side in Side::ALL {
+            let stages: Vec<SeenStage> = seen.iter().map(|both| both[side.index()]).collect();
+            let Some(axes) = stages[0].axes else {
+                continue;
+            };
+            let n = stages.len() as f64;
+            let of = |i: usize| {
+                let mean = stages.iter().map(|seen| seen.off[i]).sum::<f64>() / n;
+                let squares = stages.iter().map(|seen| (seen.off[i] - mean).powi(2));
+                (mean, (squares.sum::<f64>() / (n - 1.0) / n).sqrt())
+            };
+            let off = [of(0), of(1)];
+            let um = |value: f64| rounded(1e6 * value, 1e-2);
+            let degrees = |value: f64| rounded(value.to_degrees(), 1e-5);
+            let square = axes.across.0 - axes.along.0;
+            let (left, right) = (axes.across.1, axes.along.1);
+            let percent = |(value, _): (f64, f64)| rounded(100.0 * value, 1e-4);
+            values.insert(
+                side.name().to_owned(),
+                json!({
+                    "home_x_um": um(off[0].0),
+                    "home_z_um": um(off[1].0),
+                    "home_deviation_um": [um(off[0].1), um(off[1].1)],
+                    "yaw_deg": degrees(axes.along.0),
+                    "yaw_deviation_deg": degrees(axes.along.1),
+                    "squareness_deg": degrees(square),
+                    "squareness_deviation_deg": degrees(left.hypot(right)),
+                    "roll_deg": degrees(axes.tilt[0].0),
+                    "pitch_deg": degrees(axes.tilt[1].0),
+                    "tilt_deviation_deg": axes.tilt.map(|(_, deviation)| degrees(deviation)),
+                    "farther_percent": axes.scale.map(percent),
+                }),
+            );
+            let geometry = &self.setup.rig.calibration.geometry;
+            let believed = match side {
+                Side::Left => &geometry.left,
+                Side::Right => &geometry.right,
+            };
+            let [x, y, z] = believed.home;
+            let home = [x + off[0].0, y, z + off[1].0];
+            let yaw = believed.yaw + axes.along.0;
+            let home = home.map(|at| format!("{} mm", rounded(1e3 * at, 1e-5)));
+            let origin = self.origin(&format!("geometry, {}", side.name()));
+            self.believe(Change {
+                table: format!("geometry.{}", side.name()),
+                values: vec![
+                    ("home", toml_edit::value(toml_edit::Array::from_iter(home))),
+                    ("yaw", toml_edit::value(format!("{} deg", degrees(yaw)))),
+                    ("date", toml_edit::value(&self.plan.date)),
+                    ("origin", toml_edit::value(origin)),
+                ],
+                weights: None,
+            })?;
+        }
+        let why = String::new();
+        Ok(Found { values, why })
+    }
+}
