@@ -10,9 +10,9 @@ use crate::gap_by_light::Spread;
 use crate::outcome::{Halt, Outcome};
 use crate::procedure::{AtPeak, FiberReport, Job};
 use crate::recipe::Recipe;
-use crate::station::{Station, fine};
+use crate::station::Station;
 use crate::tip_estimator::Tip;
-use pigtail_model::frames::Displacement;
+use pigtail_hal::spec::SIDES;
 
 /// Tolerances are so many times as wide where nothing is attached: light is to be bright and steep, not known to be at its best.
 const ROUGHLY: f64 = 5.0;
@@ -51,18 +51,21 @@ pub fn watch_tips(station: &mut Station, recipe: &Recipe, seconds: f64) -> Vec<F
                 return Ok(());
             };
             shared.asks_light = asks_light;
+            // By the output's light.
+            input.channel = other.channel;
+            let held = AtPeak {
+                side: held.side,
+                beam: held.beam,
+                gap: held.gap,
+                walk: held.walk,
+                ..other
+            };
             job.phase(&cell, "pair", async |job| {
-                shared.know_tip(&cell, job, &other, watched).await?;
-                // By the output's light.
-                input.channel = other.channel;
-                let held = AtPeak {
-                    side: held.side,
-                    beam: held.beam,
-                    gap: held.gap,
-                    walk: held.walk,
-                    ..other
-                };
-                shared.know_tip(&cell, &mut input, &held, watched).await
+                let tips = [
+                    HeldTip::new(&shared, &cell, job, &other),
+                    HeldTip::new(&shared, &cell, &mut input, &held),
+                ];
+                shared.know(&cell, tips, watched).await
             })
             .await?;
             job.put_back(&cell).await?;
@@ -79,58 +82,106 @@ pub fn watch_tips(station: &mut Station, recipe: &Recipe, seconds: f64) -> Vec<F
     })
 }
 
+/// A fiber that is held at its peak, while its tip is looked at.
+struct HeldTip<'j, 'r, 's> {
+    job: &'j mut Job<'r>,
+    scan: ConicalScan<'s>,
+    gap: f64,
+    /// Its light at no gap, volts.
+    before: f64,
+    /// How its light spreads, as looks have told so far.
+    told: Vec<Spread>,
+}
+
+impl<'j, 'r, 's> HeldTip<'j, 'r, 's> {
+    fn new(
+        shared: &Shared<'s>,
+        cell: &AlignmentCell<'_>,
+        job: &'j mut Job<'r>,
+        held: &AtPeak,
+    ) -> Self {
+        let mut watch = shared.watch(held.side, held.channel);
+        watch.background = held.background;
+        let here = cell.micro(held.side);
+        let (shape, beam, gap) = (&shared.fast.conical_scan, held.beam, held.gap);
+        let scan = ConicalScan::new(watch, beam, shape, cell, (here, gap), held.walk, None);
+        Self {
+            job,
+            scan,
+            gap,
+            before: (held.level.mean - held.background) / beam.share(gap),
+            told: Vec::with_capacity(TIMES),
+        }
+    }
+
+    /// To where its peak is by now, and to rest: held tips creep away from it, and the light of both goes with them.
+    async fn come_back(&mut self, cell: &AlignmentCell<'_>, radius: f64) -> Result<(), Halt> {
+        self.scan.set_radius(radius);
+        let near = NEAR * self.scan.beam_width(self.gap);
+        self.scan.centre(cell, self.gap, near, "pair", 2).await?;
+        self.scan.rest(cell, self.gap).await
+    }
+
+    /// Whether it is known well enough how its light spreads.
+    fn spreads(&self) -> bool {
+        Spread::of_all(&self.told).is_some_and(|spread| spread.is_well_known())
+    }
+}
+
 impl Shared<'_> {
-    /// Watches the tip of a fiber that is held at its peak, where it is, for so long (seconds) until it is told beside a tolerance (metres);
-    /// and how its light spreads.
-    async fn know_tip(
+    /// Watches both tips, each for so long (seconds) until it is told beside a tolerance (metres), and then how their light spreads. In turns: no
+    /// tip stays long where it was.
+    async fn know(
         &self,
         cell: &AlignmentCell<'_>,
-        job: &mut Job<'_>,
-        held: &AtPeak,
+        mut tips: [HeldTip<'_, '_, '_>; SIDES],
         (seconds, tolerance): (f64, f64),
     ) -> Result<(), Halt> {
-        let mut watch = self.watch(held.side, held.channel);
-        watch.background = held.background;
-        let group = fine(held.side);
-        let here = cell.pose(group, cell.now());
-        let here = here.map_or(Displacement::ZERO, |at| {
-            Displacement::new(at.pose.x(), at.pose.y())
-        });
-        let (shape, beam, gap) = (&self.fast.conical_scan, held.beam, held.gap);
-        let mut scan = ConicalScan::new(watch, beam, shape, cell, (here, gap), held.walk, None);
-        scan.centre(cell, gap, NEAR * scan.beam_width(gap), "pair", 2)
-            .await?;
-        let rate = cell.caps().channels[watch.meter.0].rate;
-        let samples = (seconds * rate).round() as usize;
+        let radius = self.fast.conical_scan.radius;
         for _ in 0..TIMES {
-            scan.watch_shaking(cell, gap, samples).await?;
-            if scan.shaking().is_told(tolerance) {
+            let each = tips.each_ref().map(|tip| tip.scan.shaking());
+            if each.iter().all(|shaking| shaking.is_told(tolerance)) {
                 break;
             }
-        }
-        job.has_shaken(scan.shaking());
-        if self.vision_tells(cell) {
-            return Ok(());
-        }
-        let aim = Aim {
-            side: job.side,
-            tip: Tip::Fiber,
-            port: job.port,
-        };
-        scan.set_radius(shape.radius);
-        let before = (held.level.mean - held.background) / beam.share(gap);
-        let mut told = Vec::with_capacity(TIMES);
-        for _ in 0..TIMES {
-            self.come_close(job, cell, &aim, &mut scan, before).await?;
-            told.extend(job.spread.take());
-            if Spread::of_all(&told).is_some_and(|spread| spread.is_well_known()) {
-                break;
+            for tip in &mut tips {
+                tip.come_back(cell, radius).await?;
+            }
+            for tip in &mut tips {
+                let rate = cell.caps().channels[tip.scan.meter().0].rate;
+                let samples = (seconds * rate).round() as usize;
+                if !tip.scan.shaking().is_told(tolerance) {
+                    tip.scan.watch_shaking(cell, tip.gap, samples).await?;
+                    tip.job.has_shaken(tip.scan.shaking());
+                }
             }
         }
-        job.spread = Spread::of_one(&told);
-        // The other tip is watched by light that no circle stirs.
-        let gap = aim.gap(cell);
-        scan.rest(cell, gap).await?;
+        let all_known = |tips: &[HeldTip<'_, '_, '_>; SIDES]| tips.iter().all(HeldTip::spreads);
+        for _ in 0..TIMES {
+            if self.vision_tells(cell) || all_known(&tips) {
+                break;
+            }
+            for tip in &mut tips {
+                tip.come_back(cell, radius).await?;
+            }
+            for tip in &mut tips {
+                if tip.spreads() {
+                    continue;
+                }
+                let aim = Aim {
+                    side: tip.job.side,
+                    tip: Tip::Fiber,
+                    port: tip.job.port,
+                };
+                tip.scan.set_radius(radius);
+                self.come_close(tip.job, cell, &aim, &mut tip.scan, tip.before)
+                    .await?;
+                tip.told.extend(tip.job.spread.take());
+                tip.job.spread = Spread::of_one(&tip.told);
+                // The other tip is looked at by light that no circle stirs.
+                tip.gap = aim.gap(cell);
+                tip.scan.rest(cell, tip.gap).await?;
+            }
+        }
         Ok(())
     }
 }
