@@ -29,9 +29,7 @@ const NEAR: f64 = 0.1;
 pub fn watch_tips(station: &mut Station, recipe: &Recipe, seconds: f64) -> Vec<FiberReport> {
     let asks_light = !vision_knows(station.spec(), recipe);
     let watched = (seconds, recipe.accept.aside);
-    let mut recipe = recipe.clone();
-    recipe.accept.aside *= ROUGHLY;
-    recipe.accept.gap *= ROUGHLY;
+    let recipe = roughly(recipe);
     let cell = AlignmentCell::over(station);
     let mut shared = Shared::new(&recipe);
     cell.run(async {
@@ -80,6 +78,15 @@ pub fn watch_tips(station: &mut Station, recipe: &Recipe, seconds: f64) -> Vec<F
         (report.shaking, report.spread) = (input.shakes(), input.spread);
         vec![report, output]
     })
+}
+
+/// The same recipe for fibers from which only light is wanted.
+pub(super) fn roughly(recipe: &Recipe) -> Recipe {
+    let mut recipe = recipe.clone();
+    recipe.accept.aside *= ROUGHLY;
+    recipe.accept.gap *= ROUGHLY;
+    recipe.fast.accuracy *= ROUGHLY;
+    recipe
 }
 
 /// A fiber that is held at its peak, while its tip is looked at.

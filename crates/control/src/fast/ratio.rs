@@ -5,6 +5,7 @@ use super::Shared;
 use super::approach_moves::Aim;
 use super::centre::hand_over;
 use super::gap::to_middle;
+use super::pair::roughly;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
 use crate::outcome::{Halt, Outcome};
@@ -53,7 +54,8 @@ pub fn measure_ratios(
     station: &mut Station,
     recipe: &Recipe,
 ) -> ([Option<Ratio>; SIDES], Vec<FiberReport>) {
-    let mut shared = Shared::new(recipe);
+    let recipe = roughly(recipe);
+    let mut shared = Shared::new(&recipe);
     shared.ratios = Some(Ratios::default());
     let cell = AlignmentCell::over(station);
     let reports = cell.run(shared.align(&cell));
