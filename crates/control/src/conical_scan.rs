@@ -184,7 +184,7 @@ impl<'r> ConicalScan<'r> {
             shape,
             period,
             slower: 1.0,
-            lag: shape.lag.unwrap_or(group.lag.0),
+            lag: group.lag.0,
             centre: at - walk * gap,
             walk,
             radius: shape.radius,

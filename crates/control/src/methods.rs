@@ -454,8 +454,7 @@ impl Scan<'_> {
             })
         };
         let input = move |elapsed: f64| across(of_input.at((TAU * frequency * elapsed).sin()));
-        let lag =
-            (self.recipe.fast.sweep.lag).unwrap_or(cell.caps().groups[fine(Side::Left).0].lag.0);
+        let lag = cell.caps().groups[fine(Side::Left).0].lag.0;
         cell.start_line(
             Side::Left,
             self.starts[0].shifted(0.0, y, 0.0),

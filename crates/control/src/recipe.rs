@@ -233,6 +233,17 @@ impl Accept {
     }
 }
 
+/// The error of a key that recipes once had says where it is now.
+fn moved(mut error: Error) -> Error {
+    if ["fast.sweep.lag", "fast.conical_scan.lag", "fast.orbit.lag"].contains(&error.key.as_str()) {
+        error.message = String::from(
+            "is no longer said by a recipe: how late a photodiode is behind a micro is belief about the machine; accepted is \
+                         `geometry.micro.lag` in its `calibration.toml`, or a bench's `groups`",
+        );
+    }
+    error
+}
+
 impl Recipe {
     /// Parses a recipe and checks it against the machine that is to run it; `file` is its name in
     /// errors.
@@ -247,7 +258,7 @@ impl Recipe {
         spec: &Spec,
         calibration: &Calibration,
     ) -> Result<Self, Error> {
-        let recipe: Self = config::parse(file, text)?;
+        let recipe: Self = config::parse(file, text).map_err(moved)?;
         let error = |key: &str, message: String| Error::new(file, key, message);
         for (key, count, most) in [
             ("coarse.frames", recipe.coarse.frames, 1000),

@@ -168,9 +168,10 @@ impl<'a> Station<'a> {
         let measurement = machine.exchange(&command)?;
         let micro = &calibration.geometry.micro;
         let settling = micro.settling.unwrap_or(spec.micro.settling);
+        let lag = (micro.lag, micro.lag_deviation);
         let kinematics = [&arms[0].kinematics, &arms[1].kinematics];
         Ok(Self {
-            playing: Playing::new(bench::caps(&spec, (settling, micro.lag), kinematics)),
+            playing: Playing::new(bench::caps(&spec, (settling, lag), kinematics)),
             past: Past::new(&spec),
             settling,
             shaking: Side::ALL.map(|side| calibration.shaking.of(side)),

@@ -175,12 +175,11 @@ pub async fn first_light(
     let reach = reach(cell, side, width);
     let start = cell.wanted(side);
     let rate = cell.caps().channels[channel.index()].rate;
-    let lag = cell.caps().groups[fine(side).0].lag.0;
     let lines = Lines {
         reach,
         speed: sweep.speed,
         hold: HELD / rate,
-        lag: sweep.lag.unwrap_or(lag),
+        lag: cell.caps().groups[fine(side).0].lag.0,
         flyback: sweep.flyback,
     };
     let way = sweep.speed / rate;

@@ -266,9 +266,6 @@ pub struct Sweep {
     /// Time to fly back, seconds.
     #[serde(with = "quantity::PositiveTime")]
     pub flyback: f64,
-    /// How late micro and photodiode are, seconds; left out: as the machine's own belief has it.
-    #[serde(with = "quantity::Optional::<quantity::NonNegativeTime>")]
-    pub lag: Option<f64>,
 }
 
 impl Default for Sweep {
@@ -276,7 +273,6 @@ impl Default for Sweep {
         Self {
             speed: 5.5e-3,
             flyback: 8e-3,
-            lag: None,
         }
     }
 }
@@ -291,9 +287,6 @@ pub struct ConicalScan {
     /// Radius, in distances at which the light has fallen to 1/e.
     #[serde(with = "quantity::Positive")]
     pub radius: f64,
-    /// How late micro and photodiode are, seconds; left out: as the machine's own belief has it.
-    #[serde(with = "quantity::Optional::<quantity::NonNegativeTime>")]
-    pub lag: Option<f64>,
     /// Most turns in one place.
     pub turns: u32,
     /// Whether the light on the circles teaches how much farther one piezo of a micro goes than the other, where the machine is one
@@ -306,7 +299,6 @@ impl Default for ConicalScan {
         Self {
             period: 24e-3,
             radius: 0.55,
-            lag: None,
             turns: 10,
             learn: true,
         }
@@ -414,7 +406,6 @@ impl Fast {
             ("fast.output_spacing", self.output_spacing, 1e-6, 1e-4),
             ("fast.sweep.speed", self.sweep.speed, 1e-4, 0.1),
             ("fast.sweep.flyback", self.sweep.flyback, spec.period(), 1.0),
-            ("fast.sweep.lag", self.sweep.lag.unwrap_or(0.0), 0.0, 0.1),
             (
                 "fast.conical_scan.period",
                 self.conical_scan.period,
@@ -426,12 +417,6 @@ impl Fast {
                 self.conical_scan.radius,
                 0.05,
                 2.0,
-            ),
-            (
-                "fast.conical_scan.lag",
-                self.conical_scan.lag.unwrap_or(0.0),
-                0.0,
-                0.1,
             ),
             (
                 "fast.conical_scan.turns",
