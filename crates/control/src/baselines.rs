@@ -9,9 +9,7 @@
 use crate::cell::AlignmentCell;
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::peak::NinePoint;
-use crate::procedure::{
-    FiberReport, Found, Job, MOST_DISMISSED, each_fiber, look, lost, no_light, outward,
-};
+use crate::procedure::{FiberReport, Found, Job, each_fiber, look, lost, no_light, outward};
 use crate::recipe::Recipe;
 use crate::search::{Hit, STILL_THERE, Searcher, centre_sensing};
 use crate::station::Station;
@@ -177,7 +175,7 @@ async fn spirals(job: &Job<'_>, cell: &AlignmentCell<'_>) -> Result<Found, Halt>
                 seen.dismissed = 1;
             }
             let seen = seen.after(all);
-            if seen.dismissed >= MOST_DISMISSED {
+            if seen.dismissed >= raster.retry.dismissed as usize {
                 return Err(no_light(Some(seen)));
             }
             all = Some(seen);

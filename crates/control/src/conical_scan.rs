@@ -296,14 +296,13 @@ impl<'r> ConicalScan<'r> {
         self.beam.width(gap)
     }
 
-    /// Turns take longer from now on, until they take twice as long: a micro that swings along with them at one rate does not at another.
+    /// Turns take longer from now on, as the recipe has it: a micro that swings along with them at one rate does not at another.
     pub fn slow_down(&mut self) {
-        /// So many times as long.
-        const LONGER: f64 = 1.3;
-        if self.slower * LONGER <= 2.0 {
-            self.slower *= LONGER;
-            self.period *= LONGER;
-            self.most = (self.most as f64 * LONGER).round() as usize;
+        let longer = self.shape.slower;
+        if self.slower * longer <= self.shape.slowest {
+            self.slower *= longer;
+            self.period *= longer;
+            self.most = (self.most as f64 * longer).round() as usize;
             self.readings.clear();
         }
     }

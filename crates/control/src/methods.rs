@@ -11,7 +11,7 @@
 
 use crate::cell::{AlignmentCell, Reach};
 use crate::outcome::Halt;
-use crate::procedure::{AROUND, Job};
+use crate::procedure::Job;
 use crate::recipe::Recipe;
 use crate::search::{Hit, KNOTS, MORE_LINES, Searcher};
 use crate::station::{Station, fine};
@@ -512,9 +512,9 @@ impl Scan<'_> {
             cell.move_micro(Side::Right, bright.output_micro)?;
         }
         let mut found = false;
-        for around in AROUND {
+        for around in &self.recipe.raster.retry.around {
             self.input
-                .recentre(cell, &self.searcher, &bright.input, around)
+                .recentre(cell, &self.searcher, &bright.input, *around)
                 .await?;
             let level = self.searcher.contrast(cell, self.space.mesh).await?;
             if level > 0.5 * bright.input.level {

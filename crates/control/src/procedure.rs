@@ -10,7 +10,7 @@ use crate::cell::AlignmentCell;
 use crate::gap_by_light::Spread;
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::peak::NinePoint;
-use crate::recipe::Recipe;
+use crate::recipe::{RasterPass, Recipe};
 use crate::search::{Hit, STILL_THERE, Searcher, centre_sensing, edge_from_below};
 use crate::shaking::{Measured, Shaking};
 use crate::station::{Level, Station};
@@ -52,18 +52,6 @@ impl FiberReport {
 
 /// The names of the ports, input first.
 pub const PORTS: [&str; 1 + OUTPUTS] = ["input", "output1", "output2"];
-
-/// How far aside a raster is repeated that has found nothing, in its width: piezos without
-/// compensation do not sweep as far as they are told.
-const ASIDE: f64 = 0.25;
-
-/// How far around a bright place light is looked for that has slipped away, in meshes: first, and
-/// once more before the place is dismissed.
-pub(crate) const AROUND: [f64; 2] = [3.0, 6.0];
-
-/// After so many bright places that did not bear a second look there is more scattered light than
-/// a search can live with.
-pub(crate) const MOST_DISMISSED: usize = 5;
 
 /// A fiber on its way to a port.
 pub(crate) struct Job<'r> {
@@ -340,36 +328,12 @@ impl<'r> Job<'r> {
             })
             .await?;
         self.phase(cell, "raster", async |job| {
-            let lowest = cell.wanted(Side::Left);
-            // The guided light may have passed beside the sensing fiber's core: to either side. Or
-            // beside the area, which piezos without compensation do not sweep to its edges.
-            let step = recipe.sensing.sidestep;
-            let aside = ASIDE * recipe.raster.x;
-            // And between the lines of the first.
-            let between = 0.5 * recipe.raster.mesh;
-            let mut evidence: Option<SearchEvidence> = None;
-            for (sensing, area) in [
-                (0.0, 0.0),
-                (step, 0.0),
-                (-step, 0.0),
-                (0.0, aside),
-                (0.0, -aside),
-                (step, aside),
-                (-step, -aside),
-            ] {
-                if evidence.is_some() {
-                    job.arrive(cell, Side::Right, top.shifted(sensing, 0.0, 0.0))
-                        .await?;
-                    cell.move_micro(Side::Left, Displacement::ZERO)?;
-                    job.arrive(cell, Side::Left, lowest.shifted(area, -between, 0.0))
-                        .await?;
-                }
-                match job.find_light(cell).await {
-                    Ok(found) => return Ok(found),
-                    Err(halt) => evidence = Some(halt.no_light()?.after(evidence)),
-                }
-            }
-            Err(no_light(evidence))
+            job.rasters(cell, &recipe.raster.retry.passes, async |pass| {
+                let sensing = pass.sensing * recipe.sensing.sidestep;
+                job.arrive(cell, Side::Right, top.shifted(sensing, 0.0, 0.0))
+                    .await
+            })
+            .await
         })
         .await
     }
@@ -419,23 +383,10 @@ impl<'r> Job<'r> {
         })
         .await?;
         self.phase(cell, "raster", async |job| {
-            let lowest = cell.wanted(Side::Right);
-            let aside = ASIDE * recipe.raster.x;
-            // And between the lines of the first.
-            let between = 0.5 * recipe.raster.mesh;
-            let mut evidence: Option<SearchEvidence> = None;
-            for area in [0.0, aside, -aside] {
-                if evidence.is_some() {
-                    cell.move_micro(Side::Right, Displacement::ZERO)?;
-                    job.arrive(cell, Side::Right, lowest.shifted(area, -between, 0.0))
-                        .await?;
-                }
-                match job.find_light(cell).await {
-                    Ok(found) => return Ok(found),
-                    Err(halt) => evidence = Some(halt.no_light()?.after(evidence)),
-                }
-            }
-            Err(no_light(evidence))
+            let passes = recipe.raster.retry.passes.iter();
+            // The sensing fiber sees none of it.
+            let passes: Vec<_> = passes.copied().filter(|pass| pass.sensing == 0.0).collect();
+            job.rasters(cell, &passes, async |_| Ok(())).await
         })
         .await
     }
@@ -584,7 +535,7 @@ impl<'r> Job<'r> {
         self.arrive(cell, side, clear).await?;
         let far = at_gap(cell, self.recipe.first_look(cell.spec()));
         cell.line(side, far, None).await?;
-        for _ in 0..4 {
+        for _ in 0..coarse.looks {
             let (x, z) = look(cell, side, tip, coarse.frames).await?;
             let kinematics = cell.frame(side);
             let seen = kinematics.macro_from_chip(Point::new(x, wanted.y, wanted.z));
@@ -637,6 +588,33 @@ impl<'r> Job<'r> {
         Ok(cell.wanted(side))
     }
 
+    /// Rasters from where the fiber stands, one pass after the other until there is light; before each but the first the sensing fiber goes where
+    /// that is to see it.
+    async fn rasters(
+        &self,
+        cell: &AlignmentCell<'_>,
+        passes: &[RasterPass],
+        mut sensing: impl AsyncFnMut(&RasterPass) -> Result<(), Halt>,
+    ) -> Result<Found, Halt> {
+        let raster = &self.recipe.raster;
+        let lowest = cell.wanted(self.side);
+        let between = raster.retry.between * raster.mesh;
+        let mut evidence: Option<SearchEvidence> = None;
+        for pass in passes {
+            if evidence.is_some() {
+                sensing(pass).await?;
+                cell.move_micro(self.side, Displacement::ZERO)?;
+                let start = lowest.shifted(pass.aside * raster.x, -between, 0.0);
+                self.arrive(cell, self.side, start).await?;
+            }
+            match self.find_light(cell).await {
+                Ok(found) => return Ok(found),
+                Err(halt) => evidence = Some(halt.no_light()?.after(evidence)),
+            }
+        }
+        Err(no_light(evidence))
+    }
+
     /// The raster from where the fiber stands, with the macro brought to what it found. A hit
     /// that does not bear a second look was a fluctuation of the scattered light, and the raster
     /// goes on above it.
@@ -651,7 +629,7 @@ impl<'r> Job<'r> {
             let sweep = searcher.raster(cell, raster, top).await?;
             let seen = sweep.evidence.following(evidence);
             let hit = match sweep.hit {
-                Some(hit) if seen.dismissed < MOST_DISMISSED => hit,
+                Some(hit) if seen.dismissed < raster.retry.dismissed as usize => hit,
                 _ => return Err(no_light(Some(seen))),
             };
             if let Some(found) = self.confirm(cell, &searcher, &hit).await? {
@@ -675,12 +653,13 @@ impl<'r> Job<'r> {
         hit: &Hit,
     ) -> Result<Option<Found>, Halt> {
         // The light may have slipped away farther than is looked around for at first.
-        for around in AROUND {
-            self.recentre(cell, searcher, hit, around).await?;
+        let around = &self.recipe.raster.retry.around;
+        for far in around {
+            self.recentre(cell, searcher, hit, *far).await?;
             let level = searcher.contrast(cell, self.recipe.raster.mesh).await?;
             if level > 0.5 * hit.level {
                 // The look aside and back has left the piezos elsewhere.
-                self.regain(cell, searcher, level, AROUND[0]).await?;
+                self.regain(cell, searcher, level, around[0]).await?;
                 return Ok(Some(Found {
                     background: searcher.background.mean,
                     level,

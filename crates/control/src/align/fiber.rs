@@ -17,9 +17,6 @@ use pigtail_model::frames::Displacement;
 /// Share of its range to which a fine group is used before the coarse one helps.
 const ROOM: f64 = 0.5;
 
-/// How often the coarse group takes over at one gap.
-const HANDED_OVER: u32 = 4;
-
 /// From one gap of the approach to the next.
 const NEARER: f64 = 0.6;
 
@@ -32,9 +29,6 @@ const RUN_UP: f64 = 40e-6;
 
 /// Gap at which fibers are loaded, metres.
 const CLEAR: f64 = 0.5e-3;
-
-/// How often the last turns are begun.
-const ATTEMPTS: u32 = 4;
 
 /// Share of its light that may be missing once a fiber is attached, beside noise.
 const ATTACHED_LESS: f64 = 0.01;
@@ -277,7 +271,7 @@ impl<'d> Fiber<'d> {
         let gap = self.measured_gap(bench);
         let coarse = NEAR * self.beam.width(gap);
         let mut why = None;
-        for _ in 0..HANDED_OVER {
+        for _ in 0..self.recipe.fast.retry.handed_over {
             let scan = self.circling(bench)?;
             let peak = scan.centre(bench, gap, coarse, phase, 1).await;
             scan.rest(bench, gap).await?;
@@ -404,7 +398,8 @@ impl<'d> Fiber<'d> {
         let aside = self.recipe.accept.aside;
         let mut accuracy = self.recipe.fast.accuracy;
         let (mut why, mut watched) = (None, 0);
-        for _ in 0..ATTEMPTS {
+        let retry = &self.recipe.fast.retry;
+        for _ in 0..retry.last_turns_blind {
             // At its peak light does not tell how a tip shakes: what is seen there is noise.
             let scan = self.scan()?;
             scan.rest(bench, gap).await?;
@@ -438,7 +433,7 @@ impl<'d> Fiber<'d> {
                     shaking.is_sure(aside, known).is_err() && shaking.may_be_sure(aside, known)
                 })
                 .await?;
-                accuracy *= 0.6;
+                accuracy *= retry.better;
                 why = Some(unsure);
                 continue;
             }

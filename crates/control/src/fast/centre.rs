@@ -11,10 +11,6 @@ use crate::sweep::Spot;
 use pigtail_hal::Side;
 use pigtail_model::frames::Displacement;
 
-/// Radii of the circles on which light is looked for that was there and is not where it was to be, in widths of its peak: the first where it may
-/// have been a little aside, all of them where the macro has gone aside since, of which its transmissions hide some.
-const AROUND: [f64; 4] = [1.5, 2.5, 3.5, 4.5];
-
 /// Steps in which a macro that has not gone where it was told to takes over what the micro would not reach, at most...
 const STEPS: usize = 12;
 
@@ -50,10 +46,11 @@ impl<'r> Shared<'r> {
         let handed_over = self
             .make_room(cell, aim, &mut scan, (room, f64::INFINITY), gap)
             .await?;
+        let around = &self.fast.retry.around;
         let farther = if handed_over {
-            &AROUND[..]
+            &around[..]
         } else {
-            &AROUND[..1]
+            &around[..1]
         };
         let peak = self
             .bring_within_reach(cell, aim, &mut scan, gap, (handed_over, farther))
@@ -72,7 +69,7 @@ impl<'r> Shared<'r> {
         Ok((scan, peak.full))
     }
 
-    /// Circles until the peak is in the middle, to `accuracy` metres, or twice as far where a micro that swings does not come so near: nearer to
+    /// Circles until the peak is in the middle, to `accuracy` metres, or not as near where a micro that swings does not come so near: nearer to
     /// the chip it is found anew.
     async fn circle_to(
         &self,
@@ -84,7 +81,7 @@ impl<'r> Shared<'r> {
         let mut accuracy = accuracy;
         for _ in 0..self.fast.retry.centre {
             match scan.centre(cell, gap, accuracy, "centre", 1).await {
-                Err(Halt::Outcome(Outcome::Unsure { .. })) => accuracy *= 2.0,
+                Err(Halt::Outcome(Outcome::Unsure { .. })) => accuracy *= self.fast.retry.wider,
                 peak => return peak,
             }
         }
@@ -122,7 +119,7 @@ impl<'r> Shared<'r> {
             let most = if strays { STEP * width } else { f64::INFINITY };
             let room = (0.5 * width, most);
             handed_over = step < STEPS && self.make_room(cell, aim, scan, room, gap).await?;
-            farther = &AROUND;
+            farther = &self.fast.retry.around;
             if let (Some(peak), false) = (peak, handed_over) {
                 return Ok(peak);
             }

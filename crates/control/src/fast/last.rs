@@ -16,12 +16,6 @@ use crate::still_there::Foreseen;
 /// last turns again.
 const LATE: f64 = 1.3;
 
-/// How often a gap is corrected before a look from near.
-const CORRECTED: u32 = 3;
-
-/// How much better a peak is to be known where that may make a fiber sure.
-const BETTER: f64 = 0.6;
-
 /// No peak need be known better, metres: what creeps until a fiber is fixed is as much.
 const FINEST: f64 = 5e-9;
 
@@ -38,6 +32,7 @@ impl Shared<'_> {
     ) -> Result<Rest, Halt> {
         let beam = cell.beam(aim.side, self.recipe);
         let mut doubt = Doubt {
+            better: self.fast.retry.better,
             accuracy: self.fast.accuracy,
             watched: 0,
             best: f64::INFINITY,
@@ -173,7 +168,9 @@ impl Shared<'_> {
         loop {
             let ready = || match self.learns_gap(cell, aim, begin) {
                 true => Ready::NotYet,
-                false if corrected < CORRECTED && self.is_off(cell, aim) => Ready::Elsewhere,
+                false if corrected < self.fast.retry.gap && self.is_off(cell, aim) => {
+                    Ready::Elsewhere
+                }
                 false => Ready::Yes,
             };
             let gap = aim.gap(cell);
@@ -211,6 +208,8 @@ pub(super) struct Rest {
 
 /// What is done about a place that is not sure.
 struct Doubt {
+    /// How well the peak is to be known each time, of the time before.
+    better: f64,
     /// How well the peak is to be known, metres.
     accuracy: f64,
     /// For how many light samples the tip was watched.
@@ -231,15 +230,15 @@ impl Doubt {
         (tolerance, known): (f64, Across),
     ) -> Result<bool, Halt> {
         let sure = |shaking: &Shaking, known| shaking.is_sure(tolerance, known).is_ok();
-        let dim = known.worse() > BETTER.sqrt() * self.best;
+        let dim = known.worse() > self.better.sqrt() * self.best;
         self.best = self.best.min(known.worse());
-        let better = known.times(BETTER * BETTER);
+        let better = known.times(self.better * self.better);
         let watching_helps = |shaking: &Shaking| {
             let by_turns = !dim && sure(shaking, better);
             !by_turns && !sure(shaking, known) && shaking.may_be_sure(tolerance, known)
         };
         if self.watched > 0 || !watching_helps(&scan.shaking()) {
-            self.accuracy = (BETTER * self.accuracy).max(FINEST);
+            self.accuracy = (self.better * self.accuracy).max(FINEST);
         }
         scan.watch_while(cell, gap, &mut self.watched, watching_helps)
             .await?;

@@ -172,7 +172,7 @@ impl Shared<'_> {
             cell.move_micro(Side::Right, Displacement::new(aside, 0.0))?;
             let look = self.look(pass, fast.input_gap, fast.input_spacing, attempt > 0);
             let result = self.attempt(job, cell, &aim, &look).await;
-            if !again(&result, attempt) && !self.learns_to_ask(cell, &result) {
+            if !self.again(&result, attempt) && !self.learns_to_ask(cell, &result) {
                 return result;
             }
         }
@@ -205,7 +205,7 @@ impl Shared<'_> {
         for (attempt, pass) in passes.enumerate() {
             let look = self.look(pass, fast.output_gap, fast.output_spacing, attempt > 0);
             let result = self.attempt(job, cell, &aim, &look).await;
-            if !again(&result, attempt) && !self.learns_to_ask(cell, &result) {
+            if !self.again(&result, attempt) && !self.learns_to_ask(cell, &result) {
                 return result;
             }
         }
@@ -214,6 +214,22 @@ impl Shared<'_> {
         }
         let found = job.find_output(cell, index).await?;
         self.after_raster(job, cell, &aim, &found).await
+    }
+
+    /// Whether to try a fiber again after this many tries, of which the last came to this.
+    fn again(&self, result: &Result<(), Halt>, before: usize) -> bool {
+        let unsure = before < self.fast.retry.unsure as usize;
+        match result {
+            Ok(()) | Err(Halt::Fault(_)) => false,
+            Err(Halt::Outcome(Outcome::UnsurePlace { .. })) => unsure,
+            // What vision does not know it never will.
+            Err(Halt::Outcome(Outcome::UnsureGap { bound, .. })) => *bound == 0.0 && unsure,
+            Err(Halt::Outcome(outcome)) => !matches!(
+                outcome,
+                // What is attached is not to be aligned any more.
+                Outcome::NotArrived { .. } | Outcome::Slipped { .. }
+            ),
+        }
     }
 
     /// Whether to try again by light after vision did not know the gap as well as it should have.
@@ -518,21 +534,5 @@ impl Shared<'_> {
             cell.stands(aim.side).await?;
             return Err(why.into());
         }
-    }
-}
-
-/// Whether to try a fiber again after this many tries, of which the last came to this.
-fn again(result: &Result<(), Halt>, before: usize) -> bool {
-    match result {
-        Ok(()) | Err(Halt::Fault(_)) => false,
-        // It may have been a mishap once; what shakes will shake at every try.
-        Err(Halt::Outcome(Outcome::UnsurePlace { .. })) => before == 0,
-        // What vision does not know it never will; light may tell it another time.
-        Err(Halt::Outcome(Outcome::UnsureGap { bound, .. })) => *bound == 0.0 && before == 0,
-        Err(Halt::Outcome(outcome)) => !matches!(
-            outcome,
-            // What is attached is not to be aligned any more.
-            Outcome::NotArrived { .. } | Outcome::Slipped { .. }
-        ),
     }
 }
