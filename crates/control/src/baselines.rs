@@ -11,9 +11,10 @@ use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::peak::NinePoint;
 use crate::procedure::{FiberReport, Found, Job, each_fiber, look, lost, no_light, outward};
 use crate::recipe::Recipe;
-use crate::search::{Hit, STILL_THERE, Searcher, centre_sensing};
+use crate::search::{Hit, Searcher, centre_sensing};
 use crate::station::Station;
 use crate::tip_estimator::Tip;
+use crate::tuning::TUNING;
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::Displacement;
 use std::f64::consts::TAU;
@@ -272,7 +273,7 @@ async fn maximize(
                 centre_sensing(cell).await?;
             }
             let level = cell.level(channel, 0.04).await?.mean - found.background;
-            if level < STILL_THERE * found.level {
+            if level < TUNING.search.still_there * found.level {
                 return Err(lost("centre", level, found.level));
             }
             Ok(level)

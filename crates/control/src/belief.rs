@@ -3,9 +3,6 @@
 use pigtail_numerics::bisection::onset;
 use pigtail_numerics::statistics::outside;
 
-/// Probability of being outside a tolerance from which on a fiber is not believed.
-pub(crate) const UNSURE: f64 = 1e-4;
-
 /// How well it is known where a fiber is beside its peak, along x and along y: a guide's mode is wider in x than in y, so that
 /// light tells less of where a fiber is in x.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

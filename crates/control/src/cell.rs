@@ -10,6 +10,7 @@ use crate::recipe::Recipe;
 use crate::shaking::Measured;
 use crate::station::{Level, Station, coarse, fine};
 use crate::tip_estimator::{Seen, Tip, TipEstimator};
+use crate::tuning::TUNING;
 use pigtail_hal::bench::{Event, Frame, Knot, Law, Limits, Pose, Request};
 use pigtail_hal::spec::{GuardSpec, SIDES};
 use pigtail_hal::{Bench, Channel, Fault, Side, Spec};
@@ -535,9 +536,7 @@ impl<'b> AlignmentCell<'b> {
 
     /// How near to the chip who guards the machine lets a tip come that vision knows to a standard deviation along z, metres.
     pub(crate) fn kept_off(&self, sigma: f64) -> f64 {
-        /// Standard deviations more than the guard takes off, for its own frames are not quite the same.
-        const MORE: f64 = 1.0;
-        self.spec().guard.clearance + (GuardSpec::SIGMAS + MORE) * sigma
+        self.spec().guard.clearance + (GuardSpec::SIGMAS + TUNING.gap.more_than_guard) * sigma
     }
 
     /// Where the tip would stand that is where its holder is, in the chip's frame.

@@ -13,9 +13,10 @@ use crate::cell::{AlignmentCell, Reach};
 use crate::outcome::Halt;
 use crate::procedure::Job;
 use crate::recipe::Recipe;
-use crate::search::{Hit, KNOTS, MORE_LINES, Searcher};
+use crate::search::{Hit, Searcher};
 use crate::station::{Station, fine};
 use crate::tip_estimator::Tip;
+use crate::tuning::TUNING;
 use pigtail_hal::{Channel, Side, Spec};
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 use serde::{Deserialize, Serialize};
@@ -460,8 +461,10 @@ impl Scan<'_> {
             self.starts[0].shifted(0.0, y, 0.0),
             Some(mesh * frequency / periods),
         )?;
-        let step = (KNOTS * frequency).recip().max(cell.caps().cycle);
-        let seconds = (y / mesh + MORE_LINES) * periods / frequency;
+        let step = (TUNING.search.knots * frequency)
+            .recip()
+            .max(cell.caps().cycle);
+        let seconds = (y / mesh + TUNING.search.more_lines) * periods / frequency;
         cell.micro_path(Side::Left, (seconds, step), input)?;
         match self.space.method {
             Method::MacroRaster => cell.move_micro(Side::Right, across(x))?,

@@ -11,10 +11,11 @@ use crate::gap_by_light::Spread;
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::peak::NinePoint;
 use crate::recipe::{RasterPass, Recipe};
-use crate::search::{Hit, STILL_THERE, Searcher, centre_sensing, edge_from_below};
+use crate::search::{Hit, Searcher, centre_sensing, edge_from_below};
 use crate::shaking::{Measured, Shaking};
 use crate::station::{Level, Station};
 use crate::tip_estimator::Tip;
+use crate::tuning::TUNING;
 use pigtail_hal::bench::Fix;
 use pigtail_hal::spec::{MICRO_AXES, OUTPUTS};
 use pigtail_hal::{Channel, Fault, Side};
@@ -425,7 +426,7 @@ impl<'r> Job<'r> {
                 }
                 let before = cell.level(job.channel, 0.04).await?;
                 let level = before.mean - background;
-                if level < STILL_THERE * found.level {
+                if level < TUNING.search.still_there * found.level {
                     return Err(lost("climb", level, found.level));
                 }
                 Ok((peak, level, before.sigma))

@@ -2,15 +2,7 @@
 
 use crate::outcome::Halt;
 use crate::reactor::Reactor;
-
-/// Standard deviations of what is missing that are noise.
-const NOISE: f64 = 4.5;
-
-/// Standard deviations by which light may be missing before it is looked at for longer...
-const DOUBTED: f64 = 3.0;
-
-/// ...up to so many times as long.
-const LONGER: usize = 16;
+use crate::tuning::TUNING;
 
 /// Light that is foreseen where a fiber stands.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,8 +53,11 @@ impl LightCheck {
                     missing > deviations * before.deviation.hypot(noise)
                 })
             };
-            let fallen = is_missing(self.less, NOISE);
-            if fallen || !is_missing(0.0, DOUBTED) || n >= LONGER * self.samples {
+            let fallen = is_missing(self.less, TUNING.bond.noise);
+            if fallen
+                || !is_missing(0.0, TUNING.bond.doubted)
+                || n >= TUNING.bond.longer * self.samples
+            {
                 return Ok((light, fallen));
             }
         }

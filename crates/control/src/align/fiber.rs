@@ -1,37 +1,19 @@
 //! A fiber in the arm of a bench, from the tray to the chip.
 
 use super::climb::{circles, range};
-use super::{Dark, LOOK, NEAR, STEADY, Taught, line};
+use super::{Dark, Taught, line};
 use crate::beam::Beam;
-use crate::belief::{Across, Place, UNSURE};
+use crate::belief::{Across, Place};
 use crate::conical_scan::{ConicalScan, Gap, Ready, Watch};
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::{LONGEST, Reactor, refused};
 use crate::recipe::Recipe;
 use crate::still_there::{Foreseen, LightCheck};
+use crate::tuning::TUNING;
 use pigtail_hal::bench::{
     AxisCaps, Degree, Dither, Glide, Group, Law, Limits, Meter, Pose, Request, Stage,
 };
 use pigtail_model::frames::Displacement;
-
-/// Share of its range to which a fine group is used before the coarse one helps.
-const ROOM: f64 = 0.5;
-
-/// From one gap of the approach to the next.
-const NEARER: f64 = 0.6;
-
-/// Share of a gap that is closed in one turn at most: the peak is found anew meanwhile.
-const CLOSING: f64 = 0.15;
-
-/// How far below, metres, and how many gaps behind its place a fiber is before it comes there, so that whatever gives way does so
-/// in one direction.
-const RUN_UP: f64 = 40e-6;
-
-/// Gap at which fibers are loaded, metres.
-const CLEAR: f64 = 0.5e-3;
-
-/// Share of its light that may be missing once a fiber is attached, beside noise.
-const ATTACHED_LESS: f64 = 0.01;
 
 /// A fiber on its way.
 pub(super) struct Fiber<'d> {
@@ -72,7 +54,7 @@ impl<'d> Fiber<'d> {
             beam,
             back: taught.search_gap(recipe),
             aside: Displacement::ZERO,
-            gap: CLEAR,
+            gap: TUNING.taught.clear,
             scan: None,
             before: 0.0,
         })
@@ -128,8 +110,8 @@ impl<'d> Fiber<'d> {
     /// Away from the chip, straight back along z first.
     pub(super) async fn go_back(&self, bench: &Reactor<'_>) -> Result<(), Halt> {
         let here = bench.pose(self.coarse, bench.now());
-        let here = here.map_or(self.at_gap(CLEAR), |at| at.pose);
-        let clear = (self.taught.pose.z() - CLEAR).min(here.z());
+        let here = here.map_or(self.at_gap(TUNING.taught.clear), |at| at.pose);
+        let clear = (self.taught.pose.z() - TUNING.taught.clear).min(here.z());
         line(bench, self.coarse, here.with(Degree::Z, clear), None).await
     }
 
@@ -142,7 +124,7 @@ impl<'d> Fiber<'d> {
             let mut tickets = Vec::with_capacity(N);
             for fiber in &fibers {
                 let to = if behind {
-                    fiber.at_gap(2.0 * fiber.back) + Pose::at(0.0, -RUN_UP, 0.0)
+                    fiber.at_gap(2.0 * fiber.back) + Pose::at(0.0, -TUNING.taught.run_up, 0.0)
                 } else {
                     fiber.at_gap(fiber.back)
                 };
@@ -191,7 +173,7 @@ impl<'d> Fiber<'d> {
         let now = bench.now();
         let here = bench.pose(self.fine, now).map(|at| at.pose);
         let here = here.map_or(Displacement::ZERO, |at| Displacement::new(at.x(), at.y()));
-        if (here - to).norm() < NEAR * self.beam.width(0.0) {
+        if (here - to).norm() < TUNING.taught.near * self.beam.width(0.0) {
             return Ok(());
         }
         let settling = bench.caps().groups[self.fine.0].settling;
@@ -267,9 +249,9 @@ impl<'d> Fiber<'d> {
         dark: &Dark,
         phase: &'static str,
     ) -> Result<(), Halt> {
-        self.learn_noise(bench, dark, LOOK).await?;
+        self.learn_noise(bench, dark, TUNING.taught.look).await?;
         let gap = self.measured_gap(bench);
-        let coarse = NEAR * self.beam.width(gap);
+        let coarse = TUNING.taught.near * self.beam.width(gap);
         let mut why = None;
         for _ in 0..self.recipe.fast.retry.handed_over {
             let scan = self.circling(bench)?;
@@ -279,7 +261,7 @@ impl<'d> Fiber<'d> {
                 Ok(peak) => {
                     why = None;
                     self.before = peak.full;
-                    if !self.make_room(bench, ROOM).await? {
+                    if !self.make_room(bench, TUNING.taught.room).await? {
                         return Ok(());
                     }
                 }
@@ -333,14 +315,14 @@ impl<'d> Fiber<'d> {
         while self.gap > wanted {
             let here = self.gap;
             // One that would be left with hardly a way goes there at once.
-            self.gap = if NEARER * here < wanted / NEARER.sqrt() {
+            self.gap = if TUNING.taught.nearer * here < wanted / TUNING.taught.nearer.sqrt() {
                 wanted
             } else {
-                NEARER * here
+                TUNING.taught.nearer * here
             };
             let (to, led) = (self.at_gap(self.gap), self.led());
             let period = self.scan()?.period();
-            let speed = CLOSING * self.gap / period;
+            let speed = TUNING.taught.closing * self.gap / period;
             let limits = Limits { speed: Some(speed) };
             let law = Law::Line { to, limits };
             let ticket = bench.play(self.coarse, law).map_err(|why| refused(&why))?;
@@ -381,11 +363,11 @@ impl<'d> Fiber<'d> {
                 return Err(why.into());
             }
             let gap = self.measured_gap(bench);
-            let near = NEAR * self.beam.width(gap);
+            let near = TUNING.taught.near * self.beam.width(gap);
             let scan = self.scan()?;
             scan.centre(bench, gap, near, "approach", 1).await?;
             scan.rest(bench, gap).await?;
-            self.learn_noise(bench, dark, LOOK).await?;
+            self.learn_noise(bench, dark, TUNING.taught.look).await?;
         }
         Ok(())
     }
@@ -403,7 +385,7 @@ impl<'d> Fiber<'d> {
             // At its peak light does not tell how a tip shakes: what is seen there is noise.
             let scan = self.scan()?;
             scan.rest(bench, gap).await?;
-            self.learn_noise(bench, dark, STEADY).await?;
+            self.learn_noise(bench, dark, TUNING.taught.steady).await?;
             let scan = self.circling(bench)?;
             let last = match scan
                 .settle(bench, gap, (accuracy, 1.0), "final", &|| Ready::Yes)
@@ -459,8 +441,8 @@ impl<'d> Fiber<'d> {
             meter: self.meter.0,
             background: dark.mean,
             noise,
-            samples: LOOK,
-            less: ATTACHED_LESS,
+            samples: TUNING.taught.look,
+            less: TUNING.bond.taught_less,
         };
         let (after, fallen) = check.look(bench, &[foreseen]).await?;
         if fallen {
@@ -488,7 +470,7 @@ impl<'d> Fiber<'d> {
     fn sure_of_gap(&self, place: &Place) -> Result<(), Outcome> {
         let tolerance = self.recipe.accept.gap;
         let probability = place.outside_along(tolerance);
-        if probability <= UNSURE {
+        if probability <= TUNING.bond.unsure {
             return Ok(());
         }
         Err(Outcome::UnsureGap {
@@ -497,7 +479,7 @@ impl<'d> Fiber<'d> {
             sigma: place.sigma,
             tolerance,
             probability,
-            accepted: UNSURE,
+            accepted: TUNING.bond.unsure,
         })
     }
 }

@@ -12,6 +12,7 @@ mod first_light;
 mod measure;
 mod observed;
 
+use crate::tuning::TUNING;
 pub use climb::{Found, find_peak};
 pub use measure::{Known, MeasuredArm, MeasuredDark, MovedAxis, measure, measure_dark, move_axes};
 
@@ -45,23 +46,11 @@ pub struct Taught {
     pub sigma_z: f64,
 }
 
-/// Width of the light that is searched for, in standard deviations of where it may be.
-const WIDE: f64 = 2.5;
-
-/// Samples of a look at the light.
-const LOOK: usize = 12;
-
-/// Samples of a look at how steady the light at its peak is.
-const STEADY: usize = 40;
-
-/// How well circles centre at a gap, in widths.
-const NEAR: f64 = 0.1;
-
 impl Taught {
     /// The gap at which light is searched for, metres: there it is wider than what is not known of where it is.
     pub fn search_gap(&self, recipe: &Recipe) -> f64 {
         let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
-        let wide = WIDE * self.across / beam.width(0.0);
+        let wide = TUNING.taught.wide * self.across / beam.width(0.0);
         let back = beam.gap_of((wide * wide - 1.0).max(0.0));
         back.max(4.0 * recipe.approach.gap)
     }
@@ -132,12 +121,10 @@ struct Dark {
 impl Dark {
     /// The light without the laser, which is on afterwards.
     async fn measure(bench: &Reactor<'_>, meter: Meter) -> Result<Self, Halt> {
-        /// Samples.
-        const SAMPLES: usize = 50;
         bench.ask(Request::Laser(false), LONGEST).await?;
         // A meter forgets the laser in some samples.
         bench.look(meter.0, 5).await?;
-        let (mean, sigma) = bench.look(meter.0, SAMPLES).await?;
+        let (mean, sigma) = bench.look(meter.0, TUNING.taught.dark).await?;
         bench.ask(Request::Laser(true), LONGEST).await?;
         bench.look(meter.0, 5).await?;
         let step = bench.caps().channels[meter.0].resolution;

@@ -11,13 +11,7 @@ use crate::procedure::{Job, light_check};
 use crate::shaking::Shaking;
 use crate::station::Level;
 use crate::still_there::Foreseen;
-
-/// A gap that turns out to be wrong by so many tolerances when all else is done is worth doing the
-/// last turns again.
-const LATE: f64 = 1.3;
-
-/// No peak need be known better, metres: what creeps until a fiber is fixed is as much.
-const FINEST: f64 = 5e-9;
+use crate::tuning::TUNING;
 
 impl Shared<'_> {
     /// The last turns at the chip, and whether the light is what it should be, where `before`, at a gap `far` from it (metres), it seemed to be so
@@ -62,11 +56,12 @@ impl Shared<'_> {
             }
             // Meanwhile vision may have come to know better.
             let way = aim.gap(cell) - self.recipe.approach.gap;
-            let off = way.abs() > LATE * self.fast.gap_tolerance || self.doubts_gap(cell, aim);
+            let off = way.abs() > TUNING.last.late * self.fast.gap_tolerance
+                || self.doubts_gap(cell, aim);
             let expected = peak.full * beam.share(gap);
             let why = match confirmed {
                 Ok((foreseen, known))
-                    if foreseen.level > 0.9 * expected
+                    if foreseen.level > TUNING.last.bright * expected
                         && (attempt == retry.last_turns || !off && !scan.misjudges_width()) =>
                 {
                     let aside = self.recipe.accept.aside;
@@ -238,12 +233,15 @@ impl Doubt {
             !by_turns && !sure(shaking, known) && shaking.may_be_sure(tolerance, known)
         };
         if self.watched > 0 || !watching_helps(&scan.shaking()) {
-            self.accuracy = (self.better * self.accuracy).max(FINEST);
+            self.accuracy = (self.better * self.accuracy).max(TUNING.last.finest);
         }
         scan.watch_while(cell, gap, &mut self.watched, watching_helps)
             .await?;
         // A drift may have been seen by chance.
-        Ok(sure(&scan.shaking(), Across::of(FINEST.min(known.worse()))))
+        Ok(sure(
+            &scan.shaking(),
+            Across::of(TUNING.last.finest.min(known.worse())),
+        ))
     }
 }
 

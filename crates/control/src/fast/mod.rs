@@ -22,13 +22,14 @@ mod seen;
 mod single;
 
 use crate::cell::AlignmentCell;
-use crate::conical_scan::{ConicalScan, WATCHED, Watch};
+use crate::conical_scan::{ConicalScan, Watch};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::procedure::{FiberReport, Found, Job, each_fiber};
 use crate::recipe::{Fast, Pass, Recipe, Sweep};
 use crate::station::{Station, fine};
 use crate::sweep::{Spot, first_light};
 use crate::tip_estimator::Tip;
+use crate::tuning::TUNING;
 use approach_moves::{Aim, cock};
 use gap::unhurried;
 pub use gap::vision_knows;
@@ -42,21 +43,6 @@ use ratio::Ratios;
 pub use ratio::{Ratio, measure_ratios};
 use seen::DarkLevel;
 pub use single::{Aligner, Way};
-
-/// Time for the micro to come to rest where its lines begin, seconds.
-const COCKED: f64 = 0.008;
-
-/// How far beyond the end of a line a peak is expected whose light was brightest there, in its widths.
-const BEYOND: f64 = 0.5;
-
-/// Light of less than so many times what counts as light is looked at once more on the approach.
-const DOUBTFUL: f64 = 2.5;
-
-/// As is light of less than so many times the scattered light around it, which fluctuates...
-const SCATTERED: f64 = 5.0;
-
-/// ...for so many turns, in which it does not by chance stay as bright as a peak would.
-const DOUBTING: u64 = 3;
 
 /// A pass of a search for one fiber.
 #[derive(Debug, Clone, Copy)]
@@ -288,7 +274,7 @@ impl Shared<'_> {
                             cock(cell, aim.side, look.width)?;
                             let here = Point::new(start.x, cell.wanted(aim.side).y, start.z);
                             cell.go(aim.side, here).await?;
-                            cell.wait(COCKED).await?;
+                            cell.wait(TUNING.search.cocked).await?;
                             (watch, start)
                         }
                     };
@@ -384,13 +370,13 @@ impl Shared<'_> {
             let beam = cell.beam(aim.side, self.recipe);
             let level = before * beam.share(aim.gap(cell));
             let scattered = scan.background() - dark;
-            let least = DOUBTFUL * self.fast.significance * scan.noise();
-            if level < least.max(SCATTERED * scattered) {
+            let least = TUNING.search.doubtful * self.fast.significance * scan.noise();
+            if level < least.max(TUNING.search.scattered * scattered) {
                 // What is no peak may stand far aside, where the inclined facet is nearer.
                 let (first, slope) = (self.fast.doubtful_gap, self.recipe.ports.slope());
                 for gap in [first, 0.5 * first] {
                     let gap = gap + aim.stands_out(cell, slope);
-                    self.approach(cell, aim, &mut scan, before, (gap, DOUBTING))
+                    self.approach(cell, aim, &mut scan, before, (gap, TUNING.search.doubting))
                         .await?;
                 }
             }
@@ -405,7 +391,7 @@ impl Shared<'_> {
             let given_up = matches!(last, Err(Halt::Outcome(_))) && !scan.shaking().is_watched();
             if given_up && cell.follows(job.side) {
                 let gap = aim.gap(cell);
-                scan.watch_shaking(cell, gap, WATCHED.0).await?;
+                scan.watch_shaking(cell, gap, TUNING.watch.first).await?;
             }
             job.has_shaken(scan.shaking());
             job.spot = scan.spot().or(job.spot);
@@ -451,7 +437,7 @@ impl Shared<'_> {
         let (spot, evidence) = first_light(cell, eye, watch, &sweep, area, top, threshold).await?;
         // What is brightest at the end of a line has its peak beyond it as likely as not.
         let beam = cell.beam(eye.0, self.recipe);
-        let beyond = BEYOND * beam.width(look.gap);
+        let beyond = TUNING.search.beyond * beam.width(look.gap);
         let spot = spot.map(|spot| Spot {
             at: spot.at + Displacement::new(spot.end * beyond, 0.0),
             ..spot
@@ -468,11 +454,8 @@ impl Shared<'_> {
     /// The least light of a fiber at no gap, volts, that comes out of the guide, after so much `before`. Of modes wider than designed a
     /// greater share crosses the gap of a search, so that there seems to be more light than there is: by how much the spot tells, at the chip.
     fn least_light(&self, cell: &AlignmentCell<'_>, aim: &Aim, before: f64) -> f64 {
-        /// So much less where nobody has measured how light spreads: modes twice as wide, squared, come near to it. What does not grow is an
-        /// eighth of what it seemed to be.
-        const UNLIKE: f64 = 0.5;
         let known = cell.measured_spread(aim.side).is_some();
-        let share = if known { 1.0 } else { UNLIKE };
+        let share = if known { 1.0 } else { TUNING.search.unlike };
         share * self.fast.accept * before
     }
 

@@ -12,16 +12,8 @@ use crate::procedure::{AtPeak, FiberReport, Job};
 use crate::recipe::Recipe;
 use crate::station::{Station, fine};
 use crate::tip_estimator::Tip;
+use crate::tuning::TUNING;
 use pigtail_model::frames::Displacement;
-
-/// Tolerances are so many times as wide where nothing is attached: light is to be bright and steep, not known to be at its best.
-const ROUGHLY: f64 = 5.0;
-
-/// Tips are watched for so many times as long as wanted, at most, and gaps looked at so often, while what they are to tell is not known.
-const TIMES: usize = 6;
-
-/// How well the peak is found from which a tip is watched, in its widths.
-const NEAR: f64 = 0.1;
 
 /// Brings the input fiber and that of the first output to their peaks, holds both there, and watches each tip for so many
 /// `seconds` in x and in y, or some times that where it is dim, by the light that goes through both; and looks at several gaps how that
@@ -30,8 +22,8 @@ pub fn watch_tips(station: &mut Station, recipe: &Recipe, seconds: f64) -> Vec<F
     let asks_light = !vision_knows(station.spec(), recipe);
     let watched = (seconds, recipe.accept.aside);
     let mut recipe = recipe.clone();
-    recipe.accept.aside *= ROUGHLY;
-    recipe.accept.gap *= ROUGHLY;
+    recipe.accept.aside *= TUNING.pair.roughly;
+    recipe.accept.gap *= TUNING.pair.roughly;
     let cell = AlignmentCell::over(station);
     let mut shared = Shared::new(&recipe);
     cell.run(async {
@@ -98,11 +90,17 @@ impl Shared<'_> {
         });
         let (shape, beam, gap) = (&self.fast.conical_scan, held.beam, held.gap);
         let mut scan = ConicalScan::new(watch, beam, shape, cell, (here, gap), held.walk, None);
-        scan.centre(cell, gap, NEAR * scan.beam_width(gap), "pair", 2)
-            .await?;
+        scan.centre(
+            cell,
+            gap,
+            TUNING.pair.near * scan.beam_width(gap),
+            "pair",
+            2,
+        )
+        .await?;
         let rate = cell.caps().channels[watch.meter.0].rate;
         let samples = (seconds * rate).round() as usize;
-        for _ in 0..TIMES {
+        for _ in 0..TUNING.pair.times {
             scan.watch_shaking(cell, gap, samples).await?;
             if scan.shaking().is_told(tolerance) {
                 break;
@@ -119,8 +117,8 @@ impl Shared<'_> {
         };
         scan.set_radius(shape.radius);
         let before = (held.level.mean - held.background) / beam.share(gap);
-        let mut told = Vec::with_capacity(TIMES);
-        for _ in 0..TIMES {
+        let mut told = Vec::with_capacity(TUNING.pair.times);
+        for _ in 0..TUNING.pair.times {
             self.come_close(job, cell, &aim, &mut scan, before).await?;
             told.extend(job.spread.take());
             if Spread::of_all(&told).is_some_and(|spread| spread.is_well_known()) {
