@@ -7,9 +7,10 @@
 //! the chip is stepwise, with a climb after each step.
 
 use crate::cell::AlignmentCell;
+use crate::job::{FiberReport, Job};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::peak::NinePoint;
-use crate::procedure::{FiberReport, Found, Job, each_fiber, look, lost, no_light, outward};
+use crate::procedure::{Found, each_fiber, look, lost, no_light, outward};
 use crate::recipe::Recipe;
 use crate::search::{Hit, Searcher, centre_sensing};
 use crate::station::Station;

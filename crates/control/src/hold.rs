@@ -7,8 +7,8 @@
 
 use crate::align::Observed;
 use crate::conical_scan::{ConicalScan, Watch};
+use crate::job::AtPeak;
 use crate::outcome::Halt;
-use crate::procedure::AtPeak;
 use crate::reactor::{Reactor, both_well};
 use crate::recipe::Recipe;
 use crate::station::{Unobserved, fine};

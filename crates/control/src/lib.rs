@@ -67,6 +67,7 @@ pub mod conical_scan;
 pub mod gap_by_light;
 pub mod identify;
 pub mod impulse;
+pub mod job;
 pub mod kinematics;
 pub mod maximization;
 pub mod methods;

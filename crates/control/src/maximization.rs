@@ -6,9 +6,10 @@
 
 use crate::cell::AlignmentCell;
 use crate::conical_scan::{ConicalScan, Watch};
+use crate::job::Job;
 use crate::outcome::{Halt, Outcome};
 use crate::peak::{NinePoint, corners};
-use crate::procedure::{Job, lit};
+use crate::procedure::lit;
 use crate::recipe::{Climb, Recipe};
 use crate::station::{Level, Station, fine};
 use pigtail_hal::bench::Meter;

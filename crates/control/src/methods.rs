@@ -10,8 +10,8 @@
 //! swept 100 um back and forth would spend it winding up its transmissions.
 
 use crate::cell::{AlignmentCell, Reach};
+use crate::job::Job;
 use crate::outcome::Halt;
-use crate::procedure::Job;
 use crate::recipe::Recipe;
 use crate::search::{Hit, Searcher};
 use crate::station::{Station, fine};

@@ -7,8 +7,9 @@ use crate::belief::Across;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
 use crate::gap_by_light::{Contact, Known, Spread, Width, contact};
+use crate::job::Job;
 use crate::outcome::Halt;
-use crate::procedure::{Job, outward, place_at};
+use crate::procedure::{outward, place_at};
 use crate::recipe::Recipe;
 use crate::tuning::TUNING;
 

@@ -4,8 +4,8 @@ use super::Shared;
 use super::approach_moves::Aim;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
+use crate::job::Job;
 use crate::outcome::Halt;
-use crate::procedure::Job;
 use crate::tuning::TUNING;
 
 impl Shared<'_> {

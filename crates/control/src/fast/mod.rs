@@ -23,8 +23,9 @@ mod single;
 
 use crate::cell::AlignmentCell;
 use crate::conical_scan::{ConicalScan, Watch};
+use crate::job::{FiberReport, Job};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
-use crate::procedure::{FiberReport, Found, Job, each_fiber};
+use crate::procedure::{Found, each_fiber};
 use crate::recipe::{Fast, Pass, Recipe, Sweep};
 use crate::station::{Station, fine};
 use crate::sweep::{Spot, first_light};

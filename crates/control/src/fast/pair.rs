@@ -7,8 +7,8 @@ use super::gap::vision_knows;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
 use crate::gap_by_light::Spread;
+use crate::job::{AtPeak, FiberReport, Job};
 use crate::outcome::{Halt, Outcome};
-use crate::procedure::{AtPeak, FiberReport, Job};
 use crate::recipe::Recipe;
 use crate::station::{Station, fine};
 use crate::tip_estimator::Tip;
@@ -29,7 +29,8 @@ pub fn watch_tips(station: &mut Station, recipe: &Recipe, seconds: f64) -> Vec<F
     cell.run(async {
         let mut input = Job::input(&recipe);
         input.holds = true;
-        let reached = input.run(&cell, async |job| shared.align_input(job, &cell).await);
+        let put_back = async |job: &mut Job<'_>| job.put_back(&cell).await;
+        let reached = input.run(async |job| shared.align_input(job, &cell).await, put_back);
         let mut report = reached.await;
         let Some(held) = input.at_peak.filter(|_| report.outcome.is_aligned()) else {
             let dark = Job::output(&recipe, 0).report(Outcome::NotAttempted);
@@ -37,7 +38,7 @@ pub fn watch_tips(station: &mut Station, recipe: &Recipe, seconds: f64) -> Vec<F
         };
         let mut output = Job::output(&recipe, 0);
         output.holds = true;
-        let reached = output.run(&cell, async |job| {
+        let watch = async |job: &mut Job<'_>| {
             shared.align_output(job, &cell, 0).await?;
             let Some(other) = job.at_peak else {
                 return Ok(());
@@ -59,8 +60,8 @@ pub fn watch_tips(station: &mut Station, recipe: &Recipe, seconds: f64) -> Vec<F
             .await?;
             job.put_back(&cell).await?;
             Ok(())
-        });
-        let output = reached.await;
+        };
+        let output = output.run(watch, put_back).await;
         if output.outcome.fault().is_none()
             && let Err(fault) = input.put_back(&cell).await
         {

@@ -2,8 +2,8 @@
 
 use super::Shared;
 use crate::cell::{AlignmentCell, Layout};
+use crate::job::{AtPeak, FiberReport, Job};
 use crate::outcome::Outcome;
-use crate::procedure::{AtPeak, FiberReport, Job};
 use crate::reactor::Watched;
 use crate::recipe::Recipe;
 use pigtail_hal::spec::SIDES;
@@ -47,7 +47,7 @@ impl<'r> Aligner<'r> {
         let (shared, way) = (&mut self.shared, self.way);
         let cell = AlignmentCell::carrying(bench, layout, loaded);
         let cell = &cell;
-        let report = cell.run(job.run(cell, async |job| {
+        let align = async |job: &mut Job<'_>| {
             cell.laser(true)?;
             match (way, port) {
                 (Way::Fast, None) => shared.align_input(job, cell).await,
@@ -55,7 +55,9 @@ impl<'r> Aligner<'r> {
                 (Way::Thesis, None) => job.align_input(cell).await,
                 (Way::Thesis, Some(k)) => job.align_output(cell, k).await,
             }
-        }));
+        };
+        let put_back = async |job: &mut Job<'_>| job.put_back(cell).await;
+        let report = cell.run(job.run(align, put_back));
         let held = job
             .at_peak
             .take()

@@ -18,8 +18,9 @@ use super::{
 use crate::cell::AlignmentCell;
 use crate::compensation::hysteresis::{Model, predict};
 use crate::identify::Path;
+use crate::job::Job;
 use crate::outcome::{Halt, Outcome};
-use crate::procedure::{Job, outward};
+use crate::procedure::outward;
 use crate::recipe::Recipe;
 use crate::station::Station;
 use nalgebra::SVector;

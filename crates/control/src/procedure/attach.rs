@@ -1,8 +1,9 @@
 //! The end of every procedure: whether the gap is sure, the bond, and whether the light is still there.
 
-use super::{AtPeak, Job, outward};
+use super::outward;
 use crate::belief::{Across, Place};
 use crate::cell::AlignmentCell;
+use crate::job::{AtPeak, Job};
 use crate::outcome::{Halt, Outcome};
 use crate::station::Level;
 use crate::still_there::{Foreseen, LightCheck};
