@@ -1,5 +1,7 @@
 //! What control believes of a fiber that it attaches.
 
+use crate::outcome::Outcome;
+use crate::tuning::TUNING;
 use pigtail_numerics::bisection::onset;
 use pigtail_numerics::statistics::outside;
 
@@ -110,6 +112,22 @@ impl Place {
     /// Probability that its gap is farther off than a tolerance, metres.
     pub fn outside_along(&self, tolerance: f64) -> f64 {
         outside(tolerance, self.off, self.bound, self.sigma)
+    }
+
+    /// That its gap is all but certainly no farther off than a tolerance, metres.
+    pub(crate) fn sure_along(&self, tolerance: f64) -> Result<(), Outcome> {
+        let probability = self.outside_along(tolerance);
+        if probability <= TUNING.bond.unsure {
+            return Ok(());
+        }
+        Err(Outcome::UnsureGap {
+            off: self.off,
+            bound: self.bound,
+            sigma: self.sigma,
+            tolerance,
+            probability,
+            accepted: TUNING.bond.unsure,
+        })
     }
 }
 

@@ -8,12 +8,14 @@
 mod ahead;
 mod answer;
 mod around;
+mod closing;
 mod last;
 mod piezos;
 mod told;
 mod wander;
 
 use self::answer::Turn;
+pub(crate) use self::closing::Closing;
 pub use self::last::Ready;
 use crate::beam::{Beam, Oblong, Peak, Reading, SpotSize};
 use crate::outcome::{Halt, Outcome};
@@ -412,17 +414,22 @@ impl<'r> ConicalScan<'r> {
     ///
     /// The bench's fault; [`Outcome::MicroRange`].
     pub async fn step(&mut self, bench: &Reactor<'_>, gap: Gap, by: f64) -> Result<bool, Halt> {
-        self.play(bench, gap, TUNING.circle.glide * self.period)?;
-        Ok(self.pass(bench, gap, by).await?)
+        Ok(self.follow(bench, gap, by).await? == Event::Time)
     }
 
-    async fn pass(&mut self, bench: &Reactor<'_>, gap: Gap, by: f64) -> Result<bool, Fault> {
-        match bench.next(by).await? {
-            Event::Light(light) => self.note(bench, gap, &light),
-            Event::Time => return Ok(true),
-            _ => {}
+    /// The same; returns what has happened.
+    async fn follow(&mut self, bench: &Reactor<'_>, gap: Gap, by: f64) -> Result<Event, Halt> {
+        self.play(bench, gap, TUNING.circle.glide * self.period)?;
+        Ok(self.hear(bench, gap, by).await?)
+    }
+
+    /// What happens next while that is played which is: light is paired with where the tip was.
+    async fn hear(&mut self, bench: &Reactor<'_>, gap: Gap, by: f64) -> Result<Event, Fault> {
+        let event = bench.next(by).await?;
+        if let Event::Light(light) = &event {
+            self.note(bench, gap, light);
         }
-        Ok(false)
+        Ok(event)
     }
 
     /// Pairs light with where the tip was.
@@ -453,32 +460,6 @@ impl<'r> ConicalScan<'r> {
         }
     }
 
-    /// Circles until a time, or until a ticket is done; returns whether it is.
-    ///
-    /// # Errors
-    ///
-    /// As [`Self::step`]; [`Outcome::BenchFailed`] where the ticket fails.
-    pub async fn circle_until(
-        &mut self,
-        bench: &Reactor<'_>,
-        gap: Gap,
-        by: f64,
-        ticket: Ticket,
-    ) -> Result<bool, Halt> {
-        self.play(bench, gap, TUNING.circle.glide * self.period)?;
-        loop {
-            match bench.next(by).await? {
-                Event::Light(light) => self.note(bench, gap, &light),
-                Event::Time => return Ok(false),
-                Event::Done(done) if done == ticket => return Ok(true),
-                Event::Failed(failed, why) if failed == ticket => {
-                    return Err(Outcome::BenchFailed { why }.into());
-                }
-                _ => {}
-            }
-        }
-    }
-
     /// A whole turn at a gap, metres.
     ///
     /// # Errors
@@ -501,7 +482,7 @@ impl<'r> ConicalScan<'r> {
     /// Goes on with what is played for so many seconds.
     async fn last_for(&mut self, bench: &Reactor<'_>, gap: Gap, seconds: f64) -> Result<(), Fault> {
         let end = bench.now() + seconds;
-        while !self.pass(bench, gap, end).await? {}
+        while self.hear(bench, gap, end).await? != Event::Time {}
         Ok(())
     }
 

@@ -1,6 +1,6 @@
 //! Whether light is still what it was foreseen to be.
 
-use crate::outcome::Halt;
+use crate::outcome::{Halt, Outcome};
 use crate::reactor::Reactor;
 use crate::tuning::TUNING;
 
@@ -61,5 +61,23 @@ impl LightCheck {
                 return Ok((light, fallen));
             }
         }
+    }
+
+    /// Looks at the light of a fiber that was attached, likewise.
+    ///
+    /// # Errors
+    ///
+    /// As [`Reactor::look`]; [`Outcome::Slipped`] where it has fallen.
+    pub(crate) async fn stays(
+        &self,
+        bench: &Reactor<'_>,
+        foreseen: &[Foreseen],
+    ) -> Result<(), Halt> {
+        let (after, fallen) = self.look(bench, foreseen).await?;
+        if fallen {
+            let before = foreseen[0].level;
+            return Err(Outcome::Slipped { before, after }.into());
+        }
+        Ok(())
     }
 }

@@ -4,7 +4,7 @@ use super::climb::{circles, range};
 use super::{Dark, Taught, line};
 use crate::beam::Beam;
 use crate::belief::{Across, Place};
-use crate::conical_scan::{ConicalScan, Gap, Ready, Watch};
+use crate::conical_scan::{Closing, ConicalScan, Gap, Ready, Watch};
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::{LONGEST, Reactor, refused};
 use crate::recipe::Recipe;
@@ -311,7 +311,7 @@ impl<'d> Fiber<'d> {
         wanted: f64,
     ) -> Result<(), Halt> {
         let before = self.before;
-        let stray = self.recipe.fast.stray;
+        let least = self.recipe.fast.accept * before;
         while self.gap > wanted {
             let here = self.gap;
             // One that would be left with hardly a way goes there at once.
@@ -321,52 +321,37 @@ impl<'d> Fiber<'d> {
                 TUNING.taught.nearer * here
             };
             let (to, led) = (self.at_gap(self.gap), self.led());
-            let period = self.scan()?.period();
-            let speed = TUNING.taught.closing * self.gap / period;
+            let speed = TUNING.taught.closing * self.gap / self.scan()?.period();
             let limits = Limits { speed: Some(speed) };
             let law = Law::Line { to, limits };
             let ticket = bench.play(self.coarse, law).map_err(|why| refused(&why))?;
-            let start = self.circling(bench)?.place(0.0);
-            let mut arrived = false;
-            let end = bench.now() + LONGEST;
-            while !arrived {
-                let next = bench.now() + period;
-                arrived = self.scan()?.circle_until(bench, led, next, ticket).await?;
-                let gap = self.measured_gap(bench);
-                let scan = self.scan()?;
-                let peak = scan.peak();
-                let light = match &peak {
-                    Some(peak) => scan.go_to(bench, peak, gap).map(|_| peak.full),
-                    None => Ok(0.0),
-                };
-                let strayed = (scan.place(0.0) - start).norm();
-                let least = self.recipe.fast.accept * before;
-                let why = match light {
-                    Ok(light) if light >= least && strayed <= stray && bench.now() < end => {
-                        continue;
-                    }
-                    Ok(light) if light >= least && strayed > stray => Outcome::Strayed {
-                        by: strayed,
-                        accepted: stray,
-                    },
-                    Ok(level) => Outcome::LightLost {
-                        phase: "approach",
-                        level,
-                        expected: before,
-                    },
-                    Err(beyond) => beyond,
-                };
-                let brake = bench
-                    .play(self.coarse, Law::Brake)
-                    .map_err(|why| refused(&why))?;
-                bench.done(vec![brake], LONGEST).await?;
-                return Err(why.into());
-            }
-            let gap = self.measured_gap(bench);
-            let near = TUNING.taught.near * self.beam.width(gap);
+            self.circling(bench)?;
+            let way = Closing {
+                group: self.coarse,
+                rests: Some(ticket),
+                turns: 0,
+                before,
+                least,
+                stray: self.recipe.fast.stray,
+            };
+            let (coarse, contact, asked) = (self.coarse, self.taught.pose.z(), self.gap);
+            let measured = || {
+                let pose = bench.pose(coarse, bench.now());
+                pose.map_or(asked, |at| contact - at.pose.z())
+            };
             let scan = self.scan()?;
-            scan.centre(bench, gap, near, "approach", 1).await?;
+            scan.close(bench, &way, || led, measured).await?;
+            let gap = measured();
+            let near = TUNING.taught.near * scan.beam_width(gap);
+            let peak = scan.centre(bench, gap, near, "approach", 1).await?;
             scan.rest(bench, gap).await?;
+            if peak.full < least {
+                return Err(Outcome::FalseLight {
+                    before,
+                    after: peak.full,
+                }
+                .into());
+            }
             self.learn_noise(bench, dark, TUNING.taught.look).await?;
         }
         Ok(())
@@ -376,7 +361,7 @@ impl<'d> Fiber<'d> {
     pub(super) async fn finish(&mut self, bench: &Reactor<'_>, dark: &Dark) -> Result<Place, Halt> {
         let gap = self.measured_gap(bench);
         let place = self.place(bench, Across::default());
-        self.sure_of_gap(&place)?;
+        place.sure_along(self.recipe.accept.gap)?;
         let aside = self.recipe.accept.aside;
         let mut accuracy = self.recipe.fast.accuracy;
         let (mut why, mut watched) = (None, 0);
@@ -444,15 +429,7 @@ impl<'d> Fiber<'d> {
             samples: TUNING.taught.look,
             less: TUNING.bond.taught_less,
         };
-        let (after, fallen) = check.look(bench, &[foreseen]).await?;
-        if fallen {
-            return Err(Outcome::Slipped {
-                before: foreseen.level,
-                after,
-            }
-            .into());
-        }
-        Ok(())
+        check.stays(bench, &[foreseen]).await
     }
 
     /// Where the fiber is believed to be, with its place across known so well.
@@ -465,22 +442,6 @@ impl<'d> Fiber<'d> {
             bound: self.taught.bound_z,
             sigma: self.taught.sigma_z.hypot(repeats),
         }
-    }
-
-    fn sure_of_gap(&self, place: &Place) -> Result<(), Outcome> {
-        let tolerance = self.recipe.accept.gap;
-        let probability = place.outside_along(tolerance);
-        if probability <= TUNING.bond.unsure {
-            return Ok(());
-        }
-        Err(Outcome::UnsureGap {
-            off: place.off,
-            bound: place.bound,
-            sigma: place.sigma,
-            tolerance,
-            probability,
-            accepted: TUNING.bond.unsure,
-        })
     }
 }
 

@@ -22,12 +22,12 @@ mod seen;
 mod single;
 
 use crate::cell::AlignmentCell;
-use crate::conical_scan::{ConicalScan, Watch};
+use crate::conical_scan::{Closing, ConicalScan, Watch};
 use crate::job::{FiberReport, Job};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::procedure::{Found, each_fiber};
 use crate::recipe::{Fast, Pass, Recipe, Sweep};
-use crate::station::{Station, fine};
+use crate::station::{Station, coarse, fine};
 use crate::sweep::{Spot, first_light};
 use crate::tip_estimator::Tip;
 use crate::tuning::TUNING;
@@ -473,50 +473,15 @@ impl Shared<'_> {
         let way = aim.gap_at_rest(cell) - gap;
         let end = cell.wanted(aim.side).shifted(0.0, 0.0, way);
         cell.start_line(aim.side, end, Some(unhurried(cell, aim, gap)))?;
-        let turn = scan.period();
-        let start = scan.place(0.0);
-        let (mut next, mut end) = (cell.now() + turn, f64::INFINITY);
-        loop {
-            let led = aim.led(cell);
-            let by = next.min(end);
-            let over = scan.step(cell, led, by).await?;
-            if end.is_infinite() && !cell.is_moving(aim.side) {
-                end = cell.now() + turns as f64 * turn;
-            }
-            if !over {
-                continue;
-            }
-            if by >= end {
-                return Ok(());
-            }
-            next += turn;
-            let gap = aim.gap(cell);
-            // A peak that the micro does not reach is lost too: whatever happens, the macro is
-            // stopped before anyone tries again. What is as dim as noise leads nowhere.
-            let reached = match scan.clear_peak() {
-                Some(peak) => scan.go_to(cell, &peak, gap).map(|_| peak.full),
-                None => Ok(scan.peak().map_or(0.0, |peak| peak.full)),
-            };
-            let strayed = (scan.place(0.0) - start).norm();
-            // Light that does not come out of the guide does not grow as the gap closes.
-            let least = self.least_light(cell, aim, before);
-            let stray = self.fast.stray;
-            let why = match reached {
-                Ok(light) if light >= least && strayed <= stray => continue,
-                Ok(light) if light >= least => Outcome::Strayed {
-                    by: strayed,
-                    accepted: stray,
-                },
-                Ok(level) => Outcome::LightLost {
-                    phase: "approach",
-                    level,
-                    expected: before,
-                },
-                Err(beyond) => beyond,
-            };
-            cell.brake(aim.side)?;
-            cell.stands(aim.side).await?;
-            return Err(why.into());
-        }
+        let way = Closing {
+            group: coarse(aim.side),
+            rests: None,
+            turns,
+            before,
+            least: self.least_light(cell, aim, before),
+            stray: self.fast.stray,
+        };
+        scan.close(cell, &way, || aim.led(cell), || aim.gap(cell))
+            .await
     }
 }

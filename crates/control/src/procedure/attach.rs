@@ -65,7 +65,9 @@ impl Job<'_> {
     ) -> Result<(), Halt> {
         let wanted = self.recipe.approach.gap;
         let place = |across| place_at(cell, self.side, self.port, wanted, across);
-        self.sure_of_gap(place(Across::default()))?;
+        if let Some(place) = place(Across::default()) {
+            place.sure_along(self.recipe.accept.gap)?;
+        }
         self.place = across.and_then(place);
         if self.holds {
             let exit = self.recipe.ports.exit_angle.tan();
@@ -104,31 +106,8 @@ impl Job<'_> {
             }
             .into());
         }
-        let foreseen = [looked, foreseen.unwrap_or(looked)];
-        let (after, fallen) = check.look(cell, &foreseen).await?;
-        if fallen {
-            return Err(Outcome::Slipped { before, after }.into());
-        }
-        Ok(())
-    }
-
-    /// That the gap is all but certainly what it should be.
-    fn sure_of_gap(&self, place: Option<Place>) -> Result<(), Outcome> {
-        let Some(place) = place else {
-            return Ok(());
-        };
-        let tolerance = self.recipe.accept.gap;
-        let probability = place.outside_along(tolerance);
-        if probability <= TUNING.bond.unsure {
-            return Ok(());
-        }
-        Err(Outcome::UnsureGap {
-            off: place.off,
-            bound: place.bound,
-            sigma: place.sigma,
-            tolerance,
-            probability,
-            accepted: TUNING.bond.unsure,
-        })
+        check
+            .stays(cell, &[looked, foreseen.unwrap_or(looked)])
+            .await
     }
 }
