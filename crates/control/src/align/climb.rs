@@ -67,21 +67,10 @@ async fn climb(
             sigma: bench.caps().channels[meter.0].resolution,
         },
     };
-    let here = bench.pose(group, bench.now()).map(|at| at.pose);
-    let at = here.map_or(Displacement::ZERO, |at| Displacement::new(at.x(), at.y()));
     let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
-    let watch = Watch {
-        group,
-        meter,
-        background: dark.mean,
-        noise: dark.sigma,
-        still: dark.sigma,
-        still_degrees: f64::INFINITY,
-    };
-    let shape = &recipe.fast.conical_scan;
     let settling = bench.caps().groups[group.0].settling;
-    let walk = Displacement::ZERO;
-    let mut scan = ConicalScan::new(watch, beam, shape, bench, (at, gap), walk, None).wary();
+    let shape = &recipe.fast.conical_scan;
+    let mut scan = begin(bench, (group, meter), beam, recipe, &dark, gap);
     let radius = circles(bench, group, beam.width(gap), shape.radius);
     let (_, sigma) = bench.look(meter.0, TUNING.taught.look).await?;
     scan.set_noise(sigma.max(dark.sigma), TUNING.taught.look as f64 - 2.0);
@@ -108,15 +97,11 @@ async fn climb(
         .accuracy
         .max(TUNING.taught.known * beam.width(gap));
     let long = bench.now() + TUNING.taught.turns * scan.period();
-    let last = match scan
-        .settle(bench, gap, (accuracy, 1.0), "final", &|| {
+    let last = scan
+        .last_turns(bench, gap, accuracy, "final", &|| {
             bench.is_past(long).into()
         })
-        .await
-    {
-        Ok(peak) => scan.confirm(bench, gap, &peak, "final").await,
-        Err(halt) => Err(halt),
-    };
+        .await;
     if let Err(Halt::Outcome(_)) = &last {
         // It stands where it was believed last, and not on a circle.
         scan.rest(bench, gap).await?;
@@ -138,6 +123,38 @@ async fn climb(
             .hypot(steps),
         light,
     })
+}
+
+/// Circles that begin where a group stands at a gap, metres. A coarse group goes along the beam: no peak walks for the fine one.
+pub(super) fn begin<'r>(
+    bench: &Reactor<'_>,
+    (group, meter): (Group, Meter),
+    beam: Beam,
+    recipe: &'r Recipe,
+    dark: &Dark,
+    gap: f64,
+) -> ConicalScan<'r> {
+    let here = bench.pose(group, bench.now()).map(|at| at.pose);
+    let at = here.map_or(Displacement::ZERO, |at| Displacement::new(at.x(), at.y()));
+    let watch = Watch {
+        group,
+        meter,
+        background: dark.mean,
+        noise: dark.sigma,
+        still: dark.sigma,
+        still_degrees: f64::INFINITY,
+    };
+    let shape = &recipe.fast.conical_scan;
+    ConicalScan::new(
+        watch,
+        beam,
+        shape,
+        bench,
+        (at, gap),
+        Displacement::ZERO,
+        None,
+    )
+    .wary()
 }
 
 /// The light of a fiber that stands still at its peak.

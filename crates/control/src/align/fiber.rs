@@ -1,10 +1,10 @@
 //! A fiber in the arm of a bench, from the tray to the chip.
 
-use super::climb::{circles, range};
+use super::climb::{begin, circles, range};
 use super::{Dark, Taught, line};
 use crate::beam::Beam;
 use crate::belief::{Across, Place};
-use crate::conical_scan::{Closing, ConicalScan, Gap, Ready, Watch};
+use crate::conical_scan::{Closing, ConicalScan, Gap, Ready};
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::{LONGEST, Reactor, refused};
 use crate::recipe::Recipe;
@@ -195,21 +195,8 @@ impl<'d> Fiber<'d> {
 
     /// Circles begin where the fine group stands.
     pub(super) fn begin_scan(&mut self, bench: &Reactor<'_>, dark: &Dark) {
-        let here = bench.pose(self.fine, bench.now()).map(|at| at.pose);
-        let at = here.map_or(Displacement::ZERO, |at| Displacement::new(at.x(), at.y()));
-        let watch = Watch {
-            group: self.fine,
-            meter: self.meter,
-            background: dark.mean,
-            noise: dark.sigma,
-            still: dark.sigma,
-            still_degrees: f64::INFINITY,
-        };
-        let shape = &self.recipe.fast.conical_scan;
-        let still = Displacement::ZERO;
-        // The coarse group goes along the beam: no peak walks for the fine one.
-        let start = (at, self.gap);
-        let scan = ConicalScan::new(watch, self.beam, shape, bench, start, still, None).wary();
+        let of = (self.fine, self.meter);
+        let scan = begin(bench, of, self.beam, self.recipe, dark, self.gap);
         self.scan = Some(scan);
     }
 
@@ -372,13 +359,9 @@ impl<'d> Fiber<'d> {
             scan.rest(bench, gap).await?;
             self.learn_noise(bench, dark, TUNING.taught.steady).await?;
             let scan = self.circling(bench)?;
-            let last = match scan
-                .settle(bench, gap, (accuracy, 1.0), "final", &|| Ready::Yes)
-                .await
-            {
-                Ok(peak) => scan.confirm(bench, gap, &peak, "final").await,
-                Err(halt) => Err(halt),
-            };
+            let last = scan
+                .last_turns(bench, gap, accuracy, "final", &|| Ready::Yes)
+                .await;
             let (foreseen, known) = match last {
                 Ok(last) => last,
                 Err(Halt::Outcome(doubt)) => {

@@ -313,6 +313,25 @@ impl ConicalScan<'_> {
         Ok(Near { seen, old, rings })
     }
 
+    /// Turns until the peak is known to `accuracy` metres and all else is `ready`, then a look from near: [`Self::settle`] and
+    /// [`Self::confirm`] where nothing is asked between them.
+    ///
+    /// # Errors
+    ///
+    /// As theirs.
+    pub async fn last_turns(
+        &mut self,
+        bench: &Reactor<'_>,
+        gap: f64,
+        accuracy: f64,
+        phase: &'static str,
+        ready: &impl Fn() -> Ready,
+    ) -> Result<(Foreseen, Across), Halt> {
+        let known = (accuracy, 1.0);
+        let peak = self.settle(bench, gap, known, phase, ready).await?;
+        self.confirm(bench, gap, &peak, phase).await
+    }
+
     /// Goes around a small circle, from which the light at its middle can be told: whether the peak is
     /// where it was `foreseen`, which a piezo that has given way meanwhile would not be at. Then
     /// goes to the peak by both, each as far as it is sure, and comes to rest there. Returns the light

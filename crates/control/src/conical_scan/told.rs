@@ -8,7 +8,6 @@ use crate::outcome::Halt;
 use crate::reactor::Reactor;
 use crate::shaking::{Scatter, Shaking};
 use crate::tuning::TUNING;
-use pigtail_hal::Fault;
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::line::Line;
 use std::f64::consts::TAU;
@@ -264,14 +263,10 @@ impl ConicalScan<'_> {
     }
 
     /// So many light samples from now on: their numbers, and the light, volts.
-    async fn look(&self, bench: &Reactor<'_>, samples: usize) -> Result<Vec<(f64, f64)>, Fault> {
-        let mut seen = Vec::with_capacity(samples);
-        while seen.len() < samples {
-            if let Some((_, volts)) = bench.sample(self.watch.meter.0, f64::INFINITY).await? {
-                seen.push((seen.len() as f64, volts - self.watch.background));
-            }
-        }
-        Ok(seen)
+    async fn look(&self, bench: &Reactor<'_>, samples: usize) -> Result<Vec<(f64, f64)>, Halt> {
+        let seen = bench.samples(self.watch.meter.0, samples).await?;
+        let volts = seen.iter().map(|(_, volts)| volts - self.watch.background);
+        Ok(volts.enumerate().map(|(k, v)| (k as f64, v)).collect())
     }
 
     /// What looks of means of so many samples `together` say of the tip's place, beside the light's unrest where no shaking makes any: that
