@@ -77,8 +77,8 @@ pub fn with_climb(
 ) -> Vec<FiberReport> {
     let cell = AlignmentCell::over(station);
     let cell = &cell;
-    cell.run(each_fiber(cell, recipe, async |job, port| {
-        let found = match port {
+    cell.run(each_fiber(cell, recipe, async |job| {
+        let found = match job.output {
             None => {
                 cell.laser(true)?;
                 first_light_of_input(job, cell).await?

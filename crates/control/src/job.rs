@@ -48,6 +48,8 @@ pub const PORTS: [&str; 1 + OUTPUTS] = ["input", "output1", "output2"];
 /// A fiber on its way to a port.
 pub(crate) struct Job<'r> {
     pub(crate) recipe: &'r Recipe,
+    /// Which output it is for; none for the input.
+    pub(crate) output: Option<usize>,
     name: &'static str,
     /// The manipulator that carries it.
     pub(crate) side: Side,
@@ -96,26 +98,23 @@ pub struct AtPeak {
     pub room: f64,
 }
 
-/// Aligns the fibers of a device one after the other, the input (`None`) first. Outputs are
+/// Aligns the fibers of a device one after the other, the input first. Outputs are
 /// attempted where the input is aligned, and nothing once the machine has stopped.
 pub(crate) async fn run_all<'r>(
     recipe: &'r Recipe,
-    mut align: impl AsyncFnMut(&mut Job<'r>, Option<usize>) -> Result<(), Halt>,
-    mut put_back: impl AsyncFnMut(&mut Job<'r>, Option<usize>) -> Result<(), Fault>,
+    mut align: impl AsyncFnMut(&mut Job<'r>) -> Result<(), Halt>,
+    mut put_back: impl AsyncFnMut(&mut Job<'r>) -> Result<(), Fault>,
 ) -> Vec<FiberReport> {
     let mut reports: Vec<FiberReport> = Vec::with_capacity(PORTS.len());
-    for port in std::iter::once(None).chain((0..recipe.ports.outputs.len()).map(Some)) {
-        let mut job = port.map_or_else(|| Job::input(recipe), |k| Job::output(recipe, k));
-        let dark = port.is_some() && reports[0].outcome != Outcome::Aligned;
+    for mut job in Job::all(recipe) {
+        let dark = job.output.is_some() && reports[0].outcome != Outcome::Aligned;
         let stopped = reports
             .iter()
             .any(|report| report.outcome.fault().is_some());
         reports.push(if dark || stopped {
             job.report(Outcome::NotAttempted)
         } else {
-            let align = async |job: &mut Job<'r>| align(job, port).await;
-            let put_back = async |job: &mut Job<'r>| put_back(job, port).await;
-            job.run(align, put_back).await
+            job.run(&mut align, &mut put_back).await
         });
     }
     reports
@@ -125,8 +124,7 @@ pub(crate) async fn run_all<'r>(
 pub fn not_begun(recipe: &Recipe, fault: Fault) -> Vec<FiberReport> {
     let mut outcomes =
         std::iter::once(Outcome::Stopped(fault)).chain(std::iter::repeat(Outcome::NotAttempted));
-    std::iter::once(Job::input(recipe))
-        .chain((0..recipe.ports.outputs.len()).map(|k| Job::output(recipe, k)))
+    Job::all(recipe)
         .map(|mut job| job.report(outcomes.next().unwrap_or(Outcome::NotAttempted)))
         .collect()
 }
@@ -137,27 +135,29 @@ impl<'r> Job<'r> {
         self.shaking = Some(self.shaking.map_or(shaking, |before| before.and(shaking)));
     }
 
-    /// The input fiber's way to its port.
-    pub(crate) fn input(recipe: &'r Recipe) -> Self {
-        let port = recipe.ports.input;
-        Self::new(recipe, PORTS[0], Side::Left, port, Channel::Sensing)
+    /// The ways of a device's fibers, the input's first.
+    fn all(recipe: &'r Recipe) -> impl Iterator<Item = Self> {
+        let outputs = (0..recipe.ports.outputs.len()).map(Some);
+        std::iter::once(None)
+            .chain(outputs)
+            .map(|output| Self::of(recipe, output))
     }
 
-    /// The way of an output fiber.
-    pub(crate) fn output(recipe: &'r Recipe, index: usize) -> Self {
-        let (name, port) = (PORTS[1 + index], recipe.ports.outputs[index]);
-        Self::new(recipe, name, Side::Right, port, Channel::of_output(index))
-    }
-
-    fn new(
-        recipe: &'r Recipe,
-        name: &'static str,
-        side: Side,
-        [x, y, z]: [f64; 3],
-        channel: Channel,
-    ) -> Self {
+    /// The way to the input, or to an output.
+    pub(crate) fn of(recipe: &'r Recipe, output: Option<usize>) -> Self {
+        let ports = &recipe.ports;
+        let (name, side, [x, y, z], channel) = match output {
+            None => (PORTS[0], Side::Left, ports.input, Channel::Sensing),
+            Some(k) => (
+                PORTS[1 + k],
+                Side::Right,
+                ports.outputs[k],
+                Channel::of_output(k),
+            ),
+        };
         Self {
             recipe,
+            output,
             name,
             side,
             port: Point::new(x, y, z),

@@ -280,9 +280,9 @@ async fn covered(
         Method::Multimode => Channel::Sensing,
     };
     cell.laser(true)?;
-    let mut input = Job::input(recipe);
+    let mut input = Job::of(recipe, None);
     input.channel = channel;
-    let output = Job::output(recipe, 0);
+    let output = Job::of(recipe, Some(0));
     let begin = cell.now();
     cell.announce(space.method.name(), "coarse");
     cell.load(Side::Left, 0).await?;

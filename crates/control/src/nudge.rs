@@ -29,17 +29,17 @@ const JOINTS: [Axis; 2] = [Axis::A, Axis::B];
 pub fn macro_only(station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
     let cell = AlignmentCell::over(station);
     let cell = &cell;
-    cell.run(each_fiber(cell, recipe, async |job, port| {
-        if port.is_none() {
+    cell.run(each_fiber(cell, recipe, async |job| {
+        if job.output.is_none() {
             cell.laser(true)?;
         }
-        align(job, cell, port.unwrap_or(0)).await
+        align(job, cell).await
     }))
 }
 
 /// Aligns one fiber; the servo has the joints back in the end, whatever came of it.
-async fn align(job: &mut Job<'_>, cell: &AlignmentCell<'_>, index: usize) -> Result<(), Halt> {
-    let result = held_and_nudged(job, cell, index).await;
+async fn align(job: &mut Job<'_>, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
+    let result = held_and_nudged(job, cell).await;
     let side = job.side;
     cell.voltage(|machine| {
         for axis in JOINTS {
@@ -49,12 +49,9 @@ async fn align(job: &mut Job<'_>, cell: &AlignmentCell<'_>, index: usize) -> Res
     result
 }
 
-async fn held_and_nudged(
-    job: &mut Job<'_>,
-    cell: &AlignmentCell<'_>,
-    index: usize,
-) -> Result<(), Halt> {
+async fn held_and_nudged(job: &mut Job<'_>, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
     let (side, recipe) = (job.side, job.recipe);
+    let index = job.output.unwrap_or(0);
     job.phase(cell, "coarse", async |job| {
         job.withdraw(cell, side).await?;
         if !cell.carries(side) {

@@ -9,7 +9,7 @@ use crate::cell::AlignmentCell;
 use crate::job::{FiberReport, Job, run_all};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::peak::NinePoint;
-use crate::recipe::{RasterPass, Recipe};
+use crate::recipe::Recipe;
 use crate::search::{Hit, Searcher, centre_sensing, edge_from_below};
 use crate::shaking::Shaking;
 use crate::station::{Level, Station};
@@ -22,24 +22,21 @@ use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 /// Aligns the input fiber and the output fibers of one device, as the thesis does.
 pub fn thesis(station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
     let cell = AlignmentCell::over(station);
-    cell.run(each_fiber(&cell, recipe, async |job, port| {
-        if port.is_none() {
+    cell.run(each_fiber(&cell, recipe, async |job| {
+        if job.output.is_none() {
             cell.laser(true)?;
         }
-        match port {
-            None => job.align_input(&cell).await,
-            Some(k) => job.align_output(&cell, k).await,
-        }
+        job.align(&cell).await
     }))
 }
 
-/// Aligns the fibers of a device one after the other, the input (`None`) first; one that fails goes back into the tray.
+/// Aligns the fibers of a device one after the other, the input first; one that fails goes back into the tray.
 pub(crate) async fn each_fiber<'r>(
     cell: &AlignmentCell<'_>,
     recipe: &'r Recipe,
-    align: impl AsyncFnMut(&mut Job<'r>, Option<usize>) -> Result<(), Halt>,
+    align: impl AsyncFnMut(&mut Job<'r>) -> Result<(), Halt>,
 ) -> Vec<FiberReport> {
-    run_all(recipe, align, async |job, _| job.put_back(cell).await).await
+    run_all(recipe, align, async |job| job.put_back(cell).await).await
 }
 
 /// Lights the guides of a device for an experiment: the input fiber aligned and attached as in
@@ -63,7 +60,7 @@ pub(crate) async fn lit(
     let mut recipe = recipe.clone();
     recipe.last.accuracy = accuracy;
     cell.laser(true)?;
-    Job::input(&recipe).align_input(cell).await
+    Job::of(&recipe, None).align(cell).await
 }
 
 /// Light that was found, with the macro brought to it.
@@ -87,103 +84,49 @@ impl Job<'_> {
         well(cell.unload(self.side).await)
     }
 
-    /// Aligns the input fiber, be it carried already or not.
-    pub(crate) async fn align_input(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
-        let found = self.find_input(cell).await?;
+    /// Aligns the fiber, be it carried already or not.
+    pub(crate) async fn align(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
+        let found = self.find(cell).await?;
         self.finish(cell, &found).await
     }
 
-    /// Brings the input fiber to the peak before its port, and leaves it there, not attached.
-    pub(crate) async fn reach_input(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
-        let found = self.find_input(cell).await?;
+    /// Brings the fiber to the peak before its port, and leaves it there, not attached.
+    pub(crate) async fn reach(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
+        let found = self.find(cell).await?;
         self.maximize(cell, &found, async |_, _| Ok(())).await
     }
 
     /// From the tray to first light.
-    pub(crate) async fn find_input(&mut self, cell: &AlignmentCell<'_>) -> Result<Found, Halt> {
-        if !cell.carries(Side::Left) {
-            cell.load(Side::Left, 0).await?;
+    pub(crate) async fn find(&mut self, cell: &AlignmentCell<'_>) -> Result<Found, Halt> {
+        let (side, recipe) = (self.side, self.recipe);
+        let port = self.output.unwrap_or(0);
+        if self.output.is_none() && !cell.carries(side) {
+            cell.load(side, port).await?;
         }
-        let recipe = self.recipe;
-        let output = recipe.ports.outputs[0];
         self.phase(cell, "coarse", async |job| {
-            job.place(
-                cell,
-                Side::Left,
-                Tip::Fiber,
-                job.search_start(),
-                recipe.raster.gap,
-            )
-            .await
-        })
-        .await?;
-        let top = self
-            .phase(cell, "sensing", async |job| {
-                job.find_top(cell, output).await
-            })
-            .await?;
-        self.phase(cell, "raster", async |job| {
-            job.rasters(cell, &recipe.raster.retry.passes, async |pass| {
-                let sensing = pass.sensing * recipe.sensing.sidestep;
-                job.arrive(cell, Side::Right, top.shifted(sensing, 0.0, 0.0))
-                    .await
-            })
-            .await
-        })
-        .await
-    }
-
-    /// Aligns an output fiber, be it carried already or not.
-    pub(crate) async fn align_output(
-        &mut self,
-        cell: &AlignmentCell<'_>,
-        index: usize,
-    ) -> Result<(), Halt> {
-        let found = self.find_output(cell, index).await?;
-        self.finish(cell, &found).await
-    }
-
-    /// Brings an output fiber to the peak before its port, and leaves it there, not attached.
-    pub(crate) async fn reach_output(
-        &mut self,
-        cell: &AlignmentCell<'_>,
-        index: usize,
-    ) -> Result<(), Halt> {
-        let found = self.find_output(cell, index).await?;
-        self.maximize(cell, &found, async |_, _| Ok(())).await
-    }
-
-    /// From the tray to first light.
-    pub(crate) async fn find_output(
-        &mut self,
-        cell: &AlignmentCell<'_>,
-        index: usize,
-    ) -> Result<Found, Halt> {
-        let recipe = self.recipe;
-        self.phase(cell, "coarse", async |job| {
-            // Loaded only now, and away from the chip: an output fiber stands out beyond the
-            // sensing fiber.
-            job.withdraw(cell, Side::Right).await?;
-            if !cell.carries(Side::Right) {
-                cell.load(Side::Right, index).await?;
+            if job.output.is_some() {
+                // Loaded only now, and away from the chip: an output fiber stands out beyond the
+                // sensing fiber.
+                job.withdraw(cell, side).await?;
+                if !cell.carries(side) {
+                    cell.load(side, port).await?;
+                }
             }
-            job.place(
-                cell,
-                Side::Right,
-                Tip::Fiber,
-                job.search_start(),
-                recipe.raster.gap,
-            )
-            .await
+            let start = job.search_start();
+            job.place(cell, side, Tip::Fiber, start, recipe.raster.gap)
+                .await
         })
         .await?;
-        self.phase(cell, "raster", async |job| {
-            let passes = recipe.raster.retry.passes.iter();
-            // The sensing fiber sees none of it.
-            let passes: Vec<_> = passes.copied().filter(|pass| pass.sensing == 0.0).collect();
-            job.rasters(cell, &passes, async |_| Ok(())).await
-        })
-        .await
+        // It sees the input's light alone.
+        let sensing = if self.output.is_none() {
+            let output = recipe.ports.outputs[0];
+            let top = async |job: &mut Self| job.find_top(cell, output).await;
+            Some(self.phase(cell, "sensing", top).await?)
+        } else {
+            None
+        };
+        self.phase(cell, "raster", async |job| job.rasters(cell, sensing).await)
+            .await
     }
 
     /// From first light to an attached fiber.
@@ -383,21 +326,24 @@ impl Job<'_> {
         Ok(cell.wanted(side))
     }
 
-    /// Rasters from where the fiber stands, one pass after the other until there is light; before each but the first the sensing fiber goes where
-    /// that is to see it.
+    /// Rasters from where the fiber stands, one pass after the other until there is light. What the `sensing` fiber is to see is looked for wherever
+    /// that is to stand; what it does not see only in the passes in which it stays.
     async fn rasters(
         &self,
         cell: &AlignmentCell<'_>,
-        passes: &[RasterPass],
-        mut sensing: impl AsyncFnMut(&RasterPass) -> Result<(), Halt>,
+        sensing: Option<Point<Macro>>,
     ) -> Result<Found, Halt> {
-        let raster = &self.recipe.raster;
+        let (raster, step) = (&self.recipe.raster, self.recipe.sensing.sidestep);
         let lowest = cell.wanted(self.side);
         let between = raster.retry.between * raster.mesh;
         let mut evidence: Option<SearchEvidence> = None;
-        for pass in passes {
+        let passes = raster.retry.passes.iter();
+        for pass in passes.filter(|pass| sensing.is_some() || pass.sensing == 0.0) {
             if evidence.is_some() {
-                sensing(pass).await?;
+                if let Some(top) = sensing {
+                    let there = top.shifted(pass.sensing * step, 0.0, 0.0);
+                    self.arrive(cell, Side::Right, there).await?;
+                }
                 cell.move_micro(self.side, Displacement::ZERO)?;
                 let start = lowest.shifted(pass.aside * raster.x, -between, 0.0);
                 self.arrive(cell, self.side, start).await?;

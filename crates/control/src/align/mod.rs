@@ -153,13 +153,13 @@ impl<'d> Device<'d, '_> {
         let mut shared = Shared::default();
         run_all(
             self.recipe,
-            async |job, port| match port {
+            async |job| match job.output {
                 None => self.input_fiber(job, &mut shared).await,
                 Some(port) => self.output_fiber(job, port, &mut shared).await,
             },
-            async |_, port| {
+            async |job| {
                 // Where the input fails its first output goes back too.
-                for arm in if port.is_none() { 0..2 } else { 1..2 } {
+                for arm in if job.output.is_none() { 0..2 } else { 1..2 } {
                     self.put_back(arm).await?;
                 }
                 Ok(())

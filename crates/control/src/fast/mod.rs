@@ -99,11 +99,7 @@ impl<'r> Shared<'r> {
 
     async fn align(&mut self, cell: &AlignmentCell<'_>) -> Vec<FiberReport> {
         let recipe = self.recipe;
-        each_fiber(cell, recipe, async |job, port| match port {
-            None => self.align_input(job, cell).await,
-            Some(k) => self.align_output(job, cell, k).await,
-        })
-        .await
+        each_fiber(cell, recipe, async |job| self.fiber(job, cell).await).await
     }
 }
 
@@ -117,18 +113,60 @@ impl Shared<'_> {
         self.recipe.raster.below()
     }
 
-    async fn align_input(
-        &mut self,
-        job: &mut Job<'_>,
-        cell: &AlignmentCell<'_>,
-    ) -> Result<(), Halt> {
-        let (recipe, fast) = (self.recipe, self.fast);
+    /// A fiber to its port.
+    async fn fiber(&mut self, job: &mut Job<'_>, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
+        let fast = self.fast;
         let aim = Aim {
             side: job.side,
             tip: Tip::Fiber,
             port: job.port,
         };
-        let [x, y, z] = recipe.ports.outputs[0];
+        // The sensing fiber sees the input's light alone.
+        let (seen, gap, spacing) = match job.output {
+            None => (true, fast.input_gap, fast.input_spacing),
+            Some(_) => (false, fast.output_gap, fast.output_spacing),
+        };
+        // Where it is not in its place there is nothing to look for.
+        let passes: &[Pass] = if self.bring(job, cell, &aim).await? {
+            &fast.retry.passes
+        } else {
+            &[]
+        };
+        let passes = passes.iter().filter(|pass| seen || pass.sensing == 0.0);
+        for (attempt, pass) in passes.enumerate() {
+            if seen {
+                let aside = pass.sensing * fast.sensing.sidestep;
+                cell.move_micro(Side::Right, Displacement::new(aside, 0.0))?;
+            }
+            let look = self.look(pass, gap, spacing, attempt > 0);
+            let result = self.attempt(job, cell, &aim, &look).await;
+            if !self.again(&result, attempt) && !self.learns_to_ask(cell, &result) {
+                return result;
+            }
+        }
+        if seen {
+            cell.move_micro(Side::Right, Displacement::ZERO)?;
+        }
+        if !cell.follows(job.side) {
+            return job.align(cell).await;
+        }
+        let found = job.find(cell).await?;
+        self.after_raster(job, cell, &aim, &found).await
+    }
+
+    /// A fiber to the start of its search, and the sensing fiber over the chip's top if it is to see its light: whether it is there.
+    async fn bring(
+        &mut self,
+        job: &mut Job<'_>,
+        cell: &AlignmentCell<'_>,
+        aim: &Aim,
+    ) -> Result<bool, Halt> {
+        if let Some(index) = job.output {
+            let change = async |_: &mut Job<'_>| self.change_fiber(cell, aim, index).await;
+            job.phase(cell, "coarse", change).await?;
+            return Ok(true);
+        }
+        let [x, y, z] = self.recipe.ports.outputs[0];
         let sensing = Aim {
             side: Side::Right,
             tip: Tip::Sensing,
@@ -138,69 +176,18 @@ impl Shared<'_> {
             cell.load(Side::Left, 0).await?;
         }
         job.phase(cell, "coarse", async |_| {
-            self.come_near(cell, &aim, &sensing).await
+            self.come_near(cell, aim, &sensing).await
         })
         .await?;
-        let over = job
-            .phase(cell, "sensing", async |_| {
-                self.over_the_top(cell, &sensing).await?;
-                // The input fiber has stood still meanwhile: vision knows it better now.
-                self.straighten(cell, &aim, fast.input_gap)
-            })
-            .await;
-        let passes: &[Pass] = match over {
-            Ok(()) => &fast.retry.passes,
-            Err(Halt::Fault(fault)) => return Err(fault.into()),
-            // Without the sensing fiber in its place there is nothing to look for.
-            Err(Halt::Outcome(_)) => &[],
-        };
-        for (attempt, pass) in passes.iter().enumerate() {
-            let aside = pass.sensing * fast.sensing.sidestep;
-            cell.move_micro(Side::Right, Displacement::new(aside, 0.0))?;
-            let look = self.look(pass, fast.input_gap, fast.input_spacing, attempt > 0);
-            let result = self.attempt(job, cell, &aim, &look).await;
-            if !self.again(&result, attempt) && !self.learns_to_ask(cell, &result) {
-                return result;
-            }
+        let over = job.phase(cell, "sensing", async |_| {
+            self.over_the_top(cell, &sensing).await?;
+            // The input fiber has stood still meanwhile: vision knows it better now.
+            self.straighten(cell, aim, self.fast.input_gap)
+        });
+        match over.await {
+            Err(Halt::Outcome(_)) => Ok(false),
+            over => over.map(|()| true),
         }
-        cell.move_micro(Side::Right, Displacement::ZERO)?;
-        if !cell.follows(job.side) {
-            return job.align_input(cell).await;
-        }
-        let found = job.find_input(cell).await?;
-        self.after_raster(job, cell, &aim, &found).await
-    }
-
-    async fn align_output(
-        &mut self,
-        job: &mut Job<'_>,
-        cell: &AlignmentCell<'_>,
-        index: usize,
-    ) -> Result<(), Halt> {
-        let fast = self.fast;
-        let aim = Aim {
-            side: job.side,
-            tip: Tip::Fiber,
-            port: job.port,
-        };
-        job.phase(cell, "coarse", async |_| {
-            self.change_fiber(cell, &aim, index).await
-        })
-        .await?;
-        // The sensing fiber sees none of it.
-        let passes = fast.retry.passes.iter().filter(|pass| pass.sensing == 0.0);
-        for (attempt, pass) in passes.enumerate() {
-            let look = self.look(pass, fast.output_gap, fast.output_spacing, attempt > 0);
-            let result = self.attempt(job, cell, &aim, &look).await;
-            if !self.again(&result, attempt) && !self.learns_to_ask(cell, &result) {
-                return result;
-            }
-        }
-        if !cell.follows(job.side) {
-            return job.align_output(cell, index).await;
-        }
-        let found = job.find_output(cell, index).await?;
-        self.after_raster(job, cell, &aim, &found).await
     }
 
     /// Whether to try a fiber again after this many tries, of which the last came to this.

@@ -27,19 +27,19 @@ pub fn watch_tips(station: &mut Station, recipe: &Recipe, seconds: f64) -> Vec<F
     let cell = AlignmentCell::over(station);
     let mut shared = Shared::new(&recipe);
     cell.run(async {
-        let mut input = Job::input(&recipe);
+        let mut input = Job::of(&recipe, None);
         input.holds = true;
         let put_back = async |job: &mut Job<'_>| job.put_back(&cell).await;
-        let reached = input.run(async |job| shared.align_input(job, &cell).await, put_back);
+        let reached = input.run(async |job| shared.fiber(job, &cell).await, put_back);
         let mut report = reached.await;
         let Some(held) = input.at_peak.filter(|_| report.outcome.is_aligned()) else {
-            let dark = Job::output(&recipe, 0).report(Outcome::NotAttempted);
+            let dark = Job::of(&recipe, Some(0)).report(Outcome::NotAttempted);
             return vec![report, dark];
         };
-        let mut output = Job::output(&recipe, 0);
+        let mut output = Job::of(&recipe, Some(0));
         output.holds = true;
         let watch = async |job: &mut Job<'_>| {
-            shared.align_output(job, &cell, 0).await?;
+            shared.fiber(job, &cell).await?;
             let Some(other) = job.at_peak else {
                 return Ok(());
             };
