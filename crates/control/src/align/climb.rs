@@ -134,8 +134,7 @@ pub(super) fn begin<'r>(
     dark: &Dark,
     gap: f64,
 ) -> ConicalScan<'r> {
-    let here = bench.pose(group, bench.now()).map(|at| at.pose);
-    let at = here.map_or(Displacement::ZERO, |at| Displacement::new(at.x(), at.y()));
+    let at = bench.across(group).unwrap_or(Displacement::ZERO);
     let watch = Watch {
         group,
         meter,

@@ -1,17 +1,17 @@
 //! A fiber in the arm of a bench, from the tray to the chip.
 
 use super::climb::{begin, circles, range};
-use super::{Dark, Taught, line};
+use super::{Dark, Taught};
 use crate::beam::Beam;
 use crate::belief::{Across, Place};
 use crate::conical_scan::{Closing, ConicalScan, Gap, Ready};
 use crate::outcome::{Halt, Outcome};
-use crate::reactor::{LONGEST, Reactor, refused};
+use crate::reactor::{LONGEST, Reactor};
 use crate::recipe::Recipe;
 use crate::still_there::{Foreseen, LightCheck};
 use crate::tuning::TUNING;
 use pigtail_hal::bench::{
-    AxisCaps, Degree, Dither, Glide, Group, Law, Limits, Meter, Pose, Request, Stage,
+    AxisCaps, Degree, Dither, Glide, Group, Law, Meter, Pose, Request, Stage,
 };
 use pigtail_model::frames::Displacement;
 
@@ -112,7 +112,9 @@ impl<'d> Fiber<'d> {
         let here = bench.pose(self.coarse, bench.now());
         let here = here.map_or(self.at_gap(TUNING.taught.clear), |at| at.pose);
         let clear = (self.taught.pose.z() - TUNING.taught.clear).min(here.z());
-        line(bench, self.coarse, here.with(Degree::Z, clear), None).await
+        bench
+            .line(self.coarse, here.with(Degree::Z, clear), None)
+            .await
     }
 
     /// Some fibers together to where the search begins: from below, along the beam.
@@ -128,11 +130,7 @@ impl<'d> Fiber<'d> {
                 } else {
                     fiber.at_gap(fiber.back)
                 };
-                let law = Law::Line {
-                    to,
-                    limits: Limits::default(),
-                };
-                tickets.push(bench.play(fiber.coarse, law).map_err(|why| refused(&why))?);
+                tickets.push(bench.send_to(fiber.coarse, to, None)?);
             }
             bench.done(tickets, LONGEST).await?;
         }
@@ -165,14 +163,12 @@ impl<'d> Fiber<'d> {
         }
         self.fine_to(bench, Displacement::ZERO).await?;
         self.aside = at;
-        line(bench, self.coarse, self.at_gap(self.gap), None).await
+        bench.line(self.coarse, self.at_gap(self.gap), None).await
     }
 
     /// The fine group goes somewhere and comes to rest.
     async fn fine_to(&self, bench: &Reactor<'_>, to: Displacement) -> Result<(), Halt> {
-        let now = bench.now();
-        let here = bench.pose(self.fine, now).map(|at| at.pose);
-        let here = here.map_or(Displacement::ZERO, |at| Displacement::new(at.x(), at.y()));
+        let here = bench.across(self.fine).unwrap_or(Displacement::ZERO);
         if (here - to).norm() < TUNING.taught.near * self.beam.width(0.0) {
             return Ok(());
         }
@@ -187,9 +183,7 @@ impl<'d> Fiber<'d> {
             lead: None,
             widens: None,
         };
-        bench
-            .play(self.fine, Law::Dither(law))
-            .map_err(|why| refused(&why))?;
+        bench.send(self.fine, Law::Dither(law))?;
         Ok(bench.wait(2.0 * settling).await?)
     }
 
@@ -277,15 +271,14 @@ impl<'d> Fiber<'d> {
         if place.x.abs() <= room(Degree::X) && place.y.abs() <= room(Degree::Y) {
             return Ok(false);
         }
-        let before = bench.pose(self.coarse, bench.now());
+        let before = bench.across(self.coarse);
         self.aside += place;
         self.fine_to(bench, Displacement::ZERO).await?;
-        line(bench, self.coarse, self.at_gap(self.gap), None).await?;
-        let after = bench.pose(self.coarse, bench.now());
-        let by = before.zip(after).map_or(place, |(before, after)| {
-            let by = after.pose - before.pose;
-            Displacement::new(by.x(), by.y())
-        });
+        bench.line(self.coarse, self.at_gap(self.gap), None).await?;
+        let after = bench.across(self.coarse);
+        let by = before
+            .zip(after)
+            .map_or(place, |(before, after)| after - before);
         self.scan()?.hand_over(by);
         Ok(true)
     }
@@ -309,9 +302,7 @@ impl<'d> Fiber<'d> {
             };
             let (to, led) = (self.at_gap(self.gap), self.led());
             let speed = TUNING.taught.closing * self.gap / self.scan()?.period();
-            let limits = Limits { speed: Some(speed) };
-            let law = Law::Line { to, limits };
-            let ticket = bench.play(self.coarse, law).map_err(|why| refused(&why))?;
+            let ticket = bench.send_to(self.coarse, to, Some(speed))?;
             self.circling(bench)?;
             let way = Closing {
                 group: self.coarse,

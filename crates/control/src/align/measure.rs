@@ -16,16 +16,16 @@
 use super::fiber::Fiber;
 use super::first_light::first_light;
 use super::observed::Observed;
-use super::{Belief, Dark, line};
+use super::{Belief, Dark};
 use crate::beam::Beam;
 use crate::outcome::{Halt, Outcome};
-use crate::reactor::{LONGEST, Reactor, refused};
+use crate::reactor::{LONGEST, Reactor};
 use crate::recipe::Recipe;
 use crate::station::Observer;
 use crate::tuning::TUNING;
 use nalgebra::Vector3;
 use pigtail_hal::Bench;
-use pigtail_hal::bench::{Degree, Group, Law, Limits, Meter, Pose, Request, Stage};
+use pigtail_hal::bench::{Degree, Group, Meter, Pose, Request, Stage};
 use pigtail_numerics::normal::Normal;
 use std::f64::consts::TAU;
 
@@ -133,10 +133,10 @@ pub fn move_axes(
                 };
                 let to = before.with(degree, before.0[degree.index()] + told);
                 let begin = bench.now();
-                line(&bench, group, to, None).await?;
+                bench.line(group, to, None).await?;
                 let seconds = bench.now() - begin;
                 let went = pose(&bench, group)?.0[degree.index()] - before.0[degree.index()];
-                line(&bench, group, before, None).await?;
+                bench.line(group, before, None).await?;
                 moved.push(MovedAxis {
                     name: format!("{}.{}", caps.name, degree.name()),
                     told,
@@ -277,7 +277,7 @@ async fn measure_arm(
     let peak = middle
         .with(Degree::X, x.centre.value)
         .with(Degree::Y, y.centre.value);
-    line(bench, fine, peak, None).await?;
+    bench.line(fine, peak, None).await?;
     let lag = |passed: &Passed| over(passed.apart, 2.0 * speed);
     let fine_lag = together(lag(&x), lag(&y));
     let here = pose(bench, coarse)?;
@@ -317,7 +317,7 @@ async fn measure_arm(
     };
     let fast = arm.passed(coarse, Degree::X, here, at(2.0 * speed)).await?;
     let slow = arm.passed(coarse, Degree::X, here, at(speed)).await?;
-    line(bench, coarse, here, None).await?;
+    bench.line(coarse, here, None).await?;
     let coarse_lag = over(
         Known {
             value: fast.apart.value - slow.apart.value,
@@ -367,7 +367,7 @@ async fn spot(
     let middle = pose(bench, fine)?;
     let x = arm.passed(fine, Degree::X, middle, of).await?.width;
     let y = arm.passed(fine, Degree::Y, middle, of).await?.width;
-    line(bench, fine, middle, None).await?;
+    bench.line(fine, middle, None).await?;
     let length = recipe.mode.wavelength / recipe.mode.gap_index / TAU;
     let spread = |gap: f64| length * gap / recipe.ports.exit_angle.cos();
     let unsure = fiber.unsure_of_gap();
@@ -466,7 +466,7 @@ impl Lines<'_, '_> {
         let half = TUNING.lines.half * of.width;
         let far = half + of.beyond;
         let [low, high] = [-far, far].map(|by| middle.with(degree, at + by));
-        line(self.bench, group, low, None).await?;
+        self.bench.line(group, low, None).await?;
         let (mut centres, mut aparts, mut widths) = (Vec::new(), Vec::new(), Vec::new());
         for _ in 0..of.times {
             let forth = self.peak(group, (degree, at, half), high, of.speed).await?;
@@ -492,11 +492,8 @@ impl Lines<'_, '_> {
         to: Pose,
         speed: f64,
     ) -> Result<(f64, f64), Halt> {
-        let limits = Limits { speed: Some(speed) };
         let (bench, begin) = (self.bench, self.bench.now());
-        bench
-            .play(group, Law::Line { to, limits })
-            .map_err(|why| refused(&why))?;
+        bench.send_to(group, to, Some(speed))?;
         let mut seen = Vec::new();
         while bench.moving(group) {
             if let Some((time, volts)) = bench.sample(self.meter, begin + LONGEST).await?
@@ -567,8 +564,8 @@ impl Steps<'_, '_, '_> {
         if let Some(degree) = above {
             before = before.with(degree, at.0[degree.index()] + run);
         }
-        line(bench, self.coarse, before, None).await?;
-        line(bench, self.coarse, at, None).await
+        bench.line(self.coarse, before, None).await?;
+        bench.line(self.coarse, at, None).await
     }
 
     /// Where the fine group sees the peak along an axis, from so far from where it was, metres.
@@ -599,7 +596,7 @@ impl Steps<'_, '_, '_> {
             }
             about = seen;
         }
-        line(bench, fine, self.peak, None).await?;
+        bench.line(fine, self.peak, None).await?;
         Ok(seen)
     }
 

@@ -19,13 +19,13 @@ pub use measure::{Known, MeasuredArm, MeasuredDark, MovedAxis, measure, measure_
 use crate::beam::Beam;
 use crate::job::{FiberReport, Job, run_all};
 use crate::outcome::{Halt, Outcome};
-use crate::reactor::{LONGEST, Reactor, refused};
+use crate::reactor::{LONGEST, Reactor};
 use crate::recipe::Recipe;
 use crate::station::Observer;
 use fiber::Fiber;
 use first_light::first_light;
 pub(crate) use observed::Observed;
-use pigtail_hal::bench::{Group, Law, Limits, Meter, Pose, Request};
+use pigtail_hal::bench::{Meter, Pose, Request};
 use pigtail_hal::{Bench, Fault};
 
 /// A pose that was taught: with the coarse group there and the fine group in its middle the fiber's tip touches the
@@ -269,13 +269,4 @@ impl<'d> Device<'d, '_> {
             Ok(()) | Err(Halt::Outcome(_)) => Ok(()),
         }
     }
-}
-
-/// A group goes straight to a pose and comes to rest.
-async fn line(bench: &Reactor<'_>, group: Group, to: Pose, speed: Option<f64>) -> Result<(), Halt> {
-    let limits = Limits { speed };
-    let ticket = bench
-        .play(group, Law::Line { to, limits })
-        .map_err(|why| refused(&why))?;
-    bench.done(vec![ticket], LONGEST).await
 }

@@ -2,7 +2,7 @@
 
 use super::{ConicalScan, Gap};
 use crate::outcome::{Halt, Outcome};
-use crate::reactor::{LONGEST, Reactor, refused};
+use crate::reactor::{LONGEST, Reactor};
 use pigtail_hal::bench::{Event, Group, Law, Ticket};
 
 /// A group on its way to the chip, and what the light has to be meanwhile.
@@ -83,8 +83,7 @@ impl ConicalScan<'_> {
                 },
                 Err(beyond) => beyond,
             };
-            let brake = bench.play(way.group, Law::Brake);
-            brake.map_err(|why| refused(&why))?;
+            bench.send(way.group, Law::Brake)?;
             bench.played(way.group).await?;
             return Err(why.into());
         }

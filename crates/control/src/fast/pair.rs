@@ -85,10 +85,7 @@ impl Shared<'_> {
         let mut watch = self.watch(held.side, held.channel);
         watch.background = held.background;
         let group = fine(held.side);
-        let here = cell.pose(group, cell.now());
-        let here = here.map_or(Displacement::ZERO, |at| {
-            Displacement::new(at.pose.x(), at.pose.y())
-        });
+        let here = cell.across(group).unwrap_or(Displacement::ZERO);
         let (shape, beam, gap) = (&self.fast.conical_scan, held.beam, held.gap);
         let mut scan = ConicalScan::new(watch, beam, shape, cell, (here, gap), held.walk, None);
         scan.centre(
