@@ -69,6 +69,7 @@ pub mod identify;
 pub mod impulse;
 pub mod job;
 pub mod kinematics;
+mod last_tries;
 pub mod maximization;
 pub mod methods;
 pub mod nudge;

@@ -98,7 +98,7 @@ async fn climb(
         .max(TUNING.taught.known * beam.width(gap));
     let long = bench.now() + TUNING.taught.turns * scan.period();
     let last = scan
-        .last_turns(bench, gap, accuracy, "final", &|| {
+        .last_turns(bench, gap, (accuracy, 1.0), "final", &|| {
             bench.is_past(long).into()
         })
         .await;

@@ -5,6 +5,7 @@ use super::{Dark, Taught};
 use crate::beam::Beam;
 use crate::belief::{Across, Place};
 use crate::conical_scan::{Closing, ConicalScan, Gap, Ready};
+use crate::last_tries::LastTries;
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::{LONGEST, Reactor};
 use crate::recipe::Recipe;
@@ -341,49 +342,41 @@ impl<'d> Fiber<'d> {
         let place = self.place(bench, Across::default());
         place.sure_along(self.recipe.accept.gap)?;
         let aside = self.recipe.accept.aside;
-        let mut accuracy = self.recipe.fast.accuracy;
-        let (mut why, mut watched) = (None, 0);
-        let retry = &self.recipe.fast.retry;
-        for _ in 0..retry.last_turns_blind {
+        let mut tries = LastTries::new(&self.recipe.fast);
+        loop {
+            tries.begin();
             // At its peak light does not tell how a tip shakes: what is seen there is noise.
             let scan = self.scan()?;
             scan.rest(bench, gap).await?;
             self.learn_noise(bench, dark, TUNING.taught.steady).await?;
             let scan = self.circling(bench)?;
-            let last = scan
-                .last_turns(bench, gap, accuracy, "final", &|| Ready::Yes)
-                .await;
-            let (foreseen, known) = match last {
-                Ok(last) => last,
-                Err(Halt::Outcome(doubt)) => {
-                    why = Some(doubt);
-                    continue;
-                }
+            let accuracy = tries.accuracy();
+            let last = scan.last_turns(bench, gap, accuracy, "final", &|| Ready::Yes);
+            let why = match last.await {
+                Err(Halt::Outcome(doubt)) => doubt,
                 Err(fault) => return Err(fault),
+                Ok((_, known)) if scan.misjudges_width() => {
+                    scan.believe_width();
+                    Outcome::Unsure {
+                        deviation: known.worse(),
+                        accuracy: accuracy.0,
+                    }
+                }
+                Ok((foreseen, known)) => {
+                    let Err(unsure) = scan.shaking().is_sure(aside, known) else {
+                        let across = scan.shaking().bonded(known);
+                        let noise = scan.noise();
+                        self.bond(bench, dark, foreseen, noise).await?;
+                        return Ok(Place { across, ..place });
+                    };
+                    tries.learn(bench, scan, gap, (aside, known)).await?;
+                    unsure
+                }
             };
-            if scan.misjudges_width() {
-                scan.believe_width();
-                why = Some(Outcome::Unsure {
-                    deviation: known.worse(),
-                    accuracy,
-                });
-                continue;
+            if tries.is_last() {
+                return Err(why.into());
             }
-            if let Err(unsure) = scan.shaking().is_sure(aside, known) {
-                scan.watch_while(bench, gap, &mut watched, |shaking| {
-                    shaking.is_sure(aside, known).is_err() && shaking.may_be_sure(aside, known)
-                })
-                .await?;
-                accuracy *= retry.better;
-                why = Some(unsure);
-                continue;
-            }
-            let across = scan.shaking().bonded(known);
-            let noise = scan.noise();
-            self.bond(bench, dark, foreseen, noise).await?;
-            return Ok(Place { across, ..place });
         }
-        Err(why.unwrap_or(Outcome::NotAttempted).into())
     }
 
     /// Attaches the fiber and looks whether its light stays as foreseen.

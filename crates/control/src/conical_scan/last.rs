@@ -313,7 +313,7 @@ impl ConicalScan<'_> {
         Ok(Near { seen, old, rings })
     }
 
-    /// Turns until the peak is known to `accuracy` metres and all else is `ready`, then a look from near: [`Self::settle`] and
+    /// Turns until the peak is known well enough and all else is `ready`, then a look from near: [`Self::settle`] and
     /// [`Self::confirm`] where nothing is asked between them.
     ///
     /// # Errors
@@ -323,12 +323,11 @@ impl ConicalScan<'_> {
         &mut self,
         bench: &Reactor<'_>,
         gap: f64,
-        accuracy: f64,
+        accuracy: (f64, f64),
         phase: &'static str,
         ready: &impl Fn() -> Ready,
     ) -> Result<(Foreseen, Across), Halt> {
-        let known = (accuracy, 1.0);
-        let peak = self.settle(bench, gap, known, phase, ready).await?;
+        let peak = self.settle(bench, gap, accuracy, phase, ready).await?;
         self.confirm(bench, gap, &peak, phase).await
     }
 

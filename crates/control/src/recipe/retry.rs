@@ -33,8 +33,6 @@ pub struct Retry {
     pub unsure: u32,
     /// How often the last turns are begun...
     pub last_turns: u32,
-    /// ...the same on a bench without a camera, which has no others...
-    pub last_turns_blind: u32,
     /// ...how well the peak is to be known each time, of the time before, where that may make a fiber sure...
     #[serde(with = "quantity::Fraction")]
     pub better: f64,
@@ -113,7 +111,6 @@ impl Default for Retry {
             ratio: 2,
             unsure: 1,
             last_turns: 3,
-            last_turns_blind: 4,
             better: 0.6,
             gap: 3,
             patience: 8,
@@ -127,7 +124,6 @@ impl Retry {
     pub(super) fn check(&self) -> Result<(), (&'static str, String)> {
         for (key, count, least) in [
             ("fast.retry.last_turns", self.last_turns, 1),
-            ("fast.retry.last_turns_blind", self.last_turns_blind, 1),
             ("fast.retry.handed_over", self.handed_over, 1),
             ("fast.retry.centre", self.centre, 0),
             ("fast.retry.unsure", self.unsure, 0),
