@@ -12,8 +12,8 @@
 use anyhow::Result;
 use pigtail_control::baselines::{Spot, with_climb};
 use pigtail_control::cell::AlignmentCell;
+use pigtail_control::job::FiberReport;
 use pigtail_control::outcome::Halt;
-use pigtail_control::procedure::FiberReport;
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::Station;
 use pigtail_evaluate::benchmark::{ALGORITHMS, Algorithm, run};

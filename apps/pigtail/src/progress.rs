@@ -1,7 +1,7 @@
 //! A bar a phase with the light level, on a terminal; nothing elsewhere.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use pigtail_control::procedure::PORTS;
+use pigtail_control::job::PORTS;
 use pigtail_control::station::{Observer, Sample};
 use pigtail_hal::Channel;
 use std::time::Duration;

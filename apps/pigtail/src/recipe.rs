@@ -2,7 +2,7 @@
 
 use crate::{DONE, Failure};
 use clap::{Args, Subcommand};
-use pigtail_control::procedure::PORTS;
+use pigtail_control::job::PORTS;
 use pigtail_hal::Error;
 use pigtail_session::produce::production;
 use pigtail_session::rig::{DEFAULT_RIG_NAME, Rig};

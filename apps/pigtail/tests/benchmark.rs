@@ -1,7 +1,7 @@
 //! The benchmark counts by the truth: what an algorithm says of itself does not help it.
 
+use pigtail_control::job::FiberReport;
 use pigtail_control::outcome::{Halt, Outcome};
-use pigtail_control::procedure::FiberReport;
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::Station;
 use pigtail_evaluate::benchmark::{ALGORITHMS, Algorithm, Measured, run};

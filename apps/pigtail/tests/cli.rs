@@ -204,6 +204,17 @@ fn what_no_machine_and_no_device_could_be_is_refused() {
         (
             "recipe.toml",
             "[fast.conical_scan]",
+            "[fast.conical_scan]\nlag = \"1.2 ms\"",
+            &[
+                "rig/recipe.toml",
+                "fast.conical_scan.lag",
+                "geometry.micro.lag",
+                "calibration.toml",
+            ][..],
+        ),
+        (
+            "recipe.toml",
+            "[fast.conical_scan]",
             "[fast.retry]\nlast_turns = 0\n\n[fast.conical_scan]",
             &["rig/recipe.toml", "fast.retry.last_turns", "0", "1 to 100"][..],
         ),

@@ -6,6 +6,7 @@ use clap::Command;
 use pigtail::FileKind;
 use pigtail_control::calibration::Calibration;
 use pigtail_control::recipe::Recipe;
+use pigtail_control::tuning;
 use pigtail_cycle::recipe::Production;
 use pigtail_hal::Spec;
 use pigtail_hal::bench::spec::BenchSpec;
@@ -390,4 +391,43 @@ fn the_page_of_files_is_what_is_read() {
         file.table(&mut text, &[], &file.schema, "");
     }
     page("files.md", &text);
+}
+
+#[test]
+fn the_page_of_tuning_is_what_alignment_goes_by() {
+    let mut text = String::from(
+        "# Tuning\n\nNumbers that alignment goes by and that are neither a recipe's, nor a datasheet's, nor belief about one machine: \
+         thresholds, margins, counts. Each was found by looking at machines, nearly always at twins, so that on others alignment may do worse \
+         by it. They stand in one place of the program (`control/tuning`), and no file changes them. This page is made from there; a test fails when it is \
+         out of date.\n\n\
+         Origin: an *equation*, or what is meant, has it so; somebody has *measured* how others do; makers or the thesis have *stated* it; or it was a \
+         *choice*, which did well. A unit of 1 is none; a width is the distance at which the light has fallen to 1/e, a turn that of a circle, sigma a \
+         standard deviation.\n\n\
+         Shown to hold for is said of a topic as a whole: on these machines alignment was run with all of its numbers as they are, \
+         with the figures of [fleets](../howto/fleets.md), [benches](../howto/bench.md), [the procedures](../explanation/fast.md) and \
+         [production](../howto/produce.md). No number was varied by itself for that, but where its meaning says so.\n\n",
+    );
+    for topic in tuning::topics() {
+        let shown: Vec<_> = topic.shown.iter().map(|shown| shown.machines()).collect();
+        let _ = writeln!(
+            text,
+            "## {}\n\n`{}`. Shown to hold for: {}.\n\n| number | value | unit | origin | meaning |\n|---|---|---|---|---|",
+            topic.about.trim_end_matches('.'),
+            topic.key,
+            shown.join("; "),
+        );
+        for number in topic.numbers {
+            let _ = writeln!(
+                text,
+                "| `{}` | {} | {} | {} | {} |",
+                number.key,
+                number.value,
+                number.unit,
+                number.origin.name(),
+                number.meaning
+            );
+        }
+        text.push('\n');
+    }
+    page("tuning.md", &text);
 }

@@ -7,15 +7,15 @@
 //! the chip is stepwise, with a climb after each step.
 
 use crate::cell::AlignmentCell;
+use crate::job::{FiberReport, Job};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::peak::NinePoint;
-use crate::procedure::{
-    FiberReport, Found, Job, MOST_DISMISSED, each_fiber, look, lost, no_light, outward,
-};
+use crate::procedure::{Found, each_fiber, look, lost, no_light, outward};
 use crate::recipe::Recipe;
-use crate::search::{Hit, STILL_THERE, Searcher, centre_sensing};
+use crate::search::{Hit, Searcher, centre_sensing};
 use crate::station::Station;
 use crate::tip_estimator::Tip;
+use crate::tuning::TUNING;
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::Displacement;
 use std::f64::consts::TAU;
@@ -77,8 +77,8 @@ pub fn with_climb(
 ) -> Vec<FiberReport> {
     let cell = AlignmentCell::over(station);
     let cell = &cell;
-    cell.run(each_fiber(cell, recipe, async |job, port| {
-        let found = match port {
+    cell.run(each_fiber(cell, recipe, async |job| {
+        let found = match job.output {
             None => {
                 cell.laser(true)?;
                 first_light_of_input(job, cell).await?
@@ -177,7 +177,7 @@ async fn spirals(job: &Job<'_>, cell: &AlignmentCell<'_>) -> Result<Found, Halt>
                 seen.dismissed = 1;
             }
             let seen = seen.after(all);
-            if seen.dismissed >= MOST_DISMISSED {
+            if seen.dismissed >= raster.retry.dismissed as usize {
                 return Err(no_light(Some(seen)));
             }
             all = Some(seen);
@@ -274,7 +274,7 @@ async fn maximize(
                 centre_sensing(cell).await?;
             }
             let level = cell.level(channel, 0.04).await?.mean - found.background;
-            if level < STILL_THERE * found.level {
+            if level < TUNING.search.still_there * found.level {
                 return Err(lost("centre", level, found.level));
             }
             Ok(level)

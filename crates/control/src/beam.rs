@@ -1,6 +1,7 @@
 //! What is known beforehand of the light between a fiber and a guide: two like Gaussian modes.
 
 use crate::recipe::Mode;
+use crate::tuning::TUNING;
 use nalgebra::{Matrix3, Vector2, Vector3};
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::normal::{Normal, Problem, Rules, minimise};
@@ -36,14 +37,12 @@ pub struct SpotSize {
 impl SpotSize {
     /// What several fibers have told of one manipulator and one product, for another fiber of another device; `None` of none.
     pub fn of_all(told: &[Self]) -> Option<Self> {
-        /// Another fiber and another guide: makers state a tenth of a micrometre or two for either radius, of 2 to 5. An estimate.
-        const ANOTHER: f64 = 0.035;
         let axis = |i: usize| {
             let each = told
                 .iter()
                 .map(|one| (one.radius[i].ln(), one.deviation[i]));
             let (mean, deviation) = pooled(each);
-            (mean.exp(), deviation.hypot(ANOTHER))
+            (mean.exp(), deviation.hypot(TUNING.beam.another))
         };
         let [x, y] = [axis(0), axis(1)];
         (!told.is_empty()).then_some(Self {
@@ -54,9 +53,9 @@ impl SpotSize {
 
     /// Whether it is known better than a design is.
     pub fn is_known(&self) -> bool {
-        /// A fourth of what products differ by from what is usual; a choice.
-        const WELL: f64 = 0.05;
-        self.deviation.iter().all(|deviation| *deviation < WELL)
+        self.deviation
+            .iter()
+            .all(|deviation| *deviation < TUNING.beam.well)
     }
 }
 
@@ -67,13 +66,6 @@ pub struct Oblong {
     told: f64,
     sum: f64,
 }
-
-/// What modes are before anything was seen: one standard deviation, of guides diffused by 20 % more or less in either
-/// direction. A choice.
-const USUAL: f64 = 0.16;
-
-/// No spot is more oblong: one that is twice as wide one way as the other.
-const MOST: f64 = 0.6;
 
 impl Oblong {
     /// One that is known to a standard deviation.
@@ -87,7 +79,8 @@ impl Oblong {
 
     /// By which share the inverse square of the width is more in x, and less in y.
     pub fn share(&self) -> f64 {
-        (self.sum / (self.told + 1.0 / (USUAL * USUAL))).clamp(-MOST, MOST)
+        (self.sum / (self.told + 1.0 / (TUNING.beam.usual * TUNING.beam.usual)))
+            .clamp(-TUNING.beam.most_oblong, TUNING.beam.most_oblong)
     }
 }
 
@@ -140,7 +133,7 @@ impl Beam {
     pub fn as_measured(self, size: &SpotSize) -> Self {
         let [x, y] = size.radius.map(|radius| radius.powi(-2));
         let radius = (0.5 * (x + y)).sqrt().recip();
-        let share = ((x - y) / (x + y)).clamp(-MOST, MOST);
+        let share = ((x - y) / (x + y)).clamp(-TUNING.beam.most_oblong, TUNING.beam.most_oblong);
         Self {
             radius,
             rayleigh: self.rayleigh * (radius / self.radius).powi(2),
@@ -185,12 +178,10 @@ impl Beam {
 
     /// A spot of which the squares of the widths in x and in y are so many times those that are believed of a round one.
     pub fn widen(&mut self, times: [f64; 2]) -> Oblong {
-        /// How well widths tell how oblong it is, one standard deviation.
-        const KNOWN: f64 = 0.03;
         let [x, y] = times.map(f64::recip);
         self.radius *= (0.5 * (x + y)).sqrt().recip();
-        self.oblong = ((x - y) / (x + y)).clamp(-MOST, MOST);
-        Oblong::known(self.oblong, KNOWN)
+        self.oblong = ((x - y) / (x + y)).clamp(-TUNING.beam.most_oblong, TUNING.beam.most_oblong);
+        Oblong::known(self.oblong, TUNING.beam.known)
     }
 
     /// A spot that is as oblong as was seen.
@@ -220,8 +211,6 @@ impl Beam {
         noise: f64,
         axes: [Displacement; 2],
     ) -> Option<(f64, f64)> {
-        /// Least share of what readings tell that they do not tell of x and y as well.
-        const APART: f64 = 0.2;
         let mut normal = Normal::<2>::default();
         for r in readings {
             let off = (r.at - peak.at) / self.width(r.gap);
@@ -233,7 +222,7 @@ impl Beam {
         let alone = normal.matrix[(0, 0)].recip();
         let [share, _] = normal.solve()?.into();
         let variance = normal.matrix.try_inverse()?[(0, 0)];
-        (alone > APART * variance).then_some((share, variance))
+        (alone > TUNING.beam.apart * variance).then_some((share, variance))
     }
 
     /// The gap at which the spot is so many times as wide, squared, as at the chip, and one more, metres: one
@@ -328,9 +317,6 @@ struct Through<'a> {
     weight: f64,
 }
 
-/// How much it counts that the peak is near the middle of the readings.
-const PRIOR: f64 = 1.0;
-
 impl Through<'_> {
     fn place(&self, at: &Vector3<f64>) -> Displacement {
         self.start + Displacement::new(at[1], at[2]) * self.scale
@@ -348,14 +334,18 @@ impl Problem<3> for Through<'_> {
         let left =
             |r: &Reading| at[0] * self.beam.light(r, peak) * self.weight - r.volts / self.noise;
         let sum: f64 = self.readings.iter().map(|r| left(r).powi(2)).sum();
-        sum + PRIOR * (at[1] * at[1] + at[2] * at[2])
+        sum + TUNING.beam.prior * (at[1] * at[1] + at[2] * at[2])
     }
 
     fn equations(&self, at: &Vector3<f64>) -> Normal<3> {
         let peak = self.place(at);
         let mut normal = Normal {
-            matrix: Matrix3::from_diagonal(&Vector3::new(0.0, PRIOR, PRIOR)),
-            right: Vector3::new(0.0, -PRIOR * at[1], -PRIOR * at[2]),
+            matrix: Matrix3::from_diagonal(&Vector3::new(
+                0.0,
+                TUNING.beam.prior,
+                TUNING.beam.prior,
+            )),
+            right: Vector3::new(0.0, -TUNING.beam.prior * at[1], -TUNING.beam.prior * at[2]),
         };
         for r in self.readings {
             let (light, off) = (self.beam.light(r, peak), r.at - peak);

@@ -1,10 +1,9 @@
 //! What control believes of a fiber that it attaches.
 
+use crate::outcome::Outcome;
+use crate::tuning::TUNING;
 use pigtail_numerics::bisection::onset;
 use pigtail_numerics::statistics::outside;
-
-/// Probability of being outside a tolerance from which on a fiber is not believed.
-pub(crate) const UNSURE: f64 = 1e-4;
 
 /// How well it is known where a fiber is beside its peak, along x and along y: a guide's mode is wider in x than in y, so that
 /// light tells less of where a fiber is in x.
@@ -113,6 +112,22 @@ impl Place {
     /// Probability that its gap is farther off than a tolerance, metres.
     pub fn outside_along(&self, tolerance: f64) -> f64 {
         outside(tolerance, self.off, self.bound, self.sigma)
+    }
+
+    /// That its gap is all but certainly no farther off than a tolerance, metres.
+    pub(crate) fn sure_along(&self, tolerance: f64) -> Result<(), Outcome> {
+        let probability = self.outside_along(tolerance);
+        if probability <= TUNING.bond.unsure {
+            return Ok(());
+        }
+        Err(Outcome::UnsureGap {
+            off: self.off,
+            bound: self.bound,
+            sigma: self.sigma,
+            tolerance,
+            probability,
+            accepted: TUNING.bond.unsure,
+        })
     }
 }
 

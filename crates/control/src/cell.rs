@@ -5,12 +5,13 @@ use crate::beam::{Beam, SpotSize};
 use crate::gap_by_light::Spread;
 use crate::outcome::{Halt, Outcome};
 use crate::procedure::outward;
-use crate::reactor::{Gate, Go, LONGEST, Listener, Reactor, Watched, refused};
+use crate::reactor::{Gate, Go, LONGEST, Listener, Reactor, Watched, across, refused};
 use crate::recipe::Recipe;
 use crate::shaking::Measured;
 use crate::station::{Level, Station, coarse, fine};
 use crate::tip_estimator::{Seen, Tip, TipEstimator};
-use pigtail_hal::bench::{Event, Frame, Knot, Law, Limits, Pose, Request};
+use crate::tuning::TUNING;
+use pigtail_hal::bench::{Event, Frame, Knot, Law, Pose, Request};
 use pigtail_hal::spec::{GuardSpec, SIDES};
 use pigtail_hal::{Bench, Channel, Fault, Side, Spec};
 use pigtail_model::frames::{Chip, Displacement, Macro, Placement, Point};
@@ -205,12 +206,7 @@ impl<'b> AlignmentCell<'b> {
         to: Point<Macro>,
         speed: Option<f64>,
     ) -> Result<(), Outcome> {
-        let law = Law::Line {
-            to: Pose::at(to.x, to.y, to.z),
-            limits: Limits { speed },
-        };
-        let played = self.play(coarse(side), law);
-        played.map(drop).map_err(|why| refused(&why))
+        self.send_to(coarse(side), pose(to), speed).map(drop)
     }
 
     /// Calls a motion off: the holder slows down as fast as it may.
@@ -219,8 +215,7 @@ impl<'b> AlignmentCell<'b> {
     ///
     /// [`Outcome::BenchFailed`].
     pub fn brake(&self, side: Side) -> Result<(), Outcome> {
-        let played = self.play(coarse(side), Law::Brake);
-        played.map(drop).map_err(|why| refused(&why))
+        self.send(coarse(side), Law::Brake).map(drop)
     }
 
     /// Lets time pass until a holder has been brought to the end of its way.
@@ -248,18 +243,12 @@ impl<'b> AlignmentCell<'b> {
     ///
     /// A fault; [`Outcome::BenchFailed`] where it may not go there, or does not arrive.
     pub async fn line(&self, side: Side, to: Point<Macro>, speed: Option<f64>) -> Result<(), Halt> {
-        let law = Law::Line {
-            to: Pose::at(to.x, to.y, to.z),
-            limits: Limits { speed },
-        };
-        let ticket = self.play(coarse(side), law).map_err(|why| refused(&why))?;
-        self.done(vec![ticket], LONGEST).await
+        self.deref().line(coarse(side), pose(to), speed).await
     }
 
     /// Where a micro is told to be.
     pub fn micro(&self, side: Side) -> Displacement {
-        let reference = self.reference(fine(side)).unwrap_or(Pose::ZERO);
-        Displacement::new(reference.x(), reference.y())
+        across(&self.reference(fine(side)).unwrap_or(Pose::ZERO))
     }
 
     /// Whether a micro gets to a displacement.
@@ -301,12 +290,8 @@ impl<'b> AlignmentCell<'b> {
     /// [`Outcome::BenchFailed`].
     pub fn move_micro(&self, side: Side, to: Displacement) -> Result<(), Outcome> {
         let to = to * self.reached(side, to);
-        let law = Law::Line {
-            to: Pose::at(to.x, to.y, 0.0),
-            limits: Limits::default(),
-        };
-        let played = self.play(fine(side), law);
-        played.map(drop).map_err(|why| refused(&why))
+        let to = Pose::at(to.x, to.y, 0.0);
+        self.send_to(fine(side), to, None).map(drop)
     }
 
     /// Has a micro play a law.
@@ -315,8 +300,7 @@ impl<'b> AlignmentCell<'b> {
     ///
     /// [`Outcome::BenchFailed`].
     pub fn play_micro(&self, side: Side, law: Law) -> Result<(), Outcome> {
-        let played = self.play(fine(side), law);
-        played.map(drop).map_err(|why| refused(&why))
+        self.send(fine(side), law).map(drop)
     }
 
     /// Has a micro go along a path, a function of the time since now, for so many seconds, straight from one place of it to
@@ -345,10 +329,7 @@ impl<'b> AlignmentCell<'b> {
     /// Where a micro was told to be at a time that is not long past.
     pub fn micro_at(&self, side: Side, time: f64) -> Displacement {
         let pose = self.pose(fine(side), time).map(|estimate| estimate.pose);
-        pose.map_or_else(
-            || self.micro(side),
-            |pose| Displacement::new(pose.x(), pose.y()),
-        )
+        pose.map_or_else(|| self.micro(side), |pose| across(&pose))
     }
 
     /// The next light of a photodiode, volts; `None` for any other event, and at the time `by`.
@@ -535,9 +516,7 @@ impl<'b> AlignmentCell<'b> {
 
     /// How near to the chip who guards the machine lets a tip come that vision knows to a standard deviation along z, metres.
     pub(crate) fn kept_off(&self, sigma: f64) -> f64 {
-        /// Standard deviations more than the guard takes off, for its own frames are not quite the same.
-        const MORE: f64 = 1.0;
-        self.spec().guard.clearance + (GuardSpec::SIGMAS + MORE) * sigma
+        self.spec().guard.clearance + (GuardSpec::SIGMAS + TUNING.gap.more_than_guard) * sigma
     }
 
     /// Where the tip would stand that is where its holder is, in the chip's frame.
@@ -558,6 +537,10 @@ impl<'b> AlignmentCell<'b> {
     pub fn forget_told(&self, side: Side) {
         self.tips.borrow_mut().forget_told(side);
     }
+}
+
+fn pose(at: Point<Macro>) -> Pose {
+    Pose::at(at.x, at.y, at.z)
 }
 
 fn point(pose: Pose) -> Point<Macro> {

@@ -8,19 +8,21 @@
 mod ahead;
 mod answer;
 mod around;
+mod closing;
 mod last;
 mod piezos;
 mod told;
 mod wander;
 
 use self::answer::Turn;
+pub(crate) use self::closing::Closing;
 pub use self::last::Ready;
-pub use self::told::WATCHED;
 use crate::beam::{Beam, Oblong, Peak, Reading, SpotSize};
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::Reactor;
 use crate::recipe::ConicalScan as Shape;
 use crate::shaking::{Measured, Shaking};
+use crate::tuning::TUNING;
 use pigtail_hal::bench::{
     Dither, Event, Glide, Group, GroupCaps, Law, Lead, Light, Meter, Pose, Refused, Ticket, Widens,
 };
@@ -140,27 +142,6 @@ pub struct ConicalScan<'r> {
     around: Vec<(Displacement, f64)>,
 }
 
-/// Standard deviations by which a peak must stand out of the noise.
-const SIGNIFICANT: f64 = 5.0;
-
-/// How far a peak may be from where it was first believed to be, in widths...
-const FAR: f64 = 4.0;
-
-/// ...and at the chip, which a fiber that strays would touch.
-const NEARBY: f64 = 1.2;
-
-/// How near the peak the turns that count must be, in widths.
-const NEAR: f64 = 0.15;
-
-/// Share of a turn in which a circle becomes smaller...
-const SHRINK: f64 = 0.3;
-
-/// ...and in which its middle goes over to a new place.
-const GLIDE: f64 = 0.25;
-
-/// Light samples on a turn, at least: fewer do not tell a peak from what is around it.
-const SAMPLES: f64 = 10.0;
-
 impl<'r> ConicalScan<'r> {
     /// Begins a circle around the micro's displacement `at` at a `gap`, both in metres. `before` is what was measured of
     /// how the tip shakes.
@@ -176,7 +157,7 @@ impl<'r> ConicalScan<'r> {
         let caps = bench.caps();
         let rate = caps.channels[watch.meter.0].rate;
         let group = &caps.groups[watch.group.0];
-        let slowest = (SAMPLES / rate).max(group.bandwidth.recip());
+        let slowest = (TUNING.circle.samples / rate).max(group.bandwidth.recip());
         let period = shape.period.max(slowest);
         Self {
             watch,
@@ -184,7 +165,7 @@ impl<'r> ConicalScan<'r> {
             shape,
             period,
             slower: 1.0,
-            lag: shape.lag.unwrap_or(group.lag.0),
+            lag: group.lag.0,
             centre: at - walk * gap,
             walk,
             radius: shape.radius,
@@ -296,14 +277,13 @@ impl<'r> ConicalScan<'r> {
         self.beam.width(gap)
     }
 
-    /// Turns take longer from now on, until they take twice as long: a micro that swings along with them at one rate does not at another.
+    /// Turns take longer from now on, as the recipe has it: a micro that swings along with them at one rate does not at another.
     pub fn slow_down(&mut self) {
-        /// So many times as long.
-        const LONGER: f64 = 1.3;
-        if self.slower * LONGER <= 2.0 {
-            self.slower *= LONGER;
-            self.period *= LONGER;
-            self.most = (self.most as f64 * LONGER).round() as usize;
+        let longer = self.shape.slower;
+        if self.slower * longer <= self.shape.slowest {
+            self.slower *= longer;
+            self.period *= longer;
+            self.most = (self.most as f64 * longer).round() as usize;
             self.readings.clear();
         }
     }
@@ -395,14 +375,12 @@ impl<'r> ConicalScan<'r> {
     ///
     /// Why the bench does not play it.
     fn play(&mut self, bench: &Reactor<'_>, gap: Gap, radius: f64) -> Result<(), Halt> {
-        /// A gap that is told anew so little different, metres, is the same.
-        const SAME: f64 = 1e-9;
-        let law = self.law(gap, (GLIDE * self.period, radius));
+        let law = self.law(gap, (TUNING.circle.glide * self.period, radius));
         let same = |played: &Dither| {
             let (was, is) = (played, &law);
             let leads = match (was.lead, is.lead) {
                 (Some(was), Some(is)) => {
-                    (was.from - is.from).distance() < SAME
+                    (was.from - is.from).distance() < TUNING.circle.same
                         && (was.group, was.gain) == (is.group, is.gain)
                 }
                 (was, is) => was == is,
@@ -436,17 +414,22 @@ impl<'r> ConicalScan<'r> {
     ///
     /// The bench's fault; [`Outcome::MicroRange`].
     pub async fn step(&mut self, bench: &Reactor<'_>, gap: Gap, by: f64) -> Result<bool, Halt> {
-        self.play(bench, gap, GLIDE * self.period)?;
-        Ok(self.pass(bench, gap, by).await?)
+        Ok(self.follow(bench, gap, by).await? == Event::Time)
     }
 
-    async fn pass(&mut self, bench: &Reactor<'_>, gap: Gap, by: f64) -> Result<bool, Fault> {
-        match bench.next(by).await? {
-            Event::Light(light) => self.note(bench, gap, &light),
-            Event::Time => return Ok(true),
-            _ => {}
+    /// The same; returns what has happened.
+    async fn follow(&mut self, bench: &Reactor<'_>, gap: Gap, by: f64) -> Result<Event, Halt> {
+        self.play(bench, gap, TUNING.circle.glide * self.period)?;
+        Ok(self.hear(bench, gap, by).await?)
+    }
+
+    /// What happens next while that is played which is: light is paired with where the tip was.
+    async fn hear(&mut self, bench: &Reactor<'_>, gap: Gap, by: f64) -> Result<Event, Fault> {
+        let event = bench.next(by).await?;
+        if let Event::Light(light) = &event {
+            self.note(bench, gap, light);
         }
-        Ok(false)
+        Ok(event)
     }
 
     /// Pairs light with where the tip was.
@@ -477,32 +460,6 @@ impl<'r> ConicalScan<'r> {
         }
     }
 
-    /// Circles until a time, or until a ticket is done; returns whether it is.
-    ///
-    /// # Errors
-    ///
-    /// As [`Self::step`]; [`Outcome::BenchFailed`] where the ticket fails.
-    pub async fn circle_until(
-        &mut self,
-        bench: &Reactor<'_>,
-        gap: Gap,
-        by: f64,
-        ticket: Ticket,
-    ) -> Result<bool, Halt> {
-        self.play(bench, gap, GLIDE * self.period)?;
-        loop {
-            match bench.next(by).await? {
-                Event::Light(light) => self.note(bench, gap, &light),
-                Event::Time => return Ok(false),
-                Event::Done(done) if done == ticket => return Ok(true),
-                Event::Failed(failed, why) if failed == ticket => {
-                    return Err(Outcome::BenchFailed { why }.into());
-                }
-                _ => {}
-            }
-        }
-    }
-
     /// A whole turn at a gap, metres.
     ///
     /// # Errors
@@ -518,14 +475,14 @@ impl<'r> ConicalScan<'r> {
     ///
     /// As [`Self::step`].
     pub async fn run(&mut self, bench: &Reactor<'_>, gap: Gap, seconds: f64) -> Result<(), Halt> {
-        self.play(bench, gap, GLIDE * self.period)?;
+        self.play(bench, gap, TUNING.circle.glide * self.period)?;
         Ok(self.last_for(bench, gap, seconds).await?)
     }
 
     /// Goes on with what is played for so many seconds.
     async fn last_for(&mut self, bench: &Reactor<'_>, gap: Gap, seconds: f64) -> Result<(), Fault> {
         let end = bench.now() + seconds;
-        while !self.pass(bench, gap, end).await? {}
+        while self.hear(bench, gap, end).await? != Event::Time {}
         Ok(())
     }
 
@@ -555,8 +512,42 @@ impl<'r> ConicalScan<'r> {
 
     /// The same, where it stands out of the noise.
     pub fn clear_peak(&mut self) -> Option<Peak> {
-        self.peak()
-            .filter(|peak| peak.full > SIGNIFICANT * peak.full_deviation)
+        self.peak().filter(|peak| is_clear(*peak))
+    }
+
+    /// A turn at a steady gap, and the peak that stands out of its noise; none where one turn is `dark`, which it counts.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::step`]; [`Outcome::LightLost`] where it was not the first.
+    async fn seek(
+        &mut self,
+        bench: &Reactor<'_>,
+        gap: f64,
+        phase: &'static str,
+        dark: &mut u32,
+    ) -> Result<Option<Peak>, Halt> {
+        self.turn(bench, gap).await?;
+        let peak = self.peak();
+        if !peak.is_some_and(is_clear) {
+            *dark += 1;
+            return if *dark > 1 {
+                Err(self.lost(phase, peak.as_ref(), gap))
+            } else {
+                Ok(None)
+            };
+        }
+        Ok(peak)
+    }
+
+    /// That there is no peak but at most this one, which does not stand out or is too far.
+    fn lost(&self, phase: &'static str, peak: Option<&Peak>, gap: f64) -> Halt {
+        Outcome::LightLost {
+            phase,
+            level: peak.map_or(0.0, |peak| peak.full * self.beam.share(gap)),
+            expected: TUNING.circle.significant * self.watch.noise,
+        }
+        .into()
     }
 
     /// Goes to a peak, at most its width at `gap` away. Returns how far it was away, metres.
@@ -567,7 +558,7 @@ impl<'r> ConicalScan<'r> {
     pub fn go_to(&mut self, bench: &Reactor<'_>, peak: &Peak, gap: f64) -> Result<f64, Outcome> {
         let by = peak.at - self.centre;
         let way = by.norm();
-        let by = by * (1.2 * self.beam.width(gap) / way).min(1.0);
+        let by = by * (TUNING.circle.stride * self.beam.width(gap) / way).min(1.0);
         let to = self.place(gap) + by;
         if !bench.reaches(self.watch.group, &Pose::at(to.x, to.y, 0.0)) {
             return Err(Outcome::MicroRange {
@@ -595,24 +586,11 @@ impl<'r> ConicalScan<'r> {
         phase: &'static str,
         least: u32,
     ) -> Result<Peak, Halt> {
-        let expected = SIGNIFICANT * self.watch.noise;
         let start = self.centre;
-        let lost = |level: f64| Outcome::LightLost {
-            phase,
-            level,
-            expected,
-        };
         let mut dark = 0;
         let mut last = f64::INFINITY;
         for turn in 1..=self.shape.turns {
-            self.turn(bench, gap).await?;
-            let peak = self.peak();
-            let Some(peak) = peak.filter(|p| p.full > SIGNIFICANT * p.full_deviation) else {
-                dark += 1;
-                if dark > 1 {
-                    let level = peak.map_or(0.0, |peak| peak.full * self.beam.share(gap));
-                    return Err(lost(level).into());
-                }
+            let Some(peak) = self.seek(bench, gap, phase, &mut dark).await? else {
                 continue;
             };
             last = self.go_to(bench, &peak, gap)?;
@@ -620,8 +598,8 @@ impl<'r> ConicalScan<'r> {
                 return Ok(peak);
             }
             let far = (self.centre - start).norm();
-            if far > FAR * self.beam.width(gap) {
-                return Err(lost(peak.full * self.beam.share(gap)).into());
+            if far > TUNING.circle.far * self.beam.width(gap) {
+                return Err(self.lost(phase, Some(&peak), gap));
             }
         }
         Err(Outcome::Unsure {
@@ -637,7 +615,7 @@ impl<'r> ConicalScan<'r> {
     ///
     /// The machine's fault.
     pub async fn rest(&mut self, bench: &Reactor<'_>, gap: f64) -> Result<(), Halt> {
-        self.shrink(bench, gap, 0.0, SHRINK).await
+        self.shrink(bench, gap, 0.0, TUNING.circle.shrink).await
     }
 
     /// Goes on the circle to another radius, in widths of the peak, within so many turns, and with nought to
@@ -658,4 +636,9 @@ impl<'r> ConicalScan<'r> {
         self.play(bench, gap, seconds)?;
         Ok(self.last_for(bench, gap, seconds).await?)
     }
+}
+
+/// Whether a peak stands out of the noise.
+fn is_clear(peak: Peak) -> bool {
+    peak.full > TUNING.circle.significant * peak.full_deviation
 }

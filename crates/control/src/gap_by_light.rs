@@ -18,6 +18,7 @@
 
 mod contact;
 
+use crate::tuning::TUNING;
 pub use contact::{Contact, Known, Spread, contact};
 use nalgebra::{SMatrix, SVector, Vector2};
 use pigtail_model::frames::Displacement;
@@ -50,22 +51,6 @@ type Equation = (SVector<f64, SHAPE>, f64, f64);
 
 /// Unknowns of a spot's shape: two slopes, two curvatures, and the one between them, for a lag turns the circle.
 const SHAPE: usize = 5;
-
-/// A round whose light is not so many times what noise makes of it tells of no spot.
-const CLEAR: f64 = 10.0;
-
-/// Samples that a width is taken from, at least.
-const LEAST: usize = 24;
-
-/// Rounds that tell how much they differ, at least.
-const ROUNDS: usize = 3;
-
-/// No width is known better than to this share of its square: to a thousandth of its way a piezo repeats its circles at another
-/// place of its range. What makers state of open loops; a choice.
-const BEST: f64 = 2e-3;
-
-/// A misfit of so many times its noise is of a spot that is no Gaussian.
-const MISSHAPEN: f64 = 5.0;
 
 impl Width {
     /// Whether both squares are known to a share of them.
@@ -106,7 +91,7 @@ impl Circles {
             .collect();
         let samples = |rounds: &[Round<'_>]| rounds.iter().map(|round| round.samples.len()).sum();
         let n: usize = samples(&rounds);
-        if n < LEAST {
+        if n < TUNING.width.least {
             return None;
         }
         let mut normal = Normal::<SHAPE>::default();
@@ -132,7 +117,7 @@ impl Circles {
         // So many samples say better than anybody how noisy they are...
         let each = squares.sum::<f64>() / (n - SHAPE - rounds.len()) as f64;
         let mut variances = covariance.diagonal() * each;
-        if rounds.len() >= ROUNDS {
+        if rounds.len() >= TUNING.width.rounds {
             // ...and rounds, how much of that does not average out within them: a laser wanders, scattered light flickers.
             let mut between = SMatrix::<f64, SHAPE, SHAPE>::zeros();
             for round in &rounds {
@@ -148,7 +133,7 @@ impl Circles {
             let curvature = -found[i];
             let squared = scale * scale / curvature;
             let deviation = variances[i].sqrt() / curvature;
-            let deviation = deviation.hypot(BEST) * squared;
+            let deviation = deviation.hypot(TUNING.width.best) * squared;
             (curvature > 0.0).then_some((squared, deviation))
         };
         let (x, y) = (of(2)?, of(3)?);
@@ -189,7 +174,7 @@ impl<'a> Round<'a> {
             });
         let full = seen / squares;
         // By noise the brightness is known to this.
-        let is_light = full > CLEAR * noise / squares.sqrt();
+        let is_light = full > TUNING.width.clear * noise / squares.sqrt();
         let each = shares.map(|(row, share, volts)| {
             let light = full * share;
             let value = row.dot(shape) + (volts - light) / light;
@@ -222,9 +207,6 @@ fn row(at: Displacement, scale: f64) -> SVector<f64, SHAPE> {
 /// than believed goes on a circle that is turned, one whose axes are coupled aside. An oblong spot is seen the rounder
 /// for it, by more where it is the more oblong, which it is not at all gaps alike; and it is seen to lie askew.
 fn straightened(widths: &[Width]) -> Vec<Width> {
-    /// How far aside a micro goes of its way, before that is seen, standard deviation: as far as half a millisecond of lag
-    /// turns a circle of 24 ms. A choice, which counts only where the spot is nearly round.
-    const ASIDE: f64 = 0.15;
     /// Each comes nearer by the square of how far aside the micro goes.
     const STEPS: usize = 8;
     // Told to go (x, y) it goes (x + p y, y + q x), where what turns the circle makes it no wider.
@@ -237,7 +219,7 @@ fn straightened(widths: &[Width]) -> Vec<Width> {
     for _ in 0..STEPS {
         let mut normal = Normal::<2>::default();
         for i in 0..2 {
-            normal.matrix[(i, i)] = ASIDE.powi(-2);
+            normal.matrix[(i, i)] = TUNING.width.askew.powi(-2);
         }
         for width in widths {
             let row = Vector2::from(straight(width, p, q));

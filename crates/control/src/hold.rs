@@ -7,11 +7,12 @@
 
 use crate::align::Observed;
 use crate::conical_scan::{ConicalScan, Watch};
+use crate::job::AtPeak;
 use crate::outcome::Halt;
-use crate::procedure::AtPeak;
 use crate::reactor::{Reactor, both_well};
 use crate::recipe::Recipe;
 use crate::station::{Unobserved, fine};
+use crate::tuning::TUNING;
 use nalgebra::{Matrix2, Vector2};
 use pigtail_hal::Bench;
 use pigtail_hal::bench::{Event, Meter};
@@ -45,9 +46,8 @@ pub struct Creep {
     drift: Displacement,
 }
 
-/// How fast a fiber drifts against its chip along an axis, standard deviation, metres a second: each of both by 0.01 um/s, as a bracket
-/// does of 10 um/K at 0.1 K a minute.
-pub const DRIFTS: f64 = 0.014e-6;
+/// How fast a fiber drifts against its chip along an axis, standard deviation, metres a second.
+pub const DRIFTS: f64 = TUNING.hold.drifts;
 
 impl Creep {
     /// Of places at times; none where they are too few to tell.
@@ -55,13 +55,11 @@ impl Creep {
     /// In a second, creep and a drift look alike: beforehand the drift is none, give or take [`DRIFTS`], and as much of it is believed as the
     /// places tell it apart.
     fn through(since: f64, seen: &[(f64, Displacement)]) -> Self {
-        /// With less it is noise.
-        const TURNS: usize = 12;
         let along = |of: fn(&Displacement) -> f64| {
             let points = seen.iter().map(|(t, at)| (*t - since, of(at)));
             creep_and_drift(points).unwrap_or([0.0; 2])
         };
-        let [[by_x, drift_x], [by_y, drift_y]] = if seen.len() < TURNS {
+        let [[by_x, drift_x], [by_y, drift_y]] = if seen.len() < TUNING.hold.turns {
             [[0.0; 2]; 2]
         } else {
             [along(|at| at.x), along(|at| at.y)]
@@ -96,19 +94,10 @@ fn creep_and_drift(points: impl Iterator<Item = (f64, f64)> + Clone) -> Option<[
         squares += row * row.transpose();
         sums += row * (x - mean[2]);
     }
-    squares[(1, 1)] += noise / (DRIFTS * DRIFTS);
+    squares[(1, 1)] += noise / (TUNING.hold.drifts * TUNING.hold.drifts);
     let [by, drift] = (squares.try_inverse()? * sums).into();
     Some([by, drift])
 }
-
-/// Radius of the circles, of that of the fast procedure: they only have to keep what is there.
-const SMALLER: f64 = 0.6;
-
-/// Share of the way to where a turn has seen the peak that is gone: turns are noisy, and there are many.
-const GAIN: f64 = 0.3;
-
-/// Turns until a circle goes on as it does from then on.
-const BEGINS: u32 = 5;
 
 /// Follows the peak of a fiber that is held, whose micro has rested since a time of the bench, until another, then goes beyond it and comes to rest there: as far as
 /// `beyond` says of how far the fiber was pulled until then, metres in the manipulator's x and y.
@@ -142,13 +131,11 @@ pub fn follow_two(
     (since, until): ([f64; 2], f64),
     beyond: [&mut dyn FnMut(Displacement) -> Displacement; 2],
 ) -> Result<[Followed; 2], Halt> {
-    /// Of the time of a turn.
-    const SLOWER: f64 = 1.5;
     let mut unobserved = Unobserved;
     let mut bench = Observed::new(bench, &mut unobserved);
     let bench = Reactor::new(&mut bench);
     let mut slower = recipe.clone();
-    slower.fast.conical_scan.period *= SLOWER;
+    slower.fast.conical_scan.period *= TUNING.hold.slower;
     let [a, b] = beyond;
     let (a, b) = bench.run(both_well(
         followed(&bench, recipe, held[0], (since[0], until), a),
@@ -182,7 +169,7 @@ async fn followed(
         });
     let gap = held.gap;
     let mut scan = ConicalScan::new(watch, beam, shape, bench, (start, gap), held.walk, None);
-    scan.set_radius(SMALLER * shape.radius);
+    scan.set_radius(TUNING.hold.smaller * shape.radius);
     let (mut turns, mut seen) = (0, Vec::new());
     while bench.now() + 2.0 * scan.period() < until {
         scan.turn(bench, gap).await?;
@@ -192,10 +179,10 @@ async fn followed(
         }
         let here = scan.place(gap);
         let by = peak.at - scan.place(0.0);
-        scan.expect_at(here + by * GAIN, gap);
+        scan.expect_at(here + by * TUNING.hold.gain, gap);
         turns += 1;
         // The first come from the rest before.
-        if turns > BEGINS {
+        if turns > TUNING.hold.begins {
             seen.push((bench.now(), here + by));
         }
     }
@@ -225,7 +212,7 @@ pub fn levels<const N: usize>(
 ) -> Result<[(f64, f64); N], Halt> {
     let start = bench.now();
     let end = start + seconds;
-    let mut sums = [[(0.0, 0.0); PARTS]; N];
+    let mut sums = [[(0.0, 0.0); TUNING.hold.parts]; N];
     loop {
         let lights = match bench.next(end)? {
             Event::Light(light) => vec![light],
@@ -235,11 +222,11 @@ pub fn levels<const N: usize>(
         };
         for light in lights {
             // Below zero, of a sample from just before, is the first.
-            let part = (PARTS as f64 * (light.time - start) / seconds) as usize;
+            let part = (TUNING.hold.parts as f64 * (light.time - start) / seconds) as usize;
             for (meter, parts) in meters.iter().zip(&mut sums) {
                 let volts = light.volts[meter.0];
                 if !volts.is_nan() {
-                    let (n, sum) = &mut parts[part.min(PARTS - 1)];
+                    let (n, sum) = &mut parts[part.min(TUNING.hold.parts - 1)];
                     *n += 1.0;
                     *sum += volts;
                 }
@@ -261,9 +248,6 @@ pub fn levels<const N: usize>(
         (mean, (squares / (n - 1.0) / n).sqrt())
     }))
 }
-
-/// Parts of a look whose means are compared.
-const PARTS: usize = 8;
 
 #[cfg(test)]
 mod tests {

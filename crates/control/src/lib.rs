@@ -16,6 +16,8 @@
 //! 5. [`servo`]: from counts to volts, every cycle;
 //! 6. [`station`]: owns the machine's time, one exchange after the other.
 //!
+//! The numbers that alignment goes by stand in [`tuning`].
+//!
 //! Below all of these [`impulse`] moves an axis by far less than an encoder count.
 //!
 //! Beside these stand the experiments: [`characterize`], [`identify`] and [`tune`] on one axis,
@@ -65,7 +67,9 @@ pub mod conical_scan;
 pub mod gap_by_light;
 pub mod identify;
 pub mod impulse;
+pub mod job;
 pub mod kinematics;
+mod last_tries;
 pub mod maximization;
 pub mod methods;
 pub mod nudge;
@@ -86,3 +90,4 @@ pub mod sweep;
 pub mod tip_estimator;
 pub mod trajectory;
 pub mod tune;
+pub mod tuning;

@@ -6,9 +6,10 @@
 
 use crate::cell::AlignmentCell;
 use crate::conical_scan::{ConicalScan, Watch};
+use crate::job::Job;
 use crate::outcome::{Halt, Outcome};
 use crate::peak::{NinePoint, corners};
-use crate::procedure::{Job, lit};
+use crate::procedure::lit;
 use crate::recipe::{Climb, Recipe};
 use crate::station::{Level, Station, fine};
 use pigtail_hal::bench::Meter;
@@ -102,7 +103,7 @@ async fn at_peak(cell: &AlignmentCell<'_>, recipe: &Recipe) -> Result<Level, Hal
 
 /// The same where there is light in the guides already.
 async fn output_at_peak(cell: &AlignmentCell<'_>, recipe: &Recipe) -> Result<Level, Halt> {
-    Job::output(recipe, 0).reach_output(cell, 0).await?;
+    Job::of(recipe, Some(0)).reach(cell).await?;
     cell.laser(false)?;
     cell.wait(0.02).await?;
     let dark = cell.level(CHANNEL, LOOK).await?;
@@ -232,7 +233,7 @@ async fn profiled(
     if side == Side::Left {
         // The input is to stay in its holder.
         cell.laser(true)?;
-        Job::input(recipe).reach_input(cell).await?;
+        Job::of(recipe, None).reach(cell).await?;
     } else {
         lit(cell, recipe, recipe.last.accuracy).await?;
     }

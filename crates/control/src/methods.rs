@@ -10,12 +10,13 @@
 //! swept 100 um back and forth would spend it winding up its transmissions.
 
 use crate::cell::{AlignmentCell, Reach};
+use crate::job::Job;
 use crate::outcome::Halt;
-use crate::procedure::{AROUND, Job};
 use crate::recipe::Recipe;
-use crate::search::{Hit, KNOTS, MORE_LINES, Searcher};
+use crate::search::{Hit, Searcher};
 use crate::station::{Station, fine};
 use crate::tip_estimator::Tip;
+use crate::tuning::TUNING;
 use pigtail_hal::{Channel, Side, Spec};
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 use serde::{Deserialize, Serialize};
@@ -279,9 +280,9 @@ async fn covered(
         Method::Multimode => Channel::Sensing,
     };
     cell.laser(true)?;
-    let mut input = Job::input(recipe);
+    let mut input = Job::of(recipe, None);
     input.channel = channel;
-    let output = Job::output(recipe, 0);
+    let output = Job::of(recipe, Some(0));
     let begin = cell.now();
     cell.announce(space.method.name(), "coarse");
     cell.load(Side::Left, 0).await?;
@@ -454,15 +455,16 @@ impl Scan<'_> {
             })
         };
         let input = move |elapsed: f64| across(of_input.at((TAU * frequency * elapsed).sin()));
-        let lag =
-            (self.recipe.fast.sweep.lag).unwrap_or(cell.caps().groups[fine(Side::Left).0].lag.0);
+        let lag = cell.caps().groups[fine(Side::Left).0].lag.0;
         cell.start_line(
             Side::Left,
             self.starts[0].shifted(0.0, y, 0.0),
             Some(mesh * frequency / periods),
         )?;
-        let step = (KNOTS * frequency).recip().max(cell.caps().cycle);
-        let seconds = (y / mesh + MORE_LINES) * periods / frequency;
+        let step = (TUNING.search.knots * frequency)
+            .recip()
+            .max(cell.caps().cycle);
+        let seconds = (y / mesh + TUNING.search.more_lines) * periods / frequency;
         cell.micro_path(Side::Left, (seconds, step), input)?;
         match self.space.method {
             Method::MacroRaster => cell.move_micro(Side::Right, across(x))?,
@@ -513,9 +515,9 @@ impl Scan<'_> {
             cell.move_micro(Side::Right, bright.output_micro)?;
         }
         let mut found = false;
-        for around in AROUND {
+        for around in &self.recipe.raster.retry.around {
             self.input
-                .recentre(cell, &self.searcher, &bright.input, around)
+                .recentre(cell, &self.searcher, &bright.input, *around)
                 .await?;
             let level = self.searcher.contrast(cell, self.space.mesh).await?;
             if level > 0.5 * bright.input.level {

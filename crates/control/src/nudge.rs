@@ -9,101 +9,37 @@ use crate::beam::{Beam, Peak, Reading};
 use crate::cell::AlignmentCell;
 use crate::impulse::belief::ImpulseBelief;
 use crate::impulse::response::Response;
+use crate::job::{FiberReport, Job};
 use crate::outcome::{Halt, Lack, Outcome, SearchEvidence};
-use crate::procedure::{FiberReport, Job, each_fiber, look, lost, no_light, outward};
+use crate::procedure::{each_fiber, look, lost, no_light, outward};
 use crate::reactor::VoltageMachine;
 use crate::recipe::Recipe;
 use crate::search::Searcher;
 use crate::station::Station;
 use crate::tip_estimator::Tip;
+use crate::tuning::{Care, TUNING};
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::{Axis, AxisName, Channel, Side};
 use pigtail_model::frames::{Displacement, Macro, Point};
 
 /// The joints that pulses move.
 const JOINTS: [Axis; 2] = [Axis::A, Axis::B];
-/// Distance of the search's columns, in widths of the light at the search's gap.
-const PITCH: f64 = 1.6;
-/// Speed along a column, and of the second look, m/s.
-const SPEED: f64 = 3e-3;
-const SLOW: f64 = 0.4e-3;
-/// A second look goes so far to both sides of where light was seen, metres.
-const AROUND: f64 = 40e-6;
-/// How far an endpoint moves back, at most and at first, until its transmissions are relaxed, metres.
-const MOST_BACK: f64 = 60e-6;
-const FIRST_BACK: f64 = 20e-6;
-/// Steps of the approach, metres.
-const STEP: f64 = 6e-6;
-/// Readings that a fit looks back on at most.
-const RECENT: usize = 13;
-/// Time of a reading of the light, seconds.
-const LOOK: f64 = 0.016;
-
-/// How carefully a peak is looked for.
-struct Care {
-    /// Time of a reading of the light, seconds.
-    seconds: f64,
-    /// Radius of the pattern in widths of the light.
-    radius: f64,
-    /// How far a peak may be from where it was, metres...
-    near: f64,
-    /// ...and share of the brightest light so far that must be there.
-    bright: f64,
-    /// Patterns at least, and whether it is an end not to have found it after [`PATTERNS`].
-    least: u32,
-    must: bool,
-}
-
-/// Share of the brightest light that is still asked for a pattern later.
-const FADE: f64 = 0.9996;
-
-/// At the gap of the search.
-const FIRST: Care = Care {
-    seconds: LOOK,
-    radius: 0.35,
-    near: 0.8e-6,
-    bright: 0.8,
-    least: 1,
-    must: false,
-};
-/// On the way.
-const APPROACH: Care = Care {
-    seconds: LOOK,
-    radius: 0.3,
-    near: 0.5e-6,
-    bright: 0.9,
-    least: 1,
-    must: false,
-};
-/// At the chip. The pattern is small: what pulses do forward and backward differs by up to a quarter, and
-/// a fit takes a quarter of its radius for a way of the peak. The light's noise would allow half of it.
-const LAST: Care = Care {
-    seconds: 0.04,
-    radius: 0.15,
-    near: 0.12e-6,
-    bright: 0.9982,
-    least: 8,
-    must: true,
-};
-
-/// Patterns in one place, at most.
-const PATTERNS: u32 = 60;
 
 /// Aligns the input fiber and the output fibers of one device without moving any micro.
 pub fn macro_only(station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
     let cell = AlignmentCell::over(station);
     let cell = &cell;
-    cell.run(each_fiber(cell, recipe, async |job, port| {
-        if port.is_none() {
+    cell.run(each_fiber(cell, recipe, async |job| {
+        if job.output.is_none() {
             cell.laser(true)?;
         }
-        align(job, cell, port.unwrap_or(0)).await
+        align(job, cell).await
     }))
 }
 
 /// Aligns one fiber; the servo has the joints back in the end, whatever came of it.
-async fn align(job: &mut Job<'_>, cell: &AlignmentCell<'_>, index: usize) -> Result<(), Halt> {
-    let result = held_and_nudged(job, cell, index).await;
+async fn align(job: &mut Job<'_>, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
+    let result = held_and_nudged(job, cell).await;
     let side = job.side;
     cell.voltage(|machine| {
         for axis in JOINTS {
@@ -113,12 +49,9 @@ async fn align(job: &mut Job<'_>, cell: &AlignmentCell<'_>, index: usize) -> Res
     result
 }
 
-async fn held_and_nudged(
-    job: &mut Job<'_>,
-    cell: &AlignmentCell<'_>,
-    index: usize,
-) -> Result<(), Halt> {
+async fn held_and_nudged(job: &mut Job<'_>, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
     let (side, recipe) = (job.side, job.recipe);
+    let index = job.output.unwrap_or(0);
     job.phase(cell, "coarse", async |job| {
         job.withdraw(cell, side).await?;
         if !cell.carries(side) {
@@ -168,15 +101,19 @@ async fn held_and_nudged(
             relaxed_at(job, cell, place).await?;
             nudger.hold(cell);
             nudger.find(cell, recipe.raster.gap).await?;
-            nudger.centre(cell, recipe.raster.gap, &FIRST).await?;
+            nudger
+                .centre(cell, recipe.raster.gap, &TUNING.nudge.first)
+                .await?;
             Ok(nudger)
         })
         .await?;
-    let before = nudger.level(cell, LAST.seconds).await?;
+    let before = nudger.level(cell, TUNING.nudge.last.seconds).await?;
     job.phase(cell, "approach", async |job| {
         let (_, z) = look(cell, side, Tip::Fiber, recipe.approach.frames).await?;
         let mut gap = outward(side) * (z - job.port.z);
-        let steps = ((gap - recipe.approach.gap) / STEP).ceil().max(1.0);
+        let steps = ((gap - recipe.approach.gap) / TUNING.nudge.step)
+            .ceil()
+            .max(1.0);
         let step = (gap - recipe.approach.gap) / steps;
         for _ in 0..steps as u32 {
             let end = cell.wanted(side).shifted(0.0, 0.0, step);
@@ -184,14 +121,16 @@ async fn held_and_nudged(
             cell.wait(0.04).await?;
             gap -= step;
             nudger.walk(cell, job, step).await?;
-            nudger.centre(cell, gap, &APPROACH).await?;
+            nudger.centre(cell, gap, &TUNING.nudge.approach).await?;
         }
         Ok(())
     })
     .await?;
     job.phase(cell, "final", async |job| {
-        nudger.centre(cell, recipe.approach.gap, &LAST).await?;
-        let last = cell.level(job.channel, LAST.seconds).await?;
+        nudger
+            .centre(cell, recipe.approach.gap, &TUNING.nudge.last)
+            .await?;
+        let last = cell.level(job.channel, TUNING.nudge.last.seconds).await?;
         let after = last.mean - nudger.background;
         if after < recipe.accept.growth * before {
             return Err(Outcome::FalseLight { before, after }.into());
@@ -214,7 +153,7 @@ async fn search(
     cell.move_micro(side, Displacement::ZERO)?;
     let searcher = Searcher::measure(cell, side, job.channel, raster.significance, 0.5).await?;
     let beam = cell.beam(side, recipe);
-    let pitch = PITCH * beam.width(raster.gap);
+    let pitch = TUNING.nudge.pitch * beam.width(raster.gap);
     let columns = (0.5 * raster.x / pitch).ceil() as i32 + 1;
     let mut evidence = SearchEvidence {
         phase: "search",
@@ -232,14 +171,16 @@ async fn search(
         job.arrive(cell, side, low).await?;
         let top = low.shifted(0.0, raster.height(), 0.0);
         evidence.width = f64::from(k + 1) * pitch;
-        let Some(first) = brightest(cell, &searcher, top, SPEED, &mut evidence).await? else {
+        let Some(first) =
+            brightest(cell, &searcher, top, TUNING.nudge.speed, &mut evidence).await?
+        else {
             continue;
         };
         // What fluctuates is not there again.
-        let below = Point::new(low.x, first.y - AROUND, low.z);
+        let below = Point::new(low.x, first.y - TUNING.nudge.around, low.z);
         job.arrive(cell, side, below).await?;
-        let above = below.shifted(0.0, 2.0 * AROUND, 0.0);
-        match brightest(cell, &searcher, above, SLOW, &mut evidence).await? {
+        let above = below.shifted(0.0, 2.0 * TUNING.nudge.around, 0.0);
+        match brightest(cell, &searcher, above, TUNING.nudge.slow, &mut evidence).await? {
             Some(again) => return Ok((searcher, Point::new(low.x, again.y, low.z))),
             None => evidence.dismissed += 1,
         }
@@ -291,20 +232,20 @@ async fn relaxed_at(
         };
         cell.voltage(of).unwrap_or(0.0)
     };
-    let mut back = FIRST_BACK;
+    let mut back = TUNING.nudge.first_back;
     for _ in 0..3 {
         let beyond = place.shifted(0.0, back, 0.0);
         job.arrive(cell, side, beyond).await?;
         let wound = windup();
-        let end = beyond.shifted(0.0, -MOST_BACK, 0.0);
-        cell.start_line(side, end, Some(SLOW))?;
+        let end = beyond.shifted(0.0, -TUNING.nudge.most_back, 0.0);
+        cell.start_line(side, end, Some(TUNING.nudge.slow))?;
         while cell.is_moving(side) && windup() * wound > 0.0 {
             cell.next(cell.now() + cell.caps().cycle).await?;
         }
         cell.brake(side)?;
         cell.wait(0.1).await?;
         let gone = beyond.y - cell.wanted(side).y;
-        if (gone - back).abs() < 2e-6 || gone > 0.9 * MOST_BACK {
+        if (gone - back).abs() < 2e-6 || gone > 0.9 * TUNING.nudge.most_back {
             break;
         }
         back = gone;
@@ -375,7 +316,7 @@ impl Nudger {
             at: Displacement::ZERO,
             lean: [0.0; 2],
             way: [0.0; 2],
-            readings: Vec::with_capacity(RECENT + 1),
+            readings: Vec::with_capacity(TUNING.nudge.recent + 1),
         })
     }
 
@@ -438,12 +379,11 @@ impl Nudger {
     /// Learns from a peak that has run away so far while pulses went back and forth: it is they who did
     /// not.
     fn learn(&mut self, by: Displacement) {
-        const SHARE: f64 = 0.3;
-        const MOST: f64 = 0.4;
         let away = self.joints(by);
         for ((lean, way), away) in self.lean.iter_mut().zip(self.way).zip(away) {
             if way > 0.0 {
-                *lean = (*lean - SHARE * away / way).clamp(-MOST, MOST);
+                *lean = (*lean - TUNING.nudge.learned * away / way)
+                    .clamp(-TUNING.nudge.most_lean, TUNING.nudge.most_lean);
             }
         }
     }
@@ -475,7 +415,7 @@ impl Nudger {
         seconds: f64,
     ) -> Result<f64, Halt> {
         let volts = self.level(cell, seconds).await?;
-        if self.readings.len() == RECENT {
+        if self.readings.len() == TUNING.nudge.recent {
             self.readings.remove(0);
         }
         self.readings.push(Reading {
@@ -490,7 +430,7 @@ impl Nudger {
     /// around the brightest place of that.
     async fn find(&mut self, cell: &AlignmentCell<'_>, gap: f64) -> Result<(), Halt> {
         let enough = 10.0 * self.noise;
-        let mut best = (self.read(cell, gap, LOOK).await?, self.at);
+        let mut best = (self.read(cell, gap, TUNING.nudge.look).await?, self.at);
         for pitch in [1.0, 0.5] {
             let pitch = pitch * self.beam.width(gap);
             if self.square(cell, gap, pitch, enough, &mut best).await? {
@@ -524,7 +464,7 @@ impl Nudger {
                     return Ok(true);
                 }
                 self.nudge(cell, by).await?;
-                let volts = self.read(cell, gap, LOOK).await?;
+                let volts = self.read(cell, gap, TUNING.nudge.look).await?;
                 if volts > best.0 {
                     *best = (volts, self.at);
                 }
@@ -545,7 +485,7 @@ impl Nudger {
         let noise = self.noise / (care.seconds * cell.spec().photodiode.rate).sqrt().max(1.0);
         let (mut before, mut brightest, mut last): (Option<Peak>, f64, f64) = (None, 0.0, 0.0);
         self.way = [0.0; 2];
-        for k in 0..PATTERNS {
+        for k in 0..TUNING.nudge.patterns {
             let centre = self.at;
             // Triangles, turned by a third of a third each time.
             for corner in 0..3 {
@@ -564,7 +504,7 @@ impl Nudger {
             self.nudge(cell, peak.at - self.at).await?;
             let volts = self.read(cell, gap, care.seconds).await?;
             // Light fluctuates: what was brighter long ago may never come again.
-            brightest = FADE * brightest.max(volts / FADE);
+            brightest = TUNING.nudge.fade * brightest.max(volts / TUNING.nudge.fade);
             last = volts;
             let moved = (peak.at - centre).norm();
             if k + 1 >= care.least && moved < care.near && volts > care.bright * brightest {

@@ -3,6 +3,7 @@
 use crate::cell::AlignmentCell;
 use crate::outcome::{Halt, Outcome};
 use crate::recipe::Climb;
+use crate::tuning::TUNING;
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::Displacement;
 
@@ -24,15 +25,6 @@ pub(crate) fn corners(half: f64) -> [Displacement; 4] {
     [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)]
         .map(|(x, y)| Displacement::new(x, y) * half)
 }
-
-/// Patterns whose centres are averaged to judge whether a climb still gets anywhere.
-const WINDOW: usize = 10;
-
-/// After so many times the recipe's patterns an average that is not sure yet begins again.
-const RESTART: u32 = 8;
-
-/// A vertex this near, in steps, is gone to without another look.
-const NEAR: f64 = 0.4;
 
 /// A nine-point climb of one micro on one photodiode.
 #[derive(Debug, Clone, Copy)]
@@ -127,8 +119,9 @@ impl<'r> NinePoint<'r> {
         while cell.now() < end {
             self.step(cell).await?;
             centres.push(self.centre);
-            if centres.len() >= 2 * WINDOW {
-                let (older, newer) = centres[centres.len() - 2 * WINDOW..].split_at(WINDOW);
+            if centres.len() >= 2 * TUNING.climb.window {
+                let (older, newer) = centres[centres.len() - 2 * TUNING.climb.window..]
+                    .split_at(TUNING.climb.window);
                 if (mean(older) - mean(newer)).norm() < self.climb.step {
                     break;
                 }
@@ -178,14 +171,14 @@ impl<'r> NinePoint<'r> {
             let vertex = fit.vertex().unwrap_or_default();
             if deviation < accuracy {
                 self.shift(cell, vertex)?;
-                if vertex.norm() < NEAR || late {
+                if vertex.norm() < TUNING.climb.near || late {
                     break;
                 }
                 // A piezo without a model makes two thirds of so long a way: look once more.
                 (mean, count, squares) = ([0.0; 9], 0, 0.0);
                 continue;
             }
-            if count >= RESTART * patterns {
+            if count >= TUNING.climb.restart * patterns {
                 // Averaged for so long the place has moved on, for piezos creep: what is left of
                 // the averages is a better centre to begin again from.
                 self.shift(cell, vertex)?;

@@ -4,163 +4,39 @@ mod attach;
 
 pub(crate) use attach::{light_check, place_at};
 
-use crate::beam::{Beam, SpotSize};
-use crate::belief::{Across, Place};
+use crate::belief::Across;
 use crate::cell::AlignmentCell;
-use crate::gap_by_light::Spread;
+use crate::job::{FiberReport, Job, run_all};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::peak::NinePoint;
 use crate::recipe::Recipe;
-use crate::search::{Hit, STILL_THERE, Searcher, centre_sensing, edge_from_below};
-use crate::shaking::{Measured, Shaking};
+use crate::search::{Hit, Searcher, centre_sensing, edge_from_below};
+use crate::shaking::Shaking;
 use crate::station::{Level, Station};
 use crate::tip_estimator::Tip;
+use crate::tuning::TUNING;
 use pigtail_hal::bench::Fix;
-use pigtail_hal::spec::{MICRO_AXES, OUTPUTS};
 use pigtail_hal::{Channel, Fault, Side};
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
-
-/// How one fiber's alignment went.
-#[derive(Debug, Clone, PartialEq)]
-pub struct FiberReport {
-    /// The port's name.
-    pub port: &'static str,
-    /// The manipulator that carried the fiber.
-    pub side: Side,
-    /// How it ended.
-    pub outcome: Outcome,
-    /// How its tip shakes, where it was watched.
-    pub shaking: Option<Measured>,
-    /// How light spreads in its micro's scale, where widths of the spot have told.
-    pub spread: Option<Spread>,
-    /// How wide its spot of light was, where circles at the chip have told.
-    pub spot: Option<SpotSize>,
-    /// How many times as far as its calibration says each piezo of its micro goes, where light has taught that and it was made use of.
-    pub strokes: Option<[f64; MICRO_AXES]>,
-    /// Where it is believed to be, where it was attached and that is known.
-    pub place: Option<Place>,
-    /// Its phases in order, seconds of machine time each.
-    pub phases: Vec<(&'static str, f64)>,
-}
-
-impl FiberReport {
-    /// Machine time of all phases, seconds.
-    pub fn seconds(&self) -> f64 {
-        self.phases.iter().map(|(_, seconds)| seconds).sum()
-    }
-}
-
-/// The names of the ports, input first.
-pub const PORTS: [&str; 1 + OUTPUTS] = ["input", "output1", "output2"];
-
-/// How far aside a raster is repeated that has found nothing, in its width: piezos without
-/// compensation do not sweep as far as they are told.
-const ASIDE: f64 = 0.25;
-
-/// How far around a bright place light is looked for that has slipped away, in meshes: first, and
-/// once more before the place is dismissed.
-pub(crate) const AROUND: [f64; 2] = [3.0, 6.0];
-
-/// After so many bright places that did not bear a second look there is more scattered light than
-/// a search can live with.
-pub(crate) const MOST_DISMISSED: usize = 5;
-
-/// A fiber on its way to a port.
-pub(crate) struct Job<'r> {
-    pub(crate) recipe: &'r Recipe,
-    name: &'static str,
-    /// The manipulator that carries it.
-    pub(crate) side: Side,
-    /// The port by design, chip's frame.
-    pub(crate) port: Point<Chip>,
-    /// The photodiode that sees its light.
-    pub(crate) channel: Channel,
-    phases: Vec<(&'static str, f64)>,
-    /// How its tip shakes, as far as circles have told.
-    shaking: Option<Shaking>,
-    /// How light spreads in its micro's scale, where widths of the spot have told.
-    pub(crate) spread: Option<Spread>,
-    /// How wide its spot of light was, where circles at the chip have told.
-    pub(crate) spot: Option<SpotSize>,
-    /// How many times as far as believed each piezo of its micro goes, where that was learned and made use of.
-    pub(crate) strokes: Option<[f64; MICRO_AXES]>,
-    /// By how much its light differs from one turn of a circle to the next by itself, of its own, as far as circles have told.
-    pub(crate) flicker: f64,
-    /// Where it is believed to be.
-    place: Option<Place>,
-    /// Whether it is to be left at its peak, not attached; and what was known of it there.
-    pub(crate) holds: bool,
-    pub(crate) at_peak: Option<AtPeak>,
-}
-
-/// A fiber at its peak before its port, held and not attached.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct AtPeak {
-    /// The manipulator that holds it.
-    pub side: Side,
-    /// The photodiode that sees its light.
-    pub channel: Channel,
-    /// Its level there, volts.
-    pub level: Level,
-    /// The level without its light, volts.
-    pub background: f64,
-    /// How well its place across is known, where the procedure can say so.
-    pub across: Option<Across>,
-    /// The light between it and its guide, as believed.
-    pub beam: Beam,
-    /// The gap, metres.
-    pub gap: f64,
-    /// How the peak walks as the gap closes, metres in the manipulator's x and y for a metre.
-    pub walk: Displacement,
-    /// How much nearer to the facet who guards the machine would let it come, who asks vision alone, metres.
-    pub room: f64,
-}
 
 /// Aligns the input fiber and the output fibers of one device, as the thesis does.
 pub fn thesis(station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
     let cell = AlignmentCell::over(station);
-    cell.run(each_fiber(&cell, recipe, async |job, port| {
-        if port.is_none() {
+    cell.run(each_fiber(&cell, recipe, async |job| {
+        if job.output.is_none() {
             cell.laser(true)?;
         }
-        match port {
-            None => job.align_input(&cell).await,
-            Some(k) => job.align_output(&cell, k).await,
-        }
+        job.align(&cell).await
     }))
 }
 
-/// Aligns the fibers of a device one after the other, the input (`None`) first. Outputs are
-/// attempted where the input is aligned, and nothing once the machine has stopped.
+/// Aligns the fibers of a device one after the other, the input first; one that fails goes back into the tray.
 pub(crate) async fn each_fiber<'r>(
     cell: &AlignmentCell<'_>,
     recipe: &'r Recipe,
-    mut align: impl AsyncFnMut(&mut Job<'r>, Option<usize>) -> Result<(), Halt>,
+    align: impl AsyncFnMut(&mut Job<'r>) -> Result<(), Halt>,
 ) -> Vec<FiberReport> {
-    let mut reports: Vec<FiberReport> = Vec::with_capacity(PORTS.len());
-    for port in std::iter::once(None).chain((0..recipe.ports.outputs.len()).map(Some)) {
-        let mut job = port.map_or_else(|| Job::input(recipe), |k| Job::output(recipe, k));
-        let dark = port.is_some() && reports[0].outcome != Outcome::Aligned;
-        let stopped = reports
-            .iter()
-            .any(|report| report.outcome.fault().is_some());
-        reports.push(if dark || stopped {
-            job.report(Outcome::NotAttempted)
-        } else {
-            job.run(cell, async |job| align(job, port).await).await
-        });
-    }
-    reports
-}
-
-/// The reports of a device on which nothing could be begun.
-pub fn not_begun(recipe: &Recipe, fault: Fault) -> Vec<FiberReport> {
-    let mut outcomes =
-        std::iter::once(Outcome::Stopped(fault)).chain(std::iter::repeat(Outcome::NotAttempted));
-    std::iter::once(Job::input(recipe))
-        .chain((0..recipe.ports.outputs.len()).map(|k| Job::output(recipe, k)))
-        .map(|mut job| job.report(outcomes.next().unwrap_or(Outcome::NotAttempted)))
-        .collect()
+    run_all(recipe, align, async |job| job.put_back(cell).await).await
 }
 
 /// Lights the guides of a device for an experiment: the input fiber aligned and attached as in
@@ -184,7 +60,7 @@ pub(crate) async fn lit(
     let mut recipe = recipe.clone();
     recipe.last.accuracy = accuracy;
     cell.laser(true)?;
-    Job::input(&recipe).align_input(cell).await
+    Job::of(&recipe, None).align(cell).await
 }
 
 /// Light that was found, with the macro brought to it.
@@ -195,88 +71,7 @@ pub(crate) struct Found {
     pub(crate) level: f64,
 }
 
-impl<'r> Job<'r> {
-    /// What circles have told of how its tip shakes.
-    pub(crate) fn has_shaken(&mut self, shaking: Shaking) {
-        self.shaking = Some(self.shaking.map_or(shaking, |before| before.and(shaking)));
-    }
-
-    /// The input fiber's way to its port.
-    pub(crate) fn input(recipe: &'r Recipe) -> Self {
-        let port = recipe.ports.input;
-        Self::new(recipe, PORTS[0], Side::Left, port, Channel::Sensing)
-    }
-
-    /// The way of an output fiber.
-    pub(crate) fn output(recipe: &'r Recipe, index: usize) -> Self {
-        let (name, port) = (PORTS[1 + index], recipe.ports.outputs[index]);
-        Self::new(recipe, name, Side::Right, port, Channel::of_output(index))
-    }
-
-    fn new(
-        recipe: &'r Recipe,
-        name: &'static str,
-        side: Side,
-        [x, y, z]: [f64; 3],
-        channel: Channel,
-    ) -> Self {
-        Self {
-            recipe,
-            name,
-            side,
-            port: Point::new(x, y, z),
-            channel,
-            phases: Vec::with_capacity(8),
-            shaking: None,
-            spread: None,
-            spot: None,
-            strokes: None,
-            flicker: 0.0,
-            place: None,
-            holds: false,
-            at_peak: None,
-        }
-    }
-
-    /// How its tip shakes, where it was watched.
-    pub(crate) fn shakes(&self) -> Option<Measured> {
-        let watched = self.shaking.filter(Shaking::is_watched);
-        watched.map(|shaking| shaking.measured())
-    }
-
-    /// How it went.
-    pub(crate) fn report(&mut self, outcome: Outcome) -> FiberReport {
-        FiberReport {
-            port: self.name,
-            side: self.side,
-            outcome,
-            shaking: self.shakes(),
-            spread: self.spread,
-            spot: self.spot,
-            strokes: self.strokes,
-            place: self.place.take(),
-            phases: std::mem::take(&mut self.phases),
-        }
-    }
-
-    /// Runs a whole alignment. One that fails leaves the machine well: away from the chip, and the
-    /// fiber back in the tray.
-    pub(crate) async fn run(
-        &mut self,
-        cell: &AlignmentCell<'_>,
-        align: impl AsyncFnOnce(&mut Self) -> Result<(), Halt>,
-    ) -> FiberReport {
-        let outcome = match align(self).await {
-            Ok(()) => Outcome::Aligned,
-            Err(Halt::Fault(fault)) => Outcome::Stopped(fault),
-            Err(Halt::Outcome(outcome)) => match self.put_back(cell).await {
-                Ok(()) => outcome,
-                Err(fault) => Outcome::Stopped(fault),
-            },
-        };
-        self.report(outcome)
-    }
-
+impl Job<'_> {
     /// Takes the fiber away from the chip and back into the tray.
     pub(crate) async fn put_back(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Fault> {
         let well = |result: Result<(), Halt>| match result {
@@ -289,155 +84,49 @@ impl<'r> Job<'r> {
         well(cell.unload(self.side).await)
     }
 
-    /// Runs a phase and notes its time, also of one that ends early.
-    pub(crate) async fn phase<T>(
-        &mut self,
-        cell: &AlignmentCell<'_>,
-        name: &'static str,
-        work: impl AsyncFnOnce(&mut Self) -> Result<T, Halt>,
-    ) -> Result<T, Halt> {
-        cell.announce(self.name, name);
-        let start = cell.now();
-        let result = work(self).await;
-        self.phases.push((name, cell.now() - start));
-        cell.conclude(self.name, name);
-        result
-    }
-
-    /// Aligns the input fiber, be it carried already or not.
-    pub(crate) async fn align_input(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
-        let found = self.find_input(cell).await?;
+    /// Aligns the fiber, be it carried already or not.
+    pub(crate) async fn align(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
+        let found = self.find(cell).await?;
         self.finish(cell, &found).await
     }
 
-    /// Brings the input fiber to the peak before its port, and leaves it there, not attached.
-    pub(crate) async fn reach_input(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
-        let found = self.find_input(cell).await?;
+    /// Brings the fiber to the peak before its port, and leaves it there, not attached.
+    pub(crate) async fn reach(&mut self, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
+        let found = self.find(cell).await?;
         self.maximize(cell, &found, async |_, _| Ok(())).await
     }
 
     /// From the tray to first light.
-    pub(crate) async fn find_input(&mut self, cell: &AlignmentCell<'_>) -> Result<Found, Halt> {
-        if !cell.carries(Side::Left) {
-            cell.load(Side::Left, 0).await?;
+    pub(crate) async fn find(&mut self, cell: &AlignmentCell<'_>) -> Result<Found, Halt> {
+        let (side, recipe) = (self.side, self.recipe);
+        let port = self.output.unwrap_or(0);
+        if self.output.is_none() && !cell.carries(side) {
+            cell.load(side, port).await?;
         }
-        let recipe = self.recipe;
-        let output = recipe.ports.outputs[0];
         self.phase(cell, "coarse", async |job| {
-            job.place(
-                cell,
-                Side::Left,
-                Tip::Fiber,
-                job.search_start(),
-                recipe.raster.gap,
-            )
-            .await
+            if job.output.is_some() {
+                // Loaded only now, and away from the chip: an output fiber stands out beyond the
+                // sensing fiber.
+                job.withdraw(cell, side).await?;
+                if !cell.carries(side) {
+                    cell.load(side, port).await?;
+                }
+            }
+            let start = job.search_start();
+            job.place(cell, side, Tip::Fiber, start, recipe.raster.gap)
+                .await
         })
         .await?;
-        let top = self
-            .phase(cell, "sensing", async |job| {
-                job.find_top(cell, output).await
-            })
-            .await?;
-        self.phase(cell, "raster", async |job| {
-            let lowest = cell.wanted(Side::Left);
-            // The guided light may have passed beside the sensing fiber's core: to either side. Or
-            // beside the area, which piezos without compensation do not sweep to its edges.
-            let step = recipe.sensing.sidestep;
-            let aside = ASIDE * recipe.raster.x;
-            // And between the lines of the first.
-            let between = 0.5 * recipe.raster.mesh;
-            let mut evidence: Option<SearchEvidence> = None;
-            for (sensing, area) in [
-                (0.0, 0.0),
-                (step, 0.0),
-                (-step, 0.0),
-                (0.0, aside),
-                (0.0, -aside),
-                (step, aside),
-                (-step, -aside),
-            ] {
-                if evidence.is_some() {
-                    job.arrive(cell, Side::Right, top.shifted(sensing, 0.0, 0.0))
-                        .await?;
-                    cell.move_micro(Side::Left, Displacement::ZERO)?;
-                    job.arrive(cell, Side::Left, lowest.shifted(area, -between, 0.0))
-                        .await?;
-                }
-                match job.find_light(cell).await {
-                    Ok(found) => return Ok(found),
-                    Err(halt) => evidence = Some(halt.no_light()?.after(evidence)),
-                }
-            }
-            Err(no_light(evidence))
-        })
-        .await
-    }
-
-    /// Aligns an output fiber, be it carried already or not.
-    pub(crate) async fn align_output(
-        &mut self,
-        cell: &AlignmentCell<'_>,
-        index: usize,
-    ) -> Result<(), Halt> {
-        let found = self.find_output(cell, index).await?;
-        self.finish(cell, &found).await
-    }
-
-    /// Brings an output fiber to the peak before its port, and leaves it there, not attached.
-    pub(crate) async fn reach_output(
-        &mut self,
-        cell: &AlignmentCell<'_>,
-        index: usize,
-    ) -> Result<(), Halt> {
-        let found = self.find_output(cell, index).await?;
-        self.maximize(cell, &found, async |_, _| Ok(())).await
-    }
-
-    /// From the tray to first light.
-    pub(crate) async fn find_output(
-        &mut self,
-        cell: &AlignmentCell<'_>,
-        index: usize,
-    ) -> Result<Found, Halt> {
-        let recipe = self.recipe;
-        self.phase(cell, "coarse", async |job| {
-            // Loaded only now, and away from the chip: an output fiber stands out beyond the
-            // sensing fiber.
-            job.withdraw(cell, Side::Right).await?;
-            if !cell.carries(Side::Right) {
-                cell.load(Side::Right, index).await?;
-            }
-            job.place(
-                cell,
-                Side::Right,
-                Tip::Fiber,
-                job.search_start(),
-                recipe.raster.gap,
-            )
+        // It sees the input's light alone.
+        let sensing = if self.output.is_none() {
+            let output = recipe.ports.outputs[0];
+            let top = async |job: &mut Self| job.find_top(cell, output).await;
+            Some(self.phase(cell, "sensing", top).await?)
+        } else {
+            None
+        };
+        self.phase(cell, "raster", async |job| job.rasters(cell, sensing).await)
             .await
-        })
-        .await?;
-        self.phase(cell, "raster", async |job| {
-            let lowest = cell.wanted(Side::Right);
-            let aside = ASIDE * recipe.raster.x;
-            // And between the lines of the first.
-            let between = 0.5 * recipe.raster.mesh;
-            let mut evidence: Option<SearchEvidence> = None;
-            for area in [0.0, aside, -aside] {
-                if evidence.is_some() {
-                    cell.move_micro(Side::Right, Displacement::ZERO)?;
-                    job.arrive(cell, Side::Right, lowest.shifted(area, -between, 0.0))
-                        .await?;
-                }
-                match job.find_light(cell).await {
-                    Ok(found) => return Ok(found),
-                    Err(halt) => evidence = Some(halt.no_light()?.after(evidence)),
-                }
-            }
-            Err(no_light(evidence))
-        })
-        .await
     }
 
     /// From first light to an attached fiber.
@@ -474,7 +163,7 @@ impl<'r> Job<'r> {
                 }
                 let before = cell.level(job.channel, 0.04).await?;
                 let level = before.mean - background;
-                if level < STILL_THERE * found.level {
+                if level < TUNING.search.still_there * found.level {
                     return Err(lost("climb", level, found.level));
                 }
                 Ok((peak, level, before.sigma))
@@ -584,7 +273,7 @@ impl<'r> Job<'r> {
         self.arrive(cell, side, clear).await?;
         let far = at_gap(cell, self.recipe.first_look(cell.spec()));
         cell.line(side, far, None).await?;
-        for _ in 0..4 {
+        for _ in 0..coarse.looks {
             let (x, z) = look(cell, side, tip, coarse.frames).await?;
             let kinematics = cell.frame(side);
             let seen = kinematics.macro_from_chip(Point::new(x, wanted.y, wanted.z));
@@ -637,6 +326,36 @@ impl<'r> Job<'r> {
         Ok(cell.wanted(side))
     }
 
+    /// Rasters from where the fiber stands, one pass after the other until there is light. What the `sensing` fiber is to see is looked for wherever
+    /// that is to stand; what it does not see only in the passes in which it stays.
+    async fn rasters(
+        &self,
+        cell: &AlignmentCell<'_>,
+        sensing: Option<Point<Macro>>,
+    ) -> Result<Found, Halt> {
+        let (raster, step) = (&self.recipe.raster, self.recipe.sensing.sidestep);
+        let lowest = cell.wanted(self.side);
+        let between = raster.retry.between * raster.mesh;
+        let mut evidence: Option<SearchEvidence> = None;
+        let passes = raster.retry.passes.iter();
+        for pass in passes.filter(|pass| sensing.is_some() || pass.sensing == 0.0) {
+            if evidence.is_some() {
+                if let Some(top) = sensing {
+                    let there = top.shifted(pass.sensing * step, 0.0, 0.0);
+                    self.arrive(cell, Side::Right, there).await?;
+                }
+                cell.move_micro(self.side, Displacement::ZERO)?;
+                let start = lowest.shifted(pass.aside * raster.x, -between, 0.0);
+                self.arrive(cell, self.side, start).await?;
+            }
+            match self.find_light(cell).await {
+                Ok(found) => return Ok(found),
+                Err(halt) => evidence = Some(halt.no_light()?.after(evidence)),
+            }
+        }
+        Err(no_light(evidence))
+    }
+
     /// The raster from where the fiber stands, with the macro brought to what it found. A hit
     /// that does not bear a second look was a fluctuation of the scattered light, and the raster
     /// goes on above it.
@@ -651,7 +370,7 @@ impl<'r> Job<'r> {
             let sweep = searcher.raster(cell, raster, top).await?;
             let seen = sweep.evidence.following(evidence);
             let hit = match sweep.hit {
-                Some(hit) if seen.dismissed < MOST_DISMISSED => hit,
+                Some(hit) if seen.dismissed < raster.retry.dismissed as usize => hit,
                 _ => return Err(no_light(Some(seen))),
             };
             if let Some(found) = self.confirm(cell, &searcher, &hit).await? {
@@ -675,12 +394,13 @@ impl<'r> Job<'r> {
         hit: &Hit,
     ) -> Result<Option<Found>, Halt> {
         // The light may have slipped away farther than is looked around for at first.
-        for around in AROUND {
-            self.recentre(cell, searcher, hit, around).await?;
+        let around = &self.recipe.raster.retry.around;
+        for far in around {
+            self.recentre(cell, searcher, hit, *far).await?;
             let level = searcher.contrast(cell, self.recipe.raster.mesh).await?;
             if level > 0.5 * hit.level {
                 // The look aside and back has left the piezos elsewhere.
-                self.regain(cell, searcher, level, AROUND[0]).await?;
+                self.regain(cell, searcher, level, around[0]).await?;
                 return Ok(Some(Found {
                     background: searcher.background.mean,
                     level,

@@ -13,7 +13,7 @@ use crate::kinematics::Kinematics;
 use crate::outcome::{Halt, Outcome};
 use crate::station::Observer;
 use pigtail_hal::bench::{
-    Caps, Estimate, Event, Group, Law, Light, Pose, Refused, Request, Ticket,
+    Caps, Estimate, Event, Group, Law, Light, Limits, Pose, Refused, Request, Ticket,
 };
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::MICRO_AXES;
@@ -336,6 +336,41 @@ impl<'b> Reactor<'b> {
         }))
     }
 
+    /// Has a group play a law; why the bench does not is how a fiber's alignment ends.
+    ///
+    /// # Errors
+    ///
+    /// [`Outcome::BenchFailed`].
+    pub fn send(&self, group: Group, law: Law) -> Result<Ticket, Outcome> {
+        self.play(group, law).map_err(|why| refused(&why))
+    }
+
+    /// Sends a group straight to a pose, no faster than `speed` m/s.
+    ///
+    /// # Errors
+    ///
+    /// As [`Self::send`].
+    pub fn send_to(&self, group: Group, to: Pose, speed: Option<f64>) -> Result<Ticket, Outcome> {
+        let limits = Limits { speed };
+        self.send(group, Law::Line { to, limits })
+    }
+
+    /// The same, and waits until it has come to rest.
+    ///
+    /// # Errors
+    ///
+    /// A fault; [`Outcome::BenchFailed`] where it may not go there, or does not arrive.
+    pub async fn line(&self, group: Group, to: Pose, speed: Option<f64>) -> Result<(), Halt> {
+        let ticket = self.send_to(group, to, speed)?;
+        self.done(vec![ticket], LONGEST).await
+    }
+
+    /// Where a group stands across, x and y, where that is known.
+    pub fn across(&self, group: Group) -> Option<Displacement> {
+        let here = self.pose(group, self.now())?;
+        Some(across(&here.pose))
+    }
+
     /// Waits for the next light of a meter, volts.
     ///
     /// # Errors
@@ -434,6 +469,11 @@ impl<'b> Reactor<'b> {
 
 impl Listener for () {
     fn hear(&self, _: &dyn Bench, _: &Event) {}
+}
+
+/// A pose's x and y.
+pub(crate) fn across(pose: &Pose) -> Displacement {
+    Displacement::new(pose.x(), pose.y())
 }
 
 /// What a bench refuses is how a fiber's alignment ends.

@@ -1,13 +1,15 @@
 //! What is to be done: the device's ports and the parameters of the procedure.
 
 mod fast;
+mod retry;
 
 use crate::calibration::Calibration;
 use crate::kinematics::Kinematics;
-pub use fast::{ConicalScan, Fast, Mode, OverTop, Pass, Retry, Sweep};
+pub use fast::{ConicalScan, Fast, Mode, OverTop, Sweep};
 use pigtail_hal::spec::OUTPUTS;
 use pigtail_hal::{Error, Side, Spec, config, quantity};
 use pigtail_model::frames::{Chip, Point};
+pub use retry::{Pass, RasterPass, RasterRetry, Retry};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use std::f64::consts::PI;
@@ -94,9 +96,18 @@ pub struct Coarse {
     /// How near to its place across the chip a tip must be seen, metres.
     #[serde(with = "quantity::PositiveLength")]
     pub tolerance: f64,
+    /// How often a tip is looked at and brought nearer, at most.
+    #[serde(default = "Coarse::usual_looks")]
+    pub looks: u32,
     /// Way from below on every arrival, which leaves the transmissions wound up alike, metres.
     #[serde(with = "quantity::PositiveLength")]
     pub run_up: f64,
+}
+
+impl Coarse {
+    const fn usual_looks() -> u32 {
+        4
+    }
 }
 
 /// Finding the chip's top with the sensing fiber (thesis 3.2.2).
@@ -145,6 +156,9 @@ pub struct Raster {
     /// Standard deviations above the background that count as light.
     #[serde(with = "quantity::Positive")]
     pub significance: f64,
+    /// What is tried again.
+    #[serde(default)]
+    pub retry: RasterRetry,
 }
 
 impl Raster {
@@ -233,6 +247,17 @@ impl Accept {
     }
 }
 
+/// The error of a key that recipes once had says where it is now.
+fn moved(mut error: Error) -> Error {
+    if ["fast.sweep.lag", "fast.conical_scan.lag", "fast.orbit.lag"].contains(&error.key.as_str()) {
+        error.message = String::from(
+            "is no longer said by a recipe: how late a photodiode is behind a micro is belief about the machine; accepted is \
+                         `geometry.micro.lag` in its `calibration.toml`, or a bench's `groups`",
+        );
+    }
+    error
+}
+
 impl Recipe {
     /// Parses a recipe and checks it against the machine that is to run it; `file` is its name in
     /// errors.
@@ -247,10 +272,11 @@ impl Recipe {
         spec: &Spec,
         calibration: &Calibration,
     ) -> Result<Self, Error> {
-        let recipe: Self = config::parse(file, text)?;
+        let recipe: Self = config::parse(file, text).map_err(moved)?;
         let error = |key: &str, message: String| Error::new(file, key, message);
         for (key, count, most) in [
             ("coarse.frames", recipe.coarse.frames, 1000),
+            ("coarse.looks", recipe.coarse.looks, 100),
             ("approach.frames", recipe.approach.frames, 1000),
             ("final.patterns", recipe.last.patterns, 1000),
         ] {
@@ -286,6 +312,8 @@ impl Recipe {
         recipe
             .check_raster(spec)
             .map_err(|message| error("raster.frequency", message))?;
+        let retry = recipe.raster.retry.check();
+        retry.map_err(|(key, message)| error(key, message))?;
         recipe
             .fast
             .check(&recipe, spec)
@@ -386,7 +414,7 @@ impl Recipe {
             ("final.patterns", pattern * f64::from(self.last.patterns)),
             (
                 "coarse.frames",
-                4.0 * f64::from(self.coarse.frames) / spec.vision.rate,
+                f64::from(self.coarse.looks * self.coarse.frames) / spec.vision.rate,
             ),
             (
                 "approach.frames",

@@ -4,6 +4,7 @@ use crate::cell::AlignmentCell;
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::recipe::{Raster, Sensing};
 use crate::station::Level;
+use crate::tuning::TUNING;
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::{Displacement, Macro, Point};
 use std::f64::consts::TAU;
@@ -18,12 +19,6 @@ pub struct Hit {
     /// The light above the background, volts.
     pub level: f64,
 }
-
-/// Places of a sinusoid that a micro goes straight between, each period.
-pub(crate) const KNOTS: f64 = 32.0;
-
-/// So many lines more than there is height for are told to the micro: the macro sets out slowly.
-pub(crate) const MORE_LINES: f64 = 8.0;
 
 /// What a search saw.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -98,8 +93,8 @@ impl Searcher {
             Displacement::new(reach.at(phase.sin()), 0.0)
         };
         // Somewhat longer than the macro takes, which sets out slowly.
-        let lines = ((top - start.y) / raster.mesh).max(0.0) + MORE_LINES;
-        let knots = (lines * period, period / KNOTS);
+        let lines = ((top - start.y) / raster.mesh).max(0.0) + TUNING.search.more_lines;
+        let knots = (lines * period, period / TUNING.search.knots);
         cell.micro_path(self.side, knots, sweep)?;
         // Light is followed for two more periods, so that the spot's brightest line is seen.
         let follow = 2.0 * period;
@@ -120,18 +115,16 @@ impl Searcher {
     ///
     /// The machine's fault.
     pub async fn contrast(&self, cell: &AlignmentCell<'_>, mesh: f64) -> Result<f64, Halt> {
-        const SECONDS: f64 = 0.1;
-        const LOOKS: u32 = 2;
         let here = cell.micro(self.side);
         let way = if here.x > 0.0 { -4.0 } else { 4.0 };
         let aside = here + Displacement::new(way * mesh, 0.0);
         let mut contrast = 0.0;
-        for _ in 0..LOOKS {
+        for _ in 0..TUNING.search.contrast_looks {
             for (at, sign) in [(here, 1.0), (aside, -1.0)] {
                 cell.move_micro(self.side, at)?;
                 cell.wait(0.01).await?;
-                let level = cell.level(self.channel, SECONDS).await?.mean;
-                contrast += sign * level / f64::from(LOOKS);
+                let level = cell.level(self.channel, TUNING.search.contrast).await?.mean;
+                contrast += sign * level / f64::from(TUNING.search.contrast_looks);
             }
         }
         cell.move_micro(self.side, here)?;
@@ -151,16 +144,16 @@ impl Searcher {
         reach: f64,
         spacing: f64,
     ) -> Result<Sweep, Halt> {
-        const FREQUENCY: f64 = 20.0;
-        let duration = 2.0 * reach / (spacing * FREQUENCY);
+        let frequency = TUNING.search.frequency;
+        let duration = 2.0 * reach / (spacing * frequency);
         let path = |elapsed: f64| {
             Displacement::new(
-                reach * (TAU * FREQUENCY * elapsed).sin(),
+                reach * (TAU * frequency * elapsed).sin(),
                 reach * (2.0 * elapsed / duration - 1.0),
             )
         };
         let end = cell.now() + duration;
-        let knots = (duration, (KNOTS * FREQUENCY).recip());
+        let knots = (duration, (TUNING.search.knots * frequency).recip());
         cell.micro_path(self.side, knots, path)?;
         let mut seen = self.watch(cell, duration, end, || true).await?;
         seen.evidence.width = 2.0 * reach;
@@ -223,7 +216,7 @@ pub async fn edge_from_below(
     significance: f64,
     height: f64,
 ) -> Result<(), Halt> {
-    const SAMPLES: usize = 5;
+    const SAMPLES: usize = TUNING.search.edge;
     let (side, channel) = (Side::Right, Channel::Sensing);
     let start = cell.wanted(side);
     cell.start_line(side, start.shifted(0.0, height, 0.0), Some(sensing.speed))?;
@@ -265,27 +258,27 @@ pub async fn edge_from_below(
 ///
 /// The machine's fault.
 pub async fn centre_sensing(cell: &AlignmentCell<'_>) -> Result<(), Halt> {
-    const SECONDS: f64 = 0.8;
-    const WINDOW: usize = 15;
+    let seconds = TUNING.search.centring;
+    let window = TUNING.search.centring_window;
     let (side, channel) = (Side::Right, Channel::Sensing);
     let reach = cell.micro_reach_x(side).within(f64::INFINITY, 0.95);
     let across = |x: f64| Displacement::new(x, 0.0);
     cell.move_micro(side, across(reach.low))?;
     cell.wait(0.02).await?;
     let mut seen: Vec<(f64, f64)> = Vec::with_capacity(1024);
-    let end = cell.now() + SECONDS;
-    cell.micro_path(side, (SECONDS, SECONDS), |_| across(reach.high))?;
+    let end = cell.now() + seconds;
+    cell.micro_path(side, (seconds, seconds), |_| across(reach.high))?;
     while !cell.is_past(end) {
         if let Some(volts) = cell.light(channel, end).await? {
             seen.push((cell.micro_at(side, cell.now()).x, volts));
         }
     }
     let smooth: Vec<(f64, f64)> = seen
-        .windows(WINDOW)
+        .windows(window)
         .map(|w| {
             (
-                w[WINDOW / 2].0,
-                w.iter().map(|s| s.1).sum::<f64>() / WINDOW as f64,
+                w[window / 2].0,
+                w.iter().map(|s| s.1).sum::<f64>() / window as f64,
             )
         })
         .collect();
@@ -300,6 +293,3 @@ pub async fn centre_sensing(cell: &AlignmentCell<'_>) -> Result<(), Halt> {
     cell.wait(0.02).await?;
     Ok(())
 }
-
-/// Share of the light that was found which must still be there after a climb.
-pub(crate) const STILL_THERE: f64 = 0.5;

@@ -3,24 +3,16 @@
 //! faster averages out, what is slower does not. Light tells of both: on a circle around the peak it scatters by more than
 //! a photodiode does in the dark, sample by sample; and where the tip is held beside the peak, so do its means.
 
-use crate::belief::{Across, UNSURE};
+use crate::belief::Across;
 use crate::outcome::Outcome;
+use crate::tuning::TUNING;
 
-/// What is known of a tip before it is seen and where nobody has measured it. 95 % of the tips of amplifiers and
-/// tables such as workshops have lie between 2 and 32 nm: a choice, which the shipped fleet `workshop` makes too, so
-/// that this fleet is no test of it.
+/// What is known of a tip before it is seen and where nobody has measured it.
 const USUAL: Measured = Measured {
-    deviation: 8e-9,
-    spread: 0.7,
+    deviation: TUNING.shaking.usual,
+    spread: TUNING.shaking.usual_spread,
     left: 1.0,
 };
-
-/// That a tip which was measured has changed since, and is such as is usual: a loose screw, another table, a
-/// machine started nearby. A choice, as one that happens now and then and not on most days.
-const CHANGED: f64 = 0.05;
-
-/// What is slower than a turn is believed to be as much as what is faster, or as much as was measured, worth so many degrees of freedom.
-const WORTH_SLOW: f64 = 10.0;
 
 /// Deviations that are looked at, metres, and how many of them.
 const LEAST_LOOKED: f64 = 0.3e-9;
@@ -193,10 +185,8 @@ impl Shaking {
     /// (square metres), by so many degrees of freedom. What chance may have made of the noise is none of it: a few
     /// turns say little.
     pub fn set_slow(&mut self, variance: [f64; 2], noise: [f64; 2], degrees: f64) {
-        /// Standard deviations of the noise's own variance.
-        const CHANCE: f64 = 3.0;
         let more = [0, 1].map(|i| {
-            let most = noise[i] * (1.0 + CHANCE * (2.0 / degrees).sqrt());
+            let most = noise[i] * (1.0 + TUNING.shaking.noise_chance * (2.0 / degrees).sqrt());
             if variance[i] > most {
                 variance[i] - noise[i]
             } else {
@@ -243,7 +233,8 @@ impl Shaking {
         let (variance, degrees) = self.slow;
         let foreseen = self.measured.unwrap_or(USUAL).left_of_means();
         variance.map(|variance| {
-            let believed = (variance * degrees + foreseen * WORTH_SLOW) / (degrees + WORTH_SLOW);
+            let believed = (variance * degrees + foreseen * TUNING.shaking.worth_slow)
+                / (degrees + TUNING.shaking.worth_slow);
             if self.measured.is_some() {
                 (believed - foreseen).max(0.0)
             } else {
@@ -261,17 +252,16 @@ impl Shaking {
     /// Whether the micro swings on the circle that finds the peak by much more than on the small one: by its own
     /// resonance.
     pub fn rings(&self) -> bool {
-        /// By so many times as much, by variance.
-        const RINGS: f64 = 6.0;
-        /// A tip that shakes less than this is still, metres.
-        const LEAST: f64 = 5e-9;
-        /// Standard deviations of what noise makes of a few turns.
-        const CHANCE: f64 = 2.0;
         let (wide, small) = (self.wide, self.small);
-        let chance = CHANCE * (2.0 / wide.degrees).sqrt() * wide.squares / wide.degrees;
+        let chance =
+            TUNING.shaking.rings_chance * (2.0 / wide.degrees).sqrt() * wide.squares / wide.degrees;
         small.degrees > 0.0
             && wide.degrees > 0.0
-            && wide.beyond() - chance > RINGS * small.beyond().max(LEAST * LEAST)
+            && wide.beyond() - chance
+                > TUNING.shaking.rings
+                    * small
+                        .beyond()
+                        .max(TUNING.shaking.least * TUNING.shaking.least)
     }
 
     /// Variances of a tip (square metres) and how probable each is, after what was seen.
@@ -282,7 +272,8 @@ impl Shaking {
         let before = |deviation: f64| match self.measured.filter(|_| self.is_known()) {
             None => USUAL.density(deviation),
             Some(measured) => {
-                (1.0 - CHANGED) * measured.density(deviation) + CHANGED * USUAL.density(deviation)
+                (1.0 - TUNING.shaking.changed) * measured.density(deviation)
+                    + TUNING.shaking.changed * USUAL.density(deviation)
             }
         };
         let each = (0..=LOOKED).map(|step| {
@@ -319,28 +310,22 @@ impl Shaking {
     /// Whether it was watched for so long that more would say little: how far it shakes is known, or that it is nothing beside a `tolerance`
     /// (metres).
     pub fn is_told(&self, tolerance: f64) -> bool {
-        /// As well as it is the same on another day.
-        const KNOWN: f64 = 0.1;
-        /// Share of the tolerance.
-        const NOTHING: f64 = 0.05;
-        /// Standard deviations.
-        const SURELY: f64 = 3.0;
         let means = self.known();
-        let most = means.deviation * (SURELY * means.spread).exp();
-        self.watched && (self.measured().spread <= KNOWN || most <= NOTHING * tolerance)
+        let most = means.deviation * (TUNING.shaking.told_surely * means.spread).exp();
+        let nothing = most <= TUNING.shaking.nothing * tolerance;
+        self.watched && (self.measured().spread <= TUNING.shaking.known || nothing)
     }
 
     /// What to believe of the tip from now on, of what it did while it was watched: slower and faster alike.
     pub fn measured(&self) -> Measured {
-        /// Standard deviations by which more may be left of means than it seems.
-        const SURELY: f64 = 2.0;
         let means = self.known();
         let samples = Self {
             wide: self.samples,
             ..*self
         };
         let known = samples.known();
-        let left = 2.0 * ((means.deviation / known.deviation).ln() + SURELY * means.spread);
+        let left =
+            2.0 * ((means.deviation / known.deviation).ln() + TUNING.shaking.surely * means.spread);
         Measured {
             left: left.exp().min(1.0),
             ..known
@@ -390,18 +375,16 @@ impl Shaking {
     /// Whether a tip whose place is `known` so well may turn out to be within `tolerance` for sure where it is watched, or watched for longer:
     /// as still as it may yet be, it would be. Of one that was not watched nobody knows what is left of means over as long as a bond takes.
     pub fn may_be_sure(&self, tolerance: f64, known: Across) -> bool {
-        /// Standard deviations by which it may be stiller than it seems.
-        const STILLER: f64 = 2.0;
         let stillest = if self.watched {
             let seen = self.known();
             let left = self.measured.map_or(1.0, |measured| measured.left);
-            left.sqrt() * seen.deviation * (-STILLER * seen.spread).exp()
+            left.sqrt() * seen.deviation * (-TUNING.shaking.stiller * seen.spread).exp()
         } else {
             0.0
         };
         let place = known.times(self.wider);
         let sigma = place.sigma.map(|sigma| sigma.hypot(stillest));
-        Across { sigma, ..place }.outside(tolerance) <= UNSURE
+        Across { sigma, ..place }.outside(tolerance) <= TUNING.bond.unsure
     }
 
     /// How well it is known along an axis where a tip, of which the place is `known` so well, is while its bond sets.
@@ -431,7 +414,7 @@ impl Shaking {
             (tolerance / self.wider, known)
         };
         let probability = self.outside(tolerance, known);
-        if probability <= UNSURE {
+        if probability <= TUNING.bond.unsure {
             return Ok(());
         }
         Err(Outcome::UnsurePlace {
@@ -440,7 +423,7 @@ impl Shaking {
             shaking: self.deviation(),
             tolerance,
             probability,
-            accepted: UNSURE,
+            accepted: TUNING.bond.unsure,
         })
     }
 }

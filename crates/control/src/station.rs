@@ -2,8 +2,10 @@
 //! exchanges it for a measurement, and lets the procedure look at what came back.
 
 mod arm;
+mod axes;
 mod bench;
 mod handling;
+mod motion;
 mod past;
 mod playing;
 
@@ -14,24 +16,18 @@ use self::playing::Playing;
 use crate::beam::SpotSize;
 use crate::calibration::Calibration;
 use crate::cell::Layout;
-use crate::compensation::online::Told;
 use crate::gap_by_light::Spread;
 use crate::impulse::belief::ImpulseBelief;
 use crate::kinematics::Kinematics;
-use crate::outcome::{Halt, Outcome};
-use crate::servo::{Pid, PidState};
 use crate::shaking::Measured;
-use crate::trajectory::{Arc, Limits, Line, Motion, Path, Rates, Refused, Shape};
-use pigtail_hal::quantity::{Counts, Volts};
-use pigtail_hal::spec::{CHANNELS, MICRO_AXES, SIDES};
+use crate::trajectory::{Limits, Rates, Shape};
+use pigtail_hal::quantity::Volts;
+use pigtail_hal::spec::{CHANNELS, SIDES};
 use pigtail_hal::{
-    Axis, AxisName, Channel, Command, Fault, FiberHandling, Machine, Measurement, Pulse, Side,
-    Spec, VisionFrame,
+    Channel, Command, Fault, FiberHandling, Machine, Measurement, Side, Spec, VisionFrame,
 };
 use pigtail_model::frames::{Displacement, Macro, Point};
-use pigtail_model::windup::{Windup, WindupState};
 use std::cell::Cell;
-use std::f64::consts::TAU;
 
 /// What an observer is told with every light sample.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -114,40 +110,6 @@ impl Level {
     }
 }
 
-/// How near, in encoder counts, an axis must come to count as arrived, and for how long.
-const ARRIVED_COUNTS: i64 = 1;
-const ARRIVED_SECONDS: f64 = 0.02;
-/// An axis that has not arrived by then stays where friction holds it...
-const SETTLE_SECONDS: f64 = 0.3;
-/// ...unless it is so many counts away that something else must hold it.
-const LOST_COUNTS: i64 = 10;
-/// How long the machine is left to come to rest when it is taken up again.
-const RECOVERY_SECONDS: f64 = 0.3;
-/// How fast it is brought back then, as a share of the motors' highest speed.
-const RECOVERY_PACE: f64 = 0.02;
-
-/// The axes of a side come to rest at the end of a motion.
-#[derive(Debug, Clone, Copy, Default)]
-struct Arrival {
-    /// Since the motion's end, seconds, and since all of them are where they should be.
-    waited: f64,
-    near: f64,
-}
-
-impl Arrival {
-    /// After a cycle more; whether they have arrived, or will not.
-    fn step(&mut self, station: &Station, side: Side) -> bool {
-        let period = station.spec().period();
-        self.waited += period;
-        let error = |axis: &Axis| station.following_error(AxisName { side, axis: *axis });
-        let near = Axis::ALL
-            .iter()
-            .all(|axis| error(axis).abs() <= ARRIVED_COUNTS);
-        self.near = if near { self.near + period } else { 0.0 };
-        self.waited >= SETTLE_SECONDS || self.near >= ARRIVED_SECONDS
-    }
-}
-
 impl<'a> Station<'a> {
     /// Takes control of a machine that stands at home.
     ///
@@ -168,9 +130,10 @@ impl<'a> Station<'a> {
         let measurement = machine.exchange(&command)?;
         let micro = &calibration.geometry.micro;
         let settling = micro.settling.unwrap_or(spec.micro.settling);
+        let lag = (micro.lag, micro.lag_deviation);
         let kinematics = [&arms[0].kinematics, &arms[1].kinematics];
         Ok(Self {
-            playing: Playing::new(bench::caps(&spec, (settling, micro.lag), kinematics)),
+            playing: Playing::new(bench::caps(&spec, (settling, lag), kinematics)),
             past: Past::new(&spec),
             settling,
             shaking: Side::ALL.map(|side| calibration.shaking.of(side)),
@@ -234,58 +197,6 @@ impl<'a> Station<'a> {
     /// Tells the observer of a trial of a search.
     pub fn tell_trial(&mut self, start: usize, trial: u32, best: f64) {
         self.observer.trial(start, trial, best);
-    }
-
-    /// Takes the machine into its hands again after a fault that an experiment provoked: clears it, lets every
-    /// axis come to rest where it stands, and brings all back to their references, slowly and each by itself:
-    /// a path need not be possible from where they were left.
-    ///
-    /// # Errors
-    ///
-    /// The same fault where nothing can clear it, or whatever hinders the way back.
-    pub fn recover(&mut self, fault: Fault) -> Result<(), Halt> {
-        if self.machine.clear().is_none() {
-            return Err(fault.into());
-        }
-        let to = Side::ALL.map(|side| self.arms[side.index()].references);
-        // What was measured last is of before it stopped: the first command drives nothing.
-        self.command.motors = Command::IDLE.motors;
-        self.command.references = Command::IDLE.references;
-        self.command.pulses = Command::NO_PULSES;
-        self.measurement = self.machine.exchange(&self.command)?;
-        for side in Side::ALL {
-            for axis in Axis::ALL {
-                self.close_loop(AxisName { side, axis });
-            }
-        }
-        self.run(RECOVERY_SECONDS)?;
-        let from = self.measurement.encoders;
-        let period = self.spec().period();
-        // Of the axis that takes the most cycles: by the encoders alone, which are right even where no
-        // endpoint belongs to them.
-        let mut cycles = 1.0_f64;
-        for axis in Axis::ALL {
-            let (i, drive) = (axis.index(), self.spec().drive(axis));
-            let counts_per_radian = f64::from(drive.counts_per_turn) / TAU;
-            let pace = RECOVERY_PACE * drive.speed * counts_per_radian * period;
-            for (from, to) in from.iter().zip(&to) {
-                cycles = cycles.max(((to[i].0 - from[i].0).abs() as f64 / pace).ceil());
-            }
-        }
-        for k in 1..=cycles as u64 {
-            let share = k as f64 / cycles;
-            for (arm, (from, to)) in self.arms.iter_mut().zip(from.iter().zip(&to)) {
-                arm.references = std::array::from_fn(|i| {
-                    let way = (to[i].0 - from[i].0) as f64;
-                    Counts(from[i].0 + (share * way).round() as i64)
-                });
-            }
-            self.cycle()?;
-        }
-        for side in Side::ALL {
-            self.settle(side)?;
-        }
-        Ok(())
     }
 
     /// One servo cycle.
@@ -398,273 +309,9 @@ impl<'a> Station<'a> {
         self.arms[side.index()].wanted
     }
 
-    /// Gives the motions that start from now on another profile. It begins with the thesis's
-    /// trapezoid.
-    pub fn set_shape(&mut self, shape: Shape) {
-        self.shape = shape;
-    }
-
-    /// Starts a straight line from where the endpoint is wanted now, no faster than `speed` m/s.
-    ///
-    /// # Errors
-    ///
-    /// [`Outcome::Refused`] when it would break a limit; the endpoint then stays as it is.
-    pub fn start_line(
-        &mut self,
-        side: Side,
-        to: Point<Macro>,
-        speed: Option<f64>,
-    ) -> Result<(), Outcome> {
-        self.start(side, Line::new(self.wanted(side), to), speed)
-    }
-
-    /// Starts an arc, which must begin where the endpoint is wanted now, no faster than `speed`
-    /// m/s along it.
-    ///
-    /// # Errors
-    ///
-    /// As [`Self::start_line`].
-    pub fn start_arc(&mut self, side: Side, arc: Arc, speed: Option<f64>) -> Result<(), Outcome> {
-        self.start(side, arc, speed)
-    }
-
-    /// Starts a motion, unless it would break a limit somewhere on its way.
-    fn start(
-        &mut self,
-        side: Side,
-        path: impl Into<Path>,
-        speed: Option<f64>,
-    ) -> Result<(), Outcome> {
-        let path = path.into();
-        let (start, here) = (path.start(), self.wanted(side));
-        if start != here {
-            let why = Refused::Start { start, here };
-            return Err(Outcome::Refused { side, why });
-        }
-        let motion = self.motion(side, path, speed)?;
-        self.arms[side.index()].motion = Some(Started {
-            motion,
-            at: self.measurement.time,
-            slower: 0.0,
-        });
-        Ok(())
-    }
-
-    /// A motion along a path, which breaks no limit.
-    fn motion(&self, side: Side, path: Path, speed: Option<f64>) -> Result<Motion, Outcome> {
-        let checked = || {
-            let motion = Motion::new(path, self.shape, &self.limits, speed)?;
-            motion.check(self.kinematics(side), self.spec().period())?;
-            Ok(motion)
-        };
-        checked().map_err(|why| Outcome::Refused { side, why })
-    }
-
-    /// Whether a motion is still being followed.
-    pub fn moving(&self, side: Side) -> bool {
-        self.arms[side.index()].motion.is_some()
-    }
-
-    /// Calls a motion off: the endpoint slows down as fast as the limits allow.
-    pub fn brake(&mut self, side: Side) {
-        if let Some(motion) = self.braked(side) {
-            self.arms[side.index()].motion = Some(Started {
-                motion,
-                at: self.measurement.time,
-                slower: 0.0,
-            });
-        }
-    }
-
-    /// What is left of a motion that is called off now.
-    fn braked(&self, side: Side) -> Option<Motion> {
-        let started = self.arms[side.index()].motion.as_ref()?;
-        let since = self.measurement.time - started.at;
-        Some(started.motion.braked(since, &self.limits))
-    }
-
-    /// Ends a motion where it is. For those slow enough to stop at once.
-    pub fn halt(&mut self, side: Side) {
-        self.arms[side.index()].motion = None;
-    }
-
-    /// Follows a straight line to its end and waits until the axes have arrived.
-    ///
-    /// # Errors
-    ///
-    /// A fault, [`Outcome::Refused`], or [`Outcome::NotArrived`].
-    pub fn line(&mut self, side: Side, to: Point<Macro>, speed: Option<f64>) -> Result<(), Halt> {
-        self.start_line(side, to, speed)?;
-        while self.moving(side) {
-            self.cycle()?;
-        }
-        self.settle(side)?;
-        Ok(())
-    }
-
-    fn settle(&mut self, side: Side) -> Result<(), Halt> {
-        let mut arrival = Arrival::default();
-        loop {
-            self.cycle()?;
-            if arrival.step(self, side) {
-                return Ok(self.arrived(side)?);
-            }
-        }
-    }
-
-    /// Whether the axes of a side are where friction may hold them from their references, or at them.
-    fn arrived(&self, side: Side) -> Result<(), Outcome> {
-        for axis in Axis::ALL {
-            let at = AxisName { side, axis };
-            let counts = self.following_error(at).abs();
-            if counts > LOST_COUNTS {
-                return Err(Outcome::NotArrived { axis: at, counts });
-            }
-        }
-        Ok(())
-    }
-
-    /// How far an axis is from its reference, encoder counts.
-    fn following_error(&self, at: AxisName) -> i64 {
-        let reference = self.arms[at.side.index()].references[at.axis.index()];
-        reference.0 - self.encoder(at).0
-    }
-
     /// Stops the machine: motors without voltage, laser off.
     pub fn stop(&mut self) {
         self.machine.stop();
-    }
-
-    /// Sets the reference of one axis alone, encoder counts from home. Ends any motion of that
-    /// manipulator.
-    pub fn reference(&mut self, at: AxisName, counts: Counts) {
-        let arm = &mut self.arms[at.side.index()];
-        arm.motion = None;
-        arm.references[at.axis.index()] = counts;
-    }
-
-    /// Gives one axis another controller. Its state starts afresh.
-    pub fn set_pid(&mut self, at: AxisName, pid: Pid) {
-        let arm = &mut self.arms[at.side.index()];
-        arm.pids[at.axis.index()] = pid;
-        arm.states[at.axis.index()] = PidState::default();
-    }
-
-    /// Compensates the windup of one axis by this model from now on. Its state starts afresh.
-    pub fn set_windup(&mut self, at: AxisName, windup: Windup) {
-        let arm = &mut self.arms[at.side.index()];
-        arm.windups[at.axis.index()] = windup;
-        arm.windup_states[at.axis.index()] = WindupState::default();
-        arm.windup[at.axis.index()] = 0.0;
-    }
-
-    /// Takes an axis from its servo and holds this voltage on its motor, from the next cycle on until
-    /// it is given back.
-    pub fn hold_voltage(&mut self, at: AxisName, volts: Volts) {
-        self.arms[at.side.index()].held[at.axis.index()] = Some(volts);
-    }
-
-    /// Gives an axis back to its servo, whose state starts afresh, to hold it where its encoder is.
-    pub fn close_loop(&mut self, at: AxisName) {
-        let here = self.encoder(at);
-        self.reference(at, here);
-        let arm = &mut self.arms[at.side.index()];
-        arm.held[at.axis.index()] = None;
-        arm.states[at.axis.index()] = PidState::default();
-    }
-
-    /// Has the amplifier of an axis play a pulse from the start of the next cycle on.
-    ///
-    /// # Errors
-    ///
-    /// Why the amplifier cannot, by the datasheet; nothing is played then.
-    pub fn pulse(&mut self, at: AxisName, pulse: Pulse) -> Result<(), Outcome> {
-        pulse
-            .check(self.spec().drive(at.axis))
-            .map_err(|why| Outcome::Unplayable { at, why })?;
-        self.command.pulses[at.side.index()][at.axis.index()] = Some(pulse);
-        Ok(())
-    }
-
-    /// What is believed of pulses on a five-bar; `None` where no one has measured it.
-    pub fn five_bar_pulses(&self) -> Option<ImpulseBelief> {
-        self.five_bar_pulses.clone()
-    }
-
-    /// What the transmission of an axis holds back at this moment, by what is believed of it, radians
-    /// of the output.
-    pub fn windup(&self, at: AxisName) -> f64 {
-        self.arms[at.side.index()].windup[at.axis.index()]
-    }
-
-    /// The encoder of an axis.
-    pub fn encoder(&self, at: AxisName) -> Counts {
-        self.measurement.encoders[at.side.index()][at.axis.index()]
-    }
-
-    /// The voltage that an axis was given in this cycle, volts.
-    pub fn voltage(&self, at: AxisName) -> f64 {
-        self.command.motors[at.side.index()][at.axis.index()].0
-    }
-
-    /// The probe at the output of an axis, metres from home; `None` on a rig without probes.
-    pub fn probe(&self, at: AxisName) -> Option<f64> {
-        self.measurement
-            .probes
-            .map(|probes| probes[at.side.index()][at.axis.index()])
-    }
-
-    /// Where the probes at the outputs see an endpoint; `None` on a rig without probes.
-    pub fn probed_endpoint(&self, side: Side) -> Option<Point<Macro>> {
-        let arm = self.spec().probe.as_ref()?.arm;
-        let [a, b, z] = self.measurement.probes?[side.index()];
-        self.arms[side.index()]
-            .kinematics
-            .endpoint_from_probes([a / arm, b / arm], z)
-            .ok()
-    }
-
-    /// Displaces a tip so far in its manipulator's frame with the micro, held within its range.
-    pub fn move_micro(&mut self, side: Side, to: Displacement) {
-        self.playing.fine[side.index()] = None;
-        let arm = &mut self.arms[side.index()];
-        arm.micro = to;
-        arm.micro_volts = None;
-    }
-
-    /// Gives the piezos of a micro these voltages, past every model, until it is moved again.
-    pub fn micro_volts(&mut self, side: Side, volts: [Volts; MICRO_AXES]) {
-        self.arms[side.index()].micro_volts = Some(volts);
-    }
-
-    /// Believes from now on that the piezos of a side make so much displacement in y for one in x.
-    pub fn set_micro_ratio(&mut self, side: Side, ratio: f64) {
-        if let Some(piezos) = &mut self.arms[side.index()].piezos {
-            piezos.set_ratio(ratio);
-        }
-    }
-
-    /// The displacement in y for one in x of a side's micro, as believed; `None` without a model.
-    pub fn micro_ratio(&self, side: Side) -> Option<f64> {
-        let piezos = self.arms[side.index()].piezos.as_ref()?;
-        Some(piezos.ratio())
-    }
-
-    /// Learns what was seen of the piezos of a side, and makes use of it within so many seconds where that is worth it. The tip does
-    /// not leave its place `at` by that (metres from its centre). Whether it does.
-    pub fn learn_micro(&mut self, side: Side, told: &Told, at: Displacement, within: f64) -> bool {
-        let cycles = (within * self.spec().servo.rate).round() as u32;
-        self.arms[side.index()].learn(told, at, cycles)
-    }
-
-    /// How many times as far as is believed each piezo of a side goes, where that was learned and is made use of.
-    pub fn learned_strokes(&self, side: Side) -> Option<[f64; MICRO_AXES]> {
-        self.arms[side.index()].online.used()
-    }
-
-    /// The displacement commanded to a micro, metres.
-    pub fn micro(&self, side: Side) -> Displacement {
-        self.arms[side.index()].micro
     }
 
     /// The latest vision frame, if it came in this cycle.

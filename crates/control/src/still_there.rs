@@ -1,16 +1,8 @@
 //! Whether light is still what it was foreseen to be.
 
-use crate::outcome::Halt;
+use crate::outcome::{Halt, Outcome};
 use crate::reactor::Reactor;
-
-/// Standard deviations of what is missing that are noise.
-const NOISE: f64 = 4.5;
-
-/// Standard deviations by which light may be missing before it is looked at for longer...
-const DOUBTED: f64 = 3.0;
-
-/// ...up to so many times as long.
-const LONGER: usize = 16;
+use crate::tuning::TUNING;
 
 /// Light that is foreseen where a fiber stands.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,10 +53,31 @@ impl LightCheck {
                     missing > deviations * before.deviation.hypot(noise)
                 })
             };
-            let fallen = is_missing(self.less, NOISE);
-            if fallen || !is_missing(0.0, DOUBTED) || n >= LONGER * self.samples {
+            let fallen = is_missing(self.less, TUNING.bond.noise);
+            if fallen
+                || !is_missing(0.0, TUNING.bond.doubted)
+                || n >= TUNING.bond.longer * self.samples
+            {
                 return Ok((light, fallen));
             }
         }
+    }
+
+    /// Looks at the light of a fiber that was attached, likewise.
+    ///
+    /// # Errors
+    ///
+    /// As [`Reactor::look`]; [`Outcome::Slipped`] where it has fallen.
+    pub(crate) async fn stays(
+        &self,
+        bench: &Reactor<'_>,
+        foreseen: &[Foreseen],
+    ) -> Result<(), Halt> {
+        let (after, fallen) = self.look(bench, foreseen).await?;
+        if fallen {
+            let before = foreseen[0].level;
+            return Err(Outcome::Slipped { before, after }.into());
+        }
+        Ok(())
     }
 }

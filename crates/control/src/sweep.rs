@@ -9,6 +9,7 @@ use crate::conical_scan::Watch;
 use crate::outcome::{Halt, SearchEvidence};
 use crate::recipe::Sweep;
 use crate::station::fine;
+use crate::tuning::TUNING;
 use pigtail_hal::bench::{Knot, Law, Pose};
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::{Displacement, Point};
@@ -27,15 +28,6 @@ pub struct Spot {
     /// The background by then, volts.
     pub background: f64,
 }
-
-/// How long a line stays at either end, in samples.
-const HELD: f64 = 0.5;
-
-/// Places on a way back that the micro goes straight between.
-const BACK: u32 = 10;
-
-/// So many lines more than there is height for are told to the micro: the macro sets out slowly.
-const MORE_LINES: f64 = 8.0;
 
 /// Lines of a sweep: at constant speed from one end to the other, a stop until the micro is there, and back.
 #[derive(Debug, Clone, Copy)]
@@ -80,8 +72,8 @@ impl Lines {
                 knot(self.hold + self.line(), self.reach.high),
                 knot(self.forth(), self.reach.high),
             ];
-            let back = (1..=BACK).map(move |k| {
-                let share = f64::from(k) / f64::from(BACK);
+            let back = (1..=TUNING.search.back).map(move |k| {
+                let share = f64::from(k) / f64::from(TUNING.search.back);
                 let since = self.forth() + share * self.flyback;
                 knot(since, self.reach.at((PI * share).cos()))
             });
@@ -108,12 +100,6 @@ fn end_of(reach: Reach, x: f64, way: f64) -> f64 {
         0.0
     }
 }
-
-/// A way over which a spot is seen, metres; at the usual speed that is two samples at most.
-const WIDE: f64 = 12e-6;
-
-/// Samples over which the background is followed.
-const FOLLOWED: f64 = 50.0;
 
 /// The last samples of a line that stand out most together.
 struct Part {
@@ -152,9 +138,7 @@ fn brightest_part(recent: &VecDeque<(f64, f64)>) -> Part {
 
 /// From where to where the micro sweeps over a width, metres.
 pub fn reach(cell: &AlignmentCell<'_>, side: Side, width: f64) -> Reach {
-    /// Share of what it gets to.
-    const SURE: f64 = 0.99;
-    cell.micro_reach_x(side).within(width, SURE)
+    cell.micro_reach_x(side).within(width, TUNING.search.sure)
 }
 
 /// Sweeps up to the height `top` over `width` with lines `spacing` apart (metres) until something
@@ -175,21 +159,20 @@ pub async fn first_light(
     let reach = reach(cell, side, width);
     let start = cell.wanted(side);
     let rate = cell.caps().channels[channel.index()].rate;
-    let lag = cell.caps().groups[fine(side).0].lag.0;
     let lines = Lines {
         reach,
         speed: sweep.speed,
-        hold: HELD / rate,
-        lag: sweep.lag.unwrap_or(lag),
+        hold: TUNING.search.held / rate,
+        lag: cell.caps().groups[fine(side).0].lag.0,
         flyback: sweep.flyback,
     };
     let way = sweep.speed / rate;
-    let widest = (WIDE / way).round() as usize;
+    let widest = (TUNING.search.wide / way).round() as usize;
     let widest = widest.clamp(2, 16);
     let end = Point::new(start.x, top, start.z);
     cell.start_line(side, end, Some(spacing / lines.period()))?;
     let begin = cell.now();
-    let count = ((top - start.y) / spacing).max(0.0) + MORE_LINES;
+    let count = ((top - start.y) / spacing).max(0.0) + TUNING.search.more_lines;
     cell.play_micro(side, Law::Scan(lines.knots(count as u32)))?;
     let mut spot: Option<Spot> = None;
     let (mut samples, mut brightest, mut after) = (0, f64::NEG_INFINITY, 0);
@@ -217,7 +200,7 @@ pub async fn first_light(
         let seen = brightest_part(&recent);
         if seen.stands_out < 0.5 * threshold {
             // The background wanders slowly: follow it while there is no light.
-            wander += level / FOLLOWED;
+            wander += level / TUNING.search.followed;
         }
         let (stands_out, x, level) = (seen.stands_out, seen.x, seen.level);
         if stands_out > best && slow {

@@ -4,6 +4,7 @@
 //! moment, by the encoders, it tells where the tip stands in the holder, whether anything moves or
 //! not. Nobody has to stand still for a look.
 
+use crate::tuning::TUNING;
 use pigtail_hal::Side;
 pub use pigtail_hal::bench::Tip;
 use pigtail_hal::bench::{Fix, Frame};
@@ -31,21 +32,6 @@ impl Seen {
         self.sigma[1].hypot(self.facet_z)
     }
 }
-
-/// How much farther or less far than believed a holder may go, in its way, for want of knowing lead
-/// and links better. Frames from far away say as much less of where the tip is here.
-const SCALE: f64 = 2e-3;
-
-/// How far chip and holders come apart within a second, by warmth, metres; within more, as the root of it. No faster
-/// than 1 um in 20 s: frames older than some seconds say less of where the tip is now than newer ones. A choice.
-pub(crate) const WARMS: f64 = 70e-9;
-
-/// By what time a holder that moves may lag behind its encoders, seconds: its transmission gives way
-/// to its load. All frames on the way lag alike, so that they do not make up for each other.
-const LAG: f64 = 2e-3;
-
-/// Over how long a speed is seen, seconds.
-const WHILE: f64 = 3.2e-3;
 
 /// An estimate that remembers where the holder stood when it was made.
 #[derive(Debug, Clone, Copy)]
@@ -115,12 +101,13 @@ impl TipEstimator {
     pub(crate) fn see(&mut self, frame: &Frame, holder: impl Fn(Side, f64) -> Option<Point<Chip>>) {
         for side in Side::ALL {
             let i = side.index();
-            let (Some(at), Some(before)) =
-                (holder(side, frame.time), holder(side, frame.time - WHILE))
-            else {
+            let (Some(at), Some(before)) = (
+                holder(side, frame.time),
+                holder(side, frame.time - TUNING.vision.speed),
+            ) else {
                 continue;
             };
-            let lag = |way: f64| (LAG * way / WHILE).powi(2);
+            let lag = |way: f64| (TUNING.vision.late * way / TUNING.vision.speed).powi(2);
             let lag = [lag(at.x - before.x), lag(at.z - before.z)];
             for fix in frame.fixes.iter().filter(|fix| fix.arm == i) {
                 match fix.tip {
@@ -163,7 +150,7 @@ impl TipEstimator {
                     vision.sigma[0],
                     vision.sigma[1]
                         .hypot(deviation)
-                        .hypot(SCALE * (stood.z - holder.z)),
+                        .hypot(TUNING.vision.scale * (stood.z - holder.z)),
                 ],
                 bound_z: 0.0,
                 facet_z: 0.0,
@@ -198,7 +185,8 @@ fn update(
         }
         Some(before) => {
             let way = holder.distance(before.holder);
-            let drift = (SCALE * way).powi(2) + WARMS * WARMS * (time - before.time).max(0.0);
+            let drift = (TUNING.vision.scale * way).powi(2)
+                + TUNING.vision.warms * TUNING.vision.warms * (time - before.time).max(0.0);
             Estimate {
                 x: before.x.update(seen[0], drift, noise, lag[0]),
                 z: before.z.update(seen[1], drift, noise, lag[1]),
@@ -261,7 +249,7 @@ mod tests {
     /// A tip that lags by 7 um on the way is known when it has stood still for a few frames.
     #[test]
     fn what_lags_on_the_way_counts_little() {
-        let (mut estimate, lag) = (None, (LAG * 5e-3).powi(2));
+        let (mut estimate, lag) = (None, (TUNING.vision.late * 5e-3).powi(2));
         for k in 0..20 {
             let at = Point::new(0.0, 0.0, 200e-6 * f64::from(k));
             update(&mut estimate, 0.0, at, &fix(0.0, at.z - 7e-6), [0.0, lag]);

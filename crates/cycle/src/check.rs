@@ -2,7 +2,7 @@
 
 use crate::recipe::Production;
 use crate::tray::Tray;
-use pigtail_control::procedure::PORTS;
+use pigtail_control::job::PORTS;
 use pigtail_hal::{Error, Side};
 use std::collections::BTreeMap;
 

@@ -10,7 +10,7 @@ use crate::recipe::Production;
 use crate::run::bond::{BEFORE, BEFORE_FIRST, BEFORE_TWO};
 use crate::run::witness::ROUND;
 use crate::tray::{Device, Tray};
-use pigtail_control::procedure::PORTS;
+use pigtail_control::job::PORTS;
 use pigtail_control::recipe::Recipe;
 use pigtail_control::trajectory::{Limits, Line, Path, Profile, Rates, Shape};
 use pigtail_hal::spec::SIDES;

@@ -2,8 +2,8 @@
 
 use super::arms::{Arms, Counted};
 use pigtail_control::belief::Place;
+use pigtail_control::job::{FiberReport, PORTS};
 use pigtail_control::outcome::{Outcome, OutcomeCode};
-use pigtail_control::procedure::{FiberReport, PORTS};
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::{Observer, Station};
 use pigtail_hal::Fault;

@@ -2,8 +2,8 @@
 
 use crate::align::{AlignmentDocument, Of, judged, nothing, of, said};
 use crate::campaign::Device;
+use pigtail_control::job::PORTS;
 use pigtail_control::outcome::OutcomeCode;
-use pigtail_control::procedure::PORTS;
 use pigtail_control::station::{Observer, Unobserved};
 use pigtail_hal::spec::OUTPUTS;
 use pigtail_hal::{Bench, Error};

@@ -9,8 +9,8 @@
 //! one line to add, or none: see `examples/my_algorithm.rs`.
 
 use crate::align::{self, Judged, TOLERANCE_Z_UM, Way, align_in};
+use pigtail_control::job::PORTS;
 use pigtail_control::outcome::OutcomeCode;
-use pigtail_control::procedure::PORTS;
 use pigtail_control::station::Unobserved;
 use pigtail_numerics::rounded;
 use pigtail_numerics::statistics::{CONFIDENCE, Percentiles, Sorted, wilson};

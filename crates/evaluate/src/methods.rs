@@ -176,7 +176,7 @@ fn document(
     let volts = |value: f64| rounded(value, 1e-6);
     let measured = coverage.map(|c| c.seconds);
     let fibers = if space.method.once_a_device() {
-        pigtail_control::procedure::PORTS.len() as f64
+        pigtail_control::job::PORTS.len() as f64
     } else {
         1.0
     };

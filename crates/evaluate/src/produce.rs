@@ -1,6 +1,6 @@
 //! A tray produced on a twin: what control says of each pigtail beside what is.
 
-use pigtail_control::procedure::PORTS;
+use pigtail_control::job::PORTS;
 use pigtail_control::station::Observer;
 use pigtail_cycle::check::side_of;
 use pigtail_cycle::run::{Event, Pigtail, Produced, Run};

@@ -7,7 +7,7 @@ use super::sureness::sureness;
 use super::text::far;
 use anyhow::Result;
 use maud::{Markup, html};
-use pigtail_control::procedure::PORTS;
+use pigtail_control::job::PORTS;
 use pigtail_evaluate::align::TOLERANCE_Z_UM;
 use pigtail_evaluate::campaign::{CampaignDocument, Store};
 use pigtail_numerics::statistics::Percentiles;

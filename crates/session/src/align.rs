@@ -2,7 +2,7 @@
 
 use crate::job::{Ended, Job, Order, Work};
 use crate::procedure::Procedure;
-use pigtail_control::procedure::{FiberReport, not_begun};
+use pigtail_control::job::{FiberReport, not_begun};
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::Station;
 use serde::{Deserialize, Serialize};

@@ -22,7 +22,7 @@ use crate::rig::{FILES, Named, Source, recipe_file, rig_file};
 use crate::rig::{Role, no_twin};
 use crate::session::Options;
 use pigtail_control::align::{Belief, Taught};
-use pigtail_control::procedure::FiberReport;
+use pigtail_control::job::FiberReport;
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::Observer;
 use pigtail_hal::bench::spec::{ARMS, BenchSpec};

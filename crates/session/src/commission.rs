@@ -17,7 +17,7 @@ use crate::calibrations::{Belief, Change};
 use crate::job::{Ended, Job};
 use crate::setup::Setup;
 use checks::Clock;
-use pigtail_control::procedure::FiberReport;
+use pigtail_control::job::FiberReport;
 use pigtail_control::station::Observer;
 use pigtail_hal::{Error, Machine};
 use pigtail_numerics::rounded;

@@ -1,7 +1,7 @@
 //! The ways to align a device, by the names that a user gives them.
 
 use crate::calibrations::Part;
-use pigtail_control::procedure::FiberReport;
+use pigtail_control::job::FiberReport;
 use pigtail_control::recipe::Recipe;
 use pigtail_control::station::Station;
 use pigtail_control::{baselines, fast, nudge, procedure};

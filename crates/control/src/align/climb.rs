@@ -1,7 +1,7 @@
 //! One group to its peak, where there is light already: nothing else moves.
 
+use super::Dark;
 use super::observed::Observed;
-use super::{Dark, LOOK, NEAR, STEADY};
 use crate::beam::Beam;
 use crate::conical_scan::{ConicalScan, Watch};
 use crate::outcome::Halt;
@@ -9,6 +9,7 @@ use crate::reactor::Reactor;
 use crate::recipe::Recipe;
 use crate::station::Unobserved;
 use crate::still_there::Foreseen;
+use crate::tuning::TUNING;
 use pigtail_hal::Bench;
 use pigtail_hal::bench::{Degree, Group, Meter};
 use pigtail_model::frames::Displacement;
@@ -25,19 +26,6 @@ pub struct Found {
     /// The light there beside the dark, volts.
     pub light: f64,
 }
-
-/// How well a peak is to be known, in widths, where the recipe's accuracy is finer.
-const KNOWN: f64 = 0.03;
-
-/// Turns around the peak, at least: fewer do not tell how they scatter.
-const TURNS: f64 = 8.0;
-
-/// Turns for which the light is watched at rest, at least.
-const LOOKED_AT: usize = 4;
-
-/// What goes slowly around from turn to turn makes a line through [`TURNS`] of them lead this much farther aside, two turns ahead, where it
-/// goes around at the worst rate.
-const LEADS: f64 = 2.0;
 
 /// Brings a group to the light's peak on circles, and to rest there: the same as the alignment does at a gap.
 ///
@@ -79,27 +67,22 @@ async fn climb(
             sigma: bench.caps().channels[meter.0].resolution,
         },
     };
-    let here = bench.pose(group, bench.now()).map(|at| at.pose);
-    let at = here.map_or(Displacement::ZERO, |at| Displacement::new(at.x(), at.y()));
     let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
-    let watch = Watch {
-        group,
-        meter,
-        background: dark.mean,
-        noise: dark.sigma,
-        still: dark.sigma,
-        still_degrees: f64::INFINITY,
-    };
-    let shape = &recipe.fast.conical_scan;
     let settling = bench.caps().groups[group.0].settling;
-    let walk = Displacement::ZERO;
-    let mut scan = ConicalScan::new(watch, beam, shape, bench, (at, gap), walk, None).wary();
+    let shape = &recipe.fast.conical_scan;
+    let mut scan = begin(bench, (group, meter), beam, recipe, &dark, gap);
     let radius = circles(bench, group, beam.width(gap), shape.radius);
-    let (_, sigma) = bench.look(meter.0, LOOK).await?;
-    scan.set_noise(sigma.max(dark.sigma), LOOK as f64 - 2.0);
+    let (_, sigma) = bench.look(meter.0, TUNING.taught.look).await?;
+    scan.set_noise(sigma.max(dark.sigma), TUNING.taught.look as f64 - 2.0);
     scan.set_radius(radius);
     let near = scan
-        .centre(bench, gap, NEAR * beam.width(gap), "centre", 1)
+        .centre(
+            bench,
+            gap,
+            TUNING.taught.near * beam.width(gap),
+            "centre",
+            1,
+        )
         .await;
     scan.rest(bench, gap).await?;
     near?;
@@ -109,17 +92,16 @@ async fn climb(
     let noise = still.sigma.max(dark.sigma);
     scan.set_noise(noise, still.degrees);
     scan.set_radius(radius);
-    let accuracy = recipe.fast.accuracy.max(KNOWN * beam.width(gap));
-    let long = bench.now() + TURNS * scan.period();
-    let last = match scan
-        .settle(bench, gap, (accuracy, 1.0), "final", &|| {
+    let accuracy = recipe
+        .fast
+        .accuracy
+        .max(TUNING.taught.known * beam.width(gap));
+    let long = bench.now() + TUNING.taught.turns * scan.period();
+    let last = scan
+        .last_turns(bench, gap, (accuracy, 1.0), "final", &|| {
             bench.is_past(long).into()
         })
-        .await
-    {
-        Ok(peak) => scan.confirm(bench, gap, &peak, "final").await,
-        Err(halt) => Err(halt),
-    };
+        .await;
     if let Err(Halt::Outcome(_)) = &last {
         // It stands where it was believed last, and not on a circle.
         scan.rest(bench, gap).await?;
@@ -136,9 +118,42 @@ async fn climb(
     let known = known.deviation();
     Ok(Found {
         at: [place.x, place.y],
-        deviation: known.hypot(LEADS * still.hum * volt).hypot(steps),
+        deviation: known
+            .hypot(TUNING.taught.leads * still.hum * volt)
+            .hypot(steps),
         light,
     })
+}
+
+/// Circles that begin where a group stands at a gap, metres. A coarse group goes along the beam: no peak walks for the fine one.
+pub(super) fn begin<'r>(
+    bench: &Reactor<'_>,
+    (group, meter): (Group, Meter),
+    beam: Beam,
+    recipe: &'r Recipe,
+    dark: &Dark,
+    gap: f64,
+) -> ConicalScan<'r> {
+    let at = bench.across(group).unwrap_or(Displacement::ZERO);
+    let watch = Watch {
+        group,
+        meter,
+        background: dark.mean,
+        noise: dark.sigma,
+        still: dark.sigma,
+        still_degrees: f64::INFINITY,
+    };
+    let shape = &recipe.fast.conical_scan;
+    ConicalScan::new(
+        watch,
+        beam,
+        shape,
+        bench,
+        (at, gap),
+        Displacement::ZERO,
+        None,
+    )
+    .wary()
 }
 
 /// The light of a fiber that stands still at its peak.
@@ -156,11 +171,14 @@ struct Still {
 impl Still {
     /// By samples of some turns of a period, seconds.
     async fn of(bench: &Reactor<'_>, meter: Meter, period: f64) -> Result<Self, Halt> {
-        /// Standard deviations that noise of one colour is above its mean by chance.
-        const CHANCE: f64 = 2.0;
         let rate = bench.caps().channels[meter.0].rate;
         let turn = (period * rate).round().max(4.0) as usize;
-        let seen = bench.samples(meter.0, STEADY.max(LOOKED_AT * turn)).await?;
+        let seen = bench
+            .samples(
+                meter.0,
+                TUNING.taught.steady.max(TUNING.taught.looked_at * turn),
+            )
+            .await?;
         let line = Line::through(seen.iter().copied());
         let left: Vec<_> = seen.iter().map(|(t, v)| (*t, line.left(*t, *v))).collect();
         let degrees = left.len() as f64 - 2.0;
@@ -174,7 +192,7 @@ impl Still {
         });
         let n = turns.len() as f64;
         let at_rate = turns.sum::<f64>() / n;
-        let chance = variance * (1.0 + CHANCE / n.sqrt());
+        let chance = variance * (1.0 + TUNING.taught.chance / n.sqrt());
         let beyond = if at_rate > chance {
             at_rate - variance
         } else {
@@ -190,10 +208,8 @@ impl Still {
 
 /// Radius of circles of a group, in widths: the one that is wanted, or as much as its range has.
 pub(super) fn circles(bench: &Reactor<'_>, group: Group, width: f64, wanted: f64) -> f64 {
-    /// Share of its range that circles take.
-    const CIRCLE: f64 = 0.3;
     let range = range(bench, group, Degree::X).min(range(bench, group, Degree::Y));
-    wanted.min(CIRCLE * range / width)
+    wanted.min(TUNING.taught.circle * range / width)
 }
 
 /// How far a group goes to either side, metres.

@@ -1,43 +1,20 @@
 //! A fiber in the arm of a bench, from the tray to the chip.
 
-use super::climb::{circles, range};
-use super::{Dark, LOOK, NEAR, STEADY, Taught, line};
+use super::climb::{begin, circles, range};
+use super::{Dark, Taught};
 use crate::beam::Beam;
-use crate::belief::{Across, Place, UNSURE};
-use crate::conical_scan::{ConicalScan, Gap, Ready, Watch};
+use crate::belief::{Across, Place};
+use crate::conical_scan::{Closing, ConicalScan, Gap, Ready};
+use crate::last_tries::LastTries;
 use crate::outcome::{Halt, Outcome};
-use crate::reactor::{LONGEST, Reactor, refused};
+use crate::reactor::{LONGEST, Reactor};
 use crate::recipe::Recipe;
 use crate::still_there::{Foreseen, LightCheck};
+use crate::tuning::TUNING;
 use pigtail_hal::bench::{
-    AxisCaps, Degree, Dither, Glide, Group, Law, Limits, Meter, Pose, Request, Stage,
+    AxisCaps, Degree, Dither, Glide, Group, Law, Meter, Pose, Request, Stage,
 };
 use pigtail_model::frames::Displacement;
-
-/// Share of its range to which a fine group is used before the coarse one helps.
-const ROOM: f64 = 0.5;
-
-/// How often the coarse group takes over at one gap.
-const HANDED_OVER: u32 = 4;
-
-/// From one gap of the approach to the next.
-const NEARER: f64 = 0.6;
-
-/// Share of a gap that is closed in one turn at most: the peak is found anew meanwhile.
-const CLOSING: f64 = 0.15;
-
-/// How far below, metres, and how many gaps behind its place a fiber is before it comes there, so that whatever gives way does so
-/// in one direction.
-const RUN_UP: f64 = 40e-6;
-
-/// Gap at which fibers are loaded, metres.
-const CLEAR: f64 = 0.5e-3;
-
-/// How often the last turns are begun.
-const ATTEMPTS: u32 = 4;
-
-/// Share of its light that may be missing once a fiber is attached, beside noise.
-const ATTACHED_LESS: f64 = 0.01;
 
 /// A fiber on its way.
 pub(super) struct Fiber<'d> {
@@ -78,7 +55,7 @@ impl<'d> Fiber<'d> {
             beam,
             back: taught.search_gap(recipe),
             aside: Displacement::ZERO,
-            gap: CLEAR,
+            gap: TUNING.taught.clear,
             scan: None,
             before: 0.0,
         })
@@ -134,9 +111,11 @@ impl<'d> Fiber<'d> {
     /// Away from the chip, straight back along z first.
     pub(super) async fn go_back(&self, bench: &Reactor<'_>) -> Result<(), Halt> {
         let here = bench.pose(self.coarse, bench.now());
-        let here = here.map_or(self.at_gap(CLEAR), |at| at.pose);
-        let clear = (self.taught.pose.z() - CLEAR).min(here.z());
-        line(bench, self.coarse, here.with(Degree::Z, clear), None).await
+        let here = here.map_or(self.at_gap(TUNING.taught.clear), |at| at.pose);
+        let clear = (self.taught.pose.z() - TUNING.taught.clear).min(here.z());
+        bench
+            .line(self.coarse, here.with(Degree::Z, clear), None)
+            .await
     }
 
     /// Some fibers together to where the search begins: from below, along the beam.
@@ -148,15 +127,11 @@ impl<'d> Fiber<'d> {
             let mut tickets = Vec::with_capacity(N);
             for fiber in &fibers {
                 let to = if behind {
-                    fiber.at_gap(2.0 * fiber.back) + Pose::at(0.0, -RUN_UP, 0.0)
+                    fiber.at_gap(2.0 * fiber.back) + Pose::at(0.0, -TUNING.taught.run_up, 0.0)
                 } else {
                     fiber.at_gap(fiber.back)
                 };
-                let law = Law::Line {
-                    to,
-                    limits: Limits::default(),
-                };
-                tickets.push(bench.play(fiber.coarse, law).map_err(|why| refused(&why))?);
+                tickets.push(bench.send_to(fiber.coarse, to, None)?);
             }
             bench.done(tickets, LONGEST).await?;
         }
@@ -189,15 +164,13 @@ impl<'d> Fiber<'d> {
         }
         self.fine_to(bench, Displacement::ZERO).await?;
         self.aside = at;
-        line(bench, self.coarse, self.at_gap(self.gap), None).await
+        bench.line(self.coarse, self.at_gap(self.gap), None).await
     }
 
     /// The fine group goes somewhere and comes to rest.
     async fn fine_to(&self, bench: &Reactor<'_>, to: Displacement) -> Result<(), Halt> {
-        let now = bench.now();
-        let here = bench.pose(self.fine, now).map(|at| at.pose);
-        let here = here.map_or(Displacement::ZERO, |at| Displacement::new(at.x(), at.y()));
-        if (here - to).norm() < NEAR * self.beam.width(0.0) {
+        let here = bench.across(self.fine).unwrap_or(Displacement::ZERO);
+        if (here - to).norm() < TUNING.taught.near * self.beam.width(0.0) {
             return Ok(());
         }
         let settling = bench.caps().groups[self.fine.0].settling;
@@ -211,29 +184,14 @@ impl<'d> Fiber<'d> {
             lead: None,
             widens: None,
         };
-        bench
-            .play(self.fine, Law::Dither(law))
-            .map_err(|why| refused(&why))?;
+        bench.send(self.fine, Law::Dither(law))?;
         Ok(bench.wait(2.0 * settling).await?)
     }
 
     /// Circles begin where the fine group stands.
     pub(super) fn begin_scan(&mut self, bench: &Reactor<'_>, dark: &Dark) {
-        let here = bench.pose(self.fine, bench.now()).map(|at| at.pose);
-        let at = here.map_or(Displacement::ZERO, |at| Displacement::new(at.x(), at.y()));
-        let watch = Watch {
-            group: self.fine,
-            meter: self.meter,
-            background: dark.mean,
-            noise: dark.sigma,
-            still: dark.sigma,
-            still_degrees: f64::INFINITY,
-        };
-        let shape = &self.recipe.fast.conical_scan;
-        let still = Displacement::ZERO;
-        // The coarse group goes along the beam: no peak walks for the fine one.
-        let start = (at, self.gap);
-        let scan = ConicalScan::new(watch, self.beam, shape, bench, start, still, None).wary();
+        let of = (self.fine, self.meter);
+        let scan = begin(bench, of, self.beam, self.recipe, dark, self.gap);
         self.scan = Some(scan);
     }
 
@@ -273,11 +231,11 @@ impl<'d> Fiber<'d> {
         dark: &Dark,
         phase: &'static str,
     ) -> Result<(), Halt> {
-        self.learn_noise(bench, dark, LOOK).await?;
+        self.learn_noise(bench, dark, TUNING.taught.look).await?;
         let gap = self.measured_gap(bench);
-        let coarse = NEAR * self.beam.width(gap);
+        let coarse = TUNING.taught.near * self.beam.width(gap);
         let mut why = None;
-        for _ in 0..HANDED_OVER {
+        for _ in 0..self.recipe.fast.retry.handed_over {
             let scan = self.circling(bench)?;
             let peak = scan.centre(bench, gap, coarse, phase, 1).await;
             scan.rest(bench, gap).await?;
@@ -285,7 +243,7 @@ impl<'d> Fiber<'d> {
                 Ok(peak) => {
                     why = None;
                     self.before = peak.full;
-                    if !self.make_room(bench, ROOM).await? {
+                    if !self.make_room(bench, TUNING.taught.room).await? {
                         return Ok(());
                     }
                 }
@@ -314,15 +272,14 @@ impl<'d> Fiber<'d> {
         if place.x.abs() <= room(Degree::X) && place.y.abs() <= room(Degree::Y) {
             return Ok(false);
         }
-        let before = bench.pose(self.coarse, bench.now());
+        let before = bench.across(self.coarse);
         self.aside += place;
         self.fine_to(bench, Displacement::ZERO).await?;
-        line(bench, self.coarse, self.at_gap(self.gap), None).await?;
-        let after = bench.pose(self.coarse, bench.now());
-        let by = before.zip(after).map_or(place, |(before, after)| {
-            let by = after.pose - before.pose;
-            Displacement::new(by.x(), by.y())
-        });
+        bench.line(self.coarse, self.at_gap(self.gap), None).await?;
+        let after = bench.across(self.coarse);
+        let by = before
+            .zip(after)
+            .map_or(place, |(before, after)| after - before);
         self.scan()?.hand_over(by);
         Ok(true)
     }
@@ -335,63 +292,46 @@ impl<'d> Fiber<'d> {
         wanted: f64,
     ) -> Result<(), Halt> {
         let before = self.before;
-        let stray = self.recipe.fast.stray;
+        let least = self.recipe.fast.accept * before;
         while self.gap > wanted {
             let here = self.gap;
             // One that would be left with hardly a way goes there at once.
-            self.gap = if NEARER * here < wanted / NEARER.sqrt() {
+            self.gap = if TUNING.taught.nearer * here < wanted / TUNING.taught.nearer.sqrt() {
                 wanted
             } else {
-                NEARER * here
+                TUNING.taught.nearer * here
             };
             let (to, led) = (self.at_gap(self.gap), self.led());
-            let period = self.scan()?.period();
-            let speed = CLOSING * self.gap / period;
-            let limits = Limits { speed: Some(speed) };
-            let law = Law::Line { to, limits };
-            let ticket = bench.play(self.coarse, law).map_err(|why| refused(&why))?;
-            let start = self.circling(bench)?.place(0.0);
-            let mut arrived = false;
-            let end = bench.now() + LONGEST;
-            while !arrived {
-                let next = bench.now() + period;
-                arrived = self.scan()?.circle_until(bench, led, next, ticket).await?;
-                let gap = self.measured_gap(bench);
-                let scan = self.scan()?;
-                let peak = scan.peak();
-                let light = match &peak {
-                    Some(peak) => scan.go_to(bench, peak, gap).map(|_| peak.full),
-                    None => Ok(0.0),
-                };
-                let strayed = (scan.place(0.0) - start).norm();
-                let least = self.recipe.fast.accept * before;
-                let why = match light {
-                    Ok(light) if light >= least && strayed <= stray && bench.now() < end => {
-                        continue;
-                    }
-                    Ok(light) if light >= least && strayed > stray => Outcome::Strayed {
-                        by: strayed,
-                        accepted: stray,
-                    },
-                    Ok(level) => Outcome::LightLost {
-                        phase: "approach",
-                        level,
-                        expected: before,
-                    },
-                    Err(beyond) => beyond,
-                };
-                let brake = bench
-                    .play(self.coarse, Law::Brake)
-                    .map_err(|why| refused(&why))?;
-                bench.done(vec![brake], LONGEST).await?;
-                return Err(why.into());
-            }
-            let gap = self.measured_gap(bench);
-            let near = NEAR * self.beam.width(gap);
+            let speed = TUNING.taught.closing * self.gap / self.scan()?.period();
+            let ticket = bench.send_to(self.coarse, to, Some(speed))?;
+            self.circling(bench)?;
+            let way = Closing {
+                group: self.coarse,
+                rests: Some(ticket),
+                turns: 0,
+                before,
+                least,
+                stray: self.recipe.fast.stray,
+            };
+            let (coarse, contact, asked) = (self.coarse, self.taught.pose.z(), self.gap);
+            let measured = || {
+                let pose = bench.pose(coarse, bench.now());
+                pose.map_or(asked, |at| contact - at.pose.z())
+            };
             let scan = self.scan()?;
-            scan.centre(bench, gap, near, "approach", 1).await?;
+            scan.close(bench, &way, || led, measured).await?;
+            let gap = measured();
+            let near = TUNING.taught.near * scan.beam_width(gap);
+            let peak = scan.centre(bench, gap, near, "approach", 1).await?;
             scan.rest(bench, gap).await?;
-            self.learn_noise(bench, dark, LOOK).await?;
+            if peak.full < least {
+                return Err(Outcome::FalseLight {
+                    before,
+                    after: peak.full,
+                }
+                .into());
+            }
+            self.learn_noise(bench, dark, TUNING.taught.look).await?;
         }
         Ok(())
     }
@@ -400,54 +340,43 @@ impl<'d> Fiber<'d> {
     pub(super) async fn finish(&mut self, bench: &Reactor<'_>, dark: &Dark) -> Result<Place, Halt> {
         let gap = self.measured_gap(bench);
         let place = self.place(bench, Across::default());
-        self.sure_of_gap(&place)?;
+        place.sure_along(self.recipe.accept.gap)?;
         let aside = self.recipe.accept.aside;
-        let mut accuracy = self.recipe.fast.accuracy;
-        let (mut why, mut watched) = (None, 0);
-        for _ in 0..ATTEMPTS {
+        let mut tries = LastTries::new(&self.recipe.fast);
+        loop {
+            tries.begin();
             // At its peak light does not tell how a tip shakes: what is seen there is noise.
             let scan = self.scan()?;
             scan.rest(bench, gap).await?;
-            self.learn_noise(bench, dark, STEADY).await?;
+            self.learn_noise(bench, dark, TUNING.taught.steady).await?;
             let scan = self.circling(bench)?;
-            let last = match scan
-                .settle(bench, gap, (accuracy, 1.0), "final", &|| Ready::Yes)
-                .await
-            {
-                Ok(peak) => scan.confirm(bench, gap, &peak, "final").await,
-                Err(halt) => Err(halt),
-            };
-            let (foreseen, known) = match last {
-                Ok(last) => last,
-                Err(Halt::Outcome(doubt)) => {
-                    why = Some(doubt);
-                    continue;
-                }
+            let accuracy = tries.accuracy();
+            let last = scan.last_turns(bench, gap, accuracy, "final", &|| Ready::Yes);
+            let why = match last.await {
+                Err(Halt::Outcome(doubt)) => doubt,
                 Err(fault) => return Err(fault),
+                Ok((_, known)) if scan.misjudges_width() => {
+                    scan.believe_width();
+                    Outcome::Unsure {
+                        deviation: known.worse(),
+                        accuracy: accuracy.0,
+                    }
+                }
+                Ok((foreseen, known)) => {
+                    let Err(unsure) = scan.shaking().is_sure(aside, known) else {
+                        let across = scan.shaking().bonded(known);
+                        let noise = scan.noise();
+                        self.bond(bench, dark, foreseen, noise).await?;
+                        return Ok(Place { across, ..place });
+                    };
+                    tries.learn(bench, scan, gap, (aside, known)).await?;
+                    unsure
+                }
             };
-            if scan.misjudges_width() {
-                scan.believe_width();
-                why = Some(Outcome::Unsure {
-                    deviation: known.worse(),
-                    accuracy,
-                });
-                continue;
+            if tries.is_last() {
+                return Err(why.into());
             }
-            if let Err(unsure) = scan.shaking().is_sure(aside, known) {
-                scan.watch_while(bench, gap, &mut watched, |shaking| {
-                    shaking.is_sure(aside, known).is_err() && shaking.may_be_sure(aside, known)
-                })
-                .await?;
-                accuracy *= 0.6;
-                why = Some(unsure);
-                continue;
-            }
-            let across = scan.shaking().bonded(known);
-            let noise = scan.noise();
-            self.bond(bench, dark, foreseen, noise).await?;
-            return Ok(Place { across, ..place });
         }
-        Err(why.unwrap_or(Outcome::NotAttempted).into())
     }
 
     /// Attaches the fiber and looks whether its light stays as foreseen.
@@ -464,18 +393,10 @@ impl<'d> Fiber<'d> {
             meter: self.meter.0,
             background: dark.mean,
             noise,
-            samples: LOOK,
-            less: ATTACHED_LESS,
+            samples: TUNING.taught.look,
+            less: TUNING.bond.taught_less,
         };
-        let (after, fallen) = check.look(bench, &[foreseen]).await?;
-        if fallen {
-            return Err(Outcome::Slipped {
-                before: foreseen.level,
-                after,
-            }
-            .into());
-        }
-        Ok(())
+        check.stays(bench, &[foreseen]).await
     }
 
     /// Where the fiber is believed to be, with its place across known so well.
@@ -488,22 +409,6 @@ impl<'d> Fiber<'d> {
             bound: self.taught.bound_z,
             sigma: self.taught.sigma_z.hypot(repeats),
         }
-    }
-
-    fn sure_of_gap(&self, place: &Place) -> Result<(), Outcome> {
-        let tolerance = self.recipe.accept.gap;
-        let probability = place.outside_along(tolerance);
-        if probability <= UNSURE {
-            return Ok(());
-        }
-        Err(Outcome::UnsureGap {
-            off: place.off,
-            bound: place.bound,
-            sigma: place.sigma,
-            tolerance,
-            probability,
-            accepted: UNSURE,
-        })
     }
 }
 

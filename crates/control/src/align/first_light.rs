@@ -4,19 +4,8 @@ use super::Dark;
 use super::fiber::Fiber;
 use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::reactor::Reactor;
+use crate::tuning::TUNING;
 use pigtail_model::frames::Displacement;
-
-/// Standard deviations of a mean above the dark that are light: by chance once in ten million looks.
-const SIGNIFICANT: f64 = 6.0;
-
-/// Samples of a look.
-const SAMPLES: usize = 4;
-
-/// Distance of the places that are looked at, in widths of the light.
-const PITCH: f64 = 0.9;
-
-/// How far from where it was taught a peak is looked for, standard deviations.
-const FAR: f64 = 3.3;
 
 /// Looks at places of all fibers together, from the likeliest on, until there is light. Each fiber then stands where that
 /// was.
@@ -27,7 +16,7 @@ pub(super) async fn first_light(
 ) -> Result<(), Halt> {
     let grids: Vec<Vec<Displacement>> = fibers
         .iter()
-        .map(|fiber| fiber.places(PITCH, FAR))
+        .map(|fiber| fiber.places(TUNING.taught.pitch, TUNING.taught.far))
         .collect();
     let mut order = combinations(&grids);
     let far = |at: &[usize]| -> f64 {
@@ -36,19 +25,24 @@ pub(super) async fn first_light(
             .sum()
     };
     order.sort_by(|a, b| far(a).total_cmp(&far(b)));
-    let threshold = SIGNIFICANT * dark.sigma / (SAMPLES as f64).sqrt();
+    let threshold =
+        TUNING.taught.significant * dark.sigma / (TUNING.taught.first_look as f64).sqrt();
     let (mut samples, mut brightest) = (0, f64::NEG_INFINITY);
     for at in &order {
         for ((fiber, grid), i) in fibers.iter_mut().zip(&grids).zip(at) {
             fiber.stand_at(bench, grid[*i]).await?;
         }
-        let (mean, _) = bench.look(fibers[0].meter.0, SAMPLES).await?;
-        samples += SAMPLES;
+        let (mean, _) = bench
+            .look(fibers[0].meter.0, TUNING.taught.first_look)
+            .await?;
+        samples += TUNING.taught.first_look;
         brightest = f64::max(brightest, mean);
         if mean - dark.mean > threshold {
             // Once more: what was chance will not be there.
-            let (again, _) = bench.look(fibers[0].meter.0, SAMPLES).await?;
-            samples += SAMPLES;
+            let (again, _) = bench
+                .look(fibers[0].meter.0, TUNING.taught.first_look)
+                .await?;
+            samples += TUNING.taught.first_look;
             if again - dark.mean > threshold {
                 for fiber in fibers {
                     fiber.begin_scan(bench, dark);
@@ -57,7 +51,7 @@ pub(super) async fn first_light(
             }
         }
     }
-    let width = 2.0 * FAR * fibers[0].across();
+    let width = 2.0 * TUNING.taught.far * fibers[0].across();
     Err(Outcome::NoLight(SearchEvidence {
         phase: "search",
         samples,

@@ -16,15 +16,16 @@
 use super::fiber::Fiber;
 use super::first_light::first_light;
 use super::observed::Observed;
-use super::{Belief, Dark, line};
+use super::{Belief, Dark};
 use crate::beam::Beam;
 use crate::outcome::{Halt, Outcome};
-use crate::reactor::{LONGEST, Reactor, refused};
+use crate::reactor::{LONGEST, Reactor};
 use crate::recipe::Recipe;
 use crate::station::Observer;
+use crate::tuning::TUNING;
 use nalgebra::Vector3;
 use pigtail_hal::Bench;
-use pigtail_hal::bench::{Degree, Group, Law, Limits, Meter, Pose, Request, Stage};
+use pigtail_hal::bench::{Degree, Group, Meter, Pose, Request, Stage};
 use pigtail_numerics::normal::Normal;
 use std::f64::consts::TAU;
 
@@ -102,44 +103,6 @@ struct Passed {
     width: Known,
 }
 
-/// Samples on a line over the peak.
-const SAMPLES: f64 = 16.0;
-
-/// How far to either side of it a line goes, in widths.
-const HALF: f64 = 1.1;
-
-/// How much farther, in widths: by then it goes evenly, and is not yet at rest.
-const BEYOND: f64 = 0.1;
-
-/// Lines to and fro that lag and width are taken from, and a place.
-const LINES: usize = 12;
-const FEW: usize = 4;
-
-/// The same of a coarse group, whose screw wanders.
-const MANY: usize = 24;
-
-/// A place is come to from so many times the backlash of the datasheet, and from so far at least, metres.
-const RUN: f64 = 3.0;
-const LEAST_RUN: f64 = 5e-6;
-
-/// How often a peak is looked for that is beside where it was looked for.
-const LOOKS: usize = 4;
-
-/// How often a backlash is measured.
-const TURNED: usize = 6;
-
-/// Places at which the coarse group stands, to either side.
-const PLACES: i32 = 3;
-
-/// Share of the fine group's range to which the coarse one goes aside for it to follow.
-const FOLLOWS: f64 = 0.6;
-
-/// Light below this share of the brightest tells next to nothing of a Gaussian's shape, and most of what is beside it.
-const DIM: f64 = 0.15;
-
-/// Tangent of the angle of the light below which z does not move the peak enough to be told.
-const STEEP: f64 = 0.05;
-
 /// Sends each axis of each group forth and back, z away from the chip.
 ///
 /// # Errors
@@ -149,8 +112,6 @@ pub fn move_axes(
     bench: &mut dyn Bench,
     observer: &mut dyn Observer,
 ) -> Result<Vec<MovedAxis>, Halt> {
-    /// Share of its range that an axis goes.
-    const WAY: f64 = 0.1;
     let mut bench = Observed::new(bench, observer);
     let bench = Reactor::new(&mut bench);
     bench.run(async {
@@ -163,7 +124,7 @@ pub fn move_axes(
                     continue;
                 };
                 let before = pose(&bench, group)?;
-                let way = WAY * (axis.range.1 - axis.range.0);
+                let way = TUNING.lines.way * (axis.range.1 - axis.range.0);
                 let away = before.0[degree.index()] - way;
                 let told = if degree == Degree::Z || away >= axis.range.0 {
                     -way
@@ -172,10 +133,10 @@ pub fn move_axes(
                 };
                 let to = before.with(degree, before.0[degree.index()] + told);
                 let begin = bench.now();
-                line(&bench, group, to, None).await?;
+                bench.line(group, to, None).await?;
                 let seconds = bench.now() - begin;
                 let went = pose(&bench, group)?.0[degree.index()] - before.0[degree.index()];
-                line(&bench, group, before, None).await?;
+                bench.line(group, before, None).await?;
                 moved.push(MovedAxis {
                     name: format!("{}.{}", caps.name, degree.name()),
                     told,
@@ -303,25 +264,27 @@ async fn measure_arm(
     let light = light - dark.mean;
     let middle = pose(bench, fine)?;
     let rate = bench.caps().channels[arm.meter].rate;
-    let speed = 2.0 * HALF * width * rate / SAMPLES;
+    let speed = 2.0 * TUNING.lines.half * width * rate / TUNING.lines.samples;
     let fine_line = Line {
         width,
         speed,
-        beyond: BEYOND * width,
+        beyond: TUNING.lines.beyond * width,
         lower: 0.0,
-        times: LINES,
+        times: TUNING.lines.lines,
     };
     let x = arm.passed(fine, Degree::X, middle, fine_line).await?;
     let y = arm.passed(fine, Degree::Y, middle, fine_line).await?;
     let peak = middle
         .with(Degree::X, x.centre.value)
         .with(Degree::Y, y.centre.value);
-    line(bench, fine, peak, None).await?;
+    bench.line(fine, peak, None).await?;
     let lag = |passed: &Passed| over(passed.apart, 2.0 * speed);
     let fine_lag = together(lag(&x), lag(&y));
     let here = pose(bench, coarse)?;
     let stated = bench.caps().groups[coarse.0].axes[0].map_or(0.0, |axis| axis.backlash);
-    let run = (RUN * stated).max(LEAST_RUN).min(0.25 * gap);
+    let run = (TUNING.lines.run * stated)
+        .max(TUNING.lines.least_run)
+        .min(0.25 * gap);
     let steps = Steps {
         arm: &arm,
         run,
@@ -337,7 +300,7 @@ async fn measure_arm(
     let backlash = [
         Some(steps.backlash(Degree::X, Degree::X, 1.0).await?),
         Some(steps.backlash(Degree::Y, Degree::Y, 1.0).await?),
-        if walk.abs() > STEEP {
+        if walk.abs() > TUNING.lines.steep {
             Some(steps.backlash(Degree::Z, Degree::X, walk).await?)
         } else {
             None
@@ -350,11 +313,11 @@ async fn measure_arm(
         // Before it is seen the play has been used up, and on the way back it is seen as much lower.
         beyond: run.max(2.0 * play),
         lower: play,
-        times: MANY,
+        times: TUNING.lines.many,
     };
     let fast = arm.passed(coarse, Degree::X, here, at(2.0 * speed)).await?;
     let slow = arm.passed(coarse, Degree::X, here, at(speed)).await?;
-    line(bench, coarse, here, None).await?;
+    bench.line(coarse, here, None).await?;
     let coarse_lag = over(
         Known {
             value: fast.apart.value - slow.apart.value,
@@ -396,15 +359,15 @@ async fn spot(
     let rate = bench.caps().channels[arm.meter].rate;
     let of = Line {
         width,
-        speed: 2.0 * HALF * width * rate / SAMPLES,
-        beyond: BEYOND * width,
+        speed: 2.0 * TUNING.lines.half * width * rate / TUNING.lines.samples,
+        beyond: TUNING.lines.beyond * width,
         lower: 0.0,
-        times: LINES,
+        times: TUNING.lines.lines,
     };
     let middle = pose(bench, fine)?;
     let x = arm.passed(fine, Degree::X, middle, of).await?.width;
     let y = arm.passed(fine, Degree::Y, middle, of).await?.width;
-    line(bench, fine, middle, None).await?;
+    bench.line(fine, middle, None).await?;
     let length = recipe.mode.wavelength / recipe.mode.gap_index / TAU;
     let spread = |gap: f64| length * gap / recipe.ports.exit_angle.cos();
     let unsure = fiber.unsure_of_gap();
@@ -500,10 +463,10 @@ impl Lines<'_, '_> {
         of: Line,
     ) -> Result<Passed, Halt> {
         let at = middle.0[degree.index()];
-        let half = HALF * of.width;
+        let half = TUNING.lines.half * of.width;
         let far = half + of.beyond;
         let [low, high] = [-far, far].map(|by| middle.with(degree, at + by));
-        line(self.bench, group, low, None).await?;
+        self.bench.line(group, low, None).await?;
         let (mut centres, mut aparts, mut widths) = (Vec::new(), Vec::new(), Vec::new());
         for _ in 0..of.times {
             let forth = self.peak(group, (degree, at, half), high, of.speed).await?;
@@ -529,11 +492,8 @@ impl Lines<'_, '_> {
         to: Pose,
         speed: f64,
     ) -> Result<(f64, f64), Halt> {
-        let limits = Limits { speed: Some(speed) };
         let (bench, begin) = (self.bench, self.bench.now());
-        bench
-            .play(group, Law::Line { to, limits })
-            .map_err(|why| refused(&why))?;
+        bench.send_to(group, to, Some(speed))?;
         let mut seen = Vec::new();
         while bench.moving(group) {
             if let Some((time, volts)) = bench.sample(self.meter, begin + LONGEST).await?
@@ -566,7 +526,9 @@ fn gaussian(seen: &[(f64, f64)]) -> Option<(f64, f64)> {
     let (first, last) = (seen.first()?.0, seen.last()?.0);
     let (middle, scale) = (0.5 * (first + last), 0.5 * (last - first).abs());
     let mut normal = Normal::<3>::default();
-    let bright = seen.iter().filter(|(_, volts)| *volts > DIM * brightest);
+    let bright = seen
+        .iter()
+        .filter(|(_, volts)| *volts > TUNING.lines.dim * brightest);
     let mut count = 0;
     for (at, volts) in bright {
         let u = (at - middle) / scale;
@@ -602,8 +564,8 @@ impl Steps<'_, '_, '_> {
         if let Some(degree) = above {
             before = before.with(degree, at.0[degree.index()] + run);
         }
-        line(bench, self.coarse, before, None).await?;
-        line(bench, self.coarse, at, None).await
+        bench.line(self.coarse, before, None).await?;
+        bench.line(self.coarse, at, None).await
     }
 
     /// Where the fine group sees the peak along an axis, from so far from where it was, metres.
@@ -612,14 +574,15 @@ impl Steps<'_, '_, '_> {
         let line_of = Line {
             width,
             speed: self.speed,
-            beyond: BEYOND * width,
+            beyond: TUNING.lines.beyond * width,
             lower: 0.0,
-            times: FEW,
+            times: TUNING.lines.few,
         };
-        let most = super::climb::range(bench, fine, degree) - (HALF + BEYOND) * width;
+        let most = super::climb::range(bench, fine, degree)
+            - (TUNING.lines.half + TUNING.lines.beyond) * width;
         let mut about = self.peak.0[degree.index()] + from;
         let mut seen = about;
-        for _ in 0..LOOKS {
+        for _ in 0..TUNING.lines.looks {
             about = about.clamp(-most, most);
             let middle = self.peak.with(degree, about);
             seen = self
@@ -628,19 +591,19 @@ impl Steps<'_, '_, '_> {
                 .await?
                 .centre
                 .value;
-            if (seen - about).abs() < 0.5 * HALF * width {
+            if (seen - about).abs() < 0.5 * TUNING.lines.half * width {
                 break;
             }
             about = seen;
         }
-        line(bench, fine, self.peak, None).await?;
+        bench.line(fine, self.peak, None).await?;
         Ok(seen)
     }
 
     /// How far an axis falls short when it comes from above: by that the peak is lower along `seen`, `gain` times.
     async fn backlash(&self, degree: Degree, seen: Degree, gain: f64) -> Result<Known, Halt> {
         let mut short = Vec::new();
-        for _ in 0..TURNED {
+        for _ in 0..TUNING.lines.turned {
             self.stand(self.here, None).await?;
             let below = self.sees(seen, 0.0).await?;
             self.stand(self.here, Some(degree)).await?;
@@ -654,11 +617,12 @@ impl Steps<'_, '_, '_> {
     async fn stands(&self, degree: Degree) -> Result<(f64, f64), Halt> {
         let bench = self.arm.bench;
         let range = super::climb::range(bench, self.fine, degree);
-        let beyond = self.peak.0[degree.index()].abs() + (HALF + BEYOND) * self.width;
-        let far = (FOLLOWS * range).min(range - beyond).max(0.0);
-        let step = far / f64::from(PLACES);
+        let beyond = self.peak.0[degree.index()].abs()
+            + (TUNING.lines.half + TUNING.lines.beyond) * self.width;
+        let far = (TUNING.lines.follows * range).min(range - beyond).max(0.0);
+        let step = far / f64::from(TUNING.lines.places);
         let mut left = Vec::new();
-        for k in -PLACES..=PLACES {
+        for k in -TUNING.lines.places..=TUNING.lines.places {
             let by = f64::from(k) * step;
             let at = self.here.with(degree, self.here.0[degree.index()] + by);
             self.stand(at, None).await?;

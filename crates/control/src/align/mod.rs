@@ -12,20 +12,21 @@ mod first_light;
 mod measure;
 mod observed;
 
+use crate::tuning::TUNING;
 pub use climb::{Found, find_peak};
 pub use measure::{Known, MeasuredArm, MeasuredDark, MovedAxis, measure, measure_dark, move_axes};
 
 use crate::beam::Beam;
+use crate::job::{FiberReport, Job, run_all};
 use crate::outcome::{Halt, Outcome};
-use crate::procedure::{FiberReport, PORTS};
-use crate::reactor::{LONGEST, Reactor, refused};
+use crate::reactor::{LONGEST, Reactor};
 use crate::recipe::Recipe;
 use crate::station::Observer;
 use fiber::Fiber;
 use first_light::first_light;
 pub(crate) use observed::Observed;
-use pigtail_hal::bench::{Group, Law, Limits, Meter, Pose, Request};
-use pigtail_hal::{Bench, Fault, Side};
+use pigtail_hal::bench::{Meter, Pose, Request};
+use pigtail_hal::{Bench, Fault};
 
 /// A pose that was taught: with the coarse group there and the fine group in its middle the fiber's tip touches the
 /// facet at the port's peak.
@@ -45,23 +46,11 @@ pub struct Taught {
     pub sigma_z: f64,
 }
 
-/// Width of the light that is searched for, in standard deviations of where it may be.
-const WIDE: f64 = 2.5;
-
-/// Samples of a look at the light.
-const LOOK: usize = 12;
-
-/// Samples of a look at how steady the light at its peak is.
-const STEADY: usize = 40;
-
-/// How well circles centre at a gap, in widths.
-const NEAR: f64 = 0.1;
-
 impl Taught {
     /// The gap at which light is searched for, metres: there it is wider than what is not known of where it is.
     pub fn search_gap(&self, recipe: &Recipe) -> f64 {
         let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
-        let wide = WIDE * self.across / beam.width(0.0);
+        let wide = TUNING.taught.wide * self.across / beam.width(0.0);
         let back = beam.gap_of((wide * wide - 1.0).max(0.0));
         back.max(4.0 * recipe.approach.gap)
     }
@@ -109,15 +98,12 @@ pub fn align(
 ) -> Vec<FiberReport> {
     let mut bench = Observed::new(bench, observer);
     let bench = Reactor::new(&mut bench);
-    let mut device = Device {
+    let device = Device {
         bench: &bench,
         belief,
         recipe,
-        dark: Dark::default(),
-        reports: Vec::with_capacity(1 + recipe.ports.outputs.len()),
     };
-    bench.run(device.align());
-    device.reports
+    bench.run(device.align())
 }
 
 /// A meter without the laser.
@@ -132,12 +118,10 @@ struct Dark {
 impl Dark {
     /// The light without the laser, which is on afterwards.
     async fn measure(bench: &Reactor<'_>, meter: Meter) -> Result<Self, Halt> {
-        /// Samples.
-        const SAMPLES: usize = 50;
         bench.ask(Request::Laser(false), LONGEST).await?;
         // A meter forgets the laser in some samples.
         bench.look(meter.0, 5).await?;
-        let (mean, sigma) = bench.look(meter.0, SAMPLES).await?;
+        let (mean, sigma) = bench.look(meter.0, TUNING.taught.dark).await?;
         bench.ask(Request::Laser(true), LONGEST).await?;
         bench.look(meter.0, 5).await?;
         let step = bench.caps().channels[meter.0].resolution;
@@ -149,120 +133,117 @@ impl Dark {
 }
 
 /// A device on its way.
+#[derive(Clone, Copy)]
 struct Device<'d, 'b> {
     bench: &'d Reactor<'b>,
     belief: &'d Belief,
     recipe: &'d Recipe,
-    dark: Dark,
-    reports: Vec<FiberReport>,
 }
 
-/// Phases of a fiber, and their times.
-type Phases = Vec<(&'static str, f64)>;
+/// What the fibers of a device have in common.
+#[derive(Default)]
+struct Shared<'d> {
+    dark: Dark,
+    /// The first output's fiber, which has been at its peak while the input was aligned.
+    output: Option<Fiber<'d>>,
+}
 
 impl<'d> Device<'d, '_> {
-    async fn align(&mut self) {
-        let (mut phases, mut place) = (Phases::new(), None);
-        let mut output = None;
-        let input = self.input_fiber(&mut phases, &mut place, &mut output).await;
-        let lit = self.report(0, input, phases, place).await;
-        for port in 0..self.recipe.ports.outputs.len() {
-            let (mut phases, mut place) = (Phases::new(), None);
-            let result = if lit && !self.has_stopped() {
-                let here = output.take();
-                self.output_fiber(port, here, &mut phases, &mut place).await
-            } else {
-                Err(Outcome::NotAttempted.into())
-            };
-            self.report(1 + port, result, phases, place).await;
-        }
-    }
-
-    fn has_stopped(&self) -> bool {
-        let fault = |report: &FiberReport| report.outcome.fault().is_some();
-        self.reports.iter().any(fault)
+    async fn align(self) -> Vec<FiberReport> {
+        let mut shared = Shared::default();
+        run_all(
+            self.recipe,
+            async |job| match job.output {
+                None => self.input_fiber(job, &mut shared).await,
+                Some(port) => self.output_fiber(job, port, &mut shared).await,
+            },
+            async |job| {
+                // Where the input fails its first output goes back too.
+                for arm in if job.output.is_none() { 0..2 } else { 1..2 } {
+                    self.put_back(arm).await?;
+                }
+                Ok(())
+            },
+        )
+        .await
     }
 
     /// The input and the first output to their peaks at the last gap, and the input attached.
-    async fn input_fiber(
-        &mut self,
-        phases: &mut Phases,
-        place: &mut Option<crate::belief::Place>,
-        output: &mut Option<Fiber<'d>>,
-    ) -> Result<(), Halt> {
+    async fn input_fiber(&self, job: &mut Job<'_>, shared: &mut Shared<'d>) -> Result<(), Halt> {
+        let bench = self.bench;
         let (mut left, mut right) = (self.fiber(0, 0)?, self.fiber(1, 0)?);
-        self.phase(0, phases, "coarse", async |device: &mut Self| {
-            device.dark = Dark::measure(device.bench, left.meter).await?;
+        job.phase(bench, "coarse", async |_| {
+            shared.dark = Dark::measure(bench, left.meter).await?;
             for fiber in [&mut left, &mut right] {
-                fiber.load(device.bench).await?;
+                fiber.load(bench).await?;
             }
-            let pair = [&mut left, &mut right];
-            Fiber::come_near(device.bench, pair).await
+            Fiber::come_near(bench, [&mut left, &mut right]).await
         })
         .await?;
-        self.phase(0, phases, "search", async |device: &mut Self| {
-            first_light(device.bench, &device.dark, &mut [&mut left, &mut right]).await
+        let dark = &shared.dark;
+        job.phase(bench, "search", async |_| {
+            first_light(bench, dark, &mut [&mut left, &mut right]).await
         })
         .await?;
-        self.phase(0, phases, "centre", async |device: &mut Self| {
+        job.phase(bench, "centre", async |_| {
             // Each narrows what the other sees.
             for _ in 0..2 {
-                left.centre(device.bench, &device.dark, "centre").await?;
-                right.centre(device.bench, &device.dark, "centre").await?;
+                left.centre(bench, dark, "centre").await?;
+                right.centre(bench, dark, "centre").await?;
             }
             Ok(())
         })
         .await?;
-        self.phase(0, phases, "approach", async |device: &mut Self| {
-            let gap = device.recipe.approach.gap;
-            right.approach(device.bench, &device.dark, gap).await?;
-            left.approach(device.bench, &device.dark, gap).await
+        let gap = self.recipe.approach.gap;
+        job.phase(bench, "approach", async |_| {
+            right.approach(bench, dark, gap).await?;
+            left.approach(bench, dark, gap).await
         })
         .await?;
-        self.phase(0, phases, "final", async |device: &mut Self| {
-            right.centre(device.bench, &device.dark, "final").await?;
-            *place = Some(left.finish(device.bench, &device.dark).await?);
+        job.phase(bench, "final", async |job| {
+            right.centre(bench, dark, "final").await?;
+            job.place = Some(left.finish(bench, dark).await?);
             Ok(())
         })
         .await?;
-        *output = Some(right);
+        shared.output = Some(right);
         Ok(())
     }
 
     /// An output to its port, from the tray or from where it has been seen already.
     async fn output_fiber(
-        &mut self,
+        &self,
+        job: &mut Job<'_>,
         port: usize,
-        here: Option<Fiber<'d>>,
-        phases: &mut Phases,
-        place: &mut Option<crate::belief::Place>,
+        shared: &mut Shared<'d>,
     ) -> Result<(), Halt> {
-        let mut fiber = if let Some(fiber) = here {
+        let (bench, dark) = (self.bench, &shared.dark);
+        let mut fiber = if let Some(fiber) = shared.output.take() {
             fiber
         } else {
             let mut fiber = self.fiber(1, port)?;
-            self.phase(1 + port, phases, "coarse", async |device: &mut Self| {
-                fiber.load(device.bench).await?;
-                Fiber::come_near(device.bench, [&mut fiber]).await
+            job.phase(bench, "coarse", async |_| {
+                fiber.load(bench).await?;
+                Fiber::come_near(bench, [&mut fiber]).await
             })
             .await?;
-            self.phase(1 + port, phases, "search", async |device: &mut Self| {
-                first_light(device.bench, &device.dark, &mut [&mut fiber]).await
+            job.phase(bench, "search", async |_| {
+                first_light(bench, dark, &mut [&mut fiber]).await
             })
             .await?;
-            self.phase(1 + port, phases, "centre", async |device: &mut Self| {
-                fiber.centre(device.bench, &device.dark, "centre").await
+            job.phase(bench, "centre", async |_| {
+                fiber.centre(bench, dark, "centre").await
             })
             .await?;
-            self.phase(1 + port, phases, "approach", async |device: &mut Self| {
-                let gap = device.recipe.approach.gap;
-                fiber.approach(device.bench, &device.dark, gap).await
+            let gap = self.recipe.approach.gap;
+            job.phase(bench, "approach", async |_| {
+                fiber.approach(bench, dark, gap).await
             })
             .await?;
             fiber
         };
-        self.phase(1 + port, phases, "final", async |device: &mut Self| {
-            *place = Some(fiber.finish(device.bench, &device.dark).await?);
+        job.phase(bench, "final", async |job| {
+            job.place = Some(fiber.finish(bench, dark).await?);
             Ok(())
         })
         .await
@@ -276,63 +257,8 @@ impl<'d> Device<'d, '_> {
         Fiber::new(self.bench, self.recipe, taught, meter)
     }
 
-    async fn phase<T>(
-        &mut self,
-        port: usize,
-        phases: &mut Phases,
-        name: &'static str,
-        work: impl AsyncFnOnce(&mut Self) -> Result<T, Halt>,
-    ) -> Result<T, Halt> {
-        let start = self.bench.now();
-        self.bench.announce(PORTS[port], name);
-        let result = work(self).await;
-        phases.push((name, self.bench.now() - start));
-        self.bench.conclude(PORTS[port], name);
-        result
-    }
-
-    /// Notes how a fiber went. One that did not go well is taken back, and the machine left well. Whether it is aligned.
-    async fn report(
-        &mut self,
-        port: usize,
-        result: Result<(), Halt>,
-        phases: Phases,
-        place: Option<crate::belief::Place>,
-    ) -> bool {
-        let side = Side::ALL[port.min(1)];
-        let outcome = match result {
-            Ok(()) => Outcome::Aligned,
-            Err(Halt::Fault(fault)) => Outcome::Stopped(fault),
-            Err(Halt::Outcome(Outcome::NotAttempted)) => Outcome::NotAttempted,
-            Err(Halt::Outcome(outcome)) => {
-                // Where the input fails its first output goes back too.
-                let mut ended = outcome;
-                for arm in if port == 0 { 0..2 } else { 1..2 } {
-                    if let Err(fault) = self.put_back(arm).await {
-                        ended = Outcome::Stopped(fault);
-                        break;
-                    }
-                }
-                ended
-            }
-        };
-        let aligned = outcome == Outcome::Aligned;
-        self.reports.push(FiberReport {
-            port: PORTS[port],
-            side,
-            outcome,
-            shaking: None,
-            spread: None,
-            spot: None,
-            strokes: None,
-            place: place.filter(|_| aligned),
-            phases,
-        });
-        aligned
-    }
-
     /// An arm goes away from the chip, and its fiber back.
-    async fn put_back(&mut self, arm: usize) -> Result<(), Fault> {
+    async fn put_back(&self, arm: usize) -> Result<(), Fault> {
         if let Ok(fiber) = self.fiber(arm, 0)
             && let Err(Halt::Fault(fault)) = fiber.go_back(self.bench).await
         {
@@ -343,13 +269,4 @@ impl<'d> Device<'d, '_> {
             Ok(()) | Err(Halt::Outcome(_)) => Ok(()),
         }
     }
-}
-
-/// A group goes straight to a pose and comes to rest.
-async fn line(bench: &Reactor<'_>, group: Group, to: Pose, speed: Option<f64>) -> Result<(), Halt> {
-    let limits = Limits { speed };
-    let ticket = bench
-        .play(group, Law::Line { to, limits })
-        .map_err(|why| refused(&why))?;
-    bench.done(vec![ticket], LONGEST).await
 }

@@ -6,24 +6,8 @@
 //! other, for then the spot is oblong along the piezos, which modes are not. Whether both go farther or the spot is narrower they
 //! do not tell apart, and whoever follows the peak need not know.
 
+use crate::tuning::TUNING;
 use pigtail_hal::spec::MICRO_AXES;
-
-/// What is believed of a piezo's stroke beside what its model says, before it is seen: one standard deviation of its natural
-/// logarithm. A choice, of piezos that are aged or warm and not of those just calibrated: light soon knows better.
-const USUAL: f64 = 0.2;
-
-/// What was learned counts so many times as much as what comes next, whenever something comes.
-const FORGETTING: f64 = 0.95;
-
-/// No piezo goes farther or less far than so many times what is believed: it is broken then, which is not to be learned.
-const BOUNDS: [f64; 2] = [0.7, 1.43];
-
-/// Piezos that differ by less, in the natural logarithm of their strokes, are left as they are: a circle is bent so little that light on it differs from
-/// a peak's by a hundredth and a half, less than half of what passes for one.
-const WORTH: f64 = 0.1;
-
-/// Standard deviations by which they must.
-const SURELY: f64 = 3.0;
 
 /// Something that was seen of both piezos: a sum of their logarithms, each so many times.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,7 +40,7 @@ pub struct OnLine {
 
 impl Default for OnLine {
     fn default() -> Self {
-        let usual = USUAL * USUAL;
+        let usual = TUNING.piezos.usual * TUNING.piezos.usual;
         Self {
             logarithms: [0.0; MICRO_AXES],
             covariance: [[usual, 0.0], [0.0, usual]],
@@ -83,8 +67,8 @@ impl OnLine {
         let gain = along(&self.covariance);
         let known = a * gain[0] + b * gain[1];
         // It is never known less well than at first.
-        let least = USUAL * USUAL * (a * a + b * b);
-        let fades = (known / FORGETTING).min(least.max(known)) - known;
+        let least = TUNING.piezos.usual * TUNING.piezos.usual * (a * a + b * b);
+        let fades = (known / TUNING.piezos.forgetting).min(least.max(known)) - known;
         self.rank(gain, fades / (known * known));
         let known = known + fades;
         let gain = gain.map(|g| g * (known / (known - fades)));
@@ -92,7 +76,7 @@ impl OnLine {
         let error = seen - (a * self.logarithms[0] + b * self.logarithms[1]);
         let scale = (known + told.variance).recip();
         for (logarithm, g) in self.logarithms.iter_mut().zip(gain) {
-            let [low, high] = BOUNDS.map(f64::ln);
+            let [low, high] = TUNING.piezos.bounds.map(f64::ln);
             *logarithm = (*logarithm + scale * g * error).clamp(low, high);
         }
         self.rank(gain, -scale);
@@ -110,9 +94,9 @@ impl OnLine {
     /// the tip does not leave. Whether it does.
     pub fn make_use(&mut self, place: [f64; MICRO_AXES], cycles: u32) -> bool {
         let [[p, q], [r, s]] = self.covariance;
-        let surely = SURELY * (p + s - q - r).max(0.0).sqrt();
+        let surely = TUNING.piezos.surely * (p + s - q - r).max(0.0).sqrt();
         let by: [f64; MICRO_AXES] = std::array::from_fn(|i| self.logarithms[i] - self.used[i]);
-        if (by[0] - by[1]).abs() < WORTH.max(surely) {
+        if (by[0] - by[1]).abs() < TUNING.piezos.worth.max(surely) {
             return false;
         }
         self.before = self.scales_now();
@@ -211,7 +195,7 @@ mod tests {
             online.make_use([0.0; MICRO_AXES], 1);
         }
         let [p, q] = online.used().expect("they differ");
-        let [low, high] = BOUNDS;
+        let [low, high] = TUNING.piezos.bounds;
         assert!(low * 0.999 < q && p < high * 1.001, "{p} {q}");
     }
 

@@ -2,34 +2,14 @@
 
 use super::answer::{Answer, Turn};
 use crate::beam::Peak;
+use crate::tuning::TUNING;
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::line::Line;
-
-/// Of more turns than those this share is left out, of the first: piezos creep by the logarithm of time, which is no straight line where all
-/// of it is looked at.
-const OLD: usize = 3;
-
-/// Standard deviations of a drift that is no drift for sure.
-pub(super) const CHANCE: f64 = 2.0;
-
-/// What was foreseen gets no older than so many turns where the middle stays: else all would be believed in the end.
-const FRESH: u32 = 2;
-
-/// How far the small turn may find the peak from where the wide ones foresaw it, metres and standard
-/// deviations: what is farther has been moved meanwhile. Rather once too often: it costs some turns.
-const MOVED: (f64, f64) = (40e-9, 3.0);
-
-/// How fast a peak moves when all is done, metres a turn: as piezos creep.
-pub(super) const CREEP: f64 = 15e-9;
-
-/// From the middle of the last wide turn to that of the small one, turns, but for what is waited on the way. Foreseeing as far as
-/// the fiber's attaching makes offsets in x twice as large, and those in y larger by a third.
-pub(super) const AHEAD: f64 = 1.3;
 
 /// What leads to a peak, of turns of which so many were the most.
 pub(super) fn recent(turns: &[Turn], most: usize) -> &[Turn] {
     let old = if turns.len() > most {
-        turns.len() / OLD
+        turns.len() / TUNING.ahead.old
     } else {
         0
     };
@@ -38,13 +18,19 @@ pub(super) fn recent(turns: &[Turn], most: usize) -> &[Turn] {
 
 /// By how many of so many turns what was foreseen has got old, where the middle was led after what was seen, or was not.
 pub(super) fn aged(led: bool, turns: u32) -> f64 {
-    f64::from(if led { turns } else { turns.min(FRESH) })
+    f64::from(if led {
+        turns
+    } else {
+        turns.min(TUNING.ahead.fresh)
+    })
 }
 
 /// What was foreseen for one turn, so many turns later: piezos creep.
 pub(super) fn late(foreseen: &Peak, turns: f64) -> Peak {
     Peak {
-        deviations: foreseen.deviations.map(|d| d.hypot(CREEP * turns)),
+        deviations: foreseen
+            .deviations
+            .map(|d| d.hypot(TUNING.ahead.creep * turns)),
         ..*foreseen
     }
 }
@@ -60,7 +46,9 @@ pub(super) fn together(foreseen: &Peak, seen: &Peak, unrest: [f64; 2]) -> (Displ
     let share = [0, 1].map(|i| (before[i] / apart[i]).powi(2));
     let moved = [0, 1].map(|i| {
         let by = [by.x, by.y][i];
-        (by * by - (MOVED.1 * apart[i]).powi(2)).max(0.0).sqrt()
+        (by * by - (TUNING.ahead.moved_deviations * apart[i]).powi(2))
+            .max(0.0)
+            .sqrt()
     });
     (
         foreseen.at + Displacement::new(share[0] * by.x, share[1] * by.y),
@@ -82,7 +70,7 @@ impl Moved {
     pub(super) fn of(foreseen: &Peak, seen: &Peak, turns: f64) -> Option<Self> {
         let deviation = late(foreseen, turns).deviation().hypot(seen.deviation());
         let way = (seen.at - foreseen.at).norm();
-        let near = MOVED.0 + MOVED.1 * deviation;
+        let near = TUNING.ahead.moved + TUNING.ahead.moved_deviations * deviation;
         (way > near).then_some(Self { way, near })
     }
 }
@@ -146,7 +134,8 @@ impl Ahead {
 
     /// How much of its way is one for sure: of one that chance may have made nothing, of one far beyond that all but all.
     pub(super) fn surely(&self) -> f64 {
-        let chance = CHANCE * self.slope_deviation / self.slope.abs().max(f64::MIN_POSITIVE);
+        let chance =
+            TUNING.ahead.chance * self.slope_deviation / self.slope.abs().max(f64::MIN_POSITIVE);
         self.slope * (1.0 - chance * chance).max(0.0)
     }
 }
@@ -173,8 +162,8 @@ mod tests {
     #[test]
     fn a_steady_creep_is_foreseen() {
         let turns = [0.0, 10e-9, 20e-9, 30e-9].map(turn);
-        let ahead = Ahead::of(&turns, |peak| peak.at.x, 0.0, AHEAD);
-        let expected = 30e-9 + AHEAD * 10e-9;
+        let ahead = Ahead::of(&turns, |peak| peak.at.x, 0.0, TUNING.ahead.ahead);
+        let expected = 30e-9 + TUNING.ahead.ahead * 10e-9;
         assert!((ahead.at - expected).abs() < 1e-15, "{}", ahead.at);
         assert!(ahead.deviation < 1e-15, "{}", ahead.deviation);
         assert!((ahead.slope - 10e-9).abs() < 1e-15, "{}", ahead.slope);
@@ -198,8 +187,12 @@ mod tests {
 
     #[test]
     fn three_peaks_that_happen_to_lie_well_are_not_believed_more_than_their_noise() {
-        let Ahead { deviation, .. } =
-            Ahead::of(&[0.0; 3].map(turn), |peak| peak.at.x, 1e-16, AHEAD);
+        let Ahead { deviation, .. } = Ahead::of(
+            &[0.0; 3].map(turn),
+            |peak| peak.at.x,
+            1e-16,
+            TUNING.ahead.ahead,
+        );
         assert!(deviation > 10e-9, "{deviation}");
     }
 }

@@ -4,14 +4,10 @@
 
 use super::wander::{Track, Wander};
 use crate::beam::Peak;
+use crate::tuning::TUNING;
 use nalgebra::{Matrix2, Matrix6, SMatrix, Vector2, Vector6};
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::normal::Normal;
-
-/// How much more or less than it should, and how far aside, a peak may be seen of what its circle's middle was off; one standard deviation. A
-/// spot that is wider or narrower by 15 % makes so much, and so does light that is later than believed by a twentieth of
-/// a turn. A choice.
-const UNKNOWN: f64 = 0.3;
 
 /// Steps to the fit, which is nearly linear...
 const STEPS: usize = 6;
@@ -87,16 +83,11 @@ impl Answer {
 
     /// Why what answers so is no group and no spot as they are believed; `None` where they may be.
     pub(super) fn is_foreign(&self) -> Option<String> {
-        /// Farthest from what it should be, by the complex logarithm: a spot that is 35 % wider or narrower, or light a tenth of a turn later,
-        /// with nothing else. A choice.
-        const MOST: f64 = 0.6;
-        /// Standard deviations that it is beyond that.
-        const SURELY: f64 = 3.0;
         let (along, aside) = (self.answers[0], self.answers[1]);
         let gain = along.hypot(aside);
         let off = gain.ln().hypot(aside.atan2(along));
         let known = self.answers_deviation / gain;
-        (off - SURELY * known > MOST).then(|| {
+        (off - TUNING.answer.surely * known > TUNING.answer.most).then(|| {
             let degrees = aside.atan2(along).to_degrees();
             format!(
                 "beside the peak its light answers {gain:.2} times as much as it should and {degrees:.0} degrees aside: \
@@ -139,7 +130,7 @@ impl Fit {
     }
 
     fn of(rows: &[Row], wander: Wander, mut at: Vector6<f64>, steps: usize) -> Self {
-        let prior = UNKNOWN.powi(-2);
+        let prior = TUNING.answer.unknown.powi(-2);
         let mut fit = None;
         for _ in 0..steps {
             let mut track = Track::new(wander, 0.0);
@@ -191,7 +182,8 @@ impl Fit {
 
     /// Variance of a turn about it.
     fn scatter(&self, turns: usize) -> f64 {
-        let told = 2.0 - UNKNOWN.powi(-2) * (self.covariance[(4, 4)] + self.covariance[(5, 5)]);
+        let told = 2.0
+            - TUNING.answer.unknown.powi(-2) * (self.covariance[(4, 4)] + self.covariance[(5, 5)]);
         self.squares / (2.0 * turns as f64 - 4.0 - told).max(1.0)
     }
 

@@ -1,12 +1,10 @@
 //! Light that is not where it was to be, looked for on a circle farther out.
 
-use super::{ConicalScan, Gap, SIGNIFICANT};
+use super::{ConicalScan, Gap};
 use crate::outcome::Halt;
 use crate::reactor::Reactor;
+use crate::tuning::TUNING;
 use std::f64::consts::TAU;
-
-/// Turns: what is seen on the way there does not count.
-const TURNS: f64 = 1.25;
 
 impl ConicalScan<'_> {
     /// Once around where light was to be, on a circle of so many widths of the peak, slowly enough for a sample every width of the way; then to
@@ -35,13 +33,14 @@ impl ConicalScan<'_> {
     }
 
     async fn see_around(&mut self, bench: &Reactor<'_>, gap: f64) -> Result<bool, Halt> {
-        self.run(bench, Gap::Steady(gap), TURNS * self.period)
+        self.run(bench, Gap::Steady(gap), TUNING.circle.around * self.period)
             .await?;
         let brightest = self
             .readings
             .iter()
             .max_by(|a, b| a.volts.total_cmp(&b.volts));
-        let clear = brightest.filter(|reading| reading.volts > SIGNIFICANT * self.watch.noise);
+        let clear = brightest
+            .filter(|reading| reading.volts > TUNING.circle.significant * self.watch.noise);
         if let Some(at) = clear.map(|reading| reading.at) {
             self.shift(at - self.centre);
             return Ok(true);

@@ -1,9 +1,10 @@
 //! The last turns at the chip: the peak as it will be, a look at it from near, and the way to rest.
 
-use super::ahead::{AHEAD, Ahead, CHANCE, CREEP, Moved, aged, late, recent, together};
+use super::ahead::{Ahead, Moved, aged, late, recent, together};
 use super::answer::{Answer, Turn};
-use super::told::FORGETS;
-use super::{ConicalScan, Gap, NEAR, NEARBY, SHRINK, SIGNIFICANT};
+use crate::tuning::TUNING;
+
+use super::{ConicalScan, Gap};
 use crate::beam::{Peak, Reading};
 use crate::belief::Across;
 use crate::gap_by_light::Width;
@@ -12,78 +13,8 @@ use crate::reactor::Reactor;
 use crate::still_there::Foreseen;
 use pigtail_model::frames::Displacement;
 
-/// Turns that foresee a peak, at least.
-const FEWEST: usize = 3;
-
-/// Radius of the small turn in widths, of which the least is enough for light without noise: the
-/// smaller, the better the light on it tells that at its middle...
-const SMALL: (f64, f64) = (0.15, 0.3);
-
-/// ...and the more it must stand out of the noise: square of the radius for a reading's noise, of its
-/// light.
-const NOISY: f64 = 10.0;
-
-/// So many times the most turns in one place are made at the chip, at most.
-const MOST_TURNS: u32 = 12;
-
-/// No peak is worth a look from near that is not even known so well after these, metres.
-const ROUGHLY: f64 = 30e-9;
-
-/// How far piezos take the middle of a circle along as it becomes a small one, along an axis, of that way, by what a model of their hysteresis does
-/// not know: the fiber comes to rest from the small one. A choice: of the 20 micros of ten machines of the nominal fleet that were commissioned it was
-/// 12 nm along an axis, rms, for 1 um, and 48 nm for the worst.
-const HIDDEN: f64 = 0.01;
-
 /// From the middle of the small turn to its end, turns.
 const HALF_TURN: f64 = 0.5;
-
-/// How well the wide turns and the small one together must know the peak, of what the wide ones must;
-/// but for light so dim that it takes very many.
-const TOGETHER: f64 = 0.8;
-
-/// ...and in which the micro comes from it to rest: twice as slowly it rings a quarter as much.
-const COME_TO_REST: f64 = 0.6;
-
-/// Turns in which it does where the micro rings: so slow a change excites it little.
-const GENTLE: f64 = 2.0;
-
-/// How far it may swing, at most, before it comes to rest, where that does not die away: then it may be noise. What shakes is told apart
-/// from that by all turns together.
-const SWINGS: f64 = 60e-9;
-
-/// ...or so many times as far as it is known to shake.
-const SHAKES: f64 = 2.0;
-
-/// Small turns, at most, until it no longer rings.
-const RINGING: u32 = 10;
-
-/// A swing that is more than this share of that of the turn before does not die away.
-const LASTING: f64 = 0.8;
-
-/// As [`MISFIT`], for the small turn, times its radius squared: a peak that was moved in the middle of
-/// it, or a piezo that does not move, which makes `1 / sqrt(8)`.
-const SMALL_MISFIT: f64 = 0.2;
-
-/// Of that, what is not foreseen on the way from the last turn to where the fiber is fixed; and of how fast it has been seen
-/// to move, where that takes longer than a turn.
-const UNFORESEEN: f64 = 0.3;
-
-/// Turns for which a peak is watched that scatters by more than noise.
-const WATCHED: usize = 24;
-
-/// Fastest that it may.
-const FASTEST: f64 = 5.0 * CREEP;
-
-/// By how much the light on the circle may differ from that of a peak, of its own: one whose modes
-/// are not as designed does by 3 % at most, a piezo that goes half of its way makes it 5 %.
-const MISFIT: f64 = 0.04;
-
-/// So many times as far as light seems to say a tip may move, and no farther: else the turns are made again with the width that
-/// they have told.
-const MISJUDGED: f64 = 1.5;
-
-/// How far a micro that rings may swing where the fiber is attached, metres.
-const QUIET: f64 = 20e-9;
 
 /// Whether turns at a steady gap may end, for all but the peak.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -120,14 +51,8 @@ impl ConicalScan<'_> {
         phase: &'static str,
         ready: &impl Fn() -> Ready,
     ) -> Result<Peak, Halt> {
-        let most = MOST_TURNS * self.shape.turns;
+        let most = TUNING.last.most_turns * self.shape.turns;
         let start = self.centre;
-        let expected = SIGNIFICANT * self.watch.noise;
-        let lost = |level: f64| Outcome::LightLost {
-            phase,
-            level,
-            expected,
-        };
         let (mut dark, mut deviation, mut misfit, mut best) = (0, f64::INFINITY, 0.0, None);
         let mut seen: Vec<Turn> = Vec::with_capacity(self.shape.turns as usize);
         if self.wary && self.played.is_some_and(|(_, law)| law.radius.to == 0.0) {
@@ -135,25 +60,18 @@ impl ConicalScan<'_> {
             self.turn(bench, gap).await?;
         }
         for _ in 0..(f64::from(most) * more) as u32 {
-            self.turn(bench, gap).await?;
-            let peak = self.peak();
-            let Some(mut peak) = peak.filter(|p| p.full > SIGNIFICANT * p.full_deviation) else {
-                dark += 1;
-                if dark > 1 {
-                    let level = peak.map_or(0.0, |peak| peak.full * self.beam.share(gap));
-                    return Err(lost(level).into());
-                }
+            let Some(mut peak) = self.seek(bench, gap, phase, &mut dark).await? else {
                 continue;
             };
             let off = peak.at - self.centre;
-            if off.norm() > NEAR * self.beam.width(gap) {
+            if off.norm() > TUNING.circle.near * self.beam.width(gap) {
                 // Not there yet: what was seen from there does not count.
                 seen.clear();
                 best = None;
                 self.go_to(bench, &peak, gap)?;
                 let far = (self.centre - start).norm();
-                if far > NEARBY * self.beam.width(gap) {
-                    return Err(lost(peak.full * self.beam.share(gap)).into());
+                if far > TUNING.circle.nearby * self.beam.width(gap) {
+                    return Err(self.lost(phase, Some(&peak), gap));
                 }
                 continue;
             }
@@ -181,7 +99,7 @@ impl ConicalScan<'_> {
                 self.go_to(bench, &peak, gap)?;
                 return Ok(peak);
             }
-            if seen.len() < FEWEST {
+            if seen.len() < TUNING.last.fewest {
                 self.go_to(bench, &peak, gap)?;
                 continue;
             }
@@ -200,7 +118,9 @@ impl ConicalScan<'_> {
             // A peak that a circle's middle runs after, or that is no peak's shape, is that of a micro
             // which does not go where it is told.
             misfit = self.misfit(&last, gap, 1.0);
-            if slope > self.slower * FASTEST + SIGNIFICANT * noise || misfit > MISFIT {
+            if slope > self.slower * TUNING.last.fastest + TUNING.circle.significant * noise
+                || misfit > TUNING.last.misfit
+            {
                 seen.clear();
                 best = None;
                 continue;
@@ -213,13 +133,16 @@ impl ConicalScan<'_> {
                 .extend(self.readings.iter().map(|r| (r.at - self.centre, r.volts)));
             let long = seen.len() >= 2 * self.shape.turns as usize;
             let ready = || !unsettled && ready() == Ready::Yes;
-            if deviation < accuracy && (together < TOGETHER * accuracy || long) && ready() {
+            if deviation < accuracy
+                && (together < TUNING.last.together * accuracy || long)
+                && ready()
+            {
                 self.turns = seen;
                 return Ok(peak);
             }
             best = Some(peak).filter(|_| long);
         }
-        if let Some(best) = best.filter(|_| deviation < ROUGHLY) {
+        if let Some(best) = best.filter(|_| deviation < TUNING.last.roughly) {
             self.turns = seen;
             return Ok(best);
         }
@@ -234,7 +157,7 @@ impl ConicalScan<'_> {
         seen: &[Turn],
         last: &Peak,
     ) -> Result<([Ahead; 2], bool), Outcome> {
-        let ahead = AHEAD + self.waits(bench) / self.period;
+        let ahead = TUNING.ahead.ahead + self.waits(bench) / self.period;
         if !self.wary {
             let of = [|peak: &Peak| peak.at.x, |peak: &Peak| peak.at.y];
             let means = self.shaking.measured_means();
@@ -250,8 +173,8 @@ impl ConicalScan<'_> {
             return Err(Outcome::BenchFailed { why });
         }
         let free = 2.0 * seen.len() as f64 - 4.0;
-        let most = noise * noise * (1.0 + CHANCE * (2.0 / free).sqrt());
-        let unsettled = answer.scatter > most && seen.len() < WATCHED;
+        let most = noise * noise * (1.0 + TUNING.ahead.chance * (2.0 / free).sqrt());
+        let unsettled = answer.scatter > most && seen.len() < TUNING.last.watched;
         Ok((Ahead::answered(&answer), unsettled))
     }
 
@@ -315,15 +238,15 @@ impl ConicalScan<'_> {
 
     /// By how much less piezos creep in a turn by now than after the fewest turns that foresee a peak: they do by the logarithm of time.
     fn creeps(&self) -> f64 {
-        FEWEST as f64 / self.turns.len().max(FEWEST) as f64
+        TUNING.last.fewest as f64 / self.turns.len().max(TUNING.last.fewest) as f64
     }
 
     /// Radius of the small turn around a peak, in its widths.
     fn small(&self, peak: &Peak, gap: f64) -> f64 {
         let noise = self.watch.noise / (peak.full * self.beam.share(gap));
-        (NOISY * noise.hypot(self.flicker()))
+        (TUNING.last.noisy * noise.hypot(self.flicker()))
             .sqrt()
-            .clamp(SMALL.0, SMALL.1)
+            .clamp(TUNING.last.smallest, TUNING.last.largest)
     }
 
     /// Turns on a circle of so many widths until the micro no longer rings from the way there.
@@ -335,7 +258,8 @@ impl ConicalScan<'_> {
         radius: f64,
         phase: &'static str,
     ) -> Result<Near, Halt> {
-        self.shrink(bench, gap, radius, SHRINK).await?;
+        self.shrink(bench, gap, radius, TUNING.circle.shrink)
+            .await?;
         self.last_for(bench, Gap::Steady(gap), self.waits(bench))
             .await?;
         // The way to rest makes the micro ring as the way to this circle did, and is this much shorter.
@@ -353,17 +277,21 @@ impl ConicalScan<'_> {
                 .into());
             };
             let swing = self.swing(&seen, gap);
-            rings |= swing * shorter > QUIET;
-            let quiet = swing < QUIET || !rings;
+            rings |= swing * shorter > TUNING.last.quiet;
+            let quiet = swing < TUNING.last.quiet || !rings;
             // What swings near twice the circle's rate looks like a peak elsewhere, until it has died away.
             let old = aged(led, turns) * creeps;
             let moved = || Moved::of(foreseen, &self.unsteady(&seen), old);
-            if quiet && (turns == RINGING || moved().is_none()) {
+            if quiet && (turns == TUNING.last.ringing || moved().is_none()) {
                 break seen;
             }
-            if !quiet && (swing > LASTING * before || turns == RINGING) {
-                let shakes = SHAKES * self.shaking.measured_before();
-                let most = SWINGS.max(shakes).max(self.no_swing(&seen, gap));
+            if !quiet && (swing > TUNING.last.lasting * before || turns == TUNING.last.ringing) {
+                let shakes = TUNING.last.shakes * self.shaking.measured_before();
+                let most = TUNING
+                    .last
+                    .swings
+                    .max(shakes)
+                    .max(self.no_swing(&seen, gap));
                 if swing > most {
                     return Err(Outcome::Unsure {
                         deviation: swing,
@@ -383,6 +311,24 @@ impl ConicalScan<'_> {
         self.moved = if led { self.moved } else { 0.0 };
         let old = aged(led, turns) * creeps;
         Ok(Near { seen, old, rings })
+    }
+
+    /// Turns until the peak is known well enough and all else is `ready`, then a look from near: [`Self::settle`] and
+    /// [`Self::confirm`] where nothing is asked between them.
+    ///
+    /// # Errors
+    ///
+    /// As theirs.
+    pub async fn last_turns(
+        &mut self,
+        bench: &Reactor<'_>,
+        gap: f64,
+        accuracy: (f64, f64),
+        phase: &'static str,
+        ready: &impl Fn() -> Ready,
+    ) -> Result<(Foreseen, Across), Halt> {
+        let peak = self.settle(bench, gap, accuracy, phase, ready).await?;
+        self.confirm(bench, gap, &peak, phase).await
     }
 
     /// Goes around a small circle, from which the light at its middle can be told: whether the peak is
@@ -416,7 +362,7 @@ impl ConicalScan<'_> {
         self.spot = width.and_then(at_contact).or(self.spot);
         self.shaking
             .set_wider(wider.map_or(1.0, |(of_steps, _)| of_steps));
-        self.misjudged = wider.is_some_and(|(of_steps, _)| of_steps > MISJUDGED);
+        self.misjudged = wider.is_some_and(|(of_steps, _)| of_steps > TUNING.last.misjudged);
         self.wider = wider.map(|(_, squared)| squared);
         let foreseen = &late(foreseen, old);
         if let Some(Moved { way, near }) = Moved::of(foreseen, &self.unsteady(&seen), 0.0) {
@@ -426,17 +372,21 @@ impl ConicalScan<'_> {
             }
             .into());
         }
-        let accepted = SMALL_MISFIT * small;
+        let accepted = TUNING.last.small_misfit * small;
         let misfit = self.misfit(&seen, gap, 1.0);
         if misfit > accepted {
             return Err(Outcome::Misshapen { misfit, accepted }.into());
         }
-        let last = if rings { GENTLE } else { COME_TO_REST };
+        let last = if rings {
+            TUNING.last.gentle
+        } else {
+            TUNING.last.come_to_rest
+        };
         // It comes to rest, and not a moment longer than it may swing: piezos creep.
         let settling = self.group(bench).settling;
         let rest = HALF_TURN + last + settling / self.period;
         let longer = if self.shaking.rings() {
-            (FORGETS - 1.0) * settling
+            (TUNING.watch.forgets - 1.0) * settling
         } else {
             0.0
         };
@@ -449,7 +399,9 @@ impl ConicalScan<'_> {
             (answer.at, [answer.deviation; 2])
         } else {
             let way = (self.shape.radius - radius) * self.beam.width(gap);
-            let deviations = foreseen.deviations.map(|d| d.hypot(HIDDEN * way));
+            let deviations = foreseen
+                .deviations
+                .map(|d| d.hypot(TUNING.last.hidden * way));
             let foreseen = Peak {
                 deviations,
                 ..*foreseen
@@ -468,16 +420,16 @@ impl ConicalScan<'_> {
         let power = small / (wide - small);
         let wider = (seen.full / foreseen.full).powf(power);
         let full = seen.full * wider;
-        let misfit = self.misfit(&Peak { full, ..seen }, gap, SHRINK);
+        let misfit = self.misfit(&Peak { full, ..seen }, gap, TUNING.circle.shrink);
         if misfit > accepted {
             return Err(Outcome::Misshapen { misfit, accepted }.into());
         }
         // How far piezos creep until the fiber is fixed was foreseen, but for a part; and as much of
         // what moves on while a micro that rings comes to rest, such as a macro that creeps.
-        let creep = CREEP * self.slower;
+        let creep = TUNING.ahead.creep * self.slower;
         let moves = creep + creep.max(self.drift.norm()) * later;
         let known = Across {
-            sigma: known.map(|known| known.hypot(UNFORESEEN * moves)),
+            sigma: known.map(|known| known.hypot(TUNING.last.unforeseen * moves)),
             // A drift that was seen for sure goes on as it did, or less, or not at all: what comes to rest does so soon, and
             // piezos creep by the logarithm of time, by much where their model knows no creep. To go where it
             // would lead makes offsets worse where it does not go on, so it is believed and not followed.
@@ -500,10 +452,10 @@ impl ConicalScan<'_> {
 /// Of turns that have come to no peak: their last light was so far `off` a peak's, or the peak is known no better than to a deviation where
 /// an accuracy was wanted (metres).
 fn undecided(off: f64, (deviation, accuracy): (f64, f64)) -> Outcome {
-    if off > MISFIT {
+    if off > TUNING.last.misfit {
         return Outcome::Misshapen {
             misfit: off,
-            accepted: MISFIT,
+            accepted: TUNING.last.misfit,
         };
     }
     Outcome::Unsure {

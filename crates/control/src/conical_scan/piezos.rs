@@ -1,18 +1,12 @@
 //! What circles tell of the piezos that play them: by how much more one goes than the other. The spot is oblong along them then.
 
-use super::{ConicalScan, GLIDE, Gap};
+use super::{ConicalScan, Gap};
 use crate::beam::{Peak, Reading};
 use crate::compensation::online::Told;
 use crate::outcome::Halt;
 use crate::reactor::Reactor;
+use crate::tuning::TUNING;
 use pigtail_model::frames::Displacement;
-
-/// What of a spot's being oblong along the piezos is none of their strokes', one standard deviation: modes that are oblong askew,
-/// a loop that is not as its model has it.
-const ELSE: f64 = 0.03;
-
-/// No spot is believed to be more so in one turn.
-const MOST: f64 = 0.6;
 
 impl ConicalScan<'_> {
     /// Takes in what the last turn around a `peak` tells of the piezos' strokes. Whether they are taken for others from now on:
@@ -47,15 +41,15 @@ impl ConicalScan<'_> {
         else {
             return Ok(false);
         };
-        let share = share.clamp(-MOST, MOST);
+        let share = share.clamp(-TUNING.circle.most_oblong, TUNING.circle.most_oblong);
         // Of strokes that are as p to q it is (p^2 - q^2) / (p^2 + q^2).
         let slope = (1.0 - share * share).recip();
         let told = Told {
             row: [1.0, -1.0],
             sum: share.atanh(),
-            variance: slope * slope * variance + ELSE * ELSE,
+            variance: slope * slope * variance + TUNING.circle.oblong * TUNING.circle.oblong,
         };
-        let (at, within) = (self.place(gap), GLIDE * self.period);
+        let (at, within) = (self.place(gap), TUNING.circle.glide * self.period);
         let used = bench.voltage(|machine| machine.learn_micro(side, &told, at, within));
         if used != Some(true) {
             return Ok(false);

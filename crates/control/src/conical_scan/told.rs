@@ -1,50 +1,16 @@
 //! What light on the circle tells beside where the peak is: how wide the spot is, whether the micro swings, how the
 //! tip shakes.
 
-use super::{ConicalScan, Gap, SHRINK, SIGNIFICANT};
+use super::{ConicalScan, Gap};
 use crate::beam::{Peak, Reading};
 use crate::gap_by_light::{Circles, Width};
 use crate::outcome::Halt;
 use crate::reactor::Reactor;
 use crate::shaking::{Scatter, Shaking};
-use pigtail_hal::Fault;
+use crate::tuning::TUNING;
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::line::Line;
 use std::f64::consts::TAU;
-
-/// How far a circle's middle may have gone at the beginning of a turn that tells how a tip shakes, metres: a tip that
-/// shakes by 40 nm sends it there, and what a micro does on so short a way is nothing beside it.
-const SENT: f64 = 100e-9;
-
-/// Radii of the circles by which the width of the spot is seen, in its width at the chip by design: how light spreads was measured on
-/// the same circles as it is used on, whatever is known of the spot meanwhile. A micro does not go as far on circles of another size.
-const WIDTHS: [f64; 2] = [0.35, 1.2];
-
-/// How often turns on both are repeated, to and fro, at least and at most.
-const ROUNDS: (u32, u32) = (4, 192);
-
-/// Turns from one to the other. In whole turns, so that light is always sampled at the same places of a circle: a micro that rings
-/// there does so at every gap alike, and all widths are wrong by the same share.
-const OVER: f64 = 1.0;
-
-/// Light samples for which a tip is watched that may shake too much, in x and in y: so many at first, then as many
-/// again until that is decided, and at most.
-pub const WATCHED: (usize, usize) = (40, 1280);
-
-/// How far beside the peak light is watched, in its widths: there it is steepest.
-const STEEP: f64 = 0.7;
-
-/// Seconds for which a piezo creeps as good as steadily: what is slower, circles follow.
-const STRAIGHT: f64 = 0.2;
-
-/// Beside the peak the light is less than there by this share at least.
-const LEAST_FALL: f64 = 0.02;
-
-/// So many times longer than it is believed to settle a micro may still swing.
-pub(super) const FORGETS: f64 = 8.0;
-
-/// So many times that, before it is looked at for the first time.
-const GLANCE: f64 = 2.0;
 
 impl ConicalScan<'_> {
     /// How wide the spot is at a gap, by turns on two circles; `at` is the gap that the width is noted for. Turns until its square
@@ -64,27 +30,28 @@ impl ConicalScan<'_> {
         let believed = self.beam.squared_widths(gap);
         let mut spot = Circles::default();
         let mut width = None;
-        for round in 1..=ROUNDS.1 {
+        for round in 1..=TUNING.watch.most_rounds {
             spot.begin_round();
             // To and fro, so that light which rises or falls steadily counts on both alike.
-            for circle in [round % 2, 1 - round % 2].map(|i| WIDTHS[i as usize]) {
+            for circle in [round % 2, 1 - round % 2].map(|i| TUNING.watch.widths[i as usize]) {
                 let radius = circle * self.beam.design() / self.beam.width(gap);
                 if radius != self.radius {
-                    self.shrink(bench, gap, radius, OVER).await?;
+                    self.shrink(bench, gap, radius, TUNING.watch.over).await?;
                 }
                 self.turn(bench, gap).await?;
                 for reading in &self.readings {
                     spot.add(reading.at - self.centre, reading.volts);
                 }
             }
-            if round >= ROUNDS.0 && round % 2 == 0 {
+            if round >= TUNING.watch.rounds && round % 2 == 0 {
                 width = spot.width(at, self.watch.noise, believed);
                 if width.is_none_or(|width| width.is_known_to(share)) {
                     break;
                 }
             }
         }
-        self.shrink(bench, gap, self.shape.radius, SHRINK).await?;
+        self.shrink(bench, gap, self.shape.radius, TUNING.circle.shrink)
+            .await?;
         self.turn(bench, gap).await?;
         Ok(width)
     }
@@ -147,11 +114,9 @@ impl ConicalScan<'_> {
 
     /// What may look like a swing now and then and is the noise of `free` degrees of freedom, metres.
     pub(super) fn no_swing(&self, peak: &Peak, gap: f64) -> f64 {
-        /// Standard deviations of what is left of a turn.
-        const SURELY: f64 = 4.0;
         let free = (self.readings.len() as f64 - 5.0).max(1.0);
         let light = peak.full * self.beam.share(gap);
-        let most = self.swings_by_noise(light) * (SURELY * (2.0 / free).sqrt()).sqrt();
+        let most = self.swings_by_noise(light) * (TUNING.watch.surely * (2.0 / free).sqrt()).sqrt();
         most * self.swings_for(gap, light)
     }
 
@@ -165,7 +130,7 @@ impl ConicalScan<'_> {
     /// How the tip shakes by the last turn around a `peak`. `None` where the circle's middle was on its way, and farther than
     /// a tip that shakes sends it by itself.
     pub(super) fn shakes(&self, peak: &Peak, gap: f64) -> Option<Scatter> {
-        if self.moved > SENT {
+        if self.moved > TUNING.watch.sent {
             return None;
         }
         let (left, free) = self.left(|reading| self.beam.left(reading, peak))?;
@@ -181,8 +146,6 @@ impl ConicalScan<'_> {
 
     /// How wide the spot is, by the last turn of the wide circle and that of the small one, if these tell.
     pub(super) fn width_here(&self, gap: f64) -> Option<Width> {
-        /// Widths that are known worse tell nothing.
-        const KNOWN_ROUGHLY: f64 = 0.3;
         let mut spot = Circles::default();
         for (at, volts) in &self.around {
             spot.add(*at, *volts);
@@ -191,7 +154,7 @@ impl ConicalScan<'_> {
             spot.add(reading.at - self.centre, reading.volts);
         }
         let width = spot.width(gap, self.watch.still, self.beam.squared_widths(gap));
-        width.filter(|width| width.is_known_to(KNOWN_ROUGHLY))
+        width.filter(|width| width.is_known_to(TUNING.watch.known_roughly))
     }
 
     /// Of such a width: how much more than believed, squared, a tip moves at most for its light to say so, in x or in y;
@@ -224,11 +187,15 @@ impl ConicalScan<'_> {
         let (width, peak) = (self.beam.width(gap), self.place(gap));
         // One that still swings after a short rest is watched again, after a longer one.
         let again = self.shaking.is_watched() || self.shaking.rings();
-        let rest = if again { FORGETS } else { GLANCE } * self.group(bench).settling;
+        let rest = if again {
+            TUNING.watch.forgets
+        } else {
+            TUNING.watch.glance
+        } * self.group(bench).settling;
         let rate = bench.caps().channels[self.watch.meter.0].rate;
         let bond = ((bench.caps().bond * rate).round() as usize).max(1);
         // Piezos creep meanwhile, ever more slowly.
-        let straight = (STRAIGHT * rate).round() as usize;
+        let straight = (TUNING.watch.straight * rate).round() as usize;
         let straight = straight.max(4 * bond);
         // A circle is no rest: what it makes of the light would pass for noise.
         self.glide_to(bench, gap, peak).await?;
@@ -240,17 +207,19 @@ impl ConicalScan<'_> {
                 .add(Unrest::of(&at_peak, together, straight), (1.0, 1.0));
         }
         for direction in [Displacement::new(1.0, 0.0), Displacement::new(0.0, 1.0)] {
-            self.glide_to(bench, gap, peak + direction * (STEEP * width))
+            self.glide_to(bench, gap, peak + direction * (TUNING.watch.steep * width))
                 .await?;
             self.last_for(bench, Gap::Steady(gap), rest).await?;
             let beside = self.look(bench, samples).await?;
             let light = beside.iter().map(|(_, volts)| volts).sum::<f64>() / samples as f64;
-            if light < SIGNIFICANT * self.watch.noise {
+            if light < TUNING.circle.significant * self.watch.noise {
                 continue;
             }
             // How wide the spot is in this direction the light tells by itself; it is not much narrower than believed.
-            let fallen = (top / light).ln().clamp(LEAST_FALL, 2.0 * STEEP * STEEP);
-            let scale = STEEP * width / (2.0 * fallen * light);
+            let steep = TUNING.watch.steep;
+            let most = 2.0 * steep * steep;
+            let fallen = (top / light).ln().clamp(TUNING.watch.least_fall, most);
+            let scale = steep * width / (2.0 * fallen * light);
             let fallen = (light / top).powi(2).min(1.0);
             for (look, together) in looks.each.iter_mut().zip([1, bond]) {
                 let unrest = Unrest::of(&beside, together, straight);
@@ -284,8 +253,8 @@ impl ConicalScan<'_> {
         watched: &mut usize,
         helps: impl Fn(&Shaking) -> bool,
     ) -> Result<(), Halt> {
-        let mut samples = WATCHED.0;
-        while *watched + samples <= WATCHED.1 && helps(&self.shaking) {
+        let mut samples = TUNING.watch.first;
+        while *watched + samples <= TUNING.watch.most && helps(&self.shaking) {
             self.watch_shaking(bench, gap, samples).await?;
             *watched += samples;
             samples = *watched;
@@ -294,14 +263,10 @@ impl ConicalScan<'_> {
     }
 
     /// So many light samples from now on: their numbers, and the light, volts.
-    async fn look(&self, bench: &Reactor<'_>, samples: usize) -> Result<Vec<(f64, f64)>, Fault> {
-        let mut seen = Vec::with_capacity(samples);
-        while seen.len() < samples {
-            if let Some((_, volts)) = bench.sample(self.watch.meter.0, f64::INFINITY).await? {
-                seen.push((seen.len() as f64, volts - self.watch.background));
-            }
-        }
-        Ok(seen)
+    async fn look(&self, bench: &Reactor<'_>, samples: usize) -> Result<Vec<(f64, f64)>, Halt> {
+        let seen = bench.samples(self.watch.meter.0, samples).await?;
+        let volts = seen.iter().map(|(_, volts)| volts - self.watch.background);
+        Ok(volts.enumerate().map(|(k, v)| (k as f64, v)).collect())
     }
 
     /// What looks of means of so many samples `together` say of the tip's place, beside the light's unrest where no shaking makes any: that
@@ -309,15 +274,13 @@ impl ConicalScan<'_> {
     /// share of the light as goes on at the peak: lasers wander, and tips at its other end shake. (Light that is scattered fluctuates as
     /// much everywhere: as much of it counts as the tip's.)
     fn scatter(&self, look: &Look, together: usize) -> Scatter {
-        /// Standard deviations.
-        const CHANCE: f64 = 2.0;
         let (variance, degrees) = (self.watch.still.powi(2), self.watch.still_degrees);
         let dark = Unrest {
             variance: variance / together as f64,
             degrees,
         };
         let (mut still, beside) = (look.at_peak, &look.beside);
-        let chance = CHANCE * (2.0 / still.degrees).sqrt();
+        let chance = TUNING.watch.chance * (2.0 / still.degrees).sqrt();
         let (still, known) = if still.mean() > dark.variance * (1.0 + chance) {
             let more = (still.mean() - dark.variance) * beside.share;
             (dark.variance * beside.scale + more, still.degrees)
@@ -343,7 +306,7 @@ impl ConicalScan<'_> {
     ) -> Result<(), Halt> {
         let (centre, radius) = (self.centre, self.radius);
         self.centre = to - self.walk * gap;
-        let glided = self.shrink(bench, gap, 0.0, SHRINK).await;
+        let glided = self.shrink(bench, gap, 0.0, TUNING.circle.shrink).await;
         (self.centre, self.radius) = (centre, radius);
         glided
     }
@@ -411,8 +374,6 @@ impl Unrest {
     /// Of means of so many samples `together`, about lines through so many samples; `None` for too few. Many lines tell by how much they differ what
     /// their degrees of freedom are worth: what is slow, as a laser that wanders, has fewer than there are samples.
     fn of(seen: &[(f64, f64)], together: usize, straight: usize) -> Option<Self> {
-        /// Lines.
-        const MANY: f64 = 8.0;
         let n = together as f64;
         let each = seen.chunks(straight).filter_map(|seen| {
             let means = seen.chunks_exact(together).map(|each| {
@@ -434,7 +395,7 @@ impl Unrest {
             .iter()
             .map(|(free, squares)| free * (squares / free / variance - 1.0).powi(2));
         let apart = apart.sum::<f64>() / (lines - 1.0);
-        let worth = if lines >= MANY {
+        let worth = if lines >= TUNING.watch.many {
             (2.0 / apart).min(1.0)
         } else {
             1.0

@@ -2,6 +2,7 @@
 //! and then. How much, and how slowly, only the turns themselves tell, and a dozen of them tell it badly. So no one way to wander is
 //! believed: each has its likelihood, and what is said of the peak is what all of them together say.
 
+use crate::tuning::TUNING;
 use nalgebra::SMatrix;
 
 /// A way to wander, along each axis alike: a first-order process, in a unit of one's own and turns.
@@ -20,12 +21,6 @@ enum Kind {
     /// The peak itself: it comes back no more.
     Away,
 }
-
-/// Smallest deviation that is looked at, of a turn's noise: as good as none.
-const LEAST: f64 = 0.25;
-
-/// Largest, of what turns leave about a straight line: one that is seen for a few turns alone may be part of a wider one.
-const MOST: f64 = 4.0;
 
 /// By how much deviations that are looked at differ from one to the next: by less than a dozen turns tell them apart.
 const STEP: f64 = std::f64::consts::SQRT_2;
@@ -50,8 +45,8 @@ impl Wander {
             time *= 2.0;
         }
         let deviations = (0..DEVIATIONS)
-            .map(|k| MOST * scatter.max(1.0) * STEP.powi(-k))
-            .take_while(|deviation| *deviation >= LEAST);
+            .map(|k| TUNING.answer.most_wander * scatter.max(1.0) * STEP.powi(-k))
+            .take_while(|deviation| *deviation >= TUNING.answer.least_wander);
         deviations
             .flat_map(|deviation| {
                 kinds.iter().map(move |kind| Self {

@@ -10,12 +10,10 @@ use crate::reactor::both_well;
 use crate::station::coarse;
 use crate::sweep::reach;
 use crate::tip_estimator::{Seen, Tip};
+use crate::tuning::TUNING;
 use pigtail_hal::Side;
 use pigtail_hal::spec::Channel;
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
-
-/// Longest wait for vision to see a tip well, seconds.
-const PATIENCE: f64 = 1.0;
 
 /// A tip on its way to a port.
 #[derive(Debug, Clone, Copy)]
@@ -126,11 +124,11 @@ async fn until_seen(cell: &AlignmentCell<'_>, aim: &Aim, sure: f64) -> Result<()
         let seen = cell.seen(aim.side, aim.tip);
         match seen {
             Some(seen) if seen.sigma[0] <= sure => return Ok(()),
-            Some(_) if cell.is_past(begin + PATIENCE) => return Ok(()),
-            None if cell.is_past(begin + PATIENCE) => {
+            Some(_) if cell.is_past(begin + TUNING.dark.patience) => return Ok(()),
+            None if cell.is_past(begin + TUNING.dark.patience) => {
                 return Err(Outcome::FiberUnseen { side: aim.side }.into());
             }
-            _ => drop(cell.next(begin + PATIENCE).await?),
+            _ => drop(cell.next(begin + TUNING.dark.patience).await?),
         }
     }
 }

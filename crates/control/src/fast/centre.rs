@@ -8,18 +8,9 @@ use crate::conical_scan::{ConicalScan, Gap, Watch};
 use crate::outcome::{Halt, Outcome};
 use crate::station::coarse;
 use crate::sweep::Spot;
+use crate::tuning::TUNING;
 use pigtail_hal::Side;
 use pigtail_model::frames::Displacement;
-
-/// Radii of the circles on which light is looked for that was there and is not where it was to be, in widths of its peak: the first where it may
-/// have been a little aside, all of them where the macro has gone aside since, of which its transmissions hide some.
-const AROUND: [f64; 4] = [1.5, 2.5, 3.5, 4.5];
-
-/// Steps in which a macro that has not gone where it was told to takes over what the micro would not reach, at most...
-const STEPS: usize = 12;
-
-/// ...and how long they are, in widths of the peak.
-const STEP: f64 = 0.7;
 
 /// A peak in the middle of circles.
 struct Centred {
@@ -50,17 +41,18 @@ impl<'r> Shared<'r> {
         let handed_over = self
             .make_room(cell, aim, &mut scan, (room, f64::INFINITY), gap)
             .await?;
+        let around = &self.fast.retry.around;
         let farther = if handed_over {
-            &AROUND[..]
+            &around[..]
         } else {
-            &AROUND[..1]
+            &around[..1]
         };
         let peak = self
             .bring_within_reach(cell, aim, &mut scan, gap, (handed_over, farther))
             .await?;
         // A peak is brighter than what was seen of it in passing; a fluctuation is gone by now.
         let level = peak.full * beam.share(gap);
-        let expected = 0.6 * spot.level;
+        let expected = TUNING.reach.seen * spot.level;
         if level < expected {
             return Err(Outcome::LightLost {
                 phase: "centre",
@@ -72,7 +64,7 @@ impl<'r> Shared<'r> {
         Ok((scan, peak.full))
     }
 
-    /// Circles until the peak is in the middle, to `accuracy` metres, or twice as far where a micro that swings does not come so near: nearer to
+    /// Circles until the peak is in the middle, to `accuracy` metres, or not as near where a micro that swings does not come so near: nearer to
     /// the chip it is found anew.
     async fn circle_to(
         &self,
@@ -84,7 +76,7 @@ impl<'r> Shared<'r> {
         let mut accuracy = accuracy;
         for _ in 0..self.fast.retry.centre {
             match scan.centre(cell, gap, accuracy, "centre", 1).await {
-                Err(Halt::Outcome(Outcome::Unsure { .. })) => accuracy *= 2.0,
+                Err(Halt::Outcome(Outcome::Unsure { .. })) => accuracy *= self.fast.retry.wider,
                 peak => return peak,
             }
         }
@@ -111,7 +103,9 @@ impl<'r> Shared<'r> {
                     Some(peak)
                 }
                 // Circles have followed the light to where the micro does not go.
-                Err(Halt::Outcome(Outcome::MicroRange { x, y, .. })) if step < STEPS => {
+                Err(Halt::Outcome(Outcome::MicroRange { x, y, .. }))
+                    if step < TUNING.reach.steps =>
+                {
                     scan.expect_at(Displacement::new(x, y), gap);
                     strays = true;
                     None
@@ -119,10 +113,15 @@ impl<'r> Shared<'r> {
                 Err(halt) => return Err(halt),
             };
             // A macro that has not gone where it was told to goes on in steps that do not lose the light.
-            let most = if strays { STEP * width } else { f64::INFINITY };
+            let most = if strays {
+                TUNING.reach.step * width
+            } else {
+                f64::INFINITY
+            };
             let room = (0.5 * width, most);
-            handed_over = step < STEPS && self.make_room(cell, aim, scan, room, gap).await?;
-            farther = &AROUND;
+            handed_over =
+                step < TUNING.reach.steps && self.make_room(cell, aim, scan, room, gap).await?;
+            farther = &self.fast.retry.around;
             if let (Some(peak), false) = (peak, handed_over) {
                 return Ok(peak);
             }
@@ -139,7 +138,7 @@ impl<'r> Shared<'r> {
         gap: f64,
         farther: &[f64],
     ) -> Result<Centred, Halt> {
-        let coarse = 0.15 * scan.beam_width(gap);
+        let coarse = TUNING.reach.found_near * scan.beam_width(gap);
         let expected = scan.place(gap);
         let mut lost = match self.circle_to(cell, scan, gap, coarse).await {
             Err(halt @ Halt::Outcome(Outcome::LightLost { .. })) => halt,
@@ -183,12 +182,10 @@ impl<'r> Shared<'r> {
         (room, most): (f64, f64),
         gap: f64,
     ) -> Result<bool, Halt> {
-        /// Share of its range that a micro can be relied on to have.
-        const SURE: f64 = 0.93;
         let (at, end) = (scan.place(gap), scan.place(self.recipe.approach.gap));
         let reached = [at, end]
             .into_iter()
-            .all(|at| reaches_around(cell, aim.side, at, room, SURE));
+            .all(|at| reaches_around(cell, aim.side, at, room, TUNING.reach.sure));
         if !reached {
             let middle = (at + end) * 0.5;
             let share = (most / middle.norm()).min(1.0);
@@ -223,8 +220,6 @@ pub(super) async fn hand_over(
     by: Displacement,
     gap: f64,
 ) -> Result<(), Halt> {
-    /// For the servo to come to rest, seconds.
-    const REST: f64 = 0.02;
     let goal = cell.wanted(side).moved(by);
     let before = cell.endpoint(side);
     cell.start_line(side, goal, None)?;
@@ -232,7 +227,7 @@ pub(super) async fn hand_over(
     if !cell.micro_reaches(side, place) {
         // Where the micro does not get to yet it need not wait.
         cell.stands(side).await?;
-        cell.wait(REST).await?;
+        cell.wait(TUNING.reach.rest).await?;
         scan.hand_over(cell.endpoint(side).across() - before.across());
         return Ok(());
     }
@@ -241,7 +236,7 @@ pub(super) async fn hand_over(
     while cell.is_moving(side) {
         scan.step(cell, aside, f64::INFINITY).await?;
     }
-    scan.run(cell, aside, REST).await?;
+    scan.run(cell, aside, TUNING.reach.rest).await?;
     scan.hand_over(cell.endpoint(side).across() - before.across());
     scan.end_aside();
     Ok(())

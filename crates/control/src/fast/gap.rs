@@ -3,36 +3,20 @@
 use super::Shared;
 use super::approach_moves::Aim;
 use super::centre::hand_over;
-use crate::belief::{Across, UNSURE};
+use crate::belief::Across;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
 use crate::gap_by_light::{Contact, Known, Spread, Width, contact};
+use crate::job::Job;
 use crate::outcome::Halt;
-use crate::procedure::{Job, outward, place_at};
+use crate::procedure::{outward, place_at};
 use crate::recipe::Recipe;
-use crate::tip_estimator::WARMS;
+use crate::tuning::TUNING;
+
 use pigtail_hal::Spec;
 use pigtail_hal::spec::GuardSpec;
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::statistics::outside;
-
-/// Standard deviation of the gap, in tolerances, at which the last turns begin...
-const SURE_OF_GAP: f64 = 0.7;
-
-/// ...or after so many seconds, whatever vision says...
-const MOST_LOOKING: f64 = 0.3;
-
-/// ...or that many, where it does not come to rest about a gap that is known as vaguely as that.
-const MOST_DOUBTING: f64 = 2.0;
-
-/// What is as good as in doubt, of the probability that is accepted: vision may yet come to see it a little otherwise.
-const SPARE: f64 = 0.1;
-
-/// What a gap is corrected by at least where that is in doubt, in tolerances.
-const FINELY: f64 = 0.2;
-
-/// For how long vision may look at a tip at the chip where it could then know the gap, seconds: the light would take as long to tell it.
-const LOOKS: f64 = 0.8;
 
 /// Where the spot is looked at on the way, if the light is to say where the chip is: at gaps where its squared
 /// width is so many times that at the chip, and one more; and at the chip.
@@ -45,15 +29,29 @@ struct Looks {
     share_here: f64,
 }
 
-/// Where it is known how light spreads: light gets dimmer with the gap, and the way less sure without it; a third more is
-/// where both together leave least. Half a percent of the square are a sixth of a micrometre there, and a percent as much at the chip.
-const QUICK: [Looks; 2] = [
-    looks(&[1.0 / 3.0], 8e-3, 12e-3),
-    looks(&[1.0 / 3.0], 4e-3, 6e-3),
-];
+/// Where it is known how light spreads.
+const QUICK: [Looks; 2] = {
+    let tuned = &TUNING.gap;
+    [
+        looks(
+            &[TUNING.gap.quick_at],
+            tuned.quick_share[0],
+            tuned.quick_share_here[0],
+        ),
+        looks(
+            &[TUNING.gap.quick_at],
+            tuned.quick_share[1],
+            tuned.quick_share_here[1],
+        ),
+    ]
+};
 
 /// And where it is not.
-const WHOLE: [Looks; 2] = [looks(&[3.0, 1.8, 0.9, 0.3], 4.5e-3, 4.5e-3); 2];
+const WHOLE: [Looks; 2] = [looks(
+    &TUNING.gap.whole_at,
+    TUNING.gap.whole_share,
+    TUNING.gap.whole_share,
+); 2];
 
 const fn looks(wider: &'static [f64], share: f64, share_here: f64) -> Looks {
     Looks {
@@ -63,44 +61,19 @@ const fn looks(wider: &'static [f64], share: f64, share_here: f64) -> Looks {
     }
 }
 
-/// For how long the gap is to be known where there are more looks to be had, seconds: the last turns at a dim peak take as long.
-const LATER: f64 = 5.0;
-
-/// Turns until the macro stands still where it went aside: it may still come nearer by a count.
-const STILL: u32 = 4;
-
-/// How near the peak the middle of the circles is to be, in widths, after so many turns at most: the light leaves at an angle, so
-/// that on one side of the peak the gap is longer. Half a width beside it, that makes the spot wider or narrower by 1 to 5 %
-/// (squared).
-const CENTRED: (f64, u32) = (0.05, 6);
-
-/// Standard deviations by which light and vision may differ beside vision's bound.
-const FAR_OFF: f64 = 4.0;
-
-/// No less than this, metres. A choice: on one of 60 machines that were commissioned 2 um were seen.
-const BEYOND: f64 = 2.5e-6;
-
-/// From so many times the gap at which the guard takes a fiber to be led by its light the macro may go aside: the guard takes off what vision does not
-/// know, and has it nearer than it is.
-const NEAR: f64 = 1.2;
-
-/// How fast the rest of the way to the chip is gone, and what a gap is corrected by, metres a second: who guards the machine counts the way that it would take to stop.
-const NEARLY: f64 = 0.5e-3;
-const SLOWLY: f64 = 0.2e-3;
-
 /// Whether the vision of a datasheet comes to know a gap well enough for a fiber to be attached by a recipe, as soon as light would;
 /// otherwise the light has to tell.
 pub fn vision_knows(spec: &Spec, recipe: &Recipe) -> bool {
     let vision = &spec.vision;
-    let frames = vision.sigma / (LOOKS * vision.rate).sqrt();
+    let frames = vision.sigma / (TUNING.gap.looks * vision.rate).sqrt();
     !is_doubtful(recipe, vision.believed()[1], frames.hypot(vision.facet_z))
 }
 
 /// Whether a fiber would not be attached by a recipe at a gap that was corrected as finely as is, for it is known but for this bound and
 /// standard deviation, metres.
 fn is_doubtful(recipe: &Recipe, bound: f64, sigma: f64) -> bool {
-    let off = FINELY * recipe.fast.gap_tolerance;
-    outside(recipe.accept.gap, off, bound, sigma) > UNSURE
+    let off = TUNING.gap.finely * recipe.fast.gap_tolerance;
+    outside(recipe.accept.gap, off, bound, sigma) > TUNING.bond.unsure
 }
 
 impl Shared<'_> {
@@ -135,7 +108,7 @@ impl Shared<'_> {
         let holder = || cell.holder(aim.side).x;
         let mut from = holder();
         let hides = 2.0 * cell.spec().guard.windup_z;
-        let afar = NEAR * GuardSpec::LED;
+        let afar = TUNING.gap.aside * GuardSpec::LED;
         let mode = &self.recipe.mode;
         let design = Spread::by_design(mode.wavelength / mode.gap_index, self.exit());
         let spread = cell.measured_spread(aim.side).unwrap_or(design);
@@ -188,7 +161,7 @@ impl Shared<'_> {
                 self.come_to(cell, aim, scan, before, here).await?;
                 aside = holder() - from;
             }
-            if stopped(aside) || self.tell(cell, aim, contact, LATER) {
+            if stopped(aside) || self.tell(cell, aim, contact, TUNING.gap.later) {
                 return Ok(());
             }
             latest = contact;
@@ -207,11 +180,11 @@ impl Shared<'_> {
         before: f64,
         gap: f64,
     ) -> Result<(), Halt> {
-        let beyond = cell.spec().guard.windup_z.max(BEYOND);
+        let beyond = cell.spec().guard.windup_z.max(TUNING.gap.beyond);
         self.approach(cell, aim, scan, before, (gap + beyond, 0))
             .await?;
         let way = aim.gap_at_rest(cell) - gap;
-        along(cell, aim, scan, way, NEARLY).await?;
+        along(cell, aim, scan, way, TUNING.gap.nearly).await?;
         lead(cell, aim, scan).await
     }
 
@@ -234,7 +207,7 @@ impl Shared<'_> {
 
     /// Whether a fiber would not be attached at this gap, for what is known of it.
     pub(super) fn doubts_gap(&self, cell: &AlignmentCell<'_>, aim: &Aim) -> bool {
-        self.outside_along(cell, aim) > UNSURE
+        self.outside_along(cell, aim) > TUNING.bond.unsure
     }
 
     /// The probability that a fiber is too near or too far here.
@@ -246,11 +219,15 @@ impl Shared<'_> {
 
     /// Whether vision may yet come to know the gap better, as well as it is to be known, after turns that began then (seconds).
     pub(super) fn learns_gap(&self, cell: &AlignmentCell<'_>, aim: &Aim, begin: f64) -> bool {
-        let sure = SURE_OF_GAP * self.fast.gap_tolerance;
+        let sure = TUNING.gap.sure * self.fast.gap_tolerance;
         cell.seen(aim.side, aim.tip).is_some_and(|seen| {
             let doubtful = is_doubtful(self.recipe, seen.bound_z, seen.sigma_z());
             let long = doubtful && seen.bound_z > 0.0;
-            let most = if long { MOST_DOUBTING } else { MOST_LOOKING };
+            let most = if long {
+                TUNING.gap.doubting
+            } else {
+                TUNING.gap.looking
+            };
             // What the light has told vision does not know better.
             let vague = seen.bound_z > 0.0 && seen.sigma[1] > sure;
             (long || vague) && cell.now() < begin + most
@@ -259,8 +236,8 @@ impl Shared<'_> {
 
     /// Whether the gap is farther from the one that is wanted than the tolerance.
     pub(super) fn is_off(&self, cell: &AlignmentCell<'_>, aim: &Aim) -> bool {
-        let finely = if self.outside_along(cell, aim) > SPARE * UNSURE {
-            FINELY
+        let finely = if self.outside_along(cell, aim) > TUNING.gap.spare * TUNING.bond.unsure {
+            TUNING.gap.finely
         } else {
             1.0
         };
@@ -284,10 +261,10 @@ impl Shared<'_> {
         let told = !self.vision_tells(cell);
         let hides = cell.spec().guard.windup_z;
         if told && way < 0.0 {
-            along(cell, aim, scan, way - hides, SLOWLY).await?;
-            along(cell, aim, scan, hides, SLOWLY).await?;
+            along(cell, aim, scan, way - hides, TUNING.gap.slowly).await?;
+            along(cell, aim, scan, hides, TUNING.gap.slowly).await?;
         } else {
-            along(cell, aim, scan, way, SLOWLY).await?;
+            along(cell, aim, scan, way, TUNING.gap.slowly).await?;
         }
         Ok(())
     }
@@ -306,9 +283,9 @@ impl Shared<'_> {
         // The gap will be a little off, and vision is to follow what warms. What is known worse than a fiber needs it would only
         // lead it astray, and into the chip at last.
         let off = 0.5 * self.fast.gap_tolerance;
-        let warms = WARMS * later.sqrt();
+        let warms = TUNING.vision.warms * later.sqrt();
         let sigma = contact.deviation.hypot(seen.sigma[1]).hypot(warms);
-        if outside(self.recipe.accept.gap, off, 0.0, sigma) > UNSURE {
+        if outside(self.recipe.accept.gap, off, 0.0, sigma) > TUNING.bond.unsure {
             return false;
         }
         cell.tell_z(aim.side, -outward(aim.side) * contact.at, contact.deviation);
@@ -325,19 +302,15 @@ pub(super) fn unhurried(cell: &AlignmentCell<'_>, aim: &Aim, gap: f64) -> f64 {
     greatest_speed(spare, spec.z_stage.acceleration, spec.servo.rate)
 }
 
-/// So many times as fast as told an axis may be on its way to rest, at most. A choice: 1.5 was seen on one of 40 machines that were commissioned.
-const FASTER: f64 = 1.5;
-
 /// The greatest speed, metres a second, of a way at whose end so much is to `spare` (metres), of an axis of so much acceleration (m/s2) and a
 /// servo's `rate`.
 fn greatest_speed(spare: f64, acceleration: f64, rate: f64) -> f64 {
-    /// No slower than this, metres a second: it stands nearly still.
-    const LEAST: f64 = 0.2e-3;
     // What is left of the way, v^2 / 2a, and what is to spare at its end are to be more than the way in which the guard would stop it.
-    let more = (FASTER * FASTER / GuardSpec::BRAKES - 1.0) / (2.0 * acceleration);
-    let late = FASTER * GuardSpec::REACTION / rate;
+    let more =
+        (TUNING.gap.faster * TUNING.gap.faster / GuardSpec::BRAKES - 1.0) / (2.0 * acceleration);
+    let late = TUNING.gap.faster * GuardSpec::REACTION / rate;
     let root = (late * late + 4.0 * more * spare.max(0.0)).sqrt();
-    (0.5 * (root - late) / more).max(LEAST)
+    (0.5 * (root - late) / more).max(TUNING.gap.least_speed)
 }
 
 /// How near to the chip who guards the machine lets a tip come, by vision alone, metres.
@@ -348,9 +321,7 @@ fn nearest_by_vision(cell: &AlignmentCell<'_>, aim: &Aim) -> f64 {
 
 /// The same for a tip that moves slowly, metres.
 fn least_gap(cell: &AlignmentCell<'_>, aim: &Aim) -> f64 {
-    /// What it takes to stop from the slow motions here, and what way and lead may hide, metres.
-    const STOP: f64 = 0.8e-6;
-    nearest_by_vision(cell, aim) + STOP
+    nearest_by_vision(cell, aim) + TUNING.gap.stop
 }
 
 /// Goes so far along z on the circle, metres, at a speed.
@@ -394,7 +365,7 @@ fn touching(
     };
     let found = contact(&widths, &known)?;
     let (at, deviation) = found.by_light;
-    let most = known.bound + FAR_OFF * known.sigma.hypot(deviation).hypot(moved);
+    let most = known.bound + TUNING.gap.far_off * known.sigma.hypot(deviation).hypot(moved);
     ((at + added).abs() <= most).then_some(Contact {
         at: found.at + added,
         deviation: found.deviation.hypot(moved),
@@ -418,7 +389,7 @@ impl SeenWidth {
     /// and the variance of that. Since it was seen something has warmed, and vision has moved with its noise: the one that is
     /// less is left.
     fn by_now(&self, now: f64, added: f64, sigma: f64) -> (Width, f64) {
-        let warmed = WARMS * (now - self.time).sqrt();
+        let warmed = TUNING.vision.warms * (now - self.time).sqrt();
         let noise = self.sigma.hypot(sigma);
         let by = if warmed < noise {
             0.0
@@ -444,7 +415,7 @@ pub(super) async fn to_middle(
     let gap = aim.gap(cell);
     let aside = scan.place(at);
     hand_over(cell, scan, aim.side, aside, gap).await?;
-    for _ in 0..STILL {
+    for _ in 0..TUNING.gap.still {
         // What a macro's transmission hides of its way aside, the light tells.
         lead(cell, aim, scan).await?;
     }
@@ -469,12 +440,8 @@ async fn beside(
     aim: &Aim,
     scan: &mut ConicalScan<'_>,
 ) -> Result<(), Halt> {
-    /// How far, in the spot's widths: the circle that is played there sees none of it.
-    const ASIDE: f64 = 4.0;
-    /// Until the micro is there, and for how long it looks, turns.
-    const TURNS: u32 = 2;
     let gap = aim.gap(cell);
-    let (spot, by) = (scan.place(gap), ASIDE * scan.beam_width(gap));
+    let (spot, by) = (scan.place(gap), TUNING.gap.beside * scan.beam_width(gap));
     // Below it: what goes across before an inclined facet is believed to come nearer to the chip. Or away from where the micro's way ends.
     let below = spot - Displacement::new(0.0, by);
     let lowest = below - Displacement::new(0.0, scan.beam_width(gap));
@@ -484,15 +451,18 @@ async fn beside(
         spot - Displacement::new(by.copysign(spot.x), 0.0)
     };
     scan.expect_at(there, gap);
-    for _ in 0..TURNS {
+    for _ in 0..TUNING.gap.beside_turns {
         scan.turn(cell, gap).await?;
     }
     let level = cell
-        .level(job.channel, f64::from(TURNS) * scan.period())
+        .level(
+            job.channel,
+            f64::from(TUNING.gap.beside_turns) * scan.period(),
+        )
         .await?;
     scan.set_background(level.mean);
     scan.expect_at(spot, gap);
-    for _ in 0..TURNS {
+    for _ in 0..TUNING.gap.beside_turns {
         scan.turn(cell, gap).await?;
     }
     Ok(())
@@ -506,12 +476,12 @@ async fn width(
     share: f64,
 ) -> Result<Option<SeenWidth>, Halt> {
     let gap = aim.gap(cell);
-    for _ in 0..CENTRED.1 {
+    for _ in 0..TUNING.gap.centring {
         scan.turn(cell, gap).await?;
         let Some(peak) = scan.peak() else {
             break;
         };
-        if scan.go_to(cell, &peak, gap)? < CENTRED.0 * scan.beam_width(gap) {
+        if scan.go_to(cell, &peak, gap)? < TUNING.gap.centred * scan.beam_width(gap) {
             break;
         }
     }
@@ -547,9 +517,13 @@ mod tests {
                 });
                 left.fold(f64::INFINITY, f64::min)
             };
-            assert!(worst(FASTER) > -1e-12, "{spare} {}", worst(FASTER));
+            assert!(
+                worst(TUNING.gap.faster) > -1e-12,
+                "{spare} {}",
+                worst(TUNING.gap.faster)
+            );
             // It is no slower than it has to be.
-            assert!(worst(1.02 * FASTER) < 0.0, "{spare}");
+            assert!(worst(1.02 * TUNING.gap.faster) < 0.0, "{spare}");
         }
         assert!(greatest_speed(-1e-6, acceleration, rate) > 0.0);
     }

@@ -4,11 +4,9 @@ use super::Shared;
 use super::approach_moves::Aim;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
+use crate::job::Job;
 use crate::outcome::Halt;
-use crate::procedure::Job;
-
-/// Turns in which photodiodes forget what the laser gave before: the last is all of what it gives now.
-const FORGETS_POWER: u32 = 2;
+use crate::tuning::TUNING;
 
 impl Shared<'_> {
     /// Lowers the laser's power where the photodiode would come near the end of its range at the chip, if it can be lowered: what is beyond it
@@ -22,24 +20,20 @@ impl Shared<'_> {
         scan: &mut ConicalScan<'_>,
         before: f64,
     ) -> Result<f64, Halt> {
-        /// Light of more than this share of the range is lowered: a laser wanders, and a peak is not known well from afar...
-        const NEAR: f64 = 0.7;
-        /// ...to this share.
-        const MIDDLE: f64 = 0.5;
         let range = cell.caps().channels[job.channel.index()].full_scale;
         let bright = scan.background() + before;
         let least = cell.caps().least_power;
-        if bright < NEAR * range || self.power <= least {
+        if bright < TUNING.dark.bright * range || self.power <= least {
             return Ok(before);
         }
         let was = f64::from(self.power);
-        let percent = (was * MIDDLE * range / bright).max(f64::from(least));
+        let percent = (was * TUNING.dark.dimmed * range / bright).max(f64::from(least));
         self.power = percent.round() as u8;
         cell.laser_power(self.power)?;
         let share = f64::from(self.power) / was;
         scan.dim(share, self.dark[job.channel.index()].level.mean);
         let gap = aim.gap(cell);
-        for _ in 0..FORGETS_POWER {
+        for _ in 0..TUNING.dark.forgets_power {
             scan.turn(cell, gap).await?;
         }
         Ok(share * before)

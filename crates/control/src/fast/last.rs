@@ -6,24 +6,13 @@ use crate::beam::{Beam, Peak};
 use crate::belief::Across;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::{ConicalScan, Ready};
+use crate::job::Job;
+use crate::last_tries::LastTries;
 use crate::outcome::{Halt, Outcome};
-use crate::procedure::{Job, light_check};
-use crate::shaking::Shaking;
+use crate::procedure::light_check;
 use crate::station::Level;
 use crate::still_there::Foreseen;
-
-/// A gap that turns out to be wrong by so many tolerances when all else is done is worth doing the
-/// last turns again.
-const LATE: f64 = 1.3;
-
-/// How often a gap is corrected before a look from near.
-const CORRECTED: u32 = 3;
-
-/// How much better a peak is to be known where that may make a fiber sure.
-const BETTER: f64 = 0.6;
-
-/// No peak need be known better, metres: what creeps until a fiber is fixed is as much.
-const FINEST: f64 = 5e-9;
+use crate::tuning::TUNING;
 
 impl Shared<'_> {
     /// The last turns at the chip, and whether the light is what it should be, where `before`, at a gap `far` from it (metres), it seemed to be so
@@ -37,20 +26,14 @@ impl Shared<'_> {
         (before, far): (f64, f64),
     ) -> Result<Rest, Halt> {
         let beam = cell.beam(aim.side, self.recipe);
-        let mut doubt = Doubt {
-            accuracy: self.fast.accuracy,
-            watched: 0,
-            best: f64::INFINITY,
-        };
+        let mut tries = LastTries::new(self.fast);
         let wanted = (self.fast.watch * cell.spec().photodiode.rate).round() as usize;
-        let retry = &self.fast.retry;
-        let (mut attempt, mut patience, mut still) = (0, retry.patience, 0);
         loop {
-            attempt += 1;
+            tries.begin();
             scan.set_radius(self.fast.conical_scan.radius);
-            let (peak, gap) = match self.settle(cell, aim, scan, doubt.accuracy).await {
+            let (peak, gap) = match self.settle(cell, aim, scan, tries.accuracy()).await {
                 Err(Halt::Outcome(Outcome::Unsure { .. } | Outcome::Misshapen { .. }))
-                    if attempt < retry.last_turns =>
+                    if !tries.is_last() =>
                 {
                     // What the turns of a circle make a micro do they do again and again.
                     scan.slow_down();
@@ -67,46 +50,38 @@ impl Shared<'_> {
             }
             // Meanwhile vision may have come to know better.
             let way = aim.gap(cell) - self.recipe.approach.gap;
-            let off = way.abs() > LATE * self.fast.gap_tolerance || self.doubts_gap(cell, aim);
+            let off = way.abs() > TUNING.last.late * self.fast.gap_tolerance
+                || self.doubts_gap(cell, aim);
             let expected = peak.full * beam.share(gap);
             let why = match confirmed {
                 Ok((foreseen, known))
-                    if foreseen.level > 0.9 * expected
-                        && (attempt == retry.last_turns || !off && !scan.misjudges_width()) =>
+                    if foreseen.level > TUNING.last.bright * expected
+                        && (tries.is_last() || !off && !scan.misjudges_width()) =>
                 {
                     let aside = self.recipe.accept.aside;
                     match scan.shaking().is_sure(aside, known) {
                         Err(unsure) => {
-                            let learns = doubt.learn(cell, scan, gap, (aside, known)).await?;
-                            if learns && attempt == retry.last_turns && patience > 0 {
-                                patience -= 1;
-                                attempt -= 1;
-                            }
+                            tries.learn(cell, scan, gap, (aside, known)).await?;
                             unsure
                         }
-                        Ok(()) if doubt.watched < wanted => {
-                            scan.watch_shaking(cell, gap, wanted - doubt.watched)
+                        Ok(()) if tries.watched < wanted => {
+                            scan.watch_shaking(cell, gap, wanted - tries.watched)
                                 .await?;
-                            doubt.watched = wanted;
+                            tries.watched = wanted;
                             // Piezos have crept meanwhile.
-                            attempt -= 1;
+                            tries.does_not_count();
                             continue;
                         }
                         Ok(()) => {
                             let fallen = match rests(job, cell, scan, (foreseen, known)).await? {
                                 // Vision may have come to know better meanwhile.
-                                Ok(_)
-                                    if attempt < retry.last_turns && self.doubts_gap(cell, aim) =>
-                                {
+                                Ok(_) if !tries.is_last() && self.doubts_gap(cell, aim) => {
                                     continue;
                                 }
                                 Ok(rest) => return Ok(rest),
                                 Err(fallen) => fallen,
                             };
-                            if still < retry.resting {
-                                still += 1;
-                                attempt -= 1;
-                            }
+                            tries.has_not_rested();
                             fallen
                         }
                     }
@@ -129,7 +104,7 @@ impl Shared<'_> {
                     doubt
                 }
             };
-            if attempt == retry.last_turns {
+            if tries.is_last() {
                 return Err(why.into());
             }
         }
@@ -157,32 +132,29 @@ impl Shared<'_> {
         Ok(())
     }
 
-    /// The peak by turns at the chip, until it is known to `accuracy` metres and vision knows the gap, which is corrected. Returns the gap
+    /// The peak by turns at the chip, until it is known to an `accuracy` (metres, and how many times as many turns as usual) and vision knows the gap, which is corrected. Returns the gap
     /// too for which the peak was found: what vision says of it later moves neither.
     async fn settle(
         &self,
         cell: &AlignmentCell<'_>,
         aim: &Aim,
         scan: &mut ConicalScan<'_>,
-        accuracy: f64,
+        accuracy: (f64, f64),
     ) -> Result<(Peak, f64), Halt> {
         let begin = cell.now();
-        // Light that is noise beside its peak takes so many more turns for that.
-        let more = (self.fast.accuracy / accuracy).powi(2);
         let mut corrected = 0;
         loop {
             let ready = || match self.learns_gap(cell, aim, begin) {
                 true => Ready::NotYet,
-                false if corrected < CORRECTED && self.is_off(cell, aim) => Ready::Elsewhere,
+                false if corrected < self.fast.retry.gap && self.is_off(cell, aim) => {
+                    Ready::Elsewhere
+                }
                 false => Ready::Yes,
             };
             let gap = aim.gap(cell);
             let peak = match ready() {
                 Ready::Elsewhere => None,
-                _ => Some(
-                    scan.settle(cell, gap, (accuracy, more), "final", &ready)
-                        .await?,
-                ),
+                _ => Some(scan.settle(cell, gap, accuracy, "final", &ready).await?),
             };
             match peak.filter(|_| ready() != Ready::Elsewhere) {
                 Some(peak) => return Ok((peak, gap)),
@@ -207,45 +179,6 @@ pub(super) struct Rest {
     pub(super) foreseen: Foreseen,
     /// How well it is known where the fiber will be across.
     pub(super) across: Across,
-}
-
-/// What is done about a place that is not sure.
-struct Doubt {
-    /// How well the peak is to be known, metres.
-    accuracy: f64,
-    /// For how many light samples the tip was watched.
-    watched: usize,
-    /// How well the peak was known at best, metres.
-    best: f64,
-}
-
-impl Doubt {
-    /// Asks for a peak that is known better, or watches how the tip shakes, after a place that is `known` so well was not surely within a
-    /// tolerance (metres); whether it can come to be. What shakes cannot be made less; the peak can be known better, but for one too dim to
-    /// be. Watching does not help where that is all that is missing.
-    async fn learn(
-        &mut self,
-        cell: &AlignmentCell<'_>,
-        scan: &mut ConicalScan<'_>,
-        gap: f64,
-        (tolerance, known): (f64, Across),
-    ) -> Result<bool, Halt> {
-        let sure = |shaking: &Shaking, known| shaking.is_sure(tolerance, known).is_ok();
-        let dim = known.worse() > BETTER.sqrt() * self.best;
-        self.best = self.best.min(known.worse());
-        let better = known.times(BETTER * BETTER);
-        let watching_helps = |shaking: &Shaking| {
-            let by_turns = !dim && sure(shaking, better);
-            !by_turns && !sure(shaking, known) && shaking.may_be_sure(tolerance, known)
-        };
-        if self.watched > 0 || !watching_helps(&scan.shaking()) {
-            self.accuracy = (BETTER * self.accuracy).max(FINEST);
-        }
-        scan.watch_while(cell, gap, &mut self.watched, watching_helps)
-            .await?;
-        // A drift may have been seen by chance.
-        Ok(sure(&scan.shaking(), Across::of(FINEST.min(known.worse()))))
-    }
 }
 
 /// The fiber at rest, if its light is what circles have `foreseen`, at a peak that is `known` so well. A laser wanders meanwhile, or something

@@ -22,13 +22,15 @@ mod seen;
 mod single;
 
 use crate::cell::AlignmentCell;
-use crate::conical_scan::{ConicalScan, WATCHED, Watch};
+use crate::conical_scan::{Closing, ConicalScan, Watch};
+use crate::job::{FiberReport, Job};
 use crate::outcome::{Halt, Outcome, SearchEvidence};
-use crate::procedure::{FiberReport, Found, Job, each_fiber};
+use crate::procedure::{Found, each_fiber};
 use crate::recipe::{Fast, Pass, Recipe, Sweep};
-use crate::station::{Station, fine};
+use crate::station::{Station, coarse, fine};
 use crate::sweep::{Spot, first_light};
 use crate::tip_estimator::Tip;
+use crate::tuning::TUNING;
 use approach_moves::{Aim, cock};
 use gap::unhurried;
 pub use gap::vision_knows;
@@ -42,21 +44,6 @@ use ratio::Ratios;
 pub use ratio::{Ratio, measure_ratios};
 use seen::DarkLevel;
 pub use single::{Aligner, Way};
-
-/// Time for the micro to come to rest where its lines begin, seconds.
-const COCKED: f64 = 0.008;
-
-/// How far beyond the end of a line a peak is expected whose light was brightest there, in its widths.
-const BEYOND: f64 = 0.5;
-
-/// Light of less than so many times what counts as light is looked at once more on the approach.
-const DOUBTFUL: f64 = 2.5;
-
-/// As is light of less than so many times the scattered light around it, which fluctuates...
-const SCATTERED: f64 = 5.0;
-
-/// ...for so many turns, in which it does not by chance stay as bright as a peak would.
-const DOUBTING: u64 = 3;
 
 /// A pass of a search for one fiber.
 #[derive(Debug, Clone, Copy)]
@@ -112,11 +99,7 @@ impl<'r> Shared<'r> {
 
     async fn align(&mut self, cell: &AlignmentCell<'_>) -> Vec<FiberReport> {
         let recipe = self.recipe;
-        each_fiber(cell, recipe, async |job, port| match port {
-            None => self.align_input(job, cell).await,
-            Some(k) => self.align_output(job, cell, k).await,
-        })
-        .await
+        each_fiber(cell, recipe, async |job| self.fiber(job, cell).await).await
     }
 }
 
@@ -130,18 +113,60 @@ impl Shared<'_> {
         self.recipe.raster.below()
     }
 
-    async fn align_input(
-        &mut self,
-        job: &mut Job<'_>,
-        cell: &AlignmentCell<'_>,
-    ) -> Result<(), Halt> {
-        let (recipe, fast) = (self.recipe, self.fast);
+    /// A fiber to its port.
+    async fn fiber(&mut self, job: &mut Job<'_>, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
+        let fast = self.fast;
         let aim = Aim {
             side: job.side,
             tip: Tip::Fiber,
             port: job.port,
         };
-        let [x, y, z] = recipe.ports.outputs[0];
+        // The sensing fiber sees the input's light alone.
+        let (seen, gap, spacing) = match job.output {
+            None => (true, fast.input_gap, fast.input_spacing),
+            Some(_) => (false, fast.output_gap, fast.output_spacing),
+        };
+        // Where it is not in its place there is nothing to look for.
+        let passes: &[Pass] = if self.bring(job, cell, &aim).await? {
+            &fast.retry.passes
+        } else {
+            &[]
+        };
+        let passes = passes.iter().filter(|pass| seen || pass.sensing == 0.0);
+        for (attempt, pass) in passes.enumerate() {
+            if seen {
+                let aside = pass.sensing * fast.sensing.sidestep;
+                cell.move_micro(Side::Right, Displacement::new(aside, 0.0))?;
+            }
+            let look = self.look(pass, gap, spacing, attempt > 0);
+            let result = self.attempt(job, cell, &aim, &look).await;
+            if !self.again(&result, attempt) && !self.learns_to_ask(cell, &result) {
+                return result;
+            }
+        }
+        if seen {
+            cell.move_micro(Side::Right, Displacement::ZERO)?;
+        }
+        if !cell.follows(job.side) {
+            return job.align(cell).await;
+        }
+        let found = job.find(cell).await?;
+        self.after_raster(job, cell, &aim, &found).await
+    }
+
+    /// A fiber to the start of its search, and the sensing fiber over the chip's top if it is to see its light: whether it is there.
+    async fn bring(
+        &mut self,
+        job: &mut Job<'_>,
+        cell: &AlignmentCell<'_>,
+        aim: &Aim,
+    ) -> Result<bool, Halt> {
+        if let Some(index) = job.output {
+            let change = async |_: &mut Job<'_>| self.change_fiber(cell, aim, index).await;
+            job.phase(cell, "coarse", change).await?;
+            return Ok(true);
+        }
+        let [x, y, z] = self.recipe.ports.outputs[0];
         let sensing = Aim {
             side: Side::Right,
             tip: Tip::Sensing,
@@ -151,69 +176,34 @@ impl Shared<'_> {
             cell.load(Side::Left, 0).await?;
         }
         job.phase(cell, "coarse", async |_| {
-            self.come_near(cell, &aim, &sensing).await
+            self.come_near(cell, aim, &sensing).await
         })
         .await?;
-        let over = job
-            .phase(cell, "sensing", async |_| {
-                self.over_the_top(cell, &sensing).await?;
-                // The input fiber has stood still meanwhile: vision knows it better now.
-                self.straighten(cell, &aim, fast.input_gap)
-            })
-            .await;
-        let passes: &[Pass] = match over {
-            Ok(()) => &fast.retry.passes,
-            Err(Halt::Fault(fault)) => return Err(fault.into()),
-            // Without the sensing fiber in its place there is nothing to look for.
-            Err(Halt::Outcome(_)) => &[],
-        };
-        for (attempt, pass) in passes.iter().enumerate() {
-            let aside = pass.sensing * fast.sensing.sidestep;
-            cell.move_micro(Side::Right, Displacement::new(aside, 0.0))?;
-            let look = self.look(pass, fast.input_gap, fast.input_spacing, attempt > 0);
-            let result = self.attempt(job, cell, &aim, &look).await;
-            if !again(&result, attempt) && !self.learns_to_ask(cell, &result) {
-                return result;
-            }
+        let over = job.phase(cell, "sensing", async |_| {
+            self.over_the_top(cell, &sensing).await?;
+            // The input fiber has stood still meanwhile: vision knows it better now.
+            self.straighten(cell, aim, self.fast.input_gap)
+        });
+        match over.await {
+            Err(Halt::Outcome(_)) => Ok(false),
+            over => over.map(|()| true),
         }
-        cell.move_micro(Side::Right, Displacement::ZERO)?;
-        if !cell.follows(job.side) {
-            return job.align_input(cell).await;
-        }
-        let found = job.find_input(cell).await?;
-        self.after_raster(job, cell, &aim, &found).await
     }
 
-    async fn align_output(
-        &mut self,
-        job: &mut Job<'_>,
-        cell: &AlignmentCell<'_>,
-        index: usize,
-    ) -> Result<(), Halt> {
-        let fast = self.fast;
-        let aim = Aim {
-            side: job.side,
-            tip: Tip::Fiber,
-            port: job.port,
-        };
-        job.phase(cell, "coarse", async |_| {
-            self.change_fiber(cell, &aim, index).await
-        })
-        .await?;
-        // The sensing fiber sees none of it.
-        let passes = fast.retry.passes.iter().filter(|pass| pass.sensing == 0.0);
-        for (attempt, pass) in passes.enumerate() {
-            let look = self.look(pass, fast.output_gap, fast.output_spacing, attempt > 0);
-            let result = self.attempt(job, cell, &aim, &look).await;
-            if !again(&result, attempt) && !self.learns_to_ask(cell, &result) {
-                return result;
-            }
+    /// Whether to try a fiber again after this many tries, of which the last came to this.
+    fn again(&self, result: &Result<(), Halt>, before: usize) -> bool {
+        let unsure = before < self.fast.retry.unsure as usize;
+        match result {
+            Ok(()) | Err(Halt::Fault(_)) => false,
+            Err(Halt::Outcome(Outcome::UnsurePlace { .. })) => unsure,
+            // What vision does not know it never will.
+            Err(Halt::Outcome(Outcome::UnsureGap { bound, .. })) => *bound == 0.0 && unsure,
+            Err(Halt::Outcome(outcome)) => !matches!(
+                outcome,
+                // What is attached is not to be aligned any more.
+                Outcome::NotArrived { .. } | Outcome::Slipped { .. }
+            ),
         }
-        if !cell.follows(job.side) {
-            return job.align_output(cell, index).await;
-        }
-        let found = job.find_output(cell, index).await?;
-        self.after_raster(job, cell, &aim, &found).await
     }
 
     /// Whether to try again by light after vision did not know the gap as well as it should have.
@@ -272,7 +262,7 @@ impl Shared<'_> {
                             cock(cell, aim.side, look.width)?;
                             let here = Point::new(start.x, cell.wanted(aim.side).y, start.z);
                             cell.go(aim.side, here).await?;
-                            cell.wait(COCKED).await?;
+                            cell.wait(TUNING.search.cocked).await?;
                             (watch, start)
                         }
                     };
@@ -368,13 +358,13 @@ impl Shared<'_> {
             let beam = cell.beam(aim.side, self.recipe);
             let level = before * beam.share(aim.gap(cell));
             let scattered = scan.background() - dark;
-            let least = DOUBTFUL * self.fast.significance * scan.noise();
-            if level < least.max(SCATTERED * scattered) {
+            let least = TUNING.search.doubtful * self.fast.significance * scan.noise();
+            if level < least.max(TUNING.search.scattered * scattered) {
                 // What is no peak may stand far aside, where the inclined facet is nearer.
                 let (first, slope) = (self.fast.doubtful_gap, self.recipe.ports.slope());
                 for gap in [first, 0.5 * first] {
                     let gap = gap + aim.stands_out(cell, slope);
-                    self.approach(cell, aim, &mut scan, before, (gap, DOUBTING))
+                    self.approach(cell, aim, &mut scan, before, (gap, TUNING.search.doubting))
                         .await?;
                 }
             }
@@ -389,7 +379,7 @@ impl Shared<'_> {
             let given_up = matches!(last, Err(Halt::Outcome(_))) && !scan.shaking().is_watched();
             if given_up && cell.follows(job.side) {
                 let gap = aim.gap(cell);
-                scan.watch_shaking(cell, gap, WATCHED.0).await?;
+                scan.watch_shaking(cell, gap, TUNING.watch.first).await?;
             }
             job.has_shaken(scan.shaking());
             job.spot = scan.spot().or(job.spot);
@@ -435,7 +425,7 @@ impl Shared<'_> {
         let (spot, evidence) = first_light(cell, eye, watch, &sweep, area, top, threshold).await?;
         // What is brightest at the end of a line has its peak beyond it as likely as not.
         let beam = cell.beam(eye.0, self.recipe);
-        let beyond = BEYOND * beam.width(look.gap);
+        let beyond = TUNING.search.beyond * beam.width(look.gap);
         let spot = spot.map(|spot| Spot {
             at: spot.at + Displacement::new(spot.end * beyond, 0.0),
             ..spot
@@ -452,11 +442,8 @@ impl Shared<'_> {
     /// The least light of a fiber at no gap, volts, that comes out of the guide, after so much `before`. Of modes wider than designed a
     /// greater share crosses the gap of a search, so that there seems to be more light than there is: by how much the spot tells, at the chip.
     fn least_light(&self, cell: &AlignmentCell<'_>, aim: &Aim, before: f64) -> f64 {
-        /// So much less where nobody has measured how light spreads: modes twice as wide, squared, come near to it. What does not grow is an
-        /// eighth of what it seemed to be.
-        const UNLIKE: f64 = 0.5;
         let known = cell.measured_spread(aim.side).is_some();
-        let share = if known { 1.0 } else { UNLIKE };
+        let share = if known { 1.0 } else { TUNING.search.unlike };
         share * self.fast.accept * before
     }
 
@@ -473,66 +460,15 @@ impl Shared<'_> {
         let way = aim.gap_at_rest(cell) - gap;
         let end = cell.wanted(aim.side).shifted(0.0, 0.0, way);
         cell.start_line(aim.side, end, Some(unhurried(cell, aim, gap)))?;
-        let turn = scan.period();
-        let start = scan.place(0.0);
-        let (mut next, mut end) = (cell.now() + turn, f64::INFINITY);
-        loop {
-            let led = aim.led(cell);
-            let by = next.min(end);
-            let over = scan.step(cell, led, by).await?;
-            if end.is_infinite() && !cell.is_moving(aim.side) {
-                end = cell.now() + turns as f64 * turn;
-            }
-            if !over {
-                continue;
-            }
-            if by >= end {
-                return Ok(());
-            }
-            next += turn;
-            let gap = aim.gap(cell);
-            // A peak that the micro does not reach is lost too: whatever happens, the macro is
-            // stopped before anyone tries again. What is as dim as noise leads nowhere.
-            let reached = match scan.clear_peak() {
-                Some(peak) => scan.go_to(cell, &peak, gap).map(|_| peak.full),
-                None => Ok(scan.peak().map_or(0.0, |peak| peak.full)),
-            };
-            let strayed = (scan.place(0.0) - start).norm();
-            // Light that does not come out of the guide does not grow as the gap closes.
-            let least = self.least_light(cell, aim, before);
-            let stray = self.fast.stray;
-            let why = match reached {
-                Ok(light) if light >= least && strayed <= stray => continue,
-                Ok(light) if light >= least => Outcome::Strayed {
-                    by: strayed,
-                    accepted: stray,
-                },
-                Ok(level) => Outcome::LightLost {
-                    phase: "approach",
-                    level,
-                    expected: before,
-                },
-                Err(beyond) => beyond,
-            };
-            cell.brake(aim.side)?;
-            cell.stands(aim.side).await?;
-            return Err(why.into());
-        }
-    }
-}
-
-/// Whether to try a fiber again after this many tries, of which the last came to this.
-fn again(result: &Result<(), Halt>, before: usize) -> bool {
-    match result {
-        Ok(()) | Err(Halt::Fault(_)) => false,
-        // It may have been a mishap once; what shakes will shake at every try.
-        Err(Halt::Outcome(Outcome::UnsurePlace { .. })) => before == 0,
-        // What vision does not know it never will; light may tell it another time.
-        Err(Halt::Outcome(Outcome::UnsureGap { bound, .. })) => *bound == 0.0 && before == 0,
-        Err(Halt::Outcome(outcome)) => !matches!(
-            outcome,
-            // What is attached is not to be aligned any more.
-            Outcome::NotArrived { .. } | Outcome::Slipped { .. }
-        ),
+        let way = Closing {
+            group: coarse(aim.side),
+            rests: None,
+            turns,
+            before,
+            least: self.least_light(cell, aim, before),
+            stray: self.fast.stray,
+        };
+        scan.close(cell, &way, || aim.led(cell), || aim.gap(cell))
+            .await
     }
 }

@@ -7,21 +7,13 @@ use super::gap::vision_knows;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
 use crate::gap_by_light::Spread;
+use crate::job::{AtPeak, FiberReport, Job};
 use crate::outcome::{Halt, Outcome};
-use crate::procedure::{AtPeak, FiberReport, Job};
 use crate::recipe::Recipe;
 use crate::station::Station;
 use crate::tip_estimator::Tip;
+use crate::tuning::TUNING;
 use pigtail_hal::spec::SIDES;
-
-/// Tolerances are so many times as wide where nothing is attached: light is to be bright and steep, not known to be at its best.
-const ROUGHLY: f64 = 5.0;
-
-/// Tips are watched for so many times as long as wanted, at most, and gaps looked at so often, while what they are to tell is not known.
-const TIMES: usize = 6;
-
-/// How well the peak is found from which a tip is watched, in its widths.
-const NEAR: f64 = 0.1;
 
 /// Brings the input fiber and that of the first output to their peaks, holds both there, and watches each tip for so many
 /// `seconds` in x and in y, or some times that where it is dim, by the light that goes through both; and looks at several gaps how that
@@ -31,61 +23,69 @@ pub fn watch_tips(station: &mut Station, recipe: &Recipe, seconds: f64) -> Vec<F
     let watched = (seconds, recipe.accept.aside);
     let recipe = roughly(recipe);
     let cell = AlignmentCell::over(station);
-    let mut shared = Shared::new(&recipe);
-    cell.run(async {
-        let mut input = Job::input(&recipe);
-        input.holds = true;
-        let reached = input.run(&cell, async |job| shared.align_input(job, &cell).await);
-        let mut report = reached.await;
-        let Some(held) = input.at_peak.filter(|_| report.outcome.is_aligned()) else {
-            let dark = Job::output(&recipe, 0).report(Outcome::NotAttempted);
-            return vec![report, dark];
+    cell.run(watch_both(&cell, &recipe, watched, asks_light))
+}
+
+async fn watch_both<'r>(
+    cell: &AlignmentCell<'_>,
+    recipe: &'r Recipe,
+    watched: (f64, f64),
+    asks_light: bool,
+) -> Vec<FiberReport> {
+    let mut shared = Shared::new(recipe);
+    let mut input = Job::of(recipe, None);
+    input.holds = true;
+    let put_back = async |job: &mut Job<'r>| job.put_back(cell).await;
+    let reached = input.run(async |job| shared.fiber(job, cell).await, put_back);
+    let mut report = reached.await;
+    let Some(held) = input.at_peak.filter(|_| report.outcome.is_aligned()) else {
+        let dark = Job::of(recipe, Some(0)).report(Outcome::NotAttempted);
+        return vec![report, dark];
+    };
+    let mut output = Job::of(recipe, Some(0));
+    output.holds = true;
+    let watch = async |job: &mut Job<'r>| {
+        shared.fiber(job, cell).await?;
+        let Some(other) = job.at_peak else {
+            return Ok(());
         };
-        let mut output = Job::output(&recipe, 0);
-        output.holds = true;
-        let reached = output.run(&cell, async |job| {
-            shared.align_output(job, &cell, 0).await?;
-            let Some(other) = job.at_peak else {
-                return Ok(());
-            };
-            shared.asks_light = asks_light;
-            // By the output's light.
-            input.channel = other.channel;
-            let held = AtPeak {
-                side: held.side,
-                beam: held.beam,
-                gap: held.gap,
-                walk: held.walk,
-                ..other
-            };
-            job.phase(&cell, "pair", async |job| {
-                let tips = [
-                    HeldTip::new(&shared, &cell, job, &other),
-                    HeldTip::new(&shared, &cell, &mut input, &held),
-                ];
-                shared.know(&cell, tips, watched).await
-            })
-            .await?;
-            job.put_back(&cell).await?;
-            Ok(())
-        });
-        let output = reached.await;
-        if output.outcome.fault().is_none()
-            && let Err(fault) = input.put_back(&cell).await
-        {
-            report.outcome = Outcome::Stopped(fault);
-        }
-        (report.shaking, report.spread) = (input.shakes(), input.spread);
-        vec![report, output]
-    })
+        shared.asks_light = asks_light;
+        // By the output's light.
+        input.channel = other.channel;
+        let held = AtPeak {
+            side: held.side,
+            beam: held.beam,
+            gap: held.gap,
+            walk: held.walk,
+            ..other
+        };
+        job.phase(cell, "pair", async |job| {
+            let tips = [
+                HeldTip::new(&shared, cell, job, &other),
+                HeldTip::new(&shared, cell, &mut input, &held),
+            ];
+            shared.know(cell, tips, watched).await
+        })
+        .await?;
+        job.put_back(cell).await?;
+        Ok(())
+    };
+    let output = output.run(watch, put_back).await;
+    if output.outcome.fault().is_none()
+        && let Err(fault) = input.put_back(cell).await
+    {
+        report.outcome = Outcome::Stopped(fault);
+    }
+    (report.shaking, report.spread) = (input.shakes(), input.spread);
+    vec![report, output]
 }
 
 /// The same recipe for fibers from which only light is wanted.
 pub(super) fn roughly(recipe: &Recipe) -> Recipe {
     let mut recipe = recipe.clone();
-    recipe.accept.aside *= ROUGHLY;
-    recipe.accept.gap *= ROUGHLY;
-    recipe.fast.accuracy *= ROUGHLY;
+    recipe.accept.aside *= TUNING.pair.roughly;
+    recipe.accept.gap *= TUNING.pair.roughly;
+    recipe.fast.accuracy *= TUNING.pair.roughly;
     recipe
 }
 
@@ -117,14 +117,14 @@ impl<'j, 'r, 's> HeldTip<'j, 'r, 's> {
             scan,
             gap,
             before: (held.level.mean - held.background) / beam.share(gap),
-            told: Vec::with_capacity(TIMES),
+            told: Vec::with_capacity(TUNING.pair.times),
         }
     }
 
     /// To where its peak is by now, and to rest: held tips creep away from it, and the light of both goes with them.
     async fn come_back(&mut self, cell: &AlignmentCell<'_>, radius: f64) -> Result<(), Halt> {
         self.scan.set_radius(radius);
-        let near = NEAR * self.scan.beam_width(self.gap);
+        let near = TUNING.pair.near * self.scan.beam_width(self.gap);
         self.scan.centre(cell, self.gap, near, "pair", 2).await?;
         self.scan.rest(cell, self.gap).await
     }
@@ -145,7 +145,7 @@ impl Shared<'_> {
         (seconds, tolerance): (f64, f64),
     ) -> Result<(), Halt> {
         let radius = self.fast.conical_scan.radius;
-        for _ in 0..TIMES {
+        for _ in 0..TUNING.pair.times {
             let each = tips.each_ref().map(|tip| tip.scan.shaking());
             if each.iter().all(|shaking| shaking.is_told(tolerance)) {
                 break;
@@ -163,7 +163,7 @@ impl Shared<'_> {
             }
         }
         let all_known = |tips: &[HeldTip<'_, '_, '_>; SIDES]| tips.iter().all(HeldTip::spreads);
-        for _ in 0..TIMES {
+        for _ in 0..TUNING.pair.times {
             if self.vision_tells(cell) || all_known(&tips) {
                 break;
             }

@@ -8,30 +8,16 @@ use super::gap::to_middle;
 use super::pair::roughly;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
+use crate::job::FiberReport;
 use crate::outcome::{Halt, Outcome};
-use crate::procedure::FiberReport;
 use crate::recipe::Recipe;
 use crate::station::Station;
+use crate::tuning::TUNING;
 use nalgebra::SVector;
 use pigtail_hal::Side;
 use pigtail_hal::spec::SIDES;
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::normal::Normal;
-
-/// How far the macro goes, metres: the farther, the better the micro's way is known, of which there are some tens.
-const WAY: f64 = 16e-6;
-
-/// ...in so many steps: what its transmissions hide of them the circles have to follow.
-const STEPS: u32 = 4;
-
-/// How often it goes around.
-const ROUNDS: usize = 4;
-
-/// Turns at each place that count.
-const TURNS: usize = 4;
-
-/// How well they find the peak first, in its widths.
-const NEAR: f64 = 0.1;
 
 /// What was measured of a micro.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -91,8 +77,14 @@ impl Ratios {
         let by = at.y * (1.0 - found.ratio / believed);
         cell.voltage(|machine| machine.set_micro_ratio(side, found.ratio));
         scan.hand_over(Displacement::new(0.0, by));
-        scan.centre(cell, gap, NEAR * scan.beam_width(gap), "ratio", 1)
-            .await?;
+        scan.centre(
+            cell,
+            gap,
+            TUNING.reach.near * scan.beam_width(gap),
+            "ratio",
+            1,
+        )
+        .await?;
         Ok(())
     }
 }
@@ -113,40 +105,50 @@ async fn follow(
 ) -> Result<Ratio, Halt> {
     // So that the micro comes nearer to its middle.
     let at = scan.place(gap);
-    let (x, y) = (WAY.copysign(at.x), WAY.copysign(at.y));
+    let (x, y) = (
+        TUNING.reach.way.copysign(at.x),
+        TUNING.reach.way.copysign(at.y),
+    );
     let around = [(0.0, y), (x, 0.0), (0.0, -y), (-x, 0.0)];
     // Where the micro has its peak: a place, a drift, and what it makes up for of each way of the macro.
     let mut normal: [Normal<4>; 2] = Default::default();
-    let mut seen: Vec<(SVector<f64, 4>, Displacement)> = Vec::with_capacity(4 * ROUNDS * TURNS);
+    let mut seen: Vec<(SVector<f64, 4>, Displacement)> =
+        Vec::with_capacity(4 * TUNING.reach.rounds * TUNING.reach.turns);
     let (begin, start) = (cell.now(), stands(cell, side));
-    for _ in 0..ROUNDS {
+    for _ in 0..TUNING.reach.rounds {
         for (x, y) in around {
-            let step = Displacement::new(x, y) / f64::from(STEPS);
-            for _ in 0..STEPS {
+            let step = Displacement::new(x, y) / f64::from(TUNING.reach.way_steps);
+            for _ in 0..TUNING.reach.way_steps {
                 hand_over(cell, scan, side, step, gap).await?;
                 if let Some(peak) = scan.peak() {
                     scan.go_to(cell, &peak, gap)?;
                 }
             }
-            scan.centre(cell, gap, NEAR * scan.beam_width(gap), "ratio", 2)
-                .await?;
-            for _ in 0..TURNS {
+            scan.centre(
+                cell,
+                gap,
+                TUNING.reach.near * scan.beam_width(gap),
+                "ratio",
+                2,
+            )
+            .await?;
+            for _ in 0..TUNING.reach.turns {
                 scan.turn(cell, gap).await?;
                 let Some(peak) = scan.peak() else {
                     continue;
                 };
-                let by = (stands(cell, side) - start) / WAY;
+                let by = (stands(cell, side) - start) / TUNING.reach.way;
                 let row = SVector::from([1.0, cell.now() - begin, by.x, by.y]);
-                normal[0].add(&row, peak.at.x / WAY);
-                normal[1].add(&row, peak.at.y / WAY);
-                seen.push((row, peak.at / WAY));
+                normal[0].add(&row, peak.at.x / TUNING.reach.way);
+                normal[1].add(&row, peak.at.y / TUNING.reach.way);
+                seen.push((row, peak.at / TUNING.reach.way));
                 scan.go_to(cell, &peak, gap)?;
             }
         }
     }
     let unsure = |deviation| Outcome::Unsure {
         deviation,
-        accuracy: NEAR * scan.beam_width(gap),
+        accuracy: TUNING.reach.near * scan.beam_width(gap),
     };
     let (Some(in_x), Some(in_y)) = (normal[0].solve(), normal[1].solve()) else {
         return Err(unsure(f64::INFINITY).into());
@@ -163,7 +165,7 @@ async fn follow(
     let (made_up_x, made_up_y) = (-in_x[2], -in_y[3]);
     let ratio = believed / made_up_y;
     if !(ratio > 0.5 && ratio < 2.0 && deviation.is_finite()) {
-        return Err(unsure(WAY * deviation).into());
+        return Err(unsure(TUNING.reach.way * deviation).into());
     }
     Ok(Ratio {
         ratio,

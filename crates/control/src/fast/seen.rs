@@ -3,6 +3,7 @@
 use crate::cell::AlignmentCell;
 use crate::outcome::Halt;
 use crate::station::Level;
+use crate::tuning::TUNING;
 use pigtail_hal::bench::Event;
 use pigtail_hal::spec::CHANNELS;
 use pigtail_numerics::line::Line;
@@ -24,15 +25,6 @@ pub(super) struct DarkLevel {
     pub(super) degrees: f64,
 }
 
-/// Samples about which what wanders slowly is as good as a straight line.
-const STRAIGHT: usize = 50;
-
-/// A mean and a spread are taken from so many, at least.
-const LEAST: usize = 4;
-
-/// How long the photodiodes remember the laser, seconds.
-const FORGOTTEN: f64 = 0.02;
-
 /// The photodiodes without the laser for so many seconds; it is on afterwards.
 pub(super) async fn dark(cell: &AlignmentCell<'_>, seconds: f64) -> Result<Dark, Halt> {
     cell.laser(false)?;
@@ -40,7 +32,7 @@ pub(super) async fn dark(cell: &AlignmentCell<'_>, seconds: f64) -> Result<Dark,
         // It may be lower since the device before.
         cell.laser_power(100)?;
     }
-    cell.wait(FORGOTTEN).await?;
+    cell.wait(TUNING.dark.forgotten).await?;
     let mut dark = Dark::default();
     let end = cell.now() + seconds;
     while !cell.is_past(end) || !dark.is_enough() {
@@ -63,7 +55,7 @@ impl Dark {
 
     /// Whether that is enough for a mean and a spread.
     fn is_enough(&self) -> bool {
-        self.seen[0].len() >= LEAST
+        self.seen[0].len() >= TUNING.dark.least
     }
 
     /// Mean and spread of each. A background that happens to look quiet is still read in steps of the converter.
@@ -74,7 +66,10 @@ impl Dark {
             let mean = seen.iter().sum::<f64>() / n;
             let squares: f64 = seen.iter().map(|volts| (volts - mean).powi(2)).sum();
             let (mut left, mut degrees) = (0.0, 0.0);
-            for part in seen.chunks(STRAIGHT).filter(|part| part.len() >= LEAST) {
+            for part in seen
+                .chunks(TUNING.dark.straight)
+                .filter(|part| part.len() >= TUNING.dark.least)
+            {
                 let points = part.iter().enumerate().map(|(k, volts)| (k as f64, *volts));
                 let line = Line::through(points.clone());
                 left += points
@@ -106,16 +101,13 @@ pub(super) struct Top {
     pub(super) fluctuation: f64,
 }
 
-/// Samples that are looked at together.
-const TOGETHER: usize = 3;
-
 fn mean(part: &[(f64, f64)], of: impl Fn(&(f64, f64)) -> f64) -> f64 {
     part.iter().map(of).sum::<f64>() / part.len() as f64
 }
 
 /// The last samples of what was seen: their height and light.
 fn recent(seen: &[(f64, f64)]) -> Option<(f64, f64)> {
-    let recent = seen.get(seen.len().checked_sub(TOGETHER)?..)?;
+    let recent = seen.get(seen.len().checked_sub(TUNING.dark.together)?..)?;
     Some((mean(recent, |s| s.0), mean(recent, |s| s.1)))
 }
 
@@ -131,24 +123,18 @@ impl Top {
 
     /// Whether light is as good as none by now, for samples of which the noise has so large a standard deviation, volts.
     pub(super) fn is_below(&self, seen: &[(f64, f64)], sigma: f64) -> bool {
-        /// Share of the light: of a core's disc that is all but above the edge.
-        const NONE: f64 = 0.05;
-        /// Standard deviations.
-        const NOISE: f64 = 3.0;
-        let noise = NOISE * sigma / (TOGETHER as f64).sqrt();
-        recent(seen).is_some_and(|(_, level)| level < NONE * self.full + noise)
+        let noise = TUNING.dark.noise * sigma / (TUNING.dark.together as f64).sqrt();
+        recent(seen).is_some_and(|(_, level)| level < TUNING.dark.none * self.full + noise)
     }
 }
 
 /// The chip's top, where a core of radius `core` has passed half of it by what it has `seen` on its way up, heights and light.
 /// What it sees now is beside the mean of what it saw when it was all below.
 pub(super) fn top_below(seen: &[(f64, f64)], core: f64) -> Option<Top> {
-    /// A short look sees about two thirds of a slow fluctuation.
-    const SHORT: f64 = 0.67;
     let (y, level) = recent(seen)?;
     let from = seen.partition_point(|s| s.0 < y - 2.5 * core);
     let to = seen.partition_point(|s| s.0 < y - core);
-    if to < from + 2 * TOGETHER {
+    if to < from + 2 * TUNING.dark.together {
         return None;
     }
     let before = &seen[from..to];
@@ -160,7 +146,7 @@ pub(super) fn top_below(seen: &[(f64, f64)], core: f64) -> Option<Top> {
     Some(Top {
         y,
         full,
-        fluctuation: spread / (SHORT * full),
+        fluctuation: spread / (TUNING.dark.short * full),
     })
 }
 

@@ -2,8 +2,8 @@
 
 use super::Shared;
 use crate::cell::{AlignmentCell, Layout};
+use crate::job::{AtPeak, FiberReport, Job};
 use crate::outcome::Outcome;
-use crate::procedure::{AtPeak, FiberReport, Job};
 use crate::reactor::Watched;
 use crate::recipe::Recipe;
 use pigtail_hal::spec::SIDES;
@@ -42,20 +42,20 @@ impl<'r> Aligner<'r> {
         port: Option<usize>,
     ) -> (FiberReport, Option<AtPeak>) {
         let recipe = self.shared.recipe;
-        let mut job = port.map_or_else(|| Job::input(recipe), |k| Job::output(recipe, k));
+        let mut job = Job::of(recipe, port);
         job.holds = true;
         let (shared, way) = (&mut self.shared, self.way);
         let cell = AlignmentCell::carrying(bench, layout, loaded);
         let cell = &cell;
-        let report = cell.run(job.run(cell, async |job| {
+        let align = async |job: &mut Job<'_>| {
             cell.laser(true)?;
-            match (way, port) {
-                (Way::Fast, None) => shared.align_input(job, cell).await,
-                (Way::Fast, Some(k)) => shared.align_output(job, cell, k).await,
-                (Way::Thesis, None) => job.align_input(cell).await,
-                (Way::Thesis, Some(k)) => job.align_output(cell, k).await,
+            match way {
+                Way::Fast => shared.fiber(job, cell).await,
+                Way::Thesis => job.align(cell).await,
             }
-        }));
+        };
+        let put_back = async |job: &mut Job<'_>| job.put_back(cell).await;
+        let report = cell.run(job.run(align, put_back));
         let held = job
             .at_peak
             .take()

@@ -1,6 +1,7 @@
 //! Where fiber and chip touch, by how wide the spot was at some gaps and by all that was known before.
 
-use super::{MISSHAPEN, Width, straightened};
+use super::{Width, straightened};
+use crate::tuning::TUNING;
 use nalgebra::{Matrix2, Vector2};
 use pigtail_numerics::statistics::{pooled, within};
 use std::f64::consts::TAU;
@@ -19,11 +20,9 @@ impl Spread {
     /// Of light of a wavelength (metres) that leaves at an angle to the z axis, before any of it was seen: makers state 5 to 10 %
     /// for how far a piezo goes, and twice as much of that is in it.
     pub fn by_design(wavelength: f64, exit: f64) -> Self {
-        /// A choice, which counts where fewer gaps than three were looked at.
-        const VAGUE: f64 = 0.2;
         Self {
             length: [wavelength / (TAU * exit.cos()); 2],
-            deviation: [VAGUE; 2],
+            deviation: [TUNING.width.vague; 2],
         }
     }
 
@@ -35,25 +34,25 @@ impl Spread {
     /// Whether it is known well enough for two gaps to tell where the chip is: the way between them, some 20 um, is wrong by
     /// as great a share.
     pub fn is_known(&self) -> bool {
-        /// 0.6 um of 20.
-        const WELL: f64 = 0.03;
-        self.deviation.iter().all(|deviation| *deviation < WELL)
+        self.deviation
+            .iter()
+            .all(|deviation| *deviation < TUNING.width.well)
     }
 
     /// Whether it is known as well as it pays to know it: another fiber on another day adds half as much.
     pub fn is_well_known(&self) -> bool {
-        const WELL: f64 = 0.01;
-        self.deviation.iter().all(|deviation| *deviation < WELL)
+        let well = |deviation: &f64| *deviation < TUNING.width.very_well;
+        self.deviation.iter().all(well)
     }
 
     /// What several fibers have told of one manipulator, for another fiber; `None` of none. Where they differ by more than
     /// they say, that is believed.
     pub fn of_all(told: &[Self]) -> Option<Self> {
-        /// Another fiber, on another day: a piezo does not go as far as it went to half a percent. An estimate.
-        const ANOTHER: f64 = 0.005;
         let all = Self::of_one(told)?;
         Some(Self {
-            deviation: all.deviation.map(|deviation| deviation.hypot(ANOTHER)),
+            deviation: all
+                .deviation
+                .map(|deviation| deviation.hypot(TUNING.width.another)),
             ..all
         })
     }
@@ -103,22 +102,8 @@ pub struct Contact {
     pub spread: Spread,
 }
 
-/// Widths that a contact is taken from, at least.
-const GAPS: usize = 2;
-
-/// What a transmission may keep to itself of a way along z, standard deviation, metres: 0.2 um peak to peak are
-/// what the thesis finds of its z-stage (2.4.3).
-const HIDDEN: f64 = 0.07e-6;
-
-/// How well the width at the chip is known before it is looked at, standard deviation of the logarithm of its square: as good as not
-/// at all.
-const ROUGHLY: f64 = 0.5;
-
 /// Contacts that are tried lie so far apart, metres: the light never knows it to that.
 const STEP: f64 = 25e-9;
-
-/// So far beyond what vision says they are tried, in its bound and so many standard deviations.
-const BEYOND: f64 = 6.0;
 
 /// A contact that was tried.
 #[derive(Debug, Clone, Copy)]
@@ -135,11 +120,11 @@ struct Tried {
 /// Where both parabolas have their vertex. `None` where the widths are too few, say no place near where vision does, or are not those of
 /// such a spot.
 pub fn contact(widths: &[Width], known: &Known) -> Option<Contact> {
-    if widths.len() < GAPS {
+    if widths.len() < TUNING.width.gaps {
         return None;
     }
     let widths = &straightened(widths)[..];
-    let reach = 2.0 * known.bound + BEYOND * known.sigma.max(4.0 * STEP);
+    let reach = 2.0 * known.bound + TUNING.width.beyond * known.sigma.max(4.0 * STEP);
     let n = (reach / STEP).ceil() as i32;
     let mut shapes = [0, 1].map(|i| Shape::first(known, i));
     let tried: Vec<Tried> = (-n..=n)
@@ -168,7 +153,7 @@ pub fn contact(widths: &[Width], known: &Known) -> Option<Contact> {
     let free = (2 * widths.len() + 4 - 5) as f64;
     let worse = (least / free).max(1.0);
     let at_end = best.0 == 0 || best.0 + 1 == tried.len();
-    if at_end || !least.is_finite() || worse > MISSHAPEN * MISSHAPEN {
+    if at_end || !least.is_finite() || worse > TUNING.width.misshapen * TUNING.width.misshapen {
         return None;
     }
     let likely =
@@ -189,8 +174,8 @@ pub fn contact(widths: &[Width], known: &Known) -> Option<Contact> {
     let (x, y) = (axis(0)?, axis(1)?);
     Some(Contact {
         at,
-        deviation: deviation.hypot(HIDDEN),
-        by_light: (by_light.0, by_light.1.hypot(HIDDEN)),
+        deviation: deviation.hypot(TUNING.width.hidden),
+        by_light: (by_light.0, by_light.1.hypot(TUNING.width.hidden)),
         spread: Spread {
             length: [x.0, y.0],
             deviation: [x.1, y.1],
@@ -248,7 +233,10 @@ impl Shape {
             STEPS.0
         };
         let before = Vector2::new(known.squared[axis].ln(), known.spread.length[axis].ln());
-        let weights = Vector2::new(ROUGHLY.powi(-2), known.spread.deviation[axis].powi(-2));
+        let weights = Vector2::new(
+            TUNING.width.roughly.powi(-2),
+            known.spread.deviation[axis].powi(-2),
+        );
         for step in 0..=steps {
             let left = before - self.at;
             let mut matrix = Matrix2::from_diagonal(&weights);

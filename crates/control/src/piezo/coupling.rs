@@ -18,8 +18,9 @@ use super::{
 use crate::cell::AlignmentCell;
 use crate::compensation::hysteresis::{Model, predict};
 use crate::identify::Path;
+use crate::job::Job;
 use crate::outcome::{Halt, Outcome};
-use crate::procedure::{Job, outward};
+use crate::procedure::outward;
 use crate::recipe::Recipe;
 use crate::station::Station;
 use nalgebra::SVector;
@@ -81,8 +82,8 @@ pub(super) fn identify(station: &mut Station, recipe: &Recipe) -> Result<Micro, 
     let cell = AlignmentCell::over(station);
     cell.run(async {
         cell.laser(true)?;
-        Job::input(&recipe).reach_input(&cell).await?;
-        Job::output(&recipe, 0).reach_output(&cell, 0).await
+        Job::of(&recipe, None).reach(&cell).await?;
+        Job::of(&recipe, Some(0)).reach(&cell).await
     })?;
 
     // Back from the guide, and to the side as its light goes; the micro in its middle.

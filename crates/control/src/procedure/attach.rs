@@ -1,27 +1,16 @@
 //! The end of every procedure: whether the gap is sure, the bond, and whether the light is still there.
 
-use super::{AtPeak, Job, outward};
-use crate::belief::{Across, Place, UNSURE};
+use super::outward;
+use crate::belief::{Across, Place};
 use crate::cell::AlignmentCell;
+use crate::job::{AtPeak, Job};
 use crate::outcome::{Halt, Outcome};
 use crate::station::Level;
 use crate::still_there::{Foreseen, LightCheck};
 use crate::tip_estimator::Tip;
+use crate::tuning::TUNING;
 use pigtail_hal::{Channel, Side};
 use pigtail_model::frames::{Chip, Point};
-
-/// For how long light is looked at once a fiber is attached, seconds, at first.
-const LOOK: f64 = 0.008;
-
-/// Share of its light that may be missing then, beside noise.
-const LESS: f64 = 0.003;
-
-/// So many times as much as it differs by from turn to turn the light may differ from one look to the other, over a bond's time: 4.5
-/// standard deviations of a wandering laser.
-const FLICKER: f64 = 7.0;
-
-/// Standard deviations of a sample while a bond sets that are noise.
-const BONDED_NOISE: f64 = 6.0;
 
 /// Where the fiber of a side is believed to be before a port, beyond a gap that is wanted (metres), where its place across is
 /// known so well; `None` before it was seen.
@@ -55,8 +44,8 @@ pub(crate) fn light_check(
         meter,
         background,
         noise,
-        samples: ((LOOK * rate).round() as usize).max(2),
-        less: LESS,
+        samples: ((TUNING.bond.look * rate).round() as usize).max(2),
+        less: TUNING.bond.less,
     }
 }
 
@@ -76,7 +65,9 @@ impl Job<'_> {
     ) -> Result<(), Halt> {
         let wanted = self.recipe.approach.gap;
         let place = |across| place_at(cell, self.side, self.port, wanted, across);
-        self.sure_of_gap(place(Across::default()))?;
+        if let Some(place) = place(Across::default()) {
+            place.sure_along(self.recipe.accept.gap)?;
+        }
         self.place = across.and_then(place);
         if self.holds {
             let exit = self.recipe.ports.exit_angle.tan();
@@ -98,7 +89,7 @@ impl Job<'_> {
             return Ok(());
         }
         let check = LightCheck {
-            less: LESS.hypot(FLICKER * self.flicker),
+            less: TUNING.bond.less.hypot(TUNING.bond.flicker * self.flicker),
             ..light_check(cell, self.channel, background, last.sigma)
         };
         let least = cell.attach(self.side, self.channel).await? - background;
@@ -108,38 +99,15 @@ impl Job<'_> {
             deviation: last.sigma / (check.samples as f64).sqrt(),
         };
         // What moves while the bond sets is fixed somewhere on its way: its light at the end may be what it should be, all but.
-        if least < (1.0 - check.less) * before - BONDED_NOISE * last.sigma {
+        if least < (1.0 - check.less) * before - TUNING.bond.bonded_noise * last.sigma {
             return Err(Outcome::Slipped {
                 before,
                 after: least,
             }
             .into());
         }
-        let foreseen = [looked, foreseen.unwrap_or(looked)];
-        let (after, fallen) = check.look(cell, &foreseen).await?;
-        if fallen {
-            return Err(Outcome::Slipped { before, after }.into());
-        }
-        Ok(())
-    }
-
-    /// That the gap is all but certainly what it should be.
-    fn sure_of_gap(&self, place: Option<Place>) -> Result<(), Outcome> {
-        let Some(place) = place else {
-            return Ok(());
-        };
-        let tolerance = self.recipe.accept.gap;
-        let probability = place.outside_along(tolerance);
-        if probability <= UNSURE {
-            return Ok(());
-        }
-        Err(Outcome::UnsureGap {
-            off: place.off,
-            bound: place.bound,
-            sigma: place.sigma,
-            tolerance,
-            probability,
-            accepted: UNSURE,
-        })
+        check
+            .stays(cell, &[looked, foreseen.unwrap_or(looked)])
+            .await
     }
 }

@@ -1,6 +1,6 @@
-//! Parameters of the fast procedure.
+//! Parameters of the fast procedure, and of alignment without a camera.
 
-use super::Recipe;
+use super::{Recipe, Retry};
 use pigtail_hal::{Spec, quantity};
 use schemars::{JsonSchema, Schema};
 use serde::{Deserialize, Serialize};
@@ -133,96 +133,6 @@ impl Default for Fast {
     }
 }
 
-/// What is tried again, and how often, before a fiber is given up.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Retry {
-    /// The passes of a search, one after the other. An output, which no sensing fiber sees, has no passes that differ in where that
-    /// stands.
-    pub passes: Vec<Pass>,
-    /// Bright places that were no peak, at most, until a pass ends.
-    pub dismissed: u32,
-    /// How often a peak that is not come to is circled once more, to be known half as well.
-    pub centre: u32,
-    /// How often a micro's ways are measured once more that could not be.
-    pub ratio: u32,
-    /// How often the last turns are begun...
-    pub last_turns: u32,
-    /// ...how often once more where what is missing can be known better: a dim peak takes as long as it takes...
-    pub patience: u32,
-    /// ...and how often where only the light at rest is not what circles have foreseen.
-    pub resting: u32,
-}
-
-/// One pass of a search.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct Pass {
-    /// How far to the side of where the light is expected, in widths of the area.
-    pub aside: f64,
-    /// Its own width, in widths of the area.
-    #[serde(with = "quantity::Positive")]
-    pub width: f64,
-    /// Its lines' distance, of the usual one.
-    #[serde(with = "quantity::Positive")]
-    pub spacing: f64,
-    /// How many times slower than usual its lines are.
-    #[serde(with = "quantity::Positive")]
-    pub slow: f64,
-    /// Where the sensing fiber stands meanwhile, in its sidesteps.
-    pub sensing: f64,
-}
-
-/// The whole area, as fast as usual.
-const WHOLE: Pass = Pass {
-    aside: 0.0,
-    width: 1.0,
-    spacing: 1.0,
-    slow: 1.0,
-    sensing: 0.0,
-};
-
-impl Default for Pass {
-    fn default() -> Self {
-        WHOLE
-    }
-}
-
-/// What the first pass has missed is most likely at the edges of what vision can say, or too dim there: beside the sensing fiber, or
-/// between two lines. After the last one the thesis's procedure has its turn.
-impl Default for Retry {
-    fn default() -> Self {
-        let edge = |aside| Pass {
-            aside,
-            width: 0.5,
-            ..WHOLE
-        };
-        let slow = |slow, sensing| Pass {
-            spacing: 0.6,
-            slow,
-            sensing,
-            ..WHOLE
-        };
-        Self {
-            passes: vec![
-                WHOLE,
-                edge(0.35),
-                edge(-0.35),
-                slow(1.5, 0.0),
-                slow(8.0, 0.0),
-                slow(8.0, 1.0),
-                slow(8.0, -1.0),
-            ],
-            dismissed: 5,
-            centre: 2,
-            ratio: 2,
-            last_turns: 3,
-            patience: 8,
-            resting: 6,
-        }
-    }
-}
-
 /// The sensing fiber over the chip's top.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
@@ -266,9 +176,6 @@ pub struct Sweep {
     /// Time to fly back, seconds.
     #[serde(with = "quantity::PositiveTime")]
     pub flyback: f64,
-    /// How late micro and photodiode are, seconds; left out: as the machine's own belief has it.
-    #[serde(with = "quantity::Optional::<quantity::NonNegativeTime>")]
-    pub lag: Option<f64>,
 }
 
 impl Default for Sweep {
@@ -276,7 +183,6 @@ impl Default for Sweep {
         Self {
             speed: 5.5e-3,
             flyback: 8e-3,
-            lag: None,
         }
     }
 }
@@ -291,11 +197,15 @@ pub struct ConicalScan {
     /// Radius, in distances at which the light has fallen to 1/e.
     #[serde(with = "quantity::Positive")]
     pub radius: f64,
-    /// How late micro and photodiode are, seconds; left out: as the machine's own belief has it.
-    #[serde(with = "quantity::Optional::<quantity::NonNegativeTime>")]
-    pub lag: Option<f64>,
     /// Most turns in one place.
     pub turns: u32,
+    /// How many times as long a turn takes each time that turns are to take longer: a micro that swings along with them at one rate does not
+    /// at another...
+    #[serde(with = "quantity::Positive")]
+    pub slower: f64,
+    /// ...and at most, all together.
+    #[serde(with = "quantity::Positive")]
+    pub slowest: f64,
     /// Whether the light on the circles teaches how much farther one piezo of a micro goes than the other, where the machine is one
     /// that drives its piezos by volts.
     pub learn: bool,
@@ -306,53 +216,11 @@ impl Default for ConicalScan {
         Self {
             period: 24e-3,
             radius: 0.55,
-            lag: None,
             turns: 10,
+            slower: 1.3,
+            slowest: 2.0,
             learn: true,
         }
-    }
-}
-
-impl Retry {
-    /// Whether it makes sense.
-    fn check(&self) -> Result<(), (&'static str, String)> {
-        let most = 100;
-        for (key, count, least) in [
-            ("fast.retry.last_turns", self.last_turns, 1),
-            ("fast.retry.dismissed", self.dismissed, 0),
-            ("fast.retry.ratio", self.ratio, 0),
-            ("fast.retry.patience", self.patience, 0),
-            ("fast.retry.resting", self.resting, 0),
-        ] {
-            if !(least..=most).contains(&count) {
-                let why = format!("{count}; accepted are {least} to {most}");
-                return Err((key, why));
-            }
-        }
-        let key = "fast.retry.passes";
-        if self.passes.first().is_none_or(|first| first.sensing != 0.0) {
-            let why = "has no first pass under a sensing fiber that stands straight; accepted is one \
-                       with `sensing = 0`";
-            return Err((key, why.to_owned()));
-        }
-        for (k, pass) in self.passes.iter().enumerate() {
-            for (what, value, (least, most)) in [
-                ("aside", pass.aside, (-1.0, 1.0)),
-                ("width", pass.width, (0.05, 1.0)),
-                ("spacing", pass.spacing, (0.05, 2.0)),
-                ("slow", pass.slow, (0.1, 100.0)),
-                ("sensing", pass.sensing, (-2.0, 2.0)),
-            ] {
-                if !(least..=most).contains(&value) {
-                    let why = format!(
-                        "pass {}, `{what}`: {value}; accepted are {least} to {most}",
-                        k + 1
-                    );
-                    return Err((key, why));
-                }
-            }
-        }
-        Ok(())
     }
 }
 
@@ -414,7 +282,6 @@ impl Fast {
             ("fast.output_spacing", self.output_spacing, 1e-6, 1e-4),
             ("fast.sweep.speed", self.sweep.speed, 1e-4, 0.1),
             ("fast.sweep.flyback", self.sweep.flyback, spec.period(), 1.0),
-            ("fast.sweep.lag", self.sweep.lag.unwrap_or(0.0), 0.0, 0.1),
             (
                 "fast.conical_scan.period",
                 self.conical_scan.period,
@@ -428,16 +295,22 @@ impl Fast {
                 2.0,
             ),
             (
-                "fast.conical_scan.lag",
-                self.conical_scan.lag.unwrap_or(0.0),
-                0.0,
-                0.1,
-            ),
-            (
                 "fast.conical_scan.turns",
                 f64::from(self.conical_scan.turns),
                 1.0,
                 1000.0,
+            ),
+            (
+                "fast.conical_scan.slower",
+                self.conical_scan.slower,
+                1.0,
+                10.0,
+            ),
+            (
+                "fast.conical_scan.slowest",
+                self.conical_scan.slowest,
+                1.0,
+                100.0,
             ),
             ("mode.radius", recipe.mode.radius, 1e-7, 1e-4),
             ("mode.wavelength", recipe.mode.wavelength, 1e-7, 2e-5),

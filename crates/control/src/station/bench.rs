@@ -18,10 +18,6 @@ use pigtail_model::frames::{Displacement, Macro, Point};
 /// A micro follows circles up to half of its lowest resonance, of which it takes two and a half periods to settle.
 const FOLLOWS: f64 = 0.5 * 2.5;
 
-/// From when a micro is told to be somewhere until the photodiode's sample of it, seconds, and how well that is known, where no calibration
-/// says it: the printed machine's, with a micro of 200 Hz and a photodiode of 1 kHz.
-const LAG: (f64, f64) = (1.2e-3, 0.4e-3);
-
 /// The macro of a side, and its micro.
 pub const fn coarse(side: Side) -> Group {
     Group(2 * side.index())
@@ -54,7 +50,7 @@ pub(super) fn side_of(arm: usize) -> Result<Side, Refused> {
 /// What a datasheet says of a station over it, and its calibration of how far its micros reach.
 pub(super) fn caps(
     spec: &Spec,
-    (settling, lag): (f64, Option<f64>),
+    (settling, lag): (f64, (f64, f64)),
     kinematics: [&Kinematics; SIDES],
 ) -> Caps {
     let axis = |range: (f64, f64), resolution: f64, speed: f64| {
@@ -97,7 +93,7 @@ pub(super) fn caps(
             axes,
             settling,
             bandwidth,
-            lag: lag.map_or(LAG, |lag| (lag, LAG.1)),
+            lag,
             bends: true,
         }
     };

@@ -1,7 +1,8 @@
 //! What the groups of a station play, from cycle to cycle.
 
+use super::Station;
 use super::bench::{of, pose_of};
-use super::{Arrival, Station};
+use super::motion::Arrival;
 use crate::outcome::Outcome;
 use crate::trajectory::Line;
 use pigtail_hal::bench::{Caps, Dither, Event, Fix, Frame, Knot, Law, Light, Pose, Ticket, Tip};

@@ -5,8 +5,8 @@ use crate::cell::Step;
 use crate::check::side_of;
 use crate::recipe::{Ending, Production};
 use pigtail_control::fast::Aligner;
+use pigtail_control::job::{AtPeak, PORTS};
 use pigtail_control::outcome::{Halt, Outcome};
-use pigtail_control::procedure::{AtPeak, PORTS};
 use pigtail_hal::{Bench, FiberHandling, Side};
 
 impl Line<'_, '_, '_> {

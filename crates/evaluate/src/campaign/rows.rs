@@ -1,8 +1,8 @@
 //! The rows of a campaign: one a fiber, in columns that say their unit.
 
 use super::Device;
+use pigtail_control::job::PORTS;
 use pigtail_control::outcome::OutcomeCode;
-use pigtail_control::procedure::PORTS;
 use pigtail_numerics::rounded;
 use pigtail_session::procedure::Procedure;
 use pigtail_store::rows::{Cell, Column, Kind, Table};

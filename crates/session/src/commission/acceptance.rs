@@ -2,8 +2,8 @@
 
 use super::Found;
 use pigtail_control::belief::Place;
+use pigtail_control::job::FiberReport;
 use pigtail_control::outcome::Outcome;
-use pigtail_control::procedure::FiberReport;
 use pigtail_control::recipe::Accept;
 use pigtail_numerics::rounded;
 use pigtail_numerics::statistics::Sorted;

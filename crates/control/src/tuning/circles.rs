@@ -1,0 +1,217 @@
+//! Circles around a peak, and what their light tells.
+
+use super::topic;
+
+topic! {
+    /// Circles around a peak.
+    pub struct Circle in "circle", shown [Fast, Bench] {
+        /// Standard deviations by which a peak must stand out of the noise.
+        significant: f64 = 5.0, "sigma", Choice;
+        /// How far a peak may be from where it was first believed to be.
+        far: f64 = 4.0, "widths", Choice;
+        /// The same at the chip, which a fiber that strays would touch.
+        nearby: f64 = 1.2, "widths", Choice;
+        /// How near the peak the turns that count must be.
+        near: f64 = 0.15, "widths", Choice;
+        /// In what part of a turn a circle becomes smaller.
+        shrink: f64 = 0.3, "turns", Choice;
+        /// In what part of a turn its middle goes over to a new place.
+        glide: f64 = 0.25, "turns", Choice;
+        /// Light on a turn, at least: fewer do not tell a peak from what is around it.
+        samples: f64 = 10.0, "samples", Choice;
+        /// A gap that is told anew so little different is the same.
+        same: f64 = 1e-9, "m", Choice;
+        /// How far a circle goes that looks for light around a place: what is seen on the way there does not count.
+        around: f64 = 1.25, "turns", Choice;
+        /// What of a spot's being oblong along the piezos is none of their strokes', one standard deviation: modes that are oblong
+        /// askew, a loop that is not as its model has it.
+        oblong: f64 = 0.03, "1", Choice;
+        /// No spot is believed to be more so in one turn.
+        most_oblong: f64 = 0.6, "1", Choice;
+        /// How far a circle's middle goes in a turn, at most.
+        stride: f64 = 1.2, "widths", Choice;
+    }
+}
+
+topic! {
+    /// Where the peaks of turns lead.
+    pub struct Ahead in "ahead", shown [Fast] {
+        /// Of more turns than the most in one place, one in so many is left out, of the first: piezos creep by the logarithm of
+        /// time, which is no straight line where all of it is looked at.
+        old: usize = 3, "1", Choice;
+        /// Standard deviations of a drift that is no drift for sure.
+        chance: f64 = 2.0, "sigma", Choice;
+        /// What was foreseen gets no older than that where the middle stays: else all would be believed in the end.
+        fresh: u32 = 2, "turns", Choice;
+        /// How far the small turn may find the peak from where the wide ones foresaw it, beside noise: what is farther has been
+        /// moved meanwhile. Rather once too often: it costs some turns.
+        moved: f64 = 40e-9, "m", Choice;
+        /// The same in standard deviations, on top.
+        moved_deviations: f64 = 3.0, "sigma", Choice;
+        /// How fast a peak moves when all is done, as piezos creep.
+        creep: f64 = 15e-9, "m a turn", Measured;
+        /// From the middle of the last wide turn to that of the small one, but for what is waited on the way. Foreseeing as far as
+        /// the fiber's attaching makes offsets in x twice as large, and those in y larger by a third.
+        ahead: f64 = 1.3, "turns", Measured;
+    }
+}
+
+topic! {
+    /// The last turns at the chip.
+    pub struct LastTurns in "last", shown [Fast, Bench] {
+        /// Turns that foresee a peak, at least: a straight line and how they scatter about it.
+        fewest: usize = 3, "turns", Equation;
+        /// Radius of the small turn at least, enough for light without noise: the smaller, the better the light on it tells that at
+        /// its middle.
+        smallest: f64 = 0.15, "widths", Choice;
+        /// Its radius at most.
+        largest: f64 = 0.3, "widths", Choice;
+        /// Square of its radius for a sample's noise, of its light: it must stand out of the noise.
+        noisy: f64 = 10.0, "1", Choice;
+        /// So many times the most turns in one place are made at the chip, at most.
+        most_turns: u32 = 12, "1", Choice;
+        /// No peak is worth a look from near that is not even known so well after these.
+        roughly: f64 = 30e-9, "m", Choice;
+        /// How far piezos take the middle of a circle along as it becomes a small one, along an axis, of that way, by what a model
+        /// of their hysteresis does not know: the fiber comes to rest from the small one. Of the 20 micros of ten machines of
+        /// `nominal` that were commissioned, looked at after this was chosen, it was 12 nm along an axis, rms, for 1 um, and 48 nm
+        /// for the worst.
+        hidden: f64 = 0.01, "1", Choice;
+        /// How well the wide turns and the small one together must know the peak, of what the wide ones must; but for light so dim
+        /// that it takes very many.
+        together: f64 = 0.8, "1", Choice;
+        /// In what time the micro comes from the small turn to rest: twice as slowly it rings a quarter as much.
+        come_to_rest: f64 = 0.6, "turns", Choice;
+        /// The same where the micro rings: so slow a change excites it little.
+        gentle: f64 = 2.0, "turns", Choice;
+        /// How far it may swing, at most, before it comes to rest, where that does not die away: then it may be noise. What shakes
+        /// is told apart from that by all turns together.
+        swings: f64 = 60e-9, "m", Choice;
+        /// Or so many times as far as it is known to shake.
+        shakes: f64 = 2.0, "1", Choice;
+        /// Small turns, at most, until it no longer rings.
+        ringing: u32 = 10, "turns", Choice;
+        /// A swing that is more than this share of that of the turn before does not die away.
+        lasting: f64 = 0.8, "1", Choice;
+        /// As the misfit, for the small turn, times its radius squared: a peak that was moved in the middle of it, or a piezo that
+        /// does not move, which makes `1 / sqrt(8)`.
+        small_misfit: f64 = 0.2, "1", Choice;
+        /// Of how fast a peak creeps, what is not foreseen on the way from the last turn to where the fiber is fixed; and of how
+        /// fast it has been seen to move, where that takes longer than a turn.
+        unforeseen: f64 = 0.3, "1", Choice;
+        /// For how long a peak is watched that scatters by more than noise.
+        watched: usize = 24, "turns", Choice;
+        /// How fast a peak may move while its turns are made: five times as fast as it creeps.
+        fastest: f64 = 5.0 * 15e-9, "m a turn", Choice;
+        /// By how much the light on the circle may differ from that of a peak, of its own: one whose modes are not as designed does
+        /// by 3 % at most, a piezo that goes half of its way makes it 5 %.
+        misfit: f64 = 0.04, "1", Measured;
+        /// So many times as far as light seems to say a tip may move, and no farther: else the turns are made again with the width
+        /// that they have told.
+        misjudged: f64 = 1.5, "1", Choice;
+        /// How far a micro that rings may swing where the fiber is attached.
+        quiet: f64 = 20e-9, "m", Choice;
+        /// A gap that turns out to be so wrong when all else is done is worth doing the last turns again.
+        late: f64 = 1.3, "tolerances", Choice;
+        /// No peak need be known better: what creeps until a fiber is fixed is as much.
+        finest: f64 = 5e-9, "m", Choice;
+        /// Share of the light that the wide turns have foreseen which must be there at last.
+        bright: f64 = 0.9, "1", Choice;
+    }
+}
+
+topic! {
+    /// How peaks answer to where circles are, on a bench that nobody has measured.
+    pub struct Answer in "answer", shown [Bench] {
+        /// How much more or less than it should, and how far aside, a peak may be seen of what its circle's middle was off; one
+        /// standard deviation. A spot that is wider or narrower by 15 % makes so much, and so does light that is later than
+        /// believed by a twentieth of a turn.
+        unknown: f64 = 0.3, "1", Choice;
+        /// Farthest from what it should be, by the complex logarithm: a spot that is 35 % wider or narrower, or light a tenth of a
+        /// turn later, with nothing else.
+        most: f64 = 0.6, "1", Choice;
+        /// Standard deviations that it is beyond that.
+        surely: f64 = 3.0, "sigma", Choice;
+        /// Smallest wander of a peak that is looked at: as good as none.
+        least_wander: f64 = 0.25, "noises of a turn", Choice;
+        /// Largest, of what turns leave about a straight line: one that is seen for a few turns alone may be part of a wider one.
+        most_wander: f64 = 4.0, "1", Choice;
+    }
+}
+
+topic! {
+    /// What the light tells beside where its peak is: how wide the spot is, how the tip shakes.
+    pub struct WatchedLight in "watch", shown [Fast, Bench] {
+        /// How far a circle's middle may have gone at the beginning of a turn that tells how a tip shakes: a tip that shakes by 40
+        /// nm sends it there, and what a micro does on so short a way is nothing beside it.
+        sent: f64 = 100e-9, "m", Choice;
+        /// Radii of the circles by which the width of the spot is seen: how light spreads was measured on the same circles as it is
+        /// used on, whatever is known of the spot meanwhile. A micro does not go as far on circles of another size.
+        widths: [f64; 2] = [0.35, 1.2], "designed widths", Choice;
+        /// How often turns on both are repeated, to and fro, at least.
+        rounds: u32 = 4, "1", Choice;
+        /// The same at most.
+        most_rounds: u32 = 192, "1", Choice;
+        /// From one to the other. In whole turns, so that light is always sampled at the same places of a circle: a micro that
+        /// rings there does so at every gap alike, and all widths are wrong by the same share.
+        over: f64 = 1.0, "turns", Equation;
+        /// For how long a tip is watched at first that may shake too much, in x and in y; then for as long again until that is
+        /// decided.
+        first: usize = 40, "samples", Choice;
+        /// The same at most, all together.
+        most: usize = 1280, "samples", Measured;
+        /// How far beside the peak light is watched: there it is steepest.
+        steep: f64 = 0.7, "widths", Equation;
+        /// For how long a piezo creeps as good as steadily: what is slower, circles follow.
+        straight: f64 = 0.2, "s", Choice;
+        /// Beside the peak the light is less than there by this share at least.
+        least_fall: f64 = 0.02, "1", Choice;
+        /// So many times longer than it is believed to settle a micro may still swing.
+        forgets: f64 = 8.0, "settlings", Choice;
+        /// For so long before it is looked at for the first time.
+        glance: f64 = 2.0, "settlings", Choice;
+        /// Standard deviations of what is left of a turn that noise may make.
+        surely: f64 = 4.0, "sigma", Choice;
+        /// Widths whose squares are known worse tell nothing.
+        known_roughly: f64 = 0.3, "1", Choice;
+        /// Standard deviations by which noise at the peak must be more than in the dark to be believed.
+        chance: f64 = 2.0, "sigma", Choice;
+        /// So many lines tell by how much they differ what their degrees of freedom are worth.
+        many: f64 = 8.0, "lines", Choice;
+    }
+}
+
+topic! {
+    /// How tips shake.
+    pub struct TipShaking in "shaking", shown [Fast] {
+        /// That a tip which was measured has changed since, and is such as is usual: a loose screw, another table, a machine
+        /// started nearby. As one that happens now and then and not on most days.
+        changed: f64 = 0.05, "1", Choice;
+        /// What is slower than a turn is believed to be as much as what is faster, or as much as was measured, worth so much.
+        worth_slow: f64 = 10.0, "degrees of freedom", Choice;
+        /// By so many times as much, by variance, a micro swings on the wide circle that rings.
+        rings: f64 = 6.0, "1", Choice;
+        /// A tip that shakes less than this is still.
+        least: f64 = 5e-9, "m", Choice;
+        /// Standard deviations by which more may be left of means than it seems.
+        surely: f64 = 2.0, "sigma", Choice;
+        /// Standard deviations by which a tip may be stiller than it seems.
+        stiller: f64 = 2.0, "sigma", Choice;
+        /// How well it is told how far a tip shakes: as well as it is the same on another day. Standard deviation of its natural logarithm.
+        known: f64 = 0.1, "1", Choice;
+        /// Or that it is no more than this.
+        nothing: f64 = 0.05, "tolerances", Choice;
+        /// By so many standard deviations.
+        told_surely: f64 = 3.0, "sigma", Choice;
+        /// How far a tip shakes that nobody has measured, before it is seen. 95 % of the tips of amplifiers and tables such as
+        /// workshops have lie between 2 and 32 nm; the shipped fleet `workshop` makes the same choice, so that this fleet is no
+        /// test of it.
+        usual: f64 = 8e-9, "m", Choice;
+        /// How well that is known, standard deviation of its natural logarithm.
+        usual_spread: f64 = 0.7, "1", Choice;
+        /// Standard deviations of the noise's own variance that a few turns may show.
+        noise_chance: f64 = 3.0, "sigma", Choice;
+        /// Standard deviations of what noise makes of a few turns where it is asked whether a micro rings.
+        rings_chance: f64 = 2.0, "sigma", Choice;
+    }
+}
