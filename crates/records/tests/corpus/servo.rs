@@ -314,6 +314,37 @@ fn no_mangled_record_of_a_servo_is_wrong_and_looks_right() {
     );
 }
 
+/// A record that was taken anew at a lower rate has a voltage that nothing held from one row to the next, and few rows from one turn
+/// to the next.
+#[test]
+fn a_record_that_was_thinned_is_as_sure_as_it_says() {
+    let good = plain(4);
+    for (step, from) in [(4, 1), (5, 0), (7, 3), (10, 0), (10, 5)] {
+        let rows: Rows = good.iter().copied().skip(from).step_by(step).collect();
+        let folder = tempfile::TempDir::new().expect("a folder");
+        let path = folder.path().join("r.csv");
+        fs::write(&path, text(&rows)).expect("a file");
+        let roles = Roles {
+            time: None,
+            rate: None,
+            reference: Some(Named::new("r_m")),
+            position: Named::new("q_m"),
+            voltage: Named::new("u_V"),
+            injected: None,
+        };
+        let read = roles.read(&path).expect("a record");
+        let set = Settings::new(MADE.force_per_volt);
+        let answer = servo(&read, None, &set, (Friction::Symmetric, None)).answer;
+        for ((parameter, _), is) in answer.parameters.iter().zip(MADE.values) {
+            if let Some(known) = parameter.known {
+                let off = (known.value - is).abs() / known.std_correlated;
+                eprintln!("{step} {from} {} {known:?}: {off:.2}", parameter.name);
+                assert!(off < 4.0, "{} by every {step}: {known:?}", parameter.name);
+            }
+        }
+    }
+}
+
 #[test]
 fn no_mangled_measured_record_is_wrong_and_looks_right() {
     let file =

@@ -373,6 +373,34 @@ pub(crate) const MANGLED: &[(&str, Wanted, Mangle)] = &[
         },
     ),
     (
+        "its middle backwards in time, restamped",
+        Wanted::Refused,
+        |rows, _| {
+            let n = rows.len();
+            let times: Vec<f64> = rows.iter().map(|r| r[0]).collect();
+            rows[n / 3..2 * n / 3].reverse();
+            for (row, t) in rows.iter_mut().zip(times) {
+                row[0] = t;
+            }
+        },
+    ),
+    (
+        "voltage negated in its middle",
+        Wanted::Refused,
+        |rows, _| {
+            let n = rows.len();
+            rows[n / 3..2 * n / 3].iter_mut().for_each(|r| r[3] = -r[3]);
+        },
+    ),
+    (
+        "position negated in its middle",
+        Wanted::Refused,
+        |rows, _| {
+            let n = rows.len();
+            rows[n / 3..2 * n / 3].iter_mut().for_each(|r| r[2] = -r[2]);
+        },
+    ),
+    (
         "voltage of half the gain behind its middle",
         Wanted::Refused,
         |rows, _| {

@@ -145,6 +145,9 @@ pub struct Settings {
     pub settle: bool,
     /// What goes with the place and is taken out of the force: [`identify`] tells from the record.
     pub place: Option<Place>,
+    /// Whether voltage and position are of the moments of their rows, no skew having been taken out: [`identify`] tells from the
+    /// record.
+    pub as_stamped: bool,
 }
 
 impl Settings {
@@ -159,6 +162,7 @@ impl Settings {
             controller: None,
             settle: false,
             place: None,
+            as_stamped: true,
         }
     }
 
@@ -422,6 +426,10 @@ pub fn identify(
     // Voltage and position of the same moments first; everything else rests on that.
     let skew = skew::skew(record, set)?;
     remarks.extend(skew.remark(record.even.period));
+    let set = &Settings {
+        as_stamped: skew == skew::Skew::default(),
+        ..*set
+    };
     let stamped = record;
     let record = &skew.taken_out(record);
     let second = second.map(|r| skew.taken_out(&r));

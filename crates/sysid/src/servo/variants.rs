@@ -67,7 +67,7 @@ pub(super) fn variants(
             continue;
         };
         let timing = least_squares(&x, &later).map(|s| s.values);
-        let filtered = was_filtered(&delayed, columns, moving);
+        let filtered = was_filtered(&delayed, columns, moving, set.as_stamped);
         let solve = |method: Method, rows: std::ops::Range<usize>| -> Option<Solution> {
             let x = [&x, &delayed][usize::from(method == Method::Delayed)];
             let part = x.rows(rows.start, rows.len()).into_owned();
@@ -78,7 +78,8 @@ pub(super) fn variants(
                 Method::Delayed => {
                     let slides = |i: usize| columns.velocity[rows.start + i].abs() > moving;
                     let curve = &columns.curve[rows.clone()];
-                    let mut solution = delayed_by(&part, (force, curve), slides, filtered)?;
+                    let mut solution =
+                        delayed_by(&part, (force, curve), slides, (filtered, set.as_stamped))?;
                     without_attenuation(&part, slides, 0, noise, &mut solution);
                     Some(solution)
                 }
@@ -138,28 +139,57 @@ pub(super) fn variants(
     variants
 }
 
-/// By how much of its second difference a held force differs from `F - d (F - F before)`, its delay being `d` samples:
-/// `d^2 / 2` of it is what a delay is to the second order, `d / 2` what the difference has of it already, and `1/24` what
-/// a step that is held for a sample takes from what is fast.
-fn held(delay: f64) -> f64 {
-    0.5 * delay * (delay - 1.0) + 1.0 / 24.0
+/// What a step that is held for a sample takes from what is fast, of the force's second difference.
+const STEP: f64 = 1.0 / 24.0;
+
+/// By how much of its second difference a force differs from `F - d (F - F before)`, its delay being `d` samples:
+/// `d^2 / 2` of it is what a delay is to the second order, `d / 2` what the difference has of it already.
+fn second_order(delay: f64) -> f64 {
+    0.5 * delay * (delay - 1.0)
 }
 
-/// The columns with a delay, told to the second order, of a force and its second difference; what a filter takes of it beside.
+/// For which share of a sample a voltage is held that acts `delay` samples after its row: it acts half of that later on average, and
+/// no earlier. Where stamps were put right nobody knows, and one that is held throughout is usual.
+fn held(delay: f64, as_stamped: bool) -> f64 {
+    if as_stamped {
+        (2.0 * delay).clamp(0.0, 1.0)
+    } else {
+        1.0
+    }
+}
+
+/// The columns with a delay, told to the second order, of a force and its second difference; what a filter takes of it beside. What a
+/// held voltage loses by being held is given back, and parameters are less sure by it where it may not have been: a record that was
+/// taken anew at a lower rate looks as one of a slow controller.
 fn delayed_by(
     x: &DMatrix<f64>,
     (force, curve): (&[f64], &[f64]),
     slides: impl Fn(usize) -> bool,
-    filtered: bool,
+    (filtered, as_stamped): (bool, bool),
 ) -> Option<Solution> {
     let first = over(x, force, &slides)?;
-    let held = held(first.values[first.values.len() - 1]);
-    let force: Vec<f64> = force.iter().zip(curve).map(|(f, c)| f + held * c).collect();
+    let delay = first.values[first.values.len() - 1];
+    let held = held(delay, as_stamped);
+    let share = second_order(delay) + STEP * held * held;
+    let force: Vec<f64> = force
+        .iter()
+        .zip(curve)
+        .map(|(f, c)| f + share * c)
+        .collect();
     if filtered {
-        Some(beside(x, curve, &force, slides)?.0)
-    } else {
-        over(x, &force, slides)
+        return Some(beside(x, curve, &force, slides)?.0);
     }
+    let mut solution = over(x, &force, &slides)?;
+    let unsure = if as_stamped {
+        STEP * (1.0 - held * held)
+    } else {
+        STEP * WITHIN_A_SAMPLE
+    };
+    let more = over(x, curve, slides)?;
+    for (std, more) in solution.std_correlated.iter_mut().zip(more.values) {
+        *std = std.hypot(unsure * more);
+    }
+    Some(solution)
 }
 
 /// A solution with one column more, without that one's value, and the value with its standard deviation.
@@ -183,7 +213,12 @@ fn beside(
 
 /// Whether the force shows that its voltage was filtered before it was written: where it changes fast it is weaker, and a delay alone
 /// does not make it so. Of a filter a delay tells the phase, and the force's second difference what it takes of the size.
-fn was_filtered(delayed: &DMatrix<f64>, columns: &Equations, moving: f64) -> bool {
+fn was_filtered(
+    delayed: &DMatrix<f64>,
+    columns: &Equations,
+    moving: f64,
+    as_stamped: bool,
+) -> bool {
     /// Deviations by which it shows.
     const SURE: f64 = 5.0;
     let rows: Vec<usize> = (0..columns.force.len())
@@ -200,7 +235,8 @@ fn was_filtered(delayed: &DMatrix<f64>, columns: &Equations, moving: f64) -> boo
         return false;
     };
     // What a held voltage has of it is known.
-    (known.value + held(delay)).abs() > SURE * known.std_correlated
+    let own = second_order(delay) + STEP * held(delay, as_stamped).powi(2);
+    (known.value + own).abs() > SURE * known.std_correlated
 }
 
 /// What values leave of a force, per cent.
