@@ -92,15 +92,111 @@ impl Memory {
         self.share * slow + (1.0 - self.share) * white
     }
 
-    /// By how much a deviation from batches is to be wider, of what rows count `reach` in: what the noise makes of all of them, over
-    /// what it makes of each batch alone.
-    fn lost(&self, reach: &DVector<f64>, batches: &[Batch]) -> f64 {
-        let whole = self.variance(reach.iter().copied());
-        let parts: f64 = batches
+    /// What rows have to do with each other times these weights, where the variance of each row is one.
+    fn spread(&self, weights: impl Iterator<Item = f64>) -> Vec<f64> {
+        let weights: Vec<f64> = weights.collect();
+        let mut spread: Vec<f64> = weights
             .iter()
-            .map(|b| self.variance(b.rows.clone().zip(&b.weights).map(|(i, w)| w * reach[i])))
-            .sum();
-        (whole / parts).sqrt().max(1.0)
+            .map(|w| (1.0 - 2.0 * self.share) * w)
+            .collect();
+        let mut carry = |k: usize, carried: &mut f64| {
+            *carried = self.factor * *carried + weights[k];
+            spread[k] += self.share * *carried;
+        };
+        let (mut before, mut after) = (0.0, 0.0);
+        (0..weights.len()).for_each(|k| carry(k, &mut before));
+        (0..weights.len()).rev().for_each(|k| carry(k, &mut after));
+        spread
+    }
+}
+
+/// What a fit does to sums over batches of a noise that remembers.
+struct Slow<'a> {
+    memory: Memory,
+    x: &'a DMatrix<f64>,
+    z: &'a DMatrix<f64>,
+    bread: &'a DMatrix<f64>,
+    /// What each instrument has to do with the rows, and with the other instruments.
+    spread: DMatrix<f64>,
+    moment: DMatrix<f64>,
+}
+
+/// A sum over a batch: by what it counts its own rows, by what the fit takes of it the instruments, and what either has to do with
+/// those.
+struct Sum {
+    rows: std::ops::Range<usize>,
+    counted: DVector<f64>,
+    taken: DVector<f64>,
+    of_taken: DVector<f64>,
+    beside: DVector<f64>,
+}
+
+impl<'a> Slow<'a> {
+    fn new(
+        memory: Memory,
+        (x, z): (&'a DMatrix<f64>, &'a DMatrix<f64>),
+        bread: &'a DMatrix<f64>,
+    ) -> Self {
+        let columns: Vec<DVector<f64>> = z
+            .column_iter()
+            .map(|c| DVector::from_vec(memory.spread(c.iter().copied())))
+            .collect();
+        let spread = DMatrix::from_columns(&columns);
+        Self {
+            moment: z.tr_mul(&spread),
+            memory,
+            x,
+            z,
+            bread,
+            spread,
+        }
+    }
+
+    /// By how much the deviation of a parameter from batches is to be wider, and its degrees of freedom: what the noise makes of the
+    /// parameter, over what it makes of the batches' sums once the fit has taken its own. `counts` is what each batch's sum counts the
+    /// instruments by.
+    fn lost(&self, parameter: usize, batches: &[Batch], counts: &[DVector<f64>]) -> (f64, f64) {
+        let (n, _) = self.z.shape();
+        let own = |m: &'a DMatrix<f64>, b: &Batch| m.rows(b.rows.start, b.rows.len());
+        let sums: Vec<Sum> = batches
+            .iter()
+            .zip(counts)
+            .map(|(batch, by)| {
+                let mut counted = own(self.z, batch) * by;
+                for (c, weight) in counted.iter_mut().zip(&batch.weights) {
+                    *c *= weight;
+                }
+                let taken = self.bread.tr_mul(&own(self.x, batch).tr_mul(&counted));
+                Sum {
+                    rows: batch.rows.clone(),
+                    of_taken: &self.moment * &taken,
+                    beside: self
+                        .spread
+                        .rows(batch.rows.start, batch.rows.len())
+                        .tr_mul(&counted),
+                    taken,
+                    counted,
+                }
+            })
+            .collect();
+        let (mut trace, mut squares) = (0.0, 0.0);
+        for (k, one) in sums.iter().enumerate() {
+            let mut all = vec![0.0; n];
+            all[one.rows.clone()].copy_from_slice(one.counted.as_slice());
+            let spread = self.memory.spread(all.into_iter());
+            for (l, other) in sums.iter().enumerate().skip(k) {
+                let together = other.rows.clone().zip(other.counted.iter());
+                let common = together.map(|(i, c)| c * spread[i]).sum::<f64>()
+                    - one.taken.dot(&other.beside)
+                    - other.taken.dot(&one.beside)
+                    + one.of_taken.dot(&other.taken);
+                trace += if l == k { common } else { 0.0 };
+                squares += common * common * if l == k { 1.0 } else { 2.0 };
+            }
+        }
+        let reach = self.z * self.bread.row(parameter).transpose();
+        let whole = self.memory.variance(reach.iter().copied());
+        ((whole / trace).sqrt().max(1.0), trace * trace / squares)
     }
 }
 
@@ -120,7 +216,8 @@ struct Part {
 ///
 /// What the fit has taken of a batch's own is given back: of white noise the corrected sum has on average the square
 /// that it would have without a fit (the estimator known as CR2). How many degrees of freedom the sum of squares has is
-/// Satterthwaite's number, again of white noise: fewer where a parameter rests on few of the batches. The deviation is
+/// Satterthwaite's number, again of white noise: fewer where a parameter rests on few of the batches. Of noise that batches are too
+/// short for, both are those of a noise that forgets itself as what is left does: of what is slow a fit takes far more. The deviation is
 /// wider by Student's quantile over the normal one, so that 1.96 of it hold what 95 % are. R. Bell and D. `McCaffrey`,
 /// *Bias Reduction in Standard Errors for Linear Regression with Multi-Stage Samples*, Survey Methodology 28, 2002.
 pub(crate) fn clustered(
@@ -143,7 +240,9 @@ pub(crate) fn clustered(
     };
     let batches = batches(residuals, shortest);
     let longest = (residuals.len() / FEWEST).max(1);
-    let memory = Memory::longer_than(residuals, longest).filter(|_| corrected);
+    let slow = Memory::longer_than(residuals, longest)
+        .filter(|_| corrected)
+        .map(|memory| Slow::new(memory, (x, z), bread));
     let moment = |rows: std::ops::Range<usize>, weight: &dyn Fn(usize) -> f64| {
         let part = z.rows(rows.start, rows.len());
         let counted = DMatrix::from_fn(part.nrows(), p, |i, j| {
@@ -204,9 +303,10 @@ pub(crate) fn clustered(
             } else {
                 1.0
             };
-            let lost = memory
-                .as_ref()
-                .map_or(1.0, |m| m.lost(&(z * bread.row(j).transpose()), &batches));
+            let (lost, freedom) = slow.as_ref().map_or((1.0, freedom), |slow| {
+                let counts: Vec<DVector<f64>> = reach.iter().map(|r| turn.tr_mul(r)).collect();
+                slow.lost(j, &batches, &counts)
+            });
             lost * student(freedom) * square.max(0.0).sqrt()
         })
         .collect()
