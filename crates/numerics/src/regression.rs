@@ -251,6 +251,20 @@ pub fn over(x: &DMatrix<f64>, y: &[f64], keep: impl Fn(usize) -> bool) -> Option
     Some(solution)
 }
 
+/// The same with instruments ([`instrumental`]).
+pub fn instrumental_over(
+    x: &DMatrix<f64>,
+    z: &DMatrix<f64>,
+    y: &[f64],
+    keep: impl Fn(usize) -> bool,
+) -> Option<Solution> {
+    let rows: Vec<usize> = (0..x.nrows()).filter(|i| keep(*i)).collect();
+    let part: Vec<f64> = rows.iter().map(|i| y[*i]).collect();
+    let mut solution = instrumental(&x.select_rows(&rows), &z.select_rows(&rows), &part)?;
+    judge(x, y, &mut solution);
+    Some(solution)
+}
+
 fn judge(x: &DMatrix<f64>, y: &[f64], solution: &mut Solution) {
     let prediction = x * DVector::from_column_slice(&solution.values);
     solution.residuals = y

@@ -4,9 +4,10 @@ use super::{
     Axis, Controller, Equations, Friction, Known, LATE, LEAST, Method, POSITION, Parameter, Record,
     SLOW, Settings, Sliding, Unknown, Variant, check, replay,
 };
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use pigtail_numerics::regression::{
-    Solution, instrumental, least_squares, over, relative, robust, tolerance, without_attenuation,
+    Solution, instrumental, instrumental_over, least_squares, over, relative, robust, tolerance,
+    without_attenuation,
 };
 use pigtail_numerics::signal::quantile;
 
@@ -67,7 +68,8 @@ pub(super) fn variants(
             continue;
         };
         let timing = least_squares(&x, &later).map(|s| s.values);
-        let filtered = was_filtered(&delayed, columns, moving, set.as_stamped);
+        let told = told_curve(&delayed, columns, moving);
+        let filtered = was_filtered(&delayed, (columns, &told), moving, set.as_stamped);
         let solve = |method: Method, rows: std::ops::Range<usize>| -> Option<Solution> {
             let x = [&x, &delayed][usize::from(method == Method::Delayed)];
             let part = x.rows(rows.start, rows.len()).into_owned();
@@ -78,8 +80,9 @@ pub(super) fn variants(
                 Method::Delayed => {
                     let slides = |i: usize| columns.velocity[rows.start + i].abs() > moving;
                     let curve = &columns.curve[rows.clone()];
+                    let told = filtered.then_some(&told[rows.clone()]);
                     let mut solution =
-                        delayed_by(&part, (force, curve), slides, (filtered, set.as_stamped))?;
+                        delayed_by(&part, (force, curve), slides, (told, set.as_stamped))?;
                     without_attenuation(&part, slides, 0, noise, &mut solution);
                     Some(solution)
                 }
@@ -142,10 +145,9 @@ pub(super) fn variants(
 /// What a step that is held for a sample takes from what is fast, of the force's second difference.
 const STEP: f64 = 1.0 / 24.0;
 
-/// By how much of its second difference a force differs from `F - d (F - F before)`, its delay being `d` samples:
-/// `d^2 / 2` of it is what a delay is to the second order, `d / 2` what the difference has of it already.
+/// By how much of its second difference a force differs from `F - d F'`, its delay being `d` samples.
 fn second_order(delay: f64) -> f64 {
-    0.5 * delay * (delay - 1.0)
+    0.5 * delay * delay
 }
 
 /// For which share of a sample a voltage is held that acts `delay` samples after its row: it acts half of that later on average, and
@@ -165,7 +167,7 @@ fn delayed_by(
     x: &DMatrix<f64>,
     (force, curve): (&[f64], &[f64]),
     slides: impl Fn(usize) -> bool,
-    (filtered, as_stamped): (bool, bool),
+    (filtered, as_stamped): (Option<&[f64]>, bool),
 ) -> Option<Solution> {
     let first = over(x, force, &slides)?;
     let delay = first.values[first.values.len() - 1];
@@ -176,8 +178,8 @@ fn delayed_by(
         .zip(curve)
         .map(|(f, c)| f + share * c)
         .collect();
-    if filtered {
-        return Some(beside(x, curve, &force, slides)?.0);
+    if let Some(told) = filtered {
+        return Some(beside(x, (curve, told), &force, slides)?.0);
     }
     let mut solution = over(x, &force, &slides)?;
     let unsure = if as_stamped {
@@ -192,17 +194,44 @@ fn delayed_by(
     Some(solution)
 }
 
-/// A solution with one column more, without that one's value, and the value with its standard deviation.
+/// From equation to equation the second difference of the force that inertia and friction tell: it goes with that of the voltage, and not
+/// with the noise of one that was measured, of which a force and its second difference have the same.
+fn told_curve(delayed: &DMatrix<f64>, columns: &Equations, moving: f64) -> Vec<f64> {
+    let n = columns.force.len();
+    let slides = |i: usize| columns.velocity[i].abs() > moving;
+    let Some(found) = over(delayed, &columns.force, slides) else {
+        return vec![0.0; n];
+    };
+    let own = delayed.ncols() - 1;
+    let told = delayed.columns(0, own) * DVector::from_column_slice(&found.values[..own]);
+    let steps: Vec<f64> = columns.time.windows(2).map(|w| w[1] - w[0]).collect();
+    let longest = 1.5 * quantile(&steps, 0.5);
+    (0..n)
+        .map(|i| {
+            let inside = i > 0 && i + 1 < n && steps[i - 1] < longest && steps[i] < longest;
+            if inside {
+                told[i - 1] - 2.0 * told[i] + told[i + 1]
+            } else {
+                0.0
+            }
+        })
+        .collect()
+}
+
+/// A solution with one column more and its instrument, without that column's value, and the value with its standard deviation.
 fn beside(
     x: &DMatrix<f64>,
-    column: &[f64],
+    (column, instrument): (&[f64], &[f64]),
     force: &[f64],
     keep: impl Fn(usize) -> bool,
 ) -> Option<(Solution, Known)> {
     let last = x.ncols();
-    let mut wider = x.clone().insert_column(last, 0.0);
-    wider.column_mut(last).copy_from_slice(column);
-    let mut solution = over(&wider, force, keep)?;
+    let with = |column: &[f64]| {
+        let mut wider = x.clone().insert_column(last, 0.0);
+        wider.column_mut(last).copy_from_slice(column);
+        wider
+    };
+    let mut solution = instrumental_over(&with(column), &with(instrument), force, keep)?;
     let known = Known {
         value: solution.values.pop()?,
         std: solution.std.pop()?,
@@ -215,26 +244,18 @@ fn beside(
 /// does not make it so. Of a filter a delay tells the phase, and the force's second difference what it takes of the size.
 fn was_filtered(
     delayed: &DMatrix<f64>,
-    columns: &Equations,
+    (columns, told): (&Equations, &[f64]),
     moving: f64,
     as_stamped: bool,
 ) -> bool {
     /// Deviations by which it shows.
     const SURE: f64 = 5.0;
-    let rows: Vec<usize> = (0..columns.force.len())
-        .filter(|i| columns.velocity[*i].abs() > moving)
-        .collect();
-    let pick = |column: &[f64]| rows.iter().map(|i| column[*i]).collect::<Vec<f64>>();
-    let (x, curve, force) = (
-        delayed.select_rows(&rows),
-        pick(&columns.curve),
-        pick(&columns.force),
-    );
-    let found = beside(&x, &curve, &force, |_| true);
+    let slides = |i: usize| columns.velocity[i].abs() > moving;
+    let found = beside(delayed, (&columns.curve, told), &columns.force, slides);
     let Some((delay, known)) = found.and_then(|(s, known)| Some((*s.values.last()?, known))) else {
         return false;
     };
-    // What a held voltage has of it is known.
+    // What a delay and a held voltage have of it is known.
     let own = second_order(delay) + STEP * held(delay, as_stamped).powi(2);
     (known.value + own).abs() > SURE * known.std_correlated
 }
