@@ -251,13 +251,17 @@ fn was_filtered(
     /// Deviations by which it shows.
     const SURE: f64 = 5.0;
     let slides = |i: usize| columns.velocity[i].abs() > moving;
-    let found = beside(delayed, (&columns.curve, told), &columns.force, slides);
-    let Some((delay, known)) = found.and_then(|(s, known)| Some((*s.values.last()?, known))) else {
-        return false;
+    let shows = |by: &[f64]| {
+        let found = beside(delayed, (&columns.curve, by), &columns.force, slides);
+        let found = found.and_then(|(s, known)| Some((*s.values.last()?, known)));
+        found.is_some_and(|(delay, known)| {
+            // What a delay and a held voltage have of it is known.
+            let own = second_order(delay) + STEP * held(delay, as_stamped).powi(2);
+            (known.value + own).abs() > SURE * known.std_correlated
+        })
     };
-    // What a delay and a held voltage have of it is known.
-    let own = second_order(delay) + STEP * held(delay, as_stamped).powi(2);
-    (known.value + own).abs() > SURE * known.std_correlated
+    // Noise of the voltage shows in its own second difference, and a friction that is smeared in the one that is told.
+    shows(&columns.curve) && shows(told)
 }
 
 /// What values leave of a force, per cent.
