@@ -416,20 +416,14 @@ pub fn identify(
     check::whole(record, set, &mut remarks)?;
     let of_place = other::of_place(record, set, &mut remarks);
     let raw = set;
-    let set = &Settings {
-        place: of_place.place,
-        ..*set
-    };
+    let set = &of_place.settings(set);
     let controller = set
         .controller
         .or_else(|| controller::fit(record).filter(|c| c.error_percent < 10.0));
     // Voltage and position of the same moments first; everything else rests on that.
     let skew = skew::skew(record, set)?;
     remarks.extend(skew.remark(record.even.period));
-    let set = &Settings {
-        as_stamped: skew == skew::Skew::default(),
-        ..*set
-    };
+    let set = &skew.settings(set);
     let stamped = record;
     let record = &skew.taken_out(record);
     let second = second.map(|r| skew.taken_out(&r));

@@ -260,6 +260,14 @@ pub(super) fn of_place(record: &Record, set: &Settings, remarks: &mut Vec<String
 }
 
 impl OfPlace {
+    /// Settings by which it is taken out.
+    pub(super) fn settings(&self, set: &Settings) -> Settings {
+        Settings {
+            place: self.place,
+            ..*set
+        }
+    }
+
     /// Makes parameters less sure by what a force of the place that stays would change.
     pub(super) fn widen(&self, variants: &mut [Variant]) {
         for variant in variants
