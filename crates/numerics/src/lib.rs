@@ -21,6 +21,7 @@
 //! assert!((solution.values[1] - 1.0).abs() < 1e-12);
 //! ```
 
+mod batches;
 pub mod bisection;
 pub mod fourier;
 pub mod golden;

@@ -1,8 +1,8 @@
 //! Linear least squares with what is known of its uncertainty.
 
+use crate::batches::clustered;
 use crate::signal::rms;
 use nalgebra::{DMatrix, DVector};
-use std::f64::consts::PI;
 
 /// A linear model `y = X p + e` solved for `p`.
 #[derive(Debug, Clone, PartialEq)]
@@ -216,250 +216,6 @@ impl Rest {
     }
 }
 
-/// A batch of neighbours: where it lies, and by how much each of them counts.
-struct Batch {
-    rows: std::ops::Range<usize>,
-    weights: Vec<f64>,
-}
-
-/// Batches of neighbours: long enough that what is left of one knows little of the next one's, and enough of them.
-///
-/// Each overlaps its neighbours by half and counts by a sine, so that the squares of what a row counts by come to one. A
-/// batch that begins at once counts what enters there, which in the sum over all leaves again: of a noise that has next
-/// to nothing slow in it, as a position's that was differentiated, that would be nearly all that it counts.
-fn batches(residuals: &[f64], shortest: usize) -> Vec<Batch> {
-    let n = residuals.len();
-    // Where what is left has forgotten what it was.
-    let reach = (n / (FEWEST * FORGOTTEN)).clamp(1, 400);
-    let together = crate::signal::autocorrelation(residuals, reach);
-    let lag = together.iter().position(|r| *r < 0.1).unwrap_or(reach);
-    let longest = (n / FEWEST).max(1);
-    let length = shortest.max(FORGOTTEN * lag).min(longest);
-    let half = length.div_ceil(2);
-    let sine = |i: usize| (PI * (i as f64 + 0.5) / (2.0 * half as f64)).sin();
-    (0..=n.div_ceil(half))
-        .map(|k| {
-            // The first and the last one reach over the ends.
-            let (from, to) = ((k * half).saturating_sub(half), ((k + 1) * half).min(n));
-            Batch {
-                rows: from..to,
-                weights: (from..to).map(|i| sine(i + half - k * half)).collect(),
-            }
-        })
-        .filter(|b| !b.rows.is_empty())
-        .collect()
-}
-
-/// Fewest batches without their overlap, and by how many times what is left has to have forgotten itself within one.
-const FEWEST: usize = 8;
-const FORGOTTEN: usize = 10;
-
-/// What is left, as white noise and a share of one that forgets itself by a factor from row to row.
-struct Memory {
-    share: f64,
-    factor: f64,
-}
-
-impl Memory {
-    /// That of `residuals`, where batches of `longest` are too short to have forgotten it; by how it falls to a half of what it has at
-    /// the next row.
-    fn longer_than(residuals: &[f64], longest: usize) -> Option<Self> {
-        let power: f64 = residuals.iter().map(|r| r * r).sum();
-        let at = |lag: usize| -> f64 {
-            let pairs = residuals.iter().zip(&residuals[lag..]);
-            pairs.map(|(a, b)| a * b).sum::<f64>() / power
-        };
-        let first = at(1);
-        if residuals.len() < 16 || first.is_nan() || first < 0.1 {
-            return None;
-        }
-        // Between lags that are twice as long each time, as it falls between them.
-        let (mut lag, mut before) = (1, first);
-        let half = loop {
-            let (next, here) = (2 * lag, at((2 * lag).min(residuals.len() - 1)));
-            if next > longest {
-                break longest as f64;
-            }
-            if here < 0.5 * first {
-                let part = (before / (0.5 * first)).ln() / (before / here.max(1e-3 * first)).ln();
-                break lag as f64 * (1.0 + part);
-            }
-            (lag, before) = (next, here);
-        };
-        let factor = 0.5_f64.powf(1.0 / half);
-        let forgotten = 0.1_f64.ln() / factor.ln();
-        (FORGOTTEN as f64 * forgotten > longest as f64).then(|| Self {
-            share: (first / factor).min(1.0),
-            factor,
-        })
-    }
-
-    /// The variance of a sum of this noise by these weights, where that of each row is one.
-    fn variance(&self, weights: impl Iterator<Item = f64>) -> f64 {
-        let (mut carried, mut slow, mut white) = (0.0, 0.0, 0.0);
-        for w in weights {
-            slow += w * (w + 2.0 * self.factor * carried);
-            carried = self.factor * carried + w;
-            white += w * w;
-        }
-        self.share * slow + (1.0 - self.share) * white
-    }
-
-    /// By how much a deviation from batches is to be wider, of what rows count `reach` in: what the noise makes of all of them, over
-    /// what it makes of each batch alone.
-    fn lost(&self, reach: &DVector<f64>, batches: &[Batch]) -> f64 {
-        let whole = self.variance(reach.iter().copied());
-        let parts: f64 = batches
-            .iter()
-            .map(|b| self.variance(b.rows.clone().zip(&b.weights).map(|(i, w)| w * reach[i])))
-            .sum();
-        (whole / parts).sqrt().max(1.0)
-    }
-}
-
-/// What a batch tells of the parameters.
-struct Part {
-    /// Its sum of `z e`, what the fit has taken given back.
-    score: DVector<f64>,
-    /// Its moments by its weights, by their squares, and by the products of them and those of the next one.
-    taken: DMatrix<f64>,
-    squared: DMatrix<f64>,
-    beside: DMatrix<f64>,
-    given: DMatrix<f64>,
-}
-
-/// Standard deviations of the parameters from the sums of `z e` over batches of neighbours: correlation within a batch is
-/// in them, whatever its shape.
-///
-/// What the fit has taken of a batch's own is given back: of white noise the corrected sum has on average the square
-/// that it would have without a fit (the estimator known as CR2). How many degrees of freedom the sum of squares has is
-/// Satterthwaite's number, again of white noise: fewer where a parameter rests on few of the batches. The deviation is
-/// wider by Student's quantile over the normal one, so that 1.96 of it hold what 95 % are. R. Bell and D. `McCaffrey`,
-/// *Bias Reduction in Standard Errors for Linear Regression with Multi-Stage Samples*, Survey Methodology 28, 2002.
-fn clustered(
-    x: &DMatrix<f64>,
-    z: &DMatrix<f64>,
-    residuals: &[f64],
-    bread: &DMatrix<f64>,
-    (shortest, corrected): (usize, bool),
-) -> Vec<f64> {
-    let p = x.ncols();
-    // Instruments of unit moment among themselves, so that all matrices are of numbers of order one.
-    let own = z.tr_mul(z);
-    let scale = DMatrix::from_diagonal(&own.diagonal().map(|v| 1.0 / v.max(1e-300).sqrt()));
-    let Some(root) = (&scale * own * &scale).cholesky().map(|c| c.l()) else {
-        return vec![0.0; p];
-    };
-    let back = bread * DMatrix::from_diagonal(&scale.diagonal().map(|s| 1.0 / s)) * &root;
-    let Some(turn) = root.try_inverse().map(|inverse| inverse * &scale) else {
-        return vec![0.0; p];
-    };
-    let batches = batches(residuals, shortest);
-    let longest = (residuals.len() / FEWEST).max(1);
-    let memory = Memory::longer_than(residuals, longest).filter(|_| corrected);
-    let moment = |rows: std::ops::Range<usize>, weight: &dyn Fn(usize) -> f64| {
-        let part = z.rows(rows.start, rows.len());
-        let counted = DMatrix::from_fn(part.nrows(), p, |i, j| {
-            part[(i, j)] * weight(rows.start + i)
-        });
-        &turn * part.tr_mul(&counted) * turn.transpose()
-    };
-    let parts: Vec<Part> = batches
-        .iter()
-        .enumerate()
-        .map(|(k, batch)| {
-            let at = |b: &Batch, i: usize| b.weights[i - b.rows.start];
-            let part = z.rows(batch.rows.start, batch.rows.len());
-            let counted = DVector::from_iterator(
-                batch.rows.len(),
-                batch.rows.clone().map(|i| at(batch, i) * residuals[i]),
-            );
-            let taken = moment(batch.rows.clone(), &|i| at(batch, i));
-            let squared = moment(batch.rows.clone(), &|i| at(batch, i).powi(2));
-            let beside = batches.get(k + 1).map_or_else(
-                || DMatrix::zeros(p, p),
-                |next| {
-                    let common = next.rows.start..batch.rows.end.min(next.rows.end);
-                    moment(common, &|i| at(batch, i) * at(next, i))
-                },
-            );
-            let given = given_back(&taken, &squared);
-            Part {
-                score: &given * (&turn * part.tr_mul(&counted)),
-                taken,
-                squared,
-                beside,
-                given,
-            }
-        })
-        .collect();
-    (0..p)
-        .map(|j| {
-            let of = back.row(j).transpose();
-            let square: f64 = parts.iter().map(|b| of.dot(&b.score).powi(2)).sum();
-            let reach: Vec<DVector<f64>> = parts.iter().map(|b| b.given.tr_mul(&of)).collect();
-            let (mut trace, mut squares) = (0.0, 0.0);
-            for (k, a) in parts.iter().enumerate() {
-                let taken = &a.taken * &reach[k];
-                for (l, b) in parts.iter().enumerate().skip(k) {
-                    let mut common = -taken.dot(&(&b.taken * &reach[l]));
-                    if l == k {
-                        common += reach[k].dot(&(&a.squared * &reach[k]));
-                        trace += common;
-                    } else if l == k + 1 {
-                        common += reach[k].dot(&(&a.beside * &reach[l]));
-                    }
-                    squares += common * common * if l == k { 1.0 } else { 2.0 };
-                }
-            }
-            let freedom = if squares > 0.0 {
-                trace * trace / squares
-            } else {
-                1.0
-            };
-            let lost = memory
-                .as_ref()
-                .map_or(1.0, |m| m.lost(&(z * bread.row(j).transpose()), &batches));
-            lost * student(freedom) * square.max(0.0).sqrt()
-        })
-        .collect()
-}
-
-/// What turns a batch's sum with a fit's residuals into one that has on average the square of one without a fit:
-/// `A (S - T T) A' = S` of the batch's moments `T` and `S`, by its weights and by their squares.
-fn given_back(taken: &DMatrix<f64>, squared: &DMatrix<f64>) -> DMatrix<f64> {
-    let p = taken.nrows();
-    let root = |m: &DMatrix<f64>, power: f64, least: f64| {
-        let eigen = m.clone().symmetric_eigen();
-        let most = eigen.eigenvalues.max().max(0.0);
-        let powers = eigen
-            .eigenvalues
-            .map(|l| l.max(least * most).max(1e-300).powf(power));
-        &eigen.eigenvectors * DMatrix::from_diagonal(&powers) * eigen.eigenvectors.transpose()
-    };
-    // In units of what the batch has: columns that it does not move are left as they are.
-    let half = root(squared, 0.5, 1e-12);
-    let inverse = root(squared, -0.5, 1e-12);
-    let share = &inverse * taken * taken * &inverse;
-    let left = DMatrix::identity(p, p) - share;
-    let eigen = left.symmetric_eigen();
-    let given = eigen.eigenvalues.map(|l| 1.0 / l.clamp(0.05, 1.0).sqrt());
-    let middle =
-        &eigen.eigenvectors * DMatrix::from_diagonal(&given) * eigen.eigenvectors.transpose();
-    half * middle * inverse
-}
-
-/// By how much a standard deviation from so few degrees of freedom is to be wider, so that 1.96 of it hold what 95 % are:
-/// Student's quantile over the normal one (Cornish and Fisher).
-fn student(freedom: f64) -> f64 {
-    const Z: f64 = 1.96;
-    let freedom = freedom.max(2.0);
-    let quantile = Z
-        + (Z.powi(3) + Z) / (4.0 * freedom)
-        + (5.0 * Z.powi(5) + 16.0 * Z.powi(3) + 3.0 * Z) / (96.0 * freedom * freedom);
-    quantile / Z
-}
-
 /// Takes out of a solution over the rows that are kept by how much noise of a column, independent of all else, made it
 /// too small: `(X' X - n s^2 E)^-1 X' y`, with the noise's standard deviation `s` and a one in `E` where the column is.
 ///
@@ -491,6 +247,20 @@ pub fn over(x: &DMatrix<f64>, y: &[f64], keep: impl Fn(usize) -> bool) -> Option
     let rows: Vec<usize> = (0..x.nrows()).filter(|i| keep(*i)).collect();
     let part: Vec<f64> = rows.iter().map(|i| y[*i]).collect();
     let mut solution = least_squares(&x.select_rows(&rows), &part)?;
+    judge(x, y, &mut solution);
+    Some(solution)
+}
+
+/// The same with instruments ([`instrumental`]).
+pub fn instrumental_over(
+    x: &DMatrix<f64>,
+    z: &DMatrix<f64>,
+    y: &[f64],
+    keep: impl Fn(usize) -> bool,
+) -> Option<Solution> {
+    let rows: Vec<usize> = (0..x.nrows()).filter(|i| keep(*i)).collect();
+    let part: Vec<f64> = rows.iter().map(|i| y[*i]).collect();
+    let mut solution = instrumental(&x.select_rows(&rows), &z.select_rows(&rows), &part)?;
     judge(x, y, &mut solution);
     Some(solution)
 }

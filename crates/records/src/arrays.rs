@@ -65,7 +65,10 @@ fn cell(field: &Field, tick: Option<f64>) -> Cell {
         Field::TimestampMillis(v) => Cell::Ticks(*v, 1e-3),
         Field::TimeMicros(v) | Field::TimestampMicros(v) => Cell::Ticks(*v, 1e-6),
         Field::Date(_) => Cell::Other("dates"),
-        Field::Decimal(_) => Cell::Other("decimals"),
+        Field::Decimal(_) => field
+            .to_string()
+            .parse()
+            .map_or(Cell::Other("decimals"), Cell::Number),
         Field::Str(_) | Field::Bytes(_) => Cell::Other("texts"),
         Field::Group(_) | Field::ListInternal(_) | Field::MapInternal(_) => Cell::Other("lists"),
     }
@@ -153,7 +156,11 @@ fn numbers(data: &NumericData) -> [Option<Vec<f64>>; 2] {
 /// `name_im`; those of the length that most have.
 pub(crate) fn mat(bytes: &[u8]) -> Result<Arrays, String> {
     let parsed = MatFile::parse(bytes)
-        .map_err(|error| format!("is no .mat of version 5 to 7 that can be read: {error}"))?;
+        .map_err(|error| {
+        format!(
+            "is no .mat of version 5 to 7 that can be read: {error} (arrays of int32 are not: save them as double)"
+        )
+    })?;
     let mut period = None;
     let mut all: Vec<(String, Vec<f64>)> = Vec::new();
     for array in parsed.arrays() {

@@ -3,10 +3,11 @@
 pub use crate::table::{Gaps, Numbers, Table};
 pub use crate::units::LengthUnit;
 pub(crate) use crate::units::{
-    CURRENT, DIMENSIONS, OTHER_UNITS, ending, foreign, of_name, unit_of,
+    CURRENT, DIMENSIONS, OTHER_UNITS, TIME, ending, foreign, of_name, unit_of,
 };
 use pigtail_hal::Error;
-use pigtail_hal::quantity::{Dimension, RATIO, TIME};
+use pigtail_hal::quantity::{Dimension, RATIO};
+use pigtail_numerics::signal::quantile;
 use pigtail_sysid::timeline::{Even, Uneven, even};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -179,8 +180,9 @@ fn usual(table: &Table) -> Option<Named> {
                 .unwrap_or_default()
                 .trim()
                 .to_owned();
-            low.strip_suffix("_s")
-                .or(low.strip_suffix("_ms"))
+            ["_s", "_ms", "_us", "_ns"]
+                .iter()
+                .find_map(|unit| low.strip_suffix(unit))
                 .unwrap_or(&low)
                 .to_owned()
         };
@@ -313,7 +315,10 @@ pub fn read(path: &Path, wanted: &[Wanted]) -> Result<Vec<Column>, Error> {
             *value *= size;
         }
     }
-    own_times(&table, &columns, &places)?;
+    own_times(&table, &places)?;
+    for column in columns.iter().filter(|c| c.dimension == TIME) {
+        of_a_motion(&table, column)?;
+    }
     for column in &columns {
         let rows = column.values.len();
         if rows == 0 {
@@ -331,18 +336,43 @@ pub fn read(path: &Path, wanted: &[Wanted]) -> Result<Vec<Column>, Error> {
     Ok(columns)
 }
 
+/// Longest time between rows of any record that is read here, seconds: creep of a piezo over days has more of them.
+const SLOWEST: f64 = 1000.0;
+
+/// That rows lie as far apart as those of a record: where time is said in a unit that nobody named it is wrong by thousands.
+fn of_a_motion(table: &Table, time: &Column) -> Result<(), Error> {
+    let steps: Vec<f64> = time
+        .values
+        .windows(2)
+        .map(|w| w[1] - w[0])
+        .filter(|step| step.is_finite())
+        .collect();
+    let usual = quantile(&steps, 0.5);
+    if usual.is_nan() || usual < SLOWEST {
+        return Ok(());
+    }
+    let message = format!(
+        "rows are {usual} s apart, by its being in {}; accepted is less than {SLOWEST} s: is it in another unit (as \
+         \"{}:ns\")?",
+        time.unit, time.name
+    );
+    Err(table.error(&*time.name, message))
+}
+
 /// Where channels have columns of time of their own, these are to say the same.
-fn own_times(table: &Table, columns: &[Column], places: &[usize]) -> Result<(), Error> {
+fn own_times(table: &Table, places: &[usize]) -> Result<(), Error> {
     let names = table.names();
     if names.first().is_none_or(|n| n != "time_ms") || names.get(2).is_none_or(|n| n != "time_ms 2")
     {
         return Ok(());
     }
-    let own: Vec<usize> = places
+    // The time that was asked for is to be theirs, too.
+    let mut own: Vec<usize> = places
         .iter()
-        .filter(|p| **p != usize::MAX && **p % 2 == 1)
-        .map(|p| p - 1)
+        .filter(|p| **p != usize::MAX)
+        .map(|p| p - p % 2)
         .collect();
+    own.dedup();
     let times = table.numbers(&own, Gaps::Allowed)?.columns;
     for (k, column) in times.iter().enumerate().skip(1) {
         let step = times[0]
@@ -355,8 +385,10 @@ fn own_times(table: &Table, columns: &[Column], places: &[usize]) -> Result<(), 
             .find(|(a, b)| (*a - *b).abs() > 0.01 * step);
         if apart.is_some() {
             let message = format!(
-                "its times are others than those of {}; accepted are channels of one sample time, exported together",
-                columns.last().map_or("the others", |c| &*c.name)
+                "its times are others than those of {}; accepted are channels of one sample time, exported together, and a \
+                 time of theirs (--time \"{}\")",
+                names[own[0] + 1],
+                names[own[k]]
             );
             return Err(table.error(&*names[own[k] + 1], message));
         }

@@ -1,11 +1,11 @@
 //! A law of friction from a record of force against displacement.
 
-use super::columns::{self, Column, Named, Wanted};
+use super::columns::{self, Column, Named, TIME, Wanted};
 use super::fragment::Kind;
 use super::part::Slides;
 use super::{Answer, Figure, Rows, Shown, parameters_json, short, shown_of, told, with_units};
 use pigtail_hal::Error;
-use pigtail_hal::quantity::{ANGLE, FORCE, LENGTH, TIME, TORQUE};
+use pigtail_hal::quantity::{ANGLE, FORCE, LENGTH, TORQUE};
 use pigtail_sysid::friction::{Fitted, Identified, Law, Record, identify};
 use pigtail_sysid::{Parameter, Unknown};
 use serde_json::json;
@@ -223,6 +223,9 @@ pub fn friction(first: &Read, second: Option<&Read>, most: usize, law: Option<La
     answer
         .remarks
         .extend(other_laws(best, &unit(best.law.parameters()[0])));
+    if !first.turns {
+        answer.remarks.extend(unusual(best.law.way(&best.values)));
+    }
     let chosen = format!(
         "{} {how} {} % {judged} with {} parameters (others: {})",
         best.law.name(),
@@ -267,6 +270,18 @@ fn laws(first: &Read, found: &Identified) -> serde_json::Value {
             })
         })
         .collect()
+}
+
+/// What is said of a way over which no contact gives way, metres: what its asperities, a seal's lip or a rolling ball do lies
+/// between.
+fn unusual(way: f64) -> Option<String> {
+    const USUAL: std::ops::Range<f64> = 1e-9..3e-3;
+    (!USUAL.contains(&way)).then(|| {
+        format!(
+            "it gives way over {way:.2e} m before it slides, and contacts do over nanometres to millimetres: is the displacement \
+             in another unit?"
+        )
+    })
 }
 
 /// What tells the force and is not in a law; `unit` is that of its level.

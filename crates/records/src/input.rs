@@ -1,8 +1,8 @@
 //! What drives a simulation, from a file: a value from each moment on.
 
-use crate::columns::{self, Named, Table, Wanted};
+use crate::columns::{self, Named, TIME, Table, Wanted};
 use pigtail_hal::Error;
-use pigtail_hal::quantity::{ANGLE, Dimension, LENGTH, RATIO, TIME, VOLTAGE};
+use pigtail_hal::quantity::{ANGLE, Dimension, LENGTH, RATIO, VOLTAGE};
 use std::path::Path;
 
 /// What a file's values are.

@@ -30,6 +30,8 @@ pub(crate) struct Layout {
     pub(crate) trailing: bool,
     /// The line above the rows and how many fields it has, where these are not the rows'.
     pub(crate) other: Option<(usize, usize)>,
+    /// Whether the lines above say a factor or an offset of the numbers.
+    scaled: bool,
     encoding: &'static str,
 }
 
@@ -223,6 +225,7 @@ pub(crate) fn layout(
         names_line: above.line,
         trailing,
         other,
+        scaled: all[..start].iter().any(|l| is_scaled(l.text, delimiter)),
         encoding,
     })
 }
@@ -295,6 +298,7 @@ fn no_rows(all: &[Line], encoding: &'static str) -> Option<Layout> {
         names_line: Some(line.number),
         trailing: false,
         other: None,
+        scaled: false,
         encoding,
     })
 }
@@ -363,6 +367,19 @@ fn channels(line: &str, delimiter: u8, width: usize, names: &mut Option<Vec<Stri
     }
 }
 
+/// Whether a line says a factor or an offset that changes numbers, in turns with its word, as a scope does.
+fn is_scaled(line: &str, delimiter: u8) -> bool {
+    let row = split(line, delimiter);
+    let values = || row.iter().skip(1).step_by(2);
+    let other =
+        |than: f64| values().any(|v| plain(&v.replace(',', ".")).is_some_and(|v| v != than));
+    match row.first().map(|word| word.to_lowercase()).as_deref() {
+        Some("scalefactor" | "scale-factor" | "scale factor") => other(1.0),
+        Some("offset") => other(0.0),
+        _ => false,
+    }
+}
+
 /// Their units, in turns with the word `Unit`.
 fn channel_units(line: &str, delimiter: u8, units: &mut [Option<String>]) {
     let row = split(line, delimiter);
@@ -420,6 +437,7 @@ impl Layout {
             names_line: None,
             trailing: false,
             other: None,
+            scaled: false,
             encoding: kind,
         }
     }
@@ -459,6 +477,9 @@ impl Layout {
         let _ = write!(text, ", rows from line {}", self.first_line);
         if let Some(period) = self.period {
             let _ = write!(text, ", {:.6} Hz by the lines above", 1.0 / period);
+        }
+        if self.scaled {
+            text += ", numbers as they stand: a factor or an offset in the lines above is taken to be in them";
         }
         text
     }

@@ -1,13 +1,13 @@
 //! A servo axis from its record.
 
-use super::columns::{self, By, CURRENT, Named, Source, Wanted};
+use super::columns::{self, By, CURRENT, Named, Source, TIME, Wanted};
 use super::fragment::{AxisTable, ControllerTable, Fragment, Kind, MotionTable, RecordTable};
 use super::part::{Drive, Part};
 use super::{
     Answer, Figure, NOT_IDENTIFIABLE, Rows, Shown, parameters_json, short, told, with_units,
 };
 use pigtail_hal::Error;
-use pigtail_hal::quantity::{ANGLE, Dimension, FORCE, LENGTH, TIME, TORQUE, VOLTAGE};
+use pigtail_hal::quantity::{ANGLE, Dimension, FORCE, LENGTH, TORQUE, VOLTAGE};
 use pigtail_sysid::servo::{
     Friction, Identified, Injected, LEAST, Method, Motion, Record, Replay, Settings, Sliding,
     Variant, identify, replay,

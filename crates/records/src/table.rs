@@ -152,6 +152,14 @@ impl Table {
         let body = text.get(self.layout.body..).unwrap_or_default();
         for (k, line) in body.lines().enumerate() {
             if line.trim().is_empty() || line.trim_start().starts_with(['#', '%']) {
+                if line.trim_end().ends_with("END_HEADER") {
+                    let message =
+                        "another recording begins here; accepted is one recording in a file";
+                    return Err(Error {
+                        line: Some(self.layout.first_line + k),
+                        ..self.error("", message)
+                    });
+                }
                 continue;
             }
             let mut row = cells::split(line, self.layout.delimiter);

@@ -1,7 +1,7 @@
 //! Units that columns of a file may have, and what people call them.
 
 use pigtail_hal::quantity::{
-    ANGLE, Dimension, FORCE, FREQUENCY, LENGTH, LEVEL, RATIO, TIME, TORQUE, VOLTAGE,
+    ANGLE, Dimension, FORCE, FREQUENCY, LENGTH, LEVEL, RATIO, TORQUE, VOLTAGE,
 };
 use serde::{Deserialize, Serialize};
 
@@ -9,6 +9,18 @@ use serde::{Deserialize, Serialize};
 pub(crate) const DIMENSIONS: [Dimension; 10] = [
     TIME, LENGTH, ANGLE, VOLTAGE, CURRENT, FORCE, TORQUE, FREQUENCY, RATIO, LEVEL,
 ];
+
+/// Moments of rows, which loggers count in finer ticks than a file of a rig does.
+pub(crate) const TIME: Dimension = Dimension {
+    name: "a time",
+    units: &[
+        ("s", 1.0),
+        ("min", 60.0),
+        ("ms", 1e-3),
+        ("us", 1e-6),
+        ("ns", 1e-9),
+    ],
+};
 
 /// What drives a motor in place of a voltage; no file of a rig has one.
 pub(crate) const CURRENT: Dimension = Dimension {
@@ -66,7 +78,7 @@ pub(crate) const OTHER_UNITS: [&str; 14] = [
 ];
 
 /// What else units are called.
-const CALLED: [(&str, &[&str]); 14] = [
+const CALLED: [(&str, &[&str]); 15] = [
     (
         "um",
         &[
@@ -79,6 +91,7 @@ const CALLED: [(&str, &[&str]); 14] = [
         ],
     ),
     ("us", &["\u{b5}s", "\u{3bc}s", "usec", "microseconds"]),
+    ("ns", &["nsec", "nanosecond", "nanoseconds"]),
     ("uV", &["\u{b5}V", "\u{3bc}V"]),
     ("deg", &["\u{b0}", "degree", "degrees", "Grad"]),
     ("rad", &["radian", "radians"]),

@@ -1,10 +1,10 @@
 //! A transmission from a record of the encoders on both of its sides.
 
-use super::columns::{self, Named, Wanted};
+use super::columns::{self, Named, TIME, Wanted};
 use super::part::Winds;
 use super::{Answer, Figure, Rows, Shown, short, shown_of, told, with_units};
 use pigtail_hal::Error;
-use pigtail_hal::quantity::{ANGLE, Dimension, FORCE, LENGTH, TIME, TORQUE};
+use pigtail_hal::quantity::{ANGLE, Dimension, FORCE, LENGTH, TORQUE};
 use pigtail_sysid::Unknown;
 use pigtail_sysid::windup::{Fitted, Identified, LEAST, Record, identify};
 use serde_json::json;

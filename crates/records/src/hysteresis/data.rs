@@ -1,9 +1,9 @@
 //! Records that a person brings: columns of a file, read as every other record is.
 
-use crate::columns::{self, By, LengthUnit, Named, Table, Wanted};
+use crate::columns::{self, By, LengthUnit, Named, TIME, Table, Wanted};
 use pigtail_control::compensation::hysteresis::{Invalid, Range, Record};
 use pigtail_hal::Error;
-use pigtail_hal::quantity::{LENGTH, TIME, VOLTAGE};
+use pigtail_hal::quantity::{LENGTH, VOLTAGE};
 use pigtail_numerics::signal::quantile;
 use pigtail_sysid::outliers;
 use pigtail_sysid::timeline::{Clock, Even};
@@ -187,7 +187,8 @@ impl Data {
             return Err(self.table.error(&*columns.input, message));
         }
         let (found, unit, read, understood) = self.with_time(columns, unit, false)?;
-        let mut remarks: Vec<String> = columns::remarks(&read[2..]);
+        let mut remarks: Vec<String> = columns::remarks(&read[..1]);
+        remarks.extend(columns::remarks(&read[2..]));
         let even = columns::on_even_grid(&self.path, &read, 100)?;
         remarks.extend(even.remarks());
         if found.time.is_none() && self.rate.is_none() && self.table.period().is_none() {

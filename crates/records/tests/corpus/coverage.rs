@@ -1,7 +1,8 @@
 //! Whether 95 % intervals hold the truth in 95 % of records of each kind that a model covers.
 //!
 //! What each record said is kept, a line each, in the file that `COVERAGE_ROWS` names, and a run that was interrupted
-//! goes on from there. `COVERAGE_KINDS` names some of the kinds.
+//! goes on from there. `COVERAGE_KINDS` names some of the kinds, `COVERAGE_FIRST` the number of the first record of each, for
+//! records that nobody has seen.
 
 use crate::normal;
 use crate::servo::{PERIOD, Rows, SLED, read_at, sled};
@@ -461,12 +462,13 @@ fn records(of_each: u64, chosen: &[Kind]) -> BTreeMap<&'static str, Vec<Said>> {
     // All kinds side by side, so that what was interrupted tells as much of each.
     let next = AtomicU64::new(0);
     let kinds = chosen.len() as u64;
+    let first = std::env::var("COVERAGE_FIRST").map_or(0, |n| n.parse().expect("a number"));
     let worker = || {
         let mut mine = Vec::new();
         loop {
             let number = next.fetch_add(1, Ordering::Relaxed);
-            let (seed, kind) = (number / kinds, &chosen[(number % kinds) as usize]);
-            if seed >= of_each {
+            let (seed, kind) = (first + number / kinds, &chosen[(number % kinds) as usize]);
+            if seed >= first + of_each {
                 return mine;
             }
             let said = if let Some(said) = before.get(&(kind.name.to_owned(), seed)) {

@@ -27,6 +27,8 @@ mod reader;
 mod resonance;
 #[path = "servo.rs"]
 mod servo;
+#[path = "servo_cases.rs"]
+mod servo_cases;
 #[path = "windup.rs"]
 mod windup;
 

@@ -180,6 +180,13 @@ const CASES: &[(&str, Wanted, Mangle)] = &[
             rows.iter_mut().for_each(|r| r[2] = 12.0);
         },
     ),
+    (
+        "time in nanoseconds said to be seconds",
+        Wanted::Refused,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r[0] *= 1e9);
+        },
+    ),
     ("backwards in time", Wanted::Refused, |rows, _| {
         rows.reverse();
     }),

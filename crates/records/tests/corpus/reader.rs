@@ -235,6 +235,65 @@ fn habits_of_other_tools_are_read_or_refused_in_words() {
     }
 }
 
+/// What an instrument writes that is of two recordings, or of channels with times of their own, is not taken for one.
+#[test]
+fn exports_of_several_recordings_or_rates_are_refused_in_words() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("r.csv");
+    let read = |content: &str, time: Option<&str>, [position, voltage]: [&str; 2]| {
+        fs::write(&path, content).expect("a file");
+        let roles = Roles {
+            time: time.map(Named::new),
+            rate: None,
+            reference: None,
+            position: Named::new(position),
+            voltage: Named::new(voltage),
+            injected: None,
+        };
+        roles.read(&path).map_err(|e| e.to_string())
+    };
+    let rows = servo::plain(7);
+    // A channel that nobody asks for, at twice the rate of the others; its scale factor is that of the scope's picture.
+    let mut scope =
+        "Name;Scope\n\nName;other;Name;q;Name;u\nScaleFactor;1;ScaleFactor;0,001;ScaleFactor;1\n\
+                     Unit;mm;Unit;m;Unit;V\n\n"
+            .to_owned();
+    for (k, [t, _, q, u]) in rows.iter().take(3000).enumerate() {
+        let (fast, slow) = (0.5 * k as f64, 1e3 * t);
+        let _ = writeln!(scope, "{fast};1.5;{slow};{q:.9};{slow};{u:.7}");
+    }
+    let scope = scope.replace('.', ",");
+    let error = read(&scope, None, ["q", "u"]).expect_err("another channel's time");
+    assert!(error.contains("--time \"time_ms 2\""), "{error}");
+    let own = read(&scope, Some("time_ms 2:ms"), ["q", "u"]).expect("their own time");
+    assert!((own.record.even().period - servo::PERIOD).abs() < 1e-9);
+    assert!(own.understood.contains("a factor"), "{}", own.understood);
+    // Two recordings of a data recorder in one file.
+    let header = "# REM\n# SEPARATOR = 9\n# SAMPLE_TIME = 0.001\n# NAME0 = q_m\n# NAME1 = u_V\n# END_HEADER\n";
+    let mut table = header.to_owned();
+    for [_, _, q, u] in rows.iter().take(2000) {
+        let _ = writeln!(table, "{q:.9}\t{u:.7}");
+    }
+    read(&table, None, ["q_m", "u_V"]).expect("one recording");
+    let error = read(&format!("{table}{table}"), None, ["q_m", "u_V"]).expect_err("two");
+    assert!(error.contains("another recording begins here"), "{error}");
+    // Moments counted in nanoseconds are read as such where their name says so, and asked for where it does not.
+    let counted = |name: &str| {
+        let mut text = format!("{name},q_m,u_V\n");
+        for [t, _, q, u] in rows.iter().take(2000) {
+            let _ = writeln!(text, "{:.0},{q:.9},{u:.7}", 1e9 * t);
+        }
+        text
+    };
+    let named = read(&counted("t_ns"), Some("t_ns"), ["q_m", "u_V"]).expect("nanoseconds");
+    assert!((named.record.even().period - servo::PERIOD).abs() < 1e-9);
+    let error = read(&counted("t"), None, ["q_m", "u_V"]).expect_err("no unit");
+    assert!(
+        error.contains("is it in another unit (as \"t:ns\")"),
+        "{error}"
+    );
+}
+
 /// A name that two columns have is no name, what a current drives is told as that, and what is left out of a .mat is said.
 #[test]
 fn what_a_name_leaves_open_is_asked_or_said() {

@@ -146,7 +146,7 @@ impl Law {
     }
 
     /// The way over which a level is reached, for parameters of this law.
-    pub(super) fn way(self, p: &[f64]) -> f64 {
+    pub fn way(self, p: &[f64]) -> f64 {
         match self {
             Self::Presliding => p[1],
             Self::PreslidingTwoSided => p[1].min(p[3]),

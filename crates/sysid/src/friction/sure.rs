@@ -121,7 +121,11 @@ pub(super) fn widen(law: Law, record: &Record, known: &mut [Known]) {
         return;
     };
     let moved = one.iter().zip(&other).map(|(a, b)| 0.5 * (a + b));
-    for (known, moved) in known.iter_mut().zip(moved) {
+    for ((known, moved), name) in known.iter_mut().zip(moved).zip(law.parameters()) {
+        // What turns outward does so on both sides alike: of an offset this would only be chance.
+        if *name == "offset" {
+            continue;
+        }
         let more = moved - known.value;
         known.value -= OUTWARD * more;
         known.std_correlated = known.std_correlated.hypot(SPREAD * more);

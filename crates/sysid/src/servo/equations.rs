@@ -66,11 +66,14 @@ impl Equations {
         let thin = |column: &[f64]| decimate(&column[skip..], factor)[ends..rows - ends].to_vec();
         let of = |f: fn(f64) -> f64| thin(&velocity.iter().map(|v| f(*v)).collect::<Vec<_>>());
         self.force.extend(thin(force));
-        let lag: Vec<f64> = (0..n)
-            .map(|k| force[k] - force[k.saturating_sub(1)])
-            .collect();
+        // About each sample: a difference to one side goes with the noise of a voltage that was measured, and a delay with it.
+        let (before, behind) = (
+            |k: usize| force[k] - force[k.saturating_sub(1)],
+            |k: usize| force[(k + 1).min(n - 1)] - force[k],
+        );
+        let lag: Vec<f64> = (0..n).map(|k| 0.5 * (before(k) + behind(k))).collect();
         self.lag.extend(thin(&lag));
-        let curve: Vec<f64> = (0..n).map(|k| lag[(k + 1).min(n - 1)] - lag[k]).collect();
+        let curve: Vec<f64> = (0..n).map(|k| behind(k) - before(k)).collect();
         self.curve.extend(thin(&curve));
         self.position.extend(thin(&smooth));
         self.velocity.extend(thin(&velocity));

@@ -145,6 +145,9 @@ pub struct Settings {
     pub settle: bool,
     /// What goes with the place and is taken out of the force: [`identify`] tells from the record.
     pub place: Option<Place>,
+    /// Whether voltage and position are of the moments of their rows, no skew having been taken out: [`identify`] tells from the
+    /// record.
+    pub as_stamped: bool,
 }
 
 impl Settings {
@@ -159,6 +162,7 @@ impl Settings {
             controller: None,
             settle: false,
             place: None,
+            as_stamped: true,
         }
     }
 
@@ -412,16 +416,14 @@ pub fn identify(
     check::whole(record, set, &mut remarks)?;
     let of_place = other::of_place(record, set, &mut remarks);
     let raw = set;
-    let set = &Settings {
-        place: of_place.place,
-        ..*set
-    };
+    let set = &of_place.settings(set);
     let controller = set
         .controller
         .or_else(|| controller::fit(record).filter(|c| c.error_percent < 10.0));
     // Voltage and position of the same moments first; everything else rests on that.
     let skew = skew::skew(record, set)?;
     remarks.extend(skew.remark(record.even.period));
+    let set = &skew.settings(set);
     let stamped = record;
     let record = &skew.taken_out(record);
     let second = second.map(|r| skew.taken_out(&r));

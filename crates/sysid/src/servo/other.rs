@@ -45,20 +45,25 @@ fn differs(one: &Solution, other: &Solution, of: &[usize]) -> bool {
     })
 }
 
+/// Which equations have no step of friction near them.
+fn moves(columns: &Equations) -> Vec<bool> {
+    let speeds: Vec<f64> = columns.velocity.iter().map(|v| v.abs()).collect();
+    let slow = SLOW * quantile(&speeds, 0.99);
+    (0..speeds.len())
+        .map(|i| {
+            let near = &speeds[i.saturating_sub(REACH)..(i + REACH + 1).min(speeds.len())];
+            near.iter().all(|v| *v > slow)
+        })
+        .collect()
+}
+
 /// Which equations are left where those at rest would decide on friction: where an axis stands, friction is whatever
 /// holds it, and not its Coulomb level. `None` where they say the same as the others, or too few of the others are there.
 pub(super) fn sliding(columns: &Equations) -> Option<Vec<bool>> {
     if columns.one_way {
         return None;
     }
-    let speeds: Vec<f64> = columns.velocity.iter().map(|v| v.abs()).collect();
-    let slow = SLOW * quantile(&speeds, 0.99);
-    let slides: Vec<bool> = (0..speeds.len())
-        .map(|i| {
-            let near = &speeds[i.saturating_sub(REACH)..(i + REACH + 1).min(speeds.len())];
-            near.iter().all(|v| *v > slow)
-        })
-        .collect();
+    let slides = moves(columns);
     let moving = slides.iter().filter(|s| **s).count();
     if moving < super::LEAST_EQUATIONS || moving == slides.len() {
         return None;
@@ -217,7 +222,21 @@ pub(super) fn of_place(record: &Record, set: &Settings, remarks: &mut Vec<String
     let Some((plain, place, parts, joint, ratio)) = found() else {
         return OfPlace::default();
     };
-    if ratio > TWICE {
+    // Few equations from one turn to the next smear friction's steps over the places where the axis turns, again and again.
+    let believed = || {
+        let rows: Vec<usize> = (0..)
+            .zip(moves(&columns))
+            .filter_map(|(i, moves)| moves.then_some(i))
+            .collect();
+        let force: Vec<f64> = rows.iter().map(|i| columns.force[*i]).collect();
+        let all = beside(&x, &parts);
+        let left = |x: &DMatrix<f64>| held_back(&x.select_rows(&rows), &force);
+        rows.len() >= super::LEAST_EQUATIONS
+            && left(&x)
+                .zip(left(&all))
+                .is_some_and(|(before, after)| after < LATE * before)
+    };
+    if ratio > TWICE || !believed() {
         let off = |j: usize| (plain.values[j] - joint.values[j]).abs() - joint.std_correlated[j];
         return OfPlace {
             place: None,
@@ -241,6 +260,14 @@ pub(super) fn of_place(record: &Record, set: &Settings, remarks: &mut Vec<String
 }
 
 impl OfPlace {
+    /// Settings by which it is taken out.
+    pub(super) fn settings(&self, set: &Settings) -> Settings {
+        Settings {
+            place: self.place,
+            ..*set
+        }
+    }
+
     /// Makes parameters less sure by what a force of the place that stays would change.
     pub(super) fn widen(&self, variants: &mut [Variant]) {
         for variant in variants
@@ -289,6 +316,18 @@ pub(super) fn changing(
     // Friction at the usual speed, of which viscous and Coulomb friction are parts.
     let speed = rms(columns.velocity.iter().copied()) / rms(columns.one.iter().copied());
     let friction = |s: &Solution| s.values[1] * speed + s.values[2];
+    // Friction that drives is that of a part whose rows stand in reverse, or of one of whose columns a sign was turned.
+    let drives = |s: &&Solution| {
+        let sure = s.std_correlated[2].hypot(speed * s.std_correlated[1]);
+        friction(s) < -SURELY * sure
+    };
+    if let Some(part) = found.iter().find(drives) {
+        return Err(Unknown::all(format!(
+            "in one part of it friction drives the axis, by {:.3e} at its usual speed: do its rows stand in reverse there, or \
+             was a sign turned within it?",
+            -friction(part)
+        )));
+    }
     let (first, last) = (&found[0], &found[found.len() - 1]);
     let (a, b) = (friction(first), friction(last));
     let sure = first.std_correlated[2].hypot(last.std_correlated[2]);

@@ -34,6 +34,14 @@ impl Skew {
         self.at_start == 0.0 && self.drift == 0.0
     }
 
+    /// Settings that know whether stamps are as they were.
+    pub(super) fn settings(&self, set: &Settings) -> Settings {
+        Settings {
+            as_stamped: self.is_none(),
+            ..*set
+        }
+    }
+
     /// The record with the voltage moved to the position's moments.
     pub(super) fn taken_out(&self, record: &Record) -> Record {
         let mut record = record.clone();

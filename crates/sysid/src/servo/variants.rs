@@ -4,9 +4,10 @@ use super::{
     Axis, Controller, Equations, Friction, Known, LATE, LEAST, Method, POSITION, Parameter, Record,
     SLOW, Settings, Sliding, Unknown, Variant, check, replay,
 };
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use pigtail_numerics::regression::{
-    Solution, instrumental, least_squares, over, relative, robust, tolerance, without_attenuation,
+    Solution, instrumental, instrumental_over, least_squares, over, relative, robust, tolerance,
+    without_attenuation,
 };
 use pigtail_numerics::signal::quantile;
 
@@ -67,7 +68,8 @@ pub(super) fn variants(
             continue;
         };
         let timing = least_squares(&x, &later).map(|s| s.values);
-        let filtered = was_filtered(&delayed, columns, moving);
+        let told = told_curve(&delayed, columns, moving);
+        let filtered = was_filtered(&delayed, (columns, &told), moving, set.as_stamped);
         let solve = |method: Method, rows: std::ops::Range<usize>| -> Option<Solution> {
             let x = [&x, &delayed][usize::from(method == Method::Delayed)];
             let part = x.rows(rows.start, rows.len()).into_owned();
@@ -78,7 +80,9 @@ pub(super) fn variants(
                 Method::Delayed => {
                     let slides = |i: usize| columns.velocity[rows.start + i].abs() > moving;
                     let curve = &columns.curve[rows.clone()];
-                    let mut solution = delayed_by(&part, (force, curve), slides, filtered)?;
+                    let told = filtered.then_some(&told[rows.clone()]);
+                    let mut solution =
+                        delayed_by(&part, (force, curve), slides, (told, set.as_stamped))?;
                     without_attenuation(&part, slides, 0, noise, &mut solution);
                     Some(solution)
                 }
@@ -138,41 +142,96 @@ pub(super) fn variants(
     variants
 }
 
-/// By how much of its second difference a held force differs from `F - d (F - F before)`, its delay being `d` samples:
-/// `d^2 / 2` of it is what a delay is to the second order, `d / 2` what the difference has of it already, and `1/24` what
-/// a step that is held for a sample takes from what is fast.
-fn held(delay: f64) -> f64 {
-    0.5 * delay * (delay - 1.0) + 1.0 / 24.0
+/// What a step that is held for a sample takes from what is fast, of the force's second difference.
+const STEP: f64 = 1.0 / 24.0;
+
+/// By how much of its second difference a force differs from `F - d F'`, its delay being `d` samples.
+fn second_order(delay: f64) -> f64 {
+    0.5 * delay * delay
 }
 
-/// The columns with a delay, told to the second order, of a force and its second difference; what a filter takes of it beside.
+/// For which share of a sample a voltage is held that acts `delay` samples after its row: it acts half of that later on average, and
+/// no earlier. Where stamps were put right nobody knows, and one that is held throughout is usual.
+fn held(delay: f64, as_stamped: bool) -> f64 {
+    if as_stamped {
+        (2.0 * delay).clamp(0.0, 1.0)
+    } else {
+        1.0
+    }
+}
+
+/// The columns with a delay, told to the second order, of a force and its second difference; what a filter takes of it beside. What a
+/// held voltage loses by being held is given back, and parameters are less sure by it where it may not have been: a record that was
+/// taken anew at a lower rate looks as one of a slow controller.
 fn delayed_by(
     x: &DMatrix<f64>,
     (force, curve): (&[f64], &[f64]),
     slides: impl Fn(usize) -> bool,
-    filtered: bool,
+    (filtered, as_stamped): (Option<&[f64]>, bool),
 ) -> Option<Solution> {
     let first = over(x, force, &slides)?;
-    let held = held(first.values[first.values.len() - 1]);
-    let force: Vec<f64> = force.iter().zip(curve).map(|(f, c)| f + held * c).collect();
-    if filtered {
-        Some(beside(x, curve, &force, slides)?.0)
-    } else {
-        over(x, &force, slides)
+    let delay = first.values[first.values.len() - 1];
+    let held = held(delay, as_stamped);
+    let share = second_order(delay) + STEP * held * held;
+    let force: Vec<f64> = force
+        .iter()
+        .zip(curve)
+        .map(|(f, c)| f + share * c)
+        .collect();
+    if let Some(told) = filtered {
+        return Some(beside(x, (curve, told), &force, slides)?.0);
     }
+    let mut solution = over(x, &force, &slides)?;
+    let unsure = if as_stamped {
+        STEP * (1.0 - held * held)
+    } else {
+        STEP * WITHIN_A_SAMPLE
+    };
+    let more = over(x, curve, slides)?;
+    for (std, more) in solution.std_correlated.iter_mut().zip(more.values) {
+        *std = std.hypot(unsure * more);
+    }
+    Some(solution)
 }
 
-/// A solution with one column more, without that one's value, and the value with its standard deviation.
+/// From equation to equation the second difference of the force that inertia and friction tell: it goes with that of the voltage, and not
+/// with the noise of one that was measured, of which a force and its second difference have the same.
+fn told_curve(delayed: &DMatrix<f64>, columns: &Equations, moving: f64) -> Vec<f64> {
+    let n = columns.force.len();
+    let slides = |i: usize| columns.velocity[i].abs() > moving;
+    let Some(found) = over(delayed, &columns.force, slides) else {
+        return vec![0.0; n];
+    };
+    let own = delayed.ncols() - 1;
+    let told = delayed.columns(0, own) * DVector::from_column_slice(&found.values[..own]);
+    let steps: Vec<f64> = columns.time.windows(2).map(|w| w[1] - w[0]).collect();
+    let longest = 1.5 * quantile(&steps, 0.5);
+    (0..n)
+        .map(|i| {
+            let inside = i > 0 && i + 1 < n && steps[i - 1] < longest && steps[i] < longest;
+            if inside {
+                told[i - 1] - 2.0 * told[i] + told[i + 1]
+            } else {
+                0.0
+            }
+        })
+        .collect()
+}
+
+/// A solution with one column more and its instrument, without that column's value, and the value with its standard deviation.
 fn beside(
     x: &DMatrix<f64>,
-    column: &[f64],
+    (column, instrument): (&[f64], &[f64]),
     force: &[f64],
     keep: impl Fn(usize) -> bool,
 ) -> Option<(Solution, Known)> {
     let last = x.ncols();
-    let mut wider = x.clone().insert_column(last, 0.0);
-    wider.column_mut(last).copy_from_slice(column);
-    let mut solution = over(&wider, force, keep)?;
+    let with = |column: &[f64]| {
+        let mut wider = x.clone().insert_column(last, 0.0);
+        wider.column_mut(last).copy_from_slice(column);
+        wider
+    };
+    let mut solution = instrumental_over(&with(column), &with(instrument), force, keep)?;
     let known = Known {
         value: solution.values.pop()?,
         std: solution.std.pop()?,
@@ -183,24 +242,26 @@ fn beside(
 
 /// Whether the force shows that its voltage was filtered before it was written: where it changes fast it is weaker, and a delay alone
 /// does not make it so. Of a filter a delay tells the phase, and the force's second difference what it takes of the size.
-fn was_filtered(delayed: &DMatrix<f64>, columns: &Equations, moving: f64) -> bool {
+fn was_filtered(
+    delayed: &DMatrix<f64>,
+    (columns, told): (&Equations, &[f64]),
+    moving: f64,
+    as_stamped: bool,
+) -> bool {
     /// Deviations by which it shows.
     const SURE: f64 = 5.0;
-    let rows: Vec<usize> = (0..columns.force.len())
-        .filter(|i| columns.velocity[*i].abs() > moving)
-        .collect();
-    let pick = |column: &[f64]| rows.iter().map(|i| column[*i]).collect::<Vec<f64>>();
-    let (x, curve, force) = (
-        delayed.select_rows(&rows),
-        pick(&columns.curve),
-        pick(&columns.force),
-    );
-    let found = beside(&x, &curve, &force, |_| true);
-    let Some((delay, known)) = found.and_then(|(s, known)| Some((*s.values.last()?, known))) else {
-        return false;
+    let slides = |i: usize| columns.velocity[i].abs() > moving;
+    let shows = |by: &[f64]| {
+        let found = beside(delayed, (&columns.curve, by), &columns.force, slides);
+        let found = found.and_then(|(s, known)| Some((*s.values.last()?, known)));
+        found.is_some_and(|(delay, known)| {
+            // What a delay and a held voltage have of it is known.
+            let own = second_order(delay) + STEP * held(delay, as_stamped).powi(2);
+            (known.value + own).abs() > SURE * known.std_correlated
+        })
     };
-    // What a held voltage has of it is known.
-    (known.value + held(delay)).abs() > SURE * known.std_correlated
+    // Noise of the voltage shows in its own second difference, and a friction that is smeared in the one that is told.
+    shows(&columns.curve) && shows(told)
 }
 
 /// What values leave of a force, per cent.
