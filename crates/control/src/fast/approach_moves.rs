@@ -14,6 +14,7 @@ use crate::tuning::TUNING;
 use pigtail_hal::Side;
 use pigtail_hal::spec::Channel;
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
+use std::cell::Cell;
 
 /// A tip on its way to a port.
 #[derive(Debug, Clone, Copy)]
@@ -161,8 +162,22 @@ impl Shared<'_> {
             let start = sensing.holder(cell, exit, -s.below, s.gap);
             cell.go(sensing.side, start).await
         };
-        let arms = both_well(fiber, eye);
-        let (_, dark) = both_well(arms, dark(cell, fast.dark)).await?;
+        let there = Cell::new(false);
+        let arms = async {
+            let arrived = both_well(fiber, eye).await;
+            there.set(true);
+            arrived
+        };
+        let light = async {
+            let dark = dark(cell, fast.dark).await?;
+            // Below the chip the sensing fiber sees all that is scattered, which may be more than its photodiode does.
+            while !there.get() {
+                let volts = cell.light(Channel::Sensing, f64::INFINITY).await?;
+                self.dimmed(cell, Channel::Sensing, volts.unwrap_or(0.0))?;
+            }
+            Ok(dark)
+        };
+        let (_, dark) = both_well(arms, light).await?;
         self.dark = dark.levels(cell.spec().photodiode.step());
         Ok(())
     }
@@ -204,6 +219,11 @@ impl Shared<'_> {
             };
             seen.push((y, volts - dark.mean));
             brightest = brightest.max(volts - dark.mean);
+            if let Some(share) = self.dimmed(cell, Channel::Sensing, volts)? {
+                // As it would have been by this power.
+                seen.iter_mut().for_each(|(_, light)| *light *= share);
+                brightest *= share;
+            }
             match &mut top {
                 None if brightest > self.fast.significance * dark.sigma => {
                     top = top_below(&seen, core);

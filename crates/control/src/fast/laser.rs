@@ -7,6 +7,7 @@ use crate::conical_scan::ConicalScan;
 use crate::job::Job;
 use crate::outcome::Halt;
 use crate::tuning::TUNING;
+use pigtail_hal::Channel;
 
 impl Shared<'_> {
     /// Lowers the laser's power where the photodiode would come near the end of its range at the chip, if it can be lowered: what is beyond it
@@ -20,22 +21,34 @@ impl Shared<'_> {
         scan: &mut ConicalScan<'_>,
         before: f64,
     ) -> Result<f64, Halt> {
-        let range = cell.caps().channels[job.channel.index()].full_scale;
         let bright = scan.background() + before;
-        let least = cell.caps().least_power;
-        if bright < TUNING.dark.bright * range || self.power <= least {
+        let Some(share) = self.dimmed(cell, job.channel, bright)? else {
             return Ok(before);
-        }
-        let was = f64::from(self.power);
-        let percent = (was * TUNING.dark.dimmed * range / bright).max(f64::from(least));
-        self.power = percent.round() as u8;
-        cell.laser_power(self.power)?;
-        let share = f64::from(self.power) / was;
+        };
         scan.dim(share, self.dark[job.channel.index()].level.mean);
         let gap = aim.gap(cell);
         for _ in 0..TUNING.dark.forgets_power {
             scan.turn(cell, gap).await?;
         }
         Ok(share * before)
+    }
+
+    /// Lowers the laser's power where a photodiode reads as many volts as are near the end of its range, if it can be lowered. Returns to which share.
+    pub(super) fn dimmed(
+        &mut self,
+        cell: &AlignmentCell<'_>,
+        channel: Channel,
+        bright: f64,
+    ) -> Result<Option<f64>, Halt> {
+        let caps = cell.caps();
+        let (range, least) = (caps.channels[channel.index()].full_scale, caps.least_power);
+        if bright < TUNING.dark.bright * range || self.power <= least {
+            return Ok(None);
+        }
+        let was = f64::from(self.power);
+        let percent = (was * TUNING.dark.dimmed * range / bright).max(f64::from(least));
+        self.power = percent.round() as u8;
+        cell.laser_power(self.power)?;
+        Ok(Some(f64::from(self.power) / was))
     }
 }
