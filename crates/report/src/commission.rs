@@ -262,7 +262,7 @@ const fn named(key: &'static str, names: &'static [&'static str], scale: f64) ->
 }
 
 /// The keys that steps have.
-const NAMES: [Named; 49] = [
+const NAMES: [Named; 57] = [
     named("forward_V", &["moves at\nV"], 1.0),
     named("backward_V", &["back at\nV"], 1.0),
     named("way_counts", &["went\ncounts", "back\ncounts"], 1.0),
@@ -303,6 +303,18 @@ const NAMES: [Named; 49] = [
     named("residual_um", &["left of it\num"], 1.0),
     named("gap_without_um", &["gap without model\num"], 1.0),
     named("gap_with_um", &["gap with it\num"], 1.0),
+    named("home_x_um", &["home in x\num", "±\num"], 1.0),
+    named("home_z_um", &["home in z\num", "±\num"], 1.0),
+    named("yaw_deg", &["yaw\ndegrees", "±\ndegrees"], 1.0),
+    named(
+        "squareness_deg",
+        &["squareness\ndegrees", "±\ndegrees"],
+        1.0,
+    ),
+    named("roll_deg", &["roll\ndegrees", "±\ndegrees"], 1.0),
+    named("pitch_deg", &["pitch\ndegrees", "±\ndegrees"], 1.0),
+    named("farther_x_percent", &["farther in x\n%", "±\n%"], 1.0),
+    named("farther_z_percent", &["farther in z\n%", "±\n%"], 1.0),
     named("residual_nm", &["left in x\nnm", "left in y\nnm"], 1.0),
     named("known_nm", &["known in x\n± nm", "known in y\n± nm"], 1.0),
     named("drift_nm_s", &["drift in x\nnm/s", "drift in y\nnm/s"], 1.0),

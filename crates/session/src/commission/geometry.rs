@@ -50,25 +50,25 @@ impl Bench<'_, '_> {
                 (mean, (squares.sum::<f64>() / (n - 1.0) / n).sqrt())
             };
             let off = [of(0), of(1)];
-            let um = |value: f64| rounded(1e6 * value, 1e-2);
-            let degrees = |value: f64| rounded(value.to_degrees(), 1e-5);
-            let square = axes.across.0 - axes.along.0;
-            let (left, right) = (axes.across.1, axes.along.1);
-            let percent = |(value, _): (f64, f64)| rounded(100.0 * value, 1e-4);
+            let in_steps = |(value, deviation): (f64, f64), unit: f64, step: f64| {
+                [value, deviation].map(|value| rounded(unit * value, step))
+            };
+            let um = |value| in_steps(value, 1e6, 1e-2);
+            let degrees = |value| in_steps(value, 1f64.to_degrees(), 1e-5);
+            let percent = |value| in_steps(value, 100.0, 1e-4);
+            let (along, across) = (axes.along, axes.across);
+            let square = (across.0 - along.0, across.1.hypot(along.1));
             values.insert(
                 side.name().to_owned(),
                 json!({
-                    "home_x_um": um(off[0].0),
-                    "home_z_um": um(off[1].0),
-                    "home_deviation_um": [um(off[0].1), um(off[1].1)],
-                    "yaw_deg": degrees(axes.along.0),
-                    "yaw_deviation_deg": degrees(axes.along.1),
+                    "home_x_um": um(off[0]),
+                    "home_z_um": um(off[1]),
+                    "yaw_deg": degrees(along),
                     "squareness_deg": degrees(square),
-                    "squareness_deviation_deg": degrees(left.hypot(right)),
-                    "roll_deg": degrees(axes.tilt[0].0),
-                    "pitch_deg": degrees(axes.tilt[1].0),
-                    "tilt_deviation_deg": axes.tilt.map(|(_, deviation)| degrees(deviation)),
-                    "farther_percent": axes.scale.map(percent),
+                    "roll_deg": degrees(axes.tilt[0]),
+                    "pitch_deg": degrees(axes.tilt[1]),
+                    "farther_x_percent": percent(axes.scale[0]),
+                    "farther_z_percent": percent(axes.scale[1]),
                 }),
             );
             let geometry = &self.setup.rig.calibration.geometry;
@@ -85,7 +85,10 @@ impl Bench<'_, '_> {
                 table: format!("geometry.{}", side.name()),
                 values: vec![
                     ("home", toml_edit::value(toml_edit::Array::from_iter(home))),
-                    ("yaw", toml_edit::value(format!("{} deg", degrees(yaw)))),
+                    (
+                        "yaw",
+                        toml_edit::value(format!("{} deg", rounded(yaw.to_degrees(), 1e-5))),
+                    ),
                     ("date", toml_edit::value(&self.plan.date)),
                     ("origin", toml_edit::value(origin)),
                 ],
