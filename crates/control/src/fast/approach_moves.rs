@@ -221,7 +221,9 @@ impl Shared<'_> {
             brightest = brightest.max(volts - dark.mean);
             if let Some(share) = self.dimmed(cell, Channel::Sensing, volts)? {
                 // As it would have been by this power.
-                seen.iter_mut().for_each(|(_, light)| *light *= share);
+                for (_, light) in &mut seen {
+                    *light *= share;
+                }
                 brightest *= share;
             }
             match &mut top {
