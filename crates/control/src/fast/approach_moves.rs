@@ -217,6 +217,9 @@ impl Shared<'_> {
             let Some(volts) = seen_now else {
                 continue;
             };
+            if self.remembers(cell) {
+                continue;
+            }
             seen.push((y, volts - dark.mean));
             brightest = brightest.max(volts - dark.mean);
             if let Some(share) = self.dimmed(cell, Channel::Sensing, volts)? {

@@ -42,13 +42,19 @@ impl Shared<'_> {
     ) -> Result<Option<f64>, Halt> {
         let caps = cell.caps();
         let (range, least) = (caps.channels[channel.index()].full_scale, caps.least_power);
-        if bright < TUNING.dark.bright * range || self.power <= least {
+        if bright < TUNING.dark.bright * range || self.power <= least || self.remembers(cell) {
             return Ok(None);
         }
         let was = f64::from(self.power);
         let percent = (was * TUNING.dark.dimmed * range / bright).max(f64::from(least));
         self.power = percent.round() as u8;
         cell.laser_power(self.power)?;
+        self.dimmed_at = cell.now();
         Ok(Some(f64::from(self.power) / was))
+    }
+
+    /// Whether what photodiodes read may still be of the power before the laser was lowered.
+    pub(super) fn remembers(&self, cell: &AlignmentCell<'_>) -> bool {
+        cell.now() < self.dimmed_at + TUNING.dark.forgotten
     }
 }

@@ -80,6 +80,8 @@ struct Shared<'r> {
     ratios: Option<Ratios>,
     /// The laser's power, percent.
     power: u8,
+    /// When that was lowered, seconds: photodiodes remember what it was before.
+    dimmed_at: f64,
     /// Whether the light is to tell the gap although vision should know it: it did not.
     asks_light: bool,
 }
@@ -93,6 +95,7 @@ impl<'r> Shared<'r> {
             fluctuation: 0.0,
             ratios: None,
             power: 100,
+            dimmed_at: f64::NEG_INFINITY,
             asks_light: false,
         }
     }

@@ -352,7 +352,6 @@ fn a_record_that_was_thinned_or_measured_is_as_sure_as_it_says() {
         for ((parameter, _), is) in answer.parameters.iter().zip(MADE.values) {
             if let Some(known) = parameter.known {
                 let off = (known.value - is).abs() / known.std_correlated;
-                eprintln!("{name}: {} {known:?}: {off:.2}", parameter.name);
                 assert!(off < 4.0, "{name}: {} {known:?}", parameter.name);
             }
         }
