@@ -515,6 +515,13 @@ impl<'r> ConicalScan<'r> {
         self.peak().filter(|peak| is_clear(*peak))
     }
 
+    /// The peak by the last turn and those before it that were too dim by themselves, which it joins, if it stands out of their noise.
+    fn dim_peak(&mut self, dim: &mut Vec<Reading>) -> Option<Peak> {
+        dim.extend(&self.readings);
+        let peak = self.beam.fit(dim, self.watch.noise);
+        peak.filter(|peak| is_clear(*peak))
+    }
+
     /// A turn at a steady gap, and the peak that stands out of its noise; none where one turn is `dark`, which it counts.
     ///
     /// # Errors
@@ -587,12 +594,22 @@ impl<'r> ConicalScan<'r> {
         least: u32,
     ) -> Result<Peak, Halt> {
         let start = self.centre;
-        let mut dark = 0;
+        let (mut dark, mut dim) = (0, Vec::new());
         let mut last = f64::INFINITY;
         for turn in 1..=self.shape.turns {
-            let Some(peak) = self.seek(bench, gap, phase, &mut dark).await? else {
+            self.turn(bench, gap).await?;
+            let Some(peak) = self.clear_peak().or_else(|| self.dim_peak(&mut dim)) else {
+                dark += 1;
+                // What may be a peak is looked at for longer.
+                let seen = self.beam.fit(&dim, self.watch.noise);
+                let perhaps = seen
+                    .is_some_and(|peak| peak.full > TUNING.circle.perhaps * peak.full_deviation);
+                if dark > 1 && !perhaps {
+                    return Err(self.lost(phase, seen.as_ref(), gap));
+                }
                 continue;
             };
+            dim.clear();
             last = self.go_to(bench, &peak, gap)?;
             if turn >= least && last < accuracy && peak.deviation() < accuracy {
                 return Ok(peak);

@@ -136,6 +136,18 @@ fn brightest_part(recent: &VecDeque<(f64, f64)>) -> Part {
     best
 }
 
+/// What a sweep saw.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Swept {
+    /// Its light.
+    pub spot: Option<Spot>,
+    /// All that was seen.
+    pub evidence: SearchEvidence,
+    /// Where there was no light: height of the holder (metres) where what was brightest stood out by more than noise makes of that
+    /// many samples, usually.
+    pub perhaps: Option<f64>,
+}
+
 /// From where to where the micro sweeps over a width, metres.
 pub fn reach(cell: &AlignmentCell<'_>, side: Side, width: f64) -> Reach {
     cell.micro_reach_x(side).within(width, TUNING.search.sure)
@@ -155,7 +167,7 @@ pub async fn first_light(
     (width, spacing): (f64, f64),
     top: f64,
     threshold: f64,
-) -> Result<(Option<Spot>, SearchEvidence), Halt> {
+) -> Result<Swept, Halt> {
     let reach = reach(cell, side, width);
     let start = cell.wanted(side);
     let rate = cell.caps().channels[channel.index()].rate;
@@ -177,6 +189,7 @@ pub async fn first_light(
     let mut spot: Option<Spot> = None;
     let (mut samples, mut brightest, mut after) = (0, f64::NEG_INFINITY, 0);
     let (mut wander, mut best) = (0.0, threshold);
+    let (mut perhaps, mut likely) = (None, TUNING.search.perhaps * threshold);
     let mut recent: VecDeque<(f64, f64)> = VecDeque::with_capacity(widest + 1);
     while cell.is_moving(side) {
         let Some((time, volts)) = cell.sample(channel.index(), f64::INFINITY).await? else {
@@ -203,6 +216,9 @@ pub async fn first_light(
             wander += level / TUNING.search.followed;
         }
         let (stands_out, x, level) = (seen.stands_out, seen.x, seen.level);
+        if stands_out > likely && slow {
+            (perhaps, likely) = (Some(cell.endpoint(side).y), stands_out);
+        }
         if stands_out > best && slow {
             let mut at = cell.endpoint(side).across();
             at.x += x;
@@ -234,5 +250,9 @@ pub async fn first_light(
         dismissed: 0,
         threshold: watch.background + threshold,
     };
-    Ok((spot, evidence))
+    Ok(Swept {
+        spot,
+        evidence,
+        perhaps: perhaps.filter(|_| spot.is_none()),
+    })
 }

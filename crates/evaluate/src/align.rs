@@ -458,12 +458,12 @@ impl FiberRow {
         self.outcome == OutcomeCode::Aligned && self.within_tolerance == Some(true)
     }
 
-    /// Machine time of a phase, seconds, if it was entered.
+    /// Machine time of a phase, seconds, if it was entered: of all its parts, for it may have been begun anew.
     pub fn seconds_in(&self, phase: &str) -> Option<f64> {
-        self.phases
-            .iter()
-            .find(|row| row.name == phase)
+        let parts = self.phases.iter().filter(|row| row.name == phase);
+        parts
             .map(|row| row.seconds)
+            .reduce(|sum, seconds| sum + seconds)
     }
 }
 

@@ -329,6 +329,15 @@ pub struct GuardSpec {
     /// speed winds the transmission up. Twice as much is accepted, seconds.
     #[serde(with = "quantity::NonNegativeTime")]
     pub lag: f64,
+    /// By what angle a manipulator may stand askew beside what is known of that, standard deviation, radians: what goes across goes so
+    /// much of that along, too, and a frame shows it. Stages that are bolted to a table stand askew by 2 to 5 mrad before they are
+    /// measured.
+    #[serde(with = "quantity::NonNegativeAngle")]
+    pub askew: f64,
+    /// By what share of a way lead, links and the camera's scale may be wrong, standard deviation: what was seen from afar is known
+    /// as much worse.
+    #[serde(with = "quantity::Positive")]
+    pub scale: f64,
     /// How long a photodiode may read the end of its range, seconds.
     #[serde(with = "quantity::PositiveTime")]
     pub saturated: f64,
@@ -362,6 +371,8 @@ impl Default for GuardSpec {
             windup: 150e-6,
             windup_z: 2e-6,
             lag: 1.5e-3,
+            askew: 2e-3,
+            scale: 2e-3,
             saturated: 50e-3,
             retract: 500e-6,
         }

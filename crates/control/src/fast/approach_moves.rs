@@ -325,11 +325,11 @@ impl Shared<'_> {
         let back = Point::new(here.x, here.y, here.z.min(far.z));
         cell.go(aim.side, back).await?;
         cock(cell, aim.side, look.width)?;
-        let below = -self.below() - recipe.coarse.run_up;
+        let below = -look.below - recipe.coarse.run_up;
         let below = aim.holder(cell, self.exit(), below, first_look);
         cell.go(aim.side, below.shifted(look.aside, 0.0, 0.0))
             .await?;
-        let start = aim.holder(cell, self.exit(), -self.below(), look.gap);
+        let start = aim.holder(cell, self.exit(), -look.below, look.gap);
         cell.go(aim.side, start.shifted(look.aside, 0.0, 0.0)).await
     }
 }

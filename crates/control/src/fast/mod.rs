@@ -12,6 +12,7 @@
 //! last turn.
 
 mod approach_moves;
+mod by_output;
 mod centre;
 mod gap;
 mod laser;
@@ -28,10 +29,11 @@ use crate::outcome::{Halt, Outcome, SearchEvidence};
 use crate::procedure::{Found, each_fiber};
 use crate::recipe::{Fast, Pass, Recipe, Sweep};
 use crate::station::{Station, coarse, fine};
-use crate::sweep::{Spot, first_light};
+use crate::sweep::{Spot, Swept, first_light};
 use crate::tip_estimator::Tip;
 use crate::tuning::TUNING;
 use approach_moves::{Aim, cock};
+use by_output::Waiting;
 use gap::unhurried;
 pub use gap::vision_knows;
 use last::Rest;
@@ -52,8 +54,12 @@ struct Look {
     gap: f64,
     /// How far to the side of where the light is expected, metres.
     aside: f64,
+    /// How far below the port the holder starts, metres.
+    below: f64,
     /// Metres.
     width: f64,
+    /// The same upward.
+    height: f64,
     /// Distance of its lines, metres.
     spacing: f64,
     /// How much slower than usual they are.
@@ -84,6 +90,11 @@ struct Shared<'r> {
     dimmed_at: f64,
     /// Whether the light is to tell the gap although vision should know it: it did not.
     asks_light: bool,
+    /// Where the last pass of a search saw the brightest of what was no light for sure: height of a holder, metres.
+    perhaps: Option<f64>,
+    /// Whether the input fiber may wait for the first output's where its light is dim; and that, once it waits.
+    may_wait: bool,
+    waiting: Option<Waiting<'r>>,
 }
 
 impl<'r> Shared<'r> {
@@ -97,6 +108,9 @@ impl<'r> Shared<'r> {
             power: 100,
             dimmed_at: f64::NEG_INFINITY,
             asks_light: false,
+            perhaps: None,
+            may_wait: true,
+            waiting: None,
         }
     }
 
@@ -104,9 +118,7 @@ impl<'r> Shared<'r> {
         let recipe = self.recipe;
         each_fiber(cell, recipe, async |job| self.fiber(job, cell).await).await
     }
-}
 
-impl Shared<'_> {
     fn exit(&self) -> f64 {
         self.recipe.ports.exit_angle
     }
@@ -117,7 +129,7 @@ impl Shared<'_> {
     }
 
     /// A fiber to its port.
-    async fn fiber(&mut self, job: &mut Job<'_>, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
+    async fn fiber(&mut self, job: &mut Job<'r>, cell: &AlignmentCell<'_>) -> Result<(), Halt> {
         let fast = self.fast;
         let aim = Aim {
             side: job.side,
@@ -129,8 +141,9 @@ impl Shared<'_> {
             None => (true, fast.input_gap, fast.input_spacing),
             Some(_) => (false, fast.output_gap, fast.output_spacing),
         };
+        let mut waiting = self.waiting.take();
         // Where it is not in its place there is nothing to look for.
-        let passes: &[Pass] = if self.bring(job, cell, &aim).await? {
+        let passes: &[Pass] = if waiting.is_some() || self.bring(job, cell, &aim).await? {
             &fast.retry.passes
         } else {
             &[]
@@ -142,7 +155,10 @@ impl Shared<'_> {
                 cell.move_micro(Side::Right, Displacement::new(aside, 0.0))?;
             }
             let look = self.look(pass, gap, spacing, attempt > 0);
-            let result = self.attempt(job, cell, &aim, &look).await;
+            let result = match waiting.take() {
+                Some(waiting) => self.go_on(job, cell, &aim, waiting).await,
+                None => self.attempt(job, cell, &aim, &look).await,
+            };
             if !self.again(&result, attempt) && !self.learns_to_ask(cell, &result) {
                 return result;
             }
@@ -219,8 +235,11 @@ impl Shared<'_> {
 
     /// A pass for fibers of which light is searched at a gap by lines of a spacing, metres.
     fn look(&self, pass: &Pass, gap: f64, spacing: f64, again: bool) -> Look {
+        let below = pass.height * self.below();
         Look {
             gap,
+            below,
+            height: 2.0 * below + self.fast.overscan,
             aside: pass.aside * self.recipe.raster.x,
             width: pass.width * self.recipe.raster.x,
             spacing: pass.spacing * spacing,
@@ -249,9 +268,49 @@ impl Shared<'_> {
         aim: &Aim,
         look: &Look,
     ) -> Result<(), Halt> {
+        let (mut scan, before) = self.find(job, cell, aim, look).await?;
+        if self.is_dim(job, cell, aim, &mut scan) {
+            return self.by_output(job, cell, aim, (scan, before)).await;
+        }
+        self.close(job, cell, aim, scan, before).await
+    }
+
+    /// The peak at the gap of a search, and the light there, volts at no gap. Where there is no light but something that noise seldom makes of
+    /// itself, that is looked at once more, slowly.
+    async fn find(
+        &mut self,
+        job: &mut Job<'_>,
+        cell: &AlignmentCell<'_>,
+        aim: &Aim,
+        look: &Look,
+    ) -> Result<(ConicalScan<'r>, f64), Halt> {
+        self.perhaps = None;
+        let found = self.find_at(job, cell, aim, look).await;
+        let (Err(Halt::Outcome(Outcome::NoLight(_))), Some(at)) = (&found, self.perhaps) else {
+            return found;
+        };
+        let port = aim.holder(cell, self.exit(), 0.0, look.gap).y;
+        let band = TUNING.search.band;
+        let near = Look {
+            below: port - at + 0.5 * band,
+            height: band + TUNING.search.few_lines * look.spacing,
+            slow: look.slow * TUNING.search.closely,
+            again: true,
+            ..*look
+        };
+        self.find_at(job, cell, aim, &near).await
+    }
+
+    async fn find_at(
+        &mut self,
+        job: &mut Job<'_>,
+        cell: &AlignmentCell<'_>,
+        aim: &Aim,
+        look: &Look,
+    ) -> Result<(ConicalScan<'r>, f64), Halt> {
         let (mut dismissed, mut begun): (usize, Option<(Watch, Point<Macro>)>) = (0, None);
         let most_dismissed = self.fast.retry.dismissed as usize;
-        let (scan, before) = loop {
+        loop {
             let (watch, spot) = job
                 .phase(cell, "search", async |job| {
                     let (watch, start) = match begun {
@@ -270,7 +329,7 @@ impl Shared<'_> {
                         }
                     };
                     begun = Some((watch, start));
-                    let top = start.y + 2.0 * self.below() + self.fast.overscan;
+                    let top = start.y + look.height;
                     let eye = (job.side, job.channel);
                     let spot = self.search(cell, eye, &watch, look, top, dismissed).await?;
                     let watch = Watch {
@@ -290,10 +349,9 @@ impl Shared<'_> {
                 Err(Halt::Outcome(Outcome::LightLost { .. })) if dismissed < most_dismissed => {
                     dismissed += 1;
                 }
-                centred => break centred?,
+                centred => return centred,
             }
-        };
-        self.close(job, cell, aim, scan, before).await
+        }
     }
 
     /// From light that the thesis's raster has found to an attached fiber. Its patterns would find the peak too, but
@@ -356,21 +414,8 @@ impl Shared<'_> {
             self.ratios = Some(ratios);
             known?;
         }
-        let dark = self.dark[job.channel.index()].level.mean;
         job.phase(cell, "approach", async |job| {
-            let beam = cell.beam(aim.side, self.recipe);
-            let level = before * beam.share(aim.gap(cell));
-            let scattered = scan.background() - dark;
-            let least = TUNING.search.doubtful * self.fast.significance * scan.noise();
-            if level < least.max(TUNING.search.scattered * scattered) {
-                // What is no peak may stand far aside, where the inclined facet is nearer.
-                let (first, slope) = (self.fast.doubtful_gap, self.recipe.ports.slope());
-                for gap in [first, 0.5 * first] {
-                    let gap = gap + aim.stands_out(cell, slope);
-                    self.approach(cell, aim, &mut scan, before, (gap, TUNING.search.doubting))
-                        .await?;
-                }
-            }
+            self.doubt(job, cell, aim, &mut scan, before).await?;
             self.come_close(job, cell, aim, &mut scan, before).await
         })
         .await?;
@@ -397,6 +442,31 @@ impl Shared<'_> {
         .await
     }
 
+    /// Light of `before` volts at no gap that may be none of a peak is looked at once more on the way to the chip.
+    async fn doubt(
+        &self,
+        job: &Job<'_>,
+        cell: &AlignmentCell<'_>,
+        aim: &Aim,
+        scan: &mut ConicalScan<'_>,
+        before: f64,
+    ) -> Result<(), Halt> {
+        let dark = self.dark[job.channel.index()].level.mean;
+        let level = before * cell.beam(aim.side, self.recipe).share(aim.gap(cell));
+        let scattered = scan.background() - dark;
+        let least = TUNING.search.doubtful * self.fast.significance * scan.noise();
+        if level < least.max(TUNING.search.scattered * scattered) {
+            // What is no peak may stand far aside, where the inclined facet is nearer.
+            let (first, slope) = (self.fast.doubtful_gap, self.recipe.ports.slope());
+            for gap in [first, 0.5 * first] {
+                let gap = gap + aim.stands_out(cell, slope);
+                self.approach(cell, aim, scan, before, (gap, TUNING.search.doubting))
+                    .await?;
+            }
+        }
+        Ok(())
+    }
+
     /// What there is without the fiber's light, where its search starts.
     async fn background(&self, cell: &AlignmentCell<'_>, job: &Job<'_>) -> Result<Watch, Halt> {
         let dark = self.watch(job.side, job.channel);
@@ -411,7 +481,7 @@ impl Shared<'_> {
     }
 
     async fn search(
-        &self,
+        &mut self,
         cell: &AlignmentCell<'_>,
         eye: (Side, Channel),
         watch: &Watch,
@@ -425,7 +495,12 @@ impl Shared<'_> {
             speed: self.fast.sweep.speed / look.slow,
             ..self.fast.sweep
         };
-        let (spot, evidence) = first_light(cell, eye, watch, &sweep, area, top, threshold).await?;
+        let Swept {
+            spot,
+            evidence,
+            perhaps,
+        } = first_light(cell, eye, watch, &sweep, area, top, threshold).await?;
+        self.perhaps = perhaps;
         // What is brightest at the end of a line has its peak beyond it as likely as not.
         let beam = cell.beam(eye.0, self.recipe);
         let beyond = TUNING.search.beyond * beam.width(look.gap);

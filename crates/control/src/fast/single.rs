@@ -47,7 +47,7 @@ impl<'r> Aligner<'r> {
         let (shared, way) = (&mut self.shared, self.way);
         let cell = AlignmentCell::carrying(bench, layout, loaded);
         let cell = &cell;
-        let align = async |job: &mut Job<'_>| {
+        let align = async |job: &mut Job<'r>| {
             cell.laser(true)?;
             match way {
                 Way::Fast => shared.fiber(job, cell).await,

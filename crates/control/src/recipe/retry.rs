@@ -53,6 +53,9 @@ pub struct Pass {
     /// Its own width, in widths of the area.
     #[serde(with = "quantity::Positive")]
     pub width: f64,
+    /// Its height, in heights of the area.
+    #[serde(with = "quantity::Positive")]
+    pub height: f64,
     /// Its lines' distance, of the usual one.
     #[serde(with = "quantity::Positive")]
     pub spacing: f64,
@@ -67,6 +70,7 @@ pub struct Pass {
 const WHOLE: Pass = Pass {
     aside: 0.0,
     width: 1.0,
+    height: 1.0,
     spacing: 1.0,
     slow: 1.0,
     sensing: 0.0,
@@ -79,12 +83,17 @@ impl Default for Pass {
 }
 
 /// What the first pass has missed is most likely at the edges of what vision can say, or too dim there: beside the sensing fiber, or
-/// between two lines. After the last one the thesis's procedure has its turn.
+/// between two lines; or farther up or down than was believed, which no camera sees, or aside, where it is wrong. After the last one the thesis's procedure has its turn.
 impl Default for Retry {
     fn default() -> Self {
         let edge = |aside| Pass {
             aside,
             width: 0.5,
+            ..WHOLE
+        };
+        let tall = |aside| Pass {
+            aside,
+            height: 2.5,
             ..WHOLE
         };
         let slow = |slow, sensing| Pass {
@@ -99,7 +108,10 @@ impl Default for Retry {
                 edge(0.35),
                 edge(-0.35),
                 slow(1.5, 0.0),
+                tall(0.0),
                 slow(8.0, 0.0),
+                tall(0.8),
+                tall(-0.8),
                 slow(8.0, 1.0),
                 slow(8.0, -1.0),
             ],
@@ -164,6 +176,7 @@ impl Retry {
             for (what, value, (least, most)) in [
                 ("aside", pass.aside, (-1.0, 1.0)),
                 ("width", pass.width, (0.05, 1.0)),
+                ("height", pass.height, (0.05, 10.0)),
                 ("spacing", pass.spacing, (0.05, 2.0)),
                 ("slow", pass.slow, (0.1, 100.0)),
                 ("sensing", pass.sensing, (-2.0, 2.0)),

@@ -7,6 +7,8 @@ topic! {
     pub struct Circle in "circle", shown [Fast, Bench] {
         /// Standard deviations by which a peak must stand out of the noise.
         significant: f64 = 5.0, "sigma", Choice;
+        /// By which light may be that of a peak that more turns make stand out: noise seldom makes so much of a turn.
+        perhaps: f64 = 2.0, "sigma", Choice;
         /// How far a peak may be from where it was first believed to be.
         far: f64 = 4.0, "widths", Choice;
         /// The same at the chip, which a fiber that strays would touch.

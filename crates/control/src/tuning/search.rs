@@ -30,6 +30,15 @@ topic! {
         more_lines: f64 = 8.0, "lines", Choice;
         /// A way over which a spot is seen; at the usual speed that is two samples at most.
         wide: f64 = 12e-6, "m", Choice;
+        /// What stands out by this share of what counts as light may be some: of a few hundred samples none does by chance, nineteen
+        /// times of twenty.
+        perhaps: f64 = 0.75, "1", Equation;
+        /// Height of the band around it that is swept once more...
+        band: f64 = 24e-6, "m", Choice;
+        /// ...with so many lines more...
+        few_lines: f64 = 2.0, "lines", Choice;
+        /// ...so many times more slowly.
+        closely: f64 = 3.0, "1", Choice;
         /// Over which the background is followed.
         followed: f64 = 50.0, "samples", Choice;
         /// Share of what a micro gets to that a line uses.
@@ -127,6 +136,11 @@ topic! {
 topic! {
     /// Both fibers of a guide, held at their peaks while a machine is commissioned.
     pub struct Pair in "pair", shown [Commissioned] {
+        /// How well one turn at the chip has to know the input's peak, standard deviation, by its light at the gap of a search, for the
+        /// sensing fiber to see enough of it: where no turn knows it as well as the last ones are to, they take ever longer.
+        dim: f64 = 1.0, "accuracies", Choice;
+        /// The same where light is to tell the gap, too: widths take more of it.
+        dim_for_gap: f64 = 0.5, "accuracies", Choice;
         /// Tolerances are so many times as wide where nothing is attached: light is to be bright and steep, not known to be at its best.
         roughly: f64 = 5.0, "1", Choice;
         /// Tips are watched for so many times as long as wanted, at most, and gaps looked at so often, while what they are to tell is not known.

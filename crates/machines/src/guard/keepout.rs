@@ -10,11 +10,6 @@ use pigtail_hal::{Axis, Measurement, Side, Spec, VisionFrame};
 use pigtail_model::fivebar::Turning;
 use pigtail_model::frames::{Chip, Displacement, Macro, Point};
 
-/// By how much of a way lead and links may be wrong: what was seen from afar is known as much worse.
-const SCALE: f64 = 2e-3;
-/// By what angle a manipulator may stand askew, standard deviation, radians: what goes across goes so much of that along, too, and a
-/// frame shows it. Stages that are bolted to a table stand askew by 2 to 5 mrad before they are measured.
-const ASKEW: f64 = 2e-3;
 /// By what time a tip may lag behind its encoders, seconds.
 const LAG: f64 = 2e-3;
 /// So many times longer than it takes to settle a piezo may be seen to swing.
@@ -121,6 +116,9 @@ pub(super) struct Keepout {
     field: [f64; 2],
     placement: f64,
     windup: f64,
+    /// By what angle a manipulator may stand askew, and by what share a way may be wrong, standard deviations.
+    askew: f64,
+    scale: f64,
     holder: HolderSpec,
     /// By what deceleration a z-stage can be stopped, metres a second squared.
     brake: f64,
@@ -191,6 +189,8 @@ impl Keepout {
                 .map(|far| far.unwrap_or(f64::INFINITY)),
             placement: spec.guard.placement,
             windup: spec.guard.windup,
+            askew: spec.guard.askew,
+            scale: spec.guard.scale,
             holder: spec.holder,
             brake: GuardSpec::BRAKES * spec.z_stage.acceleration,
             settle,
@@ -413,21 +413,29 @@ impl Keepout {
                 x_probed,
             });
         };
-        let across = (stood.x - before.stood.x).hypot(stood.y - before.stood.y);
-        let strayed = (SCALE * (stood.z - before.stood.z)).hypot(ASKEW * across);
+        // Where stages stand askew, and lead and links are not as believed, a way in one direction goes in the others too.
+        let strays =
+            |along: f64, [a, b]: [f64; 2]| (self.scale * along).hypot(self.askew * a.hypot(b));
+        let way =
+            |from: Point<Chip>, to: Point<Chip>| [to.x - from.x, to.y - from.y, to.z - from.z];
+        let [x, y, z] = way(before.stood, stood);
+        let strayed = strays(z, [x, y]);
         let variance = before.z_variance + strayed * strayed;
         let by = seen[1] - before.z;
         surprise("z", by, sigmas * (variance + noise).sqrt() + metres)?;
         let (by_x, hidden) = if let (Some(now), Some(then)) = (x_probed, before.x_probed) {
-            // Outputs that are seen hide nothing, and lag behind nothing.
-            (now - then, 0.0)
+            // Outputs that are seen hide nothing, and lag behind nothing; piezos are not seen.
+            let micro = (holder.micro - before.holder.micro).norm();
+            (now - then, HYSTERESIS * micro)
         } else {
             let hidden = self.hidden(&holder, &before.holder);
             let lag = 2.0 * lag(stood.x - earlier.x);
             (seen[0] - before.x, hidden + lag)
         };
         let late = arriving + before.arriving;
-        surprise("x", by_x, sigmas * fix.sigma + 4.0 * metres + hidden + late)?;
+        let [x, y, z] = way(before.holder.tip, holder.tip);
+        let noise_x = fix.sigma.hypot(strays(x, [y, z]));
+        surprise("x", by_x, sigmas * noise_x + 4.0 * metres + hidden + late)?;
         let share = variance / (variance + noise);
         let across = Belief {
             holder,
@@ -574,7 +582,7 @@ impl Keepout {
             let aside = self.placement + self.windup;
             return facet.clearance(at.x, at.z, aside) - self.placement;
         };
-        let drift = SCALE * (at.z - belief.stood.z);
+        let drift = self.scale * (at.z - belief.stood.z);
         let unsure = GuardSpec::SIGMAS * (belief.z_variance + drift * drift).sqrt();
         let now = self.stand(tip.side().index(), 0);
         // Outputs that are seen hide nothing.
