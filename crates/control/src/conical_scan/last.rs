@@ -364,6 +364,13 @@ impl ConicalScan<'_> {
             .set_wider(wider.map_or(1.0, |(of_steps, _)| of_steps));
         self.misjudged = wider.is_some_and(|(of_steps, _)| of_steps > TUNING.last.misjudged);
         self.wider = wider.map(|(_, squared)| squared);
+        // Where a spot is wider than believed, a peak was seen nearer to the circle's middle than it is.
+        let behind = width.map_or([0.0; 2], |width| {
+            let off = seen.at - self.centre;
+            let believed = self.beam.squared_widths(gap);
+            let wider = [0, 1].map(|i| (width.squared[i] / believed[i] - 1.0).max(0.0));
+            [off.x.abs() * wider[0], off.y.abs() * wider[1]]
+        });
         let foreseen = &late(foreseen, old);
         if let Some(Moved { way, near }) = Moved::of(foreseen, &self.unsteady(&seen), 0.0) {
             return Err(Outcome::Unsure {
@@ -377,7 +384,9 @@ impl ConicalScan<'_> {
         if misfit > accepted {
             return Err(Outcome::Misshapen { misfit, accepted }.into());
         }
-        let last = if rings {
+        // What light is too dim to show may swing all the same, and comes to rest alike at each fiber: as far aside.
+        let hidden = self.no_swing(&seen, gap) > TUNING.last.unseen;
+        let last = if rings || hidden {
             TUNING.last.gentle
         } else {
             TUNING.last.come_to_rest
@@ -385,7 +394,7 @@ impl ConicalScan<'_> {
         // It comes to rest, and not a moment longer than it may swing: piezos creep.
         let settling = self.group(bench).settling;
         let rest = HALF_TURN + last + settling / self.period;
-        let longer = if self.shaking.rings() {
+        let longer = if self.shaking.rings() || hidden {
             (TUNING.watch.forgets - 1.0) * settling
         } else {
             0.0
@@ -433,7 +442,10 @@ impl ConicalScan<'_> {
             // A drift that was seen for sure goes on as it did, or less, or not at all: what comes to rest does so soon, and
             // piezos creep by the logarithm of time, by much where their model knows no creep. To go where it
             // would lead makes offsets worse where it does not go on, so it is believed and not followed.
-            bound: [self.surely.x, self.surely.y].map(|surely| surely.abs() * rest),
+            bound: [
+                self.surely.x.abs() * rest + behind[0],
+                self.surely.y.abs() * rest + behind[1],
+            ],
         };
         let deviation = full
             * f64::hypot(

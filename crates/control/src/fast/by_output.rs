@@ -44,12 +44,6 @@ impl<'r> Shared<'r> {
         };
         // At the chip a spot is the brighter and the narrower.
         let share = cell.beam(aim.side, self.recipe).share(aim.gap(cell));
-        eprintln!(
-            "TR dim {:?} ratio {:.3} vision {}",
-            job.output,
-            peak.deviation() * share.powf(1.5) / self.fast.accuracy,
-            self.vision_tells(cell)
-        );
         peak.deviation() * share.powf(1.5) > most * self.fast.accuracy
     }
 
@@ -77,7 +71,6 @@ impl<'r> Shared<'r> {
                 Ok(())
             }
             Err(Halt::Outcome(outcome)) => {
-                eprintln!("TR by_output failed {outcome:?}");
                 self.may_wait = false;
                 job.channel = Channel::Sensing;
                 other.put_back(cell).await?;

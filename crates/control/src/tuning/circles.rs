@@ -86,6 +86,8 @@ topic! {
         come_to_rest: f64 = 0.6, "turns", Choice;
         /// The same where the micro rings: so slow a change excites it little.
         gentle: f64 = 2.0, "turns", Choice;
+        /// A swing that noise may hide, if it is more than this, is waited for as one that was seen: a tolerance and a half.
+        unseen: f64 = 0.15e-6, "m", Choice;
         /// How far it may swing, at most, before it comes to rest, where that does not die away: then it may be noise. What shakes
         /// is told apart from that by all turns together.
         swings: f64 = 60e-9, "m", Choice;
