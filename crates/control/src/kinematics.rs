@@ -1,5 +1,10 @@
 //! From a wanted position to encoder counts and piezo volts, and back, as control believes.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined does not get the instructions of its caller"
+)]
+
 use crate::calibration::{Calibration, FiveBarGeometry, PlacementBelief};
 use crate::compensation::hysteresis::Range;
 use pigtail_hal::quantity::{Counts, Volts};
@@ -190,6 +195,7 @@ impl Kinematics {
     }
 
     /// The same of points that move little from one call to the next.
+    #[inline(always)]
     pub(crate) fn outputs_from(
         &self,
         turning: &mut [Turning; 2],
@@ -200,6 +206,7 @@ impl Kinematics {
         Ok(self.less_home(angles, p))
     }
 
+    #[inline(always)]
     fn less_home(&self, [a, b]: [JointAngle; 2], p: Point<Macro>) -> [f64; AXES] {
         let [home_a, home_b] = self.home_angles;
         [a.0 - home_a.0, b.0 - home_b.0, self.screw.angle(p.z)]
@@ -227,6 +234,7 @@ impl Kinematics {
     /// # Errors
     ///
     /// When no assembled mechanism has these angles.
+    #[inline(always)]
     pub(crate) fn endpoint_from(
         &self,
         turning: &mut [Turning; 2],
@@ -262,6 +270,7 @@ impl Kinematics {
     }
 
     /// Encoder counts of an axis whose transmission has this input angle, radians of the output.
+    #[inline(always)]
     pub fn counts(&self, axis: usize, input: f64) -> Counts {
         // The method `round` is a call into the C library on most targets.
         let counts = input * self.counts_per_radian[axis];
@@ -269,6 +278,7 @@ impl Kinematics {
     }
 
     /// Input angle of an axis's transmission at these encoder counts, radians of the output.
+    #[inline(always)]
     pub fn input(&self, axis: usize, counts: Counts) -> f64 {
         counts.0 as f64 / self.counts_per_radian[axis]
     }

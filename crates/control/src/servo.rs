@@ -68,7 +68,11 @@ impl Pid {
     /// I = clamp(I + e T)                          unless the axis is held
     /// u = clamp(kp e + ki I + kd (e - e_last)/T)
     /// ```
-    #[inline]
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "what is not inlined does not get the instructions of its caller"
+    )]
     pub fn voltage(&self, state: &mut PidState, reference: Counts, measured: Counts) -> Volts {
         let counts = reference.0 - measured.0;
         let error = counts as f64;

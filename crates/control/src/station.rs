@@ -27,6 +27,7 @@ use pigtail_hal::{
     Channel, Command, Fault, FiberHandling, Machine, Measurement, Side, Spec, VisionFrame,
 };
 use pigtail_model::frames::{Displacement, Macro, Point};
+use pigtail_model::instructions::{Instructions, Work};
 use std::cell::Cell;
 
 /// What an observer is told with every light sample.
@@ -52,6 +53,22 @@ pub trait Observer {
     fn sample(&mut self, sample: &Sample);
     /// A search has made a trial: which start it belongs to, its number, and the least cost so far.
     fn trial(&mut self, _start: usize, _trial: u32, _best: f64) {}
+}
+
+/// What a station commands in a cycle.
+struct Answer<'a, 'b>(&'a mut Station<'b>);
+
+impl Work for Answer<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "what is not inlined does not get the instructions of its caller"
+    )]
+    fn work(self) {
+        self.0.answer();
+    }
 }
 
 /// Watches nothing.
@@ -205,18 +222,15 @@ impl<'a> Station<'a> {
     ///
     /// The machine's fault.
     pub fn cycle(&mut self) -> Result<(), Fault> {
-        let (time, period) = (self.measurement.time, self.spec().period());
-        self.play_fine(time + period);
-        for (i, arm) in self.arms.iter_mut().enumerate() {
-            arm.wait(&self.measurement.encoders[i], self.limits.z, period);
-            arm.follow(time);
-            self.command.motors[i] = arm.servo(&self.measurement.encoders[i]);
-            self.command.references[i] = arm.servo_references();
-            self.command.micro[i] = arm.piezos();
+        Instructions::run_work(Answer(self));
+        match self.machine.exchange(&self.command) {
+            Ok(measurement) => self.measurement = measurement,
+            Err(fault) => return Err(fault),
         }
-        self.measurement = self.machine.exchange(&self.command)?;
         self.command.fiber = [None; SIDES];
-        self.command.pulses = Command::NO_PULSES;
+        for pulse in self.command.pulses.as_flattened_mut() {
+            *pulse = None;
+        }
         if self.measurement.handled.iter().any(Option::is_some) {
             self.end_handling();
         }
@@ -231,6 +245,24 @@ impl<'a> Station<'a> {
             self.observer.sample(&sample);
         }
         Ok(())
+    }
+
+    /// What is commanded in a cycle, after what was measured in the one before.
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "what is not inlined does not get the instructions of its caller"
+    )]
+    fn answer(&mut self) {
+        let (time, period) = (self.measurement.time, self.spec().period());
+        self.play_fine(time + period);
+        for (i, arm) in self.arms.iter_mut().enumerate() {
+            arm.wait(&self.measurement.encoders[i], self.limits.z, period);
+            arm.follow(time);
+            self.command.motors[i] = arm.servo(&self.measurement.encoders[i]);
+            self.command.references[i] = arm.servo_references();
+            self.command.micro[i] = arm.piezos();
+        }
     }
 
     /// Cycles for `seconds`.

@@ -26,11 +26,13 @@ impl<M: Machine> Machine for Panel<M> {
 
     #[inline]
     fn exchange(&mut self, command: &Command) -> Result<Measurement, Fault> {
-        let mut answer = self.machine.exchange(command);
-        if let Ok(measured) = &mut answer {
-            measured.stop |= self.pressed.load(Ordering::Relaxed);
+        // Where it is not pressed, what is measured is handed on where it lies: it is large.
+        if !self.pressed.load(Ordering::Relaxed) {
+            return self.machine.exchange(command);
         }
-        answer
+        let mut measured = self.machine.exchange(command)?;
+        measured.stop = true;
+        Ok(measured)
     }
 
     fn stop(&mut self) {

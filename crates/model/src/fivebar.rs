@@ -7,6 +7,11 @@
 //! The mechanism is used in one working mode: both elbows outward (A's to the left, B's to the
 //! right), the endpoint above the line through the elbows.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined does not get the instructions of its caller"
+)]
+
 use crate::Invalid;
 use crate::frames::Displacement;
 
@@ -58,7 +63,7 @@ impl Turning {
     }
 
     /// Angle of a direction that is `length` long, radians: [`f64::atan2`] to 1e-15 rad.
-    #[inline]
+    #[inline(always)]
     fn angle_of(&mut self, direction: Displacement, length: f64) -> f64 {
         let Displacement { x, y } = direction;
         let sin = (y * self.cos - x * self.sin) / length;
@@ -74,7 +79,7 @@ impl Turning {
     }
 
     /// Sine and cosine of `angle`, radians.
-    #[inline]
+    #[inline(always)]
     pub fn sin_cos(&mut self, angle: f64) -> (f64, f64) {
         let by = angle - self.at;
         let is_near = by.abs() <= Self::NEAR;
@@ -208,7 +213,7 @@ impl FiveBar {
     /// }
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
-    #[inline]
+    #[inline(always)]
     pub fn inverse_from(
         &self,
         turning: &mut [Turning; 2],
@@ -221,7 +226,7 @@ impl FiveBar {
     }
 
     /// The legs to a point.
-    #[inline]
+    #[inline(always)]
     fn legs(&self, x: f64, y: f64) -> Result<[Leg; 2], Unreachable> {
         // Beyond the x axis the same elbows belong to the mirrored working mode.
         if y <= 0.0 {
@@ -238,7 +243,7 @@ impl FiveBar {
     }
 
     /// A proximal link and its elbow.
-    #[inline]
+    #[inline(always)]
     fn leg(&self, x: f64, y: f64, outward: f64) -> Result<Leg, Unreachable> {
         let dx = x - self.base_x(outward);
         let square = dx * dx + y * y;
@@ -283,7 +288,7 @@ impl FiveBar {
     /// # Errors
     ///
     /// When the distal links cannot meet, or lie in one line.
-    #[inline]
+    #[inline(always)]
     pub fn forward(&self, angles: [JointAngle; 2]) -> Result<(f64, f64), Unreachable> {
         self.meet(self.elbows(angles), angles)
     }
@@ -294,7 +299,7 @@ impl FiveBar {
     /// # Errors
     ///
     /// As [`Self::forward`].
-    #[inline]
+    #[inline(always)]
     pub fn forward_from(
         &self,
         turning: &mut [Turning; 2],
@@ -312,7 +317,7 @@ impl FiveBar {
     }
 
     /// Where distal links from these elbows meet.
-    #[inline]
+    #[inline(always)]
     fn meet(
         &self,
         [a, b]: [Displacement; 2],

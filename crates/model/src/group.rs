@@ -137,6 +137,12 @@ impl<const N: usize> States<N> {
         self.motor.angle[i]
     }
 
+    /// Angles of all motors, radians.
+    #[inline]
+    pub fn motor_angles(&self) -> [f64; N] {
+        self.motor.angle.0
+    }
+
     /// Velocity of a motor, rad/s.
     #[inline]
     pub fn motor_velocity(&self, i: usize) -> f64 {
@@ -236,7 +242,23 @@ impl<const N: usize> Group<N> {
         });
     }
 
+    /// The same; where the outputs are then, as [`Self::outputs`] says.
+    #[inline]
+    pub fn advance_outputs(
+        &self,
+        instructions: Instructions,
+        states: &mut States<N>,
+        voltages: [f64; N],
+    ) -> [f64; N] {
+        instructions.run(ToOutputs(Cycle {
+            group: self,
+            states,
+            voltages: Each(voltages),
+        }))
+    }
+
     /// Positions of the outputs (2.12), radians: [`Joint::output`] of each.
+    #[inline(always)]
     pub fn outputs(&self, s: &States<N>) -> [f64; N] {
         let twist = self.ratio * s.motor.angle - s.load.angle;
         let psi = self.torque(twist) + self.load_torque + s.load_torque;
@@ -375,6 +397,29 @@ impl<const N: usize> WithSimd for Cycle<'_, N> {
         for _ in 0..self.group.steps {
             self.group.step(self.states, &self.voltages);
         }
+    }
+}
+
+/// The same, and where it brings the outputs.
+struct ToOutputs<'a, const N: usize>(Cycle<'a, N>);
+
+impl<const N: usize> WithSimd for ToOutputs<'_, N> {
+    type Output = [f64; N];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> [f64; N] {
+        let Cycle {
+            group,
+            states,
+            voltages,
+        } = self.0;
+        let cycle = Cycle {
+            group,
+            states: &mut *states,
+            voltages,
+        };
+        cycle.with_simd(simd);
+        group.outputs(states)
     }
 }
 

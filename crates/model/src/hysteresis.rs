@@ -17,6 +17,11 @@
 //! Creep is logarithmic in time: first-order relaxations with time constants a decade apart, each
 //! worth the same share of what was applied.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined does not get the instructions of its caller"
+)]
+
 use crate::Invalid;
 
 /// Number of play operators of a [`Hysteresis`]: so many that a loop looks smooth.
@@ -143,11 +148,13 @@ impl Hysteresis {
             saturation,
             scale: 1.0,
         };
+        // Where the plays are over a cycle at full stroke does not depend on their share: they are taken along once.
+        let strokes = with(0.0).full_stroke();
         // The opening grows with the share of the plays, nearly in proportion.
         let (mut share, mut last) = (0.0, (0.0, 0.0));
         let mut guess = 2.0 * opening;
         for _ in 0..6 {
-            let (now, _) = with(guess).full_stroke();
+            let (now, _) = with(guess).opening(&strokes);
             let slope = (now - last.1) / (guess - last.0);
             share = guess;
             last = (guess, now);
@@ -157,26 +164,37 @@ impl Hysteresis {
             guess = (guess + (opening - now) / slope).clamp(0.0, 0.95);
         }
         let mut hysteresis = with(share);
-        let (reached, range) = hysteresis.full_stroke();
+        let (reached, range) = hysteresis.opening(&strokes);
         hysteresis.scale = 2.0 / range;
         Ok((hysteresis, reached))
     }
 
-    /// Largest opening as a share of the range, and the range, over a cycle at full stroke.
-    fn full_stroke(&self) -> (f64, f64) {
-        const STEPS: i32 = 50;
+    /// Where the plays are at the top of a cycle at full stroke, at each step back from there, and at each forward again.
+    fn full_stroke(&self) -> Vec<[f64; PLAYS]> {
         let mut state = HysteresisState::default();
-        self.advance(&mut state, 1.0);
-        let high = state.output;
-        let mut way = |from: f64, to: f64| -> Vec<f64> {
-            (0..=STEPS)
-                .map(|k| {
-                    let s = from + (to - from) * f64::from(k) / f64::from(STEPS);
-                    self.advance(&mut state, s)
-                })
-                .collect()
+        let mut at = |input: f64| {
+            self.advance(&mut state, input);
+            state.plays
         };
-        let (back, forward) = (way(1.0, -1.0), way(-1.0, 1.0));
+        let inputs = std::iter::once(1.0).chain(back()).chain(forward());
+        inputs.map(&mut at).collect()
+    }
+
+    /// Largest opening as a share of the range, and the range, over a cycle at full stroke.
+    fn opening(&self, strokes: &[[f64; PLAYS]]) -> (f64, f64) {
+        let output = |(input, plays): (f64, &[f64; PLAYS])| {
+            let mut sums = [0.0; PLAYS / BLOCK];
+            let blocks = plays.as_chunks::<BLOCK>().0.iter();
+            for ((sum, plays), weights) in sums.iter_mut().zip(blocks).zip(self.blocks()) {
+                *sum = added(weights, plays);
+            }
+            self.output(input + self.skew * input * input, &sums)
+        };
+        let (back_from, forward_from) = (1, 2 + STROKE as usize);
+        let high = output((1.0, &strokes[0]));
+        let back = back().zip(&strokes[back_from..forward_from]).map(output);
+        let forward = forward().zip(&strokes[forward_from..]).map(output);
+        let (back, forward): (Vec<_>, Vec<_>) = (back.collect(), forward.collect());
         let range = high - forward[0];
         let widest = back
             .iter()
@@ -185,8 +203,12 @@ impl Hysteresis {
         (widest / range, range)
     }
 
+    fn blocks(&self) -> &[[f64; BLOCK]] {
+        self.weights.as_chunks::<BLOCK>().0
+    }
+
     /// The displacement at the next voltage, both -1 to +1 over their range.
-    #[inline]
+    #[inline(always)]
     pub fn advance(&self, state: &mut HysteresisState, input: f64) -> f64 {
         if input == state.input {
             return state.output;
@@ -195,8 +217,8 @@ impl Hysteresis {
         let v = input + self.skew * input * input;
         let blocks = state.plays.as_chunks_mut::<BLOCK>().0.iter_mut();
         let slack = self.slack.as_chunks::<BLOCK>().0;
-        let weights = self.weights.as_chunks::<BLOCK>().0;
-        for (((plays, sum), slack), weights) in blocks.zip(&mut state.sums).zip(slack).zip(weights)
+        for (((plays, sum), slack), weights) in
+            (blocks.zip(&mut state.sums).zip(slack)).zip(self.blocks())
         {
             let before = *plays;
             for (play, slack) in plays.iter_mut().zip(slack) {
@@ -208,19 +230,47 @@ impl Hysteresis {
             if *plays == before {
                 break;
             }
-            let w: [f64; BLOCK] = std::array::from_fn(|k| weights[k] * plays[k]);
-            *sum = (w[0] + w[1]) + (w[2] + w[3]);
+            *sum = added(weights, plays);
         }
+        state.output = self.output(v, &state.sums);
+        state.output
+    }
+
+    /// The displacement at `v`, where blocks of plays add up to these.
+    #[inline(always)]
+    fn output(&self, v: f64, blocks: &[f64; PLAYS / BLOCK]) -> f64 {
         let mut sums = [0.0; BLOCK];
-        for four in state.sums.as_chunks::<BLOCK>().0 {
+        for four in blocks.as_chunks::<BLOCK>().0 {
             for (sum, part) in sums.iter_mut().zip(four) {
                 *sum += part;
             }
         }
         let y = self.direct * v + (sums[0] + sums[1]) + (sums[2] + sums[3]);
-        state.output = self.scale * (y - self.saturation * y * y * y);
-        state.output
+        self.scale * (y - self.saturation * y * y * y)
     }
+}
+
+/// What a block of plays adds.
+#[inline(always)]
+fn added(weights: &[f64; BLOCK], plays: &[f64; BLOCK]) -> f64 {
+    let w: [f64; BLOCK] = std::array::from_fn(|k| weights[k] * plays[k]);
+    (w[0] + w[1]) + (w[2] + w[3])
+}
+
+/// Steps from one end of a full stroke to the other.
+const STROKE: u32 = 50;
+
+/// From the top of a full stroke to its bottom.
+fn back() -> impl Iterator<Item = f64> {
+    stroke(1.0, -1.0)
+}
+
+fn forward() -> impl Iterator<Item = f64> {
+    stroke(-1.0, 1.0)
+}
+
+fn stroke(from: f64, to: f64) -> impl Iterator<Item = f64> {
+    (0..=STROKE).map(move |k| from + (to - from) * f64::from(k) / f64::from(STROKE))
 }
 
 /// Creep: after a step the displacement goes on by the same share in every decade of time from
@@ -265,7 +315,7 @@ impl Creep {
     }
 
     /// Advances `state` by one period under what is applied at once; what comes of it.
-    #[inline]
+    #[inline(always)]
     pub fn advance(&self, state: &mut CreepState, applied: f64) -> f64 {
         let mut sum = 0.0;
         for (z, rate) in state.0.iter_mut().zip(&self.rates) {
@@ -300,7 +350,7 @@ mod tests {
                 ..PARAMETERS
             })
             .unwrap();
-            let (reached, range) = model.full_stroke();
+            let (reached, range) = model.opening(&model.full_stroke());
             assert!((reached - opening).abs() < 1e-5, "{reached} for {opening}");
             assert!((range - 2.0).abs() < 1e-12);
         }

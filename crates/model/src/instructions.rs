@@ -2,6 +2,31 @@
 
 use pulp::{Arch, Scalar, Simd, WithSimd};
 
+/// What is worth being compiled once for each set of instructions.
+pub trait Work {
+    /// What comes of it.
+    type Output;
+
+    /// Does it. To be marked as always inlined, like what it calls in turn: what is not inlined does not get the
+    /// instructions of its caller.
+    fn work(self) -> Self::Output;
+}
+
+struct Op<W>(W);
+
+impl<W: Work> WithSimd for Op<W> {
+    type Output = W::Output;
+
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "or it is a call into what has none of them"
+    )]
+    fn with_simd<S: Simd>(self, _: S) -> W::Output {
+        self.0.work()
+    }
+}
+
 /// A set of vector instructions that this machine has.
 ///
 /// All of them add and multiply alike, and none is fused here: what is worked out by one is, to the last bit, what
@@ -50,6 +75,18 @@ impl Instructions {
             // What comes later, and other machines.
             _ => "widest",
         }
+    }
+
+    /// Does some work by AVX2 where there is it, to the same bits: what is no long row of numbers gains by its three operands and
+    /// its wide copies, and nothing by wider vectors.
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "a call more in the hot loop")]
+    pub fn run_work<W: Work>(work: W) -> W::Output {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(avx2) = pulp::x86::V3::try_new() {
+            return Self(Set::Avx2(avx2)).run(Op(work));
+        }
+        work.work()
     }
 
     /// Works `op` out with them. What it calls gets them where it is inlined.

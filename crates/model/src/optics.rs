@@ -8,6 +8,11 @@
 //!
 //! W. B. Joyce and B. C. DeLoach, "Alignment of Gaussian beams", Applied Optics 23, 4187 (1984).
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined does not get the instructions of its caller"
+)]
+
 use crate::Invalid;
 use libm::erfc;
 use std::f64::consts::PI;
@@ -62,7 +67,7 @@ impl Plane {
     ///                        + (pi tilt/lambda)^2 (w1(z)^2 + w2^2)/2
     ///                        - x tilt z/w1^2 ])
     /// ```
-    #[inline]
+    #[inline(always)]
     fn log_and_root(&self, x: f64, z: f64, tilt: f64) -> (f64, f64) {
         let (w1, w2) = (self.source * self.source, self.receiver * self.receiver);
         let spread = self.wavelength * z / PI;
@@ -109,7 +114,7 @@ impl Coupler {
     }
 
     /// Share of the source's power that enters the receiver, 0 to 1.
-    #[inline]
+    #[inline(always)]
     pub fn efficiency(&self, at: &Misalignment) -> f64 {
         let (kx, ex) = self.x.log_and_root(at.x, at.z, at.tilt_x);
         let (ky, ey) = self.y.log_and_root(at.y, at.z, at.tilt_y);
@@ -117,6 +122,7 @@ impl Coupler {
     }
 
     /// Radius of the source's beam at distance `z`, the mean of its two planes, metres.
+    #[inline(always)]
     pub fn beam_radius(&self, z: f64) -> f64 {
         let radius = |p: &Plane| {
             let spread = p.wavelength * z / (PI * p.source);
@@ -146,6 +152,7 @@ pub fn exit_angle(facet: f64, index: f64, gap: f64) -> f64 {
 /// ```text
 /// P = int_0^core 4 r / beam^2 exp(-2 (r^2 + d^2) / beam^2) I_0(4 r d / beam^2) dr
 /// ```
+#[inline(always)]
 pub fn core_capture(offset: f64, core: f64, beam: f64) -> f64 {
     const NODES: [(f64, f64); 5] = [
         (0.148_874_338_981_631_2, 0.295_524_224_714_752_9),
@@ -172,6 +179,7 @@ pub fn core_capture(offset: f64, core: f64, beam: f64) -> f64 {
 }
 
 /// `exp(-x - y) I_0(x)` for `x >= 0`, to 3e-7 (Abramowitz and Stegun 9.8.1, 9.8.2), with one exponential in all.
+#[inline(always)]
 fn bessel_i0_damped(x: f64, y: f64) -> f64 {
     let horner = |t: f64, c: &[f64]| c.iter().rev().fold(0.0, |sum, c| sum * t + c);
     if x < 3.75 {
@@ -204,6 +212,7 @@ fn bessel_i0_damped(x: f64, y: f64) -> f64 {
 
 /// Share of a disc of radius `radius` that lies below a straight horizontal edge, for a centre
 /// `height` metres above the edge.
+#[inline(always)]
 pub fn disc_below_edge(height: f64, radius: f64) -> f64 {
     if height.abs() >= radius {
         return if height > 0.0 { 0.0 } else { 1.0 };

@@ -12,6 +12,11 @@
 //!   static hardening. It stays right after partial windup, where the thesis's jump to the
 //!   opposite main curve errs by up to half of the maximum windup.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined does not get the instructions of its caller"
+)]
+
 use serde::{Deserialize, Serialize};
 
 /// The thesis's windup function (2.20).
@@ -120,19 +125,23 @@ impl MemoryState {
 
 impl Memory {
     /// The windup at the next output, radians.
-    #[inline]
+    #[inline(always)]
     pub fn next(&self, state: &mut MemoryState, output: f64) -> f64 {
         let step = output - state.last;
         state.last = output;
         if step != 0.0 {
             for (deflection, way) in state.deflections.iter_mut().zip(&self.ways) {
-                *deflection = (*deflection + step).min(*way).max(-way);
+                // Comparisons, which are made on several at once: `f64::min` asks what is no number, too.
+                let moved = *deflection + step;
+                let low = if moved > -way { moved } else { -way };
+                *deflection = if low < *way { low } else { *way };
             }
         }
         self.now(state)
     }
 
     /// The windup now, radians.
+    #[inline(always)]
     pub fn now(&self, state: &MemoryState) -> f64 {
         // Four sums that do not wait for one another.
         let mut sums = [0.0; 4];
@@ -145,6 +154,7 @@ impl Memory {
 }
 
 /// `h_1 x + h_2 x^2 + ... + h_5 x^5`.
+#[inline(always)]
 pub fn polynomial(hardening: &[f64; POWERS], x: f64) -> f64 {
     x * hardening.iter().rev().fold(0.0, |sum, h| sum * x + h)
 }
@@ -175,7 +185,7 @@ pub struct WindupState {
 
 impl Windup {
     /// The windup at the next wanted output, radians: what (2.22) adds to it.
-    #[inline]
+    #[inline(always)]
     pub fn next(&self, state: &mut WindupState, output: f64) -> f64 {
         match self {
             Self::None => 0.0,

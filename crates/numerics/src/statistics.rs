@@ -304,7 +304,10 @@ pub fn outside(tolerance: f64, off: f64, bound: f64, sigma: f64) -> f64 {
         let [near, far] = [-bound, bound].map(|by| beyond((tolerance - off + by) / sigma));
         0.5 * sigma / bound * (near - far)
     };
-    (side(off) + side(-off)).clamp(0.0, 1.0)
+    let one = side(off);
+    // About the middle both are the same.
+    let other = if off == 0.0 { one } else { side(-off) };
+    (one + other).clamp(0.0, 1.0)
 }
 
 /// How likely a value is, a density: it lies anywhere within a `bound` of nought, as likely here as there, but for a normal

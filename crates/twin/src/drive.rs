@@ -1,6 +1,11 @@
 //! The motor axes of a machine, all stepped together, under the laws of load friction that its rig
 //! has chosen.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined does not get the instructions of its caller"
+)]
+
 use super::TwinError;
 use super::joints::Joints;
 use super::plant::Plant;
@@ -77,25 +82,26 @@ impl Drives {
     }
 
     /// One cycle under held voltages, pulses that begin, and torques on the loads from outside
-    /// (N m).
+    /// (N m). Angles of the outputs then, as [`Self::outputs`] says.
+    #[inline(always)]
     pub(super) fn advance(
         &mut self,
         voltages: &[[Volts; AXES]; SIDES],
         pulses: &[[Option<Pulse>; AXES]; SIDES],
         torques: &[[f64; AXES]; SIDES],
-    ) {
+    ) -> [[f64; AXES]; SIDES] {
         let before = self.slips.map(|_| self.outputs());
         let volts = |side: usize, axis: usize| {
             let limit = self.limits[side][axis];
             voltages[side][axis].0.clamp(-limit, limit)
         };
         let (left, right) = (volts(0, 2), volts(1, 2));
-        self.five_bars.advance(
+        let [la, lb, ra, rb] = self.five_bars.advance(
             [volts(0, 0), volts(0, 1), volts(1, 0), volts(1, 1)],
             [torques[0][0], torques[0][1], torques[1][0], torques[1][1]],
             [&pulses[0][0], &pulses[0][1], &pulses[1][0], &pulses[1][1]],
         );
-        self.z_stages.advance(
+        let [lz, rz] = self.z_stages.advance(
             [left, right],
             [torques[0][2], torques[1][2]],
             [&pulses[0][2], &pulses[1][2]],
@@ -103,6 +109,7 @@ impl Drives {
         if let Some(before) = before {
             self.slip_on(&before);
         }
+        self.behind([[la, lb, lz], [ra, rb, rz]])
     }
 
     /// What was to slip does so where its axis moves.
@@ -146,7 +153,12 @@ impl Drives {
     pub(super) fn outputs(&self) -> [[f64; AXES]; SIDES] {
         let [la, lb, ra, rb] = self.five_bars.outputs();
         let [lz, rz] = self.z_stages.outputs();
-        let mut outputs = [[la, lb, lz], [ra, rb, rz]];
+        self.behind([[la, lb, lz], [ra, rb, rz]])
+    }
+
+    /// The same of outputs that have not slipped.
+    #[inline]
+    fn behind(&self, mut outputs: [[f64; AXES]; SIDES]) -> [[f64; AXES]; SIDES] {
         if let Some(slips) = &self.slips {
             for (outputs, slips) in outputs.iter_mut().zip(slips) {
                 for (output, (behind, _)) in outputs.iter_mut().zip(slips) {
@@ -166,16 +178,23 @@ impl Drives {
         ]
     }
 
-    /// What a manipulator's encoders read.
-    pub(super) fn encoders(&self, side: usize) -> [Counts; AXES] {
-        let angles = self.motors(side);
-        std::array::from_fn(|i| {
-            let mut angle = angles[i] - self.homes[side][i];
-            if let Some(interpolation) = &self.interpolation {
-                let (amplitude, lines) = interpolation[i];
-                angle += amplitude * (lines * angle).sin();
+    /// What the manipulators' encoders read.
+    #[inline(always)]
+    pub(super) fn encoders(&self) -> [[Counts; AXES]; SIDES] {
+        let [la, lb, ra, rb] = self.five_bars.motor_angles();
+        let [lz, rz] = self.z_stages.motor_angles();
+        let angles = [[la, lb, lz], [ra, rb, rz]];
+        let mut counts = [[Counts(0); AXES]; SIDES];
+        for (side, counts) in counts.iter_mut().enumerate() {
+            for (i, counts) in counts.iter_mut().enumerate() {
+                let mut angle = angles[side][i] - self.homes[side][i];
+                if let Some(interpolation) = &self.interpolation {
+                    let (amplitude, lines) = interpolation[i];
+                    angle += amplitude * (lines * angle).sin();
+                }
+                *counts = encode(angle, self.counts_per_radian[i]);
             }
-            encode(angle, self.counts_per_radian[i])
-        })
+        }
+        counts
     }
 }

@@ -10,6 +10,7 @@ use pigtail_hal::quantity::Volts;
 use pigtail_model::Invalid;
 use pigtail_model::friction::Mode;
 use pigtail_model::group::{Group, States};
+use pigtail_model::instructions::Instructions;
 use pigtail_model::joint::{Joint, JointParameters, JointState};
 use pigtail_model::lugre::LuGre;
 use pigtail_model::presliding::{MaxwellSlip, Presliding};
@@ -52,7 +53,10 @@ pub(super) struct Joints<const N: usize> {
     /// By what factor all friction has changed with time.
     drifted: f64,
     unrest: UnrestPlant,
+    /// Whether there is anything of that.
+    stirs: bool,
     stribeck: f64,
+    instructions: Instructions,
     /// Constant torque on each load that makes its friction differ in the two directions, N m, and
     /// what it would displace the outputs by at rest, radians.
     lean: [(f64, f64); N],
@@ -183,8 +187,10 @@ impl<const N: usize> Joints<N> {
             rested: [RESTED; N],
             stiffened: [1.0; N],
             drifted: 1.0,
+            stirs: !unrest.is_none(),
             unrest,
             stribeck,
+            instructions: Instructions::widest(),
             lean,
             cycle: 0,
             period,
@@ -194,29 +200,41 @@ impl<const N: usize> Joints<N> {
     }
 
     /// One cycle under held voltages, torques on the loads from outside (N m), and pulses that
-    /// begin.
-    #[inline]
+    /// begin. Angles of the outputs then, as [`Self::outputs`] says.
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "what is not inlined does not get the instructions of its caller"
+    )]
     pub(super) fn advance(
         &mut self,
         mut voltages: [f64; N],
         mut torques: [f64; N],
         pulses: [&Option<Pulse>; N],
-    ) {
+    ) -> [f64; N] {
         if self.current.is_finite() {
             for (i, voltage) in voltages.iter_mut().enumerate() {
                 let motor = &self.parameters[i].motor;
                 *voltage = motor.within(self.current, *voltage, self.motor_velocity(i));
             }
         }
-        if !self.unrest.is_none() {
+        if self.stirs {
             self.stir(&mut torques);
         }
         let begins = pulses.iter().any(|pulse| pulse.is_some());
         if begins || self.wake != [0; N] {
             self.advance_finely(voltages, torques, pulses);
+        } else if let Law::CoulombPresliding { coarse, states, .. } = &mut self.law {
+            states.set_load_torques(torques);
+            let mut outputs = coarse.advance_outputs(self.instructions, states, voltages);
+            for (output, (_, lean)) in outputs.iter_mut().zip(&self.lean) {
+                *output -= lean;
+            }
+            return outputs;
         } else {
             self.law.advance(voltages, torques, self.period);
         }
+        self.outputs()
     }
 
     #[cold]
@@ -345,6 +363,13 @@ impl<const N: usize> Joints<N> {
             }
         }
         Ok(())
+    }
+
+    pub(super) fn motor_angles(&self) -> [f64; N] {
+        match &self.law {
+            Law::CoulombPresliding { states, .. } => states.motor_angles(),
+            _ => std::array::from_fn(|i| self.motor_angle(i)),
+        }
     }
 
     pub(super) fn motor_angle(&self, i: usize) -> f64 {

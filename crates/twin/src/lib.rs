@@ -47,6 +47,7 @@ use pigtail_hal::{
 };
 use pigtail_model::Invalid;
 use pigtail_model::frames::{Chip, Displacement, Point};
+use pigtail_model::instructions::{Instructions, Work};
 pub use plant::Plant;
 use plant::{AdhesivePlant, HandlingPlant, ThermalPlant};
 use production::Production;
@@ -88,6 +89,8 @@ pub struct Twin {
     drift: (f64, f64),
     thermal: ThermalPlant,
     floor: Option<Floor>,
+    /// Whether the chip moves beside the machine by any of these.
+    chip_moves: bool,
     /// Of the laser's power.
     wander: Option<Fluctuation>,
     late: Option<Late>,
@@ -297,6 +300,9 @@ impl Twin {
             drift: (plant.device.drift, plant.device.drift_from),
             thermal: plant.thermal,
             floor: Floor::new(&plant.floor, period, numbered(seed, 8)),
+            chip_moves: plant.device.drift != 0.0
+                || plant.thermal != ThermalPlant::default()
+                || plant.floor.rms != [0.0; 3],
             wander: (plant.light.wander > 0.0).then(|| {
                 let bandwidth = 1.0 / (std::f64::consts::TAU * plant.light.wander_time);
                 Fluctuation::new(plant.light.wander, bandwidth, period, &mut stream(9))
@@ -449,33 +455,55 @@ impl Twin {
         (self.setting[i], self.held[i]) = (None, None);
     }
 
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "what is not inlined does not get the instructions of its caller"
+    )]
     fn probes(&mut self) -> Option<[[f64; AXES]; SIDES]> {
         let (arm, noise) = self.probe?;
-        Some(std::array::from_fn(|i| {
-            let [a, b, z] = self.manipulators[i].endpoint.0;
-            let screw = self.manipulators[i].screw;
-            [arm * a, arm * b, screw.position(z)]
-                .map(|output| output + noise * normal(&mut self.rng))
-        }))
+        let mut probes = [[0.0; AXES]; SIDES];
+        for (probes, manipulator) in probes.iter_mut().zip(&self.manipulators) {
+            let [a, b, z] = manipulator.endpoint.0;
+            *probes = [arm * a, arm * b, manipulator.screw.position(z)];
+            for probe in probes {
+                *probe += noise * normal(&mut self.rng);
+            }
+        }
+        Some(probes)
     }
 
-    /// Coupling and tip of a fiber, be it attached or held.
-    fn fiber_at(&self, side: Side, port: usize, holder: Point<Chip>) -> Option<(f64, Point<Chip>)> {
+    /// Coupling and tip of a fiber, be it attached or held with its tip at such a place.
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "what is not inlined does not get the instructions of its caller"
+    )]
+    fn fiber_at(
+        &self,
+        side: Side,
+        port: usize,
+        held_tip: Option<Point<Chip>>,
+    ) -> Option<(f64, Point<Chip>)> {
         if let Some(fixed) = &self.attached[side.index()][port] {
             return Some((fixed.coupling, fixed.tip));
         }
         let held = self.held[side.index()]
             .as_ref()
             .filter(|held| held.port == port)?;
-        let tip = self.held_tip(side, holder, &held.fiber);
-        let port = self.light.port(side, port);
+        let (tip, port) = (held_tip?, self.light.port(side, port));
         Some((self.light.coupling(port, tip, &held.fiber), tip))
     }
 
     /// Light at the photodiodes, volts, without what they add to it.
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "what is not inlined does not get the instructions of its caller"
+    )]
     fn signals(
         &mut self,
-        [left, right]: &[Point<Chip>; SIDES],
+        [left, right]: &[Option<Point<Chip>>; SIDES],
         sensing: Point<Chip>,
         lit: Option<u8>,
     ) -> [f64; CHANNELS] {
@@ -487,7 +515,10 @@ impl Twin {
             input: self
                 .fiber_at(Side::Left, 0, *left)
                 .map_or(0.0, |(coupling, _)| coupling),
-            outputs: std::array::from_fn(|port| self.fiber_at(Side::Right, port, *right)),
+            outputs: [
+                self.fiber_at(Side::Right, 0, *right),
+                self.fiber_at(Side::Right, 1, *right),
+            ],
             sensing,
         };
         let power = match &mut self.wander {
@@ -499,8 +530,34 @@ impl Twin {
         signals.map(|signal| power * signal)
     }
 
+    /// How far each holder has gone beside the chip, whose frame goes with the device, by drift, warmth and the floor, metres.
+    fn beside_the_chip(&mut self) -> [[f64; 3]; SIDES] {
+        let time = self.time();
+        let drifted = self.drift.0 * (time - self.drift.1).max(0.0);
+        let ThermalPlant { chip, left, right } = &self.thermal;
+        let warm =
+            [left, right].map(|holder| std::array::from_fn(|i| time * (holder[i] - chip[i])));
+        let shaken = self.floor.as_mut().map(Floor::next).unwrap_or_default();
+        std::array::from_fn(|i| {
+            let ([x, y, z], [sx, sy, sz]): ([f64; 3], _) = (warm[i], shaken[i]);
+            [x + sx - drifted, y + sy, z + sz]
+        })
+    }
+
     /// One cycle under a command that was found good.
     fn cycle(&mut self, command: &Command) -> Result<Measurement, Fault> {
+        Instructions::run_work(Cycle {
+            twin: self,
+            command,
+        })
+    }
+
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "what is not inlined does not get the instructions of its caller"
+    )]
+    fn pass(&mut self, command: &Command) -> Result<Measurement, Fault> {
         self.micro_volts = command.micro;
         let arriving = self.late.as_mut().map(|late| late.arriving(command));
         let command = arriving.as_ref().unwrap_or(command);
@@ -512,26 +569,24 @@ impl Twin {
                 None => return Err(self.taken_apart(side)),
             };
         }
-        self.drives
+        let outputs = self
+            .drives
             .advance(&command.motors, &command.pulses, &torques);
-        let outputs = self.drives.outputs();
         let mut holders = [Point::ORIGIN; SIDES];
-        // The chip's frame goes with the device.
-        let time = self.time();
-        let drifted = self.drift.0 * (time - self.drift.1).max(0.0);
-        let ThermalPlant { chip, left, right } = &self.thermal;
-        let warm =
-            [left, right].map(|holder| std::array::from_fn(|i| time * (holder[i] - chip[i])));
-        let shaken = self.floor.as_mut().map(Floor::next).unwrap_or_default();
+        let beside = self.chip_moves.then(|| self.beside_the_chip());
         for side in Side::ALL {
             let i = side.index();
             let holder = self.manipulators[i].advance(outputs[i], command.micro[i], &mut self.rng);
             let Some(holder) = holder else {
                 return Err(self.taken_apart(side));
             };
-            let [x, y, z]: [f64; 3] = warm[i];
-            let [sx, sy, sz] = shaken[i];
-            let holder = holder.shifted(x + sx - drifted, y + sy, z + sz);
+            let holder = match beside {
+                Some(beside) => {
+                    let [x, y, z] = beside[i];
+                    holder.shifted(x, y, z)
+                }
+                None => holder,
+            };
             holders[i] = holder;
             if let Some(handling) = command.fiber[i] {
                 self.handle_fiber(side, handling)?;
@@ -549,40 +604,36 @@ impl Twin {
         self.sensing_height = sensing.y - self.light.port(Side::Right, 0).position.y;
         let lit = command.laser && !self.broken.laser_off;
         let lit = lit.then_some(command.laser_percent);
-        let signals = self.signals(&holders, sensing, lit);
+        let tips = Side::ALL.map(|side| {
+            let held = self.held[side.index()].as_ref()?;
+            Some(self.held_tip(side, holders[side.index()], &held.fiber))
+        });
+        let signals = self.signals(&tips, sensing, lit);
         let light = self
             .photodiodes
             .cycle(&signals, self.cycle, time, &mut self.rng);
-        let seen = |side: Side, tip: Point<Chip>, bias: Bias| Seen {
-            tip,
-            port: self.light.port(side, 0).position,
-            bias,
-        };
-        let fibers = Side::ALL.map(|side| {
-            let held = self.held[side.index()].as_ref()?;
-            Some(seen(
-                side,
-                self.held_tip(side, holders[side.index()], &held.fiber),
-                held.bias,
-            ))
+        let seen = self.camera.exposes(self.cycle).then(|| {
+            let seen = |side: Side, tip: Point<Chip>, bias: Bias| Seen {
+                tip,
+                port: self.light.port(side, 0).position,
+                bias,
+            };
+            let fibers = Side::ALL.map(|side| {
+                let held = self.held[side.index()].as_ref()?;
+                Some(seen(side, tips[side.index()]?, held.bias))
+            });
+            (fibers, seen(Side::Right, sensing, self.sensing.1))
         });
-        let vision = self.camera.cycle(
-            fibers,
-            seen(Side::Right, sensing, self.sensing.1),
-            self.cycle,
-            time,
-            &mut self.rng,
-        );
+        let vision = self.camera.cycle(seen, self.cycle, time, &mut self.rng);
         for side in Side::ALL {
-            let holder = holders[side.index()];
-            let gap = if let Some(held) = &self.held[side.index()] {
-                let tip = self.held_tip(side, holder, &held.fiber);
+            let i = side.index();
+            let gap = if let (Some(held), Some(tip)) = (&self.held[i], tips[i]) {
                 self.light.port(side, held.port).clearance(tip)
             } else {
                 // An empty holder is as broad as it is.
                 let HolderSpec { tip, width, .. } = self.spec.holder;
                 let port = self.light.port(side, 0);
-                let corner = |aside: f64| port.clearance(holder.shifted(aside, 0.0, 0.0));
+                let corner = |aside: f64| port.clearance(holders[i].shifted(aside, 0.0, 0.0));
                 tip + corner(0.5 * width).min(corner(-0.5 * width))
             };
             self.smallest_gap = self.smallest_gap.min(gap);
@@ -591,7 +642,7 @@ impl Twin {
         self.smallest_gap = self.smallest_gap.min(sensing_gap);
         Ok(Measurement {
             time,
-            encoders: [self.drives.encoders(0), self.drives.encoders(1)],
+            encoders: self.drives.encoders(),
             light,
             vision,
             probes: self.probes(),
@@ -644,6 +695,25 @@ impl Twin {
             outputs: std::array::from_fn(|port| fiber(Side::Right, port)),
             smallest_gap: self.smallest_gap,
         }
+    }
+}
+
+/// A cycle of a twin under a command.
+struct Cycle<'a> {
+    twin: &'a mut Twin,
+    command: &'a Command,
+}
+
+impl Work for Cycle<'_> {
+    type Output = Result<Measurement, Fault>;
+
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "what is not inlined does not get the instructions of its caller"
+    )]
+    fn work(self) -> Self::Output {
+        self.twin.pass(self.command)
     }
 }
 

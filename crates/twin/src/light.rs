@@ -1,5 +1,10 @@
 //! Where the light goes: from the input fiber through the Y-branch to the photodiodes.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined does not get the instructions of its caller"
+)]
+
 use super::plant::{Device, Fiber, Light, Plant, Scatter};
 use super::{FiberTruth, Fixed};
 use pigtail_hal::spec::{CHANNELS, Channel, OUTPUTS, Side};
@@ -191,8 +196,9 @@ impl LightPath {
     /// Power coupled between a port and a fiber at `tip`, 0 to 1. The same into the chip and out of it, but
     /// for a fiber's roll: the guides carry one polarization alone, so that of the input's light they take the
     /// part along it, while an output fiber takes all of it, in both of its axes, and its photodiode with it.
+    #[inline(always)]
     pub(super) fn coupling(&self, port: &Port, tip: Point<Chip>, fiber: &FiberInHolder) -> f64 {
-        let polarized = if port.outward < 0.0 {
+        let polarized = if port.outward < 0.0 && fiber.roll != 0.0 {
             fiber.roll.cos().powi(2)
         } else {
             1.0
@@ -201,6 +207,7 @@ impl LightPath {
     }
 
     /// The same of a fiber that has not rolled.
+    #[inline(always)]
     fn coupled(&self, port: &Port, tip: Point<Chip>, tilt: [f64; 2]) -> f64 {
         let at = port.misalignment(tip, tilt);
         let mut coupling = self.coupler.efficiency(&at);
@@ -219,6 +226,7 @@ impl LightPath {
     }
 
     /// Photodiode signals, volts, for a relative level of scattered light (1 on average).
+    #[inline(always)]
     pub(super) fn signals(&self, tips: &Tips, fluctuation: f64) -> [f64; CHANNELS] {
         let mut volts = [0.0; CHANNELS];
         let missed = self.full * self.scatter_level * (1.0 - tips.input) * fluctuation;
@@ -252,6 +260,7 @@ impl LightPath {
 
     /// Relative level of the light in the substrate over a disc: none above the chip's top, a
     /// broad hill around the outputs below it (thesis, Fig. 3.4).
+    #[inline(always)]
     fn substrate(&self, tip: Point<Chip>, radius: f64) -> f64 {
         let middle = &self.outputs[0].position;
         let x = (tip.x - 0.5 * (middle.x + self.outputs[1].position.x)) / self.scatter_spread;
@@ -260,7 +269,11 @@ impl LightPath {
         if hill > 30.0 {
             return 0.0;
         }
-        (-hill).exp() * disc_below_edge(tip.y - middle.y, radius)
+        let below = disc_below_edge(tip.y - middle.y, radius);
+        if below == 0.0 {
+            return 0.0;
+        }
+        (-hill).exp() * below
     }
 
     /// Where a fiber that is fixed really is.

@@ -1,5 +1,10 @@
 //! A manipulator: from the outputs of its joints to where its holder is.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined does not get the instructions of its caller"
+)]
+
 use super::TwinError;
 use super::linkage::{Carried, Linkage};
 use super::micro::Micro;
@@ -114,6 +119,7 @@ impl Manipulator {
     /// cannot meet.
     ///
     /// They change far more slowly than a cycle: what they were at the end of the one before.
+    #[inline(always)]
     pub(super) fn torques(&mut self) -> Option<[f64; AXES]> {
         let mut torques = [0.0; AXES];
         if self.linkage.is_none() && self.carried.is_none() {
@@ -138,6 +144,7 @@ impl Manipulator {
 
     /// The holder's position in the chip's frame after a cycle that ended with these outputs
     /// (radians), the micro's part in it included; `None` where the links cannot meet.
+    #[inline(always)]
     pub(super) fn advance(
         &mut self,
         outputs: [f64; AXES],
@@ -155,6 +162,7 @@ impl Manipulator {
         Some(self.placement.chip_from_macro(at))
     }
 
+    #[inline(always)]
     fn endpoint_at(&mut self, [a, b, z]: [f64; AXES]) -> Option<Point<Macro>> {
         let [home_a, home_b] = self.home_angles;
         let angles = [JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)];

@@ -1,5 +1,10 @@
 //! The micro manipulators: piezos behind their amplifiers.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined does not get the instructions of its caller"
+)]
+
 use super::plant::Plant;
 use super::sensors::{nearest, normal};
 use pigtail_hal::Spec;
@@ -49,6 +54,7 @@ struct Piezo {
 
 impl Piezo {
     /// One cycle; voltage and result are from the middle of the range, as shares of its half.
+    #[inline(always)]
     fn advance(&mut self, input: f64) -> f64 {
         let (hysteresis, creep) = &mut self.state;
         let applied = self.hysteresis.advance(hysteresis, input);
@@ -107,25 +113,32 @@ impl Micro {
     }
 
     /// One cycle under these inputs; the displacement in the manipulator's x and y, metres.
+    #[inline(always)]
     pub(super) fn advance(
         &mut self,
         volts: [Volts; MICRO_AXES],
         rng: &mut impl Rng,
     ) -> Displacement {
-        let [u, v] = std::array::from_fn(|i| {
-            let Volts(volts) = volts[i];
-            let held = nearest(volts.clamp(0.0, self.limit) / self.step) * self.step;
-            self.centre * self.piezos[i].advance((held - self.centre) / self.centre)
-        });
-        let [p, q] = std::array::from_fn(|i| {
+        let [first, second] = volts;
+        let (u, v) = (self.alone(0, first), self.alone(1, second));
+        let mut at = [0.0; MICRO_AXES];
+        for (i, at) in at.iter_mut().enumerate() {
             let input = self.gain[i][0] * u + self.gain[i][1] * v;
             self.resonances[i].advance(&mut self.states[i], input);
             if let Some((resonance, states, _)) = &mut self.second {
                 resonance.advance(&mut states[i], input);
             }
-            self.position(i) + self.noise * normal(rng)
-        });
+            *at = self.position(i) + self.noise * normal(rng);
+        }
+        let [p, q] = at;
         Displacement::new(p, q).turned(self.sin, self.cos)
+    }
+
+    /// What a piezo would do by itself, volts of full stroke.
+    #[inline(always)]
+    fn alone(&mut self, piezo: usize, Volts(volts): Volts) -> f64 {
+        let held = nearest(volts.clamp(0.0, self.limit) / self.step) * self.step;
+        self.centre * self.piezos[piezo].advance((held - self.centre) / self.centre)
     }
 
     /// A piezo gives no more than a share of its stroke.

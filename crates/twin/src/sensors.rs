@@ -1,5 +1,10 @@
 //! What stands between the truth and a measurement: bandwidth, noise, quantisation, delay.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined does not get the instructions of its caller"
+)]
+
 use super::light::FiberInHolder;
 use super::plant::{CameraPlant, Light, uniform};
 use pigtail_hal::measurement::{LightSample, TipFix, VisionFrame};
@@ -46,6 +51,7 @@ pub(super) struct Photodiodes {
     stray: f64,
     /// What has happened to each.
     broken: [BrokenDiode; CHANNELS],
+    is_broken: bool,
 }
 
 /// What can have happened to a photodiode.
@@ -92,15 +98,18 @@ impl Photodiodes {
             every: (spec.servo.rate / spec.photodiode.rate).round() as u64,
             filtered: [0.0; CHANNELS],
             broken: [BrokenDiode::default(); CHANNELS],
+            is_broken: false,
         }
     }
 
     /// A photodiode to break.
     pub(super) fn diode(&mut self, channel: usize) -> &mut BrokenDiode {
+        self.is_broken = true;
         &mut self.broken[channel]
     }
 
     /// Lets the signals act for one servo cycle, and samples if it is time to.
+    #[inline(always)]
     pub(super) fn cycle(
         &mut self,
         signals: &[f64; CHANNELS],
@@ -117,7 +126,7 @@ impl Photodiodes {
         for ((filtered, signal), broken) in self.filtered.iter_mut().zip(signals).zip(&self.broken)
         {
             let mut signal = signal + stray;
-            if *broken != BrokenDiode::default() {
+            if self.is_broken && *broken != BrokenDiode::default() {
                 signal = broken.signal(signal, time);
             }
             *filtered = signal + self.decay * (*filtered - signal);
@@ -126,14 +135,16 @@ impl Photodiodes {
             return None;
         }
         self.drift.step(rng);
-        let volts = std::array::from_fn(|i| {
+        let mut volts = [Volts(0.0); CHANNELS];
+        for (i, volts) in volts.iter_mut().enumerate() {
             let offset = self.offset + self.drift.at[i];
             if self.broken[i].saturated {
-                return Volts(self.codes * self.step);
+                *volts = Volts(self.codes * self.step);
+                continue;
             }
             let code = (self.filtered[i] + offset + self.noise * normal(rng)) / self.step;
-            Volts(nearest(code.clamp(0.0, self.codes)) * self.step)
-        });
+            *volts = Volts(nearest(code.clamp(0.0, self.codes)) * self.step);
+        }
         Some(LightSample { time, volts })
     }
 }
@@ -239,18 +250,22 @@ impl Camera {
         }
     }
 
-    /// Exposes a frame if it is time to, and returns the one whose delay has passed.
+    /// Whether it is time to expose a frame.
+    pub(super) fn exposes(&self, cycle: u64) -> bool {
+        cycle.is_multiple_of(self.every)
+    }
+
+    /// Exposes a frame of what is seen, where it is time to, and returns the one whose delay has passed.
     pub(super) fn cycle(
         &mut self,
-        fibers: [Option<Seen>; SIDES],
-        sensing: Seen,
+        seen: Option<([Option<Seen>; SIDES], Seen)>,
         cycle: u64,
         time: f64,
         rng: &mut impl Rng,
     ) -> Option<VisionFrame> {
         let due = self.pending.front().is_some_and(|(due, _)| *due <= cycle);
         let ready = if due { self.pending.pop_front() } else { None };
-        if cycle.is_multiple_of(self.every) {
+        if let Some((fibers, sensing)) = seen {
             let frame = VisionFrame {
                 time,
                 fiber: fibers.map(|seen| seen.map(|seen| self.fix(seen, rng))),

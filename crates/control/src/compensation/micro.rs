@@ -1,6 +1,11 @@
 //! A micro manipulator with its piezos' hysteresis taken out: from a wanted displacement of the
 //! tip to the voltages that bring it about.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined does not get the instructions of its caller"
+)]
+
 use super::hysteresis::{Invalid, Model, Range, State};
 use pigtail_hal::Spec;
 use pigtail_hal::quantity::Volts;
@@ -112,6 +117,7 @@ impl MicroCompensation {
     }
 
     /// How far each piezo has to go, metres, for a tip that is wanted so far from its centre.
+    #[inline(always)]
     pub fn along(&self, to: Displacement) -> [f64; MICRO_AXES] {
         let uncoupled = Displacement::new(to.x, to.y / self.model.ratio);
         let along = uncoupled.turned(-self.sin, self.cos);
@@ -119,12 +125,17 @@ impl MicroCompensation {
     }
 
     /// The voltages of the next cycle for piezos that are to go so far, metres.
+    #[inline(always)]
     pub fn next_along(&mut self, wanted: [f64; MICRO_AXES]) -> [Volts; MICRO_AXES] {
-        std::array::from_fn(|i| {
-            let d = wanted[i].clamp(-self.half_range, self.half_range) + self.zeros[i];
-            let state = &mut self.states[i];
-            Volts(self.model.piezos[i].voltage(state, d, self.period, &self.limits))
-        })
+        let [first, second] = wanted;
+        [self.next_of(0, first), self.next_of(1, second)]
+    }
+
+    #[inline(always)]
+    fn next_of(&mut self, piezo: usize, wanted: f64) -> Volts {
+        let d = wanted.clamp(-self.half_range, self.half_range) + self.zeros[piezo];
+        let state = &mut self.states[piezo];
+        Volts(self.model.piezos[piezo].voltage(state, d, self.period, &self.limits))
     }
 
     /// Takes note of voltages that somebody else has set for the next cycle.

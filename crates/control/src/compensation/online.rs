@@ -121,7 +121,11 @@ impl OnLine {
     }
 
     /// What a model is to be asked for, for displacements that are wanted along the piezos, metres.
-    #[inline]
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "what is not inlined does not get the instructions of its caller"
+    )]
     pub fn asked(&self, wanted: [f64; MICRO_AXES]) -> [f64; MICRO_AXES] {
         let scales = self.scales_now();
         std::array::from_fn(|i| self.stands[i] + (wanted[i] - self.pivot[i]) / scales[i])

@@ -1,5 +1,10 @@
 //! One manipulator as the station drives it: its motion, its servo, its models.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined does not get the instructions of its caller"
+)]
+
 use crate::calibration::{Calibration, WindupBelief};
 use crate::compensation::micro::MicroCompensation;
 use crate::compensation::online::{OnLine, Told};
@@ -131,19 +136,30 @@ impl Arm {
     }
 
     /// The motors' voltages for this cycle.
+    #[inline(always)]
     pub(super) fn servo(&mut self, measured: &[Counts; AXES]) -> [Volts; AXES] {
-        std::array::from_fn(|i| match self.held[i] {
-            Some(volts) => volts,
-            None => self.pids[i].voltage(&mut self.states[i], self.references[i], measured[i]),
-        })
+        let mut voltages = [Volts(0.0); AXES];
+        for (i, voltage) in voltages.iter_mut().enumerate() {
+            *voltage = match self.held[i] {
+                Some(volts) => volts,
+                None => self.pids[i].voltage(&mut self.states[i], self.references[i], measured[i]),
+            };
+        }
+        voltages
     }
 
     /// What the servo holds the axes to in this cycle.
+    #[inline(always)]
     pub(super) fn servo_references(&self) -> [Option<Counts>; AXES] {
-        std::array::from_fn(|i| self.held[i].is_none().then_some(self.references[i]))
+        let mut references = [None; AXES];
+        for (i, reference) in references.iter_mut().enumerate() {
+            *reference = self.held[i].is_none().then_some(self.references[i]);
+        }
+        references
     }
 
     /// The piezos' voltages for this cycle.
+    #[inline(always)]
     pub(super) fn piezos(&mut self) -> [Volts; MICRO_AXES] {
         self.online.pass();
         let asked = self.asked(self.micro);
@@ -159,6 +175,7 @@ impl Arm {
     }
 
     /// How far each piezo has to go, metres, to displace the tip so far.
+    #[inline(always)]
     fn along(&self, by: Displacement) -> [f64; MICRO_AXES] {
         match &self.piezos {
             Some(model) => model.along(by),
@@ -167,6 +184,7 @@ impl Arm {
     }
 
     /// What its models are to be asked for then, by what was learned of the piezos.
+    #[inline(always)]
     fn asked(&self, by: Displacement) -> [f64; MICRO_AXES] {
         self.online.asked(self.along(by))
     }
@@ -187,6 +205,7 @@ impl Arm {
 
     /// Lets a motion pass more slowly while z stays far behind it: its motor gives all it can, and what
     /// the datasheet promises is more. The joints' motors have more in hand than their endpoint needs.
+    #[inline(always)]
     pub(super) fn wait(&mut self, measured: &[Counts; AXES], z: Rates, period: f64) {
         let Some(started) = &mut self.motion else {
             return;
@@ -201,6 +220,7 @@ impl Arm {
     }
 
     /// Sets the references for this moment.
+    #[inline(always)]
     pub(super) fn follow(&mut self, time: f64) {
         let Some(Started { motion, at, .. }) = &self.motion else {
             return;

@@ -28,7 +28,10 @@ impl Past {
 
     /// Notes where the holders are in this cycle.
     pub(super) fn note(&mut self, stands: [Stand; SIDES]) {
-        self.cycle = (self.cycle + 1) % self.recent.len();
+        self.cycle += 1;
+        if self.cycle == self.recent.len() {
+            self.cycle = 0;
+        }
         self.recent[self.cycle] = stands;
     }
 

@@ -155,34 +155,50 @@ impl Station<'_> {
     }
 
     /// Sends the micros that play laws to where these are at a time, the end of the cycle.
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "what is not inlined does not get the instructions of its caller"
+    )]
     pub(super) fn play_fine(&mut self, time: f64) {
-        let period = self.spec().period();
         for side in Side::ALL {
-            let Some(mut fine) = self.playing.fine[side.index()].take() else {
-                continue;
-            };
-            let (to, over) = match &mut fine.way {
-                Way::Circle(circle) => {
+            let (to, angle, over) = match &self.playing.fine[side.index()] {
+                Some(Fine {
+                    way: Way::Circle(circle),
+                    ..
+                }) => {
                     let (middle, radius) = circle.middle(time, &self.leader(&circle.law));
-                    circle.angle = (circle.angle + TAU * circle.law.rate * period) % TAU;
-                    let to = middle + Displacement::polar(radius, circle.angle);
-                    (Some(to), circle.is_over(time))
+                    let angle = circle.angle + TAU * circle.law.rate * self.spec().period();
+                    // A remainder is a call into the C library.
+                    let angle = if (0.0..TAU).contains(&angle) {
+                        angle
+                    } else {
+                        angle % TAU
+                    };
+                    let to = middle + Displacement::polar(radius, angle);
+                    (to, Some(angle), circle.is_over(time))
                 }
-                Way::Scan(scan) => {
+                Some(Fine {
+                    way: Way::Scan(scan),
+                    ..
+                }) => {
                     let (to, over) = scan.at(time);
-                    (Some(to), over)
+                    (to, None, over)
                 }
-                Way::Rest(_) => (None, false),
+                _ => continue,
             };
-            if let Some(to) = to {
-                let arm = &mut self.arms[side.index()];
-                arm.micro = to;
-                arm.micro_volts = None;
+            let arm = &mut self.arms[side.index()];
+            arm.micro = to;
+            arm.micro_volts = None;
+            let rest = time + self.micro_settling();
+            if let Some(fine) = &mut self.playing.fine[side.index()] {
+                if let (Way::Circle(circle), Some(angle)) = (&mut fine.way, angle) {
+                    circle.angle = angle;
+                }
+                if over {
+                    fine.way = Way::Rest(rest);
+                }
             }
-            if over {
-                fine.way = Way::Rest(time + self.micro_settling());
-            }
-            self.playing.fine[side.index()] = Some(fine);
         }
     }
 
@@ -277,13 +293,15 @@ impl Station<'_> {
 
     /// How a macro's law has come to its end in this cycle, and how its group has come to rest, if they have.
     fn coarse_ended(&mut self, side: Side) {
+        if self.moving(side) {
+            return;
+        }
         let Some(mut coarse) = self.playing.coarse[side.index()].take() else {
             return;
         };
         let ticket = coarse.ticket;
         let failed = |why: &Outcome| Event::Failed(ticket, why.to_string());
-        if self.moving(side) {
-        } else if let Some((to, speed)) = coarse.then.take() {
+        if let Some((to, speed)) = coarse.then.take() {
             if let Err(why) = self.start_line(side, to, speed) {
                 self.playing.events.push_back(failed(&why));
                 return;

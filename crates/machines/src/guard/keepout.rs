@@ -2,7 +2,13 @@
 //!
 //! The guard has an estimate of its own: it must not believe what it is there to check.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined does not get the instructions of its caller"
+)]
+
 use super::Geometry;
+use super::across::Across;
 use pigtail_hal::measurement::TipFix;
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{GuardSpec, HolderSpec, MICRO_AXES, SIDES};
@@ -98,6 +104,17 @@ pub(super) struct Stand {
     pub(super) tip: Point<Chip>,
 }
 
+/// How far an endpoint has gone of late, metres, in its own frame.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Way {
+    /// Across, within [`WHILE`] cycles.
+    pub(super) across: f64,
+    /// The same along.
+    pub(super) along: f64,
+    /// Along, within [`AT_ONCE`] cycles.
+    at_once: f64,
+}
+
 /// All tips, and where the holders were of late.
 #[derive(Debug, Clone)]
 pub(super) struct Keepout {
@@ -129,12 +146,17 @@ pub(super) struct Keepout {
     recent: Vec<[Stand; SIDES]>,
     /// For how many cycles each endpoint has been where it is, to the last bit.
     stood: [usize; SIDES],
+    /// For how many each micro has been told to be where it is.
+    micro_stood: [usize; SIDES],
+    ways: [Way; SIDES],
     /// Whether what was before says nothing of what comes.
     anew: bool,
     at: usize,
     seen_counts: [[Counts; 2]; SIDES],
-    /// Sines and cosines of the joints by encoders and by probes.
-    turning: [[[Turning; 2]; 2]; SIDES],
+    /// Sines and cosines of the joints by encoders.
+    turning: [[Turning; 2]; SIDES],
+    /// Where the endpoints are by probes.
+    probed: [Across; SIDES],
     held: [bool; SIDES],
     fibers: [Option<Belief>; SIDES],
     sensing: Option<Belief>,
@@ -197,10 +219,13 @@ impl Keepout {
             late,
             recent: vec![stands; cycles],
             stood: [0; SIDES],
+            micro_stood: [0; SIDES],
+            ways: Default::default(),
             anew: false,
             at: 0,
             seen_counts: [[Counts(0); 2]; SIDES],
             turning: Default::default(),
+            probed: Default::default(),
             held: [false; SIDES],
             fibers: [None; SIDES],
             sensing: None,
@@ -238,6 +263,7 @@ impl Keepout {
     }
 
     /// Where a manipulator stood so many cycles ago.
+    #[inline(always)]
     pub(super) fn stand(&self, side: usize, back: usize) -> &Stand {
         // `back` is less than all that is remembered: no division.
         let i = if back <= self.at {
@@ -255,37 +281,66 @@ impl Keepout {
     }
 
     /// Whether a tip has been within so many metres of where it is for as long as piezos may swing.
+    #[inline(always)]
     pub(super) fn is_still(&self, side: usize, metres: f64) -> bool {
         let now = self.stand(side, 0).endpoint;
         // What moves mostly shows by the first of them. What has stood where it is needs no look at each cycle.
-        self.squares(side, 0)
-            .all(|square| square <= metres * metres)
-            && (self.stood[side] + 1..=self.settle)
-                .all(|back| self.stand(side, back).endpoint.distance(now) <= metres)
+        for square in self.squares(side, 0) {
+            // What is no number has moved, too.
+            let near = square <= metres * metres;
+            if !near {
+                return false;
+            }
+        }
+        for back in self.stood[side] + 1..=self.settle {
+            let near = self.stand(side, back).endpoint.distance(now) <= metres;
+            if !near {
+                return false;
+            }
+        }
+        true
     }
 
     /// Squares of how far a micro may still have been from where it was told to be so many cycles ago, by where
     /// it was told to be at each moment before.
+    #[inline(always)]
     fn squares(&self, side: usize, back: usize) -> impl Iterator<Item = f64> {
         let told = self.stand(side, back).micro;
-        (self.late.iter().zip((0..).step_by(EVERY))).map(move |(share, k)| {
+        // Where it was told to be all the while, it is off by nothing.
+        let stood = if back == 0 { self.micro_stood[side] } else { 0 };
+        let first = (stood / EVERY).min(self.late.len());
+        let looks = (first * EVERY..).step_by(EVERY);
+        (self.late[first..].iter().zip(looks)).map(move |(share, k)| {
             let off = told - self.stand(side, back + k).micro;
             share * (off.x * off.x + off.y * off.y)
         })
     }
 
-    /// How far an endpoint has moved within so many cycles, metres: across and along.
-    pub(super) fn moved(&self, side: usize, back: usize) -> (f64, f64) {
-        let [now, then] = [0, back].map(|back| self.stand(side, back).endpoint);
-        ((now.across() - then.across()).norm(), now.z - then.z)
+    /// How far an endpoint has gone of late.
+    pub(super) fn way(&self, side: usize) -> &Way {
+        &self.ways[side]
     }
 
-    /// The same along alone.
+    #[inline(always)]
+    fn way_now(&self, side: usize) -> Way {
+        if self.stood[side] >= WHILE {
+            return Way::default();
+        }
+        let [now, then] = [0, WHILE].map(|back| self.stand(side, back).endpoint);
+        Way {
+            across: (now.across() - then.across()).norm(),
+            along: now.z - then.z,
+            at_once: self.moved_along(side, AT_ONCE),
+        }
+    }
+
+    /// How far an endpoint has moved along within so many cycles, metres.
     pub(super) fn moved_along(&self, side: usize, back: usize) -> f64 {
         self.stand(side, 0).endpoint.z - self.stand(side, back).endpoint.z
     }
 
     /// Notes where everything is in this cycle. `false` for a side whose joints no mechanism has.
+    #[inline(always)]
     pub(super) fn note(
         &mut self,
         measured: &Measurement,
@@ -297,7 +352,8 @@ impl Keepout {
         if self.at == self.recent.len() {
             self.at = 0;
         }
-        let whole = std::array::from_fn(|i| {
+        let mut wholes = [true; SIDES];
+        for (i, whole) in wholes.iter_mut().enumerate() {
             let arm = &self.geometry.arms[i];
             let [a, b, Counts(z)] = encoders[i];
             let Stand {
@@ -305,17 +361,16 @@ impl Keepout {
                 mut gone,
                 ..
             } = before[i];
-            let mut whole = true;
             if [a, b] != self.seen_counts[i] {
                 self.seen_counts[i] = [a, b];
                 let turned = [a, b].map(|Counts(counts)| counts as f64 * self.radians_per_count);
-                match arm.across_from(&mut self.turning[i][0], turned) {
+                match arm.across_from(&mut self.turning[i], turned) {
                     Ok((x, y)) => {
                         gone[0] += (x - endpoint.x).abs();
                         gone[1] += (y - endpoint.y).abs();
                         (endpoint.x, endpoint.y) = (x, y);
                     }
-                    Err(_) => whole = false,
+                    Err(_) => *whole = false,
                 }
             }
             endpoint.z = z as f64 * self.metres_per_count_z;
@@ -329,6 +384,11 @@ impl Keepout {
             } else {
                 0
             };
+            self.micro_stood[i] = if added == before[i].micro {
+                self.micro_stood[i].saturating_add(1)
+            } else {
+                0
+            };
             self.recent[self.at][i] = Stand {
                 time: measured.time,
                 endpoint,
@@ -337,14 +397,15 @@ impl Keepout {
                 micro: added,
                 tip,
             };
-            whole
-        });
+        }
         if std::mem::take(&mut self.anew) {
             let now = self.recent[self.at];
             self.recent.fill(now);
             self.stood = [0; SIDES];
+            self.micro_stood = [0; SIDES];
         }
-        whole
+        self.ways = [self.way_now(0), self.way_now(1)];
+        wholes
     }
 
     /// Takes in a frame that has arrived at `now`.
@@ -467,6 +528,7 @@ impl Keepout {
     }
 
     /// The same of where a manipulator stands now, if it matters: where a tip of it has been seen.
+    #[inline(always)]
     fn probed_x_now(&mut self, side: Side) -> Option<f64> {
         let i = side.index();
         let sensing = side == Side::Right && self.sensing.is_some();
@@ -475,14 +537,14 @@ impl Keepout {
         }
         let stand = &self.recent[self.at][i];
         let arm = &self.geometry.arms[i];
-        let turning = &mut self.turning[i][1];
-        let (x, y) = arm.across_from(turning, stand.probed?).ok()?;
+        let (x, y) = self.probed[i].of(arm, stand.probed?).ok()?;
         let at = Point::new(x, y, stand.endpoint.z).moved(stand.micro);
         Some(arm.placement.chip_from_macro(at).x)
     }
 
     /// What transmissions and piezos may have kept to themselves of the way between two stands, in x,
     /// metres.
+    #[inline(always)]
     fn hidden(&self, now: &Stand, then: &Stand) -> f64 {
         let way = (now.gone[0] - then.gone[0]) + CROSS * (now.gone[1] - then.gone[1]);
         let micro = (now.micro - then.micro).norm();
@@ -490,6 +552,7 @@ impl Keepout {
     }
 
     /// Where a tip would be so many cycles ago were its fiber as it should be.
+    #[inline(always)]
     fn nominal(&self, tip: Tip, back: usize) -> Point<Chip> {
         let at = self.stand(tip.side().index(), back).tip;
         match tip {
@@ -502,6 +565,7 @@ impl Keepout {
     }
 
     /// What is nearest to the chip, and how near it would come if it were stopped now.
+    #[inline(always)]
     pub(super) fn nearest(&mut self) -> Near {
         let mut nearest = Near {
             what: "",
@@ -512,10 +576,15 @@ impl Keepout {
             let i = side.index();
             // Towards the chip is forward in either manipulator's frame. A loop that swings is as fast as it is at this
             // moment, not on average.
-            let speeds =
-                [WHILE, AT_ONCE].map(|back| self.moved_along(i, back) * self.rate / back as f64);
+            let Way { along, at_once, .. } = self.ways[i];
+            let speeds = [(along, WHILE), (at_once, AT_ONCE)]
+                .map(|(way, cycles)| way * self.rate / cycles as f64);
             let speed = speeds[0].max(speeds[1]).max(0.0);
-            let stop = speed * GuardSpec::REACTION / self.rate + 0.5 * speed * speed / self.brake;
+            let stop = if speed > 0.0 {
+                speed * GuardSpec::REACTION / self.rate + 0.5 * speed * speed / self.brake
+            } else {
+                0.0
+            };
             let facet = &self.geometry.facets[i];
             let carried = if self.held[i] {
                 let tip = Tip::Fiber(side);
@@ -559,6 +628,7 @@ impl Keepout {
     }
 
     /// How far the holders are from each other where they could meet, metres.
+    #[inline(always)]
     pub(super) fn between_holders(&self) -> f64 {
         let [left, right] = [self.stand(0, 0).tip, self.stand(1, 0).tip];
         let beside = (left.x - right.x).abs() > self.holder.width + self.placement
@@ -575,6 +645,7 @@ impl Keepout {
     }
 
     /// Of a tip from the chip with what is believed of it, and where the probes have its holder's fiber in x, metres.
+    #[inline(always)]
     fn clearance(&self, tip: Tip, belief: Option<&Belief>, probed: Option<f64>) -> f64 {
         let facet = &self.geometry.facets[tip.side().index()];
         let at = self.nominal(tip, 0);

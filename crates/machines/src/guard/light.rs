@@ -1,5 +1,10 @@
 //! Light that goes out while nothing has moved.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined does not get the instructions of its caller"
+)]
+
 use super::Broken;
 use super::keepout::Keepout;
 use pigtail_hal::quantity::Volts;
@@ -83,6 +88,7 @@ impl LightWatch {
         self.last = None;
     }
 
+    #[inline(always)]
     pub(super) fn check(
         &mut self,
         command: &Command,
@@ -141,6 +147,7 @@ impl LightWatch {
     }
 }
 
+#[inline(always)]
 fn still(keepout: &Keepout) -> bool {
     (0..SIDES).all(|side| keepout.is_still(side, STILL))
 }

@@ -6,12 +6,18 @@
 //! within the limits, draw z back, let the motors hold by friction; from then on it answers every
 //! command with the same [`Fault`], until a person clears it.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined does not get the instructions of its caller"
+)]
+
+mod across;
 mod keepout;
 mod light;
 mod retreat;
 mod watch;
 
-use keepout::{Keepout, Surprise, WHILE};
+use keepout::{Keepout, Surprise, WHILE, Way};
 use light::LightWatch;
 use pigtail_hal::quantity::{Counts, Volts};
 use pigtail_hal::spec::{AXES, MICRO_AXES, SIDES};
@@ -20,6 +26,7 @@ use pigtail_hal::{
 };
 use pigtail_model::fivebar::{FiveBar, JointAngle, Turning, Unreachable};
 use pigtail_model::frames::{Chip, Placement, Point};
+use pigtail_model::instructions::{Instructions, Work};
 use pigtail_model::leadscrew::LeadScrew;
 use watch::{Outputs, Piezos, Sensors, Stalls};
 
@@ -78,6 +85,7 @@ impl Arm {
     }
 
     /// The same of angles that change little from one call to the next.
+    #[inline(always)]
     fn across_from(
         &self,
         turning: &mut [Turning; 2],
@@ -87,6 +95,13 @@ impl Arm {
         let angles = [JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)];
         let (x, y) = self.five_bar.forward_from(turning, angles)?;
         Ok((x - self.home[0], y - self.home[1]))
+    }
+
+    /// How far the endpoint goes across for its joints, at these angles from home (radians): metres a radian, of x, then of y.
+    fn rates(&self, [a, b]: [f64; 2]) -> Result<[[f64; 2]; 2], Unreachable> {
+        let [home_a, home_b] = self.home_angles;
+        let angles = [JointAngle(home_a.0 + a), JointAngle(home_b.0 + b)];
+        self.five_bar.jacobian(angles)
     }
 }
 
@@ -344,6 +359,7 @@ impl<M: Machine> Guard<M> {
     }
 
     /// What is wrong with what was measured.
+    #[inline(always)]
     fn check_measurement(
         &mut self,
         command: &Command,
@@ -393,6 +409,7 @@ impl<M: Machine> Guard<M> {
         self.light.check(command, measured, &self.keepout)
     }
 
+    #[inline(always)]
     fn check_axes(
         &mut self,
         command: &Command,
@@ -431,7 +448,7 @@ impl<M: Machine> Guard<M> {
                     continue;
                 }
                 // One that moves is farther behind: speeds are looked at where it may matter.
-                let (across, along) = self.keepout.moved(i, WHILE);
+                let Way { across, along, .. } = *self.keepout.way(i);
                 let way = [across, across, along.abs()][k] / limits.metres_per_count[k];
                 let most =
                     limits.following[k] + (FOLLOWING / WHILE as f64 / limits.period * way) as i64;
@@ -450,22 +467,25 @@ impl<M: Machine> Guard<M> {
     }
 
     /// What the probes at the outputs say, where the rig has them.
+    #[inline(always)]
     fn check_outputs(
         &mut self,
         probes: &[[f64; AXES]; SIDES],
         measured: &Measurement,
     ) -> Result<(), Broken> {
         let scale = &self.limits.probe_per_count;
-        let encoders: [[f64; AXES]; SIDES] = std::array::from_fn(|i| {
-            std::array::from_fn(|k| measured.encoders[i][k].0 as f64 * scale[k])
-        });
-        let speeds = std::array::from_fn(|i| {
-            let z = self.keepout.moved_along(i, WHILE);
-            [0.0, 0.0, z / (WHILE as f64 * self.limits.period)]
-        });
+        let (mut encoders, mut speeds) = ([[0.0; AXES]; SIDES], [[0.0; AXES]; SIDES]);
+        for i in 0..SIDES {
+            for k in 0..AXES {
+                encoders[i][k] = measured.encoders[i][k].0 as f64 * scale[k];
+            }
+            let z = self.keepout.way(i).along;
+            speeds[i][AXES - 1] = z / (WHILE as f64 * self.limits.period);
+        }
         self.outputs.check(probes, &encoders, &speeds)
     }
 
+    #[inline(always)]
     fn check_places(&mut self, whole: [bool; SIDES]) -> Result<(), Broken> {
         let limits = &self.limits;
         for side in Side::ALL {
@@ -497,10 +517,10 @@ impl<M: Machine> Guard<M> {
                     ),
                 ));
             }
-            let (way_xy, way_z) = self.keepout.moved(i, WHILE);
+            let Way { across, along, .. } = *self.keepout.way(i);
             for (what, way, most) in [
-                ("x-y", way_xy, limits.way[0]),
-                ("z", way_z.abs(), limits.way[1]),
+                ("x-y", across, limits.way[0]),
+                ("z", along.abs(), limits.way[1]),
             ] {
                 if way > most && !self.leaves_out(&Rule::EndpointSpeed) {
                     let speed = |way: f64| way / (WHILE as f64 * limits.period) * 1e3;
@@ -608,6 +628,22 @@ impl Limits {
     }
 }
 
+/// What a guard checks of a measurement.
+struct Check<'a, M> {
+    guard: &'a mut Guard<M>,
+    command: &'a Command,
+    measured: &'a Measurement,
+}
+
+impl<M: Machine> Work for Check<'_, M> {
+    type Output = Result<(), Broken>;
+
+    #[inline(always)]
+    fn work(self) -> Self::Output {
+        self.guard.check_measurement(self.command, self.measured)
+    }
+}
+
 impl<M: Machine> Machine for Guard<M> {
     fn spec(&self) -> &Spec {
         self.machine.spec()
@@ -636,7 +672,11 @@ impl<M: Machine> Machine for Guard<M> {
             self.light.change_device();
             self.changing = self.handling.contains(&Some(FiberHandling::Index));
         }
-        let checked = self.check_measurement(command, measured);
+        let checked = Instructions::run_work(Check {
+            guard: self,
+            command,
+            measured,
+        });
         self.last = Some(Last {
             micro: command.micro,
             laser: (command.laser, command.laser_percent),

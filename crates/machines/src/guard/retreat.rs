@@ -54,9 +54,10 @@ impl<M: Machine> Guard<M> {
             let at = at as f64 * scale;
             // A cycle that came late was longer than a period.
             let seconds = self.keepout.stand(i, 0).time - self.keepout.stand(i, SEEN).time;
-            let way = match self.keepout.moved(i, SEEN) {
-                (_, way) if seconds > 0.0 => way * (SEEN as f64 * period / seconds),
-                _ => 0.0,
+            let way = if seconds > 0.0 {
+                self.keepout.moved_along(i, SEEN) * (SEEN as f64 * period / seconds)
+            } else {
+                0.0
             };
             let now = way / (SEEN as f64 * period);
             Way {

@@ -1,5 +1,10 @@
 //! Clocks, sensors and piezos: what is late, frozen or running away.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined does not get the instructions of its caller"
+)]
+
 use super::Broken;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::{AXES, CHANNELS, MICRO_AXES, SIDES};
@@ -50,6 +55,7 @@ impl Sensors {
     }
 
     /// Time (the cycle before was at `before`, seconds), and the photodiodes.
+    #[inline(always)]
     pub(super) fn check(&mut self, before: f64, now: &Measurement) -> Result<(), Broken> {
         let step = now.time - before;
         let in_time = (step - self.period).abs() <= 0.5 * self.period;
@@ -168,7 +174,7 @@ impl Stalls {
 
     /// A cycle in which a motor was given so much and turned or not, by its encoder, and its output went
     /// so many counts, by its probe.
-    #[inline]
+    #[inline(always)]
     pub(super) fn check(
         &mut self,
         at: AxisName,
@@ -252,6 +258,7 @@ impl Outputs {
     }
 
     /// Probes, beside what the encoders would have them read (metres), and the speeds of the axes (m/s).
+    #[inline(always)]
     pub(super) fn check(
         &mut self,
         probes: &[[f64; AXES]; SIDES],

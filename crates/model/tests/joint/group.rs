@@ -4,6 +4,7 @@ use crate::parameters::{Pid, five_bar, round_up, z_stage};
 use crate::{CYCLE, triangle};
 use pigtail_model::friction::Friction;
 use pigtail_model::group::{Group, States};
+use pigtail_model::instructions::Instructions;
 use pigtail_model::joint::{Joint, JointState};
 use pigtail_model::transmission::Transmission;
 use proptest::prelude::*;
@@ -74,7 +75,8 @@ proptest! {
     let mut b = [JointState::default(); 4];
         for u in voltages.chunks_exact(4) {
             let u = [u[0], u[1], u[2], u[3]];
-            group.advance(&mut a, u);
+            let outputs = group.advance_outputs(Instructions::widest(), &mut a, u);
+            prop_assert_eq!(outputs, group.outputs(&a));
             for i in 0..4 {
                 alone[i].advance(&mut b[i], u[i], CYCLE);
                 prop_assert_eq!((a.get(i).motor_mode, a.get(i).load_mode), (b[i].motor_mode, b[i].load_mode));

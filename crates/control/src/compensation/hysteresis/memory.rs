@@ -13,6 +13,11 @@
 //! known inverse of the operator, an operator of the same kind, without a second state that could
 //! part from the first.
 
+#![expect(
+    clippy::inline_always,
+    reason = "what is not inlined does not get the instructions of its caller"
+)]
+
 use super::{Invalid, Range};
 use serde::{Deserialize, Serialize};
 use wide::f64x4;
@@ -95,6 +100,7 @@ impl MemoryState {
         &self.relaxations
     }
 
+    #[inline(always)]
     fn set_period(&mut self, model: &Memory, period: f64) {
         if period != self.period {
             self.period = period;
@@ -112,6 +118,7 @@ impl MemoryState {
     }
 
     /// Advances the relaxations by one period under `u`.
+    #[inline(always)]
     fn creep(&mut self, u: f64) {
         for (z, rate) in self.relaxations.iter_mut().zip(&self.rates) {
             *z += rate * (u - *z);
@@ -176,6 +183,7 @@ impl Memory {
     }
 
     /// `u - c_2 u^2 - c_3 u^3`, and its slope.
+    #[inline(always)]
     fn bend(&self, u: f64) -> (f64, f64) {
         let [c2, c3] = self.curve;
         (
@@ -230,6 +238,7 @@ impl Memory {
 
     /// The voltage at which the plays add up to `h`, from where they are; its direction from there, and how many
     /// plays are taken along.
+    #[inline(always)]
     fn invert(&self, state: &MemoryState, h: f64) -> (f64, f64, usize) {
         let direction = if h >= state.sum { 1.0 } else { -1.0 };
         let mut left = (h - state.sum).abs();
@@ -267,6 +276,7 @@ impl Memory {
 
     /// The voltage at which the displacement is the wanted one after `period` seconds, within
     /// `limits`.
+    #[inline(always)]
     pub fn voltage(
         &self,
         state: &mut MemoryState,

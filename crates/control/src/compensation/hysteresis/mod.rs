@@ -200,6 +200,11 @@ impl Model {
     }
 
     /// The voltage for the next wanted displacement, `period` seconds later and within `limits`.
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "what is not inlined does not get the instructions of its caller"
+    )]
     pub fn voltage(&self, state: &mut State, wanted: f64, period: f64, limits: &Range) -> f64 {
         match (self, state) {
             (Self::Rbf(model), State::Rbf(state)) => model.voltage(state, wanted, limits),
