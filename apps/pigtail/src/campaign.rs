@@ -55,7 +55,8 @@ What counts:
 Columns of the rows:
   seed, port, outcome, detail, within_tolerance, collision, seconds, a column `<phase>_s` for each
   phase of the procedure, other_s, offset_x_um, offset_y_um, offset_z_um, coupling_loss_db,
-  smallest_gap_um. What each means is also in the file's metadata.
+  smallest_gap_um, believed_x_um, believed_z_um, level_x, level_y, level_z, stated_outside, injected, rule,
+  device_s, left_idle_s, right_idle_s, both_moving_s. What each means is also in the file's metadata.
 
 Examples:
   pigtail campaign --devices 1000                 a thousand devices with seeds 0 to 999
