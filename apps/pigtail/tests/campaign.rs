@@ -406,6 +406,10 @@ fn bad_input_is_refused_and_nothing_is_written() {
             &["--procedure", "guess", "thesis"],
         ),
         (
+            "--devices 5 --piezo-model rbf",
+            &["--piezo-model", "accepted is it beside --commissioned"],
+        ),
+        (
             "--devices 5 --rig nowhere",
             &["nowhere", "no such rig", "afpm"],
         ),

@@ -12,6 +12,7 @@ use pigtail_evaluate::align::TOLERANCE_Z_UM;
 use pigtail_evaluate::campaign::{CampaignDocument, Store};
 use pigtail_numerics::statistics::Percentiles;
 use pigtail_session::fleet::NOMINAL;
+use pigtail_session::piezos::PiezoModel;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::scenario::Scenario;
 use std::fmt::Write as _;
@@ -90,6 +91,12 @@ fn otherwise(document: &CampaignDocument) -> String {
     }
     if document.commissioned {
         text += ", each machine commissioned first";
+    }
+    if let Some(model) = document
+        .piezo_model
+        .filter(|model| *model != PiezoModel::default())
+    {
+        let _ = write!(text, " by piezo model {model}");
     }
     text
 }

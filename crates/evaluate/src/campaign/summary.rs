@@ -12,6 +12,7 @@ use pigtail_hal::{Rule, Side};
 use pigtail_numerics::rounded;
 use pigtail_numerics::statistics::{CONFIDENCE, Percentiles, Sum, wilson};
 use pigtail_session::fleet::NOMINAL;
+use pigtail_session::piezos::PiezoModel;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
 use pigtail_session::scenario::Scenario;
@@ -69,6 +70,8 @@ pub struct CampaignDocument {
     pub sureness: Option<Sureness>,
     /// Whether each machine was commissioned first.
     pub commissioned: bool,
+    /// By which model of its piezos' hysteresis; `null` where none was commissioned.
+    pub piezo_model: Option<PiezoModel>,
     /// Machines that were accepted then; `null` where none was commissioned.
     pub accepted: Option<u64>,
     /// Fibers that control believes aligned and that are not.
@@ -433,6 +436,7 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<CampaignDocument> {
         machines: devices.div_ceil(plan.devices_each),
         devices_each: plan.devices_each,
         commissioned: plan.commissioned,
+        piezo_model: plan.commissioned.then_some(plan.piezo_model),
         accepted: if plan.commissioned {
             Some(accepted(&rows, plan.devices_each)?)
         } else {
