@@ -20,6 +20,7 @@ use pigtail_session::bench::{BenchSetup, is_bench};
 use pigtail_session::calibrations::RunsOn;
 use pigtail_session::faults::Faults;
 use pigtail_session::fleet::NOMINAL;
+use pigtail_session::piezos::PiezoModel;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME, Named};
 use pigtail_session::scenario::Scenario;
@@ -55,7 +56,8 @@ What counts:
 Columns of the rows:
   seed, port, outcome, detail, within_tolerance, collision, seconds, a column `<phase>_s` for each
   phase of the procedure, other_s, offset_x_um, offset_y_um, offset_z_um, coupling_loss_db,
-  smallest_gap_um. What each means is also in the file's metadata.
+  smallest_gap_um, believed_x_um, believed_z_um, level_x, level_y, level_z, stated_outside, injected, rule,
+  device_s, left_idle_s, right_idle_s, both_moving_s. What each means is also in the file's metadata.
 
 Examples:
   pigtail campaign --devices 1000                 a thousand devices with seeds 0 to 999
@@ -89,6 +91,9 @@ pub(crate) struct Arguments {
     /// accepted are not attempted
     #[arg(long)]
     commissioned: bool,
+    /// By which model of its piezos' hysteresis each machine is commissioned [default: memory]
+    #[arg(long, value_parser = choice::<PiezoModel>())]
+    piezo_model: Option<PiezoModel>,
     /// How to align [default: fast]
     #[arg(long, value_parser = choice::<Procedure>())]
     procedure: Option<Procedure>,
@@ -132,7 +137,7 @@ pub(crate) struct Arguments {
     #[arg(
         long,
         value_name = "FOLDER",
-        conflicts_with_all = ["devices", "machines", "fleet", "commissioned", "procedure", "scenario", "faults",
+        conflicts_with_all = ["devices", "machines", "fleet", "commissioned", "piezo_model", "procedure", "scenario", "faults",
             "seed", "rig", "calibration", "recipe", "threads", "resume", "shard"]
     )]
     merge: Option<PathBuf>,
@@ -411,6 +416,7 @@ fn open_benches(
         ("--machines", arguments.machines.is_some()),
         ("--fleet", !usual(&arguments.fleet)),
         ("--commissioned", arguments.commissioned),
+        ("--piezo-model", arguments.piezo_model.is_some()),
         (
             "--scenario",
             arguments.scenario.unwrap_or_default() != Scenario::Nominal,
@@ -543,6 +549,16 @@ fn planned(arguments: &Arguments, begun_as: Option<&Plan>) -> Result<(Setup, Pla
     campaign::check(&setup, seed)?;
     running::warn(&setup, procedure.believes());
     let commissioned = arguments.commissioned || begun_as.is_some_and(|plan| plan.commissioned);
+    setup.piezo_model = match (arguments.piezo_model, begun_as) {
+        (Some(_), _) if !commissioned => {
+            let message = "is what machines are commissioned by, and none is; accepted is it beside --commissioned. \
+                           Else the calibration says by which model a machine runs";
+            return Err(Error::new("--piezo-model", "", message).into());
+        }
+        (Some(model), _) => model,
+        (None, Some(plan)) => plan.piezo_model,
+        (None, None) => PiezoModel::default(),
+    };
     let plan = Plan::new(&setup, procedure, seed, devices)
         .with_devices_each(each)
         .with_commissioned(commissioned);

@@ -19,6 +19,7 @@ use pigtail_session::commission::{
     commission_bench,
 };
 use pigtail_session::fleet::NOMINAL;
+use pigtail_session::piezos::PiezoModel;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, Named};
 use pigtail_store::rows::{Cell, Column, Kind, Table};
 use pigtail_store::runs::Run;
@@ -65,6 +66,9 @@ pub(crate) struct Arguments {
     /// that passed before the first that did not are taken over
     #[arg(long, value_name = "RUN")]
     resume: Option<String>,
+    /// By which model of the piezos' hysteresis the machine is to run from then on
+    #[arg(long, value_parser = choice::<PiezoModel>(), default_value = "memory")]
+    piezo_model: PiezoModel,
     /// Devices of the acceptance test
     #[arg(long, value_name = "N", default_value_t = 5, value_parser = clap::value_parser!(u64).range(1..=1000))]
     devices: u64,
@@ -79,6 +83,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
     let all = StepName::of_machines();
     arguments.all_are_of("a machine of volts", &all)?;
     let mut setup = common.setup(&arguments.recipe)?;
+    setup.piezo_model = arguments.piezo_model;
     let seed = common.seed;
     let head = arguments.head(setup.fleet_name(), &setup.rig.hashes);
     let before = arguments.before(&head)?;
@@ -106,7 +111,13 @@ pub(crate) fn run(arguments: &Arguments) -> Result<u8, Failure> {
 /// The same of a bench that is controlled by position.
 fn run_bench(arguments: &Arguments) -> Result<u8, Failure> {
     let (common, write) = (&arguments.common, arguments.write);
-    bench::refuse(&[("--fleet", common.fleet != NOMINAL)])?;
+    bench::refuse(&[
+        ("--fleet", common.fleet != NOMINAL),
+        (
+            "--piezo-model",
+            arguments.piezo_model != PiezoModel::default(),
+        ),
+    ])?;
     let all = StepName::OF_BENCHES;
     arguments.all_are_of("a bench that is controlled by position", &all)?;
     let calibration = believed(&common.rig, common.calibration.as_deref(), &common.runs)?;
@@ -167,6 +178,7 @@ impl Arguments {
             fleet: fleet.to_owned(),
             seed: self.common.seed,
             devices: self.devices,
+            piezo_model: self.piezo_model,
             configuration: hashes.to_vec(),
         }
     }

@@ -8,6 +8,7 @@ use pigtail_evaluate::produce::{Heard, Told};
 use pigtail_evaluate::trays::TrayDone;
 use pigtail_hal::Error;
 use pigtail_session::commission::StepDone;
+use pigtail_session::piezos::PiezoModel;
 use pigtail_session::produce::{InPlace, Loaded};
 use pigtail_store::database::partial_folder;
 use pigtail_store::runs::Run;
@@ -292,6 +293,8 @@ pub(crate) struct CommissionHead {
     pub(crate) seed: u64,
     /// Of the acceptance test.
     pub(crate) devices: u64,
+    #[serde(default)]
+    pub(crate) piezo_model: PiezoModel,
     pub(crate) configuration: Vec<(String, String)>,
 }
 
@@ -335,7 +338,7 @@ impl CommissionJournal {
         for line in lines(&file)? {
             match line {
                 StepLine::Head(of) if of != *head => {
-                    let message = "is of another rig, fleet, recipe, calibration, seed or number of devices; accepted are the same";
+                    let message = "is of another rig, fleet, recipe, calibration, seed, model of piezos or number of devices; accepted are the same";
                     return Err(Error::new(file.display().to_string(), "", message).into());
                 }
                 StepLine::Head(_) => {}

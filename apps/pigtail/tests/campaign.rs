@@ -325,6 +325,13 @@ fn the_document_has_its_keys_and_its_rows_replay() {
         }
     }
     assert!(document["wall_seconds"].is_f64());
+    let arms = &document["arms"];
+    for side in ["left", "right"] {
+        let [moving, idle] = ["moving_percent", "idle_percent"]
+            .map(|key| arms[key][side].as_f64().expect("a share"));
+        assert!(moving > 1.0 && idle > 1.0 && (moving + idle - 100.0).abs() < 0.02);
+        assert!(document["idle_seconds_per_device"][side]["p50"].is_f64());
+    }
     let path = folder
         .path()
         .join(document["rows"].as_str().expect("a path"));
@@ -397,6 +404,10 @@ fn bad_input_is_refused_and_nothing_is_written() {
         (
             "--devices 5 --procedure guess",
             &["--procedure", "guess", "thesis"],
+        ),
+        (
+            "--devices 5 --piezo-model rbf",
+            &["--piezo-model", "accepted is it beside --commissioned"],
         ),
         (
             "--devices 5 --rig nowhere",

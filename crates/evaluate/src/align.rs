@@ -49,7 +49,7 @@ pub struct AlignmentDocument {
     pub collision: bool,
     /// The least distance between the chip and any of these: the truth.
     pub smallest_gap_um: Option<f64>,
-    /// What the manipulators did of the time; none where nothing tells, as on a bench that is controlled by position.
+    /// What the manipulators did of the time; `null` where no time passed.
     pub arms: Option<Arms>,
     /// What was broken on purpose, and when.
     pub injected: Vec<String>,
@@ -231,9 +231,12 @@ pub(crate) fn align_in(
     let job = Own(Cell::new(Some(control)));
     let setup = setup.at(seed)?;
     let mut twin = setup.twin(seed)?;
-    let aligned = setup.perform(&mut twin, &job, seed, observer)?;
+    let mut counted = Counted::new(observer);
+    let aligned = setup.perform(&mut twin, &job, seed, &mut counted)?;
+    let arms = counted.arms();
+    let document = document(&setup, way, seed, &[], &twin, &aligned.fibers);
     Ok(Judged {
-        document: document(&setup, way, seed, &[], &twin, &aligned.fibers),
+        document: AlignmentDocument { arms, ..document },
         machine_seconds: aligned.machine_seconds,
         readings: aligned.readings,
     })

@@ -1,6 +1,7 @@
 //! One device aligned on a bench that is controlled by position, held against the truth.
 
 use crate::align::{AlignmentDocument, Of, judged, nothing, of, said};
+use crate::arms::Played;
 use crate::campaign::Device;
 use pigtail_control::job::PORTS;
 use pigtail_control::outcome::OutcomeCode;
@@ -36,8 +37,13 @@ pub fn align_on(
     options: &Options,
     observer: &mut dyn Observer,
 ) -> AlignmentDocument {
-    let fibers = bench::align(rig, bench, options, observer);
-    judged(&names(rig), &of(PROCEDURE), 0, &[], &UNKNOWN, &fibers)
+    let mut played = Played::new(bench);
+    let fibers = bench::align(rig, &mut played, options, observer);
+    let document = judged(&names(rig), &of(PROCEDURE), 0, &[], &UNKNOWN, &fibers);
+    AlignmentDocument {
+        arms: played.arms(),
+        ..document
+    }
 }
 
 /// What is known of a bench that is nobody's twin.
@@ -59,16 +65,18 @@ pub fn align(
     observer: &mut dyn Observer,
 ) -> Result<AlignmentDocument, Error> {
     let mut twin = setup.twin(seed)?;
-    let fibers = bench::align(&setup.rig, &mut twin, &setup.options, observer);
-    let truth = twin.truth();
-    Ok(judged(
+    let mut played = Played::new(&mut twin);
+    let fibers = bench::align(&setup.rig, &mut played, &setup.options, observer);
+    let arms = played.arms();
+    let document = judged(
         &names(&setup.rig),
         &of(PROCEDURE),
         seed,
         &[],
-        &truth,
+        &twin.truth(),
         &fibers,
-    ))
+    );
+    Ok(AlignmentDocument { arms, ..document })
 }
 
 /// A device of a campaign.

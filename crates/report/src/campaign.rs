@@ -2,7 +2,7 @@
 
 use super::figure::{HALF, WHOLE};
 use super::histogram::histogram;
-use super::html::{configuration, figure, number, page, verdict};
+use super::html::{configuration, figure, fixed, number, page, verdict};
 use super::sureness::sureness;
 use super::text::far;
 use anyhow::Result;
@@ -12,6 +12,7 @@ use pigtail_evaluate::align::TOLERANCE_Z_UM;
 use pigtail_evaluate::campaign::{CampaignDocument, Store};
 use pigtail_numerics::statistics::Percentiles;
 use pigtail_session::fleet::NOMINAL;
+use pigtail_session::piezos::PiezoModel;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::scenario::Scenario;
 use std::fmt::Write as _;
@@ -90,6 +91,12 @@ fn otherwise(document: &CampaignDocument) -> String {
     }
     if document.commissioned {
         text += ", each machine commissioned first";
+    }
+    if let Some(model) = document
+        .piezo_model
+        .filter(|model| *model != PiezoModel::default())
+    {
+        let _ = write!(text, " by piezo model {model}");
     }
     text
 }
@@ -310,8 +317,20 @@ fn phases(document: &CampaignDocument) -> Markup {
         .iter()
         .map(|phase| (phase.name, "s", &phase.seconds, 2))
         .collect();
+    let idle = &document.idle_seconds_per_device;
     html! {
         h2 { "Where the time goes" }
         (percentiles(&rows))
+        @if let Some(arms) = &document.arms {
+            p {
+                "Of the time of a device the left manipulator stands still for " (fixed(arms.idle_percent.left, 1))
+                " %, the right one for " (fixed(arms.idle_percent.right, 1)) " %; both move for "
+                (fixed(arms.both_moving_percent, 1)) " %."
+            }
+            (percentiles(&[
+                ("left stands still, a device", "s", &idle.left, 2),
+                ("right stands still, a device", "s", &idle.right, 2),
+            ]))
+        }
     }
 }

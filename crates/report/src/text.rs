@@ -296,6 +296,7 @@ pub fn campaign(document: &CampaignDocument, devices_now: u64, room: Option<usiz
         room,
     );
     failed(&mut out, document);
+    idle(&mut out, document);
     let _ = writeln!(
         out,
         "\nTime is machine time a fiber; x, y and z are the truth, from the twins, without sign.\n\
@@ -316,6 +317,17 @@ pub fn campaign(document: &CampaignDocument, devices_now: u64, room: Option<usiz
     let _ = writeln!(out, "Rows: {}", document.rows);
     let _ = writeln!(out, "Report: {}", document.report);
     out
+}
+
+/// How idle the manipulators were.
+fn idle(out: &mut String, document: &CampaignDocument) {
+    if let Some(arms) = &document.arms {
+        let _ = writeln!(
+            out,
+            "\nThe left manipulator stands still for {:.1} % of the time, the right one for {:.1} %; both move for {:.1} %.",
+            arms.idle_percent.left, arms.idle_percent.right, arms.both_moving_percent
+        );
+    }
 }
 
 /// Causes of failure, and seeds to replay them.

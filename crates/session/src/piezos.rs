@@ -3,8 +3,10 @@
 use crate::align::LONGEST;
 use crate::job::{Ended, Job, Order, Work};
 use pigtail_control::calibration::{Calibration, Hystereses};
+use pigtail_control::compensation::micro::MicroModel;
 use pigtail_control::fast::{Ratio, measure_ratios, watch_tips};
 use pigtail_control::job::FiberReport;
+use pigtail_control::outcome::Outcome;
 use pigtail_control::piezo::camera::{SeenMicro, by_camera};
 use pigtail_control::piezo::{self, Micro};
 use pigtail_control::station::Station;
@@ -12,6 +14,49 @@ use pigtail_hal::Side;
 use pigtail_hal::spec::SIDES;
 use serde::{Deserialize, Serialize};
 use std::borrow::Cow;
+
+/// By which model of its piezos' hysteresis a machine is commissioned.
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    Default,
+    strum::Display,
+    strum::EnumMessage,
+    strum::EnumString,
+    strum::IntoStaticStr,
+    strum::VariantArray,
+    Serialize,
+    Deserialize,
+)]
+#[strum(serialize_all = "kebab-case")]
+#[serde(rename_all = "kebab-case")]
+pub enum PiezoModel {
+    /// Play operators behind a static curve, with creep: right after any history
+    #[default]
+    Memory,
+    /// The thesis's radial basis networks, (4.3)-(4.6)
+    Rbf,
+    /// None: a piezo goes as far as its gain says
+    None,
+}
+
+impl PiezoModel {
+    /// What the camera saw of a micro by this model, with a displacement in y for one in x; `None` where that is to be none.
+    ///
+    /// # Errors
+    ///
+    /// An outcome where what was seen makes no such model.
+    pub fn of(self, micro: &SeenMicro, ratio: f64) -> Result<Option<MicroModel>, Outcome> {
+        Ok(match self {
+            Self::Memory => Some(micro.memory(ratio)),
+            Self::Rbf => Some(micro.rbf(ratio)?),
+            Self::None => None,
+        })
+    }
+}
 
 /// Identify the piezos of a side's micro.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

@@ -4,6 +4,7 @@ use crate::faults::Faults;
 use crate::fleet::{Fleet, NOMINAL};
 use crate::job::{Ended, Job};
 use crate::own::Own;
+use crate::piezos::PiezoModel;
 use crate::records::{About, Records};
 use crate::rig::{Named, Rig, Source, no_twin};
 use crate::scenario::Scenario;
@@ -28,6 +29,8 @@ pub struct Setup {
     pub scenario: Scenario,
     /// What breaks while a twin of this setup runs.
     pub faults: Faults,
+    /// By which model of its piezos' hysteresis a machine is commissioned.
+    pub piezo_model: PiezoModel,
     /// How machines are treated.
     pub options: Options,
     /// Where exchanges are recorded, if anywhere.
@@ -89,6 +92,7 @@ impl Setup {
             fleet: None,
             scenario: Scenario::Nominal,
             faults: Faults::None,
+            piezo_model: PiezoModel::default(),
             options: Options::default(),
             records: None,
         })

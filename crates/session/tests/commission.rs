@@ -7,7 +7,9 @@ use pigtail_session::Setup;
 use pigtail_session::commission::{
     CommissionDocument, Machines, Plan, StepName, Verdict, commission, commission_with,
 };
+use pigtail_session::piezos::PiezoModel;
 use pigtail_twin::Twin;
+use strum::VariantArray;
 
 fn setup() -> Setup {
     Setup::load("afpm", "y-branch").expect("the shipped rig")
@@ -95,6 +97,53 @@ fn the_shipped_machine_moves_and_is_dark() {
     assert!((together - document.seconds_machine).abs() < 1e-3);
     // No device was tried, and nothing was found that is to be believed.
     assert!(!document.accepted && done.tables.is_empty());
+}
+
+#[test]
+#[ignore = "long: the piezos of two machines, and a device on each"]
+fn piezos_are_commissioned_by_the_model_that_is_asked_for() {
+    let of = |piezo_model| {
+        let setup = Setup {
+            piezo_model,
+            ..setup()
+        };
+        let plan = plan(&[StepName::Piezos]);
+        let done = commission(&setup, 5, &plan, &mut Unobserved, |_| ()).expect("a machine");
+        let step = &done.document.steps[0];
+        assert_eq!((step.verdict, step.why.as_str()), (Verdict::Passed, ""));
+        assert_eq!(done.tables, ["hysteresis.left", "hysteresis.right"]);
+        setup.rig.with_belief(&done.belief).expect("a belief")
+    };
+    let [memory, networks, none] = PiezoModel::VARIANTS else {
+        panic!("{:?}", PiezoModel::VARIANTS);
+    };
+    let (memory, networks) = (of(*memory), of(*networks));
+    // All of the range first: then it does not matter where a piezo came from.
+    let path: Vec<f64> = [0.0, 10.0, 0.0, 9.0, 2.0, 7.0, 3.0]
+        .windows(2)
+        .flat_map(|way| (0..500).map(|k| way[0] + (way[1] - way[0]) * f64::from(k) / 500.0))
+        .collect();
+    for side in Side::ALL {
+        let ways = [&memory, &networks].map(|rig| {
+            let model = rig.calibration.hysteresis.of(side).expect("a model");
+            let piezo = &model.piezos[0];
+            let mut state = piezo.at_rest(path[0]);
+            let each = path
+                .iter()
+                .map(|v| piezo.displacement(&mut state, *v, 0.01));
+            (piezo.name(), each.collect::<Vec<f64>>())
+        });
+        let [(_, memory), (name, networks)] = &ways;
+        assert_eq!(*name, "rbf");
+        // Of the same frames: where one has the piezo, which goes some 60 um, the other has it too.
+        let apart = memory.iter().zip(networks).map(|(a, b)| a - b);
+        let apart: Vec<f64> = apart.skip(1000).collect();
+        let mean = apart.iter().sum::<f64>() / apart.len() as f64;
+        let most = apart.iter().fold(0.0, |m: f64, a| m.max((a - mean).abs()));
+        assert!(most < 1.5e-6, "{}: {:.2} um", side.name(), 1e6 * most);
+    }
+    let without = of(*none);
+    assert!(Side::ALL.map(|side| without.calibration.hysteresis.of(side)) == [None, None]);
 }
 
 #[test]

@@ -211,11 +211,21 @@ impl Table {
         Ok(())
     }
 
-    fn read(&mut self, index: usize, group: &dyn RowGroupReader) -> Result<()> {
+    /// Reads a column's values of a group from its place in the file; a column without one has none.
+    fn read(
+        &mut self,
+        index: usize,
+        place: Option<usize>,
+        group: &dyn RowGroupReader,
+    ) -> Result<()> {
         let rows = usize::try_from(group.metadata().num_rows())?;
         let cells = &mut self.cells[index];
         let before = cells.present.len();
         let required = self.columns[index].required;
+        let Some(index) = place else {
+            cells.present.resize(before + rows, 0);
+            return Ok(());
+        };
         match &mut cells.values {
             Values::Whole(v) => read::<Int64Type>(group, index, rows, &mut cells.present, v)?,
             Values::Text(v) => read::<ByteArrayType>(group, index, rows, &mut cells.present, v)?,
@@ -390,23 +400,40 @@ impl<W: Write + Send> Writer<W> {
 pub struct Rows {
     reader: SerializedFileReader<File>,
     columns: Arc<[Column]>,
+    /// Where each column is in the file, which may be older than a column.
+    places: Vec<Option<usize>>,
 }
 
 impl Rows {
-    /// Opens a file that must have exactly these columns.
+    /// Opens a file that must have these columns, in their order. One in which a row may have no value may be missing, as
+    /// in a file that is older than the column: no row has a value of it.
     ///
     /// # Errors
     ///
     /// When it cannot be read, is no Parquet, or has other columns.
     pub fn open(path: &Path, columns: &Arc<[Column]>) -> Result<Self> {
         let reader = SerializedFileReader::new(File::open(path)?)?;
-        let there = reader.metadata().file_metadata().schema();
-        if there.get_fields() != schema(columns)?.get_fields() {
-            return Err(anyhow!("its columns are not those of these rows"));
+        let there = reader.metadata().file_metadata().schema().get_fields();
+        let wanted = schema(columns)?;
+        let mut due = 0;
+        let mut places = Vec::with_capacity(columns.len());
+        for (field, column) in wanted.get_fields().iter().zip(columns.iter()) {
+            let is_there = there.get(due) == Some(field);
+            ensure!(
+                is_there || !column.required,
+                "its columns are not those of these rows"
+            );
+            places.push(is_there.then_some(due));
+            due += usize::from(is_there);
         }
+        ensure!(
+            due == there.len(),
+            "its columns are not those of these rows"
+        );
         Ok(Self {
             reader,
             columns: Arc::clone(columns),
+            places,
         })
     }
 
@@ -440,6 +467,7 @@ impl Rows {
             .collect::<Result<_>>()?;
         Ok(Self {
             reader,
+            places: (0..columns.len()).map(Some).collect(),
             columns: columns.into(),
         })
     }
@@ -476,7 +504,7 @@ impl Rows {
     ) -> Result<()> {
         for (index, column) in self.columns.iter().enumerate() {
             if names.is_empty() || names.contains(&column.name.as_str()) {
-                table.read(index, group)?;
+                table.read(index, self.places[index], group)?;
             }
         }
         table.rows += usize::try_from(group.metadata().num_rows())?;
@@ -556,5 +584,52 @@ impl Table {
             }
         }
         rest
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn opened(bytes: &[u8], columns: &Arc<[Column]>) -> Result<Rows> {
+        let folder = tempfile::tempdir()?;
+        let path = folder.path().join("rows.parquet");
+        std::fs::write(&path, bytes)?;
+        Rows::open(&path, columns)
+    }
+
+    #[test]
+    fn rows_that_are_older_than_a_column_are_read_without_it() {
+        let seed = Column::required("seed", Kind::Whole, "");
+        let (old, new) = (["gap_um", "rule_s"], "idle_s");
+        let number = |name: &str| Column::new(name, Kind::Number, "");
+        let columns: Arc<[Column]> = vec![seed.clone(), number(old[0]), number(old[1])].into();
+        let mut table = Table::new(&columns);
+        for seed in [3, 4] {
+            table.add(vec![
+                Cell::Whole(seed),
+                Cell::Number(None),
+                Cell::Number(Some(seed as f64)),
+            ]);
+        }
+        let bytes = table.to_parquet().expect("in memory");
+        let later: Arc<[Column]> =
+            vec![seed.clone(), number(old[0]), number(new), number(old[1])].into();
+        let rows = opened(&bytes, &later).expect("older rows");
+        let read = rows.groups(&[]).next().expect("a group").expect("rows");
+        assert_eq!(read.wholes("seed"), [3, 4]);
+        assert_eq!(read.numbers(new), [None, None]);
+        assert_eq!(read.numbers(old[1]), [Some(3.0), Some(4.0)]);
+        // What was always there must be there, and nothing else may be.
+        let required: Arc<[Column]> = vec![
+            seed.clone(),
+            number(old[0]),
+            number(old[1]),
+            Column::required(new, Kind::Whole, ""),
+        ]
+        .into();
+        assert!(opened(&bytes, &required).is_err());
+        let fewer: Arc<[Column]> = vec![seed, number(old[0])].into();
+        assert!(opened(&bytes, &fewer).is_err());
     }
 }

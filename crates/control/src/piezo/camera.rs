@@ -6,8 +6,8 @@
 //! nothing has to stand where it stood: a minute's warmth is no more than a straight line, which is taken out.
 
 use super::blocks::{Blocks, fitted};
-use super::{Series, no_beam, share_in_x, ways};
-use crate::compensation::hysteresis::{Model, predict};
+use super::{Series, WAYS, no_beam, share_in_x, ways};
+use crate::compensation::hysteresis::{Model, Rbf, Record, predict};
 use crate::compensation::micro::MicroModel;
 use crate::outcome::{Halt, Outcome};
 use crate::station::Station;
@@ -25,11 +25,17 @@ const ROUNDS: usize = 4;
 /// How long the micros come to rest in their middle, seconds: the start creeps least.
 const REST: f64 = 1.0;
 
+/// Samples in which a piezo was driven: its slow ways, and all others.
+type Driven = [Range<usize>; 2];
+
 /// A piezo as the camera saw it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Seen {
-    /// Its model.
+    /// The model of it that remembers.
     pub model: Model,
+    /// What the thesis's model is trained with: the slow ways forward from the bottom and back, as the model that remembers has them. A
+    /// frame is known to a hundredth of the range; networks, which have ten times as many weights, would learn its noise.
+    pub ways: Record,
     /// Root mean square of what that leaves of the frames, metres along the piezo: noise of the camera, above all.
     pub residual: f64,
     /// How well the model is known by that many frames, if their noise is independent: one standard deviation, metres.
@@ -46,12 +52,31 @@ pub struct SeenMicro {
 }
 
 impl SeenMicro {
-    /// The model of both, with a displacement in y for one in x.
-    pub fn model(&self, ratio: f64) -> MicroModel {
+    /// The model of both that remembers, with a displacement in y for one in x.
+    pub fn memory(&self, ratio: f64) -> MicroModel {
         MicroModel {
             piezos: self.piezos.each_ref().map(|seen| seen.model.clone()),
             ratio,
         }
+    }
+
+    /// The thesis's networks of the same frames.
+    ///
+    /// # Errors
+    ///
+    /// [`Outcome::NoModel`] where what was seen has no way forward and back.
+    pub fn rbf(&self, ratio: f64) -> Result<MicroModel, Outcome> {
+        let trained = |piezo: usize| {
+            let networks = Rbf::train(&self.piezos[piezo].ways);
+            networks.map(Model::Rbf).map_err(|why| Outcome::NoModel {
+                piezo: Some(piezo),
+                why,
+            })
+        };
+        Ok(MicroModel {
+            piezos: [trained(0)?, trained(1)?],
+            ratio,
+        })
     }
 }
 
@@ -67,18 +92,20 @@ pub fn by_camera(station: &mut Station) -> Result<[SeenMicro; SIDES], Halt> {
     let voltage = station.spec().micro.voltage;
     let middle = 0.5 * voltage;
     let mut series = [Series::default(), Series::default()];
-    let mut driven: Vec<Range<usize>> = Vec::with_capacity(MICRO_AXES);
+    let mut driven: Vec<Driven> = Vec::with_capacity(MICRO_AXES);
     for piezo in 0..MICRO_AXES {
         hold(station, &mut series, REST, |_| [middle; MICRO_AXES])?;
-        let start = series[0].time.len();
-        for path in ways(voltage) {
+        let mut ends = [series[0].time.len(); 1 + WAYS];
+        for (path, end) in ways(voltage).iter().zip(1..) {
             hold(station, &mut series, path.duration(), |time| {
                 let mut volts = [middle; MICRO_AXES];
                 volts[piezo] = path.at(time);
                 volts
             })?;
+            ends[end] = series[0].time.len();
         }
-        driven.push(start..series[0].time.len());
+        // The slow ways come first.
+        driven.push([ends[0]..ends[1], ends[1]..ends[WAYS]]);
     }
     hold(station, &mut series, REST, |_| [middle; MICRO_AXES])?;
     station.handle_fiber(Side::Left, FiberHandling::Unload)?;
@@ -138,13 +165,14 @@ fn hold(
 fn learn(
     station: &Station,
     series: &Series,
-    driven: &Range<usize>,
+    driven: &Driven,
     piezo: usize,
     other: Option<&Model>,
 ) -> Result<Seen, Outcome> {
     let share = share_in_x(station, piezo);
-    let blocks = Blocks::new(series, std::slice::from_ref(driven), piezo);
-    let place = blocks.places[0].clone();
+    let blocks = Blocks::new(series, driven, piezo);
+    let slow = blocks.places[0].clone();
+    let place = slow.start..blocks.places[1].end;
     let beside = match other {
         Some(model) => blocks.displacement(model, 1 - piezo),
         None => vec![0.0; blocks.time.len()],
@@ -179,9 +207,16 @@ fn learn(
         found = Some((model, left, drift.slope));
     }
     let (model, residual, drift) = found.ok_or_else(|| no_beam("along a piezo"))?;
+    let column = |all: &[f64]| all[slow.clone()].to_vec();
+    let ways = Record::new(column(&blocks.time), column(&volts), column(&prediction));
+    let ways = ways.map_err(|why| Outcome::NoModel {
+        piezo: Some(piezo),
+        why,
+    })?;
     let known = residual * (model.functions() as f64 / seen.len().max(1) as f64).sqrt();
     Ok(Seen {
         model,
+        ways,
         residual,
         known,
         drift,

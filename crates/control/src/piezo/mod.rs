@@ -289,12 +289,15 @@ impl Watch {
     }
 }
 
+/// So many parts the ways of the identification have.
+const WAYS: usize = 3;
+
 /// The ways of the identification, volts, one after the other from the middle.
 ///
 /// First slowly, as in the thesis: full ways, then from the bottom to each turning voltage and back
 /// (Fig. 4.4). Then turns that come closer and closer, faster, and last slower than both: at one
 /// speed alone creep looks like hysteresis.
-fn ways(voltage: f64) -> [Path; 3] {
+fn ways(voltage: f64) -> [Path; WAYS] {
     let path = |turns: &[f64], speed: f64| Path {
         turns: turns.iter().map(|t| t * voltage).collect(),
         speed,

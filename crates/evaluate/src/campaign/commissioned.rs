@@ -12,6 +12,7 @@ use pigtail_hal::digest::hex;
 use pigtail_session::calibrations::{Belief, FILE};
 use pigtail_session::commission::{Plan, StepName, Verdict, commission};
 use pigtail_session::job::Ended;
+use pigtail_session::piezos::PiezoModel;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::setup::Setup;
 use pigtail_twin::Specimen;
@@ -63,6 +64,7 @@ struct Key<'k> {
     configuration: &'k [(String, String)],
     fleet: &'k str,
     scenario: &'k str,
+    piezo_model: PiezoModel,
     devices: u64,
 }
 
@@ -89,6 +91,7 @@ impl Commissioned {
             configuration: &setup.rig.hashes,
             fleet: setup.fleet_name(),
             scenario: setup.scenario.name(),
+            piezo_model: setup.piezo_model,
             devices: DEVICES,
         };
         let hash = hex(&Sha256::digest(serde_json::to_vec(&key)?));

@@ -1,8 +1,10 @@
 //! The rows of a campaign: one a fiber, in columns that say their unit.
 
 use super::Device;
+use crate::arms::Arms;
 use pigtail_control::job::PORTS;
 use pigtail_control::outcome::OutcomeCode;
+use pigtail_hal::Side;
 use pigtail_numerics::rounded;
 use pigtail_session::procedure::Procedure;
 use pigtail_store::rows::{Cell, Column, Kind, Table};
@@ -104,8 +106,23 @@ pub fn columns(procedure: Procedure) -> Vec<Column> {
     ]);
     columns.extend(beliefs());
     columns.extend(ends());
+    columns.extend(ARMS.map(|(name, about)| {
+        let about = format!("{about}, same for a device's fibers");
+        column(name, number, false, &about)
+    }));
     columns
 }
+
+/// Columns of what the manipulators did, and what they mean.
+pub(super) const ARMS: [(&str, &str); 4] = [
+    (
+        "device_s",
+        "machine time in which the manipulators were watched",
+    ),
+    ("left_idle_s", "of it, how long the left one stands still"),
+    ("right_idle_s", "of it, how long the right one stands still"),
+    ("both_moving_s", "of it, how long both move"),
+];
 
 /// Columns of what control believes of a fiber.
 fn beliefs() -> [Column; 6] {
@@ -199,6 +216,16 @@ pub fn push(table: &mut Table, procedure: Procedure, device: &Device) {
         );
         row.push(Cell::Text(injected.as_deref()));
         row.push(Cell::Text(document.fault.as_ref().map(|f| f.rule.text())));
+        let arms = document.arms.as_ref();
+        row.extend(
+            [
+                arms.map(|arms| arms.seconds),
+                arms.map(|arms| arms.idle_seconds()[Side::Left.index()]),
+                arms.map(|arms| arms.idle_seconds()[Side::Right.index()]),
+                arms.map(Arms::both_moving_seconds),
+            ]
+            .map(Cell::Number),
+        );
         table.add(row);
     }
 }

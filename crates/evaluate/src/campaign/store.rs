@@ -14,6 +14,7 @@ use pigtail_hal::Error;
 use pigtail_hal::digest::{self, hex};
 use pigtail_session::bench::BenchSetup;
 use pigtail_session::faults::Faults;
+use pigtail_session::piezos::PiezoModel;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::rig::Named;
 use pigtail_session::scenario::Scenario;
@@ -72,6 +73,9 @@ pub struct Plan {
     /// Whether each machine is commissioned first.
     #[serde(default)]
     pub commissioned: bool,
+    /// By which model of its piezos' hysteresis.
+    #[serde(default)]
+    pub piezo_model: PiezoModel,
     /// Name and SHA-256 of every configuration that was read.
     pub configuration: Vec<(String, String)>,
 }
@@ -91,6 +95,7 @@ impl Plan {
             fleet: setup.fleet_name().to_owned(),
             devices_each: 1,
             commissioned: false,
+            piezo_model: setup.piezo_model,
             configuration: setup.rig.hashes.clone(),
         }
     }
@@ -109,6 +114,7 @@ impl Plan {
             fleet: nominal(),
             devices_each: 1,
             commissioned: false,
+            piezo_model: PiezoModel::default(),
             configuration: setup.rig.hashes.clone(),
         }
     }
@@ -240,6 +246,7 @@ impl Plan {
         let mut setup = setup.of_fleet(&self.fleet)?;
         self.scenario()?.apply(&mut setup);
         setup.faults = self.faults()?;
+        setup.piezo_model = self.piezo_model;
         self.check(Path::new(PLAN), &self.again(&setup)?)?;
         Ok(setup)
     }
@@ -281,6 +288,11 @@ impl Plan {
                 "commissioned",
                 &self.commissioned.to_string(),
                 &other.commissioned.to_string(),
+            ),
+            (
+                "piezo_model",
+                &self.piezo_model.to_string(),
+                &other.piezo_model.to_string(),
             ),
         ] {
             if begun != now {

@@ -1,15 +1,18 @@
 //! What a campaign comes to, from its rows.
 
 use super::commissioned::REFUSED;
-use super::rows::ROWS_PER_DEVICE;
+use super::rows::{ARMS, ROWS_PER_DEVICE};
 use super::store::Store;
 use super::sureness::Sureness;
+use crate::arms::{Arms, Time};
 use anyhow::Result;
 use pigtail_control::outcome::OutcomeCode;
-use pigtail_hal::Rule;
+use pigtail_hal::spec::SIDES;
+use pigtail_hal::{Rule, Side};
 use pigtail_numerics::rounded;
-use pigtail_numerics::statistics::{CONFIDENCE, Percentiles, wilson};
+use pigtail_numerics::statistics::{CONFIDENCE, Percentiles, Sum, wilson};
 use pigtail_session::fleet::NOMINAL;
+use pigtail_session::piezos::PiezoModel;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::rig::{DEFAULT_RECIPE_NAME, DEFAULT_RIG_NAME};
 use pigtail_session::scenario::Scenario;
@@ -67,6 +70,8 @@ pub struct CampaignDocument {
     pub sureness: Option<Sureness>,
     /// Whether each machine was commissioned first.
     pub commissioned: bool,
+    /// By which model of its piezos' hysteresis; `null` where none was commissioned.
+    pub piezo_model: Option<PiezoModel>,
     /// Machines that were accepted then; `null` where none was commissioned.
     pub accepted: Option<u64>,
     /// Fibers that control believes aligned and that are not.
@@ -95,6 +100,10 @@ pub struct CampaignDocument {
     pub replay: BTreeMap<String, Vec<u64>>,
     /// The phases, in the procedure's order.
     pub phases: Vec<Phase>,
+    /// What the manipulators did of the time of all devices; `null` where rows are older than what tells it.
+    pub arms: Option<Arms>,
+    /// For how long each stood still on a device, seconds.
+    pub idle_seconds_per_device: Idle,
     /// The least distance between the chip and anything, of all devices.
     pub smallest_gap_um: Option<f64>,
     /// SHA-256 of the file of rows: the same for the same campaign.
@@ -103,6 +112,15 @@ pub struct CampaignDocument {
     pub version: &'static str,
     /// Path of the report.
     pub report: String,
+}
+
+/// For how long manipulators stand still, seconds.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Idle {
+    /// The left one.
+    pub left: Percentiles,
+    /// The right one.
+    pub right: Percentiles,
 }
 
 /// A phase of an alignment.
@@ -386,16 +404,6 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<CampaignDocument> {
     rows.each_number("smallest_gap_um", |gap| {
         smallest_gap = Some(smallest_gap.map_or(gap, |least: f64| least.min(gap)));
     })?;
-    let mut phases = Vec::new();
-    for phase in store.procedure().phases().iter().copied().chain(["other"]) {
-        let of = percentiles(&format!("{phase}_s"))?;
-        if of.max.is_some() {
-            phases.push(Phase {
-                name: phase,
-                seconds: of,
-            });
-        }
-    }
     let devices = fibers / ROWS_PER_DEVICE;
     let unsure = failed.get(OutcomeCode::Unsure.name());
     let sureness = Sureness::of(&rows, plan.devices_each, unsure.map_or(0, |of| of.count))?;
@@ -428,6 +436,7 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<CampaignDocument> {
         machines: devices.div_ceil(plan.devices_each),
         devices_each: plan.devices_each,
         commissioned: plan.commissioned,
+        piezo_model: plan.commissioned.then_some(plan.piezo_model),
         accepted: if plan.commissioned {
             Some(accepted(&rows, plan.devices_each)?)
         } else {
@@ -458,7 +467,12 @@ pub fn summarize(store: &Store, wall_seconds: f64) -> Result<CampaignDocument> {
             .into_iter()
             .map(|(cause, of)| (cause, of.seeds))
             .collect(),
-        phases,
+        phases: phases(store.procedure(), &rows)?,
+        arms: arms(&rows)?,
+        idle_seconds_per_device: Idle {
+            left: per_device(&rows, "left_idle_s")?,
+            right: per_device(&rows, "right_idle_s")?,
+        },
         smallest_gap_um: smallest_gap,
         rows_sha256: store.rows_hash()?,
         version: env!("CARGO_PKG_VERSION"),
@@ -481,6 +495,52 @@ fn accepted(rows: &Rows, devices_each: u64) -> Result<u64> {
         }
     }
     Ok(accepted)
+}
+
+/// The phases that some fiber entered.
+fn phases(procedure: Procedure, rows: &Rows) -> Result<Vec<Phase>> {
+    let mut phases = Vec::new();
+    for name in procedure.phases().iter().copied().chain(["other"]) {
+        let seconds = percentiles(rows, &format!("{name}_s"))?;
+        if seconds.max.is_some() {
+            phases.push(Phase { name, seconds });
+        }
+    }
+    Ok(phases)
+}
+
+/// What the manipulators did on all devices.
+fn arms(rows: &Rows) -> Result<Option<Arms>> {
+    let sum = |name: &str| -> Result<f64> {
+        let mut sum = Sum::default();
+        each_device(rows, name, |seconds| sum.add(seconds))?;
+        Ok(sum.value())
+    };
+    let [all, left, right, both] = ARMS.map(|(name, _)| sum(name));
+    let mut idle = [0.0; SIDES];
+    idle[Side::Left.index()] = left?;
+    idle[Side::Right.index()] = right?;
+    Ok(Time::told(all?, idle, both?).arms())
+}
+
+/// Hands on each number of a column in which the fibers of a device have the same.
+fn each_device(rows: &Rows, name: &str, mut each: impl FnMut(f64)) -> Result<()> {
+    let mut row = 0_u64;
+    for table in rows.groups(&[name]) {
+        for value in table?.numbers(name) {
+            // A device's rows follow each other.
+            if let Some(value) = value.filter(|_| row.is_multiple_of(ROWS_PER_DEVICE)) {
+                each(value);
+            }
+            row += 1;
+        }
+    }
+    Ok(())
+}
+
+/// The percentiles of such a column.
+fn per_device(rows: &Rows, name: &str) -> Result<Percentiles> {
+    Percentiles::of(|each| each_device(rows, name, each))
 }
 
 /// The percentiles of a column of numbers.

@@ -116,15 +116,30 @@ impl Belief {
         Ok(())
     }
 
-    /// Takes a table of another belief, with its weights, in place of its own.
+    /// Believes nothing more of what a table says, if there is one.
+    ///
+    /// # Errors
+    ///
+    /// When the text is not TOML.
+    pub fn remove(&mut self, table: &str) -> Result<(), Error> {
+        let mut document = self.document()?;
+        *table_at(&mut document, table) = Item::None;
+        self.put(&document);
+        Ok(())
+    }
+
+    /// Takes a table of another belief, with its weights, in place of its own; where the other has none, it has none either.
     ///
     /// # Errors
     ///
     /// When either is not TOML.
     pub fn take(&mut self, other: &Self, table: &str) -> Result<(), Error> {
-        let mut from = other.document()?;
+        let from = other.document()?;
         let mut document = self.document()?;
-        *table_at(&mut document, table) = table_at(&mut from, table).clone();
+        let taken = table
+            .split('.')
+            .try_fold(from.as_item(), |item, key| item.get(key));
+        *table_at(&mut document, table) = taken.cloned().unwrap_or_default();
         self.weights.extend(other.weights.iter().cloned());
         self.put(&document);
         Ok(())

@@ -8,7 +8,7 @@ use crate::calibrations::Change;
 use crate::characterize::Step;
 use crate::identify::MeasureWindup;
 use crate::job::Ended;
-use crate::piezos::{MeasureRatios, SeePiezos, WatchTips};
+use crate::piezos::{MeasureRatios, PiezoModel, SeePiezos, WatchTips};
 use crate::tune::{GainsRow, Method, Tune, step_of};
 use pigtail_control::beam::SpotSize;
 use pigtail_control::calibration::Windups;
@@ -258,6 +258,10 @@ impl Bench<'_, '_> {
 
     /// By the camera first, then, with what that found, by the light of a device.
     pub(super) fn piezos(&mut self) -> Result<Found, NotDone> {
+        let kind = self.setup.piezo_model;
+        if kind == PiezoModel::None {
+            return self.no_piezos();
+        }
         // What is to be found, by this step and by those that follow, is not believed meanwhile.
         let calibration = &mut self.setup.rig.calibration;
         let believed = std::mem::take(&mut calibration.hysteresis);
@@ -301,7 +305,8 @@ impl Bench<'_, '_> {
                 );
                 continue;
             }
-            let model = micro.model(ratio.ratio);
+            let model = kind.of(micro, ratio.ratio).map_err(Ended::from)?;
+            let Some(model) = model else { continue };
             let residual = micro.piezos.iter().map(|piezo| piezo.residual);
             let residual = residual.fold(0.0, f64::max);
             let text = serde_json::to_string_pretty(&model).map_err(|error| {
@@ -328,6 +333,21 @@ impl Bench<'_, '_> {
         Ok(Found { values, why })
     }
 
+    /// Where no model is wanted: none is believed, of those that were either.
+    fn no_piezos(&mut self) -> Result<Found, NotDone> {
+        for side in Side::ALL {
+            let mut belief = self.belief.clone();
+            let table = format!("hysteresis.{}", side.name());
+            let rig = (belief.remove(&table)).and_then(|()| self.setup.rig.with_belief(&belief));
+            self.setup.rig = rig.map_err(NotDone::Unbelievable)?;
+            self.belief = belief;
+            self.tables.push(table);
+        }
+        let values = Map::from_iter([("model".to_owned(), json!(PiezoModel::None.to_string()))]);
+        let why = String::new();
+        Ok(Found { values, why })
+    }
+
     /// What the camera saw of both micros, how far each goes in y for a displacement in x, and how the fibers ended of
     /// the device that told.
     fn piezos_found(&mut self) -> Result<PiezosFound, Ended> {
@@ -337,8 +357,8 @@ impl Bench<'_, '_> {
         const WITH_WINDUP: usize = 2;
         let micros = self.run(&SeePiezos, self.seed)?;
         for (side, micro) in Side::ALL.into_iter().zip(&micros) {
-            let hystereses = &mut self.setup.rig.calibration.hysteresis;
-            hystereses.set(side, Some(micro.model(RATIO)));
+            let model = self.setup.piezo_model.of(micro, RATIO)?;
+            self.setup.rig.calibration.hysteresis.set(side, model);
         }
         let (mut ratios, mut fibers) = ([None; SIDES], Vec::new());
         for (k, device) in self.spare_devices().enumerate() {
