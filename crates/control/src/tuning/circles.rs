@@ -75,10 +75,10 @@ topic! {
         /// No peak is worth a look from near that is not even known so well after these.
         roughly: f64 = 30e-9, "m", Choice;
         /// How far piezos take the middle of a circle along as it becomes a small one, along an axis, of that way, by what a model
-        /// of their hysteresis does not know: the fiber comes to rest from the small one. Of the 20 micros of ten machines of
-        /// `nominal` that were commissioned, looked at after this was chosen, it was 12 nm along an axis, rms, for 1 um, and 48 nm
-        /// for the worst.
-        hidden: f64 = 0.01, "1", Choice;
+        /// of their hysteresis does not know: the fiber comes to rest from the small one; one standard deviation. Of the 20 micros of ten machines of
+        /// `nominal` that were commissioned it was 12 nm along an axis, rms, for 1 um, and 48 nm for the worst: the tail of a
+        /// Gaussian that has room for it.
+        hidden: f64 = 0.02, "1", Choice;
         /// How well the wide turns and the small one together must know the peak, of what the wide ones must; but for light so dim
         /// that it takes very many.
         together: f64 = 0.8, "1", Choice;
