@@ -331,6 +331,15 @@ impl ConicalScan<'_> {
         self.confirm(bench, gap, &peak, phase).await
     }
 
+    /// How far a peak that was `seen` from a circle may be from there in x and in y, metres: where its spot is wider than believed, it
+    /// was seen nearer to the circle's middle than it is.
+    fn behind(&self, gap: f64, width: &Width, seen: &Peak) -> [f64; 2] {
+        let off = seen.at - self.centre;
+        let believed = self.beam.squared_widths(gap);
+        let wider = [0, 1].map(|i| (width.squared[i] / believed[i] - 1.0).max(0.0));
+        [off.x.abs() * wider[0], off.y.abs() * wider[1]]
+    }
+
     /// Goes around a small circle, from which the light at its middle can be told: whether the peak is
     /// where it was `foreseen`, which a piezo that has given way meanwhile would not be at. Then
     /// goes to the peak by both, each as far as it is sure, and comes to rest there. Returns the light
@@ -364,13 +373,7 @@ impl ConicalScan<'_> {
             .set_wider(wider.map_or(1.0, |(of_steps, _)| of_steps));
         self.misjudged = wider.is_some_and(|(of_steps, _)| of_steps > TUNING.last.misjudged);
         self.wider = wider.map(|(_, squared)| squared);
-        // Where a spot is wider than believed, a peak was seen nearer to the circle's middle than it is.
-        let behind = width.map_or([0.0; 2], |width| {
-            let off = seen.at - self.centre;
-            let believed = self.beam.squared_widths(gap);
-            let wider = [0, 1].map(|i| (width.squared[i] / believed[i] - 1.0).max(0.0));
-            [off.x.abs() * wider[0], off.y.abs() * wider[1]]
-        });
+        let behind = width.map_or([0.0; 2], |width| self.behind(gap, &width, &seen));
         let foreseen = &late(foreseen, old);
         if let Some(Moved { way, near }) = Moved::of(foreseen, &self.unsteady(&seen), 0.0) {
             return Err(Outcome::Unsure {

@@ -270,7 +270,8 @@ impl<'r> Shared<'r> {
     ) -> Result<(), Halt> {
         let (mut scan, before) = self.find(job, cell, aim, look).await?;
         if self.is_dim(job, cell, aim, &mut scan) {
-            return self.by_output(job, cell, aim, (scan, before)).await;
+            // Seldom gone, and long: not within every other way.
+            return Box::pin(self.by_output(job, cell, aim, (scan, before))).await;
         }
         self.close(job, cell, aim, scan, before).await
     }
