@@ -286,9 +286,14 @@ fn section(
                 &light(seen, &diodes, broken),
                 format!(
                     "Light of the photodiodes, with the phases: {}. {} is the photodiode that is followed; the others see \
-                     light that goes elsewhere.",
+                     light that goes elsewhere.{}",
                     phases_of(seen),
-                    diodes[first.followed]
+                    diodes[first.followed],
+                    if waited(seen) {
+                        " The fiber was dim, and waited: where it is drawn straight, another one was brought, by whose light it went on."
+                    } else {
+                        ""
+                    }
                 )
             ))
         }
@@ -309,6 +314,16 @@ const CLOSES: f64 = 2.0;
 fn closes(approach: &[&Seen]) -> bool {
     let ends = range_of(approach.iter().map(|s| s.z), 0.0);
     ends.end - ends.start > CLOSES
+}
+
+/// Whether nothing was seen of a fiber for so long, between what was, that another one was at work.
+fn waited(seen: &[Seen]) -> bool {
+    const LONG: f64 = 0.3;
+    let channel = seen.first().map(|s| s.followed);
+    channel == Some(Channel::Sensing.index())
+        && seen
+            .windows(2)
+            .any(|pair| pair[1].time - pair[0].time > LONG)
 }
 
 /// The phases in which this was seen, in order.
