@@ -43,7 +43,8 @@ fn two_hundred_devices_are_aligned_in_a_second_a_fiber() {
     seconds.sort_by(f64::total_cmp);
     let part = |share: f64| seconds[(share * seconds.len() as f64) as usize];
     let (median, nearly_all) = (part(0.5), part(0.995));
-    assert!(median < 0.9 && nearly_all < 2.7, "{median} {nearly_all}");
+    // It was 2.7 until more was believed to be hidden of the way to the small circle.
+    assert!(median < 0.9 && nearly_all < 3.3, "{median} {nearly_all}");
 }
 
 #[test]
