@@ -515,13 +515,6 @@ impl<'r> ConicalScan<'r> {
         self.peak().filter(|peak| is_clear(*peak))
     }
 
-    /// The peak by the last turn and those before it that were too dim by themselves, which it joins, if it stands out of their noise.
-    fn dim_peak(&mut self, dim: &mut Vec<Reading>) -> Option<Peak> {
-        dim.extend(&self.readings);
-        let peak = self.beam.fit(dim, self.watch.noise);
-        peak.filter(|peak| is_clear(*peak))
-    }
-
     /// A turn at a steady gap, and the peak that stands out of its noise; none where one turn is `dark`, which it counts.
     ///
     /// # Errors
@@ -594,19 +587,23 @@ impl<'r> ConicalScan<'r> {
         least: u32,
     ) -> Result<Peak, Halt> {
         let start = self.centre;
-        let (mut dark, mut dim) = (0, Vec::new());
+        let (mut dark, mut dim) = (false, Vec::new());
         let mut last = f64::INFINITY;
         for turn in 1..=self.shape.turns {
             self.turn(bench, gap).await?;
-            let Some(peak) = self.clear_peak().or_else(|| self.dim_peak(&mut dim)) else {
-                dark += 1;
-                // What may be a peak is looked at for longer.
+            let mut peak = self.clear_peak();
+            if peak.is_none() {
+                // Turns that are too dim by themselves tell together; what may be a peak is looked at for longer.
+                dim.extend(&self.readings);
                 let seen = self.beam.fit(&dim, self.watch.noise);
-                let perhaps = seen
-                    .is_some_and(|peak| peak.full > TUNING.circle.perhaps * peak.full_deviation);
-                if dark > 1 && !perhaps {
+                let perhaps = seen.is_some_and(|peak| stands_out(peak, TUNING.circle.perhaps));
+                if dark && !perhaps {
                     return Err(self.lost(phase, seen.as_ref(), gap));
                 }
+                peak = seen.filter(|peak| is_clear(*peak));
+            }
+            let Some(peak) = peak else {
+                dark = true;
                 continue;
             };
             dim.clear();
@@ -657,5 +654,10 @@ impl<'r> ConicalScan<'r> {
 
 /// Whether a peak stands out of the noise.
 fn is_clear(peak: Peak) -> bool {
-    peak.full > TUNING.circle.significant * peak.full_deviation
+    stands_out(peak, TUNING.circle.significant)
+}
+
+/// Whether a peak stands out of the noise by so many of its standard deviations.
+fn stands_out(peak: Peak, deviations: f64) -> bool {
+    peak.full > deviations * peak.full_deviation
 }

@@ -121,21 +121,10 @@ impl<'r> Shared<'r> {
             noise: waiting.noise(),
             ..self.watch(aim.side, job.channel)
         };
-        let beam = cell.beam(aim.side, self.recipe);
-        let mut scan = ConicalScan::new(
-            watch,
-            beam,
-            &self.fast.conical_scan,
-            cell,
-            (cell.micro(aim.side), aim.gap(cell)),
-            aim.walk(cell, self.exit()),
-            cell.measured_shaking(aim.side),
-        );
+        let mut scan = self.circles(cell, aim, watch, cell.micro(aim.side));
         let mut before = self.centre_again(job, cell, aim, &mut scan).await?;
         if again {
-            let gap = beam.gap_of(TUNING.gap.quick_at);
-            self.approach(cell, aim, &mut scan, before, (gap, 1))
-                .await?;
+            self.come_to_wait(cell, aim, &mut scan, before).await?;
             before = self.centre_again(job, cell, aim, &mut scan).await?;
         }
         self.close(job, cell, aim, scan, before).await
@@ -155,10 +144,9 @@ impl<'r> Shared<'r> {
         let fast = self.fast;
         let change = async |_: &mut Job<'_>| self.change_fiber(cell, &aim, 0).await;
         other.phase(cell, "coarse", change).await?;
-        let mut passes = fast.retry.passes.iter().filter(|pass| pass.sensing == 0.0);
-        let mut why = Outcome::NothingSearched;
-        let mut again = false;
-        for pass in passes.by_ref() {
+        let passes = fast.retry.passes.iter().filter(|pass| pass.sensing == 0.0);
+        let (mut why, mut again) = (Outcome::NothingSearched, false);
+        for pass in passes {
             let look = self.look(pass, fast.output_gap, fast.output_spacing, again);
             match self.find(other, cell, &aim, &look).await {
                 Ok((mut scan, before)) => {
@@ -184,11 +172,23 @@ impl<'r> Shared<'r> {
     ) -> Result<(), Halt> {
         job.phase(cell, "approach", async |job| {
             self.doubt(job, cell, aim, scan, before).await?;
-            let gap = cell.beam(aim.side, self.recipe).gap_of(TUNING.gap.quick_at);
-            self.approach(cell, aim, scan, before, (gap, 1)).await?;
+            self.come_to_wait(cell, aim, scan, before).await?;
             scan.rest(cell, aim.gap(cell)).await
         })
         .await
+    }
+
+    /// To the gap at which fibers wait.
+    async fn come_to_wait(
+        &self,
+        cell: &AlignmentCell<'_>,
+        aim: &Aim,
+        scan: &mut ConicalScan<'_>,
+        before: f64,
+    ) -> Result<(), Halt> {
+        let beam = cell.beam(aim.side, self.recipe);
+        let gap = beam.gap_of(TUNING.gap.quick_at);
+        self.approach(cell, aim, scan, before, (gap, 1)).await
     }
 
     /// The peak of a fiber that has waited, from which it has crept meanwhile: its light at no gap, volts.

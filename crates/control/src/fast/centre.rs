@@ -28,16 +28,11 @@ impl<'r> Shared<'r> {
         watch: Watch,
         spot: Spot,
     ) -> Result<(ConicalScan<'r>, f64), Halt> {
-        let beam = cell.beam(aim.side, self.recipe);
-        let shape = &self.fast.conical_scan;
-        let walk = aim.walk(cell, self.exit());
         let gap = aim.gap(cell);
-        let rest = cell.wanted(aim.side);
-        let at = spot.at - rest.across();
-        let before = cell.measured_shaking(aim.side);
-        let mut scan = ConicalScan::new(watch, beam, shape, cell, (at, gap), walk, before);
+        let at = spot.at - cell.wanted(aim.side).across();
+        let mut scan = self.circles(cell, aim, watch, at);
         // What the micro will not reach, here or at the chip, the macro must.
-        let room = beam.width(gap);
+        let room = scan.beam_width(gap);
         let handed_over = self
             .make_room(cell, aim, &mut scan, (room, f64::INFINITY), gap)
             .await?;
@@ -51,7 +46,7 @@ impl<'r> Shared<'r> {
             .bring_within_reach(cell, aim, &mut scan, gap, (handed_over, farther))
             .await?;
         // A peak is brighter than what was seen of it in passing; a fluctuation is gone by now.
-        let level = peak.full * beam.share(gap);
+        let level = peak.full * cell.beam(aim.side, self.recipe).share(gap);
         let expected = TUNING.reach.seen * spot.level;
         if level < expected {
             return Err(Outcome::LightLost {
@@ -62,6 +57,20 @@ impl<'r> Shared<'r> {
             .into());
         }
         Ok((scan, peak.full))
+    }
+
+    /// Circles around a place of the micro, at the gap at which the tip is.
+    pub(super) fn circles(
+        &self,
+        cell: &AlignmentCell<'_>,
+        aim: &Aim,
+        watch: Watch,
+        at: Displacement,
+    ) -> ConicalScan<'r> {
+        let (side, shape) = (aim.side, &self.fast.conical_scan);
+        let (beam, walk) = (cell.beam(side, self.recipe), aim.walk(cell, self.exit()));
+        let shaken = cell.measured_shaking(side);
+        ConicalScan::new(watch, beam, shape, cell, (at, aim.gap(cell)), walk, shaken)
     }
 
     /// Circles until the peak is in the middle, to `accuracy` metres, or not as near where a micro that swings does not come so near: nearer to
