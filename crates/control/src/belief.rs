@@ -13,6 +13,8 @@ pub struct Across {
     pub sigma: [f64; 2],
     /// ...and how far it may be off beside that: a drift that goes on or does not, metres.
     pub bound: [f64; 2],
+    /// What of both no look at the light makes less, deviation and bound in x and in y, metres: how askew stages stand.
+    pub askew: [(f64, f64); 2],
 }
 
 impl Across {
@@ -21,6 +23,28 @@ impl Across {
         Self {
             sigma: [sigma; 2],
             bound: [0.0; 2],
+            askew: [(0.0, 0.0); 2],
+        }
+    }
+
+    /// The same with what light tells known so many times as badly.
+    #[must_use]
+    pub fn seen(self, times: f64) -> Self {
+        let sigma = |i: usize| {
+            let (askew, _) = self.askew[i];
+            (times * times * (self.sigma[i].powi(2) - askew * askew))
+                .max(0.0)
+                .sqrt()
+                .hypot(askew)
+        };
+        let bound = |i: usize| {
+            let (_, askew) = self.askew[i];
+            askew + times * (self.bound[i] - askew).max(0.0)
+        };
+        Self {
+            sigma: [sigma(0), sigma(1)],
+            bound: [bound(0), bound(1)],
+            ..self
         }
     }
 
@@ -41,6 +65,9 @@ impl Across {
         Self {
             sigma: self.sigma.map(|sigma| factor * sigma),
             bound: self.bound.map(|bound| factor * bound),
+            askew: self
+                .askew
+                .map(|(sigma, bound)| (factor * sigma, factor * bound)),
         }
     }
 
@@ -61,7 +88,7 @@ impl Across {
 ///
 /// ```
 /// # use pigtail_control::belief::{Across, Place};
-/// let across = Across { sigma: [10e-9, 5e-9], bound: [0.0; 2] };
+/// let across = Across { sigma: [10e-9, 5e-9], ..Across::default() };
 /// let place = Place { across, off: 0.1e-6, bound: 0.5e-6, sigma: 0.0 };
 /// let [x, y, z] = place.half_widths(0.95);
 /// assert!((x - 19.6e-9).abs() < 0.1e-9);
@@ -85,7 +112,7 @@ impl Place {
     /// Half widths of the intervals in x, y and z that hold the truth with a probability of `share`, metres; those in x
     /// and y lie around the peak, that in z around the gap that is believed.
     pub fn half_widths(&self, share: f64) -> [f64; 3] {
-        let Across { sigma, bound } = self.across;
+        let Across { sigma, bound, .. } = self.across;
         [
             (bound[0], sigma[0]),
             (bound[1], sigma[1]),

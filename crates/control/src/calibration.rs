@@ -1,6 +1,6 @@
 //! The belief about a machine: `calibration.toml`.
 
-use crate::beam::SpotSize;
+use crate::beam::{Askew, SpotSize};
 use crate::compensation::micro::MicroModel;
 use crate::gap_by_light::Spread;
 use crate::impulse::belief::ImpulseBeliefs;
@@ -474,6 +474,16 @@ pub struct Geometry {
     pub right: PlacementBelief,
 }
 
+impl Geometry {
+    /// The manipulator of a side.
+    pub fn of(&self, side: Side) -> &PlacementBelief {
+        match side {
+            Side::Left => &self.left,
+            Side::Right => &self.right,
+        }
+    }
+}
+
 /// Links of the five-bars.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -549,6 +559,34 @@ impl MicroGeometry {
     }
 }
 
+/// By what angles ways across go along the light.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct AskewBelief {
+    /// Of ways in x and in y, radians.
+    #[serde(with = "quantity::Angles::<2>")]
+    pub ways: [f64; 2],
+    /// Standard deviation of both, radians.
+    #[serde(with = "quantity::NonNegativeAngle")]
+    pub deviation: f64,
+}
+
+impl PlacementBelief {
+    /// By what angles ways across go along the light, as is believed, on stages that may stand as far askew as a datasheet says.
+    pub fn askew(&self, spec: &Spec) -> Askew {
+        match &self.askew {
+            Some(measured) => Askew {
+                known: measured.ways,
+                deviation: measured.deviation,
+            },
+            None => Askew {
+                known: [self.yaw.sin(), 0.0],
+                deviation: spec.guard.askew,
+            },
+        }
+    }
+}
+
 /// Where a manipulator stands.
 #[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
@@ -559,6 +597,10 @@ pub struct PlacementBelief {
     /// Its rotation about y, radians.
     #[serde(with = "quantity::Angle")]
     pub yaw: f64,
+    /// By what angles its ways in x and in y go along the light too, radians, where that was measured. Without it ways in x do
+    /// by its yaw, and neither is known better than the datasheet says.
+    #[serde(default)]
+    pub askew: Option<AskewBelief>,
     /// When it was found.
     pub date: String,
     /// By which run.

@@ -1,7 +1,7 @@
 //! A bench with a camera and a sensing fiber in the hands of an alignment: what is known of where its arms stand, and what
 //! the camera has seen so far.
 
-use crate::beam::{Beam, SpotSize};
+use crate::beam::{Askew, Beam, SpotSize};
 use crate::gap_by_light::Spread;
 use crate::outcome::{Halt, Outcome};
 use crate::procedure::outward;
@@ -40,6 +40,10 @@ pub struct Layout {
     pub spread: [Option<Spread>; SIDES],
     /// How wide the spot of light at the chip is in the scale of the micros, where it was measured.
     pub spot: [Option<SpotSize>; SIDES],
+    /// By what angles ways across go along the light, too.
+    pub askew: [Askew; SIDES],
+    /// How far beside a circle's middle the micros come to rest, of its radius, by the models of their piezos.
+    pub hides: [f64; SIDES],
     /// Whether the micros go where they are told: whether their piezos have a model that is believed.
     pub follows: [bool; SIDES],
 }
@@ -162,7 +166,8 @@ impl<'b> AlignmentCell<'b> {
 
     /// The light between the fiber of an arm and its guide: of the modes of a recipe, or as wide as it was measured and spreading as it was.
     pub fn beam(&self, side: Side, recipe: &Recipe) -> Beam {
-        let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
+        let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle)
+            .on_stages(self.layout.askew[side.index()]);
         let beam = match &self.layout.spot[side.index()] {
             None => beam,
             Some(size) => beam.as_measured(size),
@@ -171,6 +176,11 @@ impl<'b> AlignmentCell<'b> {
             None => beam,
             Some(spread) => beam.spreading(spread.middle()),
         }
+    }
+
+    /// How far beside a circle's middle the micro of an arm comes to rest, of the circle's radius, one standard deviation.
+    pub fn hides(&self, side: Side) -> f64 {
+        self.layout.hides[side.index()]
     }
 
     /// Whether the micro of an arm goes where it is told.

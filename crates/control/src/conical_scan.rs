@@ -134,6 +134,8 @@ pub struct ConicalScan<'r> {
     /// By how much the light itself differs from one turn to the next, of its own, squared: the sum of what was seen, less its noise, and
     /// how often.
     flickers: (f64, f64),
+    /// How far beside a circle's middle the group comes to rest, of the circle's radius, one standard deviation.
+    hides: f64,
     /// Whether it is a group of which nobody has measured how it follows circles, and a spot that nobody has measured.
     wary: bool,
     /// The last turns that have found the peak.
@@ -184,6 +186,7 @@ impl<'r> ConicalScan<'r> {
             surely: Displacement::ZERO,
             unrest: [0.0; 2],
             flickers: (0.0, 0.0),
+            hides: TUNING.last.hidden,
             wary: false,
             turns: Vec::new(),
             around: Vec::with_capacity(64),
@@ -200,6 +203,12 @@ impl<'r> ConicalScan<'r> {
     #[must_use]
     pub fn wary(self) -> Self {
         Self { wary: true, ..self }
+    }
+
+    /// The same with a group that comes to rest so far beside a circle's middle, of the circle's radius, one standard deviation.
+    #[must_use]
+    pub fn hiding(self, hides: f64) -> Self {
+        Self { hides, ..self }
     }
 
     /// What measures the light.

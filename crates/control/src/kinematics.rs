@@ -95,10 +95,7 @@ impl Kinematics {
             home: [x, y, z],
             yaw,
             ..
-        } = match side {
-            Side::Left => geometry.left.clone(),
-            Side::Right => geometry.right.clone(),
-        };
+        } = geometry.of(side).clone();
         let (sin, cos) = spec.micro.angle.sin_cos();
         let half_range = 0.5 * spec.micro.range;
         let printed = Range {

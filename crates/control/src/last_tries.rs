@@ -87,7 +87,7 @@ impl<'r> LastTries<'r> {
         let share = self.retry.better;
         let dim = known.worse() > share.sqrt() * self.best;
         self.best = self.best.min(known.worse());
-        let better = known.times(share * share);
+        let better = known.seen(share * share);
         let watching_helps = |shaking: &Shaking| {
             let by_turns = !dim && sure(shaking, better);
             !by_turns && !sure(shaking, known) && shaking.may_be_sure(tolerance, known)
@@ -98,7 +98,7 @@ impl<'r> LastTries<'r> {
         scan.watch_while(bench, gap, &mut self.watched, watching_helps)
             .await?;
         // A drift may have been seen by chance.
-        let finest = Across::of(TUNING.last.finest.min(known.worse()));
+        let finest = known.seen((TUNING.last.finest / known.worse()).min(1.0));
         if sure(&scan.shaking(), finest) && self.is_last() && self.patience > 0 {
             self.patience -= 1;
             self.does_not_count();

@@ -93,13 +93,15 @@ pub enum Outcome {
     },
     /// The tip shakes, or its peak is known, so badly that it may be attached elsewhere.
     #[error(
-        "unsure: the peak's place is known to {:.1} nm and the tip shakes by {:.1} nm, rms, and drifts by up to {:.1} nm; \
+        "unsure: the peak's place is known to {:.1} nm{} and the tip shakes by {:.1} nm, rms, and drifts by up to {:.1} nm; \
          it is attached farther off than {:.0} nm with a probability of {probability:.1e}, accepted is {accepted:.0e}",
-        deviation * 1e9, shaking * 1e9, drift * 1e9, tolerance * 1e9
+        deviation * 1e9, for_askew(*deviation, *askew), shaking * 1e9, drift * 1e9, tolerance * 1e9
     )]
     UnsurePlace {
         /// Standard deviation of the peak's place, metres.
         deviation: f64,
+        /// What of it is for stages that may stand askew, metres.
+        askew: f64,
         /// How far the peak may drift until the fiber is attached, metres.
         drift: f64,
         /// Standard deviation of the tip about where it is held, along an axis, metres.
@@ -253,6 +255,22 @@ fn record_of(piezo: Option<usize>) -> String {
     piezo.map_or_else(
         || "the record of a piezo".to_owned(),
         |piezo| format!("piezo {}", piezo + 1),
+    )
+}
+
+/// Whether a deviation is mostly for stages askew: no light makes that less.
+pub(crate) fn is_for_askew(deviation: f64, askew: f64) -> bool {
+    askew * askew >= 0.5 * deviation * deviation
+}
+
+/// What is said of that.
+fn for_askew(deviation: f64, askew: f64) -> String {
+    if !is_for_askew(deviation, askew) {
+        return String::new();
+    }
+    format!(
+        ", of which {:.1} nm are for how askew its stage may stand (`commission` measures that),",
+        askew * 1e9
     )
 }
 

@@ -419,6 +419,7 @@ impl Shaking {
         }
         Err(Outcome::UnsurePlace {
             deviation: known.worse(),
+            askew: known.askew[0].0.max(known.askew[1].0),
             drift: known.bound[0].max(known.bound[1]),
             shaking: self.deviation(),
             tolerance,

@@ -13,7 +13,7 @@ use self::arm::{Arm, Started};
 pub use self::bench::{coarse, fine};
 use self::past::Past;
 use self::playing::Playing;
-use crate::beam::SpotSize;
+use crate::beam::{Askew, SpotSize};
 use crate::calibration::Calibration;
 use crate::cell::Layout;
 use crate::gap_by_light::Spread;
@@ -21,6 +21,7 @@ use crate::impulse::belief::ImpulseBelief;
 use crate::kinematics::Kinematics;
 use crate::shaking::Measured;
 use crate::trajectory::{Limits, Rates, Shape};
+use crate::tuning::TUNING;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::{CHANNELS, SIDES};
 use pigtail_hal::{
@@ -98,6 +99,8 @@ pub struct Station<'a> {
     spread: [Option<Spread>; SIDES],
     /// How wide the spot of light at the chip is in the scale of the micros, where it was measured.
     spot: [Option<SpotSize>; SIDES],
+    /// By what angles ways across go along the light, too.
+    askew: [Askew; SIDES],
     /// What is believed of pulses on a five-bar.
     five_bar_pulses: Option<ImpulseBelief>,
     /// Light samples that somebody has looked at, and the time of the last of them.
@@ -156,6 +159,7 @@ impl<'a> Station<'a> {
             shaking: Side::ALL.map(|side| calibration.shaking.of(side)),
             spread: Side::ALL.map(|side| calibration.spread.of(side)),
             spot: Side::ALL.map(|side| calibration.spot.of(side)),
+            askew: Side::ALL.map(|side| calibration.geometry.of(side).askew(&spec)),
             five_bar_pulses: calibration.impulse.five_bar.clone(),
             readings: Cell::new((0, f64::NEG_INFINITY)),
             limits: Limits {
@@ -207,6 +211,14 @@ impl<'a> Station<'a> {
             shaking: self.shaking,
             spread: self.spread,
             spot: self.spot,
+            askew: self.askew,
+            hides: Side::ALL.map(|side| {
+                let arm = &self.arms[side.index()];
+                match &arm.piezos {
+                    Some(piezos) if piezos.is_network() => TUNING.last.hidden_by_networks,
+                    _ => TUNING.last.hidden,
+                }
+            }),
             follows: Side::ALL.map(|side| self.has_piezo_model(side)),
         }
     }

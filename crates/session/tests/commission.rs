@@ -1,5 +1,6 @@
 //! The first steps of commissioning: what is well passes, and what is not is said.
 
+use pigtail_control::calibration::Calibration;
 use pigtail_control::station::Unobserved;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::{Axis, AxisName, Command, Error, Fault, Machine, Measurement, Side, Spec};
@@ -238,4 +239,15 @@ fn how_stages_stand_is_seen_by_the_camera() {
         );
     }
     assert_eq!(done.tables, ["geometry.left", "geometry.right"]);
+    // How ways across go along is believed, for where light is brightest beside a peak by that.
+    let believed = Calibration::parse("calibration.toml", &done.belief.text, &setup.rig.spec);
+    let geometry = believed.expect("a calibration").geometry;
+    for (side, [x, y]) in [(Side::Left, [5.0, 0.0]), (Side::Right, [3.0, 0.0])] {
+        let askew = geometry.of(side).askew(&setup.rig.spec);
+        for (known, truth) in askew.known.into_iter().zip([x, y]) {
+            let off = known.abs() / mrad - truth;
+            assert!(off.abs() < 4.0 * askew.deviation / mrad, "{off} {askew:?}");
+        }
+        assert!(askew.deviation < 0.4 * mrad, "{askew:?}");
+    }
 }

@@ -75,6 +75,14 @@ pub struct MicroCompensation {
 }
 
 impl MicroCompensation {
+    /// Whether a network stands for a piezo: it knows less of small loops than what remembers.
+    pub fn is_network(&self) -> bool {
+        self.model
+            .piezos
+            .iter()
+            .any(|model| matches!(model, Model::Rbf(_)))
+    }
+
     /// Begins with piezos that rest in the middle of their range, as they do at switch-on.
     pub fn new(model: &MicroModel, spec: &Spec) -> Self {
         let period = spec.period();

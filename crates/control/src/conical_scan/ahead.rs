@@ -1,10 +1,12 @@
 //! Where the peaks of turns lead: a peak as it will be, how well that is known, and whether what is seen then is it.
 
 use super::answer::{Answer, Turn};
+use super::wander::{Track, Wander};
 use crate::beam::Peak;
 use crate::tuning::TUNING;
+use nalgebra::{SMatrix, Vector2};
 use pigtail_model::frames::Displacement;
-use pigtail_numerics::line::Line;
+use pigtail_numerics::normal::Normal;
 
 /// What leads to a peak, of turns of which so many were the most.
 pub(super) fn recent(turns: &[Turn], most: usize) -> &[Turn] {
@@ -105,30 +107,46 @@ impl Ahead {
         })
     }
 
-    /// By the straight line through a coordinate of peaks that are a turn apart, so many turns `ahead`. A few peaks may
-    /// happen to lie well: their variance is `least` (square metres) or more.
+    /// By a coordinate of peaks that are a turn apart, so many turns `ahead`. It goes on in a straight line and strays from that a little every
+    /// turn, by so much more variance (square metres): piezos creep ever more slowly, axes that rest on friction give way now and
+    /// then, and of a hundred turns the first say nothing of where the last leads. A few peaks may happen to lie well: their
+    /// variance is `least` (square metres) or more.
     pub(super) fn of(
         turns: &[Turn],
-        coordinate: impl Fn(&Peak) -> f64 + Clone,
-        least: f64,
+        coordinate: impl Fn(&Peak) -> f64,
+        (least, strays): (f64, f64),
         ahead: f64,
     ) -> Self {
-        let n = turns.len() as f64;
-        let turns = turns.iter().map(|turn| coordinate(&turn.peak)).enumerate();
-        let points = turns.map(|(k, at)| (k as f64, at));
-        let line = Line::through(points.clone());
-        let squares: f64 = points.map(|(k, at)| line.left(k, at).powi(2)).sum();
-        let lever = line.x + ahead;
-        let scatter = squares / (n - 2.0);
-        let each = scatter.max(least);
-        let variance = each * (1.0 / n + lever * lever / line.spread);
+        let origin = coordinate(&turns[0].peak);
+        // Where it is at first, and its way: what is new in each turn tells of both.
+        let mut track = Track::<1, 3>::new(Wander::away(strays), 0.0);
+        let (mut normal, mut squares) = (Normal::<2>::default(), 0.0);
+        for (k, turn) in turns.iter().enumerate() {
+            let time = k as f64;
+            track.until(time);
+            let seen = SMatrix::from([[1.0], [time], [coordinate(&turn.peak) - origin]]);
+            let (new, variance) = track.see(&seen, least);
+            normal.add_weighted(&Vector2::new(new[0], new[1]), new[2], variance.recip());
+            squares += new[2] * new[2] / variance;
+        }
+        let last = turns.len() as f64 - 1.0;
+        track.until(last + ahead);
+        let covariance = normal.matrix.try_inverse();
+        let covariance = covariance.unwrap_or_else(|| SMatrix::repeat(f64::INFINITY));
+        let line = covariance * normal.right;
+        let left = squares - line.dot(&normal.right);
+        let more = (left / (last - 1.0)).max(0.0);
+        // What has strayed is none of the line.
+        let row = Vector2::new(1.0 - track.at[0], last + ahead - track.at[1]);
+        let variance = (covariance * row).dot(&row) + track.variance;
+        let times = more.max(1.0);
         Self {
-            at: line.y + line.slope * lever,
-            deviation: variance.sqrt(),
-            slope: line.slope,
-            slope_deviation: (each / line.spread).sqrt(),
-            scatter,
-            each,
+            at: origin + row.dot(&line) + track.at[2],
+            deviation: (times * variance).sqrt(),
+            slope: line[1],
+            slope_deviation: (times * covariance[(1, 1)]).sqrt(),
+            scatter: more * least,
+            each: times * least,
         }
     }
 
@@ -162,11 +180,24 @@ mod tests {
     #[test]
     fn a_steady_creep_is_foreseen() {
         let turns = [0.0, 10e-9, 20e-9, 30e-9].map(turn);
-        let ahead = Ahead::of(&turns, |peak| peak.at.x, 0.0, TUNING.ahead.ahead);
+        let ahead = Ahead::of(&turns, |peak| peak.at.x, (1e-36, 0.0), TUNING.ahead.ahead);
         let expected = 30e-9 + TUNING.ahead.ahead * 10e-9;
         assert!((ahead.at - expected).abs() < 1e-15, "{}", ahead.at);
         assert!(ahead.deviation < 1e-15, "{}", ahead.deviation);
         assert!((ahead.slope - 10e-9).abs() < 1e-15, "{}", ahead.slope);
+    }
+
+    #[test]
+    fn a_creep_that_slows_down_is_not_foreseen_by_how_it_began() {
+        // By a straight line it would be four deviations away.
+        let creep = |k: u32| 40e-9 * (1.0 + f64::from(k)).ln();
+        let turns: Vec<_> = (0..60).map(|k| turn(creep(k))).collect();
+        let strays = TUNING.ahead.strays.powi(2);
+        let Ahead { at, deviation, .. } =
+            Ahead::of(&turns, |peak| peak.at.x, (400e-18, strays), 1.0);
+        let error = at - creep(60);
+        assert!(error.abs() < 2.5 * deviation, "{error} {deviation}");
+        assert!(deviation < 10e-9, "{deviation}");
     }
 
     #[test]
@@ -190,7 +221,7 @@ mod tests {
         let Ahead { deviation, .. } = Ahead::of(
             &[0.0; 3].map(turn),
             |peak| peak.at.x,
-            1e-16,
+            (1e-16, 0.0),
             TUNING.ahead.ahead,
         );
         assert!(deviation > 10e-9, "{deviation}");

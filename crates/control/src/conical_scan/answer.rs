@@ -118,7 +118,7 @@ struct Fit {
     likelihood: f64,
     wander: Wander,
     /// The wander at the last turn, as it is seen: by what the fit leaves, and what each of its numbers would be taken for one.
-    track: Track<7>,
+    track: Track<2, 7>,
     /// The last step to the fit, from where the track was followed.
     step: Vector6<f64>,
 }

@@ -106,12 +106,11 @@ impl ConicalScan<'_> {
             // A peak is that of the middle of its turn; the circle is left a turn later.
             let noise = peak.deviation();
             let last = peak;
-            let recent = recent(&seen, most as usize);
-            let (ahead, unsettled) = self.foresee(bench, recent, &last)?;
+            let (ahead, unsettled) = self.foresee(bench, &seen, &last)?;
             let [x, y] = &ahead;
             peak.at = Displacement::new(x.at, y.at);
             peak.deviations = [x.deviation, y.deviation];
-            self.note_motion(&ahead, &last, recent.len());
+            self.note_motion(&ahead, &last, seen.len());
             let slope = self.drift.norm();
             self.go_to(bench, &peak, gap)?;
             deviation = peak.deviation();
@@ -133,7 +132,7 @@ impl ConicalScan<'_> {
                 .extend(self.readings.iter().map(|r| (r.at - self.centre, r.volts)));
             let long = seen.len() >= 2 * self.shape.turns as usize;
             let ready = || !unsettled && ready() == Ready::Yes;
-            if deviation < accuracy
+            if deviation < TUNING.last.wide * accuracy
                 && (together < TUNING.last.together * accuracy || long)
                 && ready()
             {
@@ -161,13 +160,16 @@ impl ConicalScan<'_> {
         if !self.wary {
             let of = [|peak: &Peak| peak.at.x, |peak: &Peak| peak.at.y];
             let means = self.shaking.measured_means();
+            let strays = TUNING.ahead.strays.powi(2) * self.slower;
             let foreseen = [0, 1].map(|i| {
                 let least = last.deviations[i].powi(2) + means;
-                Ahead::of(seen, of[i], least, ahead)
+                Ahead::of(seen, of[i], (least, strays), ahead)
             });
             return Ok((foreseen, false));
         }
         let noise = last.deviation();
+        let most = TUNING.last.most_turns * self.shape.turns;
+        let seen = recent(seen, most as usize);
         let answer = Answer::of(seen, self.period, noise, (ahead, ahead));
         if let Some(why) = answer.is_foreign() {
             return Err(Outcome::BenchFailed { why });
@@ -340,6 +342,23 @@ impl ConicalScan<'_> {
         [off.x.abs() * wider[0], off.y.abs() * wider[1]]
     }
 
+    /// Squares of how wide the spot is in x and in y, square metres: as is believed, or as two circles have told, if that is more.
+    fn widest(&self, gap: f64, width: Option<&Width>) -> [f64; 2] {
+        let believed = self.beam.squared_widths(gap);
+        width.map_or(believed, |width| {
+            [0, 1].map(|i| believed[i].max(width.squared[i]))
+        })
+    }
+
+    /// A peak that was seen from a circle of so many widths, as well as it is known where the micro has left that for its middle.
+    fn left_from(&self, peak: &Peak, radius: f64, gap: f64) -> Peak {
+        let hidden = self.hides * radius * self.beam.width(gap);
+        Peak {
+            deviations: peak.deviations.map(|d| d.hypot(hidden)),
+            ..*peak
+        }
+    }
+
     /// Goes around a small circle, from which the light at its middle can be told: whether the peak is
     /// where it was `foreseen`, which a piezo that has given way meanwhile would not be at. Then
     /// goes to the peak by both, each as far as it is sure, and comes to rest there. Returns the light
@@ -374,6 +393,7 @@ impl ConicalScan<'_> {
         self.misjudged = wider.is_some_and(|(of_steps, _)| of_steps > TUNING.last.misjudged);
         self.wider = wider.map(|(_, squared)| squared);
         let behind = width.map_or([0.0; 2], |width| self.behind(gap, &width, &seen));
+        let aside = self.beam.aside(self.widest(gap, width.as_ref()));
         let foreseen = &late(foreseen, old);
         if let Some(Moved { way, near }) = Moved::of(foreseen, &self.unsteady(&seen), 0.0) {
             return Err(Outcome::Unsure {
@@ -387,9 +407,7 @@ impl ConicalScan<'_> {
         if misfit > accepted {
             return Err(Outcome::Misshapen { misfit, accepted }.into());
         }
-        // What light is too dim to show may swing all the same, and comes to rest alike at each fiber: as far aside.
-        let hidden = self.no_swing(&seen, gap) > TUNING.last.unseen;
-        let last = if rings || hidden {
+        let last = if rings {
             TUNING.last.gentle
         } else {
             TUNING.last.come_to_rest
@@ -397,7 +415,7 @@ impl ConicalScan<'_> {
         // It comes to rest, and not a moment longer than it may swing: piezos creep.
         let settling = self.group(bench).settling;
         let rest = HALF_TURN + last + settling / self.period;
-        let longer = if self.shaking.rings() || hidden {
+        let longer = if self.shaking.rings() {
             (TUNING.watch.forgets - 1.0) * settling
         } else {
             0.0
@@ -410,15 +428,8 @@ impl ConicalScan<'_> {
             let answer = Answer::of(&self.turns, self.period, noise, (0.0, until));
             (answer.at, [answer.deviation; 2])
         } else {
-            let way = (self.shape.radius - radius) * self.beam.width(gap);
-            let deviations = foreseen
-                .deviations
-                .map(|d| d.hypot(TUNING.last.hidden * way));
-            let foreseen = Peak {
-                deviations,
-                ..*foreseen
-            };
-            together(&foreseen, &seen, self.unrest)
+            let foreseen = self.left_from(foreseen, self.shape.radius, gap);
+            together(&foreseen, &self.left_from(&seen, radius, gap), self.unrest)
         };
         self.go_to(bench, &Peak { at, ..seen }, gap)?;
         self.shrink(bench, gap, 0.0, last).await?;
@@ -441,14 +452,18 @@ impl ConicalScan<'_> {
         let creep = TUNING.ahead.creep * self.slower;
         let moves = creep + creep.max(self.drift.norm()) * later;
         let known = Across {
-            sigma: known.map(|known| known.hypot(TUNING.last.unforeseen * moves)),
+            sigma: [0, 1].map(|i| {
+                let moves = TUNING.last.unforeseen * moves;
+                known[i].hypot(moves).hypot(aside[i].1)
+            }),
             // A drift that was seen for sure goes on as it did, or less, or not at all: what comes to rest does so soon, and
             // piezos creep by the logarithm of time, by much where their model knows no creep. To go where it
             // would lead makes offsets worse where it does not go on, so it is believed and not followed.
             bound: [
-                self.surely.x.abs() * rest + behind[0],
-                self.surely.y.abs() * rest + behind[1],
+                self.surely.x.abs() * rest + behind[0] + aside[0].0,
+                self.surely.y.abs() * rest + behind[1] + aside[1].0,
             ],
+            askew: aside.map(|(bound, sigma)| (sigma, bound)),
         };
         let deviation = full
             * f64::hypot(

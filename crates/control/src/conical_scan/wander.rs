@@ -57,6 +57,14 @@ impl Wander {
             .collect()
     }
 
+    /// The peak itself goes away, by so much more variance a turn.
+    pub(super) const fn away(variance: f64) -> Self {
+        Self {
+            variance,
+            kind: Kind::Away,
+        }
+    }
+
     /// How probable it is before anything is seen, beside the others of [`Self::all`]: a deviation is as probable as any other, which a few
     /// turns do not contradict (Gelman, Bayesian Analysis 1 (2006) 515: what is uniform in the logarithm believes too readily in none).
     pub(super) fn prior(&self) -> f64 {
@@ -84,19 +92,19 @@ impl Wander {
     }
 }
 
-/// A wander that is followed through what is seen, in x and in y, one behind the other: a Kalman filter. It follows several columns side
+/// A wander that is followed through what is seen along so many axes, one behind the other: a Kalman filter. It follows several columns side
 /// by side, of which each is what would have to be a wander where nothing else was there.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Track<const N: usize> {
+pub(super) struct Track<const AXES: usize, const N: usize> {
     wander: Wander,
     /// Where it has come to.
-    pub(super) at: SMatrix<f64, 2, N>,
+    pub(super) at: SMatrix<f64, AXES, N>,
     /// Along each axis.
     pub(super) variance: f64,
     time: f64,
 }
 
-impl<const N: usize> Track<N> {
+impl<const AXES: usize, const N: usize> Track<AXES, N> {
     /// One that nothing is known of; one that takes the peak along begins where that is.
     pub(super) fn new(wander: Wander, time: f64) -> Self {
         Self {
@@ -122,9 +130,9 @@ impl<const N: usize> Track<N> {
     /// Takes in what is seen with a noise of some variance. Returns what is new in it, and the variance of that.
     pub(super) fn see(
         &mut self,
-        seen: &SMatrix<f64, 2, N>,
+        seen: &SMatrix<f64, AXES, N>,
         noise: f64,
-    ) -> (SMatrix<f64, 2, N>, f64) {
+    ) -> (SMatrix<f64, AXES, N>, f64) {
         let new = seen - self.at;
         let variance = self.variance + noise;
         let gain = self.variance / variance;
@@ -166,7 +174,7 @@ mod tests {
             });
             let values = DMatrix::from_column_slice(5, 1, &seen);
             let expected = (values.transpose() * all.clone().try_inverse().unwrap() * &values)[0];
-            let mut track = Track::<1>::new(wander, 0.0);
+            let mut track = Track::<2, 1>::new(wander, 0.0);
             let (mut squares, mut volume) = (0.0, 1.0);
             for ((time, value), noise) in times.iter().zip(seen).zip(noises) {
                 track.until(*time);

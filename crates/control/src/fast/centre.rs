@@ -71,6 +71,7 @@ impl<'r> Shared<'r> {
         let (beam, walk) = (cell.beam(side, self.recipe), aim.walk(cell, self.exit()));
         let shaken = cell.measured_shaking(side);
         ConicalScan::new(watch, beam, shape, cell, (at, aim.gap(cell)), walk, shaken)
+            .hiding(cell.hides(side))
     }
 
     /// Circles until the peak is in the middle, to `accuracy` metres, or not as near where a micro that swings does not come so near: nearer to

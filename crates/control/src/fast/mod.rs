@@ -25,7 +25,7 @@ mod single;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::{Closing, ConicalScan, Watch};
 use crate::job::{FiberReport, Job};
-use crate::outcome::{Halt, Outcome, SearchEvidence};
+use crate::outcome::{Halt, Outcome, SearchEvidence, is_for_askew};
 use crate::procedure::{Found, each_fiber};
 use crate::recipe::{Fast, Pass, Recipe, Sweep};
 use crate::station::{Station, coarse, fine};
@@ -214,7 +214,9 @@ impl<'r> Shared<'r> {
         let unsure = before < self.fast.retry.unsure as usize;
         match result {
             Ok(()) | Err(Halt::Fault(_)) => false,
-            Err(Halt::Outcome(Outcome::UnsurePlace { .. })) => unsure,
+            Err(Halt::Outcome(Outcome::UnsurePlace {
+                deviation, askew, ..
+            })) => unsure && !is_for_askew(*deviation, *askew),
             // What vision does not know it never will.
             Err(Halt::Outcome(Outcome::UnsureGap { bound, .. })) => *bound == 0.0 && unsure,
             Err(Halt::Outcome(outcome)) => !matches!(

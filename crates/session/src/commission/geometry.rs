@@ -71,24 +71,28 @@ impl Bench<'_, '_> {
                     "farther_z_percent": percent(axes.scale[1]),
                 }),
             );
-            let geometry = &self.setup.rig.calibration.geometry;
-            let believed = match side {
-                Side::Left => &geometry.left,
-                Side::Right => &geometry.right,
-            };
+            let believed = self.setup.rig.calibration.geometry.of(side);
             let [x, y, z] = believed.home;
             let home = [x + off[0].0, y, z + off[1].0];
             let yaw = believed.yaw + axes.along.0;
             let home = home.map(|at| format!("{} mm", rounded(1e3 * at, 1e-5)));
+            // Ways in x lie as the frame was believed to, and by what was seen beside that.
+            let ways = [(believed.yaw + across.0).sin(), axes.tilt[1].0];
+            let degrees = |angle: f64| format!("{} deg", rounded(angle.to_degrees(), 1e-5));
+            let mut askew = toml_edit::InlineTable::new();
+            askew.insert(
+                "ways",
+                toml_edit::Array::from_iter(ways.map(degrees)).into(),
+            );
+            let known = across.1.max(axes.tilt[1].1);
+            askew.insert("deviation", degrees(known).into());
             let origin = self.origin(&format!("geometry, {}", side.name()));
             self.believe(Change {
                 table: format!("geometry.{}", side.name()),
                 values: vec![
                     ("home", toml_edit::value(toml_edit::Array::from_iter(home))),
-                    (
-                        "yaw",
-                        toml_edit::value(format!("{} deg", rounded(yaw.to_degrees(), 1e-5))),
-                    ),
+                    ("yaw", toml_edit::value(degrees(yaw))),
+                    ("askew", toml_edit::value(askew)),
                     ("date", toml_edit::value(&self.plan.date)),
                     ("origin", toml_edit::value(origin)),
                 ],
