@@ -7,7 +7,8 @@
 
 #![expect(
     clippy::inline_always,
-    reason = "what is not inlined does not get the instructions of its caller"
+    clippy::needless_bitwise_bool,
+    reason = "what is not inlined does not get the instructions of its caller, and a short cut is a branch"
 )]
 
 use super::lanes::{Accelerations, Angles, Bodies, Course, Ends, Input, Lanes};
