@@ -150,7 +150,8 @@ impl Bench for BenchTwin {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::bench::BenchPlant;
+    use crate::Specimen;
+    use crate::bench::{Arm, BenchPlant};
     use pigtail_hal::bench::spec::BenchSpec;
     use pigtail_hal::bench::{Dither, Glide, Knot, Lead, Limits, Pose};
     use pigtail_hal::spec::Side;
