@@ -37,6 +37,9 @@ const DEVICES: u64 = 32;
 const SEED: u64 = 9000;
 /// Devices of the campaign of which the time is taken off that of a larger one: what it takes to begin and to end.
 const FIRST: u64 = 8;
+/// Joints side by side: as many as one vector holds, and so many that those whose modes change fill some.
+const TOGETHER: [(&str, usize); 2] = [("eight", LANES), ("sixty-four", MANY)];
+const MANY: usize = 64;
 /// Steps a cycle in the twin, of a five-bar's joint and of a z-stage's.
 const STEPS: [f64; 2] = [2.0, 1.0];
 
@@ -111,7 +114,7 @@ struct Kind {
     joint: Joint,
     /// The same in the steps that the twin takes.
     fine: Joint,
-    voltages: Vec<[f64; LANES]>,
+    voltages: Vec<[f64; MANY]>,
 }
 
 impl Kind {
@@ -133,8 +136,8 @@ impl Kind {
         let joint = |steps: f64| Joint::new(parameters, period / steps).expect("a good plant");
         let (joint, fine) = (joint(1.0), joint(steps));
         let pid = Pid::new(gains, drive.voltage, period);
-        let mut pids = [PidState::default(); LANES];
-        let mut states = [JointState::default(); LANES];
+        let mut pids = [PidState::default(); MANY];
+        let mut states = [JointState::default(); MANY];
         let voltages = (0..CYCLES).map(|k| {
             std::array::from_fn(|i| {
                 // Each at its own point of the path, or their events would coincide.
@@ -154,7 +157,7 @@ impl Kind {
         }
     }
 
-    /// All of them, one by one.
+    /// Eight of them, one by one.
     fn alone(&self, period: f64) -> f64 {
         let mut states = [JointState::default(); LANES];
         for voltages in &self.voltages {
@@ -166,13 +169,13 @@ impl Kind {
         (CYCLES * LANES) as f64
     }
 
-    fn together(&self, period: f64, instructions: Instructions) -> f64 {
-        let mut batch = Batch::new(&[self.joint; LANES], period);
+    fn together(&self, joints: usize, period: f64, instructions: Instructions) -> f64 {
+        let mut batch = Batch::new(&vec![self.joint; joints], period);
         for voltages in &self.voltages {
-            batch.advance_by(instructions, voltages);
+            batch.advance_by(instructions, &voltages[..joints]);
         }
         black_box(batch.motor_angle(0));
-        (CYCLES * LANES) as f64
+        (CYCLES * joints) as f64
     }
 }
 
@@ -281,11 +284,15 @@ fn lines(setup: &Setup) -> Vec<Line<'_>> {
         let of = kind.clone();
         let name = format!("{} joint, alone", kind.name);
         lines.push(Line::new(name, "joint-cycle", move || of.alone(period)));
-        for instructions in Instructions::all() {
+        for (joints, instructions) in TOGETHER
+            .into_iter()
+            .flat_map(|joints| Instructions::all().into_iter().map(move |by| (joints, by)))
+        {
             let of = kind.clone();
-            let name = format!("{} joint, eight by {}", kind.name, instructions.name());
+            let (word, joints) = joints;
+            let name = format!("{} joint, {word} by {}", kind.name, instructions.name());
             let line = Line::new(name, "joint-cycle", move || {
-                of.together(period, instructions)
+                of.together(joints, period, instructions)
             });
             lines.push(match instructions.name() {
                 "AVX-512" => line.at_most(0.2, alone),

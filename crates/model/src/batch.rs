@@ -1,11 +1,12 @@
 //! Any number of joints stepped side by side: machines by the dozen, trials of gains, the particles of a filter.
 
-use crate::group::{Group, States};
+use crate::group::{self, Block, Group, Pools, States};
 use crate::instructions::Instructions;
 use crate::joint::{Joint, JointState};
+use pulp::{Simd, WithSimd};
 
 /// So many joints make one [`Group`]: as many numbers as the widest vector holds.
-pub const LANES: usize = 8;
+pub const LANES: usize = group::LANES;
 
 /// Joints with the same equations and parameters of their own, each under a voltage of its own.
 ///
@@ -49,13 +50,8 @@ pub const LANES: usize = 8;
 pub struct Batch {
     blocks: Vec<Block>,
     joints: usize,
-}
-
-#[derive(Debug, Clone, PartialEq)]
-struct Block {
-    group: Group<LANES>,
-    states: States<LANES>,
-    load_torques: [f64; LANES],
+    /// `None` without a joint.
+    pools: Option<Box<Pools>>,
 }
 
 impl Batch {
@@ -68,11 +64,14 @@ impl Batch {
             Block {
                 group: Group::new(std::array::from_fn(lane), cycle),
                 states: States::new([JointState::default(); LANES]),
-                load_torques: [0.0; LANES],
             }
         });
+        let blocks: Vec<_> = blocks.collect();
         Self {
-            blocks: blocks.collect(),
+            pools: blocks
+                .first()
+                .map(|some| Box::new(Pools::new(&some.group, cycle))),
+            blocks,
             joints: joints.len(),
         }
     }
@@ -103,13 +102,12 @@ impl Batch {
     /// Unless there is a voltage for each joint.
     pub fn advance_by(&mut self, instructions: Instructions, voltages: &[f64]) {
         assert_eq!(voltages.len(), self.joints, "a voltage for each joint");
-        for (block, some) in self.blocks.iter_mut().zip(voltages.chunks(LANES)) {
-            let mut voltages = [0.0; LANES];
-            voltages[..some.len()].copy_from_slice(some);
-            block.states.set_load_torques(block.load_torques);
-            block
-                .group
-                .advance_by(instructions, &mut block.states, voltages);
+        if let Some(pools) = &mut self.pools {
+            instructions.run(Cycle {
+                pools,
+                blocks: &mut self.blocks,
+                voltages,
+            });
         }
     }
 
@@ -137,7 +135,6 @@ impl Batch {
         assert!(i < self.joints, "joint {i} of {}", self.joints);
         let block = &mut self.blocks[i / LANES];
         block.states.set(i % LANES, state);
-        block.load_torques[i % LANES] = state.load_torque;
     }
 
     /// Angle of a motor, radians.
@@ -156,5 +153,25 @@ impl Batch {
             .iter()
             .flat_map(|block| block.group.outputs(&block.states))
             .take(self.joints)
+    }
+}
+
+/// A cycle of all of them.
+struct Cycle<'a> {
+    pools: &'a mut Pools,
+    blocks: &'a mut [Block],
+    voltages: &'a [f64],
+}
+
+impl WithSimd for Cycle<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    #[expect(
+        clippy::inline_always,
+        reason = "what is not inlined does not get the instructions of its caller"
+    )]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.pools.advance(self.blocks, self.voltages);
     }
 }

@@ -35,6 +35,11 @@ impl<const N: usize> Each<N> {
         Self(self.0.map(f64::abs))
     }
 
+    #[inline(always)]
+    pub(crate) fn sqrt(self) -> Self {
+        Self(self.0.map(f64::sqrt))
+    }
+
     // A comparison and not `f64::min`, which takes more for what none of these is: not a number.
     #[inline(always)]
     pub(crate) fn min(self, other: Self) -> Self {

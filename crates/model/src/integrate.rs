@@ -9,7 +9,7 @@ const ROOT_TOLERANCE: f64 = 1e-12;
 
 /// Newton's method squares its error: after a step this small, seconds, what is left is below the
 /// tolerance.
-const LAST_STEP: f64 = 1e-7;
+pub(crate) const LAST_STEP: f64 = 1e-7;
 
 /// When a quantity that starts at `start >= 0` with slope `rate` and is negative at
 /// `end = (time, value, slope)` reached zero.

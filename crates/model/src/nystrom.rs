@@ -22,7 +22,7 @@ pub(crate) const POINTS: usize = 4;
 
 /// `LAGRANGE[i][j][k]`: what point `j` contributes to the coefficient of `s^k` of the polynomial
 /// through the first `i + 1` points, `s` from 0 to 1 along the step.
-const LAGRANGE: [[[f64; POINTS]; POINTS]; POINTS] =
+pub(crate) const LAGRANGE: [[[f64; POINTS]; POINTS]; POINTS] =
     [lagrange(1), lagrange(2), lagrange(3), lagrange(4)];
 
 const fn lagrange(points: usize) -> [[f64; POINTS]; POINTS] {
@@ -53,7 +53,7 @@ const fn lagrange(points: usize) -> [[f64; POINTS]; POINTS] {
 }
 
 /// Divided by these the powers of `z` make the series of `phi_5`: `1/(n + 5)!`.
-const SERIES: [f64; 16] = {
+pub(crate) const SERIES: [f64; 16] = {
     let mut all = [0.0; 16];
     let (mut n, mut term) = (0, 1.0 / 120.0);
     while n < 16 {
@@ -63,6 +63,9 @@ const SERIES: [f64; 16] = {
     }
     all
 };
+
+/// Up to this `z` eight terms of it are enough.
+pub(crate) const SLOW: f64 = 0.15;
 
 /// `phi_0` to `phi_5`, to 1e-13 of each.
 #[inline]
@@ -77,7 +80,7 @@ fn phi(z: f64) -> [f64; 6] {
     let four = |n: usize| (c[n] + c[n + 1] * z) + z2 * (c[n + 2] + c[n + 3] * z);
     let mut p5 = four(0) + z4 * four(4);
     // A slow decay needs few terms.
-    if z.abs() > 0.15 {
+    if z.abs() > SLOW {
         p5 += z4 * z4 * (four(8) + z4 * four(12));
     }
     let [half, sixth, part] = [0.5, 1.0 / 6.0, 1.0 / 24.0];

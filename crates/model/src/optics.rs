@@ -167,21 +167,26 @@ pub fn core_capture(offset: f64, core: f64, beam: f64) -> f64 {
     }
     // Gauss-Legendre with ten points: the integrand is smooth over a third of its range at least.
     let scale = 2.0 / (beam * beam);
-    let ring = |r: f64| {
-        let gap = r - offset;
-        2.0 * scale * r * bessel_i0_damped(2.0 * scale * r * offset, scale * gap * gap)
-    };
     let half = 0.5 * core;
-    half * NODES
-        .iter()
-        .map(|(node, weight)| weight * (ring(half * (1.0 - node)) + ring(half * (1.0 + node))))
-        .sum::<f64>()
+    let mut sum = 0.0;
+    for (node, weight) in NODES {
+        let (inner, outer) = (half * (1.0 - node), half * (1.0 + node));
+        sum += weight * (ring(inner, offset, scale) + ring(outer, offset, scale));
+    }
+    half * sum
+}
+
+/// The integrand at `r`, with `scale` for `2 / beam^2`. (No closure: one may be left a call, which gets none of its
+/// caller's instructions.)
+#[inline(always)]
+fn ring(r: f64, offset: f64, scale: f64) -> f64 {
+    let gap = r - offset;
+    2.0 * scale * r * bessel_i0_damped(2.0 * scale * r * offset, scale * gap * gap)
 }
 
 /// `exp(-x - y) I_0(x)` for `x >= 0`, to 3e-7 (Abramowitz and Stegun 9.8.1, 9.8.2), with one exponential in all.
 #[inline(always)]
 fn bessel_i0_damped(x: f64, y: f64) -> f64 {
-    let horner = |t: f64, c: &[f64]| c.iter().rev().fold(0.0, |sum, c| sum * t + c);
     if x < 3.75 {
         let t = (x / 3.75).powi(2);
         let c = [
@@ -193,7 +198,7 @@ fn bessel_i0_damped(x: f64, y: f64) -> f64 {
             0.036_076_8,
             0.004_581_3,
         ];
-        (-x - y).exp() * horner(t, &c)
+        (-x - y).exp() * horner(t, c)
     } else {
         let c = [
             0.398_942_28,
@@ -206,8 +211,18 @@ fn bessel_i0_damped(x: f64, y: f64) -> f64 {
             -0.016_476_33,
             0.003_923_77,
         ];
-        (-y).exp() * horner(3.75 / x, &c) / x.sqrt()
+        (-y).exp() * horner(3.75 / x, c) / x.sqrt()
     }
+}
+
+/// A polynomial with these coefficients, of the constant first.
+#[inline(always)]
+fn horner<const N: usize>(t: f64, coefficients: [f64; N]) -> f64 {
+    let mut sum = 0.0;
+    for c in coefficients.into_iter().rev() {
+        sum = sum * t + c;
+    }
+    sum
 }
 
 /// Share of a disc of radius `radius` that lies below a straight horizontal edge, for a centre

@@ -113,6 +113,8 @@ pub struct Memory {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct MemoryState {
     last: f64,
+    /// The windup there.
+    windup: f64,
     deflections: [f64; ELEMENTS],
 }
 
@@ -124,7 +126,7 @@ impl MemoryState {
 }
 
 impl Memory {
-    /// The windup at the next output, radians.
+    /// The windup at the next output, radians. The state must be one of this memory.
     #[inline(always)]
     pub fn next(&self, state: &mut MemoryState, output: f64) -> f64 {
         let step = output - state.last;
@@ -136,8 +138,10 @@ impl Memory {
                 let low = if moved > -way { moved } else { -way };
                 *deflection = if low < *way { low } else { *way };
             }
+            // Most axes stand still while others move.
+            state.windup = self.now(state);
         }
-        self.now(state)
+        state.windup
     }
 
     /// The windup now, radians.

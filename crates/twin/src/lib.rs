@@ -34,6 +34,8 @@ pub mod plant;
 pub mod production;
 mod sensors;
 mod setting;
+mod specimen;
+mod truth;
 pub mod unrest;
 
 use broken::Broken;
@@ -43,10 +45,10 @@ use manipulator::Manipulator;
 use pigtail_hal::quantity::Volts;
 use pigtail_hal::spec::{AXES, CHANNELS, HolderSpec, MICRO_AXES, OUTPUTS, SIDES};
 use pigtail_hal::{
-    Axis, AxisName, Command, Fault, FiberHandling, Handled, Machine, Measurement, Rule, Side, Spec,
+    Axis, Command, Fault, FiberHandling, Handled, Machine, Measurement, Rule, Side, Spec,
 };
 use pigtail_model::Invalid;
-use pigtail_model::frames::{Chip, Displacement, Point};
+use pigtail_model::frames::{Chip, Point};
 use pigtail_model::instructions::{Instructions, Work};
 pub use plant::Plant;
 use plant::{AdhesivePlant, HandlingPlant, ThermalPlant};
@@ -55,6 +57,8 @@ use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use sensors::{Bias, Camera, Held, Photodiodes, Seen, normal};
 use setting::{Floor, Late};
+pub use specimen::Specimen;
+pub use truth::{FiberTruth, Truth};
 
 /// A simulated machine.
 #[derive(Debug, Clone)]
@@ -167,50 +171,6 @@ pub enum TwinError {
     /// The five-bar cannot stand at its home.
     #[error("`five_bar.home`: {0}")]
     Home(#[from] pigtail_model::fivebar::Unreachable),
-}
-
-/// Which machine, and which device on it.
-///
-/// A seed names both: the seed of the machine, and the number of the device in its trillions.
-///
-/// ```
-/// # use pigtail_twin::Specimen;
-/// let fourth = Specimen::of(7, 3);
-/// assert_eq!(fourth.seed(), 3_000_000_000_007);
-/// assert_eq!(fourth.machine(), Specimen::from(7).machine());
-/// ```
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Specimen(u64);
-
-/// The first seed that is no machine's.
-const MACHINES: u64 = 1_000_000_000_000;
-
-impl Specimen {
-    /// A device, counted from zero, on the machine of a seed.
-    pub fn of(machine: u64, device: u64) -> Self {
-        Self(machine.wrapping_add(device.wrapping_mul(MACHINES)))
-    }
-
-    /// The seed that names both.
-    pub fn seed(self) -> u64 {
-        self.0
-    }
-
-    /// The seed of the machine: mechanics, their places, the sensing fiber.
-    pub fn machine(self) -> u64 {
-        self.0 % MACHINES
-    }
-
-    /// Which device on the machine, from zero.
-    pub fn device(self) -> u64 {
-        self.0 / MACHINES
-    }
-}
-
-impl From<u64> for Specimen {
-    fn from(seed: u64) -> Self {
-        Self(seed)
-    }
 }
 
 impl Twin {
@@ -650,52 +610,6 @@ impl Twin {
             stop: self.broken.stop_pressed,
         })
     }
-
-    /// How far the micro really displaces the tip of a manipulator, in its x and y, metres; noise
-    /// apart. Not part of [`Machine`].
-    pub fn micro_displacement(&self, side: Side) -> Displacement {
-        self.manipulators[side.index()].micro.displacement()
-    }
-
-    /// Displacement of an axis's output from home without a probe's noise: metres along its arm, or
-    /// of the z-stage; `None` on a rig without probes. Not part of [`Machine`].
-    pub fn output(&self, at: AxisName) -> Option<f64> {
-        let (arm, _) = self.probe?;
-        let manipulator = &self.manipulators[at.side.index()];
-        let angle = self.drives.outputs()[at.side.index()][at.axis.index()];
-        Some(match at.axis {
-            Axis::A | Axis::B => arm * angle,
-            Axis::Z => manipulator.screw.position(angle),
-        })
-    }
-
-    /// Angles of an axis's motor and output, radians. Not part of [`Machine`].
-    pub fn angles(&self, at: AxisName) -> (f64, f64) {
-        let (side, axis) = (at.side.index(), at.axis.index());
-        (
-            self.drives.motors(side)[axis],
-            self.drives.outputs()[side][axis],
-        )
-    }
-
-    /// How high the middle of the sensing fiber's core stands over the outputs in the chip's frame,
-    /// metres. Not part of [`Machine`].
-    pub fn sensing_height(&self) -> f64 {
-        self.sensing_height
-    }
-
-    /// What really is. Not part of [`Machine`].
-    pub fn truth(&self) -> Truth {
-        let fiber = |side: Side, port: usize| {
-            let fixed = self.attached[side.index()][port].as_ref()?;
-            Some(self.light.truth(side, port, fixed))
-        };
-        Truth {
-            input: fiber(Side::Left, 0),
-            outputs: std::array::from_fn(|port| fiber(Side::Right, port)),
-            smallest_gap: self.smallest_gap,
-        }
-    }
 }
 
 /// A cycle of a twin under a command.
@@ -721,48 +635,6 @@ impl Work for Cycle<'_> {
 fn tip_of(holder: Point<Chip>, fiber: &FiberInHolder) -> Point<Chip> {
     let [x, y, z] = fiber.offset;
     holder.shifted(x, y, z)
-}
-
-/// What really is, as far as anyone may want to compare it with what control believes.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Truth {
-    /// The input fiber, once attached.
-    pub input: Option<FiberTruth>,
-    /// The output fibers, once attached.
-    pub outputs: [Option<FiberTruth>; OUTPUTS],
-    /// Smallest clearance between the chip and any tip or empty holder so far, metres. At zero or
-    /// below, something has hit it.
-    pub smallest_gap: f64,
-}
-
-/// Where an attached fiber really is.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct FiberTruth {
-    /// From the lateral peak of the coupling at the fiber's gap, across the chip, metres.
-    pub x: f64,
-    /// The same up from the chip, metres.
-    pub y: f64,
-    /// Gap between facet and tip, metres.
-    pub gap: f64,
-    /// Power coupled at this interface, 0 to 1.
-    pub coupling: f64,
-    /// What of it there would be at the lateral peak, at the same gap.
-    pub best: f64,
-    /// Roll of its slow axis from the polarization of the guides, radians.
-    pub roll: f64,
-}
-
-impl FiberTruth {
-    /// Loss by where it is across: what there would be at the lateral peak of its gap over what there is, decibels.
-    pub fn across_db(&self) -> f64 {
-        10.0 * (self.best / self.coupling).log10()
-    }
-
-    /// Extinction of the light that passes here, by this roll alone, decibels: what is in the axis that it should
-    /// be in over what is in the other. `None` where the fiber has no roll.
-    pub fn extinction_db(&self) -> Option<f64> {
-        (self.roll != 0.0).then(|| -20.0 * self.roll.tan().abs().log10())
-    }
 }
 
 impl Machine for Twin {

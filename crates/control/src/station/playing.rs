@@ -9,6 +9,7 @@ use pigtail_hal::bench::{Caps, Dither, Event, Fix, Frame, Knot, Law, Light, Pose
 use pigtail_hal::spec::SIDES;
 use pigtail_hal::{Channel, FiberHandling, Side};
 use pigtail_model::frames::{Displacement, Macro, Point};
+use std::cell::Cell;
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
 
@@ -79,14 +80,29 @@ struct Scan {
     /// When it began, seconds, and where.
     since: f64,
     from: Displacement,
+    /// Knots that lie behind it: from one cycle to the next there is hardly one more.
+    behind: Cell<usize>,
 }
 
 impl Scan {
-    /// Where it is at a time, and whether that is its end.
+    fn new(knots: Vec<Knot>, since: f64, from: Displacement) -> Self {
+        Self {
+            knots,
+            since,
+            from,
+            behind: Cell::new(0),
+        }
+    }
+
+    /// Where it is at a time, none before one that was asked for, and whether that is its end.
     fn at(&self, time: f64) -> (Displacement, bool) {
         let place = |knot: &Knot| Displacement::new(knot.at.x(), knot.at.y());
         let since = time - self.since;
-        let next = self.knots.partition_point(|knot| knot.time <= since);
+        let mut next = self.behind.get();
+        while self.knots.get(next).is_some_and(|knot| knot.time <= since) {
+            next += 1;
+        }
+        self.behind.set(next);
         let (before, from) = match next.checked_sub(1).map(|before| &self.knots[before]) {
             Some(knot) => (knot.time, place(knot)),
             None => (0.0, self.from),
@@ -208,21 +224,13 @@ impl Station<'_> {
         let here = self.micro(side);
         let way = match law {
             Law::Dither(law) => Way::Circle(self.circle(side, law)),
-            Law::Scan(knots) => Way::Scan(Scan {
-                knots,
-                since: now,
-                from: here,
-            }),
+            Law::Scan(knots) => Way::Scan(Scan::new(knots, now, here)),
             Law::Line { to, limits } => {
                 let place = Displacement::new(to.x(), to.y());
                 // As fast as it can: at once.
                 let time = limits.speed.map_or(0.0, |v| (place - here).norm() / v);
                 let knots = vec![Knot { time, at: to }];
-                Way::Scan(Scan {
-                    knots,
-                    since: now,
-                    from: here,
-                })
+                Way::Scan(Scan::new(knots, now, here))
             }
             Law::Brake => Way::Rest(now + self.micro_settling()),
         };

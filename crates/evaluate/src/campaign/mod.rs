@@ -6,6 +6,7 @@
 //! on how many threads worked on them.
 
 mod commissioned;
+mod plan;
 mod rows;
 pub mod shard;
 mod store;
@@ -22,6 +23,7 @@ use pigtail_session::bench::BenchSetup;
 use pigtail_session::job::Ended;
 use pigtail_session::procedure::Procedure;
 use pigtail_session::setup::Setup;
+pub use plan::Plan;
 pub use rows::{ROWS_PER_DEVICE, columns, push};
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -29,7 +31,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::mpsc;
 use std::time::{Duration, Instant};
-pub use store::{Plan, Store};
+pub use store::Store;
 pub use summary::{CampaignDocument, Cause, summarize};
 pub use sureness::{Known, SHARES, Shares, Sureness, reliability};
 

@@ -5,8 +5,9 @@
 //! again. Nothing else passes between them, and none of them touches the store of runs: that is [merged](merge)
 //! into, in the end. Rows depend neither on the number of shards nor on who did them.
 
+use super::plan::{PLAN, Plan};
 use super::rows::{ROWS_PER_DEVICE, columns, devices, push};
-use super::store::{PLAN, Plan, Store, file_hash, part_name};
+use super::store::{Store, file_hash, part_name};
 use super::{Commissioned, Device, device, each};
 use anyhow::{Context, Result};
 use pigtail_hal::Error;

@@ -571,15 +571,21 @@ impl Keepout {
             what: "",
             clearance: f64::INFINITY,
         };
-        let probed = Side::ALL.map(|side| self.probed_x_now(side));
+        // One by one: a closure may be left a call, which gets none of its caller's instructions.
+        let probed = [
+            self.probed_x_now(Side::Left),
+            self.probed_x_now(Side::Right),
+        ];
         for side in Side::ALL {
             let i = side.index();
             // Towards the chip is forward in either manipulator's frame. A loop that swings is as fast as it is at this
             // moment, not on average.
             let Way { along, at_once, .. } = self.ways[i];
-            let speeds = [(along, WHILE), (at_once, AT_ONCE)]
-                .map(|(way, cycles)| way * self.rate / cycles as f64);
-            let speed = speeds[0].max(speeds[1]).max(0.0);
+            let (on_average, now) = (
+                along * self.rate / WHILE as f64,
+                at_once * self.rate / AT_ONCE as f64,
+            );
+            let speed = on_average.max(now).max(0.0);
             let stop = if speed > 0.0 {
                 speed * GuardSpec::REACTION / self.rate + 0.5 * speed * speed / self.brake
             } else {

@@ -8,7 +8,7 @@
 use super::Broken;
 use super::keepout::Keepout;
 use pigtail_hal::quantity::Volts;
-use pigtail_hal::spec::{CHANNELS, SIDES};
+use pigtail_hal::spec::CHANNELS;
 use pigtail_hal::{Channel, Command, Measurement, Rule, Spec};
 
 /// Light counts as such from this share of a photodiode's range on.
@@ -149,5 +149,5 @@ impl LightWatch {
 
 #[inline(always)]
 fn still(keepout: &Keepout) -> bool {
-    (0..SIDES).all(|side| keepout.is_still(side, STILL))
+    keepout.is_still(0, STILL) && keepout.is_still(1, STILL)
 }

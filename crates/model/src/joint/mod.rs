@@ -20,7 +20,7 @@ use crate::lugre::LuGre;
 use crate::motor::Motor;
 use crate::presliding::{Contact, MaxwellSlip, Presliding};
 use crate::transmission::Transmission;
-pub(crate) use step::{SLOWS, Scheme};
+pub(crate) use step::{BREAK_AWAY_DELAY, SLOWS, Scheme};
 
 /// What a joint is made of.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -33,7 +33,7 @@ const MAX_EVENTS: usize = 64;
 
 /// A body that breaks away does so this much after it reached its static friction, seconds: late
 /// enough that rounding cannot stop it again, and far below what a position could show.
-const BREAK_AWAY_DELAY: f64 = 1e-11;
+pub(crate) const BREAK_AWAY_DELAY: f64 = 1e-11;
 
 /// As long as this, seconds, an acceleration stays the same.
 const NEARBY: f64 = 2e-7;

@@ -3,6 +3,7 @@
 use crate::parameters::{Pid, five_bar, round_up, z_stage};
 use crate::{CYCLE, triangle};
 use pigtail_model::batch::Batch;
+use pigtail_model::friction::Friction;
 use pigtail_model::instructions::Instructions;
 use pigtail_model::joint::{Joint, JointParameters, JointState};
 
@@ -10,7 +11,15 @@ use pigtail_model::joint::{Joint, JointParameters, JointState};
 const JOINTS: usize = 21;
 
 /// From an output's angle to a tip, metres: a proximal link with what is beside it, and the screw.
-const ARMS: [f64; 2] = [0.044_56, 1.0106e-4];
+const ARMS: [f64; 3] = [0.044_56, 1.0106e-4, 1.0106e-4];
+
+/// A z-stage whose load nothing holds: it has no modes, and its motor has.
+fn free_load() -> JointParameters {
+    JointParameters {
+        load_friction: Friction::new(0.0, 0.0, 5.7e-3).expect("valid parameters"),
+        ..z_stage()
+    }
+}
 
 /// No two alike.
 fn joints(kind: usize) -> Vec<Joint> {
@@ -24,7 +33,7 @@ fn joints(kind: usize) -> Vec<Joint> {
             ..p
         }
     };
-    let parameters = [five_bar, z_stage][kind]();
+    let parameters = [five_bar, z_stage, free_load][kind]();
     let joint = |k| Joint::new(scaled(parameters, k), 0.5 * CYCLE).expect("valid parameters");
     (0..JOINTS).map(joint).collect()
 }
@@ -36,7 +45,7 @@ fn wave(k: i32, before: i32, joint: usize, amplitude: f64, period: i32) -> f64 {
 }
 
 fn pid(kind: usize) -> Pid {
-    [Pid::five_bar, Pid::z_stage][kind]()
+    [Pid::five_bar, Pid::z_stage, Pid::z_stage][kind]()
 }
 
 /// A slow triangle, in which they stick and slip all the time, each at its own point of the path: the farthest that a
@@ -73,7 +82,7 @@ fn apart(kind: usize) -> (f64, usize) {
 /// 1e-3 nm at a tip, whenever each of them breaks away and comes to rest.
 #[test]
 fn each_goes_the_way_that_it_goes_alone() {
-    for kind in 0..2 {
+    for kind in 0..ARMS.len() {
         let (worst, starts) = apart(kind);
         assert!(worst < 1e-12, "{worst}");
         assert!(
