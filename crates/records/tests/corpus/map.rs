@@ -453,7 +453,7 @@ fn places_in_another_unit_are_asked_for() {
         }
     };
     let near = |found: Result<f64, String>| {
-        assert!(found.as_ref().is_ok_and(|off| *off < 0.3), "{found:?}")
+        assert!(found.as_ref().is_ok_and(|off| *off < 0.3), "{found:?}");
     };
     near(tried("x,y,power", 1.0, None));
     near(tried("x_um,y_um,power", 1.0, None));

@@ -357,7 +357,7 @@ fn of_one_moment(
     const STEPS: usize = 6;
     const LEFT: f64 = 0.5;
     const MUCH: f64 = 0.02;
-    if !chosen.parts.compliance || chosen.residual < MUCH * raw {
+    if !record.has_torque || !chosen.parts.compliance || chosen.residual < MUCH * raw {
         return Ok(());
     }
     let squares = |signals: &Signals| -> Option<f64> {
