@@ -424,9 +424,13 @@ fn locate(table: &Table, want: &Wanted) -> Result<(usize, Column), Error> {
         let names: Vec<&str> = units.map(|(unit, _)| *unit).collect();
         names.join(", ")
     };
-    // `encoder_A` is a channel, where no current is wanted.
+    // `encoder_A` is a channel, where no current is wanted; `i_A` is none.
+    let stem = name.to_lowercase();
+    let stem = stem.rsplit_once('_').map_or("", |(stem, _)| stem);
+    let current = ["i", "iq", "id"].contains(&stem) || stem.contains("current");
     let suffix = table.own_unit(place).filter(|(of, unit)| {
-        *of != CURRENT || *unit != "A" || want.of.contains(of) || name.ends_with([']', ')'])
+        let channel = *of == CURRENT && *unit == "A" && !name.ends_with([']', ')']) && !current;
+        !channel || want.of.contains(of)
     });
     let (dimension, unit, by) = match (given, suffix) {
         (Some(given), _) => {
@@ -465,7 +469,10 @@ fn locate(table: &Table, want: &Wanted) -> Result<(usize, Column), Error> {
         (None, None) if table.is_moments(place) && want.of.contains(&TIME) => {
             (TIME, TIME.si(), By::Name)
         }
-        (None, None) if let Some(foreign) = foreign(name, want.of) => {
+        (None, None)
+            if let Some(foreign) =
+                foreign(name, want.of).or_else(|| other_unit(table, place, want.of)) =>
+        {
             let message = format!(
                 "its name says {foreign}, which is no unit that is read here; accepted is a column in {}, or its unit \
                  as \"{name}:UNIT\" where the name means something else",
@@ -483,6 +490,16 @@ fn locate(table: &Table, want: &Wanted) -> Result<(usize, Column), Error> {
         by,
     };
     Ok((place, column))
+}
+
+/// A unit that a column's name or header says and that is of nothing that is asked for here: `%`, `rpm`. A single letter behind an
+/// underscore is a channel's; of anything over anything is what has a ratio.
+fn other_unit<'a>(table: &'a Table, place: usize, of: &[Dimension]) -> Option<&'a str> {
+    let name = &table.names()[place];
+    table.unit_text(place).filter(|unit| {
+        let channel = unit.chars().count() == 1 && *unit != "%" && !name.ends_with([']', ')']);
+        OTHER_UNITS.contains(unit) && !channel && !of.contains(&RATIO)
+    })
 }
 
 /// The unit of what has none.

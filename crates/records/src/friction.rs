@@ -181,6 +181,9 @@ pub fn friction(first: &Read, second: Option<&Read>, most: usize, law: Option<La
         Err(unknown) => return refused(unknown),
     };
     let best = &found.laws[found.best];
+    if let Some(because) = none_of_a_contact(first, best.law.way(&best.values)) {
+        return refused(Unknown::all(because));
+    }
     let mut answer = Answer {
         parameters: with_units(&found.parameters, unit),
         relative_error_percent: Some(best.relative_error_percent),
@@ -270,6 +273,17 @@ fn laws(first: &Read, found: &Identified) -> serde_json::Value {
             })
         })
         .collect()
+}
+
+/// Why a way is none of a contact's, metres: less than an atom, or more than a hundredth of a metre.
+fn none_of_a_contact(first: &Read, way: f64) -> Option<String> {
+    const ANY: std::ops::Range<f64> = 1e-10..1e-2;
+    (!first.turns && !ANY.contains(&way)).then(|| {
+        format!(
+            "it would give way over {way:.2e} m before it slides, which no contact does: is the displacement in another unit \
+             (as NAME:UNIT)?"
+        )
+    })
 }
 
 /// What is said of a way over which no contact gives way, metres: what its asperities, a seal's lip or a rolling ball do lies

@@ -5,7 +5,9 @@ use super::{Answer, Figure, NOT_IDENTIFIABLE, Shown, short, with_units};
 use nalgebra::Complex;
 use pigtail_hal::Error;
 use pigtail_hal::quantity::{ANGLE, Dimension, FREQUENCY, LEVEL, RATIO};
+use pigtail_numerics::signal::quantile;
 use pigtail_sysid::resonance::{Identified, NAMES, Record, bode, identify};
+use pigtail_sysid::timeline::counted;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -53,6 +55,18 @@ const REALS: [&str; 4] = ["re", "real", "Re", "Real"];
 const IMAGINARIES: [&str; 5] = ["im", "imag", "imaginary", "Im", "Imag"];
 const COHERENCES: [&str; 2] = ["coherence", "Coherence"];
 
+/// A name in lower case without its unit.
+fn bare(name: &str) -> String {
+    let low = name.to_lowercase();
+    let cut = low.split(['[', '(']).next().unwrap_or_default().trim();
+    let suffix = ["_hz", "_khz", "_db", "_deg", "_rad"];
+    let cut = suffix
+        .iter()
+        .find_map(|unit| cut.strip_suffix(unit))
+        .unwrap_or(cut);
+    cut.to_owned()
+}
+
 /// The columns that were chosen.
 struct Chosen {
     frequency: Named,
@@ -72,6 +86,8 @@ struct Response {
     weight: Option<Vec<f64>>,
     remarks: Vec<String>,
     understood: String,
+    /// The magnitude's column where nobody said that it is a ratio, and no phase shows it.
+    assumed: Option<String>,
 }
 
 impl Roles {
@@ -82,7 +98,11 @@ impl Roles {
         let usual = |given: &Option<Named>, names: &[&str]| {
             given.clone().or_else(|| {
                 let found = names.iter().find(|n| there.iter().any(|t| t == *n));
-                found.map(|n| Named::new(*n))
+                // `Magnitude [dB]` is one too, where no other is.
+                let mut like = there.iter().filter(|t| names.contains(&&*bare(t)));
+                let like = like.next().filter(|_| like.next().is_none());
+                let found = found.map(|n| (*n).to_owned()).or_else(|| like.cloned());
+                found.map(Named::new)
             })
         };
         let missing = |option: &str| {
@@ -185,7 +205,9 @@ impl Chosen {
                 (true, _) => Complex::from_polar(*a_k, other(k)),
             })
             .collect();
+        let assumed = self.polar && b.is_none() && a.by == columns::By::Nothing;
         Ok(Response {
+            assumed: assumed.then(|| a.name.clone()),
             values,
             phased: b.is_some(),
             weight: (read.len() > 2).then(|| read.remove(2).values),
@@ -212,6 +234,14 @@ pub fn resonance(roles: &Roles, path: &Path) -> Result<(Answer, Option<Shown>), 
         Record::of_magnitude(&read.frequency, &sizes, weight)
     };
     let found = record.and_then(|record| identify(&record));
+    if let Some(name) = &read.assumed
+        && decibels(&read, found.as_ref().ok())
+    {
+        let message = format!(
+            "is told better as decibels than as the ratio that it is taken for; say its unit: \"{name}:dB\" or \"{name}:1\""
+        );
+        return Err(Error::new(path.display().to_string(), &**name, message));
+    }
     let (mut answer, shown) = match found {
         Ok(found) => (answer(&found, read.remarks), Some(shown(&found))),
         Err(unknown) => (
@@ -223,6 +253,37 @@ pub fn resonance(roles: &Roles, path: &Path) -> Result<(Answer, Option<Shown>), 
         .more
         .insert("read".to_owned(), read.understood.into());
     Ok((answer, shown))
+}
+
+/// Whether a magnitude that is taken for a ratio is decibels: modes leave less of it beside its noise so.
+fn decibels(read: &Response, found: Option<&Identified>) -> bool {
+    /// Highest decibels that anybody writes, and the share of what is left that is left less.
+    const MOST: f64 = 400.0;
+    const LESS: f64 = 0.5;
+    let sizes: Vec<f64> = read.values.iter().map(|h| h.re).collect();
+    let powers: Vec<f64> = sizes.iter().map(|v| 10f64.powf(0.05 * v)).collect();
+    if sizes.iter().any(|v| *v > MOST) {
+        return false;
+    }
+    let weight = read.weight.as_deref();
+    let Ok(other) =
+        Record::of_magnitude(&read.frequency, &powers, weight).and_then(|r| identify(&r))
+    else {
+        return false;
+    };
+    let left = |error: f64, values: &[f64]| error / roughness(values);
+    let own = found.map_or(f64::INFINITY, |f| left(f.relative_error_percent, &sizes));
+    left(other.relative_error_percent, &powers) < LESS * own
+}
+
+/// How far magnitudes lie off the middle of their neighbours, as a share of themselves: what noise makes of them.
+fn roughness(sizes: &[f64]) -> f64 {
+    let off: Vec<f64> = sizes
+        .windows(3)
+        .map(|w| (w[1] - 0.5 * (w[0] + w[2])).abs() / w[1].abs().max(f64::MIN_POSITIVE))
+        .filter(|off| off.is_finite())
+        .collect();
+    quantile(&off, 0.3).max(f64::MIN_POSITIVE)
 }
 
 /// Unit of a parameter.
@@ -291,8 +352,8 @@ fn answer(found: &Identified, remarks: Vec<String>) -> Answer {
     if !found.set_aside.is_empty() {
         let apart: Vec<String> = found.set_aside.iter().map(text).collect();
         answer.remarks.push(format!(
-            "{} points stand apart from their neighbours and were set aside, at {}",
-            apart.len(),
+            "{} apart from the neighbours set aside, at {}",
+            counted(apart.len(), "point"),
             apart.join(", ")
         ));
     }

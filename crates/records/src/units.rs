@@ -142,7 +142,7 @@ pub(crate) fn foreign<'a>(name: &'a str, of: &[Dimension]) -> Option<&'a str> {
             "m" => &[
                 "in", "inch", "inches", "ft", "mil", "mils", "thou", "cm", "dm",
             ],
-            "N" => &["lbf", "ozf", "kgf", "lb"],
+            "N" => &["lbf", "ozf", "kgf", "lb", "gf", "g", "kg"],
             _ => &[],
         }
     };

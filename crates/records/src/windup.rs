@@ -133,6 +133,16 @@ pub fn windup(first: &Read, second: Option<&Read>) -> Found {
         Ok(found) => found,
         Err(unknown) => return refused(first, unknown),
     };
+    // Radians, metres: what a soft belt gives way by, with room.
+    let most = if first.turns { 0.2 } else { 5e-3 };
+    if found.raw > most {
+        let because = format!(
+            "its two sides are {:.3e} {} rms apart, more than any transmission winds up: are they in another unit (as NAME:UNIT)?",
+            found.raw,
+            first.way()
+        );
+        return refused(first, Unknown::all(because));
+    }
     let best = &found.models[found.best];
     // Degrees are what people read of angles.
     let (scale, unit) = if first.turns {

@@ -3,7 +3,7 @@
 //! A motion that is sampled fast enough is smooth: each sample lies near the cubic through its neighbours. One that
 //! does not was read wrongly, and its neighbours tell what it should have been.
 
-use crate::timeline::{Even, Stretch};
+use crate::timeline::{Even, Stretch, counted};
 use pigtail_numerics::signal::quantile;
 use std::ops::{Range, RangeInclusive};
 
@@ -209,14 +209,14 @@ impl SetAside {
         let mut remarks = Vec::new();
         if self.spikes > 0 {
             remarks.push(format!(
-                "{} samples of the {what} stand apart as no motion makes them; set aside, and bridged",
-                self.spikes
+                "{} of the {what}, apart as no motion makes them, set aside and bridged",
+                counted(self.spikes, "sample")
             ));
         }
         if self.steps > 0 {
             remarks.push(format!(
-                "the {what} jumps as no motion does at {} places: the record was cut there",
-                self.steps
+                "the {what} jumps as no motion does at {}: the record was cut there",
+                counted(self.steps, "place")
             ));
         }
         remarks

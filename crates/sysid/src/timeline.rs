@@ -48,11 +48,16 @@ pub struct Stretch {
     pub columns: Vec<Vec<f64>>,
 }
 
+/// So many of something, in words.
+pub fn counted(n: usize, what: &str) -> String {
+    format!("{n} {what}{}", if n == 1 { "" } else { "s" })
+}
+
 /// A record that has no even grid.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum Uneven {
     /// Fewer than two rows with a value in every column.
-    #[error("has {0} rows with a value in every column")]
+    #[error("has {} with a value in every column", counted(*.0, "row"))]
     TooShort(usize),
     /// Time does not rise.
     #[error("time {after} s comes after {before} s in data row {row}")]
@@ -566,16 +571,26 @@ impl Even {
         let mut remarks = Vec::new();
         if self.bridged > 0 {
             let n = self.bridged;
-            remarks.push(format!("{n} missing samples bridged by straight lines"));
+            remarks.push(format!(
+                "{} bridged by straight lines",
+                counted(n, "missing sample")
+            ));
         }
         if self.gaps > 0 {
             let n = self.gaps;
-            remarks.push(format!("cut at {n} gaps longer than five sample periods"));
+            remarks.push(format!(
+                "cut at {} longer than five sample periods",
+                counted(n, "gap")
+            ));
         }
         if self.twice > 0 {
             remarks.push(format!(
-                "{} rows are there twice; one of each was taken",
-                self.twice
+                "{} there twice; one of each was taken",
+                if self.twice == 1 {
+                    "1 row is".to_owned()
+                } else {
+                    format!("{} rows are", self.twice)
+                }
             ));
         }
         let taken = match self.clock {

@@ -6,7 +6,7 @@ use pigtail_hal::Error;
 use pigtail_hal::quantity::{LENGTH, VOLTAGE};
 use pigtail_numerics::signal::quantile;
 use pigtail_sysid::outliers;
-use pigtail_sysid::timeline::{Clock, Even};
+use pigtail_sysid::timeline::{Clock, Even, counted};
 use std::path::{Path, PathBuf};
 
 /// Which columns of a file.
@@ -211,6 +211,7 @@ impl Data {
             self.even(even, &found, &mut remarks)?
         };
         let output: Vec<f64> = output.into_iter().map(|x| 1e6 * x).collect();
+        self.of_a_piezo(&found, &output)?;
         self.saturated((&found.output, &output), (&input, 0.02))?;
         // What is held moves on by creep alone.
         self.saturated((&found.input, &input), (&output, 0.1))?;
@@ -249,7 +250,8 @@ impl Data {
             let volts = outliers::jumping(&mut even, 1);
             if volts > 0 {
                 remarks.push(format!(
-                    "{volts} single samples of the voltage stand apart from both their neighbours; set aside, and bridged"
+                    "{} of the voltage, apart from both neighbours, set aside and bridged",
+                    counted(volts, "single sample")
                 ));
             }
         }
@@ -271,6 +273,22 @@ impl Data {
         let mut columns = longest.columns.into_iter();
         let output = columns.next().unwrap_or_default();
         Ok((time, output, columns.next().unwrap_or_default()))
+    }
+
+    /// That a displacement is one of a piezo: not less than an atom, nor more than levers make of it.
+    fn of_a_piezo(&self, found: &Columns, output: &[f64]) -> Result<(), Error> {
+        /// Micrometres.
+        const STROKES: std::ops::RangeInclusive<f64> = 1e-3..=1e4;
+        let stroke = Range::of(output).width();
+        if STROKES.contains(&stroke) || stroke <= 0.0 {
+            return Ok(());
+        }
+        let message = format!(
+            "moves over {stroke:.3e} um, which no piezo does: is it in another unit? Accepted is a displacement over a nanometre \
+             to 10 mm, its unit as \"{}:UNIT\"",
+            found.output
+        );
+        Err(self.table.error(&*found.output, message))
     }
 
     /// A column that stands at an end of its range while the `other` moves on, by more than a share of its range,

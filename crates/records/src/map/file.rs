@@ -1,8 +1,9 @@
 //! A map as it stands in a file: places and powers in rows, or a matrix.
 
 use super::{Columns, Map, PlaceUnit, PowerUnit};
-use crate::columns::{Gaps, Table};
+use crate::columns::{Gaps, OTHER_UNITS, Table, foreign};
 use pigtail_hal::Error;
+use pigtail_hal::quantity::LENGTH;
 use pigtail_model::frames::Displacement;
 use pigtail_sysid::map::{Reading, Scan};
 use std::fmt::Write as _;
@@ -77,7 +78,18 @@ impl Columns {
     fn place_unit(&self, table: &Table, places: [usize; 2]) -> Result<PlaceUnit, Error> {
         let own = |place: usize| -> Result<Option<PlaceUnit>, Error> {
             let Some(unit) = table.unit(place) else {
-                return Ok(None);
+                let name = &table.names()[place];
+                let other = foreign(name, &[LENGTH]).or_else(|| {
+                    let unit = table.unit_text(place)?;
+                    OTHER_UNITS.contains(&unit).then_some(unit)
+                });
+                let Some(other) = other else {
+                    return Ok(None);
+                };
+                let message = format!(
+                    "its name says {other}; accepted are places in nm, um, mm, m, or V of a piezo"
+                );
+                return Err(table.error(name.as_str(), message));
             };
             unit.parse().map(Some).map_err(|_| {
                 let message = format!(
@@ -293,14 +305,14 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Map, Error> {
         );
     }
     let [x, y, power] = &raw.names;
-    if raw.unit != PowerUnit::DBm
+    if !raw.unit.is_level()
         && !columns.inverted
         && !raw.power.is_empty()
         && raw.power.iter().all(|p| *p < 0.0)
     {
         let message = format!(
             "is below zero throughout; accepted is power in {}: levels in decibels want \
-             --map-power-unit dBm, a photodiode of negative voltage --map-inverted",
+             --map-power-unit dBm or dB, a photodiode of negative voltage --map-inverted",
             raw.unit.linear_name()
         );
         return Err(table.error(power.as_str(), message));
@@ -314,7 +326,12 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Map, Error> {
         .zip(&raw.power)
         .map(|((x, y), p)| Reading {
             at: Displacement::new(metres * x, metres * y),
-            power: sign * raw.unit.linear(*p),
+            // A loss is less light, and its logarithm has the sign.
+            power: if raw.unit.is_level() {
+                raw.unit.linear(sign * p)
+            } else {
+                sign * p
+            },
         });
     let scan = Scan::new(readings.collect()).map_err(|invalid| {
         let key = match invalid.what {
@@ -328,6 +345,7 @@ pub fn read(path: &Path, columns: &Columns) -> Result<Map, Error> {
     Ok(Map {
         scan,
         place_unit: raw.place.told(),
+        said: columns.place.is_some(),
         power: raw.unit,
         understood: raw.understood,
     })

@@ -11,6 +11,7 @@ use pigtail_model::frames::Displacement;
 use pigtail_numerics::rounded;
 use pigtail_sysid::map::{Examined, Look, Looked, Refusal, Scan, Shape, examine, look as take};
 use serde::Serialize;
+use std::ops;
 
 /// The columns of a map and their units.
 #[derive(Debug, Clone, PartialEq)]
@@ -79,6 +80,8 @@ pub struct Map {
     pub scan: Scan,
     /// `um` or `V`: what a micrometre of the scan is.
     pub place_unit: &'static str,
+    /// Whether an option said what its places are in.
+    pub said: bool,
     /// Of power, in the file.
     pub power: PowerUnit,
     /// How the file was read, in words.
@@ -120,9 +123,21 @@ pub enum PowerUnit {
     /// Numbers of a converter
     #[strum(serialize = "counts")]
     Counts,
+    /// Milliamperes of a photodiode
+    #[strum(serialize = "mA")]
+    MilliA,
+    /// Microamperes of one
+    #[strum(serialize = "uA")]
+    MicroA,
+    /// Nanoamperes of one
+    #[strum(serialize = "nA")]
+    NanoA,
     /// Decibels above a milliwatt; taken as milliwatts
     #[strum(serialize = "dBm")]
     DBm,
+    /// Decibels above any other power, such as a loss below zero; taken as shares of that power
+    #[strum(serialize = "dB")]
+    DB,
 }
 
 impl PowerUnit {
@@ -132,14 +147,19 @@ impl PowerUnit {
         if let Some((VOLTAGE, unit)) = unit_of(&[VOLTAGE], &name) {
             return unit.parse().ok();
         }
-        name.parse()
-            .ok()
-            .or_else(|| name.eq_ignore_ascii_case("dbm").then_some(Self::DBm))
+        let level = [("dbm", Self::DBm), ("db", Self::DB)];
+        let level = level.iter().find(|(l, _)| name.eq_ignore_ascii_case(l));
+        name.parse().ok().or(level.map(|(_, unit)| *unit))
+    }
+
+    /// Whether it is a level: a logarithm of the light.
+    fn is_level(self) -> bool {
+        matches!(self, Self::DBm | Self::DB)
     }
 
     /// A reading on a linear scale.
     fn linear(self, value: f64) -> f64 {
-        if self == Self::DBm {
+        if self.is_level() {
             10.0_f64.powf(0.1 * value)
         } else {
             value
@@ -150,6 +170,7 @@ impl PowerUnit {
     pub fn linear_name(self) -> &'static str {
         match self {
             Self::DBm => Self::MilliW.into(),
+            Self::DB => "1",
             linear => linear.into(),
         }
     }
@@ -347,10 +368,13 @@ pub fn try_on(map: &str, read: &Map, start: Option<Displacement>, accuracy: Opti
     };
     let looked = examined.as_ref().ok().map(|all| take(scan, all, &how));
     let (outcome, detail) = match (&examined, &looked) {
-        (Ok(all), Some(looked)) => {
-            let (outcome, detail) = verdict(all, looked, accuracy);
-            (outcome, in_unit(detail, read.place_unit))
-        }
+        (Ok(all), Some(looked)) => match other_unit(read, &all.peak) {
+            Some(detail) => ("unsure", detail),
+            None => {
+                let (outcome, detail) = verdict(all, looked, accuracy);
+                (outcome, in_unit(detail, read.place_unit))
+            }
+        },
         (Err(refusal), _) => (
             refusal.name(),
             in_unit(refusal.to_string(), read.place_unit),
@@ -408,6 +432,28 @@ fn in_unit(text: String, unit: &str) -> String {
     }
 }
 
+/// A search's peak is known to this share of its short radius at least.
+const KNOWN: f64 = 0.3;
+
+/// Radii of a peak of light, metres: no wave that a fiber guides can be focused to less than the first, and wider than the second
+/// are free beams alone.
+const RADII: ops::Range<f64> = 1e-7..1e-3;
+
+/// Why places are in another unit than they were read in, where nobody said that one on purpose.
+fn other_unit(read: &Map, peak: &Shape) -> Option<String> {
+    let (long, short, _) = peak.ellipse();
+    let lengths = read.place_unit == PlaceUnit::Um.told();
+    if !lengths || read.said || (RADII.contains(&short) && RADII.contains(&long)) {
+        return None;
+    }
+    Some(format!(
+        "the peak would be {:.3e} by {:.3e} um in radius, which is light of no fiber: are places in another unit than they were \
+         read in? --map-length-unit says in which they are, that one too",
+        long * 1e6,
+        short * 1e6
+    ))
+}
+
 /// How the search went, beside what the whole map says.
 fn verdict(all: &Examined, looked: &Looked, accuracy: Option<f64>) -> (&'static str, String) {
     let Some(found) = looked.peak else {
@@ -419,6 +465,16 @@ fn verdict(all: &Examined, looked: &Looked, accuracy: Option<f64>) -> (&'static 
     };
     let off = (found.at - all.peak.at).norm();
     let (_, short, _) = all.peak.ellipse();
+    if looked.deviation.is_nan() || looked.deviation > KNOWN * short {
+        return (
+            "unsure",
+            format!(
+                "the search's readings tell the peak's place to {:.3} um only, of a peak of {:.3} um in radius",
+                looked.deviation * 1e6,
+                short * 1e6
+            ),
+        );
+    }
     if off > 0.25 * short && off > 4.0 * looked.deviation.hypot(all.deviation) {
         return (
             "side_peak",

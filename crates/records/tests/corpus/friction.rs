@@ -192,6 +192,21 @@ const CASES: &[(&str, Wanted, Mangle)] = &[
         rows.iter_mut().for_each(|r| r[2] += 5.0);
     }),
     (
+        "metres said to be micrometres",
+        Wanted::Refused,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r[1] *= 1e-6);
+        },
+    ),
+    (
+        "a displacement that stands and jumps",
+        Wanted::Either,
+        |rows, rng| {
+            rows.iter_mut()
+                .for_each(|r| r[1] = (r[1] / 12.0).round() * 12.0 + 0.02 * normal(rng));
+        },
+    ),
+    (
         "micrometres said to be metres",
         Wanted::Refused,
         |rows, _| {

@@ -1,7 +1,7 @@
 //! Power maps, good ones and others.
 
 use crate::{Wanted, normal};
-use pigtail_records::map::{Columns, read, try_on};
+use pigtail_records::map::{Columns, PlaceUnit, read, try_on};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use std::fmt::Write as _;
@@ -313,6 +313,38 @@ const CASES: &[Case] = &[
             })
         },
     ),
+    ("five rows in the dark", Wanted::Either, |s, rng| {
+        let (from, step) = ((s.y / s.step).floor() * s.step - 0.1, s.step);
+        let dark = s.background;
+        let mut map = plain(s, rng);
+        for row in map
+            .iter_mut()
+            .filter(|r| (from..from + 5.0 * step).contains(&r[1]))
+        {
+            row[2] = dark + 0.004 * normal(rng);
+        }
+        map
+    }),
+    ("dark behind the peak", Wanted::Either, |s, rng| {
+        let (from, dark) = (s.y + 0.2 * s.radii[1], s.background);
+        let mut map = plain(s, rng);
+        for row in map.iter_mut().filter(|r| r[1] > from) {
+            row[2] = dark + 0.004 * normal(rng);
+        }
+        map
+    }),
+    (
+        "a detector that dies of bright light",
+        Wanted::Either,
+        |s, rng| {
+            let mut map = plain(s, rng);
+            let bright = map.iter().position(|r| r[2] > s.background + 0.8);
+            map.iter_mut()
+                .skip(bright.unwrap_or(0))
+                .for_each(|r| r[2] = s.background);
+            map
+        },
+    ),
     ("mostly noise", Wanted::Either, |s, rng| {
         s.noise = 0.3;
         plain(s, rng)
@@ -327,17 +359,21 @@ fn text(map: &Map) -> String {
     text
 }
 
-/// Wrong, and how many were answered.
-fn over(seeds: std::ops::Range<u64>) -> (Vec<String>, Vec<(usize, usize)>) {
-    let folder = tempfile::TempDir::new().expect("a folder");
-    let path = folder.path().join("m.csv");
-    let columns = Columns {
+fn columns() -> Columns {
+    Columns {
         names: None,
         place: None,
         power: None,
         inverted: false,
         step: None,
-    };
+    }
+}
+
+/// Wrong, and how many were answered.
+fn over(seeds: std::ops::Range<u64>) -> (Vec<String>, Vec<(usize, usize)>) {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("m.csv");
+    let columns = columns();
     let mut wrong = Vec::new();
     let mut counts = vec![(0, 0); CASES.len()];
     for seed in seeds {
@@ -388,6 +424,96 @@ fn over(seeds: std::ops::Range<u64>) -> (Vec<String>, Vec<(usize, usize)>) {
         }
     }
     (wrong, counts)
+}
+
+/// Light has a size: places in another unit than they are read in are asked for, until somebody says that one on purpose.
+#[test]
+fn places_in_another_unit_are_asked_for() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("m.csv");
+    let tried = |names: &str, scale: f64, place: Option<PlaceUnit>| {
+        let mut rng = Pcg64Mcg::seed_from_u64(77);
+        let mut spot = Spot::drawn(&mut rng);
+        spot.noise = 0.005;
+        let mut text = names.to_owned() + "\n";
+        for [x, y, p] in plain(&spot, &mut rng) {
+            let _ = writeln!(text, "{},{},{p:.6}", scale * x, scale * y);
+        }
+        fs::write(&path, text).expect("a file");
+        let columns = Columns { place, ..columns() };
+        let scan = read(&path, &columns).map_err(|e| e.to_string())?;
+        let found = try_on("m.csv", &scan, None, None).document;
+        let off = found
+            .peak
+            .map(|p| (p.x_um / scale - spot.x).hypot(p.y_um / scale - spot.y));
+        if found.outcome == "aligned" {
+            Ok(off.expect("a peak"))
+        } else {
+            Err(found.detail)
+        }
+    };
+    let near = |found: Result<f64, String>| {
+        assert!(found.as_ref().is_ok_and(|off| *off < 0.3), "{found:?}");
+    };
+    near(tried("x,y,power", 1.0, None));
+    near(tried("x_um,y_um,power", 1.0, None));
+    for (names, scale) in [
+        ("x,y,power", 1e-3),
+        ("x,y,power", 1e-6),
+        ("x,y,power", 1e3),
+        ("x_um,y_um,power", 1e-3),
+        ("x_m,y_m,power", 1.0),
+        ("x [mm],y [mm],power", 1.0),
+    ] {
+        let asked = tried(names, scale, None).expect_err("no light is of that size");
+        assert!(asked.contains("--map-length-unit"), "{asked}");
+    }
+    near(tried("x,y,power", 1e3, Some(PlaceUnit::Um)));
+    for names in [
+        "x [counts],y [counts],power",
+        "x_%,y_%,power",
+        "x_in,y_in,power",
+    ] {
+        let asked = tried(names, 1.0, None).expect_err("no length");
+        assert!(asked.contains("its name says"), "{asked}");
+    }
+}
+
+/// A loss in decibels, below zero or above it, is light.
+#[test]
+fn losses_in_decibels_are_light() {
+    let folder = tempfile::TempDir::new().expect("a folder");
+    let path = folder.path().join("m.csv");
+    for inverted in [false, true] {
+        let mut rng = Pcg64Mcg::seed_from_u64(78);
+        let mut spot = Spot::drawn(&mut rng);
+        (spot.noise, spot.background) = (0.0, 0.01);
+        let mut text = "x_um,y_um,loss_dB\n".to_owned();
+        for [x, y, p] in plain(&spot, &mut rng) {
+            let level = 10.0 * p.max(1e-4).log10();
+            let _ = writeln!(
+                text,
+                "{x:.4},{y:.4},{:.4}",
+                if inverted { -level } else { level }
+            );
+        }
+        fs::write(&path, text).expect("a file");
+        let names = ["x_um", "y_um", "loss_dB"].map(str::to_owned);
+        let columns = Columns {
+            names: Some(names),
+            inverted,
+            ..columns()
+        };
+        let scan = read(&path, &columns).expect("a map");
+        let found = try_on("m.csv", &scan, None, None).document;
+        let peak = found.whole_map.expect("a peak");
+        let off = (peak.x_um - spot.x).hypot(peak.y_um - spot.y);
+        assert!(
+            found.outcome == "aligned" && off < 0.15 * spot.radii[1],
+            "{off}: {}",
+            found.detail
+        );
+    }
 }
 
 #[test]

@@ -187,6 +187,26 @@ const CASES: &[(&str, Wanted, Mangle)] = &[
             rows.iter_mut().for_each(|r| r[0] *= 1e9);
         },
     ),
+    (
+        "micrometres said to be metres",
+        Wanted::Refused,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r[2] *= 1e6);
+        },
+    ),
+    (
+        "metres said to be micrometres",
+        Wanted::Refused,
+        |rows, _| {
+            rows.iter_mut().for_each(|r| r[2] *= 1e-6);
+        },
+    ),
+    ("five rows missing", Wanted::Right, |rows, rng| {
+        for _ in 0..5 {
+            let k = rng.random_range(50..rows.len() - 50);
+            rows.remove(k);
+        }
+    }),
     ("backwards in time", Wanted::Refused, |rows, _| {
         rows.reverse();
     }),

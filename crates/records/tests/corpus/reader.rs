@@ -226,6 +226,11 @@ fn habits_of_other_tools_are_read_or_refused_in_words() {
             "q [counts]",
             "no unit that is read here",
         ),
+        (
+            plain.replace("u_V", "u_%").replace("q_m", "q [rpm]"),
+            "q [rpm]",
+            "no unit that is read here",
+        ),
         (plain.replace("\n0.0", "\n1,000.0"), "q_m", "fields"),
         (plain.replace("\n0.0", "\n1'000.0"), "q_m", "is no number"),
     ];

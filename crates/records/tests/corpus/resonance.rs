@@ -86,7 +86,20 @@ const CASES: &[(&str, Wanted, Mangle)] = &[
     ("frequencies falling", Wanted::Refused, |rows, _| {
         rows.reverse();
     }),
-    ("a point there twice", Wanted::Either, |rows, _| {
+    ("the magnitude cut off", Wanted::Refused, |rows, _| {
+        let top = rows.iter().fold(0.0_f64, |m, r| m.max(r[1].hypot(r[2])));
+        for row in rows.iter_mut() {
+            let size = (0.3 * top / row[1].hypot(row[2])).min(1.0);
+            (row[1], row[2]) = (size * row[1], size * row[2]);
+        }
+    }),
+    ("a power's phase", Wanted::Refused, |rows, _| {
+        for row in rows.iter_mut() {
+            let size = row[1].hypot(row[2]);
+            (row[1], row[2]) = (size * row[1], size * row[2]);
+        }
+    }),
+    ("a point there twice", Wanted::Right, |rows, _| {
         let again = rows[40];
         rows.insert(40, again);
     }),

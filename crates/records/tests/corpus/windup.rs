@@ -194,6 +194,35 @@ const MANGLED: &[(&str, Wanted, bool, Mangle)] = &[
     ("torque is noise", Wanted::Either, true, |rows, rng| {
         rows.iter_mut().for_each(|r| r[3] = 10.0 * normal(rng));
     }),
+    ("torque cut off", Wanted::Either, true, |rows, _| {
+        let most = rows.iter().fold(0.0_f64, |m, r| m.max(r[3].abs()));
+        rows.iter_mut()
+            .for_each(|r| r[3] = r[3].clamp(-0.5 * most, 0.5 * most));
+    }),
+    (
+        "torque of half the gain behind its middle",
+        Wanted::Either,
+        true,
+        |rows, _| rows.iter_mut().skip(2000).for_each(|r| r[3] *= 0.5),
+    ),
+    (
+        "torque twelve samples late",
+        Wanted::Either,
+        true,
+        |rows, _| {
+            let old: Vec<f64> = rows.iter().map(|r| r[3]).collect();
+            rows[12..].iter_mut().zip(&old).for_each(|(r, t)| r[3] = *t);
+        },
+    ),
+    (
+        "positions in counts, said to be degrees",
+        Wanted::Refused,
+        true,
+        |rows, _| {
+            rows.iter_mut()
+                .for_each(|r| (r[1], r[2]) = ((2e4 * r[1]).round(), (2e4 * r[2]).round()));
+        },
+    ),
     (
         "load is the motor's column",
         Wanted::Refused,

@@ -5,6 +5,9 @@ use super::{Fitted, Record, Sample, error, fit};
 use crate::{Known, Unknown};
 use pigtail_numerics::signal::quantile;
 
+/// Steps by which most of a way is gone are jumps from so many times the usual step on: of a sine's they are 1.2 times it.
+const JUMPS: f64 = 5.0;
+
 /// What is known to worse than this share of itself is no answer.
 const LOOSE: f64 = 1.0 / 3.0;
 
@@ -110,6 +113,24 @@ pub(super) fn doubts(record: &Record, chosen: &Fitted) -> Vec<Unknown> {
             parameters: of(&ways),
             because: format!(
                 "it moves {step:.3e} from sample to sample, as far as a reversal takes: the transition is not \
+                 resolved"
+            ),
+        });
+    }
+    // One that stands and jumps gives way within a jump, whatever its noise does meanwhile.
+    let mut by_length = steps.clone();
+    by_length.sort_by(f64::total_cmp);
+    let all: f64 = by_length.iter().sum();
+    let mut so_far = 0.0;
+    let jump = by_length.iter().copied().find(|step| {
+        so_far += step;
+        so_far > 0.5 * all
+    });
+    if let Some(jump) = jump.filter(|j| *j > JUMPS * step && way < 2.0 * j) {
+        unknown.push(Unknown {
+            parameters: of(&ways),
+            because: format!(
+                "it stands and jumps, by {jump:.3e} mostly, where it would give way over {way:.3e}: the transition is not \
                  resolved"
             ),
         });

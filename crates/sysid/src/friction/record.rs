@@ -3,6 +3,7 @@
 use super::Unknown;
 use super::skew::{self, Skew};
 use super::smooth::smoothed;
+use crate::timeline::counted;
 use pigtail_numerics::signal::quantile;
 
 /// Displacement and force at a moment.
@@ -59,10 +60,16 @@ impl Record {
             .collect();
         let mut remarks = Vec::new();
         if kept.len() < n {
-            remarks.push(format!("{} rows without a value left out", n - kept.len()));
+            remarks.push(format!(
+                "{} without a value left out",
+                counted(n - kept.len(), "row")
+            ));
         }
         if kept.len() < LEAST {
-            let why = format!("it has {} rows; wanted are at least {LEAST}", kept.len());
+            let why = format!(
+                "it has {}; wanted are at least {LEAST}",
+                counted(kept.len(), "row")
+            );
             return Err(Unknown::all(why));
         }
         let pick = |column: &[f64]| kept.iter().map(|k| column[*k]).collect::<Vec<f64>>();
@@ -71,7 +78,8 @@ impl Record {
             let spikes = despiked(column);
             if spikes > 0 {
                 remarks.push(format!(
-                    "{spikes} samples of the {name} stand apart from their neighbours; set aside, and bridged"
+                    "{} of the {name}, apart from their neighbours, set aside and bridged",
+                    counted(spikes, "sample")
                 ));
             }
         }

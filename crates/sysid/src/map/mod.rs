@@ -210,6 +210,13 @@ pub enum Refusal {
         /// How far off the peak may be, metres.
         deviation: f64,
     },
+    /// It is bright at one reading and dark at the next: a part of the peak was not seen.
+    Cut {
+        /// About where.
+        at: Displacement,
+        /// At how many pairs of neighbours.
+        steps: usize,
+    },
     /// There may be a peak, but its place is not told.
     Vague {
         /// Standard deviation of its place, metres.
@@ -229,7 +236,7 @@ impl Refusal {
                 "no_single_peak"
             }
             Self::Saturated { .. } => "saturated",
-            Self::Vague { .. } | Self::Unsteady { .. } => "unsure",
+            Self::Vague { .. } | Self::Unsteady { .. } | Self::Cut { .. } => "unsure",
             Self::TooCoarse { .. } => "too_coarse",
             Self::AtEdge { .. } => "at_edge",
         }
@@ -297,6 +304,17 @@ impl std::fmt::Display for Refusal {
                 light * 100.0,
                 aside * 1e6,
                 deviation * 1e6
+            ),
+            Self::Cut {
+                at: Displacement { x, y },
+                steps,
+            } => write!(
+                f,
+                "about {:.3}, {:.3} um the light is gone from one reading to the next, at {steps} pairs of neighbours, where it is \
+                 bright on one side: the light or its detector was off for a part of the scan, or the scan is too coarse for so \
+                 narrow a peak",
+                x * 1e6,
+                y * 1e6
             ),
             Self::Vague { deviation, radius } => write!(
                 f,

@@ -47,6 +47,14 @@ const VALLEY: f64 = 0.12;
 const CLIFF: f64 = 0.4;
 const CLIFFS: usize = 4;
 
+/// Light is dark below the first share of its range, and bright above the second.
+const DARK: f64 = 0.12;
+const HALF: f64 = 0.5;
+
+/// So many steps from bright to dark from one reading to the next are a cut, where the peak's long radius is so many steps.
+const CUTS: usize = 3;
+const RESOLVED: f64 = 1.6;
+
 /// A ring that leaves less than so many times the squares that mirrored light leaves is as good.
 const RING: f64 = 1.0;
 
@@ -195,6 +203,7 @@ fn brightest(scan: &Scan, found: &Fit, all: &[(usize, Datum)], noise: f64) -> Re
         return Ok(());
     }
     let smooth = Smooth::new(&readings, scan.spacing());
+    cut(scan, &readings, &smooth, shape)?;
     let by = |a: &usize, b: &usize| smooth.value[*a].total_cmp(&smooth.value[*b]);
     let all = 0..smooth.at.len();
     let (Some(top), Some(centre)) = (all.clone().max_by(by), smooth.nearest(shape.at)) else {
@@ -263,6 +272,47 @@ fn cliffs(scan: &Scan, readings: &[(Displacement, f64)], shape: &Shape) -> Resul
         });
     }
     Ok(())
+}
+
+/// Light that is bright at one reading and gone at the next, again and again, was off for a part of the scan: what is left of
+/// the peak has its middle elsewhere. A peak that is as wide as some steps falls off over as many.
+fn cut(
+    scan: &Scan,
+    readings: &[(Displacement, f64)],
+    smooth: &Smooth,
+    shape: &Shape,
+) -> Result<(), Refusal> {
+    let (long, _, _) = shape.ellipse();
+    if long < RESOLVED * scan.spacing() {
+        return Ok(());
+    }
+    let mut values: Vec<f64> = readings.iter().map(|r| r.1).collect();
+    values.sort_by(f64::total_cmp);
+    let (low, high) = (values[values.len() / 10], values[values.len() - 1]);
+    let share = |k: usize| (readings[k].1 - low) / (high - low);
+    let next = |a: usize, b: usize| {
+        let away = (readings[a].0 - readings[b].0).norm();
+        away > 0.0 && away < 1.25 * scan.spacing()
+    };
+    let steps: Vec<usize> = (0..readings.len())
+        .filter(|k| share(*k) > HALF)
+        .flat_map(|k| {
+            let dark = smooth
+                .near(readings[k].0)
+                .filter(move |i| next(k, *i) && share(*i) < DARK);
+            dark.map(move |_| k)
+        })
+        .collect();
+    if steps.len() < CUTS {
+        return Ok(());
+    }
+    let middle = steps
+        .iter()
+        .fold(Displacement::default(), |sum, k| sum + readings[*k].0);
+    Err(Refusal::Cut {
+        at: middle * (1.0 / steps.len() as f64),
+        steps: steps.len(),
+    })
 }
 
 /// How far apart fits to parts of the readings put the peak, metres: every second row, every second column, and its

@@ -22,7 +22,9 @@ mod search;
 pub use record::Record;
 
 use self::record::ASIDE;
-use self::search::{Found, extend_pole, pruned, search, squares, without_idle_poles};
+use self::search::{
+    Found, extend_pole, pruned, search, squares, without_idle_modes, without_idle_poles,
+};
 use super::{Known, Parameter, Unknown};
 use nalgebra::Complex;
 use pigtail_numerics::nonlinear::{minimise, uncertainty_of_points};
@@ -103,7 +105,93 @@ fn stated_modes(
         parameters.push((names[0], frequency));
         parameters.push((names[1], damping));
     }
+    merged(&parameters, &mut unknown);
     (parameters, unknown)
+}
+
+/// Modes that lie within each other's width are one peak of another shape: two that nearly cancel make any.
+fn merged(parameters: &[(&'static str, Known)], unknown: &mut Vec<Unknown>) {
+    /// Of the narrower one's half width.
+    const WITHIN: f64 = 0.5;
+    for pair in parameters.windows(4).step_by(2) {
+        let [(f1, one), (z1, a), (f2, two), (z2, b)] = pair else {
+            continue;
+        };
+        let width = (one.value * a.value).min(two.value * b.value);
+        if two.value - one.value < WITHIN * width {
+            unknown.push(Unknown {
+                parameters: vec![f1, z1, f2, z2],
+                because: format!(
+                    "modes at {:.3} Hz and {:.3} Hz lie within each other's width: one peak that has not the shape of a mode",
+                    one.value, two.value
+                ),
+            });
+        }
+    }
+}
+
+/// That no magnitude was cut off: points in a row that stand at the highest one, where no others stand still.
+fn whole(record: &Record) -> Result<(), Unknown> {
+    /// Points that make a plateau.
+    const FLAT: usize = 4;
+    let sizes: Vec<f64> = record.response.iter().map(|h| h.norm()).collect();
+    let same = |a: &f64, b: &f64| (a - b).abs() <= 1e-9 * a.abs();
+    let top = sizes.iter().copied().fold(0.0, f64::max);
+    let runs = || sizes.chunk_by(same).filter(|run| run.len() >= FLAT);
+    let Some(plateau) = runs().find(|run| same(&run[0], &top)) else {
+        return Ok(());
+    };
+    // Magnitudes in coarse steps stand still everywhere.
+    if runs().any(|run| !same(&run[0], &top)) {
+        return Ok(());
+    }
+    Err(Unknown::all(format!(
+        "its magnitude stands at {top:.4e}, the highest, for {} points in a row: it was cut off there, and the damping with it",
+        plateau.len()
+    )))
+}
+
+/// That magnitude and phase are of one response: a power, or the root of one, has the phase of another.
+fn of_one_kind(record: &Record, found: &Identified) -> Result<(), Unknown> {
+    /// Relative error from which it is asked, per cent, and the share of it that the other kind leaves.
+    const MUCH: f64 = 5.0;
+    const LESS: f64 = 0.5;
+    if !record.phased || found.relative_error_percent < MUCH {
+        return Ok(());
+    }
+    for (power, is) in [(2.0, "the root of one"), (0.5, "its square, a power")] {
+        let floor = 0.1
+            * quantile(
+                &record
+                    .response
+                    .iter()
+                    .map(|h| h.norm().powf(power))
+                    .collect::<Vec<_>>(),
+                0.5,
+            );
+        let response: Vec<Complex<f64>> = record
+            .response
+            .iter()
+            .map(|h| Complex::from_polar(h.norm().powf(power), h.arg()))
+            .collect();
+        let other = Record {
+            weight: response.iter().map(|h| 1.0 / (h.norm() + floor)).collect(),
+            response,
+            ..record.clone()
+        };
+        let Ok(other) = of_all_points(&other) else {
+            continue;
+        };
+        if other.relative_error_percent < LESS * power * found.relative_error_percent {
+            return Err(Unknown::all(format!(
+                "its magnitude goes with its phase as if it were {is}, by {:.1} % instead of {:.1} %: are decibels 20 log10 of a \
+                 ratio, and is it no power?",
+                other.relative_error_percent / power,
+                found.relative_error_percent
+            )));
+        }
+    }
+    Ok(())
 }
 
 /// That there are modes, and that they tell something.
@@ -134,6 +222,13 @@ fn modes_of(found: &Found) -> Result<usize, Unknown> {
 ///
 /// When there is no resonance in it.
 pub fn identify(record: &Record) -> Result<Identified, Unknown> {
+    whole(record)?;
+    let found = with_points_apart(record)?;
+    of_one_kind(record, &found)?;
+    Ok(found)
+}
+
+fn with_points_apart(record: &Record) -> Result<Identified, Unknown> {
     let all = of_all_points(record);
     let apart = record.apart();
     if apart.is_empty() {
@@ -182,9 +277,10 @@ fn of_all_points(record: &Record) -> Result<Identified, Unknown> {
         Some(odd.error(&settled, &values)).filter(|e| e.is_finite())
     })
     .ok_or_else(|| Unknown::all("the fit to its points failed"))?;
-    let modes = record.modes(&coded);
     let (coded, _) = minimise(|c| record.residuals(c), &coded)
         .ok_or_else(|| Unknown::all("the fit to all of its points failed"))?;
+    let coded = without_idle_modes(record, coded);
+    let modes = record.modes(&coded);
     rows::of_one(record, &coded)?;
     let solution = uncertainty_of_points(|c| record.residuals(c), &coded)
         .ok_or_else(|| Unknown::all("its modes depend on each other"))?;

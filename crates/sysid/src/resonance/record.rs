@@ -1,6 +1,7 @@
 //! A frequency response, made ready for modes.
 
 use super::{POLES, Unknown};
+use crate::timeline::counted;
 use nalgebra::{Complex, DMatrix};
 use pigtail_numerics::signal::quantile;
 use std::f64::consts::TAU;
@@ -38,6 +39,52 @@ pub struct Record {
     pub(super) most_poles: usize,
 }
 
+/// Some of many points: half of those that are kept lie evenly, the others where the response changes most, for a narrow peak
+/// is seen by few.
+fn thinned(kept: Vec<usize>, response: &[Complex<f64>]) -> Vec<usize> {
+    if kept.len() <= MOST {
+        return kept;
+    }
+    let every = kept.len().div_ceil(MOST / 2);
+    let usual = quantile(
+        &kept.iter().map(|k| response[*k].norm()).collect::<Vec<_>>(),
+        0.5,
+    );
+    let blocks: Vec<&[usize]> = kept.chunks(every).collect();
+    // Of means, so that noise counts little, and by how much of the response is there.
+    let change = |block: &[usize]| {
+        let part = block.len().div_ceil(3).max(1);
+        let means: Vec<f64> = block
+            .chunks(part)
+            .map(|p| p.iter().map(|k| response[*k].norm()).sum::<f64>() / p.len() as f64)
+            .collect();
+        let (low, high) = means
+            .iter()
+            .fold((f64::INFINITY, 0.0_f64), |(l, h), m| (l.min(*m), h.max(*m)));
+        (high - low) / (low + usual)
+    };
+    let mut ranked: Vec<(f64, usize)> = blocks
+        .iter()
+        .enumerate()
+        .map(|(i, block)| (change(block), i))
+        .collect();
+    ranked.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut whole: Vec<usize> = ranked
+        .iter()
+        .take(MOST / 2 / every)
+        .map(|(_, i)| *i)
+        .collect();
+    whole.sort_unstable();
+    let of = |(i, block): (usize, &&[usize])| {
+        if whole.binary_search(&i).is_ok() {
+            block.to_vec()
+        } else {
+            vec![block[0]]
+        }
+    };
+    blocks.iter().enumerate().flat_map(of).collect()
+}
+
 impl Record {
     /// Points of frequency (Hz), response and weight; those without a value are left out.
     ///
@@ -52,13 +99,18 @@ impl Record {
         let whole = |k: &usize| {
             frequency[*k].is_finite() && response[*k].re.is_finite() && response[*k].im.is_finite()
         };
-        let mut kept: Vec<usize> = (0..frequency.len()).filter(whole).collect();
+        // What is there twice is one point.
+        let again =
+            |k: usize| k > 0 && frequency[k] == frequency[k - 1] && response[k] == response[k - 1];
+        let mut kept: Vec<usize> = (0..frequency.len())
+            .filter(|k| whole(k) && !again(*k))
+            .collect();
         // A response at no frequency at all has no phase to speak of.
         kept.retain(|k| frequency[*k] != 0.0);
         if kept.len() < LEAST {
             return Err(Unknown::all(format!(
-                "it has {} points; wanted are at least {LEAST}",
-                kept.len()
+                "it has {}; wanted are at least {LEAST}",
+                counted(kept.len(), "point")
             )));
         }
         if let Some(w) = kept.windows(2).find(|w| frequency[w[1]] <= frequency[w[0]]) {
@@ -70,8 +122,7 @@ impl Record {
         if frequency[kept[0]] < 0.0 {
             return Err(Unknown::all("it has frequencies below zero"));
         }
-        let every = kept.len().div_ceil(MOST);
-        let kept: Vec<usize> = kept.into_iter().step_by(every).collect();
+        let kept = thinned(kept, response);
         let sizes: Vec<f64> = kept.iter().map(|k| response[*k].norm()).collect();
         let floor = 0.1 * quantile(&sizes, 0.5);
         if sizes.iter().all(|s| *s <= 0.0) {

@@ -193,6 +193,32 @@ pub(super) fn without_idle_poles(record: &Record, found: &Found) -> Option<(Reco
     ))
 }
 
+/// Without the modes that all of the points do not need, as [`without_idle_poles`]: a small one may be no more than how what is
+/// left goes with its neighbours.
+pub(super) fn without_idle_modes(record: &Record, mut coded: Vec<f64>) -> Vec<f64> {
+    let each = if record.skewed { 4.0 } else { 3.0 };
+    while record.modes(&coded) > 1 {
+        let without = |k: usize| {
+            let mut fewer = coded.clone();
+            fewer.drain(2 * k..2 * k + 2);
+            minimise(|c| record.residuals(c), &fewer)
+        };
+        let fewer = (0..record.modes(&coded))
+            .filter_map(without)
+            .map(|(fewer, _)| (squares(&record.residuals(&fewer)), fewer))
+            .min_by(|a, b| a.0.total_cmp(&b.0));
+        let with = record.residuals(&coded);
+        let points = independent(&with) * carrying(&with);
+        match fewer {
+            Some((left, fewer)) if points * (left / squares(&with)).ln() <= each * points.ln() => {
+                coded = fewer;
+            }
+            _ => break,
+        }
+    }
+    coded
+}
+
 /// The search's numbers without one of its poles, settled anew, and what they leave. A pole beyond the band is a delay by its time
 /// constant: from delays with and without that.
 fn settled_without(fewer: &Record, coded: &[f64], pole: usize) -> Option<(Vec<f64>, f64)> {

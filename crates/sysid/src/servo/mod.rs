@@ -13,6 +13,7 @@
 //! M. Gautier and A. Janot; the settings are those of A. Janot, M. Gautier and M. Brunot, *Data Set and
 //! Reference Models of EMPS*, Workshop on Nonlinear System Identification Benchmarks, 2019.
 
+mod bent;
 mod check;
 mod clipped;
 mod controller;
@@ -34,7 +35,7 @@ use equations::{APART, Equations, rate};
 use variants::variants;
 
 use super::outliers;
-use super::timeline::Even;
+use super::timeline::{Even, counted};
 use super::{Account, Known, Parameter, Unknown};
 use pigtail_numerics::regression::{robust, tolerance};
 use pigtail_numerics::signal::rms;
@@ -458,6 +459,7 @@ pub fn identify(
         skew.widen(&mut variant.parameters);
     }
     of_place.widen(&mut variants);
+    bent::bent(&columns, &mut variants, &mut unknown, &mut remarks);
     let first = &variants[0];
     check::uncertain(first, &columns, &mut unknown);
     check::robustly(&mut variants, &mut unknown);
@@ -576,7 +578,8 @@ fn cleaned(record: &Record, remarks: &mut Vec<String>) -> Result<Record, Unknown
     remarks.extend(position.remarks("position"));
     if volts > 0 {
         remarks.push(format!(
-            "{volts} single samples of the voltage stand apart from both their neighbours; set aside, and bridged"
+            "{} of the voltage, apart from both neighbours, set aside and bridged",
+            counted(volts, "single sample")
         ));
     }
     if position.steps > MOST_STEPS {

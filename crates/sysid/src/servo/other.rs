@@ -29,14 +29,14 @@ const WORTH: f64 = 0.1;
 const FITTED: f64 = 0.7;
 
 /// What is held back is told twice as well with a force of the place that is taken out.
-const TWICE: f64 = 0.5;
+pub(super) const TWICE: f64 = 0.5;
 
-fn symmetric(columns: &Equations) -> DMatrix<f64> {
+pub(super) fn symmetric(columns: &Equations) -> DMatrix<f64> {
     columns.matrix(Friction::Symmetric, Method::LeastSquares)
 }
 
 /// Whether one solution has one of these parameters otherwise than another.
-fn differs(one: &Solution, other: &Solution, of: &[usize]) -> bool {
+pub(super) fn differs(one: &Solution, other: &Solution, of: &[usize]) -> bool {
     of.iter().any(|j| {
         let off = (one.values[*j] - other.values[*j]).abs();
         let sure = one.std_correlated[*j].hypot(other.std_correlated[*j]);
@@ -153,7 +153,7 @@ fn without(span: &DMatrix<f64>, column: &[f64]) -> DVector<f64> {
     &column - span * span.tr_mul(&column)
 }
 
-fn beside(x: &DMatrix<f64>, more: &[Vec<f64>]) -> DMatrix<f64> {
+pub(super) fn beside(x: &DMatrix<f64>, more: &[Vec<f64>]) -> DMatrix<f64> {
     let own = x.ncols();
     let mut all = x.clone().resize_horizontally(own + more.len(), 0.0);
     for (k, column) in more.iter().enumerate() {
@@ -179,7 +179,7 @@ pub(super) fn taken_out(columns: &mut Equations, place: &Place) {
 }
 
 /// What is left of the last part by what is fitted to the first, per cent of the force.
-fn held_back(x: &DMatrix<f64>, force: &[f64]) -> Option<f64> {
+pub(super) fn held_back(x: &DMatrix<f64>, force: &[f64]) -> Option<f64> {
     let n = force.len();
     let to = (FITTED * n as f64) as usize;
     let found = least_squares(&x.rows(0, to).into_owned(), &force[..to])?;

@@ -1,9 +1,9 @@
 //! What a record of a transmission cannot tell.
 
-use super::LEAST;
 use super::signals::Signals;
+use super::{LEAST, Record, TORQUE};
 use crate::Unknown;
-use crate::timeline::{Clock, Even};
+use crate::timeline::{Clock, Even, counted};
 use pigtail_numerics::regression::{least_squares, matrix, tolerance};
 use pigtail_numerics::signal::{quantile, rms};
 
@@ -22,7 +22,8 @@ pub(super) fn check(signals: &Signals, even: &Even) -> Result<(), Unknown> {
     let n = signals.time.len();
     if n < LEAST {
         return Err(Unknown::all(format!(
-            "it has {n} samples in stretches; wanted are at least {LEAST}"
+            "it has {} in stretches; wanted are at least {LEAST}",
+            counted(n, "sample")
         )));
     }
     let odd = matches!(even.clock, Clock::Stamps | Clock::Untold);
@@ -86,6 +87,46 @@ pub(super) fn check(signals: &Signals, even: &Even) -> Result<(), Unknown> {
         if at as f64 > 0.02 * n as f64 {
             return Err(Unknown::all(format!(
                 "the {name}'s encoder is saturated: it stands at an end of its range while the other side goes on"
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// That the torque is whole: one that stands at an end of its range, sample after sample, was cut off there.
+pub(super) fn cut_off(record: &Record) -> Result<(), Unknown> {
+    /// Samples in a row at an end, the share of all of them there, and how far the next values are at most, as a share of the
+    /// range: a torque that is written coarsely stands at its ends for long, too.
+    const RUN: usize = 4;
+    const SHARE: f64 = 0.02;
+    const NEXT: f64 = 0.005;
+    if !record.has_torque {
+        return Ok(());
+    }
+    // As it was written: filtered it has no plateau.
+    let stretches = record.even.stretches.iter();
+    let torque: Vec<f64> = stretches
+        .flat_map(|s| s.columns[TORQUE].iter().copied())
+        .collect();
+    let (low, high) = (
+        torque.iter().copied().fold(f64::INFINITY, f64::min),
+        torque.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+    );
+    for end in [low, high] {
+        let there: usize = torque
+            .chunk_by(|a, b| a == b)
+            .filter(|run| run[0] == end && run.len() >= RUN)
+            .map(<[f64]>::len)
+            .sum();
+        let others = torque.iter().filter(|t| **t != end);
+        let next = others
+            .map(|t| (t - end).abs())
+            .fold(f64::INFINITY, f64::min);
+        let share = there as f64 / torque.len() as f64;
+        if share > SHARE && next < NEXT * (high - low) {
+            return Err(Unknown::all(format!(
+                "the torque stands at {end:.4e}, an end of its range, for {:.0} % of the samples: it is cut off there",
+                100.0 * share
             )));
         }
     }
