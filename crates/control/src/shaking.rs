@@ -154,6 +154,11 @@ impl Shaking {
         self.wider = wider;
     }
 
+    /// By how much that is.
+    pub fn wider(&self) -> f64 {
+        self.wider
+    }
+
     /// Standard deviation that was measured of the tip before, metres; none where it was not.
     pub fn measured_before(&self) -> f64 {
         self.measured.map_or(0.0, |measured| measured.deviation)
@@ -382,20 +387,27 @@ impl Shaking {
         } else {
             0.0
         };
-        let place = known.times(self.wider);
+        let place = known.seen(self.wider);
         let sigma = place.sigma.map(|sigma| sigma.hypot(stillest));
         Across { sigma, ..place }.outside(tolerance) <= TUNING.bond.unsure
+    }
+
+    /// By how much larger all deviations are than they seem, and a place that is `known` so well without that. What stages askew do is told in true
+    /// measure.
+    fn widened(&self, known: Across) -> (f64, Across) {
+        let place = known.seen(self.wider);
+        if self.watched {
+            (1.0, place)
+        } else {
+            (self.wider, place.times(self.wider.recip()))
+        }
     }
 
     /// How well it is known along an axis where a tip, of which the place is `known` so well, is while its bond sets.
     pub fn bonded(&self, known: Across) -> Across {
         let left = self.measured.map_or(1.0, |measured| measured.left);
         let fast: f64 = self.believed().iter().map(|(v, share)| v * share).sum();
-        let (all, place) = if self.watched {
-            (1.0, known.times(self.wider))
-        } else {
-            (self.wider, known)
-        };
+        let (all, place) = self.widened(known);
         let slow = self.slow();
         let sigma = [0, 1].map(|i| (left * fast + slow[i] + place.sigma[i].powi(2)).sqrt());
         Across { sigma, ..place }.times(all)
@@ -407,12 +419,9 @@ impl Shaking {
     ///
     /// [`Outcome::UnsurePlace`].
     pub fn is_sure(&self, tolerance: f64, known: Across) -> Result<(), Outcome> {
-        let (tolerance, known) = if self.watched {
-            (tolerance, known.times(self.wider))
-        } else {
-            // Where all deviations are larger by a factor, the tolerance is as much smaller.
-            (tolerance / self.wider, known)
-        };
+        // Where all deviations are larger by a factor, the tolerance is as much smaller.
+        let (all, known) = self.widened(known);
+        let tolerance = tolerance / all;
         let probability = self.outside(tolerance, known);
         if probability <= TUNING.bond.unsure {
             return Ok(());

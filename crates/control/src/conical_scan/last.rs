@@ -352,7 +352,8 @@ impl ConicalScan<'_> {
 
     /// A peak that was seen from a circle of so many widths, as well as it is known where the micro has left that for its middle.
     fn left_from(&self, peak: &Peak, radius: f64, gap: f64) -> Peak {
-        let hidden = self.hides * radius * self.beam.width(gap);
+        // That is told in true measure.
+        let hidden = self.hides * radius * self.beam.width(gap) / self.shaking.wider();
         Peak {
             deviations: peak.deviations.map(|d| d.hypot(hidden)),
             ..*peak

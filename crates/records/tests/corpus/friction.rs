@@ -199,14 +199,6 @@ const CASES: &[(&str, Wanted, Mangle)] = &[
         },
     ),
     (
-        "a displacement that stands and jumps",
-        Wanted::Either,
-        |rows, rng| {
-            rows.iter_mut()
-                .for_each(|r| r[1] = (r[1] / 12.0).round() * 12.0 + 0.02 * normal(rng));
-        },
-    ),
-    (
         "micrometres said to be metres",
         Wanted::Refused,
         |rows, _| {

@@ -157,11 +157,6 @@ pub(crate) const MANGLED: &[(&str, Wanted, Mangle)] = &[
             row[3] = 0.6 * most * x / (1.0 + x.abs().powi(6)).powf(1.0 / 6.0);
         }
     }),
-    ("voltage compressed", Wanted::Either, |rows, _| {
-        let most = 0.6 * rows.iter().fold(0.0_f64, |m, r| m.max(r[3].abs()));
-        rows.iter_mut()
-            .for_each(|r| r[3] = most * (r[3] / most).tanh());
-    }),
     ("position clipped", Wanted::Either, |rows, _| {
         let top = rows.iter().fold(f64::MIN, |m, r| m.max(r[2]));
         for row in rows {
