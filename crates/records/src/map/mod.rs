@@ -368,13 +368,14 @@ pub fn try_on(map: &str, read: &Map, start: Option<Displacement>, accuracy: Opti
     };
     let looked = examined.as_ref().ok().map(|all| take(scan, all, &how));
     let (outcome, detail) = match (&examined, &looked) {
-        (Ok(all), Some(looked)) => match other_unit(read, &all.peak) {
-            Some(detail) => ("unsure", detail),
-            None => {
+        (Ok(all), Some(looked)) => {
+            if let Some(detail) = other_unit(read, &all.peak) {
+                ("unsure", detail)
+            } else {
                 let (outcome, detail) = verdict(all, looked, accuracy);
                 (outcome, in_unit(detail, read.place_unit))
             }
-        },
+        }
         (Err(refusal), _) => (
             refusal.name(),
             in_unit(refusal.to_string(), read.place_unit),
