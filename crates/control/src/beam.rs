@@ -3,17 +3,24 @@
 use crate::recipe::Mode;
 use crate::tuning::TUNING;
 use nalgebra::{Matrix3, Vector2, Vector3};
+use pigtail_hal::quantity;
+use pigtail_hal::spec::GuardSpec;
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::normal::{Normal, Problem, Rules, minimise};
 use pigtail_numerics::statistics::pooled;
+use schemars::JsonSchema;
+use serde::Deserialize;
 use std::f64::consts::PI;
 
 /// By what angles ways across go along the light, too: stages stand askew.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 pub struct Askew {
-    /// As was measured, of ways in x and in y, radians; either sign.
-    pub known: [f64; 2],
+    /// Of ways in x and in y, radians.
+    #[serde(with = "quantity::Angles::<2>")]
+    pub ways: [f64; 2],
     /// Standard deviation of both, radians.
+    #[serde(with = "quantity::NonNegativeAngle")]
     pub deviation: f64,
 }
 
@@ -139,8 +146,8 @@ impl Beam {
             known: Oblong::default(),
             ripples: ripples(mode),
             askew: Askew {
-                known: [0.0; 2],
-                deviation: TUNING.beam.stands,
+                ways: [0.0; 2],
+                deviation: GuardSpec::default().askew,
             },
         }
     }
@@ -151,16 +158,16 @@ impl Beam {
         Self { askew, ..self }
     }
 
-    /// How far beside its peak a fiber may be where its light is brightest, for widths whose squares are these (square metres): bounds and standard
-    /// deviations in x and in y, metres. Between facet and fiber's end light ripples with the gap, so that across stages that
+    /// How far beside its peak a fiber may be where its light is brightest, for widths whose squares are these (square metres): standard
+    /// deviations and bounds in x and in y, metres. Between facet and fiber's end light ripples with the gap, so that across stages that
     /// stand askew it rises to one side: its brightest place is `w^2/2` times as far aside as it rises, of itself, with a metre. Where
     /// in a ripple a fiber stands nobody knows, nor whether its faces are coated.
     pub fn aside(&self, squared: [f64; 2]) -> [(f64, f64); 2] {
         [0, 1].map(|i| {
             let aside = 0.5 * squared[i] * TUNING.beam.rippled * self.ripples;
             (
-                aside * self.askew.known[i].abs(),
                 aside * self.askew.deviation,
+                aside * self.askew.ways[i].abs(),
             )
         })
     }
@@ -426,6 +433,7 @@ fn centroid(readings: &[Reading]) -> Displacement {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use pigtail_numerics::statistics::outside;
 
     fn beam() -> Beam {
         let mode = Mode {
@@ -439,12 +447,12 @@ mod tests {
     #[test]
     fn on_stages_askew_the_brightest_place_is_beside_the_peak_and_that_is_said() {
         let askew = Askew {
-            known: [5e-3, 0.0],
+            ways: [5e-3, 0.0],
             deviation: 0.1e-3,
         };
         let beam = beam().on_stages(askew);
         let squared = beam.squared_widths(5e-6);
-        let [(bound, sigma), (in_y, _)] = beam.aside(squared);
+        let [(sigma, bound), (_, in_y)] = beam.aside(squared);
         // Light of which a ripple of 4 pi/lambda has its steepest place here, as strong as glass makes it.
         let wave = 4.0 * PI / 1.3e-6;
         let light = |x: f64| {
@@ -461,6 +469,25 @@ mod tests {
             bound > 10e-9 && sigma < 1e-9 && in_y == 0.0,
             "{bound} {sigma}"
         );
+    }
+
+    /// Ripples of any strength up to that of glass, at any place of them, beside a normal error: beyond a tolerance of 1 as often as is
+    /// believed of an even error, but where that is nearly half of the tolerance.
+    #[test]
+    fn ripples_are_beyond_a_tolerance_as_often_as_is_believed() {
+        for (most, sigma, least) in [(0.1, 0.254, 1.0), (0.3, 0.229, 1.0), (0.45, 0.196, 0.75)] {
+            let steps = 200;
+            let each = |k: usize| (k as f64 + 0.5) / steps as f64;
+            let pairs = (0..steps).flat_map(|k| (0..steps).map(move |l| (k, l)));
+            let outside_at = |(k, l)| {
+                let off = most * each(k) * (0.5 * PI * each(l)).sin();
+                outside(1.0, off, 0.0, sigma)
+            };
+            let truly = pairs.map(outside_at).sum::<f64>() / (steps * steps) as f64;
+            let believed = outside(1.0, 0.0, TUNING.beam.rippled * most, sigma);
+            assert!((0.9e-4..1.1e-4).contains(&truly), "{truly}");
+            assert!(believed > least * truly, "{most}: {believed} {truly}");
+        }
     }
 
     /// Readings on a circle around the origin, of a peak elsewhere.

@@ -559,31 +559,13 @@ impl MicroGeometry {
     }
 }
 
-/// By what angles ways across go along the light.
-#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct AskewBelief {
-    /// Of ways in x and in y, radians.
-    #[serde(with = "quantity::Angles::<2>")]
-    pub ways: [f64; 2],
-    /// Standard deviation of both, radians.
-    #[serde(with = "quantity::NonNegativeAngle")]
-    pub deviation: f64,
-}
-
 impl PlacementBelief {
     /// By what angles ways across go along the light, as is believed, on stages that may stand as far askew as a datasheet says.
     pub fn askew(&self, spec: &Spec) -> Askew {
-        match &self.askew {
-            Some(measured) => Askew {
-                known: measured.ways,
-                deviation: measured.deviation,
-            },
-            None => Askew {
-                known: [self.yaw.sin(), 0.0],
-                deviation: spec.guard.askew,
-            },
-        }
+        self.askew.unwrap_or(Askew {
+            ways: [self.yaw.sin(), 0.0],
+            deviation: spec.guard.askew,
+        })
     }
 }
 
@@ -600,7 +582,7 @@ pub struct PlacementBelief {
     /// By what angles its ways in x and in y go along the light too, radians, where that was measured. Without it ways in x do
     /// by its yaw, and neither is known better than the datasheet says.
     #[serde(default)]
-    pub askew: Option<AskewBelief>,
+    pub askew: Option<Askew>,
     /// When it was found.
     pub date: String,
     /// By which run.

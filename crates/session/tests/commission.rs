@@ -244,7 +244,7 @@ fn how_stages_stand_is_seen_by_the_camera() {
     let geometry = believed.expect("a calibration").geometry;
     for (side, [x, y]) in [(Side::Left, [5.0, 0.0]), (Side::Right, [3.0, 0.0])] {
         let askew = geometry.of(side).askew(&setup.rig.spec);
-        for (known, truth) in askew.known.into_iter().zip([x, y]) {
+        for (known, truth) in askew.ways.into_iter().zip([x, y]) {
             let off = known.abs() / mrad - truth;
             assert!(off.abs() < 4.0 * askew.deviation / mrad, "{off} {askew:?}");
         }

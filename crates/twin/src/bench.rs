@@ -484,15 +484,7 @@ impl BenchTwin {
 
     /// What really is. Not part of [`Bench`](pigtail_hal::bench::Bench).
     pub fn truth(&self) -> Truth {
-        let fiber = |side: Side, port: usize| {
-            let fixed = self.attached[side.index()][port].as_ref()?;
-            Some(self.light.truth(side, port, fixed))
-        };
-        Truth {
-            input: fiber(Side::Left, 0),
-            outputs: std::array::from_fn(|port| fiber(Side::Right, port)),
-            smallest_gap: self.smallest_gap,
-        }
+        Truth::of(&self.light, &self.attached, self.smallest_gap)
     }
 
     /// Where the fiber of an arm really is, from the peak of its port at its gap; `None` while it carries none. Not

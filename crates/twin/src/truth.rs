@@ -1,7 +1,8 @@
 //! What really is, and no machine could say: for comparisons with what control believes, never for control.
 
-use super::Twin;
-use pigtail_hal::spec::OUTPUTS;
+use super::light::LightPath;
+use super::{Fixed, Twin};
+use pigtail_hal::spec::{OUTPUTS, SIDES};
 use pigtail_hal::{Axis, AxisName, Side};
 use pigtail_model::frames::Displacement;
 
@@ -15,6 +16,25 @@ pub struct Truth {
     /// Smallest clearance between the chip and any tip or empty holder so far, metres. At zero or
     /// below, something has hit it.
     pub smallest_gap: f64,
+}
+
+impl Truth {
+    /// Of fibers that are attached so.
+    pub(super) fn of(
+        light: &LightPath,
+        attached: &[[Option<Fixed>; OUTPUTS]; SIDES],
+        smallest_gap: f64,
+    ) -> Self {
+        let fiber = |side: Side, port: usize| {
+            let fixed = attached[side.index()][port].as_ref()?;
+            Some(light.truth(side, port, fixed))
+        };
+        Self {
+            input: fiber(Side::Left, 0),
+            outputs: std::array::from_fn(|port| fiber(Side::Right, port)),
+            smallest_gap,
+        }
+    }
 }
 
 /// Where an attached fiber really is.
@@ -83,14 +103,6 @@ impl Twin {
 
     /// What really is. Not part of [`Machine`](pigtail_hal::Machine).
     pub fn truth(&self) -> Truth {
-        let fiber = |side: Side, port: usize| {
-            let fixed = self.attached[side.index()][port].as_ref()?;
-            Some(self.light.truth(side, port, fixed))
-        };
-        Truth {
-            input: fiber(Side::Left, 0),
-            outputs: std::array::from_fn(|port| fiber(Side::Right, port)),
-            smallest_gap: self.smallest_gap,
-        }
+        Truth::of(&self.light, &self.attached, self.smallest_gap)
     }
 }

@@ -455,16 +455,16 @@ impl ConicalScan<'_> {
         let known = Across {
             sigma: [0, 1].map(|i| {
                 let moves = TUNING.last.unforeseen * moves;
-                known[i].hypot(moves).hypot(aside[i].1)
+                known[i].hypot(moves).hypot(aside[i].0)
             }),
             // A drift that was seen for sure goes on as it did, or less, or not at all: what comes to rest does so soon, and
             // piezos creep by the logarithm of time, by much where their model knows no creep. To go where it
             // would lead makes offsets worse where it does not go on, so it is believed and not followed.
             bound: [
-                self.surely.x.abs() * rest + behind[0] + aside[0].0,
-                self.surely.y.abs() * rest + behind[1] + aside[1].0,
+                self.surely.x.abs() * rest + behind[0] + aside[0].1,
+                self.surely.y.abs() * rest + behind[1] + aside[1].1,
             ],
-            askew: aside.map(|(bound, sigma)| (sigma, bound)),
+            askew: aside,
         };
         let deviation = full
             * f64::hypot(

@@ -126,12 +126,10 @@ topic! {
         apart: f64 = 0.2, "1", Choice;
         /// Index of what facets and fibers' ends are of, at which light is reflected: glass.
         glass: f64 = 1.5, "1", Equation;
-        /// Share of the most that a ripple does to a peak which is believed: a ripple of any strength up to that of glass, at any
-        /// place of it, is beyond a tolerance once in ten thousand times no more often than an even error within so much, be it
-        /// half of the tolerance at most.
+        /// Share of the most that a ripple does to a peak which is believed: ripples of any strength up to that of glass, at any place
+        /// of them, are beyond a tolerance once in ten thousand times no more often than an even error within so much, where the most
+        /// is a third of the tolerance, and a quarter more often where it is nearly half.
         rippled: f64 = 0.8, "1", Equation;
-        /// How far askew stages stand of which nothing is stated, standard deviation: such as are bolted to a table.
-        stands: f64 = 2e-3, "rad", Stated;
         /// How much it counts that the peak is near the middle of the readings.
         prior: f64 = 1.0, "1", Choice;
     }
