@@ -60,6 +60,7 @@ impl Shakings {
             deviation: belief.deviation,
             spread: belief.spread,
             left: belief.left,
+            left_spread: belief.left_spread,
         })
     }
 }
@@ -74,9 +75,12 @@ pub struct ShakingBelief {
     /// How well it is known: the standard deviation of its natural logarithm.
     #[serde(with = "quantity::Positive")]
     pub spread: f64,
-    /// Which share of its variance is left, at most, of the mean over as long as a bond takes.
+    /// Which share of its variance is left of the mean over as long as a bond takes.
     #[serde(default = "all", with = "quantity::Positive")]
     pub left: f64,
+    /// How well that is known: the standard deviation of its natural logarithm. Without it `left` is the most that it may be.
+    #[serde(default, with = "quantity::NonNegative")]
+    pub left_spread: f64,
     /// When it was found.
     pub date: String,
     /// By which run.

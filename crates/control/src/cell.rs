@@ -2,6 +2,7 @@
 //! the camera has seen so far.
 
 use crate::beam::{Askew, Beam, SpotSize};
+use crate::flicker::Flicker;
 use crate::gap_by_light::Spread;
 use crate::outcome::{Halt, Outcome};
 use crate::procedure::outward;
@@ -84,6 +85,8 @@ pub struct AlignmentCell<'b> {
     layout: Layout,
     tips: RefCell<TipEstimator>,
     loaded: Cell<[bool; SIDES]>,
+    /// By how much the light of the laser differs from one turn of a circle to the next.
+    flicker: Cell<Flicker>,
 }
 
 impl<'b> Deref for AlignmentCell<'b> {
@@ -117,6 +120,7 @@ impl<'b> AlignmentCell<'b> {
             reactor: Reactor::new(bench),
             layout,
             loaded: Cell::default(),
+            flicker: Cell::default(),
         }
     }
 
@@ -181,6 +185,16 @@ impl<'b> AlignmentCell<'b> {
     /// How far beside a circle's middle the micro of an arm comes to rest, of the circle's radius, one standard deviation.
     pub fn hides(&self, side: Side) -> f64 {
         self.layout.hides[side.index()]
+    }
+
+    /// By how much the light of the laser has been seen to differ from one turn to the next.
+    pub fn flicker(&self) -> Flicker {
+        self.flicker.get()
+    }
+
+    /// It was seen to differ so, by now.
+    pub fn has_flickered(&self, flicker: Flicker) {
+        self.flicker.set(flicker);
     }
 
     /// Whether the micro of an arm goes where it is told.

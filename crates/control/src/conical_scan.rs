@@ -18,6 +18,7 @@ use self::answer::Turn;
 pub(crate) use self::closing::Closing;
 pub use self::last::Ready;
 use crate::beam::{Beam, Oblong, Peak, Reading, SpotSize};
+use crate::flicker::Flicker;
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::Reactor;
 use crate::recipe::ConicalScan as Shape;
@@ -131,9 +132,8 @@ pub struct ConicalScan<'r> {
     /// Variance of a turn's peak beyond what the photodiode's noise makes of it, in x and in y, square metres: a tip that shakes
     /// moves it on a circle of any radius alike.
     unrest: [f64; 2],
-    /// By how much the light itself differs from one turn to the next, of its own, squared: the sum of what was seen, less its noise, and
-    /// how often.
-    flickers: (f64, f64),
+    /// By how much the light itself differs from one turn to the next, of its own.
+    flicker: Flicker,
     /// How far beside a circle's middle the group comes to rest, of the circle's radius, one standard deviation.
     hides: f64,
     /// Whether it is a group of which nobody has measured how it follows circles, and a spot that nobody has measured.
@@ -185,7 +185,7 @@ impl<'r> ConicalScan<'r> {
             drift: Displacement::ZERO,
             surely: Displacement::ZERO,
             unrest: [0.0; 2],
-            flickers: (0.0, 0.0),
+            flicker: Flicker::default(),
             hides: TUNING.last.hidden,
             wary: false,
             turns: Vec::new(),
@@ -209,6 +209,12 @@ impl<'r> ConicalScan<'r> {
     #[must_use]
     pub fn hiding(self, hides: f64) -> Self {
         Self { hides, ..self }
+    }
+
+    /// The same with light whose laser was seen to flicker so.
+    #[must_use]
+    pub fn flickering(self, flicker: Flicker) -> Self {
+        Self { flicker, ..self }
     }
 
     /// What measures the light.

@@ -61,6 +61,7 @@ pub mod characterize;
 pub mod compensation;
 pub mod contour;
 pub mod fast;
+pub mod flicker;
 pub mod hold;
 
 pub mod conical_scan;

@@ -12,6 +12,7 @@ const USUAL: Measured = Measured {
     deviation: TUNING.shaking.usual,
     spread: TUNING.shaking.usual_spread,
     left: 1.0,
+    left_spread: 0.0,
 };
 
 /// Deviations that are looked at, metres, and how many of them.
@@ -30,14 +31,42 @@ pub struct Measured {
     pub deviation: f64,
     /// Standard deviation of its natural logarithm: how well it is known.
     pub spread: f64,
-    /// Which share of its variance is left, at most, of the mean over as long as a bond takes.
+    /// Which share of its variance is left of the mean over as long as a bond takes: the middle of what it may be.
     pub left: f64,
+    /// Standard deviation of its natural logarithm; none where `left` is the most that it may be.
+    pub left_spread: f64,
 }
 
 impl Measured {
     /// Variance of the mean over as long as a bond takes, square metres.
     fn left_of_means(&self) -> f64 {
-        self.left * self.deviation.powi(2)
+        self.left_on_average() * self.deviation.powi(2)
+    }
+
+    /// The mean of what may be left: what is lognormal has its mean above its middle.
+    fn left_on_average(&self) -> f64 {
+        self.left * (0.5 * self.left_spread.powi(2)).exp()
+    }
+
+    /// What may be left, and how probable each is: by the nodes of Gauss and Hermite, by which means of whatever grows as fast as tails do
+    /// are right to some percent.
+    fn lefts(&self) -> impl Iterator<Item = (f64, f64)> + use<> {
+        const NODES: [(f64, f64); 5] = [
+            (0.0, 8.0 / 15.0),
+            (-1.355_626, 0.222_075_9),
+            (1.355_626, 0.222_075_9),
+            (-2.856_970, 0.011_257_41),
+            (2.856_970, 0.011_257_41),
+        ];
+        let Self {
+            left, left_spread, ..
+        } = *self;
+        let alone = left_spread == 0.0;
+        let nodes = if alone { &NODES[..1] } else { &NODES[..] };
+        nodes.iter().map(move |(z, share)| {
+            let share = if alone { 1.0 } else { *share };
+            (left * (left_spread * z).exp(), share)
+        })
     }
 
     /// Density over the logarithm of a deviation.
@@ -138,8 +167,9 @@ impl Shaking {
         // Of means there is less.
         let means = self.measured.map(|measured| Measured {
             deviation: measured.deviation * measured.left.sqrt(),
+            spread: measured.spread.hypot(0.5 * measured.left_spread),
             left: 1.0,
-            ..measured
+            left_spread: 0.0,
         });
         Self {
             watched: true,
@@ -329,10 +359,10 @@ impl Shaking {
             ..*self
         };
         let known = samples.known();
-        let left =
-            2.0 * ((means.deviation / known.deviation).ln() + TUNING.shaking.surely * means.spread);
+        let left = (means.deviation / known.deviation).powi(2);
         Measured {
-            left: left.exp().min(1.0),
+            left: left.min(1.0),
+            left_spread: 2.0 * means.spread.hypot(known.spread),
             ..known
         }
     }
@@ -352,6 +382,7 @@ impl Shaking {
             deviation: logarithm.exp(),
             spread: squares.sqrt(),
             left: 1.0,
+            left_spread: 0.0,
         }
     }
 
@@ -360,21 +391,40 @@ impl Shaking {
     pub fn outside(&self, tolerance: f64, known: Across) -> f64 {
         let slow = self.slow();
         let always = [0, 1].map(|i| known.sigma[i].powi(2) + slow[i]);
-        let left = self.measured.map_or(1.0, |measured| measured.left);
         let tail = |variance: f64| {
-            let sigma = always.map(|always| (always + left * variance).sqrt());
+            let sigma = always.map(|always| (always + variance).sqrt());
             Across { sigma, ..known }.outside(tolerance)
+        };
+        let lefts = self.lefts();
+        let left_of = |v: f64| {
+            lefts
+                .iter()
+                .map(|(left, share)| share * tail(left * v))
+                .sum::<f64>()
         };
         // What is all but impossible counts as outside: its tail is not worth working out.
         let part = |(v, share): &(f64, f64)| {
             if *share < IMPOSSIBLE {
                 *share
             } else {
-                share * tail(*v)
+                share * left_of(*v)
             }
         };
         let all: f64 = self.believed().iter().map(part).sum();
         all.min(1.0)
+    }
+
+    /// Which share of the variance may be left of means over as long as a bond takes, and how probable each is: all of it where nobody has measured
+    /// that.
+    fn lefts(&self) -> Vec<(f64, f64)> {
+        self.measured
+            .map_or_else(|| vec![(1.0, 1.0)], |measured| measured.lefts().collect())
+    }
+
+    /// The same on average.
+    fn left(&self) -> f64 {
+        self.measured
+            .map_or(1.0, |measured| measured.left_on_average())
     }
 
     /// Whether a tip whose place is `known` so well may turn out to be within `tolerance` for sure where it is watched, or watched for longer:
@@ -382,8 +432,7 @@ impl Shaking {
     pub fn may_be_sure(&self, tolerance: f64, known: Across) -> bool {
         let stillest = if self.watched {
             let seen = self.known();
-            let left = self.measured.map_or(1.0, |measured| measured.left);
-            left.sqrt() * seen.deviation * (-TUNING.shaking.stiller * seen.spread).exp()
+            self.left().sqrt() * seen.deviation * (-TUNING.shaking.stiller * seen.spread).exp()
         } else {
             0.0
         };
@@ -405,7 +454,7 @@ impl Shaking {
 
     /// How well it is known along an axis where a tip, of which the place is `known` so well, is while its bond sets.
     pub fn bonded(&self, known: Across) -> Across {
-        let left = self.measured.map_or(1.0, |measured| measured.left);
+        let left = self.left();
         let fast: f64 = self.believed().iter().map(|(v, share)| v * share).sum();
         let (all, place) = self.widened(known);
         let slow = self.slow();
@@ -536,6 +585,7 @@ mod tests {
             deviation: 36e-9,
             spread: 0.1,
             left: 0.25,
+            left_spread: 0.0,
         };
         let mut shaking = Shaking::new(Some(measured));
         for _ in 0..6 {

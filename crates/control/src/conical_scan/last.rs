@@ -7,6 +7,7 @@ use crate::tuning::TUNING;
 use super::{ConicalScan, Gap};
 use crate::beam::{Peak, Reading};
 use crate::belief::Across;
+use crate::flicker::Flicker;
 use crate::gap_by_light::Width;
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::Reactor;
@@ -76,7 +77,7 @@ impl ConicalScan<'_> {
                 continue;
             }
             if let Some(before) = seen.last() {
-                self.flickers(&before.peak, &peak);
+                self.flicker.add(&before.peak, &peak);
             }
             seen.push(self.turned(bench, peak));
             // What a micro does that does not go where it is told is oblong askew: piezos do not move in x and y.
@@ -224,18 +225,9 @@ impl ConicalScan<'_> {
         }
     }
 
-    /// Takes in by how much two peaks of turns that follow each other differ in their light.
-    fn flickers(&mut self, before: &Peak, after: &Peak) {
-        let noise = before.full_deviation.hypot(after.full_deviation);
-        let apart = (after.full - before.full).powi(2) - noise * noise;
-        let (sum, n) = self.flickers;
-        self.flickers = (sum + 0.5 * apart / (after.full * before.full), n + 1.0);
-    }
-
-    /// By how much the light itself differs from one turn to the next, of its own: a laser wanders. By the turns of [`Self::settle`].
-    pub fn flicker(&self) -> f64 {
-        let (sum, n) = self.flickers;
-        (sum / n.max(1.0)).max(0.0).sqrt()
+    /// By how much the light itself differs from one turn to the next. By the turns of [`Self::settle`], and by those from before.
+    pub fn flicker(&self) -> Flicker {
+        self.flicker
     }
 
     /// By how much less piezos creep in a turn by now than after the fewest turns that foresee a peak: they do by the logarithm of time.
@@ -246,7 +238,7 @@ impl ConicalScan<'_> {
     /// Radius of the small turn around a peak, in its widths.
     fn small(&self, peak: &Peak, gap: f64) -> f64 {
         let noise = self.watch.noise / (peak.full * self.beam.share(gap));
-        (TUNING.last.noisy * noise.hypot(self.flicker()))
+        (TUNING.last.noisy * noise.hypot(self.flicker.deviation()))
             .sqrt()
             .clamp(TUNING.last.smallest, TUNING.last.largest)
     }

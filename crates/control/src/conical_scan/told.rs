@@ -104,7 +104,7 @@ impl ConicalScan<'_> {
 
     /// What noise and a laser that flickers make of a reading of so much light, volts.
     fn swings_by_noise(&self, light: f64) -> f64 {
-        self.watch.noise.hypot(self.flicker() * light)
+        self.watch.noise.hypot(self.flicker.deviation() * light)
     }
 
     /// Metres of a swing for a volt that it makes of so much light.

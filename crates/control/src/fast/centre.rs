@@ -72,6 +72,7 @@ impl<'r> Shared<'r> {
         let shaken = cell.measured_shaking(side);
         ConicalScan::new(watch, beam, shape, cell, (at, aim.gap(cell)), walk, shaken)
             .hiding(cell.hides(side))
+            .flickering(cell.flicker())
     }
 
     /// Circles until the peak is in the middle, to `accuracy` metres, or not as near where a micro that swings does not come so near: nearer to

@@ -120,8 +120,9 @@ impl Shared<'_> {
                 let gap = beam.gap_of(*share);
                 // From one gap to the chip it is not far: the micro's middle lies between both. The macro goes aside far away from the
                 // chip, for near to it a holder that goes aside is believed to come nearer to an inclined facet.
+                // By the time it is there and the background is looked at, the macro stands still.
                 if one && widths.is_empty() {
-                    to_middle(cell, aim, scan, 0.5 * (gap + here)).await?;
+                    aside_to_middle(cell, aim, scan, 0.5 * (gap + here)).await?;
                     from = holder();
                 }
                 // Looks are compared by encoders: where the axis turns back its transmission hides a part of the way.
@@ -412,14 +413,24 @@ pub(super) async fn to_middle(
     scan: &mut ConicalScan<'_>,
     at: f64,
 ) -> Result<(), Halt> {
-    let gap = aim.gap(cell);
-    let aside = scan.place(at);
-    hand_over(cell, scan, aim.side, aside, gap).await?;
+    aside_to_middle(cell, aim, scan, at).await?;
     for _ in 0..TUNING.gap.still {
         // What a macro's transmission hides of its way aside, the light tells.
         lead(cell, aim, scan).await?;
     }
     Ok(())
+}
+
+/// The same without waiting until the macro stands still.
+async fn aside_to_middle(
+    cell: &AlignmentCell<'_>,
+    aim: &Aim,
+    scan: &mut ConicalScan<'_>,
+    at: f64,
+) -> Result<(), Halt> {
+    let gap = aim.gap(cell);
+    let aside = scan.place(at);
+    hand_over(cell, scan, aim.side, aside, gap).await
 }
 
 /// A turn, and to where it found the peak.

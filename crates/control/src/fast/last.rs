@@ -189,7 +189,8 @@ async fn rests(
     scan: &ConicalScan<'_>,
     (foreseen, known): (Foreseen, Across),
 ) -> Result<Result<Rest, Outcome>, Halt> {
-    job.flicker = scan.flicker();
+    cell.has_flickered(scan.flicker());
+    job.flicker = scan.flicker().deviation();
     let wanders = job.flicker * foreseen.level;
     let foreseen = Foreseen {
         deviation: foreseen.deviation.hypot(wanders),

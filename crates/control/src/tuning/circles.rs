@@ -205,8 +205,6 @@ topic! {
         rings: f64 = 6.0, "1", Choice;
         /// A tip that shakes less than this is still.
         least: f64 = 5e-9, "m", Choice;
-        /// Standard deviations by which more may be left of means than it seems.
-        surely: f64 = 2.0, "sigma", Choice;
         /// Standard deviations by which a tip may be stiller than it seems.
         stiller: f64 = 2.0, "sigma", Choice;
         /// How well it is told how far a tip shakes: as well as it is the same on another day. Standard deviation of its natural logarithm.

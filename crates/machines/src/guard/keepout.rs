@@ -76,6 +76,15 @@ pub(super) struct Near {
     pub(super) clearance: f64,
 }
 
+/// How far a tip is from the chip.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Distance {
+    /// From where the chip stands out most where the tip may be, what is not known of both taken off, metres.
+    clearance: f64,
+    /// Whether that is the port in whose light it may stand.
+    in_light: bool,
+}
+
 /// A frame that does not agree with the encoders.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Surprise {
@@ -113,6 +122,12 @@ pub(super) struct Way {
     pub(super) along: f64,
     /// Along, within [`AT_ONCE`] cycles.
     at_once: f64,
+}
+
+/// What piezos may have kept to themselves of the way between two stands, metres: nothing sees where they are.
+#[inline(always)]
+fn hidden_by_piezos(now: &Stand, then: &Stand) -> f64 {
+    HYSTERESIS * (now.micro - then.micro).norm()
 }
 
 /// All tips, and where the holders were of late.
@@ -485,9 +500,8 @@ impl Keepout {
         let by = seen[1] - before.z;
         surprise("z", by, sigmas * (variance + noise).sqrt() + metres)?;
         let (by_x, hidden) = if let (Some(now), Some(then)) = (x_probed, before.x_probed) {
-            // Outputs that are seen hide nothing, and lag behind nothing; piezos are not seen.
-            let micro = (holder.micro - before.holder.micro).norm();
-            (now - then, HYSTERESIS * micro)
+            // Outputs that are seen hide nothing, and lag behind nothing.
+            (now - then, hidden_by_piezos(&holder, &before.holder))
         } else {
             let hidden = self.hidden(&holder, &before.holder);
             let lag = 2.0 * lag(stood.x - earlier.x);
@@ -547,8 +561,7 @@ impl Keepout {
     #[inline(always)]
     fn hidden(&self, now: &Stand, then: &Stand) -> f64 {
         let way = (now.gone[0] - then.gone[0]) + CROSS * (now.gone[1] - then.gone[1]);
-        let micro = (now.micro - then.micro).norm();
-        self.windup.min(way) + HYSTERESIS * micro
+        self.windup.min(way) + hidden_by_piezos(now, then)
     }
 
     /// Where a tip would be so many cycles ago were its fiber as it should be.
@@ -594,22 +607,19 @@ impl Keepout {
             let facet = &self.geometry.facets[i];
             let carried = if self.held[i] {
                 let tip = Tip::Fiber(side);
-                let mut clearance = self.clearance(tip, self.fibers[i].as_ref(), probed[i]);
-                let stand = self.stand(i, 0);
-                let x = if clearance < GuardSpec::LED {
-                    probed[i].unwrap_or(stand.tip.x)
-                } else {
-                    stand.tip.x
+                let Distance {
+                    clearance,
+                    in_light,
+                } = self.clearance(tip, self.fibers[i].as_ref(), probed[i]);
+                let x = probed[i].unwrap_or(self.stand(i, 0).tip.x);
+                let near = clearance < GuardSpec::LED;
+                self.led[i] = near.then_some(self.led[i].unwrap_or(x));
+                // From where its light led it near it may not go where the facet stands out.
+                let out = match self.led[i] {
+                    Some(from) if in_light => ((x - from) * facet.stands_out).max(0.0),
+                    _ => 0.0,
                 };
-                // From where it came near it may not go where the facet stands out.
-                match self.led[i] {
-                    Some(from) if clearance < GuardSpec::LED => {
-                        clearance -= ((x - from) * facet.stands_out).max(0.0);
-                    }
-                    Some(_) => self.led[i] = None,
-                    None if clearance < GuardSpec::LED => self.led[i] = Some(x),
-                    None => {}
-                }
+                let clearance = clearance - out;
                 (tip.name(), clearance)
             } else {
                 // An empty holder is as broad as it is.
@@ -620,8 +630,8 @@ impl Keepout {
                 (["left holder", "right holder"][i], clearance)
             };
             let beside = (side == Side::Right).then(|| {
-                let clearance = self.clearance(Tip::Sensing, self.sensing.as_ref(), probed[i]);
-                (Tip::Sensing.name(), clearance)
+                let distance = self.clearance(Tip::Sensing, self.sensing.as_ref(), probed[i]);
+                (Tip::Sensing.name(), distance.clearance)
             });
             for (what, clearance) in std::iter::once(carried).chain(beside) {
                 let clearance = clearance - stop;
@@ -652,19 +662,21 @@ impl Keepout {
 
     /// Of a tip from the chip with what is believed of it, and where the probes have its holder's fiber in x, metres.
     #[inline(always)]
-    fn clearance(&self, tip: Tip, belief: Option<&Belief>, probed: Option<f64>) -> f64 {
+    fn clearance(&self, tip: Tip, belief: Option<&Belief>, probed: Option<f64>) -> Distance {
         let facet = &self.geometry.facets[tip.side().index()];
         let at = self.nominal(tip, 0);
         let Some(belief) = belief else {
             let aside = self.placement + self.windup;
-            return facet.clearance(at.x, at.z, aside) - self.placement;
+            return Distance {
+                clearance: facet.clearance(at.x, at.z, aside) - self.placement,
+                in_light: false,
+            };
         };
         let drift = self.scale * (at.z - belief.stood.z);
         let unsure = GuardSpec::SIGMAS * (belief.z_variance + drift * drift).sqrt();
         let now = self.stand(tip.side().index(), 0);
-        // Outputs that are seen hide nothing.
         let (x, hidden) = match probed.zip(belief.x_probed) {
-            Some((probed, beside)) => (probed + beside, 0.0),
+            Some((probed, beside)) => (probed + beside, hidden_by_piezos(now, &belief.holder)),
             None => (at.x + belief.x, self.hidden(now, &belief.holder)),
         };
         let aside = self.accuracy[0] + hidden + belief.arriving;
@@ -675,7 +687,10 @@ impl Keepout {
             Tip::Fiber(_) => facet.gap_in_light(x, z, aside + BESIDE),
             Tip::Sensing => None,
         };
-        in_light.unwrap_or_else(|| facet.clearance(x, z, aside)) - unsure
+        Distance {
+            clearance: in_light.unwrap_or_else(|| facet.clearance(x, z, aside)) - unsure,
+            in_light: in_light.is_some(),
+        }
     }
 }
 

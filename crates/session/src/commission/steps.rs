@@ -422,6 +422,7 @@ impl Bench<'_, '_> {
                     "deviation_nm": rounded(1e9 * found.deviation, 1e-3),
                     "spread": rounded(found.spread, 1e-3),
                     "left": rounded(found.left, 1e-4),
+                    "left_spread": rounded(found.left_spread, 1e-4),
                 }),
             );
             let origin = self.origin(&format!("shaking, {}", side.name()));
@@ -434,6 +435,10 @@ impl Bench<'_, '_> {
                     ),
                     ("spread", toml_edit::value(rounded(found.spread, 1e-3))),
                     ("left", toml_edit::value(rounded(found.left, 1e-4))),
+                    (
+                        "left_spread",
+                        toml_edit::value(rounded(found.left_spread, 1e-4)),
+                    ),
                     ("date", toml_edit::value(&self.plan.date)),
                     ("origin", toml_edit::value(origin)),
                 ],
