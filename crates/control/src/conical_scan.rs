@@ -134,6 +134,8 @@ pub struct ConicalScan<'r> {
     unrest: [f64; 2],
     /// By how much the light itself differs from one turn to the next, of its own.
     flicker: Flicker,
+    /// How well the peak is to be known, metres.
+    wanted: f64,
     /// How far beside a circle's middle the group comes to rest, of the circle's radius, one standard deviation.
     hides: f64,
     /// Whether it is a group of which nobody has measured how it follows circles, and a spot that nobody has measured.
@@ -186,6 +188,7 @@ impl<'r> ConicalScan<'r> {
             surely: Displacement::ZERO,
             unrest: [0.0; 2],
             flicker: Flicker::default(),
+            wanted: f64::INFINITY,
             hides: TUNING.last.hidden,
             wary: false,
             turns: Vec::new(),

@@ -54,6 +54,7 @@ impl ConicalScan<'_> {
     ) -> Result<Peak, Halt> {
         let most = TUNING.last.most_turns * self.shape.turns;
         let start = self.centre;
+        self.wanted = accuracy;
         let (mut dark, mut deviation, mut misfit, mut best) = (0, f64::INFINITY, 0.0, None);
         let mut seen: Vec<Turn> = Vec::with_capacity(self.shape.turns as usize);
         if self.wary && self.played.is_some_and(|(_, law)| law.radius.to == 0.0) {
@@ -197,13 +198,19 @@ impl ConicalScan<'_> {
         }
     }
 
-    /// A peak of one turn as well as that knows it beside what moves it from turn to turn.
-    fn unsteady(&self, seen: &Peak) -> Peak {
-        let deviations = [0, 1].map(|i| seen.deviations[i].hypot(self.unrest[i].sqrt()));
+    /// A peak of so many turns as well as they know it beside what moves it from turn to turn.
+    fn unsteady(&self, seen: &Peak, turns: u32) -> Peak {
+        let unrest = self.unrest_of(turns);
+        let deviations = [0, 1].map(|i| seen.deviations[i].hypot(unrest[i].sqrt()));
         Peak {
             deviations,
             ..*seen
         }
+    }
+
+    /// Variance in x and in y of the mean of the peaks of so many turns, beside noise, square metres.
+    fn unrest_of(&self, turns: u32) -> [f64; 2] {
+        self.unrest.map(|unrest| unrest / f64::from(turns))
     }
 
     /// How long the micro is left to itself on the small circle before light on it counts, seconds: on its first turn a tip is elsewhere than on
@@ -275,7 +282,7 @@ impl ConicalScan<'_> {
             let quiet = swing < TUNING.last.quiet || !rings;
             // What swings near twice the circle's rate looks like a peak elsewhere, until it has died away.
             let old = aged(led, turns) * creeps;
-            let moved = || Moved::of(foreseen, &self.unsteady(&seen), old);
+            let moved = || Moved::of(foreseen, &self.unsteady(&seen, 1), old);
             if quiet && (turns == TUNING.last.ringing || moved().is_none()) {
                 break seen;
             }
@@ -303,8 +310,45 @@ impl ConicalScan<'_> {
         };
         // On the way to this circle and on it nothing has moved.
         self.moved = if led { self.moved } else { 0.0 };
-        let old = aged(led, turns) * creeps;
-        Ok(Near { seen, old, rings })
+        let (seen, times) = self.look_on(bench, gap, seen, phase).await?;
+        let old = aged(led, turns + times - 1) * creeps;
+        Ok(Near {
+            seen,
+            times,
+            old,
+            rings,
+        })
+    }
+
+    /// More turns on the small circle where one of them tells less than is wanted, of a tip that shakes or by dim light: the mean of all, and how
+    /// many they were.
+    async fn look_on(
+        &mut self,
+        bench: &Reactor<'_>,
+        gap: f64,
+        first: Peak,
+        phase: &'static str,
+    ) -> Result<(Peak, u32), Halt> {
+        let each = self.unsteady(&first, 1).deviation() / self.wanted;
+        let times = (each * each).ceil().clamp(1.0, TUNING.last.looks) as u32;
+        // Where turns tell as they do on a bench that nobody has measured, all of them are put together elsewhere.
+        let times = if self.wary { 1 } else { times };
+        let (mut at, mut full) = (first.at, first.full);
+        for _ in 1..times {
+            self.turn(bench, gap).await?;
+            let Some(seen) = self.peak() else {
+                return Err(self.lost(phase, None, gap));
+            };
+            (at, full) = (at + seen.at, full + seen.full);
+        }
+        let n = f64::from(times);
+        let mean = Peak {
+            at: at / n,
+            full: full / n,
+            full_deviation: first.full_deviation / n.sqrt(),
+            deviations: first.deviations.map(|deviation| deviation / n.sqrt()),
+        };
+        Ok((mean, times))
     }
 
     /// Turns until the peak is known well enough and all else is `ready`, then a look from near: [`Self::settle`] and
@@ -371,7 +415,13 @@ impl ConicalScan<'_> {
     ) -> Result<(Foreseen, Across), Halt> {
         let radius = self.small(foreseen, gap);
         let small = radius * radius;
-        let Near { seen, old, rings } = self.look_near(bench, gap, foreseen, radius, phase).await?;
+        let near = self.look_near(bench, gap, foreseen, radius, phase);
+        let Near {
+            seen,
+            times,
+            old,
+            rings,
+        } = near.await?;
         if let Some(shakes) = self.shakes(&seen, gap)
             && !self.shaking.is_watched()
         {
@@ -388,7 +438,7 @@ impl ConicalScan<'_> {
         let behind = width.map_or([0.0; 2], |width| self.behind(gap, &width, &seen));
         let aside = self.beam.aside(self.widest(gap, width.as_ref()));
         let foreseen = &late(foreseen, old);
-        if let Some(Moved { way, near }) = Moved::of(foreseen, &self.unsteady(&seen), 0.0) {
+        if let Some(Moved { way, near }) = Moved::of(foreseen, &self.unsteady(&seen, times), 0.0) {
             return Err(Outcome::Unsure {
                 deviation: way,
                 accuracy: near,
@@ -422,7 +472,8 @@ impl ConicalScan<'_> {
             (answer.at, [answer.deviation; 2])
         } else {
             let foreseen = self.left_from(foreseen, self.shape.radius, gap);
-            together(&foreseen, &self.left_from(&seen, radius, gap), self.unrest)
+            let seen = self.left_from(&seen, radius, gap);
+            together(&foreseen, &seen, self.unrest_of(times))
         };
         self.go_to(bench, &Peak { at, ..seen }, gap)?;
         self.shrink(bench, gap, 0.0, last).await?;
@@ -443,7 +494,8 @@ impl ConicalScan<'_> {
         // How far piezos creep until the fiber is fixed was foreseen, but for a part; and as much of
         // what moves on while a micro that rings comes to rest, such as a macro that creeps.
         let creep = TUNING.ahead.creep * self.slower;
-        let moves = creep + creep.max(self.drift.norm()) * later;
+        let older = 0.5 * f64::from(times - 1) * self.creeps();
+        let moves = creep * (1.0 + older) + creep.max(self.drift.norm()) * later;
         let known = Across {
             sigma: [0, 1].map(|i| {
                 let moves = TUNING.last.unforeseen * moves;
@@ -489,8 +541,10 @@ fn undecided(off: f64, (deviation, accuracy): (f64, f64)) -> Outcome {
 
 /// What a small circle has told.
 struct Near {
-    /// The peak by its last turn.
+    /// The peak by its last turns.
     seen: Peak,
+    /// How many these were.
+    times: u32,
     /// For how many turns what was foreseen has got old meanwhile, of turns in which piezos creep as after the fewest.
     old: f64,
     /// Whether the micro rang on the way there.

@@ -66,6 +66,8 @@ topic! {
     pub struct LastTurns in "last", shown [Fast, Bench] {
         /// Turns that foresee a peak, at least: a straight line and how they scatter about it.
         fewest: usize = 3, "turns", Equation;
+        /// Turns on the small circle at most, where one of them does not tell enough.
+        looks: f64 = 6.0, "turns", Choice;
         /// Radius of the small turn at least, enough for light without noise: the smaller, the better the light on it tells that at
         /// its middle.
         smallest: f64 = 0.15, "widths", Choice;
