@@ -3,7 +3,7 @@
 
 use crate::beam::{Askew, Beam, SpotSize};
 use crate::flicker::Flicker;
-use crate::gap_by_light::Spread;
+use crate::gap_by_light::{Rounds, Spread};
 use crate::outcome::{Halt, Outcome};
 use crate::procedure::outward;
 use crate::reactor::{Gate, Go, LONGEST, Listener, Reactor, Watched, across, refused};
@@ -87,6 +87,8 @@ pub struct AlignmentCell<'b> {
     loaded: Cell<[bool; SIDES]>,
     /// By how much the light of the laser differs from one turn of a circle to the next.
     flicker: Cell<Flicker>,
+    /// By how much widths of spots differ from round to round.
+    rounds: Cell<Rounds>,
 }
 
 impl<'b> Deref for AlignmentCell<'b> {
@@ -121,6 +123,7 @@ impl<'b> AlignmentCell<'b> {
             layout,
             loaded: Cell::default(),
             flicker: Cell::default(),
+            rounds: Cell::default(),
         }
     }
 
@@ -195,6 +198,18 @@ impl<'b> AlignmentCell<'b> {
     /// It was seen to differ so, by now.
     pub fn has_flickered(&self, flicker: Flicker) {
         self.flicker.set(flicker);
+    }
+
+    /// By how much the widths of spots have differed from one round of circles to the next.
+    pub fn rounds(&self) -> Rounds {
+        self.rounds.get()
+    }
+
+    /// Others have differed by so much.
+    pub fn add_rounds(&self, others: Rounds) {
+        let mut rounds = self.rounds.get();
+        rounds.add(others);
+        self.rounds.set(rounds);
     }
 
     /// Whether the micro of an arm goes where it is told.

@@ -37,6 +37,32 @@ pub struct Width {
     /// Half of the curvature between x and y of the light's logarithm, less than zero, and its standard deviation; per
     /// square metre.
     pub askew: (f64, f64),
+    /// By how much its rounds differed.
+    pub rounds: Rounds,
+}
+
+/// By how much the squares of widths differ from one round to the next beside noise: a laser wanders, scattered light flickers. As
+/// seen at all gaps so far, for a look of a few rounds tells little of it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Rounds {
+    /// Sum of squares, of the squares of widths.
+    squares: f64,
+    /// By so many degrees of freedom.
+    degrees: f64,
+}
+
+impl Rounds {
+    /// Takes in what others were seen to differ by.
+    pub fn add(&mut self, other: Self) {
+        self.squares += other.squares;
+        self.degrees += other.degrees;
+    }
+
+    /// Variance of a round, as a share of the square of a width; `None` before enough rounds were seen.
+    pub fn variance(&self) -> Option<f64> {
+        let known = self.degrees >= TUNING.width.told;
+        known.then(|| (self.squares / self.degrees).max(0.0))
+    }
 }
 
 /// Light on circles around a peak.
@@ -78,8 +104,9 @@ impl Circles {
     }
 
     /// The width at a gap, by least squares, beginning with the squares of widths as they are `believed`; `noise` is the standard
-    /// deviation of a sample (volts). `None` where there is too little light.
-    pub fn width(&self, gap: f64, noise: f64, believed: [f64; 2]) -> Option<Width> {
+    /// deviation of a sample (volts). Rounds too few to tell by how much they differ are believed to differ as others did `before`. `None` where there
+    /// is too little light.
+    pub fn width(&self, gap: f64, noise: f64, believed: [f64; 2], before: Rounds) -> Option<Width> {
         /// From the width that is believed to the one that is seen.
         const STEPS: usize = 6;
         let all = self.rounds.iter().flatten();
@@ -117,6 +144,9 @@ impl Circles {
         // So many samples say better than anybody how noisy they are...
         let each = squares.sum::<f64>() / (n - SHAPE - rounds.len()) as f64;
         let mut variances = covariance.diagonal() * each;
+        let n = rounds.len() as f64;
+        let share = |variances: &SVector<f64, SHAPE>, i: usize| variances[i] / found[i].powi(2);
+        let mut apart = Rounds::default();
         if rounds.len() >= TUNING.width.rounds {
             // ...and rounds, how much of that does not average out within them: a laser wanders, scattered light flickers.
             let mut between = SMatrix::<f64, SHAPE, SHAPE>::zeros();
@@ -125,9 +155,17 @@ impl Circles {
                 let pulls = round.iter().fold(SVector::zeros(), pulls);
                 between += pulls * pulls.transpose();
             }
-            let free = rounds.len() as f64 / (rounds.len() as f64 - 1.0);
-            let between = covariance * between * covariance * free;
-            variances = variances.sup(&between.diagonal());
+            let between = (covariance * between * covariance * (n / (n - 1.0))).diagonal();
+            let more = [2, 3].map(|i| n * (share(&between, i) - share(&variances, i)));
+            apart = Rounds {
+                squares: 0.5 * (n - 1.0) * (more[0] + more[1]),
+                degrees: n - 1.0,
+            };
+            variances = variances.sup(&between);
+        } else if let Some(variance) = before.variance() {
+            for i in [2, 3] {
+                variances[i] += found[i].powi(2) * variance / n;
+            }
         }
         let of = |i: usize| {
             let curvature = -found[i];
@@ -143,6 +181,7 @@ impl Circles {
             squared: [x.0, y.0],
             deviation: [x.1, y.1],
             askew: (-found[4] * halved, variances[4].sqrt() * halved),
+            rounds: apart,
         })
     }
 }
@@ -290,7 +329,7 @@ mod tests {
                         let off = there.x * there.x / w[0] + there.y * there.y / w[1];
                         spot.add(at, peak * (-off).exp() + self.noise * normal());
                     }
-                    spot.width(*gap, self.noise.max(1e-6), [7e-12; 2])
+                    spot.width(*gap, self.noise.max(1e-6), [7e-12; 2], Rounds::default())
                         .expect("there is light")
                 })
                 .collect()
@@ -507,6 +546,7 @@ mod tests {
             width.squared[0] *= 1.0 + 0.2 * (PI * k as f64).cos();
         }
         assert_eq!(contact(&odd, &VAGUELY), None);
-        assert_eq!(Circles::default().width(5e-6, 5e-3, [7e-12; 2]), None);
+        let nothing = Circles::default().width(5e-6, 5e-3, [7e-12; 2], Rounds::default());
+        assert_eq!(nothing, None);
     }
 }

@@ -3,7 +3,7 @@
 
 use super::{ConicalScan, Gap};
 use crate::beam::{Peak, Reading};
-use crate::gap_by_light::{Circles, Width};
+use crate::gap_by_light::{Circles, Rounds, Width};
 use crate::outcome::Halt;
 use crate::reactor::Reactor;
 use crate::shaking::{Scatter, Shaking};
@@ -15,7 +15,8 @@ use std::f64::consts::TAU;
 impl ConicalScan<'_> {
     /// How wide the spot is at a gap, by turns on two circles; `at` is the gap that the width is noted for. Turns until its square
     /// is known to a `share` of it, or for some seconds; `None` where there is too little light. All gaps are looked at on the
-    /// same circles, so that it does not matter how far a piezo goes on them.
+    /// same circles, so that it does not matter how far a piezo goes on them. Fewer turns do where it is known by how much their rounds differ, as
+    /// seen `before`.
     ///
     /// # Errors
     ///
@@ -26,10 +27,15 @@ impl ConicalScan<'_> {
         gap: f64,
         at: f64,
         share: f64,
+        before: Rounds,
     ) -> Result<Option<Width>, Halt> {
         let believed = self.beam.squared_widths(gap);
         let mut spot = Circles::default();
         let mut width = None;
+        let least = match before.variance() {
+            Some(_) => TUNING.watch.rounds_told,
+            None => TUNING.watch.rounds,
+        };
         for round in 1..=TUNING.watch.most_rounds {
             spot.begin_round();
             // To and fro, so that light which rises or falls steadily counts on both alike.
@@ -43,8 +49,8 @@ impl ConicalScan<'_> {
                     spot.add(reading.at - self.centre, reading.volts);
                 }
             }
-            if round >= TUNING.watch.rounds && round % 2 == 0 {
-                width = spot.width(at, self.watch.noise, believed);
+            if round >= least && round % 2 == 0 {
+                width = spot.width(at, self.watch.noise, believed, before);
                 if width.is_none_or(|width| width.is_known_to(share)) {
                     break;
                 }
@@ -153,7 +159,8 @@ impl ConicalScan<'_> {
         for reading in &self.readings {
             spot.add(reading.at - self.centre, reading.volts);
         }
-        let width = spot.width(gap, self.watch.still, self.beam.squared_widths(gap));
+        let believed = self.beam.squared_widths(gap);
+        let width = spot.width(gap, self.watch.still, believed, Rounds::default());
         width.filter(|width| width.is_known_to(TUNING.watch.known_roughly))
     }
 

@@ -497,7 +497,10 @@ async fn width(
         }
     }
     let at = aim.gap_by_encoders(cell);
-    let width = scan.width(cell, gap, at, share).await?;
+    let width = scan.width(cell, gap, at, share, cell.rounds()).await?;
+    if let Some(width) = &width {
+        cell.add_rounds(width.rounds);
+    }
     let seen = cell.seen(aim.side, aim.tip);
     Ok(width.zip(seen).map(|(width, seen)| SeenWidth {
         width,

@@ -164,6 +164,8 @@ topic! {
         widths: [f64; 2] = [0.35, 1.2], "designed widths", Choice;
         /// How often turns on both are repeated, to and fro, at least.
         rounds: u32 = 4, "1", Choice;
+        /// The same where it is known by how much rounds differ.
+        rounds_told: u32 = 2, "1", Equation;
         /// The same at most.
         most_rounds: u32 = 192, "1", Choice;
         /// From one to the other. In whole turns, so that light is always sampled at the same places of a circle: a micro that

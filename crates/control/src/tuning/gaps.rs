@@ -77,6 +77,8 @@ topic! {
         least: usize = 24, "samples", Choice;
         /// So many tell how much they differ, at least.
         rounds: usize = 3, "rounds", Choice;
+        /// It is known by how much they differ from so many degrees of freedom on, of all looks so far: twice what one look of the usual rounds has.
+        told: f64 = 6.0, "1", Choice;
         /// No width is known better than to this share of its square: to a thousandth of its way a piezo repeats its circles at
         /// another place of its range. What makers state of open loops.
         best: f64 = 2e-3, "1", Stated;
