@@ -1,6 +1,7 @@
 //! What is known beforehand of the light between a fiber and a guide: two like Gaussian modes.
 
 use crate::recipe::Mode;
+use crate::rise::Rise;
 use crate::tuning::TUNING;
 use nalgebra::{Matrix3, Vector2, Vector3};
 use pigtail_hal::quantity;
@@ -16,7 +17,8 @@ use std::f64::consts::PI;
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Askew {
-    /// Of ways in x and in y, radians.
+    /// Of ways in x and in y, radians: above zero where ways in a manipulator's x lead towards the chip's -z, as on one that is turned about y by so
+    /// much, and where ways in y lead towards its z.
     #[serde(with = "quantity::Angles::<2>")]
     pub ways: [f64; 2],
     /// Standard deviation of both, radians.
@@ -170,6 +172,28 @@ impl Beam {
                 aside * self.askew.ways[i].abs(),
             )
         })
+    }
+
+    /// The same where it was measured how steeply light rises along the chip's z: how far beside its peak it is brightest in a manipulator's x and y, metres,
+    /// and how well that is known.
+    pub fn aside_by(&self, rise: &Rise, squared: [f64; 2]) -> (Displacement, [(f64, f64); 2]) {
+        let [x, y] = self.askew.ways;
+        let along = [-x, y];
+        let aside = |i: usize| 0.5 * squared[i] * rise.slope * along[i];
+        let known = [0, 1].map(|i| {
+            let slope = rise.deviation * along[i];
+            let ways = rise.slope.hypot(rise.deviation) * self.askew.deviation;
+            let deviation = 0.5 * squared[i] * slope.hypot(ways);
+            (deviation.hypot(TUNING.rise.width * aside(i)), 0.0)
+        });
+        (Displacement::new(aside(0), aside(1)), known)
+    }
+
+    /// By how much more or less than by design light may fall with a gap (metres) beside ripples, of its own, 1/m.
+    pub fn falls(&self, gap: f64) -> f64 {
+        let reach = self.cos * self.rayleigh;
+        let z = gap.max(0.0) / reach;
+        TUNING.rise.falls * 2.0 * z.max(1.0) / (4.0 + z * z) / reach
     }
 
     /// The same light with a spot that is as wide as it was measured.
@@ -469,6 +493,26 @@ mod tests {
             bound > 10e-9 && sigma < 1e-9 && in_y == 0.0,
             "{bound} {sigma}"
         );
+    }
+
+    /// A manipulator that is turned about y by so much goes towards -z where it goes in x: light that rises along z is brighter towards -x.
+    #[test]
+    fn light_that_rises_along_z_is_brightest_beside_its_peak() {
+        let askew = Askew {
+            ways: [5e-3, 5e-3],
+            deviation: 0.0,
+        };
+        let beam = beam().on_stages(askew);
+        let rise = Rise {
+            slope: 4e5,
+            deviation: 0.0,
+        };
+        let (aside, known) = beam.aside_by(&rise, [7e-12; 2]);
+        let expected = 0.5 * 7e-12 * 4e5 * 5e-3;
+        assert!((aside.x + expected).abs() < 1e-15 && (aside.y - expected).abs() < 1e-15);
+        assert!((known[0].0 - TUNING.rise.width * expected).abs() < 1e-15);
+        // Whatever ripples there may be, no more is believed of it without a measurement.
+        assert!(beam.aside([7e-12; 2])[0].1 > expected);
     }
 
     /// Ripples of any strength up to that of glass, at any place of them, beside a normal error: beyond a tolerance of 1 as often as is

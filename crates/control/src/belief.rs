@@ -48,6 +48,19 @@ impl Across {
         }
     }
 
+    /// The same on stages that are known to stand square.
+    #[must_use]
+    pub fn on_square_stages(self) -> Self {
+        Self {
+            sigma: [0, 1].map(|i| {
+                let (askew, _) = self.askew[i];
+                (self.sigma[i].powi(2) - askew * askew).max(0.0).sqrt()
+            }),
+            bound: [0, 1].map(|i| (self.bound[i] - self.askew[i].1).max(0.0)),
+            askew: [(0.0, 0.0); 2],
+        }
+    }
+
     /// The greater standard deviation, metres.
     pub fn worse(&self) -> f64 {
         self.sigma[0].max(self.sigma[1])

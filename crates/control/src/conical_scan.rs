@@ -22,6 +22,7 @@ use crate::flicker::Flicker;
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::Reactor;
 use crate::recipe::ConicalScan as Shape;
+use crate::rise::Rise;
 use crate::shaking::{Measured, Shaking};
 use crate::tuning::TUNING;
 use pigtail_hal::bench::{
@@ -136,6 +137,8 @@ pub struct ConicalScan<'r> {
     flicker: Flicker,
     /// How well the peak is to be known, metres.
     wanted: f64,
+    /// How steeply light rises along the chip's z where the tip is, where that was measured.
+    rise: Option<Rise>,
     /// How far beside a circle's middle the group comes to rest, of the circle's radius, one standard deviation.
     hides: f64,
     /// Whether it is a group of which nobody has measured how it follows circles, and a spot that nobody has measured.
@@ -189,6 +192,7 @@ impl<'r> ConicalScan<'r> {
             unrest: [0.0; 2],
             flicker: Flicker::default(),
             wanted: f64::INFINITY,
+            rise: None,
             hides: TUNING.last.hidden,
             wary: false,
             turns: Vec::new(),
@@ -218,6 +222,11 @@ impl<'r> ConicalScan<'r> {
     #[must_use]
     pub fn flickering(self, flicker: Flicker) -> Self {
         Self { flicker, ..self }
+    }
+
+    /// Light rises so along the chip's z where the tip is, or nobody has measured it there.
+    pub fn believe_rise(&mut self, rise: Option<Rise>) {
+        self.rise = rise;
     }
 
     /// What measures the light.

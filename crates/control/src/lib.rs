@@ -81,6 +81,7 @@ pub mod procedure;
 pub mod reactor;
 pub mod recipe;
 
+pub mod rise;
 pub mod search;
 pub mod servo;
 pub mod shaking;

@@ -452,6 +452,15 @@ impl Shaking {
         }
     }
 
+    /// Whether such a tip would be farther off than a `tolerance` much less probably were it known that stages stand square.
+    pub fn is_for_askew(&self, tolerance: f64, known: Across) -> bool {
+        let outside = |known: Across| {
+            let (all, known) = self.widened(known);
+            self.outside(tolerance / all, known)
+        };
+        outside(known.on_square_stages()) < TUNING.rise.less * outside(known)
+    }
+
     /// How well it is known along an axis where a tip, of which the place is `known` so well, is while its bond sets.
     pub fn bonded(&self, known: Across) -> Across {
         let left = self.left();

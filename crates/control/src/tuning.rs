@@ -21,7 +21,7 @@ mod taught;
 
 pub use bonds::{Bond, Hold};
 pub use circles::{Ahead, Answer, Circle, LastTurns, TipShaking, WatchedLight};
-pub use gaps::{Gap, LightBeam, Piezos, SpotWidth, Vision};
+pub use gaps::{Gap, LightBeam, LightRise, Piezos, SpotWidth, Vision};
 pub use search::{Care, DarkLook, NinePointClimb, Nudge, Pair, Reach, Search};
 pub use taught::{Lines, TaughtBench};
 
@@ -171,6 +171,8 @@ pub struct Tuning {
     pub watch: WatchedLight,
     /// How tips shake.
     pub shaking: TipShaking,
+    /// How steeply light rises with the gap.
+    pub rise: LightRise,
     /// The gap.
     pub gap: Gap,
     /// The gap by how wide the spot is.
@@ -211,6 +213,7 @@ pub const TUNING: Tuning = Tuning {
     answer: Answer::USED,
     watch: WatchedLight::USED,
     shaking: TipShaking::USED,
+    rise: LightRise::USED,
     gap: Gap::USED,
     width: SpotWidth::USED,
     beam: LightBeam::USED,
@@ -237,6 +240,7 @@ pub fn topics() -> Vec<Topic> {
         Answer::topic(),
         WatchedLight::topic(),
         TipShaking::topic(),
+        LightRise::topic(),
         Gap::topic(),
         SpotWidth::topic(),
         LightBeam::topic(),

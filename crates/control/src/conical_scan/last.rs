@@ -386,6 +386,16 @@ impl ConicalScan<'_> {
         })
     }
 
+    /// How far beside its peak light is brightest, metres, and how well that is known: on stages that stand askew light that rises with the gap rises
+    /// to one side.
+    fn aside(&self, gap: f64, width: Option<&Width>) -> (Displacement, [(f64, f64); 2]) {
+        let widest = self.widest(gap, width);
+        match &self.rise {
+            Some(rise) => self.beam.aside_by(rise, widest),
+            None => (Displacement::ZERO, self.beam.aside(widest)),
+        }
+    }
+
     /// A peak that was seen from a circle of so many widths, as well as it is known where the micro has left that for its middle.
     fn left_from(&self, peak: &Peak, radius: f64, gap: f64) -> Peak {
         // That is told in true measure.
@@ -436,7 +446,7 @@ impl ConicalScan<'_> {
         self.misjudged = wider.is_some_and(|(of_steps, _)| of_steps > TUNING.last.misjudged);
         self.wider = wider.map(|(_, squared)| squared);
         let behind = width.map_or([0.0; 2], |width| self.behind(gap, &width, &seen));
-        let aside = self.beam.aside(self.widest(gap, width.as_ref()));
+        let (beside, aside) = self.aside(gap, width.as_ref());
         let foreseen = &late(foreseen, old);
         if let Some(Moved { way, near }) = Moved::of(foreseen, &self.unsteady(&seen, times), 0.0) {
             return Err(Outcome::Unsure {
@@ -475,6 +485,7 @@ impl ConicalScan<'_> {
             let seen = self.left_from(&seen, radius, gap);
             together(&foreseen, &seen, self.unrest_of(times))
         };
+        let at = at - beside;
         self.go_to(bench, &Peak { at, ..seen }, gap)?;
         self.shrink(bench, gap, 0.0, last).await?;
         self.last_for(bench, Gap::Steady(gap), settling).await?;

@@ -11,12 +11,14 @@ use crate::job::Job;
 use crate::outcome::Halt;
 use crate::procedure::{outward, place_at};
 use crate::recipe::Recipe;
+use crate::rise::{Ripple, Seen};
 use crate::tuning::TUNING;
 
 use pigtail_hal::Spec;
 use pigtail_hal::spec::GuardSpec;
 use pigtail_model::frames::Displacement;
 use pigtail_numerics::statistics::outside;
+use std::f64::consts::TAU;
 
 /// Where the spot is looked at on the way, if the light is to say where the chip is: at gaps where its squared
 /// width is so many times that at the chip, and one more; and at the chip.
@@ -323,6 +325,47 @@ fn nearest_by_vision(cell: &AlignmentCell<'_>, aim: &Aim) -> f64 {
 /// The same for a tip that moves slowly, metres.
 fn least_gap(cell: &AlignmentCell<'_>, aim: &Aim) -> f64 {
     nearest_by_vision(cell, aim) + TUNING.gap.stop
+}
+
+impl Shared<'_> {
+    /// How light ripples here with the gap, by its peaks on the way from a ripple farther away; `None` where there is too little light.
+    pub(super) async fn ripple(
+        &self,
+        cell: &AlignmentCell<'_>,
+        aim: &Aim,
+        scan: &mut ConicalScan<'_>,
+    ) -> Result<Option<Ripple>, Halt> {
+        let mode = &self.recipe.mode;
+        let length = mode.wavelength / (2.0 * mode.gap_index);
+        let hides = cell.spec().guard.windup_z;
+        let speed = TUNING.gap.slowly;
+        scan.set_radius(self.fast.conical_scan.radius);
+        // All gaps on one way towards the chip: what a transmission hides then is the same.
+        along(cell, aim, scan, -length - hides, speed).await?;
+        along(cell, aim, scan, hides, speed).await?;
+        let mut seen = Vec::new();
+        for step in 0..=TUNING.rise.steps {
+            if step > 0 {
+                let way = length / f64::from(TUNING.rise.steps);
+                along(cell, aim, scan, way, speed).await?;
+            }
+            lead(cell, aim, scan).await?;
+            for _ in 0..TUNING.rise.turns {
+                lead(cell, aim, scan).await?;
+                let Some(peak) = scan.clear_peak() else {
+                    return Ok(None);
+                };
+                seen.push(Seen {
+                    gap: aim.gap_by_encoders(cell),
+                    light: peak.full.ln(),
+                    deviation: (peak.full_deviation / peak.full).hypot(scan.flicker().deviation()),
+                });
+            }
+        }
+        let wave = TAU / length;
+        let falls = cell.beam(aim.side, self.recipe).falls(aim.gap(cell));
+        Ok(Ripple::of(&seen, wave, falls))
+    }
 }
 
 /// Goes so far along z on the circle, metres, at a speed.

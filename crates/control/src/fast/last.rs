@@ -10,6 +10,7 @@ use crate::job::Job;
 use crate::last_tries::LastTries;
 use crate::outcome::{Halt, Outcome};
 use crate::procedure::light_check;
+use crate::rise::Ripple;
 use crate::station::Level;
 use crate::still_there::Foreseen;
 use crate::tuning::TUNING;
@@ -28,6 +29,7 @@ impl Shared<'_> {
         let beam = cell.beam(aim.side, self.recipe);
         let mut tries = LastTries::new(self.fast);
         let wanted = (self.fast.watch * cell.spec().photodiode.rate).round() as usize;
+        let (mut ripple, mut ripples) = (None, 0);
         loop {
             tries.begin();
             scan.set_radius(self.fast.conical_scan.radius);
@@ -44,6 +46,9 @@ impl Shared<'_> {
             if peak.full < self.least_light(cell, aim, before) {
                 return Err(false_light(before, &peak));
             }
+            let here = aim.gap_by_encoders(cell);
+            let rise = ripple.and_then(|ripple: Ripple| ripple.rise(here));
+            scan.believe_rise(rise.map(|rise| rise.along_z(aim.side)));
             let confirmed = scan.confirm(cell, gap, &peak, "final").await;
             if confirmed.is_ok() {
                 self.comes_out_of_guide(scan, (before, far), &beam, &peak)?;
@@ -60,6 +65,15 @@ impl Shared<'_> {
                 {
                     let aside = self.recipe.accept.aside;
                     match scan.shaking().is_sure(aside, known) {
+                        Err(_)
+                            if ripples < TUNING.rise.often
+                                && scan.shaking().is_for_askew(aside, known) =>
+                        {
+                            ripple = self.ripple(cell, aim, scan).await?;
+                            ripples += 1;
+                            tries.does_not_count();
+                            continue;
+                        }
                         Err(unsure) => {
                             tries.learn(cell, scan, gap, (aside, known)).await?;
                             unsure

@@ -138,6 +138,30 @@ topic! {
 }
 
 topic! {
+    /// How steeply light rises with the gap.
+    pub struct LightRise in "rise", shown [Fast] {
+        /// In so many steps a ripple is gone along: light at one more gap than that has two more than it takes to tell a ripple.
+        steps: u32 = 6, "1", Choice;
+        /// So many turns at each gap, beside one to come there.
+        turns: u32 = 2, "turns", Choice;
+        /// How much more or less light may fall with the gap than by design, as a share of that.
+        falls: f64 = 0.5, "1", Choice;
+        /// What a transmission may keep to itself of the small steps of an axis that goes on in one direction, standard deviation.
+        hidden: f64 = 0.02e-6, "m", Choice;
+        /// Within such a way nothing more is hidden: the axis has not been moved.
+        same: f64 = 0.02e-6, "m", Choice;
+        /// So far from where it was seen it is told, and no farther.
+        near: f64 = 0.5e-6, "m", Choice;
+        /// How well the square of a spot's width is known, of which the brightest place is beside the peak, standard deviation.
+        width: f64 = 0.1, "1", Choice;
+        /// It pays to measure it where a fiber would be outside with this share of the probability, at most, on stages that stand square.
+        less: f64 = 0.1, "1", Choice;
+        /// How often it is measured at most, for a fiber at the chip.
+        often: u32 = 3, "1", Choice;
+    }
+}
+
+topic! {
     /// What light teaches of piezos.
     pub struct Piezos in "piezos", shown [Fast] {
         /// What is believed of a piezo's stroke beside what its model says, before it is seen: one standard deviation of its
