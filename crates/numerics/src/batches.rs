@@ -18,8 +18,8 @@ fn batches(residuals: &[f64], shortest: usize) -> Vec<Batch> {
     let n = residuals.len();
     // Where what is left has forgotten what it was.
     let reach = (n / (FEWEST * FORGOTTEN)).clamp(1, 400);
-    let together = crate::signal::autocorrelation(residuals, reach);
-    let lag = together.iter().position(|r| *r < 0.1).unwrap_or(reach);
+    let mut together = crate::signal::autocorrelations(residuals, reach);
+    let lag = together.position(|r| r < 0.1).unwrap_or(reach);
     let longest = (n / FEWEST).max(1);
     let length = shortest.max(FORGOTTEN * lag).min(longest);
     let half = length.div_ceil(2);
@@ -284,18 +284,26 @@ pub(crate) fn clustered(
             let of = back.row(j).transpose();
             let square: f64 = parts.iter().map(|b| of.dot(&b.score).powi(2)).sum();
             let reach: Vec<DVector<f64>> = parts.iter().map(|b| b.given.tr_mul(&of)).collect();
-            let (mut trace, mut squares) = (0.0, 0.0);
-            for (k, a) in parts.iter().enumerate() {
-                let taken = &a.taken * &reach[k];
-                for (l, b) in parts.iter().enumerate().skip(k) {
-                    let mut common = -taken.dot(&(&b.taken * &reach[l]));
-                    if l == k {
-                        common += reach[k].dot(&(&a.squared * &reach[k]));
-                        trace += common;
-                    } else if l == k + 1 {
-                        common += reach[k].dot(&(&a.beside * &reach[l]));
-                    }
-                    squares += common * common * if l == k { 1.0 } else { 2.0 };
+            // What the fit makes all pairs of batches have in common, squared, is the square of one matrix; only neighbours have more.
+            let taken: Vec<DVector<f64>> = parts
+                .iter()
+                .zip(&reach)
+                .map(|(b, r)| &b.taken * r)
+                .collect();
+            let mut moment = DMatrix::zeros(p, p);
+            for taken in &taken {
+                moment.ger(1.0, taken, taken, 1.0);
+            }
+            let (mut trace, mut squares) = (0.0, moment.norm_squared());
+            for (k, part) in parts.iter().enumerate() {
+                let fit = taken[k].norm_squared();
+                let own = reach[k].dot(&(&part.squared * &reach[k])) - fit;
+                trace += own;
+                squares += own * own - fit * fit;
+                if let Some(next) = reach.get(k + 1) {
+                    let fit = taken[k].dot(&taken[k + 1]);
+                    let own = reach[k].dot(&(&part.beside * next)) - fit;
+                    squares += 2.0 * (own * own - fit * fit);
                 }
             }
             let freedom = if squares > 0.0 {
@@ -316,17 +324,16 @@ pub(crate) fn clustered(
 /// `A (S - T T) A' = S` of the batch's moments `T` and `S`, by its weights and by their squares.
 fn given_back(taken: &DMatrix<f64>, squared: &DMatrix<f64>) -> DMatrix<f64> {
     let p = taken.nrows();
-    let root = |m: &DMatrix<f64>, power: f64, least: f64| {
-        let eigen = m.clone().symmetric_eigen();
-        let most = eigen.eigenvalues.max().max(0.0);
+    let eigen = squared.clone().symmetric_eigen();
+    let most = eigen.eigenvalues.max().max(0.0);
+    let root = |power: f64| {
         let powers = eigen
             .eigenvalues
-            .map(|l| l.max(least * most).max(1e-300).powf(power));
+            .map(|l| l.max(1e-12 * most).max(1e-300).powf(power));
         &eigen.eigenvectors * DMatrix::from_diagonal(&powers) * eigen.eigenvectors.transpose()
     };
     // In units of what the batch has: columns that it does not move are left as they are.
-    let half = root(squared, 0.5, 1e-12);
-    let inverse = root(squared, -0.5, 1e-12);
+    let (half, inverse) = (root(0.5), root(-0.5));
     let share = &inverse * taken * taken * &inverse;
     let left = DMatrix::identity(p, p) - share;
     let eigen = left.symmetric_eigen();

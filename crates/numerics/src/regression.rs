@@ -90,6 +90,16 @@ pub fn instrumental(x: &DMatrix<f64>, z: &DMatrix<f64>, y: &[f64]) -> Option<Sol
 /// Least squares by Huber's weights: what lies further out than 1.345 times the spread counts less, so
 /// that a few samples that the model says nothing about (such as those at a reversal) do not decide.
 pub fn robust(x: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
+    weighted(x, y, &huber(x, y)?)
+}
+
+/// The same without [`Solution::std_correlated`], which is empty.
+pub fn robust_alone(x: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
+    by_weights(x, y, &huber(x, y)?, None)
+}
+
+/// Huber's weights, by what their own solution leaves.
+fn huber(x: &DMatrix<f64>, y: &[f64]) -> Option<Vec<f64>> {
     const ROUNDS: usize = 20;
     let mut solution = least_squares_alone(x, y)?;
     let mut last = vec![1.0; y.len()];
@@ -101,7 +111,8 @@ pub fn robust(x: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
             break;
         }
         let weights: Vec<f64> = sizes.iter().map(|s| edge / s.max(edge)).collect();
-        let next = by_weights(x, y, &weights, None)?;
+        // A round only has to come near: it is solved by its moments where they tell it.
+        let next = by_moments(x, y, &weights).or_else(|| by_weights(x, y, &weights, None))?;
         let moved = next
             .values
             .iter()
@@ -115,7 +126,60 @@ pub fn robust(x: &DMatrix<f64>, y: &[f64]) -> Option<Solution> {
             break;
         }
     }
-    weighted(x, y, &last)
+    Some(last)
+}
+
+/// Values, their deviations by white noise, and what is left, from the sums of products of weighted columns: one pass over the rows, which
+/// loses twice as many digits to columns that are nearly alike. `None` where those would be many.
+fn by_moments(x: &DMatrix<f64>, y: &[f64], weights: &[f64]) -> Option<Solution> {
+    /// Least pivot of columns of a length of one.
+    const PIVOT: f64 = 1e-5;
+    let (n, p) = x.shape();
+    if n <= p || p == 0 {
+        return None;
+    }
+    let columns: Vec<&[f64]> = x.as_slice().chunks_exact(n).collect();
+    let mut moment = DMatrix::zeros(p, p);
+    let mut right = DVector::zeros(p);
+    for (i, (weight, y)) in weights.iter().zip(y).enumerate() {
+        for j in 0..p {
+            let own = weight * columns[j][i];
+            right[j] += own * y;
+            for k in 0..=j {
+                moment[(j, k)] += own * columns[k][i];
+            }
+        }
+    }
+    let scale = moment.diagonal().map(f64::sqrt);
+    if scale.iter().any(|s| !(s.is_finite() && *s > 0.0)) {
+        return None;
+    }
+    let unit = DMatrix::from_fn(p, p, |j, k| {
+        moment[(j.max(k), j.min(k))] / (scale[j] * scale[k])
+    });
+    let triangle = unit.cholesky()?;
+    if triangle.l_dirty().diagonal().min() < PIVOT {
+        return None;
+    }
+    let values = triangle
+        .solve(&right.component_div(&scale))
+        .component_div(&scale);
+    let mut solution = Solution {
+        values: values.iter().copied().collect(),
+        std: Vec::new(),
+        std_correlated: Vec::new(),
+        condition: f64::NAN,
+        relative_error_percent: 0.0,
+        residuals: Vec::new(),
+    };
+    judge(x, y, &mut solution);
+    let squares = solution.residuals.iter().zip(weights);
+    let variance = squares.map(|(l, w)| w * l * l).sum::<f64>() / (n - p) as f64;
+    let inverse = triangle.inverse();
+    solution.std = (0..p)
+        .map(|j| (variance * inverse[(j, j)]).sqrt() / scale[j])
+        .collect();
+    Some(solution)
 }
 
 /// `batch` is the least length of the batches by which correlation is told, and whether batches too short for it are corrected; without
@@ -136,8 +200,8 @@ fn solve(
         return None;
     }
     let target = DVector::from_column_slice(y);
-    let ztx = z.transpose() * x;
-    let zty = z.transpose() * &target;
+    let ztx = z.tr_mul(x);
+    let zty = z.tr_mul(&target);
     // The same of the instruments.
     let own = DVector::from_fn(p, |j, _| z.column(j).norm());
     let unit = DMatrix::from_fn(p, p, |i, j| ztx[(i, j)] / (own[i] * scale[j]));
@@ -169,7 +233,7 @@ fn solve(
     let variance = solution.residuals.iter().map(|l| l * l).sum::<f64>() / freedom;
     let inverse = unit.try_inverse()?;
     let bread = DMatrix::from_fn(p, p, |i, j| inverse[(i, j)] / (scale[i] * own[j]));
-    let covariance = &bread * (z.transpose() * z * variance) * bread.transpose();
+    let covariance = &bread * (z.tr_mul(z) * variance) * bread.transpose();
     solution.std = (0..p).map(|j| covariance[(j, j)].max(0.0).sqrt()).collect();
     if let Some(batch) = batch {
         solution.std_correlated = clustered(x, z, &solution.residuals, &bread, batch);

@@ -86,38 +86,97 @@ impl Lowpass {
 
     /// Forwards and backwards over a signal, whose ends are continued by turning it about them.
     pub fn both_ways(&self, signal: &[f64]) -> Vec<f64> {
-        let Some((&first, &last)) = signal.first().zip(signal.last()) else {
-            return Vec::new();
-        };
-        let n = signal.len();
-        let pad = (3 * self.order).min(n - 1);
-        let mut extended = Vec::with_capacity(n + 2 * pad);
-        extended.extend((1..=pad).rev().map(|k| 2.0 * first - signal[k]));
-        extended.extend_from_slice(signal);
-        extended.extend((1..=pad).map(|k| 2.0 * last - signal[n - 1 - k]));
-        self.run(&mut extended);
-        extended.reverse();
-        self.run(&mut extended);
-        extended.reverse();
-        extended.truncate(pad + n);
-        extended.drain(..pad);
-        extended
+        let pad = self.pad(signal.len());
+        let mut filtered = self.beside(signal.len(), |k| [signal[k]]).into_flattened();
+        filtered.truncate(pad + signal.len());
+        filtered.drain(..pad);
+        filtered
     }
 
-    /// One way over a signal, from the state in which its first value has been there for ever.
-    fn run(&self, signal: &mut [f64]) {
-        let mut start = signal.first().copied().unwrap_or(0.0);
-        for section in &self.sections {
-            let mut state = section.settled().map(|s| s * start);
-            for value in signal.iter_mut() {
-                let out = section.b[0] * *value + state[0];
-                state[0] = section.b[1] * *value - section.a[0] * out + state[1];
-                state[1] = section.b[2] * *value - section.a[1] * out;
-                *value = out;
-            }
-            start *= section.gain();
+    /// How far a signal is continued at either end.
+    fn pad(&self, samples: usize) -> usize {
+        (3 * self.order).min(samples.saturating_sub(1))
+    }
+
+    /// Signals side by side, forwards and backwards, with what they are continued by: a step of a filter waits for the one before it, and
+    /// other signals' steps fill the time.
+    fn beside<const N: usize>(
+        &self,
+        samples: usize,
+        of: impl Fn(usize) -> [f64; N],
+    ) -> Vec<[f64; N]> {
+        let Some(end) = samples.checked_sub(1) else {
+            return Vec::new();
+        };
+        let pad = self.pad(samples);
+        let (first, last) = (of(0), of(end));
+        let turned = |about: &[f64; N], k: usize| {
+            let signal = of(k);
+            std::array::from_fn(|j| 2.0 * about[j] - signal[j])
+        };
+        let mut all: Vec<[f64; N]> = Vec::with_capacity(samples + 2 * pad);
+        all.extend((1..=pad).rev().map(|k| turned(&first, k)));
+        all.extend((0..samples).map(&of));
+        all.extend((1..=pad).map(|k| turned(&last, end - k)));
+        for backward in [false, true] {
+            self.run(&mut all, backward);
+        }
+        all
+    }
+
+    /// One way over signals, from the state in which their first values have been there for ever.
+    fn run<const N: usize>(&self, signal: &mut [[f64; N]], backward: bool) {
+        let first = if backward {
+            signal.last()
+        } else {
+            signal.first()
+        };
+        let Some(mut start) = first.copied() else {
+            return;
+        };
+        // Sections that follow each other go over the signal together.
+        let (four, rest) = self.sections.as_chunks::<4>();
+        for sections in four {
+            start = together(sections, signal, backward, start);
+        }
+        let (two, one) = rest.as_chunks::<2>();
+        for sections in two {
+            start = together(sections, signal, backward, start);
+        }
+        for section in one {
+            start = together(&[*section], signal, backward, start);
         }
     }
+}
+
+/// Some sections over signals; what a constant of `start` is after them.
+fn together<const S: usize, const N: usize>(
+    sections: &[Section; S],
+    signal: &mut [[f64; N]],
+    backward: bool,
+    mut start: [f64; N],
+) -> [f64; N] {
+    let mut states = sections.map(|section| {
+        let state = section.settled().map(|s| start.map(|v| s * v));
+        start = start.map(|v| v * section.gain());
+        state
+    });
+    let step = |values: &mut [f64; N]| {
+        for (Section { b, a }, [one, two]) in sections.iter().zip(&mut states) {
+            for j in 0..N {
+                let out = b[0] * values[j] + one[j];
+                one[j] = b[1] * values[j] - a[0] * out + two[j];
+                two[j] = b[2] * values[j] - a[1] * out;
+                values[j] = out;
+            }
+        }
+    };
+    if backward {
+        signal.iter_mut().rev().for_each(step);
+    } else {
+        signal.iter_mut().for_each(step);
+    }
+    start
 }
 
 /// Central differences of a signal sampled every `period` seconds; the ends repeat their neighbours.
@@ -133,30 +192,47 @@ pub fn derivative(signal: &[f64], period: f64) -> Vec<f64> {
 /// Every `factor`th sample, after a Chebyshev filter of order 8 at 0.8 of the new Nyquist frequency
 /// has been over the signal both ways. The last sample is among them.
 pub fn decimate(signal: &[f64], factor: usize) -> Vec<f64> {
+    let [thin] = decimate_beside(signal.len(), factor, |k| [signal[k]]);
+    thin
+}
+
+/// The same of signals side by side, of whose samples there are so many: two cost hardly more than one.
+pub fn decimate_beside<const N: usize>(
+    samples: usize,
+    factor: usize,
+    of: impl Fn(usize) -> [f64; N],
+) -> [Vec<f64>; N] {
     if factor <= 1 {
-        return signal.to_vec();
+        return std::array::from_fn(|j| (0..samples).map(|k| of(k)[j]).collect());
     }
-    let filtered = Lowpass::chebyshev(8, 0.05, 0.8 / factor as f64).both_ways(signal);
-    let n = filtered.len();
-    let first = (n + factor - 1) % factor;
-    filtered.into_iter().skip(first).step_by(factor).collect()
+    let filter = Lowpass::chebyshev(8, 0.05, 0.8 / factor as f64);
+    let pad = filter.pad(samples);
+    let filtered = filter.beside(samples, of);
+    let first = (samples + factor - 1) % factor;
+    std::array::from_fn(|j| {
+        let own = (first..samples).step_by(factor);
+        own.map(|k| filtered[pad + k][j]).collect()
+    })
 }
 
 /// Autocorrelation of a signal less its mean at lags of 0 to `lags` samples; one at lag zero.
 pub fn autocorrelation(signal: &[f64], lags: usize) -> Vec<f64> {
+    autocorrelations(signal, lags).collect()
+}
+
+/// The same, one lag after the other.
+pub(crate) fn autocorrelations(signal: &[f64], lags: usize) -> impl Iterator<Item = f64> {
     let n = signal.len();
     let mean = signal.iter().sum::<f64>() / n.max(1) as f64;
     let power: f64 = signal.iter().map(|v| (v - mean).powi(2)).sum();
-    (0..=lags.min(n.saturating_sub(1)))
-        .map(|lag| {
-            let together: f64 = signal
-                .iter()
-                .zip(&signal[lag..])
-                .map(|(a, b)| (a - mean) * (b - mean))
-                .sum();
-            if power > 0.0 { together / power } else { 0.0 }
-        })
-        .collect()
+    (0..=lags.min(n.saturating_sub(1))).map(move |lag| {
+        let together: f64 = signal
+            .iter()
+            .zip(&signal[lag..])
+            .map(|(a, b)| (a - mean) * (b - mean))
+            .sum();
+        if power > 0.0 { together / power } else { 0.0 }
+    })
 }
 
 /// How many values of their own tell as much as these, whose neighbours go together.
@@ -178,12 +254,20 @@ pub fn rms(signal: impl IntoIterator<Item = f64>) -> f64 {
 
 /// The value below which `share` of the values lie.
 pub fn quantile(values: &[f64], share: f64) -> f64 {
-    let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
-    if sorted.is_empty() {
-        return 0.0;
-    }
-    let k = ((sorted.len() - 1) as f64 * share) as usize;
-    *sorted.select_nth_unstable_by(k, f64::total_cmp).1
+    let [value] = quantiles(values.to_vec(), [share]);
+    value
+}
+
+/// The values below which these shares of values lie that nobody needs any more: there may be many of them.
+pub fn quantiles<const N: usize>(mut values: Vec<f64>, shares: [f64; N]) -> [f64; N] {
+    values.retain(|v| v.is_finite());
+    shares.map(|share| {
+        if values.is_empty() {
+            return 0.0;
+        }
+        let k = ((values.len() - 1) as f64 * share) as usize;
+        *values.select_nth_unstable_by(k, f64::total_cmp).1
+    })
 }
 
 /// A column between its samples, by the cubic through four of them.

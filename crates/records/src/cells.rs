@@ -4,20 +4,25 @@ use std::borrow::Cow;
 
 /// A line's fields, without blanks and quotes around them.
 pub(crate) fn split(line: &str, delimiter: u8) -> Vec<Cow<'_, str>> {
+    let mut fields = Vec::new();
+    split_into(line, delimiter, &mut fields);
+    fields
+}
+
+/// The same in the place of what is there.
+pub(crate) fn split_into<'t>(line: &'t str, delimiter: u8, fields: &mut Vec<Cow<'t, str>>) {
+    fields.clear();
     let bare = |field: &str| field.trim().trim_matches('"').trim().to_owned();
     if delimiter == b' ' {
-        return line
-            .split_whitespace()
-            .map(|f| Cow::Owned(bare(f)))
-            .collect();
+        fields.extend(line.split_whitespace().map(|f| Cow::Owned(bare(f))));
+        return;
     }
     if !line.contains('"') {
-        return line
-            .split(char::from(delimiter))
-            .map(|f| Cow::Borrowed(f.trim()))
-            .collect();
+        let own = line.split(char::from(delimiter));
+        fields.extend(own.map(|f| Cow::Borrowed(f.trim())));
+        return;
     }
-    let (mut fields, mut field, mut quoted) = (Vec::new(), String::new(), false);
+    let (mut field, mut quoted) = (String::new(), false);
     for c in line.chars() {
         match c {
             '"' => quoted = !quoted,
@@ -28,7 +33,6 @@ pub(crate) fn split(line: &str, delimiter: u8) -> Vec<Cow<'_, str>> {
         }
     }
     fields.push(Cow::Owned(bare(&field)));
-    fields
 }
 
 /// What a field without a value may say.
@@ -66,6 +70,13 @@ pub(crate) fn number(text: &str, decimal_comma: bool) -> Option<f64> {
 }
 
 pub(crate) fn plain(text: &str) -> Option<f64> {
+    // Nearly all are written so; the words that are numbers, too, begin with a letter.
+    let first = text.strip_prefix('-').unwrap_or(text).as_bytes().first();
+    if first.is_some_and(u8::is_ascii_digit)
+        && let Ok(value) = text.parse()
+    {
+        return Some(value);
+    }
     // A minus as typesetters and spreadsheets write it.
     if let Some(positive) = text.strip_prefix('\u{2212}') {
         return plain(positive)

@@ -125,10 +125,9 @@ const USUAL: [&str; 9] = [
 ///
 /// # Errors
 ///
-/// When the file cannot be read, or no column was named and none has a usual name.
-pub fn time_named(path: &Path, given: Option<&Named>, rate: Option<f64>) -> Result<Named, Error> {
-    let table = Table::open(path)?;
-    found_time(&table, given, rate).ok_or_else(|| {
+/// When no column was named and none has a usual name.
+pub fn time_named(table: &Table, given: Option<&Named>, rate: Option<f64>) -> Result<Named, Error> {
+    found_time(table, given, rate).ok_or_else(|| {
         let message = format!(
             "no column is named as time usually is; name one with --time, or say how many rows a second there are with \
              --rate: {}",
@@ -139,12 +138,8 @@ pub fn time_named(path: &Path, given: Option<&Named>, rate: Option<f64>) -> Resu
 }
 
 /// The column of time with a usual name, where there is one.
-///
-/// # Errors
-///
-/// When the file cannot be read.
-pub fn usual_time(path: &Path, rate: Option<f64>) -> Result<Option<Named>, Error> {
-    Ok(found_time(&Table::open(path)?, None, rate))
+pub fn usual_time(table: &Table, rate: Option<f64>) -> Option<Named> {
+    found_time(table, None, rate)
 }
 
 fn found_time(table: &Table, given: Option<&Named>, rate: Option<f64>) -> Option<Named> {
@@ -264,10 +259,9 @@ pub(crate) fn first_fall(times: &[f64]) -> Option<(usize, f64)> {
 ///
 /// # Errors
 ///
-/// When the file cannot be read, a column is not there or named twice, its unit is of something else, a
+/// When a column is not there or named twice, its unit is of something else, a
 /// field is no number, or too many have no value.
-pub fn read(path: &Path, wanted: &[Wanted]) -> Result<Vec<Column>, Error> {
-    let table = Table::open(path)?;
+pub fn read(table: &Table, wanted: &[Wanted]) -> Result<Vec<Column>, Error> {
     let mut places = Vec::with_capacity(wanted.len());
     let mut columns = Vec::with_capacity(wanted.len());
     for want in wanted {
@@ -283,7 +277,7 @@ pub fn read(path: &Path, wanted: &[Wanted]) -> Result<Vec<Column>, Error> {
             });
             continue;
         }
-        let (place, column) = locate(&table, want)?;
+        let (place, column) = locate(table, want)?;
         if let Some(k) = places.iter().position(|p| *p == place) {
             let message = format!(
                 "is named twice, by {} and {}; accepted are different columns",
@@ -315,9 +309,9 @@ pub fn read(path: &Path, wanted: &[Wanted]) -> Result<Vec<Column>, Error> {
             *value *= size;
         }
     }
-    own_times(&table, &places)?;
+    own_times(table, &places)?;
     for column in columns.iter().filter(|c| c.dimension == TIME) {
-        of_a_motion(&table, column)?;
+        of_a_motion(table, column)?;
     }
     for column in &columns {
         let rows = column.values.len();
@@ -519,17 +513,13 @@ pub fn remarks(columns: &[Column]) -> Vec<String> {
 
 /// How a file was read, in words: what stands between its fields, which columns serve as what and in which units, how
 /// many samples a second.
-///
-/// # Errors
-///
-/// When it cannot be read.
 pub fn understood(
-    path: &Path,
+    table: &Table,
     wanted: &[Wanted],
     columns: &[Column],
     even: Option<&Even>,
-) -> Result<String, Error> {
-    let mut text = Table::open(path)?.understood();
+) -> String {
+    let mut text = table.understood();
     for (want, column) in wanted.iter().zip(columns) {
         let role = want.option.trim_start_matches("--");
         let by = match column.by {
@@ -549,7 +539,7 @@ pub fn understood(
             let _ = write!(text, ", {} gaps", even.gaps);
         }
     }
-    Ok(text)
+    text
 }
 
 /// Where a record was and what was read of it: what a fragment keeps.
@@ -605,7 +595,7 @@ mod tests {
             named: &named,
             of,
         };
-        Ok(read(&path, &[wanted])?.remove(0))
+        Ok(read(&Table::open(&path)?, &[wanted])?.remove(0))
     }
 
     #[test]

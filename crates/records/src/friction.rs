@@ -1,6 +1,6 @@
 //! A law of friction from a record of force against displacement.
 
-use super::columns::{self, Column, Named, TIME, Wanted};
+use super::columns::{self, Column, Named, TIME, Table, Wanted};
 use super::fragment::Kind;
 use super::part::Slides;
 use super::{Answer, Figure, Rows, Shown, parameters_json, short, shown_of, told, with_units};
@@ -54,9 +54,10 @@ impl Roles {
                 of: &[FORCE, TORQUE],
             },
         ];
+        let mut table = Table::open(path)?;
         let time = match &self.time {
-            Some(named) => Some(columns::time_named(path, Some(named), self.rate)?),
-            None => columns::usual_time(path, self.rate)?,
+            Some(named) => Some(columns::time_named(&table, Some(named), self.rate)?),
+            None => columns::usual_time(&table, self.rate),
         };
         if let Some(time) = &time {
             list.push(Wanted {
@@ -65,7 +66,8 @@ impl Roles {
                 of: &[TIME],
             });
         }
-        let mut read = columns::read(path, &list)?;
+        let mut read = columns::read(&table, &list)?;
+        table.forget();
         let mut remarks = columns::remarks(&read);
         let twice = columns::once(&mut read);
         if twice > 0 {
@@ -81,7 +83,7 @@ impl Roles {
             remarks.push("no column of time: laws that need one were left out".to_owned());
         }
         Ok(Read {
-            understood: columns::understood(path, &list, &read, None)?,
+            understood: columns::understood(&table, &list, &read, None),
             record: Record::new(
                 read.get(2).map(|t| &t.values[..]),
                 &read[0].values,

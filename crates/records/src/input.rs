@@ -108,7 +108,7 @@ impl Kind {
 /// When the file cannot be read, has no such columns, or time does not rise from zero.
 pub fn read(path: &Path, kind: Kind, rate: Option<f64>) -> Result<Input, Error> {
     let table = Table::open(path)?;
-    let time = match columns::usual_time(path, rate)? {
+    let time = match columns::usual_time(&table, rate) {
         Some(time) => time,
         None => Named::new(table.names().first().cloned().unwrap_or_default()),
     };
@@ -125,7 +125,7 @@ pub fn read(path: &Path, kind: Kind, rate: Option<f64>) -> Result<Input, Error> 
             of: kind.of(),
         },
     ];
-    let read = columns::read(path, &list)?;
+    let read = columns::read(&table, &list)?;
     if read[1].dimension == RATIO
         && let Some(unit) = table.unit(table.place(value.name())?)
         && !RATIO.units.iter().any(|(own, _)| *own == unit)
@@ -133,7 +133,7 @@ pub fn read(path: &Path, kind: Kind, rate: Option<f64>) -> Result<Input, Error> 
         let message = format!("is in {unit}; accepted are counts, lengths or angles");
         return Err(table.error(value.name(), message));
     }
-    let understood = columns::understood(path, &list, &read, None)?;
+    let understood = columns::understood(&table, &list, &read, None);
     columns::rising(path, &read[0])?;
     if let Some(early) = read[0].values.iter().find(|t| **t < 0.0) {
         let message = format!("time {early} s is below zero; accepted are times of zero or more");

@@ -39,14 +39,14 @@ pub(crate) struct Layout {
 const LOOKED_AT: usize = 800;
 
 /// A file's text, and how it was encoded.
-pub(crate) fn decode(bytes: &[u8]) -> (String, &'static str) {
+pub(crate) fn decode(bytes: Vec<u8>) -> (String, &'static str) {
     let wide = |bytes: &[u8], of: fn([u8; 2]) -> u16| {
         let units = bytes.chunks_exact(2).map(|c| of([c[0], c[1]]));
         char::decode_utf16(units)
             .map(|c| c.unwrap_or(char::REPLACEMENT_CHARACTER))
             .collect()
     };
-    match bytes {
+    match &bytes[..] {
         [0xef, 0xbb, 0xbf, rest @ ..] => (
             String::from_utf8_lossy(rest).into_owned(),
             "UTF-8 with a byte-order mark",
@@ -54,11 +54,14 @@ pub(crate) fn decode(bytes: &[u8]) -> (String, &'static str) {
         [0xff, 0xfe, rest @ ..] => (wide(rest, u16::from_le_bytes), "UTF-16"),
         [0xfe, 0xff, rest @ ..] => (wide(rest, u16::from_be_bytes), "UTF-16"),
         // Without a mark: text of mostly Latin letters has a zero in every second byte.
-        [_, 0, _, 0, ..] => (wide(bytes, u16::from_le_bytes), "UTF-16"),
-        [0, _, 0, _, ..] => (wide(bytes, u16::from_be_bytes), "UTF-16"),
-        _ => match std::str::from_utf8(bytes) {
-            Ok(text) => (text.to_owned(), "UTF-8"),
-            Err(_) => (bytes.iter().map(|b| char::from(*b)).collect(), "Latin-1"),
+        [_, 0, _, 0, ..] => (wide(&bytes, u16::from_le_bytes), "UTF-16"),
+        [0, _, 0, _, ..] => (wide(&bytes, u16::from_be_bytes), "UTF-16"),
+        _ => match String::from_utf8(bytes) {
+            Ok(text) => (text, "UTF-8"),
+            Err(other) => {
+                let bytes = other.as_bytes().iter();
+                (bytes.map(|b| char::from(*b)).collect(), "Latin-1")
+            }
         },
     }
 }
@@ -566,8 +569,11 @@ mod tests {
             .into_iter()
             .chain("t,µ\n".encode_utf16().flat_map(u16::to_le_bytes))
             .collect();
-        assert_eq!(decode(&wide).0, "t,µ\n");
-        assert_eq!(decode(b"t,\xb5m\n"), ("t,µm\n".to_owned(), "Latin-1"));
-        assert_eq!(decode(b"\xef\xbb\xbft").0, "t");
+        assert_eq!(decode(wide).0, "t,µ\n");
+        assert_eq!(
+            decode(b"t,\xb5m\n".to_vec()),
+            ("t,µm\n".to_owned(), "Latin-1")
+        );
+        assert_eq!(decode(b"\xef\xbb\xbft".to_vec()).0, "t");
     }
 }

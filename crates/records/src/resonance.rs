@@ -92,8 +92,7 @@ struct Response {
 
 impl Roles {
     /// The columns by their names, or by their usual names.
-    fn choose(&self, path: &Path) -> Result<Chosen, Error> {
-        let table = columns::Table::open(path)?;
+    fn choose(&self, table: &columns::Table) -> Result<Chosen, Error> {
         let there = table.names();
         let usual = |given: &Option<Named>, names: &[&str]| {
             given.clone().or_else(|| {
@@ -110,7 +109,7 @@ impl Roles {
                 "no column has a usual name for it; name one: there are {}",
                 there.join(", ")
             );
-            Error::new(path.display().to_string(), option, message)
+            table.error(option, message)
         };
         let frequency =
             usual(&self.frequency, &FREQUENCIES).ok_or_else(|| missing("--frequency"))?;
@@ -142,7 +141,7 @@ impl Roles {
 }
 
 impl Chosen {
-    fn read(&self, path: &Path) -> Result<Response, Error> {
+    fn read(&self, path: &Path, table: &columns::Table) -> Result<Response, Error> {
         let file = path.display().to_string();
         let wanted = |option, named, of| Wanted { option, named, of };
         let mut list = vec![wanted("--frequency", &self.frequency, &[FREQUENCY][..])];
@@ -164,9 +163,9 @@ impl Chosen {
             let of: &[Dimension] = if self.polar { &[ANGLE] } else { &[RATIO] };
             list.push(wanted(second, named, of));
         }
-        let mut read = columns::read(path, &list)?;
+        let mut read = columns::read(table, &list)?;
         let mut remarks = columns::remarks(&read);
-        let understood = columns::understood(path, &list, &read, None)?;
+        let understood = columns::understood(table, &list, &read, None);
         let b = self.second.is_some().then(|| read.pop()).flatten();
         let a = &read[1];
         let unsure = |b: &columns::Column| {
@@ -225,7 +224,8 @@ impl Chosen {
 /// Bad input.
 pub fn resonance(roles: &Roles, path: &Path) -> Result<(Answer, Option<Shown>), Error> {
     let names = ["frequency_1", "damping_1", "delay"];
-    let read = roles.choose(path)?.read(path)?;
+    let table = columns::Table::open(path)?;
+    let read = roles.choose(&table)?.read(path, &table)?;
     let weight = read.weight.as_deref();
     let record = if read.phased {
         Record::new(&read.frequency, &read.values, weight)

@@ -1,6 +1,6 @@
 //! A servo axis from its record.
 
-use super::columns::{self, By, CURRENT, Named, Source, TIME, Wanted};
+use super::columns::{self, By, CURRENT, Named, Source, TIME, Table, Wanted};
 use super::fragment::{AxisTable, ControllerTable, Fragment, Kind, MotionTable, RecordTable};
 use super::part::{Drive, Part};
 use super::{
@@ -51,6 +51,9 @@ pub struct Read {
     pub assumed: Vec<(String, f64)>,
 }
 
+/// Rows of a replay that are kept to be shown, evenly: more are no more to see.
+const SHOWN: usize = 200_000;
+
 /// What a position may be.
 const MOVES: &[Dimension] = &[LENGTH, ANGLE];
 
@@ -62,7 +65,8 @@ impl Roles {
     /// Bad input.
     pub fn read(&self, path: &Path) -> Result<Read, Error> {
         let file = path.display().to_string();
-        let time = columns::time_named(path, self.time.as_ref(), self.rate)?;
+        let mut table = Table::open(path)?;
+        let time = columns::time_named(&table, self.time.as_ref(), self.rate)?;
         let wanted = |option, named, of| Wanted { option, named, of };
         let mut list = vec![
             wanted("--time", &time, &[TIME][..]),
@@ -75,7 +79,8 @@ impl Roles {
         if let Some(injected) = &self.injected {
             list.push(wanted("--injected", injected, &[VOLTAGE, FORCE, TORQUE]));
         }
-        let read = columns::read(path, &list)?;
+        let read = columns::read(&table, &list)?;
+        table.forget();
         if let Some(reference) = read
             .get(3)
             .filter(|r| self.reference.is_some() && r.dimension != read[1].dimension)
@@ -92,7 +97,7 @@ impl Roles {
         } else {
             Kind::Linear
         };
-        let understood = columns::understood(path, &list, &read, Some(&grid))?;
+        let understood = columns::understood(&table, &list, &read, Some(&grid));
         let record = Record::new(grid, self.reference.is_some());
         let injected = read.last().filter(|_| self.injected.is_some());
         let record = match injected.map(|column| column.dimension) {
@@ -326,7 +331,13 @@ pub fn servo(
         usable
             .then(|| {
                 let axis = best.axis(set.force_per_volt);
-                replay(&read.record, &axis, &Sliding::Coulomb, &controller, set)
+                replay(
+                    &read.record,
+                    &axis,
+                    &Sliding::Coulomb,
+                    &controller,
+                    (set, SHOWN),
+                )
             })
             .flatten()
     };

@@ -81,7 +81,7 @@ impl Table {
             );
             return Err(refuse(None, message));
         }
-        let (mut text, encoding) = layout::decode(&bytes);
+        let (mut text, encoding) = layout::decode(bytes);
         if !text.contains('\n') {
             // Lines as Macs ended them.
             text = text.replace('\r', "\n");
@@ -131,6 +131,11 @@ impl Table {
         })
     }
 
+    /// Keeps how it is written and forgets its rows: they are read, and those of a long record are large.
+    pub(crate) fn forget(&mut self) {
+        self.content = Content::Text(String::new());
+    }
+
     /// How the file is written, in words.
     pub fn understood(&self) -> String {
         self.layout.understood()
@@ -150,6 +155,7 @@ impl Table {
             return Ok(());
         };
         let body = text.get(self.layout.body..).unwrap_or_default();
+        let mut row = Vec::with_capacity(width);
         for (k, line) in body.lines().enumerate() {
             if line.trim().is_empty() || line.trim_start().starts_with(['#', '%']) {
                 if line.trim_end().ends_with("END_HEADER") {
@@ -162,7 +168,7 @@ impl Table {
                 }
                 continue;
             }
-            let mut row = cells::split(line, self.layout.delimiter);
+            cells::split_into(line, self.layout.delimiter, &mut row);
             let number = self.layout.first_line + k;
             if self.layout.trailing && row.len() == width + 1 {
                 row.pop();
@@ -357,15 +363,15 @@ fn number(
     decimal_comma: bool,
     first: &mut Option<i128>,
 ) -> Result<f64, String> {
-    if gaps == Gaps::Allowed && cells::is_missing(text) {
-        return Ok(f64::NAN);
-    }
     if let Some(value) = cells::number(text, decimal_comma) {
         return if value.is_finite() {
             Ok(value)
         } else {
             Err("is not finite".to_owned())
         };
+    }
+    if gaps == Gaps::Allowed && cells::is_missing(text) {
+        return Ok(f64::NAN);
     }
     if let Some(moment) = cells::moment(text) {
         let first = *first.get_or_insert(moment);
@@ -387,9 +393,10 @@ fn not_text(text: &str) -> Option<(usize, u32)> {
     /// Bytes that are looked at: what is none shows it soon, and a record may have a bad end.
     const BEGINNING: usize = 4096;
     let other = |c: char| c < ' ' && !['\t', '\n', '\r', '\x0c', '\x1a'].contains(&c);
-    let (at, found) = text.char_indices().find(|(_, c)| other(*c))?;
+    let beginning = text.char_indices().take_while(|(at, _)| *at < BEGINNING);
+    let (at, found) = beginning.into_iter().find(|(_, c)| other(*c))?;
     let line = text[..at].matches('\n').count() + 1;
-    (at < BEGINNING).then_some((line, u32::from(found)))
+    Some((line, u32::from(found)))
 }
 
 /// What a file is that is no text.

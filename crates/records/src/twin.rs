@@ -50,7 +50,13 @@ pub fn twin(
     let set = Settings::new(fragment.axis.force_per_volt);
     let axis = fragment.axis.axis();
     let names = parameters(fragment);
-    let prediction = replay(&read.record, &axis, &law.1, &controller.controller(), &set);
+    let prediction = replay(
+        &read.record,
+        &axis,
+        &law.1,
+        &controller.controller(),
+        (&set, usize::MAX),
+    );
     let Some(prediction) = prediction else {
         let names = names.into_iter().map(|(p, unit)| (p.name, unit));
         let why = "the closed loop runs away from it, or it is too short to be replayed";

@@ -1,6 +1,6 @@
 //! A transmission from a record of the encoders on both of its sides.
 
-use super::columns::{self, Named, TIME, Wanted};
+use super::columns::{self, Named, TIME, Table, Wanted};
 use super::part::Winds;
 use super::{Answer, Figure, Rows, Shown, short, shown_of, told, with_units};
 use pigtail_hal::Error;
@@ -47,7 +47,8 @@ impl Roles {
     pub fn read(&self, path: &Path) -> Result<Read, Error> {
         const MOVES: &[Dimension] = &[ANGLE, LENGTH];
         let file = path.display().to_string();
-        let time = columns::time_named(path, self.time.as_ref(), self.rate)?;
+        let mut table = Table::open(path)?;
+        let time = columns::time_named(&table, self.time.as_ref(), self.rate)?;
         let wanted = |option, named, of| Wanted { option, named, of };
         let mut list = vec![
             wanted("--time", &time, &[TIME][..]),
@@ -57,7 +58,8 @@ impl Roles {
         if let Some(torque) = &self.torque {
             list.push(wanted("--torque", torque, &[TORQUE, FORCE]));
         }
-        let mut read = columns::read(path, &list)?;
+        let mut read = columns::read(&table, &list)?;
+        table.forget();
         if read[1].dimension != read[2].dimension {
             let message = format!(
                 "is in {}, {} in {}; accepted are two angles or two lengths",
@@ -78,7 +80,7 @@ impl Roles {
             *value = -*value;
         }
         let grid = columns::on_even_grid(path, &read, LEAST)?;
-        let understood = columns::understood(path, &list, &read, Some(&grid))?;
+        let understood = columns::understood(&table, &list, &read, Some(&grid));
         Ok(Read {
             understood,
             record: Record::new(grid, self.torque.is_some()),

@@ -4,7 +4,7 @@
 //! does not was read wrongly, and its neighbours tell what it should have been.
 
 use crate::timeline::{Even, Stretch, counted};
-use pigtail_numerics::signal::quantile;
+use pigtail_numerics::signal::quantiles;
 use std::ops::{Range, RangeInclusive};
 
 /// What was set aside of a column.
@@ -38,11 +38,13 @@ fn limit<'a>(columns: impl Iterator<Item = &'a [f64]> + Clone) -> f64 {
         .clone()
         .flat_map(|c| c.windows(5).map(|w| miss(w).abs()))
         .collect();
+    let [median, most] = quantiles(misses, [0.5, 0.95]);
+    let usual = (1.4826 * median).max(0.5 * most);
     let steps: Vec<f64> = columns
         .flat_map(|c| c.windows(2).map(|w| (w[1] - w[0]).abs()))
         .collect();
-    let usual = (1.4826 * quantile(&misses, 0.5)).max(0.5 * quantile(&misses, 0.95));
-    FAR * usual + OF_WAY * quantile(&steps, 0.99)
+    let [fast] = quantiles(steps, [0.99]);
+    FAR * usual + OF_WAY * fast
 }
 
 /// Sets aside what no motion makes in a column of smooth motion, in all stretches of a record. What is there is
@@ -185,7 +187,8 @@ pub fn jumping(even: &mut Even, column: usize) -> usize {
         .iter()
         .flat_map(|s| s.columns[column].windows(3).map(|w| off(w).abs()))
         .collect();
-    let most = (FAR * quantile(&sizes, 0.9)).max(2.0 * quantile(&sizes, 0.99));
+    let [often, seldom] = quantiles(sizes, [0.9, 0.99]);
+    let most = (FAR * often).max(2.0 * seldom);
     let mut aside = 0;
     if most <= 0.0 {
         return 0;

@@ -117,8 +117,8 @@ impl Data {
     ) -> Result<(Columns, LengthUnit, Vec<columns::Column>, String), Error> {
         let given = columns.time.as_ref().map(Named::new);
         let time = match given {
-            Some(named) => Some(columns::time_named(&self.path, Some(&named), self.rate)?),
-            None => columns::usual_time(&self.path, self.rate)?,
+            Some(named) => Some(columns::time_named(&self.table, Some(&named), self.rate)?),
+            None => columns::usual_time(&self.table, self.rate),
         };
         let time_name = time.as_ref().map(|named| named.name().to_owned());
         // The samples are a second apart where nothing says otherwise.
@@ -145,7 +145,7 @@ impl Data {
                 of: &[VOLTAGE],
             });
         }
-        let mut read = columns::read(&self.path, &list)?;
+        let mut read = columns::read(&self.table, &list)?;
         let own = LengthUnit::named(read[1].unit);
         let unit = match (read[1].by, unit, own) {
             (By::Nothing, unit, _) => {
@@ -165,7 +165,7 @@ impl Data {
             }
             (_, _, own) => own.unwrap_or(LengthUnit::Um),
         };
-        let understood = columns::understood(&self.path, &list, &read, None)?;
+        let understood = columns::understood(&self.table, &list, &read, None);
         let found = Columns {
             input: columns.input.clone(),
             output: columns.output.clone(),

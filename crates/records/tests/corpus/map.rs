@@ -80,6 +80,45 @@ impl Spot {
     }
 }
 
+/// The same along a spiral from the middle outward, each power written some readings late; the peak is where the spiral has gone
+/// around it.
+fn spiral(spot: &mut Spot, rng: &mut Pcg64Mcg, late: usize) -> Map {
+    let reach = 0.5 * side(spot, 0).min(side(spot, 1));
+    let away = rng.random_range(0.0..(reach - 1.5 * spot.radii[0]).max(0.1));
+    let (sin, cos) = rng.random_range(0.0..6.3_f64).sin_cos();
+    (spot.x, spot.y) = (reach + away * cos, reach + away * sin);
+    let mut places = Vec::new();
+    let (mut turn, mut radius) = (0.0_f64, 0.0);
+    while radius < reach {
+        radius = spot.step * turn / std::f64::consts::TAU;
+        places.push([reach + radius * turn.cos(), reach + radius * turn.sin()]);
+        turn += spot.step / radius.max(spot.step / 3.0);
+    }
+    let mut map: Map = places
+        .iter()
+        .map(|[x, y]| {
+            let power = spot.light(*x, *y) * (1.0 + spot.speckle * normal(rng));
+            [*x, *y, spot.background + power + spot.noise * normal(rng)]
+        })
+        .collect();
+    for k in (late..map.len()).rev() {
+        map[k][2] = map[k - late][2];
+    }
+    map
+}
+
+/// Rows to and fro, each power written some readings late.
+fn to_and_fro(spot: &Spot, rng: &mut Pcg64Mcg, late: usize) -> Map {
+    let mut map = plain(spot, rng);
+    for row in map.chunks_mut(spot.n[0]).skip(1).step_by(2) {
+        row.reverse();
+    }
+    for k in (late..map.len()).rev() {
+        map[k][2] = map[k - late][2];
+    }
+    map
+}
+
 type Case = (&'static str, Wanted, fn(&mut Spot, &mut Pcg64Mcg) -> Map);
 
 fn plain(spot: &Spot, rng: &mut Pcg64Mcg) -> Map {
@@ -349,6 +388,29 @@ const CASES: &[Case] = &[
         s.noise = 0.3;
         plain(s, rng)
     }),
+    ("along a spiral", Wanted::Right, |s, rng| spiral(s, rng, 0)),
+    (
+        "along a spiral, a reading late",
+        Wanted::Either,
+        |s, rng| spiral(s, rng, 1),
+    ),
+    (
+        "along a spiral, two readings late",
+        Wanted::Either,
+        |s, rng| spiral(s, rng, 2),
+    ),
+    ("to and fro", Wanted::Right, |s, rng| to_and_fro(s, rng, 0)),
+    ("to and fro, two readings late", Wanted::Either, |s, rng| {
+        to_and_fro(s, rng, 2)
+    }),
+    ("bright only from the peak on", Wanted::Either, |s, rng| {
+        let (to, dark) = (s.x - 0.2 * s.radii[1], s.background);
+        let mut map = plain(s, rng);
+        for row in map.iter_mut().filter(|r| r[0] < to) {
+            row[2] = dark + 0.004 * normal(rng);
+        }
+        map
+    }),
 ];
 
 fn text(map: &Map) -> String {
@@ -533,28 +595,19 @@ fn no_map_is_wrong_and_called_aligned() {
 #[test]
 #[ignore = "long: two minutes of maps"]
 fn hardly_a_map_of_many_is_wrong_and_called_aligned() {
-    // Of scans in whose midst the light went for good some look whole: three of 50 were answered wrongly when that was first counted, and the book says so.
-    let (went, wrong): (Vec<_>, Vec<_>) = report(100..125).into_iter().partition(|wrong| {
-        [
-            "dark behind the peak",
-            "a detector that dies of bright light",
-        ]
-        .iter()
-        .any(|name| wrong.starts_with(name))
-    });
-    eprintln!("{} wrong, and {} whose light went", wrong.len(), went.len());
-    assert!(
-        went.len() <= 4,
-        "{} wrong:\n{}",
-        went.len(),
-        went.join("\n")
-    );
-    assert!(
-        wrong.len() <= 1,
-        "{} wrong:\n{}",
+    // Of maps whose light went in their midst three of 50 were wrong when that was first counted; none is to be, and on 100 fresh
+    // ones of each kind none was. What is written a reading late along a spiral does not show where the spiral hardly turns on the
+    // peak: the book says how many.
+    let (late, wrong): (Vec<_>, Vec<_>) = report(100..125)
+        .into_iter()
+        .partition(|wrong| wrong.starts_with("along a spiral, "));
+    let both = [&wrong[..], &late[..]].concat().join("\n");
+    eprintln!(
+        "{} wrong, and {} along a spiral and late\n{both}",
         wrong.len(),
-        wrong.join("\n")
+        late.len()
     );
+    assert!(wrong.len() <= 1 && late.len() <= 3, "{both}");
 }
 
 fn report(seeds: std::ops::Range<u64>) -> Vec<String> {

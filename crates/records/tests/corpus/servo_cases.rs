@@ -482,7 +482,29 @@ pub(crate) const MANGLED: &[(&str, Wanted, Mangle)] = &[
             up
         }));
     }),
+    (
+        "a voltage that is written smaller at its peaks",
+        Wanted::Either,
+        |rows, _| peaked(rows, 1.0),
+    ),
+    (
+        "a voltage that is written a little smaller at its peaks",
+        Wanted::Either,
+        |rows, _| peaked(rows, 1.67),
+    ),
+    (
+        "a voltage that is written hardly smaller at its peaks",
+        Wanted::Either,
+        |rows, _| peaked(rows, 2.5),
+    ),
 ];
+
+/// Compressed, as by a stage that bends: linear where it is small, and at its highest what `tanh(1 / level)` makes of it.
+fn peaked(rows: &mut Rows, level: f64) {
+    let most = level * rows.iter().map(|r| r[3].abs()).fold(0.0, f64::max);
+    rows.iter_mut()
+        .for_each(|r| r[3] = most * (r[3] / most).tanh());
+}
 
 pub(crate) fn between(rows: &Rows, column: usize, place: f64) -> f64 {
     let place = place.clamp(0.0, rows.len() as f64 - 1.001);

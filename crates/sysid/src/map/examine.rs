@@ -3,7 +3,7 @@
 use super::fold::{Fold, Folding, SEES, Spread, explain, leaves_noise, left_over, noise_of};
 use super::shape::{Datum, Fit, NUMBERS, Shape, fit};
 use super::unsteady::Unsteady;
-use super::{Reading, Refusal, Scan, surround};
+use super::{Reading, Refusal, Scan, gone, late, surround};
 use std::f64::consts::PI;
 
 /// A scan with its peak.
@@ -178,6 +178,7 @@ fn attempt(scan: &Scan, numbered: &[(usize, Datum)]) -> Result<Examined, Refused
         fit(&data, &from.shape, from.level, fold.is_free()).ok_or_else(nothing)
     };
     let mut found = refit(&all, &best)?;
+    let read = all.clone();
     if leave_out(&mut all, &found) {
         found = refit(&all, &found)?;
     }
@@ -192,6 +193,11 @@ fn attempt(scan: &Scan, numbered: &[(usize, Datum)]) -> Result<Examined, Refused
     }
     check(scan, &found, &all, (noise, own_noise), &whole)
         .and_then(|()| surround::check(scan, &found, &all, (noise, own_noise)))
+        .and_then(|()| gone::check(&found, &read, !matches!(fold, Folding::Plain)))
+        .and_then(|()| match fold {
+            Folding::Plain => late::check(scan, &found, &all),
+            _ => Ok(()),
+        })
         .map_err(|why| Box::new((why, Some(found.shape))))?;
     let plain: Vec<Datum> = all
         .iter()

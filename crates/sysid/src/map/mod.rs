@@ -12,6 +12,8 @@
 
 mod examine;
 mod fold;
+mod gone;
+mod late;
 mod look;
 mod shape;
 mod surround;
@@ -217,6 +219,18 @@ pub enum Refusal {
         /// At how many pairs of neighbours.
         steps: usize,
     },
+    /// It is dark where the rest of the peak says that it would be bright: a part of it was not seen.
+    Unseen {
+        /// About where.
+        at: Displacement,
+        /// At how many readings.
+        readings: usize,
+    },
+    /// Powers and places are not of the same readings.
+    Late {
+        /// By how many readings powers were written late; below zero early.
+        readings: isize,
+    },
     /// There may be a peak, but its place is not told.
     Vague {
         /// Standard deviation of its place, metres.
@@ -236,9 +250,65 @@ impl Refusal {
                 "no_single_peak"
             }
             Self::Saturated { .. } => "saturated",
-            Self::Vague { .. } | Self::Unsteady { .. } | Self::Cut { .. } => "unsure",
+            Self::Vague { .. }
+            | Self::Unsteady { .. }
+            | Self::Cut { .. }
+            | Self::Late { .. }
+            | Self::Unseen { .. } => "unsure",
             Self::TooCoarse { .. } => "too_coarse",
             Self::AtEdge { .. } => "at_edge",
+        }
+    }
+
+    /// Why there may be a peak, and is not told.
+    fn unsure(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Unsteady {
+                light,
+                aside,
+                deviation,
+            } => write!(
+                f,
+                "rows or columns do not fit each other: their light differs by {:.0} %, and they are {:.3} um aside of each other; so the \
+                 light or the stage changed while they were scanned, and the peak may be {:.3} um elsewhere",
+                light * 100.0,
+                aside * 1e6,
+                deviation * 1e6
+            ),
+            Self::Cut {
+                at: Displacement { x, y },
+                steps,
+            } => write!(
+                f,
+                "about {:.3}, {:.3} um the light is gone from one reading to the next, at {steps} pairs of neighbours, where it is \
+                 bright on one side: the light or its detector was off for a part of the scan, or the scan is too coarse for so \
+                 narrow a peak",
+                x * 1e6,
+                y * 1e6
+            ),
+            Self::Unseen {
+                at: Displacement { x, y },
+                readings,
+            } => write!(
+                f,
+                "about {:.3}, {:.3} um it is dark at {readings} readings where the rest of the peak says that it would be bright: the \
+                 light or its detector was off for a part of the scan",
+                x * 1e6,
+                y * 1e6
+            ),
+            Self::Late { readings } => write!(
+                f,
+                "powers and places are not of the same moments: with each power about {} readings {} the peak is told far better",
+                readings.unsigned_abs(),
+                if *readings > 0 { "earlier" } else { "later" }
+            ),
+            Self::Vague { deviation, radius } => write!(
+                f,
+                "a peak may be there, of {:.3} um in radius, but its place is known to {:.3} um only",
+                radius * 1e6,
+                deviation * 1e6
+            ),
+            _ => Ok(()),
         }
     }
 }
@@ -293,35 +363,11 @@ impl std::fmt::Display for Refusal {
                  not told by what is left of it; less light or less gain shows it",
                 share * 100.0
             ),
-            Self::Unsteady {
-                light,
-                aside,
-                deviation,
-            } => write!(
-                f,
-                "rows or columns do not fit each other: their light differs by {:.0} %, and they are {:.3} um aside of each other; so the \
-                 light or the stage changed while they were scanned, and the peak may be {:.3} um elsewhere",
-                light * 100.0,
-                aside * 1e6,
-                deviation * 1e6
-            ),
-            Self::Cut {
-                at: Displacement { x, y },
-                steps,
-            } => write!(
-                f,
-                "about {:.3}, {:.3} um the light is gone from one reading to the next, at {steps} pairs of neighbours, where it is \
-                 bright on one side: the light or its detector was off for a part of the scan, or the scan is too coarse for so \
-                 narrow a peak",
-                x * 1e6,
-                y * 1e6
-            ),
-            Self::Vague { deviation, radius } => write!(
-                f,
-                "a peak may be there, of {:.3} um in radius, but its place is known to {:.3} um only",
-                radius * 1e6,
-                deviation * 1e6
-            ),
+            Self::Unsteady { .. }
+            | Self::Cut { .. }
+            | Self::Unseen { .. }
+            | Self::Late { .. }
+            | Self::Vague { .. } => self.unsure(f),
             Self::TooCoarse {
                 seen,
                 spacing,

@@ -125,7 +125,7 @@ impl Unsteady {
 }
 
 /// Numbers of the lines that values stand on, in order; those of no grid are cut into as many as a grid of so many has.
-fn lines(values: impl Iterator<Item = f64>) -> Vec<usize> {
+pub(super) fn lines(values: impl Iterator<Item = f64>) -> Vec<usize> {
     let values: Vec<f64> = values.collect();
     let mut sorted = values.clone();
     sorted.sort_by(f64::total_cmp);

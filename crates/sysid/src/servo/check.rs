@@ -1,12 +1,12 @@
 //! What a servo's record cannot tell, found before anybody believes a number.
 
 use super::{
-    Equations, Friction, Method, POSITION, REFERENCE, Record, Settings, VOLTAGE, tolerance,
+    Equations, Friction, Method, Moved, POSITION, REFERENCE, Record, Settings, VOLTAGE, tolerance,
 };
 use crate::Unknown;
 use crate::timeline::Clock;
 use pigtail_numerics::regression::least_squares;
-use pigtail_numerics::signal::{Lowpass, decimate, quantile, rms};
+use pigtail_numerics::signal::{Lowpass, decimate, quantile, quantiles, rms};
 
 /// A servo's record is sampled faster than this, seconds, and more slowly than [`FASTEST`].
 const SLOWEST: f64 = 0.05;
@@ -63,13 +63,7 @@ pub(super) fn whole(
             100.0 * record.even.jitter
         )));
     }
-    let column = |c: usize| -> Vec<f64> {
-        let stretches = record.even.stretches.iter();
-        stretches
-            .flat_map(|s| s.columns[c].iter().copied())
-            .collect()
-    };
-    let (position, volts) = (column(POSITION), column(VOLTAGE));
+    let (position, volts) = (record.column(POSITION), record.column(VOLTAGE));
     let range = span(&position);
     if range <= 0.0 {
         return Err(Unknown::all("the position never changes"));
@@ -80,7 +74,7 @@ pub(super) fn whole(
         ));
     }
     if record.has_reference {
-        against_reference(record, &position, &column(REFERENCE))?;
+        against_reference(record, &position, &record.column(REFERENCE))?;
     }
     held(record)?;
     saturation(&volts, remarks)?;
@@ -211,10 +205,12 @@ fn held(record: &Record) -> Result<(), Unknown> {
     let (mut ways, mut rows) = (Vec::new(), Vec::new());
     for stretch in &record.even.stretches {
         let q = &stretch.columns[POSITION];
-        let steps: Vec<usize> = (1..q.len()).filter(|k| q[*k] != q[k - 1]).collect();
-        for w in steps.windows(2) {
-            ways.push((q[w[1]] - q[w[0]]).abs());
-            rows.push(w[1] - w[0]);
+        let mut last = None;
+        for k in (1..q.len()).filter(|k| q[*k] != q[k - 1]) {
+            if let Some(last) = last.replace(k) {
+                ways.push((q[k] - q[last]).abs());
+                rows.push(k - last);
+            }
         }
     }
     // Where it is fast an encoder counts in every row.
@@ -261,22 +257,27 @@ fn aliasing(record: &Record, set: &Settings) -> Result<(), Unknown> {
     let mut least = f64::INFINITY;
     for level in 0..6 {
         let factor = 1_usize << level;
-        let (mut misses, mut steps) = (Vec::new(), Vec::new());
+        let (mut misses, mut steps, mut count) = (0.0_f64, 0.0_f64, 0.0);
         for stretch in &record.even.stretches {
-            let averaged: Vec<f64> = stretch.columns[POSITION]
+            let averaged = stretch.columns[POSITION]
                 .chunks_exact(factor)
-                .map(|c| c.iter().sum::<f64>() / factor as f64)
-                .collect();
-            for w in averaged.windows(5) {
-                let prediction = (4.0 * (w[1] + w[3]) - (w[0] + w[4])) / 6.0;
-                misses.push(w[2] - prediction);
-                steps.push(0.5 * (w[3] - w[1]));
+                .map(|c| c.iter().sum::<f64>() / factor as f64);
+            let mut w = [0.0; 5];
+            for (k, next) in averaged.enumerate() {
+                w.rotate_left(1);
+                w[4] = next;
+                if k >= 4 {
+                    let prediction = (4.0 * (w[1] + w[3]) - (w[0] + w[4])) / 6.0;
+                    misses += (w[2] - prediction).powi(2);
+                    steps += (0.5 * (w[3] - w[1])).powi(2);
+                    count += 1.0;
+                }
             }
         }
-        if misses.len() < 50 {
+        if count < 50.0 {
             break;
         }
-        let ratio = rms(misses) / rms(steps).max(f64::MIN_POSITIVE);
+        let ratio = (misses / count).sqrt() / (steps / count).sqrt().max(f64::MIN_POSITIVE);
         least = least.min(ratio);
     }
     if least > ROUGH {
@@ -321,12 +322,8 @@ pub(super) fn bandwidth(
     columns: &Equations,
     set: &Settings,
 ) -> Result<(), Unknown> {
-    let whole: Vec<f64> = record
-        .even
-        .stretches
-        .iter()
-        .flat_map(|s| s.columns[VOLTAGE].iter().map(|u| set.force_per_volt * u))
-        .collect();
+    let whole = record.even.stretches.iter();
+    let whole = whole.flat_map(|s| s.columns[VOLTAGE].iter().map(|u| set.force_per_volt * u));
     // Decimation's own gain is in the column of ones.
     let (left, all) = (
         rms(columns.force.iter().copied()) / rms(columns.one.iter().copied()),
@@ -368,12 +365,12 @@ pub(super) fn driving(first: &super::Variant, columns: &Equations) -> Result<(),
 
 /// What the motion does not excite; notes in the columns if it goes one way only.
 pub(super) fn excitation(
-    record: &Record,
     columns: &mut Equations,
+    moved: &Moved,
     set: &Settings,
 ) -> Result<Vec<Unknown>, Unknown> {
     let speeds: Vec<f64> = columns.velocity.iter().map(|v| v.abs()).collect();
-    let noise = noise(record, set);
+    let noise = noise(moved, set);
     let moving = (0.05 * quantile(&speeds, 0.99)).max(3.0 * noise.velocity);
     if quantile(&speeds, 0.99) <= 5.0 * noise.velocity {
         return Err(Unknown::all("the axis does not move beyond its noise"));
@@ -478,25 +475,25 @@ pub(super) fn white(record: &Record, set: &Settings) -> f64 {
     let left = high.both_ways(&impulse);
     let share: f64 = impulse.iter().zip(left).map(|(a, b)| (a - b).powi(2)).sum();
     // The median, for a reversal is no noise.
-    1.4826 * quantile(&taken, 0.5) / share.max(0.05).sqrt()
+    let [usual] = quantiles(taken, [0.5]);
+    1.4826 * usual / share.max(0.05).sqrt()
 }
 
 /// Share of the acceleration's power that is the position's noise.
-pub(super) fn noise_share(record: &Record, set: &Settings) -> f64 {
-    let columns = Equations::of(record, set);
+pub(super) fn noise_share(record: &Record, moved: &Moved, set: &Settings) -> f64 {
+    let columns = moved.equations(record, set);
     let power = rms(columns.acceleration.iter().copied());
-    (noise(record, set).acceleration / power.max(f64::MIN_POSITIVE)).powi(2)
+    (noise(moved, set).acceleration / power.max(f64::MIN_POSITIVE)).powi(2)
 }
 
 /// Standard deviation of the acceleration that is the position's noise.
-pub(super) fn acceleration_noise(record: &Record, set: &Settings) -> f64 {
-    noise(record, set).acceleration
+pub(super) fn acceleration_noise(moved: &Moved, set: &Settings) -> f64 {
+    noise(moved, set).acceleration
 }
 
-fn noise(record: &Record, set: &Settings) -> Noise {
+fn noise(moved: &Moved, set: &Settings) -> Noise {
     const LENGTH: usize = 1024;
-    let white = white(record, set);
-    let period = record.even.period;
+    let Moved { white, period, .. } = *moved;
     let filter = Lowpass::butterworth(set.order, 2.0 * period * set.cutoff(period));
     let mut impulse = vec![0.0; LENGTH];
     impulse[LENGTH / 2] = 1.0;

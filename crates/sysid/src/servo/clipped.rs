@@ -129,10 +129,7 @@ pub(super) fn clipped(
     set: &Settings,
     columns: &Equations,
 ) -> Result<Option<(Vec<bool>, f64)>, Unknown> {
-    let stretches = record.even.stretches.iter();
-    let volts: Vec<f64> = stretches
-        .flat_map(|s| s.columns[VOLTAGE].iter().copied())
-        .collect();
+    let volts = record.column(VOLTAGE);
     // A share so small is spikes.
     let bounds = [-quantile(&volts, 0.0005), quantile(&volts, 0.9995)];
     if bounds.iter().any(|b| *b <= 0.0) {

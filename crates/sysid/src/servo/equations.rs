@@ -1,9 +1,10 @@
 //! A record's equations: its columns filtered, differentiated and decimated alike.
 
-use super::{Friction, LEAST, Method, POSITION, Record, Settings, VOLTAGE, other};
+use super::{Friction, LEAST, Method, POSITION, Record, Settings, VOLTAGE, check, other};
 use nalgebra::DMatrix;
-use pigtail_numerics::regression::{matrix, robust};
-use pigtail_numerics::signal::{Lowpass, decimate, derivative, quantile, rms};
+use pigtail_numerics::regression::{matrix, robust_alone};
+use pigtail_numerics::signal::{Lowpass, decimate_beside, quantile, rms};
+use std::borrow::Cow;
 
 /// Equations left out at either end of a stretch where what they leave stands apart from what the others do: filters settle
 /// within some ten periods of their cutoff, and so far they are apart.
@@ -42,77 +43,156 @@ pub(super) struct Equations {
     pub(super) told: Option<Box<Self>>,
 }
 
-impl Equations {
-    /// The columns of a position, an acceleration's and a velocity's own signs.
-    pub(super) fn extend(
-        &mut self,
-        start: f64,
-        period: f64,
-        position: &[f64],
-        force: &[f64],
-        set: &Settings,
-    ) {
-        let n = position.len();
-        let filter = Lowpass::butterworth(set.order, 2.0 * period * set.cutoff(period));
-        let smooth = filter.both_ways(position);
-        let velocity = derivative(&smooth, period);
-        let acceleration = derivative(&velocity, period);
-        let exact = rate(&rate(&smooth, period), period);
-        let factor = set.factor(period);
-        let skip = set.skip.min(n);
-        let rows = (n - skip).div_ceil(factor);
-        // The filters of position and decimation settle at the ends: what is there is theirs.
-        let ends = if set.settle { SETTLE.min(rows / 2) } else { 0 };
-        let thin = |column: &[f64]| decimate(&column[skip..], factor)[ends..rows - ends].to_vec();
-        let of = |f: fn(f64) -> f64| thin(&velocity.iter().map(|v| f(*v)).collect::<Vec<_>>());
-        self.force.extend(thin(force));
-        // About each sample: a difference to one side goes with the noise of a voltage that was measured, and a delay with it.
-        let (before, behind) = (
-            |k: usize| force[k] - force[k.saturating_sub(1)],
-            |k: usize| force[(k + 1).min(n - 1)] - force[k],
-        );
-        let lag: Vec<f64> = (0..n).map(|k| 0.5 * (before(k) + behind(k))).collect();
-        self.lag.extend(thin(&lag));
-        let curve: Vec<f64> = (0..n).map(|k| behind(k) - before(k)).collect();
-        self.curve.extend(thin(&curve));
-        self.position.extend(thin(&smooth));
-        self.velocity.extend(thin(&velocity));
-        self.acceleration.extend(thin(&acceleration));
-        self.exact.extend(thin(&exact));
-        self.sign.extend(of(sign));
-        self.one.extend(of(|_| 1.0));
-        self.forward[0].extend(of(|v| v.max(0.0)));
-        self.forward[1].extend(of(|v| sign(v).max(0.0)));
-        self.backward[0].extend(of(|v| v.min(0.0)));
-        self.backward[1].extend(of(|v| sign(v).min(0.0)));
-        let first = skip + (n - skip + factor - 1) % factor;
-        self.time
-            .extend((ends..rows - ends).map(|k| start + period * (first + k * factor) as f64));
+/// What a record's positions say, filtered and decimated: the same whatever a voltage is moved by, and most of the work of its equations.
+#[derive(Debug)]
+pub(super) struct Moved {
+    /// The columns of each stretch that is long enough, by its place among all; those of a force are empty, and their ends are there.
+    parts: Vec<(usize, Equations)>,
+    /// Time between samples, seconds.
+    pub(super) period: f64,
+    /// Standard deviation of a position's noise, taken as white, m or rad.
+    pub(super) white: f64,
+}
+
+impl Moved {
+    pub(super) fn of(record: &Record, set: &Settings) -> Self {
+        let period = record.even.period;
+        let parts = record
+            .even
+            .stretches
+            .iter()
+            .enumerate()
+            .filter(|(_, s)| s.columns[POSITION].len() >= LEAST + set.skip)
+            .map(|(k, s)| {
+                (
+                    k,
+                    Equations::moving(s.start, period, &s.columns[POSITION], set),
+                )
+            })
+            .collect();
+        Self {
+            parts,
+            period,
+            white: check::white(record, set),
+        }
     }
 
-    pub(super) fn of(record: &Record, set: &Settings) -> Self {
-        let mut equations = Self::default();
-        for stretch in &record.even.stretches {
-            let position = &stretch.columns[POSITION];
-            if position.len() < LEAST + set.skip {
-                continue;
-            }
-            let force: Vec<f64> = stretch.columns[VOLTAGE]
-                .iter()
-                .map(|u| set.force_per_volt * u)
-                .collect();
-            equations.extend(stretch.start, record.even.period, position, &force, set);
+    /// The equations of these positions with a record's voltages.
+    pub(super) fn equations(&self, record: &Record, set: &Settings) -> Equations {
+        self.equations_of(
+            |k| Cow::Borrowed(&record.even.stretches[k].columns[VOLTAGE]),
+            set,
+        )
+    }
+
+    /// The same with the voltages of each stretch by its place.
+    pub(super) fn equations_of<'r>(
+        &self,
+        volts: impl Fn(usize) -> Cow<'r, [f64]>,
+        set: &Settings,
+    ) -> Equations {
+        let mut equations = Equations::default();
+        for (k, moving) in &self.parts {
+            equations.extend(moving, &volts(*k), self.period, set);
         }
         if let Some(place) = set.place.filter(|_| !equations.force.is_empty()) {
             other::taken_out(&mut equations, &place);
         }
         equations
     }
+}
+
+impl Equations {
+    /// The columns of a position, an acceleration's and a velocity's own signs, with their ends and without a force.
+    pub(super) fn moving(start: f64, period: f64, position: &[f64], set: &Settings) -> Self {
+        let n = position.len();
+        let filter = Lowpass::butterworth(set.order, 2.0 * period * set.cutoff(period));
+        let smooth = filter.both_ways(position);
+        let place = |k: usize| smooth[k];
+        let velocity = |k: usize| central(place, n, period, k);
+        let acceleration = |k: usize| central(velocity, n, period, k);
+        let exact = |k: usize| fine(|k| fine(place, n, period, k), n, period, k);
+        let (factor, skip) = (set.factor(period), set.skip.min(n));
+        let rows = n - skip;
+        let [position, velocities] =
+            decimate_beside(rows, factor, |k| [place(skip + k), velocity(skip + k)]);
+        let [accelerations, exact] =
+            decimate_beside(rows, factor, |k| [acceleration(skip + k), exact(skip + k)]);
+        let [signs, one] = decimate_beside(rows, factor, |k| [sign(velocity(skip + k)), 1.0]);
+        let forward = decimate_beside(rows, factor, |k| {
+            let v = velocity(skip + k);
+            [v.max(0.0), sign(v).max(0.0)]
+        });
+        let backward = decimate_beside(rows, factor, |k| {
+            let v = velocity(skip + k);
+            [v.min(0.0), sign(v).min(0.0)]
+        });
+        let first = skip + (rows + factor - 1) % factor;
+        Self {
+            time: (0..position.len())
+                .map(|k| start + period * (first + k * factor) as f64)
+                .collect(),
+            position,
+            velocity: velocities,
+            acceleration: accelerations,
+            exact,
+            sign: signs,
+            one,
+            forward,
+            backward,
+            ..Self::default()
+        }
+    }
+
+    /// Appends a stretch's columns and those of its voltage.
+    pub(super) fn extend(&mut self, moving: &Self, volts: &[f64], period: f64, set: &Settings) {
+        let n = volts.len();
+        let (factor, skip) = (set.factor(period), set.skip.min(n));
+        let rows = moving.time.len();
+        // The filters of position and decimation settle at the ends: what is there is theirs.
+        let ends = if set.settle { SETTLE.min(rows / 2) } else { 0 };
+        let force = |k: usize| set.force_per_volt * volts[k];
+        // About each sample: a difference to one side goes with the noise of a voltage that was measured, and a delay with it.
+        let own = decimate_beside(n - skip, factor, |k| {
+            let k = k + skip;
+            let now = force(k);
+            let before = now - force(k.saturating_sub(1));
+            let behind = force((k + 1).min(n - 1)) - now;
+            [now, 0.5 * (before + behind), behind - before]
+        });
+        for (all, own) in [&mut self.force, &mut self.lag, &mut self.curve]
+            .into_iter()
+            .zip(&own)
+        {
+            all.extend_from_slice(&own[ends..rows - ends]);
+        }
+        let [f0, f1] = &mut self.forward;
+        let [b0, b1] = &mut self.backward;
+        for (all, own) in [
+            (&mut self.time, &moving.time),
+            (&mut self.position, &moving.position),
+            (&mut self.velocity, &moving.velocity),
+            (&mut self.acceleration, &moving.acceleration),
+            (&mut self.exact, &moving.exact),
+            (&mut self.sign, &moving.sign),
+            (&mut self.one, &moving.one),
+            (f0, &moving.forward[0]),
+            (f1, &moving.forward[1]),
+            (b0, &moving.backward[0]),
+            (b1, &moving.backward[1]),
+        ] {
+            all.extend_from_slice(&own[ends..rows - ends]);
+        }
+    }
+
+    pub(super) fn of(record: &Record, set: &Settings) -> Self {
+        Moved::of(record, set).equations(record, set)
+    }
 
     /// Equations that are so far from all others that they would decide alone, if they are few.
     pub(super) fn apart(&self) -> Option<Vec<bool>> {
         let x = self.matrix(Friction::Asymmetric, Method::LeastSquares);
-        let found = robust(&x, &self.force)?;
+        let found = robust_alone(&x, &self.force)?;
         let sizes: Vec<f64> = found.residuals.iter().map(|r| r.abs()).collect();
         let far = APART * 1.4826 * quantile(&sizes, 0.5);
         let count = sizes.iter().filter(|s| **s > far).count();
@@ -226,7 +306,7 @@ impl Equations {
 pub(super) fn unsettled(equations: &Equations) -> bool {
     let n = equations.force.len();
     let x = equations.matrix(Friction::Asymmetric, Method::LeastSquares);
-    let Some(found) = robust(&x, &equations.force) else {
+    let Some(found) = robust_alone(&x, &equations.force) else {
         return false;
     };
     // A gap is longer than the equations are apart.
@@ -253,16 +333,26 @@ pub(super) fn unsettled(equations: &Equations) -> bool {
     ends > UNSETTLED * others
 }
 
+/// Central differences of a signal of so many samples, at one of them; the ends repeat their neighbours.
+fn central(signal: impl Fn(usize) -> f64, n: usize, period: f64, k: usize) -> f64 {
+    let k = k.clamp(1, n - 2);
+    (signal(k + 1) - signal(k - 1)) / (2.0 * period)
+}
+
 /// Central differences over five samples: those over three make an acceleration too small by a third of the square of
 /// the way that its sine turns between samples.
+fn fine(signal: impl Fn(usize) -> f64, n: usize, period: f64, k: usize) -> f64 {
+    if k < 2 || k + 2 >= n {
+        return central(signal, n, period, k);
+    }
+    let (near, far) = (signal(k + 1) - signal(k - 1), signal(k + 2) - signal(k - 2));
+    (8.0 * near - far) / (12.0 * period)
+}
+
+/// The same of a whole signal.
 pub(super) fn rate(signal: &[f64], period: f64) -> Vec<f64> {
     let n = signal.len();
-    let mut rate = derivative(signal, period);
-    for k in 2..n.saturating_sub(2) {
-        let (near, far) = (signal[k + 1] - signal[k - 1], signal[k + 2] - signal[k - 2]);
-        rate[k] = (8.0 * near - far) / (12.0 * period);
-    }
-    rate
+    (0..n).map(|k| fine(|k| signal[k], n, period, k)).collect()
 }
 
 pub(super) fn sign(v: f64) -> f64 {

@@ -31,14 +31,15 @@ pub use other::Place;
 pub use replay::{Axis, Replay};
 pub use sliding::Sliding;
 
-use equations::{APART, Equations, rate};
+use equations::{APART, Equations, Moved, rate};
 use variants::variants;
 
 use super::outliers;
 use super::timeline::{Even, counted};
 use super::{Account, Known, Parameter, Unknown};
-use pigtail_numerics::regression::{robust, tolerance};
+use pigtail_numerics::regression::{robust_alone, tolerance};
 use pigtail_numerics::signal::rms;
+use std::borrow::Cow;
 
 /// A servo's record on an even grid: position, voltage and, where there is one, the reference.
 #[derive(Debug, Clone, PartialEq)]
@@ -87,9 +88,9 @@ impl Record {
 
     /// The same in volts, its voltage the whole one that drives the axis; and whether the voltage that was recorded
     /// had that in it already.
-    fn driven(&self, set: &Settings) -> (Self, bool) {
+    fn driven(&self, set: &Settings) -> (Cow<'_, Self>, bool) {
         let Some(column) = self.injected_column() else {
-            return (self.clone(), true);
+            return (Cow::Borrowed(self), true);
         };
         let mut within = self.clone();
         if self.injected == Some(Injected::Force) {
@@ -108,15 +109,28 @@ impl Record {
             }
         }
         // What drives it is what its motion answers to.
+        let moved = Moved::of(&within, set);
         let left = |record: &Self| {
-            let columns = Equations::of(record, set);
+            let columns = moved.equations(record, set);
             let x = columns.matrix(Friction::Asymmetric, Method::LeastSquares);
-            robust(&x, &columns.force).map_or(f64::INFINITY, |s| rms(s.residuals))
+            robust_alone(&x, &columns.force).map_or(f64::INFINITY, |s| rms(s.residuals))
         };
         if left(&beside) < left(&within) {
-            (beside, false)
+            (Cow::Owned(beside), false)
         } else {
-            (within, true)
+            (Cow::Owned(within), true)
+        }
+    }
+
+    /// All samples of a column.
+    fn column(&self, column: usize) -> Cow<'_, [f64]> {
+        match &self.even.stretches[..] {
+            [one] => Cow::Borrowed(&one.columns[column]),
+            all => Cow::Owned(
+                all.iter()
+                    .flat_map(|s| s.columns[column].iter().copied())
+                    .collect(),
+            ),
         }
     }
 
@@ -400,45 +414,46 @@ pub fn identify(
         &cleaned(record, &mut remarks)?,
         second.map(|r| cleaned(r, &mut Vec::new())).transpose()?,
     );
-    let (record, within) = &record.driven(set);
-    let second = second.map(|r| r.driven(set).0);
+    let (record, within) = record.driven(set);
+    let record = &*record;
+    let second = second.as_ref().map(|r| r.driven(set).0);
     if record.injected.is_some() {
         remarks.push(format!(
             "what was injected is {} the voltage that was recorded, by how the axis moved",
-            if *within { "in" } else { "not in" }
+            if within { "in" } else { "not in" }
         ));
     }
-    let set = &quiet(record, set, &mut remarks);
-    let whole = Equations::of(record, set);
+    let (set, moved) = &quiet(record, set, &mut remarks);
     let set = &Settings {
-        settle: equations::unsettled(&whole),
+        settle: equations::unsettled(&moved.equations(record, set)),
         ..*set
     };
     check::whole(record, set, &mut remarks)?;
-    let of_place = other::of_place(record, set, &mut remarks);
+    let of_place = other::of_place(record, moved, set, &mut remarks);
     let raw = set;
     let set = &of_place.settings(set);
     let controller = set
         .controller
         .or_else(|| controller::fit(record).filter(|c| c.error_percent < 10.0));
     // Voltage and position of the same moments first; everything else rests on that.
-    let skew = skew::skew(record, set)?;
+    let skew = skew::skew(record, moved, set)?;
     remarks.extend(skew.remark(record.even.period));
     let set = &skew.settings(set);
     let stamped = record;
     let record = &skew.taken_out(record);
-    let second = second.map(|r| skew.taken_out(&r));
-    let mut columns = Equations::of(record, set);
+    let second = second.as_deref().map(|r| skew.taken_out(r));
+    let mut columns = moved.equations(record, set);
     enough(&columns, record)?;
-    check::bandwidth(record, &Equations::of(record, raw), set)?;
-    let mut unknown = check::excitation(record, &mut columns, set)?;
-    let keep = believed(&mut columns, record, set, &mut remarks)?;
+    let with_place = set.place.map(|_| moved.equations(record, raw));
+    check::bandwidth(record, with_place.as_ref().unwrap_or(&columns), set)?;
+    let mut unknown = check::excitation(&mut columns, moved, set)?;
+    let (keep, cut) = believed(&mut columns, record, set, &mut remarks)?;
     let second = second.map(|r| Equations {
         one_way: columns.one_way,
         ..Equations::of(&r, set)
     });
     let mut variants = variants(
-        record,
+        (record, moved),
         second.as_ref(),
         set,
         &columns,
@@ -459,7 +474,7 @@ pub fn identify(
         skew.widen(&mut variant.parameters);
     }
     of_place.widen(&mut variants);
-    bent::bent(&columns, &mut variants, &mut unknown, &mut remarks);
+    bent::bent(&columns, cut, &mut variants, &mut unknown, &mut remarks);
     let first = &variants[0];
     check::uncertain(first, &columns, &mut unknown);
     check::robustly(&mut variants, &mut unknown);
@@ -492,7 +507,7 @@ pub fn identify(
         best,
         equations: columns.force.len(),
         remarks,
-        motion: Motion::of(record, &columns, set),
+        motion: Motion::of(record, &columns, moved, set),
         supported,
         skew: skew.at_start * record.even.period,
         columns,
@@ -509,15 +524,16 @@ fn supported(variants: &[Variant]) -> Method {
     }
 }
 
-/// Leaves out the equations that are not to be believed: which were kept, where some were not.
+/// Leaves out the equations that are not to be believed: which were kept, where some were not, and whether a voltage that was cut off is
+/// the reason.
 fn believed(
     columns: &mut Equations,
     record: &Record,
     set: &Settings,
     remarks: &mut Vec<String>,
-) -> Result<Option<Vec<bool>>, Unknown> {
+) -> Result<(Option<Vec<bool>>, bool), Unknown> {
     if columns.one_way {
-        return Ok(None);
+        return Ok((None, false));
     }
     let out = |keep: &[bool]| keep.iter().filter(|k| !**k).count();
     let mut keep = None;
@@ -531,6 +547,7 @@ fn believed(
         enough(columns, record)?;
         keep = Some(whole);
     }
+    let cut = keep.is_some();
     if let Some(near) = columns.apart() {
         remarks.push(format!(
             "{} of {} equations stand apart from all others, by more than {APART} standard deviations; set aside",
@@ -555,7 +572,7 @@ fn believed(
         let both = all.into_iter().map(|k| k && slides.next().unwrap_or(true));
         keep = Some(both.collect());
     }
-    Ok(keep)
+    Ok((keep, cut))
 }
 
 fn enough(columns: &Equations, record: &Record) -> Result<(), Unknown> {
@@ -594,18 +611,20 @@ fn cleaned(record: &Record, remarks: &mut Vec<String>) -> Result<Record, Unknown
 
 /// Settings under which the noise of the position is next to nothing beside the acceleration: noise in what a force
 /// is told by makes an inertia too small. Only where no cutoff was given.
-fn quiet(record: &Record, set: &Settings, remarks: &mut Vec<String>) -> Settings {
+fn quiet(record: &Record, set: &Settings, remarks: &mut Vec<String>) -> (Settings, Moved) {
     let period = record.even.period;
     let usual = set.cutoff(period);
     let mut quiet = *set;
+    let mut moved = Moved::of(record, set);
     if set.cutoff.is_some() || set.decimate.is_some() {
-        return quiet;
+        return (quiet, moved);
     }
     for halvings in 0..4 {
         if halvings > 0 {
             quiet.cutoff = Some(usual * 0.5_f64.powi(halvings));
+            moved = Moved::of(record, &quiet);
         }
-        if check::noise_share(record, &quiet) < check::QUIET {
+        if check::noise_share(record, &moved, &quiet) < check::QUIET {
             break;
         }
     }
@@ -615,10 +634,10 @@ fn quiet(record: &Record, set: &Settings, remarks: &mut Vec<String>) -> Settings
              count as acceleration"
         ));
     }
-    quiet
+    (quiet, moved)
 }
 
-/// Replays a record's reference in closed loop, under a law of friction.
+/// Replays a record's reference in closed loop, under a law of friction, and keeps at most so many of its rows, evenly.
 ///
 /// `None` for a record without reference, or where the replay runs away.
 pub fn replay(
@@ -626,10 +645,10 @@ pub fn replay(
     axis: &Axis,
     law: &Sliding,
     controller: &Controller,
-    set: &Settings,
+    (set, rows): (&Settings, usize),
 ) -> Option<Replay> {
     record
         .has_reference
-        .then(|| replay::whole(&record.driven(set).0, axis, law, controller, set))
+        .then(|| replay::whole(&record.driven(set).0, axis, law, controller, (set, rows)))
         .flatten()
 }

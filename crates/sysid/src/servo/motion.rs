@@ -1,6 +1,6 @@
 //! How far a record's motion went.
 
-use super::{Equations, POSITION, Record, Settings, VOLTAGE, check};
+use super::{Equations, Moved, POSITION, Record, Settings, VOLTAGE};
 use pigtail_numerics::signal::quantile;
 
 /// What an axis was seen to do: what its datasheet may promise at least.
@@ -21,7 +21,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    pub(super) fn of(record: &Record, columns: &Equations, set: &Settings) -> Self {
+    pub(super) fn of(record: &Record, columns: &Equations, moved: &Moved, set: &Settings) -> Self {
         let all = |column: usize| {
             let stretches = record.even.stretches.iter();
             stretches.flat_map(move |s| s.columns[column].iter().copied())
@@ -35,7 +35,7 @@ impl Motion {
             speed: largest(&columns.velocity),
             acceleration: quantile(&accelerations, 0.99),
             voltage: all(VOLTAGE).fold(0.0, |m: f64, u| m.max(u.abs())),
-            noise: check::white(record, set),
+            noise: moved.white,
             bandwidth: set.cutoff(record.even.period),
         }
     }

@@ -1,7 +1,7 @@
 //! What drives or holds an axis beside its inertia and its friction, and what changes within a record: no parameter here
 //! stands for it, and those that there are would be off by it.
 
-use super::{Equations, Friction, LATE, Method, Record, SLOW, Settings, Unknown, Variant};
+use super::{Equations, Friction, LATE, Method, Moved, Record, SLOW, Settings, Unknown, Variant};
 use nalgebra::{DMatrix, DVector};
 use pigtail_numerics::regression::{Solution, least_squares, matrix, over, relative};
 use pigtail_numerics::signal::{quantile, rms};
@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 
 /// A parameter is another one where it differs by more than this share of it, and by more than so many standard
 /// deviations.
-const OTHER: f64 = 0.1;
+pub(super) const OTHER: f64 = 0.1;
 const SURELY: f64 = 5.0;
 
 /// Equations over which decimation smears a step of friction.
@@ -25,6 +25,9 @@ const SHORTEST: f64 = 0.02;
 const TRIED: usize = 160;
 const WORTH: f64 = 0.1;
 
+/// Most equations by which they are looked for.
+const SEARCHED: usize = 20_000;
+
 /// Share of the record to which a force of the place is fitted; the rest says whether there is one.
 const FITTED: f64 = 0.7;
 
@@ -35,13 +38,13 @@ pub(super) fn symmetric(columns: &Equations) -> DMatrix<f64> {
     columns.matrix(Friction::Symmetric, Method::LeastSquares)
 }
 
-/// Whether one solution has one of these parameters otherwise than another.
-pub(super) fn differs(one: &Solution, other: &Solution, of: &[usize]) -> bool {
+/// Whether one solution has one of these parameters otherwise than another, by such a share of it.
+pub(super) fn differs(one: &Solution, other: &Solution, of: &[usize], share: f64) -> bool {
     of.iter().any(|j| {
         let off = (one.values[*j] - other.values[*j]).abs();
         let sure = one.std_correlated[*j].hypot(other.std_correlated[*j]);
         let size = one.values[*j].abs().max(other.values[*j].abs());
-        off > OTHER * size && off > SURELY * sure
+        off > share * size && off > SURELY * sure
     })
 }
 
@@ -71,7 +74,7 @@ pub(super) fn sliding(columns: &Equations) -> Option<Vec<bool>> {
     let x = symmetric(columns);
     let all = least_squares(&x, &columns.force)?;
     let sliding = over(&x, &columns.force, |i| slides[i])?;
-    differs(&all, &sliding, &[0, 1, 2]).then_some(slides)
+    differs(&all, &sliding, &[0, 1, 2], OTHER).then_some(slides)
 }
 
 /// A force that goes with the place: the weight on a lever or a slope, a spring, a motor's cogging. One part of it is
@@ -120,11 +123,17 @@ impl Place {
         if place.stroke.is_nan() || place.stroke <= 0.0 {
             return None;
         }
-        let share = place.share(&columns.position);
+        // Where there are very many equations some of them tell the waves' lengths.
+        let every = columns.force.len().div_ceil(SEARCHED);
+        let some = |column: &[f64]| -> Vec<f64> { column.iter().copied().step_by(every).collect() };
+        let (position, force) = (some(&columns.position), some(&columns.force));
+        let rows: Vec<usize> = (0..columns.force.len()).step_by(every).collect();
+        let x = x.select_rows(&rows);
+        let share = place.share(&position);
         for k in 0..WAVES {
-            let all = beside(x, &place.columns(&columns.position));
+            let all = beside(&x, &place.columns(&position));
             let span = all.qr().q();
-            let left = without(&span, &columns.force);
+            let left = without(&span, &force);
             let told = |cycles: f64| {
                 let [a, b] = Self::wave(&share, cycles).map(|c| without(&span, &c));
                 let b = &b - &a * (a.dot(&b) / a.norm_squared().max(f64::MIN_POSITIVE));
@@ -199,8 +208,13 @@ pub(super) struct OfPlace {
 }
 
 /// The force of the place, where there is one that tells what it was not fitted to.
-pub(super) fn of_place(record: &Record, set: &Settings, remarks: &mut Vec<String>) -> OfPlace {
-    let mut columns = Equations::of(record, set);
+pub(super) fn of_place(
+    record: &Record,
+    moved: &Moved,
+    set: &Settings,
+    remarks: &mut Vec<String>,
+) -> OfPlace {
+    let mut columns = moved.equations(record, set);
     // An axis that rests at some places is held there by friction.
     if let Some(slides) = sliding(&columns) {
         columns.retain(&slides);
@@ -302,7 +316,7 @@ pub(super) fn changing(
     };
     let found: Vec<Solution> = (0..parts).filter_map(of).collect();
     let pairs = || (0..found.len()).flat_map(|i| (0..i).map(move |j| (i, j)));
-    if let Some((i, j)) = pairs().find(|(i, j)| differs(&found[*i], &found[*j], &[0])) {
+    if let Some((i, j)) = pairs().find(|(i, j)| differs(&found[*i], &found[*j], &[0], OTHER)) {
         let of = |k: usize| found[k].values[0];
         return Err(Unknown::all(format!(
             "one part of it says an inertia of {:.4e} and another one {:.4e}: did a load, a gain or a unit change within it?",

@@ -4,7 +4,6 @@ use super::controller::Controller;
 use super::sliding::{Moving, Sliding};
 use super::{POSITION, REFERENCE, Record, Settings, VOLTAGE};
 use crate::timeline::Stretch;
-use pigtail_numerics::regression::relative;
 use pigtail_numerics::signal::{Lowpass, derivative};
 
 /// An axis that moves: `M v' = K u - c - F_v v - F_c sgn(v)`, each direction with its own friction.
@@ -206,14 +205,38 @@ pub struct Replay {
     pub position_error_percent: f64,
 }
 
+/// How far one column is from another: squares of the difference and of the first one, and of how many.
+#[derive(Debug, Clone, Copy, Default)]
+struct Error {
+    left: f64,
+    own: f64,
+    count: f64,
+}
+
+impl Error {
+    fn see(&mut self, own: f64, other: f64) {
+        self.left += (own - other).powi(2);
+        self.own += own * own;
+        self.count += 1.0;
+    }
+
+    /// Norm of the difference over the norm of the first, per cent.
+    fn percent(&self) -> f64 {
+        let count = self.count.max(1.0);
+        100.0 * (self.left / count).sqrt() / (self.own / count).sqrt().max(f64::MIN_POSITIVE)
+    }
+}
+
 pub(super) fn whole(
     record: &Record,
     axis: &Axis,
     law: &Sliding,
     controller: &Controller,
-    set: &Settings,
+    (set, rows): (&Settings, usize),
 ) -> Option<Replay> {
     let period = record.even().period;
+    let every = record.even().samples().div_ceil(rows).max(1);
+    let [mut velocities, mut forces, mut positions] = [Error::default(); 3];
     let filter = Lowpass::butterworth(set.order, 2.0 * period * set.cutoff(period));
     let mut replay = Replay::default();
     for part in &record.even().stretches {
@@ -229,40 +252,36 @@ pub(super) fn whole(
             law,
             controller,
         )?;
-        let skip = set.skip..n;
         let velocity = |q: &[f64]| derivative(&filter.both_ways(q), period);
-        replay
-            .time
-            .extend(skip.clone().map(|k| part.start + k as f64 * period));
-        for (all, own) in replay.position.iter_mut().zip([
-            &part.columns[REFERENCE],
-            &part.columns[POSITION],
-            &prediction.position,
-        ]) {
-            all.extend_from_slice(&own[skip.clone()]);
+        let (position, voltage) = (&part.columns[POSITION], &part.columns[VOLTAGE]);
+        let speed = [velocity(position), velocity(&prediction.position)];
+        for k in set.skip..n {
+            velocities.see(speed[0][k], speed[1][k]);
+            forces.see(voltage[k], prediction.voltage[k]);
+            positions.see(position[k], prediction.position[k]);
         }
-        for (all, own) in replay
-            .velocity
-            .iter_mut()
-            .zip([&part.columns[POSITION], &prediction.position])
-        {
-            all.extend_from_slice(&velocity(own)[skip.clone()]);
+        let kept = (set.skip..n).step_by(every);
+        let of = |all: &mut Vec<f64>, own: &[f64]| all.extend(kept.clone().map(|k| own[k]));
+        let time = kept.clone().map(|k| part.start + k as f64 * period);
+        replay.time.extend(time);
+        let [reference, measured, replayed] = &mut replay.position;
+        of(reference, &part.columns[REFERENCE]);
+        of(measured, position);
+        of(replayed, &prediction.position);
+        for (all, own) in replay.velocity.iter_mut().zip(&speed) {
+            of(all, own);
         }
         for (all, own) in replay
             .voltage
             .iter_mut()
-            .zip([&part.columns[VOLTAGE], &prediction.voltage])
+            .zip([voltage, &prediction.voltage])
         {
-            all.extend_from_slice(&own[skip.clone()]);
+            of(all, own);
         }
     }
-    let error = |a: &[f64], b: &[f64]| {
-        let left: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
-        relative(&left, a)
-    };
-    replay.velocity_error_percent = error(&replay.velocity[0], &replay.velocity[1]);
-    replay.force_error_percent = error(&replay.voltage[0], &replay.voltage[1]);
-    replay.position_error_percent = error(&replay.position[1], &replay.position[2]);
+    replay.velocity_error_percent = velocities.percent();
+    replay.force_error_percent = forces.percent();
+    replay.position_error_percent = positions.percent();
     (!replay.time.is_empty()).then_some(replay)
 }
 

@@ -3,10 +3,11 @@
 //! A voltage that is held until the next sample acts half a sample late, which every record shows and no fit needs to
 //! know. Channels of two instruments are further apart, and may have clocks that run apart.
 
-use super::{Equations, Friction, LATE, LATEST, Method, Record, SLOW, Settings, VOLTAGE, check};
+use super::{Friction, LATE, LATEST, Method, Moved, Record, SLOW, Settings, VOLTAGE, check};
 use crate::{Parameter, Unknown};
-use pigtail_numerics::regression::{least_squares, over, tolerance};
+use pigtail_numerics::regression::{least_squares_alone, over, tolerance};
 use pigtail_numerics::signal::{between, quantile};
+use std::borrow::Cow;
 use std::fmt::Write as _;
 
 /// A skew of the voltage, samples.
@@ -43,26 +44,33 @@ impl Skew {
     }
 
     /// The record with the voltage moved to the position's moments.
-    pub(super) fn taken_out(&self, record: &Record) -> Record {
-        let mut record = record.clone();
+    pub(super) fn taken_out<'r>(&self, record: &'r Record) -> Cow<'r, Record> {
         if self.is_none() {
-            return record;
+            return Cow::Borrowed(record);
         }
-        let period = record.even.period;
+        let mut record = record.clone();
         let injected = record.injected_column();
-        let first = record.even.stretches.first().map_or(0.0, |s| s.start);
-        for stretch in &mut record.even.stretches {
-            let before = ((stretch.start - first) / period).max(0.0);
+        for k in 0..record.even.stretches.len() {
             for column in std::iter::once(VOLTAGE).chain(injected) {
-                let old = stretch.columns[column].clone();
-                for (k, u) in stretch.columns[column].iter_mut().enumerate() {
-                    let by = self.at_start + self.drift * (before + k as f64);
-                    // A straight line between samples would make what is fast smaller.
-                    *u = between(&old, k as f64 - by);
-                }
+                let moved = self.moved(&record, k, column).into_owned();
+                record.even.stretches[k].columns[column] = moved;
             }
         }
-        record
+        Cow::Owned(record)
+    }
+
+    /// A column of a record's stretch, moved to the position's moments.
+    fn moved<'r>(&self, record: &'r Record, stretch: usize, column: usize) -> Cow<'r, [f64]> {
+        let stretches = &record.even.stretches;
+        let old = &stretches[stretch].columns[column];
+        if self.is_none() {
+            return Cow::Borrowed(old);
+        }
+        let since = stretches[stretch].start - stretches[0].start;
+        let before = (since / record.even.period).max(0.0);
+        let at = |k: usize| k as f64 - (self.at_start + self.drift * (before + k as f64));
+        // A straight line between samples would make what is fast smaller.
+        (0..old.len()).map(|k| between(old, at(k))).collect()
     }
 
     /// Nobody knows which of two clocks that run apart tells seconds: parameters are less sure by what that makes of them,
@@ -103,19 +111,18 @@ impl Skew {
 /// # Errors
 ///
 /// Where the channels are too far apart to be of one motion.
-pub(super) fn skew(record: &Record, set: &Settings) -> Result<Skew, Unknown> {
+pub(super) fn skew(record: &Record, moved: &Moved, set: &Settings) -> Result<Skew, Unknown> {
     let mut skew = Skew::default();
-    let Some(ordinary) = estimate(record, set, &skew, false) else {
+    let estimate = |found: &Skew| estimate(record, moved, set, found);
+    let Some(mut left) = estimate(&skew) else {
         return Ok(skew);
     };
-    let plain = ordinary.error;
+    let plain = left.error;
     let mut found = skew;
     for _ in 0..ROUNDS {
-        let Some(more) = estimate(record, set, &found, true) else {
-            return Ok(skew);
-        };
-        found.at_start += more.skew.at_start;
-        found.drift += more.skew.drift;
+        let more = left.skew;
+        found.at_start += more.at_start;
+        found.drift += more.drift;
         let samples = record.even.samples() as f64;
         let most = found
             .at_start
@@ -124,13 +131,17 @@ pub(super) fn skew(record: &Record, set: &Settings) -> Result<Skew, Unknown> {
         if most.is_nan() || most > 3.0 * LATEST {
             return Ok(skew);
         }
-        if more.skew.at_start.abs() < 0.02 {
+        if more.is_none() {
+            break;
+        }
+        let Some(next) = estimate(&found) else {
+            return Ok(skew);
+        };
+        left = next;
+        if more.at_start.abs() < 0.02 {
             break;
         }
     }
-    let Some(left) = estimate(record, set, &found, false) else {
-        return Ok(skew);
-    };
     let samples = record.even.samples() as f64;
     let most = found
         .at_start
@@ -161,8 +172,8 @@ struct Estimate {
 }
 
 /// What is left of the skew, by how the residuals of each part go with the force's rate.
-fn estimate(record: &Record, set: &Settings, so_far: &Skew, drifts: bool) -> Option<Estimate> {
-    let mut columns = Equations::of(&so_far.taken_out(record), set);
+fn estimate(record: &Record, moved: &Moved, set: &Settings, so_far: &Skew) -> Option<Estimate> {
+    let mut columns = moved.equations_of(|k| so_far.moved(record, k, VOLTAGE), set);
     if let Some(keep) = columns.apart() {
         columns.retain(&keep);
     }
@@ -183,51 +194,49 @@ fn estimate(record: &Record, set: &Settings, so_far: &Skew, drifts: bool) -> Opt
     if tolerance(&x.select_rows(&sliding), x.ncols() - 1) < check::OWN {
         return None;
     }
-    let error = least_squares(&plain, &columns.force)?.relative_error_percent;
+    let error = least_squares_alone(&plain, &columns.force)?.relative_error_percent;
     let (last, std) = (*solution.values.last()?, *solution.std_correlated.last()?);
     let mut skew = Skew {
         at_start: if last.abs() > 5.0 * std { last } else { 0.0 },
         drift: 0.0,
     };
-    if drifts {
-        let period = record.even.period;
-        let start = columns.time[0];
-        let mut points = Vec::new();
-        for part in 0..PARTS {
-            let rows = part * n / PARTS..(part + 1) * n / PARTS;
-            let (mut ll, mut lr, mut at, mut m) = (0.0, 0.0, 0.0, 0.0);
-            for i in rows.filter(|i| moves(*i)) {
-                let lag = columns.lag[i];
-                ll += lag * lag;
-                lr += lag * (solution.residuals[i] + last * lag);
-                at += (columns.time[i] - start) / period;
-                m += 1.0;
-            }
-            if ll > 0.0 && m > 5.0 {
-                points.push((at / m, lr / ll));
-            }
+    let period = record.even.period;
+    let start = columns.time[0];
+    let mut points = Vec::new();
+    for part in 0..PARTS {
+        let rows = part * n / PARTS..(part + 1) * n / PARTS;
+        let (mut ll, mut lr, mut at, mut m) = (0.0, 0.0, 0.0, 0.0);
+        for i in rows.filter(|i| moves(*i)) {
+            let lag = columns.lag[i];
+            ll += lag * lag;
+            lr += lag * (solution.residuals[i] + last * lag);
+            at += (columns.time[i] - start) / period;
+            m += 1.0;
         }
-        if points.len() == PARTS {
-            let n = PARTS as f64;
-            let (mx, my) = (
-                points.iter().map(|p| p.0).sum::<f64>() / n,
-                points.iter().map(|p| p.1).sum::<f64>() / n,
-            );
-            let xx: f64 = points.iter().map(|p| (p.0 - mx).powi(2)).sum();
-            let slope = points.iter().map(|p| (p.0 - mx) * (p.1 - my)).sum::<f64>() / xx;
-            let left: f64 = points
-                .iter()
-                .map(|p| (p.1 - my - slope * (p.0 - mx)).powi(2))
-                .sum();
-            let sure = (left / (n - 2.0) / xx).sqrt();
-            let whole = slope * record.even.samples() as f64;
-            let known = so_far.drift != 0.0;
-            if known || (slope.abs() > 6.0 * sure && whole.abs() > APART) {
-                skew = Skew {
-                    at_start: my - slope * mx,
-                    drift: slope,
-                };
-            }
+        if ll > 0.0 && m > 5.0 {
+            points.push((at / m, lr / ll));
+        }
+    }
+    if points.len() == PARTS {
+        let n = PARTS as f64;
+        let (mx, my) = (
+            points.iter().map(|p| p.0).sum::<f64>() / n,
+            points.iter().map(|p| p.1).sum::<f64>() / n,
+        );
+        let xx: f64 = points.iter().map(|p| (p.0 - mx).powi(2)).sum();
+        let slope = points.iter().map(|p| (p.0 - mx) * (p.1 - my)).sum::<f64>() / xx;
+        let left: f64 = points
+            .iter()
+            .map(|p| (p.1 - my - slope * (p.0 - mx)).powi(2))
+            .sum();
+        let sure = (left / (n - 2.0) / xx).sqrt();
+        let whole = slope * record.even.samples() as f64;
+        let known = so_far.drift != 0.0;
+        if known || (slope.abs() > 6.0 * sure && whole.abs() > APART) {
+            skew = Skew {
+                at_start: my - slope * mx,
+                drift: slope,
+            };
         }
     }
     Some(Estimate { skew, error })

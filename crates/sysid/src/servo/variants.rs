@@ -1,8 +1,8 @@
 //! Every law of friction by every method.
 
 use super::{
-    Axis, Controller, Equations, Friction, Known, LATE, LEAST, Method, POSITION, Parameter, Record,
-    SLOW, Settings, Sliding, Unknown, Variant, check, replay,
+    Axis, Controller, Equations, Friction, Known, LATE, LEAST, Method, Moved, POSITION, Parameter,
+    Record, SLOW, Settings, Sliding, Unknown, Variant, check, replay,
 };
 use nalgebra::{DMatrix, DVector};
 use pigtail_numerics::regression::{
@@ -30,7 +30,7 @@ fn slowest_motion(columns: &Equations) -> f64 {
 
 /// Every law of friction by every method, and how each tells what it was not fitted to.
 pub(super) fn variants(
-    record: &Record,
+    (record, moved): (&Record, &Moved),
     second: Option<&Equations>,
     set: &Settings,
     columns: &Equations,
@@ -61,7 +61,7 @@ pub(super) fn variants(
         let pairs = columns.force.iter().zip(&columns.lag);
         let later: Vec<f64> = pairs.map(|(f, l)| f - l).collect();
         let moving = slowest_motion(columns);
-        let noise = check::acceleration_noise(record, set);
+        let noise = check::acceleration_noise(moved, set);
         // The same columns without the delay: what it is to be compared with.
         let without = delayed.clone().remove_column(delayed.ncols() - 1);
         let Some(without) = least_squares(&without, &columns.force) else {
@@ -373,13 +373,9 @@ fn instruments(
             &Sliding::Coulomb,
             controller,
         )?;
-        equations.extend(
-            stretch.start,
-            record.even.period,
-            &prediction.position,
-            &prediction.voltage,
-            set,
-        );
+        let period = record.even.period;
+        let moving = Equations::moving(stretch.start, period, &prediction.position, set);
+        equations.extend(&moving, &prediction.voltage, period, set);
     }
     if let Some(keep) = keep.filter(|k| k.len() == equations.force.len()) {
         equations.retain(keep);
