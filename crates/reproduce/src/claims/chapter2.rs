@@ -75,8 +75,9 @@ pub(super) const CLAIMS: &[Statement] = &[
         (1.0, "", Above),
         Prediction,
     )
-    .because(0.9748, "Neither cost has a minimum here in which a search is trapped: by either, all of 24 starts come near within 31 of \
-        150 trials (on three drawn machines within 45 and 79), and each finds its way as soon as the other; by one size a trial \
+    .because(0.9748, "Neither cost has a minimum here in which a search is trapped. It is no chance: of 100 searches of three starts (seeds 0 to \
+        99) 298 of 300 come near within 100 of 150 trials by one size and 297 averaged, after 13.4 and 15.1 trials on average, 0.89 \
+        (0.79 to 1.00, 95 %). Each finds its way about as soon as the other; by one size a trial \
         takes half of the time. A load that sticks near its goal costs little in the ITAE of an encoder at the motor."),
     claim(
         "2.4-rise",
