@@ -406,6 +406,19 @@ impl ConicalScan<'_> {
         }
     }
 
+    /// How wide the spot is by the last turns on both circles, and what follows from that for all else that they tell.
+    fn learn_width(&mut self, gap: f64) -> Option<Width> {
+        let width = self.width_here(gap);
+        let wider = width.map(|width| self.wider_by(gap, &width));
+        let at_contact = |w: Width| self.beam.at_contact(gap, w.squared, w.deviation);
+        self.spot = width.and_then(at_contact).or(self.spot);
+        self.shaking
+            .set_wider(wider.map_or(1.0, |(of_steps, _)| of_steps));
+        self.misjudged = wider.is_some_and(|(of_steps, _)| of_steps > TUNING.last.misjudged);
+        self.wider = wider.map(|(_, squared)| squared);
+        width
+    }
+
     /// Goes around a small circle, from which the light at its middle can be told: whether the peak is
     /// where it was `foreseen`, which a piezo that has given way meanwhile would not be at. Then
     /// goes to the peak by both, each as far as it is sure, and comes to rest there. Returns the light
@@ -437,14 +450,7 @@ impl ConicalScan<'_> {
         {
             self.shaking.add_small(&shakes);
         }
-        let width = self.width_here(gap);
-        let wider = width.map(|width| self.wider_by(gap, &width));
-        let at_contact = |w: Width| self.beam.at_contact(gap, w.squared, w.deviation);
-        self.spot = width.and_then(at_contact).or(self.spot);
-        self.shaking
-            .set_wider(wider.map_or(1.0, |(of_steps, _)| of_steps));
-        self.misjudged = wider.is_some_and(|(of_steps, _)| of_steps > TUNING.last.misjudged);
-        self.wider = wider.map(|(_, squared)| squared);
+        let width = self.learn_width(gap);
         let behind = width.map_or([0.0; 2], |width| self.behind(gap, &width, &seen));
         let (beside, aside) = self.aside(gap, width.as_ref());
         let foreseen = &late(foreseen, old);
