@@ -119,6 +119,56 @@ fn a_stage_that_stands_askew_is_measured_and_not_stopped() {
 
 /// With the camera of the thesis, which is good to 2 um, five gaps take up to two minutes a fiber; once it is known how light
 /// spreads, two of them tell.
+/// A fiber whose macro goes 25 um aside before an inclined facet, with its micro as far back: what the piezos keep to themselves of that looked like a
+/// way towards where the facet stands out, and the guard stopped it 21 um before the chip.
+#[test]
+#[ignore = "long: a machine commissioned"]
+fn a_macro_that_goes_aside_before_an_inclined_facet_is_not_stopped() {
+    let folder = TempDir::new().expect("a folder");
+    let drawn = ["--fleet", "workshop", "--seed", "117021", "--machines", "1"];
+    let mut arguments = vec!["campaign", "--devices", "3", "--commissioned"];
+    arguments.extend(drawn);
+    let (json, code) = answer(folder.path(), &arguments);
+    assert_eq!((code, &json["aligned"]), (0, &9.into()), "{json}");
+}
+
+/// Stages 0.5 degrees askew, modes of 6 um and ripples of 0.35 dB: where it is brightest lies 30 nm beside the peak, rms, and could be 60. What may be is
+/// too much for a fiber to be believed; what is, is measured.
+#[test]
+#[ignore = "long: machines commissioned"]
+fn what_ripples_do_on_stages_askew_is_measured_where_it_matters() {
+    let folder = TempDir::new().expect("a folder");
+    let fleet = r#"
+        about = "stages askew, wide modes, ripples"
+        [datasheet.guard]
+        placement = "700 um"
+        askew = "0.6 deg"
+        [machine.placement.left]
+        yaw = "0.5 deg"
+        pitch = "0.5 deg"
+        [machine.placement.right]
+        yaw = "180.5 deg"
+        pitch = "0.5 deg"
+        [machine.device]
+        mode_radius = ["6 um", "6 um"]
+        [device.device]
+        ripple_db = 0.35
+    "#;
+    fs::write(folder.path().join("askew.toml"), fleet).expect("a fleet");
+    let drawn = ["--fleet", "askew.toml", "--seed", "7000", "--machines", "2"];
+    let mut arguments = vec!["campaign", "--devices", "6", "--commissioned"];
+    arguments.extend(drawn);
+    let (json, _) = answer(folder.path(), &arguments);
+    assert_eq!(json["false_aligned"], 0);
+    let aligned = json["aligned"].as_u64().expect("a number");
+    assert!(aligned >= 30, "{json}");
+    // Where the light is brightest one of ten would be 0.05 um off.
+    for axis in ["x_p90", "y_p90"] {
+        let off = number(&json["offset_um"], axis);
+        assert!(off < 0.04, "{axis}: {off}");
+    }
+}
+
 #[test]
 #[ignore = "long: machines commissioned, ten thousand seconds of machine time"]
 fn light_tells_the_gap_in_seconds_once_it_is_known_how_it_spreads() {
