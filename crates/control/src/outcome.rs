@@ -446,7 +446,7 @@ pub struct SearchEvidence {
     pub width: f64,
     /// Height of the area, metres.
     pub height: f64,
-    /// Brightest sample that was not taken for light, or not for long, volts.
+    /// What was brightest, as it is judged, and was not taken for light, or not for long, volts.
     pub brightest: f64,
     /// Places that seemed bright and did not bear a second look.
     pub dismissed: usize,

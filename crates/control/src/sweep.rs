@@ -187,7 +187,7 @@ pub async fn first_light(
     let count = ((top - start.y) / spacing).max(0.0) + TUNING.search.more_lines;
     cell.play_micro(side, Law::Scan(lines.knots(count as u32)))?;
     let mut spot: Option<Spot> = None;
-    let (mut samples, mut brightest, mut after) = (0, f64::NEG_INFINITY, 0);
+    let (mut samples, mut brightest, mut after) = (0, watch.background, 0);
     let (mut wander, mut best) = (0.0, threshold);
     let (mut perhaps, mut likely) = (None, TUNING.search.perhaps * threshold);
     let mut recent: VecDeque<(f64, f64)> = VecDeque::with_capacity(widest + 1);
@@ -201,7 +201,6 @@ pub async fn first_light(
         let commanded_x = then.pose.x();
         let slow = lines.slow(time - lines.lag - begin);
         samples += 1;
-        brightest = f64::max(brightest, volts);
         let level = volts - watch.background - wander;
         if !slow {
             recent.clear();
@@ -216,6 +215,10 @@ pub async fn first_light(
             wander += level / TUNING.search.followed;
         }
         let (stands_out, x, level) = (seen.stands_out, seen.x, seen.level);
+        if slow {
+            // As it is judged: some samples together, above what wanders.
+            brightest = f64::max(brightest, watch.background + stands_out);
+        }
         if stands_out > likely && slow {
             (perhaps, likely) = (Some(cell.endpoint(side).y), stands_out);
         }

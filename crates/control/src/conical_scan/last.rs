@@ -266,6 +266,7 @@ impl ConicalScan<'_> {
         // The way to rest makes the micro ring as the way to this circle did, and is this much shorter.
         let shorter = radius / (self.shape.radius - radius);
         let (mut turns, mut before, mut rings, mut led) = (0, f64::INFINITY, false, false);
+        let mut earlier = None;
         let creeps = self.slower * self.creeps();
         let seen = loop {
             self.turn(bench, gap).await?;
@@ -283,9 +284,11 @@ impl ConicalScan<'_> {
             // What swings near twice the circle's rate looks like a peak elsewhere, until it has died away.
             let old = aged(led, turns) * creeps;
             let moved = || Moved::of(foreseen, &self.unsteady(&seen, 1), old);
-            if quiet && (turns == TUNING.last.ringing || moved().is_none()) {
+            let believed = self.agrees(gap, foreseen, &seen, earlier.as_ref());
+            if quiet && (turns == TUNING.last.ringing || believed && moved().is_none()) {
                 break seen;
             }
+            earlier = Some(seen);
             if !quiet && (swing > TUNING.last.lasting * before || turns == TUNING.last.ringing) {
                 let shakes = TUNING.last.shakes * self.shaking.measured_before();
                 let most = TUNING
@@ -318,6 +321,23 @@ impl ConicalScan<'_> {
             old,
             rings,
         })
+    }
+
+    /// Whether a small turn sees the peak where it was foreseen, or where the turn `earlier` than it saw it. What swings at twice the circle's rate looks like a
+    /// peak elsewhere, and dies away from turn to turn.
+    fn agrees(&self, gap: f64, foreseen: &Peak, seen: &Peak, earlier: Option<&Peak>) -> bool {
+        let near = |a: &Peak, b: &Peak| {
+            let off = a.at - b.at;
+            let most =
+                [0, 1].map(|i| TUNING.last.doubtful * a.deviations[i].hypot(b.deviations[i]));
+            off.x.abs() <= most[0] && off.y.abs() <= most[1]
+        };
+        let unsteady = |peak: &Peak| self.unsteady(peak, 1);
+        let left = |peak: &Peak, radius| self.left_from(peak, radius, gap);
+        let here = left(&unsteady(seen), self.radius);
+        self.wary
+            || near(&left(foreseen, self.shape.radius), &here)
+            || earlier.is_some_and(|earlier| near(&unsteady(earlier), &unsteady(seen)))
     }
 
     /// More turns on the small circle where one of them tells less than is wanted, of a tip that shakes or by dim light: the mean of all, and how

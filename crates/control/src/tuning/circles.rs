@@ -66,6 +66,9 @@ topic! {
     pub struct LastTurns in "last", shown [Fast, Bench] {
         /// Turns that foresee a peak, at least: a straight line and how they scatter about it.
         fewest: usize = 3, "turns", Equation;
+        /// Standard deviations by which a small turn may see the peak beside where it was foreseen, and is believed by itself: beyond, another one is to see it
+        /// there too. By chance one of ten fibers is looked at once more.
+        doubtful: f64 = 2.0, "sigma", Choice;
         /// Turns on the small circle at most, where one of them does not tell enough.
         looks: f64 = 6.0, "turns", Choice;
         /// Radius of the small turn at least, enough for light without noise: the smaller, the better the light on it tells that at
