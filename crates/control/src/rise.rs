@@ -158,13 +158,14 @@ mod tests {
         for k in 0..n {
             let phase = f64::from(k);
             let ripple = Ripple::of(&seen(3e-3, phase, &mut normal), WAVE, 1e4).expect("a ripple");
-            let at = ripple.at + 0.05e-6;
-            let rise = ripple.rise(at).expect("a slope");
+            let rise = ripple.rise(ripple.at).expect("a slope");
+            // A transmission has kept a little of the way to itself.
+            let at = ripple.at + TUNING.rise.hidden * normal();
             let truth = 0.03 * WAVE * (WAVE * at + phase).cos() + 5e3;
             off += ((rise.slope - truth) / rise.deviation).powi(2);
         }
         let off = (off / f64::from(n)).sqrt();
-        assert!((0.5..1.1).contains(&off), "{off}");
+        assert!((0.7..1.15).contains(&off), "{off}");
     }
 
     #[test]

@@ -43,11 +43,14 @@ enum Of {
 impl Of {
     /// It shows where less than this share of what was held back is left, and a parameter is another one where it changes by this
     /// share. Of the axis that was measured no gain comes below 0.99 as it was recorded, and one that is compressed by 5 % at its
-    /// peaks to 0.95: chosen when that was seen. A drag of a few hundredths every axis has.
-    fn limits(self) -> (f64, f64) {
+    /// peaks to 0.95: chosen when that was seen. A drag of a few hundredths every axis has. Of an axis of which more is left than that (per cent of
+    /// the force), another law of friction is a part of it, to which any bend comes near: chosen when such an axis was refused for it.
+    fn limits(self, left: f64) -> (f64, f64) {
+        /// Of the measured axis 4 % are left.
+        const WELL_TOLD: f64 = 6.0;
         match self {
-            Self::Gain => (0.97, 0.02),
-            Self::Friction => (TWICE, OTHER),
+            Self::Gain if left < WELL_TOLD => (0.97, 0.02),
+            _ => (TWICE, OTHER),
         }
     }
 }
@@ -94,7 +97,7 @@ pub(super) fn bent(
             let column = pairs.map(|(f, v)| bend(f / size, *v)).collect();
             let all = beside(&x, &[column]);
             let after = held_back(&all, &columns.force)?;
-            let (shows, other) = of.limits();
+            let (shows, other) = of.limits(before);
             let joint = least_squares(&all, &columns.force)?;
             (after < shows * before).then_some((after, (*what, *of), other, joint))
         })
