@@ -239,13 +239,14 @@ fn how_stages_stand_is_seen_by_the_camera() {
         );
     }
     assert_eq!(done.tables, ["geometry.left", "geometry.right"]);
-    // How ways across go along is believed, for where light is brightest beside a peak by that.
+    // How ways across go along is believed, and which way, for where light is brightest beside a peak by that: both turn ways in x towards the
+    // chip's -z.
     let believed = Calibration::parse("calibration.toml", &done.belief.text, &setup.rig.spec);
     let geometry = believed.expect("a calibration").geometry;
     for (side, [x, y]) in [(Side::Left, [5.0, 0.0]), (Side::Right, [3.0, 0.0])] {
         let askew = geometry.of(side).askew(&setup.rig.spec);
         for (known, truth) in askew.ways.into_iter().zip([x, y]) {
-            let off = known.abs() / mrad - truth;
+            let off = known / mrad - truth;
             assert!(off.abs() < 4.0 * askew.deviation / mrad, "{off} {askew:?}");
         }
         assert!(askew.deviation < 0.4 * mrad, "{askew:?}");
