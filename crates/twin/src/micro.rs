@@ -19,6 +19,12 @@ use rand::{Rng, RngExt};
 /// No specimen is damped more.
 const MOST_DAMPING: f64 = 0.99;
 
+/// A response of which so small a share has been left for so many cycles is over; none of its periods is longer.
+const GONE: f64 = 1e-3;
+const QUIET: u32 = 200;
+/// Nobody waits longer than so many cycles, some ten seconds, for one that is hardly damped.
+const LONGEST: u32 = 50_000;
+
 /// How often a piezo turned before it came to rest, and for how many cycles it was on its way to each place
 /// and stayed there.
 const TURNS: u32 = 8;
@@ -29,18 +35,78 @@ const HOLD: u32 = 250;
 #[derive(Debug, Clone)]
 pub(super) struct Micro {
     piezos: [Piezo; MICRO_AXES],
-    resonances: [Resonance; MICRO_AXES],
-    states: [ResonanceState; MICRO_AXES],
-    /// A second resonance, and the share of the displacement that goes by it.
-    second: Option<(Resonance, [ResonanceState; MICRO_AXES], f64)>,
+    flexure: Flexure,
+    /// Where the piezos bring the flexure...
+    moved: Swing,
+    /// ...and what the noise of their amplifiers adds.
+    shaken: Swing,
+    /// White noise before the flexure, metres.
+    kick: [f64; MICRO_AXES],
     /// Metres a volt of full stroke, with the coupling of the axes.
     gain: [[f64; MICRO_AXES]; MICRO_AXES],
     centre: f64,
     limit: f64,
     step: f64,
-    noise: f64,
     sin: f64,
     cos: f64,
+}
+
+/// What carries a tip: a resonance of each axis and, if there is one, a second behind it with the share of the
+/// displacement that goes by it.
+#[derive(Debug, Clone)]
+struct Flexure {
+    first: [Resonance; MICRO_AXES],
+    second: Option<(Resonance, f64)>,
+}
+
+/// Where a flexure is, and how fast.
+#[derive(Debug, Clone, Copy, Default)]
+struct Swing {
+    first: [ResonanceState; MICRO_AXES],
+    second: [ResonanceState; MICRO_AXES],
+}
+
+impl Flexure {
+    /// One cycle of an axis under an input in metres.
+    #[inline(always)]
+    fn advance(&self, swing: &mut Swing, axis: usize, input: f64) {
+        self.first[axis].advance(&mut swing.first[axis], input);
+        if let Some((resonance, _)) = &self.second {
+            resonance.advance(&mut swing.second[axis], input);
+        }
+    }
+
+    /// Of an axis, metres.
+    #[inline(always)]
+    fn position(&self, swing: &Swing, axis: usize) -> f64 {
+        let first = swing.first[axis].position;
+        match &self.second {
+            None => first,
+            Some((_, share)) => first + share * (swing.second[axis].position - first),
+        }
+    }
+
+    /// Standard deviation that white noise of one, a new value each cycle, brings an axis to in time: the root of
+    /// the sum of squares of its response to a single cycle.
+    fn of_white_noise(&self, axis: usize) -> f64 {
+        let mut swing = Swing::default();
+        let mut sum = 0.0;
+        let mut largest = 0.0_f64;
+        let mut quiet = 0;
+        self.advance(&mut swing, axis, 1.0);
+        // Until a while of nothing but the last of the tail: what rings passes through zero on its way.
+        for _ in 0..LONGEST {
+            if quiet == QUIET {
+                break;
+            }
+            let at = self.position(&swing, axis).abs();
+            largest = largest.max(at);
+            quiet = if at > GONE * largest { 0 } else { quiet + 1 };
+            sum += at * at;
+            self.advance(&mut swing, axis, 0.0);
+        }
+        sum.sqrt()
+    }
 }
 
 /// A piezo by itself: from its voltage to what it would do were it alone. At switch-on it rests in
@@ -89,24 +155,26 @@ impl Micro {
             );
             Resonance::new(at, damping.min(MOST_DAMPING), spec.period())
         };
-        let second = match m.second {
-            Some(mode) => Some((
-                Resonance::new(mode.resonance, mode.damping, spec.period())?,
-                Default::default(),
-                mode.share,
-            )),
-            None => None,
+        let flexure = Flexure {
+            first: [resonance()?, resonance()?],
+            second: match m.second {
+                Some(mode) => Some((
+                    Resonance::new(mode.resonance, mode.damping, spec.period())?,
+                    mode.share,
+                )),
+                None => None,
+            },
         };
         Ok(Self {
             piezos,
-            resonances: [resonance()?, resonance()?],
-            second,
-            states: [ResonanceState::default(); MICRO_AXES],
+            kick: [0, 1].map(|axis| m.noise / flexure.of_white_noise(axis)),
+            flexure,
+            moved: Swing::default(),
+            shaken: Swing::default(),
             gain: [[p, m.coupling * q], [m.coupling * p, q]],
             centre: 0.5 * spec.micro.voltage,
             limit: spec.micro.voltage,
             step: spec.micro.resolution * spec.micro.voltage / spec.micro.range,
-            noise: m.noise,
             sin,
             cos,
         })
@@ -124,11 +192,10 @@ impl Micro {
         let mut at = [0.0; MICRO_AXES];
         for (i, at) in at.iter_mut().enumerate() {
             let input = self.gain[i][0] * u + self.gain[i][1] * v;
-            self.resonances[i].advance(&mut self.states[i], input);
-            if let Some((resonance, states, _)) = &mut self.second {
-                resonance.advance(&mut states[i], input);
-            }
-            *at = self.position(i) + self.noise * normal(rng);
+            self.flexure.advance(&mut self.moved, i, input);
+            let noise = self.kick[i] * normal(rng);
+            self.flexure.advance(&mut self.shaken, i, noise);
+            *at = self.flexure.position(&self.moved, i) + self.flexure.position(&self.shaken, i);
         }
         let [p, q] = at;
         Displacement::new(p, q).turned(self.sin, self.cos)
@@ -150,17 +217,8 @@ impl Micro {
 
     /// The displacement in the manipulator's x and y without noise, metres.
     pub(super) fn displacement(&self) -> Displacement {
-        Displacement::new(self.position(0), self.position(1)).turned(self.sin, self.cos)
-    }
-
-    /// Of an axis, metres.
-    #[inline]
-    fn position(&self, axis: usize) -> f64 {
-        let first = self.states[axis].position;
-        match &self.second {
-            None => first,
-            Some((_, states, share)) => first + share * (states[axis].position - first),
-        }
+        let [p, q] = [0, 1].map(|axis| self.flexure.position(&self.moved, axis));
+        Displacement::new(p, q).turned(self.sin, self.cos)
     }
 
     /// What the piezos did before they came to rest in the middle of their range: as far as `most` of its
@@ -180,6 +238,58 @@ impl Micro {
                     piezo.advance(to);
                 }
                 from = to;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Standard deviation of a flexure under white noise that is to bring it to one, and how alike two moments are a
+    /// millisecond apart.
+    fn shaken(flexure: &Flexure, period: f64) -> (f64, f64) {
+        let kick = flexure.of_white_noise(0).recip();
+        let mut rng = rand_pcg::Pcg64Mcg::new(1);
+        let mut swing = Swing::default();
+        let at: Vec<f64> = (0..400_000)
+            .map(|_| {
+                flexure.advance(&mut swing, 0, kick * normal(&mut rng));
+                flexure.position(&swing, 0)
+            })
+            .collect();
+        let apart = (1e-3 / period).round() as usize;
+        let n = at.len() as f64;
+        let variance = at.iter().map(|x| x * x).sum::<f64>() / n;
+        let together = at.iter().zip(&at[apart..]).map(|(x, y)| x * y);
+        (
+            variance.sqrt(),
+            together.sum::<f64>() / (n - apart as f64) / variance,
+        )
+    }
+
+    #[test]
+    fn amplifiers_shake_a_tip_by_what_is_stated_and_no_faster_than_it_can_move() {
+        let period = 2e-4;
+        for second in [None, Some((700.0, 0.05, 0.1))] {
+            for (frequency, damping) in [(200.0, 0.5), (91.0, 0.05), (440.0, 0.85)] {
+                let resonance =
+                    |(at, damping): (f64, f64)| Resonance::new(at, damping, period).unwrap();
+                let flexure = Flexure {
+                    first: [resonance((frequency, damping)); MICRO_AXES],
+                    second: second.map(|(at, damping, share)| (resonance((at, damping)), share)),
+                };
+                let (deviation, alike) = shaken(&flexure, period);
+                assert!((deviation - 1.0).abs() < 0.05, "{frequency}: {deviation}");
+                // What a resonance under white noise is a while later, in closed form.
+                let decay = damping * std::f64::consts::TAU * frequency;
+                let damped = std::f64::consts::TAU * frequency * (1.0 - damping * damping).sqrt();
+                let (sin, cos) = (damped * 1e-3).sin_cos();
+                let expected = (-decay * 1e-3).exp() * (cos + decay / damped * sin);
+                // A second one swings faster and takes its share.
+                let most = if second.is_some() { 0.3 } else { 0.05 };
+                assert!((alike - expected).abs() < most, "{alike} {expected}");
             }
         }
     }

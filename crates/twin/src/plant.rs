@@ -170,7 +170,7 @@ pub struct MicroPlant {
     /// Creep: share of a step by which displacement goes on in a decade of time.
     #[serde(with = "quantity::Fraction")]
     pub creep: f64,
-    /// Noise of each axis, rms, metres.
+    /// Noise of each axis, rms, metres: white at its amplifier, so no faster at the tip than its resonances let it.
     #[serde(with = "quantity::NonNegativeLength")]
     pub noise: f64,
     /// A second resonance, if there is one.
