@@ -5,6 +5,7 @@ use crate::compensation::micro::MicroModel;
 use crate::gap_by_light::Spread;
 use crate::impulse::belief::ImpulseBeliefs;
 use crate::shaking::Measured;
+use pigtail_hal::spec::MICRO_AXES;
 use pigtail_hal::{Axis, AxisName, Error, Side, Spec, config, quantity};
 use pigtail_model::windup::{ELEMENTS, Memory, POWERS, Reversal, Windup};
 use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
@@ -34,9 +35,59 @@ pub struct Calibration {
     /// How wide the spot of light at the chip is in the scale of each manipulator's micro where it has been measured.
     #[serde(default)]
     pub spot: Spots,
+    /// How each manipulator's micro swings where it has been measured.
+    #[serde(default)]
+    pub dynamics: MicroDynamics,
     /// Pulses of each kind of axis where they have been measured.
     #[serde(default)]
     pub impulse: ImpulseBeliefs,
+}
+
+/// How each manipulator's micro swings where it has been measured.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MicroDynamics {
+    /// Of the input's manipulator.
+    pub left: Option<DynamicsBelief>,
+    /// Of the outputs' manipulator.
+    pub right: Option<DynamicsBelief>,
+}
+
+impl MicroDynamics {
+    /// What was measured of a manipulator's micro.
+    pub fn of(&self, side: Side) -> Option<&DynamicsBelief> {
+        match side {
+            Side::Left => self.left.as_ref(),
+            Side::Right => self.right.as_ref(),
+        }
+    }
+}
+
+/// How a micro swings, as it was measured; what goes by it counts in place of what [`MicroGeometry`] says.
+#[derive(Debug, Clone, PartialEq, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct DynamicsBelief {
+    /// Resonances of both piezos' axes, hertz.
+    #[serde(with = "quantity::Frequencies::<2>")]
+    pub resonance: [f64; MICRO_AXES],
+    /// Their damping ratios.
+    pub damping: [f64; MICRO_AXES],
+    /// By when it has come to rest where it was told to be, seconds.
+    #[serde(with = "quantity::PositiveTime")]
+    pub settling: f64,
+    /// How many turns a second it follows at most, hertz.
+    #[serde(with = "quantity::PositiveFrequency")]
+    pub bandwidth: f64,
+    /// From when it is told to be somewhere until a photodiode's sample of it, seconds.
+    #[serde(with = "quantity::NonNegativeTime")]
+    pub lag: f64,
+    /// How well that is known, one standard deviation, seconds.
+    #[serde(with = "quantity::NonNegativeTime")]
+    pub lag_deviation: f64,
+    /// When it was found.
+    pub date: String,
+    /// By which run.
+    pub origin: String,
 }
 
 /// How far each manipulator's tips shake where it has been measured.

@@ -45,6 +45,8 @@ pub struct Layout {
     pub askew: [Askew; SIDES],
     /// How far beside a circle's middle the micros come to rest, of its radius, by the models of their piezos.
     pub hides: [f64; SIDES],
+    /// Whether it was measured by when the micros come to rest.
+    pub settles: [bool; SIDES],
     /// Whether the micros go where they are told: whether their piezos have a model that is believed.
     pub follows: [bool; SIDES],
 }
@@ -188,6 +190,11 @@ impl<'b> AlignmentCell<'b> {
     /// How far beside a circle's middle the micro of an arm comes to rest, of the circle's radius, one standard deviation.
     pub fn hides(&self, side: Side) -> f64 {
         self.layout.hides[side.index()]
+    }
+
+    /// Whether it was measured by when a micro comes to rest.
+    pub fn settles(&self, side: Side) -> bool {
+        self.layout.settles[side.index()]
     }
 
     /// By how much the light of the laser has been seen to differ from one turn to the next.

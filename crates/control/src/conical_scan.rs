@@ -11,6 +11,7 @@ mod around;
 mod closing;
 mod last;
 mod piezos;
+mod steps;
 mod told;
 mod wander;
 
@@ -141,6 +142,8 @@ pub struct ConicalScan<'r> {
     rise: Option<Rise>,
     /// How far beside a circle's middle the group comes to rest, of the circle's radius, one standard deviation.
     hides: f64,
+    /// So many times longer than it is believed to settle the group may still swing.
+    forgets: f64,
     /// Whether it is a group of which nobody has measured how it follows circles, and a spot that nobody has measured.
     wary: bool,
     /// The last turns that have found the peak.
@@ -194,6 +197,7 @@ impl<'r> ConicalScan<'r> {
             wanted: f64::INFINITY,
             rise: None,
             hides: TUNING.last.hidden,
+            forgets: TUNING.watch.forgets,
             wary: false,
             turns: Vec::new(),
             around: Vec::with_capacity(64),
@@ -216,6 +220,13 @@ impl<'r> ConicalScan<'r> {
     #[must_use]
     pub fn hiding(self, hides: f64) -> Self {
         Self { hides, ..self }
+    }
+
+    /// The same with a group of which it was measured by when it comes to rest, or was not.
+    #[must_use]
+    pub fn settling(self, measured: bool) -> Self {
+        let forgets = if measured { 1.0 } else { TUNING.watch.forgets };
+        Self { forgets, ..self }
     }
 
     /// The same with light whose laser was seen to flicker so.

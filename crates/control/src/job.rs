@@ -2,6 +2,7 @@
 
 use crate::beam::{Beam, SpotSize};
 use crate::belief::{Across, Place};
+use crate::dynamics::Dynamics;
 use crate::gap_by_light::Spread;
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::Reactor;
@@ -23,6 +24,8 @@ pub struct FiberReport {
     pub outcome: Outcome,
     /// How its tip shakes, where it was watched.
     pub shaking: Option<Measured>,
+    /// How the axes of its micro swing, where steps have told.
+    pub dynamics: Option<[Dynamics; MICRO_AXES]>,
     /// How light spreads in its micro's scale, where widths of the spot have told.
     pub spread: Option<Spread>,
     /// How wide its spot of light was, where circles at the chip have told.
@@ -60,6 +63,8 @@ pub(crate) struct Job<'r> {
     phases: Vec<(&'static str, f64)>,
     /// How its tip shakes, as far as circles have told.
     pub(crate) shaking: Option<Shaking>,
+    /// How the axes of its micro swing, where steps have told.
+    pub(crate) dynamics: Option<[Dynamics; MICRO_AXES]>,
     /// How light spreads in its micro's scale, where widths of the spot have told.
     pub(crate) spread: Option<Spread>,
     /// How wide its spot of light was, where circles at the chip have told.
@@ -164,6 +169,7 @@ impl<'r> Job<'r> {
             channel,
             phases: Vec::with_capacity(8),
             shaking: None,
+            dynamics: None,
             spread: None,
             spot: None,
             strokes: None,
@@ -187,6 +193,7 @@ impl<'r> Job<'r> {
             side: self.side,
             outcome,
             shaking: self.shakes(),
+            dynamics: self.dynamics,
             spread: self.spread,
             spot: self.spot,
             strokes: self.strokes,

@@ -60,6 +60,7 @@ pub mod cell;
 pub mod characterize;
 pub mod compensation;
 pub mod contour;
+pub mod dynamics;
 pub mod fast;
 pub mod flicker;
 pub mod hold;

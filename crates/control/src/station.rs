@@ -10,6 +10,7 @@ mod past;
 mod playing;
 
 use self::arm::{Arm, Started};
+use self::bench::Follows;
 pub use self::bench::{coarse, fine};
 use self::past::Past;
 use self::playing::Playing;
@@ -92,7 +93,9 @@ pub struct Station<'a> {
     measurement: Measurement,
     past: Past,
     /// By when a micro has come to rest, seconds.
-    settling: f64,
+    settling: [f64; SIDES],
+    /// Whether that was measured.
+    settles: [bool; SIDES],
     /// What was measured of how tips shake.
     shaking: [Option<Measured>; SIDES],
     /// How light spreads over a gap in the scale of the micros, where it was measured.
@@ -149,13 +152,25 @@ impl<'a> Station<'a> {
         }
         let measurement = machine.exchange(&command)?;
         let micro = &calibration.geometry.micro;
-        let settling = micro.settling.unwrap_or(spec.micro.settling);
-        let lag = (micro.lag, micro.lag_deviation);
+        let usual = Follows {
+            settling: micro.settling.unwrap_or(spec.micro.settling),
+            bandwidth: None,
+            lag: (micro.lag, micro.lag_deviation),
+        };
+        let follows = Side::ALL.map(|side| {
+            let measured = calibration.dynamics.of(side);
+            measured.map_or(usual, |measured| Follows {
+                settling: measured.settling,
+                bandwidth: Some(measured.bandwidth),
+                lag: (measured.lag, measured.lag_deviation),
+            })
+        });
         let kinematics = [&arms[0].kinematics, &arms[1].kinematics];
         Ok(Self {
-            playing: Playing::new(bench::caps(&spec, (settling, lag), kinematics)),
+            playing: Playing::new(bench::caps(&spec, follows, kinematics)),
             past: Past::new(&spec),
-            settling,
+            settling: follows.map(|micro| micro.settling),
+            settles: Side::ALL.map(|side| calibration.dynamics.of(side).is_some()),
             shaking: Side::ALL.map(|side| calibration.shaking.of(side)),
             spread: Side::ALL.map(|side| calibration.spread.of(side)),
             spot: Side::ALL.map(|side| calibration.spot.of(side)),
@@ -194,8 +209,8 @@ impl<'a> Station<'a> {
     }
 
     /// By when a micro has come to rest where it was told to be, as believed, seconds.
-    pub fn micro_settling(&self) -> f64 {
-        self.settling
+    pub fn micro_settling(&self, side: Side) -> f64 {
+        self.settling[side.index()]
     }
 
     /// The believed kinematics of a manipulator.
@@ -219,6 +234,7 @@ impl<'a> Station<'a> {
                     _ => TUNING.last.hidden,
                 }
             }),
+            settles: self.settles,
             follows: Side::ALL.map(|side| self.has_piezo_model(side)),
         }
     }

@@ -20,7 +20,7 @@ mod search;
 mod taught;
 
 pub use bonds::{Bond, Hold};
-pub use circles::{Ahead, Answer, Circle, LastTurns, TipShaking, WatchedLight};
+pub use circles::{Ahead, Answer, Circle, LastTurns, MicroDynamics, TipShaking, WatchedLight};
 pub use gaps::{Gap, LightBeam, LightRise, Piezos, SpotWidth, Vision};
 pub use search::{Care, DarkLook, NinePointClimb, Nudge, Pair, Reach, Search};
 pub use taught::{Lines, TaughtBench};
@@ -169,6 +169,8 @@ pub struct Tuning {
     pub answer: Answer,
     /// What light tells beside its peak.
     pub watch: WatchedLight,
+    /// How micros swing.
+    pub dynamics: MicroDynamics,
     /// How tips shake.
     pub shaking: TipShaking,
     /// How steeply light rises with the gap.
@@ -212,6 +214,7 @@ pub const TUNING: Tuning = Tuning {
     last: LastTurns::USED,
     answer: Answer::USED,
     watch: WatchedLight::USED,
+    dynamics: MicroDynamics::USED,
     shaking: TipShaking::USED,
     rise: LightRise::USED,
     gap: Gap::USED,
@@ -239,6 +242,7 @@ pub fn topics() -> Vec<Topic> {
         LastTurns::topic(),
         Answer::topic(),
         WatchedLight::topic(),
+        MicroDynamics::topic(),
         TipShaking::topic(),
         LightRise::topic(),
         Gap::topic(),

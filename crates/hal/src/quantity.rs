@@ -407,6 +407,7 @@ macro_rules! arrays {
 
 arrays! {
     Lengths LENGTH "lengths" "An array of `N` lengths, such as the coordinates of a point, read to metres.";
+    Frequencies FREQUENCY "frequencies" "An array of `N` frequencies, such as the resonances of axes, read to hertz.";
     Angles ANGLE "angles" "An array of `N` angles, read to radians.";
     Times TIME "times" "An array of `N` times, read to seconds.";
     Speeds SPEED "speeds" "An array of `N` speeds, such as those along the axes, read to metres a second.";

@@ -216,11 +216,8 @@ impl Plan {
 }
 
 /// What no step measures yet.
-const UNKNOWN: [&str; 2] = [
-    "settling and lag of the micros: believed as they are in the calibration; one that rings costs turns of the \
-     last circle",
-    "where the stages stand in y: the camera looks along it, and light finds it at every device",
-];
+const UNKNOWN: [&str; 1] =
+    ["where the stages stand in y: the camera looks along it, and light finds it at every device"];
 
 /// Commissions the twin that a seed draws. `watch` is told of each step when it has been done.
 ///

@@ -495,7 +495,7 @@ impl ConicalScan<'_> {
         let settling = self.group(bench).settling;
         let rest = HALF_TURN + last + settling / self.period;
         let longer = if self.shaking.rings() {
-            (TUNING.watch.forgets - 1.0) * settling
+            (self.forgets - 1.0) * settling
         } else {
             0.0
         };

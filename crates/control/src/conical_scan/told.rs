@@ -195,9 +195,9 @@ impl ConicalScan<'_> {
         // One that still swings after a short rest is watched again, after a longer one.
         let again = self.shaking.is_watched() || self.shaking.rings();
         let rest = if again {
-            TUNING.watch.forgets
+            self.forgets
         } else {
-            TUNING.watch.glance
+            self.forgets.min(TUNING.watch.glance)
         } * self.group(bench).settling;
         let rate = bench.caps().channels[self.watch.meter.0].rate;
         let bond = ((bench.caps().bond * rate).round() as usize).max(1);
@@ -305,7 +305,7 @@ impl ConicalScan<'_> {
     }
 
     /// The micro goes straight to a displacement at a gap, without a jump of its speed, and rests there.
-    async fn glide_to(
+    pub(super) async fn glide_to(
         &mut self,
         bench: &Reactor<'_>,
         gap: f64,

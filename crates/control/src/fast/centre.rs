@@ -72,6 +72,7 @@ impl<'r> Shared<'r> {
         let shaken = cell.measured_shaking(side);
         ConicalScan::new(watch, beam, shape, cell, (at, aim.gap(cell)), walk, shaken)
             .hiding(cell.hides(side))
+            .settling(cell.settles(side))
             .flickering(cell.flicker())
     }
 

@@ -6,6 +6,7 @@ use super::approach_moves::Aim;
 use super::gap::vision_knows;
 use crate::cell::AlignmentCell;
 use crate::conical_scan::ConicalScan;
+use crate::dynamics::Dynamics;
 use crate::gap_by_light::Spread;
 use crate::job::{AtPeak, FiberReport, Job};
 use crate::outcome::{Halt, Outcome};
@@ -13,7 +14,8 @@ use crate::recipe::Recipe;
 use crate::station::Station;
 use crate::tip_estimator::Tip;
 use crate::tuning::TUNING;
-use pigtail_hal::spec::SIDES;
+use pigtail_hal::spec::{MICRO_AXES, SIDES};
+use pigtail_model::frames::Displacement;
 
 /// Brings the input fiber and that of the first output to their peaks, holds both there, and watches each tip for so many
 /// `seconds` in x and in y, or some times that where it is dim, by the light that goes through both; and looks at several gaps how that
@@ -77,6 +79,7 @@ async fn watch_both<'r>(
         report.outcome = Outcome::Stopped(fault);
     }
     (report.shaking, report.spread) = (input.shakes(), input.spread);
+    report.dynamics = input.dynamics;
     vec![report, output]
 }
 
@@ -129,6 +132,21 @@ impl<'j, 'r, 's> HeldTip<'j, 'r, 's> {
         self.scan.rest(cell, self.gap).await
     }
 
+    /// How the axes of its micro swing, each by steps of its piezo; `None` where light does not tell that of both.
+    async fn swings(
+        &mut self,
+        cell: &AlignmentCell<'_>,
+    ) -> Result<Option<[Dynamics; MICRO_AXES]>, Halt> {
+        let (sin, cos) = cell.spec().micro.angle.sin_cos();
+        let mut found = [None; MICRO_AXES];
+        for (found, (p, q)) in found.iter_mut().zip([(1.0, 0.0), (0.0, 1.0)]) {
+            let along = Displacement::new(p, q).turned(sin, cos);
+            let steps = self.scan.step_beside(cell, self.gap, along).await?;
+            *found = Dynamics::of(&steps);
+        }
+        Ok(found[0].zip(found[1]).map(|(p, q)| [p, q]))
+    }
+
     /// Whether it is known well enough how its light spreads.
     fn spreads(&self) -> bool {
         Spread::of_all(&self.told).is_some_and(|spread| spread.is_well_known())
@@ -145,6 +163,12 @@ impl Shared<'_> {
         (seconds, tolerance): (f64, f64),
     ) -> Result<(), Halt> {
         let radius = self.fast.conical_scan.radius;
+        for tip in &mut tips {
+            tip.come_back(cell, radius).await?;
+        }
+        for tip in &mut tips {
+            tip.job.dynamics = tip.swings(cell).await?;
+        }
         for _ in 0..TUNING.pair.times {
             let each = tips.each_ref().map(|tip| tip.scan.shaking());
             if each.iter().all(|shaking| shaking.is_told(tolerance)) {

@@ -47,10 +47,21 @@ pub(super) fn side_of(arm: usize) -> Result<Side, Refused> {
     })
 }
 
+/// How a micro follows what it is told.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Follows {
+    /// By when it has come to rest, seconds.
+    pub(super) settling: f64,
+    /// How many turns a second it follows, hertz, where that was measured.
+    pub(super) bandwidth: Option<f64>,
+    /// From when it is told to be somewhere until a photodiode's sample of it, and how well that is known, seconds.
+    pub(super) lag: (f64, f64),
+}
+
 /// What a datasheet says of a station over it, and its calibration of how far its micros reach.
 pub(super) fn caps(
     spec: &Spec,
-    (settling, lag): (f64, (f64, f64)),
+    follows: [Follows; SIDES],
     kinematics: [&Kinematics; SIDES],
 ) -> Caps {
     let axis = |range: (f64, f64), resolution: f64, speed: f64| {
@@ -63,6 +74,11 @@ pub(super) fn caps(
         })
     };
     let group = |side: Side, stage| {
+        let Follows {
+            settling,
+            bandwidth: followed,
+            lag,
+        } = follows[side.index()];
         let kinematics = kinematics[side.index()];
         let (name, axes, bandwidth) = match stage {
             Stage::Coarse => {
@@ -82,7 +98,7 @@ pub(super) fn caps(
                 (
                     "fine",
                     [x, y, None, None, None, None],
-                    FOLLOWS / spec.micro.settling,
+                    followed.unwrap_or(FOLLOWS / spec.micro.settling),
                 )
             }
         };

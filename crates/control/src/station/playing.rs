@@ -206,7 +206,7 @@ impl Station<'_> {
             let arm = &mut self.arms[side.index()];
             arm.micro = to;
             arm.micro_volts = None;
-            let rest = time + self.micro_settling();
+            let rest = time + self.micro_settling(side);
             if let Some(fine) = &mut self.playing.fine[side.index()] {
                 if let (Way::Circle(circle), Some(angle)) = (&mut fine.way, angle) {
                     circle.angle = angle;
@@ -232,7 +232,7 @@ impl Station<'_> {
                 let knots = vec![Knot { time, at: to }];
                 Way::Scan(Scan::new(knots, now, here))
             }
-            Law::Brake => Way::Rest(now + self.micro_settling()),
+            Law::Brake => Way::Rest(now + self.micro_settling(side)),
         };
         self.playing.fine[side.index()] = Some(Fine { ticket, way });
     }

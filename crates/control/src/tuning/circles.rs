@@ -185,7 +185,7 @@ topic! {
         straight: f64 = 0.2, "s", Choice;
         /// Beside the peak the light is less than there by this share at least.
         least_fall: f64 = 0.02, "1", Choice;
-        /// So many times longer than it is believed to settle a micro may still swing.
+        /// So many times longer than it is believed to settle a micro may still swing of which nobody has measured that.
         forgets: f64 = 8.0, "settlings", Choice;
         /// For so long before it is looked at for the first time.
         glance: f64 = 2.0, "settlings", Choice;
@@ -197,6 +197,42 @@ topic! {
         chance: f64 = 2.0, "sigma", Choice;
         /// So many lines tell by how much they differ what their degrees of freedom are worth.
         many: f64 = 8.0, "lines", Choice;
+    }
+}
+
+topic! {
+    /// How micros swing, by steps of their piezos on the slope of a peak.
+    pub struct MicroDynamics in "dynamics", shown [Commissioned] {
+        /// Middle of the steps, from the peak: light is steepest at 0.7.
+        beside: f64 = 0.6, "widths", Choice;
+        /// Height of a step: many times what a tip shakes, and little beside the width.
+        height: f64 = 0.2, "widths", Choice;
+        /// So many, to and fro: each tenth of them begins as late after a sample.
+        steps: u32 = 40, "1", Choice;
+        /// How long each is looked at.
+        each: f64 = 0.08, "s", Choice;
+        /// Samples that tell the light at the peak.
+        top: usize = 20, "samples", Choice;
+        /// Resonances that are tried first.
+        resonances: [f64; 12] = [40.0, 55.0, 75.0, 100.0, 135.0, 180.0, 240.0, 320.0, 430.0, 570.0, 760.0, 1000.0], "Hz", Choice;
+        /// The same of dampings.
+        dampings: [f64; 6] = [0.03, 0.08, 0.2, 0.4, 0.65, 0.9], "1", Choice;
+        /// Light is about so late beside that: the photodiode's own lag, and a cycle or two.
+        delay: f64 = 0.4e-3, "s", Choice;
+        /// How well it must be told how fast it comes to rest, standard deviation of the natural logarithm.
+        told: f64 = 0.25, "1", Choice;
+        /// A resonance below this is none of a micro's...
+        least: f64 = 15.0, "Hz", Choice;
+        /// ...and one above it is not told by samples.
+        most: f64 = 2.5e3, "Hz", Choice;
+        /// A micro has come to rest after so many time constants: a fiftieth of what it swung by is left.
+        constants: f64 = 4.0, "time constants", Choice;
+        /// Of a time constant that is longer than it was measured by so many standard deviations.
+        surely: f64 = 2.0, "sigma", Choice;
+        /// Circles have so many turns in a period of the resonance, at most: beyond, a micro goes much farther than it is told to, and much later.
+        turns: f64 = 0.7, "1", Choice;
+        /// How well a lag is known, of itself, beside what was measured: it differs from way to way.
+        lag: f64 = 0.1, "1", Choice;
     }
 }
 
