@@ -180,6 +180,10 @@ fn advice(name: StepName) -> &'static str {
             "A fiber that shows light is what tells: see to the laser and to the device that was tried. Where camera and macro \
              disagree, one of their scales is wrong: the camera's pixel, or the gear in the datasheet."
         }
+        StepName::Dynamics => {
+            "A tip is stepped once two fibers have come to the light: the outcome above says what kept them from there. One that swings for \
+             longer than a step is looked at is loose: see to what holds it."
+        }
         StepName::Shaking => {
             "A tip is watched once a fiber has come to the light: the outcome above says what kept it from there. `pigtail align` \
              with this machine's seed shows the way in its report."
@@ -227,6 +231,11 @@ fn meaning(step: &StepDocument) -> &'static str {
         StepName::Piezos => {
             "What the model leaves of the camera's frames (its noise, above all), how well the model is known by them (a standard \
              deviation), and how far the micro goes in y for a displacement in x, by light."
+        }
+        StepName::Dynamics => {
+            "Resonance and damping of both axes of each micro, by steps of each piezo beside the peak: light, whose logarithm is the square of \
+             the way from there. Known is how fast it comes to rest, as a standard deviation of the logarithm; misfit is what noise and all \
+             else leaves of a step."
         }
         StepName::Shaking => {
             "How far the tip shakes in x or y: a standard deviation, and how well that is known."

@@ -54,6 +54,8 @@ pub enum StepName {
     Geometry,
     /// Hysteresis of the piezos of both micros
     Piezos,
+    /// How both micros swing when they are told to go elsewhere at once: resonance, damping, settling and lag
+    Dynamics,
     /// How far the tips of both manipulators shake
     Shaking,
     /// How light spreads over a gap in the scale of both micros, where vision cannot know the gap
@@ -346,6 +348,7 @@ impl Bench<'_, '_> {
             StepName::Windup => self.windup(),
             StepName::Geometry => self.geometry(),
             StepName::Piezos => self.piezos(),
+            StepName::Dynamics => self.dynamics(),
             StepName::Shaking => self.shaking(),
             StepName::Spread => self.spread(),
             StepName::Spot => self.spot(),

@@ -4,7 +4,7 @@ use crate::align::LONGEST;
 use crate::job::{Ended, Job, Order, Work};
 use pigtail_control::calibration::{Calibration, Hystereses};
 use pigtail_control::compensation::micro::MicroModel;
-use pigtail_control::fast::{Ratio, measure_ratios, watch_tips};
+use pigtail_control::fast::{Ratio, measure_ratios, swing_tips, watch_tips};
 use pigtail_control::job::FiberReport;
 use pigtail_control::outcome::Outcome;
 use pigtail_control::piezo::camera::{SeenMicro, by_camera};
@@ -114,6 +114,26 @@ impl Job for MeasureRatios {
     fn run(&self, work: &mut Work<'_>) -> Result<Self::Output, Ended> {
         let recipe = &work.rig.recipe;
         Ok(measure_ratios(&mut work.station()?, recipe))
+    }
+
+    fn order(&self) -> Order {
+        Order::Other
+    }
+
+    fn longest(&self) -> f64 {
+        LONGEST
+    }
+}
+
+/// Step the tips of both micros beside their peaks, by the light that goes through a guide whose fibers both hold there: how they swing.
+pub struct SwingTips;
+
+impl Job for SwingTips {
+    type Output = Vec<FiberReport>;
+
+    fn run(&self, work: &mut Work<'_>) -> Result<Self::Output, Ended> {
+        let recipe = &work.rig.recipe;
+        Ok(swing_tips(&mut work.station()?, recipe))
     }
 
     fn order(&self) -> Order {

@@ -37,7 +37,7 @@ use by_output::Waiting;
 use gap::unhurried;
 pub use gap::vision_knows;
 use last::Rest;
-pub use pair::watch_tips;
+pub use pair::{swing_tips, watch_tips};
 use pigtail_hal::Side;
 use pigtail_hal::bench::Meter;
 use pigtail_hal::spec::{CHANNELS, Channel};

@@ -25,14 +25,41 @@ pub fn watch_tips(station: &mut Station, recipe: &Recipe, seconds: f64) -> Vec<F
     let watched = (seconds, recipe.accept.aside);
     let recipe = roughly(recipe);
     let cell = AlignmentCell::over(station);
-    cell.run(watch_both(&cell, &recipe, watched, asks_light))
+    cell.run(hold_both(
+        &cell,
+        &recipe,
+        Asked::Shaking {
+            watched,
+            asks_light,
+        },
+    ))
 }
 
-async fn watch_both<'r>(
+/// Brings the same fibers to their peaks, and steps each tip beside its peak: how its micro swings, the reports tell. What circles tell later depends on
+/// that.
+pub fn swing_tips(station: &mut Station, recipe: &Recipe) -> Vec<FiberReport> {
+    let recipe = roughly(recipe);
+    let cell = AlignmentCell::over(station);
+    cell.run(hold_both(&cell, &recipe, Asked::Swings))
+}
+
+/// What is to be known of tips that are held.
+#[derive(Debug, Clone, Copy)]
+enum Asked {
+    /// How their micros swing.
+    Swings,
+    /// How they shake, watched for so long (seconds) until it is told beside a tolerance (metres), and how their light spreads, where light is to tell the
+    /// gap.
+    Shaking {
+        watched: (f64, f64),
+        asks_light: bool,
+    },
+}
+
+async fn hold_both<'r>(
     cell: &AlignmentCell<'_>,
     recipe: &'r Recipe,
-    watched: (f64, f64),
-    asks_light: bool,
+    asked: Asked,
 ) -> Vec<FiberReport> {
     let mut shared = Shared::new(recipe);
     let mut input = Job::of(recipe, None);
@@ -51,7 +78,6 @@ async fn watch_both<'r>(
         let Some(other) = job.at_peak else {
             return Ok(());
         };
-        shared.asks_light = asks_light;
         // By the output's light.
         input.channel = other.channel;
         let held = AtPeak {
@@ -62,11 +88,26 @@ async fn watch_both<'r>(
             ..other
         };
         job.phase(cell, "pair", async |job| {
-            let tips = [
+            let mut tips = [
                 HeldTip::new(&shared, cell, job, &other),
                 HeldTip::new(&shared, cell, &mut input, &held),
             ];
-            shared.know(cell, tips, watched).await
+            match asked {
+                Asked::Swings => {
+                    for tip in &mut tips {
+                        tip.come_back(cell, shared.fast.conical_scan.radius).await?;
+                        tip.job.dynamics = tip.swings(cell).await?;
+                    }
+                    Ok(())
+                }
+                Asked::Shaking {
+                    watched,
+                    asks_light,
+                } => {
+                    shared.asks_light = asks_light;
+                    shared.know(cell, tips, watched).await
+                }
+            }
         })
         .await?;
         job.put_back(cell).await?;
@@ -114,7 +155,8 @@ impl<'j, 'r, 's> HeldTip<'j, 'r, 's> {
         watch.background = held.background;
         let here = cell.micro(held.side);
         let (shape, beam, gap) = (&shared.fast.conical_scan, held.beam, held.gap);
-        let scan = ConicalScan::new(watch, beam, shape, cell, (here, gap), held.walk, None);
+        let scan = ConicalScan::new(watch, beam, shape, cell, (here, gap), held.walk, None)
+            .settling(cell.settles(held.side));
         Self {
             job,
             scan,
@@ -163,12 +205,6 @@ impl Shared<'_> {
         (seconds, tolerance): (f64, f64),
     ) -> Result<(), Halt> {
         let radius = self.fast.conical_scan.radius;
-        for tip in &mut tips {
-            tip.come_back(cell, radius).await?;
-        }
-        for tip in &mut tips {
-            tip.job.dynamics = tip.swings(cell).await?;
-        }
         for _ in 0..TUNING.pair.times {
             let each = tips.each_ref().map(|tip| tip.scan.shaking());
             if each.iter().all(|shaking| shaking.is_told(tolerance)) {

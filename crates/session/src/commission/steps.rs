@@ -8,7 +8,7 @@ use crate::calibrations::Change;
 use crate::characterize::Step;
 use crate::identify::MeasureWindup;
 use crate::job::Ended;
-use crate::piezos::{MeasureRatios, PiezoModel, SeePiezos, WatchTips};
+use crate::piezos::{MeasureRatios, PiezoModel, SeePiezos, SwingTips, WatchTips};
 use crate::tune::{GainsRow, Method, Tune, step_of};
 use pigtail_control::beam::SpotSize;
 use pigtail_control::calibration::Windups;
@@ -397,14 +397,12 @@ impl Bench<'_, '_> {
         let believed = &mut self.setup.rig.calibration;
         // What is to be found is not believed meanwhile.
         let before = std::mem::take(&mut believed.shaking);
-        let dynamics = std::mem::take(&mut believed.dynamics);
         let spot = std::mem::take(&mut believed.spot);
         let fibers = self.watched();
         self.setup.rig.calibration.shaking = before;
-        self.setup.rig.calibration.dynamics = dynamics;
         self.setup.rig.calibration.spot = spot;
         let fibers = fibers?;
-        let (mut values, mut why) = self.believe_dynamics(&fibers)?;
+        let (mut values, mut why) = (Map::new(), String::new());
         for side in Side::ALL {
             let of_side = fibers.iter().filter(|fiber| fiber.side == side);
             let watched = of_side.filter_map(|fiber| fiber.shaking);
@@ -418,16 +416,15 @@ impl Bench<'_, '_> {
                 }
                 continue;
             };
-            let told = [
-                ("deviation_nm", rounded(1e9 * found.deviation, 1e-3)),
-                ("spread", rounded(found.spread, 1e-3)),
-                ("left", rounded(found.left, 1e-4)),
-                ("left_spread", rounded(found.left_spread, 1e-4)),
-            ];
-            let of_side = values.entry(side.name()).or_insert_with(|| json!({}));
-            for (key, value) in told {
-                of_side[key] = json!(value);
-            }
+            values.insert(
+                side.name().to_owned(),
+                json!({
+                    "deviation_nm": rounded(1e9 * found.deviation, 1e-3),
+                    "spread": rounded(found.spread, 1e-3),
+                    "left": rounded(found.left, 1e-4),
+                    "left_spread": rounded(found.left_spread, 1e-4),
+                }),
+            );
             let origin = self.origin(&format!("shaking, {}", side.name()));
             self.believe(Change {
                 table: format!("shaking.{}", side.name()),
@@ -451,72 +448,103 @@ impl Bench<'_, '_> {
         Ok(Found { values, why })
     }
 
-    /// Believes how the micros swing that held fibers; what was found of each, and what a side that told nothing lacks.
-    fn believe_dynamics(
-        &mut self,
-        fibers: &[FiberReport],
-    ) -> Result<(Map<String, Value>, String), NotDone> {
-        let (mut values, mut why) = (Map::new(), String::new());
+    /// Steps the tips of a device that hold their fibers at their peaks.
+    pub(super) fn dynamics(&mut self) -> Result<Found, NotDone> {
         let rig = &self.setup.rig;
         let slowest = rig.recipe.fast.conical_scan.period.recip();
         let usual = rig.calibration.geometry.micro.settling;
         let usual = usual.unwrap_or(rig.spec.micro.settling);
+        // One that comes to rest long before samples tell how is waited for long enough.
+        let told = |axis: &Dynamics| axis.is_told() || axis.settling() < usual;
+        let known = |axes: &[Dynamics; MICRO_AXES]| axes.iter().all(told);
+        // What is to be found, and what circles tell by it, is not believed meanwhile.
+        let believed = &mut self.setup.rig.calibration;
+        let before = (
+            std::mem::take(&mut believed.dynamics),
+            std::mem::take(&mut believed.shaking),
+            std::mem::take(&mut believed.spot),
+        );
+        let fibers = self.swung(known);
+        let believed = &mut self.setup.rig.calibration;
+        (believed.dynamics, believed.shaking, believed.spot) = before;
+        let fibers = fibers?;
+        let (mut values, mut why) = (Map::new(), String::new());
         for side in Side::ALL {
             let mut of_side = fibers.iter().filter(|fiber| fiber.side == side);
-            // One that comes to rest long before samples tell how is waited for long enough.
-            let told = |axis: &Dynamics| axis.is_told() || axis.settling() < usual;
-            let known = |axes: &[Dynamics; MICRO_AXES]| axes.iter().all(told);
             let Some(axes) = of_side.find_map(|fiber| fiber.dynamics.filter(known)) else {
                 if why.is_empty() {
                     let name = side.name();
-                    why = format!("no light told how {name} swings{}", ended(fibers));
+                    why = format!("no light told how {name} swings{}", ended(&fibers));
                 }
                 continue;
             };
-            let found = Swings::of(&axes, slowest);
-            let each =
-                |of: fn(&Dynamics) -> f64, step: f64| axes.map(|axis| rounded(of(&axis), step));
-            let (resonance, damping) = (each(|a| a.resonance, 1e-2), each(|a| a.damping, 1e-4));
-            values.insert(
-                side.name().to_owned(),
-                json!({
-                    "resonance_Hz": resonance,
-                    "damping": damping,
-                    "decay_deviation": each(|a| a.deviation, 1e-4),
-                    "misfit_percent": each(|a| 100.0 * a.misfit, 1e-3),
-                    "settling_ms": rounded(1e3 * found.settling, 1e-3),
-                    "lag_ms": rounded(1e3 * found.lag, 1e-4),
-                }),
-            );
-            let list = |values: [String; MICRO_AXES]| {
-                toml_edit::value(toml_edit::Array::from_iter(values))
-            };
-            let ms = |seconds: f64, step: f64| {
-                toml_edit::value(format!("{} ms", rounded(1e3 * seconds, step)))
-            };
-            let origin = self.origin(&format!("dynamics, {}", side.name()));
-            self.believe(Change {
-                table: format!("dynamics.{}", side.name()),
-                values: vec![
-                    ("resonance", list(resonance.map(|at| format!("{at} Hz")))),
-                    (
-                        "damping",
-                        toml_edit::value(toml_edit::Array::from_iter(damping)),
-                    ),
-                    ("settling", ms(found.settling, 1e-2)),
-                    (
-                        "bandwidth",
-                        toml_edit::value(format!("{} Hz", rounded(found.bandwidth, 1e-2))),
-                    ),
-                    ("lag", ms(found.lag, 1e-4)),
-                    ("lag_deviation", ms(found.lag_deviation, 1e-4)),
-                    ("date", toml_edit::value(&self.plan.date)),
-                    ("origin", toml_edit::value(origin)),
-                ],
-                weights: None,
-            })?;
+            let (found, change) = self.swings(side, &axes, slowest);
+            values.insert(side.name().to_owned(), found);
+            self.believe(change)?;
         }
-        Ok((values, why))
+        Ok(Found { values, why })
+    }
+
+    /// Fibers of devices that were held to step their tips, until those of both sides have told how they swing.
+    fn swung(
+        &mut self,
+        known: impl Fn(&[Dynamics; MICRO_AXES]) -> bool,
+    ) -> Result<Vec<FiberReport>, Ended> {
+        let mut fibers: Vec<FiberReport> = Vec::new();
+        for device in self.spare_devices() {
+            fibers.extend(self.run(&SwingTips, device)?);
+            let told = |side: Side| {
+                let mut of_side = fibers.iter().filter(|fiber| fiber.side == side);
+                of_side.any(|fiber| fiber.dynamics.as_ref().is_some_and(&known))
+            };
+            if Side::ALL.into_iter().all(told) {
+                break;
+            }
+        }
+        Ok(fibers)
+    }
+
+    /// How a micro swings by both of its axes, where circles are to go around at a rate (hertz): as it is told, and as it is believed.
+    fn swings(&self, side: Side, axes: &[Dynamics; MICRO_AXES], rate: f64) -> (Value, Change) {
+        let found = Swings::of(axes, rate);
+        let each = |of: fn(&Dynamics) -> f64, step: f64| {
+            axes.each_ref().map(|axis| rounded(of(axis), step))
+        };
+        let (resonance, damping) = (each(|a| a.resonance, 1e-2), each(|a| a.damping, 1e-4));
+        let told = json!({
+            "resonance_Hz": resonance,
+            "damping": damping,
+            "decay_deviation": each(|a| a.deviation, 1e-4),
+            "misfit_percent": each(|a| 100.0 * a.misfit, 1e-3),
+            "settling_ms": rounded(1e3 * found.settling, 1e-3),
+            "lag_ms": rounded(1e3 * found.lag, 1e-4),
+        });
+        let ms = |seconds: f64, step: f64| {
+            toml_edit::value(format!("{} ms", rounded(1e3 * seconds, step)))
+        };
+        let hertz = |at: f64| format!("{} Hz", rounded(at, 1e-2));
+        let origin = self.origin(&format!("dynamics, {}", side.name()));
+        let change = Change {
+            table: format!("dynamics.{}", side.name()),
+            values: vec![
+                (
+                    "resonance",
+                    toml_edit::value(toml_edit::Array::from_iter(resonance.map(hertz))),
+                ),
+                (
+                    "damping",
+                    toml_edit::value(toml_edit::Array::from_iter(damping)),
+                ),
+                ("settling", ms(found.settling, 1e-2)),
+                ("bandwidth", toml_edit::value(hertz(found.bandwidth))),
+                ("lag", ms(found.lag, 1e-4)),
+                ("lag_deviation", ms(found.lag_deviation, 1e-4)),
+                ("date", toml_edit::value(&self.plan.date)),
+                ("origin", toml_edit::value(origin)),
+            ],
+            weights: None,
+        };
+        (told, change)
     }
 
     /// Fibers of devices that were held to watch their tips, until tips of both sides were watched.
