@@ -86,18 +86,21 @@ impl Dynamics {
     }
 
     fn parameters(resonance: f64, damping: f64, delay: f64) -> [f64; 3] {
+        let [soonest, latest] = TUNING.dynamics.delays;
         [
             resonance.ln(),
             (damping / (1.0 - damping)).ln(),
-            (delay / TUNING.dynamics.delay).ln(),
+            ((delay - soonest) / (latest - delay)).ln(),
         ]
     }
 
     fn from_parameters(p: &[f64]) -> Self {
+        let [soonest, latest] = TUNING.dynamics.delays;
+        let share = |odds: f64| (1.0 + (-odds).exp()).recip();
         Self {
             resonance: p[0].exp(),
-            damping: (1.0 + (-p[1]).exp()).recip(),
-            delay: p[2].exp() * TUNING.dynamics.delay,
+            damping: share(p[1]),
+            delay: soonest + (latest - soonest) * share(p[2]),
             deviation: 0.0,
             misfit: 0.0,
         }
@@ -125,16 +128,19 @@ impl Dynamics {
         self.deviation < TUNING.dynamics.told
     }
 
-    /// By when it has come to rest, seconds: after some time constants, as long as they may be.
+    /// By when it has come to rest, seconds: after some time constants, as long as they may be; an axis that is damped so much that it hardly swings
+    /// keeps some of its way for longer than these say, by half at most.
     pub fn settling(&self) -> f64 {
         let tuned = &TUNING.dynamics;
-        tuned.constants / self.decay() * (tuned.surely * self.deviation).exp()
+        let lasts = -0.5 * (1.0 - self.damping * self.damping).ln();
+        let constants = (tuned.constants + lasts).min(1.5 * tuned.constants);
+        constants / self.decay() * (tuned.surely * self.deviation).exp()
     }
 
     /// How late light is on a circle of so many turns a second, seconds.
     pub fn lag(&self, rate: f64) -> f64 {
         let u = rate / self.resonance;
-        (2.0 * self.damping * u).atan2(1.0 - u * u) / (TAU * rate) + self.delay
+        (2.0 * self.damping * u).atan2(1.0 - u * u) / (TAU * rate) + self.delay.max(0.0)
     }
 }
 
@@ -207,4 +213,80 @@ fn straightened(times: &[f64], mut values: Vec<f64>) -> Vec<f64> {
         *value -= mean + slope * (time - middle);
     }
     values
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_axis_has_come_to_rest_when_it_is_said_to() {
+        for resonance in [60.0, 200.0, 700.0] {
+            for damping in [0.02, 0.2, 0.6, 0.9, 0.99] {
+                let axis = Dynamics {
+                    resonance,
+                    damping,
+                    delay: 0.0,
+                    deviation: 0.0,
+                    misfit: 0.0,
+                };
+                let rest = axis.settling();
+                let left = |t: f64| (1.0 - axis.answer(t)).abs();
+                let late = (0..200).map(|k| left(rest * (1.0 + 0.01 * f64::from(k))));
+                let late = late.fold(0.0, f64::max);
+                assert!(late < 0.02, "{resonance} Hz, {damping}: {late}");
+                // And it is not waited for much longer.
+                let early = (0..50).map(|k| left(rest * (0.5 + 0.005 * f64::from(k))));
+                assert!(
+                    early.fold(0.0, f64::max) > 0.02,
+                    "{resonance} Hz, {damping}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn light_is_as_late_on_a_circle_as_its_place_is() {
+        let axis = Dynamics {
+            resonance: 100.0,
+            damping: 0.3,
+            delay: 0.5e-3,
+            deviation: 0.0,
+            misfit: 0.0,
+        };
+        // At its resonance an axis is a quarter of a turn behind, slowly it is by its damping.
+        assert!((axis.lag(100.0) - (2.5e-3 + 0.5e-3)).abs() < 1e-9);
+        let slow = 2.0 * 0.3 / (TAU * 100.0) + 0.5e-3;
+        assert!((axis.lag(0.1) - slow).abs() < 1e-8);
+        // The slower axis of a micro tells how fast it goes around.
+        let other = Dynamics {
+            resonance: 50.0,
+            ..axis
+        };
+        let both = Swings::of(&[axis, other], 50.0);
+        assert!((both.bandwidth - 50.0 * TUNING.dynamics.turns).abs() < 1e-9);
+        assert!((both.settling - other.settling()).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_is_no_swing_tells_none() {
+        let still = |k: u32| StepSeen {
+            time: 0.08 * f64::from(k),
+            way: if k % 2 == 0 { 1.0 } else { -1.0 },
+            seen: (0..40)
+                .map(|i| {
+                    (
+                        0.08 * f64::from(k) + 2e-3 * f64::from(i),
+                        f64::from((k * 7 + i * 13) % 11),
+                    )
+                })
+                .collect(),
+        };
+        let steps: Vec<_> = (0..40).map(still).collect();
+        let found = Dynamics::of(&steps);
+        assert!(
+            found.is_none_or(|found| !found.is_told() || found.misfit > 1.0),
+            "{found:?}"
+        );
+    }
 }

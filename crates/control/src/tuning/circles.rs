@@ -219,8 +219,10 @@ topic! {
         dampings: [f64; 6] = [0.03, 0.08, 0.2, 0.4, 0.65, 0.9], "1", Choice;
         /// Light is about so late beside that: the photodiode's own lag, and a cycle or two.
         delay: f64 = 0.4e-3, "s", Choice;
-        /// How well it must be told how fast it comes to rest, standard deviation of the natural logarithm.
-        told: f64 = 0.25, "1", Choice;
+        /// It is within this: what is told takes effect within a cycle or two, and samples are no older.
+        delays: [f64; 2] = [-0.5e-3, 3e-3], "s", Choice;
+        /// How well it must be told how fast it comes to rest, standard deviation of the natural logarithm: it is waited for as much longer.
+        told: f64 = 0.5, "1", Choice;
         /// A resonance below this is none of a micro's...
         least: f64 = 15.0, "Hz", Choice;
         /// ...and one above it is not told by samples.
