@@ -314,6 +314,12 @@ impl Mixed {
         best.map_or(plain, |(_, mixed)| mixed)
     }
 
+    /// As how many values of their own so many rows tell.
+    fn independent(&self, rows: usize) -> f64 {
+        let next = self.factor * self.slow / (self.slow + self.white).max(f64::MIN_POSITIVE);
+        rows as f64 * (1.0 - next) / (1.0 + next)
+    }
+
     /// The variance of a sum by these weights.
     fn variance(&self, weights: impl Iterator<Item = f64> + Clone) -> f64 {
         let memory = Memory {
@@ -352,6 +358,7 @@ pub(crate) fn of_points(
         fitted.column_iter().map(|c| 1.0 / c.norm().max(1e-300)),
     ));
     let noise = Mixed::of(&even, &(fitted * scale).qr().q());
+    let wider = student(noise.independent(n) - (p + besides.ncols()) as f64);
     let scatter = clustered(x, x, residuals, bread, (1, false));
     scatter
         .iter()
@@ -359,7 +366,7 @@ pub(crate) fn of_points(
         .map(|(j, scatter)| {
             let reach = x * bread.row(j).transpose();
             let counted = reach.iter().zip(spread).map(|(c, s)| c * s);
-            let own = noise.variance(counted).max(0.0).sqrt();
+            let own = wider * noise.variance(counted).max(0.0).sqrt();
             if scatter.beyond(own) {
                 scatter.widened()
             } else {

@@ -486,7 +486,7 @@ mod tests {
     /// A narrow peak rests on few points, and of a noise that remembers a fit of ten columns takes much.
     #[test]
     fn deviations_of_points_are_what_repeated_ones_scatter_by() {
-        let (n, records) = (320, 150);
+        let (n, records) = (320, 600);
         let row = |k: usize| k as f64 / n as f64;
         let peak: Vec<f64> = (0..n)
             .map(|k| (-((row(k) - 0.4) / 0.01).powi(2)).exp())
@@ -524,10 +524,10 @@ mod tests {
                 within += usize::from(found.values[0].abs() < 1.96 * found.std_correlated[0]);
             }
             let ratio = (told / squares).sqrt();
-            // 150 records tell a share of 0.95 to 0.036, two standard deviations.
+            // 600 records tell a share of 0.95 to 0.018, two standard deviations; of 150 it had been 0.907, beyond theirs, when that was first asked.
             let share = within as f64 / records as f64;
             assert!(
-                (0.85..1.2).contains(&ratio) && share > 0.91,
+                (0.85..1.2).contains(&ratio) && share > 0.93,
                 "{memory}: {ratio} {share}"
             );
         }

@@ -456,8 +456,7 @@ pub fn identify(
     let skew = skew::skew(record, moved, set)?;
     remarks.extend(skew.remark(record.even.period));
     let set = &skew.settings(set);
-    let stamped = record;
-    let record = &skew.taken_out(record);
+    let (stamped, record) = (record, &skew.taken_out(record));
     let second = second.as_deref().map(|r| skew.taken_out(r));
     let mut columns = moved.equations(record, set);
     enough(&columns, record)?;

@@ -11,7 +11,6 @@ use pigtail_numerics::regression::{
     without_attenuation,
 };
 use pigtail_numerics::signal::quantile;
-use std::borrow::Cow;
 
 /// Standard deviation of a moment within a sample of which nothing is known, samples: one over the root of twelve.
 const WITHIN_A_SAMPLE: f64 = 0.288_675;
@@ -76,36 +75,21 @@ pub(super) fn variants(
         let solve = |method: Method, rows: std::ops::Range<usize>| -> Option<Solution> {
             let x = [&x, &delayed][usize::from(method == Method::Delayed)];
             let whole = rows.len() == x.nrows();
-            let part = if whole {
-                Cow::Borrowed(x)
-            } else {
-                Cow::Owned(x.rows(rows.start, rows.len()).into_owned())
-            };
+            let part = x.rows(rows.start, rows.len()).into_owned();
             let force = &columns.force[rows.clone()];
-            match method {
-                Method::LeastSquares if whole => least_squares(&part, force),
-                Method::LeastSquares => least_squares_alone(&part, force),
-                // Where the axis sticks, force leads motion for another reason than a delay.
-                Method::Delayed => {
-                    let slides = |i: usize| columns.velocity[rows.start + i].abs() > moving;
-                    let curve = &columns.curve[rows.clone()];
-                    let told = filtered.then_some(&told[rows.clone()]);
-                    let by = (told, set.as_stamped);
-                    let mut solution = delayed_by(&part, (force, curve), slides, by, whole)?;
-                    without_attenuation(&part, slides, 0, noise, &mut solution);
-                    Some(solution)
-                }
-                Method::Weighted if whole => robust(&part, force),
-                Method::Weighted => robust_alone(&part, force),
-                Method::Instrumental => {
-                    let z = instruments.as_ref()?.matrix(friction, method);
-                    if whole {
-                        return instrumental(&part, &z, force);
-                    }
-                    let z = z.rows(rows.start, rows.len()).into_owned();
-                    instrumental_alone(&part, &z, force)
-                }
+            if method != Method::Delayed {
+                let z = instruments.as_ref().map(|z| z.matrix(friction, method));
+                let z = z.map(|z| z.rows(rows.start, rows.len()).into_owned());
+                return solved(method, &part, z.as_ref(), force, whole);
             }
+            // Where the axis sticks, force leads motion for another reason than a delay.
+            let slides = |i: usize| columns.velocity[rows.start + i].abs() > moving;
+            let curve = &columns.curve[rows.clone()];
+            let told = filtered.then_some(&told[rows.clone()]);
+            let by = (told, set.as_stamped);
+            let mut solution = delayed_by(&part, (force, curve), slides, by, whole)?;
+            without_attenuation(&part, slides, 0, noise, &mut solution);
+            Some(solution)
         };
         let late = solve(Method::Delayed, 0..columns.force.len()).and_then(|s| {
             let (samples, std) = s
@@ -153,6 +137,24 @@ pub(super) fn variants(
         }
     }
     variants
+}
+
+/// By a method without a delay; with deviations where it is asked how `sure` the parameters are.
+fn solved(
+    method: Method,
+    x: &DMatrix<f64>,
+    z: Option<&DMatrix<f64>>,
+    force: &[f64],
+    sure: bool,
+) -> Option<Solution> {
+    match (method, sure) {
+        (Method::Weighted, true) => robust(x, force),
+        (Method::Weighted, false) => robust_alone(x, force),
+        (Method::Instrumental, true) => instrumental(x, z?, force),
+        (Method::Instrumental, false) => instrumental_alone(x, z?, force),
+        (_, true) => least_squares(x, force),
+        (_, false) => least_squares_alone(x, force),
+    }
 }
 
 /// What a step that is held for a sample takes from what is fast, of the force's second difference.
