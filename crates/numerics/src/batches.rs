@@ -23,14 +23,16 @@ fn batches(residuals: &[f64], shortest: usize) -> Vec<Batch> {
     let longest = (n / FEWEST).max(1);
     let length = shortest.max(FORGOTTEN * lag).min(longest);
     let half = length.div_ceil(2);
-    let sine = |i: usize| (PI * (i as f64 + 0.5) / (2.0 * half as f64)).sin();
+    let sine: Vec<f64> = (0..2 * half)
+        .map(|i| (PI * (i as f64 + 0.5) / (2.0 * half as f64)).sin())
+        .collect();
     (0..=n.div_ceil(half))
         .map(|k| {
             // The first and the last one reach over the ends.
             let (from, to) = ((k * half).saturating_sub(half), ((k + 1) * half).min(n));
             Batch {
                 rows: from..to,
-                weights: (from..to).map(|i| sine(i + half - k * half)).collect(),
+                weights: sine[from + half - k * half..to + half - k * half].to_vec(),
             }
         })
         .filter(|b| !b.rows.is_empty())
@@ -211,14 +213,176 @@ struct Part {
     given: DMatrix<f64>,
 }
 
+/// A deviation by the squares of sums over batches.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Scatter {
+    std: f64,
+    /// How many degrees of freedom the squares have.
+    freedom: f64,
+}
+
+impl Scatter {
+    /// Wider by Student's quantile over the normal one, so that 1.96 of it hold what 95 % are.
+    pub(crate) fn widened(&self) -> f64 {
+        student(self.freedom) * self.std
+    }
+
+    /// Whether it is larger than a deviation by more than chance makes it in one of a thousand (Wilson and Hilferty's quantile of
+    /// chi-squared).
+    fn beyond(&self, other: f64) -> bool {
+        const Z: f64 = 3.09;
+        let of = 2.0 / (9.0 * self.freedom.max(1.0));
+        self.std > other * (1.0 - of + Z * of.sqrt()).powf(1.5)
+    }
+}
+
+/// White noise and one that forgets itself by a factor from row to row, by their variances.
+struct Mixed {
+    white: f64,
+    slow: f64,
+    factor: f64,
+}
+
+impl Mixed {
+    /// That of residuals of deviation one from which a fit took what lies in the columns of `basis`: of what is slow that is far more than
+    /// of what is white, so that what is left seems to forget sooner than it does. Told by what the fit leaves of either, over some rows.
+    fn of(residuals: &[f64], basis: &DMatrix<f64>) -> Self {
+        const LAGS: usize = 8;
+        /// Of less from one row to the next there is no memory to speak of.
+        const LEAST: f64 = 0.1;
+        const FACTORS: [f64; 10] = [0.3, 0.5, 0.6, 0.7, 0.75, 0.8, 0.85, 0.9, 0.94, 0.97];
+        let n = residuals.len();
+        let lags = LAGS.min(n / FEWEST);
+        let beside = |a: &[f64], b: &[f64]| -> Vec<f64> {
+            let at = |lag: usize| a.iter().zip(&b[lag..]).map(|(a, b)| a * b).sum();
+            (0..=lags).map(at).collect()
+        };
+        let seen = beside(residuals, residuals);
+        let plain = Self {
+            white: seen[0] / n.saturating_sub(basis.ncols()).max(1) as f64,
+            slow: 0.0,
+            factor: 0.0,
+        };
+        if lags == 0 || seen[1] < LEAST * seen[0] {
+            return plain;
+        }
+        // What a fit leaves of a noise whose rows have `spread` to do with the basis and `own` with each other.
+        let left = |spread: &DMatrix<f64>, own: &dyn Fn(usize) -> f64| -> Vec<f64> {
+            let taken = basis * basis.tr_mul(spread);
+            let mut left: Vec<f64> = (0..=lags).map(|lag| (n - lag) as f64 * own(lag)).collect();
+            for j in 0..basis.ncols() {
+                let [q, r, t] = [basis, spread, &taken]
+                    .map(|m| m.column(j).iter().copied().collect::<Vec<f64>>());
+                let parts = [beside(&q, &r), beside(&r, &q), beside(&t, &q)];
+                for (lag, left) in left.iter_mut().enumerate() {
+                    *left += parts[2][lag] - parts[0][lag] - parts[1][lag];
+                }
+            }
+            left
+        };
+        let white = left(basis, &|lag| if lag == 0 { 1.0 } else { 0.0 });
+        let dot = |a: &[f64], b: &[f64]| -> f64 { a.iter().zip(b).map(|(a, b)| a * b).sum() };
+        let tried = FACTORS.map(|factor| {
+            let memory = Memory { share: 1.0, factor };
+            let columns = basis.column_iter();
+            let columns: Vec<DVector<f64>> = columns
+                .map(|c| DVector::from_vec(memory.spread(c.iter().copied())))
+                .collect();
+            let spread = DMatrix::from_columns(&columns);
+            let slow = left(&spread, &|lag| {
+                factor.powi(i32::try_from(lag).unwrap_or(i32::MAX))
+            });
+            let [ww, ws, ss] = [dot(&white, &white), dot(&white, &slow), dot(&slow, &slow)];
+            let [w, s] = [dot(&white, &seen), dot(&slow, &seen)];
+            let below = ww * ss - ws * ws;
+            let [mut a, mut b] = [(ss * w - ws * s) / below, (ww * s - ws * w) / below];
+            if a < 0.0 {
+                (a, b) = (0.0, s / ss);
+            }
+            if b < 0.0 {
+                (a, b) = (w / ww, 0.0);
+            }
+            let missed = (0..=lags).map(|k| (seen[k] - a * white[k] - b * slow[k]).powi(2));
+            let mixed = Self {
+                white: a,
+                slow: b,
+                factor,
+            };
+            (missed.sum::<f64>(), mixed)
+        });
+        let best = tried.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
+        best.map_or(plain, |(_, mixed)| mixed)
+    }
+
+    /// As how many values of their own so many rows tell.
+    fn independent(&self, rows: usize) -> f64 {
+        let next = self.factor * self.slow / (self.slow + self.white).max(f64::MIN_POSITIVE);
+        rows as f64 * (1.0 - next) / (1.0 + next)
+    }
+
+    /// The variance of a sum by these weights.
+    fn variance(&self, weights: impl Iterator<Item = f64> + Clone) -> f64 {
+        let memory = Memory {
+            share: 1.0,
+            factor: self.factor,
+        };
+        let white = weights.clone().map(|w| w * w).sum::<f64>();
+        self.white * white + self.slow * memory.variance(weights)
+    }
+}
+
+/// Standard deviations of the parameters of points that were measured one by one, the deviation of each row being `spread`, where `besides`
+/// was fitted to them too.
+///
+/// Where a narrow peak rests on few points, what they leave tells next to nothing of how sure it is: that is told by all points, by
+/// how what is left of them goes with their neighbours'. Where the sums over batches are larger by more than chance, the model misses
+/// something there, and they count.
+pub(crate) fn of_points(
+    x: &DMatrix<f64>,
+    residuals: &[f64],
+    bread: &DMatrix<f64>,
+    (spread, besides): (&[f64], &DMatrix<f64>),
+) -> Vec<f64> {
+    let even: Vec<f64> = residuals.iter().zip(spread).map(|(r, s)| r / s).collect();
+    let (n, p) = x.shape();
+    let fitted = DMatrix::from_fn(n, p + besides.ncols(), |i, j| {
+        let value = if j < p {
+            x[(i, j)]
+        } else {
+            besides[(i, j - p)]
+        };
+        value / spread[i]
+    });
+    let scale = DMatrix::from_diagonal(&DVector::from_iterator(
+        fitted.ncols(),
+        fitted.column_iter().map(|c| 1.0 / c.norm().max(1e-300)),
+    ));
+    let noise = Mixed::of(&even, &(fitted * scale).qr().q());
+    let wider = student(noise.independent(n) - (p + besides.ncols()) as f64);
+    let scatter = clustered(x, x, residuals, bread, (1, false));
+    scatter
+        .iter()
+        .enumerate()
+        .map(|(j, scatter)| {
+            let reach = x * bread.row(j).transpose();
+            let counted = reach.iter().zip(spread).map(|(c, s)| c * s);
+            let own = wider * noise.variance(counted).max(0.0).sqrt();
+            if scatter.beyond(own) {
+                scatter.widened()
+            } else {
+                own
+            }
+        })
+        .collect()
+}
+
 /// Standard deviations of the parameters from the sums of `z e` over batches of neighbours: correlation within a batch is
 /// in them, whatever its shape.
 ///
 /// What the fit has taken of a batch's own is given back: of white noise the corrected sum has on average the square
 /// that it would have without a fit (the estimator known as CR2). How many degrees of freedom the sum of squares has is
 /// Satterthwaite's number, again of white noise: fewer where a parameter rests on few of the batches. Of noise that batches are too
-/// short for, both are those of a noise that forgets itself as what is left does: of what is slow a fit takes far more. The deviation is
-/// wider by Student's quantile over the normal one, so that 1.96 of it hold what 95 % are. R. Bell and D. `McCaffrey`,
+/// short for, both are those of a noise that forgets itself as what is left does: of what is slow a fit takes far more. R. Bell and D. `McCaffrey`,
 /// *Bias Reduction in Standard Errors for Linear Regression with Multi-Stage Samples*, Survey Methodology 28, 2002.
 pub(crate) fn clustered(
     x: &DMatrix<f64>,
@@ -226,49 +390,32 @@ pub(crate) fn clustered(
     residuals: &[f64],
     bread: &DMatrix<f64>,
     (shortest, corrected): (usize, bool),
-) -> Vec<f64> {
+) -> Vec<Scatter> {
     let p = x.ncols();
     // Instruments of unit moment among themselves, so that all matrices are of numbers of order one.
     let own = z.tr_mul(z);
     let scale = DMatrix::from_diagonal(&own.diagonal().map(|v| 1.0 / v.max(1e-300).sqrt()));
     let Some(root) = (&scale * own * &scale).cholesky().map(|c| c.l()) else {
-        return vec![0.0; p];
+        return vec![Scatter::default(); p];
     };
     let back = bread * DMatrix::from_diagonal(&scale.diagonal().map(|s| 1.0 / s)) * &root;
     let Some(turn) = root.try_inverse().map(|inverse| inverse * &scale) else {
-        return vec![0.0; p];
+        return vec![Scatter::default(); p];
     };
     let batches = batches(residuals, shortest);
     let longest = (residuals.len() / FEWEST).max(1);
     let slow = Memory::longer_than(residuals, longest)
         .filter(|_| corrected)
         .map(|memory| Slow::new(memory, (x, z), bread));
-    let moment = |rows: std::ops::Range<usize>, weight: &dyn Fn(usize) -> f64| {
-        let part = z.rows(rows.start, rows.len());
-        let counted = DMatrix::from_fn(part.nrows(), p, |i, j| {
-            part[(i, j)] * weight(rows.start + i)
-        });
-        &turn * part.tr_mul(&counted) * turn.transpose()
-    };
     let parts: Vec<Part> = batches
         .iter()
         .enumerate()
         .map(|(k, batch)| {
-            let at = |b: &Batch, i: usize| b.weights[i - b.rows.start];
             let part = z.rows(batch.rows.start, batch.rows.len());
-            let counted = DVector::from_iterator(
-                batch.rows.len(),
-                batch.rows.clone().map(|i| at(batch, i) * residuals[i]),
-            );
-            let taken = moment(batch.rows.clone(), &|i| at(batch, i));
-            let squared = moment(batch.rows.clone(), &|i| at(batch, i).powi(2));
-            let beside = batches.get(k + 1).map_or_else(
-                || DMatrix::zeros(p, p),
-                |next| {
-                    let common = next.rows.start..batch.rows.end.min(next.rows.end);
-                    moment(common, &|i| at(batch, i) * at(next, i))
-                },
-            );
+            let pairs = batch.weights.iter().zip(&residuals[batch.rows.clone()]);
+            let counted = DVector::from_iterator(batch.rows.len(), pairs.map(|(w, r)| w * r));
+            let [taken, squared, beside] =
+                moments(z, batch, batches.get(k + 1)).map(|m| &turn * m * turn.transpose());
             let given = given_back(&taken, &squared);
             Part {
                 score: &given * (&turn * part.tr_mul(&counted)),
@@ -315,9 +462,36 @@ pub(crate) fn clustered(
                 let counts: Vec<DVector<f64>> = reach.iter().map(|r| turn.tr_mul(r)).collect();
                 slow.lost(j, &batches, &counts)
             });
-            lost * student(freedom) * square.max(0.0).sqrt()
+            Scatter {
+                std: lost * square.max(0.0).sqrt(),
+                freedom,
+            }
         })
         .collect()
+}
+
+/// A batch's moments by its weights, by their squares, and by the products of them and those of the next one: in one pass over its rows,
+/// for of a long record this is most of what deviations cost.
+fn moments(z: &DMatrix<f64>, batch: &Batch, next: Option<&Batch>) -> [DMatrix<f64>; 3] {
+    let (n, p) = z.shape();
+    let columns: Vec<&[f64]> = z.as_slice().chunks_exact(n).collect();
+    let mut sums = vec![[0.0; 3]; p * p];
+    for (i, weight) in batch.rows.clone().zip(&batch.weights) {
+        let other = next
+            .and_then(|next| next.weights.get(i.checked_sub(next.rows.start)?))
+            .unwrap_or(&0.0);
+        let by = [*weight, weight * weight, weight * other];
+        for j in 0..p {
+            let own = by.map(|w| w * columns[j][i]);
+            for k in 0..=j {
+                let value = columns[k][i];
+                for (sum, own) in sums[j * p + k].iter_mut().zip(own) {
+                    *sum += own * value;
+                }
+            }
+        }
+    }
+    std::array::from_fn(|of| DMatrix::from_fn(p, p, |j, k| sums[j.max(k) * p + j.min(k)][of]))
 }
 
 /// What turns a batch's sum with a fit's residuals into one that has on average the square of one without a fit:

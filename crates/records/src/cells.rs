@@ -18,8 +18,13 @@ pub(crate) fn split_into<'t>(line: &'t str, delimiter: u8, fields: &mut Vec<Cow<
         return;
     }
     if !line.contains('"') {
-        let own = line.split(char::from(delimiter));
-        fields.extend(own.map(|f| Cow::Borrowed(f.trim())));
+        // By bytes: of a long record a search for characters is a tenth of the whole work.
+        let mut from = 0;
+        for (at, _) in line.bytes().enumerate().filter(|(_, b)| *b == delimiter) {
+            fields.push(Cow::Borrowed(line[from..at].trim()));
+            from = at + 1;
+        }
+        fields.push(Cow::Borrowed(line[from..].trim()));
         return;
     }
     let (mut field, mut quoted) = (String::new(), false);

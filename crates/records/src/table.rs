@@ -157,7 +157,7 @@ impl Table {
         let body = text.get(self.layout.body..).unwrap_or_default();
         let mut row = Vec::with_capacity(width);
         for (k, line) in body.lines().enumerate() {
-            if line.trim().is_empty() || line.trim_start().starts_with(['#', '%']) {
+            if let None | Some(b'#' | b'%') = line.trim_start().as_bytes().first() {
                 if line.trim_end().ends_with("END_HEADER") {
                     let message =
                         "another recording begins here; accepted is one recording in a file";
@@ -246,11 +246,15 @@ impl Table {
             Gaps::Allowed => "a finite number, or nothing where one is missing",
             Gaps::Refused => "a finite number",
         };
-        if let Content::Arrays(arrays) = &self.content {
-            return self.of_arrays(arrays, places, gaps);
-        }
-        let mut lines = Vec::new();
-        let mut columns = vec![Vec::new(); places.len()];
+        let text = match &self.content {
+            Content::Arrays(arrays) => return self.of_arrays(arrays, places, gaps),
+            Content::Text(text) => text,
+        };
+        // About as many as there are, by the length of the first one.
+        let body = text.get(self.layout.body..).unwrap_or_default();
+        let rows = body.len() / (body.lines().next().map_or(0, str::len) + 1);
+        let mut lines = Vec::with_capacity(rows);
+        let mut columns = vec![Vec::with_capacity(rows); places.len()];
         let headed = |place: usize, field: &str| {
             field == self.layout.names[place] && self.layout.names_line.is_some()
         };

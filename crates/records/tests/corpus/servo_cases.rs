@@ -9,6 +9,16 @@ pub(crate) type Mangle = fn(&mut Rows, &mut Pcg64Mcg);
 
 pub(crate) const MANGLED: &[(&str, Wanted, Mangle)] = &[
     ("as it is", Wanted::Right, |_, _| {}),
+    (
+        "a position of another scale than its reference",
+        Wanted::Refused,
+        |rows, _| rows.iter_mut().for_each(|r| r[2] *= 1.1),
+    ),
+    (
+        "a reference of another scale than its position",
+        Wanted::Either,
+        |rows, _| rows.iter_mut().for_each(|r| r[1] *= 0.95),
+    ),
     ("a voltage that was low-passed", Wanted::Right, |rows, _| {
         let mut last = rows[0][3];
         for row in rows {

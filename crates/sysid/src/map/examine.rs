@@ -194,10 +194,7 @@ fn attempt(scan: &Scan, numbered: &[(usize, Datum)]) -> Result<Examined, Refused
     check(scan, &found, &all, (noise, own_noise), &whole)
         .and_then(|()| surround::check(scan, &found, &all, (noise, own_noise)))
         .and_then(|()| gone::check(&found, &read, !matches!(fold, Folding::Plain)))
-        .and_then(|()| match fold {
-            Folding::Plain => late::check(scan, &found, &all),
-            _ => Ok(()),
-        })
+        .and_then(|()| late::check(scan, &found, &all))
         .map_err(|why| Box::new((why, Some(found.shape))))?;
     let plain: Vec<Datum> = all
         .iter()

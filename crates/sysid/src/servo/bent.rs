@@ -4,11 +4,11 @@
 //! What inertia and friction leave is held against functions of the force that they tell, not of the measured one, whose noise is
 //! in what is left as well (J. B. Ramsey's test of a regression's form, 1969).
 
-use super::other::{OTHER, TWICE, beside, differs, held_back, symmetric};
+use super::other::{OTHER, SURELY, TWICE, beside, differs, held_back, symmetric};
 use super::{Equations, Friction, LEAST_EQUATIONS, Unknown, Variant};
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 use pigtail_numerics::regression::least_squares;
-use pigtail_numerics::signal::rms;
+use pigtail_numerics::signal::{quantile, rms};
 
 /// A bend of the force, by the one that is told (over its rms) and the speed.
 type Bend = fn(f64, f64) -> f64;
@@ -42,17 +42,74 @@ enum Of {
 
 impl Of {
     /// It shows where less than this share of what was held back is left, and a parameter is another one where it changes by this
-    /// share. Of the axis that was measured no gain comes below 0.99 as it was recorded, and one that is compressed by 5 % at its
-    /// peaks to 0.95: chosen when that was seen. A drag of a few hundredths every axis has. Of an axis of which more is left than that (per cent of
-    /// the force), another law of friction is a part of it, to which any bend comes near: chosen when such an axis was refused for it.
-    fn limits(self, left: f64) -> (f64, f64) {
-        /// Of the measured axis 4 % are left.
-        const WELL_TOLD: f64 = 6.0;
+    /// share. A drag of a few hundredths every axis has.
+    fn limits(self) -> (f64, f64) {
         match self {
-            Self::Gain if left < WELL_TOLD => (0.97, 0.02),
-            _ => (TWICE, OTHER),
+            Self::Gain => (0.97, 0.02),
+            Self::Friction => (TWICE, OTHER),
         }
     }
+}
+
+/// Whether a record supports that its gain is bent: whatever friction does at any speed and on its way from a turn, a delay, and what a
+/// filter or a compliance takes of what is fast tell it no better. Asked for are as many deviations, by the residual's own correlation, as of any
+/// parameter that is another one.
+///
+/// Chosen by the measured axis, the axis and the sled of the samples, and these with their voltages compressed: 1.3 to 4.7 deviations as
+/// they are, 7.5 to 9.8 where voltages are compressed to 0.95 at their peaks, 8 and more where they are to 0.9.
+fn supported(x: &DMatrix<f64>, columns: &Equations, told: &[f64], bend: &[f64]) -> bool {
+    let mut more = beside_a_bend(columns, told);
+    more.push(bend.to_vec());
+    let Some(all) = least_squares(&beside(x, &more), &columns.force) else {
+        return false;
+    };
+    let last = all.values.last().zip(all.std_correlated.last());
+    last.is_some_and(|(value, std)| value.abs() > SURELY * std)
+}
+
+/// Columns by which friction, a delay and a filter or a compliance tell what a bend seems to.
+fn beside_a_bend(columns: &Equations, told: &[f64]) -> Vec<Vec<f64>> {
+    /// Speeds over which friction falls, as shares of the highest one, and ways from a turn, as shares of the stroke.
+    const SPEEDS: [f64; 3] = [0.02, 0.05, 0.15];
+    const WAYS: [f64; 3] = [0.001, 0.01, 0.05];
+    let velocity = &columns.velocity;
+    let speeds: Vec<f64> = velocity.iter().map(|v| v.abs()).collect();
+    let most = quantile(&speeds, 1.0);
+    let falls = |size: f64, over: &[f64]| -> Vec<f64> {
+        let pairs = velocity.iter().zip(over);
+        pairs.map(|(v, o)| v.signum() * (-o / size).exp()).collect()
+    };
+    let mut more: Vec<Vec<f64>> = SPEEDS.iter().map(|s| falls(s * most, &speeds)).collect();
+    let place = &columns.position;
+    let mut ways = vec![0.0; place.len()];
+    for k in 1..ways.len() {
+        if velocity[k].signum() == velocity[k - 1].signum() {
+            ways[k] = ways[k - 1] + (place[k] - place[k - 1]).abs();
+        }
+    }
+    let stroke = quantile(place, 1.0) - quantile(place, 0.0);
+    more.extend(WAYS.iter().map(|s| falls(s * stroke, &ways)));
+    more.push(velocity.iter().map(|v| v * v.abs()).collect());
+    // One direction's friction is not the other's.
+    more.push(speeds);
+    more.push(columns.sign.iter().map(|s| s.abs()).collect());
+    for column in [told, &columns.acceleration] {
+        let rate = differences(column);
+        more.push(differences(&rate));
+        more.push(rate);
+    }
+    more
+}
+
+/// Differences about each value; at the ends to one side.
+fn differences(values: &[f64]) -> Vec<f64> {
+    let last = values.len() - 1;
+    (0..=last)
+        .map(|k| {
+            let (from, to) = (k.saturating_sub(1), (k + 1).min(last));
+            (values[to] - values[from]) / (to - from).max(1) as f64
+        })
+        .collect()
 }
 
 /// Names of the symmetric law's parameters, each with those of the asymmetric one.
@@ -90,16 +147,19 @@ pub(super) fn bent(
     };
     let told = &x * DVector::from_column_slice(&plain.values);
     let size = rms(told.iter().copied());
+    // A voltage that was cut off is not what was given, and where it is highest it is no longer seen.
     let best = BENDS
         .iter()
         .filter_map(|(what, bend, of)| {
             let pairs = told.iter().zip(&columns.velocity);
-            let column = pairs.map(|(f, v)| bend(f / size, *v)).collect();
-            let all = beside(&x, &[column]);
+            let column: Vec<f64> = pairs.map(|(f, v)| bend(f / size, *v)).collect();
+            let all = beside(&x, std::slice::from_ref(&column));
             let after = held_back(&all, &columns.force)?;
-            let (shows, other) = of.limits(before);
-            let joint = least_squares(&all, &columns.force)?;
-            (after < shows * before).then_some((after, (*what, *of), other, joint))
+            let (shows, other) = of.limits();
+            let shown = after < shows * before
+                && (*of == Of::Friction || cut || supported(&x, columns, told.as_slice(), &column));
+            let joint = shown.then(|| least_squares(&all, &columns.force))??;
+            Some((after, (*what, *of), other, joint))
         })
         .min_by(|a, b| a.0.total_cmp(&b.0));
     let Some((after, (what, of), other, joint)) = best else {

@@ -1,10 +1,12 @@
 //! The controller of a record, found in it: what made the voltage of reference and position.
 
+use super::other::SURELY;
 use super::{POSITION, REFERENCE, Record, VOLTAGE};
 use crate::timeline::Stretch;
 use nalgebra::DMatrix;
-use pigtail_numerics::regression::least_squares;
+use pigtail_numerics::regression::{least_squares, least_squares_alone};
 use pigtail_numerics::signal::rms;
+use std::borrow::Cow;
 
 /// A linear controller with a bound:
 ///
@@ -109,12 +111,17 @@ impl Controller {
     }
 }
 
+/// Samples over which a velocity is taken, and by which a voltage comes later.
+const KINDS: [(usize, usize); 4] = [(1, 0), (2, 0), (1, 1), (2, 1)];
+
 /// Fits the kinds of controllers, the simplest first: a richer one must leave a tenth less.
 pub(super) fn fit(record: &Record) -> Option<Controller> {
     if !record.has_reference {
         return None;
     }
     let limit = limit(record);
+    // They are the same whatever of their columns is used, and to go over a long record is most of the work.
+    let samples = KINDS.map(|(span, delay)| samples(record, limit, span, delay));
     let mut best: Option<Controller> = None;
     for (integral, feed, bias) in [
         (false, false, false),
@@ -123,8 +130,9 @@ pub(super) fn fit(record: &Record) -> Option<Controller> {
         (true, true, false),
         (true, true, true),
     ] {
-        for (span, delay) in [(1, 0), (2, 0), (1, 1), (2, 1)] {
-            let Some(found) = solve(record, limit, span, delay, (integral, feed, bias)) else {
+        for ((span, delay), samples) in KINDS.iter().zip(&samples) {
+            let of = (limit, *span, *delay);
+            let Some(found) = solve(samples, of, (integral, feed, bias)) else {
                 continue;
             };
             if best.is_none_or(|b| found.error_percent < 0.9 * b.error_percent) {
@@ -135,60 +143,87 @@ pub(super) fn fit(record: &Record) -> Option<Controller> {
     best
 }
 
+/// By how many times as much the position says as its controller sees, going by the reference, where a controller tells it: one acts on the
+/// difference of the two, and of a position of another scale the voltage goes with the position itself as well. Asked for are a
+/// hundredth, five deviations and half of the error that the `found` one leaves.
+///
+/// A controller with an integral does not tell it, and nothing else does: a position that its controller saw by the same scale, times
+/// `s`, moves as one of an axis of `1/s` of inertia and viscous friction.
+pub(super) fn scale(record: &Record, found: Option<&Controller>) -> Option<f64> {
+    /// Per cent.
+    const WELL: f64 = 1.0;
+    let before = found.map_or(f64::INFINITY, |c| c.error_percent);
+    if !record.has_reference || before < WELL {
+        return None;
+    }
+    let limit = limit(record);
+    let mut best: Option<(f64, f64)> = None;
+    for (span, delay) in KINDS {
+        let (rows, volts) = samples(record, limit, span, delay);
+        for columns in [&[0, 5, 1, 4][..], &[0, 5, 1, 4, 2]] {
+            let x = DMatrix::from_fn(rows.len(), columns.len(), |i, j| rows[i][columns[j]]);
+            let Some(solution) = least_squares(&x, &volts) else {
+                continue;
+            };
+            let (gain, more) = (solution.values[0], solution.values[1]);
+            let error = solution.relative_error_percent;
+            let scale = gain / (gain - more);
+            let sure = more.abs() > SURELY * solution.std_correlated[1];
+            let told = gain > 0.0 && scale > 0.0 && (scale - 1.0).abs() > 0.01 && sure;
+            if told && error < best.map_or((0.5 * before).min(10.0), |b| 0.9 * b.0) {
+                best = Some((error, scale));
+            }
+        }
+    }
+    best.map(|(_, scale)| scale)
+}
+
 /// The voltage beyond which none is: a bound if it is met again and again, else none.
 fn limit(record: &Record) -> f64 {
-    let own: Vec<f64> = record
-        .even()
-        .stretches
-        .iter()
-        .flat_map(|s| by_itself(record, s))
-        .collect();
-    let volts = || own.iter();
+    let stretches = record.even().stretches.iter();
+    let own: Vec<Cow<[f64]>> = stretches.map(|s| by_itself(record, s)).collect();
+    let volts = || own.iter().flat_map(|s| s.iter());
     let most = volts().fold(0.0_f64, |m, u| m.max(u.abs()));
     let at = volts().filter(|u| u.abs() > (1.0 - 1e-6) * most).count();
     if at > 3 { most } else { f64::INFINITY }
 }
 
 /// The controller's own voltage: without what was injected.
-fn by_itself(record: &Record, stretch: &Stretch) -> Vec<f64> {
-    let mut own = stretch.columns[VOLTAGE].clone();
-    if let Some(column) = record.injected_column() {
-        for (u, added) in own.iter_mut().zip(&stretch.columns[column]) {
-            *u -= added;
-        }
-    }
-    own
+fn by_itself<'s>(record: &Record, stretch: &'s Stretch) -> Cow<'s, [f64]> {
+    let own = &stretch.columns[VOLTAGE];
+    let Some(column) = record.injected_column() else {
+        return Cow::Borrowed(own);
+    };
+    let pairs = own.iter().zip(&stretch.columns[column]);
+    pairs.map(|(u, added)| u - added).collect()
 }
 
 /// So many neighbours are taken together, their mean: noise of a record that its controller did not see, as another
 /// sensor's, makes a velocity over more samples look truer than the controller's own.
 const TOGETHER: usize = 8;
 
-fn solve(
-    record: &Record,
-    limit: f64,
-    span: usize,
-    delay: usize,
-    (with_integral, feed, with_bias): (bool, bool, bool),
-) -> Option<Controller> {
+/// What a controller sees, and the voltages that it gives.
+type Samples = (Vec<[f64; 6]>, Vec<f64>);
+
+fn samples(record: &Record, limit: f64, span: usize, delay: usize) -> Samples {
     // More rows would say nothing new of five gains.
     const ROWS: usize = 50_000;
     let period = record.even().period;
     let every = record.even().samples().div_ceil(ROWS * TOGETHER).max(1);
-    let mut rows: Vec<[f64; 5]> = Vec::new();
+    let mut rows: Vec<[f64; 6]> = Vec::new();
     let mut volts = Vec::new();
     for stretch in &record.even().stretches {
         let u = by_itself(record, stretch);
         let (q, r) = (&stretch.columns[POSITION], &stretch.columns[REFERENCE]);
         let mut integral = 0.0;
-        let (mut sum, mut sum_volts, mut count) = ([0.0; 5], 0.0, 0);
+        let (mut sum, mut sum_volts, mut count) = ([0.0; 6], 0.0, 0);
         for k in span.max(1)..q.len() {
             integral += (r[k] - q[k]) * period;
             let Some(voltage) = u.get(k + delay) else {
                 break;
             };
             if voltage.abs() > (1.0 - 1e-6) * limit {
-                (sum, sum_volts, count) = ([0.0; 5], 0.0, 0);
+                (sum, sum_volts, count) = ([0.0; 6], 0.0, 0);
                 continue;
             }
             let row = [
@@ -197,6 +232,7 @@ fn solve(
                 (r[k] - r[k - 1]) / period,
                 integral,
                 1.0,
+                q[k] - q[0],
             ];
             for (sum, value) in sum.iter_mut().zip(row) {
                 *sum += value / TOGETHER as f64;
@@ -208,10 +244,18 @@ fn solve(
                     rows.push(sum);
                     volts.push(sum_volts);
                 }
-                (sum, sum_volts, count) = ([0.0; 5], 0.0, 0);
+                (sum, sum_volts, count) = ([0.0; 6], 0.0, 0);
             }
         }
     }
+    (rows, volts)
+}
+
+fn solve(
+    (rows, volts): &Samples,
+    (limit, span, delay): (f64, usize, usize),
+    (with_integral, feed, with_bias): (bool, bool, bool),
+) -> Option<Controller> {
     let mut used = vec![0, 1];
     if feed {
         used.push(2);
@@ -223,7 +267,7 @@ fn solve(
         used.push(4);
     }
     let x = DMatrix::from_fn(rows.len(), used.len(), |i, j| rows[i][used[j]]);
-    let solution = least_squares(&x, &volts)?;
+    let solution = least_squares_alone(&x, volts)?;
     let gain = |column: usize| {
         used.iter()
             .position(|u| *u == column)

@@ -389,6 +389,23 @@ fn positive(first: &Variant, unknown: &mut Vec<Unknown>) -> Result<(), Unknown> 
     Ok(())
 }
 
+/// What is not known where position and reference are of two scales.
+fn of_another_scale(record: &Record, controller: Option<&Controller>) -> Option<Unknown> {
+    let scale = controller::scale(record, controller)?;
+    Some(Unknown {
+        parameters: [
+            &Friction::Symmetric.names()[..2],
+            &Friction::Asymmetric.names()[1..2],
+            &Friction::Asymmetric.names()[3..4],
+        ]
+        .concat(),
+        because: format!(
+            "the position says {scale:.4} times as much as its controller sees, going by the reference: is the scale of one of the \
+             two another?"
+        ),
+    })
+}
+
 /// That the voltage was filtered, where a variant shows it.
 fn filtered(variants: &[Variant]) -> Option<String> {
     variants.iter().any(|v| v.filtered).then(|| {
@@ -439,14 +456,14 @@ pub fn identify(
     let skew = skew::skew(record, moved, set)?;
     remarks.extend(skew.remark(record.even.period));
     let set = &skew.settings(set);
-    let stamped = record;
-    let record = &skew.taken_out(record);
+    let (stamped, record) = (record, &skew.taken_out(record));
     let second = second.as_deref().map(|r| skew.taken_out(r));
     let mut columns = moved.equations(record, set);
     enough(&columns, record)?;
     let with_place = set.place.map(|_| moved.equations(record, raw));
     check::bandwidth(record, with_place.as_ref().unwrap_or(&columns), set)?;
     let mut unknown = check::excitation(&mut columns, moved, set)?;
+    unknown.extend(of_another_scale(stamped, controller.as_ref()));
     let (keep, cut) = believed(&mut columns, record, set, &mut remarks)?;
     let second = second.map(|r| Equations {
         one_way: columns.one_way,
@@ -471,7 +488,7 @@ pub fn identify(
     check::driving(first, &columns)?;
     explains(first)?;
     for variant in &mut variants {
-        skew.widen(&mut variant.parameters);
+        skew.widen(variant);
     }
     of_place.widen(&mut variants);
     bent::bent(&columns, cut, &mut variants, &mut unknown, &mut remarks);

@@ -3,14 +3,16 @@
 
 use super::{Equations, Friction, LATE, Method, Moved, Record, SLOW, Settings, Unknown, Variant};
 use nalgebra::{DMatrix, DVector};
-use pigtail_numerics::regression::{Solution, least_squares, matrix, over, relative};
+use pigtail_numerics::regression::{
+    Solution, least_squares, least_squares_alone, matrix, over, relative,
+};
 use pigtail_numerics::signal::{quantile, rms};
 use std::f64::consts::TAU;
 
 /// A parameter is another one where it differs by more than this share of it, and by more than so many standard
 /// deviations.
 pub(super) const OTHER: f64 = 0.1;
-const SURELY: f64 = 5.0;
+pub(super) const SURELY: f64 = 5.0;
 
 /// Equations over which decimation smears a step of friction.
 const REACH: usize = 3;
@@ -191,7 +193,7 @@ pub(super) fn taken_out(columns: &mut Equations, place: &Place) {
 pub(super) fn held_back(x: &DMatrix<f64>, force: &[f64]) -> Option<f64> {
     let n = force.len();
     let to = (FITTED * n as f64) as usize;
-    let found = least_squares(&x.rows(0, to).into_owned(), &force[..to])?;
+    let found = least_squares_alone(&x.rows(0, to).into_owned(), &force[..to])?;
     let told = x.rows(to, n - to) * DVector::from_column_slice(&found.values);
     let pairs = force[to..].iter().zip(told.iter());
     let left: Vec<f64> = pairs.map(|(f, t)| f - t).collect();

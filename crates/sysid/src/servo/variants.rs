@@ -6,7 +6,8 @@ use super::{
 };
 use nalgebra::{DMatrix, DVector};
 use pigtail_numerics::regression::{
-    Solution, instrumental, instrumental_over, least_squares, over, relative, robust, tolerance,
+    Solution, instrumental, instrumental_alone, instrumental_over, least_squares,
+    least_squares_alone, over, over_alone, relative, robust, robust_alone, tolerance,
     without_attenuation,
 };
 use pigtail_numerics::signal::quantile;
@@ -64,35 +65,31 @@ pub(super) fn variants(
         let noise = check::acceleration_noise(moved, set);
         // The same columns without the delay: what it is to be compared with.
         let without = delayed.clone().remove_column(delayed.ncols() - 1);
-        let Some(without) = least_squares(&without, &columns.force) else {
+        let Some(without) = least_squares_alone(&without, &columns.force) else {
             continue;
         };
-        let timing = least_squares(&x, &later).map(|s| s.values);
+        let timing = least_squares_alone(&x, &later).map(|s| s.values);
         let told = told_curve(&delayed, columns, moving);
         let filtered = was_filtered(&delayed, (columns, &told), moving, set.as_stamped);
+        // How sure a part of the record is of its parameters nobody asks: that is most of the work.
         let solve = |method: Method, rows: std::ops::Range<usize>| -> Option<Solution> {
             let x = [&x, &delayed][usize::from(method == Method::Delayed)];
+            let whole = rows.len() == x.nrows();
             let part = x.rows(rows.start, rows.len()).into_owned();
             let force = &columns.force[rows.clone()];
-            match method {
-                Method::LeastSquares => least_squares(&part, force),
-                // Where the axis sticks, force leads motion for another reason than a delay.
-                Method::Delayed => {
-                    let slides = |i: usize| columns.velocity[rows.start + i].abs() > moving;
-                    let curve = &columns.curve[rows.clone()];
-                    let told = filtered.then_some(&told[rows.clone()]);
-                    let mut solution =
-                        delayed_by(&part, (force, curve), slides, (told, set.as_stamped))?;
-                    without_attenuation(&part, slides, 0, noise, &mut solution);
-                    Some(solution)
-                }
-                Method::Weighted => robust(&part, force),
-                Method::Instrumental => {
-                    let z = instruments.as_ref()?.matrix(friction, method);
-                    let z = z.rows(rows.start, rows.len()).into_owned();
-                    instrumental(&part, &z, force)
-                }
+            if method != Method::Delayed {
+                let z = instruments.as_ref().map(|z| z.matrix(friction, method));
+                let z = z.map(|z| z.rows(rows.start, rows.len()).into_owned());
+                return solved(method, &part, z.as_ref(), force, whole);
             }
+            // Where the axis sticks, force leads motion for another reason than a delay.
+            let slides = |i: usize| columns.velocity[rows.start + i].abs() > moving;
+            let curve = &columns.curve[rows.clone()];
+            let told = filtered.then_some(&told[rows.clone()]);
+            let by = (told, set.as_stamped);
+            let mut solution = delayed_by(&part, (force, curve), slides, by, whole)?;
+            without_attenuation(&part, slides, 0, noise, &mut solution);
+            Some(solution)
         };
         let late = solve(Method::Delayed, 0..columns.force.len()).and_then(|s| {
             let (samples, std) = s
@@ -142,6 +139,24 @@ pub(super) fn variants(
     variants
 }
 
+/// By a method without a delay; with deviations where it is asked how `sure` the parameters are.
+fn solved(
+    method: Method,
+    x: &DMatrix<f64>,
+    z: Option<&DMatrix<f64>>,
+    force: &[f64],
+    sure: bool,
+) -> Option<Solution> {
+    match (method, sure) {
+        (Method::Weighted, true) => robust(x, force),
+        (Method::Weighted, false) => robust_alone(x, force),
+        (Method::Instrumental, true) => instrumental(x, z?, force),
+        (Method::Instrumental, false) => instrumental_alone(x, z?, force),
+        (_, true) => least_squares(x, force),
+        (_, false) => least_squares_alone(x, force),
+    }
+}
+
 /// What a step that is held for a sample takes from what is fast, of the force's second difference.
 const STEP: f64 = 1.0 / 24.0;
 
@@ -162,14 +177,15 @@ fn held(delay: f64, as_stamped: bool) -> f64 {
 
 /// The columns with a delay, told to the second order, of a force and its second difference; what a filter takes of it beside. What a
 /// held voltage loses by being held is given back, and parameters are less sure by it where it may not have been: a record that was
-/// taken anew at a lower rate looks as one of a slow controller.
+/// taken anew at a lower rate looks as one of a slow controller. How sure they are is told where it is asked.
 fn delayed_by(
     x: &DMatrix<f64>,
     (force, curve): (&[f64], &[f64]),
     slides: impl Fn(usize) -> bool,
     (filtered, as_stamped): (Option<&[f64]>, bool),
+    sure: bool,
 ) -> Option<Solution> {
-    let first = over(x, force, &slides)?;
+    let first = over_alone(x, force, &slides)?;
     let delay = first.values[first.values.len() - 1];
     let held = held(delay, as_stamped);
     let share = second_order(delay) + STEP * held * held;
@@ -181,13 +197,16 @@ fn delayed_by(
     if let Some(told) = filtered {
         return Some(beside(x, (curve, told), &force, slides)?.0);
     }
+    if !sure {
+        return over_alone(x, &force, &slides);
+    }
     let mut solution = over(x, &force, &slides)?;
     let unsure = if as_stamped {
         STEP * (1.0 - held * held)
     } else {
         STEP * WITHIN_A_SAMPLE
     };
-    let more = over(x, curve, slides)?;
+    let more = over_alone(x, curve, slides)?;
     for (std, more) in solution.std_correlated.iter_mut().zip(more.values) {
         *std = std.hypot(unsure * more);
     }
@@ -199,7 +218,7 @@ fn delayed_by(
 fn told_curve(delayed: &DMatrix<f64>, columns: &Equations, moving: f64) -> Vec<f64> {
     let n = columns.force.len();
     let slides = |i: usize| columns.velocity[i].abs() > moving;
-    let Some(found) = over(delayed, &columns.force, slides) else {
+    let Some(found) = over_alone(delayed, &columns.force, slides) else {
         return vec![0.0; n];
     };
     let own = delayed.ncols() - 1;
