@@ -2,14 +2,15 @@
 
 use super::climb::{begin, circles, range};
 use super::{Dark, Taught};
-use crate::beam::Beam;
+use crate::beam::{Beam, Peak};
 use crate::belief::{Across, Place};
 use crate::conical_scan::{Closing, ConicalScan, Gap, Ready};
-use crate::last_tries::LastTries;
+use crate::job::Job;
+use crate::last_turns::{AtChip, Expected, Rest, last_turns};
 use crate::outcome::{Halt, Outcome};
 use crate::reactor::{LONGEST, Reactor};
 use crate::recipe::Recipe;
-use crate::still_there::{Foreseen, LightCheck};
+use crate::still_there::LightCheck;
 use crate::tuning::TUNING;
 use pigtail_hal::bench::{
     AxisCaps, Degree, Dither, Glide, Group, Law, Meter, Pose, Request, Stage,
@@ -31,8 +32,8 @@ pub(super) struct Fiber<'d> {
     /// Gap that was asked for last, metres.
     gap: f64,
     scan: Option<ConicalScan<'d>>,
-    /// Light at the peak at no gap when the approach began, volts.
-    before: f64,
+    /// Light at the peak at no gap when the approach began, volts, and the gap at which it was seen, metres.
+    before: (f64, f64),
 }
 
 impl<'d> Fiber<'d> {
@@ -57,7 +58,7 @@ impl<'d> Fiber<'d> {
             aside: Displacement::ZERO,
             gap: TUNING.taught.clear,
             scan: None,
-            before: 0.0,
+            before: (0.0, 0.0),
         })
     }
 
@@ -94,6 +95,16 @@ impl<'d> Fiber<'d> {
         self.taught.bound_z.max(3.0 * self.taught.sigma_z)
     }
 
+    /// How far below its place a fiber is before it comes there, so that whatever gives way does so in one direction, metres.
+    pub(super) fn run_up(&self, bench: &Reactor<'_>) -> f64 {
+        let axes = bench.caps().groups[self.coarse.0].axes;
+        let backlash = axes.iter().flatten().map(|axis| axis.backlash);
+        TUNING
+            .lines
+            .least_run
+            .max(TUNING.lines.run * backlash.fold(0.0, f64::max))
+    }
+
     fn led(&self) -> Gap {
         Gap::Led {
             by: self.coarse,
@@ -127,7 +138,7 @@ impl<'d> Fiber<'d> {
             let mut tickets = Vec::with_capacity(N);
             for fiber in &fibers {
                 let to = if behind {
-                    fiber.at_gap(2.0 * fiber.back) + Pose::at(0.0, -TUNING.taught.run_up, 0.0)
+                    fiber.at_gap(2.0 * fiber.back) + Pose::at(0.0, -fiber.run_up(bench), 0.0)
                 } else {
                     fiber.at_gap(fiber.back)
                 };
@@ -170,7 +181,7 @@ impl<'d> Fiber<'d> {
     /// The fine group goes somewhere and comes to rest.
     async fn fine_to(&self, bench: &Reactor<'_>, to: Displacement) -> Result<(), Halt> {
         let here = bench.across(self.fine).unwrap_or(Displacement::ZERO);
-        if (here - to).norm() < TUNING.taught.near * self.beam.width(0.0) {
+        if (here - to).norm() < TUNING.circle.centred * self.beam.width(0.0) {
             return Ok(());
         }
         let settling = bench.caps().groups[self.fine.0].settling;
@@ -201,25 +212,34 @@ impl<'d> Fiber<'d> {
             .ok_or_else(|| Outcome::NotAttempted.into())
     }
 
+    /// Radius of circles that find the peak, in its widths.
+    fn radius(&self, bench: &Reactor<'_>) -> f64 {
+        let wanted = self.recipe.fast.conical_scan.radius;
+        circles(bench, self.fine, self.beam.width(self.gap), wanted)
+    }
+
     /// The same on circles that find the peak.
     fn circling(&mut self, bench: &Reactor<'_>) -> Result<&mut ConicalScan<'d>, Halt> {
-        let wanted = self.recipe.fast.conical_scan.radius;
-        let radius = circles(bench, self.fine, self.beam.width(self.gap), wanted);
+        let radius = self.radius(bench);
         let scan = self.scan()?;
         scan.set_radius(radius);
         Ok(scan)
     }
 
-    /// How noisy the light is where the fiber stands still: a meter's noise grows with its light.
-    async fn learn_noise(
-        &mut self,
+    /// How noisy the light is where the fiber stands still, volts, and by how many degrees of freedom that is known: a meter's noise grows with
+    /// its light.
+    async fn noise(
+        &self,
         bench: &Reactor<'_>,
         dark: &Dark,
         samples: usize,
-    ) -> Result<(), Halt> {
+    ) -> Result<(f64, f64), Halt> {
         let (_, sigma) = bench.look(self.meter.0, samples).await?;
-        let degrees = samples as f64 - 2.0;
-        let noise = sigma.max(dark.sigma);
+        Ok((sigma.max(dark.sigma), samples as f64 - 2.0))
+    }
+
+    async fn learn_noise(&mut self, bench: &Reactor<'_>, dark: &Dark) -> Result<(), Halt> {
+        let (noise, degrees) = self.noise(bench, dark, TUNING.taught.look).await?;
         self.scan()?.set_noise(noise, degrees);
         Ok(())
     }
@@ -231,9 +251,9 @@ impl<'d> Fiber<'d> {
         dark: &Dark,
         phase: &'static str,
     ) -> Result<(), Halt> {
-        self.learn_noise(bench, dark, TUNING.taught.look).await?;
+        self.learn_noise(bench, dark).await?;
         let gap = self.measured_gap(bench);
-        let coarse = TUNING.taught.near * self.beam.width(gap);
+        let coarse = TUNING.circle.centred * self.beam.width(gap);
         let mut why = None;
         for _ in 0..self.recipe.fast.retry.handed_over {
             let scan = self.circling(bench)?;
@@ -242,7 +262,7 @@ impl<'d> Fiber<'d> {
             match peak {
                 Ok(peak) => {
                     why = None;
-                    self.before = peak.full;
+                    self.before = (peak.full, gap);
                     if !self.make_room(bench, TUNING.taught.room).await? {
                         return Ok(());
                     }
@@ -291,7 +311,7 @@ impl<'d> Fiber<'d> {
         dark: &Dark,
         wanted: f64,
     ) -> Result<(), Halt> {
-        let before = self.before;
+        let (before, _) = self.before;
         let least = self.recipe.fast.accept * before;
         while self.gap > wanted {
             let here = self.gap;
@@ -321,7 +341,7 @@ impl<'d> Fiber<'d> {
             let scan = self.scan()?;
             scan.close(bench, &way, || led, measured).await?;
             let gap = measured();
-            let near = TUNING.taught.near * scan.beam_width(gap);
+            let near = TUNING.circle.centred * scan.beam_width(gap);
             let peak = scan.centre(bench, gap, near, "approach", 1).await?;
             scan.rest(bench, gap).await?;
             if peak.full < least {
@@ -331,72 +351,42 @@ impl<'d> Fiber<'d> {
                 }
                 .into());
             }
-            self.learn_noise(bench, dark, TUNING.taught.look).await?;
+            self.learn_noise(bench, dark).await?;
         }
         Ok(())
     }
 
-    /// The last turns at the chip, and the bond. Returns where the fiber is believed to be.
-    pub(super) async fn finish(&mut self, bench: &Reactor<'_>, dark: &Dark) -> Result<Place, Halt> {
+    /// The last turns at the chip, and the bond.
+    pub(super) async fn finish(
+        &mut self,
+        job: &mut Job<'_>,
+        bench: &Reactor<'_>,
+        dark: &Dark,
+    ) -> Result<(), Halt> {
         let gap = self.measured_gap(bench);
         let place = self.place(bench, Across::default());
         place.sure_along(self.recipe.accept.gap)?;
-        let aside = self.recipe.accept.aside;
-        let mut tries = LastTries::new(&self.recipe.fast);
-        loop {
-            tries.begin();
-            // At its peak light does not tell how a tip shakes: what is seen there is noise.
-            let scan = self.scan()?;
-            scan.rest(bench, gap).await?;
-            self.learn_noise(bench, dark, TUNING.taught.steady).await?;
-            let scan = self.circling(bench)?;
-            let accuracy = tries.accuracy();
-            let last = scan.last_turns(bench, gap, accuracy, "final", &|| Ready::Yes);
-            let why = match last.await {
-                Err(Halt::Outcome(doubt)) => doubt,
-                Err(fault) => return Err(fault),
-                Ok((_, known)) if scan.misjudges_width() => {
-                    scan.believe_width();
-                    Outcome::Unsure {
-                        deviation: known.worse(),
-                        accuracy: accuracy.0,
-                    }
-                }
-                Ok((foreseen, known)) => {
-                    let Err(unsure) = scan.shaking().is_sure(aside, known) else {
-                        let across = scan.shaking().bonded(known);
-                        let noise = scan.noise();
-                        self.bond(bench, dark, foreseen, noise).await?;
-                        return Ok(Place { across, ..place });
-                    };
-                    tries.learn(bench, scan, gap, (aside, known)).await?;
-                    unsure
-                }
-            };
-            if tries.is_last() {
-                return Err(why.into());
-            }
-        }
-    }
-
-    /// Attaches the fiber and looks whether its light stays as foreseen.
-    async fn bond(
-        &self,
-        bench: &Reactor<'_>,
-        dark: &Dark,
-        foreseen: Foreseen,
-        noise: f64,
-    ) -> Result<(), Halt> {
-        let arm = self.taught.arm;
-        bench.ask(Request::Attach { arm }, LONGEST).await?;
-        let check = LightCheck {
-            meter: self.meter.0,
-            background: dark.mean,
-            noise,
-            samples: TUNING.taught.look,
-            less: TUNING.bond.taught_less,
+        let (before, far) = self.before;
+        let least = self.recipe.fast.accept * before;
+        let expected = Expected { before, far, least };
+        let mut scan = self.scan.take().ok_or(Outcome::NotAttempted)?;
+        let chip = Unseen {
+            fiber: self,
+            bench,
+            dark,
+            gap,
         };
-        check.stays(bench, &[foreseen]).await
+        let last = last_turns(job, bench, &chip, &mut scan, &expected).await;
+        let check = chip.check(&scan);
+        self.scan = Some(scan);
+        let Rest {
+            look,
+            foreseen,
+            across,
+        } = last?;
+        job.bond(bench, check, look, Some(foreseen)).await?;
+        job.place = Some(Place { across, ..place });
+        Ok(())
     }
 
     /// Where the fiber is believed to be, with its place across known so well.
@@ -414,4 +404,49 @@ impl<'d> Fiber<'d> {
 
 fn axis(bench: &Reactor<'_>, group: Group, degree: Degree) -> Option<AxisCaps> {
     bench.caps().groups[group.0].axes[degree.index()]
+}
+
+/// A fiber at the chip that nobody sees: its gap is as it was taught.
+struct Unseen<'f, 'd, 'b> {
+    fiber: &'f Fiber<'d>,
+    bench: &'f Reactor<'b>,
+    dark: &'f Dark,
+    gap: f64,
+}
+
+impl AtChip for Unseen<'_, '_, '_> {
+    fn beam(&self) -> Beam {
+        self.fiber.beam
+    }
+
+    fn check(&self, scan: &ConicalScan<'_>) -> LightCheck {
+        LightCheck {
+            meter: self.fiber.meter.0,
+            background: self.dark.mean,
+            noise: scan.noise(),
+            samples: TUNING.taught.look,
+            less: TUNING.bond.taught_less,
+        }
+    }
+
+    async fn begin(&self, scan: &mut ConicalScan<'_>) -> Result<(), Halt> {
+        // At its peak light does not tell how a tip shakes: what is seen there is noise.
+        scan.rest(self.bench, self.gap).await?;
+        let (noise, degrees) = self
+            .fiber
+            .noise(self.bench, self.dark, TUNING.taught.steady)
+            .await?;
+        scan.set_noise(noise, degrees);
+        scan.set_radius(self.fiber.radius(self.bench));
+        Ok(())
+    }
+
+    async fn settle(
+        &self,
+        scan: &mut ConicalScan<'_>,
+        accuracy: (f64, f64),
+    ) -> Result<(Peak, f64), Halt> {
+        let peak = scan.settle(self.bench, self.gap, accuracy, "final", &|| Ready::Yes);
+        Ok((peak.await?, self.gap))
+    }
 }

@@ -202,8 +202,7 @@ impl<'d> Device<'d, '_> {
         .await?;
         job.phase(bench, "final", async |job| {
             right.centre(bench, dark, "final").await?;
-            job.place = Some(left.finish(bench, dark).await?);
-            Ok(())
+            left.finish(job, bench, dark).await
         })
         .await?;
         shared.output = Some(right);
@@ -243,8 +242,7 @@ impl<'d> Device<'d, '_> {
             fiber
         };
         job.phase(bench, "final", async |job| {
-            job.place = Some(fiber.finish(bench, dark).await?);
-            Ok(())
+            fiber.finish(job, bench, dark).await
         })
         .await
     }

@@ -80,7 +80,7 @@ impl Ratios {
         scan.centre(
             cell,
             gap,
-            TUNING.reach.near * scan.beam_width(gap),
+            TUNING.circle.centred * scan.beam_width(gap),
             "ratio",
             1,
         )
@@ -127,7 +127,7 @@ async fn follow(
             scan.centre(
                 cell,
                 gap,
-                TUNING.reach.near * scan.beam_width(gap),
+                TUNING.circle.centred * scan.beam_width(gap),
                 "ratio",
                 2,
             )
@@ -148,7 +148,7 @@ async fn follow(
     }
     let unsure = |deviation| Outcome::Unsure {
         deviation,
-        accuracy: TUNING.reach.near * scan.beam_width(gap),
+        accuracy: TUNING.circle.centred * scan.beam_width(gap),
     };
     let (Some(in_x), Some(in_y)) = (normal[0].solve(), normal[1].solve()) else {
         return Err(unsure(f64::INFINITY).into());

@@ -124,10 +124,6 @@ topic! {
         rounds: usize = 4, "1", Choice;
         /// At each place that count.
         turns: usize = 4, "turns", Choice;
-        /// How well they find the peak first.
-        near: f64 = 0.1, "widths", Choice;
-        /// How near to the middle of the circles a peak is to be at the gap of a search.
-        found_near: f64 = 0.15, "widths", Choice;
         /// Share of the light that was seen in passing which a peak has at least: a fluctuation is gone by then.
         seen: f64 = 0.6, "1", Choice;
     }
@@ -145,8 +141,6 @@ topic! {
         roughly: f64 = 5.0, "1", Choice;
         /// Tips are watched for so many times as long as wanted, at most, and gaps looked at so often, while what they are to tell is not known.
         times: usize = 6, "1", Choice;
-        /// How well the peak is found from which a tip is watched.
-        near: f64 = 0.1, "widths", Choice;
     }
 }
 
