@@ -56,31 +56,21 @@ pub(crate) struct Expected {
 }
 
 impl Expected {
-    /// That a peak is as bright as it should be at least; a `share` of what there was before.
-    fn is_met(&self, peak: &Peak, least: f64, share: f64) -> Result<(), Halt> {
-        if peak.full < least {
-            return Err(Outcome::FalseLight {
-                before: share * self.before,
-                after: peak.full,
-            }
-            .into());
-        }
-        Ok(())
-    }
-
-    /// The same by how wide the spot turned out to be: so much of the light crosses the gap at which there was so much before.
-    fn comes_out_of_guide(
-        &self,
-        scan: &ConicalScan<'_>,
-        beam: &Beam,
-        (peak, accept): (&Peak, f64),
-    ) -> Result<(), Halt> {
+    /// Which share of that light there has to be, by how wide the spot turned out to be: so much of it crosses that gap.
+    fn share(&self, scan: &ConicalScan<'_>, beam: &Beam) -> f64 {
         let crosses = |spot| beam.as_measured(&spot).share(self.far);
         // A spot that turned out narrow asks for no more light than a designed one: a micro that goes farther than it is told makes it look so.
-        let times = scan
-            .spot()
-            .map_or(1.0, |spot| (beam.share(self.far) / crosses(spot)).min(1.0));
-        self.is_met(peak, accept * times * self.before, times)
+        let share = |spot| (beam.share(self.far) / crosses(spot)).min(1.0);
+        scan.spot().map_or(1.0, share)
+    }
+
+    /// That a peak is no dimmer than it may be where there was a `share` of that light.
+    fn is_met(&self, peak: &Peak, least: f64, share: f64) -> Result<(), Halt> {
+        let (before, after) = (share * self.before, peak.full);
+        if after < least {
+            return Err(Outcome::FalseLight { before, after }.into());
+        }
+        Ok(())
     }
 }
 
@@ -129,7 +119,8 @@ pub(crate) async fn last_turns(
         scan.believe_rise(ripple.as_ref().and_then(|ripple| chip.rise(ripple)));
         let confirmed = scan.confirm(bench, gap, &peak, "final").await;
         if confirmed.is_ok() {
-            expected.comes_out_of_guide(scan, &beam, (&peak, recipe.fast.accept))?;
+            let share = expected.share(scan, &beam);
+            expected.is_met(&peak, recipe.fast.accept * share * expected.before, share)?;
         }
         let elsewhere = chip.is_elsewhere();
         let light = peak.full * beam.share(gap);

@@ -31,7 +31,7 @@ pub(super) struct Fiber<'d> {
     aside: Displacement,
     /// Gap that was asked for last, metres.
     gap: f64,
-    scan: Option<ConicalScan<'d>>,
+    scan: ConicalScan<'d>,
     /// Light at the peak at no gap when the approach began, volts, and the gap at which it was seen, metres.
     before: (f64, f64),
 }
@@ -47,6 +47,8 @@ impl<'d> Fiber<'d> {
         let group = |stage| caps.group(taught.arm, stage).ok_or(Outcome::NotTaught);
         let (coarse, fine) = (group(Stage::Coarse)?, group(Stage::Fine)?);
         let beam = Beam::new(&recipe.mode, recipe.ports.exit_angle);
+        let gap = TUNING.taught.clear;
+        let scan = begin(bench, (fine, meter), beam, recipe, &Dark::default(), gap);
         Ok(Self {
             recipe,
             taught,
@@ -56,8 +58,8 @@ impl<'d> Fiber<'d> {
             beam,
             back: taught.search_gap(recipe),
             aside: Displacement::ZERO,
-            gap: TUNING.taught.clear,
-            scan: None,
+            gap,
+            scan,
             before: (0.0, 0.0),
         })
     }
@@ -86,8 +88,7 @@ impl<'d> Fiber<'d> {
 
     /// The gap by the coarse group's own measure, metres.
     pub(super) fn measured_gap(&self, bench: &Reactor<'_>) -> f64 {
-        let pose = bench.pose(self.coarse, bench.now());
-        pose.map_or(self.gap, |at| self.taught.pose.z() - at.pose.z())
+        measured_gap(bench, self.coarse, self.taught, self.gap)
     }
 
     /// How far off the gap may be: its bound, or three standard deviations of it, metres.
@@ -202,14 +203,7 @@ impl<'d> Fiber<'d> {
     /// Circles begin where the fine group stands.
     pub(super) fn begin_scan(&mut self, bench: &Reactor<'_>, dark: &Dark) {
         let of = (self.fine, self.meter);
-        let scan = begin(bench, of, self.beam, self.recipe, dark, self.gap);
-        self.scan = Some(scan);
-    }
-
-    fn scan(&mut self) -> Result<&mut ConicalScan<'d>, Halt> {
-        self.scan
-            .as_mut()
-            .ok_or_else(|| Outcome::NotAttempted.into())
+        self.scan = begin(bench, of, self.beam, self.recipe, dark, self.gap);
     }
 
     /// Radius of circles that find the peak, in its widths.
@@ -218,30 +212,10 @@ impl<'d> Fiber<'d> {
         circles(bench, self.fine, self.beam.width(self.gap), wanted)
     }
 
-    /// The same on circles that find the peak.
-    fn circling(&mut self, bench: &Reactor<'_>) -> Result<&mut ConicalScan<'d>, Halt> {
-        let radius = self.radius(bench);
-        let scan = self.scan()?;
-        scan.set_radius(radius);
-        Ok(scan)
-    }
-
-    /// How noisy the light is where the fiber stands still, volts, and by how many degrees of freedom that is known: a meter's noise grows with
-    /// its light.
-    async fn noise(
-        &self,
-        bench: &Reactor<'_>,
-        dark: &Dark,
-        samples: usize,
-    ) -> Result<(f64, f64), Halt> {
-        let (_, sigma) = bench.look(self.meter.0, samples).await?;
-        Ok((sigma.max(dark.sigma), samples as f64 - 2.0))
-    }
-
+    /// How noisy the light is where the fiber stands still: a meter's noise grows with its light.
     async fn learn_noise(&mut self, bench: &Reactor<'_>, dark: &Dark) -> Result<(), Halt> {
-        let (noise, degrees) = self.noise(bench, dark, TUNING.taught.look).await?;
-        self.scan()?.set_noise(noise, degrees);
-        Ok(())
+        let samples = TUNING.taught.look;
+        learn_noise(bench, &mut self.scan, dark, samples).await
     }
 
     /// To the peak at this gap, and to rest there.
@@ -256,9 +230,9 @@ impl<'d> Fiber<'d> {
         let coarse = TUNING.circle.centred * self.beam.width(gap);
         let mut why = None;
         for _ in 0..self.recipe.fast.retry.handed_over {
-            let scan = self.circling(bench)?;
-            let peak = scan.centre(bench, gap, coarse, phase, 1).await;
-            scan.rest(bench, gap).await?;
+            self.scan.set_radius(self.radius(bench));
+            let peak = self.scan.centre(bench, gap, coarse, phase, 1).await;
+            self.scan.rest(bench, gap).await?;
             match peak {
                 Ok(peak) => {
                     why = None;
@@ -272,7 +246,7 @@ impl<'d> Fiber<'d> {
                         return Err(beyond.into());
                     };
                     // The fine group does not get there: the coarse one does.
-                    self.scan()?.expect_at(Displacement::new(x, y), gap);
+                    self.scan.expect_at(Displacement::new(x, y), gap);
                     self.make_room(bench, 0.0).await?;
                     why = Some(beyond);
                 }
@@ -287,7 +261,7 @@ impl<'d> Fiber<'d> {
     /// was so.
     async fn make_room(&mut self, bench: &Reactor<'_>, share: f64) -> Result<bool, Halt> {
         let gap = self.measured_gap(bench);
-        let place = self.scan()?.place(gap);
+        let place = self.scan.place(gap);
         let room = |degree| share * range(bench, self.fine, degree);
         if place.x.abs() <= room(Degree::X) && place.y.abs() <= room(Degree::Y) {
             return Ok(false);
@@ -300,7 +274,7 @@ impl<'d> Fiber<'d> {
         let by = before
             .zip(after)
             .map_or(place, |(before, after)| after - before);
-        self.scan()?.hand_over(by);
+        self.scan.hand_over(by);
         Ok(true)
     }
 
@@ -322,9 +296,9 @@ impl<'d> Fiber<'d> {
                 TUNING.taught.nearer * here
             };
             let (to, led) = (self.at_gap(self.gap), self.led());
-            let speed = TUNING.taught.closing * self.gap / self.scan()?.period();
+            let speed = TUNING.taught.closing * self.gap / self.scan.period();
             let ticket = bench.send_to(self.coarse, to, Some(speed))?;
-            self.circling(bench)?;
+            self.scan.set_radius(self.radius(bench));
             let way = Closing {
                 group: self.coarse,
                 rests: Some(ticket),
@@ -333,12 +307,9 @@ impl<'d> Fiber<'d> {
                 least,
                 stray: self.recipe.fast.stray,
             };
-            let (coarse, contact, asked) = (self.coarse, self.taught.pose.z(), self.gap);
-            let measured = || {
-                let pose = bench.pose(coarse, bench.now());
-                pose.map_or(asked, |at| contact - at.pose.z())
-            };
-            let scan = self.scan()?;
+            let (coarse, taught, asked) = (self.coarse, self.taught, self.gap);
+            let measured = || measured_gap(bench, coarse, taught, asked);
+            let scan = &mut self.scan;
             scan.close(bench, &way, || led, measured).await?;
             let gap = measured();
             let near = TUNING.circle.centred * scan.beam_width(gap);
@@ -369,21 +340,21 @@ impl<'d> Fiber<'d> {
         let (before, far) = self.before;
         let least = self.recipe.fast.accept * before;
         let expected = Expected { before, far, least };
-        let mut scan = self.scan.take().ok_or(Outcome::NotAttempted)?;
         let chip = Unseen {
-            fiber: self,
             bench,
             dark,
+            beam: self.beam,
             gap,
+            radius: self.radius(bench),
         };
-        let last = last_turns(job, bench, &chip, &mut scan, &expected).await;
-        let check = chip.check(&scan);
-        self.scan = Some(scan);
+        let scan = &mut self.scan;
+        let last = last_turns(job, bench, &chip, scan, &expected).await;
         let Rest {
             look,
             foreseen,
             across,
         } = last?;
+        let check = chip.check(scan);
         job.bond(bench, check, look, Some(foreseen)).await?;
         job.place = Some(Place { across, ..place });
         Ok(())
@@ -406,22 +377,42 @@ fn axis(bench: &Reactor<'_>, group: Group, degree: Degree) -> Option<AxisCaps> {
     bench.caps().groups[group.0].axes[degree.index()]
 }
 
-/// A fiber at the chip that nobody sees: its gap is as it was taught.
-struct Unseen<'f, 'd, 'b> {
-    fiber: &'f Fiber<'d>,
-    bench: &'f Reactor<'b>,
-    dark: &'f Dark,
-    gap: f64,
+/// The gap by the measure of a coarse group, or the one that was asked for where it has none, metres.
+fn measured_gap(bench: &Reactor<'_>, coarse: Group, taught: &Taught, asked: f64) -> f64 {
+    let pose = bench.pose(coarse, bench.now());
+    pose.map_or(asked, |at| taught.pose.z() - at.pose.z())
 }
 
-impl AtChip for Unseen<'_, '_, '_> {
+/// How noisy the light of circles at rest is, by so many samples.
+async fn learn_noise(
+    bench: &Reactor<'_>,
+    scan: &mut ConicalScan<'_>,
+    dark: &Dark,
+    samples: usize,
+) -> Result<(), Halt> {
+    let (_, sigma) = bench.look(scan.meter().0, samples).await?;
+    scan.set_noise(sigma.max(dark.sigma), samples as f64 - 2.0);
+    Ok(())
+}
+
+/// A fiber at the chip that nobody sees: its gap is as it was taught.
+struct Unseen<'f, 'b> {
+    bench: &'f Reactor<'b>,
+    dark: &'f Dark,
+    beam: Beam,
+    gap: f64,
+    /// Of circles, in widths.
+    radius: f64,
+}
+
+impl AtChip for Unseen<'_, '_> {
     fn beam(&self) -> Beam {
-        self.fiber.beam
+        self.beam
     }
 
     fn check(&self, scan: &ConicalScan<'_>) -> LightCheck {
         LightCheck {
-            meter: self.fiber.meter.0,
+            meter: scan.meter().0,
             background: self.dark.mean,
             noise: scan.noise(),
             samples: TUNING.taught.look,
@@ -432,12 +423,8 @@ impl AtChip for Unseen<'_, '_, '_> {
     async fn begin(&self, scan: &mut ConicalScan<'_>) -> Result<(), Halt> {
         // At its peak light does not tell how a tip shakes: what is seen there is noise.
         scan.rest(self.bench, self.gap).await?;
-        let (noise, degrees) = self
-            .fiber
-            .noise(self.bench, self.dark, TUNING.taught.steady)
-            .await?;
-        scan.set_noise(noise, degrees);
-        scan.set_radius(self.fiber.radius(self.bench));
+        learn_noise(self.bench, scan, self.dark, TUNING.taught.steady).await?;
+        scan.set_radius(self.radius);
         Ok(())
     }
 
