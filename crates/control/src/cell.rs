@@ -144,6 +144,11 @@ impl<'b> AlignmentCell<'b> {
         self.reactor.run_heard(line, self, gate)
     }
 
+    /// By when the micro of an arm has come to rest where it was told to be, as believed, seconds.
+    pub fn settling(&self, side: Side) -> f64 {
+        self.caps().groups[fine(side).0].settling
+    }
+
     /// The datasheet.
     pub fn spec(&self) -> &Spec {
         &self.layout.spec

@@ -63,15 +63,6 @@ impl Expected {
         let share = |spot| (beam.share(self.far) / crosses(spot)).min(1.0);
         scan.spot().map_or(1.0, share)
     }
-
-    /// That a peak is no dimmer than it may be where there was a `share` of that light.
-    fn is_met(&self, peak: &Peak, least: f64, share: f64) -> Result<(), Halt> {
-        let (before, after) = (share * self.before, peak.full);
-        if after < least {
-            return Err(Outcome::FalseLight { before, after }.into());
-        }
-        Ok(())
-    }
 }
 
 /// A fiber at rest at its peak.
@@ -115,12 +106,13 @@ pub(crate) async fn last_turns(
             }
             peak => peak?,
         };
-        expected.is_met(&peak, expected.least, 1.0)?;
+        Outcome::of_growth(expected.before, peak.full, expected.least)?;
         scan.believe_rise(ripple.as_ref().and_then(|ripple| chip.rise(ripple)));
         let confirmed = scan.confirm(bench, gap, &peak, "final").await;
         if confirmed.is_ok() {
             let share = expected.share(scan, &beam);
-            expected.is_met(&peak, recipe.fast.accept * share * expected.before, share)?;
+            let least = recipe.fast.accept * share * expected.before;
+            Outcome::of_growth(share * expected.before, peak.full, least)?;
         }
         let elsewhere = chip.is_elsewhere();
         let light = peak.full * beam.share(gap);

@@ -131,9 +131,7 @@ async fn held_and_nudged(job: &mut Job<'_>, cell: &AlignmentCell<'_>) -> Result<
             .await?;
         let last = cell.level(job.channel, TUNING.nudge.last.seconds).await?;
         let after = last.mean - nudger.background;
-        if after < recipe.accept.growth * before {
-            return Err(Outcome::FalseLight { before, after }.into());
-        }
+        Outcome::of_growth(before, after, recipe.accept.growth * before)?;
         job.attach(cell, last, nudger.background, (None, None))
             .await
     })

@@ -187,9 +187,7 @@ impl Job<'_> {
             if gap > doubtful && doubtful > recipe.approach.gap {
                 closer(doubtful).await?;
                 let after = cell.level(job.channel, 0.04).await?.mean - background;
-                if after < recipe.accept.growth.sqrt() * before {
-                    return Err(Outcome::FalseLight { before, after }.into());
-                }
+                Outcome::of_growth(before, after, recipe.accept.growth.sqrt() * before)?;
             }
             closer(recipe.approach.gap).await
         })
@@ -200,9 +198,7 @@ impl Job<'_> {
                 .await?;
             let last = cell.level(job.channel, 0.04).await?;
             let after = last.mean - background;
-            if after < recipe.accept.growth * before {
-                return Err(Outcome::FalseLight { before, after }.into());
-            }
+            Outcome::of_growth(before, after, recipe.accept.growth * before)?;
             let sigma = last.sigma.min(noise);
             there(job, Level { sigma, ..last }).await
         })

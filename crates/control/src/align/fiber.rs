@@ -315,13 +315,7 @@ impl<'d> Fiber<'d> {
             let near = TUNING.circle.centred * scan.beam_width(gap);
             let peak = scan.centre(bench, gap, near, "approach", 1).await?;
             scan.rest(bench, gap).await?;
-            if peak.full < least {
-                return Err(Outcome::FalseLight {
-                    before,
-                    after: peak.full,
-                }
-                .into());
-            }
+            Outcome::of_growth(before, peak.full, least)?;
             self.learn_noise(bench, dark).await?;
         }
         Ok(())

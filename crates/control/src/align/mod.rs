@@ -119,11 +119,10 @@ impl Dark {
     /// The light without the laser, which is on afterwards.
     async fn measure(bench: &Reactor<'_>, meter: Meter) -> Result<Self, Halt> {
         bench.ask(Request::Laser(false), LONGEST).await?;
-        // A meter forgets the laser in some samples.
-        bench.look(meter.0, 5).await?;
+        bench.wait(bench.forgets_laser(meter.0)).await?;
         let (mean, sigma) = bench.look(meter.0, TUNING.taught.dark).await?;
         bench.ask(Request::Laser(true), LONGEST).await?;
-        bench.look(meter.0, 5).await?;
+        bench.wait(bench.forgets_laser(meter.0)).await?;
         let step = bench.caps().channels[meter.0].resolution;
         Ok(Self {
             mean,

@@ -327,7 +327,7 @@ impl<'r> Shared<'r> {
                             cock(cell, aim.side, look.width)?;
                             let here = Point::new(start.x, cell.wanted(aim.side).y, start.z);
                             cell.go(aim.side, here).await?;
-                            cell.wait(TUNING.search.cocked).await?;
+                            cell.wait(cell.settling(aim.side)).await?;
                             (watch, start)
                         }
                     };

@@ -2,6 +2,7 @@
 
 use super::Reactor;
 use crate::outcome::{Halt, Outcome};
+use crate::tuning::TUNING;
 use pigtail_hal::Fault;
 use pigtail_hal::bench::{Event, Group, Law, Light, Limits, Pose, Refused, Request, Ticket};
 use pigtail_model::frames::Displacement;
@@ -20,6 +21,11 @@ impl Reactor<'_> {
         let end = self.now() + seconds;
         while self.next(end).await? != (Event::Time {}) {}
         Ok(())
+    }
+
+    /// For how long a meter may remember what the laser was before, seconds.
+    pub fn forgets_laser(&self, meter: usize) -> f64 {
+        f64::from(TUNING.dark.forgotten) / self.caps().channels[meter].rate
     }
 
     /// The next light of a meter, volts, and when it was measured; `None` for any other event, and at the time `by`.
